@@ -1,0 +1,46 @@
+# Where each dependency comes from: Debian's packages, or the wheels in the Python environment (.venv).
+set(MULTIPANDA_VENV "${CMAKE_SOURCE_DIR}/.venv" CACHE PATH "Python environment with the wheels of requirements.txt")
+file(GLOB MULTIPANDA_SITE_PACKAGES LIST_DIRECTORIES true "${MULTIPANDA_VENV}/lib/python3*/site-packages")
+if(NOT MULTIPANDA_SITE_PACKAGES)
+  message(FATAL_ERROR "No Python environment at ${MULTIPANDA_VENV}: run ./multipanda setup, or set MULTIPANDA_VENV.")
+endif()
+list(PREPEND CMAKE_PREFIX_PATH "${MULTIPANDA_SITE_PACKAGES}/cmeel.prefix")
+
+find_package(Threads REQUIRED)
+find_package(Eigen3 3.4 REQUIRED NO_MODULE)
+find_package(pinocchio REQUIRED)
+find_package(yaml-cpp REQUIRED)
+find_package(spdlog REQUIRED)
+find_package(fmt REQUIRED)
+find_package(CLI11 REQUIRED)
+find_package(nlohmann_json REQUIRED)
+find_package(GTest REQUIRED)
+find_package(benchmark REQUIRED)
+find_library(ZSTD_LIBRARY zstd REQUIRED)
+find_path(ZSTD_INCLUDE_DIR zstd.h REQUIRED)
+add_library(multipanda_zstd INTERFACE)
+target_include_directories(multipanda_zstd SYSTEM INTERFACE ${ZSTD_INCLUDE_DIR})
+target_link_libraries(multipanda_zstd INTERFACE ${ZSTD_LIBRARY})
+
+# yaml-cpp 0.7 and 0.8 name their target differently.
+add_library(multipanda_yaml INTERFACE)
+if(TARGET yaml-cpp::yaml-cpp)
+  target_link_libraries(multipanda_yaml INTERFACE yaml-cpp::yaml-cpp)
+else()
+  target_link_libraries(multipanda_yaml INTERFACE yaml-cpp)
+endif()
+
+# Header-only spdlog on the distribution's fmt, kept hidden: a second spdlog in the process (ROS brings one) crashes.
+add_library(multipanda_log INTERFACE)
+target_link_libraries(multipanda_log INTERFACE spdlog::spdlog_header_only fmt::fmt)
+
+# MuJoCo's wheel has only libmujoco.so.<version>, no bare .so and no CMake package.
+file(GLOB MUJOCO_LIBRARY "${MULTIPANDA_SITE_PACKAGES}/mujoco/libmujoco.so.4*")
+if(NOT MUJOCO_LIBRARY)
+  message(FATAL_ERROR "MuJoCo 4 is not in ${MULTIPANDA_SITE_PACKAGES}/mujoco: run ./multipanda setup.")
+endif()
+add_library(mujoco::mujoco SHARED IMPORTED)
+set_target_properties(mujoco::mujoco PROPERTIES IMPORTED_LOCATION "${MUJOCO_LIBRARY}"
+                      INTERFACE_INCLUDE_DIRECTORIES "${MULTIPANDA_SITE_PACKAGES}/mujoco/include")
+# The .venv's libraries are found by the program without any environment variable.
+set(CMAKE_BUILD_RPATH "${MULTIPANDA_SITE_PACKAGES}/cmeel.prefix/lib;${MULTIPANDA_SITE_PACKAGES}/mujoco")

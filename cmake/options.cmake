@@ -1,0 +1,52 @@
+# Build type, language, warnings and sanitizers: the same for every target of ours.
+if(NOT CMAKE_BUILD_TYPE)
+  set(CMAKE_BUILD_TYPE Release CACHE STRING "Build type" FORCE)
+endif()
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
+
+# Vector flags change Eigen's alignment; Pinocchio's prebuilt library was built without them, and objects that
+# cross the border then crash at random. Refusing is kinder than a segmentation fault in the loop.
+if("${CMAKE_CXX_FLAGS} $ENV{CXXFLAGS}" MATCHES "-march=|-mavx|-mtune=native|-mfma")
+  message(FATAL_ERROR "CMAKE_CXX_FLAGS/CXXFLAGS name a vector flag (-march, -mavx, -mfma): Eigen objects would "
+                      "no longer match the prebuilt Pinocchio. Remove it.")
+endif()
+
+set(MULTIPANDA_SANITIZER "" CACHE STRING "address, undefined or thread; empty for none")
+set_property(CACHE MULTIPANDA_SANITIZER PROPERTY STRINGS "" address undefined thread)
+option(MULTIPANDA_WERROR "Warnings of our own targets are errors" ON)
+
+find_program(CCACHE_PROGRAM ccache)
+if(CCACHE_PROGRAM AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${CCACHE_PROGRAM})
+endif()
+
+# One Pinocchio file takes up to 4 GB and a minute: never more than two at a time.
+set_property(GLOBAL PROPERTY JOB_POOLS heavy=2)
+
+add_library(multipanda_flags INTERFACE)
+target_compile_options(multipanda_flags INTERFACE -Wall -Wextra -Wconversion -Wshadow -Wno-psabi
+                       -fno-semantic-interposition -fvisibility-inlines-hidden)
+if(MULTIPANDA_WERROR)
+  target_compile_options(multipanda_flags INTERFACE -Werror)
+endif()
+# Every symbol is resolved at load: the first call of a function in the loop must not enter the linker.
+target_link_options(multipanda_flags INTERFACE -Wl,-z,now -Wl,--as-needed)
+
+if(MULTIPANDA_SANITIZER STREQUAL "address")
+  # Prebuilt libraries were compiled without __SANITIZE_ADDRESS__, under which Eigen picks another allocator.
+  target_compile_options(multipanda_flags INTERFACE -fsanitize=address -fno-omit-frame-pointer -O1 -g1)
+  target_compile_definitions(multipanda_flags INTERFACE EIGEN_MALLOC_ALREADY_ALIGNED=1)
+  target_link_options(multipanda_flags INTERFACE -fsanitize=address)
+elseif(MULTIPANDA_SANITIZER STREQUAL "undefined")
+  target_compile_options(multipanda_flags INTERFACE -fsanitize=undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer -O1 -g1)
+  target_link_options(multipanda_flags INTERFACE -fsanitize=undefined)
+elseif(MULTIPANDA_SANITIZER STREQUAL "thread")
+  target_compile_options(multipanda_flags INTERFACE -fsanitize=thread -O1 -g1 -Wno-tsan)
+  target_link_options(multipanda_flags INTERFACE -fsanitize=thread)
+elseif(MULTIPANDA_SANITIZER)
+  message(FATAL_ERROR "MULTIPANDA_SANITIZER is '${MULTIPANDA_SANITIZER}'; expected address, undefined or thread")
+endif()

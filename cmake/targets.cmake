@@ -1,0 +1,31 @@
+# multipanda_library(NAME [SHARED] SOURCES ... DEPS ...): a library of ours; include path = folder path.
+# multipanda_test(NAME SOURCES ... DEPS ... [LABELS ...]): a GoogleTest program; fails to configure without sources.
+include(GoogleTest)
+
+function(multipanda_library name)
+  cmake_parse_arguments(ARG "SHARED" "" "SOURCES;DEPS;PRIVATE_DEPS;HEAVY" ${ARGN})
+  set(kind STATIC)
+  if(ARG_SHARED)
+    set(kind SHARED)
+  endif()
+  add_library(${name} ${kind} ${ARG_SOURCES} ${ARG_HEAVY})
+  add_library(multipanda::${name} ALIAS ${name})
+  target_include_directories(${name} PUBLIC $<BUILD_INTERFACE:${CMAKE_SOURCE_DIR}>)
+  target_link_libraries(${name} PUBLIC ${ARG_DEPS} PRIVATE multipanda_flags ${ARG_PRIVATE_DEPS})
+endfunction()
+
+function(multipanda_test name)
+  cmake_parse_arguments(ARG "" "" "SOURCES;DEPS;LABELS" ${ARGN})
+  if(NOT ARG_SOURCES)
+    message(FATAL_ERROR "multipanda_test(${name}): no sources, the test would be empty and green")
+  endif()
+  add_executable(${name} ${ARG_SOURCES})
+  target_link_libraries(${name} PRIVATE ${ARG_DEPS} multipanda_flags GTest::gtest GTest::gmock GTest::gtest_main)
+  target_compile_definitions(${name} PRIVATE MULTIPANDA_SOURCE_DIR="${CMAKE_SOURCE_DIR}"
+                             MULTIPANDA_BINARY_DIR="${CMAKE_BINARY_DIR}")
+  set(properties TIMEOUT 300)
+  if(ARG_LABELS)
+    list(APPEND properties LABELS "${ARG_LABELS}")
+  endif()
+  gtest_discover_tests(${name} PROPERTIES ${properties} DISCOVERY_TIMEOUT 60)
+endfunction()

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "core/state/arm_state.hpp"
+#include "core/types/joints.hpp"
+#include "core/types/spatial.hpp"
+
+namespace multipanda {
+
+// The maker's limits of one arm; every vector (n x 1).
+struct ArmLimits {
+  JointVector q_min, q_max;     // [rad]
+  JointVector dq_max;           // [rad/s]
+  JointVector ddq_max;          // [rad/s^2]
+  JointVector tau_max;          // [N m]
+  JointVector tau_rate_max;     // [N m/s]
+};
+
+// What ArmModel is built from. Nothing here knows how many joints an arm has or who made it.
+struct ArmModelSource {
+  std::string name;           // for messages
+  std::string urdf;           // text; fixed base; one root link
+  std::string flange;         // link that the frames of ArmFrames refer to
+  Pose X_WB;                  // base in the world
+  ArmLimits limits;           // position, velocity and effort limits left empty are taken from the URDF
+  JointVector q_home;         // a comfortable configuration [rad]; empty: middle of the joint ranges
+};
+
+// The fixed part of an arm's rigid-body model: shared by everyone, never changed after it was built.
+// Gravity is -9.81 m/s^2 along the world's z, wherever the base stands.
+class ArmModel {
+ public:
+  // Throws std::invalid_argument if the URDF cannot be used (says why).
+  explicit ArmModel(ArmModelSource source);
+  ~ArmModel();
+  ArmModel(const ArmModel&) = delete;
+  ArmModel& operator=(const ArmModel&) = delete;
+
+  const std::string& name() const { return source_.name; }
+  std::size_t joint_count() const { return joint_count_; }
+  const Pose& X_WB() const { return source_.X_WB; }
+  const ArmLimits& limits() const { return source_.limits; }
+  const JointVector& q_home() const { return source_.q_home; }
+  const std::string& urdf() const { return source_.urdf; }
+
+  struct Pinocchio;  // defined in core/model only, so that no other file pays for its headers
+  const Pinocchio& pinocchio() const { return *pinocchio_; }
+
+ private:
+  ArmModelSource source_;
+  std::size_t joint_count_ = 0;
+  std::unique_ptr<Pinocchio> pinocchio_;
+};
+
+// (n x 1) vector filled with `value`.
+JointVector joint_constant(std::size_t n, double value);
+
+}  // namespace multipanda

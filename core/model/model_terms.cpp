@@ -1,0 +1,152 @@
+#include "core/model/model_terms.hpp"
+
+#include <Eigen/LU>
+#include <pinocchio/algorithm/crba.hpp>
+#include <pinocchio/algorithm/jacobian.hpp>
+#include <pinocchio/algorithm/rnea.hpp>
+
+#include "core/model/pinocchio_model.hpp"
+
+namespace multipanda {
+
+// Pinocchio's model is copied: its last inertia changes with tool and load, and each thread has its own.
+struct ModelTerms::Scratch {
+  explicit Scratch(const ArmModel::Pinocchio& p)
+      : model(p.model), data(model), bare(p.model.inertias[p.last_joint]), q(model.nq), dq(model.nv) {}
+  pinocchio::Model model;
+  pinocchio::Data data;
+  pinocchio::Inertia bare;  // of the last link without tool and load
+  Eigen::VectorXd q, dq;    // Pinocchio's own vector type, allocated once
+};
+
+ModelTerms::ModelTerms(std::shared_ptr<const ArmModel> model)
+    : model_(std::move(model)), scratch_(std::make_unique<Scratch>(model_->pinocchio())) {
+  const auto n = model_->joint_count();
+  q_ = dq_ = c_ = g_ = joint_constant(n, 0);
+  J_V_WE_.setZero(6, q_.size());
+  M_.setZero(q_.size(), q_.size());
+  update(model_->q_home(), dq_);
+}
+ModelTerms::~ModelTerms() = default;
+ModelTerms::ModelTerms(ModelTerms&&) noexcept = default;
+
+void ModelTerms::update(const ArmState& state) {
+  if (state.config_version != config_version_) {
+    set_config(state.frames, state.tool, state.load);
+    config_version_ = state.config_version;
+  }
+  update(state.q, state.dq);
+}
+
+void ModelTerms::update(const JointVector& q, const JointVector& dq) {
+  q_ = q;
+  dq_ = dq;
+  scratch_->q = q;
+  scratch_->dq = dq;
+  done_ = 0;
+}
+
+void ModelTerms::set_config(const ArmFrames& frames, const Load& tool, const Load& load) {
+  frames_ = frames;
+  const auto& p = model_->pinocchio();
+  auto& last = scratch_->model.inertias[p.last_joint];
+  last = scratch_->bare;
+  // Adding a massless body would divide by the zero mass where the link itself is massless.
+  if (tool.mass > 0) last += inertia_in_joint(p.X_JF, tool);
+  if (load.mass > 0) last += inertia_in_joint(p.X_JF, load);
+  done_ = 0;
+}
+
+// One sweep gives all joint poses and the joint Jacobian (world origin), which the frame Jacobian is taken from.
+void ModelTerms::need_kinematics() {
+  if (!first(kKinematics)) return;
+  auto& s = *scratch_;
+  const auto& p = model_->pinocchio();
+  pinocchio::computeJointJacobians(s.model, s.data, s.q);
+  const pinocchio::SE3 X = s.data.oMi[p.last_joint] * p.X_JF;
+  X_WF_ = {X.rotation(), X.translation()};
+  X_WE_ = X_WF_ * frames_.X_FE;
+  X_WK_ = X_WE_ * frames_.X_EK;
+}
+
+const Pose& ModelTerms::X_WF() { need_kinematics(); return X_WF_; }
+const Pose& ModelTerms::X_WE() { need_kinematics(); return X_WE_; }
+const Pose& ModelTerms::X_WK() { need_kinematics(); return X_WK_; }
+
+Pose ModelTerms::X_WJ(std::size_t joint) {
+  need_kinematics();
+  const auto& X = scratch_->data.oMi[joint + 1];
+  return {X.rotation(), X.translation()};
+}
+
+const Jacobian& ModelTerms::J_V_WE() {
+  if (!first(kJacobian)) return J_V_WE_;
+  need_kinematics();
+  // Pinocchio's J holds the velocity at the world's origin; moving it to E: v_E = v_O + omega x p_WE.
+  const auto& J = scratch_->data.J;
+  const Vector3& p = X_WE_.position;
+  for (Eigen::Index i = 0; i < J_V_WE_.cols(); ++i) {
+    const Vector3 omega = J.col(i).tail<3>();
+    J_V_WE_.col(i).head<3>() = J.col(i).head<3>() + omega.cross(p);
+    J_V_WE_.col(i).tail<3>() = omega;
+  }
+  return J_V_WE_;
+}
+
+void ModelTerms::point_jacobian(std::size_t joint, const Vector3& p_W,
+                                Eigen::Ref<Eigen::Matrix<double, 3, Eigen::Dynamic>> J_point) {
+  need_kinematics();
+  const auto& J = scratch_->data.J;
+  for (Eigen::Index i = 0; i < J_point.cols(); ++i) {
+    if (static_cast<std::size_t>(i) > joint) {
+      J_point.col(i).setZero();
+    } else {
+      const Vector3 omega = J.col(i).tail<3>();
+      J_point.col(i) = J.col(i).head<3>() + omega.cross(p_W);
+    }
+  }
+}
+
+const Twist& ModelTerms::V_WE() {
+  if (first(kTwist)) V_WE_.vector = J_V_WE().lazyProduct(dq_);
+  return V_WE_;
+}
+
+const JointMatrix& ModelTerms::M() {
+  if (!first(kMass)) return M_;
+  auto& s = *scratch_;
+  pinocchio::crba(s.model, s.data, s.q, pinocchio::Convention::WORLD);
+  M_ = s.data.M;
+  M_.triangularView<Eigen::StrictlyLower>() = M_.transpose();  // Pinocchio fills the upper half
+  return M_;
+}
+
+const JointVector& ModelTerms::g() {
+  if (first(kGravity)) g_ = pinocchio::computeGeneralizedGravity(scratch_->model, scratch_->data, scratch_->q);
+  return g_;
+}
+
+const JointVector& ModelTerms::c() {
+  // C dq = (C dq + g) - g is cheaper than building the matrix C.
+  if (first(kCoriolis)) {
+    c_ = pinocchio::nonLinearEffects(scratch_->model, scratch_->data, scratch_->q, scratch_->dq);
+    c_ -= g();
+  }
+  return c_;
+}
+
+const TaskSpace& ModelTerms::task() {
+  if (first(kTask)) compute_task_space(J_V_WE(), M(), task_);
+  return task_;
+}
+
+double ModelTerms::manipulability() {
+  if (first(kManipulability)) {
+    const auto& J = J_V_WE();
+    const Matrix6 JJt = J.lazyProduct(J.transpose());
+    manipulability_ = std::sqrt(std::max(0.0, JJt.determinant()));
+  }
+  return manipulability_;
+}
+
+}  // namespace multipanda
