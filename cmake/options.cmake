@@ -29,6 +29,7 @@ set_property(GLOBAL PROPERTY JOB_POOLS heavy=2)
 
 add_library(multipanda_flags INTERFACE)
 target_compile_options(multipanda_flags INTERFACE -Wall -Wextra -Wconversion -Wshadow -Wno-psabi
+                       -Wno-missing-field-initializers  # designated initialisers leave defaults out on purpose
                        -fno-semantic-interposition -fvisibility-inlines-hidden)
 if(MULTIPANDA_WERROR)
   target_compile_options(multipanda_flags INTERFACE -Werror)

@@ -14,7 +14,8 @@ namespace {
 }
 
 // Fills an empty limit from the URDF, checks the size of a given one.
-void complete(JointVector& limit, const Eigen::VectorXd& from_urdf, const std::string& arm, const char* what) {
+void complete(JointVector& limit, const Eigen::VectorXd& from_urdf, const std::string& arm,
+              const char* what) {
   if (limit.size() == 0) limit = from_urdf;
   if (limit.size() != from_urdf.size()) {
     refuse(arm, std::string(what) + " has " + std::to_string(limit.size()) + " values, the URDF has " +
@@ -33,18 +34,20 @@ pinocchio::Inertia inertia_in_joint(const pinocchio::SE3& X_JF, const Load& load
   return X_JF.act(pinocchio::Inertia(load.mass, load.p_FC, load.inertia_C));
 }
 
-ArmModel::ArmModel(ArmModelSource source) : source_(std::move(source)), pinocchio_(std::make_unique<Pinocchio>()) {
+ArmModel::ArmModel(ArmModelSource source)
+    : source_(std::move(source)), pinocchio_(std::make_unique<Pinocchio>()) {
   auto& p = *pinocchio_;
   try {
     pinocchio::urdf::buildModelFromXML(source_.urdf, p.model);
   } catch (const std::exception& error) {
     refuse(source_.name, std::string("the URDF cannot be read: ") + error.what());
   }
-  if (p.model.nq != p.model.nv) refuse(source_.name, "only joints with one position per velocity are supported");
+  if (p.model.nq != p.model.nv)
+    refuse(source_.name, "only joints with one position per velocity are supported");
   joint_count_ = static_cast<std::size_t>(p.model.nv);
   if (joint_count_ == 0 || joint_count_ > kMaxJoints) {
-    refuse(source_.name, "it has " + std::to_string(joint_count_) + " joints; 1 to " + std::to_string(kMaxJoints) +
-                             " are supported");
+    refuse(source_.name, "it has " + std::to_string(joint_count_) + " joints; 1 to " +
+                             std::to_string(kMaxJoints) + " are supported");
   }
   for (pinocchio::JointIndex j = 1; j < p.model.joints.size(); ++j) {
     if (p.model.parents[j] != j - 1) refuse(source_.name, "it branches; only a chain of joints is supported");

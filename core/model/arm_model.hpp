@@ -11,21 +11,21 @@ namespace multipanda {
 
 // The maker's limits of one arm; every vector (n x 1).
 struct ArmLimits {
-  JointVector q_min, q_max;     // [rad]
-  JointVector dq_max;           // [rad/s]
-  JointVector ddq_max;          // [rad/s^2]
-  JointVector tau_max;          // [N m]
-  JointVector tau_rate_max;     // [N m/s]
+  JointVector q_min, q_max;  // [rad]
+  JointVector dq_max;        // [rad/s]
+  JointVector ddq_max;       // [rad/s^2]
+  JointVector tau_max;       // [N m]
+  JointVector tau_rate_max;  // [N m/s]
 };
 
 // What ArmModel is built from. Nothing here knows how many joints an arm has or who made it.
 struct ArmModelSource {
-  std::string name;           // for messages
-  std::string urdf;           // text; fixed base; one root link
-  std::string flange;         // link that the frames of ArmFrames refer to
-  Pose X_WB;                  // base in the world
-  ArmLimits limits;           // position, velocity and effort limits left empty are taken from the URDF
-  JointVector q_home;         // a comfortable configuration [rad]; empty: middle of the joint ranges
+  std::string name;    // for messages
+  std::string urdf;    // text; fixed base; one root link
+  std::string flange;  // link that the frames of ArmFrames refer to
+  Pose X_WB;           // base in the world
+  ArmLimits limits;    // position, velocity and effort limits left empty are taken from the URDF
+  JointVector q_home;  // a comfortable configuration [rad]; empty: middle of the joint ranges
 };
 
 // The fixed part of an arm's rigid-body model: shared by everyone, never changed after it was built.

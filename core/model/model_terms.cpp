@@ -57,7 +57,8 @@ void ModelTerms::set_config(const ArmFrames& frames, const Load& tool, const Loa
   done_ = 0;
 }
 
-// One sweep gives all joint poses and the joint Jacobian (world origin), which the frame Jacobian is taken from.
+// One sweep gives all joint poses and the joint Jacobian (world origin), which the frame Jacobian is taken
+// from.
 void ModelTerms::need_kinematics() {
   if (!first(kKinematics)) return;
   auto& s = *scratch_;
@@ -69,9 +70,18 @@ void ModelTerms::need_kinematics() {
   X_WK_ = X_WE_ * frames_.X_EK;
 }
 
-const Pose& ModelTerms::X_WF() { need_kinematics(); return X_WF_; }
-const Pose& ModelTerms::X_WE() { need_kinematics(); return X_WE_; }
-const Pose& ModelTerms::X_WK() { need_kinematics(); return X_WK_; }
+const Pose& ModelTerms::X_WF() {
+  need_kinematics();
+  return X_WF_;
+}
+const Pose& ModelTerms::X_WE() {
+  need_kinematics();
+  return X_WE_;
+}
+const Pose& ModelTerms::X_WK() {
+  need_kinematics();
+  return X_WK_;
+}
 
 Pose ModelTerms::X_WJ(std::size_t joint) {
   need_kinematics();
@@ -122,7 +132,8 @@ const JointMatrix& ModelTerms::M() {
 }
 
 const JointVector& ModelTerms::g() {
-  if (first(kGravity)) g_ = pinocchio::computeGeneralizedGravity(scratch_->model, scratch_->data, scratch_->q);
+  if (first(kGravity))
+    g_ = pinocchio::computeGeneralizedGravity(scratch_->model, scratch_->data, scratch_->q);
   return g_;
 }
 

@@ -12,8 +12,8 @@ namespace multipanda {
 // The model of one arm at one state. Each term is computed at most once per update and only if somebody asks:
 // a hold that needs no Jacobian does not pay for one. References stay valid until the next update.
 //
-// All terms are in world axes; W the world, E the end effector, F the flange, K the stiffness frame. One instance
-// per thread; no call allocates after construction.
+// All terms are in world axes; W the world, E the end effector, F the flange, K the stiffness frame. One
+// instance per thread; no call allocates after construction.
 class ModelTerms {
  public:
   explicit ModelTerms(std::shared_ptr<const ArmModel> model);
@@ -27,6 +27,7 @@ class ModelTerms {
   void set_config(const ArmFrames& frames, const Load& tool, const Load& load);
 
   const ArmModel& model() const { return *model_; }
+  const std::shared_ptr<const ArmModel>& shared_model() const { return model_; }
   std::size_t joint_count() const { return model_->joint_count(); }
   const JointVector& q() const { return q_; }
   const JointVector& dq() const { return dq_; }
@@ -35,25 +36,33 @@ class ModelTerms {
   const Pose& X_WF();
   const Pose& X_WE();
   const Pose& X_WK();
-  const Jacobian& J_V_WE();   // V_WE = J_V_WE dq, at E's origin, world axes (6 x n)
-  const Twist& V_WE();        // [m/s, rad/s]
-  Pose X_WJ(std::size_t joint);                        // frame of joint 0..n-1
-  // Jacobian of a point fixed to the body behind joint `joint` (0..n-1), given in the world [m]; linear rows only.
-  void point_jacobian(std::size_t joint, const Vector3& p_W, Eigen::Ref<Eigen::Matrix<double, 3, Eigen::Dynamic>> J);
+  const Jacobian& J_V_WE();      // V_WE = J_V_WE dq, at E's origin, world axes (6 x n)
+  const Twist& V_WE();           // [m/s, rad/s]
+  Pose X_WJ(std::size_t joint);  // frame of joint 0..n-1
+  // Jacobian of a point fixed to the body behind joint `joint` (0..n-1), given in the world [m]; linear rows
+  // only.
+  void point_jacobian(std::size_t joint, const Vector3& p_W,
+                      Eigen::Ref<Eigen::Matrix<double, 3, Eigen::Dynamic>> J);
 
   // Dynamics, with tool and load
-  const JointMatrix& M();     // mass matrix (n x n) [kg m^2]
-  const JointVector& c();     // C(q, dq) dq (n x 1) [N m]
-  const JointVector& g();     // gravity torque: holds the arm still (n x 1) [N m]
+  const JointMatrix& M();  // mass matrix (n x n) [kg m^2]
+  const JointVector& c();  // C(q, dq) dq (n x 1) [N m]
+  const JointVector& g();  // gravity torque: holds the arm still (n x 1) [N m]
 
   // Task space at E, world axes
   const TaskSpace& task();
-  double manipulability();    // sqrt(det(J J^T)), J = J_V_WE
+  double manipulability();  // sqrt(det(J J^T)), J = J_V_WE
 
  private:
   enum Term : std::uint32_t {
-    kKinematics = 1, kJacobian = 2, kTwist = 4, kMass = 8, kGravity = 16, kCoriolis = 32,
-    kTask = 64, kManipulability = 128
+    kKinematics = 1,
+    kJacobian = 2,
+    kTwist = 4,
+    kMass = 8,
+    kGravity = 16,
+    kCoriolis = 32,
+    kTask = 64,
+    kManipulability = 128
   };
   bool first(Term term) {
     if ((done_ & term) != 0) return false;

@@ -9,10 +9,10 @@
 namespace multipanda {
 
 struct ArmModel::Pinocchio {
-  pinocchio::Model model;            // the base's pose is in the first joint's placement: results are in the world
+  pinocchio::Model model;  // the base's pose is in the first joint's placement: results are in the world
   pinocchio::FrameIndex flange = 0;
   pinocchio::JointIndex last_joint = 0;
-  pinocchio::SE3 X_JF;               // flange in the last joint's frame
+  pinocchio::SE3 X_JF;  // flange in the last joint's frame
 };
 
 // Body of mass m, centre of mass and inertia given in F, as Pinocchio writes it in frame J.

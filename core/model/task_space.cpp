@@ -9,8 +9,8 @@
 namespace multipanda {
 namespace {
 
-// Inverse of the symmetric positive semi-definite A with its eigenvalues raised to the floor. The eigenvalues are
-// only computed where the floor acts: A - floor * I has a Cholesky factor exactly when all lie above it.
+// Inverse of the symmetric positive semi-definite A with its eigenvalues raised to the floor. The eigenvalues
+// are only computed where the floor acts: A - floor * I has a Cholesky factor exactly when all lie above it.
 Matrix6 floored_inverse(const Matrix6& A, bool& floored) {
   constexpr double kFloor = TaskSpace::kMobilityFloor;
   const Eigen::LLT<Matrix6> above(A - kFloor * Matrix6::Identity());

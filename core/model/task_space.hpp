@@ -6,16 +6,16 @@
 namespace multipanda {
 
 // The operational space of one arm at E, world axes (Khatib 1987).
-// A = J M^-1 J^T is singular where the arm is; Lambda = A^-1 would reach 175 kg near the stretched elbow. So the
-// eigenvalues of A are floored (kMobilityFloor) and Lambda is the inverse of the floored A. Where no eigenvalue is
-// floored (all but singular poses) this is the exact inverse.
+// A = J M^-1 J^T is singular where the arm is; Lambda = A^-1 would reach 175 kg near the stretched elbow. So
+// the eigenvalues of A are floored (kMobilityFloor) and Lambda is the inverse of the floored A. Where no
+// eigenvalue is floored (all but singular poses) this is the exact inverse.
 struct TaskSpace {
   static constexpr double kMobilityFloor = 0.02;  // [1/kg, 1/(kg m^2)]: no direction heavier than 50 kg
 
-  Matrix6 mobility;        // A = J M^-1 J^T, before the floor
-  Matrix6 Lambda;          // (6 x 6) [kg, kg m^2]
-  JointBy6 J_bar;          // M^-1 J^T Lambda, dynamically consistent inverse (n x 6)
-  bool floored = false;    // an eigenvalue of A was below the floor
+  Matrix6 mobility;      // A = J M^-1 J^T, before the floor
+  Matrix6 Lambda;        // (6 x 6) [kg, kg m^2]
+  JointBy6 J_bar;        // M^-1 J^T Lambda, dynamically consistent inverse (n x 6)
+  bool floored = false;  // an eigenvalue of A was below the floor
 
   // N x = x - J^T (J_bar^T x): the part of a joint torque that the task does not feel, (n x 1) [N m].
   JointVector null_space_torque(const Jacobian& J, const JointVector& tau) const;

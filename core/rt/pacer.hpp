@@ -17,8 +17,8 @@ class Pacer {
   void start();  // loop thread; the first wait() returns one period later
   void wait();   // loop thread; sleeps until the next grid point
 
-  std::uint64_t overruns() const { return overruns_; }                  // grid points missed since start()
-  std::chrono::nanoseconds lateness() const { return lateness_; }      // of the last wake-up
+  std::uint64_t overruns() const { return overruns_; }             // grid points missed since start()
+  std::chrono::nanoseconds lateness() const { return lateness_; }  // of the last wake-up
 
  private:
   std::chrono::nanoseconds period_;

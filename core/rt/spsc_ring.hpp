@@ -6,8 +6,8 @@
 
 namespace multipanda {
 
-// Bounded queue from one thread to one other; slots are built once and reused in place, so that large records are
-// filled without a copy. Never waits: a full ring refuses, an empty one yields nothing.
+// Bounded queue from one thread to one other; slots are built once and reused in place, so that large records
+// are filled without a copy. Never waits: a full ring refuses, an empty one yields nothing.
 template <typename T>
 class SpscRing {
  public:
@@ -37,7 +37,8 @@ class SpscRing {
 
   // Either side; a snapshot.
   std::size_t size() const {
-    const std::size_t head = head_.load(std::memory_order_acquire), tail = tail_.load(std::memory_order_acquire);
+    const std::size_t head = head_.load(std::memory_order_acquire),
+                      tail = tail_.load(std::memory_order_acquire);
     return head >= tail ? head - tail : head + slots_.size() - tail;
   }
   std::size_t capacity() const { return slots_.size() - 1; }

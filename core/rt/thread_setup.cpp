@@ -1,11 +1,10 @@
 #include "core/rt/thread_setup.hpp"
 
+#include <cerrno>
+#include <cstring>
 #include <pthread.h>
 #include <sched.h>
 #include <sys/mman.h>
-
-#include <cerrno>
-#include <cstring>
 
 namespace multipanda {
 namespace {
@@ -15,7 +14,8 @@ std::string error_text(int error) { return std::strerror(error); }
 SetupStep lock_memory() {
   if (mlockall(MCL_CURRENT | MCL_FUTURE) == 0) return {"memory lock", true, {}};
   return {"memory lock", false,
-          error_text(errno) + ": raise the limit with 'ulimit -l unlimited' (memlock in /etc/security/limits.conf)"};
+          error_text(errno) +
+              ": raise the limit with 'ulimit -l unlimited' (memlock in /etc/security/limits.conf)"};
 }
 
 SetupStep set_fifo(int priority) {
@@ -25,7 +25,8 @@ SetupStep set_fifo(int priority) {
   const std::string what = "SCHED_FIFO " + std::to_string(priority);
   if (error == 0) return {what, true, {}};
   return {what, false,
-          error_text(error) + ": allow it with 'ulimit -r 99' (rtprio in /etc/security/limits.conf), or run as root"};
+          error_text(error) +
+              ": allow it with 'ulimit -r 99' (rtprio in /etc/security/limits.conf), or run as root"};
 }
 
 SetupStep pin_to(int cpu) {
@@ -36,7 +37,8 @@ SetupStep pin_to(int cpu) {
   CPU_SET(static_cast<std::size_t>(cpu), &cpus);
   const int error = pthread_setaffinity_np(pthread_self(), sizeof(cpus), &cpus);
   if (error == 0) return {what, true, {}};
-  return {what, false, error_text(error) + ": this machine or container does not offer core " + std::to_string(cpu)};
+  return {what, false,
+          error_text(error) + ": this machine or container does not offer core " + std::to_string(cpu)};
 }
 
 // Touches the stack once, so that the loop's first deep call does not fault.

@@ -6,8 +6,8 @@
 
 namespace multipanda {
 
-// One writer, one reader, newest value wins, neither ever waits. The writer owns one of three slots, the reader
-// another, the third lies between them and changes hands by one atomic exchange.
+// One writer, one reader, newest value wins, neither ever waits. The writer owns one of three slots, the
+// reader another, the third lies between them and changes hands by one atomic exchange.
 template <typename T>
 class TripleBuffer {
  public:
@@ -16,9 +16,8 @@ class TripleBuffer {
   // Writer thread.
   void write(const T& value) {
     slots_[write_] = value;
-    write_ = static_cast<std::uint8_t>(middle_.exchange(static_cast<std::uint8_t>(write_ | kFresh),
-                                                        std::memory_order_acq_rel) &
-                                       kIndex);
+    write_ = static_cast<std::uint8_t>(
+        middle_.exchange(static_cast<std::uint8_t>(write_ | kFresh), std::memory_order_acq_rel) & kIndex);
   }
 
   // Reader thread: true if `value()` changed to something newer.

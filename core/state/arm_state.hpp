@@ -20,18 +20,18 @@ struct ArmFrames {
 
 // A rigid body carried by the flange.
 struct Load {
-  double mass = 0;                       // [kg]
-  Vector3 p_FC = Vector3::Zero();        // centre of mass in the flange [m]
-  Matrix3 inertia_C = Matrix3::Zero();   // about the centre of mass, axes of F [kg m^2]
+  double mass = 0;                      // [kg]
+  Vector3 p_FC = Vector3::Zero();       // centre of mass in the flange [m]
+  Matrix3 inertia_C = Matrix3::Zero();  // about the centre of mass, axes of F [kg m^2]
 };
 
 struct ArmState {
   // Packet
-  std::uint64_t sequence = 0;   // counts the arm's packets; 0: none yet
-  RobotTime t_robot;            // the arm's own clock
-  HostTime t_host;              // when this computer took it
-  bool fresh = false;           // arrived for this cycle
-  double age_s = 0;             // since it was taken, at this cycle's start [s]
+  std::uint64_t sequence = 0;  // counts the arm's packets; 0: none yet
+  RobotTime t_robot;           // the arm's own clock
+  HostTime t_host;             // when this computer took it
+  bool fresh = false;          // arrived for this cycle
+  double age_s = 0;            // since it was taken, at this cycle's start [s]
 
   // Joints (n x 1)
   JointVector q;      // measured position [rad]
@@ -42,21 +42,21 @@ struct ArmState {
   JointVector tau_J_d;  // commanded torque in use, without gravity [N m]
 
   // Forces: what the arm exerts on the environment. Sizes 0 / flags false where the backend cannot tell.
-  JointVector tau_ext_hat;      // estimated external joint torque [N m]
+  JointVector tau_ext_hat;  // estimated external joint torque [N m]
   bool has_wrench_estimate = false;
-  Wrench F_K_W_est;             // estimated, about K, world axes
+  Wrench F_K_W_est;  // estimated, about K, world axes
   bool has_contact_truth = false;
-  Wrench F_K_W_true;            // from the simulator's contacts on the hand and tool, about K, world axes
+  Wrench F_K_W_true;  // from the simulator's contacts on the hand and tool, about K, world axes
 
   // Configuration in force; `config_version` changes with it
   std::uint32_t config_version = 0;
   ArmFrames frames;
-  Load tool;   // end effector, as declared to the arm
-  Load load;   // payload, as declared to the arm
+  Load tool;  // end effector, as declared to the arm
+  Load load;  // payload, as declared to the arm
 
   // Condition
   ArmMode mode = ArmMode::other;
-  std::uint64_t errors = 0;        // bit i: the i-th error flag of the control interface
+  std::uint64_t errors = 0;  // bit i: the i-th error flag of the control interface
   double command_success_rate = 1;
 };
 

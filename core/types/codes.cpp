@@ -51,7 +51,9 @@ std::string_view look_up(const Table& table, std::size_t i) {
 
 }  // namespace
 
-std::string_view to_string(Intervention code) { return look_up(kInterventions, static_cast<std::size_t>(code)); }
+std::string_view to_string(Intervention code) {
+  return look_up(kInterventions, static_cast<std::size_t>(code));
+}
 std::string_view to_string(Verdict code) { return look_up(kVerdicts, static_cast<std::size_t>(code)); }
 
 }  // namespace multipanda

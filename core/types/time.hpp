@@ -14,8 +14,12 @@ struct TimePoint {
   std::int64_t ns = 0;
 
   double seconds() const { return static_cast<double>(ns) * 1e-9; }
-  static TimePoint from_seconds(double s) { return {static_cast<std::int64_t>(s * 1e9 + (s < 0 ? -0.5 : 0.5))}; }
-  friend std::chrono::nanoseconds operator-(TimePoint a, TimePoint b) { return std::chrono::nanoseconds(a.ns - b.ns); }
+  static TimePoint from_seconds(double s) {
+    return {static_cast<std::int64_t>(s * 1e9 + (s < 0 ? -0.5 : 0.5))};
+  }
+  friend std::chrono::nanoseconds operator-(TimePoint a, TimePoint b) {
+    return std::chrono::nanoseconds(a.ns - b.ns);
+  }
   friend TimePoint operator+(TimePoint a, std::chrono::nanoseconds d) { return {a.ns + d.count()}; }
   auto operator<=>(const TimePoint&) const = default;
 };
@@ -25,7 +29,8 @@ using HostTime = TimePoint<struct HostClock>;
 using LoopTime = TimePoint<struct LoopClock>;
 
 inline HostTime host_now() {
-  return {std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+  return {std::chrono::duration_cast<std::chrono::nanoseconds>(
+              std::chrono::steady_clock::now().time_since_epoch())
               .count()};
 }
 

@@ -1,0 +1,24 @@
+#include "core/controllets/controllet.hpp"
+
+namespace multipanda {
+
+void Controllet::start_references(ControlContext& context) {
+  for (auto& input : context.inputs) {
+    const OwnedArm& arm = context.arms[input.spec().arm];
+    switch (input.spec().quantity) {
+      case Quantity::pose:
+        input.start(arm.terms->X_WE());
+        break;
+      case Quantity::joints:
+        input.start(arm.q());
+        break;
+      case Quantity::twist:
+      case Quantity::wrench:
+      case Quantity::scalar:
+        input.start_constant(0);
+        break;
+    }
+  }
+}
+
+}  // namespace multipanda

@@ -1,0 +1,55 @@
+#include "core/controllets/hold.hpp"
+
+#include <cmath>
+
+namespace multipanda {
+namespace {
+
+enum Parameter : std::size_t { kStiffness, kDampingRatio };
+
+class Hold final : public Controllet {
+ public:
+  LawResult start(ControlContext& context) override {
+    const OwnedArm& arm = context.arms[0];
+    const auto& limits = arm.model().limits();
+    q_0_ = arm.q().cwiseMax(limits.q_min).cwiseMin(limits.q_max);
+    return LawResult::ok;
+  }
+
+  LawResult update(ControlContext& context) override {
+    OwnedArm& arm = context.arms[0];
+    const auto K = context.parameters->values(kStiffness);
+    const double zeta = context.parameters->number(kDampingRatio);
+    const JointMatrix& M = arm.terms->M();
+    const JointVector& c = arm.terms->c();
+    for (Eigen::Index i = 0; i < arm.q().size(); ++i) {
+      const double k = K[static_cast<std::size_t>(i)];
+      const double d = 2 * zeta * std::sqrt(k * M(i, i));
+      (*arm.tau)[i] = k * (q_0_[i] - arm.q()[i]) - d * arm.dq()[i] + c[i];
+    }
+    return LawResult::ok;
+  }
+
+ private:
+  JointVector q_0_;
+};
+
+}  // namespace
+
+ControlletType hold_controllet() {
+  return {{.type = "hold",
+           .doc = "Holds one arm where it entered: soft joint spring, damped. The safe default of every arm.",
+           .inputs = {},
+           .parameters = {{"stiffness_nm_per_rad",
+                           "N m/rad",
+                           ParameterSpec::kPerJoint,
+                           {300, 300, 300, 300, 120, 80, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40},
+                           0,
+                           1000,
+                           "K, per joint."},
+                          {"damping_ratio", "", 1, {1.0}, 0.1, 2, "zeta of each joint alone."}},
+           .outputs = {}},
+          [](ArmModels) -> std::unique_ptr<Controllet> { return std::make_unique<Hold>(); }};
+}
+
+}  // namespace multipanda

@@ -1,0 +1,83 @@
+#include "core/controllets/parameters.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace multipanda {
+
+ParameterSet::ParameterSet(std::vector<ParameterSpec> specs, std::size_t joint_count)
+    : specs_(std::move(specs)), entries_(specs_.size()) {
+  for (std::size_t i = 0; i < specs_.size(); ++i) {
+    const auto& spec = specs_[i];
+    auto& entry = entries_[i];
+    entry.size = spec.size == ParameterSpec::kPerJoint ? joint_count : spec.size;
+    if (entry.size == 0 || entry.size > kMaxParameterSize) {
+      throw std::invalid_argument("parameter '" + spec.name + "': 1 to " + std::to_string(kMaxParameterSize) +
+                                  " numbers are supported, not " + std::to_string(entry.size));
+    }
+    // A default list longer than the arm has joints is cut: defaults are written for the largest arm meant.
+    const bool one_for_all = spec.initial.size() == 1;
+    if (!one_for_all && spec.initial.size() < entry.size) {
+      throw std::invalid_argument("parameter '" + spec.name + "': " + std::to_string(entry.size) +
+                                  " initial values expected, " + std::to_string(spec.initial.size()) +
+                                  " given");
+    }
+    for (std::size_t k = 0; k < entry.size; ++k) entry.now[k] = spec.initial[one_for_all ? 0 : k];
+    entry.goal = entry.now;
+    if (const Verdict verdict = check(i, values(i)); verdict != Verdict::accepted) {
+      throw std::invalid_argument("parameter '" + spec.name + "': initial " +
+                                  std::string(to_string(verdict)));
+    }
+  }
+}
+
+std::size_t ParameterSet::find(std::string_view name) const {
+  const auto it = std::find_if(specs_.begin(), specs_.end(), [&](const auto& s) { return s.name == name; });
+  return static_cast<std::size_t>(it - specs_.begin());
+}
+
+Verdict ParameterSet::check(std::size_t i, std::span<const double> values) const {
+  if (values.size() != entries_[i].size) return Verdict::wrong_size;
+  for (const double v : values) {
+    if (!std::isfinite(v)) return Verdict::not_finite;
+    if (v < specs_[i].min || v > specs_[i].max) return Verdict::out_of_bounds;
+    if (!specs_[i].choices.empty() && v != std::floor(v)) return Verdict::out_of_bounds;
+  }
+  return Verdict::accepted;
+}
+
+void ParameterSet::set_now(std::size_t i, std::span<const double> values) {
+  auto& entry = entries_[i];
+  std::copy(values.begin(), values.end(), entry.now.begin());
+  entry.goal = entry.now;
+  if (entry.remaining_s > 0) --ramping_;
+  entry.remaining_s = 0;
+  ++version_;
+}
+
+void ParameterSet::set(std::size_t i, std::span<const double> values) {
+  if (!specs_[i].choices.empty()) return set_now(i, values);
+  auto& entry = entries_[i];
+  std::copy(values.begin(), values.end(), entry.goal.begin());
+  for (std::size_t k = 0; k < entry.size; ++k) entry.rate[k] = (entry.goal[k] - entry.now[k]) / kRamp;
+  if (entry.remaining_s <= 0) ++ramping_;
+  entry.remaining_s = kRamp;
+}
+
+void ParameterSet::advance(double dt) {
+  if (ramping_ == 0) return;
+  for (auto& entry : entries_) {
+    if (entry.remaining_s <= 0) continue;
+    entry.remaining_s -= dt;
+    if (entry.remaining_s > 0) {
+      for (std::size_t k = 0; k < entry.size; ++k) entry.now[k] += entry.rate[k] * dt;
+    } else {
+      entry.now = entry.goal;
+      --ramping_;
+    }
+    ++version_;
+  }
+}
+
+}  // namespace multipanda

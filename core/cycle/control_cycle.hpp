@@ -1,0 +1,68 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/cycle/backend.hpp"
+#include "core/cycle/cycle_data.hpp"
+#include "core/modes/multimode_controller.hpp"
+#include "core/record/cycle_record.hpp"
+#include "core/safety/safety.hpp"
+
+namespace multipanda {
+
+// What a control cycle is made of. Everything is built before the first step.
+struct CycleConfig {
+  struct Arm {
+    std::string name;
+    std::shared_ptr<const ArmModel> model;
+    SafetyLimits safety;
+  };
+  std::vector<Arm> arms;  // as many, in the same order, as the backend has
+  std::vector<InstanceConfig> controllets;
+  std::size_t record_capacity = 0;  // cycles that the writer may fall behind; 0: record nothing
+};
+
+// Every millisecond: read every arm's state, compute its model terms once, let each active controllet compute
+// torques for the arms it owns, let its features add theirs, let safety have the last word, write.
+class ControlCycle {
+ public:
+  // Throws std::invalid_argument if arms, models and controllets do not fit together.
+  ControlCycle(CycleConfig config, const Registry& registry, Backend& backend);
+  ControlCycle(const ControlCycle&) = delete;
+
+  // One step for the arms whose packet arrived. Loop thread.
+  void step(ArmSet due) noexcept;
+  // Runs steps as the backend's clock demands until `keep_on` says no, or the backend ends. Loop thread.
+  template <typename KeepOn>
+  void run(KeepOn keep_on) {
+    while (keep_on()) {
+      const ArmSet due = backend_.wait();
+      if (due.empty()) return;
+      step(due);
+    }
+  }
+
+  MultimodeController& modes() { return *modes_; }
+  const MultimodeController& modes() const { return *modes_; }
+  SafetyStage& safety() { return safety_; }
+  RecordRing* record() { return record_.get(); }
+  const RecordLayout& layout() const { return layout_; }
+  const CycleData& data() const { return data_; }  // loop thread
+  Backend& backend() { return backend_; }
+
+ private:
+  void read(ArmSet due);
+  void write();
+  void leave_record();
+
+  Backend& backend_;
+  CycleData data_;
+  SafetyStage safety_;
+  std::unique_ptr<MultimodeController> modes_;
+  RecordLayout layout_;
+  std::unique_ptr<RecordRing> record_;
+};
+
+}  // namespace multipanda

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "core/cycle/backend.hpp"
+#include "core/model/model_terms.hpp"
+#include "core/record/cycle_record.hpp"
+#include "core/types/tick.hpp"
+
+namespace multipanda {
+
+// Everything one cycle works on, one block per stage, one element per arm. Built once; the loop only fills
+// it.
+struct CycleData {
+  explicit CycleData(std::span<const std::shared_ptr<const ArmModel>> models) {
+    state.resize(models.size());
+    command.resize(models.size());
+    for (std::size_t i = 0; i < models.size(); ++i) {
+      const JointVector zero = joint_constant(models[i]->joint_count(), 0);
+      terms.emplace_back(models[i]);
+      state[i].q = models[i]->q_home();
+      state[i].dq = state[i].tau_J = state[i].tau_J_d = zero;
+      tau_controllet.push_back(zero);
+      tau_feature.push_back(zero);
+      tau_cmd.push_back(zero);
+      command[i].tau_cmd = zero;
+    }
+  }
+
+  // CLOCK
+  Tick tick;          // this step's number, time and arms due
+  StageTimes stages;  // how long each stage took
+
+  // READ
+  std::vector<ArmState> state;  // what the backend delivered
+
+  // MODEL
+  std::vector<ModelTerms> terms;  // at that state, computed when somebody asks
+
+  // CONTROLLETS, FEATURES
+  std::vector<JointVector> tau_controllet;  // from the owner's law (n x 1) [N m]
+  std::vector<JointVector> tau_feature;     // what its features add (n x 1) [N m]
+
+  // SAFETY
+  std::vector<JointVector> tau_cmd;  // within all limits (n x 1) [N m]
+
+  // WRITE
+  std::vector<ArmCommand> command;  // what the backend gets
+};
+
+}  // namespace multipanda

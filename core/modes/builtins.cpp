@@ -1,0 +1,17 @@
+// The one list of what comes with multipanda: a new controllet or feature adds its line here.
+#include "core/controllets/gravity_compensation.hpp"
+#include "core/controllets/hold.hpp"
+#include "core/features/joint_limits.hpp"
+#include "core/modes/registry.hpp"
+
+namespace multipanda {
+
+Registry Registry::with_builtins() {
+  Registry registry;
+  registry.add(hold_controllet());
+  registry.add(gravity_compensation_controllet());
+  registry.add(joint_limits_feature());
+  return registry;
+}
+
+}  // namespace multipanda

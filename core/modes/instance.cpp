@@ -1,0 +1,228 @@
+#include "core/modes/instance.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+
+namespace multipanda {
+namespace {
+
+[[noreturn]] void refuse(const std::string& instance, const std::string& why) {
+  throw std::invalid_argument("controllet '" + instance + "': " + why);
+}
+
+const ControlletType& controllet_type(const InstanceConfig& config, const Registry& registry) {
+  const ControlletType* type = registry.controllet(config.type);
+  if (type == nullptr) refuse(config.name, "there is no controllet type '" + config.type + "'");
+  if (config.arms.size() != type->statement.arms) {
+    refuse(config.name, "'" + config.type + "' owns " + std::to_string(type->statement.arms) + " arm(s), " +
+                            std::to_string(config.arms.size()) + " given");
+  }
+  return *type;
+}
+
+std::size_t total_size(const std::vector<OutputSpec>& outputs) {
+  std::size_t n = 0;
+  for (const auto& output : outputs) n += output.size;
+  return n;
+}
+
+// The period of the first tick after a start, before one can be measured.
+constexpr double kNominalPeriod = 0.001;
+
+}  // namespace
+
+Instance::Instance(const InstanceConfig& config, const Registry& registry, const ArmBlocks& blocks)
+    : name_(config.name),
+      statement_(controllet_type(config, registry).statement),
+      arm_list_(config.arms),
+      parameters_(statement_.parameters,
+                  config.arms.empty() ? 0 : blocks.terms[config.arms[0]].joint_count()) {
+  std::vector<std::shared_ptr<const ArmModel>> models;
+  for (const ArmIndex arm : arm_list_) {
+    if (arm >= blocks.states.size()) refuse(name_, "there is no arm number " + std::to_string(arm));
+    if (arms_.contains(arm)) refuse(name_, "it names the same arm twice");
+    arms_ |= ArmSet::of(arm);
+    models.push_back(blocks.terms[arm].shared_model());
+    law_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], &blocks.tau_controllet[arm]});
+    feature_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], &blocks.tau_feature[arm]});
+  }
+  controllet_ = controllet_type(config, registry).create(models);
+
+  for (InputSpec input : statement_.inputs) {
+    for (const auto& change : config.inputs) {
+      if (change.name == input.name) input = change;
+    }
+    inputs_.emplace_back(std::move(input), models.at(input.arm)->joint_count());
+  }
+  parameter_names_.reserve(statement_.parameters.size());
+  for (const auto& parameter : statement_.parameters) parameter_names_.push_back(parameter.name);
+
+  law_output_count_ = total_size(statement_.outputs);
+  std::size_t output_count = law_output_count_;
+  const std::size_t joints = models[0]->joint_count();
+  for (const auto& type : registry.features()) {
+    features_.push_back({type.statement, type.create(models), ParameterSet(type.statement.parameters, joints),
+                         output_count, false});
+    output_count += total_size(type.statement.outputs);
+    for (const auto& parameter : type.statement.parameters) {
+      parameter_names_.push_back(type.statement.type + "." + parameter.name);
+    }
+  }
+  if (features_.size() > kMaxFeatures) refuse(name_, "too many features are registered");
+  outputs_.assign(output_count, 0.0);
+
+  for (const auto& feature : config.features) {
+    const std::size_t i = find_feature(feature);
+    if (i == feature_count()) refuse(name_, "there is no feature '" + feature + "'");
+    features_[i].on = true;
+  }
+  for (const auto& value : config.parameters) {
+    const std::size_t i = find_parameter(value.name);
+    if (i == parameter_count()) refuse(name_, "it has no parameter '" + value.name + "'");
+    std::vector<double> values = value.values;
+    if (values.size() == 1) values.resize(parameter_size(i), values[0]);  // one number for all
+    const Verdict verdict = check_parameter(i, values);
+    if (verdict != Verdict::accepted)
+      refuse(name_, "parameter '" + value.name + "': " + std::string(to_string(verdict)));
+    const auto [set, k] = locate(i);
+    set->set_now(k, values);
+  }
+}
+
+std::pair<const ParameterSet*, std::size_t> Instance::locate(std::size_t i) const {
+  if (i < parameters_.size()) return {&parameters_, i};
+  i -= parameters_.size();
+  for (const auto& slot : features_) {
+    if (i < slot.parameters.size()) return {&slot.parameters, i};
+    i -= slot.parameters.size();
+  }
+  return {nullptr, 0};
+}
+std::pair<ParameterSet*, std::size_t> Instance::locate(std::size_t i) {
+  const auto [set, k] = static_cast<const Instance*>(this)->locate(i);
+  return {const_cast<ParameterSet*>(set), k};
+}
+
+std::size_t Instance::find_parameter(std::string_view name) const {
+  return static_cast<std::size_t>(std::find(parameter_names_.begin(), parameter_names_.end(), name) -
+                                  parameter_names_.begin());
+}
+const ParameterSpec& Instance::parameter_spec(std::size_t i) const {
+  const auto [set, k] = locate(i);
+  return set->spec(k);
+}
+std::span<const double> Instance::parameter(std::size_t i) const {
+  const auto [set, k] = locate(i);
+  return set->target(k);
+}
+std::size_t Instance::parameter_size(std::size_t i) const {
+  const auto [set, k] = locate(i);
+  return set->value_size(k);
+}
+Verdict Instance::check_parameter(std::size_t i, std::span<const double> values) const {
+  const auto [set, k] = locate(i);
+  return set == nullptr ? Verdict::unknown_parameter : set->check(k, values);
+}
+void Instance::set_parameter(std::size_t i, std::span<const double> values) {
+  const auto [set, k] = locate(i);
+  set->set(k, values);
+}
+
+std::size_t Instance::find_feature(std::string_view type) const {
+  const auto it = std::find_if(features_.begin(), features_.end(),
+                               [&](const auto& f) { return f.statement.type == type; });
+  return static_cast<std::size_t>(it - features_.begin());
+}
+std::size_t Instance::find_input(std::string_view name) const {
+  const auto it =
+      std::find_if(inputs_.begin(), inputs_.end(), [&](const auto& r) { return r.spec().name == name; });
+  return static_cast<std::size_t>(it - inputs_.begin());
+}
+
+std::vector<OutputSpec> Instance::output_specs() const {
+  std::vector<OutputSpec> specs = statement_.outputs;
+  for (const auto& slot : features_) {
+    for (OutputSpec output : slot.statement.outputs) {
+      output.name = slot.statement.type + "." + output.name;
+      specs.push_back(std::move(output));
+    }
+  }
+  return specs;
+}
+
+ControlContext Instance::context(const Tick& tick) {
+  return {dt_,     tick.t.seconds(), law_arms_,
+          inputs_, &parameters_,     std::span(outputs_).first(law_output_count_)};
+}
+
+ControlContext Instance::feature_context(FeatureSlot& slot, const Tick& tick) {
+  return {dt_, tick.t.seconds(), feature_arms_,
+          {},  &slot.parameters, std::span(outputs_).subspan(slot.output_offset)};
+}
+
+LawResult Instance::start(const Tick& tick) try {
+  served_ = {};
+  dt_ = kNominalPeriod;
+  last_tick_ = tick.t + std::chrono::nanoseconds(-1'000'000);
+  ControlContext law = context(tick);
+  controllet_->start_references(law);
+  if (controllet_->start(law) != LawResult::ok) return LawResult::fault;
+  for (auto& slot : features_) {
+    if (!slot.on) continue;
+    ControlContext with = feature_context(slot, tick);
+    if (slot.feature->start(with) != LawResult::ok) return LawResult::fault;
+  }
+  return LawResult::ok;
+} catch (...) {
+  return LawResult::fault;
+}
+
+LawResult Instance::set_feature(std::size_t i, bool on, const Tick& tick) try {
+  FeatureSlot& slot = features_[i];
+  if (on && !slot.on) {
+    ControlContext with = feature_context(slot, tick);
+    if (slot.feature->start(with) != LawResult::ok) return LawResult::fault;
+  }
+  slot.on = on;
+  return LawResult::ok;
+} catch (...) {
+  return LawResult::fault;
+}
+
+bool Instance::begins_tick(ArmSet due) {
+  const ArmSet mine = due & arms_;
+  if (mine.empty()) return false;
+  const bool begins = served_.empty() || served_.overlaps(mine);
+  served_ = begins ? mine : served_ | mine;
+  return begins;
+}
+
+Intervention Instance::update(const Tick& tick) try {
+  dt_ = std::max(seconds(tick.t - last_tick_), 1e-6);
+  last_tick_ = tick.t;
+  parameters_.advance(dt_);
+  for (auto& input : inputs_) {
+    input.advance(dt_, tick.t.seconds());
+    if (input.stale()) return Intervention::reference_stale;
+  }
+  for (auto& arm : law_arms_) arm.tau->setZero();
+  ControlContext law = context(tick);
+  return controllet_->update(law) == LawResult::ok ? Intervention::none : Intervention::controllet_fault;
+} catch (...) {
+  return Intervention::controllet_threw;
+}
+
+Intervention Instance::update_features(const Tick& tick) try {
+  for (auto& arm : feature_arms_) arm.tau->setZero();
+  for (auto& slot : features_) {
+    if (!slot.on) continue;
+    slot.parameters.advance(dt_);
+    ControlContext with = feature_context(slot, tick);
+    if (slot.feature->update(with) != LawResult::ok) return Intervention::controllet_fault;
+  }
+  return Intervention::none;
+} catch (...) {
+  return Intervention::controllet_threw;
+}
+
+}  // namespace multipanda

@@ -1,0 +1,302 @@
+#include "core/reference/reference.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace multipanda {
+namespace {
+
+// A stream is planned at least this far ahead, so that replanning every millisecond stays smooth.
+constexpr double kStreamHorizon = 0.005;
+constexpr double kMaxStreamPeriod = 0.2;
+constexpr double kPeriodFilter = 0.1;  // share of a new measurement in the stream's period
+constexpr double kBrakingTime = 0.1;   // to a rest when a stream's next sample does not come
+
+Vector3 rotation_of(const QuinticSegment::Values& v) { return {v[3], v[4], v[5]}; }
+
+}  // namespace
+
+std::string_view to_string(Quantity quantity) {
+  switch (quantity) {
+    case Quantity::pose:
+      return "pose";
+    case Quantity::twist:
+      return "twist";
+    case Quantity::wrench:
+      return "wrench";
+    case Quantity::joints:
+      return "joints";
+    case Quantity::scalar:
+      return "scalar";
+  }
+  return "unknown";
+}
+
+std::size_t value_count(Quantity quantity, std::size_t joint_count) {
+  switch (quantity) {
+    case Quantity::pose:
+      return 7;
+    case Quantity::twist:
+    case Quantity::wrench:
+      return 6;
+    case Quantity::joints:
+      return joint_count;
+    case Quantity::scalar:
+      return 1;
+  }
+  return 0;
+}
+
+Target pose_target(const Pose& X, double duration_s, Delivery delivery) {
+  const Quaternion q = X.quaternion();
+  Target target;
+  target.delivery = delivery;
+  target.size = 7;
+  target.duration_s = duration_s;
+  target.values = {X.position.x(), X.position.y(), X.position.z(), q.w(), q.x(), q.y(), q.z()};
+  return target;
+}
+
+Reference::Reference(InputSpec spec, std::size_t joint_count)
+    : spec_(std::move(spec)),
+      size_(value_count(spec_.quantity, joint_count)),
+      joint_count_(joint_count),
+      inbox_(std::make_unique<Inbox>()) {
+  const auto n = static_cast<Eigen::Index>(joint_count);
+  q_d_ = dq_d_ = ddq_d_ = JointVector::Zero(n);
+}
+
+Verdict Reference::check(const Target& target) const {
+  if (target.size != size_) return Verdict::wrong_size;
+  if (!std::isfinite(target.duration_s)) return Verdict::not_finite;
+  for (std::size_t i = 0; i < size_; ++i) {
+    if (!std::isfinite(target.values[i])) return Verdict::not_finite;
+  }
+  if (target.duration_s < 0) return Verdict::out_of_bounds;
+  if (spec_.quantity == Quantity::pose) {
+    const auto& v = target.values;
+    const double norm = std::sqrt(v[3] * v[3] + v[4] * v[4] + v[5] * v[5] + v[6] * v[6]);
+    if (std::abs(norm - 1.0) > 1e-2) return Verdict::out_of_bounds;
+  }
+  return Verdict::accepted;
+}
+
+Verdict Reference::post(Target target) {
+  const Verdict verdict = check(target);
+  if (verdict != Verdict::accepted) return verdict;
+  const std::lock_guard lock(inbox_->posters);
+  target.id = ++inbox_->posted;
+  inbox_->targets.write(target);
+  return Verdict::accepted;
+}
+
+void Reference::start(const Pose& X_measured) {
+  forget_posted();
+  now_ = {};
+  for (int i = 0; i < 3; ++i) now_.position[static_cast<std::size_t>(i)] = X_measured.position[i];
+  R_0_ = X_measured.rotation;
+  segment_.plan(6, now_, now_.position, 0);
+  publish_sample();
+}
+
+void Reference::start(const JointVector& measured) {
+  forget_posted();
+  now_ = {};
+  std::copy(measured.data(), measured.data() + measured.size(), now_.position.begin());
+  segment_.plan(size_, now_, now_.position, 0);
+  publish_sample();
+}
+
+void Reference::start_constant(double value) {
+  forget_posted();
+  now_ = {};
+  std::fill_n(now_.position.begin(), size_, value);
+  segment_.plan(size_, now_, now_.position, 0);
+  publish_sample();
+}
+
+void Reference::forget_posted() {
+  inbox_->targets.take();
+  t_ = 0;
+  streaming_ = stale_ = moving_end_ = false;
+  period_s_ = 0;
+  last_.id = 0;
+}
+
+void Reference::set(const Target& target) {
+  streaming_ = stale_ = false;
+  plan_goal(target);
+}
+
+void Reference::advance(double dt, double now_s) {
+  if (inbox_->targets.take()) take(inbox_->targets.value(), now_s);
+  if (streaming_ && now_s - last_arrival_s_ > spec_.timeout_s) stale_ = true;
+  if (moving_end_ && t_ + dt > segment_.duration()) plan_brake();
+  t_ += dt;
+  segment_.evaluate(t_, now_);
+  publish_sample();
+}
+
+void Reference::take(const Target& target, double now_s) {
+  const double elapsed = now_s - last_arrival_s_;
+  const bool continues = streaming_ && !stale_ && target.delivery == Delivery::stream && target.id > last_.id;
+  streaming_ = target.delivery == Delivery::stream;
+  stale_ = false;
+  last_arrival_s_ = now_s;
+  if (continues && elapsed > 0 && elapsed < kMaxStreamPeriod) {
+    plan_stream(target, target.id - last_.id, elapsed);
+  } else {
+    period_s_ = 0;
+    plan_goal(target);
+  }
+  last_ = target;
+}
+
+// A pose's segment starts anew at the present orientation, where the rotation vector is 0 and its rate is the
+// angular velocity itself.
+void Reference::rebase() {
+  t_ = 0;
+  if (spec_.quantity != Quantity::pose) return;
+  R_0_ = X_d_.rotation;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    now_.position[3 + i] = 0;
+    now_.velocity[3 + i] = V_d_.vector[3 + k];
+    now_.acceleration[3 + i] = A_d_.vector[3 + k];
+  }
+}
+
+Reference::Aim Reference::aim_at(const Target& target) const {
+  Aim aim;
+  const auto& v = target.values;
+  if (spec_.quantity == Quantity::pose) {
+    const Pose X = Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]));
+    const Vector3 r = log_rotation(X.rotation * R_0_.transpose());
+    for (std::size_t i = 0; i < 3; ++i) {
+      aim.goal[i] = v[i];
+      aim.goal[3 + i] = r[static_cast<Eigen::Index>(i)];
+    }
+    aim.shortest_s =
+        std::max(QuinticSegment::duration_for((X.position - X_d_.position).norm(), spec_.max_speed),
+                 QuinticSegment::duration_for(r.norm(), spec_.max_angular_speed));
+    return aim;
+  }
+  double farthest = 0;
+  for (std::size_t i = 0; i < size_; ++i) {
+    aim.goal[i] = v[i];
+    farthest = std::max(farthest, std::abs(v[i] - now_.position[i]));
+  }
+  aim.shortest_s = QuinticSegment::duration_for(farthest, spec_.max_speed);
+  return aim;
+}
+
+void Reference::plan_goal(const Target& target) {
+  rebase();
+  const Aim aim = aim_at(target);
+  segment_.plan(spec_.quantity == Quantity::pose ? 6 : size_, now_, aim.goal,
+                std::max(target.duration_s, aim.shortest_s));
+  moving_end_ = false;
+}
+
+// The new sample is to be passed one period from now, with the velocity of the series, and the motion is
+// planned on to the horizon behind it. Far off the series (it jumped, or just began) the sample is a goal:
+// speed limits first.
+void Reference::plan_stream(const Target& target, std::uint64_t steps, double elapsed_s) {
+  const double measured = elapsed_s / static_cast<double>(steps);
+  period_s_ = period_s_ > 0 ? period_s_ + kPeriodFilter * (measured - period_s_) : measured;
+  rebase();
+  Aim aim = aim_at(target);
+  const double horizon = std::max(kStreamHorizon, 1.5 * period_s_);
+  if (aim.shortest_s > horizon) {
+    segment_.plan(spec_.quantity == Quantity::pose ? 6 : size_, now_, aim.goal, aim.shortest_s);
+    moving_end_ = false;
+    return;
+  }
+  const double span = static_cast<double>(steps) * period_s_, ahead = horizon - period_s_;
+  const bool pose = spec_.quantity == Quantity::pose;
+  const std::size_t n = pose ? 3 : size_;
+  double speed2 = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    aim.velocity[i] = (target.values[i] - last_.values[i]) / span;
+    speed2 += aim.velocity[i] * aim.velocity[i];
+  }
+  const double keep = speed2 > 0 ? std::min(1.0, spec_.max_speed / std::sqrt(speed2)) : 1.0;
+  for (std::size_t i = 0; i < n; ++i) {
+    aim.velocity[i] *= keep;
+    aim.goal[i] += aim.velocity[i] * ahead;
+  }
+  if (pose) {
+    const auto& v = target.values;
+    const auto& u = last_.values;
+    const Matrix3 R = Quaternion(v[3], v[4], v[5], v[6]).normalized().toRotationMatrix();
+    const Matrix3 R_last = Quaternion(u[3], u[4], u[5], u[6]).normalized().toRotationMatrix();
+    Vector3 omega = log_rotation(R * R_last.transpose()) / span;
+    if (omega.norm() > spec_.max_angular_speed) omega *= spec_.max_angular_speed / omega.norm();
+    const Vector3 r = log_rotation(exp_rotation(omega * ahead) * R * R_0_.transpose());
+    const Vector3 dr = omega - 0.5 * r.cross(omega);  // inverse left Jacobian, r small within a horizon
+    for (std::size_t i = 0; i < 3; ++i) {
+      aim.goal[3 + i] = r[static_cast<Eigen::Index>(i)];
+      aim.velocity[3 + i] = dr[static_cast<Eigen::Index>(i)];
+    }
+  }
+  segment_.plan(pose ? 6 : size_, now_, aim.goal, horizon, aim.velocity);
+  moving_end_ = true;
+}
+
+// From the present motion to a rest, where constant deceleration would end.
+void Reference::plan_brake() {
+  rebase();
+  QuinticSegment::Values goal = now_.position;
+  const std::size_t n = spec_.quantity == Quantity::pose ? 6 : size_;
+  for (std::size_t i = 0; i < n; ++i) goal[i] += 0.5 * kBrakingTime * now_.velocity[i];
+  segment_.plan(n, now_, goal, kBrakingTime);
+  moving_end_ = false;
+}
+
+void Reference::publish_sample() {
+  switch (spec_.quantity) {
+    case Quantity::pose: {
+      const Vector3 r = rotation_of(now_.position), dr = rotation_of(now_.velocity),
+                    ddr = rotation_of(now_.acceleration);
+      const Matrix3 J = left_jacobian(r);
+      X_d_.position = {now_.position[0], now_.position[1], now_.position[2]};
+      X_d_.rotation = exp_rotation(r) * R_0_;
+      V_d_.linear() = Vector3(now_.velocity[0], now_.velocity[1], now_.velocity[2]);
+      V_d_.angular() = J * dr;
+      A_d_.linear() = Vector3(now_.acceleration[0], now_.acceleration[1], now_.acceleration[2]);
+      // d/dt (J(r) dr) without the term dJ/dt dr, which is of second order in the (short) rotation's speed.
+      A_d_.angular() = J * ddr;
+      break;
+    }
+    case Quantity::joints:
+      for (Eigen::Index i = 0; i < q_d_.size(); ++i) {
+        const auto k = static_cast<std::size_t>(i);
+        q_d_[i] = now_.position[k];
+        dq_d_[i] = now_.velocity[k];
+        ddq_d_[i] = now_.acceleration[k];
+      }
+      break;
+    case Quantity::twist:
+    case Quantity::wrench:
+    case Quantity::scalar:
+      break;  // read straight from now_
+  }
+}
+
+Vector6 Reference::vector() const { return Eigen::Map<const Vector6>(now_.position.data()); }
+
+void Reference::record(double* values, double* rates) const {
+  if (spec_.quantity == Quantity::pose) {
+    const Quaternion q = X_d_.quaternion();
+    const double pose[7] = {
+        X_d_.position.x(), X_d_.position.y(), X_d_.position.z(), q.w(), q.x(), q.y(), q.z()};
+    std::copy_n(pose, 7, values);
+    std::copy_n(V_d_.vector.data(), 6, rates);
+    rates[6] = 0;
+    return;
+  }
+  std::copy_n(now_.position.begin(), size_, values);
+  std::copy_n(now_.velocity.begin(), size_, rates);
+}
+
+}  // namespace multipanda

@@ -1,0 +1,112 @@
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "core/reference/quintic.hpp"
+#include "core/reference/target.hpp"
+#include "core/rt/triple_buffer.hpp"
+#include "core/types/codes.hpp"
+#include "core/types/joints.hpp"
+
+namespace multipanda {
+
+// What a controllet says about one of its inputs.
+struct InputSpec {
+  std::string name;  // "pose"; unique in the controllet
+  Quantity quantity = Quantity::pose;
+  std::size_t arm = 0;          // which of the controllet's arms it belongs to (joint count, measured start)
+  std::string frame = "world";  // in which it is given, for adapters to check and transform
+  std::string doc;
+  double timeout_s = 0.1;          // a stream silent for longer is lost
+  double max_speed = 0.5;          // of the set-point: [m/s], [rad/s] for joints, [unit/s] for others
+  double max_angular_speed = 1.0;  // of a pose's rotation [rad/s]
+};
+
+// The only way in for a set-point: takes targets from any thread, gives the loop a desired value that is
+// continuous in position, velocity and acceleration, whatever arrives. A target far away is approached at no
+// more than the input's speed.
+//
+// Goals end at rest. A stream is followed one of its periods late: each sample is aimed at with the velocity
+// estimated from the series, so that a smooth series gives a smooth motion; a late sample is bridged, silence
+// brakes to a rest and is then reported as stale.
+//
+// Poses: the position is a quintic per axis; the rotation is R(t) = exp(r(t)) R_0 with a quintic r(t) from 0
+// to log(R_goal R_0^T), so it takes the short way and its velocity at the start is exactly the one before.
+class Reference {
+ public:
+  Reference(InputSpec spec, std::size_t joint_count);
+
+  const InputSpec& spec() const { return spec_; }
+  std::size_t size() const { return size_; }
+
+  // --- any thread but the loop's; callers wait for each other, never for the loop ---
+  // accepted, wrong_size, not_finite or out_of_bounds (a quaternion far from unit length).
+  Verdict check(const Target& target) const;
+  Verdict post(Target target);
+
+  // --- loop thread ---
+  void start(const Pose& X_measured);  // begin here, at rest; older targets are forgotten
+  void start(const JointVector& measured);
+  void start_constant(double value);  // twist, wrench, scalar: usually 0
+  void set(const Target& target);     // a checked target from within the loop (scheduled)
+  // Takes what arrived and moves on by dt. `now_s` is the loop's time.
+  void advance(double dt, double now_s);
+  bool stale() const { return stale_; }  // a stream fell silent
+  bool streaming() const { return streaming_; }
+
+  const Pose& pose() const { return X_d_; }
+  const Twist& twist() const { return V_d_; }  // pose: its velocity, world axes
+  const Twist& acceleration() const { return A_d_; }
+  const JointVector& joints() const { return q_d_; }  // joints: position, velocity, acceleration
+  const JointVector& joint_velocity() const { return dq_d_; }
+  const JointVector& joint_acceleration() const { return ddq_d_; }
+  Vector6 vector() const;  // twist, wrench
+  double scalar() const { return now_.position[0]; }
+  double scalar_rate() const { return now_.velocity[0]; }
+
+  // For the log: values in the order of Target, and their rates (pose: 3 linear + 3 angular).
+  void record(double* values, double* rates) const;
+
+ private:
+  void take(const Target& target, double now_s);
+  void plan_goal(const Target& target);
+  void plan_stream(const Target& target, std::uint64_t steps, double elapsed_s);
+  void plan_brake();
+  struct Aim {  // where a segment is to end: in the segment's coordinates
+    QuinticSegment::Values goal{}, velocity{};
+    double shortest_s = 0;  // what the speed limits ask for
+  };
+  Aim aim_at(const Target& target) const;
+  void rebase();
+  void forget_posted();
+  void publish_sample();
+
+  InputSpec spec_;
+  std::size_t size_;
+  std::size_t joint_count_;
+
+  struct Inbox {
+    std::mutex posters;        // never taken by the loop
+    std::uint64_t posted = 0;  // guarded by posters
+    TripleBuffer<Target> targets;
+  };
+  std::unique_ptr<Inbox> inbox_;
+
+  QuinticSegment segment_;
+  QuinticSegment::Sample now_;         // pose: position and rotation vector about R_0_
+  double t_ = 0;                       // in the segment [s]
+  Matrix3 R_0_ = Matrix3::Identity();  // orientation at the segment's start
+  bool streaming_ = false, stale_ = false;
+  double last_arrival_s_ = 0;
+  double period_s_ = 0;      // of the stream, filtered; 0: not known yet
+  Target last_;              // newest target of a stream
+  bool moving_end_ = false;  // the segment ends with a velocity
+
+  Pose X_d_;
+  Twist V_d_, A_d_;
+  JointVector q_d_, dq_d_, ddq_d_;
+};
+
+}  // namespace multipanda
