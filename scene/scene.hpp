@@ -1,0 +1,112 @@
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/modes/instance.hpp"
+#include "core/safety/safety.hpp"
+#include "core/state/arm_state.hpp"
+#include "core/types/spatial.hpp"
+
+// A scene as data: what scene files (YAML, docs/scene_reference.md) say, checked, in SI units. Everything
+// that is built (models, plant, control cycle, log) is built from this.
+namespace multipanda {
+
+// Where a value was written, for messages: "two_arms.yaml:14".
+struct SourcePlace {
+  std::string file;
+  int line = 0;  // from 1; 0: not from a file
+};
+
+// How the arms' plant differs from rigid bodies with perfect torques. Two named sets: ideal, realistic.
+struct PlantFidelity {
+  std::string name = "ideal";
+  bool joint_friction = false;     // of the robot model's table
+  double torque_bandwidth_hz = 0;  // first-order torque tracking; 0: perfect
+  double command_delay_s = 0;      // whole control periods
+  double noise_q_rad = 0, noise_dq_rad_per_s = 0, noise_tau_nm = 0;  // standard deviations, white
+  static PlantFidelity ideal() { return {}; }
+  static PlantFidelity realistic() {
+    return {.name = "realistic",
+            .joint_friction = true,
+            .torque_bandwidth_hz = 50,
+            .command_delay_s = 0.001,
+            .noise_q_rad = 1e-5,
+            .noise_dq_rad_per_s = 1e-3,
+            .noise_tau_nm = 0.05};
+  }
+};
+
+struct SceneArm {
+  std::string name;           // "left"
+  std::string model = "fer";  // in models/, or a path to a model file
+  bool hand = true;
+  Pose X_WB;            // base in the world
+  JointVector q_start;  // where the simulated arm stands at the start [rad]
+  std::optional<Pose>
+      X_FE;             // end effector in the flange; default: the hand's tool centre point, else the flange
+  Pose X_EK;            // stiffness frame in the end effector
+  Load tool;            // rigid tool on the flange beyond the hand: in plant and controllers
+  Load load_declared;   // payload that the controllers are told of
+  Load load_present;    // payload that the plant really carries
+  SafetyLimits safety;  // complete: the model's limits, tightened by the scene
+  std::vector<std::string> loosened;  // limits that the scene made looser than the maker's, in words; logged
+  SourcePlace place;
+};
+
+// A body in the scene: fixed (surface, table, wall) or free (falls, can be pushed and grasped).
+struct SceneObject {
+  enum class Shape { plane, box, sphere, cylinder, capsule };
+  std::string name;
+  Shape shape = Shape::box;
+  Vector3 size = Vector3::Constant(
+      0.1);  // box: full edge lengths; sphere: diameter in x; cylinder, capsule: diameter, -, length
+  Pose X_WO;
+  bool fixed = true;
+  double mass = 1.0;      // free bodies [kg]
+  double friction = 0.6;  // sliding
+  // Contact: MuJoCo's own numbers where given (solref/solimp), else its defaults.
+  std::optional<double> contact_time_constant_s, contact_damping_ratio;
+  std::array<double, 4> rgba{0.7, 0.7, 0.72, 1};
+  SourcePlace place;
+};
+
+struct TimelineEvent {
+  double at_s = 0;
+  enum class What { switch_controllets, set_parameter, set_feature, set_reference, stop, resume } what{};
+  // switch_controllets
+  std::vector<std::string> activate, deactivate;
+  bool only = false;
+  // set_*
+  std::string controllet;
+  std::string name;  // parameter, feature or input
+  std::vector<double>
+      values;      // parameter; reference: in the order of Target (pose: x y z, quaternion w x y z), world
+  bool on = true;  // feature
+  double duration_s = 0;  // reference
+  // stop, resume: arm names; empty: all
+  std::vector<std::string> arms;
+  SourcePlace place;
+};
+
+struct Scene {
+  std::string name;
+  std::string description;
+  std::string text;  // the file as read, for the log
+  std::string path;  // where it was read from
+  std::uint64_t seed = 1;
+  double duration_s = 0;  // default length of a run; 0: until stopped
+  PlantFidelity plant;
+  std::size_t substeps = 1;  // physics steps per control period
+  std::vector<SceneArm> arms;
+  std::vector<SceneObject> objects;
+  std::vector<std::string> plugins;  // paths of users' controllet libraries
+  std::vector<InstanceConfig> controllets;
+  std::map<std::string, SourcePlace> controllet_places;
+  std::vector<std::string> active;      // at the start
+  std::vector<TimelineEvent> timeline;  // sorted by time
+};
+
+}  // namespace multipanda
