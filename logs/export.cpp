@@ -1,0 +1,236 @@
+#include "logs/export.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <fstream>
+#include <map>
+#include <set>
+#include <stdexcept>
+
+#include <nlohmann/json.hpp>
+
+#include "logs/flatten.hpp"
+#include "logs/npz.hpp"
+
+namespace multipanda {
+namespace {
+
+using Numbers = std::vector<double>;
+using Integers = std::vector<std::int64_t>;
+
+// A field over all messages of one topic.
+struct Column {
+  std::string name;
+  NpzWriter::Kind kind = NpzWriter::Kind::real;
+  std::size_t width = 0;  // most numbers, or code points, of any message
+  bool matrix = false;
+};
+
+struct Table {
+  std::string topic;
+  std::vector<Column> columns;
+  std::size_t rows = 0;
+  bool json = false;  // one more column: the whole message
+};
+
+bool happens_now_and_then(const std::string& type) {
+  return type == "multipanda_msgs/msg/Event" || type == "multipanda_msgs/msg/Switch" ||
+         type == "multipanda_msgs/msg/Intervention";
+}
+
+std::size_t width_of(const FlatField& field) {
+  if (const auto* text = std::get_if<std::string>(&field.values)) return code_point_count(*text);
+  if (const auto* integers = std::get_if<Integers>(&field.values)) return integers->size();
+  return std::get<Numbers>(field.values).size();
+}
+
+NpzWriter::Kind kind_of(const FlatField& field) {
+  static constexpr NpzWriter::Kind kKinds[] = {NpzWriter::Kind::real, NpzWriter::Kind::integer,
+                                               NpzWriter::Kind::text};
+  return kKinds[field.values.index()];
+}
+
+std::string as_json(const std::vector<FlatField>& fields) {
+  nlohmann::ordered_json object;
+  for (const FlatField& field : fields) {
+    if (const auto* text = std::get_if<std::string>(&field.values)) {
+      // Lists of texts are JSON already.
+      object[field.name] = !text->empty() && text->front() == '['
+                               ? nlohmann::ordered_json::parse(*text, nullptr, false)
+                               : nlohmann::ordered_json(*text);
+      if (object[field.name].is_discarded()) object[field.name] = *text;
+    } else if (const auto* integers = std::get_if<Integers>(&field.values)) {
+      object[field.name] =
+          field.list ? nlohmann::ordered_json(*integers) : nlohmann::ordered_json(integers->at(0));
+    } else {
+      const Numbers& numbers = std::get<Numbers>(field.values);
+      const bool one = !field.list && numbers.size() == 1;
+      object[field.name] = one ? nlohmann::ordered_json(numbers[0]) : nlohmann::ordered_json(numbers);
+    }
+  }
+  return object.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
+
+// Reads the log once and hands each readable message to `visit(topic, schema name, fields)`.
+template <typename Visit>
+void read_log(const std::filesystem::path& log, std::vector<std::string>* notes, Visit&& visit) {
+  McapReader reader(log);
+  std::set<std::string> unknown;
+  while (const auto message = reader.next()) {
+    const auto fields = flatten(*message->schema, message->data);
+    if (fields) {
+      visit(message->channel->topic, message->schema->name, *fields);
+    } else {
+      unknown.insert(message->channel->topic + " (" + message->schema->name + ")");
+    }
+  }
+  if (notes == nullptr) return;
+  for (const std::string& topic : unknown)
+    notes->push_back("not exported, of a type not known here: " + topic);
+  if (!reader.complete()) {
+    notes->push_back(
+        "the log has no footer (killed, or the disk was full): exported up to its last whole chunk");
+  }
+  if (reader.damaged_records() > 0) {
+    notes->push_back(std::to_string(reader.damaged_records()) + " damaged records left out");
+  }
+}
+
+std::map<std::string, Table> measure(const std::filesystem::path& log, ExportResult& result) {
+  std::map<std::string, Table> tables;
+  read_log(log, &result.notes, [&](const std::string& topic, const std::string& type, const auto& fields) {
+    Table& table = tables[topic];
+    if (table.rows == 0) {
+      table.topic = topic;
+      table.json = happens_now_and_then(type);
+      for (const FlatField& field : fields) {
+        table.columns.push_back({field.name == "stamp" ? "t" : field.name, kind_of(field), 0, false});
+      }
+      if (table.json) table.columns.push_back({"json", NpzWriter::Kind::text, 0, false});
+    }
+    for (std::size_t i = 0; i < fields.size(); ++i) {
+      table.columns[i].width = std::max(table.columns[i].width, width_of(fields[i]));
+      table.columns[i].matrix =
+          fields[i].list || (kind_of(fields[i]) != NpzWriter::Kind::text && width_of(fields[i]) > 1);
+    }
+    if (table.json) {
+      table.columns.back().width = std::max(table.columns.back().width, code_point_count(as_json(fields)));
+    }
+    ++table.rows;
+    ++result.messages;
+  });
+  if (tables.empty()) throw std::runtime_error(log.string() + " has no message that could be exported");
+  return tables;
+}
+
+std::string without_slash(std::string_view topic) {
+  return std::string(topic.substr(topic.starts_with('/') ? 1 : 0));
+}
+
+std::string csv_text(std::string_view text) {
+  std::string out = "\"";
+  for (const char c : text) {
+    out += c;
+    if (c == '"') out += c;
+  }
+  return out + "\"";
+}
+
+template <typename T>
+void append_number(std::string& line, T value) {
+  char text[40];
+  line.append(text, std::to_chars(text, text + sizeof(text), value).ptr);  // shortest that reads back exactly
+}
+
+template <typename T>
+void append_cells(std::string& line, const std::vector<T>& values, std::size_t width) {
+  for (std::size_t i = 0; i < width; ++i) {
+    if (i > 0) line += ',';
+    if (i < values.size()) append_number(line, values[i]);
+  }
+}
+
+}  // namespace
+
+ExportResult export_csv(const std::filesystem::path& log, const std::filesystem::path& directory) {
+  ExportResult result;
+  const auto tables = measure(log, result);
+  std::filesystem::create_directories(directory);
+  std::map<std::string, std::ofstream> files;
+  for (const auto& [topic, table] : tables) {
+    std::string name = without_slash(topic);
+    std::replace(name.begin(), name.end(), '/', '_');
+    const std::filesystem::path path = directory / (name + ".csv");
+    std::ofstream& file = files[topic];
+    file.open(path, std::ios::trunc);
+    result.files.push_back(path);
+    std::string line;
+    for (const Column& column : table.columns) {
+      const bool several = column.matrix && column.kind != NpzWriter::Kind::text;
+      for (std::size_t i = 0; i < (several ? column.width : 1); ++i) {
+        if (column.name == "json") continue;  // the columns say it all
+        if (!line.empty()) line += ',';
+        line += several ? column.name + "_" + std::to_string(i) : column.name;
+      }
+    }
+    file << line << '\n';
+  }
+  read_log(log, nullptr, [&](const std::string& topic, const std::string&, const auto& fields) {
+    if (!tables.contains(topic)) return;  // the log grew since it was measured
+    const Table& table = tables.at(topic);
+    std::string line;
+    bool first = true;
+    for (std::size_t i = 0; i < fields.size(); ++i) {
+      const bool several = table.columns[i].matrix;
+      const std::size_t width = several ? table.columns[i].width : 1;
+      if (width == 0) continue;
+      if (!first) line += ',';
+      first = false;
+      if (const auto* text = std::get_if<std::string>(&fields[i].values)) {
+        line += csv_text(*text);
+      } else if (const auto* integers = std::get_if<Integers>(&fields[i].values)) {
+        append_cells(line, *integers, width);
+      } else {
+        append_cells(line, std::get<Numbers>(fields[i].values), width);
+      }
+    }
+    files.at(topic) << line << '\n';
+  });
+  for (auto& [topic, file] : files) {
+    file.close();
+    if (!file)
+      throw std::runtime_error("cannot write the table of " + topic + " in " + directory.string() +
+                               ": is the folder writable, the disk full?");
+  }
+  return result;
+}
+
+ExportResult export_npz(const std::filesystem::path& log, const std::filesystem::path& file) {
+  ExportResult result;
+  const auto tables = measure(log, result);
+  std::vector<NpzWriter::Array> arrays;
+  std::map<std::string, std::size_t> first_array;  // of a topic
+  for (const auto& [topic, table] : tables) {
+    first_array[topic] = arrays.size();
+    for (const Column& column : table.columns) {
+      arrays.push_back(
+          {without_slash(topic) + "/" + column.name, column.kind, table.rows, column.width, column.matrix});
+    }
+  }
+  NpzWriter writer(file, std::move(arrays));
+  std::map<std::string, std::size_t> rows;
+  read_log(log, nullptr, [&](const std::string& topic, const std::string&, const auto& fields) {
+    if (!tables.contains(topic) || rows[topic]++ >= tables.at(topic).rows) return;  // the log grew since then
+    std::size_t array = first_array.at(topic);
+    for (const FlatField& field : fields) {
+      std::visit([&](const auto& values) { writer.add(array, values); }, field.values);
+      ++array;
+    }
+    if (tables.at(topic).json) writer.add(array, as_json(fields));
+  });
+  writer.close();
+  result.files.push_back(file);
+  return result;
+}
+
+}  // namespace multipanda

@@ -1,0 +1,118 @@
+#include "logs/mcap_reader.hpp"
+
+#include <array>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+
+namespace multipanda {
+
+using mcap::Decoder;
+using mcap::Opcode;
+
+McapScanner::McapScanner(const std::filesystem::path& path) : file_(std::fopen(path.c_str(), "rb")) {
+  if (!file_) throw std::runtime_error("cannot open the log " + path.string() + ": " + std::strerror(errno));
+  std::array<char, 8> magic{};
+  if (std::fread(magic.data(), 1, magic.size(), file_.get()) != magic.size() ||
+      std::string_view(magic.data(), magic.size()) != mcap::kMagic) {
+    throw std::runtime_error(path.string() + " is not an MCAP file: its first 8 bytes are not MCAP's");
+  }
+  size_ = std::filesystem::file_size(path);
+  offset_ = magic.size();
+}
+
+std::optional<McapScanner::Record> McapScanner::next() {
+  if (complete_) return std::nullopt;
+  std::array<std::uint8_t, mcap::kRecordHead> head{};
+  if (std::fread(head.data(), 1, head.size(), file_.get()) != head.size()) return std::nullopt;
+  Decoder in(head);
+  const auto opcode = in.get<std::uint8_t>();
+  const auto length = in.get<std::uint64_t>();
+  // Opcode 0 does not exist: the zeros of a block that the disk never got.
+  if (opcode == 0 || offset_ + head.size() > size_ || length > size_ - offset_ - head.size())
+    return std::nullopt;
+  content_.resize(static_cast<std::size_t>(length));
+  if (std::fread(content_.data(), 1, content_.size(), file_.get()) != content_.size()) return std::nullopt;
+  const Record record{static_cast<Opcode>(opcode), offset_, content_};
+  offset_ += head.size() + length;
+  if (record.opcode == Opcode::footer) {
+    std::array<char, 8> magic{};
+    complete_ = std::fread(magic.data(), 1, magic.size(), file_.get()) == magic.size() &&
+                std::string_view(magic.data(), magic.size()) == mcap::kMagic;
+    if (complete_) offset_ += magic.size();
+  }
+  return record;
+}
+
+std::optional<McapReader::Message> McapReader::next() {
+  while (true) {
+    if (auto message = next_in_chunk()) return message;
+    const auto record = scanner_.next();
+    if (!record) return std::nullopt;
+    try {
+      if (record->opcode == Opcode::chunk) {
+        chunk_ = mcap::decode_chunk(record->content).records;
+        chunk_offset_ = 0;
+      } else if (record->opcode == Opcode::message) {  // outside of chunks: not ours, but allowed
+        chunk_ = mcap::record(
+            Opcode::message, {reinterpret_cast<const char*>(record->content.data()), record->content.size()});
+        chunk_offset_ = 0;
+      } else {
+        take(record->opcode, record->content);
+      }
+    } catch (const std::runtime_error&) {
+      ++damaged_;
+    }
+  }
+}
+
+void McapReader::take(Opcode opcode, mcap::Bytes content) {
+  switch (opcode) {
+    case Opcode::schema: {
+      mcap::Schema schema = mcap::decode_schema(content);
+      schemas_.try_emplace(schema.id, std::move(schema));
+      break;
+    }
+    case Opcode::channel: {
+      mcap::Channel channel = mcap::decode_channel(content);
+      channels_.try_emplace(channel.id, std::move(channel));
+      break;
+    }
+    case Opcode::metadata:
+      metadata_.push_back(mcap::decode_metadata(content));
+      break;
+    case Opcode::attachment:
+      attachments_.push_back(mcap::decode_attachment(content));
+      break;
+    default:
+      break;
+  }
+}
+
+std::optional<McapReader::Message> McapReader::next_in_chunk() {
+  const mcap::Bytes bytes = mcap::as_bytes(chunk_);
+  while (chunk_offset_ < bytes.size()) {
+    const std::size_t before = chunk_offset_;
+    try {
+      const mcap::InnerRecord record = mcap::take_record(bytes, chunk_offset_);
+      if (record.opcode != Opcode::message) {
+        take(record.opcode, record.content);
+        continue;
+      }
+      const mcap::MessageHead message = mcap::decode_message(record.content);
+      const auto channel = channels_.find(message.channel);
+      if (channel == channels_.end()) throw std::runtime_error("MCAP: a message of a channel never declared");
+      const auto schema = schemas_.find(channel->second.schema);
+      if (schema == schemas_.end()) throw std::runtime_error("MCAP: a channel of a schema never declared");
+      return Message{&channel->second, &schema->second, message.sequence,
+                     static_cast<std::int64_t>(message.log_time_ns), message.data};
+    } catch (const std::runtime_error&) {
+      ++damaged_;
+      // A record whose length cannot be trusted leads nowhere: what follows in this chunk is lost with it.
+      if (chunk_offset_ == before) chunk_offset_ = bytes.size();
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace multipanda

@@ -1,0 +1,183 @@
+#include "logs/npz.hpp"
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <stdexcept>
+
+#include "logs/mcap_format.hpp"
+
+namespace multipanda {
+namespace {
+
+constexpr std::array<std::uint32_t, 256> kCrcTable = [] {
+  std::array<std::uint32_t, 256> table{};
+  for (std::uint32_t i = 0; i < 256; ++i) {
+    std::uint32_t c = i;
+    for (int bit = 0; bit < 8; ++bit) c = (c & 1u) != 0 ? 0xEDB88320u ^ (c >> 1) : c >> 1;
+    table[i] = c;
+  }
+  return table;
+}();
+
+// CRC-32 as in zip; `crc` continues an earlier one.
+std::uint32_t crc32(std::string_view bytes, std::uint32_t crc) {
+  crc = ~crc;
+  for (const char c : bytes) crc = kCrcTable[(crc ^ static_cast<std::uint8_t>(c)) & 0xFFu] ^ (crc >> 8);
+  return ~crc;
+}
+
+// Version 1.0: magic, length, a Python dict padded with blanks to a multiple of 64, newline.
+std::string npy_header(const NpzWriter::Array& a) {
+  std::string dict = "{'descr': '";
+  switch (a.kind) {
+    case NpzWriter::Kind::real:
+      dict += "<f8";
+      break;
+    case NpzWriter::Kind::integer:
+      dict += "<i8";
+      break;
+    case NpzWriter::Kind::text:
+      dict.append("<U").append(std::to_string(a.width));
+      break;
+  }
+  dict.append("', 'fortran_order': False, 'shape': (").append(std::to_string(a.rows)).append(",");
+  if (a.matrix && a.kind != NpzWriter::Kind::text) dict.append(" ").append(std::to_string(a.width));
+  dict += "), }";
+  dict.append(63 - (10 + dict.size()) % 64, ' ');
+  dict += '\n';
+  mcap::Encoder out;
+  out.raw(std::string_view("\x93NUMPY\x01\x00", 8)).put(static_cast<std::uint16_t>(dict.size())).raw(dict);
+  return std::string(out.bytes());
+}
+
+constexpr std::uint16_t kZipVersion = 20;
+constexpr std::uint16_t kZipDate = (1u << 5) | 1u;  // 1980-01-01: equal logs give equal files
+
+std::string entry_name(const NpzWriter::Array& array) { return array.name + ".npy"; }
+
+}  // namespace
+
+std::u32string code_points(std::string_view utf8) {
+  std::u32string out;
+  for (std::size_t i = 0; i < utf8.size();) {
+    const auto byte = static_cast<std::uint8_t>(utf8[i]);
+    const std::size_t length = byte < 0x80       ? 1
+                               : byte >> 5 == 6  ? 2
+                               : byte >> 4 == 14 ? 3
+                               : byte >> 3 == 30 ? 4
+                                                 : 0;
+    char32_t point = length == 1 ? byte : byte & (0x7Fu >> length);
+    bool valid = length > 0 && i + length <= utf8.size();
+    for (std::size_t k = 1; valid && k < length; ++k) {
+      const auto next = static_cast<std::uint8_t>(utf8[i + k]);
+      valid = next >> 6 == 2;
+      point = point << 6 | (next & 0x3Fu);
+    }
+    out += valid ? point : U'\uFFFD';
+    i += valid ? length : 1;
+  }
+  return out;
+}
+
+std::size_t NpzWriter::Entry::row_bytes() const { return array.width * (array.kind == Kind::text ? 4 : 8); }
+
+NpzWriter::NpzWriter(const std::filesystem::path& path, std::vector<Array> arrays)
+    : path_(path), file_(path, std::ios::binary | std::ios::trunc) {
+  if (!file_)
+    throw std::runtime_error("cannot create " + path.string() + ": is the folder there and writable?");
+  std::uint64_t offset = 0;
+  for (Array& array : arrays) {
+    if (array.kind == Kind::text) array.width = std::max<std::size_t>(array.width, 1);  // numpy has no <U0
+    Entry entry;
+    entry.header = npy_header(array);
+    entry.array = std::move(array);
+    entry.offset = offset;
+    entry.crc = crc32(entry.header, 0);
+    offset += local_header(entry).size() + entry.file_bytes();
+    entries_.push_back(std::move(entry));
+  }
+  directory_ = offset;
+  if (offset > std::numeric_limits<std::uint32_t>::max() / 16 * 15) {
+    throw std::runtime_error("the arrays would exceed 4 GiB, which " + path.string() +
+                             " cannot hold: export to CSV, or a shorter run");
+  }
+}
+
+void NpzWriter::add(std::size_t index, const std::vector<double>& row) {
+  Entry& entry = entries_.at(index);
+  for (std::size_t i = 0; i < entry.array.width; ++i) {
+    const double value = i < row.size() ? row[i] : std::numeric_limits<double>::quiet_NaN();
+    add_bytes(entry, {reinterpret_cast<const char*>(&value), sizeof(value)});
+  }
+}
+
+void NpzWriter::add(std::size_t index, const std::vector<std::int64_t>& row) {
+  Entry& entry = entries_.at(index);
+  for (std::size_t i = 0; i < entry.array.width; ++i) {
+    const std::int64_t value = i < row.size() ? row[i] : 0;
+    add_bytes(entry, {reinterpret_cast<const char*>(&value), sizeof(value)});
+  }
+}
+
+void NpzWriter::add(std::size_t index, std::string_view utf8) {
+  Entry& entry = entries_.at(index);
+  std::u32string row = code_points(utf8);
+  row.resize(entry.array.width, U'\0');
+  add_bytes(entry, {reinterpret_cast<const char*>(row.data()), row.size() * sizeof(char32_t)});
+}
+
+void NpzWriter::add_bytes(Entry& entry, std::string_view bytes) {
+  entry.buffer += bytes;
+  if (entry.buffer.size() >= 64u << 10) flush(entry);
+}
+
+void NpzWriter::flush(Entry& entry) {
+  const std::uint64_t data = entry.offset + local_header(entry).size() + entry.header.size();
+  file_.seekp(static_cast<std::streamoff>(data + entry.written));
+  file_ << entry.buffer;
+  entry.crc = crc32(entry.buffer, entry.crc);
+  entry.written += entry.buffer.size();
+  entry.buffer.clear();
+}
+
+std::string NpzWriter::local_header(const Entry& entry) const {
+  const std::string name = entry_name(entry.array);
+  const auto size = static_cast<std::uint32_t>(entry.file_bytes());
+  mcap::Encoder out;
+  out.put(std::uint32_t{0x04034b50}).put(kZipVersion).put(std::uint16_t{0}).put(std::uint16_t{0});
+  out.put(std::uint16_t{0}).put(kZipDate).put(entry.crc).put(size).put(size);
+  out.put(static_cast<std::uint16_t>(name.size())).put(std::uint16_t{0}).raw(name);
+  return std::string(out.bytes());
+}
+
+void NpzWriter::close() {
+  mcap::Encoder directory;
+  for (Entry& entry : entries_) {
+    flush(entry);
+    if (entry.written != entry.array.rows * entry.row_bytes()) {
+      throw std::runtime_error(path_.string() + ": rows of " + entry.array.name + " are missing");
+    }
+    file_.seekp(static_cast<std::streamoff>(entry.offset));
+    file_ << local_header(entry) << entry.header;
+
+    const std::string name = entry_name(entry.array);
+    const auto size = static_cast<std::uint32_t>(entry.file_bytes());
+    directory.put(std::uint32_t{0x02014b50}).put(kZipVersion).put(kZipVersion).put(std::uint16_t{0});
+    directory.put(std::uint16_t{0}).put(std::uint16_t{0}).put(kZipDate).put(entry.crc).put(size).put(size);
+    directory.put(static_cast<std::uint16_t>(name.size())).put(std::uint16_t{0}).put(std::uint16_t{0});
+    directory.put(std::uint16_t{0}).put(std::uint16_t{0}).put(std::uint32_t{0});
+    directory.put(static_cast<std::uint32_t>(entry.offset)).raw(name);
+  }
+  const auto count = static_cast<std::uint16_t>(entries_.size());
+  mcap::Encoder end;
+  end.put(std::uint32_t{0x06054b50}).put(std::uint16_t{0}).put(std::uint16_t{0}).put(count).put(count);
+  end.put(static_cast<std::uint32_t>(directory.bytes().size())).put(static_cast<std::uint32_t>(directory_));
+  end.put(std::uint16_t{0});
+  file_.seekp(static_cast<std::streamoff>(directory_));
+  file_ << directory.bytes() << end.bytes();
+  file_.close();
+  if (!file_) throw std::runtime_error("cannot write " + path_.string() + ": is the disk full?");
+}
+
+}  // namespace multipanda

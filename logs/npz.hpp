@@ -1,0 +1,66 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace multipanda {
+
+// Writes numpy's .npz: a zip archive, without compression, of .npy arrays. All shapes are known before the
+// first value, so each array has its place in the file from the start and rows of all arrays may come in any
+// order: memory use does not grow with the log. Both formats are public: numpy.lib.format, and PKWARE's
+// APPNOTE for zip.
+class NpzWriter {
+ public:
+  enum class Kind { real, integer, text };  // float64, int64, unicode
+
+  struct Array {
+    std::string name;  // "left/state/q"
+    Kind kind = Kind::real;
+    std::size_t rows = 0;
+    std::size_t width = 1;  // numbers per row; of a text: code points
+    bool matrix = false;    // shape (rows, width); otherwise (rows,), a text always
+  };
+
+  // Throws std::runtime_error when the file cannot be created or would exceed 4 GiB.
+  NpzWriter(const std::filesystem::path& path, std::vector<Array> arrays);
+
+  // The next row of array `index`. Rows shorter than the width are filled up: NaN, 0, empty; longer ones are
+  // cut.
+  void add(std::size_t index, const std::vector<double>& row);
+  void add(std::size_t index, const std::vector<std::int64_t>& row);
+  void add(std::size_t index, std::string_view utf8);
+
+  void close();  // throws std::runtime_error when the disk is full or rows are missing
+
+ private:
+  struct Entry {
+    Array array;
+    std::string header;         // .npy header
+    std::uint64_t offset = 0;   // of the zip entry
+    std::uint64_t written = 0;  // bytes of the array's data
+    std::uint32_t crc = 0;
+    std::string buffer;
+    std::size_t row_bytes() const;
+    std::uint64_t file_bytes() const { return header.size() + array.rows * row_bytes(); }
+  };
+  void add_bytes(Entry& entry, std::string_view bytes);
+  void flush(Entry& entry);
+  std::string local_header(const Entry& entry) const;
+
+  std::filesystem::path path_;
+  std::ofstream file_;
+  std::vector<Entry> entries_;
+  std::uint64_t directory_ = 0;
+};
+
+// Code points of a UTF-8 text; bytes that are not UTF-8 become U+FFFD.
+std::u32string code_points(std::string_view utf8);
+
+// Length of code_points(utf8), and what a text array's width has to be.
+inline std::size_t code_point_count(std::string_view utf8) { return code_points(utf8).size(); }
+
+}  // namespace multipanda

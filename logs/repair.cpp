@@ -1,0 +1,172 @@
+#include "logs/repair.hpp"
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <stdexcept>
+#include <string>
+#include <unistd.h>
+#include <utility>
+
+#include "logs/mcap_format.hpp"
+#include "logs/mcap_reader.hpp"
+
+namespace multipanda {
+namespace {
+
+using mcap::Opcode;
+
+// The new file; removed again unless it is put in place.
+class Replacement {
+ public:
+  explicit Replacement(const std::filesystem::path& target)
+      : target_(target), path_(target.string() + ".repair"), file_(std::fopen(path_.c_str(), "wbx")) {
+    if (file_ == nullptr && errno == EEXIST) {
+      throw std::runtime_error(path_.string() +
+                               " exists: another repair is under way, or was killed; remove it");
+    }
+    if (file_ == nullptr) fail();
+  }
+  ~Replacement() {
+    if (file_ != nullptr) std::fclose(file_);
+    if (!in_place_) std::filesystem::remove(path_, ignored_);
+  }
+  Replacement(const Replacement&) = delete;
+  Replacement& operator=(const Replacement&) = delete;
+
+  std::uint64_t size() const { return size_; }
+  void append(std::string_view bytes) {
+    if (std::fwrite(bytes.data(), 1, bytes.size(), file_) != bytes.size()) fail();
+    size_ += bytes.size();
+  }
+  void put_in_place() {
+    // The new content must be on the disk before the old name points to it.
+    if (std::fflush(file_) != 0 || ::fsync(::fileno(file_)) != 0) fail();
+    std::FILE* file = std::exchange(file_, nullptr);
+    if (std::fclose(file) != 0) fail();
+    std::filesystem::permissions(path_, std::filesystem::status(target_).permissions(), ignored_);
+    std::filesystem::rename(path_, target_);
+    in_place_ = true;
+  }
+
+ private:
+  [[noreturn]] void fail() const {
+    const int error = errno;
+    throw std::runtime_error("cannot write " + path_.string() + ": " + std::strerror(error) +
+                             "; the log is as it was. A repair needs as much free space as the log is large");
+  }
+  std::filesystem::path target_, path_;
+  std::FILE* file_;
+  std::uint64_t size_ = 0;
+  bool in_place_ = false;
+  std::error_code ignored_;
+};
+
+std::string_view as_text(mcap::Bytes bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
+bool ends_with_footer(const std::filesystem::path& path) {
+  McapScanner scanner(path);
+  while (scanner.next()) {
+  }
+  return scanner.complete();
+}
+
+// Schemas and channels may stand inside a chunk (other writers do that); messages give the index.
+mcap::ChunkIndexEntries index_of(std::string_view records, mcap::Summary& summary) {
+  mcap::ChunkIndexEntries entries;
+  const mcap::Bytes bytes = mcap::as_bytes(records);
+  for (std::size_t offset = 0; offset < bytes.size();) {
+    const mcap::InnerRecord record = mcap::take_record(bytes, offset);
+    if (record.opcode == Opcode::schema) summary.add(mcap::decode_schema(record.content));
+    if (record.opcode == Opcode::channel) summary.add(mcap::decode_channel(record.content));
+    if (record.opcode == Opcode::message) {
+      const mcap::MessageHead message = mcap::decode_message(record.content);
+      entries[message.channel].push_back({message.log_time_ns, record.offset});
+    }
+  }
+  return entries;
+}
+
+}  // namespace
+
+RepairResult repair_log(const std::filesystem::path& path) {
+  RepairResult result;
+  if (ends_with_footer(path)) {
+    result.was_complete = true;
+    McapReader reader(path);
+    while (reader.next()) ++result.messages;
+    return result;
+  }
+
+  McapScanner scanner(path);
+  Replacement file(path);
+  mcap::Summary summary;
+  file.append(mcap::kMagic);
+  bool in_data = true;
+  std::uint64_t last_kept = scanner.whole_bytes();
+  while (in_data) {
+    const auto found = scanner.next();
+    if (!found) break;
+    const std::uint64_t at = file.size();
+    const auto keep = [&] {
+      const std::string whole = mcap::record(found->opcode, as_text(found->content));
+      file.append(whole);
+      return whole.size();
+    };
+    switch (found->opcode) {
+      case Opcode::chunk: {
+        mcap::EncodedChunk chunk;
+        mcap::ChunkIndexEntries entries;
+        try {
+          const mcap::DecodedChunk decoded = mcap::decode_chunk(found->content);
+          entries = index_of(decoded.records, summary);
+          chunk = mcap::wrap_chunk(as_text(decoded.compressed), decoded.info, entries);
+        } catch (const std::runtime_error&) {
+          ++result.chunks_dropped;
+          break;
+        }
+        file.append(chunk.bytes);
+        summary.add(chunk.info, entries, at, chunk.chunk_length, chunk.index_lengths);
+        break;
+      }
+      case Opcode::message_index:
+        break;  // made anew with each chunk
+      case Opcode::message:
+        throw std::runtime_error(path.string() +
+                                 " has messages outside of chunks: not written by this program, "
+                                 "not repaired by it");
+      case Opcode::data_end:
+      case Opcode::footer:
+        in_data = false;
+        continue;
+      case Opcode::schema:
+        summary.add(mcap::decode_schema(found->content));
+        keep();
+        break;
+      case Opcode::channel:
+        summary.add(mcap::decode_channel(found->content));
+        keep();
+        break;
+      case Opcode::metadata:
+        summary.add(mcap::decode_metadata(found->content), at, keep());
+        break;
+      case Opcode::attachment:
+        summary.add(mcap::decode_attachment(found->content), at, keep());
+        break;
+      default:
+        keep();
+        break;
+    }
+    last_kept = scanner.whole_bytes();
+  }
+  if (file.size() == mcap::kMagic.size()) file.append(mcap::header_record("multipanda"));
+  file.append(summary.encode_end(file.size()));
+  result.bytes_dropped = scanner.file_bytes() - last_kept;
+  result.messages = summary.messages();
+  file.put_in_place();
+  return result;
+}
+
+}  // namespace multipanda
