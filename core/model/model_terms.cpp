@@ -138,10 +138,13 @@ const JointVector& ModelTerms::g() {
 }
 
 const JointVector& ModelTerms::c() {
-  // C dq = (C dq + g) - g is cheaper than building the matrix C.
   if (first(kCoriolis)) {
-    c_ = pinocchio::nonLinearEffects(scratch_->model, scratch_->data, scratch_->q, scratch_->dq);
-    c_ -= g();
+    // One sweep without gravity gives C dq alone: cheaper than the matrix C, and than (C dq + g) - g.
+    auto& s = *scratch_;
+    const auto gravity = s.model.gravity;
+    s.model.gravity.setZero();
+    c_ = pinocchio::nonLinearEffects(s.model, s.data, s.q, s.dq);
+    s.model.gravity = gravity;
   }
   return c_;
 }
