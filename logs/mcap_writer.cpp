@@ -78,10 +78,7 @@ void McapWriter::flush_if_due() {
 
 void McapWriter::flush() {
   if (chunk_messages_ == 0) return;
-  const mcap::EncodedChunk chunk = mcap::encode_chunk(chunk_, entries_);
-  if (append_pending_and(chunk.bytes)) {
-    summary_.add(chunk.info, entries_, status_.bytes - chunk.bytes.size(), chunk.chunk_length,
-                 chunk.index_lengths);
+  if (append_chunk()) {
     status_.messages_written += chunk_messages_;
   } else {
     status_.messages_lost += chunk_messages_;
@@ -92,6 +89,20 @@ void McapWriter::flush() {
   chunk_.clear();
   entries_.clear();
   chunk_messages_ = 0;
+}
+
+bool McapWriter::append_chunk() {
+  mcap::EncodedChunk chunk;
+  try {
+    chunk = mcap::encode_chunk(chunk_, entries_);
+  } catch (const std::runtime_error& e) {
+    if (status_.error.empty()) status_.error = e.what();
+    return false;
+  }
+  if (!append_pending_and(chunk.bytes)) return false;
+  summary_.add(chunk.info, entries_, status_.bytes - chunk.bytes.size(), chunk.chunk_length,
+               chunk.index_lengths);
+  return true;
 }
 
 const WriterStatus& McapWriter::close() {

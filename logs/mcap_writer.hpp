@@ -75,6 +75,7 @@ class McapWriter {
   bool append(std::string_view bytes, bool keep_reserve);
   bool reserve(std::uint64_t end);
   void fail(std::string_view what, int error_number);
+  bool append_chunk();
   bool append_pending_and(std::string_view bytes);
 
   Options options_;

@@ -1,0 +1,317 @@
+#include "logs/record_messages.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+#include <nlohmann/json.hpp>
+
+namespace multipanda {
+namespace {
+
+void set(msg::Vector3& out, const auto& v) { out.x = v[0], out.y = v[1], out.z = v[2]; }
+
+msg::Pose to_message(const Pose& X) {
+  msg::Pose out;
+  out.position.x = X.position.x();
+  out.position.y = X.position.y();
+  out.position.z = X.position.z();
+  const Quaternion q = X.quaternion();
+  out.orientation.x = q.x();
+  out.orientation.y = q.y();
+  out.orientation.z = q.z();
+  out.orientation.w = q.w();
+  return out;
+}
+
+msg::Wrench to_message(const std::array<double, 6>& F) {
+  msg::Wrench out;
+  set(out.force, F.data());
+  set(out.torque, F.data() + 3);
+  return out;
+}
+
+void assign(std::vector<double>& out, const JointArray& joints, std::size_t count) {
+  out.assign(joints.begin(), joints.begin() + static_cast<std::ptrdiff_t>(count));
+}
+
+double as_seconds(std::int32_t ns) { return 1e-9 * ns; }
+
+std::string layout_json(const RecordLayout& layout) {
+  nlohmann::ordered_json out;
+  for (const auto& arm : layout.arms)
+    out["arms"].push_back({{"name", arm.name}, {"joints", arm.joint_count}});
+  for (const auto& instance : layout.instances) {
+    nlohmann::ordered_json entry{{"name", instance.name}, {"type", instance.type}};
+    entry["arms"] = nlohmann::ordered_json::array();
+    for (std::size_t i = 0; i < layout.arms.size(); ++i) {
+      if ((instance.arms >> i & 1u) != 0) entry["arms"].push_back(layout.arms[i].name);
+    }
+    entry["inputs"] = nlohmann::ordered_json::array();
+    for (const auto& input : instance.inputs) {
+      entry["inputs"].push_back({{"name", input.name}, {"quantity", input.quantity}, {"frame", input.frame}});
+    }
+    entry["parameters"] = instance.parameters;
+    entry["features"] = instance.features;
+    entry["outputs"] = nlohmann::ordered_json::array();
+    for (const auto& output : instance.outputs) {
+      entry["outputs"].push_back({{"name", output.name}, {"size", output.size}});
+    }
+    out["instances"].push_back(entry);
+  }
+  return out.dump(1);
+}
+
+}  // namespace
+
+msg::Time to_time(std::int64_t ns) {
+  constexpr std::int64_t kSecond = 1'000'000'000;
+  const std::int64_t rest = (ns % kSecond + kSecond) % kSecond;
+  msg::Time time;
+  time.sec = static_cast<std::int32_t>((ns - rest) / kSecond);
+  time.nanosec = static_cast<std::uint32_t>(rest);
+  return time;
+}
+
+Recorder::Sink::Sink(const std::filesystem::path& log, const RecordLayout& layout,
+                     std::vector<RecordedArm> arms, RecorderOptions options)
+    : layout_(layout), options_(std::move(options)), writer_(log, options_.writer) {
+  if (arms.size() != layout.arms.size()) {
+    throw std::invalid_argument("recorder: " + std::to_string(arms.size()) + " arms given, the layout has " +
+                                std::to_string(layout.arms.size()));
+  }
+  describe(options_);
+  for (std::size_t i = 0; i < arms.size(); ++i) {
+    Arm arm;
+    arm.name = layout.arms[i].name;
+    arm.joint_count = layout.arms[i].joint_count;
+    arm.frames = arms[i].frames;
+    arm.tool = arms[i].tool;
+    arm.load = arms[i].load;
+    const std::string topic = "/" + arm.name;
+    arm.state_channel = writer_.add_channel<msg::ArmState>(topic + "/state");
+    arm.command_channel = writer_.add_channel<msg::ArmCommand>(topic + "/command");
+    arm.wrench_channel = writer_.add_channel<msg::ArmWrench>(topic + "/wrench");
+    arm.config_channel = writer_.add_channel<msg::ArmConfig>(topic + "/config");
+    if (arms[i].model && options_.model_every > 0) {
+      arm.model_channel = writer_.add_channel<msg::ModelSummary>(topic + "/model");
+      arm.terms.emplace(arms[i].model);
+    }
+    arm.state.arm = arm.command.arm = arm.model.arm = arm.wrench.arm = arm.name;
+    arms_.push_back(std::move(arm));
+  }
+  for (const auto& instance : layout.instances) {
+    auto& inputs = reference_channels_.emplace_back();
+    for (const auto& input : instance.inputs) {
+      inputs.push_back(writer_.add_channel<msg::Reference>("/" + instance.name + "/" + input.name));
+    }
+    auto& outputs = output_channels_.emplace_back();
+    for (const auto& output : instance.outputs) {
+      outputs.push_back(
+          writer_.add_channel<msg::ControlletOutput>("/" + instance.name + "/outputs/" + output.name));
+    }
+  }
+  event_channel_ = writer_.add_channel<msg::Event>("/events");
+  switch_channel_ = writer_.add_channel<msg::Switch>("/switches");
+  switch_timing_channel_ = writer_.add_channel<msg::SwitchTiming>("/switch_timing");
+  intervention_channel_ = writer_.add_channel<msg::Intervention>("/interventions");
+  timing_channel_ = writer_.add_channel<msg::CycleTiming>("/timing");
+}
+
+void Recorder::Sink::describe(const RecorderOptions& options) {
+  writer_.add(mcap::Metadata{"run", options.info});
+  for (const mcap::Attachment& attachment : options.attachments) writer_.add(attachment);
+  writer_.add(mcap::Attachment{0, 0, "layout.json", "application/json", layout_json(layout_)});
+}
+
+void Recorder::Sink::write_missing(const RecorderStatus& status) {
+  mcap::StringMap values{{"cycles", std::to_string(status.cycles)},
+                         {"cycles_lost", std::to_string(status.cycles_lost)},
+                         {"events_lost", std::to_string(status.events_lost)},
+                         {"messages_written", std::to_string(status.writer.messages_written)},
+                         {"messages_lost", std::to_string(status.writer.messages_lost)},
+                         {"error", status.writer.error}};
+  for (const auto& [topic, count] : status.writer.lost_by_topic)
+    values["lost:" + topic] = std::to_string(count);
+  writer_.add(mcap::Metadata{"missing", values});
+}
+
+void Recorder::Sink::write(const CycleRecord& record) {
+  note_gap(record);
+  for (std::size_t i = 0; i < arms_.size(); ++i) {
+    if (cycles_ == 0) write_config(arms_[i], record.t, record.cycle);
+    write_arm(arms_[i], record.arms[i], record);
+  }
+  write_references(record);
+  write_outputs(record);
+  write_timing(record);
+  ++cycles_;
+}
+
+// The loop drops whole records; the numbers of those that come through show where.
+void Recorder::Sink::note_gap(const CycleRecord& record) {
+  if (cycles_ == 0) {
+    first_start_ = record.start;
+  } else if (record.cycle != last_cycle_ + 1) {
+    const std::uint64_t lost = record.cycle - last_cycle_ - 1;
+    cycles_lost_ += lost;
+    msg::Event event;
+    event.stamp = to_time(record.t.ns);
+    event.cycle = record.cycle;
+    event.kind = "records_lost";
+    event.text = std::to_string(lost) + " cycles before this one are missing: the writer fell behind";
+    event.values = {static_cast<double>(last_cycle_ + 1), static_cast<double>(record.cycle - 1)};
+    writer_.write(event_channel_, log_time(record.t), event);
+  }
+  last_cycle_ = record.cycle;
+}
+
+void Recorder::Sink::write_arm(Arm& arm, const ArmSample& sample, const CycleRecord& record) {
+  const msg::Time stamp = to_time(record.t.ns);
+  const std::int64_t time = log_time(record.t);
+  const std::size_t n = arm.joint_count;
+
+  msg::ArmState& state = arm.state;
+  state.stamp = stamp;
+  state.cycle = record.cycle;
+  state.sequence = sample.sequence;
+  state.robot_time_ns = sample.t_robot_ns;
+  state.age = sample.age_s;
+  state.mode = sample.mode;
+  state.errors = sample.errors;
+  state.config_version = sample.config_version;
+  assign(state.q, sample.q, n);
+  assign(state.dq, sample.dq, n);
+  assign(state.tau_j, sample.tau_J, n);
+  assign(state.tau_j_d, sample.tau_J_d, n);
+  assign(state.tau_ext, sample.tau_ext, sample.has_tau_ext ? n : 0);
+  writer_.write(arm.state_channel, time, state);
+
+  msg::ArmCommand& command = arm.command;
+  command.stamp = stamp;
+  command.cycle = record.cycle;
+  command.owner = instance_name(sample.owner);
+  command.due = sample.due;
+  command.interventions = sample.interventions;
+  assign(command.tau_controllet, sample.tau_controllet, n);
+  assign(command.tau_feature, sample.tau_feature, n);
+  assign(command.tau_cmd, sample.tau_cmd, n);
+  command.limited.resize(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    command.limited[i] = sample.tau_cmd[i] != sample.tau_controllet[i] + sample.tau_feature[i];
+  }
+  writer_.write(arm.command_channel, time, command);
+
+  if (sample.has_wrench_estimate || sample.has_contact_truth) {
+    msg::ArmWrench& wrench = arm.wrench;
+    wrench.stamp = stamp;
+    wrench.cycle = record.cycle;
+    wrench.has_estimate = sample.has_wrench_estimate;
+    wrench.has_contact_truth = sample.has_contact_truth;
+    wrench.estimated = sample.has_wrench_estimate ? to_message(sample.F_K_W_est) : msg::Wrench{};
+    wrench.contact = sample.has_contact_truth ? to_message(sample.F_K_W_true) : msg::Wrench{};
+    writer_.write(arm.wrench_channel, time, wrench);
+  }
+  // By cycle number, not by count: the same cycles in every run, whatever was lost.
+  if (arm.terms && (record.cycle - 1) % options_.model_every == 0) write_model(arm, sample, record);
+}
+
+void Recorder::Sink::write_model(Arm& arm, const ArmSample& sample, const CycleRecord& record) {
+  const auto n = static_cast<Eigen::Index>(arm.joint_count);
+  ModelTerms& terms = *arm.terms;
+  terms.update(JointVector(Eigen::Map<const Eigen::VectorXd>(sample.q.data(), n)),
+               JointVector(Eigen::Map<const Eigen::VectorXd>(sample.dq.data(), n)));
+  msg::ModelSummary& model = arm.model;
+  model.stamp = to_time(record.t.ns);
+  model.cycle = record.cycle;
+  model.pose = to_message(terms.X_WE());
+  const Vector6 V_WE = terms.V_WE().vector;
+  set(model.twist.linear, V_WE.data());
+  set(model.twist.angular, V_WE.data() + 3);
+  model.tau_gravity.assign(terms.g().data(), terms.g().data() + n);
+  model.tau_coriolis.assign(terms.c().data(), terms.c().data() + n);
+  model.manipulability = terms.manipulability();
+  writer_.write(arm.model_channel, log_time(record.t), model);
+}
+
+void Recorder::Sink::write_references(const CycleRecord& record) {
+  reference_.stamp = to_time(record.t.ns);
+  reference_.cycle = record.cycle;
+  for (std::size_t i = 0; i < record.reference_count; ++i) {
+    const ReferenceSample& sample = record.references[i];
+    const auto& instance = layout_.instances.at(sample.instance);
+    const auto& input = instance.inputs.at(sample.input);
+    reference_.instance = instance.name;
+    reference_.input = input.name;
+    reference_.kind = input.quantity;
+    reference_.frame = input.frame;
+    reference_.streaming = sample.streaming;
+    reference_.value.assign(sample.values.begin(), sample.values.begin() + sample.size);
+    const int rates = input.quantity == "pose" ? 6 : sample.size;  // seven numbers, but six velocities
+    reference_.rate.assign(sample.rates.begin(), sample.rates.begin() + rates);
+    writer_.write(reference_channels_[sample.instance][sample.input], log_time(record.t), reference_);
+  }
+}
+
+void Recorder::Sink::write_outputs(const CycleRecord& record) {
+  output_.stamp = to_time(record.t.ns);
+  output_.cycle = record.cycle;
+  for (std::size_t i = 0; i < layout_.instances.size(); ++i) {
+    const auto& instance = layout_.instances[i];
+    for (std::size_t k = 0; k < instance.outputs.size(); ++k) {
+      const auto& output = instance.outputs[k];
+      const auto begin = record.outputs.begin() + static_cast<std::ptrdiff_t>(output.offset);
+      const auto end = begin + static_cast<std::ptrdiff_t>(output.size);
+      if (std::all_of(begin, end, [](double value) { return std::isnan(value); })) continue;  // not active
+      output_.instance = instance.name;
+      output_.name = output.name;
+      output_.values.assign(begin, end);
+      writer_.write(output_channels_[i][k], log_time(record.t), output_);
+    }
+  }
+}
+
+void Recorder::Sink::write_timing(const CycleRecord& record) {
+  msg::CycleTiming timing;
+  timing.stamp = to_time(record.t.ns);
+  timing.cycle = record.cycle;
+  timing.start = seconds(record.start - first_start_);
+  timing.period = record.period_s;
+  timing.overruns = record.overruns;
+  timing.read = as_seconds(record.stages.read);
+  timing.controllets = as_seconds(record.stages.controllets);
+  timing.features = as_seconds(record.stages.features);
+  timing.safety = as_seconds(record.stages.safety);
+  timing.write = as_seconds(record.stages.write);
+  timing.total = as_seconds(record.stages.total);
+  timing.records_lost = cycles_lost_;
+  writer_.write(timing_channel_, log_time(record.t), timing);
+}
+
+void Recorder::Sink::write_config(Arm& arm, LoopTime t, std::uint64_t cycle) {
+  if (arm.terms) arm.terms->set_config(arm.frames, arm.tool, arm.load);
+  const auto inertia = [](const Matrix3& I) {
+    return std::array<double, 6>{I(0, 0), I(0, 1), I(0, 2), I(1, 1), I(1, 2), I(2, 2)};
+  };
+  const auto point = [](const Vector3& p) {
+    msg::Point out;
+    out.x = p.x(), out.y = p.y(), out.z = p.z();
+    return out;
+  };
+  msg::ArmConfig config;
+  config.stamp = to_time(t.ns);
+  config.cycle = cycle;
+  config.arm = arm.name;
+  config.end_effector = to_message(arm.frames.X_FE);
+  config.stiffness = to_message(arm.frames.X_EK);
+  config.tool_mass = arm.tool.mass;
+  config.tool_centre = point(arm.tool.p_FC);
+  config.tool_inertia = inertia(arm.tool.inertia_C);
+  config.load_mass = arm.load.mass;
+  config.load_centre = point(arm.load.p_FC);
+  config.load_inertia = inertia(arm.load.inertia_C);
+  writer_.write(arm.config_channel, log_time(t), config);
+}
+
+}  // namespace multipanda

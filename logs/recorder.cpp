@@ -1,0 +1,130 @@
+#include "logs/recorder.hpp"
+
+#include <chrono>
+#include <csignal>
+#include <ctime>
+#include <pthread.h>
+
+#include "logs/record_messages.hpp"
+
+namespace multipanda {
+
+std::vector<std::string> RecorderStatus::missing() const {
+  std::vector<std::string> out;
+  if (cycles_lost > 0) {
+    out.push_back(std::to_string(cycles_lost) +
+                  " cycles are not in the log: its writer fell too far behind the loop");
+  }
+  if (events_lost > 0)
+    out.push_back(std::to_string(events_lost) + " events are not in the log: too many at once");
+  if (writer.messages_lost > 0) {
+    std::string text =
+        std::to_string(writer.messages_lost) + " messages could not be written (" + writer.error + "):";
+    for (const auto& [topic, count] : writer.lost_by_topic) text += " " + topic + " " + std::to_string(count);
+    out.push_back(text);
+  } else if (!writer.error.empty()) {
+    out.push_back(writer.error);
+  }
+  return out;
+}
+
+Recorder::Recorder(const std::filesystem::path& log, const RecordLayout& layout, RecordRing& ring,
+                   std::vector<RecordedArm> arms, RecorderOptions options)
+    : ring_(ring), sink_(std::make_unique<Sink>(log, layout, std::move(arms), std::move(options))) {
+  status_.log = log;
+  publish_status();
+  thread_ = std::thread([this] { run(); });
+}
+
+Recorder::~Recorder() { (void)stop(); }
+
+void Recorder::run() {
+  pthread_setname_np(pthread_self(), "recorder");
+  sigset_t all;  // signals are the main thread's business
+  sigfillset(&all);
+  pthread_sigmask(SIG_BLOCK, &all, nullptr);
+  auto published = std::chrono::steady_clock::now();
+  while (true) {
+    const bool last_round = stopping_.load(std::memory_order_acquire);
+    const bool any = drain();
+    sink_->writer().flush_if_due();
+    if (const auto now = std::chrono::steady_clock::now(); now - published > std::chrono::milliseconds(50)) {
+      publish_status();
+      published = now;
+    }
+    if (last_round) return;
+    if (!any) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+}
+
+// Events stand before the record of their cycle, whenever they are seen here: the file's order is that of the
+// loop.
+bool Recorder::drain() {
+  bool any = false;
+  while (const CycleRecord* record = ring_.ring.front()) {
+    for (const Event* event = ring_.events.front(); event != nullptr && event->cycle <= record->cycle;
+         event = ring_.events.front()) {
+      sink_->write(*event);
+      ring_.events.pop();
+    }
+    sink_->write(*record);
+    ring_.ring.pop();
+    sink_->writer().flush_if_due();
+    any = true;
+    if (sink_->cycles() % 1024 == 0) break;  // look after status and stop now and then
+  }
+  return any;
+}
+
+void Recorder::publish_status() {
+  const std::lock_guard lock(status_mutex_);
+  status_.cycles = sink_->cycles();
+  status_.cycles_lost = ring_.dropped_records.load(std::memory_order_relaxed);
+  status_.events_lost = ring_.dropped_events.load(std::memory_order_relaxed);
+  status_.writer = sink_->writer().status();
+}
+
+RecorderStatus Recorder::status() const {
+  const std::lock_guard lock(status_mutex_);
+  return status_;
+}
+
+RecorderStatus Recorder::stop() {
+  if (!thread_.joinable()) return status();
+  stopping_.store(true, std::memory_order_release);
+  thread_.join();
+  while (drain()) {
+  }
+  while (const Event* event = ring_.events.front()) {
+    sink_->write(*event);
+    ring_.events.pop();
+  }
+  sink_->writer().flush();
+  publish_status();
+  sink_->write_missing(status());
+  sink_->writer().close();
+  publish_status();
+  return status();
+}
+
+std::filesystem::path make_run_directory(const std::filesystem::path& directory, const std::string& scene) {
+  const std::time_t now = std::time(nullptr);
+  std::tm local{};
+  localtime_r(&now, &local);
+  char stamp[32];
+  (void)std::strftime(stamp, sizeof(stamp), "%Y-%m-%d_%H-%M-%S", &local);
+  std::filesystem::path base = directory / (std::string(stamp) + "_" + scene);
+  std::error_code error;
+  std::filesystem::create_directories(directory, error);
+  std::filesystem::path path = base;
+  for (int n = 2; !error && !std::filesystem::create_directory(path, error); ++n) {
+    path = base.string() + "_" + std::to_string(n);  // there already: two runs in one second
+  }
+  if (error) {
+    throw std::runtime_error("cannot create the folder " + path.string() + ": " + error.message() +
+                             "; choose another one or make it writable");
+  }
+  return path;
+}
+
+}  // namespace multipanda
