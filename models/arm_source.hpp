@@ -1,0 +1,13 @@
+#pragma once
+
+#include "core/model/arm_model.hpp"
+#include "models/robot_description.hpp"
+
+namespace multipanda {
+
+// What the core's ArmModel is built from: the URDF without geometry, the limits, the home configuration.
+// X_WB places the base in the world. Throws std::invalid_argument if a hand is asked for and the robot has
+// none.
+ArmModelSource arm_model_source(const RobotDescription& robot, const Pose& X_WB, bool hand);
+
+}  // namespace multipanda

@@ -1,0 +1,132 @@
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/types/joints.hpp"
+#include "core/types/spatial.hpp"
+#include "models/rigid_body.hpp"
+
+// What is known of one make of arm, as plain data read from one YAML file (docs/models.md has every key).
+// The arm is a chain: link0 (base), joint1, link1, ... jointN, linkN, flange, and perhaps a hand on the
+// flange. Every joint is revolute and turns about the z axis of the link that it moves.
+namespace multipanda {
+
+// Pose of a frame in its parent, as the maker gives it.
+struct Placement {
+  Vector3 position = Vector3::Zero();  // [m]
+  Vector3 rpy = Vector3::Zero();       // R = Rz(yaw) Ry(pitch) Rx(roll) [rad]
+  Pose pose() const;
+};
+
+// Every vector (n x 1).
+struct JointLimits {
+  JointVector q_min, q_max;  // [rad]
+  JointVector dq_max;        // [rad/s]
+  JointVector tau_max;       // [N m]
+  JointVector ddq_max;       // [rad/s^2]
+  JointVector dddq_max;      // [rad/s^3]
+  JointVector tau_rate_max;  // [N m/s]
+};
+
+// Limits of the arm's Cartesian interface; linear in [m/s^k], angular in [rad/s^k].
+struct CartesianLimits {
+  double velocity = 0, acceleration = 0, jerk = 0;
+  double rotation_velocity = 0, rotation_acceleration = 0, rotation_jerk = 0;
+  double elbow_velocity = 0, elbow_acceleration = 0, elbow_jerk = 0;  // 0: not given
+};
+
+// tau_f(dq) = p1 / (1 + exp(-p2 (dq + p3))) - p1 / (1 + exp(-p2 p3)), per joint; acts against the motion.
+struct JointFriction {
+  JointVector p1;  // [N m]
+  JointVector p2;  // [s/rad]
+  JointVector p3;  // [rad/s]
+};
+
+// All points within `radius` of the segment from one point to the other, in the frame of `link`.
+struct Capsule {
+  std::string link;                                      // "link0" to "linkN", or "hand"
+  Vector3 from = Vector3::Zero(), to = Vector3::Zero();  // ends of the segment [m]
+  double radius = 0;                                     // [m]
+};
+
+enum class ShapeKind { capsule, cylinder, sphere, box };
+
+// A primitive for pictures; a box also serves as the finger's collision shape.
+struct Shape {
+  ShapeKind kind = ShapeKind::box;
+  std::string link;                                      // frame that it is given in
+  Vector3 from = Vector3::Zero(), to = Vector3::Zero();  // capsule, cylinder: the axis [m]
+  double radius = 0;                                     // capsule, cylinder, sphere [m]
+  Placement center;                                      // sphere, box
+  Vector3 size = Vector3::Zero();                        // box: full edge lengths [m]
+  std::string color;                                     // a name of shape_colors()
+};
+
+// A parallel gripper on the flange. The left finger slides along +y of the hand, the right one is the left
+// one turned by pi about the hand's z axis.
+struct HandDescription {
+  Placement mount;             // hand in the flange
+  Placement tcp;               // tool centre point in the hand
+  Placement finger_mount;      // left finger's frame in the hand, fingers closed
+  RigidBody body;              // without the fingers, in the hand's frame
+  RigidBody finger;            // one finger, in its own frame
+  double finger_travel = 0;    // of one finger, from closed [m]
+  double finger_velocity = 0;  // [m/s]
+  double finger_effort = 0;    // [N]
+  std::vector<Capsule> palm_capsules,
+      finger_capsules;              // link "hand"; the latter cover the fingers in any opening
+  std::vector<Shape> finger_boxes;  // of one finger, in its frame; for fingers that move
+  std::vector<Shape> visuals, finger_visuals;
+};
+
+struct RobotDescription {
+  std::string name;                           // as in scenes: "fer"
+  std::string title;                          // for people
+  std::filesystem::path file;                 // where it was read
+  std::map<std::string, std::string> origin;  // per section: who published the figures, and what was changed
+
+  std::vector<Placement> joints;  // joint i+1 in link i; (n)
+  Placement flange;               // in the last link
+  std::vector<RigidBody> links;   // (n + 1), link0 first
+  JointLimits limits;
+  std::optional<CartesianLimits> cartesian;
+  std::optional<JointFriction> friction;
+  JointVector q_home;  // the `ready` configuration [rad]
+
+  std::vector<Capsule> capsules;                                   // of the links, not of the hand
+  std::vector<std::pair<std::string, std::string>> ignored_pairs;  // of links that never meet, or always
+
+  std::vector<Shape> visuals;                 // empty: the capsules are shown
+  std::map<std::string, std::string> meshes;  // link -> file below a folder of meshes, where one is installed
+  std::optional<HandDescription> hand;
+
+  std::size_t joint_count() const { return joints.size(); }
+};
+
+// The hand with both fingers closed as one rigid body, in the hand's frame.
+RigidBody rigid_hand(const HandDescription& hand);
+
+// Whether two links ("link0".."linkN", "hand") are never checked against each other: neighbours and
+// ignored_pairs. The hand's neighbour is the last link.
+bool is_ignored_pair(const RobotDescription& robot, const std::string& a, const std::string& b);
+
+// Reads a robot by name ("fer": models/fer.yaml of the project, or of the folder in the environment variable
+// MULTIPANDA_SHARE) or by path (anything with a slash or ending in .yaml).
+// Throws std::invalid_argument: file:line, what was expected, the nearest valid name.
+RobotDescription load_robot(const std::string& name_or_path);
+
+// Names that load_robot knows, sorted.
+std::vector<std::string> available_robots();
+
+// Folder that holds the robots' files.
+std::filesystem::path models_folder();
+
+// Colours of the primitives: red, green, blue, each 0 to 1.
+const std::map<std::string, Vector3>& shape_colors();
+
+}  // namespace multipanda

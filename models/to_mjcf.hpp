@@ -1,0 +1,46 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "models/robot_description.hpp"
+
+namespace multipanda {
+
+// Who touches whom in a scene: `type` says what a geom is, `affinity` what it touches; MuJoCo lets two geoms
+// touch if either touches the other. Links touch links of any arm, objects and the floor; link0 and link1
+// touch no floor, for the maker's capsules reach through it, and not each other, for they overlap. MuJoCo's
+// default (1, 1) counts as floor.
+struct CollisionBits {
+  int type = 0;
+  int affinity = 0;
+};
+inline constexpr CollisionBits kFloorBits{1, 2 | 4};
+inline constexpr CollisionBits kArmBits{2, 1 | 2 | 4 | 8};     // link2 and up, and the hand
+inline constexpr CollisionBits kObjectBits{4, 1 | 2 | 4 | 8};  // everything else in a scene
+inline constexpr CollisionBits kBaseBits{8, 2 | 4};            // link0 and link1
+
+enum class Fingers { locked, movable };
+
+struct MjcfOptions {
+  bool hand = false;
+  // locked: part of the rigid hand, closed, exactly as in the URDF. movable: two mirrored slide joints
+  // `finger_joint1`, `finger_joint2` and the position actuator `fingers`, control 0 (closed) to the travel
+  // [m].
+  Fingers fingers = Fingers::locked;
+  std::string prefix;            // put before every name
+  std::filesystem::path meshes;  // folder of meshes to show in place of the primitives; empty: primitives
+};
+
+// MJCF of one arm: body link0 at the origin, joints and torque motors (gear 1, no limit of control)
+// joint1..jointN, sites `flange` and `hand_tcp`. Armature, damping and friction are zero: what surrounds the
+// rigid body is the business of the plant. Visible geoms are in group 2 and touch nothing, collision capsules
+// are in group 3. No <option>: the scene sets time step and integrator. Throws std::invalid_argument if a
+// hand is asked for and the robot has none.
+std::string to_mjcf(const RobotDescription& robot, const MjcfOptions& options = {});
+
+// Folder of the Panda's meshes of the Python package example-robot-data, if it is installed in the project's
+// environment; else empty.
+std::filesystem::path installed_meshes();
+
+}  // namespace multipanda
