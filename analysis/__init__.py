@@ -1,0 +1,1 @@
+"""Reports of runs: pure functions of exported logs."""
