@@ -7,10 +7,9 @@
 #include <Eigen/LU>
 
 namespace multipanda {
-namespace {
 
-// Inverse of the symmetric positive semi-definite A with its eigenvalues raised to the floor. The eigenvalues
-// are only computed where the floor acts: A - floor * I has a Cholesky factor exactly when all lie above it.
+// The eigenvalues are only computed where the floor acts: A - floor * I has a Cholesky factor exactly when
+// all lie above it.
 Matrix6 floored_inverse(const Matrix6& A, bool& floored) {
   constexpr double kFloor = TaskSpace::kMobilityFloor;
   const Eigen::LLT<Matrix6> above(A - kFloor * Matrix6::Identity());
@@ -20,8 +19,6 @@ Matrix6 floored_inverse(const Matrix6& A, bool& floored) {
   const Vector6 inverse = eigen.eigenvalues().cwiseMax(kFloor).cwiseInverse();
   return eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose();
 }
-
-}  // namespace
 
 void compute_task_space(const Jacobian& J, const JointMatrix& M, TaskSpace& task) {
   with_joint_count(static_cast<std::size_t>(J.cols()), [&]<int N>() {

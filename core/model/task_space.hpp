@@ -23,6 +23,9 @@ struct TaskSpace {
   JointVector null_space_velocity(const Jacobian& J, const JointVector& dq) const;
 };
 
+// Inverse of the symmetric positive semi-definite A with its eigenvalues raised to kMobilityFloor. NaN: NaN.
+Matrix6 floored_inverse(const Matrix6& A, bool& floored);
+
 // Fills `task` from J (6 x n) and M (n x n). No allocation. Loop thread.
 void compute_task_space(const Jacobian& J, const JointMatrix& M, TaskSpace& task);
 

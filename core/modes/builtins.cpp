@@ -1,6 +1,10 @@
 // The one list of what comes with multipanda: a new controllet or feature adds its line here.
+#include "core/controllets/cartesian_impedance.hpp"
+#include "core/controllets/coupled_dual_cartesian_impedance.hpp"
+#include "core/controllets/dual_cartesian_impedance.hpp"
 #include "core/controllets/gravity_compensation.hpp"
 #include "core/controllets/hold.hpp"
+#include "core/controllets/joint_impedance.hpp"
 #include "core/features/joint_limits.hpp"
 #include "core/modes/registry.hpp"
 
@@ -10,6 +14,10 @@ Registry Registry::with_builtins() {
   Registry registry;
   registry.add(hold_controllet());
   registry.add(gravity_compensation_controllet());
+  registry.add(joint_impedance_controllet());
+  registry.add(cartesian_impedance_controllet());
+  registry.add(dual_cartesian_impedance_controllet());
+  registry.add(coupled_dual_cartesian_impedance_controllet());
   registry.add(joint_limits_feature());
   return registry;
 }

@@ -1,0 +1,87 @@
+#pragma once
+
+#include <vector>
+
+#include "core/controllets/controllet.hpp"
+#include "core/controllets/task_spring.hpp"
+
+// The Cartesian impedance of one arm, as every Cartesian controllet uses it. Loop thread, no allocation.
+namespace multipanda {
+
+enum class Projector : std::uint8_t {
+  dynamic,             // N = I - J^T J_bar^T: the null-space torque does not accelerate the end effector
+  paper_pseudoinverse  // N = (I - J^+ J)^T, as the paper prints it: it does, by the coupling of M
+};
+enum class StiffnessAxes : std::uint8_t {
+  world,
+  end_effector  // of the set-point's end effector: they rest while the target does, so the spring stores
+                // energy
+};
+
+struct ImpedanceGains {
+  Vector3 translational_stiffness;  // [N/m]
+  Vector3 rotational_stiffness;     // [N m/rad]
+  double damping_ratio = 1;         // zeta
+  StiffnessAxes axes = StiffnessAxes::world;
+  bool acceleration_feedforward = true;
+
+  TaskStiffness stiffness(const Matrix3& R_W_d) const;  // world axes, for the set-point's orientation
+};
+
+struct NullSpaceGains {
+  double stiffness = 0;      // K_N [N m/rad]
+  double damping_ratio = 1;  // of D_N
+  Projector projector = Projector::dynamic;
+};
+
+struct CartesianTarget {
+  Pose X_W_d;
+  Twist V_d, A_d;  // of the set-point, world axes
+
+  static CartesianTarget of(const Reference& pose) {
+    return {pose.pose(), pose.twist(), pose.acceleration()};
+  }
+};
+
+// What the law makes of one frame, given its inertia: world axes, at the frame's origin.
+struct TaskForce {
+  Vector6 error;   // pose_error(X_d, X)
+  Vector6 spring;  // gradient part [N, N m]
+  Vector6 total;   // spring + D (V_d - V) + Lambda A_d
+};
+
+// K_c x~ + D_c (V_d - V) + Lambda A_d with D_c by task_damping(Lambda, K_c, zeta).
+TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& target, const Pose& X,
+                          const Vector6& V, const Matrix6& Lambda);
+
+// tau_null = N (K_N (q_N - q) - D_N N^T dq), D_N = 2 zeta sqrt(K_N diag M). With N^T the damping cannot feed
+// energy in, whatever the projector (-D_N dq inside N can). Bounded in singular poses: the eigenvalues of N
+// stay within [0, 1].
+JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N);
+
+// The whole law: tau = J^T F + tau_null + C dq. fault: the torque is not finite.
+LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGains& null_space,
+                                  const CartesianTarget& target, OwnedArm& arm, const JointVector& q_N,
+                                  TaskForce& force);
+
+// --- statement parts that Cartesian controllets share, in this order ---
+enum CartesianParameter : std::size_t {
+  kTranslationalStiffness,
+  kRotationalStiffness,
+  kCartesianDampingRatio,
+  kStiffnessAxes,
+  kAccelerationFeedforward,
+  kNullSpaceStiffness,
+  kProjector,
+  kCartesianParameterCount
+};
+std::vector<ParameterSpec> cartesian_parameters();
+ImpedanceGains impedance_gains(const ParameterSet& parameters);
+NullSpaceGains null_space_gains(const ParameterSet& parameters);
+
+// Outputs of one arm: error 3 + 3, wrench 3 + 3; `prefix` is "" or "first_".
+inline constexpr std::size_t kCartesianOutputSize = 12;
+std::vector<OutputSpec> cartesian_outputs(const std::string& prefix = "");
+void show(const TaskForce& force, std::span<double> outputs);
+
+}  // namespace multipanda

@@ -1,0 +1,38 @@
+#pragma once
+
+#include "core/types/spatial.hpp"
+
+namespace multipanda {
+
+// Cooperative coordinates of two hands that share a frame A. Each hand E_i carries A at a fixed offset
+// X_EiA, so both have an estimate X_WA_i = X_WEi X_EiA of it. With phi = log(R_2 R_1^T):
+//   absolute pose   p_a = (p_1 + p_2) / 2,   R_a = exp(phi / 2) R_1     (geodesic mean)
+//   relative pose   p_r = p_2 - p_1,         phi                        (world axes)
+// Rates: V_a the twist of A, V_r = [dp_r/dt; dphi/dt]. L is the Jacobian of these coordinates, not an
+// approximation for small phi:
+//   [V_a; V_r] = [L_a1 L_a2; L_r1 L_r2] [V_WE1; V_WE2]
+// so [F_1; F_2] = L^T [F_a; F_r] conserves power exactly. While the estimates nearly coincide phi is near 0,
+// whatever the hands' own orientations (facing each other: a half turn apart); the coordinates lose their
+// meaning towards |phi| = pi.
+struct CooperativeFrame {
+  CooperativeFrame(const Pose& X_WE1, const Pose& X_E1A, const Pose& X_WE2, const Pose& X_E2A);
+
+  Vector6 absolute_velocity(const Vector6& V_WE1, const Vector6& V_WE2) const {
+    return L_a1 * V_WE1 + L_a2 * V_WE2;
+  }
+  Vector6 relative_velocity(const Vector6& V_WE1, const Vector6& V_WE2) const {
+    return L_r1 * V_WE1 + L_r2 * V_WE2;
+  }
+  Vector6 first_wrench(const Vector6& F_a, const Vector6& F_r) const {
+    return L_a1.transpose() * F_a + L_r1.transpose() * F_r;
+  }
+  Vector6 second_wrench(const Vector6& F_a, const Vector6& F_r) const {
+    return L_a2.transpose() * F_a + L_r2.transpose() * F_r;
+  }
+
+  Pose X_WA;         // absolute
+  Vector6 relative;  // [p_r; phi]
+  Matrix6 L_a1, L_a2, L_r1, L_r2;
+};
+
+}  // namespace multipanda

@@ -1,0 +1,12 @@
+#pragma once
+
+#include "core/controllets/controllet.hpp"
+
+namespace multipanda {
+
+// Every joint a spring and a damper towards its set-point.
+//   tau = K (q_d - q) + D (dq_d - dq) + C dq  (+ M ddq_d)
+// D by the coupled design from the full M and K (every mode has damping ratio zeta), or each joint alone.
+ControlletType joint_impedance_controllet();
+
+}  // namespace multipanda
