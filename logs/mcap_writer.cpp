@@ -4,6 +4,7 @@
 #include <cerrno>
 #include <cstring>
 #include <fcntl.h>
+#include <sys/file.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -15,6 +16,9 @@ McapWriter::McapWriter(const std::filesystem::path& path, const Options& options
     throw std::runtime_error("cannot create the log " + path.string() + ": " + std::strerror(errno) +
                              "; choose another folder or make this one writable");
   }
+  // Tells repair() that somebody is still writing; gone with this process, however it ends. A file system
+  // without locks loses only that warning.
+  (void)!::flock(file_, LOCK_EX | LOCK_NB);
   pending_ = std::string(mcap::kMagic) + mcap::header_record("multipanda");
   append_pending_and({});
 }

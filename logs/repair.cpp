@@ -3,8 +3,10 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
+#include <fcntl.h>
 #include <stdexcept>
 #include <string>
+#include <sys/file.h>
 #include <unistd.h>
 #include <utility>
 
@@ -16,15 +18,30 @@ namespace {
 
 using mcap::Opcode;
 
+// Held while a log is repaired: against a writer that is still at work, whose data would go into the replaced
+// file, and against a second repair.
+class Lock {
+ public:
+  explicit Lock(const std::filesystem::path& path) : file_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
+    if (file_ < 0)
+      throw std::runtime_error("cannot open the log " + path.string() + ": " + std::strerror(errno));
+    if (::flock(file_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
+    ::close(file_);
+    throw std::runtime_error(path.string() + " is still being written: end that run first");
+  }
+  ~Lock() { ::close(file_); }
+  Lock(const Lock&) = delete;
+  Lock& operator=(const Lock&) = delete;
+
+ private:
+  int file_;
+};
+
 // The new file; removed again unless it is put in place.
 class Replacement {
  public:
   explicit Replacement(const std::filesystem::path& target)
-      : target_(target), path_(target.string() + ".repair"), file_(std::fopen(path_.c_str(), "wbx")) {
-    if (file_ == nullptr && errno == EEXIST) {
-      throw std::runtime_error(path_.string() +
-                               " exists: another repair is under way, or was killed; remove it");
-    }
+      : target_(target), path_(target.string() + ".repair"), file_(std::fopen(path_.c_str(), "wb")) {
     if (file_ == nullptr) fail();
   }
   ~Replacement() {
@@ -93,6 +110,7 @@ mcap::ChunkIndexEntries index_of(std::string_view records, mcap::Summary& summar
 
 RepairResult repair_log(const std::filesystem::path& path) {
   RepairResult result;
+  const Lock lock(path);
   if (ends_with_footer(path)) {
     result.was_complete = true;
     McapReader reader(path);

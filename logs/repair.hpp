@@ -14,7 +14,8 @@ struct RepairResult {
 
 // Gives the log of a killed process, or of a full disk, its index and footer: every whole chunk is kept as it
 // is. The new file is written beside the old one and takes its place only when it is complete, so a failure
-// leaves the old one as it was. Throws std::runtime_error saying why (no MCAP file, no room, ...).
+// leaves the old one as it was. Throws std::runtime_error saying why (no MCAP file, still being written, no
+// room, ...).
 RepairResult repair_log(const std::filesystem::path& path);
 
 }  // namespace multipanda

@@ -94,6 +94,22 @@ TEST_F(Repair, ZerosAtTheEndAreDropped) {  // a block that was allotted but neve
   EXPECT_GT(result.bytes_dropped, 5000u - 3000u);  // the last chunk, cut, may have taken some as its own
 }
 
+TEST_F(Repair, RefusesALogThatIsStillBeingWritten) {
+  McapWriter writer(log_);
+  const std::string before = content_of(log_);
+  EXPECT_THROW(repair_log(log_), std::runtime_error);
+  EXPECT_EQ(content_of(log_), before);
+  writer.close();
+  EXPECT_TRUE(repair_log(log_).was_complete);
+}
+
+TEST_F(Repair, RestOfAKilledRepairDoesNotMatter) {
+  put_content(log_, whole_.substr(0, whole_.size() / 2));
+  put_content(log_.string() + ".repair", "half a file");
+  repair_log(log_);
+  EXPECT_TRUE(read(log_).second);
+}
+
 TEST_F(Repair, FailureLeavesTheLogAlone) {
   const std::string cut = whole_.substr(0, whole_.size() / 2);
   put_content(log_, cut);
