@@ -211,6 +211,19 @@ TEST(Texts, HandIsRefusedWhereThereIsNone) {
   EXPECT_THROW(to_mjcf(robot, {.hand = true}), std::invalid_argument);
 }
 
+TEST(Texts, MeshesTakeThePlaceOfPrimitives) {
+  const RobotDescription fer = load_robot("fer");
+  const std::string text = to_mjcf(fer, {.hand = true, .meshes = "some/folder"});
+  EXPECT_THAT(text,
+              AllOf(HasSubstr("file=\"some/folder/collision/link5.stl\""), HasSubstr("mesh=\"link5\"")));
+  EXPECT_THAT(text, testing::Not(HasSubstr("type=\"cylinder\"")));  // no primitive is left
+  const auto installed = installed_meshes();
+  if (!installed.empty()) {
+    for (const auto& mesh : fer.meshes)
+      EXPECT_TRUE(std::filesystem::exists(installed / mesh.second)) << mesh.second;
+  }
+}
+
 TEST(Generated, FilesAreUpToDate) {
   const std::filesystem::path folder = MULTIPANDA_SOURCE_DIR "/models/generated";
   const auto expected = exported_models();
