@@ -1,0 +1,146 @@
+#include "scene/build.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+
+#include "models/arm_source.hpp"
+
+namespace multipanda {
+namespace {
+
+InstanceIndex find_instance(const MultimodeController& controller, const std::string& name) {
+  const InstanceIndex index = controller.find(name);
+  if (index == kNoInstance) {
+    throw std::invalid_argument("the multimode controller has no controllet '" + name +
+                                "'; build it from the same scene (build_cycle_config)");
+  }
+  return index;
+}
+
+InstanceSet find_all(const MultimodeController& controller, const std::vector<std::string>& names) {
+  InstanceSet set = 0;
+  for (const auto& name : names) set |= bit(find_instance(controller, name));
+  return set;
+}
+
+ArmSet find_arms(const MultimodeController& controller, const std::vector<std::string>& names) {
+  if (names.empty()) return ArmSet::all(controller.arm_count());
+  ArmSet set;
+  for (const auto& name : names) {
+    ArmIndex arm = 0;
+    while (arm < controller.arm_count() && controller.arm_name(arm) != name) ++arm;
+    if (arm == controller.arm_count()) {
+      throw std::invalid_argument("the multimode controller has no arm '" + name +
+                                  "'; build it from the same scene");
+    }
+    set |= ArmSet::of(arm);
+  }
+  return set;
+}
+
+void copy_values(const std::vector<double>& values, std::uint8_t& size, std::span<double> out) {
+  if (values.size() > out.size()) throw std::invalid_argument("too many values in an event");
+  size = static_cast<std::uint8_t>(values.size());
+  std::copy(values.begin(), values.end(), out.begin());
+}
+
+Request request_of(const TimelineEvent& event, const MultimodeController& controller) {
+  using What = TimelineEvent::What;
+  Request request;
+  if (event.what == What::switch_controllets) {
+    request.activate = find_all(controller, event.activate);
+    request.deactivate = find_all(controller, event.deactivate);
+    request.only = event.only;
+    return request;
+  }
+  if (event.what == What::resume) {
+    request.kind = Request::Kind::resume;
+    request.arms = find_arms(controller, event.arms);
+    return request;
+  }
+  request.instance = find_instance(controller, event.controllet);
+  const Instance& instance = controller.instance(request.instance);
+  if (event.what == What::set_parameter) {
+    request.kind = Request::Kind::set_parameter;
+    request.index = static_cast<std::uint16_t>(instance.find_parameter(event.name));
+    copy_values(event.values, request.size, request.values);
+  } else if (event.what == What::set_feature) {
+    request.kind = Request::Kind::set_feature;
+    request.index = static_cast<std::uint16_t>(instance.find_feature(event.name));
+    request.on = event.on;
+  } else {
+    request.kind = Request::Kind::set_target;
+    request.index = static_cast<std::uint16_t>(instance.find_input(event.name));
+    request.target.duration_s = event.duration_s;
+    copy_values(event.values, request.target.size, request.target.values);
+  }
+  return request;
+}
+
+}  // namespace
+
+Registry build_registry(const std::vector<std::string>& plugins) {
+  Registry registry = Registry::with_builtins();
+  for (const auto& path : plugins) registry.load_plugin(path);
+  return registry;
+}
+
+RobotDescription robot_of(const SceneArm& arm) { return load_robot(arm.model); }
+
+std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm) {
+  ArmModelSource source = arm_model_source(robot_of(arm), arm.X_WB, arm.hand);
+  source.name = arm.name;
+  return std::make_shared<const ArmModel>(std::move(source));
+}
+
+ArmConfig arm_config(const SceneArm& arm) {
+  ArmConfig config;
+  config.tool = arm.tool;
+  config.load = arm.load_declared;
+  config.frames.X_EK = arm.X_EK;
+  if (arm.X_FE) {
+    config.frames.X_FE = *arm.X_FE;
+  } else if (arm.hand) {
+    const RobotDescription robot = robot_of(arm);
+    if (!robot.hand)
+      throw std::invalid_argument("arm '" + arm.name + "': the model '" + arm.model + "' has no hand");
+    config.frames.X_FE = robot.hand->mount.pose() * robot.hand->tcp.pose();
+  }
+  return config;
+}
+
+CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) {
+  CycleConfig config;
+  for (const auto& arm : scene.arms) config.arms.push_back({arm.name, build_arm_model(arm), arm.safety});
+  config.controllets = scene.controllets;
+  config.record_capacity = record_capacity;
+  return config;
+}
+
+std::vector<ScheduledRequest> build_schedule(const Scene& scene, const MultimodeController& controller) {
+  std::vector<ScheduledRequest> schedule;
+  for (const auto& event : scene.timeline) {
+    ScheduledRequest scheduled;
+    scheduled.at = LoopTime::from_seconds(event.at_s);
+    if (event.what == TimelineEvent::What::stop) {
+      scheduled.what = ScheduledRequest::What::stop;
+      scheduled.stop = find_arms(controller, event.arms);
+    } else {
+      scheduled.request = request_of(event, controller);
+      // The scene was checked against the registry; this catches a controller built from something else.
+      const Verdict verdict = controller.check(scheduled.request);
+      if (verdict != Verdict::accepted) {
+        throw std::invalid_argument(event.place.file + ":" + std::to_string(event.place.line) +
+                                    ": this event is refused: " + std::string(to_string(verdict)));
+      }
+    }
+    schedule.push_back(scheduled);
+  }
+  return schedule;
+}
+
+InstanceSet start_set(const Scene& scene, const MultimodeController& controller) {
+  return find_all(controller, scene.active);
+}
+
+}  // namespace multipanda

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "core/modes/registry.hpp"
+#include "scene/scene.hpp"
+#include "scene/scene_error.hpp"
+
+// Scene files, read and checked (docs/scene_reference.md). Off the loop only. Everything here throws
+// SceneError: file, line, what was found, what was expected, the nearest valid name.
+namespace multipanda {
+
+// Reads a scene by bare name ("two_arms": config/scenes/two_arms.yaml of the project, or of the folder in the
+// environment variable MULTIPANDA_SHARE) or by path (anything with a slash or ending in .yaml or .yml).
+// `registry` must already have the controllets of the scene's plugins; open_scene does both.
+Scene load_scene(const std::string& path_or_bare_name, const Registry& registry);
+
+// The same from text. `file_name` is what messages show; its folder is where relative paths start.
+Scene parse_scene(const std::string& text, const std::string& file_name, const Registry& registry);
+
+// A scene together with everything that can be named in it.
+struct OpenedScene {
+  Registry registry;  // multipanda's own and the plugins' controllets and features
+  Scene scene;
+};
+OpenedScene open_scene(const std::string& path_or_bare_name);
+
+// Libraries that a scene asks for, as paths. They are all that is checked.
+std::vector<std::string> scene_plugins(const std::string& text, const std::string& file_name);
+
+// Bare names that load_scene knows, sorted.
+std::vector<std::string> available_scenes();
+// Folder that holds them.
+std::string scenes_folder();
+
+}  // namespace multipanda

@@ -1,0 +1,240 @@
+#include <algorithm>
+#include <set>
+
+#include "scene/load_parts.hpp"
+#include "scene/names.hpp"
+#include "scene/schema.hpp"
+
+namespace multipanda {
+namespace {
+
+// Which keys of a reference carry which quantity.
+struct ReferenceKeys {
+  Quantity quantity;
+  std::vector<std::string> keys;
+  const char* expected;
+};
+const std::vector<ReferenceKeys>& reference_keys() {
+  static const std::vector<ReferenceKeys> table{
+      {Quantity::pose,
+       {"position_m", "rpy_rad", "quaternion_wxyz"},
+       "position_m [m] with rpy_rad [rad] or quaternion_wxyz"},
+      {Quantity::twist,
+       {"linear_m_per_s", "angular_rad_per_s"},
+       "linear_m_per_s [m/s] and/or angular_rad_per_s [rad/s]"},
+      {Quantity::wrench, {"force_n", "torque_nm"}, "force_n [N] and/or torque_nm [N m]"},
+      {Quantity::joints, {"q_rad"}, "q_rad [rad], one number per joint"},
+      {Quantity::scalar, {"value"}, "value, one number"}};
+  return table;
+}
+
+std::vector<double> pose_values(const Mapping& mapping) {
+  if (!mapping.has("position_m") || (!mapping.has("rpy_rad") && !mapping.has("quaternion_wxyz"))) {
+    mapping.self().refuse("a pose needs position_m [m] and rpy_rad [rad] or quaternion_wxyz");
+  }
+  const Pose X = read_pose(mapping);
+  const Quaternion q = X.quaternion();
+  return {X.position.x(), X.position.y(), X.position.z(), q.w(), q.x(), q.y(), q.z()};
+}
+
+std::vector<double> reference_values(const Mapping& mapping, const InputSpec& input,
+                                     std::size_t joint_count) {
+  for (const auto& row : reference_keys()) {
+    const auto present = mapping.present(row.keys);
+    if (row.quantity == input.quantity && present.empty()) {
+      mapping.self().refuse("input '" + input.name + "' carries a " + std::string(to_string(row.quantity)) +
+                            ": expected " + row.expected);
+    }
+    if (row.quantity == input.quantity || present.empty()) continue;
+    const auto right = std::find_if(reference_keys().begin(), reference_keys().end(),
+                                    [&](const auto& r) { return r.quantity == input.quantity; });
+    mapping.entry(present[0])
+        .refuse("input '" + input.name + "' carries a " + std::string(to_string(input.quantity)) +
+                ": expected " + right->expected);
+  }
+  const auto pair = [&](const char* first, const char* second) {
+    std::vector<double> values(6, 0.0);
+    std::size_t offset = 0;
+    for (const char* key : {first, second}) {
+      const auto half = mapping.has(key) ? mapping.numbers(key, 3) : std::vector<double>(3, 0.0);
+      std::copy(half.begin(), half.end(), values.begin() + static_cast<std::ptrdiff_t>(offset));
+      offset += 3;
+    }
+    return values;
+  };
+  switch (input.quantity) {
+    case Quantity::pose:
+      return pose_values(mapping);
+    case Quantity::twist:
+      return pair("linear_m_per_s", "angular_rad_per_s");
+    case Quantity::wrench:
+      return pair("force_n", "torque_nm");
+    case Quantity::joints:
+      return mapping.numbers("q_rad", joint_count);
+    case Quantity::scalar:
+      break;
+  }
+  return {mapping.number("value")};
+}
+
+// Reads one event; `active_` follows what would run at its time, so that a reference to a controllet that is
+// not running is found here and not in the middle of a run.
+class TimelineReader {
+ public:
+  explicit TimelineReader(SceneReader& reader) : reader_(reader) {
+    for (const auto& name : reader.scene.active) active_.insert(name);
+  }
+
+  TimelineEvent read(const Mapping& mapping) {
+    TimelineEvent event;
+    event.at_s = mapping.number("at_s");
+    event.place = mapping.self().place();
+    const auto what = mapping.present({"switch", "parameter", "feature", "reference", "stop", "resume"});
+    if (what.size() != 1) {
+      mapping.self().refuse(
+          "expected exactly one of switch, parameter, feature, reference, stop, resume, found " +
+          (what.empty() ? "none" : joined(what, " and ")));
+    }
+    if (what[0] == "switch") read_switch(mapping.section("switch"), event);
+    if (what[0] == "parameter") read_set_parameter(mapping.section("parameter"), event);
+    if (what[0] == "feature") read_set_feature(mapping.section("feature"), event);
+    if (what[0] == "reference") read_reference(mapping.section("reference"), event);
+    if (what[0] == "stop") read_arms(mapping, "stop", TimelineEvent::What::stop, event);
+    if (what[0] == "resume") read_arms(mapping, "resume", TimelineEvent::What::resume, event);
+    return event;
+  }
+
+ private:
+  const InstanceConfig& instance(const Mapping& mapping) {
+    (void)mapping.text("controllet");
+    return reader_.instance(mapping.entry("controllet"));
+  }
+
+  const InstanceConfig& config(const std::string& name) const {
+    for (const auto* list : {&reader_.scene.controllets, &reader_.holds}) {
+      for (const auto& candidate : *list) {
+        if (candidate.name == name) return candidate;
+      }
+    }
+    throw std::logic_error("unknown controllet '" + name + "'");
+  }
+
+  void release(ArmSet arms) {
+    std::erase_if(active_, [&](const auto& name) { return arms_of(config(name)).overlaps(arms); });
+  }
+
+  void read_switch(const Mapping& mapping, TimelineEvent& event) {
+    event.what = TimelineEvent::What::switch_controllets;
+    const auto starting = read_owners(reader_, mapping.text_items("activate"));
+    for (const InstanceConfig* started : starting) {
+      const bool hold = started->name == reader_.scene.arms[started->arms[0]].name + "_hold";
+      if (const ArmSet stopped = arms_of(*started) & stopped_; !stopped.empty() && !hold) {
+        mapping.entry("activate")
+            .refuse("arm '" + reader_.scene.arms[stopped.first()].name +
+                    "' is stopped at that time; expected a 'resume' event before '" + started->name +
+                    "' takes it");
+      }
+      event.activate.push_back(started->name);
+    }
+    for (const auto& name : mapping.text_items("deactivate")) {
+      const std::string& stopping = reader_.instance(name).name;
+      if (std::find(event.activate.begin(), event.activate.end(), stopping) != event.activate.end()) {
+        name.refuse(in_quotes(stopping) + " is in activate and in deactivate");
+      }
+      event.deactivate.push_back(stopping);
+    }
+    event.only = mapping.boolean("only");
+    if (event.activate.empty() && event.deactivate.empty() && !event.only) {
+      mapping.self().refuse(
+          "switches nothing; expected 'activate' or 'deactivate' with names of controllets");
+    }
+    if (event.only) active_.clear();
+    for (const auto& name : event.deactivate) active_.erase(name);
+    for (const InstanceConfig* started : starting) release(arms_of(*started));
+    for (const auto& name : event.activate) active_.insert(name);
+  }
+
+  void read_set_parameter(const Mapping& mapping, TimelineEvent& event) {
+    event.what = TimelineEvent::What::set_parameter;
+    const InstanceConfig& target = instance(mapping);
+    event.controllet = target.name;
+    event.name = mapping.text("name");
+    const ParameterSpec& spec = find_parameter(reader_, target, mapping.entry("name"), event.name);
+    event.values = read_parameter(mapping.entry("value"), spec, reader_.joint_count(target));
+  }
+
+  void read_set_feature(const Mapping& mapping, TimelineEvent& event) {
+    event.what = TimelineEvent::What::set_feature;
+    event.controllet = instance(mapping).name;
+    event.name = mapping.text("name");
+    check_feature(reader_, mapping.entry("name"));
+    event.on = mapping.boolean("on");
+  }
+
+  void read_reference(const Mapping& mapping, TimelineEvent& event) {
+    event.what = TimelineEvent::What::set_reference;
+    const InstanceConfig& target = instance(mapping);
+    event.controllet = target.name;
+    event.name = mapping.text("input");
+    const auto& inputs = reader_.registry.controllet(target.type)->statement.inputs;
+    const auto input =
+        std::find_if(inputs.begin(), inputs.end(), [&](const auto& spec) { return spec.name == event.name; });
+    if (input == inputs.end()) {
+      std::vector<std::string> valid;
+      for (const auto& spec : inputs) valid.push_back(spec.name);
+      mapping.entry("input").refuse("'" + target.type + "' has no input " + in_quotes(event.name) +
+                                    name_hint(event.name, valid, "it has none"));
+    }
+    event.values = reference_values(mapping, *input, reader_.joint_count(target, input->arm));
+    event.duration_s = mapping.number("duration_s");
+    if (!active_.contains(target.name)) {
+      mapping.entry("controllet")
+          .refuse("'" + target.name +
+                  "' does not run at that time; expected it in 'active' or a switch before");
+    }
+  }
+
+  void read_arms(const Mapping& mapping, const std::string& key, TimelineEvent::What what,
+                 TimelineEvent& event) {
+    event.what = what;
+    ArmSet arms;
+    if (!mapping.entry(key).is_word({"all"})) {
+      for (const auto& name : mapping.text_items(key)) {
+        arms |= ArmSet::of(reader_.arm(name));
+        event.arms.push_back(name.node().Scalar());
+      }
+      if (event.arms.empty()) mapping.entry(key).expected("'all' or a list of arms");
+    } else {
+      arms = ArmSet::all(reader_.scene.arms.size());
+    }
+    if (what == TimelineEvent::What::stop) {
+      release(arms);
+      stopped_ |= arms;
+    } else {
+      stopped_ = stopped_ - arms;
+    }
+  }
+
+  SceneReader& reader_;
+  std::set<std::string> active_;  // the built-in holds left out, unless named
+  ArmSet stopped_;
+};
+
+}  // namespace
+
+void read_timeline(const Mapping& root, SceneReader& reader) {
+  std::vector<std::pair<double, Mapping>> events;
+  std::size_t number = 0;
+  for (const auto& item : root.items("timeline")) {
+    Mapping mapping(item.as("event " + std::to_string(++number)), schema::event());
+    events.emplace_back(mapping.number("at_s"), mapping);
+  }
+  std::vector<std::size_t> order(events.size());
+  for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
+  std::stable_sort(order.begin(), order.end(),
+                   [&](auto a, auto b) { return events[a].first < events[b].first; });
+  TimelineReader timeline(reader);
+  for (const std::size_t i : order) reader.scene.timeline.push_back(timeline.read(events[i].second));
+}
+
+}  // namespace multipanda
