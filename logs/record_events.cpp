@@ -50,11 +50,17 @@ std::string_view mode_name(std::uint16_t mode) {
 
 Pose take_pose(const double* v) { return Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6])); }
 
-Load take_load(const double* v) {
+// Mass, centre of mass and, where given, inertia (xx xy xz yy yz zz). Without it, that of `before` if it is
+// the same body.
+Load take_load(const double* v, bool with_inertia, const Load& before) {
   Load load;
   load.mass = v[0];
   load.p_FC = {v[1], v[2], v[3]};
-  load.inertia_C << v[4], v[5], v[6], v[5], v[7], v[8], v[6], v[8], v[9];
+  if (with_inertia) {
+    load.inertia_C << v[4], v[5], v[6], v[5], v[7], v[8], v[6], v[8], v[9];
+  } else if (load.mass == before.mass && load.p_FC == before.p_FC) {
+    load.inertia_C = before.inertia_C;
+  }
   return load;
 }
 
@@ -135,11 +141,13 @@ void Recorder::Sink::write(const Event& event) {
       write_intervention(event);
       return;
     case EventKind::arm_config:
-      if (event.arm < arms_.size() && event.size == 34) {
+      // Two poses, two bodies: 7 + 7 + 4 + 4 numbers, 6 more for each body where its inertia is given.
+      if (event.arm < arms_.size() && (event.size == 22 || event.size == 34)) {
         Arm& arm = arms_[event.arm];
+        const bool with_inertia = event.size == 34;
         arm.frames = {take_pose(&event.values[0]), take_pose(&event.values[7])};
-        arm.tool = take_load(&event.values[14]);
-        arm.load = take_load(&event.values[24]);
+        arm.tool = take_load(&event.values[14], with_inertia, arm.tool);
+        arm.load = take_load(&event.values[with_inertia ? 24 : 18], with_inertia, arm.load);
         write_config(arm, event.t, event.cycle);
       }
       return;

@@ -140,7 +140,7 @@ void Recorder::Sink::write_missing(const RecorderStatus& status) {
 void Recorder::Sink::write(const CycleRecord& record) {
   note_gap(record);
   for (std::size_t i = 0; i < arms_.size(); ++i) {
-    if (cycles_ == 0) write_config(arms_[i], record.t, record.cycle);
+    if (cycles_ == 0 && !arms_[i].configured) write_config(arms_[i], record.t, record.cycle);
     write_arm(arms_[i], record.arms[i], record);
   }
   write_references(record);
@@ -290,6 +290,7 @@ void Recorder::Sink::write_timing(const CycleRecord& record) {
 }
 
 void Recorder::Sink::write_config(Arm& arm, LoopTime t, std::uint64_t cycle) {
+  arm.configured = true;
   if (arm.terms) arm.terms->set_config(arm.frames, arm.tool, arm.load);
   const auto inertia = [](const Matrix3& I) {
     return std::array<double, 6>{I(0, 0), I(0, 1), I(0, 2), I(1, 1), I(1, 2), I(2, 2)};

@@ -37,6 +37,7 @@ class Recorder::Sink {
     std::optional<ModelTerms> terms;
     ArmFrames frames;
     Load tool, load;
+    bool configured = false;  // an ArmConfig was written
     std::uint16_t state_channel = 0, command_channel = 0, model_channel = 0, wrench_channel = 0,
                   config_channel = 0;
     msg::ArmState state;

@@ -216,10 +216,10 @@ TEST(Recorder, ModelSummary) {
   Event config{.kind = EventKind::arm_config};
   config.cycle = 32;
   config.arm = 0;
-  config.size = 34;
+  config.size = 22;
   config.values = {kLength, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0};
-  config.values[24] = 1;
-  config.values[25] = kLength;
+  config.values[18] = 1;
+  config.values[19] = kLength;
   ASSERT_TRUE(ring.events.push(config));
   CycleRecord* last = ring.ring.back();
   ASSERT_NE(last, nullptr);
