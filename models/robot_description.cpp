@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <numbers>
 
 namespace multipanda {
 namespace {

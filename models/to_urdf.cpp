@@ -1,6 +1,5 @@
 #include "models/to_urdf.hpp"
 
-#include <numbers>
 #include <stdexcept>
 
 #include "models/looks.hpp"
