@@ -10,14 +10,15 @@ enum Parameter : std::size_t { kStiffness, kDampingRatio };
 class Hold final : public Controllet {
  public:
   LawResult start(ControlContext& context) override {
-    const OwnedArm& arm = context.arms[0];
-    const auto& limits = arm.model().limits();
-    q_0_ = arm.q().cwiseMax(limits.q_min).cwiseMin(limits.q_max);
-    return LawResult::ok;
+    entered_ = false;
+    enter(context.arms[0]);
+    return LawResult::ok;  // always: there is nothing below it
   }
 
   LawResult update(ControlContext& context) override {
     OwnedArm& arm = context.arms[0];
+    enter(arm);
+    if (!entered_) return LawResult::ok;  // no measurement, no spring: the arm carries itself meanwhile
     const auto K = context.parameters->values(kStiffness);
     const double zeta = context.parameters->number(kDampingRatio);
     const JointMatrix& M = arm.terms->M();
@@ -31,7 +32,16 @@ class Hold final : public Controllet {
   }
 
  private:
+  // An arm is often handed over because its measurement is bad: the first usable one counts.
+  void enter(const OwnedArm& arm) {
+    if (entered_ || !arm.q().allFinite()) return;
+    const auto& limits = arm.model().limits();
+    q_0_ = arm.q().cwiseMax(limits.q_min).cwiseMin(limits.q_max);
+    entered_ = true;
+  }
+
   JointVector q_0_;
+  bool entered_ = false;
 };
 
 }  // namespace

@@ -23,8 +23,10 @@ ParameterSet::ParameterSet(std::vector<ParameterSpec> specs, std::size_t joint_c
                                   " initial values expected, " + std::to_string(spec.initial.size()) +
                                   " given");
     }
-    for (std::size_t k = 0; k < entry.size; ++k) entry.now[k] = spec.initial[one_for_all ? 0 : k];
-    entry.goal = entry.now;
+    for (std::size_t k = 0; k < entry.size; ++k) {
+      entry.now[k] = spec.initial[one_for_all ? 0 : k];
+      entry.goal[k].store(entry.now[k], std::memory_order_relaxed);
+    }
     if (const Verdict verdict = check(i, values(i)); verdict != Verdict::accepted) {
       throw std::invalid_argument("parameter '" + spec.name + "': initial " +
                                   std::string(to_string(verdict)));
@@ -42,15 +44,20 @@ Verdict ParameterSet::check(std::size_t i, std::span<const double> values) const
   for (const double v : values) {
     if (!std::isfinite(v)) return Verdict::not_finite;
     if (v < specs_[i].min || v > specs_[i].max) return Verdict::out_of_bounds;
-    if (!specs_[i].choices.empty() && v != std::floor(v)) return Verdict::out_of_bounds;
+    const auto& choices = specs_[i].choices;
+    if (!choices.empty() && (v != std::floor(v) || v < 0 || v >= static_cast<double>(choices.size()))) {
+      return Verdict::out_of_bounds;
+    }
   }
   return Verdict::accepted;
 }
 
 void ParameterSet::set_now(std::size_t i, std::span<const double> values) {
   auto& entry = entries_[i];
-  std::copy(values.begin(), values.end(), entry.now.begin());
-  entry.goal = entry.now;
+  for (std::size_t k = 0; k < entry.size; ++k) {
+    entry.now[k] = values[k];
+    entry.goal[k].store(values[k], std::memory_order_relaxed);
+  }
   if (entry.remaining_s > 0) --ramping_;
   entry.remaining_s = 0;
   ++version_;
@@ -59,8 +66,10 @@ void ParameterSet::set_now(std::size_t i, std::span<const double> values) {
 void ParameterSet::set(std::size_t i, std::span<const double> values) {
   if (!specs_[i].choices.empty()) return set_now(i, values);
   auto& entry = entries_[i];
-  std::copy(values.begin(), values.end(), entry.goal.begin());
-  for (std::size_t k = 0; k < entry.size; ++k) entry.rate[k] = (entry.goal[k] - entry.now[k]) / kRamp;
+  for (std::size_t k = 0; k < entry.size; ++k) {
+    entry.goal[k].store(values[k], std::memory_order_relaxed);
+    entry.rate[k] = (values[k] - entry.now[k]) / kRamp;
+  }
   if (entry.remaining_s <= 0) ++ramping_;
   entry.remaining_s = kRamp;
 }
@@ -73,11 +82,31 @@ void ParameterSet::advance(double dt) {
     if (entry.remaining_s > 0) {
       for (std::size_t k = 0; k < entry.size; ++k) entry.now[k] += entry.rate[k] * dt;
     } else {
-      entry.now = entry.goal;
-      --ramping_;
+      arrive(entry);
     }
     ++version_;
   }
+}
+
+void ParameterSet::finish() {
+  for (auto& entry : entries_) {
+    if (entry.remaining_s <= 0) continue;
+    arrive(entry);
+    ++version_;
+  }
+}
+
+void ParameterSet::arrive(Entry& entry) {
+  for (std::size_t k = 0; k < entry.size; ++k) entry.now[k] = entry.goal[k].load(std::memory_order_relaxed);
+  entry.remaining_s = 0;
+  --ramping_;
+}
+
+std::vector<double> ParameterSet::target(std::size_t i) const {
+  std::vector<double> values(entries_[i].size);
+  for (std::size_t k = 0; k < values.size(); ++k)
+    values[k] = entries_[i].goal[k].load(std::memory_order_relaxed);
+  return values;
 }
 
 }  // namespace multipanda

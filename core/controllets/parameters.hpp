@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -50,11 +51,15 @@ class ParameterSet {
   std::size_t find(std::string_view name) const;
   Verdict check(std::size_t i,
                 std::span<const double> values) const;  // wrong_size, not_finite, out_of_bounds
+  // The value aimed at. Any thread; allocates, so not the loop. While another thread sets it, single numbers
+  // may still be the old ones.
+  std::vector<double> target(std::size_t i) const;
 
   // --- loop thread (or before the loop) ---
   void set(std::size_t i, std::span<const double> values);      // checked values; approached within kRamp
   void set_now(std::size_t i, std::span<const double> values);  // at once
   void advance(double dt);
+  void finish();  // ends all ramps at their goals: before a start, where there is nothing to keep smooth
   // Changes whenever a current value does: caches of derived terms compare it.
   std::uint32_t version() const { return version_; }
 
@@ -62,7 +67,6 @@ class ParameterSet {
   bool flag(std::size_t i) const { return entries_[i].now[0] > 0.5; }
   std::size_t choice(std::size_t i) const { return static_cast<std::size_t>(entries_[i].now[0] + 0.5); }
   std::span<const double> values(std::size_t i) const { return {entries_[i].now.data(), entries_[i].size}; }
-  std::span<const double> target(std::size_t i) const { return {entries_[i].goal.data(), entries_[i].size}; }
   Vector3 vector3(std::size_t i) const { return Eigen::Map<const Vector3>(entries_[i].now.data()); }
   Vector6 vector6(std::size_t i) const { return Eigen::Map<const Vector6>(entries_[i].now.data()); }
   JointVector joints(std::size_t i) const {
@@ -73,9 +77,12 @@ class ParameterSet {
  private:
   struct Entry {
     std::size_t size = 1;
-    std::array<double, kMaxParameterSize> now{}, goal{}, rate{};
+    std::array<double, kMaxParameterSize> now{}, rate{};
+    std::array<std::atomic<double>, kMaxParameterSize> goal{};  // written by the loop only
     double remaining_s = 0;
   };
+  void arrive(Entry& entry);
+
   std::vector<ParameterSpec> specs_;
   std::vector<Entry> entries_;
   std::size_t ramping_ = 0;  // entries with remaining time

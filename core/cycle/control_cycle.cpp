@@ -86,7 +86,10 @@ void ControlCycle::read(ArmSet due) {
     // In lock-step a state is as old as the simulated time says: the world waited for us.
     state.age_s = state.fresh ? 0.0 : state.age_s + tick.dt;
     if (state.fresh) data_.terms[arm].update(state);
-    if (tick.cycle == 1 && state.tau_J_d.size() > 0) safety_.set_last_command(arm, state.tau_J_d);
+    if (state.fresh && !seen_.contains(arm)) {  // the rate limit begins at what the arm has in use
+      seen_ |= ArmSet::of(arm);
+      safety_.set_last_command(arm, state.tau_J_d);
+    }
   }
 }
 

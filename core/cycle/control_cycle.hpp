@@ -59,6 +59,7 @@ class ControlCycle {
 
   Backend& backend_;
   CycleData data_;
+  ArmSet seen_;  // arms that have delivered a state
   SafetyStage safety_;
   std::unique_ptr<MultimodeController> modes_;
   RecordLayout layout_;

@@ -75,7 +75,7 @@ class ModelTerms {
   struct Scratch;
   std::unique_ptr<Scratch> scratch_;
   std::uint32_t done_ = 0;
-  std::uint32_t config_version_ = 0;
+  std::uint32_t config_version_ = 0xFFFFFFFF;  // none: the first state sets frames and loads
   ArmFrames frames_;
 
   JointVector q_, dq_;

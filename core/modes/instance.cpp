@@ -10,12 +10,17 @@ namespace {
   throw std::invalid_argument("controllet '" + instance + "': " + why);
 }
 
-const ControlletType& controllet_type(const InstanceConfig& config, const Registry& registry) {
+const ControlletType& controllet_type(const InstanceConfig& config, const Registry& registry,
+                                      const ArmBlocks& blocks) {
   const ControlletType* type = registry.controllet(config.type);
   if (type == nullptr) refuse(config.name, "there is no controllet type '" + config.type + "'");
   if (config.arms.size() != type->statement.arms) {
     refuse(config.name, "'" + config.type + "' owns " + std::to_string(type->statement.arms) + " arm(s), " +
                             std::to_string(config.arms.size()) + " given");
+  }
+  if (config.arms.empty()) refuse(config.name, "'" + config.type + "' owns no arm");
+  for (const ArmIndex arm : config.arms) {
+    if (arm >= blocks.states.size()) refuse(config.name, "there is no arm number " + std::to_string(arm));
   }
   return *type;
 }
@@ -33,26 +38,33 @@ constexpr double kNominalPeriod = 0.001;
 
 Instance::Instance(const InstanceConfig& config, const Registry& registry, const ArmBlocks& blocks)
     : name_(config.name),
-      statement_(controllet_type(config, registry).statement),
+      statement_(controllet_type(config, registry, blocks).statement),
       arm_list_(config.arms),
-      parameters_(statement_.parameters,
-                  config.arms.empty() ? 0 : blocks.terms[config.arms[0]].joint_count()) {
+      parameters_(statement_.parameters, blocks.terms[config.arms[0]].joint_count()) {
   std::vector<std::shared_ptr<const ArmModel>> models;
   for (const ArmIndex arm : arm_list_) {
-    if (arm >= blocks.states.size()) refuse(name_, "there is no arm number " + std::to_string(arm));
     if (arms_.contains(arm)) refuse(name_, "it names the same arm twice");
     arms_ |= ArmSet::of(arm);
     models.push_back(blocks.terms[arm].shared_model());
     law_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], &blocks.tau_controllet[arm]});
     feature_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], &blocks.tau_feature[arm]});
   }
-  controllet_ = controllet_type(config, registry).create(models);
+  controllet_ = controllet_type(config, registry, blocks).create(models);
 
   for (InputSpec input : statement_.inputs) {
     for (const auto& change : config.inputs) {
-      if (change.name == input.name) input = change;
+      if (change.name != input.name) continue;
+      input.timeout_s = change.timeout_s;
+      input.max_speed = change.max_speed;
+      input.max_angular_speed = change.max_angular_speed;
     }
-    inputs_.emplace_back(std::move(input), models.at(input.arm)->joint_count());
+    if (input.arm >= models.size())
+      refuse(name_, "input '" + input.name + "' belongs to an arm it does not own");
+    const std::size_t joint_count = models[input.arm]->joint_count();
+    inputs_.emplace_back(std::move(input), joint_count);
+  }
+  for (const auto& change : config.inputs) {
+    if (find_input(change.name) == inputs_.size()) refuse(name_, "it has no input '" + change.name + "'");
   }
   parameter_names_.reserve(statement_.parameters.size());
   for (const auto& parameter : statement_.parameters) parameter_names_.push_back(parameter.name);
@@ -62,8 +74,8 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
   const std::size_t joints = models[0]->joint_count();
   for (const auto& type : registry.features()) {
     features_.push_back({type.statement, type.create(models), ParameterSet(type.statement.parameters, joints),
-                         output_count, false});
-    output_count += total_size(type.statement.outputs);
+                         output_count, total_size(type.statement.outputs)});
+    output_count += features_.back().output_count;
     for (const auto& parameter : type.statement.parameters) {
       parameter_names_.push_back(type.statement.type + "." + parameter.name);
     }
@@ -74,7 +86,7 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
   for (const auto& feature : config.features) {
     const std::size_t i = find_feature(feature);
     if (i == feature_count()) refuse(name_, "there is no feature '" + feature + "'");
-    features_[i].on = true;
+    switch_feature(i, true);
   }
   for (const auto& value : config.parameters) {
     const std::size_t i = find_parameter(value.name);
@@ -111,7 +123,7 @@ const ParameterSpec& Instance::parameter_spec(std::size_t i) const {
   const auto [set, k] = locate(i);
   return set->spec(k);
 }
-std::span<const double> Instance::parameter(std::size_t i) const {
+std::vector<double> Instance::parameter(std::size_t i) const {
   const auto [set, k] = locate(i);
   return set->target(k);
 }
@@ -123,9 +135,13 @@ Verdict Instance::check_parameter(std::size_t i, std::span<const double> values)
   const auto [set, k] = locate(i);
   return set == nullptr ? Verdict::unknown_parameter : set->check(k, values);
 }
-void Instance::set_parameter(std::size_t i, std::span<const double> values) {
+void Instance::set_parameter(std::size_t i, std::span<const double> values, bool active) {
   const auto [set, k] = locate(i);
-  set->set(k, values);
+  if (active) {
+    set->set(k, values);
+  } else {
+    set->set_now(k, values);
+  }
 }
 
 std::size_t Instance::find_feature(std::string_view type) const {
@@ -157,18 +173,21 @@ ControlContext Instance::context(const Tick& tick) {
 
 ControlContext Instance::feature_context(FeatureSlot& slot, const Tick& tick) {
   return {dt_, tick.t.seconds(), feature_arms_,
-          {},  &slot.parameters, std::span(outputs_).subspan(slot.output_offset)};
+          {},  &slot.parameters, std::span(outputs_).subspan(slot.output_offset, slot.output_count)};
 }
 
 LawResult Instance::start(const Tick& tick) try {
   served_ = {};
   dt_ = kNominalPeriod;
   last_tick_ = tick.t + std::chrono::nanoseconds(-1'000'000);
+  parameters_.finish();
   ControlContext law = context(tick);
   controllet_->start_references(law);
   if (controllet_->start(law) != LawResult::ok) return LawResult::fault;
-  for (auto& slot : features_) {
-    if (!slot.on) continue;
+  for (std::size_t i = 0; i < features_.size(); ++i) {
+    FeatureSlot& slot = features_[i];
+    slot.parameters.finish();
+    if (!feature_on(i)) continue;
     ControlContext with = feature_context(slot, tick);
     if (slot.feature->start(with) != LawResult::ok) return LawResult::fault;
   }
@@ -177,13 +196,21 @@ LawResult Instance::start(const Tick& tick) try {
   return LawResult::fault;
 }
 
-LawResult Instance::set_feature(std::size_t i, bool on, const Tick& tick) try {
+void Instance::switch_feature(std::size_t i, bool on) {
+  const std::uint32_t bits = features_on_.load(std::memory_order_relaxed), mask = 1u << i;
+  features_on_.store(on ? bits | mask : bits & ~mask, std::memory_order_relaxed);
+}
+
+LawResult Instance::set_feature(std::size_t i, bool on, bool active, const Tick& tick) try {
   FeatureSlot& slot = features_[i];
-  if (on && !slot.on) {
+  if (active && on && !feature_on(i)) {
+    slot.parameters.finish();
     ControlContext with = feature_context(slot, tick);
     if (slot.feature->start(with) != LawResult::ok) return LawResult::fault;
   }
-  slot.on = on;
+  switch_feature(i, on);
+  if (!on)
+    std::fill_n(outputs_.begin() + static_cast<std::ptrdiff_t>(slot.output_offset), slot.output_count, 0.0);
   return LawResult::ok;
 } catch (...) {
   return LawResult::fault;
@@ -205,7 +232,8 @@ Intervention Instance::update(const Tick& tick) try {
     input.advance(dt_, tick.t.seconds());
     if (input.stale()) return Intervention::reference_stale;
   }
-  for (auto& arm : law_arms_) arm.tau->setZero();
+  // Sized anew: a law may have left a vector of another size behind.
+  for (auto& arm : law_arms_) arm.tau->setZero(static_cast<Eigen::Index>(arm.model().joint_count()));
   ControlContext law = context(tick);
   return controllet_->update(law) == LawResult::ok ? Intervention::none : Intervention::controllet_fault;
 } catch (...) {
@@ -213,9 +241,10 @@ Intervention Instance::update(const Tick& tick) try {
 }
 
 Intervention Instance::update_features(const Tick& tick) try {
-  for (auto& arm : feature_arms_) arm.tau->setZero();
-  for (auto& slot : features_) {
-    if (!slot.on) continue;
+  for (auto& arm : feature_arms_) arm.tau->setZero(static_cast<Eigen::Index>(arm.model().joint_count()));
+  for (std::size_t i = 0; i < features_.size(); ++i) {
+    FeatureSlot& slot = features_[i];
+    if (!feature_on(i)) continue;
     slot.parameters.advance(dt_);
     ControlContext with = feature_context(slot, tick);
     if (slot.feature->update(with) != LawResult::ok) return Intervention::controllet_fault;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <memory>
 #include <string>
 #include <vector>
@@ -50,25 +51,30 @@ class Instance {
   const std::vector<std::string>& parameter_names() const { return parameter_names_; }
   std::size_t find_parameter(std::string_view name) const;  // parameter_count(): unknown
   const ParameterSpec& parameter_spec(std::size_t i) const;
-  std::span<const double> parameter(std::size_t i) const;  // value aimed at
+  std::vector<double> parameter(std::size_t i) const;  // value aimed at; any thread but the loop's
   std::size_t parameter_size(std::size_t i) const;
   Verdict check_parameter(std::size_t i, std::span<const double> values) const;
 
   std::size_t feature_count() const { return features_.size(); }
   const Statement& feature_statement(std::size_t i) const { return features_[i].statement; }
   std::size_t find_feature(std::string_view type) const;  // feature_count(): unknown
-  bool feature_on(std::size_t i) const { return features_[i].on; }
+  bool feature_on(std::size_t i) const {
+    return (features_on_.load(std::memory_order_relaxed) >> i & 1u) != 0;
+  }
 
   std::span<Reference> inputs() { return inputs_; }
   std::span<const Reference> inputs() const { return inputs_; }
   std::size_t find_input(std::string_view name) const;  // inputs().size(): unknown
 
-  std::span<const double> outputs() const { return outputs_; }  // controllet's, then the features'
+  std::span<const double> outputs() const {
+    return outputs_;
+  }  // controllet's, then the features'; loop thread
   std::vector<OutputSpec> output_specs() const;
 
   // --- loop thread ---
-  void set_parameter(std::size_t i, std::span<const double> values);
-  LawResult set_feature(std::size_t i, bool on, const Tick& tick);
+  // `active`: does it run? Then parameters are approached and features start; else both are just noted.
+  void set_parameter(std::size_t i, std::span<const double> values, bool active);
+  LawResult set_feature(std::size_t i, bool on, bool active, const Tick& tick);
   // References at the measured state, then controllet and features start. fault: refused (an exception
   // counts).
   LawResult start(const Tick& tick);
@@ -85,9 +91,9 @@ class Instance {
     Statement statement;
     std::unique_ptr<Feature> feature;
     ParameterSet parameters;
-    std::size_t output_offset = 0;
-    bool on = false;
+    std::size_t output_offset = 0, output_count = 0;
   };
+  void switch_feature(std::size_t i, bool on);
   ControlContext context(const Tick& tick);
   ControlContext feature_context(FeatureSlot& slot, const Tick& tick);
   std::pair<ParameterSet*, std::size_t> locate(std::size_t i);
@@ -101,6 +107,7 @@ class Instance {
   ParameterSet parameters_;
   std::vector<Reference> inputs_;
   std::vector<FeatureSlot> features_;
+  std::atomic<std::uint32_t> features_on_{0};  // bit i: feature i; written by the loop (or before it)
   std::vector<std::string> parameter_names_;
   std::vector<double> outputs_;
   std::size_t law_output_count_ = 0;

@@ -1,10 +1,13 @@
 #include "core/modes/mailbox.hpp"
 
+#include <cstring>
+
 namespace multipanda {
 
 std::uint64_t Mailbox::post(std::span<const Request> requests) {
   const std::lock_guard lock(askers_);
-  if (requests.empty() || ring_.size() + requests.size() > ring_.capacity()) return 0;
+  if (requests.empty() || requests.size() > kMaxBatch) return 0;
+  if (ring_.size() + requests.size() > ring_.capacity()) return 0;
   const HostTime now = host_now();
   Posted posted{.received = now};
   for (std::size_t i = 0; i < requests.size(); ++i) {
@@ -18,30 +21,35 @@ std::uint64_t Mailbox::post(std::span<const Request> requests) {
 
 const Mailbox::Posted* Mailbox::front() {
   const Posted* posted = ring_.front();
-  if (posted == nullptr) return nullptr;
+  if (posted == nullptr || in_batch()) return posted;
   // The first of a batch says how many there are; take none before all have arrived.
-  if (batch_left_ == 0) {
-    if (ring_.size() < posted->request.batch) return nullptr;
-    batch_left_ = posted->request.batch;
-  }
-  --batch_left_;
-  return posted;
+  batch_ = posted->request.batch;
+  return ring_.size() < batch_ ? nullptr : posted;
 }
 
+void Mailbox::pop() {
+  ring_.pop();
+  if (++taken_of_batch_ == batch_) taken_of_batch_ = 0;
+}
+
+// Release on every word: whoever reads one of the new words (acquire) also sees that the old ticket is gone.
 void Mailbox::answer(const Answer& answer) {
+  std::array<std::uint64_t, kWords> words{};
+  std::memcpy(words.data(), &answer, sizeof(Answer));
   Slot& slot = answers_[answer.ticket % kAnswers];
   slot.ticket.store(0, std::memory_order_relaxed);
-  std::atomic_thread_fence(std::memory_order_release);
-  slot.answer = answer;
+  for (std::size_t i = 0; i < kWords; ++i) slot.words[i].store(words[i], std::memory_order_release);
   slot.ticket.store(answer.ticket, std::memory_order_release);
 }
 
 bool Mailbox::poll(std::uint64_t ticket, Answer& answer) const {
   const Slot& slot = answers_[ticket % kAnswers];
-  if (slot.ticket.load(std::memory_order_acquire) != ticket) return false;
-  answer = slot.answer;
-  std::atomic_thread_fence(std::memory_order_acquire);
-  return slot.ticket.load(std::memory_order_relaxed) == ticket;  // else overwritten while reading
+  if (ticket == 0 || slot.ticket.load(std::memory_order_acquire) != ticket) return false;
+  std::array<std::uint64_t, kWords> words{};
+  for (std::size_t i = 0; i < kWords; ++i) words[i] = slot.words[i].load(std::memory_order_acquire);
+  if (slot.ticket.load(std::memory_order_relaxed) != ticket) return false;  // overwritten while reading
+  std::memcpy(static_cast<void*>(&answer), words.data(), sizeof(Answer));
+  return true;
 }
 
 }  // namespace multipanda

@@ -23,6 +23,13 @@ void for_each(ArmSet arms, Visit visit) {
   }
 }
 
+// Zero in the arm's own size, whatever was left there.
+void clear(std::span<JointVector> torques, ArmIndex arm, std::size_t joint_count) {
+  torques[arm].setZero(static_cast<Eigen::Index>(joint_count));
+}
+
+constexpr std::uint32_t kNeverSeen = 0xFFFFFFFF;
+
 }  // namespace
 
 MultimodeController::MultimodeController(std::vector<std::string> arm_names,
@@ -56,6 +63,11 @@ MultimodeController::MultimodeController(std::vector<std::string> arm_names,
     offset += instance->outputs().size();
   }
   last_mode_.fill(ArmMode::other);
+  last_config_.fill(kNeverSeen);
+  // Long before the first cycle, so that the first torque gets a whole period of the rate limit.
+  last_torque_.fill(LoopTime::from_seconds(-1));
+  for (ArmIndex arm = 0; arm < arm_names_.size(); ++arm) owners_[arm] = hold_of(arm);
+  pending_.resize(kPerStep + Mailbox::kMaxBatch);
 }
 
 RecordLayout MultimodeController::layout() const {
@@ -87,10 +99,12 @@ RecordLayout MultimodeController::layout() const {
 }
 
 void MultimodeController::schedule(std::vector<ScheduledRequest> requests) {
-  std::stable_sort(requests.begin(), requests.end(),
+  schedule_.insert(schedule_.end(), requests.begin(), requests.end());
+  std::stable_sort(schedule_.begin(), schedule_.end(),
                    [](const auto& a, const auto& b) { return a.at < b.at; });
-  schedule_ = std::move(requests);
   next_scheduled_ = 0;
+  // Even if all are due at once, each is taken to the cycle.
+  pending_.resize(schedule_.size() + kPerStep + Mailbox::kMaxBatch);
 }
 
 void MultimodeController::activate_at_start(InstanceSet instances) {
@@ -99,8 +113,9 @@ void MultimodeController::activate_at_start(InstanceSet instances) {
     throw std::invalid_argument("active at start: " + std::string(to_string(verdict)));
   }
   ScheduledRequest first;
+  first.at = {std::numeric_limits<std::int64_t>::min()};
   first.request = request;
-  schedule_.insert(schedule_.begin(), first);
+  schedule({first});
 }
 
 ArmSet MultimodeController::ArmSet_from(std::uint32_t bits) {
@@ -191,18 +206,21 @@ Answer MultimodeController::ask(std::span<const Request> requests, double timeou
   answer.received = host_now();
   answer.verdict = post(requests, ticket);
   if (!answer.accepted()) return answer;
-  while (!mailbox_.poll(ticket, answer)) {
-    if (seconds(host_now() - answer.received) > timeout_s) {
-      answer.verdict = Verdict::timeout;
-      return answer;
+  const HostTime asked = answer.received;
+  for (std::uint64_t part = ticket - requests.size() + 1; part <= ticket; ++part) {
+    while (!mailbox_.poll(part, answer)) {
+      if (seconds(host_now() - asked) > timeout_s) {
+        answer.verdict = Verdict::timeout;
+        return answer;
+      }
+      std::this_thread::sleep_for(std::chrono::microseconds(100));
     }
-    std::this_thread::sleep_for(std::chrono::microseconds(100));
+    if (!answer.accepted()) break;
   }
   return answer;
 }
 
-// ---------------------------------------------------------------------------------------------- the loop's
-// side
+// -------------------------------------------------------------------------------------- the loop's side
 
 void MultimodeController::take_requests(const Tick& tick) {
   pending_count_ = 0;
@@ -210,12 +228,11 @@ void MultimodeController::take_requests(const Tick& tick) {
   step_wanted_.fill(0);
   step_sent_.fill(0);
   for_each(ArmSet::all(arm_count()) - arms_of(active_), [&](ArmIndex arm) {  // only before the first cycle
-    commit({.start = bit(hold_of(arm))});
+    commit({.start = bit(hold_of(arm)), .stop = 0, .keep = 0});
     (void)instances_[hold_of(arm)]->start(tick);
   });
   take_stops(tick);
-  while (next_scheduled_ < schedule_.size() && schedule_[next_scheduled_].at <= tick.t &&
-         pending_count_ < pending_.size()) {
+  while (next_scheduled_ < schedule_.size() && schedule_[next_scheduled_].at <= tick.t) {
     const ScheduledRequest& scheduled = schedule_[next_scheduled_++];
     if (scheduled.what == ScheduledRequest::What::stop) {
       stop(scheduled.stop);
@@ -224,7 +241,7 @@ void MultimodeController::take_requests(const Tick& tick) {
       apply(scheduled.request, 0, tick.start, tick);
     }
   }
-  while (pending_count_ < pending_.size()) {
+  for (std::size_t taken = 0; taken < kPerStep || mailbox_.in_batch(); ++taken) {
     const Mailbox::Posted* posted = mailbox_.front();
     if (posted == nullptr) break;
     apply(posted->request, posted->ticket, posted->received, tick);
@@ -249,6 +266,7 @@ void MultimodeController::take_stops(const Tick& tick) {
 
 void MultimodeController::apply(const Request& request, std::uint64_t ticket, HostTime received,
                                 const Tick& tick) {
+  const bool active = request.instance < instances_.size() && (active_ & bit(request.instance)) != 0;
   Answer answer;
   answer.kind = request.kind;
   answer.ticket = ticket;
@@ -266,13 +284,14 @@ void MultimodeController::apply(const Request& request, std::uint64_t ticket, Ho
         break;
       case Request::Kind::set_parameter:
         instances_[request.instance]->set_parameter(request.index,
-                                                    std::span(request.values).first(request.size));
+                                                    std::span(request.values).first(request.size), active);
         event.kind = EventKind::parameter_set;
         event.size = request.size;
         std::copy_n(request.values.begin(), request.size, event.values.begin());
         break;
       case Request::Kind::set_feature:
-        if (instances_[request.instance]->set_feature(request.index, request.on, tick) != LawResult::ok) {
+        if (instances_[request.instance]->set_feature(request.index, request.on, active, tick) !=
+            LawResult::ok) {
           answer.verdict = Verdict::start_refused;
         }
         event.kind = EventKind::feature_set;
@@ -280,7 +299,7 @@ void MultimodeController::apply(const Request& request, std::uint64_t ticket, Ho
         event.values[0] = request.on ? 1 : 0;
         break;
       case Request::Kind::set_target:
-        if ((active_ & bit(request.instance)) == 0) {
+        if (!active) {
           answer.verdict = Verdict::not_active;
         } else {
           instances_[request.instance]->inputs()[request.index].set(request.target);
@@ -306,14 +325,13 @@ void MultimodeController::apply(const Request& request, std::uint64_t ticket, Ho
 Verdict MultimodeController::apply_switch(const Request& request, Answer& answer, const Tick& tick) {
   answer.plan = plan(active_, request);
   const ArmSet moving = arms_of(answer.plan.start);
-  bool ready = true;
-  for_each(moving, [&](ArmIndex arm) {
-    const Finding finding = safety_.inspect(arm, blocks_.states[arm], blocks_.terms[arm]);
-    ready = ready && finding.rule != Intervention::arm_not_ready && finding.rule != Intervention::state_old &&
-            finding.rule != Intervention::state_not_finite;
-  });
+  // What inspect() would take out in this very step is not started in the first place. A hold always may.
   const InstanceSet holds = (InstanceSet{1} << arm_count()) - 1;
-  if (!ready && (answer.plan.start & ~holds) != 0) return Verdict::arm_not_ready;
+  bool ready = true;
+  for_each(arms_of(answer.plan.start & ~holds), [&](ArmIndex arm) {
+    ready = ready && !safety_.inspect(arm, blocks_.states[arm], blocks_.terms[arm]);
+  });
+  if (!ready) return Verdict::arm_not_ready;
   bool started = true;
   for_each(answer.plan.start,
            [&](InstanceIndex i) { started = started && instances_[i]->start(tick) == LawResult::ok; });
@@ -345,10 +363,14 @@ void MultimodeController::evict(InstanceIndex instance, ArmIndex arm, const Find
     if (!update_holds) return;
     (void)instances_[i]->begins_tick(instances_[i]->arms());
     const ArmIndex held = instances_[i]->arms().first();
-    blocks_.tau_feature[held].setZero();
     if (instances_[i]->update(tick) != Intervention::none ||
         safety_.judge(held, blocks_.tau_controllet[held])) {
-      blocks_.tau_controllet[held].setZero();  // not even a hold can be computed: the arm carries itself
+      clear(blocks_.tau_controllet, held,
+            blocks_.terms[held].joint_count());  // not even a hold can be computed: the arm carries itself
+    }
+    if (instances_[i]->update_features(tick) != Intervention::none ||
+        safety_.judge(held, blocks_.tau_controllet[held], blocks_.tau_feature[held])) {
+      clear(blocks_.tau_feature, held, blocks_.terms[held].joint_count());
     }
   });
   if (finding.rule != Intervention::stop_requested) {
@@ -362,18 +384,38 @@ void MultimodeController::evict(InstanceIndex instance, ArmIndex arm, const Find
   emit(event, tick);
 }
 
+// Leaves an event when the arm itself changed its mode or configuration.
+void MultimodeController::watch_arm(ArmIndex arm, const Tick& tick) {
+  const ArmState& state = blocks_.states[arm];
+  if (state.mode != last_mode_[arm]) {
+    last_mode_[arm] = state.mode;
+    Event event{.kind = EventKind::arm_mode, .arm = static_cast<std::uint16_t>(arm)};
+    event.index = static_cast<std::uint16_t>(state.mode);
+    emit(event, tick);
+  }
+  if (state.fresh && state.config_version != last_config_[arm]) {
+    last_config_[arm] = state.config_version;
+    Event event{.kind = EventKind::arm_config, .arm = static_cast<std::uint16_t>(arm)};
+    event.index = static_cast<std::uint16_t>(state.config_version);
+    const auto add = [&](double value) { event.values[event.size++] = value; };
+    for (const Pose& X : {state.frames.X_FE, state.frames.X_EK}) {
+      const Quaternion q = X.quaternion();
+      for (const double v : {X.position.x(), X.position.y(), X.position.z(), q.w(), q.x(), q.y(), q.z()})
+        add(v);
+    }
+    for (const Load& load : {state.tool, state.load}) {
+      for (const double v : {load.mass, load.p_FC.x(), load.p_FC.y(), load.p_FC.z()}) add(v);
+    }
+    emit(event, tick);
+  }
+}
+
 void MultimodeController::inspect(const Tick& tick) {
   for_each(ArmSet::all(arm_count()), [&](ArmIndex arm) {
-    const ArmState& state = blocks_.states[arm];
-    if (state.mode != last_mode_[arm]) {
-      last_mode_[arm] = state.mode;
-      Event event{.kind = EventKind::arm_mode, .arm = static_cast<std::uint16_t>(arm)};
-      event.index = static_cast<std::uint16_t>(state.mode);
-      emit(event, tick);
-    }
+    watch_arm(arm, tick);
     const InstanceIndex owner = owners_[arm].load(std::memory_order_relaxed);
     if (owner == hold_of(arm)) return;
-    if (const Finding finding = safety_.inspect(arm, state, blocks_.terms[arm])) {
+    if (const Finding finding = safety_.inspect(arm, blocks_.states[arm], blocks_.terms[arm])) {
       evict(owner, arm, finding, tick, false);
     }
   });
@@ -396,8 +438,8 @@ void MultimodeController::run_controllets(const Tick& tick) {
     }
     if (finding) {
       if (i < arm_count()) {
-        blocks_.tau_controllet[arm]
-            .setZero();  // the hold itself: nothing below it but the arm's own gravity compensation
+        // The hold itself: nothing below it but the arm's own gravity compensation.
+        clear(blocks_.tau_controllet, arm, blocks_.terms[arm].joint_count());
         safety_.count(arm, finding.rule);
       } else {
         evict(i, arm, finding, tick, true);
@@ -414,12 +456,12 @@ void MultimodeController::run_features(const Tick& tick) {
     ArmIndex arm = instance.arms().first();
     for_each(instance.arms(), [&](ArmIndex a) {
       if (finding) return;
-      finding = safety_.judge(a, blocks_.tau_controllet[a] + blocks_.tau_feature[a]);
+      finding = safety_.judge(a, blocks_.tau_controllet[a], blocks_.tau_feature[a]);
       if (finding) arm = a;
     });
     if (!finding) return;
     if (i < arm_count()) {
-      blocks_.tau_feature[arm].setZero();
+      clear(blocks_.tau_feature, arm, blocks_.terms[arm].joint_count());
       safety_.count(arm, finding.rule);
     } else {
       evict(i, arm, finding, tick, true);

@@ -32,7 +32,7 @@ class MultimodeController {
                       const Registry& registry, const ArmBlocks& blocks, SafetyStage& safety);
 
   // --- before the loop ---
-  void schedule(std::vector<ScheduledRequest> requests);
+  void schedule(std::vector<ScheduledRequest> requests);  // adds to what is scheduled already
   // What runs from the first cycle on. Throws std::invalid_argument if two own the same arm.
   void activate_at_start(InstanceSet instances);
   RecordLayout layout() const;
@@ -54,7 +54,8 @@ class MultimodeController {
   // Checks, then queues all of them for one cycle. accepted: queued, `ticket` is that of the last.
   Verdict post(std::span<const Request> requests, std::uint64_t& ticket);
   bool poll(std::uint64_t ticket, Answer& answer) const { return mailbox_.poll(ticket, answer); }
-  // post, then wait for the loop's answer (polling; this thread only).
+  // post, then wait for the loop's answers (polling; this thread only). The first refusal, else the last
+  // answer.
   Answer ask(std::span<const Request> requests, double timeout_s = 1.0);
   Answer ask(const Request& request, double timeout_s = 1.0) {
     return ask(std::span(&request, 1), timeout_s);
@@ -85,6 +86,7 @@ class MultimodeController {
   void evict(InstanceIndex instance, ArmIndex arm, const Finding& finding, const Tick& tick,
              bool update_holds);
   void take_stops(const Tick& tick);
+  void watch_arm(ArmIndex arm, const Tick& tick);
   void emit(Event event, const Tick& tick);
   void emit_finding(EventKind kind, ArmIndex arm, InstanceIndex instance, const Finding& finding,
                     const Tick& tick);
@@ -107,14 +109,17 @@ class MultimodeController {
   std::array<std::atomic<InstanceIndex>, kMaxArms> owners_{};
   std::atomic<std::uint32_t> stop_requests_{0};
 
-  InstanceSet ticking_ = 0;           // instances that tick in this step
-  std::array<Answer, 16> pending_{};  // answers of this step, completed by close()
+  InstanceSet ticking_ = 0;                    // instances that tick in this step
+  static constexpr std::size_t kPerStep = 16;  // requests taken in one step; a batch begun is taken whole
+  std::vector<Answer> pending_;                // answers of this step, completed by close(); never grows
   std::size_t pending_count_ = 0;
   ArmSet handed_over_;  // arms that changed owner in this step
   std::array<double, kMaxArms> step_wanted_{}, step_sent_{};
   std::array<Intervention, kMaxArms> last_cut_{};  // to log the start of an episode, not every cycle of it
-  std::array<LoopTime, kMaxArms> last_torque_{};  // when each arm last got a torque: its rate limit counts from there
+  std::array<LoopTime, kMaxArms>
+      last_torque_{};  // when each arm last got a torque: its rate limit counts from there
   std::array<ArmMode, kMaxArms> last_mode_{};
+  std::array<std::uint32_t, kMaxArms> last_config_{};
 };
 
 }  // namespace multipanda

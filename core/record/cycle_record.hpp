@@ -73,7 +73,7 @@ enum class EventKind : std::uint8_t {
   target_set,     // index: input; values: target (goals only; streams are in the references)
   stopped,        // arms
   resumed,        // arms
-  arm_config,     // values: X_FE (7), X_EK (7), tool mass, com, load mass, com (see event_config below)
+  arm_config,     // index: version; values: X_FE (7), X_EK (7), tool mass, centre (4), load mass, centre (4)
   arm_mode,       // index: new mode
 };
 

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <stdexcept>
 
 namespace multipanda {
 namespace {
@@ -9,10 +11,29 @@ namespace {
 // A stream is planned at least this far ahead, so that replanning every millisecond stays smooth.
 constexpr double kStreamHorizon = 0.005;
 constexpr double kMaxStreamPeriod = 0.2;
-constexpr double kPeriodFilter = 0.1;  // share of a new measurement in the stream's period
-constexpr double kBrakingTime = 0.1;   // to a rest when a stream's next sample does not come
+constexpr double kStreamExcess = 1.05;  // of the speed limit, to catch up with a stream that runs at it
+constexpr double kPeriodFilter = 0.1;   // share of a new measurement in the stream's period
+constexpr double kBrakingTime =
+    0.1;                         // to a rest: when a stream's next sample does not come, and for any goal
+constexpr double kLonger = 1.2;  // by which a motion that would be too fast is stretched, several times
 
 Vector3 rotation_of(const QuinticSegment::Values& v) { return {v[3], v[4], v[5]}; }
+
+// dJ/dt dr of the left Jacobian J(r) = I + a S(r) + b S(r)^2, a = (1 - cos t)/t^2, b = (t - sin t)/t^3, t =
+// |r|. It vanishes where r and dr are parallel, as in a motion from rest to rest.
+Vector3 left_jacobian_rate(const Vector3& r, const Vector3& dr) {
+  const double t2 = r.squaredNorm(), t = std::sqrt(t2), s = r.dot(dr);  // s = t dt/dtime
+  double b = 1.0 / 6 - t2 / 120;
+  double da = -1.0 / 12 + t2 / 180, db = -1.0 / 60 + t2 / 1260;  // (da/dt)/t, (db/dt)/t
+  if (t > 0.05) {
+    b = (t - std::sin(t)) / (t2 * t);
+    da = (t * std::sin(t) - 2 * (1 - std::cos(t))) / (t2 * t2);
+    db = (t * (1 - std::cos(t)) - 3 * (t - std::sin(t))) / (t2 * t2 * t);
+  }
+  const Vector3 once = r.cross(dr), twice = r.cross(once);
+  // d/dt [a S dr + b S S dr] with dr held: a' S dr + a S' dr (= 0) + b' S S dr + b (S' S + S S') dr.
+  return s * da * once + s * db * twice + b * dr.cross(once);
+}
 
 }  // namespace
 
@@ -62,6 +83,9 @@ Reference::Reference(InputSpec spec, std::size_t joint_count)
       size_(value_count(spec_.quantity, joint_count)),
       joint_count_(joint_count),
       inbox_(std::make_unique<Inbox>()) {
+  if (!(spec_.timeout_s > 0 && spec_.max_speed > 0 && spec_.max_angular_speed > 0)) {
+    throw std::invalid_argument("input '" + spec_.name + "': timeout and speed limits must be above zero");
+  }
   const auto n = static_cast<Eigen::Index>(joint_count);
   q_d_ = dq_d_ = ddq_d_ = JointVector::Zero(n);
 }
@@ -95,7 +119,7 @@ void Reference::start(const Pose& X_measured) {
   now_ = {};
   for (int i = 0; i < 3; ++i) now_.position[static_cast<std::size_t>(i)] = X_measured.position[i];
   R_0_ = X_measured.rotation;
-  segment_.plan(6, now_, now_.position, 0);
+  segment_.plan(coordinates(), now_, now_.position, 0);
   publish_sample();
 }
 
@@ -157,7 +181,7 @@ void Reference::take(const Target& target, double now_s) {
 void Reference::rebase() {
   t_ = 0;
   if (spec_.quantity != Quantity::pose) return;
-  R_0_ = X_d_.rotation;
+  R_0_ = X_d_.quaternion().normalized().toRotationMatrix();  // else rounding adds up over millions of samples
   for (std::size_t i = 0; i < 3; ++i) {
     const auto k = static_cast<Eigen::Index>(i);
     now_.position[3 + i] = 0;
@@ -193,9 +217,48 @@ Reference::Aim Reference::aim_at(const Target& target) const {
 void Reference::plan_goal(const Target& target) {
   rebase();
   const Aim aim = aim_at(target);
-  segment_.plan(spec_.quantity == Quantity::pose ? 6 : size_, now_, aim.goal,
-                std::max(target.duration_s, aim.shortest_s));
+  plan_rest(aim.goal, std::max(target.duration_s, aim.shortest_s));
+}
+
+// From the present motion to a rest at the goal. `duration_s` suits a start at rest; one in the wrong
+// direction has to turn back first and needs longer to stay within the speed.
+void Reference::plan_rest(const QuinticSegment::Values& goal, double duration_s) {
+  double duration = std::max(duration_s, kBrakingTime);
+  double best = duration, least = std::numeric_limits<double>::infinity();
+  for (int attempt = 0; attempt < 12 && least > 1; ++attempt, duration *= kLonger) {
+    segment_.plan(coordinates(), now_, goal, duration);
+    if (const double excess = peak_excess(24); excess < least) {
+      least = excess;
+      best = duration;
+    }
+  }
+  segment_.plan(coordinates(), now_, goal, best);
   moving_end_ = false;
+}
+
+// The planned segment's highest speed over the allowed one (or the present one, where that is higher).
+double Reference::peak_excess(std::size_t samples) const {
+  const bool pose = spec_.quantity == Quantity::pose;
+  const auto speeds = [&](const QuinticSegment::Sample& s) -> std::pair<double, double> {
+    if (pose) {
+      return {Vector3(s.velocity[0], s.velocity[1], s.velocity[2]).norm() / spec_.max_speed,
+              rotation_of(s.velocity).norm() / spec_.max_angular_speed};
+    }
+    double fastest = 0;
+    for (std::size_t i = 0; i < size_; ++i) fastest = std::max(fastest, std::abs(s.velocity[i]));
+    return {fastest / spec_.max_speed, 0};
+  };
+  const auto [linear_now, angular_now] = speeds(now_);
+  const double linear_limit = 1.001 * std::max(1.0, linear_now);
+  const double angular_limit = 1.001 * std::max(1.0, angular_now);
+  double excess = 0;
+  QuinticSegment::Sample at;
+  for (std::size_t k = 1; k < samples; ++k) {
+    segment_.evaluate(segment_.duration() * static_cast<double>(k) / static_cast<double>(samples), at);
+    const auto [linear, angular] = speeds(at);
+    excess = std::max({excess, linear / linear_limit, angular / angular_limit});
+  }
+  return excess;
 }
 
 // The new sample is to be passed one period from now, with the velocity of the series, and the motion is
@@ -207,11 +270,7 @@ void Reference::plan_stream(const Target& target, std::uint64_t steps, double el
   rebase();
   Aim aim = aim_at(target);
   const double horizon = std::max(kStreamHorizon, 1.5 * period_s_);
-  if (aim.shortest_s > horizon) {
-    segment_.plan(spec_.quantity == Quantity::pose ? 6 : size_, now_, aim.goal, aim.shortest_s);
-    moving_end_ = false;
-    return;
-  }
+  const QuinticSegment::Values sample = aim.goal;
   const double span = static_cast<double>(steps) * period_s_, ahead = horizon - period_s_;
   const bool pose = spec_.quantity == Quantity::pose;
   const std::size_t n = pose ? 3 : size_;
@@ -239,17 +298,17 @@ void Reference::plan_stream(const Target& target, std::uint64_t steps, double el
       aim.velocity[3 + i] = dr[static_cast<Eigen::Index>(i)];
     }
   }
-  segment_.plan(pose ? 6 : size_, now_, aim.goal, horizon, aim.velocity);
+  segment_.plan(coordinates(), now_, aim.goal, horizon, aim.velocity);
   moving_end_ = true;
+  if (peak_excess(8) > kStreamExcess) plan_rest(sample, aim.shortest_s);
 }
 
 // From the present motion to a rest, where constant deceleration would end.
 void Reference::plan_brake() {
   rebase();
   QuinticSegment::Values goal = now_.position;
-  const std::size_t n = spec_.quantity == Quantity::pose ? 6 : size_;
-  for (std::size_t i = 0; i < n; ++i) goal[i] += 0.5 * kBrakingTime * now_.velocity[i];
-  segment_.plan(n, now_, goal, kBrakingTime);
+  for (std::size_t i = 0; i < coordinates(); ++i) goal[i] += 0.5 * kBrakingTime * now_.velocity[i];
+  segment_.plan(coordinates(), now_, goal, kBrakingTime);
   moving_end_ = false;
 }
 
@@ -264,8 +323,7 @@ void Reference::publish_sample() {
       V_d_.linear() = Vector3(now_.velocity[0], now_.velocity[1], now_.velocity[2]);
       V_d_.angular() = J * dr;
       A_d_.linear() = Vector3(now_.acceleration[0], now_.acceleration[1], now_.acceleration[2]);
-      // d/dt (J(r) dr) without the term dJ/dt dr, which is of second order in the (short) rotation's speed.
-      A_d_.angular() = J * ddr;
+      A_d_.angular() = J * ddr + left_jacobian_rate(r, dr);
       break;
     }
     case Quantity::joints:

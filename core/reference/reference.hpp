@@ -26,7 +26,8 @@ struct InputSpec {
 
 // The only way in for a set-point: takes targets from any thread, gives the loop a desired value that is
 // continuous in position, velocity and acceleration, whatever arrives. A target far away is approached at no
-// more than the input's speed.
+// more than the input's speed, a near one within no less than a tenth of a second: a goal a millimetre away
+// must not become a blow.
 //
 // Goals end at rest. A stream is followed one of its periods late: each sample is aimed at with the velocity
 // estimated from the series, so that a smooth series gives a smooth motion; a late sample is bridged, silence
@@ -74,11 +75,14 @@ class Reference {
   void plan_goal(const Target& target);
   void plan_stream(const Target& target, std::uint64_t steps, double elapsed_s);
   void plan_brake();
+  void plan_rest(const QuinticSegment::Values& goal, double duration_s);
+  double peak_excess(std::size_t samples) const;
   struct Aim {  // where a segment is to end: in the segment's coordinates
     QuinticSegment::Values goal{}, velocity{};
     double shortest_s = 0;  // what the speed limits ask for
   };
   Aim aim_at(const Target& target) const;
+  std::size_t coordinates() const { return spec_.quantity == Quantity::pose ? 6 : size_; }
   void rebase();
   void forget_posted();
   void publish_sample();

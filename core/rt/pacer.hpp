@@ -17,6 +17,11 @@ class Pacer {
   void start();  // loop thread; the first wait() returns one period later
   void wait();   // loop thread; sleeps until the next grid point
 
+  // The arithmetic of the grid, without a clock: begin at `now`; the next grid point; a wake-up at `now`.
+  void start_at(HostTime now);
+  HostTime advance() { return next_ = next_ + period_; }
+  void woke_at(HostTime now);
+
   std::uint64_t overruns() const { return overruns_; }             // grid points missed since start()
   std::chrono::nanoseconds lateness() const { return lateness_; }  // of the last wake-up
 

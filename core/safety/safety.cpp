@@ -59,13 +59,33 @@ Finding SafetyStage::inspect(std::size_t arm, const ArmState& state, ModelTerms&
 
 Finding SafetyStage::judge(std::size_t arm, const JointVector& tau) const {
   const SafetyLimits& limits = arms_[arm].limits;
-  for (Eigen::Index i = 0; i < tau.size(); ++i) {
+  const Eigen::Index n = limits.joints.tau_max.size();
+  if (tau.size() != n) {
+    return {Intervention::torque_implausible, 0xFFFF, static_cast<double>(tau.size()),
+            static_cast<double>(n)};
+  }
+  for (Eigen::Index i = 0; i < n; ++i) {
     if (!std::isfinite(tau[i]))
       return at_joint(Intervention::torque_not_finite, i, tau[i], limits.joints.tau_max[i]);
     const double bound = limits.implausible_factor * limits.joints.tau_max[i];
     if (std::abs(tau[i]) > bound) return at_joint(Intervention::torque_implausible, i, tau[i], bound);
   }
   return {};
+}
+
+Finding SafetyStage::judge(std::size_t arm, const JointVector& tau_controllet,
+                           const JointVector& tau_feature) const {
+  if (const Finding finding = judge(arm, tau_feature)) return finding;
+  if (const Finding finding = judge(arm, tau_controllet)) return finding;
+  const JointVector sum = tau_controllet + tau_feature;
+  return judge(arm, sum);
+}
+
+void SafetyStage::set_last_command(std::size_t arm, const JointVector& tau) {
+  JointVector& last = arms_[arm].tau_cmd;
+  for (Eigen::Index i = 0; i < last.size(); ++i) {
+    last[i] = i < tau.size() && std::isfinite(tau[i]) ? tau[i] : 0.0;
+  }
 }
 
 const JointVector& SafetyStage::limit(std::size_t arm, const JointVector& wanted, double dt, Finding& cut) {

@@ -49,7 +49,10 @@ class SafetyStage {
   Finding inspect(std::size_t arm, const ArmState& state, ModelTerms& terms) const;
 
   // Is this a torque at all? Non-finite or implausible torques take their author out.
+  // A vector of another size than the arm has joints is implausible.
   Finding judge(std::size_t arm, const JointVector& tau) const;
+  // The same for the sum of a controllet's torque and its features'.
+  Finding judge(std::size_t arm, const JointVector& tau_controllet, const JointVector& tau_feature) const;
 
   // The last word: brings `wanted` within the torque limit and the torque-rate limit (measured from the last
   // command, over dt but at most one period). Counts what it cut; `cut` tells which rule acted first.
@@ -58,7 +61,8 @@ class SafetyStage {
 
   // The command last given; the rate limit counts from it. At the start: what the arm has in use.
   const JointVector& last_command(std::size_t arm) const { return arms_[arm].tau_cmd; }
-  void set_last_command(std::size_t arm, const JointVector& tau) { arms_[arm].tau_cmd = tau; }
+  // What is not a number, or not one per joint, counts as zero.
+  void set_last_command(std::size_t arm, const JointVector& tau);
 
   void count(std::size_t arm, Intervention rule) {
     auto& n = arms_[arm].counts[static_cast<std::size_t>(rule)];
