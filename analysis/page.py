@@ -15,15 +15,16 @@ p { margin: .5rem 0; max-width: 52rem; }
 .lead { color: #4b5763; margin: 0 0 .8rem; }
 nav { margin: .6rem 0 1rem; } nav a { margin-right: 1rem; }
 a { color: #1d4f91; }
-.tiles { display: grid; grid-template-columns: repeat(auto-fill, minmax(9.6rem, 1fr)); gap: .6rem; margin: 1rem 0; }
+.tiles { display: grid; grid-template-columns: repeat(auto-fill, minmax(8.6rem, 1fr)); gap: .6rem; margin: 1rem 0; }
 .tile { border: 1px solid #d5dbe3; border-radius: 6px; padding: .5rem .7rem; }
 .tile b { display: block; font-size: 1.25rem; line-height: 1.25; } .tile span { color: #4b5763; font-size: .84rem; }
 .tile.bad { border-color: #d9480f; background: #fff6f0; }
 table { border-collapse: collapse; margin: .6rem 0 1rem; font-size: .9rem; width: 100%; }
 th, td { text-align: left; vertical-align: top; padding: .28rem .6rem .28rem 0; border-bottom: 1px solid #e3e7ec; }
 th { font-weight: 600; color: #4b5763; border-bottom: 1.5px solid #c3ccd6; }
-td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-td.none { color: #6b7785; } tr.bad td { background: #fff6f0; }
+th { vertical-align: bottom; line-height: 1.25; }
+td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; padding-left: .5rem; } td.n { white-space: nowrap; }
+.one { white-space: nowrap; } td.none { color: #6b7785; } tr.bad td { background: #fff6f0; }
 .facts th { width: 15rem; border-bottom: 1px solid #e3e7ec; }
 .facts td { overflow-wrap: anywhere; }
 .chip { display: inline-block; border-radius: 3px; padding: 0 .35rem; margin: 0 .2rem .1rem 0; }
@@ -75,7 +76,7 @@ def table(head, rows, numeric=(), bad=()):
         columns = []
         for i, value in enumerate(row):
             if value is None:
-                columns.append(f'<td class="{right[i]} none">not available</td>')
+                columns.append(f'<td class="{right[i]} none" title="not available">n/a</td>')
             else:
                 columns.append(f'<td class="{right[i]}">{_inner(value)}</td>')
         body.append(f'<tr{" class=bad" if number in bad else ""}>{"".join(columns)}</tr>')

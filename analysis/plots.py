@@ -7,13 +7,14 @@ from matplotlib.patches import Rectangle
 from analysis import metrics, series, style
 
 STRIP_IN, PANEL_IN, GAP_IN = 0.24, 1.55, 0.3
+EM = 0.0085  # width of a letter over its size [in/pt]
 
 
 def _sheet(run, heights, strip, legend_in=style.RIGHT_IN, title_gap=GAP_IN):
     """Figure with panels one below the other, all over the whole run; a strip for the active controllets on top."""
     rows = ([STRIP_IN] if strip else []) + list(heights)
     top, bottom = 0.12, 0.42
-    height = top + bottom + sum(rows) + title_gap * (len(rows) - (1 if not strip else 1)) + (0 if strip else 0.18)
+    height = top + bottom + sum(rows) + title_gap * (len(rows) - 1) + (0 if strip else 0.18)
     figure = plt.figure(figsize=(style.WIDTH_IN, height), dpi=style.DPI)
     axes, y = [], height - top - (0 if strip else 0.18)
     for i, row in enumerate(rows):
@@ -32,25 +33,27 @@ def _sheet(run, heights, strip, legend_in=style.RIGHT_IN, title_gap=GAP_IN):
 
 
 def _draw_spans(axis, run, arm, colours, y=0.0, height=1.0):
-    """Coloured bands with the names of the controllets that owned the arm; a name that does not fit is left out."""
+    """Coloured bands with the names of the controllets that owned the arm; a name that does not fit is cut."""
     first, last = axis.get_xlim()
     inches = axis.get_position().width * style.WIDTH_IN
     for span in run.spans(arm):
         axis.add_patch(Rectangle((span.start, y), span.end - span.start, height, facecolor=colours.get(span.instance, "#fff"),
                                  edgecolor="white", linewidth=0.8))
         room = (min(span.end, last) - max(span.start, first)) / (last - first) * inches
-        for size in (8, 6.8, 6):
-            if len(span.instance) * size * 0.0087 < room - 0.06:
-                axis.text((max(span.start, first) + min(span.end, last)) / 2, y + height / 2, span.instance, ha="center",
-                          va="center", fontsize=size, color=style.INK, clip_on=True)
-                break
+        size, text = next(((size, span.instance) for size in (8, 7, 6.3) if len(span.instance) * size * EM < room - 0.05),
+                          (6.3, span.instance[: max(0, int((room - 0.05) / (6.3 * EM)) - 1)] + "…"))
+        if len(text) >= 4 or text == span.instance:
+            axis.text((max(span.start, first) + min(span.end, last)) / 2, y + height / 2, text, ha="center", va="center",
+                      fontsize=size, color=style.INK, clip_on=True)
 
 
 def _strip(axis, run, arm, colours):
     axis.set_ylim(0, 1)
     axis.axis("off")
+    axis.text(-0.012, 0.5, arm, transform=axis.transAxes, ha="right", va="center", fontsize=9, fontweight="bold", color=style.INK)
     _draw_spans(axis, run, arm, colours)
-    times = [m["stamp"] for m in run.interventions if m["arm"] in ("", arm)]
+    first, last = axis.get_xlim()
+    times = [m["stamp"] for m in run.interventions if m["arm"] in ("", arm) and first <= m["stamp"] <= last]
     if times:
         axis.plot(times, np.full(len(times), -0.12), "^", color=style.INTERVENTION, markersize=4.5, clip_on=False)
 
@@ -68,7 +71,15 @@ def _markers(axes, run, arm):
 
 
 def _line(axis, t, y, **how):
-    return axis.plot(*series.drawable(t, np.asarray(y, dtype=float)), **how)[0]
+    """A line; a series that jitters becomes its mean, with a pale band from its smallest to its largest value."""
+    y = np.asarray(y, dtype=float)
+    jitter = series.band_and_mean(t, y)
+    if jitter is None:
+        axis.plot(*series.drawable(t, y), **how)
+        return
+    times, low, high, mean = jitter
+    axis.fill_between(times, low, high, facecolor=how["color"], edgecolor="none", alpha=0.22, zorder=1.5)
+    axis.plot(times, mean, **how)
 
 
 def _legend(axis, **how):
@@ -110,7 +121,7 @@ def joint_positions(run, arm, colours):
         for i in range(target["q_d"].shape[1]):
             _line(axes[1], target["t"], target["q_d"][:, i], color=style.INK, linewidth=0.9, linestyle=(0, (2, 2)),
                   label="target" if i == 0 and target is targets[0] else None)
-    axes[1].set_title(f"{arm}: joint positions q")
+    axes[1].set_title("joint positions q")
     axes[1].set_ylabel("q [rad]")
     _legend(axes[1])
     panel = 2
@@ -139,7 +150,7 @@ def joint_velocities(run, arm, colours):
     figure, axes = _sheet(run, [1.9] + ([1.25] if limit is not None else []), strip=True)
     _strip(axes[0], run, arm, colours)
     _joint_lines(axes[1], t, dq)
-    axes[1].set_title(f"{arm}: joint velocities q̇")
+    axes[1].set_title("joint velocities q̇")
     axes[1].set_ylabel("q̇ [rad/s]")
     _legend(axes[1])
     if limit is not None:
@@ -173,7 +184,7 @@ def torques(run, arm, colours):
     _strip(axes[0], run, arm, colours)
     for axis, (t, values, title, label) in zip(axes[1:], panels):
         _joint_lines(axis, t, values, legend=axis is axes[1])
-        axis.set_title(f"{arm}: {title}" if axis is axes[1] else title)
+        axis.set_title(title)
         axis.set_ylabel(label)
     _legend(axes[1])
     if with_limit:
@@ -185,9 +196,11 @@ def torques(run, arm, colours):
 def pose(run, arm, colours):
     t, p = run.get(f"{arm}/model/t"), run.get(f"{arm}/model/pose_position")
     errors = metrics.pose_errors(run, arm)
+    manipulability = run.get(f"{arm}/model/manipulability")
     if p is None and not errors:
         return None
-    figure, axes = _sheet(run, ([2.0] if p is not None else []) + ([PANEL_IN, PANEL_IN] if errors else []), strip=True)
+    figure, axes = _sheet(run, ([2.0] if p is not None else []) + ([PANEL_IN, PANEL_IN] if errors else [])
+                          + ([0.8] if manipulability is not None else []), strip=True)
     _strip(axes[0], run, arm, colours)
     panel = 1
     if p is not None:
@@ -197,7 +210,7 @@ def pose(run, arm, colours):
             for k in range(3):
                 _line(axes[panel], target["t"], target["position"][:, k], color=style.INK, linewidth=0.9,
                       linestyle=(0, (2, 2)), label="target" if n == 0 and k == 0 else None)
-        axes[panel].set_title(f"{arm}: position of the end effector E in the world")
+        axes[panel].set_title("position of the end effector E in the world")
         axes[panel].set_ylabel("p_WE [m]")
         _legend(axes[panel])
         panel += 1
@@ -208,13 +221,18 @@ def pose(run, arm, colours):
                     _line(axis, entry["t"], scale * entry[key][:, k], color=style.AXES_XYZ[k], label=name if n == 0 else None)
                 _line(axis, entry["t"], scale * np.linalg.norm(entry[key], axis=1), color=style.NORM, linewidth=0.9,
                       label="norm" if n == 0 else None)
-        axes[panel].set_title(("" if p is not None else f"{arm}: ") + "position error, target minus actual, world axes")
+        axes[panel].set_title("position error, target minus actual, world axes")
         axes[panel].set_ylabel("error [mm]")
         _legend(axes[panel])
         axes[panel + 1].set_title("orientation error, rotation vector log(R_d Rᵀ), world axes")
         axes[panel + 1].set_ylabel("error [deg]")
-        for axis in axes[panel:]:
+        for axis in axes[panel : panel + 2]:
             _shade_without_target(axis, run, arm, {entry["instance"] for entry in errors})
+    if manipulability is not None:
+        _line(axes[-1], t, manipulability, color="#4477aa")
+        axes[-1].set_title("manipulability √det(J Jᵀ): 0 at a singular configuration")
+        axes[-1].set_ylabel("m")
+        axes[-1].set_ylim(0, 1.15 * float(np.nanmax(manipulability)) or 1)
     _markers(axes[1:], run, arm)
     return figure
 
@@ -226,8 +244,9 @@ def _shade_without_target(axis, run, arm, with_target):
         if span.instance in with_target:
             continue
         axis.axvspan(span.start, span.end, facecolor="#f4f5f7", edgecolor="none", zorder=0)
-        if (span.end - span.start) / (last - first) * inches > 1.05:
-            axis.text((span.start + span.end) / 2, 0.5, "no pose target", transform=axis.get_xaxis_transform(), ha="center",
+        shared = len(run.instances.get(span.instance, {}).get("arms") or []) > 1
+        if (span.end - span.start) / (last - first) * inches > (1.3 if shared else 1.05):
+            axis.text((span.start + span.end) / 2, 0.5, "target of several arms" if shared else "no pose target", transform=axis.get_xaxis_transform(), ha="center",
                       va="center", fontsize=7.5, color=style.FAINT)
 
 
@@ -244,7 +263,7 @@ def wrench(run, arm, colours):
         for axis, values, what, unit in ((axes[1 + 2 * n], force, "force", "N"), (axes[2 + 2 * n], torque, "moment about K", "N m")):
             for k, letter in enumerate("xyz"):
                 _line(axis, t, values[:, k], color=style.AXES_XYZ[k], label=letter)
-            axis.set_title((f"{arm}: " if axis is axes[1] else "") + f"{what}, {name}")
+            axis.set_title(f"{what}, {name}")
             axis.set_ylabel(f"{what.split()[0]} [{unit}]")
         _legend(axes[1 + 2 * n])
     # The same scale for both sources, so that they can be compared at a glance.
@@ -267,8 +286,13 @@ def shared_task(run, instance, colours):
     prefixes = [prefix for prefix in prefixes if prefix not in mine]
     if not prefixes:
         return None
-    figure, axes = _sheet(run, [1.4] * (2 * len(prefixes)), strip=True)
-    _strip(axes[0], run, run.instances[instance]["arms"][0], colours)
+    figure, axes = _sheet(run, [1.3] * (2 * len(prefixes)), strip=True)
+    arm = run.instances[instance]["arms"][0]
+    active = [span for span in run.spans(arm) if span.instance == instance]
+    if active:  # nothing else is shown
+        margin = 0.04 * (active[-1].end - active[0].start)
+        axes[0].set_xlim(active[0].start - margin, active[-1].end + margin)
+    _strip(axes[0], run, arm, colours)
     for n, prefix in enumerate(prefixes):
         topic = f"{instance}/outputs/{prefix}"
         for axis, leaf, scale, label in ((axes[1 + 2 * n], "position_error_m", 1e3, "error [mm]"),
@@ -285,7 +309,7 @@ def shared_task(run, instance, colours):
                 _line(axis, t, scale * values[:, k], color=style.AXES_XYZ[k], label=name)
             _line(axis, t, scale * np.linalg.norm(values, axis=1), color=style.NORM, linewidth=0.9, label="norm")
         _legend(axes[1 + 2 * n])
-    _markers(axes[1:], run, run.instances[instance]["arms"][0])
+    _markers(axes[1:], run, arm)
     return figure
 
 
@@ -326,8 +350,8 @@ def cycle_histogram(run):
     if total is None:
         return None
     us = np.maximum(1e6 * total, 1e-3)
-    figure = plt.figure(figsize=(style.WIDTH_IN, 2.9), dpi=style.DPI)
-    axis = figure.add_axes((style.LEFT_IN / style.WIDTH_IN, 0.16, 1 - (style.LEFT_IN + 0.25) / style.WIDTH_IN, 0.66))
+    figure = plt.figure(figsize=(style.WIDTH_IN, 3.1), dpi=style.DPI)
+    axis = figure.add_axes((style.LEFT_IN / style.WIDTH_IN, 0.15, 1 - (style.LEFT_IN + 0.25) / style.WIDTH_IN, 0.61))
     low, high = us.min() * 0.9, us.max() * 1.15
     axis.hist(us, bins=np.geomspace(low, max(high, low * 1.5), 120), color="#4477aa", edgecolor="none")
     axis.set_xscale("log")
@@ -345,7 +369,7 @@ def cycle_histogram(run):
         x = 1e6 * figures[key]
         axis.axvline(x, color=style.INK, linewidth=0.9, linestyle="-" if key == "p50" else (0, (4, 3)), ymax=1.0)
         axis.annotate(f"{name} {x:.1f} µs", (x, 1.0), xycoords=("data", "axes fraction"),
-                      xytext=(-2 if n == 3 else 2, 3 + 11 * (n % 2)), textcoords="offset points",
+                      xytext=(-2 if n == 3 else 2, 3 + 11 * n), textcoords="offset points",
                       ha="right" if n == 3 else "left", fontsize=8)
     return figure
 

@@ -9,9 +9,9 @@ LISTED_INTERVENTIONS, LISTED_EVENTS = 200, 200
 UNITS = {"torque not finite": "N m", "torque implausible": "N m", "torque clamped": "N m", "torque rate clamped": "N m/s",
          "joint position limit": "rad", "joint velocity limit": "rad/s", "workspace limit": "m", "reference stale": "s",
          "state too old": "s"}
-RUN_FACTS = {"scene": "Scene", "started": "Started", "start": "Started", "wall_time": "Started", "seed": "Seed", "version": "multipanda",
-             "compiler": "Compiler", "cpu": "Processor", "cores": "Processor cores", "kernel": "System", "mujoco": "MuJoCo",
-             "plant": "Plant fidelity", "pacing": "Pacing"}
+RUN_FACTS = {"scene": "Scene", "scene_path": "Scene file", "start": "Started", "seed": "Seed", "plant": "Plant fidelity", "paced": "Paced to the wall clock",
+             "threads": "Thread set-up", "multipanda": "multipanda", "version": "multipanda", "mujoco": "MuJoCo", "eigen": "Eigen", "compiler": "Compiler",
+             "processor": "Processor", "cpu": "Processor", "cores": "Processor cores", "kernel": "Kernel", "machine": "Architecture"}
 
 
 def _milli(seconds, digits=3):
@@ -39,18 +39,18 @@ def glance(run):
     span = metrics.duration(run)
     entries = [
         (_with_unit(f"{span:.3f}" if span is not None else None, "s"), "duration", False),
-        (_with_unit(f"{rate:.1f}" if rate is not None else None, "Hz"), "control rate on this computer's clock", False),
+        (_with_unit(f"{rate:.1f}" if rate is not None else None, "Hz"), "control rate, computer's clock", False),
         (f"{counts['recorded']:,}".replace(",", " ") if counts["recorded"] is not None else "not available",
          "cycles recorded", False),
         ("not available" if counts["overruns"] is None else counts["overruns"], "overruns", bool(counts["overruns"])),
         ("not available" if dropped is None else dropped, "cycle records dropped", bool(dropped)),
-        (f"{accepted} / {len(run.switches)}", "switches accepted / all", False),
-        (interventions, "interventions of the safety stage", interventions > 0),
+        (f"{accepted} / {len(run.switches)}", "switches accepted / asked", False),
+        (interventions, "safety interventions", interventions > 0),
     ]
-    parts = [page.tiles(entries)]
     if times is not None:
-        parts.append(page.tiles([(f"{1e6 * times[key]:.1f} µs", f"cycle, {name}", False)
-                                 for key, name in (("p50", "median"), ("p99", "p99"), ("p99.9", "p99.9"), ("max", "worst"))]))
+        entries += [(f"{1e6 * times[key]:.1f} µs", f"cycle, {name}", False)
+                    for key, name in (("p50", "median"), ("p99", "p99"), ("p99.9", "p99.9"), ("max", "worst"))]
+    parts = [page.tiles(entries)]
     factor = metrics.realtime_factor(run)
     if factor is not None:
         parts.append(page.paragraph("Paced to the wall clock." if metrics.is_paced(run) else
@@ -68,7 +68,14 @@ def largest_errors(run):
         rows.append([arm, _milli(worst["position"]), _degrees(worst["rotation"]), _milli(worst["joint"])])
     return [Raw("<h3>Largest tracking errors</h3>"),
             page.table(["arm", "position of E [mm]", "orientation of E [deg]", "joint [mrad]"], rows, numeric=(1, 2, 3)),
-            page.paragraph("Not available: no controllet of that arm had such a target, or it did not log it.")]
+            page.paragraph("n/a, not available: no controllet of that arm had such a target, or it was not logged.")]
+
+
+def _answer(switch):
+    if not switch["accepted"]:
+        return switch["text"]
+    _, because, reason = switch["text"].partition("because of ")
+    return "accepted" if switch["request"] else ("by the loop: " + reason if because else "by the loop")
 
 
 def switches(run, colours):
@@ -80,20 +87,21 @@ def switches(run, colours):
         steps = []
         for arm, wanted, sent in zip(s["arms"], s["torque_step_wanted"], s["torque_step"]):
             known = wanted is not None and sent is not None
-            steps.append(f"{arm}: " + (f"{figures(wanted)} / {figures(sent)}" if known else "not measured"))
+            steps.append(f"{arm}: " + (f"{wanted:.2f} / {sent:.2f}" if known else "not measured"))
         asked = s["total"] is not None
         if not s["accepted"]:
             bad.append(n)
         out.append([f"{s['stamp']:.3f}", page.chips(s["started"], colours), page.chips(s["stopped"], colours),
                     page.chips(s["kept"], colours),
-                    *([_milli(s["waiting"]), _milli(s["computing"]), _milli(s["total"])] if asked else ["–", "–", "–"]),
-                    Raw("<br>".join(page.escape(step) for step in steps) or "–"),
-                    s["text"] if not s["accepted"] else ("accepted" if s["request"] else "the loop's own: " + s["text"])])
-    return [page.table(["t [s]", "started", "stopped", "kept", "received → taken [ms]", "taken → first torque [ms]",
-                        "received → first torque [ms]", "torque step wanted / sent [N m]", "answer"], out,
-                       numeric=(0, 4, 5, 6), bad=bad),
-            page.paragraph("Torque step: the largest step of one joint's torque at the hand-over, as the new controllet wanted it, "
-                           "and as sent after the torque-rate limit. “–” under the durations: nobody waited for this "
+                    f"0 → {1e3 * s['waiting']:.3f} → {1e3 * s['total']:.3f}" if asked else "–",
+                    Raw("<br>".join(f'<span class="one">{page.escape(step)}</span>' for step in steps) or "–"),
+                    _answer(s)])
+    return [page.table(["t [s]", "started", "stopped", "kept", "received → taken → first torque [ms]",
+                        "torque step wanted / sent [N m]", "answer"], out,
+                       numeric=(0, 4), bad=bad),
+            page.paragraph("Received: zero. Taken: start of the cycle that took the request. First torque: of the new controllet, written to the "
+                           "arm. Torque step: the largest step of one joint's torque at the hand-over, as the new controllet wanted it, "
+                           "and as sent after the torque-rate limit. “–” in place of the times: nobody waited for this "
                            "switch; it was the loop's own doing, or of the scene's timeline.")]
 
 
@@ -134,7 +142,7 @@ def tracking(run, colours):
     return [page.table(["arm", "controllet", "active [s]", "position max [mm]", "position RMS [mm]", "orientation max [deg]",
                         "orientation RMS [deg]", "joint max [mrad]"], rows, numeric=(2, 3, 4, 5, 6, 7)),
             page.paragraph("Target after interpolation minus actual, while that controllet had the arm; norms over x, y, z. "
-                           "Not available: it has no such target, or the target belongs to several arms together.")]
+                           "n/a, not available: it has no such target, or the target belongs to several arms together.")]
 
 
 def effort(run):
