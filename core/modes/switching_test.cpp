@@ -1,0 +1,322 @@
+#include <atomic>
+#include <thread>
+
+#include <gtest/gtest.h>
+
+#include "core/test_support/test_laws.hpp"
+#include "core/test_support/test_world.hpp"
+
+// Ownership, requests and answers, on a world of four arms.
+namespace multipanda {
+namespace {
+
+using test::Draw;
+using test::TestLoop;
+using Kind = Request::Kind;
+
+std::vector<InstanceConfig> four_arms() {
+  return {
+      {.name = "s0", .type = "spring", .arms = {0}},      {.name = "s1", .type = "spring", .arms = {1}},
+      {.name = "s2", .type = "spring", .arms = {2}},      {.name = "s3", .type = "spring", .arms = {3}},
+      {.name = "p12", .type = "pair", .arms = {1, 2}},    {.name = "p31", .type = "pair", .arms = {3, 1}},
+      {.name = "f2", .type = "follow", .arms = {2}},      {.name = "refuser", .type = "refuser", .arms = {1}},
+      {.name = "thrower", .type = "thrower", .arms = {2}}};
+}
+
+TEST(Switching, ArmsAreHeldFromTheFirstCycleOn) {
+  TestLoop loop(4, four_arms(), test::test_registry());
+  EXPECT_EQ(loop.modes().owner(3), 3);  // before the first cycle, too
+  loop.step();
+  EXPECT_EQ(loop.ownership_fault(), "");
+  EXPECT_EQ(loop.modes().active(), loop.set({"arm0_hold", "arm1_hold", "arm2_hold", "arm3_hold"}));
+}
+
+TEST(Switching, FirstTorqueComesInTheCycleThatTakesTheRequest) {
+  TestLoop loop(4, four_arms(), test::test_registry());
+  loop.steps(10);
+  const Answer answer = loop.activate({"p12"});
+  EXPECT_TRUE(answer.accepted());
+  EXPECT_EQ(answer.cycle, 11u);
+  EXPECT_EQ(answer.plan.start, loop.set({"p12"}));
+  EXPECT_EQ(answer.plan.stop, loop.set({"arm1_hold", "arm2_hold"}));
+  EXPECT_EQ(answer.plan.keep, loop.set({"arm0_hold", "arm3_hold"}));
+  EXPECT_LE(answer.received, answer.taken);
+  EXPECT_LT(answer.taken, answer.first_torque);
+  // The law's torque of this very cycle: at rest at the start, 0.01 x (1 ms), less what moved since.
+  EXPECT_NEAR(loop.cycle.data().tau_controllet[1][0], 1e-5, 1e-4);
+  EXPECT_EQ(loop.modes().owner(1), loop.find("p12"));
+  EXPECT_EQ(loop.modes().owner(2), loop.find("p12"));
+  EXPECT_EQ(loop.ownership_fault(), "");
+}
+
+TEST(Switching, StepAtTheHandOverIsBoundedByTheRateLimitAndTold) {
+  TestLoop loop(1,
+                {{.name = "f", .type = "follow", .arms = {0}}, {.name = "s", .type = "spring", .arms = {0}}},
+                test::test_registry());
+  loop.step();
+  ASSERT_TRUE(loop.activate({"f"}).accepted());
+  Request goal{.kind = Kind::set_target, .instance = loop.find("f")};
+  goal.target.size = 7;
+  goal.target.values.fill(1.0);
+  ASSERT_TRUE(loop.ask(goal).accepted());
+  loop.steps(800);
+  const JointVector before = loop.world.torque(0);
+  const Answer answer = loop.activate({"s"});
+  const double sent = (loop.world.torque(0) - before).lpNorm<Eigen::Infinity>();
+  EXPECT_NEAR(answer.step_sent[0], sent, 1e-12);
+  EXPECT_LE(sent, 1.0 + 1e-12);  // 1000 N m/s for 1 ms
+  EXPECT_GE(answer.step_wanted[0], answer.step_sent[0]);
+}
+
+TEST(Switching, TwoOwnersAreRefusedWholeAndNothingChanges) {
+  TestLoop loop(4, four_arms(), test::test_registry());
+  loop.step();
+  loop.activate({"s1"});
+  const InstanceSet before = loop.modes().active();
+  EXPECT_EQ(loop.activate({"p12", "s3", "s2"}).verdict, Verdict::two_owners);
+  EXPECT_EQ(loop.modes().active(), before);
+  EXPECT_THROW(loop.modes().activate_at_start(loop.set({"p12", "p31"})), std::invalid_argument);
+}
+
+TEST(Switching, WhoRefusesToStartChangesNothingForAnybody) {
+  for (const char* bad : {"refuser", "thrower"}) {
+    TestLoop loop(4, four_arms(), test::test_registry());
+    loop.step();
+    loop.activate({"s0", "s1"});
+    loop.steps(5);
+    const InstanceSet before = loop.modes().active();
+    EXPECT_EQ(loop.activate({bad, "s3"}).verdict, Verdict::start_refused);
+    EXPECT_EQ(loop.modes().active(), before);
+    EXPECT_EQ(loop.ownership_fault(), "");
+  }
+}
+
+TEST(Switching, WrongRequestsAreAnsweredWithTheirReason) {
+  TestLoop loop(4, four_arms(), test::test_registry());
+  loop.step();
+  EXPECT_EQ(loop.ask({.activate = InstanceSet{1} << 40}).verdict, Verdict::unknown_instance);
+  EXPECT_EQ(loop.ask({.kind = Kind::set_parameter, .instance = 99}).verdict, Verdict::unknown_instance);
+  EXPECT_EQ(loop.ask({.kind = Kind::set_parameter, .instance = 0, .index = 99}).verdict,
+            Verdict::unknown_parameter);
+  Request parameter{.kind = Kind::set_parameter, .instance = 0, .index = 1, .size = 2};
+  EXPECT_EQ(loop.ask(parameter).verdict, Verdict::wrong_size);
+  parameter.size = 1;
+  parameter.values[0] = 77;
+  EXPECT_EQ(loop.ask(parameter).verdict, Verdict::out_of_bounds);
+  parameter.values[0] = std::nan("");
+  EXPECT_EQ(loop.ask(parameter).verdict, Verdict::not_finite);
+  EXPECT_EQ(loop.ask({.kind = Kind::set_feature, .instance = 0, .index = 9}).verdict,
+            Verdict::unknown_feature);
+  EXPECT_EQ(loop.ask({.kind = Kind::set_target, .instance = 0}).verdict, Verdict::unknown_input);
+  Request target{.kind = Kind::set_target, .instance = loop.find("f2")};
+  EXPECT_EQ(loop.ask(target).verdict, Verdict::wrong_size);
+  target.target.size = 7;
+  EXPECT_EQ(loop.ask(target).verdict, Verdict::not_active);
+  EXPECT_EQ(loop.ask({.kind = Kind::resume, .arms = ArmSet::of(7)}).verdict, Verdict::unknown_arm);
+}
+
+TEST(Switching, StopHoldsUntilResumed) {
+  TestLoop loop(4, four_arms(), test::test_registry());
+  loop.step();
+  loop.activate({"p12", "s0"});
+  loop.modes().stop(ArmSet::of(1));
+  loop.step();
+  // The pair loses its other arm, too; that one is not stopped. arm 0 goes on.
+  EXPECT_EQ(loop.modes().active(), loop.set({"s0", "arm1_hold", "arm2_hold", "arm3_hold"}));
+  EXPECT_EQ(loop.modes().stopped(), ArmSet::of(1));
+  EXPECT_EQ(loop.cycle.safety().counted(1, Intervention::stop_requested), 1u);
+  EXPECT_EQ(loop.activate({"p12"}).verdict, Verdict::arm_stopped);
+  EXPECT_TRUE(loop.activate({"s2"}).accepted());
+  EXPECT_TRUE(loop.ask({.kind = Kind::resume, .arms = ArmSet::of(1)}).accepted());
+  EXPECT_EQ(loop.modes().owner(1), loop.find("arm1_hold"));  // resuming starts nothing by itself
+  EXPECT_TRUE(loop.activate({"p12"}).accepted());
+  loop.modes().stop(ArmSet::all(4));
+  loop.step();
+  EXPECT_EQ(loop.modes().stopped(), ArmSet::all(4));
+  EXPECT_EQ(loop.modes().active(), loop.set({"arm0_hold", "arm1_hold", "arm2_hold", "arm3_hold"}));
+}
+
+TEST(Switching, FeaturesSwitchAtTheCycle) {
+  TestLoop loop(4, four_arms(), test::test_registry());
+  loop.step();
+  loop.activate({"p12"});
+  const Instance& pair = loop.modes().instance(loop.find("p12"));
+  const auto push = static_cast<std::uint16_t>(pair.find_feature("push"));
+  Request on{.kind = Kind::set_feature, .instance = loop.find("p12"), .index = push, .on = true};
+  EXPECT_EQ(loop.cycle.data().tau_feature[1].norm(), 0);
+  EXPECT_TRUE(loop.ask(on).accepted());
+  EXPECT_TRUE(pair.feature_on(push));
+  EXPECT_EQ(loop.cycle.data().tau_feature[1], joint_constant(7, 0.5));
+  EXPECT_EQ(loop.cycle.data().tau_feature[2], joint_constant(7, 0.5));
+  EXPECT_EQ(loop.cycle.data().tau_feature[3].norm(), 0);
+  on.on = false;
+  EXPECT_TRUE(loop.ask(on).accepted());
+  EXPECT_EQ(loop.cycle.data().tau_feature[1].norm(), 0);
+}
+
+TEST(Switching, ABatchIsTakenInOneCycleHoweverLong) {
+  TestLoop loop(4, four_arms(), test::test_registry());
+  loop.step();
+  std::vector<Request> single(10, Request{.kind = Kind::resume});
+  std::vector<Request> batch(40, Request{.kind = Kind::resume});
+  std::uint64_t first = 0, last = 0;
+  ASSERT_EQ(loop.modes().post(single, first), Verdict::accepted);
+  ASSERT_EQ(loop.modes().post(batch, last), Verdict::accepted);
+  loop.steps(3);
+  Answer answer, other;
+  ASSERT_TRUE(loop.modes().poll(last, answer));
+  for (std::uint64_t t = last - batch.size() + 1; t <= last; ++t) {
+    ASSERT_TRUE(loop.modes().poll(t, other));
+    EXPECT_EQ(other.cycle, answer.cycle);
+  }
+  EXPECT_EQ(loop.modes().post(std::vector<Request>(65, single[0]), last), Verdict::queue_full);
+}
+
+TEST(Switching, AskGivesTheFirstRefusalOfABatch) {
+  TestLoop loop(4, four_arms(), test::test_registry());
+  loop.step();
+  std::atomic<bool> done{false};
+  Answer answer;
+  std::thread asker([&] {
+    const std::array<Request, 2> batch{Request{.activate = loop.set({"refuser"})},
+                                       Request{.kind = Kind::resume}};
+    answer = loop.modes().ask(batch, 60);
+    done = true;
+  });
+  while (!done) loop.step();
+  asker.join();
+  EXPECT_EQ(answer.verdict, Verdict::start_refused);
+}
+
+TEST(Switching, ScheduledRequestsComeToTheCycle) {
+  TestLoop loop(4, four_arms(), test::test_registry());
+  std::vector<ScheduledRequest> timeline(3);
+  timeline[0].at = LoopTime::from_seconds(0.020);
+  timeline[0].request.activate = loop.set({"s1"});
+  timeline[1].at = LoopTime::from_seconds(0.010);
+  timeline[1].request.activate = loop.set({"p12"});
+  timeline[2].at = LoopTime::from_seconds(0.030);
+  timeline[2].what = ScheduledRequest::What::stop;
+  timeline[2].stop = ArmSet::of(1);
+  loop.modes().activate_at_start(loop.set({"s0"}));
+  loop.modes().schedule(timeline);
+  for (int k = 0; k < 40; ++k) {  // step k is at k ms
+    loop.step();
+    EXPECT_EQ(loop.modes().owner(0), loop.find("s0")) << k;
+    const char* expected = k < 10 ? "arm1_hold" : k < 20 ? "p12" : k < 30 ? "s1" : "arm1_hold";
+    EXPECT_EQ(loop.modes().owner(1), loop.find(expected)) << k;
+  }
+  EXPECT_EQ(loop.modes().stopped(), ArmSet::of(1));
+}
+
+TEST(Switching, ParametersOfWhatDoesNotRunAreSetAtOnce) {
+  TestLoop loop(2, {}, test::test_registry());
+  loop.step();
+  Instance& hold = loop.modes().instance(0);
+  const auto ratio = static_cast<std::uint16_t>(hold.find_parameter("damping_ratio"));
+  Request set{.kind = Kind::set_parameter, .instance = 0, .index = ratio, .size = 1};
+  set.values[0] = 0.5;
+  ASSERT_TRUE(loop.ask(set).accepted());
+  EXPECT_EQ(hold.parameter(ratio), std::vector<double>{0.5});
+}
+
+// What the kept arm gets, cycle by cycle, must not depend on what happens to the others.
+std::vector<JointVector> torques_of_arm0(bool others_switch) {
+  TestLoop loop(4, four_arms(), test::test_registry());
+  loop.modes().activate_at_start(loop.set({"s0"}));
+  Draw draw(5);
+  std::vector<JointVector> torques;
+  const std::vector<std::string_view> names = {"s1", "s2", "s3", "p12", "p31", "f2", "refuser", "thrower"};
+  for (int k = 0; k < 500; ++k) {
+    if (others_switch) {
+      Request request;
+      (draw.coin() ? request.activate : request.deactivate) = bit(loop.find(names[draw.index(names.size())]));
+      std::uint64_t ticket = 0;
+      (void)loop.modes().post(std::span(&request, 1), ticket);
+      if (draw.index(20) == 0) loop.modes().stop(ArmSet::of(1 + draw.index(3)));
+    }
+    loop.step();
+    torques.push_back(loop.world.torque(0));
+  }
+  return torques;
+}
+
+TEST(Switching, KeptControlletsAreBitIdenticalToARunWithoutSwitches) {
+  const auto quiet = torques_of_arm0(false), busy = torques_of_arm0(true);
+  for (std::size_t k = 0; k < quiet.size(); ++k) ASSERT_EQ(quiet[k], busy[k]) << k;
+}
+
+TEST(Switching, AThousandRandomRequestsFromManyThreads) {
+  constexpr int kThreads = 4, kEach = 250;
+  TestLoop loop(4, four_arms(), test::test_registry());
+  loop.modes().activate_at_start(loop.set({"s0"}));
+  loop.step();
+  std::atomic<int> running{kThreads}, accepted{0}, refused{0}, disordered{0};
+  std::vector<std::thread> askers;
+  for (int t = 0; t < kThreads; ++t) {
+    askers.emplace_back([&, t] {
+      Draw draw(static_cast<std::uint32_t>(100 + t));
+      std::uint64_t last_cycle = 0;
+      for (int k = 0; k < kEach; ++k) {
+        Request request;
+        // Anything but the kept one and its arm's hold: instance 4 is "s0".
+        const InstanceSet mask = 0b1'1111'1110'1110;
+        const auto bits = [&] { return (InstanceSet{1} << draw.index(13)) & mask; };
+        request.activate = bits() | (draw.coin() ? bits() : 0);
+        request.deactivate = bits();
+        if (draw.index(25) == 0) loop.modes().stop(ArmSet::of(1 + draw.index(3)));
+        if (draw.index(8) == 0) request = {.kind = Kind::resume, .arms = ArmSet::of(1 + draw.index(3))};
+        const Answer answer = loop.modes().ask(request, 120);
+        if (answer.accepted()) {
+          ++accepted;
+          if (answer.cycle < last_cycle || answer.taken < answer.received ||
+              answer.first_torque < answer.taken) {
+            ++disordered;
+          }
+          last_cycle = answer.cycle;
+        } else {
+          ++refused;
+          if (answer.verdict == Verdict::timeout || answer.verdict == Verdict::pending) ++disordered;
+        }
+      }
+      --running;
+    });
+  }
+  std::string fault;
+  std::uint64_t lost_owner = 0;
+  while (running > 0) {
+    loop.step();
+    if (fault.empty()) fault = loop.ownership_fault();
+    lost_owner += loop.modes().owner(0) == loop.find("s0") ? 0 : 1;
+  }
+  for (auto& asker : askers) asker.join();
+  EXPECT_EQ(fault, "");
+  EXPECT_EQ(lost_owner, 0u);
+  EXPECT_EQ(disordered, 0);
+  EXPECT_EQ(accepted + refused, kThreads * kEach);
+  EXPECT_GT(accepted, 100);
+  EXPECT_GT(refused, 50);
+}
+
+TEST(Instance, RefusesWhatDoesNotFit) {
+  const auto refused = [](InstanceConfig config) {
+    EXPECT_THROW(TestLoop(2, {config}, test::test_registry()), std::invalid_argument) << config.name;
+  };
+  refused({.name = "no such type", .type = "sprong", .arms = {0}});
+  refused({.name = "no such arm", .type = "spring", .arms = {2}});
+  refused({.name = "too few arms", .type = "pair", .arms = {0}});
+  refused({.name = "arm twice", .type = "pair", .arms = {1, 1}});
+  refused({.name = "feature", .type = "spring", .arms = {1}, .features = {"pull"}});
+  refused({.name = "parameter", .type = "saboteur", .arms = {1}, .parameters = {{"folt", {1}}}});
+  refused({.name = "choice", .type = "saboteur", .arms = {1}, .parameters = {{"fault", {1.5}}}});
+  refused({.name = "input", .type = "follow", .arms = {1}, .inputs = {{.name = "jonts"}}});
+  refused({.name = "arm0_hold", .type = "spring", .arms = {0}});
+  EXPECT_THROW(
+      TestLoop(1,
+               {{.name = "a", .type = "spring", .arms = {0}}, {.name = "a", .type = "spring", .arms = {0}}},
+               test::test_registry()),
+      std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace multipanda

@@ -1,0 +1,156 @@
+#include <array>
+#include <atomic>
+#include <thread>
+
+#include <gtest/gtest.h>
+
+#include "core/rt/pacer.hpp"
+#include "core/rt/spsc_ring.hpp"
+#include "core/rt/thread_setup.hpp"
+#include "core/rt/triple_buffer.hpp"
+
+namespace multipanda {
+namespace {
+
+// A value that shows if it was torn.
+struct Whole {
+  std::array<std::uint64_t, 40> words{};
+  static Whole of(std::uint64_t n) {
+    Whole whole;
+    whole.words.fill(n);
+    return whole;
+  }
+  bool intact() const {
+    for (const auto w : words) {
+      if (w != words[0]) return false;
+    }
+    return true;
+  }
+};
+
+TEST(TripleBuffer, GivesTheNewestOnce) {
+  TripleBuffer<int> buffer(7);
+  EXPECT_EQ(buffer.value(), 7);
+  EXPECT_FALSE(buffer.take());
+  buffer.write(1);
+  buffer.write(2);
+  EXPECT_EQ(buffer.value(), 7);
+  EXPECT_TRUE(buffer.take());
+  EXPECT_EQ(buffer.value(), 2);
+  EXPECT_FALSE(buffer.take());
+  EXPECT_EQ(buffer.value(), 2);
+}
+
+TEST(TripleBuffer, TwoThreadsNeverTearNorGoBack) {
+  constexpr std::uint64_t kCount = 200'000;
+  TripleBuffer<Whole> buffer;
+  std::thread writer([&] {
+    for (std::uint64_t n = 1; n <= kCount; ++n) buffer.write(Whole::of(n));
+  });
+  std::uint64_t last = 0, torn = 0, backwards = 0;
+  while (last < kCount) {
+    if (!buffer.take()) {
+      std::this_thread::yield();
+      continue;
+    }
+    torn += buffer.value().intact() ? 0 : 1;
+    backwards += buffer.value().words[0] <= last ? 1 : 0;
+    last = buffer.value().words[0];
+  }
+  writer.join();
+  EXPECT_EQ(torn, 0u);
+  EXPECT_EQ(backwards, 0u);
+}
+
+TEST(SpscRing, IsAQueueOfItsCapacity) {
+  SpscRing<int> ring(3);
+  EXPECT_EQ(ring.front(), nullptr);
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(ring.push(i));
+  EXPECT_FALSE(ring.push(3));
+  EXPECT_EQ(ring.back(), nullptr);
+  EXPECT_EQ(ring.size(), 3u);
+  for (int round = 0; round < 10; ++round) {
+    EXPECT_EQ(*ring.front(), round);
+    ring.pop();
+    EXPECT_TRUE(ring.push(round + 3));
+    EXPECT_EQ(ring.size(), 3u);
+  }
+}
+
+TEST(SpscRing, TwoThreadsLoseNothing) {
+  constexpr std::uint64_t kCount = 200'000;
+  SpscRing<Whole> ring(17);
+  std::thread producer([&] {
+    for (std::uint64_t n = 1; n <= kCount;) {
+      if (ring.push(Whole::of(n))) {
+        ++n;
+      } else {
+        std::this_thread::yield();
+      }
+    }
+  });
+  std::uint64_t wrong = 0;
+  for (std::uint64_t n = 1; n <= kCount;) {
+    const Whole* whole = ring.front();
+    if (whole == nullptr) {
+      std::this_thread::yield();
+      continue;
+    }
+    wrong += whole->intact() && whole->words[0] == n ? 0 : 1;
+    ring.pop();
+    ++n;
+  }
+  producer.join();
+  EXPECT_EQ(wrong, 0u);
+  EXPECT_EQ(ring.size(), 0u);
+}
+
+TEST(Pacer, LatenessDoesNotAddUp) {
+  Pacer pacer;
+  pacer.start_at({0});
+  for (std::int64_t k = 1; k <= 1000; ++k) {
+    EXPECT_EQ(pacer.advance().ns, k * 1'000'000);
+    pacer.woke_at({k * 1'000'000 + 300'000});
+    EXPECT_EQ(pacer.lateness().count(), 300'000);
+  }
+  EXPECT_EQ(pacer.overruns(), 0u);
+}
+
+TEST(Pacer, MissedGridPointsAreCountedAndSkipped) {
+  Pacer pacer;
+  pacer.start_at({0});
+  pacer.advance();                // released at 1 ms
+  pacer.woke_at({4'200'000});     // woke at 4.2 ms: 2, 3 and 4 were missed
+  EXPECT_EQ(pacer.overruns(), 3u);
+  EXPECT_EQ(pacer.advance().ns, 5'000'000);
+  pacer.woke_at({5'000'000});
+  EXPECT_EQ(pacer.overruns(), 3u);
+  pacer.advance();             // 6 ms
+  pacer.woke_at({7'000'000});  // exactly one period late: 7 was missed, or a burst would follow
+  EXPECT_EQ(pacer.overruns(), 4u);
+  EXPECT_EQ(pacer.advance().ns, 8'000'000);
+}
+
+TEST(Pacer, NeverReleasesEarly) {
+  Pacer pacer(std::chrono::microseconds(200));
+  pacer.start();
+  HostTime before = host_now();
+  for (int i = 0; i < 5; ++i) {
+    pacer.wait();
+    EXPECT_GE(pacer.lateness().count(), 0);
+  }
+  EXPECT_GE((host_now() - before).count(), 900'000);  // five grid points, less the time before the first
+}
+
+TEST(ThreadSetup, EveryStepIsAnsweredWithAReasonIfNotDone) {
+  std::vector<SetupStep> steps;
+  std::thread thread([&] { steps = set_up_thread({.lock_memory = false, .fifo_priority = 80, .cpu = 100'000}); });
+  thread.join();
+  ASSERT_EQ(steps.size(), 2u);
+  for (const auto& step : steps) EXPECT_TRUE(step.done || !step.reason.empty()) << step.what;
+  EXPECT_FALSE(steps[0].done);  // there is no core 100,000
+  EXPECT_NE(steps[0].what.find("100000"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace multipanda
