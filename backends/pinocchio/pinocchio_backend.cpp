@@ -1,0 +1,160 @@
+#include "backends/pinocchio/pinocchio_backend.hpp"
+
+#include <stdexcept>
+
+#include <Eigen/Cholesky>
+
+#include "backends/arm/from_scene.hpp"
+#include "backends/arm/joint_friction.hpp"
+#include "scene/build.hpp"
+
+namespace multipanda {
+
+PinocchioBackend::PinocchioBackend(const Scene& scene, bool paced)
+    : paced_(paced), substeps_(checked_substeps(scene)) {
+  for (std::size_t i = 0; i < scene.arms.size(); ++i) {
+    const SceneArm& arm = scene.arms[i];
+    const RobotDescription robot = robot_of(arm);
+    const SimulatedArmConfig config = simulated_arm_config(scene, i);
+    arms_.push_back({.behaviour = SimulatedArm(config, arm.q_start),
+                     .plant = ModelTerms(config.model),
+                     .friction = friction_of(scene, robot),
+                     .q_start = arm.q_start,
+                     .q = arm.q_start,
+                     .dq = joint_constant(config.model->joint_count(), 0),
+                     .measurement = {}});
+    arms_.back().plant.set_config(config.frames, arm.tool, arm.load_present);
+    arms_.back().measurement.tau_link = arms_.back().dq;
+    measure(arms_.back());
+  }
+}
+
+Capabilities PinocchioBackend::capabilities(ArmIndex) const {
+  return {.simulated = true, .lockstep = true, .period_s = kArmPeriod};
+}
+
+void PinocchioBackend::start() {
+  requests_.open();
+  pacer_.start();
+}
+
+void PinocchioBackend::finish() {
+  for (auto& arm : arms_) arm.behaviour.stop_moving();
+  requests_.close();
+}
+
+ArmSet PinocchioBackend::wait() {
+  if (paced_ || paused_) pacer_.wait();
+  advance();
+  take_requests();
+  return ArmSet::all(arms_.size());
+}
+
+void PinocchioBackend::read(ArmSet due, std::span<ArmState> states) {
+  for (ArmIndex i = 0; i < arms_.size(); ++i) {
+    if (due.contains(i)) states[i] = arms_[i].behaviour.state();
+  }
+}
+
+void PinocchioBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
+  if (paused_) return;
+  for (ArmIndex i = 0; i < arms_.size(); ++i) {
+    if (due.contains(i)) {
+      arms_[i].behaviour.take_command(commands[i].tau_cmd);
+    } else {
+      arms_[i].behaviour.miss_command();
+    }
+  }
+  commanded_ = true;
+}
+
+// The period that the last write() began.
+void PinocchioBackend::advance() {
+  if (!commanded_) return;
+  commanded_ = false;
+  for (auto& arm : arms_) {
+    arm.measurement.tau_link.setZero();
+    for (std::size_t k = 0; k < substeps_; ++k) step(arm, kArmPeriod / static_cast<double>(substeps_));
+    measure(arm);
+  }
+  ++periods_;
+}
+
+PinocchioBackend::Rates PinocchioBackend::rates(Arm& arm, const JointVector& q, const JointVector& dq,
+                                                const JointVector& tau_motor) {
+  arm.plant.update(q, dq);
+  JointVector tau = tau_motor - arm.plant.c() - arm.plant.g();
+  if (arm.friction) {
+    for (Eigen::Index j = 0; j < tau.size(); ++j) {
+      tau[j] -= friction_torque(*arm.friction, static_cast<std::size_t>(j), dq[j]);
+    }
+  }
+  return {dq, arm.plant.M().llt().solve(tau)};
+}
+
+void PinocchioBackend::step(Arm& arm, double dt) {
+  const JointVector tau = arm.behaviour.motor_torque(arm.q, arm.dq, dt);
+  const Rates k1 = rates(arm, arm.q, arm.dq, tau);
+  const Rates k2 = rates(arm, arm.q + 0.5 * dt * k1.dq, arm.dq + 0.5 * dt * k1.ddq, tau);
+  const Rates k3 = rates(arm, arm.q + 0.5 * dt * k2.dq, arm.dq + 0.5 * dt * k2.ddq, tau);
+  const Rates k4 = rates(arm, arm.q + dt * k3.dq, arm.dq + dt * k3.ddq, tau);
+  arm.q += dt / 6 * (k1.dq + 2 * k2.dq + 2 * k3.dq + k4.dq);
+  arm.dq += dt / 6 * (k1.ddq + 2 * k2.ddq + 2 * k3.ddq + k4.ddq);
+  arm.measurement.tau_link += tau / static_cast<double>(substeps_);
+  if (!arm.friction) return;
+  for (Eigen::Index j = 0; j < tau.size(); ++j) {
+    arm.measurement.tau_link[j] -= friction_torque(*arm.friction, static_cast<std::size_t>(j), arm.dq[j]) /
+                                   static_cast<double>(substeps_);
+  }
+}
+
+void PinocchioBackend::measure(Arm& arm) {
+  arm.measurement.q = arm.q;
+  arm.measurement.dq = arm.dq;
+  // Before the first period the motors carry the arm.
+  if (periods_ == 0 && !commanded_ && arm.measurement.tau_link.isZero()) {
+    arm.measurement.tau_link = arm.behaviour.motor_torque(arm.q, arm.dq, 0);
+  }
+  arm.behaviour.measure(arm.measurement);
+}
+
+std::future<ArmAnswer> PinocchioBackend::request(ArmIndex arm, ArmRequest request) {
+  if (arm >= arms_.size()) {
+    return RequestBox::refused("there is no arm " + std::to_string(arm) + ": the scene has " +
+                               std::to_string(arms_.size()));
+  }
+  if (auto why = SimulatedArm::check(request, arms_[arm].behaviour.joint_count()); !why.empty()) {
+    return RequestBox::refused(std::move(why));
+  }
+  return requests_.post({.arm = arm, .request = std::move(request)});
+}
+
+void PinocchioBackend::take_requests() {
+  while (const auto* posted = requests_.front()) requests_.answer(apply(*posted));
+}
+
+ArmReply PinocchioBackend::apply(const RequestBox::Posted& posted) {
+  if (std::holds_alternative<PlaceObject>(posted.request)) return ArmReply::not_supported;
+  if (std::holds_alternative<ResetSimulation>(posted.request)) {
+    reset();
+    return ArmReply::done;
+  }
+  if (const auto* pause = std::get_if<PauseSimulation>(&posted.request)) {
+    if (pause->paused && !paused_ && !paced_) pacer_.start();
+    paused_ = pause->paused;
+    return ArmReply::done;
+  }
+  return arms_[posted.arm].behaviour.apply(posted.request);
+}
+
+void PinocchioBackend::reset() {
+  for (auto& arm : arms_) {
+    arm.q = arm.q_start;
+    arm.dq.setZero();
+    arm.behaviour.reset(arm.q_start);
+    arm.measurement.tau_link = arm.behaviour.motor_torque(arm.q, arm.dq, 0);
+    measure(arm);
+  }
+}
+
+}  // namespace multipanda

@@ -1,0 +1,69 @@
+#pragma once
+
+#include <deque>
+#include <optional>
+#include <vector>
+
+#include "backends/arm/request_box.hpp"
+#include "backends/arm/simulated_arm.hpp"
+#include "core/cycle/backend.hpp"
+#include "core/rt/pacer.hpp"
+#include "models/robot_description.hpp"
+#include "scene/scene.hpp"
+
+namespace multipanda {
+
+// The scene's arms as rigid bodies in empty space, in lock-step: an independent reference for what MuJoCo
+// does between contacts, and a world for tests that need no engine. Objects of the scene are not there.
+//
+//   M(q) ddq = tau_motor - tau_f(dq) - C(q, dq) dq - g(q)
+//
+// with the hand, the tool and the load that is really present, integrated by the classical fourth-order
+// Runge-Kutta method, motor torques constant over a physics step. The arm's own behaviour (frames, load,
+// modes, delay, noise) is backends/arm, as in every simulated backend.
+class PinocchioBackend : public Backend {
+ public:
+  // Throws std::invalid_argument if the scene cannot be built.
+  explicit PinocchioBackend(const Scene& scene, bool paced = false);
+
+  std::size_t arm_count() const override { return arms_.size(); }
+  Capabilities capabilities(ArmIndex arm) const override;
+  void start() override;
+  void finish() override;
+  ArmSet wait() override;
+  LoopTime now() const override { return {periods_ * 1'000'000}; }
+  void read(ArmSet due, std::span<ArmState> states) override;
+  void write(ArmSet due, std::span<const ArmCommand> commands) override;
+  std::uint64_t overruns() const override { return paced_ ? pacer_.overruns() : 0; }
+  std::future<ArmAnswer> request(ArmIndex arm, ArmRequest request) override;
+
+ private:
+  struct Arm {
+    SimulatedArm behaviour;
+    ModelTerms plant;  // of what is really there
+    std::optional<JointFriction> friction;
+    JointVector q_start, q, dq;
+    PlantMeasurement measurement;
+  };
+  struct Rates {
+    JointVector dq, ddq;
+  };
+  void advance();
+  void step(Arm& arm, double dt);
+  Rates rates(Arm& arm, const JointVector& q, const JointVector& dq, const JointVector& tau_motor);
+  void measure(Arm& arm);
+  void take_requests();
+  ArmReply apply(const RequestBox::Posted& posted);
+  void reset();
+
+  bool paced_;
+  std::size_t substeps_;
+  std::deque<Arm> arms_;
+  Pacer pacer_;
+  std::int64_t periods_ = 0;
+  bool commanded_ = false;  // a period's commands wait to be carried out
+  bool paused_ = false;
+  RequestBox requests_;
+};
+
+}  // namespace multipanda

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "core/cycle/backend.hpp"
+#include "core/rt/pacer.hpp"
+
+namespace multipanda {
+
+// A log back in: delivers the recorded states of every arm, cycle by cycle, and keeps what the loop answers
+// beside what was answered then. A controller that is started as the recorded one gives the same commands.
+//
+// The whole log is read before the start (about 0.4 kB per arm and cycle). Requests are refused: a recording
+// cannot be changed.
+class ReplayBackend : public Backend {
+ public:
+  // One of the recorded arms; frames, tool and load as at the start of the run, later ones come from the log.
+  // (From the scene and not from the log's first ArmConfig: a quaternion does not give every bit back.)
+  struct Arm {
+    std::string name;
+    ArmFrames frames;
+    Load tool, load;
+  };
+
+  // Arms in the order of the scene. `paced`: at 1 kHz instead of as fast as possible.
+  // Throws std::runtime_error when the log cannot be read or has no states of one of the arms.
+  ReplayBackend(const std::filesystem::path& log, std::vector<Arm> arms, bool paced = false);
+
+  std::size_t arm_count() const override { return arms_.size(); }
+  Capabilities capabilities(ArmIndex arm) const override;
+  void start() override { pacer_.start(); }
+  ArmSet wait() override;  // empty at the recording's end
+  LoopTime now() const override { return cycles_[position_].t; }
+  void read(ArmSet due, std::span<ArmState> states) override;
+  void write(ArmSet due, std::span<const ArmCommand> commands) override;
+  std::future<ArmAnswer> request(ArmIndex arm, ArmRequest request) override;
+
+  // Cycles of the recording that have both a state and a command of every arm.
+  std::size_t cycle_count() const { return cycles_.size(); }
+  // The largest difference of a joint's commanded torque between now and then, over the cycles so far [N m];
+  // 0: the same bits.
+  double largest_difference() const { return largest_difference_; }
+  std::size_t compared() const { return compared_; }  // commands compared so far
+
+ private:
+  struct Cycle {
+    LoopTime t;
+    ArmSet due;
+    std::vector<ArmState> states;
+    std::vector<JointVector> commands;
+  };
+  std::vector<Arm> arms_;
+  std::vector<Cycle> cycles_;
+  std::size_t position_ = 0;
+  bool begun_ = false;
+  bool paced_;
+  Pacer pacer_;
+  double largest_difference_ = 0;
+  std::size_t compared_ = 0;
+};
+
+}  // namespace multipanda
