@@ -30,7 +30,6 @@ set_property(GLOBAL PROPERTY JOB_POOLS heavy=2)
 add_library(multipanda_flags INTERFACE)
 target_compile_options(multipanda_flags INTERFACE -Wall -Wextra -Wconversion -Wshadow -Wno-psabi
                        -Wno-missing-field-initializers  # designated initialisers leave defaults out on purpose
-                       -Wno-restrict  # GCC 12 sees overlaps in std::string's operator+ that are not there (bug 105651)
                        -fno-semantic-interposition -fvisibility-inlines-hidden)
 if(MULTIPANDA_WERROR)
   target_compile_options(multipanda_flags INTERFACE -Werror)
