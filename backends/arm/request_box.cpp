@@ -1,0 +1,106 @@
+#include "backends/arm/request_box.hpp"
+
+#include <chrono>
+#include <utility>
+
+namespace multipanda {
+
+std::string_view to_string(ArmReply reply) {
+  switch (reply) {
+    case ArmReply::done:
+      return "done";
+    case ArmReply::nothing_to_recover:
+      return "the arm has no error and was not stopped: there is nothing to recover from";
+    case ArmReply::user_stop_pressed:
+      return "the user stop is pressed: release it first";
+    case ArmReply::not_supported:
+      return "this backend does not know this request";
+    case ArmReply::would_penetrate:
+      return "the object would stand inside something else: choose another place";
+    case ArmReply::loop_ended:
+      return "the control loop is not running: start it and ask again";
+    case ArmReply::count_:
+      break;
+  }
+  return "unknown reply";
+}
+
+RequestBox::RequestBox() : helper_([this] { keep_promises(); }) {}
+
+RequestBox::~RequestBox() {
+  close();
+  {
+    const std::lock_guard lock(askers_);
+    ending_ = true;
+  }
+  posted_.notify_all();
+  helper_.join();
+}
+
+std::future<ArmAnswer> RequestBox::refused(std::string reason) {
+  std::promise<ArmAnswer> promise;
+  promise.set_value({.success = false, .reason = std::move(reason)});
+  return promise.get_future();
+}
+
+std::future<ArmAnswer> RequestBox::post(Posted posted) {
+  const std::lock_guard lock(askers_);
+  if (closed_) return refused(std::string(to_string(ArmReply::loop_ended)));
+  for (std::size_t i = 0; i < kSlots; ++i) {
+    Slot& slot = slots_[i];
+    if (slot.stage.load(std::memory_order_acquire) != Stage::free) continue;
+    slot.posted = std::move(posted);
+    slot.promise = {};
+    slot.stage.store(Stage::waiting, std::memory_order_release);
+    auto future = slot.promise.get_future();
+    ring_.push(static_cast<std::uint8_t>(i));  // never full: as many places as slots
+    ++pending_;
+    posted_.notify_one();
+    return future;
+  }
+  return refused("more requests are waiting than the loop takes: wait for answers before asking again");
+}
+
+void RequestBox::open() {
+  const std::lock_guard lock(askers_);
+  closed_ = false;
+}
+
+void RequestBox::close() {
+  const std::lock_guard lock(askers_);
+  closed_ = true;
+  while (front() != nullptr) answer(ArmReply::loop_ended);
+}
+
+const RequestBox::Posted* RequestBox::front() {
+  const std::uint8_t* index = ring_.front();
+  return index == nullptr ? nullptr : &slots_[*index].posted;
+}
+
+void RequestBox::answer(ArmReply reply) {
+  Slot& slot = slots_[*ring_.front()];
+  ring_.pop();
+  slot.reply = reply;
+  slot.stage.store(Stage::answered, std::memory_order_release);
+}
+
+void RequestBox::keep_promises() {
+  // The loop may not signal (that could lock), so while something is pending the slots are looked at often.
+  constexpr auto kLook = std::chrono::microseconds(500);
+  std::unique_lock lock(askers_);
+  while (true) {
+    posted_.wait(lock, [this] { return pending_ > 0 || ending_; });
+    for (Slot& slot : slots_) {
+      if (slot.stage.load(std::memory_order_acquire) != Stage::answered) continue;
+      slot.promise.set_value(
+          {.success = slot.reply == ArmReply::done,
+           .reason = slot.reply == ArmReply::done ? std::string{} : std::string(to_string(slot.reply))});
+      slot.stage.store(Stage::free, std::memory_order_release);
+      --pending_;
+    }
+    if (ending_ && pending_ == 0) return;
+    if (pending_ > 0) posted_.wait_for(lock, kLook, [this] { return ending_; });
+  }
+}
+
+}  // namespace multipanda

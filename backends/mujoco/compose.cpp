@@ -1,0 +1,266 @@
+#include "backends/mujoco/compose.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <set>
+#include <stdexcept>
+
+#include "backends/mujoco/engine_errors.hpp"
+#include "models/to_mjcf.hpp"
+
+namespace multipanda {
+namespace {
+
+struct FreeSpec {
+  void operator()(mjSpec* s) const { mj_deleteSpec(s); }
+};
+using SpecPtr = std::unique_ptr<mjSpec, FreeSpec>;
+
+[[noreturn]] void refuse(const std::string& what, const std::string& why) {
+  throw std::invalid_argument(what + ": " + why);
+}
+
+void set_pose(const Pose& X, double pos[3], double quat[4]) {
+  const Quaternion q = X.quaternion();
+  std::copy_n(X.position.data(), 3, pos);
+  quat[0] = q.w();
+  quat[1] = q.x();
+  quat[2] = q.y();
+  quat[3] = q.z();
+}
+
+void set_color(const std::array<double, 4>& rgba, float to[4]) {
+  for (std::size_t i = 0; i < 4; ++i) to[i] = static_cast<float>(rgba[i]);
+}
+
+// Elliptic friction cones and implicit joint damping; everything of MuJoCo's that would act by itself (its
+// reset after a run-away) is off: the backend decides.
+void set_options(mjSpec* spec, double timestep) {
+  spec->option.timestep = timestep;
+  spec->option.integrator = mjINT_IMPLICITFAST;
+  spec->option.cone = mjCONE_ELLIPTIC;
+  spec->option.gravity[0] = spec->option.gravity[1] = 0;
+  spec->option.gravity[2] = -9.81;
+  spec->option.disableflags |= mjDSBL_AUTORESET;
+  spec->compiler.degree = 0;
+  spec->compiler.usethread = 0;
+}
+
+// Light, sky and, where the scene has no plane, a floor to look at. None of it touches anything.
+void add_surroundings(mjSpec* spec, const std::vector<WorldArm>& arms, bool has_plane) {
+  mjsBody* world = mjs_findBody(spec, "world");
+
+  mjsTexture* sky = mjs_addTexture(spec, nullptr);
+  mjs_setName(sky->element, "sky");
+  sky->type = mjTEXTURE_SKYBOX;
+  sky->builtin = mjBUILTIN_GRADIENT;
+  std::copy_n(std::array{0.93, 0.95, 0.97}.data(), 3, sky->rgb1);
+  std::copy_n(std::array{0.72, 0.78, 0.85}.data(), 3, sky->rgb2);
+  sky->width = 256;
+  sky->height = 256 * 6;
+  mjsTexture* tiles = mjs_addTexture(spec, nullptr);
+  mjs_setName(tiles->element, "tiles");
+  tiles->type = mjTEXTURE_2D;
+  tiles->builtin = mjBUILTIN_CHECKER;
+  tiles->mark = mjMARK_EDGE;
+  std::copy_n(std::array{0.80, 0.82, 0.84}.data(), 3, tiles->rgb1);
+  std::copy_n(std::array{0.76, 0.78, 0.80}.data(), 3, tiles->rgb2);
+  std::copy_n(std::array{0.68, 0.70, 0.73}.data(), 3, tiles->markrgb);
+  tiles->width = tiles->height = 512;
+  mjsMaterial* floor_material = mjs_addMaterial(spec, nullptr);
+  mjs_setName(floor_material->element, "floor");
+  mjs_setInStringVec(floor_material->textures, mjTEXROLE_RGB, "tiles");
+  floor_material->texrepeat[0] = floor_material->texrepeat[1] = 2;
+  floor_material->texuniform = 1;
+  floor_material->specular = 0.1F;
+  floor_material->reflectance = 0.03F;
+
+  Vector3 middle = Vector3::Zero();
+  double lowest = 0;
+  for (const auto& arm : arms) {
+    middle += arm.X_WB.position / static_cast<double>(arms.size());
+    lowest = std::min(lowest, arm.X_WB.position.z());
+  }
+  const auto add_light = [&](const Vector3& from, float strength, bool shadow) {
+    mjsLight* light = mjs_addLight(world, nullptr);
+    light->type = mjLIGHT_DIRECTIONAL;
+    const Vector3 place = middle + from, direction = -from.normalized();
+    std::copy_n(place.data(), 3, light->pos);
+    std::copy_n(direction.data(), 3, light->dir);
+    light->castshadow = shadow ? 1 : 0;
+    for (int i = 0; i < 3; ++i) {
+      light->diffuse[i] = strength;
+      light->specular[i] = 0.2F;
+      light->ambient[i] = 0;
+    }
+  };
+  add_light({1.2, -1.5, 3.5}, 0.55F, true);
+  add_light({-1.5, 2.0, 2.5}, 0.25F, false);
+  for (int i = 0; i < 3; ++i) {
+    spec->visual.headlight.ambient[i] = 0.35F;
+    spec->visual.headlight.diffuse[i] = 0.25F;
+    spec->visual.headlight.specular[i] = 0.1F;
+  }
+  spec->visual.quality.shadowsize = 4096;
+  spec->visual.quality.offsamples = 4;
+  spec->visual.global.offwidth = 1920;
+  spec->visual.global.offheight = 1440;
+
+  if (has_plane) return;
+  mjsGeom* floor = mjs_addGeom(world, nullptr);
+  mjs_setName(floor->element, "visible floor");
+  floor->type = mjGEOM_PLANE;
+  floor->size[0] = floor->size[1] = 0;
+  floor->size[2] = 0.05;
+  floor->pos[2] = lowest - 1e-3;
+  floor->contype = floor->conaffinity = 0;
+  floor->group = 2;
+  mjs_setString(floor->material, "floor");
+}
+
+// A rigid body on the flange; a ball shows how heavy it is.
+void add_load(mjsBody* last_link, const mjsSite* flange, const char* name, const Load& load,
+              const std::array<double, 4>& rgba) {
+  if (load.mass <= 0) return;
+  mjsBody* body = mjs_addBody(last_link, nullptr);
+  mjs_setName(body->element, name);
+  std::copy_n(flange->pos, 3, body->pos);
+  std::copy_n(flange->quat, 4, body->quat);
+  body->mass = load.mass;
+  body->explicitinertial = 1;
+  std::copy_n(load.p_FC.data(), 3, body->ipos);
+  const Matrix3& I = load.inertia_C;
+  const std::array full{I(0, 0), I(1, 1), I(2, 2), I(0, 1), I(0, 2), I(1, 2)};
+  std::copy_n(full.data(), 6, body->fullinertia);
+  mjsGeom* ball = mjs_addGeom(body, nullptr);
+  ball->type = mjGEOM_SPHERE;
+  ball->size[0] = 0.02 + 0.03 * std::cbrt(load.mass);
+  std::copy_n(load.p_FC.data(), 3, ball->pos);
+  ball->contype = ball->conaffinity = 0;
+  ball->mass = 0;
+  ball->group = 2;
+  set_color(rgba, ball->rgba);
+}
+
+void add_arm(mjSpec* spec, const WorldArm& arm) {
+  char error[1024] = "";
+  const SpecPtr child(mj_parseXMLString(arm.mjcf.c_str(), nullptr, error, sizeof error));
+  if (!child) refuse("arm '" + arm.name + "'", std::string("MuJoCo cannot read its model: ") + error);
+  set_options(child.get(), spec->option.timestep);  // equal options: nothing to warn about
+
+  const std::string last = "link" + std::to_string(arm.joint_count);
+  mjsBody* last_link = mjs_findBody(child.get(), last.c_str());
+  const mjsElement* site = mjs_findElement(child.get(), mjOBJ_SITE, "flange");
+  mjsBody* root = mjs_findBody(child.get(), "link0");
+  if (last_link == nullptr || site == nullptr || root == nullptr) {
+    refuse("arm '" + arm.name + "'", "its model lacks body 'link0', body '" + last + "' or site 'flange'");
+  }
+  const mjsSite* flange = mjs_asSite(const_cast<mjsElement*>(site));
+  add_load(last_link, flange, "tool", arm.tool, {0.35, 0.37, 0.4, 1});
+  add_load(last_link, flange, "payload", arm.payload, {0.85, 0.45, 0.1, 1});
+
+  mjsFrame* frame = mjs_addFrame(mjs_findBody(spec, "world"), nullptr);
+  set_pose(arm.X_WB, frame->pos, frame->quat);
+  // A copy goes into the scene; otherwise attaching would move the child away.
+  mjs_setDeepCopy(spec, 1);
+  if (mjs_attach(frame->element, root->element, (arm.name + "/").c_str(), "") == nullptr) {
+    refuse("arm '" + arm.name + "'", mjs_getError(spec));
+  }
+}
+
+void set_shape(const SceneObject& object, mjsGeom* geom) {
+  const Vector3& size = object.size;
+  const auto positive = [&](double value, const char* what) {
+    if (!(value > 0) || !std::isfinite(value)) {
+      refuse("object '" + object.name + "'", std::string(what) + " must be above 0");
+    }
+    return value;
+  };
+  switch (object.shape) {
+    case SceneObject::Shape::plane:
+      geom->type = mjGEOM_PLANE;
+      geom->size[0] = geom->size[1] = 0;  // drawn without end
+      geom->size[2] = 0.05;
+      mjs_setString(geom->material, "floor");
+      break;
+    case SceneObject::Shape::box:
+      geom->type = mjGEOM_BOX;
+      for (int i = 0; i < 3; ++i) geom->size[i] = 0.5 * positive(size[i], "each edge");
+      break;
+    case SceneObject::Shape::sphere:
+      geom->type = mjGEOM_SPHERE;
+      geom->size[0] = 0.5 * positive(size.x(), "the diameter");
+      break;
+    case SceneObject::Shape::cylinder:
+    case SceneObject::Shape::capsule:
+      geom->type = object.shape == SceneObject::Shape::capsule ? mjGEOM_CAPSULE : mjGEOM_CYLINDER;
+      geom->size[0] = 0.5 * positive(size.x(), "the diameter");
+      geom->size[1] = 0.5 * positive(size.z(), "the length");
+      break;
+  }
+}
+
+void add_object(mjSpec* spec, const SceneObject& object) {
+  if (!object.fixed && object.shape == SceneObject::Shape::plane) {
+    refuse("object '" + object.name + "'", "a plane cannot be free");
+  }
+  mjsBody* body = mjs_addBody(mjs_findBody(spec, "world"), nullptr);
+  mjs_setName(body->element, object.name.c_str());
+  set_pose(object.X_WO, body->pos, body->quat);
+  if (!object.fixed) mjs_setName(mjs_addFreeJoint(body)->element, object.name.c_str());
+  mjsGeom* geom = mjs_addGeom(body, nullptr);
+  mjs_setName(geom->element, object.name.c_str());
+  set_shape(object, geom);
+  if (!object.fixed) geom->mass = object.mass;
+  // Bases stand on fixed things, so link0 and link1 touch none of them.
+  const CollisionBits bits = object.fixed ? kFloorBits : kObjectBits;
+  geom->contype = bits.type;
+  geom->conaffinity = bits.affinity;
+  // The object's numbers rule its contacts with arms; between two objects MuJoCo mixes. Four dimensions:
+  // without torsional friction anything held by two points turns about the line between them.
+  geom->priority = 1;
+  geom->condim = 4;
+  geom->friction[0] = object.friction;
+  if (object.contact_time_constant_s) geom->solref[0] = *object.contact_time_constant_s;
+  if (object.contact_damping_ratio) geom->solref[1] = *object.contact_damping_ratio;
+  geom->group = 2;
+  set_color(object.rgba, geom->rgba);
+}
+
+void check_names(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects) {
+  std::set<std::string> names{"world", ""};
+  for (const auto& arm : arms) {
+    if (!names.insert(arm.name).second) refuse("arm '" + arm.name + "'", "the name is empty or taken");
+    if (static_cast<std::size_t>(arm.q_start.size()) != arm.joint_count) {
+      refuse("arm '" + arm.name + "'", "the start configuration must have " +
+                                           std::to_string(arm.joint_count) + " values, not " +
+                                           std::to_string(arm.q_start.size()));
+    }
+  }
+  for (const auto& object : objects) {
+    if (!names.insert(object.name).second)
+      refuse("object '" + object.name + "'", "the name is empty or taken");
+  }
+}
+
+}  // namespace
+
+mjModel* compose(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects,
+                 double timestep) {
+  install_engine_handlers();
+  check_names(arms, objects);
+  const SpecPtr spec(mj_makeSpec());
+  set_options(spec.get(), timestep);
+  add_surroundings(spec.get(), arms, std::any_of(objects.begin(), objects.end(), [](const SceneObject& o) {
+                     return o.shape == SceneObject::Shape::plane;
+                   }));
+  for (const auto& arm : arms) add_arm(spec.get(), arm);
+  for (const auto& object : objects) add_object(spec.get(), object);
+  mjModel* model = mj_compile(spec.get(), nullptr);
+  if (model == nullptr)
+    throw std::invalid_argument(std::string("MuJoCo refuses the scene: ") + mjs_getError(spec.get()));
+  return model;
+}
+
+}  // namespace multipanda

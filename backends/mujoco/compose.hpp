@@ -1,0 +1,13 @@
+#pragma once
+
+#include <vector>
+
+#include "backends/mujoco/world.hpp"
+
+namespace multipanda {
+
+// Compiles arms and objects to one MuJoCo model. The caller owns it. Throws std::invalid_argument with
+// MuJoCo's reason.
+mjModel* compose(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects, double timestep);
+
+}  // namespace multipanda

@@ -1,0 +1,20 @@
+#pragma once
+
+#include <memory>
+#include <string>
+
+namespace multipanda {
+
+// An OpenGL context without a screen, from libraries that are loaded only when asked for: EGL without a
+// surface, else OSMesa. Belongs to the thread that made it current.
+class GlContext {
+ public:
+  virtual ~GlContext() = default;
+  virtual bool make_current() = 0;
+  virtual const char* name() const = 0;
+
+  // nullptr: neither works, `reason` says why and what to install.
+  static std::unique_ptr<GlContext> create(std::string& reason);
+};
+
+}  // namespace multipanda

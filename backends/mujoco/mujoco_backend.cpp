@@ -1,0 +1,218 @@
+#include "backends/mujoco/mujoco_backend.hpp"
+
+#include <algorithm>
+#include <cstring>
+
+#include "backends/arm/from_scene.hpp"
+#include "backends/arm/joint_friction.hpp"
+#include "backends/mujoco/engine_errors.hpp"
+#include "models/to_mjcf.hpp"
+
+namespace multipanda {
+namespace {
+
+std::vector<WorldArm> world_arms(const Scene& scene, const MujocoOptions& options) {
+  std::vector<WorldArm> arms;
+  for (const auto& arm : scene.arms) {
+    const RobotDescription robot = load_robot(arm.model);
+    arms.push_back({.name = arm.name,
+                    .mjcf = to_mjcf(robot, {.hand = arm.hand, .meshes = options.meshes}),
+                    .joint_count = robot.joint_count(),
+                    .X_WB = arm.X_WB,
+                    .q_start = arm.q_start,
+                    .tool = arm.tool,
+                    .payload = arm.load_present});
+  }
+  return arms;
+}
+
+}  // namespace
+
+MujocoBackend::MujocoBackend(const Scene& scene, MujocoOptions options)
+    : options_(std::move(options)),
+      substeps_(checked_substeps(scene)),
+      world_(world_arms(scene, options_), scene.objects, kPeriod / static_cast<double>(substeps_)) {
+  for (std::size_t i = 0; i < scene.arms.size(); ++i) {
+    const RobotDescription robot = load_robot(scene.arms[i].model);
+    const JointVector zero = joint_constant(robot.joint_count(), 0);
+    const JointVector& q_start = scene.arms[i].q_start;
+    arms_.push_back({.behaviour = SimulatedArm(simulated_arm_config(scene, i), q_start),
+                     .friction = friction_of(scene, robot),
+                     .q_start = q_start,
+                     .q = zero,
+                     .dq = zero,
+                     .tau_motor = zero,
+                     .friction_explicit = zero,
+                     .measurement = {.q = zero, .dq = zero, .tau_link = zero, .has_contact_truth = true}});
+  }
+  for (ArmIndex i = 0; i < arms_.size(); ++i) measure_start(i);
+}
+
+Capabilities MujocoBackend::capabilities(ArmIndex) const {
+  return {.simulated = true,
+          .lockstep = true,
+          .compensates_gravity = true,
+          .compensates_friction = false,
+          .has_external_torque = false,
+          .has_contact_truth = true,
+          .period_s = kPeriod};
+}
+
+void MujocoBackend::start() {
+  requests_.open();
+  pacer_.start();
+}
+
+void MujocoBackend::finish() {
+  for (auto& arm : arms_) arm.behaviour.stop_moving();
+  requests_.close();
+}
+
+ArmSet MujocoBackend::wait() {
+  if (options_.pace == Pace::realtime || paused_) pacer_.wait();
+  take_requests();
+  return failed_ ? ArmSet() : ArmSet::all(arms_.size());
+}
+
+LoopTime MujocoBackend::now() const { return {periods_ * 1'000'000}; }
+
+void MujocoBackend::read(ArmSet due, std::span<ArmState> states) {
+  for (ArmIndex i = 0; i < arms_.size(); ++i) {
+    if (due.contains(i)) states[i] = arms_[i].behaviour.state();
+  }
+}
+
+void MujocoBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
+  if (paused_ || failed_) return;
+  for (ArmIndex i = 0; i < arms_.size(); ++i) {
+    Arm& arm = arms_[i];
+    if (due.contains(i)) {
+      arm.behaviour.take_command(commands[i].tau_cmd);
+    } else {
+      arm.behaviour.miss_command();
+    }
+    arm.measurement.tau_link.setZero();
+    arm.measurement.F_K_W_true = {};
+  }
+  const double dt = kPeriod / static_cast<double>(substeps_), weight = 1.0 / static_cast<double>(substeps_);
+  for (std::size_t step = 0; step < substeps_; ++step) {
+    for (ArmIndex i = 0; i < arms_.size(); ++i) drive(i, dt);
+    if (!world_.step()) {
+      fail(*last_engine_error() != '\0'
+               ? last_engine_error()
+               : "the simulation ran away: positions or velocities beyond any sense");
+      return;
+    }
+    for (ArmIndex i = 0; i < arms_.size(); ++i) observe(i, weight);
+  }
+  ++periods_;
+  for (auto& arm : arms_) arm.behaviour.measure(arm.measurement);
+}
+
+// Motor torque less friction goes to the joints. Friction's slope can exceed what an explicit step of a light
+// joint stands, so it is split: D = tau_f'(dq) goes to MuJoCo as damping, which its integrator takes at the
+// end of the step, the rest is applied: in effect tau_f(dq) + D (dq_after - dq).
+void MujocoBackend::drive(ArmIndex index, double dt) {
+  Arm& arm = arms_[index];
+  const World::ArmPlaces& places = world_.arm(index);
+  world_.joints(index, arm.q, arm.dq);
+  arm.tau_motor = arm.behaviour.motor_torque(arm.q, arm.dq, dt);
+  for (std::size_t j = 0; j < places.dof.size(); ++j) {
+    const auto i = static_cast<Eigen::Index>(j);
+    const int dof = places.dof[j];
+    if (arm.friction) {
+      const double slope = friction_slope(*arm.friction, j, arm.dq[i]);
+      world_.model()->dof_damping[dof] = slope;
+      arm.friction_explicit[i] = friction_torque(*arm.friction, j, arm.dq[i]) - slope * arm.dq[i];
+    }
+    world_.data()->qfrc_applied[dof] = arm.tau_motor[i] - arm.friction_explicit[i];
+  }
+}
+
+// After a physics step: what the sensors saw of it. `weight`: the step's part of the period.
+void MujocoBackend::observe(ArmIndex index, double weight) {
+  Arm& arm = arms_[index];
+  PlantMeasurement& seen = arm.measurement;
+  world_.joints(index, seen.q, seen.dq);
+  const auto& dof = world_.arm(index).dof;
+  for (std::size_t j = 0; j < dof.size(); ++j) {
+    const auto i = static_cast<Eigen::Index>(j);
+    const double damping = arm.friction ? world_.model()->dof_damping[dof[j]] * seen.dq[i] : 0.0;
+    seen.tau_link[i] += weight * (arm.tau_motor[i] - arm.friction_explicit[i] - damping);
+  }
+  // Contacts belong to the step's beginning, and so does MuJoCo's pose of the flange.
+  const ArmFrames& frames = arm.behaviour.settings().frames;
+  const Pose X_WK = world_.X_WF(index) * frames.X_FE * frames.X_EK;
+  seen.F_K_W_true.vector += weight * world_.tip_wrench(index, X_WK.position).vector;
+}
+
+void MujocoBackend::fail(const char* why) {
+  failed_ = true;
+  std::strncpy(fault_.data(), why, fault_.size() - 1);
+}
+
+std::future<ArmAnswer> MujocoBackend::request(ArmIndex arm, ArmRequest request) {
+  RequestBox::Posted posted{.arm = arm, .request = std::move(request)};
+  if (arm >= arms_.size()) {
+    return RequestBox::refused("there is no arm " + std::to_string(arm) + ": the scene has " +
+                               std::to_string(arms_.size()));
+  }
+  if (auto why = SimulatedArm::check(posted.request, arms_[arm].behaviour.joint_count()); !why.empty()) {
+    return RequestBox::refused(std::move(why));
+  }
+  if (const auto* place = std::get_if<PlaceObject>(&posted.request)) {
+    const auto object = world_.find_object(place->object);
+    if (!object) return RequestBox::refused("there is no object '" + place->object + "' in the scene");
+    if (world_.objects()[*object].qpos < 0) {
+      return RequestBox::refused("object '" + place->object + "' is fixed: only free objects can be placed");
+    }
+    if (auto why = SimulatedArm::check(SetFrames{place->X_WO, {}}, 0); !why.empty()) {
+      return RequestBox::refused("X_WO must be a finite position and a rotation");
+    }
+    posted.object = *object;
+  }
+  return requests_.post(std::move(posted));
+}
+
+void MujocoBackend::take_requests() {
+  while (const auto* posted = requests_.front()) requests_.answer(apply(*posted));
+}
+
+ArmReply MujocoBackend::apply(const RequestBox::Posted& posted) {
+  if (const auto* place = std::get_if<PlaceObject>(&posted.request)) {
+    return world_.place(posted.object, place->X_WO) ? ArmReply::done : ArmReply::would_penetrate;
+  }
+  if (std::holds_alternative<ResetSimulation>(posted.request)) {
+    reset();
+    return ArmReply::done;
+  }
+  if (const auto* pause = std::get_if<PauseSimulation>(&posted.request)) {
+    if (pause->paused && !paused_ && options_.pace == Pace::unpaced) pacer_.start();
+    paused_ = pause->paused;
+    return ArmReply::done;
+  }
+  return arms_[posted.arm].behaviour.apply(posted.request);
+}
+
+void MujocoBackend::reset() {
+  if (!world_.reset()) return fail(last_engine_error());
+  for (ArmIndex i = 0; i < arms_.size(); ++i) {
+    Arm& arm = arms_[i];
+    arm.behaviour.reset(arm.q_start);
+    arm.friction_explicit.setZero();
+    measure_start(i);
+  }
+}
+
+// The first packet: at rest, the motors carry the arm.
+void MujocoBackend::measure_start(ArmIndex i) {
+  Arm& arm = arms_[i];
+  world_.joints(i, arm.q, arm.dq);
+  arm.tau_motor = arm.behaviour.motor_torque(arm.q, arm.dq, 0);
+  arm.measurement.tau_link.setZero();
+  arm.measurement.F_K_W_true = {};
+  observe(i, 1.0);
+  arm.behaviour.measure(arm.measurement);
+}
+
+}  // namespace multipanda

@@ -1,0 +1,139 @@
+#include "backends/mujoco/picture.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#define STB_IMAGE_WRITE_IMPLEMENTATION
+#define STB_IMAGE_WRITE_STATIC
+#include <stb/stb_image_write.h>
+
+#include "backends/mujoco/engine_errors.hpp"
+#include "backends/mujoco/gl_context.hpp"
+#include "core/types/spatial.hpp"
+
+namespace multipanda {
+
+struct Painter::Drawing {
+  std::unique_ptr<GlContext> gl;
+  mjData* data = nullptr;
+  mjvScene scene;
+  mjvOption visible;
+  mjvCamera camera;
+  mjrContext context;
+  bool made = false;
+
+  ~Drawing() {
+    if (made && gl->make_current()) {
+      mjr_freeContext(&context);
+      mjv_freeScene(&scene);
+    }
+    mj_deleteData(data);
+  }
+};
+
+Painter::Painter(const mjModel* model, PictureOptions options)
+    : model_(model), options_(options), drawing_(std::make_unique<Drawing>()) {
+  install_engine_handlers();
+  Drawing& d = *drawing_;
+  if (options_.width < 16 || options_.height < 16 || options_.width > model->vis.global.offwidth ||
+      options_.height > model->vis.global.offheight) {
+    reason_ = "a picture has 16 x 16 to " + std::to_string(model->vis.global.offwidth) + " x " +
+              std::to_string(model->vis.global.offheight) + " pixels";
+    return;
+  }
+  d.gl = GlContext::create(reason_);
+  if (d.gl == nullptr) return;
+  mjv_defaultScene(&d.scene);
+  mjv_defaultOption(&d.visible);
+  mjv_defaultCamera(&d.camera);
+  mjr_defaultContext(&d.context);
+  d.made = without_engine_error([this, &d] {
+    d.data = mj_makeData(model_);
+    mjv_makeScene(model_, &d.scene, 2000);
+    mjr_makeContext(model_, &d.context, mjFONTSCALE_100);
+    mjr_setBuffer(mjFB_OFFSCREEN, &d.context);
+  });
+  if (!d.made) {
+    reason_ = std::string("no picture: ") + d.gl->name() + ": " + last_engine_error();
+    return;
+  }
+  // Group 2 is what is meant to be seen; group 3 what touches.
+  std::fill_n(d.visible.geomgroup, mjNGROUP, mjtByte{0});
+  d.visible.geomgroup[0] = d.visible.geomgroup[1] = d.visible.geomgroup[2] = 1;
+  d.visible.geomgroup[3] = options_.collision_shapes ? 1 : 0;
+  std::fill_n(d.visible.sitegroup, mjNGROUP, mjtByte{0});
+  d.scene.flags[mjRND_SHADOW] = 1;
+  d.scene.flags[mjRND_REFLECTION] = 1;
+}
+
+Painter::~Painter() = default;
+
+// Looks at the middle of everything but planes, from as far as it takes to see the sphere round each shape.
+void Painter::frame_camera() {
+  Drawing& d = *drawing_;
+  constexpr double kRadians = std::numbers::pi / 180;
+  const double azimuth = options_.azimuth_deg * kRadians, elevation = options_.elevation_deg * kRadians;
+  const Vector3 forward(std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth),
+                        std::sin(elevation));
+  const Vector3 right = forward.cross(Vector3::UnitZ()).normalized();
+  const Vector3 up = right.cross(forward);
+  Matrix3 R;  // rows: right, up, forward
+  R << right.transpose(), up.transpose(), forward.transpose();
+
+  Vector3 low = Vector3::Constant(1e9), high = -low;
+  const auto each_shape = [&](auto&& work) {
+    for (int g = 0; g < model_->ngeom; ++g) {
+      if (model_->geom_type[g] == mjGEOM_PLANE || model_->geom_group[g] > 2) continue;
+      work(Vector3(R * Eigen::Map<const Vector3>(d.data->geom_xpos + 3 * g)), model_->geom_rbound[g]);
+    }
+  };
+  each_shape([&](const Vector3& p, double r) {
+    low = low.cwiseMin(p - Vector3::Constant(r));
+    high = high.cwiseMax(p + Vector3::Constant(r));
+  });
+  if (low.x() > high.x()) low = high = Vector3::Zero();
+  const Vector3 middle = 0.5 * (low + high);
+  const double tan_v = std::tan(0.5 * model_->vis.global.fovy * kRadians);
+  const double tan_h = tan_v * options_.width / options_.height;
+  double distance = 0.3;
+  each_shape([&](const Vector3& p, double r) {
+    const Vector3 offset = p - middle;
+    distance = std::max({distance, (std::abs(offset.x()) + r) / tan_h - offset.z(),
+                         (std::abs(offset.y()) + r) / tan_v - offset.z()});
+  });
+  const Vector3 look_at = R.transpose() * middle;
+  std::copy_n(look_at.data(), 3, d.camera.lookat);
+  d.camera.type = mjCAMERA_FREE;
+  d.camera.distance = 1.02 * distance;
+  d.camera.azimuth = options_.azimuth_deg;
+  d.camera.elevation = options_.elevation_deg;
+}
+
+std::string Painter::paint(std::span<const double> qpos, const std::filesystem::path& png) {
+  if (!works()) return reason_;
+  if (static_cast<mjtSize>(qpos.size()) != model_->nq) {
+    return "the scene has " + std::to_string(model_->nq) + " positions, not " + std::to_string(qpos.size());
+  }
+  Drawing& d = *drawing_;
+  if (!d.gl->make_current()) return std::string(d.gl->name()) + " does not take its context";
+  pixels_.assign(3 * static_cast<std::size_t>(options_.width) * static_cast<std::size_t>(options_.height), 0);
+  std::copy(qpos.begin(), qpos.end(), d.data->qpos);
+  const bool drawn = without_engine_error([this, &d] {
+    mj_forward(model_, d.data);
+    frame_camera();
+    mjv_updateScene(model_, d.data, &d.visible, nullptr, &d.camera, mjCAT_ALL, &d.scene);
+    const mjrRect all{0, 0, options_.width, options_.height};
+    mjr_render(all, &d.scene, &d.context);
+    mjr_readPixels(pixels_.data(), nullptr, all, &d.context);
+  });
+  if (!drawn) return last_engine_error();
+  stbi_flip_vertically_on_write(1);
+  if (stbi_write_png(png.c_str(), options_.width, options_.height, 3, pixels_.data(), 3 * options_.width) ==
+      0) {
+    return "cannot write " + png.string();
+  }
+  return {};
+}
+
+}  // namespace multipanda

@@ -1,0 +1,67 @@
+#include "backends/mujoco/picture.hpp"
+
+#include <filesystem>
+#include <fstream>
+#include <set>
+
+#include <gtest/gtest.h>
+
+#include "backends/mujoco/test_scenes.hpp"
+
+namespace multipanda {
+namespace {
+
+using namespace test;
+
+std::span<const double> positions(const MujocoBackend& backend) {
+  const World& world = backend.world();
+  return {world.data()->qpos, static_cast<std::size_t>(world.model()->nq)};
+}
+
+TEST(Picture, ShowsArmsAndIsWrittenAsPng) {
+  Scene scene = scene_of({arm_named("left", pose(0, 0.26, 0)), arm_named("right", pose(0, -0.26, 0))});
+  SceneObject table;
+  table.name = "table";
+  table.size = {0.5, 0.8, 0.2};
+  table.X_WO.position = {0.6, 0, 0.1};
+  SceneObject box = table;
+  box.name = "box";
+  box.size.setConstant(0.1);
+  box.X_WO.position = {0.55, 0, 0.25};
+  box.fixed = false;
+  box.rgba = {0.2, 0.45, 0.75, 1};
+  scene.objects = {table, box};
+  MujocoBackend backend(scene, {.pace = Pace::unpaced});
+  Painter painter(backend.world().model());
+  if (!painter.works()) GTEST_SKIP() << painter.reason();
+  const auto file = std::filesystem::path(MULTIPANDA_BINARY_DIR) / "picture_test.png";
+  std::filesystem::remove(file);
+  EXPECT_EQ(painter.paint(positions(backend), file), "");
+  std::ifstream stream(file, std::ios::binary);
+  char magic[4] = {};
+  stream.read(magic, 4);
+  EXPECT_EQ(std::string(magic + 1, 3), "PNG");
+  const std::set<std::uint8_t> shades(painter.pixels().begin(), painter.pixels().end());
+  EXPECT_GT(shades.size(), 50u);
+
+  // Another configuration is another picture; the same one the same.
+  const auto first = painter.pixels();
+  std::vector<double> moved(positions(backend).begin(), positions(backend).end());
+  moved[static_cast<std::size_t>(backend.world().arm(0).qpos[0])] += 0.5;
+  EXPECT_EQ(painter.paint(moved, file), "");
+  EXPECT_NE(first, painter.pixels());
+  EXPECT_EQ(painter.paint(positions(backend), file), "");
+  EXPECT_EQ(first, painter.pixels());
+}
+
+TEST(Picture, RefusesWhatDoesNotFit) {
+  MujocoBackend backend(scene_of({arm_named("a")}), {.pace = Pace::unpaced});
+  Painter large(backend.world().model(), {.width = 5000});
+  EXPECT_FALSE(large.works());
+  Painter painter(backend.world().model());
+  if (!painter.works()) GTEST_SKIP() << painter.reason();
+  EXPECT_NE(painter.paint(std::vector<double>(3), "unused.png"), "");
+}
+
+}  // namespace
+}  // namespace multipanda

@@ -1,0 +1,199 @@
+#include <atomic>
+#include <limits>
+#include <thread>
+
+#include <gtest/gtest.h>
+
+#include "backends/mujoco/test_scenes.hpp"
+
+namespace multipanda {
+namespace {
+
+using namespace test;
+
+// Runs the loop until the answer is there.
+ArmAnswer ask(Loop& loop, ArmRequest request, std::size_t arm = 0) {
+  auto future = loop.backend.request(arm, std::move(request));
+  while (future.wait_for(std::chrono::seconds(0)) != std::future_status::ready) loop.step();
+  return future.get();
+}
+
+// In motion under a torque that would carry on, then `stop`: the arm must stop, hold, and forget the torque.
+void expect_brakes(Loop& loop, ArmMode mode) {
+  EXPECT_EQ(loop.state().mode, mode);
+  loop.steps(1500);
+  const JointVector q = loop.state().q;
+  EXPECT_LT(loop.state().dq.cwiseAbs().maxCoeff(), 1e-3);
+  loop.steps(1500);
+  EXPECT_EQ(loop.state().mode, mode);
+  EXPECT_LT((loop.state().q - q).cwiseAbs().maxCoeff(), 1e-4);
+  EXPECT_LT(loop.state().tau_J_d.cwiseAbs().maxCoeff(), 0.05);
+  EXPECT_EQ(loop.state().command_success_rate, 0);
+}
+
+void set_in_motion(Loop& loop) {
+  loop.commands[0].tau_cmd.setConstant(0.5);
+  loop.commands[0].tau_cmd[0] = 5;
+  loop.steps(200);
+  ASSERT_GT(loop.state().dq.cwiseAbs().maxCoeff(), 0.2);
+  ASSERT_EQ(loop.state().mode, ArmMode::move);
+  ASSERT_EQ(loop.state().command_success_rate, 1);
+}
+
+TEST(Modes, IdleUntilTheFirstCommandThenMove) {
+  Loop loop(scene_of({arm_named("a")}));
+  EXPECT_EQ(loop.state().mode, ArmMode::idle);
+  EXPECT_EQ(loop.state().sequence, 1u);
+  loop.step();
+  EXPECT_EQ(loop.state().mode, ArmMode::move);
+  EXPECT_EQ(loop.state().sequence, 2u);
+  EXPECT_EQ(loop.state().t_robot.ns, 2'000'000);
+}
+
+TEST(Modes, UserStopBrakesAndHolds) {
+  Loop loop(scene_of({arm_named("a")}));
+  set_in_motion(loop);
+  EXPECT_TRUE(ask(loop, SetUserStop{true}).success);
+  expect_brakes(loop, ArmMode::user_stopped);
+  EXPECT_FALSE(ask(loop, RecoverFromError{}).success);
+  EXPECT_TRUE(ask(loop, SetUserStop{false}).success);
+  loop.steps(2);
+  EXPECT_EQ(loop.state().mode, ArmMode::move);
+}
+
+TEST(Modes, CommandThatIsNoTorqueIsRefused) {
+  Loop loop(scene_of({arm_named("a")}));
+  set_in_motion(loop);
+  loop.commands[0].tau_cmd[3] = std::numeric_limits<double>::quiet_NaN();
+  loop.step();
+  EXPECT_EQ(loop.state().errors, error_bit(ArmError::controller_torque_discontinuity));
+  loop.commands[0].tau_cmd.setConstant(0.5);
+  loop.commands[0].tau_cmd[0] = 5;
+  expect_brakes(loop, ArmMode::reflex);
+  loop.commands[0].tau_cmd.setZero();
+  EXPECT_TRUE(ask(loop, RecoverFromError{}).success);
+  loop.step();
+  EXPECT_EQ(loop.state().mode, ArmMode::move);
+  EXPECT_EQ(loop.state().errors, 0u);
+  const ArmAnswer again = ask(loop, RecoverFromError{});
+  EXPECT_FALSE(again.success);
+  EXPECT_NE(again.reason.find("nothing to recover"), std::string::npos);
+}
+
+TEST(Modes, StopOnRequestHoldsUntilRecovered) {
+  Loop loop(scene_of({arm_named("a")}, {.torque_bandwidth_hz = 50, .command_delay_s = 0.001}));
+  set_in_motion(loop);
+  EXPECT_TRUE(ask(loop, StopMotion{}).success);
+  expect_brakes(loop, ArmMode::other);
+  EXPECT_TRUE(ask(loop, RecoverFromError{}).success);
+}
+
+TEST(Modes, MissingCommandsAreRepeatedThenStopTheArm) {
+  Loop loop(scene_of({arm_named("a")}));
+  loop.commands[0].tau_cmd[0] = 1;
+  loop.steps(100);
+  for (int k = 0; k < SimulatedArm::kLostCommands - 1; ++k) {
+    loop.backend.write(ArmSet(), loop.commands);
+    loop.backend.read(loop.backend.wait(), loop.states);
+    EXPECT_EQ(loop.state().tau_J_d[0], 1);
+  }
+  EXPECT_EQ(loop.state().mode, ArmMode::move);
+  EXPECT_NEAR(loop.state().command_success_rate, 0.81, 1e-12);
+  loop.backend.write(ArmSet(), loop.commands);
+  loop.backend.read(loop.backend.wait(), loop.states);
+  EXPECT_EQ(loop.state().mode, ArmMode::reflex);
+  EXPECT_EQ(loop.state().errors, error_bit(ArmError::communication_constraints_violation));
+}
+
+TEST(Requests, AnsweredToOtherThreads) {
+  Loop loop(scene_of({arm_named("a"), arm_named("b", pose(0, 2, 0))}));
+  std::atomic<int> done{0}, good{0};
+  std::vector<std::thread> askers;
+  for (std::size_t t = 0; t < 4; ++t) {
+    askers.emplace_back([&, t] {
+      for (int i = 0; i < 20; ++i) {
+        const Load load{.mass = 0.1 * i, .inertia_C = 1e-3 * Matrix3::Identity()};
+        good += loop.backend.request(t % 2, SetLoad{load}).get().success ? 1 : 0;
+      }
+      ++done;
+    });
+  }
+  while (done < 4) loop.step();
+  for (auto& asker : askers) asker.join();
+  EXPECT_EQ(good, 80);
+  EXPECT_EQ(loop.state(0).config_version, 41u);
+  EXPECT_NEAR(loop.state(1).load.mass, 1.9, 1e-12);
+}
+
+TEST(Requests, NonsenseIsRefusedWithAReason) {
+  Loop loop(scene_of({arm_named("a")}));
+  Load negative;
+  negative.mass = -1;
+  EXPECT_FALSE(ask(loop, SetLoad{negative}).success);
+  EXPECT_FALSE(ask(loop, SetJointStiffness{joint_constant(6, 100)}).success);
+  EXPECT_FALSE(ask(loop, SetFrames{Pose{2 * Matrix3::Identity(), {}}, {}}).success);
+  EXPECT_FALSE(ask(loop, PlaceObject{"nothing", {}}).success);
+  EXPECT_FALSE(ask(loop, StopMotion{}, 3).success);
+  EXPECT_EQ(loop.state().config_version, 1u);
+  loop.backend.finish();
+  EXPECT_FALSE(loop.backend.request(0, StopMotion{}).get().success);
+}
+
+TEST(Requests, ObjectsArePlacedWhereThereIsRoom) {
+  Scene scene = scene_of({arm_named("a")});
+  SceneObject table, box;
+  table.name = "table";
+  table.size = {1, 1, 0.1};
+  table.X_WO.position = {2, 0, 0.5};
+  box.name = "box";
+  box.fixed = false;
+  box.X_WO.position = {2, 0, 0.6};
+  scene.objects = {table, box};
+  Loop loop(scene);
+  loop.steps(500);
+  EXPECT_NEAR(loop.backend.world().X_WO(1).position.z(), 0.6, 1e-3);
+  EXPECT_TRUE(ask(loop, PlaceObject{"box", pose(2.2, 0.1, 0.7, 0, 0, 0.5)}).success);
+  loop.steps(1000);
+  EXPECT_NEAR(loop.backend.world().X_WO(1).position.x(), 2.2, 5e-3);
+  EXPECT_NEAR(loop.backend.world().X_WO(1).position.z(), 0.6, 2e-3);
+  const ArmAnswer inside = ask(loop, PlaceObject{"box", pose(2, 0, 0.5)});
+  EXPECT_FALSE(inside.success);
+  EXPECT_NEAR(loop.backend.world().X_WO(1).position.x(), 2.2, 5e-3);
+  EXPECT_FALSE(ask(loop, PlaceObject{"table", {}}).success);
+}
+
+TEST(Requests, ResetPutsEverythingBackAndTellsTheControllets) {
+  Loop loop(scene_of({arm_named("a")}, PlantFidelity::realistic()));
+  set_in_motion(loop);
+  const auto sequence = loop.state().sequence;
+  auto future = loop.backend.request(0, ResetSimulation{});
+  while (loop.state().mode == ArmMode::move) loop.step();
+  EXPECT_TRUE(future.get().success);
+  EXPECT_EQ(loop.state().mode, ArmMode::recovering);
+  EXPECT_LT((loop.state().q - ready()).cwiseAbs().maxCoeff(), 1e-4);
+  EXPECT_LT(loop.state().dq.cwiseAbs().maxCoeff(), 1e-2);
+  EXPECT_GT(loop.state().sequence, sequence);
+  loop.step();
+  EXPECT_EQ(loop.state().mode, ArmMode::idle);
+  EXPECT_LT(std::abs(loop.state().tau_J_d[0]), 0.1);  // the command of the `recovering` period was ignored
+  loop.step();
+  EXPECT_EQ(loop.state().mode, ArmMode::move);
+}
+
+TEST(Requests, PauseStopsTheWorldAndItsClock) {
+  Loop loop(scene_of({arm_named("a")}));
+  set_in_motion(loop);
+  EXPECT_TRUE(ask(loop, PauseSimulation{true}).success);
+  const auto now = loop.backend.now();
+  const JointVector q = loop.state().q;
+  loop.steps(5);
+  EXPECT_EQ(loop.backend.now(), now);
+  EXPECT_EQ(loop.state().q, q);
+  EXPECT_TRUE(ask(loop, PauseSimulation{false}).success);
+  loop.step();
+  EXPECT_GT(loop.backend.now(), now);
+  EXPECT_NE(loop.state().q, q);
+}
+
+}  // namespace
+}  // namespace multipanda

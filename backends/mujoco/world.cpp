@@ -1,0 +1,193 @@
+#include "backends/mujoco/world.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <stdexcept>
+
+#include "backends/mujoco/compose.hpp"
+#include "backends/mujoco/engine_errors.hpp"
+
+namespace multipanda {
+namespace {
+
+int find(const mjModel* m, mjtObj type, const std::string& name) {
+  const int id = mj_name2id(m, type, name.c_str());
+  if (id < 0) throw std::invalid_argument("the compiled scene has no '" + name + "'");
+  return id;
+}
+
+Eigen::Map<const Vector3> vector_at(const mjtNum* values) { return Eigen::Map<const Vector3>(values); }
+
+// MuJoCo's matrices are row-major.
+Matrix3 matrix_at(const mjtNum* values) {
+  return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(values);
+}
+
+std::string geom_name(const mjModel* m, int geom) {
+  if (const char* name = mj_id2name(m, mjOBJ_GEOM, geom); name != nullptr && *name != '\0') return name;
+  return mj_id2name(m, mjOBJ_BODY, m->geom_bodyid[geom]);
+}
+
+}  // namespace
+
+World::World(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects, double timestep)
+    : model_(compose(arms, objects, timestep)) {
+  find_places(arms, objects);
+  if (!without_engine_error([this] { data_.reset(mj_makeData(model_.get())); }) || !data_) {
+    throw std::invalid_argument(std::string("MuJoCo cannot hold the scene: ") + last_engine_error());
+  }
+  qpos_start_.assign(model_->qpos0, model_->qpos0 + model_->nq);
+  for (std::size_t a = 0; a < arms.size(); ++a) {
+    for (std::size_t j = 0; j < arms[a].joint_count; ++j) {
+      qpos_start_[static_cast<std::size_t>(arms_[a].qpos[j])] = arms[a].q_start[static_cast<Eigen::Index>(j)];
+    }
+  }
+  if (!reset()) throw std::invalid_argument(std::string("MuJoCo refuses the start: ") + last_engine_error());
+  refuse_penetration();
+}
+
+void World::find_places(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects) {
+  const mjModel* m = model_.get();
+  const auto bodies = static_cast<std::size_t>(m->nbody);
+  arm_of_body_.assign(bodies, -1);
+  tip_.assign(bodies, 0);
+  for (const auto& arm : arms) {
+    ArmPlaces places;
+    for (std::size_t j = 1; j <= arm.joint_count; ++j) {
+      const int joint = find(m, mjOBJ_JOINT, arm.name + "/joint" + std::to_string(j));
+      places.qpos.push_back(m->jnt_qposadr[joint]);
+      places.dof.push_back(m->jnt_dofadr[joint]);
+    }
+    places.flange_site = find(m, mjOBJ_SITE, arm.name + "/flange");
+    places.last_link = find(m, mjOBJ_BODY, arm.name + "/link" + std::to_string(arm.joint_count));
+    const int root = find(m, mjOBJ_BODY, arm.name + "/link0");
+    // A parent comes before its children.
+    for (std::size_t b = 1; b < bodies; ++b) {
+      const auto parent = static_cast<std::size_t>(m->body_parentid[b]);
+      const int self = static_cast<int>(arms_.size()), body = static_cast<int>(b);
+      if (body == root || arm_of_body_[parent] == self) arm_of_body_[b] = self;
+      if (body == places.last_link || tip_[parent] != 0) tip_[b] = 1;
+    }
+    arms_.push_back(std::move(places));
+  }
+  for (const auto& object : objects) {
+    ObjectPlaces places{.name = object.name, .body = find(m, mjOBJ_BODY, object.name)};
+    if (!object.fixed) {
+      const int joint = find(m, mjOBJ_JOINT, object.name);
+      places.qpos = m->jnt_qposadr[joint];
+      places.dof = m->jnt_dofadr[joint];
+    }
+    objects_.push_back(std::move(places));
+  }
+}
+
+void World::refuse_penetration() const {
+  for (int i = 0; i < data_->ncon; ++i) {
+    const mjContact& contact = data_->contact[i];
+    if (contact.dist > -kPenetration) continue;
+    char depth[32];
+    std::snprintf(depth, sizeof depth, "%.1f", -1000 * contact.dist);
+    throw std::invalid_argument("at the start '" + geom_name(model_.get(), contact.geom[0]) + "' stands " +
+                                depth + " mm inside '" + geom_name(model_.get(), contact.geom[1]) +
+                                "': move one of them, or change the start configuration");
+  }
+}
+
+std::optional<std::size_t> World::find_object(std::string_view name) const {
+  for (std::size_t i = 0; i < objects_.size(); ++i) {
+    if (objects_[i].name == name) return i;
+  }
+  return std::nullopt;
+}
+
+void World::joints(std::size_t arm, JointVector& q, JointVector& dq) const {
+  const ArmPlaces& places = arms_[arm];
+  for (std::size_t j = 0; j < places.qpos.size(); ++j) {
+    const auto i = static_cast<Eigen::Index>(j);
+    q[i] = data_->qpos[places.qpos[j]];
+    dq[i] = data_->qvel[places.dof[j]];
+  }
+}
+
+Pose World::X_WF(std::size_t arm) const {
+  const int site = arms_[arm].flange_site;
+  return {matrix_at(data_->site_xmat + 9 * site), vector_at(data_->site_xpos + 3 * site)};
+}
+
+Pose World::X_WO(std::size_t object) const {
+  const int body = objects_[object].body;
+  return {matrix_at(data_->xmat + 9 * body), vector_at(data_->xpos + 3 * body)};
+}
+
+Wrench World::tip_wrench(std::size_t arm, const Vector3& p_W) const {
+  const mjModel* m = model_.get();
+  const mjData* d = data_.get();
+  const int self = static_cast<int>(arm);
+  Wrench total;
+  for (int i = 0; i < d->ncon; ++i) {
+    const mjContact& contact = d->contact[i];
+    if (contact.geom[0] < 0 || contact.geom[1] < 0 || contact.efc_address < 0) continue;
+    const int body0 = m->geom_bodyid[contact.geom[0]], body1 = m->geom_bodyid[contact.geom[1]];
+    const int arm0 = arm_of_body(body0), arm1 = arm_of_body(body1);
+    if ((arm0 == self) == (arm1 == self)) continue;  // not ours, or with ourselves
+    if (!is_tip(arm0 == self ? body0 : body1)) continue;
+    // MuJoCo's wrench acts on the second geom, in the contact's frame, whose axes are the matrix's rows.
+    mjtNum local[6];
+    mj_contactForce(m, d, i, local);
+    const double sign = arm0 == self ? 1 : -1;
+    const Matrix3 R_WC = matrix_at(contact.frame).transpose();
+    Wrench at_contact;
+    at_contact.force() = sign * (R_WC * vector_at(local));
+    at_contact.torque() = sign * (R_WC * vector_at(local + 3));
+    total.vector += shifted(at_contact, vector_at(contact.pos) - p_W).vector;
+  }
+  return total;
+}
+
+bool World::reset() {
+  return without_engine_error([this] { mj_resetData(model_.get(), data_.get()); }) &&
+         (std::copy(qpos_start_.begin(), qpos_start_.end(), data_->qpos), forward());
+}
+
+bool World::forward() {
+  return without_engine_error([this] { mj_forward(model_.get(), data_.get()); });
+}
+
+bool World::step() {
+  const auto ran_away = [this] {
+    return data_->warning[mjWARN_BADQPOS].number + data_->warning[mjWARN_BADQVEL].number +
+           data_->warning[mjWARN_BADQACC].number;
+  };
+  const int before = ran_away();
+  return without_engine_error([this] { mj_step(model_.get(), data_.get()); }) && ran_away() == before;
+}
+
+bool World::place(std::size_t object, const Pose& X_WO) {
+  const ObjectPlaces& places = objects_[object];
+  mjtNum* pose = data_->qpos + places.qpos;
+  mjtNum* velocity = data_->qvel + places.dof;
+  std::array<mjtNum, 7> pose_before;
+  std::array<mjtNum, 6> velocity_before;
+  std::copy_n(pose, 7, pose_before.begin());
+  std::copy_n(velocity, 6, velocity_before.begin());
+  const Quaternion q = X_WO.quaternion();
+  const std::array<mjtNum, 7> pose_new{
+      X_WO.position.x(), X_WO.position.y(), X_WO.position.z(), q.w(), q.x(), q.y(), q.z()};
+  std::copy(pose_new.begin(), pose_new.end(), pose);
+  std::fill_n(velocity, 6, 0.0);
+  bool free = forward();
+  for (int i = 0; i < data_->ncon && free; ++i) {
+    const mjContact& contact = data_->contact[i];
+    const bool ours = model_->geom_bodyid[contact.geom[0]] == places.body ||
+                      model_->geom_bodyid[contact.geom[1]] == places.body;
+    if (ours && contact.dist < -kPenetration) free = false;
+  }
+  if (free) return true;
+  std::copy(pose_before.begin(), pose_before.end(), pose);
+  std::copy(velocity_before.begin(), velocity_before.end(), velocity);
+  forward();
+  return false;
+}
+
+}  // namespace multipanda
