@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "cli/console.hpp"
+#include "runtime/status.hpp"
+
+namespace multipanda::cli {
+
+struct TableStyle {
+  std::size_t width = 100, height = 24;  // columns and lines at most (colour codes not counted)
+  bool colour = false;
+};
+// The live table as lines. Its height depends on the number of arms and the style only.
+std::vector<std::string> table_lines(const RunStatus& status, const std::string& scene, double duration_s,
+                                     const TableStyle& style);
+// The same in one line without colours, for outputs that are no terminal.
+std::string plain_line(const RunStatus& status, double duration_s);
+
+// Shows a run while it goes on: on a terminal a table that is redrawn in place, elsewhere a line per second
+// and a line per event.
+class LiveDisplay {
+ public:
+  LiveDisplay(const Console& console, std::string scene, double duration_s);
+  void show(const RunStatus& status);    // call every kPeriod_s
+  void finish(const RunStatus& status);  // the last state stays on the screen
+
+  static constexpr double kPeriod_s = 0.2;
+
+ private:
+  void draw(const RunStatus& status);
+  void print_news(const RunStatus& status);
+
+  const Console& console_;
+  std::string scene_;
+  double duration_s_;
+  std::size_t drawn_ = 0;   // lines on the screen
+  std::uint64_t told_ = 0;  // events
+  double next_line_s_ = 1;  // elapsed time of the next plain line
+};
+
+}  // namespace multipanda::cli

@@ -1,0 +1,11 @@
+#include "cli/program.hpp"
+
+namespace multipanda::cli {
+
+CLI::App* Program::add(const std::string& word, const std::string& what, const std::string& examples) {
+  CLI::App* command = app.add_subcommand(word, what);
+  command->footer("Examples:\n" + examples);
+  return command;
+}
+
+}  // namespace multipanda::cli

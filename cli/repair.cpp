@@ -1,0 +1,28 @@
+#include "logs/repair.hpp"
+
+#include <fmt/format.h>
+
+#include "cli/program.hpp"
+#include "cli/report.hpp"
+
+namespace multipanda::cli {
+
+void add_repair(Program& program) {
+  auto path = std::make_shared<std::string>();
+  CLI::App* command = program.add("repair", "Gives the log of a killed run its index and footer",
+                                  "  multipanda repair runs/20260102_120000_two_arms/log.mcap");
+  command->add_option("log", *path, "Log file, or the folder of its run")->required()->type_name("LOG");
+  program.on(command, [path] {
+    const std::filesystem::path log = find_log(*path);
+    const RepairResult result = repair_log(log);
+    if (result.was_complete) {
+      fmt::print("{}: complete, {} messages; nothing changed\n", log.string(), result.messages);
+    } else {
+      fmt::print("{}: repaired, {} messages; {} unreadable chunks and {} bytes at the end left out\n",
+                 log.string(), result.messages, result.chunks_dropped, result.bytes_dropped);
+    }
+    return kSuccess;
+  });
+}
+
+}  // namespace multipanda::cli

@@ -1,0 +1,89 @@
+#include "cli/report.hpp"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "analysis/report.hpp"
+#include "cli/program.hpp"
+
+namespace multipanda::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::vector<fs::path> logs_in(const fs::path& directory) {
+  std::vector<fs::path> logs;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(directory, error)) {
+    if (entry.is_regular_file(error) && entry.path().extension() == ".mcap") logs.push_back(entry.path());
+  }
+  std::sort(logs.begin(), logs.end());
+  return logs;
+}
+
+}  // namespace
+
+fs::path find_log(const fs::path& directory) {
+  std::error_code error;
+  if (fs::is_regular_file(directory, error)) return directory;
+  if (!fs::is_directory(directory, error)) {
+    throw UsageError(fmt::format("there is no folder or log {}: give one that 'multipanda run --record' made",
+                                 directory.string()));
+  }
+  if (const auto logs = logs_in(directory); !logs.empty()) return logs.front();
+  fs::path newest;
+  fs::file_time_type newest_time;
+  for (const auto& entry : fs::directory_iterator(directory, error)) {
+    if (!entry.is_directory(error)) continue;
+    for (const auto& log : logs_in(entry.path())) {
+      const auto time = fs::last_write_time(log, error);
+      if (newest.empty() || time > newest_time) {
+        newest = log;
+        newest_time = time;
+      }
+    }
+  }
+  if (newest.empty()) {
+    throw UsageError(
+        fmt::format("there is no log (*.mcap) in {} or its folders: make one with 'multipanda run SCENE "
+                    "--record {}'",
+                    directory.string(), directory.string()));
+  }
+  return newest;
+}
+
+fs::path report_of(const fs::path& log, const Console& console, const RunSummary* run) {
+  ReportOptions options;
+  if (run != nullptr) {
+    for (const auto& step : run->thread)
+      options.info["thread: " + step.what] = step.done ? "done" : "not done: " + step.reason;
+  }
+  try {
+    const ReportResult result = make_report(log, options);
+    for (const auto& note : result.notes) console.line("report: " + note);
+    return result.page;
+  } catch (const std::runtime_error& error) {
+    console.line(fmt::format("no report: {}", error.what()));
+    return {};
+  }
+}
+
+void add_report(Program& program) {
+  auto directory = std::make_shared<std::string>();
+  CLI::App* command =
+      program.add("report", "Makes an HTML report of a recorded run",
+                  "  multipanda report runs                            of the newest run in runs\n"
+                  "  multipanda report runs/20260102_120000_two_arms   of this run");
+  command->add_option("directory", *directory, "Folder of a run, or of several: the newest counts")
+      ->required()
+      ->type_name("DIR");
+  program.on(command, [directory] {
+    const fs::path report = report_of(find_log(*directory), Console(true));
+    if (report.empty()) return kFailed;
+    fmt::print("{}\n", report.string());
+    return kSuccess;
+  });
+}
+
+}  // namespace multipanda::cli

@@ -1,0 +1,73 @@
+#include <fmt/format.h>
+
+#include "cli/program.hpp"
+#include "cli/report.hpp"
+#include "cli/run_session.hpp"
+#include "scene/load.hpp"
+
+namespace multipanda::cli {
+namespace {
+
+constexpr double kUnpacedDefault = 10;  // [s]; an unpaced run without an end would only fill the disk
+
+struct RunOptions {
+  std::string scene;
+  std::optional<double> seconds;
+  bool fast = false, json = false, report = false;
+  std::string record;
+  std::optional<int> cpu;
+};
+
+int run(const RunOptions& options) {
+  const Console console(options.json);
+  if (options.report && options.record.empty())
+    throw UsageError("run: --report needs a log: add --record DIR");
+  OpenedScene opened = open_scene(options.scene);
+  SessionOptions session_options{
+      .paced = !options.fast, .duration_s = options.seconds, .record = options.record};
+  session_options.thread.cpu = options.cpu;
+  if (options.fast && !options.seconds && opened.scene.duration_s == 0) {
+    session_options.duration_s = kUnpacedDefault;
+    console.line(fmt::format("the scene names no end: --fast runs for {:g} s (--seconds says otherwise)",
+                             kUnpacedDefault));
+  }
+  Session session(std::move(opened.scene), opened.registry, std::move(session_options));
+  RunSummary summary = run_session(session, console);
+  print_summary(summary, console);
+  bool reported = true;
+  if (options.report) {
+    summary.report = report_of(summary.log, console, &summary);
+    reported = !summary.report.empty();
+    console.line(reported ? "report: " + summary.report.string() : "the report could not be made, see above");
+  }
+  for (const auto& fault : summary.faults()) console.line("failed: " + fault);
+  if (options.json) fmt::print("{}\n", to_json(summary));
+  return summary.success() && reported ? kSuccess : kFailed;
+}
+
+}  // namespace
+
+void add_run(Program& program) {
+  auto options = std::make_shared<RunOptions>();
+  CLI::App* command = program.add(
+      "run", "Runs a scene: the arms are controlled until its end, --seconds, or Ctrl-C (which ends in hold)",
+      "  multipanda run two_arms                          in real time, until Ctrl-C\n"
+      "  multipanda run two_arms --seconds 10 --record runs --report\n"
+      "  multipanda run my/scene.yaml --fast --json       as fast as possible, result as one JSON object\n"
+      "Fails (exit code 1) if a controllet was taken out, a switch refused, or the log is incomplete.");
+  command->add_option("scene", options->scene, "Name (multipanda list scenes) or path of a scene file")
+      ->required();
+  command->add_option("--seconds", options->seconds, "Length of the run; default: the scene's duration_s")
+      ->check(CLI::Range(0.001, 1e6));
+  command->add_flag("--fast", options->fast, "As fast as possible instead of paced to the wall clock");
+  command->add_option("--record", options->record, "Write a log into a new folder inside DIR")
+      ->type_name("DIR");
+  command->add_flag("--report", options->report, "Make the report afterwards (needs --record)");
+  command->add_flag("--json", options->json,
+                    "One JSON object on standard output at the end, all else on standard error");
+  command->add_option("--cpu", options->cpu, "Pin the loop's thread to this core")
+      ->check(CLI::Range(0, 1023));
+  program.on(command, [options] { return run(*options); });
+}
+
+}  // namespace multipanda::cli

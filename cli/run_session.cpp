@@ -1,0 +1,76 @@
+#include "cli/run_session.hpp"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "cli/live_table.hpp"
+#include "runtime/signals.hpp"
+
+namespace multipanda::cli {
+
+RunSummary run_session(Session& session, const Console& console) {
+  for (const auto& arm : session.scene().arms) {
+    for (const auto& text : arm.loosened)
+      console.line(fmt::format("arm '{}': looser than the maker's: {}", arm.name, text));
+  }
+  // Before the session's threads, so that they leave these signals to the watch.
+  SignalWatch signals([&](int) {
+    session.stop();
+    if (!console.is_terminal())
+      console.line("stopping: arms to hold, then the end (once more: quit at once)");
+  });
+  LiveDisplay display(console, session.scene().name, session.duration_s());
+  session.start();
+  while (!session.wait_for_end(LiveDisplay::kPeriod_s)) display.show(session.status());
+  RunSummary summary = session.finish();
+  display.finish(session.status());
+  return summary;
+}
+
+void print_switches(const RunSummary& summary, const Console& console) {
+  for (const auto& s : summary.switches) {
+    std::string steps;
+    for (const auto& step : s.steps) {
+      steps += fmt::format("{}{} {:.3f}", steps.empty() ? "" : ", ", step.arm, step.sent_nm);
+      if (step.wanted_nm > step.sent_nm + 1e-9) steps += fmt::format(" (wanted {:.3f})", step.wanted_nm);
+    }
+    console.line(fmt::format("  {:8.3f} s  {}", s.t.seconds(), describe(s)));
+    if (!s.steps.empty()) {
+      console.line(
+          fmt::format("             first torque in cycle {}, {:.1f} us after the boundary; largest torque "
+                      "step [N m]: {}",
+                      s.cycle, s.computing_us, steps));
+    } else if (s.accepted()) {
+      console.line(fmt::format("             held in the same cycle {} ({})", s.cycle, s.cause));
+    }
+  }
+}
+
+void print_summary(const RunSummary& summary, const Console& console) {
+  console.line(fmt::format(
+      "{}: {} cycles, {:.3f} s of loop time in {:.3f} s ({:.1f} Hz, {:.1f} x real time), {} overruns",
+      summary.scene, summary.cycles, summary.time_s, summary.elapsed_s, summary.rate_hz(),
+      summary.elapsed_s > 0 ? summary.time_s / summary.elapsed_s : 0, summary.overruns));
+  console.line(fmt::format("cycle [us]: p50 {:.1f}  p99 {:.1f}  p99.9 {:.1f}  max {:.1f}",
+                           summary.cycle_us.median, summary.cycle_us.p99, summary.cycle_us.p999,
+                           summary.cycle_us.worst));
+  std::string thread = "thread:";
+  for (const auto& step : summary.thread) {
+    thread += fmt::format(" {} {};", step.what,
+                          step.done ? std::string("done") : fmt::format("not done ({})", step.reason));
+  }
+  if (!summary.paced) thread += " no SCHED_FIFO, since unpaced;";
+  thread.pop_back();
+  console.line(thread);
+  console.line(summary.switches.empty() ? "switches: none" : "switches:");
+  print_switches(summary, console);
+  for (const auto& i : summary.interventions) {
+    console.line(fmt::format("intervention: {}: {} x {}{}", i.arm, i.count, to_string(i.rule),
+                             i.controllet.empty() ? "" : fmt::format(" ({})", i.controllet)));
+  }
+  if (summary.records_lost > 0) console.line(fmt::format("records lost: {}", summary.records_lost));
+  if (!summary.log.empty()) console.line("log: " + summary.log.string());
+}
+
+}  // namespace multipanda::cli

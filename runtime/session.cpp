@@ -1,0 +1,256 @@
+#include "runtime/session.hpp"
+
+#include <algorithm>
+#include <chrono>
+
+#include "backends/mujoco/mujoco_backend.hpp"
+#include "runtime/machine.hpp"
+#include "scene/build.hpp"
+
+namespace multipanda {
+namespace {
+
+constexpr std::size_t kLoopRing = 2048;  // cycles between loop and relay: two seconds of a stalled machine
+constexpr std::size_t kLogRingBytes = 64u << 20;
+constexpr std::size_t kMargin = 64;  // cycles kept free in a ring by an unpaced loop
+
+std::size_t log_ring_cycles(const RecordLayout& layout) {
+  const std::size_t bytes = sizeof(CycleRecord) + layout.arms.size() * sizeof(ArmSample) +
+                            layout.max_references * sizeof(ReferenceSample) +
+                            layout.output_count * sizeof(double);
+  return std::clamp<std::size_t>(kLogRingBytes / bytes, 2048, 8192);
+}
+
+bool has_room(const RecordRing& ring) {
+  return ring.ring.size() + kMargin < ring.ring.capacity() && ring.events.size() * 2 < ring.events.capacity();
+}
+
+void sleep_us(int us) { std::this_thread::sleep_for(std::chrono::microseconds(us)); }
+
+}  // namespace
+
+Session::Session(Scene scene, const Registry& registry, SessionOptions options)
+    : scene_(std::move(scene)), registry_(registry), options_(std::move(options)) {
+  duration_s_ = options_.duration_s.value_or(scene_.duration_s);
+  build();
+  if (!options_.record.empty()) open_log();
+}
+
+Session::~Session() {
+  stop();
+  if (loop_.joinable()) loop_.join();
+  if (relay_.joinable()) relay_.join();
+}
+
+void Session::build() {
+  CycleConfig config = build_cycle_config(scene_, kLoopRing);
+  std::vector<JointVector> tau_max;
+  for (const auto& arm : config.arms) {
+    models_.push_back(arm.model);
+    tau_max.push_back(arm.safety.joints.tau_max);
+  }
+  backend_ = options_.make_backend
+                 ? options_.make_backend(scene_)
+                 : std::make_unique<MujocoBackend>(
+                       scene_, MujocoOptions{.pace = options_.paced ? Pace::realtime : Pace::unpaced});
+  cycle_ = std::make_unique<ControlCycle>(std::move(config), registry_, *backend_);
+  modes().schedule(build_schedule(scene_, modes()));
+  modes().activate_at_start(start_set(scene_, modes()));
+  board_ =
+      std::make_unique<StatusBoard>(cycle_->layout(), std::move(tau_max), backend_->capabilities(0).lockstep);
+}
+
+void Session::open_log() {
+  directory_ = make_run_directory(options_.record, scene_.name);
+  log_ = directory_ / "log.mcap";
+  const std::size_t capacity =
+      options_.ring_cycles != 0 ? options_.ring_cycles : log_ring_cycles(cycle_->layout());
+  log_ring_ = std::make_unique<RecordRing>(cycle_->layout(), capacity);
+}
+
+void Session::start() {
+  if (log_ring_) {
+    std::vector<RecordedArm> arms;
+    for (std::size_t i = 0; i < models_.size(); ++i) {
+      const ArmConfig config = arm_config(scene_.arms[i]);
+      arms.push_back(
+          {.model = models_[i], .frames = config.frames, .tool = config.tool, .load = config.load});
+    }
+    RecorderOptions recorder_options;
+    recorder_options.info = describe_machine();
+    recorder_options.info["scene"] = scene_.name;
+    recorder_options.info["scene_path"] = scene_.path;
+    recorder_options.info["seed"] = std::to_string(scene_.seed);
+    recorder_options.info["plant"] = scene_.plant.name;
+    recorder_options.info["paced"] = options_.paced ? "true" : "false";
+    recorder_options.attachments.push_back(
+        {.name = "scene.yaml", .media_type = "application/yaml", .data = scene_.text});
+    recorder_ = std::make_unique<Recorder>(log_, cycle_->layout(), *log_ring_, std::move(arms),
+                                           std::move(recorder_options));
+  }
+  relay_ = std::thread([this] { run_relay(); });
+  loop_ = std::thread([this] { run_loop(); });
+}
+
+// ------------------------------------------------------------------------------------------------ loop
+// thread
+
+void Session::run_loop() {
+  ThreadSetup wish = options_.thread;
+  if (!options_.paced) wish.fifo_priority.reset();
+  setup_ = set_up_thread(wish);
+  try {
+    backend_->start();
+    begun_ = host_now();
+    first_cycle_ = cycle_->data().tick.cycle;
+    cycle_->run([this] { return keep_on(); });
+    ended_ = host_now();
+    backend_->finish();
+    if (const auto* mujoco = dynamic_cast<const MujocoBackend*>(backend_.get());
+        mujoco != nullptr && mujoco->failed()) {
+      problem_ = "the simulation failed: " + mujoco->fault();
+    }
+  } catch (...) {
+    failure_ = std::current_exception();
+    if (ended_ == HostTime{}) ended_ = host_now();
+  }
+  loop_ended_.store(true, std::memory_order_release);
+  const std::lock_guard lock(end_mutex_);
+  end_changed_.notify_all();
+}
+
+// Between two steps. Everything that may end a run or let it wait is here, so that step() knows nothing of
+// it.
+bool Session::keep_on() {
+  const Tick& tick = cycle_->data().tick;
+  if (tick.cycle == first_cycle_) return true;
+  if (tick.cycle == first_cycle_ + 1) first_ = tick.t;
+  const auto period =
+      std::chrono::nanoseconds(static_cast<std::int64_t>(backend_->capabilities(0).period_s * 1e9 + 0.5));
+  if (!closing_ && stop_asked_.load(std::memory_order_acquire)) {
+    closing_ = true;
+    modes().stop(ArmSet::all(modes().arm_count()));
+    close_at_ = tick.t + std::chrono::nanoseconds(LoopTime::from_seconds(options_.hold_s).ns);
+    end_ = RunEnd::stopped;
+  }
+  if (closing_ && tick.t >= close_at_) return false;
+  if (!closing_ && duration_s_ > 0 &&
+      (tick.t - first_) + period >= std::chrono::nanoseconds(LoopTime::from_seconds(duration_s_).ns)) {
+    end_ = RunEnd::duration;
+    return false;
+  }
+  if (!options_.paced) wait_for_room();
+  return true;
+}
+
+void Session::wait_for_room() {
+  while (!has_room(*cycle_->record())) sleep_us(50);
+}
+
+// ----------------------------------------------------------------------------------------------- relay
+// thread
+
+void Session::run_relay() {
+  for (;;) {
+    const bool last =
+        loop_ended_.load(std::memory_order_acquire);  // read before the rings, so that all is taken
+    const bool busy = relay();
+    board_->publish_if_due();
+    if (last && !busy) break;
+    if (!busy) sleep_us(options_.paced ? 2000 : 200);
+  }
+  board_->publish();
+}
+
+// Takes what is there. Unpaced, a log that falls behind holds up the relay and thereby the loop; paced, what
+// finds no room is counted as lost. Events first: their cycle's record is the one before or after, both
+// orders occur in the log anyway.
+bool Session::relay() {
+  RecordRing& ring = *cycle_->record();
+  bool busy = false;
+  while (const Event* event = ring.events.front()) {
+    busy = true;
+    board_->take(*event);
+    if (log_ring_) {
+      while (!options_.paced && log_ring_->events.size() == log_ring_->events.capacity()) sleep_us(50);
+      if (!log_ring_->events.push(*event)) ++log_ring_->dropped_events;
+    }
+    ring.events.pop();
+  }
+  for (int n = 0; n < 256; ++n) {  // then look for events again
+    const CycleRecord* record = ring.ring.front();
+    if (record == nullptr) break;
+    busy = true;
+    board_->take(*record);
+    if (options_.observer) options_.observer(*record);
+    if (log_ring_) {
+      while (!options_.paced && log_ring_->ring.size() == log_ring_->ring.capacity()) sleep_us(50);
+      if (!log_ring_->ring.push(*record)) ++log_ring_->dropped_records;
+    }
+    ring.ring.pop();
+  }
+  if (log_ring_) {  // what the loop itself could not leave is missing in the log, too
+    const auto lost = ring.dropped_records.exchange(0), lost_events = ring.dropped_events.exchange(0);
+    log_ring_->dropped_records += lost;
+    log_ring_->dropped_events += lost_events;
+  }
+  return busy;
+}
+
+// ------------------------------------------------------------------------------------------- the owner's
+// thread
+
+bool Session::wait_for_end(double timeout_s) {
+  std::unique_lock lock(end_mutex_);
+  return end_changed_.wait_for(lock, std::chrono::duration<double>(timeout_s),
+                               [this] { return loop_ended_.load(std::memory_order_acquire); });
+}
+
+RunSummary Session::finish() {
+  loop_.join();
+  relay_.join();
+  if (recorder_) recorded_ = recorder_->stop();
+  if (failure_) std::rethrow_exception(failure_);
+  return summary();
+}
+
+RunSummary Session::summary() {
+  RunSummary summary;
+  const auto us = [](std::int64_t ns) { return static_cast<double>(ns) * 1e-3; };
+  const CycleHistogram& times = board_->cycle_times();
+  const Tick& tick = cycle_->data().tick;
+  summary.scene = scene_.name;
+  summary.end = end_;
+  summary.paced = options_.paced;
+  summary.cycles = tick.cycle - first_cycle_;
+  summary.overruns = backend_->overruns();
+  if (summary.cycles > 0) summary.time_s = seconds(tick.t - first_) + backend_->capabilities(0).period_s;
+  summary.elapsed_s = seconds(ended_ - begun_);
+  summary.cycle_us = {.median = us(times.percentile(0.5)),
+                      .p99 = us(times.percentile(0.99)),
+                      .p999 = us(times.percentile(0.999)),
+                      .worst = us(times.max())};
+  summary.switches = board_->switches();
+  for (ArmIndex arm = 0; arm < modes().arm_count(); ++arm) {
+    for (std::size_t code = 1; code < static_cast<std::size_t>(Intervention::count_); ++code) {
+      const auto rule = static_cast<Intervention>(code);
+      const std::uint64_t count = cycle_->safety().counted(arm, rule);
+      if (count == 0) continue;
+      InterventionReport report{.arm = modes().arm_name(arm), .rule = rule, .count = count};
+      for (const auto& seen : board_->interventions()) {
+        if (seen.arm != report.arm || seen.rule != rule) continue;
+        report.first_s = seen.first_s;
+        report.controllet = seen.controllet;
+      }
+      summary.interventions.push_back(std::move(report));
+    }
+  }
+  summary.records_lost = recorder_ ? recorded_.cycles_lost : cycle_->record()->dropped_records.load();
+  if (recorder_) summary.missing = recorded_.missing();
+  summary.log = log_;
+  if (!problem_.empty()) summary.problems.push_back(problem_);
+  summary.thread = setup_;
+  return summary;
+}
+
+}  // namespace multipanda

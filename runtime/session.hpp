@@ -1,0 +1,107 @@
+#pragma once
+
+#include <atomic>
+#include <condition_variable>
+#include <exception>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <thread>
+
+#include "core/cycle/control_cycle.hpp"
+#include "core/rt/thread_setup.hpp"
+#include "logs/recorder.hpp"
+#include "runtime/status.hpp"
+#include "runtime/summary.hpp"
+#include "scene/scene.hpp"
+
+namespace multipanda {
+
+struct SessionOptions {
+  bool paced = true;                 // to the wall clock; else as fast as possible
+  std::optional<double> duration_s;  // of the loop's time; default: the scene's; 0: until stopped
+  std::filesystem::path record;      // folder that gets a new folder with the log; empty: no log
+  ThreadSetup thread;                // asked for, never insisted on; unpaced runs never get SCHED_FIFO
+  double hold_s = 0.2;               // how long the arms are held before a stopped run ends
+  std::size_t ring_cycles = 0;       // records that may wait for the disk; 0: by their size
+  // Sees every record, in order, on the relay's thread: for tests and comparisons.
+  std::function<void(const CycleRecord&)> observer;
+  // Another world than the scene's simulation. Its loop time must advance by its own period per step.
+  std::function<std::unique_ptr<Backend>(const Scene&)> make_backend;
+};
+
+// One run of a scene: models, backend, control cycle, log, and the threads they need.
+//
+//   loop   steps the cycle, nothing else
+//   relay  takes the loop's records, keeps the status, hands them on to the recorder
+//   recorder (with a log)  writes them to disk
+//
+// Paced, the loop waits for nobody: what the disk cannot take in time is missing in the log, and the summary
+// says so. Unpaced, it waits between two steps until there is room, so that no record is lost.
+class Session {
+ public:
+  // Builds everything; nothing moves yet. Throws std::invalid_argument (a scene that cannot be), or
+  // std::runtime_error (models, plant or log folder cannot be had). `registry` must live longer.
+  Session(Scene scene, const Registry& registry, SessionOptions options);
+  ~Session();  // stops
+  Session(const Session&) = delete;
+
+  const Scene& scene() const { return scene_; }
+  double duration_s() const { return duration_s_; }  // 0: until stopped
+  Backend& backend() { return *backend_; }
+  MultimodeController& modes() { return cycle_->modes(); }               // requests while running
+  const std::filesystem::path& directory() const { return directory_; }  // of this run; empty: no log
+
+  void start();
+  // All arms to hold, then the end. Any thread; more than once is once.
+  void stop() { stop_asked_.store(true, std::memory_order_release); }
+  // True when the loop has ended, at the latest after `timeout_s`.
+  bool wait_for_end(double timeout_s);
+  RunStatus status() const { return board_->status(); }
+
+  // Waits for the loop, closes the log. Rethrows what ended the loop, if it was an exception of the backend.
+  RunSummary finish();
+
+ private:
+  void build();
+  void open_log();
+  void run_loop();
+  bool keep_on();
+  void wait_for_room();
+  void run_relay();
+  bool relay();
+  RunSummary summary();
+
+  const Scene scene_;
+  const Registry& registry_;
+  const SessionOptions options_;
+  double duration_s_ = 0;
+  std::unique_ptr<Backend> backend_;
+  std::unique_ptr<ControlCycle> cycle_;
+  std::vector<std::shared_ptr<const ArmModel>> models_;
+  std::unique_ptr<StatusBoard> board_;
+
+  std::filesystem::path directory_, log_;
+  std::unique_ptr<RecordRing> log_ring_;  // relay -> recorder
+  std::unique_ptr<Recorder> recorder_;
+  RecorderStatus recorded_;
+
+  // Loop thread
+  bool closing_ = false;
+  LoopTime first_, close_at_;
+  std::uint64_t first_cycle_ = 0;
+  RunEnd end_ = RunEnd::backend;
+  std::vector<SetupStep> setup_;
+  std::exception_ptr failure_;
+  std::string problem_;
+  HostTime begun_, ended_;
+
+  std::atomic<bool> stop_asked_{false}, loop_ended_{false};
+  std::mutex end_mutex_;
+  std::condition_variable end_changed_;
+  std::thread loop_, relay_;
+};
+
+}  // namespace multipanda

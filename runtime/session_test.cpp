@@ -1,0 +1,304 @@
+#include "runtime/session.hpp"
+
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "runtime/faulty.hpp"
+#include "scene/build.hpp"
+#include "scene/load.hpp"
+
+namespace multipanda {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+Registry registry_with_faulty() {
+  Registry registry = Registry::with_builtins();
+  registry.add(faulty_controllet());
+  return registry;
+}
+
+class SessionTest : public testing::Test {
+ protected:
+  Scene scene(const std::string& controllets, const std::string& rest = "") {
+    return parse_scene(
+        "arms:\n"
+        "  - {name: left, base: {position_m: [0, 0.4, 0]}}\n"
+        "  - {name: right, base: {position_m: [0, -0.4, 0]}, "
+        "start_rad: [0.1, -0.6, 0, -2.2, 0, 1.6, 0.8]}\n"
+        "controllets:\n" +
+            controllets + rest,
+        "test.yaml", registry_);
+  }
+  Scene two_poses(const std::string& rest = "") {
+    return scene(
+        "  - {name: left_pose, type: cartesian_impedance, arms: left}\n"
+        "  - {name: right_joints, type: joint_impedance, arms: right}\n"
+        "active: [left_pose, right_joints]\n",
+        rest);
+  }
+
+  const Registry registry_ = registry_with_faulty();
+};
+
+// A folder of its own that disappears with the test.
+class Folder {
+ public:
+  Folder() {
+    std::string pattern = (std::filesystem::temp_directory_path() / "session_test_XXXXXX").string();
+    path_ = mkdtemp(pattern.data());
+  }
+  ~Folder() { std::filesystem::remove_all(path_); }
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
+TEST_F(SessionTest, RunsExactlyItsDuration) {
+  std::vector<std::uint64_t> cycles;
+  SessionOptions options{.paced = false, .duration_s = 0.5};
+  options.observer = [&](const CycleRecord& record) { cycles.push_back(record.cycle); };
+  Session session(two_poses(), registry_, options);
+  session.start();
+  const RunSummary summary = session.finish();
+  EXPECT_EQ(summary.cycles, 500u);
+  EXPECT_DOUBLE_EQ(summary.time_s, 0.5);
+  EXPECT_EQ(summary.end, RunEnd::duration);
+  EXPECT_THAT(summary.faults(), ElementsAre());
+  ASSERT_EQ(cycles.size(), 500u);  // every cycle was seen, in order
+  for (std::size_t i = 0; i < cycles.size(); ++i) EXPECT_EQ(cycles[i], i + 1);
+  EXPECT_GT(summary.cycle_us.median, 0);
+  EXPECT_LE(summary.cycle_us.median, summary.cycle_us.p99);
+  EXPECT_LE(summary.cycle_us.p999, summary.cycle_us.worst);
+}
+
+TEST_F(SessionTest, TheScenesDurationHoldsWhereNothingElseIsSaid) {
+  Session session(two_poses("duration_s: 0.05\n"), registry_, {.paced = false});
+  session.start();
+  EXPECT_EQ(session.finish().cycles, 50u);
+}
+
+// The log is slower than the loop (its ring has room for 100 cycles only): the loop waits, nothing is lost.
+TEST_F(SessionTest, AnUnpacedRunLosesNoRecord) {
+  const Folder folder;
+  Session session(two_poses(), registry_,
+                  {.paced = false, .duration_s = 4, .record = folder.path(), .ring_cycles = 100});
+  session.start();
+  const RunSummary summary = session.finish();
+  EXPECT_EQ(summary.records_lost, 0u);
+  EXPECT_THAT(summary.missing, ElementsAre());
+  EXPECT_TRUE(std::filesystem::is_regular_file(summary.log));
+  EXPECT_EQ(summary.log.parent_path().parent_path(), folder.path());
+}
+
+TEST_F(SessionTest, AStopEndsInHold) {
+  Session* running = nullptr;
+  std::vector<std::pair<std::uint16_t, std::uint16_t>> owners;
+  SessionOptions options{.paced = false, .duration_s = 0};
+  options.observer = [&](const CycleRecord& record) {
+    owners.emplace_back(record.arms[0].owner, record.arms[1].owner);
+    if (record.cycle == 100) running->stop();
+  };
+  Session session(two_poses(), registry_, options);
+  running = &session;
+  session.start();
+  const RunSummary summary = session.finish();
+  EXPECT_EQ(summary.end, RunEnd::stopped);
+  EXPECT_THAT(summary.faults(), ElementsAre());  // stopping when asked to is no failure
+  std::size_t held = 0;
+  while (held < owners.size() &&
+         owners[owners.size() - 1 - held] == std::pair<std::uint16_t, std::uint16_t>(0, 1))
+    ++held;
+  EXPECT_EQ(held, 200u);  // hold_s
+  EXPECT_GT(owners.size(), 300u);
+  EXPECT_EQ(session.modes().stopped(), ArmSet::all(2));
+}
+
+// Wherever the arms stand: whatever begins there wants to stay there.
+TEST_F(SessionTest, NothingJumpsAtTheStart) {
+  const Scene two = two_poses();
+  double moved = 0;
+  SessionOptions options{.paced = false, .duration_s = 0.3};
+  options.observer = [&](const CycleRecord& record) {
+    for (std::size_t arm = 0; arm < 2; ++arm) {
+      for (Eigen::Index j = 0; j < two.arms[arm].q_start.size(); ++j) {
+        moved = std::max(
+            moved, std::abs(record.arms[arm].q[static_cast<std::size_t>(j)] - two.arms[arm].q_start[j]));
+      }
+    }
+  };
+  Session session(two, registry_, options);
+  session.start();
+  const RunSummary summary = session.finish();
+  EXPECT_LT(moved, 1e-4);
+  ASSERT_FALSE(summary.switches.empty());
+  EXPECT_EQ(summary.switches[0].cause, "start");
+  for (const auto& step : summary.switches[0].steps) EXPECT_LT(step.wanted_nm, 0.05) << step.arm;
+}
+
+TEST_F(SessionTest, TwoRunsAreBitByBitTheSame) {
+  const std::string motion =
+      "timeline:\n"
+      "  - {at_s: 0.02, reference: {controllet: left_pose, input: pose, position_m: [0.4, 0.4, 0.5], "
+      "rpy_rad: [pi, 0, 0]}}\n"
+      "  - {at_s: 0.2, switch: {deactivate: [left_pose]}}\n"
+      "plant: {fidelity: realistic}\n";
+  std::vector<JointArray> runs[2];
+  for (auto& run : runs) {
+    SessionOptions options{.paced = false, .duration_s = 0.4};
+    options.observer = [&](const CycleRecord& record) {
+      for (const auto& arm : record.arms) {
+        run.push_back(arm.q);
+        run.push_back(arm.tau_cmd);
+      }
+    };
+    Session session(two_poses(motion), registry_, options);
+    session.start();
+    (void)session.finish();
+  }
+  ASSERT_EQ(runs[0].size(), 1600u);
+  EXPECT_EQ(runs[0], runs[1]);
+  EXPECT_NE(runs[0].front(), runs[0][runs[0].size() - 4]);  // it did move
+}
+
+class FaultTest : public SessionTest,
+                  public testing::WithParamInterface<std::pair<const char*, Intervention>> {};
+
+TEST_P(FaultTest, IsSurvivedAndReported) {
+  const auto [fault, rule] = GetParam();
+  Scene broken = scene(
+      std::string("  - {name: left_faulty, type: faulty, arms: left, parameters: {after_s: 0.1, fault: ") +
+      fault + "}}\n" +
+      "  - {name: right_joints, type: joint_impedance, arms: right}\n"
+      "active: [left_faulty, right_joints]\n");
+  std::uint16_t left = 99, right = 99;
+  SessionOptions options{.paced = false, .duration_s = 0.3};
+  options.observer = [&](const CycleRecord& record) {
+    left = record.arms[0].owner;
+    right = record.arms[1].owner;
+  };
+  Session session(std::move(broken), registry_, options);
+  session.start();
+  RunSummary summary = session.finish();
+  EXPECT_EQ(summary.cycles, 300u);
+  EXPECT_EQ(left, session.modes().find("left_hold"));
+  EXPECT_EQ(right, session.modes().find("right_joints"));
+  ASSERT_EQ(summary.interventions.size(), 1u);
+  EXPECT_EQ(summary.interventions[0].rule, rule);
+  EXPECT_EQ(summary.interventions[0].arm, "left");
+  EXPECT_EQ(summary.interventions[0].controllet, "left_faulty");
+  EXPECT_EQ(summary.interventions[0].count, 1u);
+  EXPECT_NEAR(summary.interventions[0].first_s, 0.1, 0.0015);
+  ASSERT_EQ(summary.faults().size(), 1u);
+  EXPECT_THAT(summary.faults()[0], HasSubstr("left_faulty"));
+  summary.wanted_interventions = {{"left", rule}};
+  EXPECT_TRUE(summary.success());
+}
+
+INSTANTIATE_TEST_SUITE_P(AllFaults, FaultTest,
+                         testing::Values(std::pair("nan", Intervention::torque_not_finite),
+                                         std::pair("infinity", Intervention::torque_not_finite),
+                                         std::pair("implausible", Intervention::torque_implausible),
+                                         std::pair("exception", Intervention::controllet_threw),
+                                         std::pair("report", Intervention::controllet_fault)),
+                         [](const auto& info) { return info.param.first; });
+
+TEST_F(SessionTest, AnUnpacedLoopNeverAsksForFifo) {
+  SessionOptions options{.paced = false, .duration_s = 0.01};
+  options.thread = {.lock_memory = false, .fifo_priority = 10, .cpu = 0};
+  Session session(two_poses(), registry_, options);
+  session.start();
+  const RunSummary summary = session.finish();
+  ASSERT_EQ(summary.thread.size(), 1u);
+  EXPECT_EQ(summary.thread[0].what, "affinity to core 0");
+}
+
+TEST_F(SessionTest, WhatCannotBeHadIsSaid) {
+  SessionOptions options{.paced = false, .duration_s = 0.01};
+  options.thread = {.lock_memory = false, .fifo_priority = {}, .cpu = 1000};
+  Session session(two_poses(), registry_, options);
+  session.start();
+  const RunSummary summary = session.finish();
+  ASSERT_EQ(summary.thread.size(), 1u);
+  EXPECT_FALSE(summary.thread[0].done);
+  EXPECT_THAT(summary.thread[0].reason, HasSubstr("core 1000"));
+  EXPECT_TRUE(summary.success());  // never fatal in simulation
+}
+
+TEST_F(SessionTest, ALogFolderThatCannotBeMadeIsRefusedBeforeAnythingMoves) {
+  EXPECT_THROW(Session(two_poses(), registry_, {.paced = false, .record = "/proc/no/such"}),
+               std::runtime_error);
+}
+
+// A backend that ends by an exception: it reaches the caller, not std::terminate.
+class Unreachable final : public Backend {
+ public:
+  explicit Unreachable(std::size_t arms) : arms_(arms) {}
+  std::size_t arm_count() const override { return arms_; }
+  Capabilities capabilities(ArmIndex) const override { return {}; }
+  void start() override { throw std::runtime_error("no arm answers"); }
+  ArmSet wait() override { return {}; }
+  LoopTime now() const override { return {}; }
+  void read(ArmSet, std::span<ArmState>) override {}
+  void write(ArmSet, std::span<const ArmCommand>) override {}
+  std::future<ArmAnswer> request(ArmIndex, ArmRequest) override { return {}; }
+
+ private:
+  std::size_t arms_;
+};
+
+TEST_F(SessionTest, AnUnreachableWorldIsSaid) {
+  SessionOptions options;
+  options.thread = {.lock_memory = false, .fifo_priority = {}, .cpu = {}};
+  options.make_backend = [](const Scene& s) { return std::make_unique<Unreachable>(s.arms.size()); };
+  Session session(two_poses(), registry_, options);
+  session.start();
+  EXPECT_THROW((void)session.finish(), std::runtime_error);
+}
+
+TEST_F(SessionTest, TheSummaryIsOneJsonObject) {
+  Session session(two_poses("timeline:\n  - {at_s: 0.02, switch: {deactivate: [left_pose]}}\n"), registry_,
+                  {.paced = false, .duration_s = 0.05});
+  session.start();
+  const auto json = nlohmann::json::parse(to_json(session.finish()));
+  EXPECT_EQ(json.at("cycles"), 50);
+  EXPECT_EQ(json.at("overruns"), 0);
+  for (const char* key : {"median", "p99", "p999", "worst"})
+    EXPECT_GT(json.at("cycle_us").at(key), 0.0) << key;
+  ASSERT_EQ(json.at("switches").size(), 2u);
+  EXPECT_EQ(json.at("switches")[1].at("started"), nlohmann::json::array({"left_hold"}));
+  EXPECT_EQ(json.at("switches")[1].at("kept"), nlohmann::json::array({"right_joints"}));
+  EXPECT_EQ(json.at("switches")[1].at("cause"), "timeline");
+  EXPECT_DOUBLE_EQ(json.at("switches")[1].at("t_s"), 0.02);
+  EXPECT_TRUE(json.at("interventions").empty());
+  EXPECT_TRUE(json.at("log").is_null());
+  EXPECT_TRUE(json.at("report").is_null());
+}
+
+TEST_F(SessionTest, TheStatusFollowsTheRun) {
+  Session session(two_poses(), registry_, {.paced = false, .duration_s = 0.2});
+  session.start();
+  EXPECT_TRUE(session.wait_for_end(60));
+  (void)session.finish();
+  const RunStatus status = session.status();
+  EXPECT_EQ(status.cycles, 200u);
+  ASSERT_EQ(status.arms.size(), 2u);
+  EXPECT_EQ(status.arms[0].controllet, "left_pose");
+  EXPECT_STREQ(status.arms[0].tracking_unit, "m");
+  EXPECT_STREQ(status.arms[1].tracking_unit, "rad");
+  for (const auto& arm : status.arms) {
+    ASSERT_TRUE(arm.tracking_error.has_value());
+    EXPECT_LT(*arm.tracking_error, 1e-3);
+    EXPECT_LT(arm.torque_use, 0.2);
+  }
+}
+
+}  // namespace
+}  // namespace multipanda

@@ -1,0 +1,232 @@
+#include "runtime/status.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace multipanda {
+namespace {
+
+double microseconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-3; }
+
+}  // namespace
+
+StatusBoard::StatusBoard(RecordLayout layout, std::vector<JointVector> tau_max, bool lockstep)
+    : layout_(std::move(layout)),
+      tau_max_(std::move(tau_max)),
+      lockstep_(lockstep),
+      last_(layout_.arms.size(), layout_.max_references, layout_.output_count),
+      torque_use_(layout_.arms.size(), 0),
+      last_intervention_(layout_.arms.size()),
+      begin_(std::chrono::steady_clock::now()),
+      published_(begin_) {
+  publish();
+}
+
+void StatusBoard::take(const CycleRecord& record) {
+  if (cycles_++ == 0) begin_ = published_ = std::chrono::steady_clock::now();
+  cycle_times_.add(record.stages.total - (lockstep_ ? record.stages.write : 0));
+  for (std::size_t arm = 0; arm < record.arms.size(); ++arm) {
+    for (Eigen::Index j = 0; j < tau_max_[arm].size(); ++j) {
+      const double use = std::abs(record.arms[arm].tau_cmd[static_cast<std::size_t>(j)]) / tau_max_[arm][j];
+      torque_use_[arm] = std::max(torque_use_[arm], use);
+    }
+  }
+  last_ = record;
+}
+
+void StatusBoard::take(const Event& event) {
+  switch (event.kind) {
+    case EventKind::switched:
+    case EventKind::switch_refused:
+      add_switch(event);
+      break;
+    case EventKind::intervention:
+      add_intervention(event);
+      break;
+    case EventKind::parameter_set: {
+      if (event.verdict != Verdict::accepted) {
+        tell(event, fmt::format("{}: parameter refused ({})", instance_name(event.instance),
+                                to_string(event.verdict)));
+        break;
+      }
+      const auto& names = layout_.instances.at(event.instance).parameters;
+      tell(event, fmt::format("{}: {} set", instance_name(event.instance),
+                              event.index < names.size() ? names[event.index] : "parameter"));
+      break;
+    }
+    case EventKind::feature_set: {
+      const auto& names = layout_.instances.at(event.instance).features;
+      tell(event, fmt::format("{}: {} {}", instance_name(event.instance),
+                              event.index < names.size() ? names[event.index] : "feature",
+                              event.verdict != Verdict::accepted ? "refused"
+                              : event.values[0] > 0.5            ? "on"
+                                                                 : "off"));
+      break;
+    }
+    case EventKind::target_set:
+      if (event.verdict != Verdict::accepted) {
+        tell(event, fmt::format("{}: set-point refused ({})", instance_name(event.instance),
+                                to_string(event.verdict)));
+      }
+      break;  // accepted ones are too many to tell
+    case EventKind::stopped:
+      tell(event, "stop: " + arm_names(event.arms));
+      break;
+    case EventKind::resumed:
+      tell(event, "resume: " + arm_names(event.arms));
+      break;
+    case EventKind::arm_config:
+    case EventKind::arm_mode:
+      break;
+  }
+}
+
+void StatusBoard::add_switch(const Event& event) {
+  SwitchReport change;
+  change.t = event.t;
+  change.cycle = event.cycle;
+  change.verdict = event.verdict;
+  change.started = instance_names(event.started);
+  change.stopped = instance_names(event.stopped);
+  change.kept = instance_names(event.kept);
+  if (event.intervention != Intervention::none) {
+    change.cause = to_string(event.intervention);
+  } else {
+    change.cause = event.ticket != 0 ? "request" : event.cycle <= 1 ? "start" : "timeline";
+    change.waiting_us = microseconds((event.taken - event.received).count());
+    change.computing_us = microseconds((event.first_torque - event.taken).count());
+    for (std::size_t arm = 0; arm < layout_.arms.size(); ++arm) {
+      if ((event.arms >> arm & 1u) == 0 || 2 * arm + 1 >= event.size) continue;
+      change.steps.push_back({layout_.arms[arm].name, event.values[2 * arm], event.values[2 * arm + 1]});
+    }
+  }
+  std::string text = describe(change);
+  if (event.intervention != Intervention::none) text += fmt::format(" ({})", change.cause);
+  tell(event, std::move(text));
+  switches_.push_back(std::move(change));
+}
+
+void StatusBoard::add_intervention(const Event& event) {
+  if (event.arm >= layout_.arms.size()) return;
+  const std::string& arm = layout_.arms[event.arm].name;
+  last_intervention_[event.arm] = to_string(event.intervention);
+  const auto known = std::find_if(interventions_.begin(), interventions_.end(), [&](const auto& i) {
+    return i.arm == arm && i.rule == event.intervention;
+  });
+  if (known == interventions_.end()) {
+    interventions_.push_back({.arm = arm,
+                              .rule = event.intervention,
+                              .count = 1,
+                              .first_s = event.t.seconds(),
+                              .controllet = instance_name(event.instance)});
+  } else {
+    ++known->count;
+  }
+  const std::string joint = event.joint == 0xFFFF ? "" : fmt::format(", joint {}", event.joint + 1);
+  tell(event, fmt::format("{}: {}{} ({})", arm, to_string(event.intervention), joint,
+                          instance_name(event.instance)));
+}
+
+void StatusBoard::tell(const Event& event, std::string text) {
+  ++events_;
+  news_.push_back(fmt::format("{:9.3f} s  {}", event.t.seconds(), text));
+  if (news_.size() > kNews) news_.pop_front();
+}
+
+std::vector<std::string> StatusBoard::instance_names(std::uint64_t bits) const {
+  std::vector<std::string> names;
+  for (; bits != 0; bits &= bits - 1) {
+    names.push_back(instance_name(static_cast<std::uint16_t>(std::countr_zero(bits))));
+  }
+  return names;
+}
+
+std::string StatusBoard::instance_name(std::uint16_t index) const {
+  return index < layout_.instances.size() ? layout_.instances[index].name : std::string();
+}
+
+std::string StatusBoard::arm_names(std::uint32_t bits) const {
+  std::string names;
+  for (std::size_t arm = 0; arm < layout_.arms.size(); ++arm) {
+    if ((bits >> arm & 1u) == 0) continue;
+    if (!names.empty()) names += ", ";
+    names += layout_.arms[arm].name;
+  }
+  return names;
+}
+
+// The error that the arm's owner shows in an output whose name ends in `suffix`. A controllet of several
+// arms that shows one such output per arm means them in its arms' order; otherwise the largest one is said.
+std::optional<double> StatusBoard::output_error(std::size_t arm, std::string_view suffix) const {
+  const auto owner = last_.arms[arm].owner;
+  if (owner >= layout_.instances.size()) return {};
+  const auto& instance = layout_.instances[owner];
+  std::vector<double> errors;
+  for (const auto& output : instance.outputs) {
+    if (!output.name.ends_with(suffix)) continue;
+    double square = 0;
+    for (std::size_t i = 0; i < output.size; ++i) {
+      square += last_.outputs[output.offset + i] * last_.outputs[output.offset + i];
+    }
+    errors.push_back(std::sqrt(square));
+  }
+  if (errors.empty()) return {};
+  const auto arms_of_owner = static_cast<std::size_t>(std::popcount(instance.arms));
+  if (errors.size() == arms_of_owner) {
+    const std::uint32_t before = instance.arms & ((1u << arm) - 1u);
+    return errors[static_cast<std::size_t>(std::popcount(before))];
+  }
+  return *std::max_element(errors.begin(), errors.end());
+}
+
+ArmStatus StatusBoard::arm_status(std::size_t arm) const {
+  ArmStatus status{.arm = layout_.arms[arm].name,
+                   .torque_use = torque_use_[arm],
+                   .last_intervention = last_intervention_[arm]};
+  if (cycles_ == 0) return status;
+  status.controllet = instance_name(last_.arms[arm].owner);
+  status.interventions = last_.arms[arm].interventions;
+  if (const auto error = output_error(arm, "position_error_m")) {
+    status.tracking_error = error;
+    status.tracking_unit = "m";
+  } else if (const auto joint_error = output_error(arm, "error_rad")) {
+    status.tracking_error = joint_error;
+    status.tracking_unit = "rad";
+  }
+  return status;
+}
+
+void StatusBoard::publish_if_due() {
+  if (std::chrono::steady_clock::now() - published_ >= kPeriod) publish();
+}
+
+void StatusBoard::publish() {
+  const auto now = std::chrono::steady_clock::now();
+  RunStatus next;
+  next.time_s = last_.t.seconds();
+  next.elapsed_s = std::chrono::duration<double>(now - begin_).count();
+  const double window_s = std::chrono::duration<double>(now - published_).count();
+  next.rate_hz = window_s > 0 ? static_cast<double>(last_.cycle - cycles_published_) / window_s : 0;
+  next.cycle_us = microseconds(cycle_times_.percentile(0.5));
+  next.cycle_us_worst = microseconds(cycle_times_.max());
+  next.cycles = last_.cycle;
+  next.overruns = last_.overruns;
+  for (std::size_t arm = 0; arm < layout_.arms.size(); ++arm) next.arms.push_back(arm_status(arm));
+  next.events = events_;
+  next.news = news_;
+  published_ = now;
+  cycles_published_ = last_.cycle;
+  std::fill(torque_use_.begin(), torque_use_.end(), 0.0);
+  const std::lock_guard lock(mutex_);
+  status_ = std::move(next);
+}
+
+RunStatus StatusBoard::status() const {
+  const std::lock_guard lock(mutex_);
+  return status_;
+}
+
+}  // namespace multipanda

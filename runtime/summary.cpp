@@ -1,0 +1,133 @@
+#include "runtime/summary.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <nlohmann/json.hpp>
+
+namespace multipanda {
+
+std::string_view to_string(RunEnd end) {
+  switch (end) {
+    case RunEnd::duration:
+      return "duration";
+    case RunEnd::stopped:
+      return "stopped";
+    case RunEnd::backend:
+      return "backend";
+  }
+  return "?";
+}
+
+std::vector<std::string> RunSummary::faults() const {
+  std::vector<std::string> faults = problems;
+  for (const auto& i : interventions) {
+    const bool wanted = std::find(wanted_interventions.begin(), wanted_interventions.end(),
+                                  std::pair(i.arm, i.rule)) != wanted_interventions.end();
+    if (i.takes_out() && !wanted) {
+      faults.push_back(fmt::format(
+          "arm '{}': {} took {} out at {:.3f} s", i.arm, to_string(i.rule),
+          i.controllet.empty() ? std::string("its controllet") : fmt::format("'{}'", i.controllet),
+          i.first_s));
+    }
+  }
+  for (const auto& s : switches) {
+    if (!s.accepted()) {
+      faults.push_back(
+          fmt::format("the switch at {:.3f} s was refused: {}", s.t.seconds(), to_string(s.verdict)));
+    }
+  }
+  for (const auto& text : missing) faults.push_back("the log is incomplete: " + text);
+  return faults;
+}
+
+bool RunSummary::success() const { return faults().empty(); }
+
+std::string describe(const SwitchReport& change) {
+  const auto list = [](const std::vector<std::string>& names) {
+    return fmt::format("{}", fmt::join(names, ", "));
+  };
+  if (!change.accepted()) return fmt::format("switch refused ({})", to_string(change.verdict));
+  if (change.started.empty() && change.stopped.empty()) return "switch without a change";
+  std::string text = change.started.empty() ? "" : list(change.started) + " on";
+  if (!change.stopped.empty()) text += (text.empty() ? "" : ", ") + list(change.stopped) + " off";
+  return text;
+}
+
+namespace {
+
+// JSON knows no NaN: what is not a number is null. Rounded, so that people can read it, too.
+nlohmann::ordered_json number(double value, double step) {
+  if (!std::isfinite(value)) return nullptr;
+  return std::round(value / step) * step == 0
+             ? 0.0
+             : std::stod(fmt::format("{:.10g}", std::round(value / step) * step));
+}
+
+nlohmann::ordered_json path_or_null(const std::filesystem::path& path) {
+  if (path.empty()) return nullptr;
+  return path.string();
+}
+
+nlohmann::ordered_json to_json_value(const SwitchReport& s) {
+  nlohmann::ordered_json step_wanted = nlohmann::ordered_json::object(), step_sent = step_wanted;
+  for (const auto& step : s.steps) {
+    step_wanted[step.arm] = number(step.wanted_nm, 1e-6);
+    step_sent[step.arm] = number(step.sent_nm, 1e-6);
+  }
+  return {{"t_s", number(s.t.seconds(), 1e-6)},
+          {"cycle", s.cycle},
+          {"cause", s.cause},
+          {"accepted", s.accepted()},
+          {"verdict", std::string(to_string(s.verdict))},
+          {"started", s.started},
+          {"stopped", s.stopped},
+          {"kept", s.kept},
+          {"waiting_us", number(s.waiting_us, 1e-3)},
+          {"computing_us", number(s.computing_us, 1e-3)},
+          {"torque_step_wanted_nm", step_wanted},
+          {"torque_step_nm", step_sent}};
+}
+
+}  // namespace
+
+std::string to_json(const RunSummary& summary) {
+  nlohmann::ordered_json json;
+  json["scene"] = summary.scene;
+  json["success"] = summary.success();
+  json["faults"] = summary.faults();
+  json["ended_by"] = std::string(to_string(summary.end));
+  json["paced"] = summary.paced;
+  json["cycles"] = summary.cycles;
+  json["overruns"] = summary.overruns;
+  json["time_s"] = number(summary.time_s, 1e-6);
+  json["elapsed_s"] = number(summary.elapsed_s, 1e-6);
+  json["rate_hz"] = number(summary.rate_hz(), 1e-3);
+  json["cycle_us"] = {{"median", number(summary.cycle_us.median, 1e-3)},
+                      {"p99", number(summary.cycle_us.p99, 1e-3)},
+                      {"p999", number(summary.cycle_us.p999, 1e-3)},
+                      {"worst", number(summary.cycle_us.worst, 1e-3)}};
+  json["switches"] = nlohmann::ordered_json::array();
+  for (const auto& s : summary.switches) json["switches"].push_back(to_json_value(s));
+  json["interventions"] = nlohmann::ordered_json::array();
+  for (const auto& i : summary.interventions) {
+    json["interventions"].push_back({{"arm", i.arm},
+                                     {"rule", std::string(to_string(i.rule))},
+                                     {"count", i.count},
+                                     {"first_s", number(i.first_s, 1e-6)},
+                                     {"controllet", i.controllet}});
+  }
+  json["records_lost"] = summary.records_lost;
+  json["missing"] = summary.missing;
+  json["log"] = path_or_null(summary.log);
+  json["report"] = path_or_null(summary.report);
+  json["thread"] = nlohmann::ordered_json::array();
+  for (const auto& step : summary.thread) {
+    json["thread"].push_back({{"what", step.what}, {"done", step.done}, {"reason", step.reason}});
+  }
+  return json.dump();
+}
+
+}  // namespace multipanda
