@@ -1,15 +1,64 @@
 #include "analysis/scene_pictures.hpp"
 
-namespace multipanda {
+#include <algorithm>
+#include <span>
 
-ScenePictures draw_scene(const RunOfLog& run, std::size_t at_most, const std::filesystem::path&) {
+#include "backends/mujoco/mujoco_backend.hpp"
+#include "backends/mujoco/picture.hpp"
+
+namespace multipanda {
+namespace {
+
+// qpos of the whole model: arms as recorded, everything else as at the start.
+std::vector<double> positions(const World& world, const Scene& scene, const RunOfLog::Moment& moment) {
+  const mjData* data = world.data();
+  std::vector<double> qpos(data->qpos, data->qpos + world.model()->nq);
+  for (std::size_t i = 0; i < scene.arms.size(); ++i) {
+    const auto recorded = moment.q.find(scene.arms[i].name);
+    if (recorded == moment.q.end()) continue;
+    const auto& places = world.arm(i).qpos;
+    for (std::size_t k = 0; k < std::min(places.size(), recorded->second.size()); ++k)
+      qpos[static_cast<std::size_t>(places[k])] = recorded->second[k];
+  }
+  return qpos;
+}
+
+void draw(const RunOfLog& run, const std::vector<ChosenMoment>& chosen,
+          const std::filesystem::path& directory, ScenePictures& out) {
+  const Scene& scene = *run.scene;
+  const MujocoBackend backend(scene, {.pace = Pace::unpaced});
+  const World& world = backend.world();
+  Painter painter(world.model());
+  if (!painter.works()) {
+    out.missing = painter.reason();
+    return;
+  }
+  for (const ChosenMoment& c : chosen) {
+    const std::filesystem::path file = directory / ("scene_" + std::to_string(out.pictures.size()) + ".png");
+    out.missing = painter.paint(positions(world, scene, run.moments[c.moment]), file);
+    if (!out.missing.empty()) return;
+    out.pictures.push_back({file, c.caption});
+  }
+  const bool free_objects =
+      std::any_of(scene.objects.begin(), scene.objects.end(), [](const SceneObject& o) { return !o.fixed; });
+  if (free_objects) out.note = "Free objects are drawn where they started: their motion is not in the log.";
+}
+
+}  // namespace
+
+ScenePictures draw_scene(const RunOfLog& run, std::size_t at_most, const std::filesystem::path& directory) {
   ScenePictures out;
+  const auto chosen = choose_moments(run, at_most);
   if (!run.scene) {
     out.missing = run.scene_missing;
-  } else if (choose_moments(run, at_most).empty()) {
+  } else if (chosen.empty()) {
     out.missing = "no joint position is in the log";
   } else {
-    out.missing = "this program cannot draw";
+    try {
+      draw(run, chosen, directory, out);
+    } catch (const std::exception& error) {
+      out.missing = error.what();
+    }
   }
   return out;
 }
