@@ -1,0 +1,91 @@
+#include "core/controllets/damping_design.hpp"
+
+#include <gtest/gtest.h>
+
+#include "core/test_support/test_arm.hpp"
+
+namespace multipanda {
+namespace {
+
+using test::Draw;
+
+// A random inertia of a task: kg and kg m^2, coupled.
+Matrix6 some_inertia(Draw& draw) {
+  Matrix6 A;
+  for (int i = 0; i < 36; ++i) A.data()[i] = draw.uniform(-1, 1);
+  Vector6 scale;
+  scale << 2, 2, 2, 0.2, 0.2, 0.2;
+  return scale.asDiagonal() * (A * A.transpose() + 0.2 * Matrix6::Identity()) * scale.asDiagonal();
+}
+
+// Damping ratios of inertia x'' + damping x' + stiffness x = 0, from the eigenvalues of its first-order form.
+std::vector<double> damping_ratios(const Eigen::MatrixXd& inertia, const Eigen::MatrixXd& damping,
+                                   const Eigen::MatrixXd& stiffness) {
+  const Eigen::Index n = inertia.rows();
+  Eigen::MatrixXd A = Eigen::MatrixXd::Zero(2 * n, 2 * n);
+  A.topRightCorner(n, n).setIdentity();
+  A.bottomLeftCorner(n, n) = -inertia.inverse() * stiffness;
+  A.bottomRightCorner(n, n) = -inertia.inverse() * damping;
+  const Eigen::VectorXcd poles = Eigen::EigenSolver<Eigen::MatrixXd>(A, false).eigenvalues();
+  std::vector<double> ratios;
+  for (Eigen::Index i = 0; i < poles.size(); ++i) ratios.push_back(-poles[i].real() / std::abs(poles[i]));
+  return ratios;
+}
+
+TEST(DampingDesign, GivesEveryCoupledModeItsRatio) {
+  Draw draw(11);
+  for (int trial = 0; trial < 50; ++trial) {
+    const Matrix6 Lambda = some_inertia(draw);
+    Vector6 k;
+    k << draw.uniform(10, 2000), draw.uniform(10, 2000), draw.uniform(10, 2000), draw.uniform(1, 100),
+        draw.uniform(1, 100), draw.uniform(1, 100);
+    const Matrix6 K = k.asDiagonal();
+    const double zeta = draw.uniform(0.2, 0.95);
+    for (const double ratio : damping_ratios(Lambda, task_damping(Lambda, K, zeta), K)) {
+      EXPECT_NEAR(ratio, zeta, 1e-6);
+    }
+  }
+}
+
+TEST(DampingDesign, JointsOfAnyCount) {
+  Draw draw(12);
+  for (std::size_t n = 1; n <= kMaxJoints; ++n) {
+    const auto size = static_cast<Eigen::Index>(n);
+    JointMatrix A(size, size);
+    for (Eigen::Index i = 0; i < A.size(); ++i) A.data()[i] = draw.uniform(-1, 1);
+    const JointMatrix M = A * A.transpose() + 0.1 * JointMatrix::Identity(size, size);
+    const JointVector K = draw.joints(n, 200) + joint_constant(n, 250);
+    for (const double ratio : damping_ratios(M, joint_damping(M, K, 0.6), K.asDiagonal().toDenseMatrix())) {
+      EXPECT_NEAR(ratio, 0.6, 1e-6) << n << " joints";
+    }
+  }
+}
+
+// Whatever the stiffness, also none along a direction: symmetric, no negative power, D Lambda^-1 D = 4 zeta^2
+// K.
+TEST(DampingDesign, NeverFeedsEnergyAndStandsZeroStiffness) {
+  Draw draw(13);
+  for (int trial = 0; trial < 50; ++trial) {
+    const Matrix6 Lambda = some_inertia(draw);
+    Matrix6 G = Matrix6::Zero();  // of rank trial % 6
+    for (int i = 0; i < 6 * (trial % 6); ++i) G.data()[i] = draw.uniform(-10, 10);
+    const Matrix6 K = G * G.transpose();
+    const Matrix6 D = task_damping(Lambda, K, 1.3);
+    ASSERT_TRUE(D.allFinite());
+    EXPECT_NEAR((D - D.transpose()).norm(), 0, 1e-9);
+    for (int i = 0; i < 20; ++i) {
+      const Vector6 v = Vector6::NullaryExpr([&] { return draw.uniform(-1, 1); });
+      EXPECT_GE(v.dot(D * v), -1e-9);
+    }
+    EXPECT_NEAR((D * Lambda.inverse() * D - 4 * 1.3 * 1.3 * K).norm(), 0, 1e-6 * (1 + K.norm()));
+  }
+}
+
+TEST(DampingDesign, NotANumberStaysOne) {
+  Matrix6 Lambda = Matrix6::Identity();
+  Lambda(2, 2) = std::nan("");
+  EXPECT_FALSE(task_damping(Lambda, Matrix6::Identity(), 1).allFinite());
+}
+
+}  // namespace
+}  // namespace multipanda

@@ -1,0 +1,144 @@
+#include "core/controllets/joint_impedance.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <gtest/gtest.h>
+
+#include "core/test_support/controllet_rig.hpp"
+#include "core/test_support/plain_arm.hpp"
+
+namespace multipanda {
+namespace {
+
+using namespace test;
+
+struct Bench {
+  explicit Bench(std::size_t joints, const Pose& X_WB = {})
+      : arm(TestArm::make(joints)), plain(arm, X_WB), rig(joint_impedance_controllet(), {arm.model(X_WB)}) {}
+  TestArm arm;
+  PlainArm plain;
+  ControlletRig rig;
+};
+
+Target joints_target(const JointVector& q, double duration) {
+  Target target;
+  target.size = static_cast<std::uint8_t>(q.size());
+  target.duration_s = duration;
+  std::copy(q.begin(), q.end(), target.values.begin());
+  return target;
+}
+
+// D by the square root of M^-1 K from its (unsymmetric) eigenvectors.
+Eigen::MatrixXd expected_damping(const Eigen::MatrixXd& M, const Eigen::MatrixXd& K, double zeta) {
+  const Eigen::EigenSolver<Eigen::MatrixXd> modes(M.inverse() * K);
+  const Eigen::MatrixXcd V = modes.eigenvectors();
+  const Eigen::VectorXcd roots = modes.eigenvalues().cwiseSqrt();
+  return 2 * zeta * M * (V * roots.asDiagonal() * V.inverse()).real();
+}
+
+TEST(JointImpedance, TorqueIsTheStatedLaw) {
+  Draw draw(41);
+  for (const std::size_t n : {std::size_t{6}, std::size_t{7}}) {
+    for (const bool coupled : {true, false}) {
+      Bench bench(n, draw.pose(1));
+      bench.rig.set("damping_ratio", {0.8});
+      bench.rig.set("damping_design", {coupled ? 0.0 : 1.0});
+      ASSERT_EQ(bench.rig.start(), LawResult::ok);
+      Reference& input = bench.rig.input("joints");
+      input.set(joints_target(bent(n) + draw.joints(n, 0.3), 1.0));
+      for (int i = 0; i < 300; ++i) ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+      EXPECT_GT(input.joint_acceleration().norm(), 1e-3);  // mid-motion: every term is alive
+
+      const JointVector q = bent(n) + draw.joints(n, 0.5), dq = draw.joints(n, 0.7);
+      bench.rig.place(0, q, dq);
+      ASSERT_EQ(bench.rig.update(), LawResult::ok);
+      Eigen::VectorXd K(7);
+      K << 600, 600, 600, 600, 250, 150, 50;
+      K.conservativeResize(static_cast<Eigen::Index>(n));
+      const Eigen::MatrixXd M = bench.plain.mass(q);
+      Eigen::MatrixXd D = expected_damping(M, K.asDiagonal(), 0.8);
+      if (!coupled) D = (1.6 * (K.array() * M.diagonal().array()).sqrt()).matrix().asDiagonal();
+      const Eigen::VectorXd expected = K.asDiagonal() * (input.joints() - q) +
+                                       D * (input.joint_velocity() - dq) + bench.plain.coriolis(q, dq) +
+                                       M * input.joint_acceleration();
+      EXPECT_NEAR((bench.rig.tau(0) - expected).norm(), 0, 1e-5);
+
+      bench.rig.set("acceleration_feedforward", {0});
+      ASSERT_EQ(bench.rig.update(), LawResult::ok);
+      EXPECT_NEAR((bench.rig.tau(0) - expected + M * input.joint_acceleration()).norm(), 0, 1e-5);
+    }
+  }
+}
+
+TEST(JointImpedance, AtRestOnTheSetPointNothing) {
+  Bench bench(7);
+  ASSERT_EQ(bench.rig.start(), LawResult::ok);
+  ASSERT_EQ(bench.rig.update(), LawResult::ok);
+  EXPECT_EQ(bench.rig.tau(0).norm(), 0);
+}
+
+TEST(JointImpedance, BaseDoesNotMatter) {
+  Draw draw(42);
+  Bench here(7), there(7, draw.pose(2));
+  const JointVector q = bent(7) + draw.joints(7, 0.3), dq = draw.joints(7, 1);
+  for (auto* bench : {&here, &there}) {
+    ASSERT_EQ(bench->rig.start(), LawResult::ok);
+    bench->rig.place(0, q, dq);
+    ASSERT_EQ(bench->rig.update(), LawResult::ok);
+  }
+  EXPECT_NEAR((here.rig.tau(0) - there.rig.tau(0)).norm(), 0, 1e-9);
+}
+
+TEST(JointImpedance, SettlesAndYieldsToAPushByTorqueOverStiffness) {
+  Draw draw(43);
+  Bench bench(7);
+  ASSERT_EQ(bench.rig.start(), LawResult::ok);
+  const JointVector push = draw.joints(7, 3);
+  for (int i = 0; i < 2000; ++i) {
+    ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+    bench.rig.integrate(0.001, {push});
+  }
+  Eigen::VectorXd K(7);
+  K << 600, 600, 600, 600, 250, 150, 50;
+  const JointVector deflection = bench.rig.state(0).q - bent(7);
+  EXPECT_NEAR((deflection - push.cwiseQuotient(K)).norm(), 0, 1e-5);
+}
+
+TEST(JointImpedance, EnergyDoesNotGrowWhileTheSetPointRests) {
+  Draw draw(44);
+  Bench bench(7);
+  bench.rig.set("damping_ratio", {0.1});
+  ASSERT_EQ(bench.rig.start(), LawResult::ok);
+  Eigen::VectorXd K(7);
+  K << 600, 600, 600, 600, 250, 150, 50;
+  bench.rig.place(0, bent(7) + draw.joints(7, 0.05), draw.joints(7, 0.2));
+  const auto energy = [&] {
+    const JointVector e = bent(7) - bench.rig.state(0).q;
+    return bench.rig.kinetic_energy(0) + 0.5 * e.dot(K.asDiagonal() * e);
+  };
+  // The torque is held for a millisecond, so the samples may creep up a little; the trend may not.
+  const double start = energy();
+  double before = start;
+  for (int i = 0; i < 1000; ++i) {
+    ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+    bench.rig.integrate(0.001, {joint_constant(7, 0)});
+    ASSERT_LT(energy(), before + 1e-2 * start) << "tick " << i;
+    before = energy();
+  }
+  EXPECT_LT(before, 0.05 * start);
+}
+
+TEST(JointImpedance, NotANumberIsAFault) {
+  for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity()}) {
+    for (const bool velocity : {false, true}) {
+      Bench bench(7);
+      ASSERT_EQ(bench.rig.start(), LawResult::ok);
+      JointVector q = bent(7), dq = joint_constant(7, 0);
+      (velocity ? dq : q)[3] = bad;
+      bench.rig.place(0, q, dq);
+      EXPECT_EQ(bench.rig.update(), LawResult::fault);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace multipanda

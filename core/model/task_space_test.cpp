@@ -1,0 +1,85 @@
+#include "core/model/task_space.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <gtest/gtest.h>
+
+#include "core/model/model_terms.hpp"
+#include "core/test_support/controllet_rig.hpp"
+#include "core/test_support/plain_arm.hpp"
+
+namespace multipanda {
+namespace {
+
+using namespace test;
+using Eigen::MatrixXd;
+
+TEST(TaskSpace, IsTheTextbookInverseInRegularPoses) {
+  Draw draw(101);
+  int checked = 0;
+  for (int trial = 0; trial < 60; ++trial) {
+    const std::size_t n = 6 + static_cast<std::size_t>(trial % 3);
+    const PlainArm plain(TestArm::make(n), {});
+    ModelTerms terms(TestArm::make(n).model());
+    const JointVector q = bent(n) + draw.joints(n, 0.5);
+    terms.update(q, joint_constant(n, 0));
+    const TaskSpace& task = terms.task();
+    const MatrixXd J = plain.jacobian(q), M = plain.mass(q);
+    const MatrixXd A = J * M.inverse() * J.transpose();
+    EXPECT_NEAR((task.mobility - A).norm(), 0, 1e-8 * A.norm());
+    const double smallest = A.selfadjointView<Eigen::Lower>().eigenvalues().minCoeff();
+    ASSERT_EQ(task.floored, smallest < TaskSpace::kMobilityFloor) << smallest;
+    if (task.floored) continue;
+    ++checked;
+    EXPECT_NEAR((task.Lambda * A - MatrixXd::Identity(6, 6)).norm(), 0, 1e-8);
+    EXPECT_NEAR((J * task.J_bar - MatrixXd::Identity(6, 6)).norm(), 0, 1e-8);
+    const JointVector x = draw.joints(n, 1);
+    EXPECT_NEAR((J * M.inverse() * task.null_space_torque(terms.J_V_WE(), x)).norm(), 0, 1e-7);
+    EXPECT_NEAR((J * task.null_space_velocity(terms.J_V_WE(), x)).norm(), 0, 1e-8);
+  }
+  EXPECT_GE(checked, 20);
+}
+
+// Five joints: A has rank five. No direction is heavier than 1/floor, and N stays a contraction in the metric
+// of M^-1: the eigenvalues of N lie within [0, 1].
+TEST(TaskSpace, SingularPosesStayBounded) {
+  Draw draw(102);
+  for (int trial = 0; trial < 30; ++trial) {
+    ModelTerms terms(TestArm::make(5).model());
+    terms.update(draw.joints(5, 2), joint_constant(5, 0));
+    const TaskSpace& task = terms.task();
+    EXPECT_TRUE(task.floored);
+    const double largest = task.Lambda.selfadjointView<Eigen::Lower>().eigenvalues().maxCoeff();
+    EXPECT_NEAR(largest, 1 / TaskSpace::kMobilityFloor, 1e-6);
+    const MatrixXd J = terms.J_V_WE();
+    const MatrixXd N = MatrixXd::Identity(5, 5) - J.transpose() * task.J_bar.transpose();
+    const auto eigenvalues = N.eigenvalues();
+    for (const auto& value : eigenvalues) {
+      EXPECT_NEAR(value.imag(), 0, 1e-6);
+      EXPECT_GE(value.real(), -1e-8);
+      EXPECT_LE(value.real(), 1 + 1e-8);
+    }
+  }
+}
+
+// Both ways of inverting meet where the floor begins to act.
+TEST(TaskSpace, FloorActsWithoutAStep) {
+  const Matrix3 R = Draw(103).rotation();
+  Matrix6 Q = Matrix6::Identity();
+  Q.topLeftCorner<3, 3>() = R;
+  Vector6 eigenvalues;
+  eigenvalues << TaskSpace::kMobilityFloor, 1, 2, 3, 4, 5;
+  const auto inverse = [&](double change, bool& floored) {
+    Vector6 e = eigenvalues;
+    e[0] += change;
+    return floored_inverse(Q * e.asDiagonal() * Q.transpose(), floored);
+  };
+  bool below = false, above = true;
+  const Matrix6 difference = inverse(-1e-9, below) - inverse(1e-9, above);
+  EXPECT_TRUE(below);
+  EXPECT_FALSE(above);
+  EXPECT_LT(difference.norm(), 1e-4);
+}
+
+}  // namespace
+}  // namespace multipanda

@@ -1,0 +1,63 @@
+#include <gtest/gtest.h>
+
+#include "core/modes/registry.hpp"
+#include "core/test_support/controllet_rig.hpp"
+#include "core/test_support/test_arm.hpp"
+
+namespace multipanda {
+namespace {
+
+using namespace test;
+
+std::string library(const std::string& name) { return std::string(PLUGIN_FOLDER "/") + name + ".so"; }
+
+std::string refusal(const std::string& path) {
+  Registry registry = Registry::with_builtins();
+  const std::size_t before = registry.controllets().size();
+  try {
+    registry.load_plugin(path);
+  } catch (const std::runtime_error& error) {
+    EXPECT_EQ(registry.controllets().size(), before);
+    return error.what();
+  }
+  return "accepted";
+}
+
+TEST(OwnControllet, IsLoadedAndNamed) {
+  Registry registry = Registry::with_builtins();
+  ASSERT_EQ(registry.controllet("virtual_wall"), nullptr);
+  registry.load_plugin(library("own_controllet"));
+  ASSERT_NE(registry.controllet("virtual_wall"), nullptr);
+  EXPECT_THROW(registry.load_plugin(library("own_controllet")), std::invalid_argument);  // the name is taken
+}
+
+TEST(OwnControllet, PushesOutOfTheWallByStiffnessTimesDepth) {
+  Registry registry;
+  registry.load_plugin(library("own_controllet"));
+  ControlletRig rig(*registry.controllet("virtual_wall"), {TestArm::make().model()});
+  const double z = rig.terms(0).X_WE().position.z();
+  rig.set("height_m", {z - 0.01});
+  ASSERT_EQ(rig.start(), LawResult::ok);
+  ASSERT_EQ(rig.update(), LawResult::ok);
+  EXPECT_EQ(rig.tau(0).norm(), 0);
+
+  rig.set("height_m", {z + 0.004});
+  ASSERT_EQ(rig.update(), LawResult::ok);
+  const JointVector expected = rig.terms(0).J_V_WE().row(2).transpose() * 4.0;  // 1000 N/m * 4 mm, upwards
+  EXPECT_NEAR((rig.tau(0) - expected).norm(), 0, 1e-9);
+  EXPECT_NEAR(rig.output("depth_m")[0], 0.004, 1e-12);
+
+  rig.set("height_m", {z + 0.1});
+  EXPECT_EQ(rig.start(), LawResult::fault);  // would begin deep in the wall
+}
+
+TEST(OwnControllet, LibrariesThatDoNotFitAreRefusedWithTheReason) {
+  EXPECT_NE(refusal(library("no_such_file")).find("no_such_file"), std::string::npos);
+  EXPECT_NE(refusal(library("plugin_without_symbols")).find("MULTIPANDA_PLUGIN"), std::string::npos);
+  const std::string version = refusal(library("plugin_of_other_version"));
+  EXPECT_NE(version.find("interface 999016"), std::string::npos) << version;
+  EXPECT_NE(version.find("rebuild"), std::string::npos) << version;
+}
+
+}  // namespace
+}  // namespace multipanda
