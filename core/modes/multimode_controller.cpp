@@ -273,7 +273,7 @@ void MultimodeController::apply(const Request& request, std::uint64_t ticket, Ho
   answer.cycle = tick.cycle;
   answer.t = tick.t;
   answer.received = received;
-  answer.taken = tick.start;
+  answer.taken = ticket != 0 ? host_now() : tick.start;  // it may have been posted after the step began
   answer.verdict = check(request);
   Event event{
       .verdict = answer.verdict, .ticket = ticket, .instance = request.instance, .index = request.index};

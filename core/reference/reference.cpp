@@ -265,6 +265,8 @@ double Reference::peak_excess(std::size_t samples) const {
 // planned on to the horizon behind it. Far off the series (it jumped, or just began) the sample is a goal:
 // speed limits first.
 void Reference::plan_stream(const Target& target, std::uint64_t steps, double elapsed_s) {
+  // Samples lost on the way leave a gap in time, not in the numbering.
+  if (period_s_ > 0) steps = std::max(steps, static_cast<std::uint64_t>(elapsed_s / period_s_ + 0.5));
   const double measured = elapsed_s / static_cast<double>(steps);
   period_s_ = period_s_ > 0 ? period_s_ + kPeriodFilter * (measured - period_s_) : measured;
   rebase();

@@ -27,7 +27,8 @@ struct InputSpec {
 // The only way in for a set-point: takes targets from any thread, gives the loop a desired value that is
 // continuous in position, velocity and acceleration, whatever arrives. A target far away is approached at no
 // more than the input's speed, a near one within no less than a tenth of a second: a goal a millimetre away
-// must not become a blow.
+// must not become a blow. A goal that comes in the middle of a strong acceleration may be approached up to a
+// third faster for a moment: continuity goes first.
 //
 // Goals end at rest. A stream is followed one of its periods late: each sample is aimed at with the velocity
 // estimated from the series, so that a smooth series gives a smooth motion; a late sample is bridged, silence

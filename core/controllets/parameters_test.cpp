@@ -1,0 +1,90 @@
+#include "core/controllets/parameters.hpp"
+
+#include <limits>
+#include <stdexcept>
+
+#include <gtest/gtest.h>
+
+namespace multipanda {
+namespace {
+
+ParameterSet some() {
+  return ParameterSet({{"gain", "", 1, {2}, 0, 10, ""},
+                       {"per_joint", "", ParameterSpec::kPerJoint, {1, 2, 3, 4, 5, 6, 7, 8}, 0, 10, ""},
+                       {"law", "", 1, {1}, 0, 2, "", {"a", "b", "c"}},
+                       switch_parameter("flag", false, "")},
+                      7);
+}
+std::array<double, 1> one(double v) { return {v}; }
+
+TEST(Parameters, RampLinearlyAndArriveExactly) {
+  ParameterSet set = some();
+  set.set(0, one(6));
+  EXPECT_EQ(set.number(0), 2);
+  EXPECT_EQ(set.target(0), std::vector<double>{6});
+  const auto version = set.version();
+  for (int k = 1; k < 200; ++k) {
+    set.advance(0.001);
+    ASSERT_NEAR(set.number(0), 2 + 4 * k / 200.0, 1e-12);
+  }
+  set.advance(0.001);
+  set.advance(0.001);
+  EXPECT_EQ(set.number(0), 6);
+  EXPECT_GT(set.version(), version);
+  const auto settled = set.version();
+  set.advance(0.001);
+  EXPECT_EQ(set.version(), settled);
+}
+
+TEST(Parameters, ANewGoalInTheMiddleOfARampMakesNoStep) {
+  ParameterSet set = some();
+  set.set(0, one(10));
+  for (int k = 0; k < 100; ++k) set.advance(0.001);
+  const double before = set.number(0);
+  set.set(0, one(0));
+  EXPECT_EQ(set.number(0), before);
+  set.advance(0.001);
+  EXPECT_NEAR(set.number(0), before - before / 200, 1e-12);
+  set.finish();
+  EXPECT_EQ(set.number(0), 0);
+  set.set(0, one(4));
+  set.set_now(0, one(3));
+  set.advance(1);
+  EXPECT_EQ(set.number(0), 3);
+}
+
+TEST(Parameters, ChoicesAndSwitchesSnap) {
+  ParameterSet set = some();
+  set.set(2, one(2));
+  EXPECT_EQ(set.choice(2), 2u);
+  set.set(3, one(1));
+  EXPECT_TRUE(set.flag(3));
+}
+
+TEST(Parameters, AreChecked) {
+  const ParameterSet set = some();
+  EXPECT_EQ(set.check(0, one(10)), Verdict::accepted);
+  EXPECT_EQ(set.check(0, one(10.1)), Verdict::out_of_bounds);
+  EXPECT_EQ(set.check(0, one(-0.1)), Verdict::out_of_bounds);
+  EXPECT_EQ(set.check(0, one(std::nan(""))), Verdict::not_finite);
+  EXPECT_EQ(set.check(0, one(std::numeric_limits<double>::infinity())), Verdict::not_finite);
+  EXPECT_EQ(set.check(1, one(1)), Verdict::wrong_size);
+  EXPECT_EQ(set.check(2, one(0.5)), Verdict::out_of_bounds);
+  EXPECT_EQ(set.check(2, one(3)), Verdict::out_of_bounds);
+  EXPECT_EQ(set.find("law"), 2u);
+  EXPECT_EQ(set.find("low"), set.size());
+}
+
+TEST(Parameters, PerJointDefaultsAreCutToTheArm) {
+  const ParameterSet set = some();
+  EXPECT_EQ(set.value_size(1), 7u);
+  EXPECT_EQ(set.joints(1).size(), 7);
+  EXPECT_EQ(set.joints(1)[6], 7);
+  EXPECT_THROW(ParameterSet({{"short", "", ParameterSpec::kPerJoint, {1, 2}, 0, 10, ""}}, 7),
+               std::invalid_argument);
+  EXPECT_THROW(ParameterSet({{"outside", "", 1, {11}, 0, 10, ""}}, 7), std::invalid_argument);
+  EXPECT_THROW(ParameterSet({{"large", "", 17, {1}, 0, 10, ""}}, 7), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace multipanda

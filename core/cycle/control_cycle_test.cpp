@@ -1,0 +1,271 @@
+#include "core/cycle/control_cycle.hpp"
+
+#include <gtest/gtest.h>
+
+#include "core/test_support/test_laws.hpp"
+#include "core/test_support/test_world.hpp"
+
+// Faults of controllets, features, states and packets; what is left in the record.
+namespace multipanda {
+namespace {
+
+using test::TestLoop;
+using Kind = Request::Kind;
+
+std::vector<InstanceConfig> laws() {
+  return {{.name = "s0", .type = "spring", .arms = {0}},
+          {.name = "s1", .type = "spring", .arms = {1}},
+          {.name = "bad", .type = "saboteur", .arms = {1}},
+          {.name = "p12", .type = "pair", .arms = {1, 2}},
+          {.name = "f2", .type = "follow", .arms = {2}}};
+}
+
+void set_fault(TestLoop& loop, double fault) {
+  Request request{.kind = Kind::set_parameter, .instance = loop.find("bad"), .size = 1};
+  request.values[0] = fault;
+  ASSERT_TRUE(loop.ask(request).accepted());
+}
+
+struct Sabotage {
+  double fault;
+  Intervention rule;
+};
+class SabotageTest : public testing::TestWithParam<Sabotage> {};
+
+TEST_P(SabotageTest, IsTakenOutInTheSameCycleAndTheOthersDoNotNotice) {
+  TestLoop loop(3, laws(), test::test_registry(), 400), quiet(3, laws(), test::test_registry());
+  for (TestLoop* l : {&loop, &quiet}) {
+    l->modes().activate_at_start(l->set({"s0", "bad"}));
+    l->steps(100);
+  }
+  set_fault(loop, GetParam().fault);
+  quiet.step();
+  EXPECT_EQ(loop.modes().owner(1), loop.find("arm1_hold"));
+  EXPECT_EQ(loop.modes().active(), loop.set({"s0", "arm1_hold", "arm2_hold"}));
+  EXPECT_EQ(loop.cycle.safety().counted(1, GetParam().rule), 1u);
+  for (int k = 0; k < 200; ++k) {
+    ASSERT_EQ(loop.world.torque(0), quiet.world.torque(0));
+    ASSERT_EQ(loop.world.torque(2), quiet.world.torque(2));
+    ASSERT_EQ(loop.world.torque(1).size(), 7);
+    ASSERT_TRUE(loop.world.torque(1).allFinite());
+    loop.step();
+    quiet.step();
+  }
+  EXPECT_LT(loop.world.velocity(1).norm(), 0.05);
+  bool told = false;
+  RecordRing& record = *loop.cycle.record();
+  while (const Event* event = record.events.front()) {
+    told = told || (event->kind == EventKind::intervention && event->intervention == GetParam().rule &&
+                    event->arm == 1 && event->cycle == 101);
+    record.events.pop();
+  }
+  EXPECT_TRUE(told);
+}
+
+INSTANTIATE_TEST_SUITE_P(Faults, SabotageTest,
+                         testing::Values(Sabotage{1, Intervention::torque_not_finite},
+                                         Sabotage{2, Intervention::torque_not_finite},
+                                         Sabotage{3, Intervention::torque_implausible},
+                                         Sabotage{4, Intervention::controllet_threw},
+                                         Sabotage{5, Intervention::controllet_fault},
+                                         Sabotage{6, Intervention::torque_implausible}));
+
+TEST(ControlCycle, AFeatureThatReturnsNanTakesItsControlletOut) {
+  TestLoop loop(3, laws(), test::test_registry());
+  loop.modes().activate_at_start(loop.set({"p12"}));
+  loop.steps(5);
+  Instance& pair = loop.modes().instance(loop.find("p12"));
+  std::vector<Request> batch(2);
+  batch[0] = {.kind = Kind::set_parameter, .instance = loop.find("p12"), .size = 1};
+  batch[0].index = static_cast<std::uint16_t>(pair.find_parameter("push.torque_nm"));
+  batch[0].values[0] = 99;
+  batch[1] = {.kind = Kind::set_feature, .instance = loop.find("p12"), .on = true};
+  batch[1].index = static_cast<std::uint16_t>(pair.find_feature("push"));
+  std::uint64_t ticket = 0;
+  ASSERT_EQ(loop.modes().post(batch, ticket), Verdict::accepted);
+  loop.step();
+  EXPECT_EQ(loop.modes().owner(1), loop.find("arm1_hold"));
+  EXPECT_EQ(loop.modes().owner(2), loop.find("arm2_hold"));
+  EXPECT_TRUE(loop.world.torque(1).allFinite());
+  EXPECT_EQ(loop.cycle.data().tau_feature[1].norm(), 0);
+}
+
+TEST(ControlCycle, ANanStateGoesToHoldWhichHoldsWhereTheArmComesBack) {
+  TestLoop loop(3, laws(), test::test_registry());
+  loop.modes().activate_at_start(loop.set({"s0", "s1", "f2"}));
+  loop.steps(10);
+  bool broken = true;
+  loop.world.tamper = [&](ArmIndex arm, std::uint64_t, ArmState& state) {
+    if (arm == 1 && broken) state.q[3] = std::nan("");
+  };
+  loop.step();
+  EXPECT_EQ(loop.modes().owner(1), loop.find("arm1_hold"));
+  EXPECT_EQ(loop.modes().owner(0), loop.find("s0"));
+  EXPECT_EQ(loop.cycle.safety().counted(1, Intervention::state_not_finite), 1u);
+  for (int k = 0; k < 20; ++k) {
+    ASSERT_TRUE(loop.world.torque(1).allFinite());
+    loop.step();
+  }
+  EXPECT_LT(loop.world.torque(1).norm(), 1e-9);  // without a measurement the arm carries itself
+  EXPECT_EQ(loop.activate({"s1"}).verdict, Verdict::arm_not_ready);
+  broken = false;
+  const JointVector back = loop.world.position(1);
+  loop.steps(1500);
+  EXPECT_LT((loop.world.position(1) - back).norm(), 0.01);
+  loop.world.set_velocity(1, joint_constant(7, 0.3));
+  loop.steps(3000);
+  EXPECT_LT((loop.world.position(1) - back).norm(), 0.01);  // it does hold
+}
+
+TEST(ControlCycle, AnArmThatLeavesItsModeIsHeldAndRefused) {
+  TestLoop loop(3, laws(), test::test_registry());
+  loop.modes().activate_at_start(loop.set({"p12"}));
+  loop.steps(3);
+  loop.world.tamper = [](ArmIndex arm, std::uint64_t, ArmState& state) {
+    if (arm == 2) state.mode = ArmMode::reflex;
+  };
+  loop.step();
+  EXPECT_EQ(loop.modes().owner(1), loop.find("arm1_hold"));
+  EXPECT_EQ(loop.modes().owner(2), loop.find("arm2_hold"));
+  EXPECT_EQ(loop.cycle.safety().counted(2, Intervention::arm_not_ready), 1u);
+  EXPECT_EQ(loop.activate({"f2"}).verdict, Verdict::arm_not_ready);
+  EXPECT_TRUE(loop.activate({"s1"}).accepted());
+}
+
+// Two arms whose packets come half a millisecond apart: the group ticks once per period, on its first arm's
+// packet; the second gets the same tick's torque on its own.
+TEST(ControlCycle, AGroupTicksOncePerPeriodWhenPacketsComeApart) {
+  TestLoop loop(3, laws(), test::test_registry());
+  loop.steps(3);
+  loop.world.start_s = 1;
+  loop.world.step_s = 0.0005;
+  const auto parity = loop.world.steps() % 2;
+  loop.world.due_in_step = [parity](std::uint64_t step) {
+    return step % 2 == parity ? ArmSet::of(0) | ArmSet::of(1) : ArmSet::of(2);
+  };
+  loop.step();                                     // arms 0 and 1
+  loop.step();                                     // arm 2
+  ASSERT_TRUE(loop.activate({"p12"}).accepted());  // in a step of arm 1
+  JointVector of_tick = loop.cycle.data().tau_controllet[2];
+  for (int k = 0; k < 50; ++k) {
+    loop.step();  // arm 2: no new tick, the torque of arm 1's packet
+    ASSERT_EQ(loop.cycle.data().tau_controllet[2], of_tick);
+    ASSERT_EQ(loop.world.torque(2), of_tick);
+    loop.step();  // arm 1: a new tick, 1 ms later: 0.01 N m/s more
+    of_tick = loop.cycle.data().tau_controllet[2];
+    ASSERT_EQ(loop.modes().owner(2), loop.find("p12"));
+    ASSERT_NEAR(loop.cycle.data().tau_controllet[1][0] + 3 * (loop.world.position(1)[0]),
+                of_tick[0] + 3 * loop.world.position(1)[0], 10);
+  }
+}
+
+TEST(ControlCycle, LostPacketsHoldTheGroupAfterTwoMillisecondsAndNobodyElse) {
+  TestLoop loop(3, laws(), test::test_registry());
+  loop.modes().activate_at_start(loop.set({"s0", "p12"}));
+  loop.steps(10);
+  loop.world.due_in_step = [](std::uint64_t) { return ArmSet::of(0) | ArmSet::of(1); };
+  loop.steps(2);  // arm 2's state is 2 ms old
+  EXPECT_EQ(loop.modes().owner(1), loop.find("p12"));
+  loop.step();
+  EXPECT_EQ(loop.modes().owner(1), loop.find("arm1_hold"));
+  EXPECT_EQ(loop.modes().owner(2), loop.find("arm2_hold"));
+  EXPECT_EQ(loop.modes().owner(0), loop.find("s0"));
+  EXPECT_EQ(loop.cycle.safety().counted(2, Intervention::state_old), 1u);
+  EXPECT_EQ(loop.activate({"f2"}).verdict, Verdict::arm_not_ready);
+  loop.world.due_in_step = nullptr;
+  loop.step();
+  EXPECT_TRUE(loop.activate({"p12"}).accepted());
+}
+
+TEST(ControlCycle, ASilentPublisherLeadsToHold) {
+  TestLoop loop(3, laws(), test::test_registry());
+  loop.modes().activate_at_start(loop.set({"f2"}));
+  loop.step();
+  Reference& input = loop.modes().instance(loop.find("f2")).inputs()[0];
+  Target target;
+  target.delivery = Delivery::stream;
+  target.size = 7;
+  std::copy_n(loop.world.position(2).data(), 7, target.values.begin());
+  for (int k = 0; k < 100; ++k) {
+    ASSERT_EQ(input.post(target), Verdict::accepted);
+    loop.step();
+  }
+  loop.steps(100);
+  EXPECT_EQ(loop.modes().owner(2), loop.find("f2"));
+  loop.steps(2);
+  EXPECT_EQ(loop.modes().owner(2), loop.find("arm2_hold"));
+  EXPECT_EQ(loop.cycle.safety().counted(2, Intervention::reference_stale), 1u);
+}
+
+TEST(ControlCycle, TheFirstTorqueHasAWholePeriodOfTheRateLimit) {
+  TestLoop loop(1, {}, test::test_registry());
+  loop.world.tamper = [](ArmIndex, std::uint64_t step, ArmState& state) {
+    if (step == 0) state.tau_J_d[0] = 5;  // what the arm has in use when the loop begins
+  };
+  loop.step();
+  EXPECT_NEAR(loop.world.torque(0)[0], 4, 1e-12);  // towards hold's torque, near 0, by 1000 N m/s x 1 ms
+}
+
+TEST(Record, HoldsWhatWasReadAndSent) {
+  TestLoop loop(3, laws(), test::test_registry(), 100);
+  loop.modes().activate_at_start(loop.set({"f2"}));
+  std::vector<JointVector> q, tau;
+  for (int k = 0; k < 50; ++k) {
+    q.push_back(loop.world.position(2));
+    loop.step();
+    tau.push_back(loop.world.torque(2));
+  }
+  RecordRing& record = *loop.cycle.record();
+  EXPECT_EQ(record.ring.size(), 50u);
+  for (std::uint64_t k = 0; k < 50; ++k) {
+    const CycleRecord& r = *record.ring.front();
+    EXPECT_EQ(r.cycle, k + 1);
+    EXPECT_EQ(r.t.ns, static_cast<std::int64_t>(k) * 1'000'000);
+    ASSERT_EQ(r.arms.size(), 3u);
+    EXPECT_EQ(r.arms[2].owner, loop.find("f2"));
+    EXPECT_EQ(r.arms[2].sequence, k + 1);
+    for (std::size_t i = 0; i < 7; ++i) {
+      EXPECT_EQ(r.arms[2].q[i], q[k][static_cast<Eigen::Index>(i)]);
+      EXPECT_EQ(r.arms[2].tau_cmd[i], tau[k][static_cast<Eigen::Index>(i)]);
+    }
+    ASSERT_EQ(r.reference_count, 1u);
+    EXPECT_EQ(r.references[0].instance, loop.find("f2"));
+    EXPECT_EQ(r.references[0].values[4], q[0][4]);
+    EXPECT_GE(r.stages.total, r.stages.controllets);
+    record.ring.pop();
+  }
+  EXPECT_EQ(record.dropped_records, 0u);
+}
+
+TEST(Record, OverflowIsCountedAndTheLoopGoesOn) {
+  TestLoop loop(3, laws(), test::test_registry(), 10), free(3, laws(), test::test_registry());
+  for (int k = 0; k < 50; ++k) {
+    loop.step();
+    free.step();
+    ASSERT_EQ(loop.world.torque(1), free.world.torque(1));
+  }
+  RecordRing& record = *loop.cycle.record();
+  EXPECT_EQ(record.ring.size(), 10u);
+  EXPECT_EQ(record.dropped_records, 40u);
+  EXPECT_EQ(record.ring.front()->cycle, 1u);  // the oldest stay
+  for (int k = 0; k < 5000; ++k) loop.modes().stop(ArmSet::of(0)), loop.step();
+  EXPECT_GT(record.dropped_events, 0u);
+}
+
+TEST(Record, LayoutNamesTheOutputsOfEveryInstance) {
+  TestLoop loop(3, laws(), test::test_registry(), 10);
+  loop.modes().activate_at_start(loop.set({"s0"}));
+  const RecordLayout& layout = loop.cycle.layout();
+  ASSERT_EQ(layout.instances.size(), loop.modes().instance_count());
+  loop.step();
+  const CycleRecord& r = *loop.cycle.record()->ring.front();
+  ASSERT_EQ(r.outputs.size(), layout.output_count);
+  for (const auto& instance : layout.instances) {
+    const bool active = (loop.modes().active() & bit(loop.find(instance.name))) != 0;
+    ASSERT_EQ(instance.outputs.size(), 2u);  // of the two features
+    for (const auto& output : instance.outputs) EXPECT_EQ(std::isnan(r.outputs[output.offset]), !active);
+  }
+}
+
+}  // namespace
+}  // namespace multipanda

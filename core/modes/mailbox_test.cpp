@@ -1,0 +1,100 @@
+#include "core/modes/mailbox.hpp"
+
+#include <atomic>
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+namespace multipanda {
+namespace {
+
+TEST(Mailbox, TicketsCountAndBatchesAreBounded) {
+  const auto box = std::make_unique<Mailbox>();
+  const std::vector<Request> three(3), many(Mailbox::kMaxBatch + 1);
+  EXPECT_EQ(box->post(three), 3u);
+  EXPECT_EQ(box->post(three), 6u);
+  EXPECT_EQ(box->post({}), 0u);
+  EXPECT_EQ(box->post(many), 0u);
+  const std::vector<Request> full(Mailbox::kMaxBatch);
+  int posted = 0;
+  while (box->post(full) != 0) ++posted;
+  EXPECT_EQ(posted, 3);  // 6 + 3 x 64 of 256; another 64 do not fit, and none of them is queued
+  std::size_t left = 0;
+  for (; box->front() != nullptr; box->pop()) ++left;
+  EXPECT_EQ(left, 6u + 3 * 64);
+}
+
+TEST(Mailbox, AnswersAreKeptForTheirTicketOnly) {
+  const auto box = std::make_unique<Mailbox>();
+  Answer answer, got;
+  got.cycle = 5;
+  EXPECT_FALSE(box->poll(7, got));
+  EXPECT_EQ(got.cycle, 5u);
+  answer.ticket = 7;
+  answer.cycle = 42;
+  answer.step_sent[15] = 1.5;
+  box->answer(answer);
+  ASSERT_TRUE(box->poll(7, got));
+  EXPECT_EQ(got.cycle, 42u);
+  EXPECT_EQ(got.step_sent[15], 1.5);
+  EXPECT_FALSE(box->poll(7 + 1024, got));
+  answer.ticket = 7 + 1024;
+  box->answer(answer);
+  EXPECT_FALSE(box->poll(7, got));
+  EXPECT_FALSE(box->poll(0, got));
+}
+
+// Askers post batches; the loop must see each one whole and in one go, and askers whole answers.
+TEST(Mailbox, BatchesStayWholeAmongManyThreads) {
+  const auto box = std::make_unique<Mailbox>();
+  constexpr int kThreads = 3, kBatches = 2000;
+  std::atomic<int> running{kThreads}, wrong{0};
+  std::vector<std::thread> askers;
+  for (int t = 0; t < kThreads; ++t) {
+    askers.emplace_back([&, t] {
+      for (int k = 0; k < kBatches; ++k) {
+        std::vector<Request> batch(1 + static_cast<std::size_t>(k + t) % 5);
+        for (auto& request : batch) request.index = static_cast<std::uint16_t>(t);
+        std::uint64_t ticket = 0;
+        while ((ticket = box->post(batch)) == 0) std::this_thread::yield();
+        Answer answer;
+        while (!box->poll(ticket, answer)) std::this_thread::yield();
+        if (answer.ticket != ticket || answer.cycle != ticket * 3 ||
+            answer.step_sent[7] != static_cast<double>(ticket))
+          ++wrong;
+      }
+      --running;
+    });
+  }
+  std::uint64_t ticket = 0;
+  while (running > 0) {
+    const Mailbox::Posted* posted = box->front();
+    if (posted == nullptr) {
+      std::this_thread::yield();
+      continue;
+    }
+    const std::uint16_t batch = posted->request.batch, asker = posted->request.index;
+    for (std::uint16_t i = 0; i < batch; ++i) {
+      posted = box->front();
+      if (posted == nullptr || posted->request.index != asker || posted->ticket != ++ticket ||
+          box->in_batch() != (i > 0)) {
+        ++wrong;
+        break;
+      }
+      Answer answer;
+      answer.ticket = posted->ticket;
+      answer.cycle = posted->ticket * 3;
+      answer.step_sent.fill(static_cast<double>(posted->ticket));
+      box->answer(answer);
+      box->pop();
+    }
+    if (box->in_batch()) ++wrong;
+  }
+  for (auto& asker : askers) asker.join();
+  EXPECT_EQ(wrong, 0);
+}
+
+}  // namespace
+}  // namespace multipanda

@@ -1,0 +1,163 @@
+#include "core/safety/safety.hpp"
+
+#include <limits>
+
+#include <gtest/gtest.h>
+
+#include "core/test_support/test_arm.hpp"
+
+namespace multipanda {
+namespace {
+
+struct Rig {
+  std::shared_ptr<const ArmModel> model =
+      test::TestArm::make().model({rotation_from_rpy({0.3, 0.2, 1}), {1, 2, 3}});
+  ModelTerms terms{model};
+  SafetyLimits limits = SafetyLimits::of(*model);
+  ArmState state;
+  Rig() {
+    state.q = joint_constant(7, 0.1);
+    state.dq = joint_constant(7, 0);
+    state.mode = ArmMode::move;
+  }
+  Intervention verdict() {
+    terms.update(state);
+    return SafetyStage({limits}).inspect(0, state, terms).rule;
+  }
+};
+
+TEST(Inspect, EachRule) {
+  Rig rig;
+  EXPECT_EQ(rig.verdict(), Intervention::none);
+  for (const auto mode :
+       {ArmMode::other, ArmMode::guiding, ArmMode::reflex, ArmMode::user_stopped, ArmMode::recovering}) {
+    rig.state.mode = mode;
+    EXPECT_EQ(rig.verdict(), Intervention::arm_not_ready);
+  }
+  rig.state.mode = ArmMode::idle;
+  EXPECT_EQ(rig.verdict(), Intervention::none);
+  rig.state.age_s = 0.0021;
+  EXPECT_EQ(rig.verdict(), Intervention::state_old);
+  rig.state.age_s = 0.002;
+  EXPECT_EQ(rig.verdict(), Intervention::none);
+  rig.state.dq[6] = std::nan("");
+  EXPECT_EQ(rig.verdict(), Intervention::state_not_finite);
+  rig.state.dq[6] = -2.6;
+  EXPECT_EQ(rig.verdict(), Intervention::joint_velocity_limit);
+  rig.state.dq[6] = 0;
+  rig.state.q[2] = std::numeric_limits<double>::infinity();
+  EXPECT_EQ(rig.verdict(), Intervention::state_not_finite);
+}
+
+TEST(Inspect, LimitsActOnOutwardMotionOnly) {
+  Rig rig;
+  for (const double side : {1.0, -1.0}) {
+    rig.state.q[4] = 2.81 * side;
+    rig.state.dq[4] = 0;
+    EXPECT_EQ(rig.verdict(), Intervention::none);
+    rig.state.dq[4] = 0.02 * side;
+    EXPECT_EQ(rig.verdict(), Intervention::joint_position_limit);
+    rig.state.dq[4] = -0.02 * side;
+    EXPECT_EQ(rig.verdict(), Intervention::none);
+  }
+}
+
+TEST(Inspect, WorkspaceIsInTheWorldAndAboutOutwardMotion) {
+  Rig rig;
+  rig.terms.update(rig.state);
+  const Vector3 p = rig.terms.X_WE().position;
+  rig.limits.workspace = WorkspaceBox{p - Vector3(1, 1, 1), p + Vector3(1, 1, 1)};
+  rig.state.dq = joint_constant(7, 0.2);
+  EXPECT_EQ(rig.verdict(), Intervention::none);
+  rig.terms.update(rig.state);
+  const Vector3 v = rig.terms.V_WE().linear();
+  for (Eigen::Index k = 0; k < 3; ++k) {
+    ASSERT_GT(std::abs(v[k]), 0.011);
+    WorkspaceBox box{p - Vector3(1, 1, 1), p + Vector3(1, 1, 1)};
+    (v[k] > 0 ? box.max : box.min)[k] = p[k] - std::copysign(0.001, v[k]);
+    rig.limits.workspace = box;
+    EXPECT_EQ(rig.verdict(), Intervention::workspace_limit);
+    rig.state.dq *= -1;
+    EXPECT_EQ(rig.verdict(), Intervention::none);
+    rig.state.dq *= -1;
+  }
+}
+
+TEST(Judge, OnlyNumbersOfTheRightSizeAndOrderAreTorques) {
+  Rig rig;
+  const SafetyStage safety({rig.limits});
+  JointVector tau = joint_constant(7, 799);
+  EXPECT_FALSE(safety.judge(0, tau));
+  tau[3] = -801;
+  EXPECT_EQ(safety.judge(0, tau).rule, Intervention::torque_implausible);
+  EXPECT_EQ(safety.judge(0, tau).joint, 3);
+  tau[1] = std::nan("");
+  EXPECT_EQ(safety.judge(0, tau).rule, Intervention::torque_not_finite);
+  EXPECT_EQ(safety.judge(0, joint_constant(6, 0)).rule, Intervention::torque_implausible);
+  EXPECT_EQ(safety.judge(0, joint_constant(7, 500), joint_constant(7, 500)).rule,
+            Intervention::torque_implausible);
+  EXPECT_EQ(safety.judge(0, joint_constant(7, 0), joint_constant(8, 0)).rule,
+            Intervention::torque_implausible);
+}
+
+TEST(Limit, RateIsPerSecondWhateverTheStep) {
+  Rig rig;
+  rig.limits.joints.tau_rate_max = joint_constant(7, 400);
+  for (const double dt : {0.00025, 0.0005, 0.001}) {
+    SafetyStage safety({rig.limits});
+    Finding cut;
+    const JointVector wanted = joint_constant(7, 30);
+    double t = 0;
+    for (int k = 1; k * dt * 400 < 29; ++k) {
+      t += dt;
+      const JointVector& tau = safety.limit(0, wanted, dt, cut);
+      ASSERT_NEAR(tau[2], 400 * t, 1e-9);
+      ASSERT_EQ(cut.rule, Intervention::torque_rate_clamped);
+    }
+    EXPECT_GT(safety.counted(0, Intervention::torque_rate_clamped), 10u);
+  }
+}
+
+TEST(Limit, ALongGapIsNoLicenceForALargeStep) {
+  Rig rig;
+  SafetyStage safety({rig.limits});
+  Finding cut;
+  EXPECT_NEAR(safety.limit(0, joint_constant(7, 50), 3.0, cut)[0], 1.0, 1e-12);
+  EXPECT_NEAR(safety.limit(0, joint_constant(7, 50), -1.0, cut)[0], 1.0, 1e-12);
+}
+
+TEST(Limit, TorqueStaysWithinItsLimit) {
+  Rig rig;
+  SafetyStage safety({rig.limits});
+  test::Draw draw(3);
+  JointVector last = joint_constant(7, 0);
+  for (int k = 0; k < 5000; ++k) {
+    Finding cut;
+    const double dt = draw.uniform(0, 0.002);
+    const JointVector wanted = draw.joints(7, 300);
+    const JointVector tau = safety.limit(0, wanted, dt, cut);
+    for (Eigen::Index i = 0; i < 7; ++i) {
+      ASSERT_LE(std::abs(tau[i]), 80.0);
+      ASSERT_LE(std::abs(tau[i] - last[i]), 1000 * std::min(dt, 0.001) + 1e-9);
+    }
+    last = tau;
+  }
+  EXPECT_GT(safety.counted(0, Intervention::torque_clamped), 1000u);
+}
+
+TEST(Limit, NonFiniteGoesTowardsZero) {
+  Rig rig;
+  SafetyStage safety({rig.limits});
+  safety.set_last_command(0, joint_constant(7, 10));
+  Finding cut;
+  JointVector wanted = joint_constant(7, 10);
+  wanted[5] = std::nan("");
+  EXPECT_NEAR(safety.limit(0, wanted, 0.001, cut)[5], 9, 1e-12);
+  EXPECT_EQ(safety.last_command(0)[4], 10);
+  wanted[5] = 10;
+  safety.set_last_command(0, wanted * std::nan(""));  // the rate limit must not count from nonsense
+  EXPECT_NEAR(safety.limit(0, wanted, 0.001, cut)[5], 1, 1e-12);
+}
+
+}  // namespace
+}  // namespace multipanda
