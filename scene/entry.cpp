@@ -26,7 +26,7 @@ std::string description(const YAML::Node& node) {
   if (!node.IsDefined() || node.IsNull()) return "nothing";
   if (node.IsSequence()) return "a list of " + std::to_string(node.size());
   if (node.IsMap()) return "a mapping";
-  return "'" + cut(node.Scalar()) + "'";
+  return in_quotes(node.Scalar());
 }
 
 bool is_quoted(const YAML::Node& node) { return node.Tag() == "!"; }
@@ -62,7 +62,12 @@ bool read_number(std::string text, double& value) {
 
 }  // namespace
 
-std::string in_quotes(const std::string& name) { return "'" + cut(name) + "'"; }
+std::string in_quotes(const std::string& name) {
+  std::string text = "'";
+  text += cut(name);
+  text += '\'';
+  return text;
+}
 
 Entry::Entry(const SceneFile& file, YAML::Node node, int line, std::string what)
     : file_(&file), node_(std::move(node)), line_(line), what_(std::move(what)) {
@@ -101,7 +106,9 @@ std::string Entry::text(const Field& field) const {
   if (!node_.IsScalar()) expected(expectation(field));
   const std::string& text = node_.Scalar();
   if (field.kind == FieldKind::choice && !is_word(field.choices)) {
-    expected(expectation(field) + name_hint(text, field.choices, "there are none"));
+    const std::string nearest = nearest_name(text, field.choices);
+    refuse("expected " + expectation(field) + ", found " + description(node_) +
+           (nearest.empty() ? "" : "; did you mean " + in_quotes(nearest) + "?"));
   }
   if (field.kind == FieldKind::identifier) {
     constexpr std::size_t kLongestName = 60;

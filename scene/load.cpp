@@ -18,18 +18,33 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kLargestFile = 1 << 20;  // [bytes] nobody writes more by hand
 
+// Line where a second YAML document begins, or 0. Found by hand: YAML::LoadAll never ends on some broken
+// texts.
+int second_document(const std::string& text) {
+  std::istringstream in(text);
+  std::string line;
+  bool content = false;
+  for (int number = 1; std::getline(in, line); ++number) {
+    if (line == "..." || line == "---" || line.starts_with("--- ")) {
+      if (content) return number;
+    } else {
+      content = content || (!line.empty() && line[0] != '#' && line[0] != '%');
+    }
+  }
+  return 0;
+}
+
 YAML::Node parse_yaml(const std::string& text, const std::string& file_name) try {
   if (text.size() > kLargestFile)
     throw SceneError({file_name, 0}, "larger than 1 MiB; this is no scene file");
-  const std::vector<YAML::Node> documents = YAML::LoadAll(text);
-  if (documents.empty() || documents[0].IsNull()) {
+  const YAML::Node root = YAML::Load(text);  // the first document
+  if (!root.IsDefined() || root.IsNull()) {
     throw SceneError({file_name, 1}, "empty; expected a mapping with at least the key 'arms'");
   }
-  if (documents.size() > 1) {
-    throw SceneError({file_name, documents[1].Mark().line + 1},
-                     "expected one YAML document, found a second one");
+  if (const int line = second_document(text); line > 0) {
+    throw SceneError({file_name, line}, "expected one YAML document, found a second one");
   }
-  return documents[0];
+  return root;
 } catch (const YAML::Exception& error) {
   throw SceneError({file_name, error.mark.line + 1}, "not readable as YAML: " + error.msg);
 }

@@ -11,14 +11,10 @@ namespace multipanda {
 // with what was found, what was expected, and the nearest valid name.
 class SceneError : public std::invalid_argument {
  public:
-  SceneError(SourcePlace place, const std::string& message)
-      : std::invalid_argument(text(place) + message), place_(std::move(place)) {}
+  SceneError(SourcePlace place, const std::string& message);
   const SourcePlace& place() const { return place_; }
 
  private:
-  static std::string text(const SourcePlace& place) {
-    return place.file + (place.line > 0 ? ":" + std::to_string(place.line) : "") + ": ";
-  }
   SourcePlace place_;
 };
 

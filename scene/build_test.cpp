@@ -1,0 +1,109 @@
+#include "scene/build.hpp"
+
+#include <bit>
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "scene/load.hpp"
+
+namespace multipanda {
+namespace {
+
+// Takes torques and does nothing: enough to build a cycle on.
+class StillBackend final : public Backend {
+ public:
+  explicit StillBackend(std::size_t arms) : arms_(arms) {}
+  std::size_t arm_count() const override { return arms_; }
+  Capabilities capabilities(ArmIndex) const override { return {}; }
+  ArmSet wait() override { return {}; }
+  LoopTime now() const override { return {}; }
+  void read(ArmSet, std::span<ArmState>) override {}
+  void write(ArmSet, std::span<const ArmCommand>) override {}
+  std::future<ArmAnswer> request(ArmIndex, ArmRequest) override { return {}; }
+
+ private:
+  std::size_t arms_;
+};
+
+TEST(Build, TcpOfTheReadyPoseInTheWorld) {
+  const Scene scene = open_scene("two_arms").scene;
+  for (const SceneArm& arm : scene.arms) {
+    ModelTerms terms(build_arm_model(arm));
+    const ArmConfig config = arm_config(arm);
+    terms.set_config(config.frames, config.tool, config.load);
+    terms.update(arm.q_start, joint_constant(7, 0));
+    // Shoulder at 0.333 m; upper arm 0.316 m leans back by 45 degrees, its offset 0.0825 m forward; the
+    // forearm
+    // (-0.0825, 0.384) is then level, the wrist 0.088 m ahead, flange 0.107 m and hand 0.1034 m straight
+    // down.
+    const double c = std::sqrt(0.5);
+    const double x = -0.316 * c + 0.0825 * c + 0.384 + 0.088,
+                 z = 0.333 + 0.316 * c + 0.0825 * c + 0.0825 - 0.107 - 0.1034;
+    EXPECT_NEAR(terms.X_WE().position.x(), x, 1e-6);
+    EXPECT_NEAR(terms.X_WE().position.y(), arm.X_WB.position.y(), 1e-6);
+    EXPECT_NEAR(terms.X_WE().position.z(), z, 1e-6);
+    EXPECT_LT((terms.X_WE().rotation - Vector3(1, -1, -1).asDiagonal().toDenseMatrix()).norm(), 1e-6);
+  }
+}
+
+TEST(Build, WithoutHandTheFlangeIsTheEndEffector) {
+  const Registry registry = Registry::with_builtins();
+  const auto frames = [&](const std::string& more) {
+    return arm_config(parse_scene("arms:\n  - {name: a" + more + "}\n", "s.yaml", registry).arms.at(0))
+        .frames;
+  };
+  EXPECT_EQ(frames(", hand: false").X_FE.position, Vector3::Zero());
+  EXPECT_NEAR(frames("").X_FE.position.z(), 0.1034, 1e-9);
+  EXPECT_EQ(frames(", end_effector: {position_m: [0, 0, 0.3]}").X_FE.position.z(), 0.3);
+}
+
+TEST(Build, EveryShippedSceneMakesACycleWithItsSchedule) {
+  for (const auto& name : available_scenes()) {
+    const OpenedScene opened = open_scene(name);
+    StillBackend backend(opened.scene.arms.size());
+    ControlCycle cycle(build_cycle_config(opened.scene), opened.registry, backend);
+    const auto schedule = build_schedule(opened.scene, cycle.modes());
+    ASSERT_EQ(schedule.size(), opened.scene.timeline.size()) << name;
+    const InstanceSet start = start_set(opened.scene, cycle.modes());
+    EXPECT_EQ(static_cast<std::size_t>(std::popcount(start)), opened.scene.active.size()) << name;
+    EXPECT_NO_THROW(cycle.modes().activate_at_start(start)) << name;
+    for (std::size_t i = 0; i < schedule.size(); ++i) {
+      EXPECT_NEAR(schedule[i].at.seconds(), opened.scene.timeline[i].at_s, 1e-9);
+    }
+  }
+}
+
+TEST(Build, ScheduleSaysWhatTheTimelineSays) {
+  const Registry registry = Registry::with_builtins();
+  const Scene scene = parse_scene(
+      "arms:\n"
+      "  - {name: left, base: {position_m: [0, 1, 0]}}\n"
+      "  - {name: right}\n"
+      "controllets:\n"
+      "  - {name: a, type: gravity_compensation, arms: right}\n"
+      "timeline:\n"
+      "  - {at_s: 1, switch: {activate: [a], only: true}}\n"
+      "  - {at_s: 2, parameter: {controllet: a, name: damping_nms_per_rad, value: 0.2}}\n"
+      "  - {at_s: 3, feature: {controllet: a, name: joint_limits}}\n"
+      "  - {at_s: 4, stop: [right]}\n"
+      "  - {at_s: 5, resume: all}\n",
+      "s.yaml", registry);
+  StillBackend backend(2);
+  ControlCycle cycle(build_cycle_config(scene), registry, backend);
+  const auto schedule = build_schedule(scene, cycle.modes());
+  ASSERT_EQ(schedule.size(), 5u);
+  const InstanceIndex a = cycle.modes().find("a");
+  EXPECT_EQ(schedule[0].request.activate, bit(a));
+  EXPECT_TRUE(schedule[0].request.only);
+  EXPECT_EQ(schedule[1].request.instance, a);
+  EXPECT_EQ(schedule[1].request.values[0], 0.2);
+  EXPECT_EQ(schedule[2].request.kind, Request::Kind::set_feature);
+  EXPECT_TRUE(schedule[2].request.on);
+  EXPECT_EQ(schedule[3].what, ScheduledRequest::What::stop);
+  EXPECT_EQ(schedule[3].stop, ArmSet::of(1));
+  EXPECT_EQ(schedule[4].request.arms, ArmSet::all(2));
+}
+
+}  // namespace
+}  // namespace multipanda

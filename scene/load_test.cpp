@@ -1,0 +1,124 @@
+#include "scene/load.hpp"
+
+#include <fstream>
+#include <numbers>
+#include <sstream>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "scene/names.hpp"
+#include "scene/scene_reference.hpp"
+#include "scene/test_scenes.hpp"
+
+namespace multipanda {
+namespace {
+
+TEST(Load, DefaultsAreTheMakers) {
+  const Scene scene = parse("arms:\n  - name: left\n");
+  EXPECT_EQ(scene.name, "s");
+  EXPECT_EQ(scene.seed, 1u);
+  EXPECT_EQ(scene.substeps, 1u);
+  EXPECT_EQ(scene.plant.name, "ideal");
+  const SceneArm& arm = scene.arms.at(0);
+  EXPECT_EQ(arm.model, "fer");
+  EXPECT_TRUE(arm.hand);
+  EXPECT_FALSE(arm.X_FE);
+  EXPECT_NEAR(arm.q_start[3], -3 * std::numbers::pi / 4, 1e-8);
+  EXPECT_EQ(arm.safety.joints.tau_max[0], 87);
+  EXPECT_EQ(arm.safety.max_state_age_s, 0.002);
+  EXPECT_TRUE(arm.loosened.empty());
+  EXPECT_EQ(arm.place.line, 2);
+}
+
+TEST(Load, WhatIsWrittenArrives) {
+  const Scene scene = parse(
+      "plant: {fidelity: realistic, noise_tau_nm: 0.1}\n"
+      "arms:\n"
+      "  - name: left\n"
+      "    hand: false\n"
+      "    base: {position_m: [1, 2, 3], rpy_rad: [0, 0, pi/2]}\n"
+      "    start_rad: [0.1, 0.2, 0.3, -1, 0.5, 0.6, -pi/4]\n"
+      "    end_effector: {position_m: [0, 0, 0.2], quaternion_wxyz: [0, 1, 0, 0]}\n"
+      "    load_present: {mass_kg: 2, com_m: [0, 0, 0.1], inertia_kg_m2: {xx: 3, yy: 2, zz: 2, xy: 0.1}}\n"
+      "    safety: {allow_looser_limits: true, torque_max_nm: [90, 80, 87, 87, 12, 12, 12], "
+      "velocity_max_rad_per_s: 2.5}\n"
+      "objects:\n"
+      "  - {name: can, shape: cylinder, diameter_m: 0.06, length_m: 0.1, fixed: false, mass_kg: 0.3, "
+      "position_m: [0, 0, 1]}\n"
+      "controllets:\n"
+      "  - name: a\n"
+      "    type: solo\n"
+      "    arms: left\n"
+      "    parameters: {stiffness_n_per_m: 7, axes: tool, feedforward: false, joint_limits: {range_rad: "
+      "0.2}}\n"
+      "    inputs: {pose: {timeout_s: 0.5, max_angular_speed_rad_per_s: 2}}\n"
+      "  - {name: left_hold, type: hold, arms: left, parameters: {damping_ratio: 0.7}}\n"
+      "active: a\n"
+      "timeline:\n"
+      "  - {at_s: 3, reference: {controllet: a, input: wrench, torque_nm: [1, 2, 3]}}\n"
+      "  - {at_s: 2, reference: {controllet: a, input: pose, position_m: [1, 2, 3], quaternion_wxyz: [0, 0, "
+      "1, 0], duration_s: 4}}\n"
+      "  - {at_s: 3, stop: all}\n");
+  EXPECT_EQ(scene.plant.name, "realistic (changed)");
+  EXPECT_EQ(scene.plant.noise_tau_nm, 0.1);
+  EXPECT_EQ(scene.plant.torque_bandwidth_hz, 50);
+  const SceneArm& arm = scene.arms.at(0);
+  EXPECT_LT((arm.X_WB * Vector3(1, 0, 0) - Vector3(1, 3, 3)).norm(), 1e-12);
+  EXPECT_NEAR(arm.q_start[6], -0.785398, 1e-6);
+  EXPECT_LT((arm.X_FE->rotation - Vector3(1, -1, -1).asDiagonal().toDenseMatrix()).norm(), 1e-12);
+  EXPECT_EQ(arm.load_declared.mass, 0);
+  EXPECT_EQ(arm.load_present.mass, 2);
+  EXPECT_EQ(arm.load_present.inertia_C(1, 0), 0.1);
+  EXPECT_EQ(arm.safety.joints.tau_max[0], 90);
+  EXPECT_EQ(arm.safety.joints.dq_max[0], 2.175);  // the maker's is below the cap
+  EXPECT_EQ(arm.safety.joints.dq_max[6], 2.5);
+  ASSERT_EQ(arm.loosened.size(), 1u);
+  EXPECT_THAT(arm.loosened[0], testing::HasSubstr("joint1: 90 N m"));
+  EXPECT_EQ(scene.objects.at(0).size, Vector3(0.06, 0, 0.1));
+  const InstanceConfig& a = scene.controllets.at(0);
+  ASSERT_EQ(a.parameters.size(), 4u);
+  EXPECT_EQ(a.parameters[0].values, (std::vector<double>{7, 7, 7}));
+  EXPECT_EQ(a.parameters[1].values, std::vector<double>{1});
+  EXPECT_EQ(a.parameters[2].values, std::vector<double>{0});
+  EXPECT_EQ(a.parameters[3].name, "joint_limits.range_rad");
+  EXPECT_EQ(a.inputs.at(0).timeout_s, 0.5);
+  EXPECT_EQ(a.inputs.at(0).max_speed, InputSpec{}.max_speed);
+  EXPECT_EQ(scene.active, std::vector<std::string>{"a"});
+  ASSERT_EQ(scene.timeline.size(), 3u);
+  EXPECT_EQ(scene.timeline[0].at_s, 2);
+  EXPECT_EQ(scene.timeline[0].duration_s, 4);
+  ASSERT_EQ(scene.timeline[0].values.size(), 7u);
+  EXPECT_NEAR(std::abs(scene.timeline[0].values[5]), 1, 1e-12);
+  EXPECT_EQ(scene.timeline[1].values, (std::vector<double>{0, 0, 0, 1, 2, 3}));
+  EXPECT_EQ(scene.timeline[2].what, TimelineEvent::What::stop);
+}
+
+TEST(Load, ShippedScenesAreSound) {
+  const auto names = available_scenes();
+  EXPECT_THAT(names, testing::IsSupersetOf({"one_arm", "two_arms", "two_arms_facing", "four_arms"}));
+  for (const auto& name : names) {
+    EXPECT_NO_THROW({ EXPECT_EQ(open_scene(name).scene.name, name); }) << name;
+  }
+  EXPECT_THROW(open_scene("two_armss"), SceneError);
+  EXPECT_THROW(open_scene("none/two_arms.yaml"), SceneError);
+}
+
+TEST(Reference, CommittedPageIsWhatTheTablesSay) {
+  std::ifstream in(std::string(MULTIPANDA_SOURCE_DIR) + "/docs/scene_reference.md");
+  std::ostringstream text;
+  text << in.rdbuf();
+  EXPECT_TRUE(text.str() == scene_reference_markdown(Registry::with_builtins()))
+      << "docs/scene_reference.md is out of date: build the target scene_reference and commit the page";
+}
+
+TEST(Names, DistanceCountsSlips) {
+  EXPECT_EQ(edit_distance("kitten", "sitting"), 3u);
+  EXPECT_EQ(edit_distance("ab", "ba"), 1u);
+  EXPECT_EQ(edit_distance("", "abc"), 3u);
+  EXPECT_EQ(split_unit("torque_rate_max_nm_per_s").unit, "nm_per_s");
+  EXPECT_EQ(split_unit("name").unit, "");
+}
+
+}  // namespace
+}  // namespace multipanda
