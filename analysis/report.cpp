@@ -160,7 +160,7 @@ ReportResult make_report(const fs::path& log_or_directory, const ReportOptions& 
   const ExportResult exported = export_npz(log, material.npz());
   notes.insert(notes.end(), exported.notes.begin(), exported.notes.end());
 
-  const RunOfLog run = read_run(log);
+  const RunOfLog run = read_run(log, options.controllets);
   if (!run.scene) notes.push_back("Limits and plant: " + run.scene_missing + ".");
   Json meta = metadata(run, options);
   ScenePictures drawn;

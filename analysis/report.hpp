@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "core/controllets/controllet.hpp"
+
 namespace multipanda {
 
 struct ReportOptions {
@@ -13,6 +15,7 @@ struct ReportOptions {
   bool pictures = true;                     // of the scene, rebuilt from the log
   std::size_t max_pictures = 4;             // at the start, at switches, in the middle, at the end
   bool keep_data = false;                   // leave what the page was made from: report_data.npz, .json
+  std::vector<ControlletType> controllets;  // that the scene may name beyond multipanda's and the plugins'
   std::map<std::string, std::string> info;  // beyond what the log says of the run, such as the thread set-up
 };
 

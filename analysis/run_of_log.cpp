@@ -27,7 +27,7 @@ void take_state(const msg::ArmState& state, RunOfLog& run, std::map<std::string,
   run.moments.back().q[state.arm] = state.q;
 }
 
-void rebuild_scene(RunOfLog& run) {
+void rebuild_scene(RunOfLog& run, const std::vector<ControlletType>& controllets) {
   if (run.scene_text.empty()) {
     run.scene_missing = "the scene file is not in the log";
     return;
@@ -35,7 +35,8 @@ void rebuild_scene(RunOfLog& run) {
   const auto path = run.run.find("scene_path");  // relative paths in the file start there
   const std::string name = path != run.run.end() ? path->second : "scene.yaml";
   try {
-    const Registry registry = build_registry(scene_plugins(run.scene_text, name));
+    Registry registry = build_registry(scene_plugins(run.scene_text, name));
+    for (const auto& type : controllets) registry.add(type);
     run.scene = parse_scene(run.scene_text, name, registry);
   } catch (const std::exception& error) {
     run.scene_missing = std::string("the scene in the log cannot be rebuilt here: ") + error.what();
@@ -44,7 +45,7 @@ void rebuild_scene(RunOfLog& run) {
 
 }  // namespace
 
-RunOfLog read_run(const std::filesystem::path& log) {
+RunOfLog read_run(const std::filesystem::path& log, const std::vector<ControlletType>& controllets) {
   RunOfLog run;
   McapReader reader(log);
   std::map<std::string, double> first_seen;
@@ -65,7 +66,7 @@ RunOfLog read_run(const std::filesystem::path& log) {
     if (attachment.name == "scene.yaml") run.scene_text = attachment.data;
     if (attachment.name == "layout.json") run.layout = attachment.data;
   }
-  rebuild_scene(run);
+  rebuild_scene(run, controllets);
   return run;
 }
 

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "core/controllets/controllet.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
@@ -33,6 +34,7 @@ struct RunOfLog {
 };
 
 // Reads a log once, as far as it is whole. Throws std::runtime_error when it cannot be read at all.
-RunOfLog read_run(const std::filesystem::path& log);
+// `controllets`: types that its scene may name beyond multipanda's own and the plugins'.
+RunOfLog read_run(const std::filesystem::path& log, const std::vector<ControlletType>& controllets = {});
 
 }  // namespace multipanda

@@ -22,7 +22,8 @@ struct ListOptions {
 Registry registry_of(const ListOptions& options) { return build_registry(options.plugins); }
 
 int list_controllets(const ListOptions& options) {
-  for (const auto& type : registry_of(options).controllets()) {
+  const Registry registry = registry_of(options);
+  for (const auto& type : registry.controllets()) {
     const Statement& s = type.statement;
     fmt::print("{:<34} {} arm{}  {}\n", s.type, s.arms, s.arms == 1 ? " " : "s", s.doc);
   }
@@ -30,7 +31,8 @@ int list_controllets(const ListOptions& options) {
 }
 
 int list_features(const ListOptions& options) {
-  for (const auto& type : registry_of(options).features()) {
+  const Registry registry = registry_of(options);
+  for (const auto& type : registry.features()) {
     fmt::print("{:<34} {}\n", type.statement.type, type.statement.doc);
   }
   return kSuccess;

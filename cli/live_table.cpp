@@ -104,7 +104,7 @@ void LiveDisplay::show(const RunStatus& status) {
     return;
   }
   print_news(status);
-  if (status.elapsed_s < next_line_s_) return;
+  if (status.cycles == 0 || status.elapsed_s < next_line_s_) return;
   next_line_s_ = std::floor(status.elapsed_s) + 1;
   console_.line(plain_line(status, duration_s_));
 }

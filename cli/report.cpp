@@ -6,6 +6,7 @@
 
 #include "analysis/report.hpp"
 #include "cli/program.hpp"
+#include "runtime/faulty.hpp"
 
 namespace multipanda::cli {
 namespace {
@@ -55,6 +56,7 @@ fs::path find_log(const fs::path& directory) {
 
 fs::path report_of(const fs::path& log, const Console& console, const RunSummary* run) {
   ReportOptions options;
+  options.controllets = {faulty_controllet()};  // the demo's scene names it
   if (run != nullptr) {
     for (const auto& step : run->thread)
       options.info["thread: " + step.what] = step.done ? "done" : "not done: " + step.reason;

@@ -37,10 +37,8 @@ void print_switches(const RunSummary& summary, const Console& console) {
     }
     console.line(fmt::format("  {:8.3f} s  {}", s.t.seconds(), describe(s)));
     if (!s.steps.empty()) {
-      console.line(
-          fmt::format("             first torque in cycle {}, {:.1f} us after the boundary; largest torque "
-                      "step [N m]: {}",
-                      s.cycle, s.computing_us, steps));
+      console.line(fmt::format("             cycle {}, first torque after {:.1f} us; torque step [N m]: {}",
+                               s.cycle, s.computing_us, steps));
     } else if (s.accepted()) {
       console.line(fmt::format("             held in the same cycle {} ({})", s.cycle, s.cause));
     }

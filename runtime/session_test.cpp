@@ -208,7 +208,7 @@ INSTANTIATE_TEST_SUITE_P(AllFaults, FaultTest,
                                          std::pair("implausible", Intervention::torque_implausible),
                                          std::pair("exception", Intervention::controllet_threw),
                                          std::pair("report", Intervention::controllet_fault)),
-                         [](const auto& info) { return info.param.first; });
+                         [](const auto& fault) { return fault.param.first; });
 
 TEST_F(SessionTest, AnUnpacedLoopNeverAsksForFifo) {
   SessionOptions options{.paced = false, .duration_s = 0.01};

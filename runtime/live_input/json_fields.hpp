@@ -1,0 +1,49 @@
+#pragma once
+
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+namespace multipanda {
+
+// A request that is refused before it reaches the loop: a code for programs, words for people.
+struct RequestRefused : std::runtime_error {
+  RequestRefused(std::string code_, const std::string& reason)
+      : std::runtime_error(reason), code(std::move(code_)) {}
+  std::string code;  // "malformed", or the name of a Verdict
+};
+
+// Typed access to a JSON object; everything that is wrong is refused (RequestRefused) in words.
+class JsonFields {
+ public:
+  // `what` begins the messages: "switch". `object` must live longer.
+  JsonFields(const nlohmann::json& object, std::string what);
+
+  // Refuses every key that is not in `keys`, with the nearest one that is.
+  void allow(const std::vector<std::string>& keys) const;
+  bool has(const std::string& key) const { return object_.contains(key); }
+  std::string text(const std::string& key) const;
+  std::vector<std::string> texts(const std::string& key) const;  // a list, or one alone; absent: none
+  double number(const std::string& key) const;
+  double number(const std::string& key, double fallback) const;
+  std::vector<double> numbers(const std::string& key, std::size_t count) const;
+  bool boolean(const std::string& key, bool fallback) const;
+  JsonFields section(const std::string& key) const;
+  const nlohmann::json& at(const std::string& key) const;  // refuses if absent
+  const nlohmann::json& object() const { return object_; }
+  const std::string& what() const { return what_; }
+
+  [[noreturn]] void refuse(const std::string& reason) const;
+  [[noreturn]] void expected(const std::string& key, const std::string& expectation) const;
+
+ private:
+  const nlohmann::json& object_;
+  std::string what_;
+};
+
+// One line: never throws, whatever text is inside.
+std::string to_line(const nlohmann::json& json);
+
+}  // namespace multipanda

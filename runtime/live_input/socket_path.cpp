@@ -1,0 +1,163 @@
+#include "runtime/live_input/socket_path.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <system_error>
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+namespace multipanda {
+namespace {
+
+std::filesystem::path beside(const std::filesystem::path& path, const char* suffix) {
+  std::filesystem::path other = path;
+  other += suffix;
+  return other;
+}
+
+sockaddr_un address_of(const std::filesystem::path& path) {
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  const std::string text = path.string();
+  if (text.empty() || text.size() >= sizeof(address.sun_path)) {
+    throw std::invalid_argument("'" + text + "' cannot be a socket: expected a path of 1 to " +
+                                std::to_string(sizeof(address.sun_path) - 1) + " bytes, found " +
+                                std::to_string(text.size()));
+  }
+  std::memcpy(address.sun_path, text.data(), text.size());
+  return address;
+}
+
+// A socket that a dead process left may go; nothing else may.
+void remove_socket(const std::filesystem::path& path) {
+  struct stat info {};
+  if (lstat(path.c_str(), &info) != 0) return;
+  if (!S_ISSOCK(info.st_mode)) {
+    throw std::runtime_error("'" + path.string() +
+                             "' is there and is no socket: remove it, or choose another path");
+  }
+  (void)unlink(path.c_str());
+}
+
+[[noreturn]] void fail(const std::string& what) {
+  throw std::system_error(errno, std::generic_category(), what);
+}
+
+}  // namespace
+
+std::filesystem::path socket_folder() {
+  if (const char* runtime = std::getenv("XDG_RUNTIME_DIR"); runtime != nullptr && *runtime == '/') {
+    return std::filesystem::path(runtime) / "multipanda";
+  }
+  return std::filesystem::path("/tmp") / ("multipanda-" + std::to_string(getuid()));
+}
+
+void make_private_folder(const std::filesystem::path& folder) {
+  if (mkdir(folder.c_str(), 0700) != 0 && errno != EEXIST) {
+    throw std::runtime_error("the folder " + folder.string() + " cannot be made: " + std::strerror(errno));
+  }
+  struct stat info {};
+  if (lstat(folder.c_str(), &info) != 0 || !S_ISDIR(info.st_mode)) {
+    throw std::runtime_error(folder.string() + " is no folder: remove it");
+  }
+  if (info.st_uid != getuid() || (info.st_mode & 077) != 0) {
+    throw std::runtime_error("the folder " + folder.string() +
+                             " must belong to this user and be closed to others (chmod 700): whoever may "
+                             "write there may move the arms");
+  }
+}
+
+std::vector<std::filesystem::path> running_sockets(const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> found;
+  std::error_code ignored;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, ignored)) {
+    if (entry.path().extension() != ".sock" || !entry.is_socket(ignored)) continue;
+    const int file = connect_to(entry.path(), SOCK_STREAM);
+    if (file < 0) continue;
+    close(file);
+    found.push_back(entry.path());
+  }
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+std::filesystem::path stream_path(const std::filesystem::path& socket) { return beside(socket, ".stream"); }
+
+void check_socket_path(const std::filesystem::path& path) {
+  (void)address_of(path);
+  (void)address_of(stream_path(path));
+}
+
+SocketClaim::SocketClaim(std::filesystem::path path)
+    : path_(std::move(path)), lock_path_(beside(path_, ".lock")) {
+  check_socket_path(path_);
+  for (;;) {
+    lock_ = open(lock_path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
+    if (lock_ < 0) {
+      throw std::runtime_error("no socket can be made at '" + path_.string() + "': " + std::strerror(errno));
+    }
+    if (flock(lock_, LOCK_EX | LOCK_NB) != 0) {
+      close(lock_);
+      throw SocketTaken("'" + path_.string() +
+                        "' belongs to a running process: choose another path with --socket, or stop that run");
+    }
+    // The owner before removes its lock file: what was locked must still be what stands at the path.
+    struct stat locked {}, present {};
+    if (fstat(lock_, &locked) == 0 && stat(lock_path_.c_str(), &present) == 0 &&
+        locked.st_ino == present.st_ino && locked.st_dev == present.st_dev) {
+      break;
+    }
+    close(lock_);
+  }
+  try {
+    remove_socket(path_);
+    remove_socket(stream_path(path_));
+  } catch (...) {
+    (void)unlink(lock_path_.c_str());
+    close(lock_);
+    throw;
+  }
+}
+
+SocketClaim::~SocketClaim() {
+  (void)unlink(path_.c_str());
+  (void)unlink(stream_path(path_).c_str());
+  (void)unlink(lock_path_.c_str());
+  close(lock_);
+}
+
+int listen_at(const std::filesystem::path& path, int type) {
+  const sockaddr_un address = address_of(path);
+  const int file = socket(AF_UNIX, type | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+  if (file < 0) fail("socket");
+  // The mode of an unbound socket is that of the file it gets: never open to others, not even for a moment.
+  if (fchmod(file, 0600) != 0 ||
+      bind(file, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0 ||
+      listen(file, 16) != 0) {
+    const int reason = errno;
+    close(file);
+    errno = reason;
+    fail("no socket can be made at '" + path.string() + "'");
+  }
+  return file;
+}
+
+int connect_to(const std::filesystem::path& path, int type) {
+  const sockaddr_un address = address_of(path);
+  const int file = socket(AF_UNIX, type | SOCK_CLOEXEC, 0);
+  if (file < 0) return -1;
+  if (connect(file, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0) return file;
+  const int reason = errno;
+  close(file);
+  errno = reason;
+  return -1;
+}
+
+}  // namespace multipanda

@@ -1,0 +1,63 @@
+#include "runtime/live_input/stream_packet.hpp"
+
+#include <bit>
+#include <concepts>
+
+namespace multipanda {
+namespace {
+
+constexpr std::array<std::uint8_t, 4> kMagic = {'M', 'P', 'R', 'S'};
+constexpr std::uint16_t kVersion = 1;
+
+// Byte by byte, so that neither the machine's order nor alignment matters.
+template <std::unsigned_integral T>
+void put(StreamPacketBytes& bytes, std::size_t offset, T value) {
+  for (std::size_t i = 0; i < sizeof(T); ++i) {
+    bytes[offset + i] = static_cast<std::uint8_t>(static_cast<std::uint64_t>(value) >> (8 * i));
+  }
+}
+
+template <std::unsigned_integral T>
+T get(std::span<const std::uint8_t> bytes, std::size_t offset) {
+  std::uint64_t value = 0;
+  for (std::size_t i = 0; i < sizeof(T); ++i) value |= std::uint64_t{bytes[offset + i]} << (8 * i);
+  return static_cast<T>(value);
+}
+
+}  // namespace
+
+std::size_t pack(const StreamPacket& packet, StreamPacketBytes& bytes) {
+  for (std::size_t i = 0; i < kMagic.size(); ++i) bytes[i] = kMagic[i];
+  put<std::uint16_t>(bytes, 4, kVersion);
+  put<std::uint16_t>(bytes, 6, packet.count);
+  put<std::uint32_t>(bytes, 8, packet.channel);
+  put<std::uint32_t>(bytes, 12, 0);
+  put<std::uint64_t>(bytes, 16, packet.sequence);
+  put<std::uint64_t>(bytes, 24, std::bit_cast<std::uint64_t>(packet.client_time_ns));
+  for (std::size_t i = 0; i < packet.count; ++i) {
+    put<std::uint64_t>(bytes, kStreamHeaderBytes + 8 * i, std::bit_cast<std::uint64_t>(packet.values[i]));
+  }
+  return kStreamHeaderBytes + 8 * std::size_t{packet.count};
+}
+
+std::optional<StreamPacket> unpack(std::span<const std::uint8_t> bytes) {
+  if (bytes.size() < kStreamHeaderBytes) return {};
+  for (std::size_t i = 0; i < kMagic.size(); ++i) {
+    if (bytes[i] != kMagic[i]) return {};
+  }
+  StreamPacket packet;
+  packet.count = get<std::uint16_t>(bytes, 6);
+  if (get<std::uint16_t>(bytes, 4) != kVersion || packet.count == 0 || packet.count > kMaxTargetValues ||
+      bytes.size() != kStreamHeaderBytes + 8 * std::size_t{packet.count}) {
+    return {};
+  }
+  packet.channel = get<std::uint32_t>(bytes, 8);
+  packet.sequence = get<std::uint64_t>(bytes, 16);
+  packet.client_time_ns = std::bit_cast<std::int64_t>(get<std::uint64_t>(bytes, 24));
+  for (std::size_t i = 0; i < packet.count; ++i) {
+    packet.values[i] = std::bit_cast<double>(get<std::uint64_t>(bytes, kStreamHeaderBytes + 8 * i));
+  }
+  return packet;
+}
+
+}  // namespace multipanda

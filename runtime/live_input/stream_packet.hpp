@@ -1,0 +1,40 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+
+#include "core/types/capacity.hpp"
+
+// The binary reference stream (docs/live_input.md): one packet per set-point, little-endian throughout.
+//
+//   offset  type     field
+//        0  4 bytes  "MPRS"
+//        4  u16      version, 1
+//        6  u16      count of values, 1 to kMaxTargetValues
+//        8  u32      channel, as the handshake answered
+//       12  u32      0
+//       16  u64      sequence: of this channel, rising; gaps are counted as lost
+//       24  i64      the publisher's own time [ns], any clock
+//       32  f64[]    values, in the order of Target
+namespace multipanda {
+
+struct StreamPacket {
+  std::uint32_t channel = 0;
+  std::uint64_t sequence = 0;
+  std::int64_t client_time_ns = 0;
+  std::uint16_t count = 0;
+  std::array<double, kMaxTargetValues> values{};
+};
+
+inline constexpr std::size_t kStreamHeaderBytes = 32;
+inline constexpr std::size_t kStreamPacketBytes = kStreamHeaderBytes + 8 * kMaxTargetValues;
+using StreamPacketBytes = std::array<std::uint8_t, kStreamPacketBytes>;
+
+// Returns the number of bytes used.
+std::size_t pack(const StreamPacket& packet, StreamPacketBytes& bytes);
+// Nothing: not a packet of this version, or cut off.
+std::optional<StreamPacket> unpack(std::span<const std::uint8_t> bytes);
+
+}  // namespace multipanda
