@@ -102,7 +102,7 @@ void add_surroundings(mjSpec* spec, const std::vector<WorldArm>& arms, bool has_
     spec->visual.headlight.diffuse[i] = 0.25F;
     spec->visual.headlight.specular[i] = 0.1F;
   }
-  spec->visual.quality.shadowsize = 4096;
+  spec->visual.quality.shadowsize = 2048;
   spec->visual.quality.offsamples = 4;
   spec->visual.global.offwidth = 1920;
   spec->visual.global.offheight = 1440;

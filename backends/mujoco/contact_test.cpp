@@ -28,9 +28,9 @@ SceneObject table(const Vector3& p, const Vector3& size) {
   return object;
 }
 
-// A ball falls on the hand: what the arm exerts on it in a period is its change of momentum less its weight,
-// and the moment about K its change of spin about its centre plus lever times force.
-TEST(Contact, TruthWrenchIsWhatMovesAFallingBall) {
+// A ball is thrown at the hand from below: what the arm exerts on it in a period is its change of momentum
+// less its weight, and the moment about K its change of spin about its centre plus lever times force.
+TEST(Contact, TruthWrenchIsWhatStopsABall) {
   for (const Pose& base : {pose(0, 0, 0), pose(0.4, -0.2, 0.1, 0.3, -0.2, 2.0)}) {
     SceneArm arm = arm_named("a", base);
     arm.X_FE = pose(0.02, -0.03, 0.05, 0.4, 0.1, 0.2);
@@ -38,14 +38,16 @@ TEST(Contact, TruthWrenchIsWhatMovesAFallingBall) {
     ModelTerms terms = terms_of(arm);
     terms.set_config({*arm.X_FE, arm.X_EK}, {}, {});
     terms.update(arm.q_start, joint_constant(7, 0));
-    const Vector3 above = terms.X_WF() * Vector3(0, 0.06, 0.06) + Vector3(0, 0, 0.25);
+    const Vector3 below = terms.X_WF() * Vector3(0.01, 0.02, 0.26);
+    const Vector3 upwards = -3 * terms.X_WF().rotation.col(2);
     Scene scene = scene_of({arm});
-    scene.objects = {ball("ball", above, 0.1, 0.5)};
+    scene.objects = {ball("ball", below, 0.1, 0.5)};
     Loop loop(scene);
     const mjData* d = loop.backend.world().data();
     const auto dof = loop.backend.world().objects()[0].dof;
+    std::copy_n(upwards.data(), 3, loop.backend.world().data()->qvel + dof);
     int touching = 0;
-    for (int k = 0; k < 1000; ++k) {
+    for (int k = 0; k < 200; ++k) {
       const Vector3 v = Eigen::Map<const Vector3>(d->qvel + dof);
       const Matrix3 R = loop.backend.world().X_WO(0).rotation;
       const Vector3 w = Eigen::Map<const Vector3>(d->qvel + dof + 3);
@@ -60,9 +62,13 @@ TEST(Contact, TruthWrenchIsWhatMovesAFallingBall) {
       const Vector3 torque = 0.4 * 0.5 * 0.05 * 0.05 * dw / 0.001 + (c - p_K).cross(force);
       ASSERT_TRUE(loop.state().has_contact_truth);
       EXPECT_LT((Vector3(F.force()) - force).norm(), 1e-6 * (1 + force.norm())) << k;
-      if (k > 0) EXPECT_LT((Vector3(F.torque()) - torque).norm(), 0.02 * (0.01 + force.norm() * 0.1)) << k;
-      if (force.norm() > 0.1) ++touching;
-      if (force.norm() > 0.1) EXPECT_GT(force.z(), 0);
+      if (k > 0) {
+        EXPECT_LT((Vector3(F.torque()) - torque).norm(), 0.02 * (0.01 + force.norm() * 0.1)) << k;
+      }
+      if (force.norm() > 0.1) {
+        ++touching;
+        EXPECT_LT(force.dot(upwards), 0);
+      }
     }
     EXPECT_GT(touching, 3);
   }
@@ -78,7 +84,7 @@ TEST(Contact, PressingForceBalancesTheCommand) {
     terms.update(arm.q_start, joint_constant(7, 0));
     const Vector3 tip = terms.X_WE().position;
     Scene scene = scene_of({arm});
-    scene.objects = {table({tip.x(), tip.y(), tip.z() - 0.1}, {0.3, 0.3, 0.1})};
+    scene.objects = {table({tip.x(), tip.y(), tip.z() - 0.07}, {0.3, 0.3, 0.1})};
     Loop loop(scene);
     Vector6 push = Vector6::Zero();
     push[2] = -20;
@@ -89,7 +95,7 @@ TEST(Contact, PressingForceBalancesTheCommand) {
       loop.step();
     }
     terms.update(loop.state().q, loop.state().dq);
-    EXPECT_LT(loop.state().dq.norm(), 1e-5);
+    EXPECT_LT(loop.state().dq.norm(), 1e-3);  // it creeps along the table
     EXPECT_LT(loop.state().F_K_W_true.force().z(), -5);
     const JointVector balance = terms.J_V_WE().transpose() * loop.state().F_K_W_true.vector;
     EXPECT_LT((balance - loop.commands[0].tau_cmd).cwiseAbs().maxCoeff(), 1e-2);
@@ -145,7 +151,7 @@ std::uint64_t hash_run(const Scene& scene, int steps, std::size_t arm, double am
 TEST(Contact, SameSeedSameBits) {
   Scene scene = scene_of({arm_named("a"), arm_named("b", pose(0, 1.5, 0))}, PlantFidelity::realistic());
   SceneObject floor = table({0.4, 0, 0}, {1, 1, 0.1});
-  scene.objects = {floor, ball("ball", {0.31, 0.02, 0.8}, 0.1, 0.5)};
+  scene.objects = {floor, ball("ball", {0.31, 0.02, 1.1}, 0.1, 0.5)};
   const auto first = hash_run(scene, 5000, 0, 3);
   EXPECT_EQ(first, hash_run(scene, 5000, 0, 3));
   scene.seed = 2;

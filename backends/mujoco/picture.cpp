@@ -53,6 +53,10 @@ Painter::Painter(const mjModel* model, PictureOptions options)
     mjv_makeScene(model_, &d.scene, 2000);
     mjr_makeContext(model_, &d.context, mjFONTSCALE_100);
     mjr_setBuffer(mjFB_OFFSCREEN, &d.context);
+    // A context's first picture is shaded a little differently from all later ones: it is not shown.
+    mj_forward(model_, d.data);
+    mjv_updateScene(model_, d.data, &d.visible, nullptr, &d.camera, mjCAT_ALL, &d.scene);
+    mjr_render({0, 0, 16, 16}, &d.scene, &d.context);
   });
   if (!d.made) {
     reason_ = std::string("no picture: ") + d.gl->name() + ": " + last_engine_error();

@@ -49,9 +49,14 @@ TEST(Picture, ShowsArmsAndIsWrittenAsPng) {
   std::vector<double> moved(positions(backend).begin(), positions(backend).end());
   moved[static_cast<std::size_t>(backend.world().arm(0).qpos[0])] += 0.5;
   EXPECT_EQ(painter.paint(moved, file), "");
-  EXPECT_NE(first, painter.pixels());
+  const auto differing = [&] {
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < first.size(); ++i) count += first[i] != painter.pixels()[i] ? 1 : 0;
+    return static_cast<double>(count) / static_cast<double>(first.size());
+  };
+  EXPECT_GT(differing(), 0.01);
   EXPECT_EQ(painter.paint(positions(backend), file), "");
-  EXPECT_EQ(first, painter.pixels());
+  EXPECT_LT(differing(), 0.001);  // the renderer's threads may round differently
 }
 
 TEST(Picture, RefusesWhatDoesNotFit) {

@@ -131,7 +131,7 @@ TEST(Requests, NonsenseIsRefusedWithAReason) {
   negative.mass = -1;
   EXPECT_FALSE(ask(loop, SetLoad{negative}).success);
   EXPECT_FALSE(ask(loop, SetJointStiffness{joint_constant(6, 100)}).success);
-  EXPECT_FALSE(ask(loop, SetFrames{Pose{2 * Matrix3::Identity(), {}}, {}}).success);
+  EXPECT_FALSE(ask(loop, SetFrames{Pose{2 * Matrix3::Identity(), Vector3::Zero()}, {}}).success);
   EXPECT_FALSE(ask(loop, PlaceObject{"nothing", {}}).success);
   EXPECT_FALSE(ask(loop, StopMotion{}, 3).success);
   EXPECT_EQ(loop.state().config_version, 1u);
