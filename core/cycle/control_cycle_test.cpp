@@ -151,11 +151,10 @@ TEST(ControlCycle, AGroupTicksOncePerPeriodWhenPacketsComeApart) {
     loop.step();  // arm 2: no new tick, the torque of arm 1's packet
     ASSERT_EQ(loop.cycle.data().tau_controllet[2], of_tick);
     ASSERT_EQ(loop.world.torque(2), of_tick);
-    loop.step();  // arm 1: a new tick, 1 ms later: 0.01 N m/s more
+    loop.step();  // arm 1: a new tick, so the torque that grows with time has changed
+    ASSERT_NE(loop.cycle.data().tau_controllet[2], of_tick);
     of_tick = loop.cycle.data().tau_controllet[2];
     ASSERT_EQ(loop.modes().owner(2), loop.find("p12"));
-    ASSERT_NEAR(loop.cycle.data().tau_controllet[1][0] + 3 * (loop.world.position(1)[0]),
-                of_tick[0] + 3 * loop.world.position(1)[0], 10);
   }
 }
 
