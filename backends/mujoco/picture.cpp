@@ -53,10 +53,6 @@ Painter::Painter(const mjModel* model, PictureOptions options)
     mjv_makeScene(model_, &d.scene, 2000);
     mjr_makeContext(model_, &d.context, mjFONTSCALE_100);
     mjr_setBuffer(mjFB_OFFSCREEN, &d.context);
-    // A context's first picture is shaded a little differently from all later ones: it is not shown.
-    mj_forward(model_, d.data);
-    mjv_updateScene(model_, d.data, &d.visible, nullptr, &d.camera, mjCAT_ALL, &d.scene);
-    mjr_render({0, 0, 16, 16}, &d.scene, &d.context);
   });
   if (!d.made) {
     reason_ = std::string("no picture: ") + d.gl->name() + ": " + last_engine_error();
@@ -126,6 +122,9 @@ std::string Painter::paint(std::span<const double> qpos, const std::filesystem::
   const bool drawn = without_engine_error([this, &d] {
     mj_forward(model_, d.data);
     frame_camera();
+    // The headlight is placed before the camera: without this it would stand where the last picture was
+    // taken.
+    mjv_updateCamera(model_, d.data, &d.camera, &d.scene);
     mjv_updateScene(model_, d.data, &d.visible, nullptr, &d.camera, mjCAT_ALL, &d.scene);
     const mjrRect all{0, 0, options_.width, options_.height};
     mjr_render(all, &d.scene, &d.context);
