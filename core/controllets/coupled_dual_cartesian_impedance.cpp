@@ -3,12 +3,17 @@
 #include <algorithm>
 #include <array>
 
+#include <Eigen/LU>
+
 #include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/cooperative_frame.hpp"
 #include "core/controllets/damping_design.hpp"
 
 namespace multipanda {
 namespace {
+
+using Matrix12 = Eigen::Matrix<double, 12, 12>;
+using Vector12 = Eigen::Matrix<double, 12, 1>;
 
 enum Input : std::size_t { kPose };
 enum Parameter : std::size_t {
@@ -47,11 +52,33 @@ class CoupledDualCartesianImpedance final : public Controllet {
     const Vector6& V_2 = second.terms->V_WE().vector;
     const CartesianTarget target = CartesianTarget::of(context.inputs[kPose]);
     const ImpedanceGains gains = impedance_gains(parameters);
-    const TaskForce absolute = impedance_force(gains, target, frame.X_WA, frame.absolute_velocity(V_1, V_2),
-                                               inertia(first, frame.L_a1, second, frame.L_a2));
-    const TaskForce relative =
-        relative_force(parameters, gains, target, frame, frame.relative_velocity(V_1, V_2),
-                       inertia(first, frame.L_r1, second, frame.L_r2));
+    ImpedanceGains relative_gains = gains;
+    relative_gains.translational_stiffness = parameters.vector3(kRelativeTranslational);
+    relative_gains.rotational_stiffness = parameters.vector3(kRelativeRotational);
+    const TaskStiffness K_a = gains.stiffness(target.X_W_d.rotation);
+    const TaskStiffness K_r = relative_gains.stiffness(target.X_W_d.rotation);
+
+    TaskForce absolute, relative;
+    absolute.error = pose_error(target.X_W_d, frame.X_WA);
+    absolute.spring = spring_wrench(K_a, absolute.error);
+    const Vector3 p_r_d = target.X_W_d.rotation * parameters.vector3(kRelativeOffset);
+    spring_between(K_r, p_r_d, frame, relative);
+
+    // Damping is designed for all twelve coordinates at once: turning A moves both hands with all their
+    // weight where the relative stiffness is high, and hardly any where it is low. Blocks of their own miss
+    // that.
+    const Matrix12 Lambda = inertia(first, second, frame);
+    Matrix12 K = Matrix12::Zero();
+    K.topLeftCorner<6, 6>() = K_a.matrix();
+    K.bottomRightCorner<6, 6>() = K_r.matrix();
+    Vector12 velocity_error;
+    velocity_error << target.V_d.vector - frame.absolute_velocity(V_1, V_2),
+        -frame.relative_velocity(V_1, V_2);
+    velocity_error.segment<3>(6) += target.V_d.angular().cross(p_r_d);  // the offset turns with A
+    Vector12 force = coupled_damping(Lambda, K, gains.damping_ratio) * velocity_error;
+    if (gains.acceleration_feedforward) force += Lambda.leftCols<6>() * target.A_d.vector;
+    absolute.total = absolute.spring + force.head<6>();
+    relative.total = relative.spring + force.tail<6>();
 
     const NullSpaceGains null_space = null_space_gains(parameters);
     const std::array F{frame.first_wrench(absolute.total, relative.total),
@@ -68,37 +95,23 @@ class CoupledDualCartesianImpedance final : public Controllet {
   }
 
  private:
-  // What the two hands weigh along one half of the coordinates, the other half free: (L diag(A_i) L^T)^-1.
-  static Matrix6 inertia(OwnedArm& first, const Matrix6& L_1, OwnedArm& second, const Matrix6& L_2) {
-    Matrix6 mobility;
-    mobility.noalias() = L_1 * (first.terms->task().mobility * L_1.transpose());
-    mobility.noalias() += L_2 * (second.terms->task().mobility * L_2.transpose());
-    bool floored = false;
-    return floored_inverse(mobility, floored);
+  // What the two hands weigh in cooperative coordinates: L^-T diag(Lambda_1, Lambda_2) L^-1.
+  static Matrix12 inertia(OwnedArm& first, OwnedArm& second, const CooperativeFrame& frame) {
+    Matrix12 L, Lambda = Matrix12::Zero();
+    L << frame.L_a1, frame.L_a2, frame.L_r1, frame.L_r2;
+    Lambda.topLeftCorner<6, 6>() = first.terms->task().Lambda;
+    Lambda.bottomRightCorner<6, 6>() = second.terms->task().Lambda;
+    const Matrix12 L_inverse = Eigen::PartialPivLU<Matrix12>(L).inverse();
+    return L_inverse.transpose() * (Lambda * L_inverse);
   }
 
-  // F_r, conjugate to V_r: minus the gradient of 1/2 p~_r^T K_t p~_r + 1/2 phi_s^T K_r phi_s, and damping.
-  static TaskForce relative_force(const ParameterSet& parameters, const ImpedanceGains& gains,
-                                  const CartesianTarget& target, const CooperativeFrame& frame,
-                                  const Vector6& V_r, const Matrix6& Lambda_r) {
-    ImpedanceGains relative = gains;
-    relative.translational_stiffness = parameters.vector3(kRelativeTranslational);
-    relative.rotational_stiffness = parameters.vector3(kRelativeRotational);
-    const TaskStiffness K = relative.stiffness(target.X_W_d.rotation);
-    const Matrix6 D = task_damping(Lambda_r, K.matrix(), gains.damping_ratio);
-
-    const Vector3 p_r_d = target.X_W_d.rotation * parameters.vector3(kRelativeOffset);
-    Vector6 V_r_d = Vector6::Zero();  // p_r_d turns with the shared frame
-    V_r_d.head<3>() = target.V_d.angular().cross(p_r_d);
-
-    TaskForce force;
+  // Conjugate to V_r: minus the gradient of 1/2 p~_r^T K_t p~_r + 1/2 phi_s^T K_r phi_s.
+  static void spring_between(const TaskStiffness& K, const Vector3& p_r_d, const CooperativeFrame& frame,
+                             TaskForce& force) {
     const FadedRotation phi(frame.relative.tail<3>());
     force.error << p_r_d - frame.relative.head<3>(), -frame.relative.tail<3>();
     force.spring.head<3>() = K.translation * force.error.head<3>();
     force.spring.tail<3>() = -(phi.dvalue_dr * (K.rotation * phi.value));
-    force.total = force.spring;
-    force.total.noalias() += D * (V_r_d - V_r);
-    return force;
   }
 
   std::array<Pose, 2> X_EA_;

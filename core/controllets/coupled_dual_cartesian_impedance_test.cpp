@@ -149,19 +149,22 @@ TEST(CoupledDualCartesianImpedance, OffsetSqueezesWithEqualAndOppositeForces) {
 }
 
 TEST(CoupledDualCartesianImpedance, MovesTheSharedFrameAndKeepsTheHandsTogether) {
-  Bench bench;
-  ASSERT_EQ(bench.rig.start(), LawResult::ok);
-  Pose X_d = bench.rig.input("pose").pose();
+  // Two arms that stay away from singular poses: where the inertia is floored, settling takes longer.
+  const Bench bases;
+  ControlletRig rig(coupled_dual_cartesian_impedance_controllet(),
+                    {TestArm::make(7).model(bases.X_WB[0]), TestArm::make(7).model(bases.X_WB[1])});
+  ASSERT_EQ(rig.start(), LawResult::ok);
+  Pose X_d = rig.input("pose").pose();
   X_d.position += Vector3(0.03, 0.02, 0.05);
   X_d.rotation = exp_rotation({0, 0, 0.1}) * X_d.rotation;
-  bench.rig.input("pose").set(pose_target(X_d, 1));
+  rig.input("pose").set(pose_target(X_d, 1));
   for (int i = 0; i < 4000; ++i) {
-    ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
-    for (const double e : bench.rig.output("relative_position_error_m")) EXPECT_LT(std::abs(e), 5e-3);
-    bench.rig.integrate(0.001, {joint_constant(7, 0), joint_constant(6, 0)}, 2);
+    ASSERT_EQ(rig.tick(0.001), LawResult::ok);
+    for (const double e : rig.output("relative_position_error_m")) EXPECT_LT(std::abs(e), 5e-3);
+    rig.integrate(0.001, {joint_constant(7, 0), joint_constant(7, 0)}, 2);
   }
-  for (const double e : bench.rig.output("absolute_position_error_m")) EXPECT_NEAR(e, 0, 1e-3);
-  for (const double e : bench.rig.output("absolute_orientation_error_rad")) EXPECT_NEAR(e, 0, 1e-2);
+  for (const double e : rig.output("absolute_position_error_m")) EXPECT_NEAR(e, 0, 2e-4);
+  for (const double e : rig.output("absolute_orientation_error_rad")) EXPECT_NEAR(e, 0, 2e-3);
 }
 
 TEST(CoupledDualCartesianImpedance, FaultsWhereTheEstimatesContradictAndOnNotANumber) {
