@@ -93,8 +93,9 @@ int run(const DemoOptions& options) {
 
   SessionOptions session_options{.paced = !options.fast, .record = options.record};
   session_options.observer = [&trace](const CycleRecord& record) { trace.take(record); };
+  StopSignals signals(console);
   Session session(scene, registry, std::move(session_options));
-  RunSummary summary = run_session(session, console);
+  RunSummary summary = run_session(session, signals, console);
   const bool whole = summary.end == RunEnd::duration;
 
   summary.wanted_interventions = {{kFaulty, Intervention::torque_not_finite}};

@@ -121,8 +121,9 @@ int run(const MoveOptions& options) {
   session_options.observer = [&q](const CycleRecord& record) {
     for (std::size_t i = 0; i < q.size(); ++i) q[i] = record.arms[i].q;
   };
+  StopSignals signals(console);
   Session session(std::move(scene), opened.registry, std::move(session_options));
-  const RunSummary summary = run_session(session, console);
+  const RunSummary summary = run_session(session, signals, console);
   print_summary(summary, console);
 
   bool arrived = true;

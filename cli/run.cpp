@@ -1,8 +1,12 @@
+#include <algorithm>
+#include <unistd.h>
+
 #include <fmt/format.h>
 
 #include "cli/program.hpp"
 #include "cli/report.hpp"
 #include "cli/run_session.hpp"
+#include "runtime/live_input/socket_path.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda::cli {
@@ -16,7 +20,29 @@ struct RunOptions {
   bool fast = false, json = false, report = false;
   std::string record;
   std::optional<int> cpu;
+  std::string socket;
 };
+
+// Where the run listens. By itself only a paced one does: an unpaced one is over before anybody can speak to
+// it.
+std::filesystem::path socket_of(const RunOptions& options, const std::string& scene, const Console& console) {
+  if (!options.socket.empty()) return options.socket;
+  if (options.fast) return {};
+  try {
+    const auto folder = socket_folder();
+    make_private_folder(folder);
+    auto path = folder / (scene + ".sock");
+    const auto running = running_sockets(folder);
+    if (std::find(running.begin(), running.end(), path) != running.end()) {
+      path = folder / fmt::format("{}-{}.sock", scene, getpid());
+    }
+    check_socket_path(path);
+    return path;
+  } catch (const std::exception& error) {
+    console.line(fmt::format("no live input: {}", error.what()));
+    return {};
+  }
+}
 
 int run(const RunOptions& options) {
   const Console console(options.json);
@@ -26,13 +52,17 @@ int run(const RunOptions& options) {
   SessionOptions session_options{
       .paced = !options.fast, .duration_s = options.seconds, .record = options.record};
   session_options.thread.cpu = options.cpu;
+  session_options.socket = socket_of(options, opened.scene.name, console);
+  if (!session_options.socket.empty())
+    console.line(fmt::format("live input (multipanda ctl): {}", session_options.socket.string()));
   if (options.fast && !options.seconds && opened.scene.duration_s == 0) {
     session_options.duration_s = kUnpacedDefault;
     console.line(fmt::format("the scene names no end: --fast runs for {:g} s (--seconds says otherwise)",
                              kUnpacedDefault));
   }
+  StopSignals signals(console);
   Session session(std::move(opened.scene), opened.registry, std::move(session_options));
-  RunSummary summary = run_session(session, console);
+  RunSummary summary = run_session(session, signals, console);
   print_summary(summary, console);
   bool reported = true;
   if (options.report) {
@@ -67,6 +97,11 @@ void add_run(Program& program) {
                     "One JSON object on standard output at the end, all else on standard error");
   command->add_option("--cpu", options->cpu, "Pin the loop's thread to this core")
       ->check(CLI::Range(0, 1023));
+  command
+      ->add_option("--socket", options->socket,
+                   "Where multipanda ctl reaches this run; default, unless --fast: the scene's name in the "
+                   "user's runtime folder")
+      ->type_name("PATH");
   program.on(command, [options] { return run(*options); });
 }
 

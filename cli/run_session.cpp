@@ -5,25 +5,42 @@
 #include <fmt/format.h>
 
 #include "cli/live_table.hpp"
-#include "runtime/signals.hpp"
 
 namespace multipanda::cli {
 
-RunSummary run_session(Session& session, const Console& console) {
-  for (const auto& arm : session.scene().arms) {
-    for (const auto& text : arm.loosened)
-      console.line(fmt::format("arm '{}': looser than the maker's: {}", arm.name, text));
+StopSignals::StopSignals(const Console& console) : console_(console) {
+  watch_.emplace([this](int) { stop(); });
+}
+
+void StopSignals::attach(Session& session) {
+  const std::lock_guard lock(mutex_);
+  session_ = &session;
+  if (asked_) session.stop();
+}
+
+void StopSignals::end() { watch_.reset(); }
+
+void StopSignals::stop() {
+  const std::lock_guard lock(mutex_);
+  asked_ = true;
+  if (session_ != nullptr) session_->stop();
+  if (!console_.is_terminal()) {
+    console_.line("stopping: arms to hold, then the end (once more: quit at once)");
   }
-  // Before the session's threads, so that they leave these signals to the watch.
-  SignalWatch signals([&](int) {
-    session.stop();
-    if (!console.is_terminal())
-      console.line("stopping: arms to hold, then the end (once more: quit at once)");
-  });
+}
+
+RunSummary run_session(Session& session, StopSignals& signals, const Console& console) {
+  for (const auto& arm : session.scene().arms) {
+    for (const auto& text : arm.loosened) {
+      console.line(fmt::format("arm '{}': looser than the maker's: {}", arm.name, text));
+    }
+  }
+  signals.attach(session);
   LiveDisplay display(console, session.scene().name, session.duration_s());
   session.start();
   while (!session.wait_for_end(LiveDisplay::kPeriod_s)) display.show(session.status());
   RunSummary summary = session.finish();
+  signals.end();
   display.finish(session.status());
   return summary;
 }

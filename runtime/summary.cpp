@@ -66,6 +66,13 @@ nlohmann::ordered_json number(double value, double step) {
              : std::stod(fmt::format("{:.10g}", std::round(value / step) * step));
 }
 
+// For programs: "torque not finite" is torque_not_finite.
+std::string code(std::string_view text) {
+  std::string word(text);
+  std::replace(word.begin(), word.end(), ' ', '_');
+  return word;
+}
+
 nlohmann::ordered_json path_or_null(const std::filesystem::path& path) {
   if (path.empty()) return nullptr;
   return path.string();
@@ -79,9 +86,9 @@ nlohmann::ordered_json to_json_value(const SwitchReport& s) {
   }
   return {{"t_s", number(s.t.seconds(), 1e-6)},
           {"cycle", s.cycle},
-          {"cause", s.cause},
+          {"cause", code(s.cause)},
           {"accepted", s.accepted()},
-          {"verdict", std::string(to_string(s.verdict))},
+          {"verdict", code(to_string(s.verdict))},
           {"started", s.started},
           {"stopped", s.stopped},
           {"kept", s.kept},
@@ -114,7 +121,7 @@ std::string to_json(const RunSummary& summary) {
   json["interventions"] = nlohmann::ordered_json::array();
   for (const auto& i : summary.interventions) {
     json["interventions"].push_back({{"arm", i.arm},
-                                     {"rule", std::string(to_string(i.rule))},
+                                     {"rule", code(to_string(i.rule))},
                                      {"count", i.count},
                                      {"first_s", number(i.first_s, 1e-6)},
                                      {"controllet", i.controllet}});
