@@ -69,6 +69,7 @@ void MujocoBackend::finish() {
 }
 
 ArmSet MujocoBackend::wait() {
+  advance();
   if (options_.pace == Pace::realtime || paused_) pacer_.wait();
   take_requests();
   return failed_ ? ArmSet() : ArmSet::all(arms_.size());
@@ -91,6 +92,16 @@ void MujocoBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
     } else {
       arm.behaviour.miss_command();
     }
+  }
+  commanded_ = true;
+}
+
+// The period that the last write() began. It runs in wait(), so that a cycle's time is the loop's own and not
+// the engine's.
+void MujocoBackend::advance() {
+  if (!commanded_ || failed_) return;
+  commanded_ = false;
+  for (auto& arm : arms_) {
     arm.measurement.tau_link.setZero();
     arm.measurement.F_K_W_true = {};
   }

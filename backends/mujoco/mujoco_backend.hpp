@@ -25,9 +25,9 @@ struct MujocoOptions {
   std::filesystem::path meshes;  // shown in pictures in place of the primitives; empty: primitives
 };
 
-// A scene in MuJoCo, in lock-step with the loop: the world stands still while the loop computes, write()
-// moves it on by one control period of 1 ms in `substeps` physics steps. All arms are due in every cycle.
-// docs/simulation.md says what is simulated and what is not.
+// A scene in MuJoCo, in lock-step with the loop: the world stands still while the loop computes; after
+// write() the next wait() moves it on by one control period of 1 ms in `substeps` physics steps. All arms are
+// due in every cycle. docs/simulation.md says what is simulated and what is not.
 //
 // Deterministic: the same scene, seed and commands give the same bits, on the same machine and libraries.
 //
@@ -74,6 +74,7 @@ class MujocoBackend : public Backend {
     JointVector friction_explicit;  // friction less its part that MuJoCo integrates implicitly
     PlantMeasurement measurement;   // of the present period
   };
+  void advance();
   void take_requests();
   ArmReply apply(const RequestBox::Posted& posted);
   void reset();
@@ -88,6 +89,7 @@ class MujocoBackend : public Backend {
   std::deque<Arm> arms_;
   Pacer pacer_;
   std::int64_t periods_ = 0;
+  bool commanded_ = false;  // a period's commands wait to be carried out
   bool paused_ = false;
   bool failed_ = false;
   std::array<char, 512> fault_{};

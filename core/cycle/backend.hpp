@@ -85,15 +85,15 @@ class Backend {
   // Called once by the loop's thread after the last write(): leave the arms safe.
   virtual void finish() {}
 
-  // Blocks until the state of at least one arm is due, on the backend's own clock. Empty: no more cycles (end
-  // of a recording, lost for good). Simulation: all arms; real arms: those whose packet arrived.
+  // Blocks until the state of at least one arm is due, on the backend's own clock. In lock-step this is where
+  // the world moves on, by the torques of the last write(). Empty: no more cycles (end of a recording, lost
+  // for good). Simulation: all arms; real arms: those whose packet arrived.
   virtual ArmSet wait() = 0;
   // The loop's time of the step that wait() announced.
   virtual LoopTime now() const = 0;
   // Fills the states of the arms due; the others keep what they had. No allocation, no lock.
   virtual void read(ArmSet due, std::span<ArmState> states) = 0;
-  // Sends torques to the arms due. In lock-step the world moves on by one period afterwards. No allocation,
-  // no lock.
+  // Sends torques to the arms due. No allocation, no lock.
   virtual void write(ArmSet due, std::span<const ArmCommand> commands) = 0;
   // Cycles that were missed so far (paced simulation) or packets lost (real arms).
   virtual std::uint64_t overruns() const { return 0; }

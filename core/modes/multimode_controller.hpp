@@ -47,7 +47,7 @@ class MultimodeController {
   const std::string& arm_name(ArmIndex arm) const { return arm_names_[arm]; }
   InstanceSet active() const { return active_shared_.load(std::memory_order_acquire); }
   InstanceIndex owner(ArmIndex arm) const { return owners_[arm].load(std::memory_order_acquire); }
-  ArmSet stopped() const { return ArmSet_from(stopped_shared_.load(std::memory_order_acquire)); }
+  ArmSet stopped() const { return ArmSet::from_bits(stopped_shared_.load(std::memory_order_acquire)); }
 
   // Checks a request as far as that needs no loop: names, sizes, bounds, two owners, stopped arms.
   Verdict check(const Request& request) const;
@@ -74,7 +74,6 @@ class MultimodeController {
   void leave_record(CycleRecord& record) const;  // references and outputs of the active instances
 
  private:
-  static ArmSet ArmSet_from(std::uint32_t bits);
   InstanceIndex hold_of(ArmIndex arm) const { return static_cast<InstanceIndex>(arm); }
   InstanceSet all_instances() const;
   ArmSet arms_of(InstanceSet set) const;

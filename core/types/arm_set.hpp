@@ -15,6 +15,7 @@ class ArmSet {
  public:
   constexpr ArmSet() = default;
   static constexpr ArmSet all(std::size_t count) { return ArmSet((1u << count) - 1u); }
+  static constexpr ArmSet from_bits(std::uint32_t bits) { return ArmSet(bits); }
   static constexpr ArmSet of(ArmIndex arm) { return ArmSet(1u << arm); }
 
   constexpr bool contains(ArmIndex arm) const { return (bits_ >> arm & 1u) != 0; }

@@ -1,0 +1,48 @@
+#include <stdexcept>
+
+#include "core/cycle/control_cycle.hpp"
+
+namespace multipanda {
+namespace {
+
+std::vector<std::shared_ptr<const ArmModel>> models_of(const CycleConfig& config) {
+  std::vector<std::shared_ptr<const ArmModel>> models;
+  for (const auto& arm : config.arms) models.push_back(arm.model);
+  return models;
+}
+
+std::vector<SafetyLimits> limits_of(const CycleConfig& config) {
+  std::vector<SafetyLimits> limits;
+  for (const auto& arm : config.arms) limits.push_back(arm.safety);
+  return limits;
+}
+
+std::vector<std::string> names_of(const CycleConfig& config) {
+  std::vector<std::string> names;
+  for (const auto& arm : config.arms) names.push_back(arm.name);
+  return names;
+}
+
+}  // namespace
+
+ControlCycle::ControlCycle(CycleConfig config, const Registry& registry, Backend& backend)
+    : backend_(backend), data_(models_of(config)), safety_(limits_of(config)) {
+  if (config.arms.empty() || config.arms.size() > kMaxArms) {
+    throw std::invalid_argument("1 to " + std::to_string(kMaxArms) + " arms are supported, not " +
+                                std::to_string(config.arms.size()));
+  }
+  if (config.arms.size() != backend.arm_count()) {
+    throw std::invalid_argument("the backend has " + std::to_string(backend.arm_count()) + " arms, " +
+                                std::to_string(config.arms.size()) + " are configured");
+  }
+  const ArmBlocks blocks{data_.state, data_.terms, data_.tau_controllet, data_.tau_feature};
+  modes_ =
+      std::make_unique<MultimodeController>(names_of(config), config.controllets, registry, blocks, safety_);
+  layout_ = modes_->layout();
+  if (config.record_capacity > 0) {
+    record_ = std::make_unique<RecordRing>(layout_, config.record_capacity);
+    modes_->record_to(record_.get());
+  }
+}
+
+}  // namespace multipanda

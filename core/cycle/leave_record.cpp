@@ -1,0 +1,58 @@
+#include <algorithm>
+
+#include "core/cycle/control_cycle.hpp"
+
+namespace multipanda {
+namespace {
+
+void copy_joints(const JointVector& from, JointArray& to) {
+  std::copy_n(from.data(), from.size(), to.begin());
+}
+
+}  // namespace
+
+// What this step read, decided and sent, into a slot of the ring; when the writer is too far behind, a count.
+void ControlCycle::leave_record() {
+  if (record_ == nullptr) return;
+  CycleRecord* record = record_->ring.back();
+  if (record == nullptr) {
+    record_->dropped_records.fetch_add(1, std::memory_order_relaxed);
+    return;
+  }
+  record->cycle = data_.tick.cycle;
+  record->t = data_.tick.t;
+  record->start = data_.tick.start;
+  record->period_s = data_.tick.dt;
+  record->overruns = backend_.overruns();
+  record->stages = data_.stages;
+  for (ArmIndex arm = 0; arm < data_.state.size(); ++arm) {
+    const ArmState& state = data_.state[arm];
+    ArmSample& sample = record->arms[arm];
+    sample.sequence = state.sequence;
+    sample.t_robot_ns = state.t_robot.ns;
+    sample.age_s = state.age_s;
+    sample.mode = static_cast<std::uint8_t>(state.mode);
+    sample.errors = state.errors;
+    sample.owner = modes_->owner(arm);
+    sample.config_version = state.config_version;
+    sample.interventions = safety_.counted(arm);
+    sample.due = data_.tick.due.contains(arm);
+    sample.has_tau_ext = state.tau_ext_hat.size() > 0;
+    sample.has_wrench_estimate = state.has_wrench_estimate;
+    sample.has_contact_truth = state.has_contact_truth;
+    copy_joints(state.q, sample.q);
+    copy_joints(state.dq, sample.dq);
+    copy_joints(state.tau_J, sample.tau_J);
+    copy_joints(state.tau_J_d, sample.tau_J_d);
+    copy_joints(state.tau_ext_hat, sample.tau_ext);
+    copy_joints(data_.tau_controllet[arm], sample.tau_controllet);
+    copy_joints(data_.tau_feature[arm], sample.tau_feature);
+    copy_joints(data_.tau_cmd[arm], sample.tau_cmd);
+    std::copy_n(state.F_K_W_est.vector.data(), 6, sample.F_K_W_est.begin());
+    std::copy_n(state.F_K_W_true.vector.data(), 6, sample.F_K_W_true.begin());
+  }
+  modes_->leave_record(*record);
+  record_->ring.push();
+}
+
+}  // namespace multipanda

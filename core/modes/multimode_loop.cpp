@@ -1,0 +1,312 @@
+#include <algorithm>
+
+#include "core/modes/multimode_controller.hpp"
+#include "core/modes/visit_bits.hpp"
+
+// The loop's side: the steps of a cycle, in their order. Nothing here allocates, locks, logs or throws.
+namespace multipanda {
+namespace {
+
+// Zero in the arm's own size, whatever was left there.
+void clear(std::span<JointVector> torques, ArmIndex arm, std::size_t joint_count) {
+  torques[arm].setZero(static_cast<Eigen::Index>(joint_count));
+}
+
+}  // namespace
+
+void MultimodeController::take_requests(const Tick& tick) {
+  pending_count_ = 0;
+  handed_over_ = {};
+  step_wanted_.fill(0);
+  step_sent_.fill(0);
+  for_each(ArmSet::all(arm_count()) - arms_of(active_), [&](ArmIndex arm) {  // only before the first cycle
+    commit({.start = bit(hold_of(arm)), .stop = 0, .keep = 0});
+    (void)instances_[hold_of(arm)]->start(tick);
+  });
+  take_stops(tick);
+  while (next_scheduled_ < schedule_.size() && schedule_[next_scheduled_].at <= tick.t) {
+    const ScheduledRequest& scheduled = schedule_[next_scheduled_++];
+    if (scheduled.what == ScheduledRequest::What::stop) {
+      stop(scheduled.stop);
+      take_stops(tick);
+    } else {
+      apply(scheduled.request, 0, tick.start, tick);
+    }
+  }
+  for (std::size_t taken = 0; taken < kPerStep || mailbox_.in_batch(); ++taken) {
+    const Mailbox::Posted* posted = mailbox_.front();
+    if (posted == nullptr) break;
+    apply(posted->request, posted->ticket, posted->received, tick);
+    mailbox_.pop();
+  }
+}
+
+void MultimodeController::take_stops(const Tick& tick) {
+  const std::uint32_t bits = stop_requests_.exchange(0, std::memory_order_acq_rel);
+  if (bits == 0) return;
+  const ArmSet arms = ArmSet::from_bits(bits) & ArmSet::all(arm_count());
+  stopped_ |= arms;
+  stopped_shared_.store(stopped_.bits(), std::memory_order_release);
+  Event event{.kind = EventKind::stopped, .arms = arms.bits()};
+  emit(event, tick);
+  for_each(arms, [&](ArmIndex arm) {
+    const InstanceIndex owner = owners_[arm].load(std::memory_order_relaxed);
+    safety_.count(arm, Intervention::stop_requested);
+    if (owner != hold_of(arm)) evict(owner, arm, {Intervention::stop_requested}, tick, false);
+  });
+}
+
+void MultimodeController::apply(const Request& request, std::uint64_t ticket, HostTime received,
+                                const Tick& tick) {
+  const bool active = request.instance < instances_.size() && (active_ & bit(request.instance)) != 0;
+  Answer answer;
+  answer.kind = request.kind;
+  answer.ticket = ticket;
+  answer.cycle = tick.cycle;
+  answer.t = tick.t;
+  answer.received = received;
+  answer.taken = ticket != 0 ? host_now() : tick.start;  // it may have been posted after the step began
+  answer.verdict = check(request);
+  Event event{
+      .verdict = answer.verdict, .ticket = ticket, .instance = request.instance, .index = request.index};
+  if (answer.accepted()) {
+    switch (request.kind) {
+      case Request::Kind::switch_controllets:
+        answer.verdict = apply_switch(request, answer, tick);
+        break;
+      case Request::Kind::set_parameter:
+        instances_[request.instance]->set_parameter(request.index,
+                                                    std::span(request.values).first(request.size), active);
+        event.kind = EventKind::parameter_set;
+        event.size = request.size;
+        std::copy_n(request.values.begin(), request.size, event.values.begin());
+        break;
+      case Request::Kind::set_feature:
+        if (instances_[request.instance]->set_feature(request.index, request.on, active, tick) !=
+            LawResult::ok) {
+          answer.verdict = Verdict::start_refused;
+        }
+        event.kind = EventKind::feature_set;
+        event.size = 1;
+        event.values[0] = request.on ? 1 : 0;
+        break;
+      case Request::Kind::set_target:
+        if (!active) {
+          answer.verdict = Verdict::not_active;
+        } else {
+          instances_[request.instance]->inputs()[request.index].set(request.target);
+        }
+        event.kind = EventKind::target_set;
+        event.size = request.target.size;
+        std::copy_n(request.target.values.begin(), request.target.size, event.values.begin());
+        break;
+      case Request::Kind::resume:
+        stopped_ = stopped_ - request.arms;
+        stopped_shared_.store(stopped_.bits(), std::memory_order_release);
+        event.kind = EventKind::resumed;
+        event.arms = request.arms.bits();
+        break;
+    }
+  }
+  event.verdict = answer.verdict;
+  if (request.kind != Request::Kind::switch_controllets) emit(event, tick);  // switches are told by close()
+  pending_[pending_count_++] = answer;
+}
+
+// Starts the new ones first: if one refuses, everything stays as it was.
+Verdict MultimodeController::apply_switch(const Request& request, Answer& answer, const Tick& tick) {
+  answer.plan = plan(active_, request);
+  const ArmSet moving = arms_of(answer.plan.start);
+  // What inspect() would take out in this very step is not started in the first place. A hold always may.
+  const InstanceSet holds = (InstanceSet{1} << arm_count()) - 1;
+  bool ready = true;
+  for_each(arms_of(answer.plan.start & ~holds), [&](ArmIndex arm) {
+    ready = ready && !safety_.inspect(arm, blocks_.states[arm], blocks_.terms[arm]);
+  });
+  if (!ready) return Verdict::arm_not_ready;
+  bool started = true;
+  for_each(answer.plan.start,
+           [&](InstanceIndex i) { started = started && instances_[i]->start(tick) == LawResult::ok; });
+  if (!started) return Verdict::start_refused;
+  commit(answer.plan);
+  handed_over_ |= moving;
+  return Verdict::accepted;
+}
+
+void MultimodeController::commit(const SwitchPlan& plan) {
+  active_ = (active_ & ~plan.stop) | plan.start;
+  for_each(plan.start, [&](InstanceIndex i) {
+    for_each(instances_[i]->arms(), [&](ArmIndex arm) { owners_[arm].store(i, std::memory_order_release); });
+  });
+  active_shared_.store(active_, std::memory_order_release);
+}
+
+// Takes an instance out; its arms are held from this very step on.
+void MultimodeController::evict(InstanceIndex instance, ArmIndex arm, const Finding& finding,
+                                const Tick& tick, bool update_holds) {
+  if ((active_ & bit(instance)) == 0) return;
+  const Request request{.deactivate = bit(instance)};
+  const SwitchPlan leave = plan(active_, request);
+  commit(leave);
+  ticking_ &= ~leave.stop;
+  handed_over_ |= arms_of(leave.start);
+  for_each(leave.start, [&](InstanceIndex i) {
+    (void)instances_[i]->start(tick);
+    if (!update_holds) return;
+    (void)instances_[i]->begins_tick(instances_[i]->arms());
+    const ArmIndex held = instances_[i]->arms().first();
+    if (instances_[i]->update(tick) != Intervention::none ||
+        safety_.judge(held, blocks_.tau_controllet[held])) {
+      clear(blocks_.tau_controllet, held,
+            blocks_.terms[held].joint_count());  // not even a hold can be computed: the arm carries itself
+    }
+    if (instances_[i]->update_features(tick) != Intervention::none ||
+        safety_.judge(held, blocks_.tau_controllet[held], blocks_.tau_feature[held])) {
+      clear(blocks_.tau_feature, held, blocks_.terms[held].joint_count());
+    }
+  });
+  if (finding.rule != Intervention::stop_requested) {
+    safety_.count(arm, finding.rule);
+    emit_finding(EventKind::intervention, arm, instance, finding, tick);
+  }
+  Event event{.kind = EventKind::switched, .started = leave.start, .stopped = leave.stop, .kept = leave.keep};
+  event.intervention = finding.rule;
+  event.instance = instance;
+  event.arm = static_cast<std::uint16_t>(arm);
+  emit(event, tick);
+}
+
+// Leaves an event when the arm itself changed its mode or configuration.
+void MultimodeController::watch_arm(ArmIndex arm, const Tick& tick) {
+  const ArmState& state = blocks_.states[arm];
+  if (state.mode != last_mode_[arm]) {
+    last_mode_[arm] = state.mode;
+    Event event{.kind = EventKind::arm_mode, .arm = static_cast<std::uint16_t>(arm)};
+    event.index = static_cast<std::uint16_t>(state.mode);
+    emit(event, tick);
+  }
+  if (state.fresh && state.config_version != last_config_[arm]) {
+    last_config_[arm] = state.config_version;
+    Event event{.kind = EventKind::arm_config, .arm = static_cast<std::uint16_t>(arm)};
+    event.index = static_cast<std::uint16_t>(state.config_version);
+    const auto add = [&](double value) { event.values[event.size++] = value; };
+    for (const Pose& X : {state.frames.X_FE, state.frames.X_EK}) {
+      const Quaternion q = X.quaternion();
+      for (const double v : {X.position.x(), X.position.y(), X.position.z(), q.w(), q.x(), q.y(), q.z()})
+        add(v);
+    }
+    for (const Load& load : {state.tool, state.load}) {
+      for (const double v : {load.mass, load.p_FC.x(), load.p_FC.y(), load.p_FC.z()}) add(v);
+    }
+    emit(event, tick);
+  }
+}
+
+void MultimodeController::inspect(const Tick& tick) {
+  for_each(ArmSet::all(arm_count()), [&](ArmIndex arm) {
+    watch_arm(arm, tick);
+    const InstanceIndex owner = owners_[arm].load(std::memory_order_relaxed);
+    if (owner == hold_of(arm)) return;
+    if (const Finding finding = safety_.inspect(arm, blocks_.states[arm], blocks_.terms[arm])) {
+      evict(owner, arm, finding, tick, false);
+    }
+  });
+}
+
+void MultimodeController::run_controllets(const Tick& tick) {
+  ticking_ = 0;
+  for_each(active_, [&](InstanceIndex i) {
+    Instance& instance = *instances_[i];
+    if ((active_ & bit(i)) == 0 || !instance.begins_tick(tick.due)) return;
+    ticking_ |= bit(i);
+    Finding finding{instance.update(tick)};
+    ArmIndex arm = instance.arms().first();
+    if (!finding) {
+      for_each(instance.arms(), [&](ArmIndex a) {
+        if (finding) return;
+        finding = safety_.judge(a, blocks_.tau_controllet[a]);
+        if (finding) arm = a;
+      });
+    }
+    if (finding) {
+      if (i < arm_count()) {
+        // The hold itself: nothing below it but the arm's own gravity compensation.
+        clear(blocks_.tau_controllet, arm, blocks_.terms[arm].joint_count());
+        safety_.count(arm, finding.rule);
+      } else {
+        evict(i, arm, finding, tick, true);
+      }
+    }
+  });
+}
+
+void MultimodeController::run_features(const Tick& tick) {
+  for_each(ticking_, [&](InstanceIndex i) {
+    if ((ticking_ & bit(i)) == 0) return;
+    Instance& instance = *instances_[i];
+    Finding finding{instance.update_features(tick)};
+    ArmIndex arm = instance.arms().first();
+    for_each(instance.arms(), [&](ArmIndex a) {
+      if (finding) return;
+      finding = safety_.judge(a, blocks_.tau_controllet[a], blocks_.tau_feature[a]);
+      if (finding) arm = a;
+    });
+    if (!finding) return;
+    if (i < arm_count()) {
+      clear(blocks_.tau_feature, arm, blocks_.terms[arm].joint_count());
+      safety_.count(arm, finding.rule);
+    } else {
+      evict(i, arm, finding, tick, true);
+    }
+  });
+}
+
+void MultimodeController::limit(const Tick& tick, std::span<JointVector> tau_cmd) {
+  for_each(tick.due, [&](ArmIndex arm) {
+    const JointVector wanted = blocks_.tau_controllet[arm] + blocks_.tau_feature[arm];
+    const JointVector before = safety_.last_command(arm);
+    Finding cut;
+    tau_cmd[arm] = safety_.limit(arm, wanted, seconds(tick.t - last_torque_[arm]), cut);
+    last_torque_[arm] = tick.t;
+    if (handed_over_.contains(arm)) {
+      step_wanted_[arm] = (wanted - before).lpNorm<Eigen::Infinity>();
+      step_sent_[arm] = (tau_cmd[arm] - before).lpNorm<Eigen::Infinity>();
+    }
+    if (cut && cut.rule != last_cut_[arm]) {
+      emit_finding(EventKind::intervention, arm, owners_[arm].load(std::memory_order_relaxed), cut, tick);
+    }
+    last_cut_[arm] = cut.rule;
+  });
+}
+
+void MultimodeController::close(const Tick& tick) {
+  if (pending_count_ == 0) return;
+  const HostTime now = host_now();
+  for (std::size_t k = 0; k < pending_count_; ++k) {
+    Answer& answer = pending_[k];
+    answer.first_torque = now;
+    if (answer.kind == Request::Kind::switch_controllets) {
+      answer.step_wanted = step_wanted_;
+      answer.step_sent = step_sent_;
+      Event event{.kind = answer.accepted() ? EventKind::switched : EventKind::switch_refused};
+      event.verdict = answer.verdict;
+      event.ticket = answer.ticket;
+      event.started = answer.plan.start;
+      event.stopped = answer.plan.stop;
+      event.kept = answer.plan.keep;
+      event.arms = arms_of(answer.plan.start).bits();
+      event.received = answer.received;
+      event.taken = answer.taken;
+      event.first_torque = now;
+      event.size = static_cast<std::uint8_t>(2 * arm_count());
+      for (ArmIndex arm = 0; arm < arm_count(); ++arm) {
+        event.values[2 * arm] = step_wanted_[arm];
+        event.values[2 * arm + 1] = step_sent_[arm];
+      }
+      emit(event, tick);
+    }
+    if (answer.ticket != 0) mailbox_.answer(answer);
+  }
+}
+
+}  // namespace multipanda
