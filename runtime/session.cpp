@@ -30,13 +30,24 @@ void sleep_us(int us) { std::this_thread::sleep_for(std::chrono::microseconds(us
 }  // namespace
 
 Session::Session(Scene scene, const Registry& registry, SessionOptions options)
-    : scene_(std::move(scene)), registry_(registry), options_(std::move(options)) {
+    : scene_(std::move(scene)),
+      registry_(registry),
+      options_(std::move(options)),
+      live_state_(scene_.arms.size()) {
   duration_s_ = options_.duration_s.value_or(scene_.duration_s);
   build();
   if (!options_.record.empty()) open_log();
+  if (!options_.socket.empty()) {
+    live_ = std::make_unique<LiveServer>(options_.socket, LiveWorld{.scene = scene_.name,
+                                                                    .modes = &modes(),
+                                                                    .backend = backend_.get(),
+                                                                    .board = &live_state_,
+                                                                    .models = models_});
+  }
 }
 
 Session::~Session() {
+  live_.reset();
   stop();
   if (loop_.joinable()) loop_.join();
   if (relay_.joinable()) relay_.join();
@@ -57,7 +68,7 @@ void Session::build() {
   modes().schedule(build_schedule(scene_, modes()));
   modes().activate_at_start(start_set(scene_, modes()));
   board_ =
-      std::make_unique<StatusBoard>(cycle_->layout(), std::move(tau_max), backend_->capabilities(0).lockstep);
+      std::make_unique<StatusBoard>(cycle_->layout(), std::move(tau_max));
 }
 
 void Session::open_log() {
@@ -171,6 +182,7 @@ bool Session::relay() {
   while (const Event* event = ring.events.front()) {
     busy = true;
     board_->take(*event);
+    if (live_) live_state_.take(*event);
     if (log_ring_) {
       while (!options_.paced && log_ring_->events.size() == log_ring_->events.capacity()) sleep_us(50);
       if (!log_ring_->events.push(*event)) ++log_ring_->dropped_events;
@@ -182,6 +194,7 @@ bool Session::relay() {
     if (record == nullptr) break;
     busy = true;
     board_->take(*record);
+    if (live_) live_state_.take(*record);
     if (options_.observer) options_.observer(*record);
     if (log_ring_) {
       while (!options_.paced && log_ring_->ring.size() == log_ring_->ring.capacity()) sleep_us(50);
@@ -209,6 +222,7 @@ bool Session::wait_for_end(double timeout_s) {
 RunSummary Session::finish() {
   loop_.join();
   relay_.join();
+  live_.reset();
   if (recorder_) recorded_ = recorder_->stop();
   if (failure_) std::rethrow_exception(failure_);
   return summary();

@@ -13,6 +13,8 @@
 #include "core/cycle/control_cycle.hpp"
 #include "core/rt/thread_setup.hpp"
 #include "logs/recorder.hpp"
+#include "runtime/live_input/server.hpp"
+#include "runtime/live_input/state_board.hpp"
 #include "runtime/status.hpp"
 #include "runtime/summary.hpp"
 #include "scene/scene.hpp"
@@ -26,6 +28,8 @@ struct SessionOptions {
   ThreadSetup thread;                // asked for, never insisted on; unpaced runs never get SCHED_FIFO
   double hold_s = 0.2;               // how long the arms are held before a stopped run ends
   std::size_t ring_cycles = 0;       // records that may wait for the disk; 0: by their size
+  // Where live input is taken (docs/live_input.md); empty: nowhere. Its folder must exist.
+  std::filesystem::path socket;
   // Sees every record, in order, on the relay's thread: for tests and comparisons.
   std::function<void(const CycleRecord&)> observer;
   // Another world than the scene's simulation. Its loop time must advance by its own period per step.
@@ -43,7 +47,7 @@ struct SessionOptions {
 class Session {
  public:
   // Builds everything; nothing moves yet. Throws std::invalid_argument (a scene that cannot be), or
-  // std::runtime_error (models, plant or log folder cannot be had). `registry` must live longer.
+  // std::runtime_error (models, plant, log folder or socket cannot be had). `registry` must live longer.
   Session(Scene scene, const Registry& registry, SessionOptions options);
   ~Session();  // stops
   Session(const Session&) = delete;
@@ -82,6 +86,7 @@ class Session {
   std::unique_ptr<ControlCycle> cycle_;
   std::vector<std::shared_ptr<const ArmModel>> models_;
   std::unique_ptr<StatusBoard> board_;
+  StateBoard live_state_;
 
   std::filesystem::path directory_, log_;
   std::unique_ptr<RecordRing> log_ring_;  // relay -> recorder
@@ -97,6 +102,8 @@ class Session {
   std::exception_ptr failure_;
   std::string problem_;
   HostTime begun_, ended_;
+
+  std::unique_ptr<LiveServer> live_;  // uses all of the above
 
   std::atomic<bool> stop_asked_{false}, loop_ended_{false};
   std::mutex end_mutex_;

@@ -29,13 +29,13 @@ struct LiveWorld {
 struct StreamChannel {
   InstanceIndex instance = kNoInstance;
   std::uint16_t input = 0;
-  std::optional<Pose> X_WB;     // of the base in whose frame the values come; nothing: world
-  std::uint64_t last = 0;       // sequence
-  std::uint64_t received = 0;   // packets
-  std::uint64_t lost = 0;       // gaps in the sequence
-  std::uint64_t late = 0;       // out of order: ignored
-  std::uint64_t refused = 0;    // not taken
-  std::int64_t client_time_ns = 0;  // of the newest
+  std::optional<Pose> X_WB;            // of the base in whose frame the values come; nothing: world
+  std::uint64_t last = 0;              // sequence
+  std::uint64_t received = 0;          // packets
+  std::uint64_t lost = 0;              // gaps in the sequence
+  std::uint64_t late = 0;              // out of order: ignored
+  std::uint64_t refused = 0;           // not taken
+  std::int64_t client_time_ns = 0;     // of the newest
   Verdict verdict = Verdict::pending;  // of the newest
 };
 
@@ -47,9 +47,9 @@ class CommandDesk {
 
   // What has been begun and is not answered yet.
   struct Pending {
-    nlohmann::json request;
     HostTime asked;
     std::uint64_t ticket = 0;       // of the mailbox
+    Request request;                // what the ticket is for
     std::future<ArmAnswer> answer;  // of the backend
     ArmSet stopping;                // a stop
   };
@@ -91,15 +91,13 @@ class CommandDesk {
   std::vector<std::string> names_of(ArmSet arms) const;
   Address address_in(const JsonFields& fields) const;
   const ArmModel& model_of(InstanceIndex i, const InputSpec& input) const;
-  nlohmann::json answer_of(const Answer& answer) const;
+  nlohmann::json answer_of(const Answer& answer, const Request& request) const;
   std::string reason(const Request& request, Verdict verdict) const;
   nlohmann::json refusal(Verdict verdict, const std::string& reason) const;
 
   LiveWorld world_;
   StateBoard::Snapshot snapshot_;
   std::vector<ModelTerms> terms_;
-  std::vector<Request> asked_;  // by ticket, so that a late refusal can be put into words
-  std::vector<std::uint64_t> asked_tickets_;
 };
 
 // "two_owners"

@@ -38,7 +38,8 @@ void JsonFields::allow(const std::vector<std::string>& keys) const {
     if (std::find(keys.begin(), keys.end(), item.key()) != keys.end()) continue;
     const auto same = same_quantity(item.key(), keys);
     refuse("unknown key '" + item.key().substr(0, kQuoted) + "'" +
-           (same.empty() ? name_hint(item.key(), keys, "there are none") : "; expected " + joined(same, " or ")));
+           (same.empty() ? name_hint(item.key(), keys, "there are none")
+                         : "; expected " + joined(same, " or ")));
   }
 }
 

@@ -78,7 +78,8 @@ Pose read_pose(const JsonFields& fields) {
   }
   const auto q = fields.numbers("quaternion_wxyz", 4);
   const Quaternion quaternion(q[0], q[1], q[2], q[3]);
-  if (std::abs(quaternion.norm() - 1) > 1e-2) fields.expected("quaternion_wxyz", "a unit quaternion, w first");
+  if (std::abs(quaternion.norm() - 1) > 1e-2)
+    fields.expected("quaternion_wxyz", "a unit quaternion, w first");
   return Pose::from(position, quaternion);
 }
 

@@ -4,13 +4,12 @@
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
-#include <system_error>
-
 #include <fcntl.h>
 #include <sys/file.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
+#include <system_error>
 #include <unistd.h>
 
 namespace multipanda {
@@ -105,11 +104,13 @@ SocketClaim::SocketClaim(std::filesystem::path path)
     }
     if (flock(lock_, LOCK_EX | LOCK_NB) != 0) {
       close(lock_);
-      throw SocketTaken("'" + path_.string() +
-                        "' belongs to a running process: choose another path with --socket, or stop that run");
+      throw SocketTaken(
+          "'" + path_.string() +
+          "' belongs to a running process: choose another path with --socket, or stop that run");
     }
     // The owner before removes its lock file: what was locked must still be what stands at the path.
-    struct stat locked {}, present {};
+    struct stat locked {
+    }, present{};
     if (fstat(lock_, &locked) == 0 && stat(lock_path_.c_str(), &present) == 0 &&
         locked.st_ino == present.st_ino && locked.st_dev == present.st_dev) {
       break;

@@ -16,8 +16,8 @@ struct SocketTaken : std::runtime_error {
 // $XDG_RUNTIME_DIR/multipanda, else <temporary folder>/multipanda-<uid>.
 std::filesystem::path socket_folder();
 
-// Makes the folder (mode 0700) where it is missing. Throws std::runtime_error if it cannot be made, is a link,
-// belongs to somebody else or is open to others: whoever can write there can move the arms.
+// Makes the folder (mode 0700) where it is missing. Throws std::runtime_error if it cannot be made, is a
+// link, belongs to somebody else or is open to others: whoever can write there can move the arms.
 void make_private_folder(const std::filesystem::path& folder);
 
 // The sockets in a folder behind which a process listens, by name.

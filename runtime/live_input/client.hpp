@@ -1,0 +1,65 @@
+#pragma once
+
+#include <deque>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+#include "runtime/live_input/line_connection.hpp"
+#include "runtime/live_input/stream_packet.hpp"
+
+// The other end of a LiveServer: for the command line and for programs that move arms. Blocking; one thread.
+namespace multipanda {
+
+// Publishes set-points for one input at up to 1 kHz. The values are those of a Target, in the frame that the
+// handshake named. When nothing is sent for the input's timeout_s the arms go to hold.
+class ReferenceStream {
+ public:
+  ReferenceStream(const std::filesystem::path& path, std::uint32_t channel);  // throws std::runtime_error
+  ~ReferenceStream();
+  ReferenceStream(ReferenceStream&& other) noexcept;
+  ReferenceStream& operator=(ReferenceStream&&) = delete;
+
+  // Never waits: false if the packet found no room (it is counted as lost at the other end) or the run is
+  // over. Throws std::invalid_argument for no values or more than kMaxTargetValues.
+  bool send(std::span<const double> values, std::int64_t client_time_ns = 0);
+  std::uint32_t channel() const { return channel_; }
+  std::uint64_t sent() const { return sequence_; }  // packets, the ones without room included
+
+ private:
+  int file_ = -1;
+  std::uint32_t channel_ = 0;
+  std::uint64_t sequence_ = 0;
+};
+
+class LiveClient {
+ public:
+  explicit LiveClient(const std::filesystem::path& socket);  // throws std::runtime_error: nobody listens
+
+  // Sends a request (without "id") and waits for its answer. Throws std::runtime_error if none comes.
+  nlohmann::json ask(nlohmann::json request, double timeout_s = 10);
+  // Sends without waiting; for requests that are answered only when refused.
+  void tell(const nlohmann::json& request);
+  // The next line that is no answer: streamed state, news of a channel. Throws std::runtime_error: none came.
+  nlohmann::json next(double timeout_s);
+
+  // `frame`: "world" or "<arm>_base"; empty: the input's own. Throws std::invalid_argument with the refusal.
+  ReferenceStream open_stream(const std::string& controllet, const std::string& input,
+                              const std::string& frame = "");
+
+ private:
+  nlohmann::json receive(double deadline_s);
+  void send(const nlohmann::json& request);
+
+  LineConnection line_;
+  std::uint64_t next_id_ = 1;
+  std::deque<nlohmann::json> others_;
+};
+
+// The socket of the only running scene. Throws std::runtime_error if there is none, or more than one.
+std::filesystem::path only_running_socket();
+
+}  // namespace multipanda

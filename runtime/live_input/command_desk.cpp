@@ -1,0 +1,413 @@
+#include "runtime/live_input/command_desk.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "runtime/live_input/reference_values.hpp"
+#include "scene/names.hpp"
+
+namespace multipanda {
+namespace {
+
+using nlohmann::json;
+
+constexpr double kPatience = 1.0;     // for the loop [s]
+constexpr double kArmPatience = 5.0;  // for a backend's answer [s]
+constexpr double kLongest = 86400;    // of a motion [s]
+
+// The keys every request may have, beside its own.
+std::vector<std::string> with_common(std::vector<std::string> keys) {
+  keys.insert(keys.end(), {"id", "do"});
+  return keys;
+}
+
+const std::vector<std::string> kLoopWords = {"switch", "feature", "parameter", "reference",
+                                             "stop",   "resume",  "list",      "state"};
+const std::vector<std::string> kArmWords = {"set_load",     "set_frames", "recover", "user_stop",
+                                            "place_object", "pause",      "reset"};
+const std::vector<std::string> kLineWords = {"subscribe", "unsubscribe", "stream", "stream_end", "channels"};
+
+std::vector<std::string> all_words() {
+  std::vector<std::string> words;
+  for (const auto* list : {&kLoopWords, &kArmWords, &kLineWords}) {
+    words.insert(words.end(), list->begin(), list->end());
+  }
+  return words;
+}
+
+Load read_load(const JsonFields& fields) {
+  Load load;
+  load.mass = fields.number("mass_kg");
+  if (!(load.mass >= 0 && load.mass <= 50)) fields.expected("mass_kg", "a mass of 0 to 50 kg");
+  if (fields.has("com_m")) {
+    const auto c = fields.numbers("com_m", 3);
+    load.p_FC = {c[0], c[1], c[2]};
+  }
+  if (fields.has("inertia_kg_m2")) {
+    const JsonFields inertia = fields.section("inertia_kg_m2");
+    inertia.allow({"xx", "yy", "zz", "xy", "xz", "yz"});
+    const double xy = inertia.number("xy", 0), xz = inertia.number("xz", 0), yz = inertia.number("yz", 0);
+    load.inertia_C << inertia.number("xx"), xy, xz, xy, inertia.number("yy"), yz, xz, yz,
+        inertia.number("zz");
+  }
+  return load;
+}
+
+std::optional<Pose> read_frame(const JsonFields& fields, const std::string& key) {
+  if (!fields.has(key)) return {};
+  const JsonFields section = fields.section(key);
+  section.allow(keys_of(Quantity::pose));
+  return read_pose(section);
+}
+
+}  // namespace
+
+CommandDesk::CommandDesk(LiveWorld world) : world_(std::move(world)) {
+  for (const auto& model : world_.models) terms_.emplace_back(model);
+}
+
+std::optional<json> CommandDesk::begin(const json& request, Pending& pending) {
+  const JsonFields fields(request, "request");
+  const std::string word = fields.text("do");
+  const JsonFields named(request, word);
+  pending.asked = host_now();
+  if (word == "switch") return begin_switch(named, pending);
+  if (word == "feature") return begin_feature(named, pending);
+  if (word == "parameter") return begin_parameter(named, pending);
+  if (word == "reference") return begin_reference(named, pending);
+  if (word == "stop") {
+    named.allow(with_common({"arms"}));
+    pending.stopping = arms_in(named);
+    world_.modes->stop(pending.stopping);
+    return {};
+  }
+  if (word == "resume") {
+    named.allow(with_common({"arms"}));
+    Request resume{.kind = Request::Kind::resume};
+    resume.arms = arms_in(named);
+    return post(resume, pending);
+  }
+  if (word == "list" || word == "state") {
+    named.allow(with_common({}));
+    return word == "list" ? list() : json{{"ok", true}, {"state", state()}};
+  }
+  if (std::find(kArmWords.begin(), kArmWords.end(), word) != kArmWords.end()) {
+    begin_arm_request(word, named, pending);
+    return {};
+  }
+  fields.refuse("there is no '" + word.substr(0, 60) + "'" +
+                name_hint(word, all_words(), "nothing can be done"));
+}
+
+std::optional<json> CommandDesk::begin_switch(const JsonFields& fields, Pending& pending) {
+  fields.allow(with_common({"activate", "deactivate", "only"}));
+  Request request{.kind = Request::Kind::switch_controllets};
+  for (const auto& name : fields.texts("activate")) request.activate |= bit(instance(name));
+  for (const auto& name : fields.texts("deactivate")) request.deactivate |= bit(instance(name));
+  request.only = fields.boolean("only", false);
+  if (request.activate == 0 && request.deactivate == 0 && !request.only) {
+    fields.refuse("switches nothing; expected 'activate' or 'deactivate' with names of controllets");
+  }
+  if (const InstanceSet both = request.activate & request.deactivate; both != 0) {
+    fields.refuse("'" + names_of(both).front() + "' is in activate and in deactivate");
+  }
+  return post(request, pending);
+}
+
+std::optional<json> CommandDesk::begin_feature(const JsonFields& fields, Pending& pending) {
+  fields.allow(with_common({"controllet", "name", "on"}));
+  Request request{.kind = Request::Kind::set_feature};
+  request.instance = instance_in(fields);
+  const Instance& target = world_.modes->instance(request.instance);
+  const std::string name = fields.text("name");
+  const std::size_t index = target.find_feature(name);
+  if (index == target.feature_count()) {
+    std::vector<std::string> valid;
+    for (std::size_t i = 0; i < target.feature_count(); ++i)
+      valid.push_back(target.feature_statement(i).type);
+    throw RequestRefused("unknown_feature",
+                         "there is no feature '" + name + "'" + name_hint(name, valid, "there are none"));
+  }
+  request.index = static_cast<std::uint16_t>(index);
+  request.on = fields.boolean("on", true);
+  return post(request, pending);
+}
+
+std::optional<json> CommandDesk::begin_parameter(const JsonFields& fields, Pending& pending) {
+  fields.allow(with_common({"controllet", "name", "value"}));
+  Request request{.kind = Request::Kind::set_parameter};
+  request.instance = instance_in(fields);
+  const Instance& target = world_.modes->instance(request.instance);
+  const std::string name = fields.text("name");
+  const std::size_t index = target.find_parameter(name);
+  if (index == target.parameter_count()) {
+    throw RequestRefused("unknown_parameter", "'" + target.name() + "' has no parameter '" + name + "'" +
+                                                  name_hint(name, target.parameter_names(), "it has none"));
+  }
+  request.index = static_cast<std::uint16_t>(index);
+  const ParameterSpec& spec = target.parameter_spec(index);
+  const std::size_t size = target.parameter_size(index);
+  const json& value = fields.at("value");
+  request.size = static_cast<std::uint8_t>(size);
+  if (!spec.choices.empty()) {  // by name; true and false are names as well
+    const std::string word = value.is_boolean()  ? (value.get<bool>() ? "true" : "false")
+                             : value.is_string() ? value.get<std::string>()
+                                                 : std::string();
+    const auto choice = std::find(spec.choices.begin(), spec.choices.end(), word);
+    if (choice == spec.choices.end()) fields.expected("value", joined(spec.choices, " or "));
+    request.values[0] = static_cast<double>(choice - spec.choices.begin());
+  } else if (value.is_number()) {  // one for all
+    std::fill_n(request.values.begin(), size, value.get<double>());
+  } else if (size == 1) {
+    fields.expected("value", "a number");
+  } else {
+    const auto numbers = fields.numbers("value", size);
+    std::copy(numbers.begin(), numbers.end(), request.values.begin());
+  }
+  return post(request, pending);
+}
+
+CommandDesk::Address CommandDesk::address_in(const JsonFields& fields) const {
+  Address address{.instance = instance_in(fields), .input = 0, .X_WB = {}};
+  const Instance& target = world_.modes->instance(address.instance);
+  const std::string name = fields.text("input");
+  const std::size_t index = target.find_input(name);
+  if (index == target.inputs().size()) {
+    std::vector<std::string> valid;
+    for (const auto& input : target.inputs()) valid.push_back(input.spec().name);
+    throw RequestRefused("unknown_input", "'" + target.name() + "' has no input '" + name + "'" +
+                                              name_hint(name, valid, "it has none"));
+  }
+  address.input = static_cast<std::uint16_t>(index);
+  const InputSpec& spec = target.inputs()[index].spec();
+  if (!fields.has("frame")) return address;
+  const std::string frame = fields.text("frame");
+  if (spec.quantity == Quantity::joints || spec.quantity == Quantity::scalar) {
+    fields.refuse("a " + std::string(to_string(spec.quantity)) + " input has no frame; leave 'frame' out");
+  }
+  if (frame == spec.frame) return address;
+  std::vector<std::string> valid{spec.frame};
+  for (ArmIndex a = 0; spec.frame == "world" && a < world_.modes->arm_count(); ++a) {
+    valid.push_back(world_.modes->arm_name(a) + "_base");
+    if (frame == valid.back()) address.X_WB = world_.models[a]->X_WB();
+  }
+  if (!address.X_WB)
+    fields.refuse("there is no frame '" + frame + "'" + name_hint(frame, valid, "there is none"));
+  return address;
+}
+
+std::optional<json> CommandDesk::begin_reference(const JsonFields& fields, Pending& pending) {
+  std::vector<std::string> keys = {"controllet", "input", "frame", "duration_s", "stream"};
+  for (const auto& key : reference_keys()) keys.push_back(key);
+  fields.allow(with_common(keys));
+  const Address address = address_in(fields);
+  Instance& target = world_.modes->instance(address.instance);
+  Reference& input = target.inputs()[address.input];
+  std::vector<double> values = read_reference(fields, input.spec(), input.size());
+  if (input.spec().quantity == Quantity::joints) {
+    const ArmModel& model = model_of(address.instance, input.spec());
+    if (const auto joint = joint_beyond_limit(model, values)) {
+      const auto k = static_cast<Eigen::Index>(*joint);
+      throw RequestRefused("out_of_bounds", "joint " + std::to_string(*joint + 1) + ": " +
+                                                json(values[*joint]).dump() + " rad is outside of " +
+                                                json(model.limits().q_min[k]).dump() + " to " +
+                                                json(model.limits().q_max[k]).dump() + " rad");
+    }
+  }
+  if (address.X_WB) to_world(input.spec().quantity, *address.X_WB, values);
+  Request request{.kind = Request::Kind::set_target};
+  request.instance = address.instance;
+  request.index = address.input;
+  Target& set_point = request.target;
+  set_point.size = static_cast<std::uint8_t>(values.size());
+  std::copy(values.begin(), values.end(), set_point.values.begin());
+  set_point.duration_s = fields.number("duration_s", 0);
+  if (!(set_point.duration_s >= 0 && set_point.duration_s <= kLongest))
+    fields.expected("duration_s", "0 to 86400 seconds");
+  if (!fields.boolean("stream", false)) return post(request, pending);
+  // A stream goes straight to the input, which takes the newest at the next cycle: nothing to wait for.
+  set_point.delivery = Delivery::stream;
+  Verdict verdict = Verdict::not_active;
+  if ((world_.modes->active() & bit(address.instance)) != 0) verdict = input.post(set_point);
+  if (verdict != Verdict::accepted) return refusal(verdict, reason(request, verdict));
+  return json{{"ok", true}, {"streamed", true}};
+}
+
+void CommandDesk::begin_arm_request(const std::string& word, const JsonFields& fields, Pending& pending) {
+  ArmIndex target = 0;
+  ArmRequest request;
+  const auto of_arm = [&](std::vector<std::string> keys) {
+    keys.push_back("arm");
+    fields.allow(with_common(std::move(keys)));
+    target = arm(fields.text("arm"));
+  };
+  if (word == "set_load") {
+    of_arm({"mass_kg", "com_m", "inertia_kg_m2"});
+    request = SetLoad{read_load(fields)};
+  } else if (word == "set_frames") {
+    of_arm({"end_effector", "stiffness_frame"});
+    SetFrames frames{read_frame(fields, "end_effector"), read_frame(fields, "stiffness_frame")};
+    if (!frames.X_FE && !frames.X_EK)
+      fields.refuse("expected 'end_effector' (in the flange) or 'stiffness_frame' (in the end effector)");
+    request = std::move(frames);
+  } else if (word == "recover") {
+    of_arm({});
+    request = RecoverFromError{};
+  } else if (word == "user_stop") {
+    of_arm({"pressed"});
+    (void)fields.at("pressed");
+    request = SetUserStop{fields.boolean("pressed", false)};
+  } else if (word == "place_object") {
+    auto keys = keys_of(Quantity::pose);
+    keys.push_back("object");
+    fields.allow(with_common(keys));
+    request = PlaceObject{fields.text("object"), read_pose(fields)};
+  } else if (word == "pause") {
+    fields.allow(with_common({"paused"}));
+    request = PauseSimulation{fields.boolean("paused", true)};
+  } else {
+    fields.allow(with_common({}));
+    request = ResetSimulation{};
+  }
+  pending.answer = world_.backend->request(target, std::move(request));
+}
+
+std::optional<json> CommandDesk::post(const Request& request, Pending& pending) {
+  pending.request = request;
+  const Verdict verdict = world_.modes->post(std::span(&request, 1), pending.ticket);
+  if (verdict == Verdict::accepted) return {};
+  return refusal(verdict, reason(request, verdict));
+}
+
+std::optional<json> CommandDesk::poll(Pending& pending) {
+  const double waited = seconds(host_now() - pending.asked);
+  if (pending.ticket != 0) {
+    Answer answer;
+    if (world_.modes->poll(pending.ticket, answer)) return answer_of(answer, pending.request);
+    if (waited <= kPatience) return {};
+    return refusal(Verdict::timeout, reason(pending.request, Verdict::timeout));
+  }
+  if (pending.answer.valid()) {
+    if (pending.answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
+      try {
+        const ArmAnswer answer = pending.answer.get();
+        if (answer.success) return json{{"ok", true}};
+        return json{{"ok", false}, {"verdict", "arm_refused"}, {"reason", answer.reason}};
+      } catch (const std::future_error&) {
+        return json{{"ok", false}, {"verdict", "arm_refused"}, {"reason", "the backend gave no answer"}};
+      }
+    }
+    if (waited <= kArmPatience) return {};
+    return refusal(Verdict::timeout, "the arm did not answer within 5 s");
+  }
+  if (world_.modes->stopped().contains(pending.stopping)) {
+    return json{{"ok", true}, {"stopped", names_of(pending.stopping)}, {"stopped_after_ms", waited * 1e3}};
+  }
+  if (waited <= kPatience) return {};
+  return refusal(Verdict::timeout,
+                 "no cycle ran for 1 s (paused, or ended?); the arms stop at the next one, if it comes");
+}
+
+// ---------------------------------------------------------------------------------------------- streams
+
+StreamChannel CommandDesk::open_channel(const json& request) const {
+  const JsonFields fields(request, "stream");
+  fields.allow(with_common({"controllet", "input", "frame"}));
+  const Address address = address_in(fields);
+  StreamChannel channel;
+  channel.instance = address.instance;
+  channel.input = address.input;
+  channel.X_WB = address.X_WB;
+  return channel;
+}
+
+void CommandDesk::deliver(const StreamPacket& packet, StreamChannel& channel) {
+  if (channel.received > 0 && packet.sequence <= channel.last) {
+    ++channel.late;
+    return;
+  }
+  if (channel.received > 0) channel.lost += packet.sequence - channel.last - 1;
+  channel.last = packet.sequence;
+  channel.client_time_ns = packet.client_time_ns;
+  ++channel.received;
+  Reference& input = world_.modes->instance(channel.instance).inputs()[channel.input];
+  Target target;
+  target.delivery = Delivery::stream;
+  target.size = static_cast<std::uint8_t>(packet.count);
+  target.values = packet.values;
+  const std::span<double> values(target.values.data(), packet.count);
+  const bool active = (world_.modes->active() & bit(channel.instance)) != 0;
+  channel.verdict = active ? input.check(target) : Verdict::not_active;
+  if (channel.verdict == Verdict::accepted && input.spec().quantity == Quantity::joints &&
+      joint_beyond_limit(model_of(channel.instance, input.spec()), values)) {
+    channel.verdict = Verdict::out_of_bounds;
+  }
+  if (channel.verdict == Verdict::accepted) {
+    if (channel.X_WB) to_world(input.spec().quantity, *channel.X_WB, values);
+    channel.verdict = input.post(target);
+  }
+  if (channel.verdict != Verdict::accepted) ++channel.refused;
+}
+
+// ------------------------------------------------------------------------------------------------ names
+
+std::vector<std::string> CommandDesk::instance_names() const {
+  std::vector<std::string> names;
+  for (std::size_t i = 0; i < world_.modes->instance_count(); ++i) {
+    names.push_back(world_.modes->instance(static_cast<InstanceIndex>(i)).name());
+  }
+  return names;
+}
+
+InstanceIndex CommandDesk::instance(const std::string& name) const {
+  const InstanceIndex index = world_.modes->find(name);
+  if (index != kNoInstance) return index;
+  throw RequestRefused("unknown_instance", "there is no controllet '" + name.substr(0, 60) + "'" +
+                                               name_hint(name, instance_names(), "there are none"));
+}
+
+InstanceIndex CommandDesk::instance_in(const JsonFields& fields) const {
+  return instance(fields.text("controllet"));
+}
+
+ArmIndex CommandDesk::arm(const std::string& name) const {
+  for (ArmIndex a = 0; a < world_.modes->arm_count(); ++a) {
+    if (world_.modes->arm_name(a) == name) return a;
+  }
+  throw RequestRefused(
+      "unknown_arm", "there is no arm '" + name.substr(0, 60) + "'" +
+                         name_hint(name, names_of(ArmSet::all(world_.modes->arm_count())), "there are none"));
+}
+
+ArmSet CommandDesk::arms_in(const JsonFields& fields) const {
+  const auto names = fields.texts("arms");
+  if (!fields.has("arms") || names == std::vector<std::string>{"all"})
+    return ArmSet::all(world_.modes->arm_count());
+  if (names.empty()) fields.expected("arms", "names of arms, or \"all\"");
+  ArmSet arms;
+  for (const auto& name : names) arms |= ArmSet::of(arm(name));
+  return arms;
+}
+
+std::vector<std::string> CommandDesk::names_of(InstanceSet set) const {
+  std::vector<std::string> names;
+  for (; set != 0; set &= set - 1) {
+    names.push_back(world_.modes->instance(static_cast<InstanceIndex>(std::countr_zero(set))).name());
+  }
+  return names;
+}
+
+std::vector<std::string> CommandDesk::names_of(ArmSet arms) const {
+  std::vector<std::string> names;
+  for (ArmIndex a = 0; a < world_.modes->arm_count(); ++a) {
+    if (arms.contains(a)) names.push_back(world_.modes->arm_name(a));
+  }
+  return names;
+}
+
+const ArmModel& CommandDesk::model_of(InstanceIndex i, const InputSpec& input) const {
+  return *world_.models[world_.modes->instance(i).arm_list()[input.arm]];
+}
+
+}  // namespace multipanda

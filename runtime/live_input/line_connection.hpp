@@ -1,0 +1,41 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+namespace multipanda {
+
+// One end of a socket that carries lines. Owns the descriptor, which must not block. One thread.
+class LineConnection {
+ public:
+  // `longest`: bytes of a line that is taken, without its end.
+  LineConnection(int file, std::size_t longest) : file_(file), longest_(longest) {}
+  ~LineConnection();
+  LineConnection(const LineConnection&) = delete;
+
+  int file() const { return file_; }
+
+  // Takes what has arrived, at most about one longest line.
+  void receive();
+  struct Line {
+    std::string text;
+    bool too_long = false;  // the rest is thrown away, up to its end
+  };
+  std::optional<Line> next();  // the next whole line; what stands before the end of the input counts as one
+  bool has_line() const;
+  bool input_ended() const { return input_ended_; }
+
+  void send(const std::string& line);  // adds the end of the line; kept until it can go
+  void flush();                        // as much as goes without waiting
+  std::size_t unsent() const { return out_.size() - sent_; }
+  bool broken() const { return broken_; }  // the other end is gone
+
+ private:
+  int file_;
+  std::size_t longest_;
+  std::string in_, out_;
+  std::size_t scanned_ = 0, sent_ = 0;
+  bool skipping_ = false, input_ended_ = false, broken_ = false;
+};
+
+}  // namespace multipanda

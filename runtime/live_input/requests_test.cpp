@@ -1,0 +1,276 @@
+#include <cmath>
+#include <random>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "runtime/live_input/command_desk.hpp"
+#include "runtime/live_input/live_rig.hpp"
+
+namespace multipanda {
+namespace {
+
+using nlohmann::json;
+using testing::HasSubstr;
+
+class RequestsTest : public testing::Test {
+ protected:
+  RequestsTest() : desk_(rig_.world()) { rig_.steps(1); }
+
+  // The answer after at most two cycles.
+  json ask(const json& request) {
+    try {
+      CommandDesk::Pending pending;
+      if (auto at_once = desk_.begin(request, pending)) return *at_once;
+      rig_.steps(2);
+      if (auto later = desk_.poll(pending)) return *later;
+      return {{"ok", false}, {"verdict", "nothing"}};
+    } catch (const RequestRefused& refused) {
+      return {{"ok", false}, {"verdict", refused.code}, {"reason", refused.what()}};
+    }
+  }
+  json ask(const char* text) { return ask(json::parse(text)); }
+  void expect_refused(const char* text, const std::string& verdict, const std::string& words) {
+    const json answer = ask(text);
+    EXPECT_EQ(answer["ok"], false) << text;
+    EXPECT_EQ(answer.value("verdict", ""), verdict) << text;
+    EXPECT_THAT(answer.value("reason", ""), HasSubstr(words)) << text;
+  }
+  std::string owner(ArmIndex arm) { return rig_.loop.modes().instance(rig_.loop.modes().owner(arm)).name(); }
+  std::vector<double> set_point(const char* name) {
+    const Instance& instance = rig_.loop.modes().instance(rig_.loop.find(name));
+    std::array<double, kMaxTargetValues> values{}, rates{};
+    instance.inputs()[0].record(values.data(), rates.data());
+    return {values.begin(), values.begin() + static_cast<std::ptrdiff_t>(instance.inputs()[0].size())};
+  }
+
+  test::LiveRig rig_;
+  CommandDesk desk_;
+};
+
+TEST_F(RequestsTest, SwitchesAndSaysWhatAndWhen) {
+  const json answer = ask(R"({"do":"switch","activate":["pose0"]})");
+  EXPECT_EQ(answer["ok"], true) << answer;
+  EXPECT_EQ(answer["started"], json::array({"pose0"}));
+  EXPECT_EQ(answer["stopped"], json::array({"arm0_hold"}));
+  EXPECT_EQ(answer["kept"], json::array({"arm1_hold"}));
+  ASSERT_EQ(answer["torque_steps"].size(), 1u);
+  EXPECT_EQ(answer["torque_steps"][0]["arm"], "arm0");
+  EXPECT_GE(answer["times_ms"]["received_to_taken"], 0.0);
+  EXPECT_GT(answer["times_ms"]["taken_to_first_torque"], 0.0);
+  EXPECT_EQ(owner(0), "pose0");
+  EXPECT_EQ(ask(R"({"do":"switch","activate":"both","only":true})")["ok"], true);
+  EXPECT_EQ(owner(1), "both");
+  EXPECT_EQ(ask(R"({"do":"switch","deactivate":"both"})")["ok"], true);
+  EXPECT_EQ(owner(0), "arm0_hold");
+}
+
+TEST_F(RequestsTest, RefusalsNameWhatWasMeant) {
+  expect_refused(R"({"do":"switch","activate":["pose00"]})", "unknown_instance", "did you mean 'pose0'");
+  expect_refused(R"({"do":"switch","activate":["pose0","both"]})", "two_owners", "arm 'arm0'");
+  expect_refused(R"({"do":"switch"})", "malformed", "switches nothing");
+  expect_refused(R"({"do":"swich"})", "malformed", "did you mean 'switch'");
+  expect_refused(R"({"do":"switch","activat":["pose0"]})", "malformed", "did you mean 'activate'");
+  expect_refused(R"({"do":"switch","activate":[1]})", "malformed", "list of names");
+  expect_refused(R"({"do":"switch","activate":["pose0"],"deactivate":["pose0"]})", "malformed",
+                 "is in activate and in deactivate");
+  expect_refused(R"([1,2])", "malformed", "expected an object");
+  expect_refused(R"({"id":1})", "malformed", "'do' is missing");
+  expect_refused(R"({"do":"stop","arms":["arm7"]})", "unknown_arm", "there is no arm 'arm7'");
+  expect_refused(R"({"do":"parameter","controllet":"pose0","name":"stifness","value":1})",
+                 "unknown_parameter", "no parameter 'stifness'");
+  expect_refused(R"({"do":"feature","controllet":"pose0","name":"joint_limit","on":true})", "unknown_feature",
+                 "joint_limits");
+  expect_refused(
+      R"({"do":"reference","controllet":"pose0","input":"pos","position_m":[0,0,0],"rpy_rad":[0,0,0]})",
+      "unknown_input", "'pose'");
+  expect_refused(R"({"do":"reference","controllet":"pose0","input":"pose","q_rad":[0]})", "malformed",
+                 "carries a pose");
+  expect_refused(R"({"do":"reference","controllet":"pose0","input":"pose","position_mm":[0,0,0]})",
+                 "malformed", "position_m");
+  expect_refused(
+      R"({"do":"reference","controllet":"pose0","input":"pose","position_m":[0,0,0],"rpy_rad":[180,0,0]})",
+      "malformed", "radians");
+  expect_refused(
+      R"({"do":"reference","controllet":"pose0","input":"pose","frame":"arm2_base","position_m":[0,0,0],"rpy_rad":[0,0,0]})",
+      "malformed", "no frame 'arm2_base'");
+  expect_refused(
+      R"({"do":"reference","controllet":"pose0","input":"pose","position_m":[0,0,0],"rpy_rad":[0,0,0]})",
+      "not_active", "'pose0' is not running");
+  expect_refused(R"({"do":"recover","arm":"arm0"})", "arm_refused", "takes no requests");
+}
+
+TEST_F(RequestsTest, ParametersAndFeatures) {
+  const Instance& pose = rig_.loop.modes().instance(rig_.loop.find("pose0"));
+  const std::size_t index = pose.find_parameter("translational_stiffness_n_per_m");
+  ASSERT_LT(index, pose.parameter_count());
+  EXPECT_EQ(
+      ask(R"({"do":"parameter","controllet":"pose0","name":"translational_stiffness_n_per_m","value":321})")
+          ["ok"],
+      true);
+  EXPECT_EQ(pose.parameter(index), std::vector<double>(3, 321.0));  // one for all three axes
+  EXPECT_EQ(
+      ask(R"({"do":"parameter","controllet":"pose0","name":"translational_stiffness_n_per_m","value":[1,2,3]})")
+          ["ok"],
+      true);
+  EXPECT_EQ(pose.parameter(index), (std::vector<double>{1, 2, 3}));
+  expect_refused(
+      R"({"do":"parameter","controllet":"pose0","name":"translational_stiffness_n_per_m","value":-1})",
+      "out_of_bounds", "must be 0");
+  expect_refused(
+      R"({"do":"parameter","controllet":"pose0","name":"translational_stiffness_n_per_m","value":[1,2]})",
+      "malformed", "3 numbers");
+  const std::size_t feature = pose.find_feature("joint_limits");
+  EXPECT_EQ(ask(R"({"do":"feature","controllet":"pose0","name":"joint_limits","on":true})")["ok"], true);
+  EXPECT_TRUE(pose.feature_on(feature));
+  EXPECT_EQ(ask(R"({"do":"feature","controllet":"pose0","name":"joint_limits","on":false})")["ok"], true);
+  EXPECT_FALSE(pose.feature_on(feature));
+}
+
+// The same point, once given in the world and once in the other arm's base, worked out by hand.
+TEST_F(RequestsTest, AReferenceInABaseIsMovedIntoTheWorld) {
+  ASSERT_EQ(ask(R"({"do":"switch","activate":["pose0"]})")["ok"], true);
+  const auto start = set_point("pose0");
+  // arm1 stands at (0.1, 0.6, 0.05), turned by rpy (0.2, -0.1, 0.7): test_world.cpp.
+  const double cr = std::cos(0.2), sr = std::sin(0.2), cp = std::cos(-0.1), sp = std::sin(-0.1);
+  const double cy = std::cos(0.7), sy = std::sin(0.7);
+  const double R[3][3] = {{cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr},
+                          {sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr},
+                          {-sp, cp * sr, cp * cr}};
+  const double origin[3] = {0.1, 0.6, 0.05};
+  const double goal[3] = {start[0] + 0.02, start[1] - 0.01, start[2] + 0.01};
+  double in_base[3] = {0, 0, 0};
+  for (int i = 0; i < 3; ++i) {
+    for (int k = 0; k < 3; ++k) in_base[i] += R[k][i] * (goal[k] - origin[k]);
+  }
+  const json answer = ask({{"do", "reference"},
+                           {"controllet", "pose0"},
+                           {"input", "pose"},
+                           {"frame", "arm1_base"},
+                           {"position_m", {in_base[0], in_base[1], in_base[2]}},
+                           {"rpy_rad", {0, 0, 0}},
+                           {"duration_s", 0.2}});
+  ASSERT_EQ(answer["ok"], true) << answer;
+  rig_.steps(6000);
+  const auto reached = set_point("pose0");
+  for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(reached[i], goal[i], 1e-9);
+  // Turned as the base is: the first axis of the quaternion's matrix is the first column of R.
+  const double w = reached[3], x = reached[4], y = reached[5], z = reached[6];
+  EXPECT_NEAR(1 - 2 * (y * y + z * z), R[0][0], 1e-9);
+  EXPECT_NEAR(2 * (x * y + w * z), R[1][0], 1e-9);
+  EXPECT_NEAR(2 * (x * z - w * y), R[2][0], 1e-9);
+}
+
+TEST_F(RequestsTest, JointsBeyondTheirLimitsAreRefused) {
+  ASSERT_EQ(ask(R"({"do":"switch","activate":["joint0"]})")["ok"], true);
+  json request = {{"do", "reference"}, {"controllet", "joint0"}, {"input", "joints"}};
+  const auto start = set_point("joint0");
+  auto q = start;
+  q[2] = rig_.loop.models[0]->limits().q_max[2] + 0.01;
+  request["q_rad"] = q;
+  const json refused = ask(request);
+  EXPECT_EQ(refused["verdict"], "out_of_bounds");
+  EXPECT_THAT(refused["reason"].get<std::string>(), HasSubstr("joint 3"));
+  request["q_rad"] = start;
+  EXPECT_EQ(ask(request)["ok"], true);
+  request["frame"] = "world";
+  EXPECT_THAT(ask(request)["reason"].get<std::string>(), HasSubstr("has no frame"));
+}
+
+TEST_F(RequestsTest, StopHoldsUntilResumed) {
+  ASSERT_EQ(ask(R"({"do":"switch","activate":["pose0","pose1"]})")["ok"], true);
+  const json stop = ask(R"({"do":"stop","arms":"arm0"})");
+  EXPECT_EQ(stop["stopped"], json::array({"arm0"}));
+  EXPECT_EQ(owner(0), "arm0_hold");
+  EXPECT_EQ(owner(1), "pose1");
+  expect_refused(R"({"do":"switch","activate":["pose0"]})", "arm_stopped", "stopped: arm0");
+  EXPECT_EQ(ask(R"({"do":"resume"})")["ok"], true);
+  EXPECT_EQ(ask(R"({"do":"switch","activate":["pose0"]})")["ok"], true);
+}
+
+TEST_F(RequestsTest, TheStateIsTheWorlds) {
+  rig_.steps(5);
+  const json state = ask(R"({"do":"state"})")["state"];
+  EXPECT_EQ(state["cycle"], 6);
+  ASSERT_EQ(state["arms"].size(), 2u);
+  ModelTerms terms(rig_.loop.models[1]);
+  const json& arm = state["arms"][1];
+  const auto q = arm["q_rad"].get<std::vector<double>>();
+  ASSERT_EQ(q.size(), 7u);
+  terms.update(Eigen::Map<const Eigen::VectorXd>(q.data(), 7), joint_constant(7, 0));
+  for (std::size_t i = 0; i < 3; ++i)
+    EXPECT_DOUBLE_EQ(arm["position_m"][i], terms.X_WE().position[static_cast<Eigen::Index>(i)]);
+  EXPECT_EQ(arm["controllet"], "arm1_hold");
+  EXPECT_EQ(arm["mode"], "move");
+}
+
+TEST_F(RequestsTest, TheListSaysEverything) {
+  const json list = ask(R"({"do":"list"})");
+  EXPECT_EQ(list["scene"], "rig");
+  EXPECT_EQ(list["arms"].size(), 2u);
+  ASSERT_EQ(list["controllets"].size(), 6u);  // the holds included
+  const json& pose = list["controllets"][2];
+  EXPECT_EQ(pose["name"], "pose0");
+  EXPECT_EQ(pose["active"], false);
+  EXPECT_EQ(pose["inputs"][0]["keys"][0], "position_m");
+  EXPECT_FALSE(pose["parameters"].empty());
+}
+
+// One sample per cycle: the set-point follows the series, what is missing is counted, silence ends in hold.
+TEST_F(RequestsTest, ABinaryStreamAtOneKilohertz) {
+  ASSERT_EQ(ask(R"({"do":"switch","activate":["joint0"]})")["ok"], true);
+  StreamChannel channel =
+      desk_.open_channel(json::parse(R"({"do":"stream","controllet":"joint0","input":"joints"})"));
+  const auto start = set_point("joint0");
+  constexpr std::size_t kSamples = 1000;
+  StreamPacket packet{.channel = 1, .sequence = 0, .client_time_ns = 0, .count = 7, .values = {}};
+  std::copy(start.begin(), start.end(), packet.values.begin());
+  const auto sample = [&](std::size_t k) {  // a slow swing from rest [rad]
+    return start[3] + 0.05 * (1 - std::cos(2 * M_PI * static_cast<double>(k) / kSamples));
+  };
+  for (std::size_t k = 0; k < kSamples; ++k) {
+    ++packet.sequence;
+    if (k == 500) packet.sequence += 3;  // three were lost
+    packet.values[3] = sample(k);
+    desk_.deliver(packet, channel);
+    if (k == 600) desk_.deliver(packet, channel);  // the same once more
+    rig_.steps(1);
+    if (k > 100) {
+      EXPECT_NEAR(set_point("joint0")[3], sample(k), 2e-3) << k;
+    }
+  }
+  EXPECT_EQ(channel.received, kSamples);
+  EXPECT_EQ(channel.lost, 3u);
+  EXPECT_EQ(channel.late, 1u);
+  EXPECT_EQ(channel.refused, 0u);
+  EXPECT_EQ(owner(0), "joint0");
+  rig_.steps(150);  // the input's timeout is 0.1 s
+  EXPECT_EQ(owner(0), "arm0_hold");
+  EXPECT_EQ(ask(R"({"do":"state"})")["state"]["arms"][0]["last_intervention"], "reference stale");
+  ++packet.sequence;
+  desk_.deliver(packet, channel);
+  EXPECT_EQ(channel.verdict, Verdict::not_active);
+  EXPECT_EQ(channel.refused, 1u);
+}
+
+TEST_F(RequestsTest, AStreamTakesNoNonsense) {
+  ASSERT_EQ(ask(R"({"do":"switch","activate":["joint0"]})")["ok"], true);
+  StreamChannel channel =
+      desk_.open_channel(json::parse(R"({"do":"stream","controllet":"joint0","input":"joints"})"));
+  StreamPacket packet{.channel = 1, .sequence = 1, .client_time_ns = 0, .count = 6, .values = {}};
+  desk_.deliver(packet, channel);
+  EXPECT_EQ(channel.verdict, Verdict::wrong_size);
+  packet = {.channel = 1, .sequence = 2, .client_time_ns = 0, .count = 7, .values = {}};
+  packet.values[0] = std::nan("");
+  desk_.deliver(packet, channel);
+  EXPECT_EQ(channel.verdict, Verdict::not_finite);
+  packet.sequence = 3;
+  packet.values.fill(0);
+  packet.values[0] = 100;
+  desk_.deliver(packet, channel);
+  EXPECT_EQ(channel.verdict, Verdict::out_of_bounds);
+  EXPECT_EQ(channel.refused, 3u);
+}
+
+}  // namespace
+}  // namespace multipanda

@@ -1,0 +1,249 @@
+#include "runtime/live_input/server.hpp"
+
+#include <random>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "runtime/live_input/client.hpp"
+#include "runtime/live_input/live_rig.hpp"
+
+namespace multipanda {
+namespace {
+
+using nlohmann::json;
+using testing::HasSubstr;
+
+class ServerTest : public testing::Test {
+ protected:
+  ServerTest() : server_(folder_ / "rig.sock", rig_.world()) {}
+
+  test::PrivateFolder folder_;
+  test::LiveRig rig_;
+  LiveServer server_;
+};
+
+TEST_F(ServerTest, AnswersByIdWhileTheLoopRuns) {
+  const test::Stepping stepping(rig_);
+  LiveClient client(server_.path());
+  const json answer = client.ask({{"do", "switch"}, {"activate", {"pose0"}}});
+  EXPECT_EQ(answer["ok"], true) << answer;
+  EXPECT_EQ(client.ask({{"do", "stop"}})["ok"], true);
+  EXPECT_EQ(client.ask({{"do", "nonsense"}})["ok"], false);
+}
+
+// A request that the loop does not take keeps nobody else waiting.
+TEST_F(ServerTest, OneClientDoesNotWaitForAnother) {
+  LiveClient waiting(server_.path()), quick(server_.path());
+  waiting.tell({{"do", "switch"}, {"activate", {"pose0"}}, {"id", "w"}});  // nobody steps
+  EXPECT_EQ(quick.ask({{"do", "list"}})["ok"], true);
+  rig_.steps(1);
+  const json late = waiting.next(10);
+  EXPECT_EQ(late["id"], "w");
+}
+
+TEST_F(ServerTest, ARunThatStandsStillIsSaid) {
+  LiveClient client(server_.path());
+  const json answer = client.ask({{"do", "switch"}, {"activate", {"pose0"}}});
+  EXPECT_EQ(answer["verdict"], "timeout");
+  EXPECT_THAT(answer["reason"].get<std::string>(), HasSubstr("paused"));
+}
+
+TEST_F(ServerTest, ManyClientsAtOnce) {
+  const test::Stepping stepping(rig_);
+  std::vector<std::jthread> threads;
+  std::atomic<int> good{0};
+  for (int n = 0; n < 8; ++n) {
+    threads.emplace_back([&, n] {
+      LiveClient client(server_.path());
+      for (int k = 0; k < 25; ++k) {
+        const json answer = client.ask({{"do", "parameter"},
+                                        {"controllet", "pose0"},
+                                        {"name", "translational_stiffness_n_per_m"},
+                                        {"value", 100 + n}});
+        if (answer.value("ok", false)) ++good;
+      }
+    });
+  }
+  threads.clear();
+  EXPECT_EQ(good.load(), 200);
+}
+
+TEST_F(ServerTest, StreamsTheState) {
+  const test::Stepping stepping(rig_);
+  LiveClient client(server_.path());
+  EXPECT_EQ(client.ask({{"do", "subscribe"}, {"rate_hz", 1000}})["ok"], true);
+  std::int64_t last = -1;
+  for (int k = 0; k < 50; ++k) {
+    const json line = client.next(10);
+    ASSERT_TRUE(line.contains("state")) << line;
+    EXPECT_GE(line["state"]["cycle"].get<std::int64_t>(), last);
+    last = line["state"]["cycle"];
+  }
+  EXPECT_GT(last, 0);
+  EXPECT_EQ(client.ask({{"do", "unsubscribe"}})["ok"], true);
+}
+
+// It asked for a thousand states per second and reads none.
+TEST_F(ServerTest, AClientThatDoesNotReadIsDropped) {
+  rig_.steps(1);
+  LiveClient lazy(server_.path()), other(server_.path());
+  lazy.tell({{"do", "subscribe"}, {"rate_hz", 1000}});
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+  while (server_.clients_dropped() == 0 && std::chrono::steady_clock::now() < deadline) {
+    EXPECT_EQ(other.ask({{"do", "state"}})["ok"], true);
+  }
+  EXPECT_EQ(server_.clients_dropped(), 1u);
+}
+
+TEST_F(ServerTest, ManyRequestsInOnePieceAreAllAnswered) {
+  LiveClient client(server_.path());
+  for (int k = 0; k < 300; ++k) client.tell({{"do", "list"}, {"id", k}});
+  for (int k = 0; k < 300; ++k) EXPECT_EQ(client.next(30)["id"], k);
+}
+
+TEST_F(ServerTest, WordsOfAClientThatLeftStillCount) {
+  const int file = connect_to(server_.path(), SOCK_STREAM);
+  ASSERT_GE(file, 0);
+  const std::string text = R"({"do":"stop"})";  // not even the end of the line
+  ASSERT_EQ(send(file, text.data(), text.size(), 0), static_cast<ssize_t>(text.size()));
+  close(file);
+  LiveClient other(server_.path());
+  EXPECT_EQ(other.ask({{"do", "list"}})["ok"], true);  // served after it
+  rig_.steps(1);
+  EXPECT_EQ(rig_.loop.modes().stopped(), ArmSet::all(2));
+}
+
+TEST_F(ServerTest, LinesThatAreTooLongAreRefusedAndForgotten) {
+  const int file = connect_to(server_.path(), SOCK_STREAM);
+  LineConnection line(file, 1 << 20);
+  line.send(std::string(200000, 'x'));
+  line.send(R"({"do":"state","id":7})");
+  std::vector<json> answers;
+  while (answers.size() < 2) {
+    line.flush();
+    line.receive();
+    while (auto got = line.next()) answers.push_back(json::parse(got->text));
+    ASSERT_FALSE(line.broken());
+  }
+  EXPECT_EQ(answers[0]["verdict"], "malformed");
+  EXPECT_THAT(answers[0]["reason"].get<std::string>(), HasSubstr("65536"));
+  EXPECT_EQ(answers[1]["id"], 7);
+}
+
+// Requests with random damage: every line is answered, nothing falls over, and the arms stay owned.
+TEST_F(ServerTest, DamagedRequestsAreAnsweredAndHarmless) {
+  const test::Stepping stepping(rig_);
+  const std::vector<std::string> good{
+      R"({"do":"switch","activate":["pose0","pose1"],"only":true})",
+      R"({"do":"reference","controllet":"pose0","input":"pose","position_m":[0.4,0,0.5],"quaternion_wxyz":[0,1,0,0],"stream":true})",
+      R"({"do":"parameter","controllet":"pose0","name":"translational_stiffness_n_per_m","value":[1e300,2,3]})",
+      R"({"do":"feature","controllet":"both","name":"joint_limits","on":false})",
+      R"({"do":"subscribe","rate_hz":1e-999})",
+      R"({"do":"stream","controllet":"both","input":"left_pose","frame":"arm1_base"})",
+      R"({"do":"set_load","arm":"arm0","mass_kg":1,"com_m":[0,0,0],"inertia_kg_m2":{"xx":1,"yy":1,"zz":1}})",
+      R"({"do":"resume","arms":"all"})",
+      R"([[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[{"do":1}]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]])"};
+  std::mt19937 random(20240);
+  LiveClient witness(server_.path());
+  for (int round = 0; round < 20; ++round) {
+    const int file = connect_to(server_.path(), SOCK_STREAM);
+    ASSERT_GE(file, 0);
+    LineConnection line(file, 1 << 20);
+    for (int k = 0; k < 50; ++k) {
+      std::string text = good[random() % good.size()];
+      for (std::size_t n = random() % 4; n > 0; --n) {
+        const std::size_t at = random() % text.size();
+        switch (random() % 3) {
+          case 0:
+            text[at] = static_cast<char>(random() % 256);
+            break;
+          case 1:
+            text.erase(at, 1 + random() % 8);
+            break;
+          default:
+            text.insert(at, text.substr(random() % text.size(), random() % 16));
+        }
+        if (text.empty()) text.push_back('?');
+      }
+      std::replace(text.begin(), text.end(), '\n', ' ');
+      line.send(text);
+    }
+    line.flush();
+    if (round % 2 == 0) continue;  // leaves at once
+    line.send(R"({"do":"unsubscribe","id":"end"})");
+    bool ended = false;
+    while (!ended && !line.input_ended() && !line.broken()) {
+      line.flush();
+      line.receive();
+      while (auto got = line.next()) ended = ended || json::parse(got->text).value("id", json()) == "end";
+    }
+    EXPECT_TRUE(ended);
+  }
+  EXPECT_EQ(witness.ask({{"do", "state"}})["ok"], true);
+  EXPECT_EQ(witness.ask({{"do", "stop"}})["ok"], true);
+}
+
+TEST_F(ServerTest, PacketsReachTheirInputInOrder) {
+  LiveClient client(server_.path());
+  client.tell({{"do", "switch"}, {"activate", {"joint0"}}, {"id", 0}});
+  ASSERT_EQ(client.ask({{"do", "list"}})["ok"], true);  // by now the switch is with the loop
+  rig_.steps(1);
+  ASSERT_EQ(client.next(10)["ok"], true);
+  ReferenceStream stream = client.open_stream("joint0", "joints");
+  const JointVector q = rig_.loop.models[0]->q_home();
+  constexpr std::size_t kPackets = 500;
+  for (std::size_t k = 1; k <= kPackets; ++k) {  // one per cycle
+    ASSERT_TRUE(stream.send({q.data(), 7}, static_cast<std::int64_t>(k)));
+    const json channels = client.ask({{"do", "channels"}});
+    ASSERT_EQ(channels["channels"][0]["received"], k);
+    rig_.steps(1);
+  }
+  const json channel = client.ask({{"do", "channels"}})["channels"][0];
+  EXPECT_EQ(channel["lost"], 0);
+  EXPECT_EQ(channel["refused"], 0);
+  EXPECT_EQ(channel["client_time_ns"], kPackets);
+  EXPECT_EQ(rig_.loop.modes().owner(0), rig_.loop.find("joint0"));
+  rig_.steps(150);
+  EXPECT_EQ(rig_.loop.modes().owner(0), rig_.loop.find("arm0_hold"));
+  // The publisher is told once that nobody takes its packets any more.
+  for (int k = 0; k < 3; ++k) ASSERT_TRUE(stream.send({q.data(), 7}));
+  ASSERT_EQ(client.ask({{"do", "channels"}})["channels"][0]["refused"], 3);
+  const json news = client.next(10);
+  EXPECT_EQ(news["channel"], stream.channel());
+  EXPECT_EQ(news["stream"]["verdict"], "not_active");
+  EXPECT_EQ(client.ask({{"do", "stream_end"}, {"channel", stream.channel()}})["ok"], true);
+  ASSERT_TRUE(stream.send({q.data(), 7}));
+  EXPECT_EQ(client.ask({{"do", "channels"}})["unreadable"], 1);
+}
+
+TEST_F(ServerTest, AChannelEndsWithItsOwner) {
+  LiveClient witness(server_.path());
+  {
+    LiveClient owner(server_.path());
+    (void)owner.open_stream("joint0", "joints");
+    EXPECT_EQ(witness.ask({{"do", "channels"}})["channels"].size(), 1u);
+  }
+  (void)witness.ask(
+      {{"do", "channels"}});  // the owner's end is seen in this turn of the server at the latest
+  EXPECT_EQ(witness.ask({{"do", "channels"}})["channels"].size(), 0u);
+}
+
+TEST_F(ServerTest, TheSocketIsRefusedWhileItsOwnerLives) {
+  EXPECT_THROW(LiveServer(server_.path(), rig_.world()), SocketTaken);
+  EXPECT_NO_THROW(LiveClient{server_.path()});
+}
+
+TEST(LiveClientTest, WithoutARunItSaysWhatToDo) {
+  try {
+    LiveClient client("/nowhere/at/all.sock");
+    FAIL();
+  } catch (const std::runtime_error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("multipanda run"));
+  }
+}
+
+}  // namespace
+}  // namespace multipanda

@@ -1,0 +1,55 @@
+#include "runtime/live_input/stream_packet.hpp"
+
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+namespace multipanda {
+namespace {
+
+TEST(StreamPacketTest, StandsAsDocumented) {
+  StreamPacket packet{.channel = 0x01020304, .sequence = 5, .client_time_ns = -2, .count = 2, .values = {}};
+  packet.values[0] = 1.0;
+  packet.values[1] = -2.0;
+  StreamPacketBytes bytes{};
+  ASSERT_EQ(pack(packet, bytes), 48u);
+  const std::vector<std::uint8_t> expected{
+      'M',  'P',  'R',  'S',  1,    0,    2,    0,      // magic, version, count
+      4,    3,    2,    1,    0,    0,    0,    0,      // channel, nothing
+      5,    0,    0,    0,    0,    0,    0,    0,      // sequence
+      0xFE, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF,   // -2
+      0,    0,    0,    0,    0,    0,    0xF0, 0x3F,   // 1.0
+      0,    0,    0,    0,    0,    0,    0x00, 0xC0};  // -2.0
+  EXPECT_EQ(std::vector<std::uint8_t>(bytes.begin(), bytes.begin() + 48), expected);
+  const auto back = unpack(std::span(bytes).first(48));
+  ASSERT_TRUE(back);
+  EXPECT_EQ(back->channel, packet.channel);
+  EXPECT_EQ(back->sequence, 5u);
+  EXPECT_EQ(back->client_time_ns, -2);
+  EXPECT_EQ(back->values, packet.values);
+}
+
+TEST(StreamPacketTest, WhatIsNoPacketIsRefused) {
+  StreamPacketBytes bytes{};
+  const std::size_t size =
+      pack({.channel = 1, .sequence = 1, .client_time_ns = 0, .count = 7, .values = {}}, bytes);
+  ASSERT_TRUE(unpack(std::span(bytes).first(size)));
+  for (std::size_t cut = 0; cut < size; ++cut) EXPECT_FALSE(unpack(std::span(bytes).first(cut))) << cut;
+  EXPECT_FALSE(unpack(std::span(bytes).first(size + 1)));
+  for (const std::size_t at : {0u, 3u, 4u, 5u, 6u, 7u}) {
+    StreamPacketBytes wrong = bytes;
+    wrong[at] = static_cast<std::uint8_t>(wrong[at] ^ 0x40);
+    EXPECT_FALSE(unpack(std::span(wrong).first(size))) << at;
+  }
+  std::mt19937 random(7);
+  for (int n = 0; n < 20000; ++n) {  // whatever comes: no crash, and nothing without the magic
+    StreamPacketBytes noise;
+    for (auto& byte : noise) byte = static_cast<std::uint8_t>(random());
+    EXPECT_FALSE(unpack(std::span(noise).first(random() % noise.size())));
+  }
+}
+
+}  // namespace
+}  // namespace multipanda
