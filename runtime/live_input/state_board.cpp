@@ -16,7 +16,7 @@ void StateBoard::take(const CycleRecord& record) {
   newest_.cycle = record.cycle;
   newest_.t = record.t;
   newest_.overruns = record.overruns;
-  newest_.cycle_us = static_cast<double>(record.stages.total - record.stages.write) * 1e-3;
+  newest_.cycle_us = static_cast<double>(record.stages.total) * 1e-3;
   for (std::size_t arm = 0; arm < newest_.arms.size(); ++arm) newest_.arms[arm].sample = record.arms[arm];
   const auto window = Clock::now() - window_begin_;
   if (window < kWindow) return;

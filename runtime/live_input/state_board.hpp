@@ -24,7 +24,7 @@ class StateBoard {
     std::uint64_t cycle = 0;  // 0: none yet
     LoopTime t;
     double rate_hz = 0;   // cycles per second on the wall, over the last half second or so
-    double cycle_us = 0;  // how long the cycle took, without the backend's write
+    double cycle_us = 0;  // how long the newest cycle took
     std::uint64_t overruns = 0;
     std::vector<Arm> arms;
   };
