@@ -276,14 +276,15 @@ TEST(CrossCheck, MujocoApproachesPinocchioAtFirstOrder) {
   const Eigen::VectorXd start = (Eigen::VectorXd(28) << scene.arms[0].q_start, Eigen::VectorXd::Zero(7),
                                  scene.arms[1].q_start, Eigen::VectorXd::Zero(7))
                                     .finished();
-  const Eigen::VectorXd reference = final_state(PinocchioBackend(scene), scene);
-  ASSERT_GT((reference - start).norm(), 0.1) << "the arms must move for this to mean anything";
   double error[2];
   for (int i = 0; i < 2; ++i) {
     scene.substeps = i == 0 ? 4 : 16;
+    // The motors' torque is constant over a physics step, so both take the same steps.
+    const Eigen::VectorXd reference = final_state(PinocchioBackend(scene), scene);
+    ASSERT_GT((reference - start).norm(), 0.1) << "the arms must move for this to mean anything";
     error[i] = (final_state(MujocoBackend(scene, {.pace = Pace::unpaced}), scene) - reference).norm();
   }
-  EXPECT_LT(error[0], 2e-3);
+  EXPECT_LT(error[0], 1e-2);  // of 28 positions and velocities together, after 0.3 s
   EXPECT_NEAR(error[0] / error[1], 4.0, 0.6) << error[0] << " " << error[1];
 }
 

@@ -13,10 +13,9 @@ double microseconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-3; }
 
 }  // namespace
 
-StatusBoard::StatusBoard(RecordLayout layout, std::vector<JointVector> tau_max, bool lockstep)
+StatusBoard::StatusBoard(RecordLayout layout, std::vector<JointVector> tau_max)
     : layout_(std::move(layout)),
       tau_max_(std::move(tau_max)),
-      lockstep_(lockstep),
       last_(layout_.arms.size(), layout_.max_references, layout_.output_count),
       torque_use_(layout_.arms.size(), 0),
       last_intervention_(layout_.arms.size()),
@@ -27,7 +26,7 @@ StatusBoard::StatusBoard(RecordLayout layout, std::vector<JointVector> tau_max, 
 
 void StatusBoard::take(const CycleRecord& record) {
   if (cycles_++ == 0) begin_ = published_ = std::chrono::steady_clock::now();
-  cycle_times_.add(record.stages.total - (lockstep_ ? record.stages.write : 0));
+  cycle_times_.add(record.stages.total);
   for (std::size_t arm = 0; arm < record.arms.size(); ++arm) {
     for (Eigen::Index j = 0; j < tau_max_[arm].size(); ++j) {
       const double use = std::abs(record.arms[arm].tau_cmd[static_cast<std::size_t>(j)]) / tau_max_[arm][j];

@@ -44,9 +44,8 @@ class StatusBoard {
  public:
   static constexpr std::size_t kNews = 64;  // kept in a status
 
-  // `tau_max`: torque limits, per arm. `lockstep`: writing moves a simulated world on, which is not counted
-  // as time of the control cycle.
-  StatusBoard(RecordLayout layout, std::vector<JointVector> tau_max, bool lockstep);
+  // `tau_max`: torque limits, per arm.
+  StatusBoard(RecordLayout layout, std::vector<JointVector> tau_max);
 
   void take(const CycleRecord& record);
   void take(const Event& event);
@@ -74,7 +73,6 @@ class StatusBoard {
 
   const RecordLayout layout_;
   const std::vector<JointVector> tau_max_;
-  const bool lockstep_;
   CycleRecord last_;
   std::uint64_t cycles_ = 0;
   std::vector<double> torque_use_;  // since the last status

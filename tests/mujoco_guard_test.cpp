@@ -1,0 +1,86 @@
+// The loop as it runs: every controllet, every feature and every switch between them over MuJoCo, record ring
+// included. No heap call, no lock, no page fault after the first cycle.
+#include <sys/mman.h>
+
+#include <gtest/gtest.h>
+
+#include "backends/mujoco/mujoco_backend.hpp"
+#include "core/cycle/control_cycle.hpp"
+#include "core/rt/guard/loop_guard.hpp"
+#include "scene/build.hpp"
+#include "scene/load.hpp"
+
+namespace multipanda {
+namespace {
+
+class MujocoGuard : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!kLoopGuardWorks) GTEST_SKIP() << "sanitizers replace malloc themselves";
+    faults_count_ = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
+  }
+  void TearDown() override { munlockall(); }
+  bool faults_count_ = true;
+};
+
+TEST_F(MujocoGuard, EveryControlletFeatureAndSwitch) {
+  const Registry registry = Registry::with_builtins();
+  Scene scene = load_scene("two_arms", registry);
+  scene.plant = PlantFidelity::realistic();
+  scene.timeline.clear();
+  scene.controllets.clear();
+  for (const auto& type : registry.controllets()) {
+    InstanceConfig config{.name = "a_" + type.statement.type, .type = type.statement.type};
+    for (ArmIndex arm = 0; arm < type.statement.arms; ++arm) config.arms.push_back(arm);
+    scene.controllets.push_back(config);
+  }
+  ASSERT_GE(scene.controllets.size(), 6u);
+  MujocoBackend backend(scene, {.pace = Pace::unpaced});
+  ControlCycle cycle(build_cycle_config(scene, 100000), registry, backend);
+  MultimodeController& modes = cycle.modes();
+  backend.start();
+  const auto step = [&](int count, const std::string& during) {
+    for (int k = 0; k < count; ++k) {
+      LoopGuard::arm();
+      const ArmSet due = backend.wait();
+      cycle.step(due);
+      const LoopGuardCounts counts = LoopGuard::disarm();
+      ASSERT_EQ(counts.heap_calls, 0u) << during;
+      ASSERT_EQ(counts.lock_calls, 0u) << during;
+      if (faults_count_) {
+        ASSERT_EQ(counts.page_faults, 0u) << during;
+      }
+    }
+  };
+  const auto ask = [&](const Request& request, const std::string& during) {
+    std::uint64_t ticket = 0;
+    ASSERT_EQ(modes.post(std::span(&request, 1), ticket), Verdict::accepted) << during;
+    step(1, during);
+    Answer answer;
+    ASSERT_TRUE(modes.poll(ticket, answer)) << during;
+    ASSERT_EQ(answer.verdict, Verdict::accepted) << during;
+  };
+  cycle.step(backend.wait());  // the first cycle may do what it likes
+  for (const auto& to : scene.controllets) {
+    const InstanceIndex i = modes.find(to.name);
+    for (const auto& from : scene.controllets) {
+      const std::string what = from.name + " to " + to.name;
+      ask({.activate = bit(modes.find(from.name))}, what);
+      ask({.activate = bit(i)}, what);
+      ASSERT_EQ(modes.owner(0), i) << what;
+    }
+    for (std::size_t f = 0; f < modes.instance(i).feature_count(); ++f) {
+      for (const bool on : {true, false, true}) {
+        const auto index = static_cast<std::uint16_t>(f);
+        ask({.kind = Request::Kind::set_feature, .instance = i, .index = index, .on = on}, to.name);
+        step(100, to.name);
+      }
+    }
+    ASSERT_EQ(modes.owner(0), i) << to.name << " was taken out";
+  }
+  EXPECT_EQ(cycle.record()->dropped_records.load(), 0u);
+  backend.finish();
+}
+
+}  // namespace
+}  // namespace multipanda
