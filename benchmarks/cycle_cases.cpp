@@ -1,0 +1,65 @@
+#include "benchmarks/cycle_cases.hpp"
+
+#include <fmt/format.h>
+
+namespace multipanda::bench {
+namespace {
+
+Case cycle_case(const std::string& name, const Arms& arms, std::size_t count, const ControlletType& type,
+                const Registry& registry, const std::vector<std::string>& features) {
+  const std::shared_ptr<MotionLoop> loop = motion_loop(arms, count, type, registry, features);
+  const InstanceSet meant = loop->cycle.modes().active();
+  return {name, [loop] { loop->step(); }, [loop, meant] { loop->expect_active(meant); }};
+}
+
+}  // namespace
+
+std::vector<Case> cycle_cases(const Arms& arms, const Registry& registry, const Filter& wanted) {
+  std::vector<Case> cases;
+  for (const auto& type : registry.controllets()) {
+    const auto add = [&](std::size_t count, const std::vector<std::string>& features) {
+      if (count % type.statement.arms != 0) return;
+      const std::string plus = features.empty() ? "" : "+" + features.front();
+      const std::string name = fmt::format("cycle_us/{}{}/{}", type.statement.type, plus, count);
+      if (wanted(name)) cases.push_back(cycle_case(name, arms, count, type, registry, features));
+    };
+    for (const std::size_t count : kArmCounts) add(count, {});
+    for (const auto& feature : registry.features()) {
+      add(1, {feature.statement.type});
+      add(2, {feature.statement.type});
+    }
+  }
+  return cases;
+}
+
+std::vector<RealtimeFactor> measure_realtime_factor(const Registry& registry, std::size_t chunks,
+                                                    std::size_t cycles, double budget_s,
+                                                    const Filter& wanted) {
+  struct Run {
+    std::size_t arms;
+    std::unique_ptr<SimulationLoop> loop;
+    std::vector<double> factors;
+  };
+  std::vector<Run> runs;
+  for (const std::size_t count : kArmCounts) {
+    if (!wanted(fmt::format("realtime_factor/{}", count))) continue;
+    runs.push_back({count, std::make_unique<SimulationLoop>(count, registry), {}});
+  }
+  const HostTime begin = host_now();
+  for (std::size_t chunk = 0; chunk < chunks && seconds(host_now() - begin) < budget_s; ++chunk) {
+    for (Run& run : runs) {
+      const HostTime before = host_now();
+      for (std::size_t i = 0; i < cycles; ++i) run.loop->step();
+      const double simulated = static_cast<double>(cycles) * MujocoBackend::kPeriod;
+      run.factors.push_back(simulated / seconds(host_now() - before));
+    }
+  }
+  std::vector<RealtimeFactor> factors;
+  for (Run& run : runs) {
+    run.loop->verify();
+    factors.push_back({run.arms, figures_of(run.factors).median});
+  }
+  return factors;
+}
+
+}  // namespace multipanda::bench

@@ -1,0 +1,157 @@
+#include "benchmarks/results.hpp"
+
+#include <cmath>
+#include <fstream>
+#include <thread>
+
+#include <fmt/format.h>
+
+#include "benchmarks/bare_cases.hpp"
+#include "benchmarks/cycle_cases.hpp"
+#include "benchmarks/switching.hpp"
+#include "logs/machine.hpp"
+
+namespace multipanda::bench {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr double kTimingBudget = 26, kSimulationBudget = 6;  // [s]
+constexpr std::size_t kTrials = 50;
+
+Json number(double value) { return std::round(value * 1e4) / 1e4; }
+
+Json json_of(const std::vector<double>& values) {
+  const Figures f = figures_of(values);
+  return {{"median", number(f.median)}, {"p999", number(f.p999)}, {"worst", number(f.worst)}};
+}
+
+std::string first_line(const std::string& path) {
+  std::ifstream file(path);
+  std::string line;
+  std::getline(file, line);
+  return line;
+}
+
+Json machine() {
+  const auto info = machine_info();
+  const auto known = [&](const char* key) {
+    const auto it = info.find(key);
+    return it == info.end() ? std::string("unknown") : it->second;
+  };
+  const std::string governor = first_line("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor");
+  const bool real_time = first_line("/sys/kernel/realtime") == "1" ||
+                         first_line("/proc/version").find("PREEMPT_RT") != std::string::npos;
+  return {{"cpu", known("cpu")},
+          {"cores", std::thread::hardware_concurrency()},
+          {"kernel", known("kernel")},
+          {"real_time_kernel", real_time},
+          {"governor", governor.empty() ? Json(nullptr) : Json(governor)},
+          {"load_at_start", first_line("/proc/loadavg").substr(0, first_line("/proc/loadavg").find(' '))},
+          {"compiler", known("compiler")},
+          {"build_type", MULTIPANDA_BUILD_TYPE},
+          {"version", known("version")}};
+}
+
+// cost[a] / cost[b], or null where one was not measured.
+Json ratio(const Json& top, const Json& bottom) {
+  if (!top.is_object() || !bottom.is_object()) return nullptr;
+  return number(top["median"].get<double>() / bottom["median"].get<double>());
+}
+
+Json at(const Json& object, const std::string& key) { return object.contains(key) ? object[key] : Json(); }
+
+}  // namespace
+
+nlohmann::ordered_json measure_all(const Effort& effort) {
+  const Filter wanted(effort.filter);
+  const Registry registry = Registry::with_builtins();
+  Json results = {
+      {"cycle_us", Json::object()},  {"switch_ms", Json::object()}, {"realtime_factor", Json::object()},
+      {"limits_us", Json::object()}, {"ratios", Json::object()},    {"samples", 0},
+      {"machine", machine()}};
+  const Arms arms(registry);
+
+  std::vector<Case> cases = cycle_cases(arms, registry, wanted);
+  for (Case& limit : bare_cases(arms, registry, wanted)) cases.push_back(std::move(limit));
+  measure_in_turns(cases, effort.samples, kTimingBudget);
+  for (const Case& c : cases) {
+    const std::size_t slash = c.name.find('/');
+    results[c.name.substr(0, slash)][c.name.substr(slash + 1)] = json_of(c.durations);
+  }
+  if (!cases.empty()) results["samples"] = cases.front().durations.size();
+  cases.clear();
+
+  if (wanted("switch_ms/controllet") || wanted("switch_ms/feature")) {
+    const auto times = measure_switching(arms, registry, std::min(kTrials, effort.samples), wanted);
+    for (const auto& [what, trials] : times.trials_ms) {
+      if (!trials.empty()) results["switch_ms"][what] = json_of(trials);
+    }
+    for (const SetupStep& step : times.loop_thread) {
+      results["machine"]["loop_thread"].push_back(step.done ? step.what : step.what + ": " + step.reason);
+    }
+  }
+  const std::size_t cycles = std::min<std::size_t>(250, effort.samples);
+  const std::size_t chunks = std::max<std::size_t>(1, std::min<std::size_t>(20, effort.samples / 1000));
+  for (const auto& run : measure_realtime_factor(registry, chunks, cycles, kSimulationBudget, wanted)) {
+    results["realtime_factor"][std::to_string(run.arms)] = number(run.factor);
+  }
+
+  const Json& cycle = results["cycle_us"];
+  const Json per_arm = ratio(at(cycle, "cartesian_impedance/16"), at(cycle, "cartesian_impedance/1"));
+  if (!per_arm.is_null()) {
+    results["ratios"]["cartesian_impedance per arm, 16 arms to 1"] = number(per_arm.get<double>() / 16);
+  }
+  const Json to_bare =
+      ratio(at(cycle, "dual_cartesian_impedance/2"), at(results["limits_us"], "dual_cartesian_impedance"));
+  if (!to_bare.is_null()) results["ratios"]["dual_cartesian_impedance/2 to bare maths"] = to_bare;
+  return results;
+}
+
+std::string ratios_text(const nlohmann::ordered_json& results) {
+  std::string text;
+  for (const auto& [name, value] : results["ratios"].items()) {
+    text += fmt::format("{}: {:.3f}\n", name, value.get<double>());
+  }
+  return text;
+}
+
+std::string markdown_of(const nlohmann::ordered_json& results) {
+  std::string text;
+  const auto figures = [&](const char* section, const char* title, const char* unit) {
+    if (results[section].empty()) return;
+    text += fmt::format("### {}\n\n| | median [{}] | p99.9 [{}] | worst [{}] |\n|---|---:|---:|---:|\n",
+                        title, unit, unit, unit);
+    for (const auto& [key, f] : results[section].items()) {
+      text += fmt::format("| `{}` | {:.2f} | {:.2f} | {:.2f} |\n", key, f["median"].get<double>(),
+                          f["p999"].get<double>(), f["worst"].get<double>());
+    }
+    text += "\n";
+  };
+  figures("cycle_us", "Control cycle", "µs");
+  figures("limits_us", "Libraries alone", "µs");
+  figures("switch_ms", "Switching", "ms");
+  const auto numbers = [&](const char* section, const char* title, const char* format) {
+    if (results[section].empty()) return;
+    text += fmt::format("### {}\n\n| | |\n|---|---:|\n", title);
+    for (const auto& [key, value] : results[section].items()) {
+      text += fmt::format("| {} | {} |\n", key, fmt::format(fmt::runtime(format), value.get<double>()));
+    }
+    text += "\n";
+  };
+  numbers("realtime_factor", "Simulation, times real time, by number of arms", "{:.1f}");
+  numbers("ratios", "Ratios", "{:.3f}");
+  text += fmt::format("### Machine\n\n| | |\n|---|---|\n| samples of each call | {} |\n",
+                      results["samples"].get<std::size_t>());
+  for (const auto& [key, value] : results["machine"].items()) {
+    std::string shown = value.is_string() ? value.get<std::string>() : value.dump();
+    if (value.is_array()) {
+      shown.clear();
+      for (const auto& item : value) shown += (shown.empty() ? "" : "; ") + item.get<std::string>();
+    }
+    text += fmt::format("| {} | {} |\n", key, shown);
+  }
+  return text;
+}
+
+}  // namespace multipanda::bench
