@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include "cli/key_watch.hpp"
 #include "cli/live_table.hpp"
 
 namespace multipanda::cli {
@@ -29,6 +30,27 @@ void StopSignals::stop() {
   }
 }
 
+namespace {
+
+// Space stops all arms, a digit the arm of that number; r ends the stop. What ran before does not come back
+// by itself: somebody must ask for it.
+void obey_key(char key, Session& session) {
+  MultimodeController& modes = session.modes();
+  const ArmSet all = ArmSet::all(modes.arm_count());
+  if (key == ' ' || key == 's') modes.stop(all);
+  if (key >= '1' && key <= '9') {
+    const auto arm = static_cast<ArmIndex>(key - '1');
+    if (all.contains(arm)) modes.stop(ArmSet::of(arm));
+  }
+  if (key == 'r') {
+    const Request resume{.kind = Request::Kind::resume, .arms = all};
+    std::uint64_t ticket = 0;
+    (void)modes.post(std::span(&resume, 1), ticket);
+  }
+}
+
+}  // namespace
+
 RunSummary run_session(Session& session, StopSignals& signals, const Console& console) {
   for (const auto& arm : session.scene().arms) {
     for (const auto& text : arm.loosened) {
@@ -38,6 +60,9 @@ RunSummary run_session(Session& session, StopSignals& signals, const Console& co
   signals.attach(session);
   LiveDisplay display(console, session.scene().name, session.duration_s());
   session.start();
+  const KeyWatch keys([&](char key) { obey_key(key, session); });
+  if (keys.active())
+    console.line("keys: space stops all arms (hold), 1-9 one of them, r resumes, Ctrl-C ends");
   while (!session.wait_for_end(LiveDisplay::kPeriod_s)) display.show(session.status());
   RunSummary summary = session.finish();
   signals.end();
