@@ -166,7 +166,7 @@ def main():
             return 1
         time.sleep(0.02)
     print(f"held: {state['last_intervention']}")
-    return 0 if state["last_intervention"] == "reference stale" else 1
+    return 0 if state["last_intervention"] == "reference_stale" else 1
 
 
 if __name__ == "__main__":

@@ -28,11 +28,13 @@ def main():
         scene = os.path.join(folder, "scene.yaml")
         with open(scene, "w", encoding="utf-8") as file:
             file.write(SCENE)
-        path = os.path.join(folder, "run.sock")
-        ctl = [program, "ctl", "--socket", path]
+        # The default place of sockets, where nothing else runs.
+        os.environ["XDG_RUNTIME_DIR"] = folder
+        path = os.path.join(folder, "multipanda", "send_pose_test.sock")
+        ctl = [program, "ctl"]
         refused = subprocess.run([*ctl, "state"], capture_output=True, text=True, check=False)
         assert refused.returncode == 1 and "multipanda run" in refused.stderr, refused
-        run = subprocess.Popen([program, "run", scene, "--seconds", "120", "--json", "--socket", path],
+        run = subprocess.Popen([program, "run", scene, "--seconds", "120", "--json"],
                                stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         try:
             deadline = time.monotonic() + 60
@@ -40,14 +42,18 @@ def main():
                 assert run.poll() is None and time.monotonic() < deadline, "the run never listened"
                 time.sleep(0.1)
             for mode in ([], ["--binary"]):
-                sent = subprocess.run([sys.executable, str(example), "--socket", path, "--check", "--seconds", "3",
-                                       *mode], capture_output=True, text=True, timeout=60, check=False)
+                sent = subprocess.run([sys.executable, str(example), "--check", "--seconds", "3", *mode],
+                                      capture_output=True, text=True, timeout=60, check=False)
                 print(sent.stdout, sent.stderr)
                 assert sent.returncode == 0, f"send_pose {mode} failed"
                 # A lost publisher is no stop: the next switch takes the arm again.
                 back = subprocess.run([*ctl, "switch", "cartesian", "--json"], capture_output=True, text=True,
                                       check=True)
                 assert json.loads(back.stdout)["started"] == ["cartesian"], back.stdout
+            assert os.stat(path).st_mode & 0o777 == 0o600 and os.stat(os.path.dirname(path)).st_mode & 0o777 == 0o700
+            taken = subprocess.run([program, "run", scene, "--seconds", "1", "--socket", path], capture_output=True,
+                                   text=True, timeout=60, check=False)
+            assert taken.returncode == 1 and "running process" in taken.stderr, taken
             words = [
                 (["stop"], 0), (["switch", "cartesian"], 1), (["resume", "arm"], 0), (["switch", "cartesian"], 0),
                 (["reference", "cartesian", "pose", "position_m=0.4,0.1,0.5", "rpy_rad=pi,0,-pi/4"], 0),
@@ -65,7 +71,7 @@ def main():
             run.terminate()
             output, _ = run.communicate(timeout=60)
         summary = json.loads(output)
-        stale = [i for i in summary["interventions"] if i["rule"] == "reference stale"]
+        stale = [i for i in summary["interventions"] if i["rule"] == "reference_stale"]
         assert sum(i["count"] for i in stale) == 2, summary["interventions"]
         assert not os.path.exists(path), "the socket was left behind"
 

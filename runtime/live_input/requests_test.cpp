@@ -246,7 +246,7 @@ TEST_F(RequestsTest, ABinaryStreamAtOneKilohertz) {
   EXPECT_EQ(owner(0), "joint0");
   rig_.steps(150);  // the input's timeout is 0.1 s
   EXPECT_EQ(owner(0), "arm0_hold");
-  EXPECT_EQ(ask(R"({"do":"state"})")["state"]["arms"][0]["last_intervention"], "reference stale");
+  EXPECT_EQ(ask(R"({"do":"state"})")["state"]["arms"][0]["last_intervention"], "reference_stale");
   ++packet.sequence;
   desk_.deliver(packet, channel);
   EXPECT_EQ(channel.verdict, Verdict::not_active);

@@ -1,5 +1,7 @@
 #include "runtime/live_input/state_board.hpp"
 
+#include <algorithm>
+
 #include "core/types/codes.hpp"
 
 namespace multipanda {
@@ -30,7 +32,10 @@ void StateBoard::take(const Event& event) {
   if (event.arm >= newest_.arms.size()) return;
   const std::lock_guard lock(mutex_);
   Arm& arm = newest_.arms[event.arm];
-  if (event.kind == EventKind::intervention) arm.last_intervention = to_string(event.intervention);
+  if (event.kind == EventKind::intervention) {  // as the summary of a run writes it
+    arm.last_intervention = to_string(event.intervention);
+    std::replace(arm.last_intervention.begin(), arm.last_intervention.end(), ' ', '_');
+  }
   if (event.kind == EventKind::arm_config) {
     const auto pose = [&](std::size_t at) {
       const auto& v = event.values;

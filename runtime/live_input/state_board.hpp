@@ -18,7 +18,7 @@ class StateBoard {
   struct Arm {
     ArmSample sample;
     ArmFrames frames;               // in force, once the loop told them
-    std::string last_intervention;  // its rule; empty: none
+    std::string last_intervention;  // its rule, "reference_stale"; empty: none
   };
   struct Snapshot {
     std::uint64_t cycle = 0;  // 0: none yet
