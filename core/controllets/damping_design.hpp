@@ -7,6 +7,7 @@
 
 #include "core/types/joints.hpp"
 #include "core/types/spatial.hpp"
+#include "core/types/triangular.hpp"
 
 // Damping of an inertia and a stiffness that are both full matrices. With the generalised eigenvalues k of
 // (stiffness, inertia), that is inertia = Q Q^T and stiffness = Q diag(k) Q^T,
@@ -23,9 +24,9 @@ Matrix coupled_damping(const Matrix& inertia, const Matrix& stiffness, double ze
   // inertia = L L^T; L^-1 stiffness L^-T = U diag(k) U^T; Q = L U.
   const Eigen::LLT<Matrix> cholesky(inertia);
   Matrix S = stiffness;
-  cholesky.matrixL().solveInPlace(S);
+  divide_by_transposed_lower(cholesky.matrixLLT(), S);
   S.transposeInPlace();
-  cholesky.matrixL().solveInPlace(S);
+  divide_by_transposed_lower(cholesky.matrixLLT(), S);
   const Eigen::SelfAdjointEigenSolver<Matrix> modes(S);
   // Rounding may leave a mode without stiffness slightly below zero.
   const auto d = (2.0 * zeta * modes.eigenvalues().cwiseMax(0.0).cwiseSqrt()).eval();

@@ -6,6 +6,8 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
+#include "core/types/triangular.hpp"
+
 namespace multipanda {
 
 // The eigenvalues are only computed where the floor acts: A - floor * I has a Cholesky factor exactly when
@@ -14,7 +16,12 @@ Matrix6 floored_inverse(const Matrix6& A, bool& floored) {
   constexpr double kFloor = TaskSpace::kMobilityFloor;
   const Eigen::LLT<Matrix6> above(A - kFloor * Matrix6::Identity());
   floored = above.info() != Eigen::Success;
-  if (!floored) return Eigen::LLT<Matrix6>(A).solve(Matrix6::Identity());
+  if (!floored) {
+    const Eigen::LLT<Matrix6> cholesky(A);
+    Matrix6 half = Matrix6::Identity();  // L^-T
+    divide_by_transposed_lower(cholesky.matrixLLT(), half);
+    return half * half.transpose();
+  }
   const Eigen::SelfAdjointEigenSolver<Matrix6> eigen(A);
   const Vector6 inverse = eigen.eigenvalues().cwiseMax(kFloor).cwiseInverse();
   return eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose();
@@ -23,18 +30,18 @@ Matrix6 floored_inverse(const Matrix6& A, bool& floored) {
 void compute_task_space(const Jacobian& J, const JointMatrix& M, TaskSpace& task) {
   with_joint_count(static_cast<std::size_t>(J.cols()), [&]<int N>() {
     using MatrixN = Eigen::Matrix<double, N, N>;
-    using MatrixN6 = Eigen::Matrix<double, N, 6>;
+    using Matrix6N = Eigen::Matrix<double, 6, N>;
     const Eigen::Map<const MatrixN> M_fixed(M.data());
-    const Eigen::Map<const Eigen::Matrix<double, 6, N>> J_fixed(J.data());
-    // L^-1 J^T gives A as one symmetric product, and M^-1 J^T by a second triangular solve.
+    // J L^-T gives A as one symmetric product, and J M^-1 by a second division.
     const Eigen::LLT<MatrixN> cholesky(M_fixed);
-    MatrixN6 half = J_fixed.transpose();
-    cholesky.matrixL().solveInPlace(half);
-    task.mobility.noalias() = half.transpose() * half;
+    Matrix6N half = Eigen::Map<const Matrix6N>(J.data());
+    divide_by_transposed_lower(cholesky.matrixLLT(), half);
+    task.mobility.noalias() = half.lazyProduct(half.transpose());
     task.Lambda = floored_inverse(task.mobility, task.floored);
-    cholesky.matrixU().solveInPlace(half);
+    divide_by_lower(cholesky.matrixLLT(), half);
     task.J_bar.resize(N, 6);
-    Eigen::Map<MatrixN6>(task.J_bar.data()).noalias() = half * task.Lambda;
+    Eigen::Map<Eigen::Matrix<double, N, 6>>(task.J_bar.data()).noalias() =
+        half.transpose().lazyProduct(task.Lambda);
   });
 }
 
