@@ -23,7 +23,6 @@ void MultimodeController::take_requests(const Tick& tick) {
     commit({.start = bit(hold_of(arm)), .stop = 0, .keep = 0});
     (void)instances_[hold_of(arm)]->start(tick);
   });
-  take_stops(tick);
   while (next_scheduled_ < schedule_.size() && schedule_[next_scheduled_].at <= tick.t) {
     const ScheduledRequest& scheduled = schedule_[next_scheduled_++];
     if (scheduled.what == ScheduledRequest::What::stop) {
@@ -39,6 +38,7 @@ void MultimodeController::take_requests(const Tick& tick) {
     apply(posted->request, posted->ticket, posted->received, tick);
     mailbox_.pop();
   }
+  take_stops(tick);  // last, so that nothing taken at this boundary outlives a stop
 }
 
 void MultimodeController::take_stops(const Tick& tick) {

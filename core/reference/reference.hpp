@@ -83,6 +83,8 @@ class Reference {
     double shortest_s = 0;  // what the speed limits ask for
   };
   Aim aim_at(const Target& target) const;
+  Aim aim_past(const Target& target, const Aim& sample, double span, double ahead) const;
+  bool gentle(std::size_t samples) const;
   std::size_t coordinates() const { return spec_.quantity == Quantity::pose ? 6 : size_; }
   void rebase();
   void forget_posted();
