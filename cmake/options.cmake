@@ -15,7 +15,7 @@ if("${CMAKE_CXX_FLAGS} $ENV{CXXFLAGS}" MATCHES "-march=|-mavx|-mtune=native|-mfm
                       "no longer match the prebuilt Pinocchio. Remove it.")
 endif()
 
-set(MULTIPANDA_SANITIZER "" CACHE STRING "address, undefined or thread; empty for none")
+set(MULTIPANDA_SANITIZER "" CACHE STRING "address (with undefined), undefined or thread; empty for none")
 set_property(CACHE MULTIPANDA_SANITIZER PROPERTY STRINGS "" address undefined thread)
 option(MULTIPANDA_WERROR "Warnings of our own targets are errors" ON)
 
@@ -39,9 +39,11 @@ target_link_options(multipanda_flags INTERFACE -Wl,-z,now -Wl,--as-needed)
 
 if(MULTIPANDA_SANITIZER STREQUAL "address")
   # Prebuilt libraries were compiled without __SANITIZE_ADDRESS__, under which Eigen picks another allocator.
-  target_compile_options(multipanda_flags INTERFACE -fsanitize=address -fno-omit-frame-pointer -O1 -g1)
+  # Undefined behaviour is looked for in the same build: the front end's work is done once for both.
+  target_compile_options(multipanda_flags INTERFACE -fsanitize=address,undefined -fno-sanitize-recover=undefined
+                         -fno-omit-frame-pointer -O1 -g1)
   target_compile_definitions(multipanda_flags INTERFACE EIGEN_MALLOC_ALREADY_ALIGNED=1)
-  target_link_options(multipanda_flags INTERFACE -fsanitize=address)
+  target_link_options(multipanda_flags INTERFACE -fsanitize=address,undefined)
 elseif(MULTIPANDA_SANITIZER STREQUAL "undefined")
   target_compile_options(multipanda_flags INTERFACE -fsanitize=undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer -O1 -g1)
   target_link_options(multipanda_flags INTERFACE -fsanitize=undefined)

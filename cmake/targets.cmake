@@ -11,7 +11,7 @@ function(multipanda_library name)
   add_library(${name} ${kind} ${ARG_SOURCES} ${ARG_HEAVY})
   add_library(multipanda::${name} ALIAS ${name})
   # HEAVY: files that only wrap Pinocchio. Undefined-behaviour checks in its templates cost minutes and gigabytes each.
-  if(ARG_HEAVY AND MULTIPANDA_SANITIZER STREQUAL "undefined")
+  if(ARG_HEAVY AND MULTIPANDA_SANITIZER MATCHES "address|undefined")
     set_source_files_properties(${ARG_HEAVY} PROPERTIES COMPILE_OPTIONS -fno-sanitize=undefined)
   endif()
   target_include_directories(${name} PUBLIC $<BUILD_INTERFACE:${CMAKE_SOURCE_DIR}>)
