@@ -2,9 +2,10 @@
 
 #include <Eigen/Core>
 
-// Divisions by a triangular matrix from the right, whole columns at a time. For the few rows and columns of
-// an arm this takes a third of the time of Eigen's solveInPlace, which is made for large matrices and packs
-// its operands first. Any sizes that fit; nothing allocates.
+// Divisions by a triangular matrix from the right, whole columns at a time. Eigen's solveInPlace is made for
+// large matrices and packs its operands first: for the few rows and columns of an arm that costs more (a
+// cycle of two Cartesian impedances took 12.0 us with it, 10.4 us with this). Any sizes that fit; nothing
+// allocates.
 namespace multipanda {
 
 // B := B L^-T, L lower triangular (n x n), B (m x n).
