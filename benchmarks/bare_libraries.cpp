@@ -11,6 +11,8 @@
 #include <pinocchio/algorithm/rnea.hpp>
 #include <pinocchio/parsers/urdf.hpp>
 
+#include "core/types/triangular.hpp"
+
 namespace multipanda::bench {
 namespace {
 
@@ -103,13 +105,17 @@ void BareDualImpedance::Robot::torque(const Input& in, const Pose& X_FE, const G
 
   // Inertia at the hand.
   const Eigen::LLT<Matrix7> M_cholesky(M);
-  Matrix76 half = J.transpose();
-  M_cholesky.matrixL().solveInPlace(half);
+  Matrix67 half = J;
+  divide_by_transposed_lower(M_cholesky.matrixLLT(), half);
   Matrix6 A;
-  A.noalias() = half.transpose() * half;
-  const Matrix6 Lambda = Eigen::LLT<Matrix6>(A).solve(Matrix6::Identity());
-  M_cholesky.matrixU().solveInPlace(half);
-  const Matrix76 J_bar = half * Lambda;
+  A.noalias() = half.lazyProduct(half.transpose());
+  const Eigen::LLT<Matrix6> A_cholesky(A);
+  Matrix6 A_half = Matrix6::Identity();
+  divide_by_transposed_lower(A_cholesky.matrixLLT(), A_half);
+  const Matrix6 Lambda = A_half * A_half.transpose();
+  divide_by_lower(M_cholesky.matrixLLT(), half);
+  Matrix76 J_bar;
+  J_bar.noalias() = half.transpose().lazyProduct(Lambda);
 
   // Damping of Lambda and K by their common modes.
   Matrix6 K = Matrix6::Zero();
@@ -117,9 +123,9 @@ void BareDualImpedance::Robot::torque(const Input& in, const Pose& X_FE, const G
   K.diagonal().tail<3>().setConstant(gains.rotational_stiffness);
   const Eigen::LLT<Matrix6> Lambda_cholesky(Lambda);
   Matrix6 S = K;
-  Lambda_cholesky.matrixL().solveInPlace(S);
+  divide_by_transposed_lower(Lambda_cholesky.matrixLLT(), S);
   S.transposeInPlace();
-  Lambda_cholesky.matrixL().solveInPlace(S);
+  divide_by_transposed_lower(Lambda_cholesky.matrixLLT(), S);
   const Eigen::SelfAdjointEigenSolver<Matrix6> modes(S);
   const Vector6 d = 2.0 * gains.damping_ratio * modes.eigenvalues().cwiseMax(0.0).cwiseSqrt();
   const Matrix6 L = Lambda_cholesky.matrixL();

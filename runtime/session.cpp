@@ -67,8 +67,7 @@ void Session::build() {
   cycle_ = std::make_unique<ControlCycle>(std::move(config), registry_, *backend_);
   modes().schedule(build_schedule(scene_, modes()));
   modes().activate_at_start(start_set(scene_, modes()));
-  board_ =
-      std::make_unique<StatusBoard>(cycle_->layout(), std::move(tau_max));
+  board_ = std::make_unique<StatusBoard>(cycle_->layout(), std::move(tau_max));
 }
 
 void Session::open_log() {

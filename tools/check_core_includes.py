@@ -5,7 +5,7 @@ The folders of core/ are stages in order. A file may include its own folder and 
 a stage can be read, tested and replaced without what stands above it. The core knows no simulator, no middleware
 and no I/O, and Pinocchio (half a minute of compiling) stays in few source files.
 Tests (*_test.cpp) may reach up, to drive what they test through the whole cycle, and may use models/; the rest
-holds for them, too.
+holds for them, too. core/test_support is what they share: it counts as a test, and only tests may include it.
 """
 
 import pathlib
@@ -17,7 +17,7 @@ from project_files import ROOT, project_files
 ORDER = ["cycle", "modes", "safety", "features", "controllets", "reference", "model", "state", "record", "rt", "types"]
 FORBIDDEN = re.compile(r"(mujoco|spdlog|rcl\w*|rmw|rosidl\w*|\w+_msgs)/|iostream$|fstream$")
 INCLUDE = re.compile(r'\s*#\s*include\s*([<"])([^>"]+)[>"]')
-TEST = re.compile(r"_test\.(cpp|hpp)$")
+TEST = re.compile(r"_test\.(cpp|hpp)$|^core/test_support/")
 
 
 def fault_of(file, opener, target):
@@ -36,6 +36,8 @@ def fault_of(file, opener, target):
         if is_test and parts[0] == "models":
             return None
         return f'"{target}" is outside core: name files from the root ("core/..."), and only those of core'
+    if parts[1] == "test_support":
+        return None if is_test else f'"{target}" is for tests only'
     if len(parts) < 3 or parts[1] not in ORDER:
         return f'"{target}" is in no known folder of core ({", ".join(ORDER)})'
     if parts[1] == "model" and parts[2].startswith("pinocchio_") and not file.startswith("core/model/"):
@@ -54,7 +56,7 @@ def check(root):
         return [f"{root}/core: no source file found, nothing would be checked"]
     for path in core:
         file = path.relative_to(root).as_posix()
-        if len(path.relative_to(root).parts) < 3 or path.relative_to(root).parts[1] not in ORDER:
+        if len(path.relative_to(root).parts) < 3 or path.relative_to(root).parts[1] not in [*ORDER, "test_support"]:
             faults.append(f"{file}:1: not in a known folder of core ({', '.join(ORDER)})")
             continue
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):

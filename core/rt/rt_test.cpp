@@ -119,8 +119,8 @@ TEST(Pacer, LatenessDoesNotAddUp) {
 TEST(Pacer, MissedGridPointsAreCountedAndSkipped) {
   Pacer pacer;
   pacer.start_at({0});
-  pacer.advance();                // released at 1 ms
-  pacer.woke_at({4'200'000});     // woke at 4.2 ms: 2, 3 and 4 were missed
+  pacer.advance();             // released at 1 ms
+  pacer.woke_at({4'200'000});  // woke at 4.2 ms: 2, 3 and 4 were missed
   EXPECT_EQ(pacer.overruns(), 3u);
   EXPECT_EQ(pacer.advance().ns, 5'000'000);
   pacer.woke_at({5'000'000});
@@ -144,7 +144,8 @@ TEST(Pacer, NeverReleasesEarly) {
 
 TEST(ThreadSetup, EveryStepIsAnsweredWithAReasonIfNotDone) {
   std::vector<SetupStep> steps;
-  std::thread thread([&] { steps = set_up_thread({.lock_memory = false, .fifo_priority = 80, .cpu = 100'000}); });
+  std::thread thread(
+      [&] { steps = set_up_thread({.lock_memory = false, .fifo_priority = 80, .cpu = 100'000}); });
   thread.join();
   ASSERT_EQ(steps.size(), 2u);
   for (const auto& step : steps) EXPECT_TRUE(step.done || !step.reason.empty()) << step.what;

@@ -53,7 +53,8 @@ TEST(Rotation, LeftJacobianAgainstFiniteDifferences) {
   test::Draw draw(4);
   constexpr double h = 1e-5;
   for (int i = 0; i < 500; ++i) {
-    const Vector3 r = (i < 100 ? std::pow(10.0, -draw.uniform(2, 9)) : draw.uniform(0, 3)) * draw.rotation().col(0);
+    const Vector3 r =
+        (i < 100 ? std::pow(10.0, -draw.uniform(2, 9)) : draw.uniform(0, 3)) * draw.rotation().col(0);
     const Vector3 dr = draw.vector3(1);
     const Matrix3 R_dot = (exp_rotation(r + h * dr) - exp_rotation(r - h * dr)) / (2 * h);
     const Matrix3 S = R_dot * exp_rotation(r).transpose();
@@ -118,7 +119,8 @@ TEST(Codes, EveryCodeHasItsOwnText) {
   }
   EXPECT_EQ(texts.size(), static_cast<std::size_t>(Intervention::count_));
   texts.clear();
-  for (int i = 0; i < static_cast<int>(Verdict::count_); ++i) texts.insert(to_string(static_cast<Verdict>(i)));
+  for (int i = 0; i < static_cast<int>(Verdict::count_); ++i)
+    texts.insert(to_string(static_cast<Verdict>(i)));
   EXPECT_EQ(texts.size(), static_cast<std::size_t>(Verdict::count_));
   EXPECT_EQ(texts.count(""), 0u);
   EXPECT_EQ(to_string(Verdict::count_), "unknown code");
