@@ -2,6 +2,7 @@
 
 #include <array>
 #include <atomic>
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -65,7 +66,9 @@ class ParameterSet {
 
   double number(std::size_t i) const { return entries_[i].now[0]; }
   bool flag(std::size_t i) const { return entries_[i].now[0] > 0.5; }
-  std::size_t choice(std::size_t i) const { return static_cast<std::size_t>(entries_[i].now[0] + 0.5); }
+  std::size_t choice(std::size_t i) const {
+    return static_cast<std::size_t>(std::lround(entries_[i].now[0]));
+  }
   std::span<const double> values(std::size_t i) const { return {entries_[i].now.data(), entries_[i].size}; }
   Vector3 vector3(std::size_t i) const { return Eigen::Map<const Vector3>(entries_[i].now.data()); }
   Vector6 vector6(std::size_t i) const { return Eigen::Map<const Vector6>(entries_[i].now.data()); }

@@ -25,7 +25,7 @@ std::vector<std::string> names_of(const CycleConfig& config) {
 
 }  // namespace
 
-ControlCycle::ControlCycle(CycleConfig config, const Registry& registry, Backend& backend)
+ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, Backend& backend)
     : backend_(backend), data_(models_of(config)), safety_(limits_of(config)) {
   if (config.arms.empty() || config.arms.size() > kMaxArms) {
     throw std::invalid_argument("1 to " + std::to_string(kMaxArms) + " arms are supported, not " +

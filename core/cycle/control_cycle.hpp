@@ -29,7 +29,7 @@ struct CycleConfig {
 class ControlCycle {
  public:
   // Throws std::invalid_argument if arms, models and controllets do not fit together.
-  ControlCycle(CycleConfig config, const Registry& registry, Backend& backend);
+  ControlCycle(const CycleConfig& config, const Registry& registry, Backend& backend);
   ControlCycle(const ControlCycle&) = delete;
 
   // One step for the arms whose packet arrived. Loop thread.

@@ -18,6 +18,7 @@ inline constexpr unsigned kPluginVersion = kPluginInterface * 1000u + EIGEN_MAX_
 
 }  // namespace multipanda
 
+// NOLINTNEXTLINE(bugprone-macro-parentheses): the argument is the name of a parameter
 #define MULTIPANDA_PLUGIN(registry)                                                        \
   extern "C" __attribute__((visibility("default"))) unsigned multipanda_plugin_version() { \
     return ::multipanda::kPluginVersion;                                                   \

@@ -86,7 +86,6 @@ Target pose_target(const Pose& X, double duration_s, Delivery delivery) {
 Reference::Reference(InputSpec spec, std::size_t joint_count)
     : spec_(std::move(spec)),
       size_(value_count(spec_.quantity, joint_count)),
-      joint_count_(joint_count),
       inbox_(std::make_unique<Inbox>()) {
   if (!(spec_.timeout_s > 0 && spec_.max_speed > 0 && spec_.max_angular_speed > 0)) {
     throw std::invalid_argument("input '" + spec_.name + "': timeout and speed limits must be above zero");
@@ -271,7 +270,7 @@ double Reference::peak_excess(std::size_t samples) const {
 // speed limits first.
 void Reference::plan_stream(const Target& target, std::uint64_t steps, double elapsed_s) {
   // Samples lost on the way leave a gap in time, not in the numbering.
-  if (period_s_ > 0) steps = std::max(steps, static_cast<std::uint64_t>(elapsed_s / period_s_ + 0.5));
+  if (period_s_ > 0) steps = std::max(steps, static_cast<std::uint64_t>(std::llround(elapsed_s / period_s_)));
   const double measured = elapsed_s / static_cast<double>(steps);
   period_s_ = period_s_ > 0 ? period_s_ + kPeriodFilter * (measured - period_s_) : measured;
   rebase();

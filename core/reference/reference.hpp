@@ -92,7 +92,6 @@ class Reference {
 
   InputSpec spec_;
   std::size_t size_;
-  std::size_t joint_count_;
 
   struct Inbox {
     std::mutex posters;        // never taken by the loop

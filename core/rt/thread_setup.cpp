@@ -43,7 +43,7 @@ SetupStep pin_to(int cpu) {
 
 // Touches the stack once, so that the loop's first deep call does not fault.
 void prefault_stack() {
-  constexpr std::size_t kBytes = 256 * 1024;
+  constexpr std::size_t kBytes = std::size_t{256} * 1024;
   volatile unsigned char stack[kBytes];
   for (std::size_t i = 0; i < kBytes; i += 4096) stack[i] = 0;
   (void)stack[0];

@@ -21,6 +21,7 @@ struct TimePoint {
     return std::chrono::nanoseconds(a.ns - b.ns);
   }
   friend TimePoint operator+(TimePoint a, std::chrono::nanoseconds d) { return {a.ns + d.count()}; }
+  // NOLINTNEXTLINE(modernize-use-nullptr): a false alarm of clang-tidy 14
   auto operator<=>(const TimePoint&) const = default;
 };
 
