@@ -18,10 +18,12 @@ inline constexpr unsigned kPluginVersion = kPluginInterface * 1000u + EIGEN_MAX_
 
 }  // namespace multipanda
 
-// NOLINTNEXTLINE(bugprone-macro-parentheses): the argument is the name of a parameter
+// The argument is the name of a function parameter and cannot stand in parentheses.
+// NOLINTBEGIN(bugprone-macro-parentheses)
 #define MULTIPANDA_PLUGIN(registry)                                                        \
   extern "C" __attribute__((visibility("default"))) unsigned multipanda_plugin_version() { \
     return ::multipanda::kPluginVersion;                                                   \
   }                                                                                        \
   extern "C" __attribute__((visibility("default"))) void multipanda_plugin_register(       \
       ::multipanda::Registry& registry)
+// NOLINTEND(bugprone-macro-parentheses)
