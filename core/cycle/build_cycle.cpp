@@ -35,6 +35,10 @@ ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, 
     throw std::invalid_argument("the backend has " + std::to_string(backend.arm_count()) + " arms, " +
                                 std::to_string(config.arms.size()) + " are configured");
   }
+  for (ArmIndex arm = 0; arm < config.arms.size(); ++arm) {
+    observers_.emplace_back(config.arms[arm].model->joint_count());
+    if (!backend.capabilities(arm).has_external_torque) observed_ |= ArmSet::of(arm);
+  }
   const ArmBlocks blocks{data_.state, data_.terms, data_.tau_controllet, data_.tau_feature};
   modes_ =
       std::make_unique<MultimodeController>(names_of(config), config.controllets, registry, blocks, safety_);

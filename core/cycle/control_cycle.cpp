@@ -43,11 +43,18 @@ void ControlCycle::read(ArmSet due) {
     // In lock-step a state is as old as the simulated time says: the world waited for us.
     state.age_s = state.fresh ? 0.0 : state.age_s + tick.dt;
     if (state.fresh) data_.terms[arm].update(state);
+    if (state.fresh && observed_.contains(arm)) estimate_force(arm);
     if (state.fresh && !seen_.contains(arm)) {  // the rate limit begins at what the arm has in use
       seen_ |= ArmSet::of(arm);
       safety_.set_last_command(arm, state.tau_J_d);
     }
   }
+}
+
+// What the arm exerts on its environment, where its backend does not say it.
+void ControlCycle::estimate_force(ArmIndex arm) {
+  ModelTerms& terms = data_.terms[arm];
+  observers_[arm].update({terms.momentum(), terms.momentum_drift(), terms.J_V_WK()}, data_.state[arm]);
 }
 
 void ControlCycle::write() {

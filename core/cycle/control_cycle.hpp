@@ -9,6 +9,7 @@
 #include "core/modes/multimode_controller.hpp"
 #include "core/record/cycle_record.hpp"
 #include "core/safety/safety.hpp"
+#include "core/state/external_force.hpp"
 
 namespace multipanda {
 
@@ -54,12 +55,15 @@ class ControlCycle {
 
  private:
   void read(ArmSet due);
+  void estimate_force(ArmIndex arm);
   void write();
   void leave_record();
 
   Backend& backend_;
   CycleData data_;
-  ArmSet seen_;  // arms that have delivered a state
+  std::vector<ExternalForceObserver> observers_;  // one per arm
+  ArmSet observed_;                               // arms whose backend does not tell external torques itself
+  ArmSet seen_;                                   // arms that have delivered a state
   SafetyStage safety_;
   std::unique_ptr<MultimodeController> modes_;
   RecordLayout layout_;

@@ -1,5 +1,7 @@
 #include "core/model/model_terms.hpp"
 
+#include <array>
+
 #include <Eigen/LU>
 #include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/jacobian.hpp>
@@ -22,7 +24,7 @@ struct ModelTerms::Scratch {
 ModelTerms::ModelTerms(std::shared_ptr<const ArmModel> model)
     : model_(std::move(model)), scratch_(std::make_unique<Scratch>(model_->pinocchio())) {
   const auto n = model_->joint_count();
-  q_ = dq_ = c_ = g_ = joint_constant(n, 0);
+  q_ = dq_ = c_ = g_ = momentum_ = momentum_drift_ = joint_constant(n, 0);
   J_V_WE_.setZero(6, q_.size());
   M_.setZero(q_.size(), q_.size());
   update(model_->q_home(), dq_);
@@ -117,6 +119,16 @@ void ModelTerms::point_jacobian(std::size_t joint, const Vector3& p_W,
   }
 }
 
+Jacobian ModelTerms::J_V_WK() {
+  Jacobian J_V_WK = J_V_WE();
+  const Vector3 p_EK_W = X_WK_.position - X_WE_.position;
+  for (Eigen::Index i = 0; i < J_V_WK.cols(); ++i) {
+    const Vector3 omega = J_V_WK.col(i).tail<3>();
+    J_V_WK.col(i).head<3>() += omega.cross(p_EK_W);
+  }
+  return J_V_WK;
+}
+
 const Twist& ModelTerms::V_WE() {
   if (first(kTwist)) V_WE_.vector = J_V_WE().lazyProduct(dq_);
   return V_WE_;
@@ -147,6 +159,48 @@ const JointVector& ModelTerms::c() {
     s.model.gravity = gravity;
   }
   return c_;
+}
+
+// With S_i the joints' axes as twists, v_i the links' velocities, h_i = I_i v_i their momenta and
+// H_i = sum of h_j over the links that joint i carries, all at the world's origin in world axes:
+//   p_i = S_i . H_i,   (C^T dq)_i = 1/2 dq^T (dM/dq_i) dq = (v_i x S_i) . H_i,   g_i = S_i . (-m a_g, -m c x
+//   a_g)
+// The middle one: turning joint i moves the links behind it with S_i, which changes their kinetic energy by
+// d/dq_i sum 1/2 v_j . I_j v_j with dv_j/dq_i = S_i x (v_j - v_i) and dI_j/dq_i = S_i x* I_j - I_j S_i x; the
+// terms in v_j cancel and -(S_i x v_i) . H_i is left.
+void ModelTerms::need_momentum() {
+  if (!first(kMomentum)) return;
+  need_kinematics();
+  auto& s = *scratch_;
+  const auto n = q_.size();
+  const auto& J = s.data.J;  // columns S_i, linear first
+  Eigen::Matrix<double, 6, 1> v = Eigen::Matrix<double, 6, 1>::Zero();
+  std::array<pinocchio::Motion, kMaxJoints> velocity;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    v += dq_[i] * J.col(i);
+    velocity[static_cast<std::size_t>(i)] = pinocchio::Motion(v);
+  }
+  pinocchio::Force H = pinocchio::Force::Zero(), weight = pinocchio::Force::Zero();
+  for (Eigen::Index i = n - 1; i >= 0; --i) {
+    const auto k = static_cast<std::size_t>(i);
+    const pinocchio::Inertia body = s.data.oMi[k + 1].act(s.model.inertias[k + 1]);
+    const pinocchio::Motion S(J.col(i));
+    H += body * velocity[k];
+    const Vector3 force = body.mass() * s.model.gravity.linear();
+    weight += pinocchio::Force(force, body.lever().cross(force));
+    momentum_[i] = S.toVector().dot(H.toVector());
+    momentum_drift_[i] =
+        velocity[k].cross(S).toVector().dot(H.toVector()) + S.toVector().dot(weight.toVector());
+  }
+}
+
+const JointVector& ModelTerms::momentum() {
+  need_momentum();
+  return momentum_;
+}
+const JointVector& ModelTerms::momentum_drift() {
+  need_momentum();
+  return momentum_drift_;
 }
 
 const TaskSpace& ModelTerms::task() {

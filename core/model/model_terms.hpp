@@ -48,6 +48,12 @@ class ModelTerms {
   const JointMatrix& M();  // mass matrix (n x n) [kg m^2]
   const JointVector& c();  // C(q, dq) dq (n x 1) [N m]
   const JointVector& g();  // gravity torque: holds the arm still (n x 1) [N m]
+  // Generalised momentum p = M dq, and what changes it besides torques: dp/dt = tau + tau_on_arm + drift with
+  // drift = C^T dq - g. One sweep over the links gives both, without M or C.
+  const JointVector& momentum();        // (n x 1) [N m s]
+  const JointVector& momentum_drift();  // (n x 1) [N m]
+
+  Jacobian J_V_WK();  // at the stiffness frame's origin, world axes (6 x n)
 
   // Task space at E, world axes
   const TaskSpace& task();
@@ -62,7 +68,8 @@ class ModelTerms {
     kGravity = 16,
     kCoriolis = 32,
     kTask = 64,
-    kManipulability = 128
+    kManipulability = 128,
+    kMomentum = 256
   };
   bool first(Term term) {
     if ((done_ & term) != 0) return false;
@@ -70,6 +77,7 @@ class ModelTerms {
     return true;
   }
   void need_kinematics();
+  void need_momentum();
 
   std::shared_ptr<const ArmModel> model_;
   struct Scratch;
@@ -83,7 +91,7 @@ class ModelTerms {
   Jacobian J_V_WE_;
   Twist V_WE_;
   JointMatrix M_;
-  JointVector c_, g_;
+  JointVector c_, g_, momentum_, momentum_drift_;
   TaskSpace task_;
   double manipulability_ = 0;
 };

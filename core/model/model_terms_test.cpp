@@ -147,6 +147,19 @@ TEST_P(ModelTermsTest, AgreesWithFirstPrinciples) {
       c[i] -= 0.5 * dq.dot((setup.mass_matrix(up) - setup.mass_matrix(down)) * dq) / (2 * d);
     }
     EXPECT_LT((terms.c() - c).norm(), 1e-4 * (1 + c.norm()));
+
+    // p = M dq; its drift is dT/dq - dV/dq, the kinetic energy's gradient by differences once more.
+    EXPECT_LT((terms.momentum() - M * dq).norm(), 1e-7 * (M * dq).norm());
+    for (Eigen::Index i = 0; i < q.size(); ++i) {
+      JointVector up = q, down = q;
+      up[i] += d;
+      down[i] -= d;
+      const double dT = 0.5 * dq.dot((setup.mass_matrix(up) - setup.mass_matrix(down)) * dq) / (2 * d);
+      EXPECT_NEAR(terms.momentum_drift()[i], dT - terms.g()[i], 1e-4 * (1 + std::abs(dT)));
+    }
+    const Jacobian J_K =
+        setup.jacobian([&](const JointVector& at) { return setup.effector(at) * setup.frames.X_EK; }, q);
+    EXPECT_LT((terms.J_V_WK() - J_K).norm(), 1e-8);
   }
 }
 
