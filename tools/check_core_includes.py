@@ -14,7 +14,8 @@ import sys
 
 from project_files import ROOT, project_files
 
-ORDER = ["cycle", "modes", "safety", "features", "controllets", "reference", "model", "state", "record", "rt", "types"]
+ORDER = ["cycle", "modes", "safety", "features", "controllets", "reference", "model", "state", "record", "rt",
+         "geometry", "types"]
 FORBIDDEN = re.compile(r"(mujoco|spdlog|rcl\w*|rmw|rosidl\w*|\w+_msgs)/|iostream$|fstream$")
 INCLUDE = re.compile(r'\s*#\s*include\s*([<"])([^>"]+)[>"]')
 TEST = re.compile(r"_test\.(cpp|hpp)$|^core/test_support/")

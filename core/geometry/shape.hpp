@@ -1,0 +1,46 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "core/types/spatial.hpp"
+
+namespace multipanda {
+
+inline constexpr std::size_t kMaxShapeVertices = 32;
+
+// A convex body: all points within `radius` of a convex core. The core is a point (sphere), a segment
+// (capsule), a box, a cylinder or the hull of some vertices; or the half space z <= 0 of its own frame. All
+// in the frame S of the shape [m]. Plain data, fixed capacity: copying never allocates.
+struct ConvexShape {
+  enum class Kind : std::uint8_t { sphere, capsule, box, cylinder, vertices, half_space };
+  Kind kind = Kind::sphere;
+  double radius = 0;               // swept over the core; 0 for bodies with edges
+  Vector3 p0 = Vector3::Zero();    // sphere: centre; capsule: one end of the segment
+  Vector3 p1 = Vector3::Zero();    // capsule: the other end
+  Vector3 half = Vector3::Zero();  // box: half edges; cylinder about z: (core radius, -, half length)
+  std::uint8_t vertex_count = 0;   // vertices
+  std::array<Vector3, kMaxShapeVertices> vertex{};
+
+  // Off the loop. Throw std::invalid_argument for lengths that are negative or not finite, too few (1) or too
+  // many (kMaxShapeVertices) vertices.
+  static ConvexShape sphere(const Vector3& centre, double radius);
+  static ConvexShape capsule(const Vector3& p0, const Vector3& p1, double radius);
+  static ConvexShape box(const Vector3& size, double radius = 0);  // full edge lengths, centred
+  static ConvexShape cylinder(double cylinder_radius, double length, double radius = 0);  // along z, centred
+  static ConvexShape hull(std::span<const Vector3> vertices, double radius = 0);
+  static ConvexShape half_space();  // z <= 0
+
+  // The point of the core that lies farthest along `direction` (any length). Not for half_space.
+  Vector3 support(const Vector3& direction) const;
+};
+
+// A sphere that contains a shape, in the shape's frame. A half space has an infinite one.
+struct BoundingSphere {
+  Vector3 centre = Vector3::Zero();
+  double radius = 0;
+};
+BoundingSphere bounding_sphere(const ConvexShape& shape);
+
+}  // namespace multipanda
