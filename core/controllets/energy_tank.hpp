@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstdint>
+
+// Energy tanks: what a control law may put into the arm and its surroundings beyond what it took out of them.
+namespace multipanda {
+
+enum class ValveLaw : std::uint8_t {
+  passive,  // F_f' = gamma alpha_f F_f where it gives power, F_f where it takes power
+  paper     // F_f' = (gamma + alpha_f (1 - gamma)) F_f, as the paper prints it: not passive
+};
+
+struct TankLimits {
+  double min_j = 0, max_j = 100;
+  double closing_j = 0.1;  // the valve closes over this range above min_j
+};
+
+// A store of energy with a valve. Work given is taken out, work got back is put in; what does not fit below
+// max_j is lost. Booked exactly and never cut at min_j, since cutting would make energy: an overdraft shows
+// as an energy below min_j, with the valve shut. Loop thread.
+class EnergyTank {
+ public:
+  void start(double energy_j, const TankLimits& limits);  // cut to the limits
+  void give(double work_j);                               // > 0: out of the tank; < 0: into it
+  double energy() const { return energy_; }               // [J]
+  // 0 at min_j and below, 1 at min_j + closing_j and above, smooth between.
+  double valve(const TankLimits& limits) const;
+  // For the paper's tank: what is missing below min_j is made up from nothing. Gives how much [J].
+  double make_up(const TankLimits& limits);
+  double lost() const { return lost_; }  // overflow so far [J]
+
+ private:
+  double energy_ = 0, max_ = 0, lost_ = 0;
+};
+
+// gamma = exp(-|x - x_c|^2 / d_max^2); distance and d_max in [m].
+double contact_shape(double distance_m, double d_max_m);
+
+// The share of F_f that is let through. `speed_along` is the velocity along F_f [m/s]: positive where F_f
+// gives power. The passive law goes from gamma alpha_f to 1 over kIncomingSpeed of incoming motion, so that
+// the force has no step where the motion turns round; with F_f opposing the motion it takes energy whatever
+// its size.
+inline constexpr double kIncomingSpeed = 0.02;  // [m/s]
+double force_share(ValveLaw law, double gamma, double alpha_f, double speed_along);
+
+}  // namespace multipanda
