@@ -72,6 +72,11 @@ ArmModel::ArmModel(ArmModelSource source)
   complete(limits.ddq_max, generous, source_.name, "ddq_max");
   complete(limits.tau_rate_max, generous, source_.name, "tau_rate_max");
   if ((limits.q_min.array() >= limits.q_max.array()).any()) refuse(source_.name, "q_min must be below q_max");
+  if (const auto& friction = source_.known_friction) {
+    for (const JointVector* figures : {&friction->p1, &friction->p2, &friction->p3}) {
+      if (figures->size() != p.model.nv) refuse(source_.name, "known_friction must have one value per joint");
+    }
+  }
   if (source_.q_home.size() == 0) source_.q_home = 0.5 * (limits.q_min + limits.q_max);
   if (source_.q_home.size() != p.model.nv) refuse(source_.name, "q_home must have one value per joint");
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "core/state/arm_state.hpp"
@@ -18,6 +19,14 @@ struct ArmLimits {
   JointVector tau_rate_max;  // [N m/s]
 };
 
+// Friction of the joints as far as the controllers know it, every vector (n x 1):
+//   tau_f(dq) = p1 / (1 + exp(-p2 (dq + p3))) - p1 / (1 + exp(-p2 p3)), against the motion.
+struct JointFrictionTable {
+  JointVector p1;  // [N m]
+  JointVector p2;  // [s/rad]
+  JointVector p3;  // [rad/s]
+};
+
 // What ArmModel is built from. Nothing here knows how many joints an arm has or who made it.
 struct ArmModelSource {
   std::string name;    // for messages
@@ -26,6 +35,7 @@ struct ArmModelSource {
   Pose X_WB;           // base in the world
   ArmLimits limits;    // position, velocity and effort limits left empty are taken from the URDF
   JointVector q_home;  // a comfortable configuration [rad]; empty: middle of the joint ranges
+  std::optional<JointFrictionTable> known_friction;
 };
 
 // The fixed part of an arm's rigid-body model: shared by everyone, never changed after it was built.
@@ -44,6 +54,8 @@ class ArmModel {
   const ArmLimits& limits() const { return source_.limits; }
   const JointVector& q_home() const { return source_.q_home; }
   const std::string& urdf() const { return source_.urdf; }
+  // What the controllers were told of friction; none unless the scene says so.
+  const std::optional<JointFrictionTable>& known_friction() const { return source_.known_friction; }
 
   struct Pinocchio;  // defined in core/model only, so that no other file pays for its headers
   const Pinocchio& pinocchio() const { return *pinocchio_; }
