@@ -29,6 +29,8 @@ struct ControlContext {
   std::span<Reference> inputs;  // in the order of Statement::inputs, already advanced to this cycle
   const ParameterSet* parameters = nullptr;
   std::span<double> outputs;  // Statement::outputs one behind the other
+  // Every arm of the scene, in its order, whoever owns it: to look at, tau is nullptr.
+  std::span<OwnedArm> scene_arms = {};
 };
 
 enum class LawResult { ok, fault };
@@ -52,7 +54,7 @@ class Controllet {
   virtual void start_references(ControlContext& context);
 };
 
-// What a factory gets: the models of the arms it will own, in the order of the scene file.
+// What a controllet's factory gets: the models of the arms it will own, in the order of the scene file.
 using ArmModels = std::span<const std::shared_ptr<const ArmModel>>;
 
 struct ControlletType {

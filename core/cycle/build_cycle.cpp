@@ -39,7 +39,12 @@ ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, 
     observers_.emplace_back(config.arms[arm].model->joint_count());
     if (!backend.capabilities(arm).has_external_torque) observed_ |= ArmSet::of(arm);
   }
-  const ArmBlocks blocks{data_.state, data_.terms, data_.tau_controllet, data_.tau_feature};
+  ArmSet friction_compensated;
+  for (ArmIndex arm = 0; arm < config.arms.size(); ++arm) {
+    if (backend.capabilities(arm).compensates_friction) friction_compensated |= ArmSet::of(arm);
+  }
+  const ArmBlocks blocks{data_.state,       data_.terms,      data_.tau_controllet,
+                         data_.tau_feature, config.obstacles, friction_compensated};
   modes_ =
       std::make_unique<MultimodeController>(names_of(config), config.controllets, registry, blocks, safety_);
   layout_ = modes_->layout();

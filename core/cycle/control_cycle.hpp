@@ -22,6 +22,7 @@ struct CycleConfig {
   };
   std::vector<Arm> arms;  // as many, in the same order, as the backend has
   std::vector<InstanceConfig> controllets;
+  std::vector<Obstacle> obstacles;  // what stands fixed in the world, for features that keep away from it
   std::size_t record_capacity = 0;  // cycles that the writer may fall behind; 0: record nothing
 };
 

@@ -3,6 +3,8 @@
 #include <memory>
 
 #include "core/controllets/controllet.hpp"
+#include "core/geometry/obstacle.hpp"
+#include "core/types/arm_set.hpp"
 
 namespace multipanda {
 
@@ -17,9 +19,17 @@ class Feature {
   virtual LawResult update(ControlContext& context) = 0;  // arms[i].tau += ...
 };
 
+// What a feature's factory gets: where it will live. Valid during the call; copy what you keep.
+struct Surroundings {
+  ArmModels arms;                       // of the whole scene
+  std::span<const ArmIndex> own;        // which of them context.arms are, in that order
+  std::span<const Obstacle> obstacles;  // what stands fixed in the world
+  ArmSet friction_compensated;          // arms whose backend compensates joint friction itself
+};
+
 struct FeatureType {
   Statement statement;  // `arms` is ignored: a feature serves any number
-  std::unique_ptr<Feature> (*create)(ArmModels arms) = nullptr;
+  std::unique_ptr<Feature> (*create)(const Surroundings& surroundings) = nullptr;
 };
 
 }  // namespace multipanda

@@ -57,7 +57,7 @@ FeatureType joint_limits_feature() {
              20,
              "Damping of outward motion, at the limit."}},
        .outputs = {{"largest_torque_nm", 1, "Largest repulsive torque of this cycle [N m]."}}},
-      [](ArmModels) -> std::unique_ptr<Feature> { return std::make_unique<JointLimits>(); }};
+      [](const Surroundings&) -> std::unique_ptr<Feature> { return std::make_unique<JointLimits>(); }};
 }
 
 }  // namespace multipanda

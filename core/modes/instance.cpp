@@ -49,6 +49,12 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
     law_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], &blocks.tau_controllet[arm]});
     feature_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], &blocks.tau_feature[arm]});
   }
+  std::vector<std::shared_ptr<const ArmModel>> all_models;
+  for (ArmIndex arm = 0; arm < blocks.states.size(); ++arm) {
+    all_models.push_back(blocks.terms[arm].shared_model());
+    scene_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], nullptr});
+  }
+  const Surroundings surroundings{all_models, arm_list_, blocks.obstacles, blocks.friction_compensated};
   controllet_ = controllet_type(config, registry, blocks).create(models);
 
   for (InputSpec input : statement_.inputs) {
@@ -73,8 +79,9 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
   std::size_t output_count = law_output_count_;
   const std::size_t joints = models[0]->joint_count();
   for (const auto& type : registry.features()) {
-    features_.push_back({type.statement, type.create(models), ParameterSet(type.statement.parameters, joints),
-                         output_count, total_size(type.statement.outputs)});
+    features_.push_back({type.statement, type.create(surroundings),
+                         ParameterSet(type.statement.parameters, joints), output_count,
+                         total_size(type.statement.outputs)});
     output_count += features_.back().output_count;
     for (const auto& parameter : type.statement.parameters) {
       parameter_names_.push_back(type.statement.type + "." + parameter.name);
@@ -167,13 +174,15 @@ std::vector<OutputSpec> Instance::output_specs() const {
 }
 
 ControlContext Instance::context(const Tick& tick) {
-  return {dt_,     tick.t.seconds(), law_arms_,
-          inputs_, &parameters_,     std::span(outputs_).first(law_output_count_)};
+  return {dt_,        tick.t.seconds(), law_arms_,
+          inputs_,    &parameters_,     std::span(outputs_).first(law_output_count_),
+          scene_arms_};
 }
 
 ControlContext Instance::feature_context(FeatureSlot& slot, const Tick& tick) {
-  return {dt_, tick.t.seconds(), feature_arms_,
-          {},  &slot.parameters, std::span(outputs_).subspan(slot.output_offset, slot.output_count)};
+  return {dt_,        tick.t.seconds(), feature_arms_,
+          {},         &slot.parameters, std::span(outputs_).subspan(slot.output_offset, slot.output_count),
+          scene_arms_};
 }
 
 LawResult Instance::start(const Tick& tick) try {

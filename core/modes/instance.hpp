@@ -32,6 +32,9 @@ struct ArmBlocks {
   std::span<ArmState> states;
   std::span<ModelTerms> terms;
   std::span<JointVector> tau_controllet, tau_feature;
+  // What features may know of the world; used while instances are built.
+  std::span<const Obstacle> obstacles = {};
+  ArmSet friction_compensated = {};
 };
 
 // One controllet with its parameters, references and features, bound to its arms. Built before the loop.
@@ -111,7 +114,7 @@ class Instance {
   std::vector<std::string> parameter_names_;
   std::vector<double> outputs_;
   std::size_t law_output_count_ = 0;
-  std::vector<OwnedArm> law_arms_, feature_arms_;
+  std::vector<OwnedArm> law_arms_, feature_arms_, scene_arms_;
   ArmSet served_;  // arms that have had the present tick's torque
   LoopTime last_tick_;
   double dt_ = 0.001;  // of the present tick

@@ -13,7 +13,7 @@
 // is refused.
 namespace multipanda {
 
-inline constexpr unsigned kPluginInterface = 1;  // raised whenever a header that controllets include changes
+inline constexpr unsigned kPluginInterface = 2;  // raised whenever a header that controllets include changes
 inline constexpr unsigned kPluginVersion = kPluginInterface * 1000u + EIGEN_MAX_STATIC_ALIGN_BYTES;
 
 }  // namespace multipanda

@@ -10,9 +10,16 @@ ControlletRig::ControlletRig(const ControlletType& type, const Models& models) {
   build(type.statement, models);
   controllet_ = type.create(models);
 }
-ControlletRig::ControlletRig(const FeatureType& type, const Models& models) {
+ControlletRig::ControlletRig(const FeatureType& type, const Models& models, std::vector<Obstacle> obstacles,
+                             std::vector<ArmIndex> own) {
   build(type.statement, models);
-  feature_ = type.create(models);
+  if (own.empty()) {
+    for (ArmIndex arm = 0; arm < models.size(); ++arm) own.push_back(arm);
+  }
+  std::vector<OwnedArm> owned;
+  for (const ArmIndex arm : own) owned.push_back(arms_[arm]);
+  arms_ = owned;
+  feature_ = type.create(Surroundings{models, own, obstacles, {}});
 }
 
 void ControlletRig::build(const Statement& statement, const Models& models) {
@@ -30,6 +37,7 @@ void ControlletRig::build(const Statement& statement, const Models& models) {
   }
   for (std::size_t i = 0; i < models.size(); ++i) {
     arms_.push_back({&states_[i], &terms_[i], &tau_[i]});
+    scene_arms_.push_back({&states_[i], &terms_[i], nullptr});
     place(i, bent(models[i]->joint_count()), tau_[i]);
   }
 }
@@ -72,7 +80,7 @@ std::vector<double> ControlletRig::output(std::string_view name) const {
 }
 
 ControlContext ControlletRig::context(double dt) {
-  return {dt, time_s_, arms_, inputs_, parameters_.get(), outputs_};
+  return {dt, time_s_, arms_, inputs_, parameters_.get(), outputs_, scene_arms_};
 }
 
 LawResult ControlletRig::start() {

@@ -16,7 +16,9 @@ using Models = std::vector<std::shared_ptr<const ArmModel>>;
 class ControlletRig {
  public:
   ControlletRig(const ControlletType& type, const Models& models);
-  ControlletRig(const FeatureType& type, const Models& models);
+  // All arms are the feature's own, unless `own` says which (the rest is only looked at).
+  ControlletRig(const FeatureType& type, const Models& models, std::vector<Obstacle> obstacles = {},
+                std::vector<ArmIndex> own = {});
 
   void place(std::size_t arm, const JointVector& q, const JointVector& dq);
   void frames(std::size_t arm, const ArmFrames& frames);  // takes effect at the next place()
@@ -50,7 +52,7 @@ class ControlletRig {
   std::vector<ArmState> states_;
   std::vector<ModelTerms> terms_, plant_;
   std::vector<JointVector> tau_;
-  std::vector<OwnedArm> arms_;
+  std::vector<OwnedArm> arms_, scene_arms_;
   double time_s_ = 0;
 };
 

@@ -129,11 +129,12 @@ Registry test_registry() {
       make_for<Saboteur>});
   registry.add(ControlletType{{.type = "refuser", .doc = "", .arms = 1}, make<Refuser>});
   registry.add(ControlletType{{.type = "thrower", .doc = "", .arms = 1}, make<Thrower>});
-  registry.add(FeatureType{{.type = "push",
-                            .doc = "",
-                            .parameters = {{"torque_nm", "N m", 1, {0.5}, -100, 100, ""}},
-                            .outputs = {{"push_nm", 1, ""}}},
-                           [](ArmModels) -> std::unique_ptr<Feature> { return std::make_unique<Push>(); }});
+  registry.add(
+      FeatureType{{.type = "push",
+                   .doc = "",
+                   .parameters = {{"torque_nm", "N m", 1, {0.5}, -100, 100, ""}},
+                   .outputs = {{"push_nm", 1, ""}}},
+                  [](const Surroundings&) -> std::unique_ptr<Feature> { return std::make_unique<Push>(); }});
   return registry;
 }
 
