@@ -2,9 +2,11 @@
 #include "core/controllets/cartesian_impedance.hpp"
 #include "core/controllets/coupled_dual_cartesian_impedance.hpp"
 #include "core/controllets/dual_cartesian_impedance.hpp"
+#include "core/controllets/force.hpp"
 #include "core/controllets/gravity_compensation.hpp"
 #include "core/controllets/hold.hpp"
 #include "core/controllets/joint_impedance.hpp"
+#include "core/controllets/ufic.hpp"
 #include "core/features/joint_limits.hpp"
 #include "core/modes/registry.hpp"
 
@@ -18,6 +20,8 @@ Registry Registry::with_builtins() {
   registry.add(cartesian_impedance_controllet());
   registry.add(dual_cartesian_impedance_controllet());
   registry.add(coupled_dual_cartesian_impedance_controllet());
+  registry.add(force_controllet());
+  registry.add(ufic_controllet());
   registry.add(joint_limits_feature());
   return registry;
 }

@@ -1,0 +1,162 @@
+#include "core/controllets/force.hpp"
+
+#include <algorithm>
+
+#include "core/controllets/cartesian_law.hpp"
+#include "core/controllets/energy_tank.hpp"
+#include "core/controllets/force_law.hpp"
+
+namespace multipanda {
+namespace {
+
+enum Input : std::size_t { kWrench };
+constexpr std::size_t kForceGroup = kCartesianParameterCount;
+enum Parameter : std::size_t { kApproachSpeed = kForceGroup + kForceParameterCount, kPressDirection, kReach };
+enum Output : std::size_t { kDesired, kEstimated, kCommand, kInContact, kGamma, kApproaching, kError };
+
+class Force final : public Controllet {
+ public:
+  LawResult start(ControlContext& context) override {
+    const OwnedArm& arm = context.arms[0];
+    if (!arm.state->has_wrench_estimate) return LawResult::fault;  // blind: it would press without end
+    q_N_ = arm.q();
+    X_hold_ = arm.terms->X_WE();
+    p_c_ = X_hold_.position;
+    direction_.start(context.parameters->vector3(kPressDirection));
+    detector_.start();
+    loop_.start();
+    across_.reset(Vector3::Zero());
+    pressing_fade_.reset(false);
+    approach_fade_.reset(false);
+    travel_ = 0;
+    pressing_ = false;
+    return LawResult::ok;
+  }
+
+  LawResult update(ControlContext& context) override {
+    OwnedArm& arm = context.arms[0];
+    ModelTerms& terms = *arm.terms;
+    const ParameterSet& parameters = *context.parameters;
+    const ForceSettings settings = force_settings(parameters, kForceGroup);
+    const double dt = context.dt;
+
+    const Vector3 F_d = context.inputs[kWrench].vector().head<3>();
+    const Vector3 n = direction_.update(F_d, dt);
+    const double desired = std::max(0.0, n.dot(F_d));
+    const Vector3 F_hat = arm.state->F_K_W_est.force();
+    const double estimated = n.dot(F_hat);
+    const Vector3 p = terms.X_WE().position;
+    watch_contact(estimated, settings.contact_threshold, p, n, dt);
+
+    const double w = pressing_fade_.towards(pressing_, dt);
+    const double beyond = std::max(0.0, n.dot(p - p_c_));
+    const double gamma = contact_shape(beyond, parameters.number(kReach));
+    const double f = loop_.update(settings.gains, desired, estimated, gamma * w, dt);
+    const double command = w * gamma * f;
+
+    // The set-point goes ahead along n while there is nothing to press on.
+    const bool approaching = !pressing_ && desired > ForceDirection::kLeastForce;
+    const double speed = parameters.number(kApproachSpeed) * approach_fade_.towards(approaching, dt);
+    travel_ += speed * dt;
+    CartesianTarget target{X_hold_, {}, {}};
+    target.X_W_d.position += n * travel_;
+    target.V_d.linear() = n * speed;
+
+    const ImpedanceGains gains = impedance_gains(parameters);
+    TaskForce force = impedance_force(gains, target, terms.X_WE(), terms.V_WE().vector, terms.task().Lambda);
+    const Vector3 spring = force.spring.head<3>();
+    const double v_n = n.dot(Vector3(terms.V_WE().linear()));
+    force.total.head<3>() += n * (command - w * n.dot(spring) - settings.damping * (v_n - speed));
+    force.total.head<3>() += settings.tangential_gain * w *
+                             direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
+
+    *arm.tau = terms.c() + null_space_torque(null_space_gains(parameters), arm, q_N_);
+    *arm.tau += terms.J_V_WE().transpose().lazyProduct(force.total);
+
+    const auto out = context.outputs;
+    out[kDesired] = desired;
+    out[kEstimated] = estimated;
+    out[kCommand] = command;
+    out[kInContact] = detector_.in_contact();
+    out[kGamma] = gamma;
+    out[kApproaching] = approaching;
+    std::copy_n(pose_error(X_hold_, terms.X_WE()).data(), 6, out.begin() + kError);
+    return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
+  }
+
+ private:
+  // Pressing begins with the first contact. It ends when the tool has gone kLossDistance on without one: a
+  // bounce, or a desired force near zero, is no loss.
+  void watch_contact(double estimated, double threshold, const Vector3& p, const Vector3& n, double dt) {
+    static constexpr double kLossDistance = 0.005;  // [m]
+    const bool contact = detector_.update(estimated, threshold, dt);
+    if (contact) {
+      pressing_ = true;
+      p_c_ = p;
+    } else if (pressing_ && n.dot(p - p_c_) > kLossDistance) {
+      pressing_ = false;
+    }
+    // Whenever pressing may end, the approach goes on from where the tool is.
+    if (pressing_) travel_ += pressing_fade_.value() * (n.dot(p - X_hold_.position) - travel_);
+  }
+
+  JointVector q_N_;
+  Pose X_hold_;
+  Vector3 p_c_ = Vector3::Zero();  // where the tool last touched
+  ForceDirection direction_;
+  ContactDetector detector_;
+  ForceLoop loop_;
+  LowPass<Vector3> across_;
+  Fade pressing_fade_, approach_fade_;
+  double travel_ = 0;  // of the set-point along n from X_hold [m]
+  bool pressing_ = false;
+};
+
+std::vector<ParameterSpec> parameters() {
+  auto specs = cartesian_parameters();
+  for (auto& spec : force_parameters()) specs.push_back(std::move(spec));
+  specs[kForceGroup + kTangentialGain].initial = {0};  // nothing slides here; see the page of `force`
+  specs.push_back({"approach_speed_m_per_s",
+                   "m/s",
+                   1,
+                   {0.02},
+                   0,
+                   0.2,
+                   "Of the set-point towards a surface. The blow grows with it: v sqrt(stiffness x mass)."});
+  specs.push_back(
+      {"press_direction",
+       "",
+       3,
+       {0, 0, -1},
+       -1,
+       1,
+       "Where to press from the start, world axes; the direction of F_d takes over above 0.5 N."});
+  specs.push_back(
+      {"d_max_m", "m", 1, {0.02}, 0.001, 1, "Width of gamma: the force fades beyond the last contact."});
+  return specs;
+}
+
+}  // namespace
+
+ControlletType force_controllet() {
+  return {
+      {.type = "force",
+       .doc = "Presses on a surface with a given force, which it looks for slowly; holds its pose across.",
+       .inputs = {{.name = "wrench",
+                   .quantity = Quantity::wrench,
+                   .doc = "F_d, what the arm is to exert, world axes; its force counts, its moment does "
+                          "not.",
+                   .max_speed = 60}},
+       .parameters = parameters(),
+       .outputs = {{"force_desired_n", 1, "F_d along n."},
+                   {"force_estimated_n", 1, "F_hat along n."},
+                   {"force_command_n", 1, "w gamma f: what the force part asks for along n."},
+                   {"in_contact", 1, "1 while the estimate says so."},
+                   {"gamma_f", 1, "Fading beyond the last contact."},
+                   {"approaching", 1, "1 while it looks for a surface."},
+                   {"position_error_m", 3, "From the pose held, world axes."},
+                   {"orientation_error_rad", 3, "From the pose held, world axes."}}},
+      [](ArmModels) -> std::unique_ptr<Controllet> { return std::make_unique<Force>(); }};
+}
+
+}  // namespace multipanda
