@@ -1,6 +1,7 @@
 // The one list of what comes with multipanda: a new controllet or feature adds its line here.
 #include "core/controllets/cartesian_impedance.hpp"
 #include "core/controllets/coupled_dual_cartesian_impedance.hpp"
+#include "core/controllets/coupled_ufic.hpp"
 #include "core/controllets/dual_cartesian_impedance.hpp"
 #include "core/controllets/force.hpp"
 #include "core/controllets/gravity_compensation.hpp"
@@ -22,6 +23,7 @@ Registry Registry::with_builtins() {
   registry.add(coupled_dual_cartesian_impedance_controllet());
   registry.add(force_controllet());
   registry.add(ufic_controllet());
+  registry.add(coupled_ufic_controllet());
   registry.add(joint_limits_feature());
   return registry;
 }

@@ -1,0 +1,375 @@
+#include "core/controllets/coupled_ufic.hpp"
+
+#include <algorithm>
+#include <array>
+
+#include <Eigen/LU>
+
+#include "core/controllets/cooperative_frame.hpp"
+#include "core/controllets/coupled_ufic_statement.hpp"
+#include "core/controllets/damping_design.hpp"
+#include "core/controllets/energy_book.hpp"
+
+namespace multipanda {
+namespace {
+
+using namespace coupled_ufic;
+using Matrix12 = Eigen::Matrix<double, 12, 12>;
+using Vector12 = Eigen::Matrix<double, 12, 1>;
+using Phase = GraspSequence::Phase;
+
+constexpr double kGravity = 9.81;  // [m/s^2]
+// Hands turned apart by more than this hold nothing together: something slipped or broke.
+constexpr double kLargestRelativeAngle = 2.0;  // [rad]
+
+// All springs of the cooperative coordinates as they stood in a tick: their energy is what moving set-points
+// pay for. Along n the relative spring has a share of its own: a grasp takes it away.
+struct Springs {
+  TaskStiffness absolute{Matrix3::Zero(), Matrix3::Zero()};
+  Matrix3 across = Matrix3::Zero();         // relative, without its part along n [N/m]
+  Matrix3 relative_turn = Matrix3::Zero();  // [N m/rad]
+  double along = 0;                         // relative, along n, with its share [N/m]
+  Pose X_d;                                 // of A
+  Vector3 p_r_d = Vector3::Zero();          // p_2 - p_1
+  Vector3 n = Vector3::UnitY();
+  double scale = 1;   // s
+  double energy = 0;  // V at the tick's pose, not scaled [J]
+
+  double energy_at(const CooperativeFrame& frame) const {
+    const Vector3 e = p_r_d - frame.relative.head<3>();
+    const Vector3 phi = FadedRotation(frame.relative.tail<3>()).value;
+    const double e_n = n.dot(e);
+    return spring_energy(absolute, pose_error(X_d, frame.X_WA)) +
+           0.5 * (e.dot(across * e) + along * e_n * e_n + phi.dot(relative_turn * phi));
+  }
+  // Conjugate to [V_a; V_r]: minus the gradient of the energy.
+  Vector12 wrench(const CooperativeFrame& frame) const {
+    const Vector3 e = p_r_d - frame.relative.head<3>();
+    const FadedRotation phi(frame.relative.tail<3>());
+    Vector12 F;
+    F.head<6>() = spring_wrench(absolute, pose_error(X_d, frame.X_WA));
+    F.segment<3>(6) = across * e + along * n.dot(e) * n;
+    F.tail<3>() = -(phi.dvalue_dr * (relative_turn * phi.value));
+    return F;
+  }
+};
+
+class CoupledUfic final : public Controllet {
+ public:
+  // A: midway between the hands, the world's axes.
+  void start_references(ControlContext& context) override {
+    const Pose& X_WE1 = context.arms[0].terms->X_WE();
+    const Pose& X_WE2 = context.arms[1].terms->X_WE();
+    X_EA_[0] = {X_WE1.rotation.transpose(), Vector3::Zero()};
+    X_EA_[1] = {X_WE2.rotation.transpose(), Vector3::Zero()};
+    context.inputs[kPose].start(Pose{Matrix3::Identity(), 0.5 * (X_WE1.position + X_WE2.position)});
+    context.inputs[kSqueeze].start_constant(0);
+  }
+
+  LawResult start(ControlContext& context) override {
+    for (const OwnedArm& arm : context.arms) {
+      if (!arm.state->has_wrench_estimate) return LawResult::fault;  // blind: it would squeeze without end
+    }
+    p_r_start_ =
+        context.arms[1].terms->X_WE().position - context.arms[0].terms->X_WE().position;  // axes of A
+    const Vector3 given = context.parameters->vector3(kSqueezeDirection);
+    const Vector3 line = given.norm() > 1e-6 ? given : p_r_start_;
+    if (!(line.norm() > 1e-6)) return LawResult::fault;  // hands in one point: no line between them
+    n_A_ = line.normalized();
+    grasp_.start(n_A_.dot(p_r_start_));
+    loop_.start();
+    touched_ = false;
+    gamma_ = touch_distance_ = shift_ = shift_from_ = shift_to_ = integral_ = made_up_ = 0;
+    shift_fade_.reset(true);
+    const Settings settings(*context.parameters);
+    force_tank_.start(context.parameters->number(kTankStart), settings.tanks);
+    impedance_tank_.start(context.parameters->number(kTankStart), settings.tanks);
+    alpha_f_ = force_tank_.valve(settings.tanks);
+    for (std::size_t i = 0; i < 2; ++i) {
+      q_N_[i] = context.arms[i].q();
+      book_[i].start(q_N_[i]);
+    }
+    springs_ = springs_now(settings, CartesianTarget::of(context.inputs[kPose]));
+    springs_.scale = impedance_tank_.valve(settings.tanks);
+    springs_.energy = springs_.energy_at(frame_of(context));
+    return LawResult::ok;
+  }
+
+  LawResult update(ControlContext& context) override {
+    OwnedArm& first = context.arms[0];
+    OwnedArm& second = context.arms[1];
+    const CooperativeFrame frame = frame_of(context);
+    if (!(frame.relative.tail<3>().norm() < kLargestRelativeAngle)) return LawResult::fault;
+    const Settings settings(*context.parameters);
+    const CartesianTarget target = CartesianTarget::of(context.inputs[kPose]);
+    const double dt = context.dt;
+
+    settle_accounts(context, frame, settings);
+    follow_grasp(context, frame, settings, target);
+    const double set_point_work = move_springs(springs_now(settings, target), frame, settings, dt);
+    const double s = springs_.scale;
+    const Vector3& n = springs_.n;
+
+    Vector12 V, V_d;
+    V << frame.absolute_velocity(first.terms->V_WE().vector, second.terms->V_WE().vector),
+        frame.relative_velocity(first.terms->V_WE().vector, second.terms->V_WE().vector);
+    V_d << target.V_d.vector, Vector6::Zero();
+    V_d.segment<3>(6) = target.V_d.angular().cross(springs_.p_r_d) + grasp_.distance_rate_d() * n;
+
+    const Matrix12 Lambda = inertia(first, second, frame);
+    const Matrix12 D = coupled_damping(Lambda, stiffness(settings, target), settings.absolute.damping_ratio);
+    Vector12 feedforward = D * V_d;
+    if (settings.absolute.acceleration_feedforward) {
+      feedforward += Lambda.leftCols<6>() * target.A_d.vector;
+    }
+    feedforward.head<3>() += carried(settings, target, frame, dt);
+    feedforward *= s;
+
+    const double v_n = n.dot(Vector3(V.segment<3>(6)));
+    const double command = squeeze(settings, v_n, dt);
+    Vector12 force = Vector12::Zero(), force_damping = Vector12::Zero();
+    force.segment<3>(6) = -command * n;
+    force_damping.segment<3>(6) =
+        -settings.squeeze_damping * (v_n - s * n.dot(Vector3(V_d.segment<3>(6)))) * n;
+
+    const Vector12 spring = s * springs_.wrench(frame);
+    const Vector12 damping = -(D * V);
+    for (std::size_t i = 0; i < 2; ++i) {
+      OwnedArm& arm = context.arms[i];
+      const Jacobian& J = arm.terms->J_V_WE();
+      const auto joints = [&](const Vector12& F) -> JointVector {
+        const Vector6 F_E = i == 0 ? frame.first_wrench(F.head<6>(), F.tail<6>())
+                                   : frame.second_wrench(F.head<6>(), F.tail<6>());
+        return J.transpose().lazyProduct(F_E);
+      };
+      EnergyBook& book = book_[i];
+      book.open(kSpringPart, joints(spring));
+      book.open(kDampingPart, joints(damping));
+      book.open(kFeedforwardPart, joints(feedforward));
+      book.open(kNullSpacePart, scaled_null_space(settings.null_space, arm, q_N_[i], s));
+      book.open(kCoriolisPart, arm.terms->c());
+      book.open(kForcePart, joints(force));
+      book.open(kForceDampingPart, joints(force_damping));
+      *arm.tau = book.sum();
+      if (!arm.tau->allFinite()) return LawResult::fault;
+    }
+    show(context, frame, command, set_point_work);
+    return LawResult::ok;
+  }
+
+ private:
+  CooperativeFrame frame_of(const ControlContext& context) const {
+    return {context.arms[0].terms->X_WE(), X_EA_[0], context.arms[1].terms->X_WE(), X_EA_[1]};
+  }
+
+  // What the two hands weigh in cooperative coordinates: L^-T diag(Lambda_1, Lambda_2) L^-1.
+  static Matrix12 inertia(OwnedArm& first, OwnedArm& second, const CooperativeFrame& frame) {
+    Matrix12 L, Lambda = Matrix12::Zero();
+    L << frame.L_a1, frame.L_a2, frame.L_r1, frame.L_r2;
+    Lambda.topLeftCorner<6, 6>() = first.terms->task().Lambda;
+    Lambda.bottomRightCorner<6, 6>() = second.terms->task().Lambda;
+    const Matrix12 L_inverse = Eigen::PartialPivLU<Matrix12>(L).inverse();
+    return L_inverse.transpose() * (Lambda * L_inverse);
+  }
+
+  // For the design of the damping, which stays the same in a grasp: all springs at their full share.
+  static Matrix12 stiffness(const Settings& settings, const CartesianTarget& target) {
+    Matrix12 K = Matrix12::Zero();
+    K.topLeftCorner<6, 6>() = settings.absolute.stiffness(target.X_W_d.rotation).matrix();
+    K.bottomRightCorner<6, 6>() = settings.relative.stiffness(target.X_W_d.rotation).matrix();
+    return K;
+  }
+
+  Springs springs_now(const Settings& settings, const CartesianTarget& target) const {
+    const Matrix3& R_d = target.X_W_d.rotation;
+    const TaskStiffness K_r = settings.relative.stiffness(R_d);
+    Springs next;
+    next.n = R_d * n_A_;
+    const Matrix3 P = Matrix3::Identity() - next.n * next.n.transpose();
+    next.absolute = settings.absolute.stiffness(R_d);
+    next.across = P * K_r.translation * P;
+    next.relative_turn = K_r.rotation;
+    next.along = grasp_.spring_share() * next.n.dot(K_r.translation * next.n);
+    next.X_d = {R_d, target.X_W_d.position + shift_ * next.n};
+    next.p_r_d = P * (R_d * p_r_start_) + grasp_.distance_d() * next.n;
+    return next;
+  }
+
+  // Work of the period just gone. What the impedance part gave, less what its springs lost, is the impedance
+  // tank's; so is the work of others (features, limits).
+  void settle_accounts(const ControlContext& context, const CooperativeFrame& frame,
+                       const Settings& settings) {
+    for (std::size_t i = 0; i < 2; ++i) {
+      book_[i].close(context.arms[i].q(), context.arms[i].state->tau_J_d);
+    }
+    const double now = springs_.energy_at(frame);
+    const double stored = springs_.scale * (now - springs_.energy);
+    springs_.energy = now;
+    impedance_tank_.give(stored + work(kSpringPart) + work(kDampingPart) + work(kFeedforwardPart) +
+                         work(kNullSpacePart) + work(kCoriolisPart) + book_[0].work_of_others() +
+                         book_[1].work_of_others());
+    force_tank_.give(work(kForcePart) + work(kForceDampingPart));
+    if (settings.valve_law == ValveLaw::paper) {
+      made_up_ += force_tank_.make_up(settings.tanks) + impedance_tank_.make_up(settings.tanks);
+    }
+  }
+  double work(TorquePart part) const { return book_[0].work(part) + book_[1].work(part); }
+
+  // The springs go to new set-points, stiffness and valve; the tank pays for the energy they have more and
+  // takes what they have less. The valve depends on what is left after that, so both are found together:
+  // s = valve(T + s_before V_before - s V). Taken one after the other they would chase each other.
+  double move_springs(Springs next, const CooperativeFrame& frame, const Settings& settings, double dt) {
+    const double before = springs_.scale * springs_.energy;
+    next.energy = next.energy_at(frame);
+    const auto valve_after = [&](double s) {
+      EnergyTank after = impedance_tank_;
+      after.give(s * next.energy - before);
+      return after.valve(settings.tanks);
+    };
+    double high = std::min(1.0, springs_.scale + dt / Fade::kDuration), low = 0;
+    if (valve_after(high) < high) {
+      for (int i = 0; i < 40; ++i) {
+        const double middle = 0.5 * (low + high);
+        (valve_after(middle) < middle ? high : low) = middle;
+      }
+      high = low;
+    }
+    next.scale = high;
+    springs_ = next;
+    const double work = next.scale * next.energy - before;
+    impedance_tank_.give(work);
+    return work;
+  }
+
+  // Phases of the grasp; gamma and where A is held along n follow from the touch.
+  void follow_grasp(const ControlContext& context, const CooperativeFrame& frame, Settings settings,
+                    const CartesianTarget& target) {
+    const Vector3 n = target.X_W_d.rotation * n_A_;
+    const Matrix3& R_d = target.X_W_d.rotation;
+    settings.grasp.closing_stiffness = n.dot(settings.relative.stiffness(R_d).translation * n);
+    measured_ = {.wanted_n = context.inputs[kSqueeze].scalar(),
+                 .first_n = n.dot(Vector3(context.arms[0].state->F_K_W_est.force())),
+                 .second_n = -n.dot(Vector3(context.arms[1].state->F_K_W_est.force())),
+                 .distance_m = n.dot(Vector3(frame.relative.head<3>()))};
+    grasp_.update(measured_, settings.grasp, context.dt);
+    if (grasp_.touched_now()) {
+      // The object is where it is: held there along n, not drawn to the set-point, which would press one hand
+      // more than the other.
+      shift_from_ = shift_;
+      shift_to_ = n.dot(frame.X_WA.position - target.X_W_d.position);
+      shift_fade_.reset(false);
+    }
+    shift_ = shift_from_ + shift_fade_.towards(true, context.dt) * (shift_to_ - shift_from_);
+    if (grasp_.both_touch()) {
+      touched_ = true;
+      touch_distance_ = measured_.distance_m;
+    }
+    // Down at once, up no faster than any fade.
+    const double rise = context.dt / Fade::kDuration;
+    const double shape =
+        touched_ ? contact_shape(measured_.distance_m - touch_distance_, settings.reach) : 0.0;
+    gamma_ = std::min(shape, gamma_ + rise);
+    alpha_f_ = std::min(force_tank_.valve(settings.tanks), alpha_f_ + rise);
+  }
+
+  // F_f' along -n of the relative motion: what each hand is to press.
+  double squeeze(const Settings& settings, double v_n, double dt) {
+    const double estimated = 0.5 * (measured_.first_n + measured_.second_n);
+    const double w = grasp_.force_share();
+    const double f = w * loop_.update(settings.force, grasp_.desired_n(), estimated, w, dt);
+    return multipanda::force_share(settings.valve_law, gamma_, alpha_f_, -v_n) * f;
+  }
+
+  // Declared weight with the set-point's acceleration, and the integral of the vertical error.
+  Vector3 carried(const Settings& settings, const CartesianTarget& target, const CooperativeFrame& frame,
+                  double dt) {
+    const double held = grasp_.ramp();
+    if (grasp_.phase() == Phase::grasp) {
+      const double e_z = target.X_W_d.position.z() - frame.X_WA.position.z();
+      integral_ += settings.vertical_integral * held * e_z * dt;
+      integral_ = std::clamp(integral_, -settings.vertical_integral_limit, settings.vertical_integral_limit);
+    } else {
+      integral_ *= std::exp(-dt / Fade::kDuration);
+    }
+    const Vector3 A_d =
+        settings.absolute.acceleration_feedforward ? Vector3(target.A_d.linear()) : Vector3(Vector3::Zero());
+    Vector3 f = held * settings.object_mass * (A_d + kGravity * Vector3::UnitZ());
+    f.z() += integral_;
+    vertical_ = f.z();
+    return f;
+  }
+
+  static JointVector scaled_null_space(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N,
+                                       double s) {
+    const JointVector full = null_space_torque(gains, arm, q_N);
+    if (s >= 1) return full;
+    // The dampers alone: towards the posture where the arm is. The springs are the difference.
+    const JointVector dampers = null_space_torque(gains, arm, arm.q());
+    return dampers + s * (full - dampers);
+  }
+
+  void show(ControlContext& context, const CooperativeFrame& frame, double command, double set_point_work) {
+    const auto out = context.outputs;
+    const double per_s = 1.0 / context.dt;
+    out[kDesired] = grasp_.phase() == Phase::grasp ? grasp_.desired_n() : 0.0;
+    out[kFirstEstimated] = measured_.first_n;
+    out[kSecondEstimated] = measured_.second_n;
+    out[kEstimated] = 0.5 * (measured_.first_n + measured_.second_n);
+    out[kCommand] = command;
+    out[kInContact] = grasp_.both_touch();
+    out[kPhase] = static_cast<double>(grasp_.phase());
+    out[kGamma] = gamma_;
+    out[kAlphaForce] = alpha_f_;
+    out[kAlphaImpedance] = springs_.scale - 1;
+    out[kForceTank] = force_tank_.energy();
+    out[kImpedanceTank] = impedance_tank_.energy();
+    double kinetic = 0;
+    for (const OwnedArm& arm : context.arms) kinetic += 0.5 * arm.dq().dot(arm.terms->momentum());
+    out[kStored] =
+        kinetic + springs_.scale * springs_.energy + force_tank_.energy() + impedance_tank_.energy();
+    out[kSpringPower] = work(kSpringPart) * per_s;
+    out[kDampingPower] = work(kDampingPart) * per_s;
+    out[kFeedforwardPower] = work(kFeedforwardPart) * per_s;
+    out[kNullSpacePower] = work(kNullSpacePart) * per_s;
+    out[kCoriolisPower] = work(kCoriolisPart) * per_s;
+    out[kForcePower] = work(kForcePart) * per_s;
+    out[kForceDampingPower] = work(kForceDampingPart) * per_s;
+    out[kSetPointPower] = set_point_work * per_s;
+    out[kOtherPower] = (book_[0].work_of_others() + book_[1].work_of_others()) * per_s;
+    out[kMadeUp] = made_up_;
+    out[kDistance] = measured_.distance_m;
+    out[kVerticalForce] = vertical_;
+    const Vector6 absolute = pose_error(springs_.X_d, frame.X_WA);
+    std::copy_n(absolute.data(), 6, out.begin() + kAbsoluteError);
+    Vector6 relative;
+    relative << springs_.p_r_d - frame.relative.head<3>(), -frame.relative.tail<3>();
+    if (grasp_.phase() == Phase::grasp) {
+      relative.head<3>() -= springs_.n.dot(Vector3(relative.head<3>())) * springs_.n;
+    }
+    std::copy_n(relative.data(), 6, out.begin() + kRelativeError);
+  }
+
+  std::array<Pose, 2> X_EA_;
+  std::array<JointVector, 2> q_N_;
+  std::array<EnergyBook, 2> book_;
+  Vector3 p_r_start_ = Vector3::Zero(), n_A_ = Vector3::UnitY();
+  GraspSequence grasp_;
+  GraspSequence::Measured measured_;
+  ForceLoop loop_;
+  Fade shift_fade_;
+  double shift_ = 0, shift_from_ = 0, shift_to_ = 0;  // of A's set-point along n [m]
+  double integral_ = 0, vertical_ = 0;                // [N]
+  bool touched_ = false;
+  double touch_distance_ = 0, gamma_ = 0, alpha_f_ = 0, made_up_ = 0;
+  EnergyTank force_tank_, impedance_tank_;
+  Springs springs_;
+};
+
+}  // namespace
+
+ControlletType coupled_ufic_controllet() {
+  return {coupled_ufic::statement(),
+          [](ArmModels) -> std::unique_ptr<Controllet> { return std::make_unique<CoupledUfic>(); }};
+}
+
+}  // namespace multipanda
