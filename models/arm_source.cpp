@@ -3,6 +3,43 @@
 #include "models/to_urdf.hpp"
 
 namespace multipanda {
+namespace {
+
+// Both ends in the frame of the joint, whose own frame then is the shape's. The description was checked.
+CollisionShape part(const std::string& name, int joint, const Capsule& capsule, const Pose& X_JL) {
+  ConvexShape shape;
+  shape.kind = ConvexShape::Kind::capsule;
+  shape.p0 = X_JL * capsule.from;
+  shape.p1 = X_JL * capsule.to;
+  shape.radius = capsule.radius;
+  // link0 and link1 stand on what is fixed in a scene.
+  return {name, joint, shape, Pose{}, joint > 0};
+}
+
+void add_collision_shapes(const RobotDescription& robot, bool hand, ArmModelSource& source) {
+  const int last = static_cast<int>(robot.joint_count()) - 1;
+  auto& parts = source.collision_shapes;
+  for (int link = 0; link <= last + 1; ++link) {
+    const std::string name = "link" + std::to_string(link);
+    for (const auto& capsule : robot.capsules) {
+      if (capsule.link == name) parts.push_back(part(name, link - 1, capsule, {}));
+    }
+  }
+  if (hand) {
+    const Pose X_JH = robot.flange.pose() * robot.hand->mount.pose();
+    for (const auto& capsule : robot.hand->palm_capsules) parts.push_back(part("hand", last, capsule, X_JH));
+    for (const auto& capsule : robot.hand->finger_capsules) {
+      parts.push_back(part("hand", last, capsule, X_JH));
+    }
+  }
+  for (std::size_t a = 0; a < parts.size(); ++a) {
+    for (std::size_t b = a + 1; b < parts.size(); ++b) {
+      if (!is_ignored_pair(robot, parts[a].name, parts[b].name)) source.self_pairs.emplace_back(a, b);
+    }
+  }
+}
+
+}  // namespace
 
 ArmModelSource arm_model_source(const RobotDescription& robot, const Pose& X_WB, bool hand) {
   ArmModelSource source;
@@ -17,6 +54,7 @@ ArmModelSource arm_model_source(const RobotDescription& robot, const Pose& X_WB,
   source.limits.tau_max = robot.limits.tau_max;
   source.limits.tau_rate_max = robot.limits.tau_rate_max;
   source.q_home = robot.q_home;
+  add_collision_shapes(robot, hand, source);
   return source;
 }
 

@@ -24,6 +24,25 @@ void complete(JointVector& limit, const Eigen::VectorXd& from_urdf, const std::s
   if (!limit.allFinite()) refuse(arm, std::string(what) + " must be finite for every joint");
 }
 
+void check_collision_shapes(const ArmModelSource& source, std::size_t joint_count) {
+  const auto& shapes = source.collision_shapes;
+  for (const auto& part : shapes) {
+    if (part.joint < -1 || part.joint >= static_cast<int>(joint_count)) {
+      refuse(source.name, "collision shape '" + part.name + "' is at joint " + std::to_string(part.joint) +
+                              "; -1 (base) to " + std::to_string(joint_count - 1) + " exist");
+    }
+    if (part.shape.kind == ConvexShape::Kind::half_space) {
+      refuse(source.name,
+             "collision shape '" + part.name + "' has no end: only obstacles can be half spaces");
+    }
+  }
+  for (const auto& [a, b] : source.self_pairs) {
+    if (a >= shapes.size() || b >= shapes.size() || shapes[a].joint == shapes[b].joint) {
+      refuse(source.name, "a pair of collision shapes must name two that exist and move to each other");
+    }
+  }
+}
+
 }  // namespace
 
 JointVector joint_constant(std::size_t n, double value) {
@@ -79,6 +98,7 @@ ArmModel::ArmModel(ArmModelSource source)
   }
   if (source_.q_home.size() == 0) source_.q_home = 0.5 * (limits.q_min + limits.q_max);
   if (source_.q_home.size() != p.model.nv) refuse(source_.name, "q_home must have one value per joint");
+  check_collision_shapes(source_, joint_count_);
 }
 
 ArmModel::~ArmModel() = default;

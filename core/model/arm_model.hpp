@@ -3,7 +3,10 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
+#include "core/geometry/shape.hpp"
 #include "core/state/arm_state.hpp"
 #include "core/types/joints.hpp"
 #include "core/types/spatial.hpp"
@@ -27,6 +30,15 @@ struct JointFrictionTable {
   JointVector p3;  // [rad/s]
 };
 
+// A part of an arm that can collide, fixed to one of its bodies.
+struct CollisionShape {
+  std::string name;   // "link5", "hand", "tool"
+  int joint = -1;     // the body behind this joint, 0 to n-1; -1: the base
+  ConvexShape shape;  // not a half space
+  Pose X_JS;          // the shape's frame in that joint's frame; for the base: in B
+  bool scene = true;  // is checked against obstacles; false for what stands on them
+};
+
 // What ArmModel is built from. Nothing here knows how many joints an arm has or who made it.
 struct ArmModelSource {
   std::string name;    // for messages
@@ -36,6 +48,8 @@ struct ArmModelSource {
   ArmLimits limits;    // position, velocity and effort limits left empty are taken from the URDF
   JointVector q_home;  // a comfortable configuration [rad]; empty: middle of the joint ranges
   std::optional<JointFrictionTable> known_friction;
+  std::vector<CollisionShape> collision_shapes;                 // empty: the arm collides with nothing
+  std::vector<std::pair<std::size_t, std::size_t>> self_pairs;  // of them: checked against each other
 };
 
 // The fixed part of an arm's rigid-body model: shared by everyone, never changed after it was built.
@@ -54,6 +68,8 @@ class ArmModel {
   const ArmLimits& limits() const { return source_.limits; }
   const JointVector& q_home() const { return source_.q_home; }
   const std::string& urdf() const { return source_.urdf; }
+  const std::vector<CollisionShape>& collision_shapes() const { return source_.collision_shapes; }
+  const std::vector<std::pair<std::size_t, std::size_t>>& self_pairs() const { return source_.self_pairs; }
   // What the controllers were told of friction; none unless the scene says so.
   const std::optional<JointFrictionTable>& known_friction() const { return source_.known_friction; }
 
