@@ -99,6 +99,10 @@ void MultimodeController::apply(const Request& request, std::uint64_t ticket, Ho
         event.kind = EventKind::target_set;
         event.size = request.target.size;
         std::copy_n(request.target.values.begin(), request.target.size, event.values.begin());
+        if (request.target.delivery == Delivery::motion) {  // rise, then sine
+          std::copy_n(request.target.sine.begin(), request.target.size, event.values.begin() + event.size);
+          event.size = static_cast<std::uint8_t>(2 * event.size);
+        }
         break;
       case Request::Kind::resume:
         stopped_ = stopped_ - request.arms;

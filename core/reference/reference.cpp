@@ -24,6 +24,15 @@ constexpr double kLonger = 1.2;  // by which a motion that would be too fast is 
 
 Vector3 rotation_of(const QuinticSegment::Values& v) { return {v[3], v[4], v[5]}; }
 
+Harmonic harmonic_of(const Target& target) {
+  Harmonic motion{.period_s = target.period_s,
+                  .cycles = target.cycles,
+                  .ramp_s = std::max(target.ramp_s, Harmonic::kShortestRamp)};
+  std::copy_n(target.values.begin(), target.size, motion.rise.begin());
+  std::copy_n(target.sine.begin(), target.size, motion.sine.begin());
+  return motion;
+}
+
 // dJ/dt dr of the left Jacobian J(r) = I + a S(r) + b S(r)^2, a = (1 - cos t)/t^2, b = (t - sin t)/t^3, t =
 // |r|. It vanishes where r and dr are parallel, as in a motion from rest to rest.
 Vector3 left_jacobian_rate(const Vector3& r, const Vector3& dr) {
@@ -42,47 +51,6 @@ Vector3 left_jacobian_rate(const Vector3& r, const Vector3& dr) {
 
 }  // namespace
 
-std::string_view to_string(Quantity quantity) {
-  switch (quantity) {
-    case Quantity::pose:
-      return "pose";
-    case Quantity::twist:
-      return "twist";
-    case Quantity::wrench:
-      return "wrench";
-    case Quantity::joints:
-      return "joints";
-    case Quantity::scalar:
-      return "scalar";
-  }
-  return "unknown";
-}
-
-std::size_t value_count(Quantity quantity, std::size_t joint_count) {
-  switch (quantity) {
-    case Quantity::pose:
-      return 7;
-    case Quantity::twist:
-    case Quantity::wrench:
-      return 6;
-    case Quantity::joints:
-      return joint_count;
-    case Quantity::scalar:
-      return 1;
-  }
-  return 0;
-}
-
-Target pose_target(const Pose& X, double duration_s, Delivery delivery) {
-  const Quaternion q = X.quaternion();
-  Target target;
-  target.delivery = delivery;
-  target.size = 7;
-  target.duration_s = duration_s;
-  target.values = {X.position.x(), X.position.y(), X.position.z(), q.w(), q.x(), q.y(), q.z()};
-  return target;
-}
-
 Reference::Reference(InputSpec spec, std::size_t joint_count)
     : spec_(std::move(spec)),
       size_(value_count(spec_.quantity, joint_count)),
@@ -95,6 +63,7 @@ Reference::Reference(InputSpec spec, std::size_t joint_count)
 }
 
 Verdict Reference::check(const Target& target) const {
+  if (target.delivery == Delivery::motion) return check_motion(target);
   if (target.size != size_) return Verdict::wrong_size;
   if (!std::isfinite(target.duration_s)) return Verdict::not_finite;
   for (std::size_t i = 0; i < size_; ++i) {
@@ -105,6 +74,27 @@ Verdict Reference::check(const Target& target) const {
     const auto& v = target.values;
     const double norm = std::sqrt(v[3] * v[3] + v[4] * v[4] + v[5] * v[5] + v[6] * v[6]);
     if (std::abs(norm - 1.0) > 1e-2) return Verdict::out_of_bounds;
+  }
+  return Verdict::accepted;
+}
+
+Verdict Reference::check_motion(const Target& target) const {
+  const std::size_t size = spec_.quantity == Quantity::pose ? 3 : size_;
+  if (target.size != size) return Verdict::wrong_size;
+  for (const double value : {target.period_s, target.cycles, target.ramp_s}) {
+    if (!std::isfinite(value)) return Verdict::not_finite;
+  }
+  for (std::size_t i = 0; i < size; ++i) {
+    if (!std::isfinite(target.values[i]) || !std::isfinite(target.sine[i])) return Verdict::not_finite;
+  }
+  if (!(target.period_s > 0 && target.cycles > 0 && target.ramp_s >= 0)) return Verdict::out_of_bounds;
+  const Harmonic motion = harmonic_of(target);
+  if (motion.ramp_s > motion.period_s * motion.cycles) return Verdict::out_of_bounds;
+  if (spec_.quantity == Quantity::pose) {
+    return motion.top_speed(0, 3) > spec_.max_speed ? Verdict::out_of_bounds : Verdict::accepted;
+  }
+  for (std::size_t i = 0; i < size; ++i) {
+    if (motion.top_speed(i, 1) > spec_.max_speed) return Verdict::out_of_bounds;
   }
   return Verdict::accepted;
 }
@@ -146,14 +136,18 @@ void Reference::start_constant(double value) {
 void Reference::forget_posted() {
   inbox_->targets.take();
   t_ = 0;
-  streaming_ = stale_ = moving_end_ = false;
+  streaming_ = stale_ = moving_end_ = in_motion_ = false;
   period_s_ = 0;
   last_.id = 0;
 }
 
 void Reference::set(const Target& target) {
   streaming_ = stale_ = false;
-  plan_goal(target);
+  if (target.delivery == Delivery::motion) {
+    begin_motion(target);
+  } else {
+    plan_goal(target);
+  }
 }
 
 void Reference::advance(double dt, double now_s) {
@@ -162,6 +156,11 @@ void Reference::advance(double dt, double now_s) {
   if (moving_end_ && t_ + dt > segment_.duration()) plan_brake();
   t_ += dt;
   segment_.evaluate(t_, now_);
+  if (in_motion_) {
+    t_motion_ += dt;
+    motion_.add(t_motion_, coordinates(), now_);
+    if (t_motion_ >= motion_.duration() && t_ >= segment_.duration()) end_motion();
+  }
   publish_sample();
 }
 
@@ -171,7 +170,9 @@ void Reference::take(const Target& target, double now_s) {
   streaming_ = target.delivery == Delivery::stream;
   stale_ = false;
   last_arrival_s_ = now_s;
-  if (continues && elapsed > 0 && elapsed < kMaxStreamPeriod) {
+  if (target.delivery == Delivery::motion) {
+    begin_motion(target);
+  } else if (continues && elapsed > 0 && elapsed < kMaxStreamPeriod) {
     plan_stream(target, target.id - last_.id, elapsed);
   } else {
     period_s_ = 0;
@@ -184,6 +185,7 @@ void Reference::take(const Target& target, double now_s) {
 // angular velocity itself.
 void Reference::rebase() {
   t_ = 0;
+  in_motion_ = false;
   if (spec_.quantity != Quantity::pose) return;
   R_0_ = X_d_.quaternion().normalized().toRotationMatrix();  // else rounding adds up over millions of samples
   for (std::size_t i = 0; i < 3; ++i) {
@@ -342,6 +344,21 @@ void Reference::plan_brake() {
   for (std::size_t i = 0; i < coordinates(); ++i) goal[i] += 0.5 * kBrakingTime * now_.velocity[i];
   segment_.plan(coordinates(), now_, goal, kBrakingTime);
   moving_end_ = false;
+}
+
+// What is still in motion brakes; the motion goes on top of that.
+void Reference::begin_motion(const Target& target) {
+  plan_brake();
+  motion_ = harmonic_of(target);
+  in_motion_ = true;
+  t_motion_ = 0;
+}
+
+void Reference::end_motion() {
+  now_.velocity = now_.acceleration = {};
+  in_motion_ = false;
+  t_ = 0;
+  segment_.plan(coordinates(), now_, now_.position, 0);
 }
 
 void Reference::publish_sample() {

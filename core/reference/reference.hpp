@@ -4,6 +4,7 @@
 #include <mutex>
 #include <string>
 
+#include "core/reference/harmonic.hpp"
 #include "core/reference/quintic.hpp"
 #include "core/reference/target.hpp"
 #include "core/rt/triple_buffer.hpp"
@@ -30,9 +31,10 @@ struct InputSpec {
 // must not become a blow. A goal that comes in the middle of a strong acceleration may be approached up to a
 // third faster for a moment: continuity goes first.
 //
-// Goals end at rest. A stream is followed one of its periods late: each sample is aimed at with the velocity
-// estimated from the series, so that a smooth series gives a smooth motion; a late sample is bridged, silence
-// brakes to a rest and is then reported as stale.
+// Goals end at rest. A motion begins where the set-point is and ends at rest; one that would be faster than
+// the input allows is refused. A stream is followed one of its periods late: each sample is aimed at with the
+// velocity estimated from the series, so that a smooth series gives a smooth motion; a late sample is
+// bridged, silence brakes to a rest and is then reported as stale.
 //
 // Poses: the position is a quintic per axis; the rotation is R(t) = exp(r(t)) R_0 with a quintic r(t) from 0
 // to log(R_goal R_0^T), so it takes the short way and its velocity at the start is exactly the one before.
@@ -44,7 +46,8 @@ class Reference {
   std::size_t size() const { return size_; }
 
   // --- any thread but the loop's; callers wait for each other, never for the loop ---
-  // accepted, wrong_size, not_finite or out_of_bounds (a quaternion far from unit length).
+  // accepted, wrong_size, not_finite or out_of_bounds (a quaternion far from unit length; a motion that is
+  // too fast, or whose ramp is longer than the motion).
   Verdict check(const Target& target) const;
   Verdict post(Target target);
 
@@ -76,6 +79,9 @@ class Reference {
   void plan_goal(const Target& target);
   void plan_stream(const Target& target, std::uint64_t steps, double elapsed_s);
   void plan_brake();
+  void begin_motion(const Target& target);
+  void end_motion();
+  Verdict check_motion(const Target& target) const;
   void plan_rest(const QuinticSegment::Values& goal, double duration_s);
   double peak_excess(std::size_t samples) const;
   struct Aim {  // where a segment is to end: in the segment's coordinates
@@ -109,6 +115,9 @@ class Reference {
   double period_s_ = 0;      // of the stream, filtered; 0: not known yet
   Target last_;              // newest target of a stream
   bool moving_end_ = false;  // the segment ends with a velocity
+  Harmonic motion_;          // added to the segment while it lasts
+  bool in_motion_ = false;
+  double t_motion_ = 0;  // in the motion [s]
 
   Pose X_d_;
   Twist V_d_, A_d_;

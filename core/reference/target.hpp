@@ -19,11 +19,14 @@ namespace multipanda {
 enum class Quantity : std::uint8_t { pose, twist, wrench, joints, scalar };
 std::string_view to_string(Quantity quantity);
 std::size_t value_count(Quantity quantity, std::size_t joint_count);
+// Of a motion: as above, but a pose's motion moves its position only.
+std::size_t motion_count(Quantity quantity, std::size_t joint_count);
 
 // How a target arrives.
 //   goal    sent once; approached smoothly; stays in force
 //   stream  one of a series; silence for longer than the input's timeout is a lost publisher
-enum class Delivery : std::uint8_t { goal, stream };
+//   motion  sent once; a motion to and fro or round from where the set-point is (core/reference/harmonic.hpp)
+enum class Delivery : std::uint8_t { goal, stream, motion };
 
 // One set-point from outside. Plain data, so that it crosses threads by copying.
 struct Target {
@@ -32,7 +35,11 @@ struct Target {
   std::uint8_t size = 0;  // values used
   double duration_s =
       0;  // to reach it; longer where the input's speed limit needs it. 0: as fast as that allows
-  std::array<double, kMaxTargetValues> values{};
+  std::array<double, kMaxTargetValues>
+      values{};  // of a motion: its rise; a pose's motion has 3, its position's
+  // Of a motion only
+  std::array<double, kMaxTargetValues> sine{};
+  double period_s = 0, cycles = 1, ramp_s = 0;
 };
 
 Target pose_target(const Pose& X, double duration_s = 0, Delivery delivery = Delivery::goal);

@@ -1,0 +1,149 @@
+#include <cmath>
+#include <numbers>
+
+#include <gtest/gtest.h>
+
+#include "core/reference/reference.hpp"
+#include "core/test_support/test_arm.hpp"
+
+namespace multipanda {
+namespace {
+
+using test::Draw;
+constexpr double kDt = 0.001;
+
+Reference pose_reference(const Pose& at, double max_speed = 1) {
+  InputSpec spec{.name = "pose", .quantity = Quantity::pose};
+  spec.max_speed = max_speed;
+  Reference reference(spec, 7);
+  reference.start(at);
+  return reference;
+}
+
+Target motion(std::size_t size, double period_s, double cycles, double ramp_s) {
+  Target target;
+  target.delivery = Delivery::motion;
+  target.size = static_cast<std::uint8_t>(size);
+  target.period_s = period_s;
+  target.cycles = cycles;
+  target.ramp_s = ramp_s;
+  return target;
+}
+
+// On the circle all the way, at the speed of one turn per period between the ramps, back at the start at
+// rest.
+TEST(Motion, OfAPoseIsACircle) {
+  Draw draw(1);
+  for (int k = 0; k < 10; ++k) {
+    const Pose X_0 = draw.pose(1);
+    const Matrix3 R = draw.rotation();
+    const double radius = 0.1, period = 4, ramp = 0.7, cycles = 2;
+    const Vector3 outwards = R.col(0), ahead = R.col(1), centre = X_0.position - radius * outwards;
+    Reference reference = pose_reference(X_0);
+    Target circle = motion(3, period, cycles, ramp);
+    for (std::size_t i = 0; i < 3; ++i) {
+      circle.values[i] = -2 * radius * outwards[static_cast<Eigen::Index>(i)];
+      circle.sine[i] = radius * ahead[static_cast<Eigen::Index>(i)];
+    }
+    ASSERT_EQ(reference.post(circle), Verdict::accepted);
+    const double total = period * cycles + ramp;
+    double travelled = 0;
+    Vector3 before = X_0.position;
+    for (double t = kDt; t < total + 0.05; t += kDt) {
+      reference.advance(kDt, t);
+      const Vector3 from_centre = reference.pose().position - centre;
+      ASSERT_NEAR(from_centre.norm(), radius, 1e-12);
+      ASSERT_NEAR(from_centre.dot(R.col(2)), 0, 1e-12);
+      ASSERT_LT((reference.pose().rotation - X_0.rotation).norm(), 1e-12);
+      const double speed = reference.twist().linear().norm();
+      if (t > ramp && t < total - ramp) {
+        ASSERT_NEAR(speed, 2 * std::numbers::pi * radius / period, 1e-9);
+      }
+      travelled += (reference.pose().position - before).norm();
+      before = reference.pose().position;
+    }
+    EXPECT_NEAR(travelled, 2 * std::numbers::pi * radius * cycles, 1e-4);
+    EXPECT_LT((reference.pose().position - X_0.position).norm(), 1e-9);
+    EXPECT_LT(reference.twist().vector.norm(), 1e-12);
+  }
+}
+
+// Whatever the set-point does when the motion begins, and whatever ends it: no jump in value, rate or
+// acceleration.
+TEST(Motion, BeginsAndEndsWithoutJumps) {
+  Draw draw(2);
+  for (int k = 0; k < 20; ++k) {
+    Reference reference = pose_reference(draw.pose(0.3), 5);
+    reference.set(pose_target(draw.pose(0.3)));
+    Target wave = motion(3, 1, 3, 0.3);
+    for (std::size_t i = 0; i < 3; ++i) {
+      wave.values[i] = draw.uniform(-0.1, 0.1);
+      wave.sine[i] = draw.uniform(-0.1, 0.1);
+    }
+    const int begins = 50 + static_cast<int>(draw.index(400)),
+              ends = begins + 200 + static_cast<int>(draw.index(900));
+    Pose X = reference.pose();
+    Vector6 V = reference.twist().vector, A = reference.acceleration().vector;
+    for (int step = 0; step < 8000; ++step) {
+      if (step == begins) reference.set(wave);
+      if (step == ends && k % 2 == 0) reference.set(pose_target(draw.pose(0.3)));
+      reference.advance(kDt, step * kDt);
+      const Vector6& V1 = reference.twist().vector;
+      const Vector6& A1 = reference.acceleration().vector;
+      const Vector3 moved = reference.pose().position - X.position;
+      ASSERT_LT((moved - 0.5 * kDt * (V + V1).head<3>()).norm(), 5e-6);
+      ASSERT_LT((V1 - V - 0.5 * kDt * (A + A1)).norm(), 5e-3);
+      X = reference.pose();
+      V = V1;
+      A = A1;
+    }
+    EXPECT_LT(V.norm(), 1e-9);
+  }
+}
+
+// A force that rises to 30 N and falls again, once in ten seconds.
+TEST(Motion, OfAWrenchRisesAndFalls) {
+  InputSpec spec{.name = "force", .quantity = Quantity::wrench};
+  spec.max_speed = 100;
+  Reference reference(spec, 7);
+  reference.start_constant(0);
+  Target wave = motion(6, 10, 1, 0);
+  wave.values[2] = -30;
+  ASSERT_EQ(reference.post(wave), Verdict::accepted);
+  double least = 0;
+  for (int k = 1; k <= 10200; ++k) {
+    reference.advance(kDt, k * kDt);
+    least = std::min(least, reference.vector()[2]);
+    if (k == 2550) {
+      EXPECT_NEAR(reference.vector()[2], -15, 0.05);  // a quarter, less half the ramp
+    }
+    EXPECT_EQ(reference.vector()[0], 0);
+  }
+  EXPECT_NEAR(least, -30, 1e-4);
+  EXPECT_NEAR(reference.vector()[2], 0, 1e-9);
+}
+
+TEST(Motion, IsRefusedWhereItCannotBe) {
+  Reference reference = pose_reference({}, 0.5);
+  Target circle = motion(3, 2, 1, 0.2);
+  circle.sine[0] = 0.15;
+  EXPECT_EQ(reference.check(circle), Verdict::accepted);  // 0.47 m/s
+  circle.sine[0] = 0.17;
+  EXPECT_EQ(reference.check(circle), Verdict::out_of_bounds);  // 0.53 m/s
+  circle.sine[0] = 0.11;
+  circle.sine[1] = 0.11;
+  EXPECT_EQ(reference.check(circle), Verdict::accepted);  // along the diagonal 0.49 m/s
+  circle.values[1] = 0.2;
+  EXPECT_EQ(reference.check(circle), Verdict::out_of_bounds);  // the ellipse's long axis
+  circle = motion(7, 2, 1, 0.2);
+  EXPECT_EQ(reference.check(circle), Verdict::wrong_size);
+  circle = motion(3, 0, 1, 0.2);
+  EXPECT_EQ(reference.check(circle), Verdict::out_of_bounds);
+  circle = motion(3, 2, 1, 3);
+  EXPECT_EQ(reference.check(circle), Verdict::out_of_bounds);
+  circle = motion(3, 2, std::nan(""), 0.1);
+  EXPECT_EQ(reference.check(circle), Verdict::not_finite);
+}
+
+}  // namespace
+}  // namespace multipanda
