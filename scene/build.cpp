@@ -90,6 +90,14 @@ RobotDescription robot_of(const SceneArm& arm) { return load_robot(arm.model); }
 std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm) {
   ArmModelSource source = arm_model_source(robot_of(arm), arm.X_WB, arm.hand);
   source.name = arm.name;
+  if (arm.known_friction) {
+    const RobotDescription robot = robot_of(arm);
+    if (!robot.friction) {
+      throw std::invalid_argument("arm '" + arm.name + "': the model '" + arm.model +
+                                  "' has no friction table");
+    }
+    source.known_friction = JointFrictionTable{robot.friction->p1, robot.friction->p2, robot.friction->p3};
+  }
   return std::make_shared<const ArmModel>(std::move(source));
 }
 
@@ -120,6 +128,7 @@ CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) 
 std::vector<ScheduledRequest> build_schedule(const Scene& scene, const MultimodeController& controller) {
   std::vector<ScheduledRequest> schedule;
   for (const auto& event : scene.timeline) {
+    if (event.what == TimelineEvent::What::place) continue;  // the simulation's own business
     ScheduledRequest scheduled;
     scheduled.at = LoopTime::from_seconds(event.at_s);
     if (event.what == TimelineEvent::What::stop) {

@@ -34,7 +34,7 @@ ArmConfig arm_config(const SceneArm& arm);
 // Ready for ControlCycle. One arm model per arm is built.
 CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity = 0);
 
-// The scene's timeline for MultimodeController::schedule.
+// The scene's timeline for MultimodeController::schedule; `place` events are the backend's and left out.
 // Throws std::invalid_argument if the controller was built from another scene.
 std::vector<ScheduledRequest> build_schedule(const Scene& scene, const MultimodeController& controller);
 

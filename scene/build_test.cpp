@@ -58,18 +58,33 @@ TEST(Build, WithoutHandTheFlangeIsTheEndEffector) {
   EXPECT_EQ(frames(", end_effector: {position_m: [0, 0, 0.3]}").X_FE.position.z(), 0.3);
 }
 
+TEST(Build, FrictionIsKnownWhereTheSceneSaysSo) {
+  const Registry registry = Registry::with_builtins();
+  const auto model = [&](const std::string& more) {
+    return build_arm_model(parse_scene("arms:\n  - {name: left" + more + "}\n", "s.yaml", registry).arms[0]);
+  };
+  EXPECT_FALSE(model("")->known_friction());
+  const auto knowing = model(", known_friction: model");
+  ASSERT_TRUE(knowing->known_friction());
+  EXPECT_EQ(knowing->known_friction()->p1[3], 1.2794);
+  EXPECT_EQ(knowing->known_friction()->p2[0], 5.1181);
+  EXPECT_EQ(knowing->known_friction()->p3[2], -0.046070);
+}
+
 TEST(Build, EveryShippedSceneMakesACycleWithItsSchedule) {
   for (const auto& name : available_scenes()) {
     const OpenedScene opened = open_scene(name);
     StillBackend backend(opened.scene.arms.size());
     ControlCycle cycle(build_cycle_config(opened.scene), opened.registry, backend);
     const auto schedule = build_schedule(opened.scene, cycle.modes());
-    ASSERT_EQ(schedule.size(), opened.scene.timeline.size()) << name;
+    auto timeline = opened.scene.timeline;
+    std::erase_if(timeline, [](const auto& event) { return event.what == TimelineEvent::What::place; });
+    ASSERT_EQ(schedule.size(), timeline.size()) << name;
     const InstanceSet start = start_set(opened.scene, cycle.modes());
     EXPECT_EQ(static_cast<std::size_t>(std::popcount(start)), opened.scene.active.size()) << name;
     EXPECT_NO_THROW(cycle.modes().activate_at_start(start)) << name;
     for (std::size_t i = 0; i < schedule.size(); ++i) {
-      EXPECT_NEAR(schedule[i].at.seconds(), opened.scene.timeline[i].at_s, 1e-9);
+      EXPECT_NEAR(schedule[i].at.seconds(), timeline[i].at_s, 1e-9);
     }
   }
 }
@@ -80,10 +95,13 @@ TEST(Build, ScheduleSaysWhatTheTimelineSays) {
       "arms:\n"
       "  - {name: left, base: {position_m: [0, 1, 0]}}\n"
       "  - {name: right}\n"
+      "objects:\n"
+      "  - {name: floor, shape: plane, position_m: [0, 0, -1]}\n"
       "controllets:\n"
       "  - {name: a, type: gravity_compensation, arms: right}\n"
       "timeline:\n"
       "  - {at_s: 1, switch: {activate: [a], only: true}}\n"
+      "  - {at_s: 1.5, place: {object: floor, position_m: [0, 0, -2]}}\n"  // the simulation's own
       "  - {at_s: 2, parameter: {controllet: a, name: damping_nms_per_rad, value: 0.2}}\n"
       "  - {at_s: 3, feature: {controllet: a, name: joint_limits}}\n"
       "  - {at_s: 4, stop: [right]}\n"

@@ -1,5 +1,6 @@
 #include <cmath>
 #include <filesystem>
+#include <tuple>
 
 #include <Eigen/Eigenvalues>
 
@@ -43,6 +44,28 @@ Load read_load(const Mapping& arm, const std::string& key) {
         "a body without mass has no inertia; give mass_kg above 0, or leave inertia_kg_m2 out");
   }
   return load;
+}
+
+std::vector<ToolShape> read_tool_shapes(const Mapping& arm) {
+  std::vector<ToolShape> shapes;
+  for (const auto& item : arm.items("tool_shapes")) {
+    const std::string number = std::to_string(shapes.size() + 1);
+    Mapping mapping(item, schema::tool_shape());
+    mapping.rename(arm.self().what() + ": tool shape " + number);
+    ToolShape shape{.X_FS = read_pose(mapping), .place = mapping.self().place()};
+    std::tie(shape.shape, shape.size) = read_shape(mapping, {"size_m", "diameter_m"});
+    shapes.push_back(std::move(shape));
+  }
+  return shapes;
+}
+
+bool read_known_friction(const Mapping& arm, const RobotDescription& robot) {
+  if (arm.text("known_friction") == "none") return false;
+  if (!robot.friction) {
+    arm.entry("known_friction")
+        .refuse("the model " + in_quotes(robot.name) + " has no friction table; write 'none'");
+  }
+  return true;
 }
 
 RobotDescription read_model(const Mapping& arm, SceneArm& out) {
@@ -194,6 +217,8 @@ SceneArm read_arm(Mapping mapping, SceneReader& reader) {
   arm.tool = read_load(mapping, "tool");
   arm.load_declared = read_load(mapping, "load_declared");
   arm.load_present = read_load(mapping, "load_present");
+  arm.tool_shapes = read_tool_shapes(mapping);
+  arm.known_friction = read_known_friction(mapping, robot);
   read_safety(mapping, robot, arm);
   reader.robots.push_back(robot);
   return arm;

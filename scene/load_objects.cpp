@@ -1,5 +1,6 @@
 #include <array>
 #include <cmath>
+#include <tuple>
 
 #include "scene/load_parts.hpp"
 #include "scene/names.hpp"
@@ -8,15 +9,16 @@
 namespace multipanda {
 namespace {
 
-using Kind = SceneObject::Shape;
+using Kind = ShapeType;
 
-// Which keys give the size of each shape; in the order of the choices of the table and of the enumeration.
+// Which keys give the size of each shape, in the order of the enumeration.
 const std::array<std::vector<std::string>, 5> kSizeKeys{
     {{}, {"size_m"}, {"diameter_m"}, {"diameter_m", "length_m"}, {"diameter_m", "length_m"}}};
 
-void read_size(const Mapping& mapping, const std::string& shape, SceneObject& object) {
-  const auto& wanted = kSizeKeys[static_cast<std::size_t>(object.shape)];
-  for (const auto& key : mapping.present({"size_m", "diameter_m", "length_m"})) {
+Vector3 read_size(const Mapping& mapping, ShapeType type, const std::string& shape,
+                  const std::vector<std::string>& size_keys) {
+  const auto& wanted = kSizeKeys[static_cast<std::size_t>(type)];
+  for (const auto& key : mapping.present(size_keys)) {
     if (std::find(wanted.begin(), wanted.end(), key) == wanted.end()) {
       mapping.entry(key).refuse("a " + shape + " has no '" + key + "'; expected " +
                                 (wanted.empty() ? "no size" : joined(wanted, " and ")));
@@ -25,13 +27,27 @@ void read_size(const Mapping& mapping, const std::string& shape, SceneObject& ob
   for (const auto& key : wanted) {
     if (!mapping.has(key)) mapping.self().refuse("a " + shape + " needs '" + key + "' [m]");
   }
-  object.size = Vector3::Zero();
-  if (object.shape == Kind::box) object.size = mapping.vector3("size_m");
-  if (mapping.has("diameter_m")) object.size.x() = mapping.number("diameter_m");
-  if (mapping.has("length_m")) object.size.z() = mapping.number("length_m");
+  Vector3 size = Vector3::Zero();
+  if (type == Kind::box) size = mapping.vector3("size_m");
+  if (type != Kind::box && type != Kind::plane) size.x() = mapping.number("diameter_m");
+  if (type == Kind::cylinder || type == Kind::capsule) size.z() = mapping.number("length_m");
+  return size;
+}
+
+SurfaceContact read_contact(const Mapping& mapping) {
+  return {.stiffness_n_per_m = mapping.number("stiffness_n_per_m"),
+          .damping_ratio = mapping.number("damping_ratio"),
+          .tangential_damping_n_s_per_m = mapping.number("tangential_damping_n_s_per_m")};
 }
 
 }  // namespace
+
+std::pair<ShapeType, Vector3> read_shape(const Mapping& mapping, const std::vector<std::string>& size_keys) {
+  const std::string shape = mapping.text("shape");
+  const std::array names{"plane", "box", "sphere", "cylinder", "capsule"};
+  const auto type = static_cast<ShapeType>(std::find(names.begin(), names.end(), shape) - names.begin());
+  return {type, read_size(mapping, type, shape, size_keys)};
+}
 
 void read_plant(const Mapping& root, SceneReader& reader) {
   const Mapping mapping = root.section("plant");
@@ -41,7 +57,8 @@ void read_plant(const Mapping& root, SceneReader& reader) {
                                                      {"command_delay_s", &plant.command_delay_s},
                                                      {"noise_q_rad", &plant.noise_q_rad},
                                                      {"noise_dq_rad_per_s", &plant.noise_dq_rad_per_s},
-                                                     {"noise_tau_nm", &plant.noise_tau_nm}};
+                                                     {"noise_tau_nm", &plant.noise_tau_nm},
+                                                     {"stiction_nm", &plant.stiction_nm}};
   bool changed = mapping.has("joint_friction");
   if (changed) plant.joint_friction = mapping.boolean("joint_friction");
   for (const auto& [key, value] : numbers) {
@@ -57,6 +74,7 @@ void read_plant(const Mapping& root, SceneReader& reader) {
   if (changed) plant.name += " (changed)";  // reports must not call it what it no longer is
   reader.scene.plant = plant;
   reader.scene.substeps = static_cast<std::size_t>(mapping.number("substeps"));
+  reader.scene.noslip_iterations = static_cast<std::size_t>(mapping.number("noslip_iterations"));
 }
 
 void read_objects(const Mapping& root, SceneReader& reader) {
@@ -73,10 +91,7 @@ void read_objects(const Mapping& root, SceneReader& reader) {
       }
     }
     mapping.rename("object '" + object.name + "'");
-    const std::string shape = mapping.text("shape");
-    const auto& shapes = mapping.field("shape").choices;
-    object.shape = static_cast<Kind>(std::find(shapes.begin(), shapes.end(), shape) - shapes.begin());
-    read_size(mapping, shape, object);
+    std::tie(object.shape, object.size) = read_shape(mapping, {"size_m", "diameter_m", "length_m"});
     object.X_WO = read_pose(mapping);
     object.fixed = mapping.boolean("fixed");
     if (object.shape == Kind::plane && !object.fixed)
@@ -92,6 +107,7 @@ void read_objects(const Mapping& root, SceneReader& reader) {
     }
     if (mapping.has("contact_damping_ratio"))
       object.contact_damping_ratio = mapping.number("contact_damping_ratio");
+    if (mapping.has("contact")) object.contact = read_contact(mapping.section("contact"));
     const auto rgba = mapping.numbers("color_rgba");
     std::copy(rgba.begin(), rgba.end(), object.rgba.begin());
     reader.scene.objects.push_back(std::move(object));

@@ -30,6 +30,8 @@ void read_active(const Mapping& root, SceneReader& reader);
 void read_timeline(const Mapping& root, SceneReader& reader);  // after read_active
 
 Pose read_pose(const Mapping& mapping);  // position_m, rpy_rad, quaternion_wxyz
+// shape, and what gives the size of such a shape (SceneObject::size), by those of `size_keys` that it needs
+std::pair<ShapeType, Vector3> read_shape(const Mapping& mapping, const std::vector<std::string>& size_keys);
 
 // A parameter's specification by its full name ("stiffness", "joint_limits.range_rad"); refuses an unknown
 // one.

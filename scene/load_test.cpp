@@ -94,6 +94,62 @@ TEST(Load, WhatIsWrittenArrives) {
   EXPECT_EQ(scene.timeline[2].what, TimelineEvent::What::stop);
 }
 
+TEST(Load, InteractionArrives) {
+  const Scene scene = parse(
+      "plant: {noslip_iterations: 5, stiction_nm: 0.3}\n"
+      "arms:\n"
+      "  - name: left\n"
+      "    known_friction: model\n"
+      "    tool_shapes:\n"
+      "      - {shape: sphere, diameter_m: 0.04, position_m: [0, 0, 0.2]}\n"
+      "      - {shape: box, size_m: [0.06, 0.05, 0.02], position_m: [0, 0, 0.1], rpy_rad: [0, 0, pi/2]}\n"
+      "objects:\n"
+      "  - name: table\n"
+      "    shape: box\n"
+      "    size_m: [1, 1, 0.1]\n"
+      "    position_m: [2, 0, 0]\n"
+      "    rpy_rad: [0, 0, pi/2]\n"
+      "    contact: {stiffness_n_per_m: 1e5, damping_ratio: 0.05}\n"
+      "  - {name: wall, shape: plane, contact: {}}\n"
+      "  - {name: post, shape: box, size_m: [1, 1, 1], position_m: [3, 0, 0]}\n"
+      "timeline:\n"
+      "  - {at_s: 5, place: {object: table, position_m: [0, 0, -1]}}\n"
+      "  - {at_s: 6, place: {object: table, position_m: [0, 0, -2], rpy_rad: [0, 0, 0]}}\n");
+  EXPECT_EQ(scene.noslip_iterations, 5u);
+  EXPECT_EQ(scene.plant.stiction_nm, 0.3);
+  EXPECT_EQ(scene.plant.name, "ideal (changed)");
+  const SceneArm& arm = scene.arms.at(0);
+  EXPECT_TRUE(arm.known_friction);
+  ASSERT_EQ(arm.tool_shapes.size(), 2u);
+  EXPECT_EQ(arm.tool_shapes[0].shape, ShapeType::sphere);
+  EXPECT_EQ(arm.tool_shapes[0].size.x(), 0.04);
+  EXPECT_EQ(arm.tool_shapes[0].X_FS.position, Vector3(0, 0, 0.2));
+  EXPECT_EQ(arm.tool_shapes[1].shape, ShapeType::box);
+  EXPECT_EQ(arm.tool_shapes[1].size, Vector3(0.06, 0.05, 0.02));
+  EXPECT_LT((arm.tool_shapes[1].X_FS * Vector3(1, 0, 0) - Vector3(0, 1, 0.1)).norm(), 1e-12);
+  EXPECT_EQ(arm.tool_shapes[1].place.line, 7);
+  ASSERT_TRUE(scene.objects.at(0).contact);
+  EXPECT_EQ(scene.objects[0].contact->stiffness_n_per_m, 1e5);
+  EXPECT_EQ(scene.objects[0].contact->damping_ratio, 0.05);
+  EXPECT_EQ(scene.objects[0].contact->tangential_damping_n_s_per_m, 100);
+  ASSERT_TRUE(scene.objects[1].contact);
+  EXPECT_EQ(scene.objects[1].contact->stiffness_n_per_m, SurfaceContact{}.stiffness_n_per_m);
+  EXPECT_EQ(scene.objects[1].contact->damping_ratio, SurfaceContact{}.damping_ratio);
+  EXPECT_FALSE(scene.objects[2].contact);
+  ASSERT_EQ(scene.timeline.size(), 2u);
+  EXPECT_EQ(scene.timeline[0].what, TimelineEvent::What::place);
+  EXPECT_EQ(scene.timeline[0].object, "table");
+  EXPECT_EQ(scene.timeline[0].X_WO.position, Vector3(0, 0, -1));
+  EXPECT_EQ(scene.timeline[0].X_WO.rotation, scene.objects[0].X_WO.rotation);  // stays turned
+  EXPECT_EQ(scene.timeline[1].X_WO.rotation, Matrix3::Identity());
+
+  const Scene plain = parse("arms:\n  - name: left\n");
+  EXPECT_FALSE(plain.arms[0].known_friction);
+  EXPECT_TRUE(plain.arms[0].tool_shapes.empty());
+  EXPECT_EQ(plain.noslip_iterations, 0u);
+  EXPECT_EQ(plain.plant.stiction_nm, 0);
+}
+
 TEST(Load, ShippedScenesAreSound) {
   const auto names = available_scenes();
   EXPECT_THAT(names, testing::IsSupersetOf({"one_arm", "two_arms", "two_arms_facing", "four_arms"}));

@@ -89,16 +89,18 @@ class TimelineReader {
     TimelineEvent event;
     event.at_s = mapping.number("at_s");
     event.place = mapping.self().place();
-    const auto what = mapping.present({"switch", "parameter", "feature", "reference", "stop", "resume"});
+    const auto what =
+        mapping.present({"switch", "parameter", "feature", "reference", "place", "stop", "resume"});
     if (what.size() != 1) {
       mapping.self().refuse(
-          "expected exactly one of switch, parameter, feature, reference, stop, resume, found " +
+          "expected exactly one of switch, parameter, feature, reference, place, stop, resume, found " +
           (what.empty() ? "none" : joined(what, " and ")));
     }
     if (what[0] == "switch") read_switch(mapping.section("switch"), event);
     if (what[0] == "parameter") read_set_parameter(mapping.section("parameter"), event);
     if (what[0] == "feature") read_set_feature(mapping.section("feature"), event);
     if (what[0] == "reference") read_reference(mapping.section("reference"), event);
+    if (what[0] == "place") read_place(mapping.section("place"), event);
     if (what[0] == "stop") read_arms(mapping, "stop", TimelineEvent::What::stop, event);
     if (what[0] == "resume") read_arms(mapping, "resume", TimelineEvent::What::resume, event);
     return event;
@@ -192,6 +194,21 @@ class TimelineReader {
           .refuse("'" + target.name +
                   "' does not run at that time; expected it in 'active' or a switch before");
     }
+  }
+
+  void read_place(const Mapping& mapping, TimelineEvent& event) {
+    event.what = TimelineEvent::What::place;
+    event.object = mapping.text("object");
+    std::vector<std::string> names;
+    for (const auto& object : reader_.scene.objects) {
+      names.push_back(object.name);
+      if (object.name != event.object) continue;
+      event.X_WO = read_pose(mapping);
+      if (mapping.present({"rpy_rad", "quaternion_wxyz"}).empty()) event.X_WO.rotation = object.X_WO.rotation;
+      return;
+    }
+    mapping.entry("object").refuse("there is no object " + in_quotes(event.object) +
+                                   name_hint(event.object, names, "there are no objects"));
   }
 
   void read_arms(const Mapping& mapping, const std::string& key, TimelineEvent::What what,

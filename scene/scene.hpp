@@ -27,6 +27,7 @@ struct PlantFidelity {
   double torque_bandwidth_hz = 0;  // first-order torque tracking; 0: perfect
   double command_delay_s = 0;      // whole control periods
   double noise_q_rad = 0, noise_dq_rad_per_s = 0, noise_tau_nm = 0;  // standard deviations, white
+  double stiction_nm = 0;  // dry friction of every joint, known to no controller
   static PlantFidelity ideal() { return {}; }
   static PlantFidelity realistic() {
     return {.name = "realistic",
@@ -39,6 +40,16 @@ struct PlantFidelity {
   }
 };
 
+enum class ShapeType { plane, box, sphere, cylinder, capsule };
+
+// A rigid, massless part of what the flange carries; it touches things. Its weight is SceneArm::tool.
+struct ToolShape {
+  ShapeType shape = ShapeType::sphere;     // sphere or box
+  Vector3 size = Vector3::Constant(0.04);  // as SceneObject::size
+  Pose X_FS;                               // in the flange
+  SourcePlace place;
+};
+
 struct SceneArm {
   std::string name;           // "left"
   std::string model = "fer";  // in models/, or a path to a model file
@@ -46,19 +57,29 @@ struct SceneArm {
   Pose X_WB;            // base in the world
   JointVector q_start;  // where the simulated arm stands at the start [rad]
   std::optional<Pose>
-      X_FE;             // end effector in the flange; default: the hand's tool centre point, else the flange
-  Pose X_EK;            // stiffness frame in the end effector
-  Load tool;            // rigid tool on the flange beyond the hand: in plant and controllers
-  Load load_declared;   // payload that the controllers are told of
-  Load load_present;    // payload that the plant really carries
-  SafetyLimits safety;  // complete: the model's limits, tightened by the scene
+      X_FE;            // end effector in the flange; default: the hand's tool centre point, else the flange
+  Pose X_EK;           // stiffness frame in the end effector
+  Load tool;           // rigid tool on the flange beyond the hand: in plant and controllers
+  Load load_declared;  // payload that the controllers are told of
+  Load load_present;   // payload that the plant really carries
+  std::vector<ToolShape> tool_shapes;
+  bool known_friction = false;        // controllers know the model's friction table
+  SafetyLimits safety;                // complete: the model's limits, tightened by the scene
   std::vector<std::string> loosened;  // limits that the scene made looser than the maker's, in words; logged
   SourcePlace place;
 };
 
+// Elastic contact of an object with the arms' tool shapes, in SI units.
+struct SurfaceContact {
+  double stiffness_n_per_m = 10000;            // slope of normal force against penetration
+  double damping_ratio = 0.3;                  // of a body of kContactMass on that stiffness
+  double tangential_damping_n_s_per_m = 100;   // slope of friction against slip, until the cone is reached
+  static constexpr double kContactMass = 4.0;  // [kg] about what an arm weighs at its tip
+};
+
 // A body in the scene: fixed (surface, table, wall) or free (falls, can be pushed and grasped).
 struct SceneObject {
-  enum class Shape { plane, box, sphere, cylinder, capsule };
+  using Shape = ShapeType;
   std::string name;
   Shape shape = Shape::box;
   Vector3 size = Vector3::Constant(
@@ -69,13 +90,22 @@ struct SceneObject {
   double friction = 0.6;  // sliding
   // Contact: MuJoCo's own numbers where given (solref/solimp), else its defaults.
   std::optional<double> contact_time_constant_s, contact_damping_ratio;
+  std::optional<SurfaceContact> contact;  // with tool shapes; without it as with everything else
   std::array<double, 4> rgba{0.7, 0.7, 0.72, 1};
   SourcePlace place;
 };
 
 struct TimelineEvent {
   double at_s = 0;
-  enum class What { switch_controllets, set_parameter, set_feature, set_reference, stop, resume } what{};
+  enum class What {
+    switch_controllets,
+    set_parameter,
+    set_feature,
+    set_reference,
+    stop,
+    resume,
+    place
+  } what{};
   // switch_controllets
   std::vector<std::string> activate, deactivate;
   bool only = false;
@@ -88,6 +118,9 @@ struct TimelineEvent {
   double duration_s = 0;  // reference
   // stop, resume: arm names; empty: all
   std::vector<std::string> arms;
+  // place: carried out by the simulation itself; other backends ignore it
+  std::string object;
+  Pose X_WO;
   SourcePlace place;
 };
 
@@ -99,7 +132,8 @@ struct Scene {
   std::uint64_t seed = 1;
   double duration_s = 0;  // default length of a run; 0: until stopped
   PlantFidelity plant;
-  std::size_t substeps = 1;  // physics steps per control period
+  std::size_t substeps = 1;           // physics steps per control period
+  std::size_t noslip_iterations = 0;  // of the contact solver, after its own: what is held does not creep
   std::vector<SceneArm> arms;
   std::vector<SceneObject> objects;
   std::vector<std::string> plugins;  // paths of users' controllet libraries

@@ -165,7 +165,20 @@ const Section& plant() {
         .doc = "Whole control periods of 0.001 s. As in the named set."},
        noise("noise_q_rad", "rad", "joint positions"),
        noise("noise_dq_rad_per_s", "rad/s", "joint velocities"),
-       noise("noise_tau_nm", "N m", "joint torques")}};
+       noise("noise_tau_nm", "N m", "joint torques"),
+       {.key = "stiction_nm",
+        .kind = FieldKind::number,
+        .unit = "N m",
+        .min = 0,
+        .max = 5,
+        .doc = "Dry friction of every joint, which no controller knows of. As in the named set: none."},
+       {.key = "noslip_iterations",
+        .kind = FieldKind::integer,
+        .fallback = "0",
+        .min = 0,
+        .max = 100,
+        .doc = "Passes of the contact solver that take the creep out of friction: 5 for things that are "
+               "held."}}};
   return section;
 }
 
@@ -215,11 +228,79 @@ const Section& arm() {
        load_field("load_present",
                   "Payload that the plant really carries. Without it, none: write both for a payload "
                   "that is there and known."),
+       {.key = "tool_shapes",
+        .kind = FieldKind::sections,
+        .section = &tool_shape(),
+        .doc = "What of the tool touches things. Massless: weight is `tool`."},
+       {.key = "known_friction",
+        .kind = FieldKind::choice,
+        .fallback = "none",
+        .choices = {"none", "model"},
+        .doc = "`model`: the controllers know the robot model's friction table (feature "
+               "`friction_compensation`)."},
        {.key = "safety",
         .kind = FieldKind::section,
         .fallback = "{}",
         .section = &safety(),
         .doc = "Limits of the safety stage; the maker's where nothing is said."}}};
+  return section;
+}
+
+const Section& tool_shape() {
+  static const Section section{"Tool shape",
+                               "A rigid shape in the flange's frame F. It collides in the simulation with "
+                               "everything but the last link "
+                               "and the hand, and collision avoidance knows it.",
+                               {{.key = "shape",
+                                 .kind = FieldKind::choice,
+                                 .required = true,
+                                 .choices = {"sphere", "box"},
+                                 .doc = "What it is."},
+                                {.key = "diameter_m",
+                                 .kind = FieldKind::number,
+                                 .unit = "m",
+                                 .min = kSmallest,
+                                 .max = 2,
+                                 .doc = "Of a sphere."},
+                                {.key = "size_m",
+                                 .kind = FieldKind::numbers,
+                                 .unit = "m",
+                                 .min = kSmallest,
+                                 .max = 2,
+                                 .count = 3,
+                                 .doc = "Of a box: full edge lengths along its x, y, z."},
+                                position("Centre in the flange."),
+                                rpy(),
+                                quaternion()}};
+  return section;
+}
+
+const Section& contact() {
+  static const Section section{
+      "Contact",
+      "Elastic contact between this object and every tool shape. A box that lies flat on a box or a plane "
+      "touches at four corners, which share the figures. What is not given is as below.",
+      {{.key = "stiffness_n_per_m",
+        .kind = FieldKind::number,
+        .unit = "N/m",
+        .fallback = "10000",
+        .min = 10,
+        .max = 1e6,
+        .doc = "Slope of the normal force against the penetration."},
+       {.key = "damping_ratio",
+        .kind = FieldKind::number,
+        .fallback = "0.3",
+        .min = 0,
+        .max = 2,
+        .doc = "Of a body of 4 kg on that stiffness."},
+       {.key = "tangential_damping_n_s_per_m",
+        .kind = FieldKind::number,
+        .unit = "N s/m",
+        .fallback = "100",
+        .min = 1,
+        .max = 2000,
+        .doc = "Friction force per slip velocity, up to friction's limit. Large values make sliding chatter, "
+               "small ones let held things creep (`noslip_iterations` in `plant` stops that)."}}};
   return section;
 }
 
@@ -362,6 +443,10 @@ const Section& object() {
         .min = 0.01,
         .max = 10,
         .doc = "Of the contact; 1: no bouncing. Without it MuJoCo's own."},
+       {.key = "contact",
+        .kind = FieldKind::section,
+        .section = &contact(),
+        .doc = "Contact with tool shapes in SI units. Without it as with everything else."},
        {.key = "color_rgba",
         .kind = FieldKind::numbers,
         .fallback = "[0.7, 0.7, 0.72, 1]",
@@ -373,10 +458,26 @@ const Section& object() {
 }
 
 std::vector<const Section*> all() {
-  return {&scene(),         &plant(),          &arm(),    &pose(),         &load(),
-          &inertia(),       &safety(),         &object(), &controllet(),   &pose_input(),
-          &joints_input(),  &other_input(),    &event(),  &switch_event(), &parameter_event(),
-          &feature_event(), &reference_event()};
+  return {&scene(),
+          &plant(),
+          &arm(),
+          &pose(),
+          &load(),
+          &inertia(),
+          &tool_shape(),
+          &safety(),
+          &object(),
+          &contact(),
+          &controllet(),
+          &pose_input(),
+          &joints_input(),
+          &other_input(),
+          &event(),
+          &switch_event(),
+          &parameter_event(),
+          &feature_event(),
+          &reference_event(),
+          &place_event()};
 }
 
 }  // namespace multipanda::schema

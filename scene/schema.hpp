@@ -15,6 +15,8 @@ const Section& load();
 const Section& inertia();
 const Section& safety();
 const Section& object();
+const Section& tool_shape();
+const Section& contact();
 const Section& controllet();
 const Section& pose_input();    // overrides of an input of quantity pose
 const Section& joints_input();  // ... joints
@@ -24,6 +26,7 @@ const Section& switch_event();
 const Section& parameter_event();
 const Section& feature_event();
 const Section& reference_event();
+const Section& place_event();
 
 // In the order of the documentation.
 std::vector<const Section*> all();

@@ -126,6 +126,10 @@ const Section& event() {
         .kind = FieldKind::section,
         .section = &reference_event(),
         .doc = "Sets a reference."},
+       {.key = "place",
+        .kind = FieldKind::section,
+        .section = &place_event(),
+        .doc = "Puts an object elsewhere (simulation only)."},
        {.key = "stop",
         .kind = FieldKind::texts,
         .choices = {"all"},
@@ -209,6 +213,30 @@ const Section& reference_event() {
        values("linear_m_per_s", "m/s", 3, "Twist: velocity; zero if only the other is given."),
        values("angular_rad_per_s", "rad/s", 3, "Twist: angular velocity; zero if only the other is given."),
        values("value", "", 1, "Scalar.")}};
+  return section;
+}
+
+const Section& place_event() {
+  static const Section section{
+      "Place",
+      "Puts an object elsewhere, at rest: a free one, or a fixed one (a table vanishes). The simulation does "
+      "it "
+      "by itself; real arms ignore it. Where it would stand inside something, the run ends with an error.",
+      {named("object", "Name of the object."),
+       {.key = "position_m",
+        .kind = FieldKind::numbers,
+        .unit = "m",
+        .required = true,
+        .min = -kFar,
+        .max = kFar,
+        .count = 3,
+        .doc = "Centre of the object in the world."},
+       {.key = "rpy_rad",
+        .kind = FieldKind::numbers,
+        .unit = "rad",
+        .count = 3,
+        .doc = "Roll, pitch, yaw. Without it or `quaternion_wxyz` as in `objects`."},
+       quaternion()}};
   return section;
 }
 

@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "backends/mujoco/engine_errors.hpp"
+#include "backends/mujoco/surface_contact.hpp"
 #include "models/to_mjcf.hpp"
 
 namespace multipanda {
@@ -36,8 +37,9 @@ void set_color(const std::array<double, 4>& rgba, float to[4]) {
 
 // Elliptic friction cones and implicit joint damping; everything of MuJoCo's that would act by itself (its
 // reset after a run-away) is off: the backend decides.
-void set_options(mjSpec* spec, double timestep) {
-  spec->option.timestep = timestep;
+void set_options(mjSpec* spec, const WorldPhysics& physics) {
+  spec->option.timestep = physics.timestep;
+  spec->option.noslip_iterations = physics.noslip_iterations;
   spec->option.integrator = mjINT_IMPLICITFAST;
   spec->option.cone = mjCONE_ELLIPTIC;
   spec->option.gravity[0] = spec->option.gravity[1] = 0;
@@ -143,11 +145,72 @@ void add_load(mjsBody* last_link, const mjsSite* flange, const char* name, const
   set_color(rgba, ball->rgba);
 }
 
-void add_arm(mjSpec* spec, const WorldArm& arm) {
+// `length_m` of a capsule, as of a cylinder, is that of its straight part.
+void set_size(ShapeType shape, const Vector3& size, mjsGeom* geom) {
+  switch (shape) {
+    case ShapeType::plane:
+      geom->type = mjGEOM_PLANE;
+      geom->size[0] = geom->size[1] = 0;  // drawn without end
+      geom->size[2] = 0.05;
+      break;
+    case ShapeType::box:
+      geom->type = mjGEOM_BOX;
+      for (int i = 0; i < 3; ++i) geom->size[i] = 0.5 * size[i];
+      break;
+    case ShapeType::sphere:
+      geom->type = mjGEOM_SPHERE;
+      geom->size[0] = 0.5 * size.x();
+      break;
+    case ShapeType::cylinder:
+    case ShapeType::capsule:
+      geom->type = shape == ShapeType::capsule ? mjGEOM_CAPSULE : mjGEOM_CYLINDER;
+      geom->size[0] = 0.5 * size.x();
+      geom->size[1] = 0.5 * size.z();
+      break;
+  }
+}
+
+// Which of the size's numbers a shape has.
+std::vector<int> size_axes(ShapeType shape) {
+  if (shape == ShapeType::plane) return {};
+  if (shape == ShapeType::box) return {0, 1, 2};
+  return shape == ShapeType::sphere ? std::vector<int>{0} : std::vector<int>{0, 2};
+}
+
+void check_size(const std::string& whose, ShapeType shape, const Vector3& size) {
+  for (const int i : size_axes(shape)) {
+    if (!(size[i] > 0) || !std::isfinite(size[i])) refuse(whose, "each of its lengths must be above 0");
+  }
+}
+
+// Shapes that touch, without mass, in a body of their own: what the last link never touches they may.
+void add_tool_shapes(mjsBody* last_link, const mjsSite* flange, const WorldArm& arm) {
+  if (arm.tool_shapes.empty()) return;
+  mjsBody* body = mjs_addBody(last_link, nullptr);
+  mjs_setName(body->element, "tool_shapes");
+  std::copy_n(flange->pos, 3, body->pos);
+  std::copy_n(flange->quat, 4, body->quat);
+  for (std::size_t i = 0; i < arm.tool_shapes.size(); ++i) {
+    const ToolShape& shape = arm.tool_shapes[i];
+    if (shape.shape == ShapeType::plane) refuse("arm '" + arm.name + "'", "a tool shape cannot be a plane");
+    check_size("tool shape of arm '" + arm.name + "'", shape.shape, shape.size);
+    mjsGeom* geom = mjs_addGeom(body, nullptr);
+    mjs_setName(geom->element, tool_shape_name(i).c_str());
+    set_size(shape.shape, shape.size, geom);
+    set_pose(shape.X_FS, geom->pos, geom->quat);
+    geom->mass = 0;
+    geom->contype = kArmBits.type;
+    geom->conaffinity = kArmBits.affinity;
+    geom->group = 2;
+    set_color({0.25, 0.27, 0.3, 1}, geom->rgba);
+  }
+}
+
+void add_arm(mjSpec* spec, const WorldArm& arm, const WorldPhysics& physics) {
   char error[1024] = "";
   const SpecPtr child(mj_parseXMLString(arm.mjcf.c_str(), nullptr, error, sizeof error));
   if (!child) refuse("arm '" + arm.name + "'", std::string("MuJoCo cannot read its model: ") + error);
-  set_options(child.get(), spec->option.timestep);  // equal options: nothing to warn about
+  set_options(child.get(), physics);  // equal options: nothing to warn about
 
   const std::string last = "link" + std::to_string(arm.joint_count);
   mjsBody* last_link = mjs_findBody(child.get(), last.c_str());
@@ -159,6 +222,7 @@ void add_arm(mjSpec* spec, const WorldArm& arm) {
   const mjsSite* flange = mjs_asSite(const_cast<mjsElement*>(site));
   add_load(last_link, flange, "tool", arm.tool, {0.35, 0.37, 0.4, 1});
   add_load(last_link, flange, "payload", arm.payload, {0.85, 0.45, 0.1, 1});
+  add_tool_shapes(last_link, flange, arm);
 
   mjsFrame* frame = mjs_addFrame(mjs_findBody(spec, "world"), nullptr);
   set_pose(arm.X_WB, frame->pos, frame->quat);
@@ -166,38 +230,6 @@ void add_arm(mjSpec* spec, const WorldArm& arm) {
   mjs_setDeepCopy(spec, 1);
   if (mjs_attach(frame->element, root->element, (arm.name + "/").c_str(), "") == nullptr) {
     refuse("arm '" + arm.name + "'", mjs_getError(spec));
-  }
-}
-
-void set_shape(const SceneObject& object, mjsGeom* geom) {
-  const Vector3& size = object.size;
-  const auto positive = [&](double value, const char* what) {
-    if (!(value > 0) || !std::isfinite(value)) {
-      refuse("object '" + object.name + "'", std::string(what) + " must be above 0");
-    }
-    return value;
-  };
-  switch (object.shape) {
-    case SceneObject::Shape::plane:
-      geom->type = mjGEOM_PLANE;
-      geom->size[0] = geom->size[1] = 0;  // drawn without end
-      geom->size[2] = 0.05;
-      mjs_setString(geom->material, "floor");
-      break;
-    case SceneObject::Shape::box:
-      geom->type = mjGEOM_BOX;
-      for (int i = 0; i < 3; ++i) geom->size[i] = 0.5 * positive(size[i], "each edge");
-      break;
-    case SceneObject::Shape::sphere:
-      geom->type = mjGEOM_SPHERE;
-      geom->size[0] = 0.5 * positive(size.x(), "the diameter");
-      break;
-    case SceneObject::Shape::cylinder:
-    case SceneObject::Shape::capsule:
-      geom->type = object.shape == SceneObject::Shape::capsule ? mjGEOM_CAPSULE : mjGEOM_CYLINDER;
-      geom->size[0] = 0.5 * positive(size.x(), "the diameter");
-      geom->size[1] = 0.5 * positive(size.z(), "the length");
-      break;
   }
 }
 
@@ -211,7 +243,9 @@ void add_object(mjSpec* spec, const SceneObject& object) {
   if (!object.fixed) mjs_setName(mjs_addFreeJoint(body)->element, object.name.c_str());
   mjsGeom* geom = mjs_addGeom(body, nullptr);
   mjs_setName(geom->element, object.name.c_str());
-  set_shape(object, geom);
+  check_size("object '" + object.name + "'", object.shape, object.size);
+  set_size(object.shape, object.size, geom);
+  if (object.shape == ShapeType::plane) mjs_setString(geom->material, "floor");
   if (!object.fixed) geom->mass = object.mass;
   // Bases stand on fixed things, so link0 and link1 touch none of them.
   const CollisionBits bits = object.fixed ? kFloorBits : kObjectBits;
@@ -247,19 +281,21 @@ void check_names(const std::vector<WorldArm>& arms, const std::vector<SceneObjec
 }  // namespace
 
 mjModel* compose(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects,
-                 double timestep) {
+                 const WorldPhysics& physics) {
   install_engine_handlers();
   check_names(arms, objects);
   const SpecPtr spec(mj_makeSpec());
-  set_options(spec.get(), timestep);
+  set_options(spec.get(), physics);
   add_surroundings(spec.get(), arms, std::any_of(objects.begin(), objects.end(), [](const SceneObject& o) {
                      return o.shape == SceneObject::Shape::plane;
                    }));
-  for (const auto& arm : arms) add_arm(spec.get(), arm);
+  for (const auto& arm : arms) add_arm(spec.get(), arm, physics);
   for (const auto& object : objects) add_object(spec.get(), object);
+  add_surface_pairs(spec.get(), arms, objects);
   mjModel* model = mj_compile(spec.get(), nullptr);
   if (model == nullptr)
     throw std::invalid_argument(std::string("MuJoCo refuses the scene: ") + mjs_getError(spec.get()));
+  set_surface_figures(model, arms, objects);
   return model;
 }
 

@@ -1,7 +1,10 @@
 #include "backends/mujoco/mujoco_backend.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdio>
 #include <cstring>
+#include <stdexcept>
 
 #include "backends/arm/from_scene.hpp"
 #include "backends/arm/joint_friction.hpp"
@@ -21,9 +24,16 @@ std::vector<WorldArm> world_arms(const Scene& scene, const MujocoOptions& option
                     .X_WB = arm.X_WB,
                     .q_start = arm.q_start,
                     .tool = arm.tool,
-                    .payload = arm.load_present});
+                    .payload = arm.load_present,
+                    .tool_shapes = arm.tool_shapes});
   }
   return arms;
+}
+
+WorldPhysics world_physics(const Scene& scene, double timestep) {
+  return {.timestep = timestep,
+          .noslip_iterations = static_cast<int>(scene.noslip_iterations),
+          .stiction = scene.plant.stiction_nm};
 }
 
 }  // namespace
@@ -31,7 +41,10 @@ std::vector<WorldArm> world_arms(const Scene& scene, const MujocoOptions& option
 MujocoBackend::MujocoBackend(const Scene& scene, MujocoOptions options)
     : options_(std::move(options)),
       substeps_(checked_substeps(scene)),
-      world_(world_arms(scene, options_), scene.objects, kPeriod / static_cast<double>(substeps_)) {
+      world_(world_arms(scene, options_), scene.objects,
+             world_physics(scene, kPeriod / static_cast<double>(substeps_))),
+      has_stiction_(scene.plant.stiction_nm > 0) {
+  plan_places(scene);
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {
     const RobotDescription robot = load_robot(scene.arms[i].model);
     const JointVector zero = joint_constant(robot.joint_count(), 0);
@@ -105,6 +118,7 @@ void MujocoBackend::advance() {
     arm.measurement.tau_link.setZero();
     arm.measurement.F_K_W_true = {};
   }
+  if (!carry_out_places()) return;
   const double dt = kPeriod / static_cast<double>(substeps_), weight = 1.0 / static_cast<double>(substeps_);
   for (std::size_t step = 0; step < substeps_; ++step) {
     for (ArmIndex i = 0; i < arms_.size(); ++i) drive(i, dt);
@@ -118,6 +132,33 @@ void MujocoBackend::advance() {
   }
   ++periods_;
   for (auto& arm : arms_) arm.behaviour.measure(arm.measurement);
+}
+
+void MujocoBackend::plan_places(const Scene& scene) {
+  for (const auto& event : scene.timeline) {
+    if (event.what != TimelineEvent::What::place) continue;
+    const auto object = world_.find_object(event.object);
+    if (!object)
+      throw std::invalid_argument("the timeline places '" + event.object + "', which is no object");
+    constexpr double kRounding = 1e-6;  // of a period
+    const auto period = static_cast<std::int64_t>(std::ceil(event.at_s / kPeriod - kRounding));
+    places_.push_back({.period = period, .object = *object, .X_WO = event.X_WO});
+  }
+  std::stable_sort(places_.begin(), places_.end(),
+                   [](const auto& a, const auto& b) { return a.period < b.period; });
+}
+
+bool MujocoBackend::carry_out_places() {
+  for (; next_place_ < places_.size() && places_[next_place_].period <= periods_; ++next_place_) {
+    const PlannedPlace& place = places_[next_place_];
+    if (world_.place(place.object, place.X_WO)) continue;
+    std::array<char, 256> why{};
+    std::snprintf(why.data(), why.size(), "the timeline places '%s' inside something else",
+                  world_.objects()[place.object].name.c_str());
+    fail(why.data());
+    return false;
+  }
+  return true;
 }
 
 // Motor torque less friction goes to the joints. Friction's slope can exceed what an explicit step of a light
@@ -149,7 +190,8 @@ void MujocoBackend::observe(ArmIndex index, double weight) {
   for (std::size_t j = 0; j < dof.size(); ++j) {
     const auto i = static_cast<Eigen::Index>(j);
     const double damping = arm.friction ? world_.model()->dof_damping[dof[j]] * seen.dq[i] : 0.0;
-    seen.tau_link[i] += weight * (arm.tau_motor[i] - arm.friction_explicit[i] - damping);
+    const double stiction = has_stiction_ ? world_.stiction_torque(dof[j]) : 0.0;
+    seen.tau_link[i] += weight * (arm.tau_motor[i] - arm.friction_explicit[i] - damping + stiction);
   }
   // Contacts belong to the step's beginning, and so does MuJoCo's pose of the flange.
   const ArmFrames& frames = arm.behaviour.settings().frames;

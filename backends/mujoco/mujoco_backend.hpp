@@ -31,6 +31,9 @@ struct MujocoOptions {
 //
 // Deterministic: the same scene, seed and commands give the same bits, on the same machine and libraries.
 //
+// Events `place` of the scene's timeline are carried out here, each at the beginning of the first period that
+// does not begin before its time; where the object would stand inside something the world stops (fault()).
+//
 // Requests are taken at the next wait(). Beyond those to the arm: PlaceObject (a free object, at rest;
 // refused if it would stand in something), ResetSimulation (everything to the start; loop time goes on; the
 // arms report `recovering` for one period, so that the controllets let go), PauseSimulation (the loop goes on
@@ -74,6 +77,13 @@ class MujocoBackend : public Backend {
     JointVector friction_explicit;  // friction less its part that MuJoCo integrates implicitly
     PlantMeasurement measurement;   // of the present period
   };
+  struct PlannedPlace {
+    std::int64_t period = 0;  // at the beginning of which it happens
+    std::size_t object = 0;
+    Pose X_WO;
+  };
+  void plan_places(const Scene& scene);
+  bool carry_out_places();
   void advance();
   void take_requests();
   ArmReply apply(const RequestBox::Posted& posted);
@@ -88,6 +98,9 @@ class MujocoBackend : public Backend {
   World world_;
   std::deque<Arm> arms_;
   Pacer pacer_;
+  std::vector<PlannedPlace> places_;  // by time
+  std::size_t next_place_ = 0;
+  bool has_stiction_ = false;
   std::int64_t periods_ = 0;
   bool commanded_ = false;  // a period's commands wait to be carried out
   bool paused_ = false;

@@ -31,9 +31,13 @@ std::string geom_name(const mjModel* m, int geom) {
 
 }  // namespace
 
-World::World(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects, double timestep)
-    : model_(compose(arms, objects, timestep)) {
+World::World(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects,
+             const WorldPhysics& physics)
+    : model_(compose(arms, objects, physics)) {
   find_places(arms, objects);
+  for (const auto& arm : arms_) {
+    for (const int dof : arm.dof) model_->dof_frictionloss[dof] = physics.stiction;
+  }
   if (!without_engine_error([this] { data_.reset(mj_makeData(model_.get())); }) || !data_) {
     throw std::invalid_argument(std::string("MuJoCo cannot hold the scene: ") + last_engine_error());
   }
@@ -72,7 +76,8 @@ void World::find_places(const std::vector<WorldArm>& arms, const std::vector<Sce
     arms_.push_back(std::move(places));
   }
   for (const auto& object : objects) {
-    ObjectPlaces places{.name = object.name, .body = find(m, mjOBJ_BODY, object.name)};
+    ObjectPlaces places{
+        .name = object.name, .body = find(m, mjOBJ_BODY, object.name), .X_WO_start = object.X_WO};
     if (!object.fixed) {
       const int joint = find(m, mjOBJ_JOINT, object.name);
       places.qpos = m->jnt_qposadr[joint];
@@ -145,7 +150,18 @@ Wrench World::tip_wrench(std::size_t arm, const Vector3& p_W) const {
   return total;
 }
 
+// One row per joint that has dry friction, and its Jacobian is 1.
+double World::stiction_torque(int dof) const {
+  for (int i = data_->ne; i < data_->ne + data_->nf; ++i) {
+    if (data_->efc_type[i] == mjCNSTR_FRICTION_DOF && data_->efc_id[i] == dof) return data_->efc_force[i];
+  }
+  return 0;
+}
+
 bool World::reset() {
+  for (const auto& object : objects_) {
+    if (object.qpos < 0) set_place(object, object.X_WO_start);
+  }
   return without_engine_error([this] { mj_resetData(model_.get(), data_.get()); }) &&
          (std::copy(qpos_start_.begin(), qpos_start_.end(), data_->qpos), forward());
 }
@@ -163,29 +179,45 @@ bool World::step() {
   return without_engine_error([this] { mj_step(model_.get(), data_.get()); }) && ran_away() == before;
 }
 
-bool World::place(std::size_t object, const Pose& X_WO) {
-  const ObjectPlaces& places = objects_[object];
-  mjtNum* pose = data_->qpos + places.qpos;
-  mjtNum* velocity = data_->qvel + places.dof;
-  std::array<mjtNum, 7> pose_before;
-  std::array<mjtNum, 6> velocity_before;
-  std::copy_n(pose, 7, pose_before.begin());
-  std::copy_n(velocity, 6, velocity_before.begin());
+// A fixed body stands where the model says, which MuJoCo reads anew in every step.
+void World::set_place(const ObjectPlaces& object, const Pose& X_WO) {
+  const bool fixed = object.qpos < 0;
+  mjtNum* p = fixed ? model_->body_pos + 3 * object.body : data_->qpos + object.qpos;
+  mjtNum* quaternion = fixed ? model_->body_quat + 4 * object.body : p + 3;
+  std::copy_n(X_WO.position.data(), 3, p);
   const Quaternion q = X_WO.quaternion();
-  const std::array<mjtNum, 7> pose_new{
-      X_WO.position.x(), X_WO.position.y(), X_WO.position.z(), q.w(), q.x(), q.y(), q.z()};
-  std::copy(pose_new.begin(), pose_new.end(), pose);
-  std::fill_n(velocity, 6, 0.0);
-  bool free = forward();
-  for (int i = 0; i < data_->ncon && free; ++i) {
-    const mjContact& contact = data_->contact[i];
-    const bool ours = model_->geom_bodyid[contact.geom[0]] == places.body ||
-                      model_->geom_bodyid[contact.geom[1]] == places.body;
-    if (ours && contact.dist < -kPenetration) free = false;
+  const std::array<mjtNum, 4> wxyz{q.w(), q.x(), q.y(), q.z()};
+  std::copy(wxyz.begin(), wxyz.end(), quaternion);
+}
+
+Pose World::placed_at(const ObjectPlaces& object) const {
+  const bool fixed = object.qpos < 0;
+  const mjtNum* p = fixed ? model_->body_pos + 3 * object.body : data_->qpos + object.qpos;
+  const mjtNum* q = fixed ? model_->body_quat + 4 * object.body : p + 3;
+  return {Quaternion(q[0], q[1], q[2], q[3]).toRotationMatrix(), vector_at(p)};
+}
+
+bool World::stands_inside(int body) const {
+  return std::any_of(data_->contact, data_->contact + data_->ncon, [&](const mjContact& contact) {
+    const bool ours =
+        model_->geom_bodyid[contact.geom[0]] == body || model_->geom_bodyid[contact.geom[1]] == body;
+    return ours && contact.dist < -kPenetration;
+  });
+}
+
+bool World::place(std::size_t index, const Pose& X_WO) {
+  const ObjectPlaces& object = objects_[index];
+  const Pose X_WO_before = placed_at(object);
+  std::array<mjtNum, 6> velocity_before{};
+  if (object.dof >= 0) {
+    mjtNum* velocity = data_->qvel + object.dof;
+    std::copy_n(velocity, 6, velocity_before.begin());
+    std::fill_n(velocity, 6, 0.0);
   }
-  if (free) return true;
-  std::copy(pose_before.begin(), pose_before.end(), pose);
-  std::copy(velocity_before.begin(), velocity_before.end(), velocity);
+  set_place(object, X_WO);
+  if (forward() && !stands_inside(object.body)) return true;
+  set_place(object, X_WO_before);
+  if (object.dof >= 0) std::copy(velocity_before.begin(), velocity_before.end(), data_->qvel + object.dof);
   forward();
   return false;
 }

@@ -23,17 +23,26 @@ struct WorldArm {
   Pose X_WB;
   JointVector q_start;
   Load tool, payload;  // what really hangs on the flange, beyond the hand; mass 0: nothing
+  std::vector<ToolShape> tool_shapes;
+};
+
+struct WorldPhysics {
+  double timestep = 0.001;    // [s]
+  int noslip_iterations = 0;  // of the contact solver
+  double stiction = 0;        // dry friction of every arm joint [N m]
 };
 
 // The physical world in MuJoCo: arms, what they carry, objects. Rigid bodies, contact and gravity only; how
 // an arm behaves is SimulatedArm's business. Names: everything of an arm is "<arm>/<name in its MJCF>",
-// tool and payload are "<arm>/tool" and "<arm>/payload", an object's body and geom have the object's name.
+// tool and payload are "<arm>/tool" and "<arm>/payload", tool shapes "<arm>/tool_shape1" and so on, an
+// object's body and geom have the object's name.
 //
 // Construction throws std::invalid_argument if MuJoCo refuses the scene or if anything stands inside
 // something else at the start (names both and the depth). Afterwards no call allocates.
 class World {
  public:
-  World(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects, double timestep);
+  World(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects,
+        const WorldPhysics& physics);
 
   // Where MuJoCo keeps an arm's quantities; found by name.
   struct ArmPlaces {
@@ -45,6 +54,7 @@ class World {
     std::string name;
     int body = -1;
     int qpos = -1, dof = -1;  // of the free joint; -1: fixed
+    Pose X_WO_start;
   };
 
   std::size_t arm_count() const { return arms_.size(); }
@@ -53,7 +63,7 @@ class World {
   std::optional<std::size_t> find_object(std::string_view name) const;
   // Arm that a body belongs to (links, hand, tool, payload), or -1.
   int arm_of_body(int body) const { return arm_of_body_[static_cast<std::size_t>(body)]; }
-  // Whether a body is behind the last joint: last link, hand, fingers, tool, payload.
+  // Whether a body is behind the last joint: last link, hand, fingers, tool and its shapes, payload.
   bool is_tip(int body) const { return tip_[static_cast<std::size_t>(body)] != 0; }
 
   void joints(std::size_t arm, JointVector& q, JointVector& dq) const;
@@ -64,13 +74,17 @@ class World {
   // the last physics step or forward(), about the world point p_W, in world axes.
   Wrench tip_wrench(std::size_t arm, const Vector3& p_W) const;
 
+  // Dry friction of a joint in the last physics step: what it adds to the motor's torque [N m].
+  double stiction_torque(int dof) const;
+
   // Everything as at the start; the clock of MuJoCo too. False: engine error.
   bool reset();
   // Positions to contacts and forces, without moving on. False: engine error.
   bool forward();
   // One physics step. False: engine error, or positions, velocities or accelerations ran away.
   bool step();
-  // A free object, at rest. False (and nothing changed): it would stand more than kPenetration in something.
+  // Puts an object elsewhere, a free one at rest. False (and nothing changed): it would stand more than
+  // kPenetration in something.
   bool place(std::size_t object, const Pose& X_WO);
   static constexpr double kPenetration = 1e-3;  // [m]
 
@@ -82,6 +96,9 @@ class World {
  private:
   void find_places(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects);
   void refuse_penetration() const;
+  void set_place(const ObjectPlaces& object, const Pose& X_WO);
+  Pose placed_at(const ObjectPlaces& object) const;
+  bool stands_inside(int body) const;
 
   struct Free {
     void operator()(mjModel* m) const { mj_deleteModel(m); }
