@@ -68,6 +68,15 @@ Request request_of(const TimelineEvent& event, const MultimodeController& contro
     request.kind = Request::Kind::set_feature;
     request.index = static_cast<std::uint16_t>(instance.find_feature(event.name));
     request.on = event.on;
+  } else if (event.what == What::set_motion) {
+    request.kind = Request::Kind::set_target;
+    request.index = static_cast<std::uint16_t>(instance.find_input(event.name));
+    request.target.delivery = Delivery::motion;
+    copy_values(event.rise, request.target.size, request.target.values);
+    copy_values(event.sine, request.target.size, request.target.sine);
+    request.target.period_s = event.period_s;
+    request.target.cycles = event.cycles;
+    request.target.ramp_s = event.ramp_s;
   } else {
     request.kind = Request::Kind::set_target;
     request.index = static_cast<std::uint16_t>(instance.find_input(event.name));

@@ -32,6 +32,7 @@ std::string kind_text(const Field& field) {
       return "a number";
     case FieldKind::numbers:
       if (field.count == Field::kPerJoint) return "a list of numbers, one per joint";
+      if (field.count == Field::kByQuantity) return "a list of numbers, as many as the input carries";
       return "a list of " + std::to_string(field.count) + " numbers";
     case FieldKind::texts:
       return "a list of names";

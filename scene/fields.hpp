@@ -26,6 +26,7 @@ struct Section;
 
 struct Field {
   static constexpr std::size_t kPerJoint = 0;
+  static constexpr std::size_t kByQuantity = 1000;  // as many as the input's quantity has
 
   std::string key;
   FieldKind kind = FieldKind::text;
@@ -34,7 +35,7 @@ struct Field {
   bool required = false;
   double min = -std::numeric_limits<double>::infinity();
   double max = std::numeric_limits<double>::infinity();
-  std::size_t count = 1;  // of `numbers`; kPerJoint: one per joint
+  std::size_t count = 1;  // of `numbers`; or kPerJoint, kByQuantity
   std::vector<std::string> choices = {};
   const Section* section = nullptr;
   std::string doc;

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <set>
 
+#include "core/reference/harmonic.hpp"
 #include "scene/load_parts.hpp"
 #include "scene/names.hpp"
 #include "scene/schema.hpp"
@@ -90,16 +91,18 @@ class TimelineReader {
     event.at_s = mapping.number("at_s");
     event.place = mapping.self().place();
     const auto what =
-        mapping.present({"switch", "parameter", "feature", "reference", "place", "stop", "resume"});
+        mapping.present({"switch", "parameter", "feature", "reference", "motion", "place", "stop", "resume"});
     if (what.size() != 1) {
       mapping.self().refuse(
-          "expected exactly one of switch, parameter, feature, reference, place, stop, resume, found " +
+          "expected exactly one of switch, parameter, feature, reference, motion, place, stop, resume, "
+          "found " +
           (what.empty() ? "none" : joined(what, " and ")));
     }
     if (what[0] == "switch") read_switch(mapping.section("switch"), event);
     if (what[0] == "parameter") read_set_parameter(mapping.section("parameter"), event);
     if (what[0] == "feature") read_set_feature(mapping.section("feature"), event);
     if (what[0] == "reference") read_reference(mapping.section("reference"), event);
+    if (what[0] == "motion") read_motion(mapping.section("motion"), event);
     if (what[0] == "place") read_place(mapping.section("place"), event);
     if (what[0] == "stop") read_arms(mapping, "stop", TimelineEvent::What::stop, event);
     if (what[0] == "resume") read_arms(mapping, "resume", TimelineEvent::What::resume, event);
@@ -175,6 +178,51 @@ class TimelineReader {
 
   void read_reference(const Mapping& mapping, TimelineEvent& event) {
     event.what = TimelineEvent::What::set_reference;
+    const InputSpec& input = read_input(mapping, event);
+    const InstanceConfig& target = config(event.controllet);
+    event.values = reference_values(mapping, input, reader_.joint_count(target, input.arm));
+    event.duration_s = mapping.number("duration_s");
+  }
+
+  void read_motion(const Mapping& mapping, TimelineEvent& event) {
+    event.what = TimelineEvent::What::set_motion;
+    const InputSpec& input = read_input(mapping, event);
+    const std::size_t count =
+        motion_count(input.quantity, reader_.joint_count(config(event.controllet), input.arm));
+    if (mapping.present({"sine", "rise"}).empty()) {
+      mapping.self().refuse("moves nothing; expected 'sine' or 'rise' with " + std::to_string(count) +
+                            " numbers");
+    }
+    event.sine = mapping.has("sine") ? mapping.numbers("sine", count) : std::vector<double>(count, 0.0);
+    event.rise = mapping.has("rise") ? mapping.numbers("rise", count) : std::vector<double>(count, 0.0);
+    event.period_s = mapping.number("period_s");
+    event.cycles = mapping.number("cycles");
+    event.ramp_s = mapping.number("ramp_s");
+    if (event.ramp_s > event.period_s * event.cycles) {
+      mapping.entry("ramp_s").expected("at most period_s * cycles");
+    }
+    Harmonic motion{.period_s = event.period_s};
+    std::copy(event.sine.begin(), event.sine.end(), motion.sine.begin());
+    std::copy(event.rise.begin(), event.rise.end(), motion.rise.begin());
+    double fastest = 0;
+    if (input.quantity == Quantity::pose) {
+      fastest = motion.top_speed(0, 3);
+    } else {
+      for (std::size_t i = 0; i < count; ++i) fastest = std::max(fastest, motion.top_speed(i, 1));
+    }
+    double allowed = input.max_speed;
+    for (const auto& change : config(event.controllet).inputs) {
+      if (change.name == input.name) allowed = change.max_speed;
+    }
+    if (fastest > allowed) {
+      mapping.self().refuse("the motion is as fast as " + number_text(fastest) + " per second, input '" +
+                            input.name + "' allows " + number_text(allowed) +
+                            "; expected a longer period_s, or a higher limit under the controllet's inputs");
+    }
+  }
+
+  // The input that an event names, of a controllet that runs then.
+  const InputSpec& read_input(const Mapping& mapping, TimelineEvent& event) {
     const InstanceConfig& target = instance(mapping);
     event.controllet = target.name;
     event.name = mapping.text("input");
@@ -187,13 +235,12 @@ class TimelineReader {
       mapping.entry("input").refuse("'" + target.type + "' has no input " + in_quotes(event.name) +
                                     name_hint(event.name, valid, "it has none"));
     }
-    event.values = reference_values(mapping, *input, reader_.joint_count(target, input->arm));
-    event.duration_s = mapping.number("duration_s");
     if (!active_.contains(target.name)) {
       mapping.entry("controllet")
           .refuse("'" + target.name +
                   "' does not run at that time; expected it in 'active' or a switch before");
     }
+    return *input;
   }
 
   void read_place(const Mapping& mapping, TimelineEvent& event) {

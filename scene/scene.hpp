@@ -102,6 +102,7 @@ struct TimelineEvent {
     set_parameter,
     set_feature,
     set_reference,
+    set_motion,
     stop,
     resume,
     place
@@ -116,6 +117,9 @@ struct TimelineEvent {
       values;      // parameter; reference: in the order of Target (pose: x y z, quaternion w x y z), world
   bool on = true;  // feature
   double duration_s = 0;  // reference
+  // motion: rise and sine in the order of a motion's Target (pose: x y z)
+  std::vector<double> sine, rise;
+  double period_s = 0, cycles = 1, ramp_s = 0;
   // stop, resume: arm names; empty: all
   std::vector<std::string> arms;
   // place: carried out by the simulation itself; other backends ignore it

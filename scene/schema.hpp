@@ -26,6 +26,7 @@ const Section& switch_event();
 const Section& parameter_event();
 const Section& feature_event();
 const Section& reference_event();
+const Section& motion_event();
 const Section& place_event();
 
 // In the order of the documentation.

@@ -126,6 +126,10 @@ const Section& event() {
         .kind = FieldKind::section,
         .section = &reference_event(),
         .doc = "Sets a reference."},
+       {.key = "motion",
+        .kind = FieldKind::section,
+        .section = &motion_event(),
+        .doc = "Moves a reference to and fro, or round."},
        {.key = "place",
         .kind = FieldKind::section,
         .section = &place_event(),
@@ -213,6 +217,50 @@ const Section& reference_event() {
        values("linear_m_per_s", "m/s", 3, "Twist: velocity; zero if only the other is given."),
        values("angular_rad_per_s", "rad/s", 3, "Twist: angular velocity; zero if only the other is given."),
        values("value", "", 1, "Scalar.")}};
+  return section;
+}
+
+const Section& motion_event() {
+  const auto vector = [](std::string key, std::string doc) {
+    return Field{.key = std::move(key),
+                 .kind = FieldKind::numbers,
+                 .min = -1e4,
+                 .max = 1e4,
+                 .count = Field::kByQuantity,
+                 .doc = std::move(doc)};
+  };
+  static const Section section{
+      "Motion",
+      "x(t) = x_0 + sine sin(theta) + rise (1 - cos(theta))/2 from where the set-point x_0 is, theta from 0 "
+      "to "
+      "2 pi cycles. It begins and ends at rest and lasts period_s * cycles + ramp_s. A circle of radius r: "
+      "`sine` r one way, `rise` 2 r towards the centre.",
+      {named("controllet", "Name of the instance."),
+       named("input", "Name of the input."),
+       vector("sine",
+              "Pose: x, y, z [m] (it keeps its orientation). Twist, wrench: 6 numbers. Joints: one "
+              "per joint [rad]. Scalar: one. Without it zero."),
+       vector("rise", "As `sine`. Without it zero."),
+       {.key = "period_s",
+        .kind = FieldKind::number,
+        .unit = "s",
+        .required = true,
+        .min = 0.01,
+        .max = kLongest,
+        .doc = "Of one turn of theta at full rate."},
+       {.key = "cycles",
+        .kind = FieldKind::number,
+        .fallback = "1",
+        .min = 0.1,
+        .max = 1e6,
+        .doc = "How many turns."},
+       {.key = "ramp_s",
+        .kind = FieldKind::number,
+        .unit = "s",
+        .fallback = "0.1",
+        .min = 0.1,
+        .max = 60,
+        .doc = "Time in which the rate fades in, and out; at most period_s * cycles."}}};
   return section;
 }
 
