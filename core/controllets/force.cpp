@@ -44,6 +44,7 @@ class Force final : public Controllet {
     const Vector3 n = direction_.update(F_d, dt);
     const double desired = std::max(0.0, n.dot(F_d));
     const Vector3 F_hat = arm.state->F_K_W_est.force();
+    if (!F_d.allFinite() || !F_hat.allFinite()) return LawResult::fault;  // a clamp would hide it
     const double estimated = n.dot(F_hat);
     const Vector3 p = terms.X_WE().position;
     watch_contact(estimated, settings.contact_threshold, p, n, dt);

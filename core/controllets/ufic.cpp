@@ -112,9 +112,10 @@ class Ufic final : public Controllet {
     // Force part
     const ForceSettings settings = force_settings(parameters, kForceGroup);
     const Vector3 F_d = context.inputs[kWrench].vector().head<3>();
-    const Vector3 v = V.head<3>();
-    const ForcePart force = force_part(settings, law, parameters.number(kReach), F_d,
-                                       arm.state->F_K_W_est.force(), terms.X_WE().position, v, context.dt);
+    const Vector3 F_hat = arm.state->F_K_W_est.force(), v = V.head<3>();
+    if (!F_d.allFinite() || !F_hat.allFinite()) return LawResult::fault;  // a clamp would hide it
+    const ForcePart force = force_part(settings, law, parameters.number(kReach), F_d, F_hat,
+                                       terms.X_WE().position, v, context.dt);
     const Vector3 n = direction_.n();
     const double v_n = n.dot(Vector3(v - s * target.V_d.vector.head<3>()));
 

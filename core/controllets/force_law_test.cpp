@@ -1,0 +1,178 @@
+#include "core/controllets/force_law.hpp"
+
+#include <gtest/gtest.h>
+
+#include "core/controllets/energy_tank.hpp"
+#include "core/test_support/test_arm.hpp"
+
+namespace multipanda {
+namespace {
+
+using test::Draw;
+
+// A held input reaches 1 - 1/e after a time constant, whatever the ticks.
+TEST(LowPass, ReachesAShareByItsTimeConstantAtAnyRate) {
+  for (const double dt : {0.001, 0.0005, 0.004}) {
+    LowPass<double> filter;
+    filter.reset(2);
+    const double cutoff = 5, tau = 1 / (2 * M_PI * cutoff);
+    const int ticks = static_cast<int>(std::lround(tau / dt));
+    for (int i = 0; i < ticks; ++i) filter.update(4, cutoff, dt);
+    EXPECT_NEAR(filter.value(), 2 + 2 * (1 - std::exp(-ticks * dt / tau)), 1e-9);
+  }
+}
+
+TEST(Fade, TakesItsTimeAndHasNoCorner) {
+  Fade fade;
+  fade.reset(false);
+  double before = 0, steepest = 0;
+  for (int i = 0; i < 200; ++i) {
+    const double now = fade.towards(true, 0.001);
+    steepest = std::max(steepest, (now - before) / 0.001);
+    before = now;
+  }
+  EXPECT_NEAR(before, 1, 1e-9);
+  EXPECT_NEAR(steepest, 1.5 / Fade::kDuration, 0.05);
+  for (int i = 0; i < 100; ++i) fade.towards(false, 0.001);
+  EXPECT_NEAR(fade.value(), 0.5, 1e-9);
+}
+
+TEST(ContactDetector, HasHysteresisAndABlindBeginning) {
+  ContactDetector detector;
+  detector.start();
+  for (int i = 0; i < 99; ++i) EXPECT_FALSE(detector.update(50, 2, 0.001));
+  EXPECT_TRUE(detector.update(50, 2, 0.001) || detector.update(50, 2, 0.001));
+  for (int i = 0; i < 500; ++i) EXPECT_TRUE(detector.update(1.2, 2, 0.001));  // above half
+  for (int i = 0; i < 500; ++i) detector.update(0.8, 2, 0.001);
+  EXPECT_FALSE(detector.in_contact());
+  for (int i = 0; i < 500; ++i) EXPECT_FALSE(detector.update(1.2, 2, 0.001));  // below the threshold
+}
+
+// White noise of 0.65 N on an estimate, as noise of joint sensors gives it, is no contact.
+TEST(ContactDetector, NoiseIsNoContact) {
+  std::mt19937 engine(7);
+  std::normal_distribution<double> noise(0, 0.65);
+  ContactDetector detector;
+  detector.start();
+  for (int i = 0; i < 60000; ++i) ASSERT_FALSE(detector.update(noise(engine), 2, 0.001));
+}
+
+TEST(ForceDirection, FollowsAForceAtItsSpeedAndNeverTurnsBack) {
+  ForceDirection direction;
+  direction.start({0, 0, -2});
+  EXPECT_NEAR((direction.n() + Vector3::UnitZ()).norm(), 0, 1e-12);
+  direction.update({0.1, 0, 0}, 1);  // too weak to have a direction
+  EXPECT_NEAR((direction.n() + Vector3::UnitZ()).norm(), 0, 1e-12);
+  direction.update({0, 0, 30}, 10);  // a pull
+  EXPECT_NEAR((direction.n() + Vector3::UnitZ()).norm(), 0, 1e-12);
+  const Vector3 F(3, 0, -3);  // 45 degrees away
+  direction.update(F, 0.1);
+  EXPECT_NEAR(std::acos(-direction.n().z()), 0.05, 1e-9);
+  for (int i = 0; i < 100; ++i) direction.update(F, 0.1);
+  EXPECT_NEAR((direction.n() - F.normalized()).norm(), 0, 1e-9);
+  Draw draw(3);
+  const Vector3 v = draw.vector3(1), across = direction.across(v);
+  EXPECT_NEAR(across.dot(direction.n()), 0, 1e-12);
+  EXPECT_NEAR((v - across).cross(direction.n()).norm(), 0, 1e-12);
+}
+
+const ForceGains kGains{.proportional = 0.2,
+                        .derivative_s = 0,
+                        .integral_per_s = 4,
+                        .error_cutoff_hz = 10,
+                        .integral_limit_n = 5};
+
+TEST(ForceLoop, IsTheStatedLaw) {
+  ForceLoop loop;
+  loop.start();
+  ForceGains gains = kGains;
+  gains.derivative_s = 0.01;
+  double e_f = 0, integral = 0;
+  const double dt = 0.001, a = 1 - std::exp(-2 * M_PI * 10 * dt);
+  for (int i = 0; i < 300; ++i) {
+    const double desired = 10 + std::sin(0.02 * i), estimated = 9 + std::cos(0.013 * i);
+    const double e = desired - estimated, last = e_f;
+    e_f += a * (e - e_f);
+    integral += 4 * e_f * dt;
+    const double expected = desired + 0.2 * e_f + 0.01 * (e_f - last) / dt + integral;
+    ASSERT_NEAR(loop.update(gains, desired, estimated, 1, dt), expected, 1e-9) << i;
+  }
+}
+
+TEST(ForceLoop, NeverPullsAndDoesNotWindUp) {
+  ForceLoop loop;
+  loop.start();
+  // Pressed far harder than desired, for long: the command ends at 0 and comes back at once.
+  for (int i = 0; i < 5000; ++i) EXPECT_GE(loop.update(kGains, 2, 30, 1, 0.001), 0);
+  EXPECT_EQ(loop.update(kGains, 2, 30, 1, 0.001), 0);
+  EXPECT_GE(loop.integral(), -3);
+  // Nothing to press on, for long: the integral stays within its limit.
+  loop.start();
+  for (int i = 0; i < 5000; ++i) loop.update(kGains, 20, 0, 1, 0.001);
+  EXPECT_NEAR(loop.integral(), 5, 1e-9);
+  // Contact gone: feed-forward only, and the integral is forgotten.
+  for (int i = 0; i < 2000; ++i) EXPECT_NEAR(loop.update(kGains, 20, 0, 0, 0.001), 20, 1e-12);
+  EXPECT_LT(loop.integral(), 1e-3);
+}
+
+TEST(EnergyTank, BooksEveryJoule) {
+  const TankLimits limits{.min_j = 0, .max_j = 1, .closing_j = 0.1};
+  EnergyTank tank;
+  tank.start(5, limits);
+  EXPECT_EQ(tank.energy(), 1);
+  Draw draw(5);
+  double given = 0;
+  for (int i = 0; i < 20000; ++i) {
+    const double work = draw.uniform(-0.0201, 0.02);
+    tank.give(work);
+    given += work;
+    ASSERT_NEAR(tank.energy() + tank.lost(), 1 - given, 1e-9);
+    ASSERT_LE(tank.energy(), 1);
+  }
+  EXPECT_GT(tank.lost(), 0.1);
+}
+
+TEST(EnergyTank, ValveClosesSmoothlyAboveTheLeast) {
+  const TankLimits limits{.min_j = 0.3, .max_j = 1, .closing_j = 0.1};
+  EnergyTank tank;
+  double before = 1;
+  for (double energy = 0.45; energy > 0.25; energy -= 0.001) {
+    tank.start(0.45, limits);
+    tank.give(0.45 - energy);
+    const double valve = tank.valve(limits);
+    EXPECT_LE(valve, before + 1e-12);
+    EXPECT_LT(before - valve, 0.016);  // 1.5 / 0.1 J
+    if (energy >= 0.4) {
+      EXPECT_EQ(valve, 1);
+    }
+    if (energy <= 0.3) {
+      EXPECT_EQ(valve, 0);
+    }
+    before = valve;
+  }
+  EXPECT_NEAR(tank.make_up(limits), 0.3 - tank.energy() + 0.05, 0.06);
+  EXPECT_NEAR(tank.energy(), 0.3, 1e-12);
+}
+
+// gamma alpha outwards, everything inwards, no step between; the paper's as printed.
+TEST(ForceShare, FollowsItsLaw) {
+  EXPECT_NEAR(contact_shape(0.02, 0.02), std::exp(-1.0), 1e-12);
+  EXPECT_EQ(contact_shape(0, 0.02), 1);
+  for (const double gamma : {0.0, 0.3, 1.0}) {
+    for (const double alpha : {0.0, 0.6, 1.0}) {
+      EXPECT_NEAR(force_share(ValveLaw::paper, gamma, alpha, 0.1), gamma + alpha * (1 - gamma), 1e-12);
+      EXPECT_NEAR(force_share(ValveLaw::passive, gamma, alpha, 0.1), gamma * alpha, 1e-12);
+      EXPECT_NEAR(force_share(ValveLaw::passive, gamma, alpha, 0), gamma * alpha, 1e-12);
+      EXPECT_NEAR(force_share(ValveLaw::passive, gamma, alpha, -kIncomingSpeed), 1, 1e-12);
+      double before = gamma * alpha;
+      for (double v = 0; v > -0.03; v -= 1e-4) {
+        const double share = force_share(ValveLaw::passive, gamma, alpha, v);
+        EXPECT_LT(std::abs(share - before), 0.01);
+        before = share;
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace multipanda

@@ -1,0 +1,288 @@
+#include "core/controllets/ufic.hpp"
+
+#include <Eigen/LU>
+#include <gtest/gtest.h>
+
+#include "core/controllets/damping_design.hpp"
+#include "core/controllets/force.hpp"
+#include "core/controllets/task_spring.hpp"
+#include "core/test_support/controllet_rig.hpp"
+#include "core/test_support/plain_arm.hpp"
+
+// `ufic` and `force` by the recipe of the other laws; closed loops over MuJoCo are in tests/interaction/.
+namespace multipanda {
+namespace {
+
+using namespace test;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+const Pose kTool{rotation_from_rpy({0.3, -0.2, 0.5}), Vector3(0.02, -0.01, 0.1)};
+
+struct Bench {
+  explicit Bench(const ControlletType& type, const Pose& X_WB = {}, std::size_t joints = 7)
+      : arm(TestArm::make(joints)), plain(arm, X_WB, kTool), rig(type, {arm.model(X_WB)}) {
+    rig.frames(0, {kTool, {}});
+    rig.place(0, bent(joints), joint_constant(joints, 0));
+    rig.state(0).has_wrench_estimate = true;
+    rig.state(0).tau_J_d = joint_constant(joints, 0);
+  }
+  void feel(const Vector3& F) { rig.state(0).F_K_W_est.force() = F; }
+  void want(const Vector3& F) {
+    Target target;
+    target.size = 6;
+    target.duration_s = 0.4;
+    std::copy_n(F.data(), 3, target.values.begin());
+    rig.input("wrench").set(target);
+  }
+  void ticks(int count) {
+    for (int i = 0; i < count; ++i) ASSERT_EQ(rig.tick(0.001), LawResult::ok);
+  }
+  double number(std::string_view output) { return rig.output(output)[0]; }
+  TestArm arm;
+  PlainArm plain;
+  ControlletRig rig;
+};
+
+// In contact, filters at rest, tanks full: the torque is the stated sum, computed with explicit inverses.
+TEST(Ufic, TorqueIsTheStatedLaw) {
+  Draw draw(81);
+  int checked = 0;
+  for (int trial = 0; trial < 16; ++trial) {
+    const std::size_t joints = trial % 2 == 0 ? 7 : 6;
+    Bench bench(ufic_controllet(), draw.pose(1), joints);
+    const Vector3 n = draw.vector3(1).normalized();
+    bench.rig.set("press_direction", {n.x(), n.y(), n.z()});
+    bench.rig.set("force_integral_per_s", {0});
+    bench.rig.set("force_proportional", {0.15});
+    bench.rig.set("tangential_gain", {0.8});
+    bench.rig.set("force_damping_n_s_per_m", {70});
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    const Vector3 F_hat = 8 * n + n.cross(draw.vector3(3));
+    bench.want(12 * n);
+    bench.feel(F_hat);
+    bench.ticks(3000);
+    EXPECT_EQ(bench.number("in_contact"), 1);
+    EXPECT_NEAR(bench.number("gamma_f"), 1, 1e-9);
+
+    const Pose start = bench.rig.input("pose").pose();
+    bench.rig.input("pose").set(pose_target(
+        {exp_rotation(draw.vector3(0.2)) * start.rotation, start.position + draw.vector3(0.1)}, 1.0));
+    bench.ticks(300);
+    const JointVector q = bent(joints) + draw.joints(joints, 0.2), dq = draw.joints(joints, 0.5);
+    bench.rig.place(0, q, dq);
+    ASSERT_EQ(bench.rig.update(), LawResult::ok);
+    if (bench.rig.terms(0).task().floored) continue;
+    ++checked;
+
+    const Reference& pose = bench.rig.input("pose");
+    const MatrixXd J = bench.plain.jacobian(q), M = bench.plain.mass(q);
+    const MatrixXd Lambda = (J * M.inverse() * J.transpose()).inverse();
+    VectorXd K(6);
+    K << 400, 400, 400, 20, 20, 20;
+    const Matrix6 D = task_damping(Lambda, Matrix6(K.asDiagonal()), 1);
+    const Eigen::AngleAxisd turn(pose.pose().rotation * bench.plain.end_effector(q).rotation.transpose());
+    VectorXd F(6);
+    F << 400 * (pose.pose().position - bench.plain.end_effector(q).position), 20 * turn.angle() * turn.axis();
+    const VectorXd V = J * dq;
+    F += D * (pose.twist().vector - V) + Lambda * pose.acceleration().vector;
+    const double v_n = n.dot(Vector3(V.head(3)) - Vector3(pose.twist().linear()));
+    F.head(3) += n * (12 + 0.15 * (12 - 8) - 70 * v_n) + 0.8 * (F_hat - n.dot(F_hat) * n);
+    const MatrixXd N = MatrixXd::Identity(q.size(), q.size()) - J.transpose() * Lambda * J * M.inverse();
+    const VectorXd D_N = 2 * (10 * M.diagonal().array()).sqrt();
+    const VectorXd null = N * (10 * (bent(joints) - q) - D_N.asDiagonal() * N.transpose() * dq);
+    const VectorXd expected = J.transpose() * F + null + bench.plain.coriolis(q, dq);
+    EXPECT_NEAR((bench.rig.tau(0) - expected).norm(), 0, 1e-4 * (1 + expected.norm())) << "trial " << trial;
+  }
+  EXPECT_GE(checked, 8);
+}
+
+TEST(Ufic, AtRestWithNothingAskedForNothing) {
+  for (const auto& type : {ufic_controllet(), force_controllet()}) {
+    Bench bench(type);
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    bench.ticks(500);
+    EXPECT_NEAR(bench.rig.tau(0).norm(), 0, 1e-9) << type.statement.type;
+  }
+}
+
+TEST(Ufic, MovingTheWorldChangesNothing) {
+  Draw draw(82);
+  for (const auto& type : {ufic_controllet(), force_controllet()}) {
+    const Pose X = draw.pose(2), X_WB = draw.pose(1);
+    Bench here(type, X_WB), there(type, X * X_WB);
+    const Vector3 n = draw.vector3(1).normalized(), F_hat = 7 * n + draw.vector3(2);
+    const JointVector q = bent(7) + draw.joints(7, 0.02), dq = draw.joints(7, 0.2);
+    for (auto* bench : {&here, &there}) {
+      const Matrix3 R = bench == &here ? Matrix3(Matrix3::Identity()) : X.rotation;
+      const Vector3 direction = R * n;
+      bench->rig.set("press_direction", {direction.x(), direction.y(), direction.z()});
+      ASSERT_EQ(bench->rig.start(), LawResult::ok);
+      bench->want(R * Vector3(10 * n));
+      bench->feel(R * F_hat);
+      bench->ticks(500);
+      bench->rig.place(0, q, dq);
+      bench->ticks(20);
+    }
+    EXPECT_GT(here.rig.tau(0).norm(), 1);
+    EXPECT_NEAR((here.rig.tau(0) - there.rig.tau(0)).norm(), 0, 1e-7) << type.statement.type;
+  }
+}
+
+// Empty tanks: no spring, no force outwards; dampers stay.
+TEST(Ufic, EmptyTanksLeaveDampingOnly) {
+  Draw draw(83);
+  Bench bench(ufic_controllet());
+  bench.rig.set("tank_start_j", {0});
+  ASSERT_EQ(bench.rig.start(), LawResult::ok);
+  bench.want({0, 0, -20});
+  bench.feel({0, 0, -20});
+  const Pose start = bench.rig.input("pose").pose();
+  bench.rig.input("pose").set(pose_target({start.rotation, start.position + Vector3(0.2, 0, 0)}, 1.0));
+  bench.ticks(2000);
+  EXPECT_EQ(bench.number("alpha_i"), -1);
+  EXPECT_EQ(bench.number("alpha_f"), 0);
+  EXPECT_NEAR(bench.rig.tau(0).norm(), 0, 1e-9);
+  for (int trial = 0; trial < 50; ++trial) {
+    const JointVector dq = draw.joints(7, 0.5);
+    bench.rig.place(0, bent(7), dq);
+    ASSERT_EQ(bench.rig.update(), LawResult::ok);
+    EXPECT_LT(dq.dot(bench.rig.tau(0) - bench.rig.terms(0).c()), 0);
+  }
+}
+
+// Whatever moves whatever: what the arm and its spring have more, the tanks have less, to the last joule.
+// The arm is moved by force of hand, so the work of the torque is known from the path alone.
+TEST(Ufic, TanksPayForAllThatGoesIn) {
+  Draw draw(84);
+  for (int trial = 0; trial < 10; ++trial) {
+    Bench bench(ufic_controllet());
+    bench.rig.set("tank_start_j", {trial % 2 == 0 ? 50.0 : 0.15});
+    bench.rig.set("acceleration_feedforward", {trial % 3 == 0 ? 0.0 : 1.0});
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    const double tanks = bench.number("force_tank_j");
+    EXPECT_EQ(tanks, 0);  // shown from the first tick on
+    bench.want({0, 0, -15});
+    bench.ticks(1);
+    const double begun = bench.number("force_tank_j") + bench.number("impedance_tank_j");
+    const Pose start = bench.rig.input("pose").pose();
+    bench.rig.input("pose").set(
+        pose_target({exp_rotation(draw.vector3(0.3)) * start.rotation, start.position + draw.vector3(0.2)}));
+    const TaskStiffness K{400 * Matrix3::Identity(), 20 * Matrix3::Identity()};
+    const JointVector direction = draw.joints(7, 0.15);
+    JointVector q = bent(7), tau = bench.rig.tau(0);
+    double into_arm = 0;
+    for (int k = 1; k <= 1500; ++k) {
+      const double t = 0.001 * k;
+      const JointVector next = bent(7) + direction * std::sin(3 * t);
+      into_arm += tau.dot(next - q);
+      q = next;
+      bench.rig.state(0).tau_J_d = tau;
+      bench.feel({std::sin(5 * t), 0, -12 - 8 * std::sin(2 * t)});
+      bench.rig.place(0, q, direction * 3 * std::cos(3 * t));
+      ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+      tau = bench.rig.tau(0);
+    }
+    const double s = 1 + bench.number("alpha_i");
+    const double spring =
+        s * spring_energy(K, pose_error(bench.rig.input("pose").pose(), bench.plain.end_effector(q)));
+    const double tank = bench.number("force_tank_j") + bench.number("impedance_tank_j");
+    EXPECT_LE(into_arm + spring + tank, begun + 1e-9) << trial;  // less what overflowed: nothing here
+    if (trial % 2 == 0) {
+      EXPECT_NEAR(into_arm + spring + tank, begun, 1e-6) << trial;
+    }
+    EXPECT_GT(std::abs(into_arm), 0.01);
+    // An overdraft is at most what a tick can take before the valve has shut.
+    EXPECT_GT(bench.number("force_tank_j"), -0.02);
+    EXPECT_GT(bench.number("impedance_tank_j"), -0.02);
+  }
+}
+
+TEST(Ufic, NotANumberIsAFault) {
+  for (const auto& type : {ufic_controllet(), force_controllet()}) {
+    for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity()}) {
+      for (int where = 0; where < 4; ++where) {
+        Bench bench(type);
+        ASSERT_EQ(bench.rig.start(), LawResult::ok);
+        JointVector q = bent(7), dq = joint_constant(7, 0);
+        if (where == 0) q[2] = bad;
+        if (where == 1) dq[2] = bad;
+        if (where == 2) bench.feel({0, bad, 0});
+        if (where == 3) bench.rig.input("wrench").start_constant(bad);
+        bench.rig.place(0, q, dq);
+        EXPECT_EQ(bench.rig.tick(0.001), LawResult::fault) << type.statement.type << " " << where;
+        // A new start from good numbers is a good one.
+        bench.feel({0, 0, 0});
+        bench.rig.place(0, bent(7), joint_constant(7, 0));
+        ASSERT_EQ(bench.rig.start(), LawResult::ok);
+        EXPECT_EQ(bench.rig.tick(0.001), LawResult::ok);
+      }
+    }
+  }
+}
+
+TEST(Ufic, WithoutAnEstimateItDoesNotStart) {
+  for (const auto& type : {ufic_controllet(), force_controllet()}) {
+    Bench bench(type);
+    bench.rig.state(0).has_wrench_estimate = false;
+    EXPECT_EQ(bench.rig.start(), LawResult::fault) << type.statement.type;
+  }
+}
+
+// Everything that can change at once changes at once: the torque follows with a bounded rate.
+TEST(Ufic, ContactComesWithoutAStep) {
+  for (const auto& type : {ufic_controllet(), force_controllet()}) {
+    Bench bench(type);
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    bench.want({0, 0, -10});
+    bench.ticks(1000);
+    JointVector before = bench.rig.tau(0);
+    bench.feel({0, 0, -10});
+    for (int i = 0; i < 1000; ++i) {
+      ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+      EXPECT_LT((bench.rig.tau(0) - before).cwiseAbs().maxCoeff(), 0.3) << type.statement.type << " " << i;
+      before = bench.rig.tau(0);
+    }
+    EXPECT_EQ(bench.number("in_contact"), 1);
+  }
+}
+
+// Against an elastic wall with the arm's own equations of motion: the wall is found and pressed on.
+TEST(Force, FindsAWallAndPresses) {
+  Bench bench(force_controllet());
+  bench.rig.set("approach_speed_m_per_s", {0.05});
+  ASSERT_EQ(bench.rig.start(), LawResult::ok);
+  const Vector3 start = bench.rig.terms(0).X_WE().position;
+  bench.want({0, 0, -12});
+  double force = 0, filtered = 0;
+  for (int i = 0; i < 4000; ++i) {
+    ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+    const double depth = start.z() - 0.02 - bench.rig.terms(0).X_WE().position.z();
+    force = depth > 0 ? std::max(0.0, 5000 * depth - 100 * bench.rig.terms(0).V_WE().linear().z()) : 0.0;
+    filtered += 0.17 * (force - filtered);  // as a 30 Hz observer
+    bench.feel({0, 0, -filtered});
+    Vector6 push = Vector6::Zero();
+    push[2] = force;
+    bench.rig.integrate(0.001, {bench.rig.terms(0).J_V_WE().transpose() * push}, 4);
+  }
+  EXPECT_NEAR(force, 12, 0.05);
+  const auto error = bench.rig.output("position_error_m");
+  EXPECT_LT(std::hypot(error[0], error[1]), 1e-3);
+}
+
+// Nothing to be found: it goes on at its speed, never faster.
+TEST(Force, LooksForASurfaceSlowly) {
+  Bench bench(force_controllet());
+  ASSERT_EQ(bench.rig.start(), LawResult::ok);
+  const Vector3 start = bench.rig.terms(0).X_WE().position;
+  bench.want({0, 0, -30});
+  for (int i = 0; i < 2000; ++i) {
+    ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+    bench.rig.integrate(0.001, {joint_constant(7, 0)}, 2);
+    ASSERT_LT(bench.rig.terms(0).V_WE().linear().norm(), 0.025) << i;
+  }
+  EXPECT_NEAR(start.z() - bench.rig.terms(0).X_WE().position.z(), 0.02 * 1.9, 0.005);
+}
+
+}  // namespace
+}  // namespace multipanda
