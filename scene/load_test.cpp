@@ -150,6 +150,30 @@ TEST(Load, InteractionArrives) {
   EXPECT_EQ(plain.plant.stiction_nm, 0);
 }
 
+TEST(Load, ReadsMotions) {
+  const Scene scene = parse(
+      "arms:\n  - name: left\n"
+      "controllets: [{name: a, type: solo, arms: left}]\n"
+      "active: a\n"
+      "timeline:\n"
+      "  - {at_s: 1, motion: {controllet: a, input: pose, sine: [0, 0.1, 0], rise: [-0.2, 0, 0], period_s: "
+      "9}}\n"
+      "  - {at_s: 2, motion: {controllet: a, input: joints, rise: [0, 0, 0, 0.5, 0.5, 0, 0], period_s: 10, "
+      "cycles: "
+      "2, ramp_s: 1}}\n");
+  ASSERT_EQ(scene.timeline.size(), 2u);
+  const TimelineEvent& circle = scene.timeline[0];
+  EXPECT_EQ(circle.what, TimelineEvent::What::set_motion);
+  EXPECT_THAT(circle.sine, testing::ElementsAre(0, 0.1, 0));
+  EXPECT_THAT(circle.rise, testing::ElementsAre(-0.2, 0, 0));
+  EXPECT_EQ(circle.period_s, 9);
+  EXPECT_EQ(circle.cycles, 1);
+  EXPECT_EQ(circle.ramp_s, 0.1);
+  EXPECT_EQ(scene.timeline[1].rise.size(), 7u);
+  EXPECT_EQ(scene.timeline[1].sine, std::vector<double>(7, 0.0));
+  EXPECT_EQ(scene.timeline[1].cycles, 2);
+}
+
 TEST(Load, ShippedScenesAreSound) {
   const auto names = available_scenes();
   EXPECT_THAT(names, testing::IsSupersetOf({"one_arm", "two_arms", "two_arms_facing", "four_arms"}));
