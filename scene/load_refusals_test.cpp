@@ -176,7 +176,7 @@ const std::vector<Refusal> kWorld{
     {"contact stiffness",
      kArms + "objects:\n  - {name: o, shape: plane, contact: {stiffness_n_per_m: 0}}\n",
      5,
-     {"10 to 1000000", "[N/m]"}},
+     {"10 to 1e+06", "[N/m]"}},
     {"contact damping",
      kArms + "objects:\n  - {name: o, shape: plane, contact: {damping_ratio: -0.1}}\n",
      5,
