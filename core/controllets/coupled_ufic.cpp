@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 #include <Eigen/LU>
 
@@ -105,7 +106,7 @@ class CoupledUfic final : public Controllet {
     const double dt = context.dt;
 
     settle_accounts(context, frame, settings);
-    follow_grasp(context, frame, settings, target);
+    if (!follow_grasp(context, frame, settings, target)) return LawResult::fault;
     const double set_point_work = move_springs(springs_now(settings, target), frame, settings, dt);
     const double s = springs_.scale;
     const Vector3& n = springs_.n;
@@ -241,8 +242,8 @@ class CoupledUfic final : public Controllet {
     return work;
   }
 
-  // Phases of the grasp; gamma and where A is held along n follow from the touch.
-  void follow_grasp(const ControlContext& context, const CooperativeFrame& frame, Settings settings,
+  // Phases of the grasp; gamma and where A is held along n follow from the touch. False: not finite.
+  bool follow_grasp(const ControlContext& context, const CooperativeFrame& frame, Settings settings,
                     const CartesianTarget& target) {
     const Vector3 n = target.X_W_d.rotation * n_A_;
     const Matrix3& R_d = target.X_W_d.rotation;
@@ -251,6 +252,7 @@ class CoupledUfic final : public Controllet {
                  .first_n = n.dot(Vector3(context.arms[0].state->F_K_W_est.force())),
                  .second_n = -n.dot(Vector3(context.arms[1].state->F_K_W_est.force())),
                  .distance_m = n.dot(Vector3(frame.relative.head<3>()))};
+    if (!std::isfinite(measured_.wanted_n + measured_.first_n + measured_.second_n)) return false;
     grasp_.update(measured_, settings.grasp, context.dt);
     if (grasp_.touched_now()) {
       // The object is where it is: held there along n, not drawn to the set-point, which would press one hand
@@ -270,6 +272,7 @@ class CoupledUfic final : public Controllet {
         touched_ ? contact_shape(measured_.distance_m - touch_distance_, settings.reach) : 0.0;
     gamma_ = std::min(shape, gamma_ + rise);
     alpha_f_ = std::min(force_tank_.valve(settings.tanks), alpha_f_ + rise);
+    return true;
   }
 
   // F_f' along -n of the relative motion: what each hand is to press.
@@ -338,6 +341,7 @@ class CoupledUfic final : public Controllet {
     out[kOtherPower] = (book_[0].work_of_others() + book_[1].work_of_others()) * per_s;
     out[kMadeUp] = made_up_;
     out[kDistance] = measured_.distance_m;
+    out[kDistanceSet] = grasp_.distance_d();
     out[kVerticalForce] = vertical_;
     const Vector6 absolute = pose_error(springs_.X_d, frame.X_WA);
     std::copy_n(absolute.data(), 6, out.begin() + kAbsoluteError);

@@ -91,6 +91,7 @@ std::vector<OutputSpec> outputs() {
           {"power_other_w", 1, "Into both arms, by features and limits."},
           {"energy_made_up_j", 1, "Valve law 'paper': what its tanks gave without having it."},
           {"hand_distance_m", 1, "n^T (p_2 - p_1)."},
+          {"hand_distance_set_m", 1, "Its set-point, of the spring that a grasp takes away."},
           {"vertical_force_n", 1, "Weight and integral, fed forward."},
           {"absolute_position_error_m", 3, "p_a,d - p_a, world axes."},
           {"absolute_orientation_error_rad", 3, "log(R_d R_a^T), world axes."},

@@ -60,6 +60,7 @@ enum Output : std::size_t {
   kOtherPower,
   kMadeUp,
   kDistance,
+  kDistanceSet,
   kVerticalForce,
   kAbsoluteError,
   kRelativeError = kAbsoluteError + 6,
