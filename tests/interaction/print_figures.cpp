@@ -1,0 +1,128 @@
+// Prints the figures of force control as tables: interaction_figures [task_3|task_4|loss|stiction|paper ...]
+// [parameter=number,number,...]. Without words all tables; parameters are changes to try.
+#include <cstdio>
+#include <set>
+#include <sstream>
+
+#include "tests/interaction/figures.hpp"
+
+using namespace multipanda;
+using namespace multipanda::trial;
+
+namespace {
+
+struct Given {
+  std::set<std::string> tables;
+  std::vector<std::pair<std::string, std::vector<double>>> parameters;
+  bool wants(const std::string& table) const { return tables.empty() || tables.contains(table); }
+  void apply(Scene& scene) const {
+    for (const auto& [name, values] : parameters) set(scene, name, values);
+  }
+};
+
+Given read(int count, char** words) {
+  Given given;
+  for (int i = 1; i < count; ++i) {
+    const std::string word = words[i];
+    const auto equals = word.find('=');
+    if (equals == std::string::npos) {
+      given.tables.insert(word);
+      continue;
+    }
+    std::stringstream rest(word.substr(equals + 1));
+    std::vector<double> values;
+    for (std::string number; std::getline(rest, number, ',');) values.push_back(std::stod(number));
+    given.parameters.emplace_back(word.substr(0, equals), values);
+  }
+  return given;
+}
+
+void row(const std::string& what, const Surface& surface, const TaskFigures& f) {
+  std::printf("%-10s %6.0f %5.2f %4.1f | %6.3f %6.2f %6.3f | %6.2f %6.2f | %6.2f | %6.0f %6.0f %4llu %s\n",
+              what.c_str(), surface.stiffness, surface.damping_ratio, surface.friction, f.force_rms,
+              f.force_max, f.estimate_rms, 1000 * f.path_rms, 1000 * f.path_max, f.peak, f.rate_task,
+              f.rate_contact, static_cast<unsigned long long>(f.interventions), f.good ? "" : "NOT GOOD");
+  std::fflush(stdout);
+}
+void head(const char* title) {
+  std::printf("\n%s\n%-10s %6s %5s %4s | %6s %6s %6s | %6s %6s | %6s | %6s %6s %4s\n", title, "plant", "N/m",
+              "zeta", "mu", "rms N", "max N", "est N", "path", "max mm", "peak N", "rate", "touch", "hits");
+}
+
+}  // namespace
+
+int main(int count, char** words) {
+  const Given given = read(count, words);
+  const auto change = [&](Scene& scene) { given.apply(scene); };
+  PlantFidelity stiction = PlantFidelity::ideal();
+  stiction.name = "stiction";
+  stiction.stiction_nm = 0.3;
+  const std::vector<PlantFidelity> plants{PlantFidelity::ideal(), PlantFidelity::realistic()};
+  if (given.wants("task_3")) {
+    head("Task 3: 0-30-0 N in 10 s");
+    for (const auto& plant : plants) {
+      for (const double zeta : {0.3, 0.05}) {
+        for (const double k : {1e3, 1e4, 1e5}) {
+          const Surface surface{k, zeta, 0.3};
+          row(plant.name, surface, task_figures("task_3", plant, surface, change));
+        }
+      }
+    }
+  }
+  if (given.wants("task_4")) {
+    head("Task 4: 9.81 N on a circle of 10 cm");
+    for (const auto& plant : plants) {
+      for (const double mu : {0.1, 0.3, 0.5}) {
+        for (const double k : {1e3, 1e4, 1e5}) {
+          const Surface surface{k, 0.3, mu};
+          row(plant.name, surface, task_figures("task_4", plant, surface, change));
+        }
+      }
+      for (const double k : {1e3, 1e4, 1e5}) {
+        const Surface surface{k, 0.05, 0.3};
+        row(plant.name, surface, task_figures("task_4", plant, surface, change));
+      }
+    }
+  }
+  if (given.wants("stiction")) {
+    head("Stiction of 0.3 N m in every joint");
+    for (const char* name : {"task_3", "task_4"}) {
+      for (const double k : {1e3, 1e4, 1e5}) {
+        const Surface surface{k, 0.3, 0.3};
+        row(name, surface, task_figures(name, stiction, surface, change));
+      }
+    }
+  }
+  if (given.wants("paper")) {
+    head("Task 4 with the paper's preset");
+    for (const auto& plant : plants) {
+      for (const double mu : {0.1, 0.3, 0.5}) {
+        for (const double k : {1e3, 1e4, 1e5}) {
+          const Surface surface{k, 0.3, mu};
+          row(plant.name, surface, task_figures("task_4", plant, surface, [&](Scene& scene) {
+                paper_preset(scene);
+                given.apply(scene);
+              }));
+        }
+      }
+    }
+  }
+  if (given.wants("loss")) {
+    std::printf("\nThe table vanishes\n%-8s %-8s %6s | %8s %8s %5s\n", "task", "law", "N", "m/s", "mm",
+                "hits");
+    const auto line = [](const char* name, const char* law, double force, const LossFigures& f) {
+      std::printf("%-8s %-8s %6.2f | %8.3f %8.1f %5llu %s\n", name, law, force, f.speed, 1000 * f.drop,
+                  static_cast<unsigned long long>(f.interventions), f.good ? "" : "NOT GOOD");
+      std::fflush(stdout);
+    };
+    for (const double force : {9.81, 30.0}) {
+      line("task_4", "default", force, loss_figures("task_4", force, change));
+      line("task_4", "paper", force, loss_figures("task_4", force, [&](Scene& scene) {
+             paper_preset(scene);
+             given.apply(scene);
+           }));
+      line("task_3", "force", force, loss_figures("task_3", force, change));
+    }
+  }
+  return 0;
+}
