@@ -187,7 +187,7 @@ TEST(CoupledUfic, TorqueIsTheStatedLaw) {
         EXPECT_NEAR((bench.rig.tau(i) - with_share).norm(), 0, 2e-4 * (1 + expected.norm()))
             << "trial " << trial << " arm " << i;
         EXPECT_GE(share, 0);
-        EXPECT_LE(share, 1 + 1e-12);
+        EXPECT_LE(share, 1 + 1e-3);
       }
     }
   }
@@ -209,6 +209,7 @@ TEST(CoupledUfic, SqueezeAndWeightAreForcesAtTheHands) {
   Bench bench;
   bench.rig.set("nullspace_stiffness_nm_per_rad", {0});
   bench.rig.set("object_mass_kg", {2});
+  bench.rig.set("force_integral_per_s", {0});
   bench.grasp(20, 20);
   const Vector3 n = bench.n();
   const Vector3 half = 0.5 * 2 * 9.81 * Vector3::UnitZ();
@@ -266,12 +267,14 @@ TEST(CoupledUfic, SpringsAreTheGradientOfTheirEnergy) {
     bench.rig.set("rotational_stiffness_nm_per_rad", {30, 10, 20});
     bench.rig.set("relative_translational_stiffness_n_per_m", {700, 700, 700});
     bench.rig.set("relative_rotational_stiffness_nm_per_rad", {15, 25, 5});
+    for (const char* name : {"tank_max_j", "tank_start_j"}) bench.rig.set(name, {1000});
     ASSERT_EQ(bench.rig.start(), LawResult::ok);
     const Matrix3 R_0[2] = {bench.plain[0].end_effector(bent(7)).rotation,
                             bench.plain[1].end_effector(bent(6)).rotation};
     const Vector3 line =
         bench.plain[1].end_effector(bent(6)).position - bench.plain[0].end_effector(bent(7)).position;
-    const Pose X_d = bench.rig.input("pose").pose() * draw.pose(0.05);
+    const Pose X_d =
+        bench.rig.input("pose").pose() * Pose{exp_rotation(draw.vector3(0.3)), draw.vector3(0.05)};
     const Vector3 p_r_d = X_d.rotation * line;
     bench.rig.input("pose").start(X_d);
     const VectorXd q_1 = bent(7) + draw.joints(7, 0.1), q_2 = bent(6) + draw.joints(6, 0.1);
