@@ -254,7 +254,7 @@ void add_object(mjSpec* spec, const SceneObject& object) {
   // The object's numbers rule its contacts with arms; between two objects MuJoCo mixes. Four dimensions:
   // without torsional friction anything held by two points turns about the line between them.
   geom->priority = 1;
-  geom->condim = 4;
+  geom->condim = object.friction > 0 ? 4 : 1;
   geom->friction[0] = object.friction;
   if (object.contact_time_constant_s) geom->solref[0] = *object.contact_time_constant_s;
   if (object.contact_damping_ratio) geom->solref[1] = *object.contact_damping_ratio;

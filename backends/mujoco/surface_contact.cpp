@@ -39,7 +39,7 @@ void add_surface_pairs(mjSpec* spec, const std::vector<WorldArm>& arms,
     mjs_setString(pair->geomname1, (arm.name + "/" + tool_shape_name(shape)).c_str());
     mjs_setString(pair->geomname2, object.name.c_str());
     // With torsional friction: without it anything held by two points turns about the line between them.
-    pair->condim = 4;
+    pair->condim = object.friction > 0 ? 4 : 1;
     pair->friction[0] = pair->friction[1] = object.friction;
     pair->margin = pair->gap = 0;
   });
