@@ -8,6 +8,7 @@
 #include "core/controllets/hold.hpp"
 #include "core/controllets/joint_impedance.hpp"
 #include "core/controllets/ufic.hpp"
+#include "core/features/collision_avoidance.hpp"
 #include "core/features/joint_limits.hpp"
 #include "core/modes/registry.hpp"
 
@@ -25,6 +26,7 @@ Registry Registry::with_builtins() {
   registry.add(ufic_controllet());
   registry.add(coupled_ufic_controllet());
   registry.add(joint_limits_feature());
+  registry.add(collision_avoidance_feature());
   return registry;
 }
 

@@ -93,7 +93,7 @@ std::string TestArm::urdf() const {
   return xml;
 }
 
-std::shared_ptr<const ArmModel> TestArm::model(const Pose& X_WB, const std::string& name) const {
+ArmModelSource TestArm::source(const Pose& X_WB, const std::string& name) const {
   ArmModelSource source;
   source.name = name;
   source.urdf = urdf();
@@ -101,7 +101,43 @@ std::shared_ptr<const ArmModel> TestArm::model(const Pose& X_WB, const std::stri
   source.X_WB = X_WB;
   source.q_home = joint_constant(links.size(), 0);
   for (Eigen::Index i = 0; i < source.q_home.size(); ++i) source.q_home[i] = i % 2 == 0 ? 0.3 : -0.6;
-  return std::make_shared<const ArmModel>(std::move(source));
+  return source;
+}
+
+std::shared_ptr<const ArmModel> TestArm::model(const Pose& X_WB, const std::string& name) const {
+  return std::make_shared<const ArmModel>(source(X_WB, name));
+}
+
+void add_collision_shapes(ArmModelSource& source, std::size_t joints, std::uint32_t seed) {
+  Draw draw(seed);
+  for (int joint = -1; joint < static_cast<int>(joints); ++joint) {
+    const std::size_t count = 1 + draw.index(2);
+    for (std::size_t k = 0; k < count; ++k) {
+      CollisionShape part;
+      part.name = "part" + std::to_string(source.collision_shapes.size());
+      part.joint = joint;
+      part.scene = joint > 0;
+      part.X_JS = draw.pose(0.05);
+      const double r = draw.uniform(0.03, 0.06);
+      switch (draw.index(4)) {
+        case 0:
+          part.shape = ConvexShape::sphere(draw.vector3(0.05), r);
+          break;
+        case 1:
+          part.shape = ConvexShape::box({r, 2 * r, 3 * r}, 0.01);
+          break;
+        default:
+          part.shape = ConvexShape::capsule(draw.vector3(0.1), draw.vector3(0.1), r);
+      }
+      source.collision_shapes.push_back(part);
+    }
+  }
+  const auto& parts = source.collision_shapes;
+  for (std::size_t a = 0; a < parts.size(); ++a) {
+    for (std::size_t b = a + 1; b < parts.size(); ++b) {
+      if (parts[b].joint > parts[a].joint + 1) source.self_pairs.emplace_back(a, b);
+    }
+  }
 }
 
 }  // namespace multipanda::test

@@ -27,8 +27,13 @@ struct TestArm {
 
   static TestArm make(std::size_t joints = 7, std::uint32_t seed = 1);
   std::string urdf() const;
+  ArmModelSource source(const Pose& X_WB = {}, const std::string& name = "test") const;
   std::shared_ptr<const ArmModel> model(const Pose& X_WB = {}, const std::string& name = "test") const;
 };
+
+// Gives the arm shapes that collide, of every kind, seeded: one or two on every body, the base included.
+// Parts that have another joint between them are checked against each other.
+void add_collision_shapes(ArmModelSource& source, std::size_t joints, std::uint32_t seed);
 
 // Seeded draws.
 class Draw {

@@ -1,0 +1,125 @@
+#include "core/features/collision_avoidance.hpp"
+
+#include <algorithm>
+#include <array>
+
+#include "core/features/collision_pairs.hpp"
+
+namespace multipanda {
+namespace {
+
+enum Parameter : std::size_t { kRange, kStiffness, kDamping };
+enum Output : std::size_t { kSmallest, kActive, kPotential, kLargestForce };
+
+constexpr double kNothingNear = 10;  // [m] shown where no pair is nearer
+
+class CollisionAvoidance final : public Feature {
+ public:
+  explicit CollisionAvoidance(const Surroundings& surroundings) : pairs_(surroundings) {
+    slot_.fill(kNotOwn);
+    for (std::size_t i = 0; i < surroundings.own.size(); ++i) slot_[surroundings.own[i]] = i;
+  }
+
+  LawResult start(ControlContext&) override { return LawResult::ok; }
+
+  LawResult update(ControlContext& context) override {
+    const auto& parameters = *context.parameters;
+    const double range = parameters.number(kRange);
+    pairs_.place(context.scene_arms);
+    // The pair that was nearest a cycle ago is about the nearest now: a bound that spares most of the others.
+    double smallest = kNothingNear;
+    if (pairs_.size() > 0) smallest = std::min(smallest, pairs_.closest(nearest_).distance);
+    active_ = 0;
+    potential_ = largest_force_ = 0;
+    for (std::size_t i = 0; i < pairs_.size(); ++i) {
+      if (pairs_.at_least(i) >= std::max(range, smallest)) continue;
+      const Closest closest = pairs_.closest(i);
+      if (closest.distance < smallest) {
+        smallest = closest.distance;
+        nearest_ = i;
+      }
+      if (closest.distance >= range) continue;
+      repel(context, i, closest, parameters);
+    }
+    context.outputs[kSmallest] = smallest;
+    context.outputs[kActive] = active_;
+    context.outputs[kPotential] = potential_;
+    context.outputs[kLargestForce] = largest_force_;
+    return LawResult::ok;
+  }
+
+ private:
+  static constexpr std::size_t kNotOwn = static_cast<std::size_t>(-1);
+  using PointJacobian = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, kMaxJoints>;
+
+  // J^T n (n x 1): how fast a body's point moves along n per joint velocity. Empty: the body stands.
+  static JointVector along_normal(ControlContext& context, const CollisionPairs::Body& body,
+                                  const Vector3& p_W, const Vector3& n) {
+    if (body.joint < 0) return {};
+    ModelTerms& terms = *context.scene_arms[body.arm].terms;
+    PointJacobian J(3, static_cast<Eigen::Index>(terms.joint_count()));
+    terms.point_jacobian(static_cast<std::size_t>(body.joint), p_W, J);
+    return J.transpose().lazyProduct(n);
+  }
+
+  void repel(ControlContext& context, std::size_t i, const Closest& closest, const ParameterSet& parameters) {
+    const auto& a = pairs_.body(pairs_.pair(i).a);
+    const auto& b = pairs_.body(pairs_.pair(i).b);
+    const JointVector to_a = along_normal(context, a, closest.p_A, closest.normal);
+    const JointVector to_b = along_normal(context, b, closest.p_B, closest.normal);
+    double opening = 0;  // rate of the distance [m/s]
+    if (to_a.size() > 0) opening += to_a.dot(context.scene_arms[a.arm].dq());
+    if (to_b.size() > 0) opening -= to_b.dot(context.scene_arms[b.arm].dq());
+    const double range = parameters.number(kRange), depth = range - closest.distance;
+    const double force = parameters.number(kStiffness) * depth +
+                         parameters.number(kDamping) * depth / range * std::max(-opening, 0.0);
+    if (to_a.size() > 0) push(context, a.arm, force, to_a);
+    if (to_b.size() > 0) push(context, b.arm, -force, to_b);
+    active_ += 1;
+    potential_ += 0.5 * parameters.number(kStiffness) * depth * depth;
+    largest_force_ = std::max(largest_force_, force);
+  }
+
+  void push(ControlContext& context, ArmIndex arm, double force, const JointVector& along) const {
+    if (slot_[arm] != kNotOwn) *context.arms[slot_[arm]].tau += force * along;
+  }
+
+  CollisionPairs pairs_;
+  std::array<std::size_t, kMaxArms> slot_;  // of each arm in context.arms
+  std::size_t nearest_ = 0;
+  double active_ = 0, potential_ = 0, largest_force_ = 0;
+};
+
+}  // namespace
+
+FeatureType collision_avoidance_feature() {
+  return {
+      {.type = "collision_avoidance",
+       .doc = "Pushes the arms apart from each other, from themselves and from fixed things of the scene, "
+              "softly from a given distance on.",
+       .inputs = {},
+       .parameters = {{"range_m", "m", 1, {0.05}, 0.005, 0.3, "Distance at which the repulsion begins."},
+                      {"stiffness_n_per_m",
+                       "N/m",
+                       1,
+                       {3000.0},
+                       0,
+                       20000,
+                       "Slope of the repulsive force inside the range, of every pair."},
+                      {"damping_n_s_per_m",
+                       "N s/m",
+                       1,
+                       {150.0},
+                       0,
+                       1000,
+                       "Damping of an approach, at contact; grows from zero at the range's edge."}},
+       .outputs = {{"smallest_distance_m", 1, "Of all pairs that are watched [m]; 10: none is nearer."},
+                   {"active_pairs", 1, "Pairs within the range."},
+                   {"potential_j", 1, "Repulsive potential of all pairs [J]."},
+                   {"largest_force_n", 1, "Largest repulsive force of one pair [N]."}}},
+      [](const Surroundings& surroundings) -> std::unique_ptr<Feature> {
+        return std::make_unique<CollisionAvoidance>(surroundings);
+      }};
+}
+
+}  // namespace multipanda

@@ -1,0 +1,279 @@
+#include "core/features/collision_avoidance.hpp"
+
+#include <algorithm>
+
+#include <gtest/gtest.h>
+
+#include "core/features/collision_pairs.hpp"
+#include "core/test_support/controllet_rig.hpp"
+#include "core/test_support/test_arm.hpp"
+#include "models/arm_source.hpp"
+
+namespace multipanda {
+namespace {
+
+using namespace test;
+
+constexpr double kRange = 0.05, kStiffness = 3000, kDamping = 150;  // the defaults
+
+std::shared_ptr<const ArmModel> franka(const std::string& robot, const Pose& X_WB, bool hand = true) {
+  return std::make_shared<const ArmModel>(arm_model_source(load_robot(robot), X_WB, hand));
+}
+
+// Arms of different joint counts on turned bases, with shapes of every kind.
+Models made_up(const Pose& X = {}) {
+  Models models;
+  const std::array bases{Pose{rotation_from_rpy({0.2, -0.4, 0.3}), {0, 0, 0.1}},
+                         Pose{rotation_from_rpy({-0.3, 0.5, 2.4}), {0.4, 0.3, 0}}};
+  for (std::uint32_t k = 0; k < 2; ++k) {
+    const std::size_t joints = k == 0 ? 7 : 6;
+    auto source = TestArm::make(joints, 1 + k).source(X * bases[k], "arm" + std::to_string(k));
+    add_collision_shapes(source, joints, 5 + k);
+    models.push_back(std::make_shared<const ArmModel>(std::move(source)));
+  }
+  return models;
+}
+
+std::vector<Obstacle> some_obstacles(const Pose& X = {}) {
+  return {
+      {"floor", ConvexShape::half_space(), X * Pose{rotation_from_rpy({0.1, 0.05, 0}), {0, 0, -0.1}}},
+      {"box", ConvexShape::box({0.3, 0.2, 0.4}), X * Pose{rotation_from_rpy({0.3, 1, 2}), {0.3, -0.3, 0.3}}},
+      {"can", ConvexShape::cylinder(0.1, 0.3), X * Pose{rotation_from_rpy({1, 0, 0}), {-0.3, 0.3, 0.5}}},
+      {"ball", ConvexShape::sphere({0, 0, 0}, 0.1), X * Pose{Matrix3::Identity(), {0.1, 0.5, 0.5}}}};
+}
+
+// Deeper than the thinnest hulls around the shapes' cores the cores overlap: distances are those of a
+// polytope then, near enough to be pushed out, not to differentiate.
+constexpr double kCoresApart = -0.025;
+
+JointVector zero(std::size_t n) { return joint_constant(n, 0); }
+
+double potential(ControlletRig& rig, const std::vector<JointVector>& q) {
+  for (std::size_t i = 0; i < q.size(); ++i) rig.place(i, q[i], zero(static_cast<std::size_t>(q[i].size())));
+  EXPECT_EQ(rig.update(), LawResult::ok);
+  return rig.output("potential_j")[0];
+}
+
+// Every distance of the scene by brute force, with shapes placed one by one.
+struct Counted {
+  double smallest = 1e9, potential = 0;
+  int active = 0;
+};
+Counted count_all(ControlletRig& rig, const Models& models, const std::vector<Obstacle>& obstacles) {
+  Counted counted;
+  const auto take = [&](const Closest& c) {
+    counted.smallest = std::min(counted.smallest, c.distance);
+    if (c.distance >= kRange) return;
+    ++counted.active;
+    counted.potential += 0.5 * kStiffness * (kRange - c.distance) * (kRange - c.distance);
+  };
+  const auto pose = [&](std::size_t arm, const CollisionShape& part) {
+    const Pose X_WJ =
+        part.joint < 0 ? models[arm]->X_WB() : rig.terms(arm).X_WJ(static_cast<std::size_t>(part.joint));
+    return X_WJ * part.X_JS;
+  };
+  for (std::size_t i = 0; i < models.size(); ++i) {
+    const auto& parts = models[i]->collision_shapes();
+    for (const auto& [a, b] : models[i]->self_pairs()) {
+      take(closest_points(parts[a].shape, pose(i, parts[a]), parts[b].shape, pose(i, parts[b])));
+    }
+    for (const auto& part : parts) {
+      for (const auto& obstacle : obstacles) {
+        if (part.scene) take(closest_points(part.shape, pose(i, part), obstacle.shape, obstacle.X_WO));
+      }
+      for (std::size_t k = i + 1; k < models.size(); ++k) {
+        for (const auto& other : models[k]->collision_shapes()) {
+          if (part.joint < 0 && other.joint < 0) continue;
+          take(closest_points(part.shape, pose(i, part), other.shape, pose(k, other)));
+        }
+      }
+    }
+  }
+  return counted;
+}
+
+TEST(CollisionAvoidance, TorqueIsTheGradientOfThePotentialOfAllNearPairs) {
+  Draw draw(61);
+  const Models models = made_up();
+  const auto obstacles = some_obstacles();
+  ControlletRig rig(collision_avoidance_feature(), models, obstacles);
+  ASSERT_EQ(rig.start(), LawResult::ok);
+  int near = 0;
+  for (int trial = 0; trial < 400; ++trial) {
+    const std::vector<JointVector> q{draw.joints(7, 1.5), draw.joints(6, 1.5)};
+    const double V = potential(rig, q);
+    const std::vector<JointVector> tau{rig.tau(0), rig.tau(1)};
+    const Counted counted = count_all(rig, models, obstacles);
+    EXPECT_EQ(rig.output("active_pairs")[0], counted.active);
+    EXPECT_NEAR(V, counted.potential, 1e-6 * (1 + V));
+    EXPECT_NEAR(rig.output("smallest_distance_m")[0], counted.smallest, 1e-8);
+    if (counted.smallest < kCoresApart) continue;
+    near += counted.active > 0;
+    constexpr double h = 1e-6;
+    for (std::size_t arm = 0; arm < 2; ++arm) {
+      for (Eigen::Index j = 0; j < q[arm].size(); ++j) {
+        auto above = q, below = q;
+        above[arm][j] += h;
+        below[arm][j] -= h;
+        const double slope = (potential(rig, above) - potential(rig, below)) / (2 * h);
+        EXPECT_NEAR(tau[arm][j], -slope, 1e-3 + 2e-4 * std::abs(slope)) << trial << " " << arm << " " << j;
+      }
+    }
+  }
+  EXPECT_GT(near, 40);
+}
+
+TEST(CollisionAvoidance, SeesAllPairsOfTwoArmsWithHands) {
+  Draw draw(62);
+  const Models models{franka("fer", Pose{rotation_from_rpy({0, 0, 0.5}), {0, 0.26, 0}}),
+                      franka("fr3", Pose{rotation_from_rpy({0, 0.2, -0.5}), {0, -0.26, 0}})};
+  const std::vector<Obstacle> obstacles{some_obstacles()[0], some_obstacles()[1]};
+  ControlletRig rig(collision_avoidance_feature(), models, obstacles);
+  int near = 0;
+  for (int trial = 0; trial < 500; ++trial) {
+    std::vector<JointVector> q;
+    for (const auto& model : models) {
+      JointVector q_i = model->q_home();
+      for (Eigen::Index j = 0; j < 7; ++j) {
+        q_i[j] = draw.uniform(model->limits().q_min[j], model->limits().q_max[j]);
+      }
+      q.push_back(q_i);
+    }
+    const double V = potential(rig, q);
+    const Counted counted = count_all(rig, models, obstacles);
+    EXPECT_EQ(rig.output("active_pairs")[0], counted.active);
+    EXPECT_NEAR(V, counted.potential, 1e-9 * (1 + V));
+    EXPECT_NEAR(rig.output("smallest_distance_m")[0], counted.smallest, 1e-9);
+    near += counted.active >= 3;
+  }
+  EXPECT_GT(near, 30);
+}
+
+// The pairs of each arm with itself that its maker's description does not ignore: nothing to push at home.
+TEST(CollisionAvoidance, NoTorqueInTheHomePose) {
+  for (const std::string robot : {"fer", "fr3"}) {
+    for (const bool hand : {true, false}) {
+      const auto model = franka(robot, {}, hand);
+      EXPECT_EQ(model->collision_shapes().size(), hand ? 12u : 10u);
+      EXPECT_EQ(model->self_pairs().size(), hand ? 26u : 14u);
+      ControlletRig rig(collision_avoidance_feature(), {model});
+      rig.place(0, model->q_home(), zero(7));
+      ASSERT_EQ(rig.update(), LawResult::ok);
+      EXPECT_TRUE(rig.tau(0).isZero(0)) << robot;
+      EXPECT_GT(rig.output("smallest_distance_m")[0], 0.1);
+      EXPECT_LT(rig.output("smallest_distance_m")[0], 1);
+    }
+  }
+}
+
+TEST(CollisionAvoidance, TorqueDoesNotDependOnWhereTheWorldIs) {
+  Draw draw(63);
+  int near = 0;
+  for (int trial = 0; trial < 40; ++trial) {
+    const Pose X = draw.pose(2);
+    const Models here = made_up(), there = made_up(X);
+    ControlletRig a(collision_avoidance_feature(), here, some_obstacles());
+    ControlletRig b(collision_avoidance_feature(), there, some_obstacles(X));
+    const std::vector<JointVector> q{draw.joints(7, 1.5), draw.joints(6, 1.5)},
+        dq{draw.joints(7, 0.5), draw.joints(6, 0.5)};
+    for (auto* rig : {&a, &b}) {
+      for (std::size_t i = 0; i < 2; ++i) rig->place(i, q[i], dq[i]);
+      ASSERT_EQ(rig->update(), LawResult::ok);
+    }
+    if (a.output("smallest_distance_m")[0] < kCoresApart) continue;
+    near += a.output("active_pairs")[0] > 0;
+    for (std::size_t i = 0; i < 2; ++i) {
+      EXPECT_LT((a.tau(i) - b.tau(i)).norm(), 1e-6 * (1 + a.tau(i).norm())) << trial;
+    }
+  }
+  EXPECT_GT(near, 3);
+}
+
+// What the damping adds takes energy out of both arms together, is nothing while the gap opens, and is linear
+// in the speed.
+TEST(CollisionAvoidance, DampsApproachOnly) {
+  Draw draw(64);
+  const Models models = made_up();
+  ControlletRig rig(collision_avoidance_feature(), models, some_obstacles());
+  int closing = 0, opening = 0;
+  for (int trial = 0; trial < 300; ++trial) {
+    const std::vector<JointVector> q{draw.joints(7, 1.5), draw.joints(6, 1.5)},
+        dq{draw.joints(7, 0.5), draw.joints(6, 0.5)};
+    std::vector<JointVector> still, moving, faster;
+    potential(rig, q);
+    if (rig.output("active_pairs")[0] != 1) continue;
+    for (std::size_t i = 0; i < 2; ++i) still.push_back(rig.tau(i));
+    const auto run = [&](double speed, std::vector<JointVector>& tau) {
+      for (std::size_t i = 0; i < 2; ++i) rig.place(i, q[i], speed * dq[i]);
+      EXPECT_EQ(rig.update(), LawResult::ok);
+      for (std::size_t i = 0; i < 2; ++i) tau.push_back(rig.tau(i) - still[i]);
+    };
+    run(1, moving);
+    run(2, faster);
+    // The potential's rate says whether the gap closes.
+    const double rate = -(still[0].dot(dq[0]) + still[1].dot(dq[1]));
+    const double power = moving[0].dot(dq[0]) + moving[1].dot(dq[1]);
+    if (rate > 1e-9) {
+      ++closing;
+      EXPECT_LT(power, 0);
+      // F_D / F_K = D v_n / (k r) with v_n = rate / F_K.
+      const double d = rig.output("smallest_distance_m")[0], F = kStiffness * (kRange - d);
+      const double v_n = rate / F;
+      for (std::size_t i = 0; i < 2; ++i) {
+        EXPECT_LT((moving[i] - kDamping * v_n / (kStiffness * kRange) * still[i]).norm(),
+                  1e-9 * (1 + still[i].norm()));
+        EXPECT_LT((faster[i] - 2 * moving[i]).norm(), 1e-9 * (1 + moving[i].norm()));
+      }
+    } else {
+      ++opening;
+      EXPECT_EQ(power, 0);
+    }
+  }
+  EXPECT_GT(closing, 10);
+  EXPECT_GT(opening, 10);
+}
+
+// An arm of another owner is looked at, not pushed; the own arm feels the same as if both were its own.
+TEST(CollisionAvoidance, LooksAtArmsOfOtherOwners) {
+  Draw draw(65);
+  const Models models = made_up();
+  ControlletRig both(collision_avoidance_feature(), models);
+  ControlletRig first(collision_avoidance_feature(), models, {}, {0});
+  ControlletRig second(collision_avoidance_feature(), models, {}, {1});
+  int near = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    const std::vector<JointVector> q{draw.joints(7, 1.5), draw.joints(6, 1.5)},
+        dq{draw.joints(7, 0.5), draw.joints(6, 0.5)};
+    for (auto* rig : {&both, &first, &second}) {
+      for (std::size_t i = 0; i < 2; ++i) rig->place(i, q[i], dq[i]);
+      ASSERT_EQ(rig->update(), LawResult::ok);
+    }
+    EXPECT_TRUE(first.tau(1).isZero(0));
+    EXPECT_TRUE(second.tau(0).isZero(0));
+    EXPECT_LT((first.tau(0) - both.tau(0)).norm(), 1e-9 * (1 + both.tau(0).norm()));
+    EXPECT_LT((second.tau(1) - both.tau(1)).norm(), 1e-9 * (1 + both.tau(1).norm()));
+    near += both.tau(0).norm() > 0 && both.tau(1).norm() > 0;
+  }
+  EXPECT_GT(near, 20);
+}
+
+TEST(CollisionAvoidance, AnArmWithoutShapesMeetsNothing) {
+  ControlletRig rig(collision_avoidance_feature(), {TestArm::make().model()}, some_obstacles());
+  ASSERT_EQ(rig.update(), LawResult::ok);
+  EXPECT_TRUE(rig.tau(0).isZero(0));
+  EXPECT_EQ(rig.output("smallest_distance_m")[0], 10);
+}
+
+// A state that is no number must not look like "nothing is near".
+TEST(CollisionAvoidance, NaNInAStateIsNotSilent) {
+  const Models models = made_up();
+  ControlletRig rig(collision_avoidance_feature(), models, some_obstacles());
+  JointVector q = zero(7);
+  q[2] = NAN;
+  rig.place(0, q, zero(7));
+  rig.place(1, zero(6), zero(6));
+  EXPECT_TRUE(rig.update() == LawResult::fault || !rig.tau(0).allFinite());
+}
+
+}  // namespace
+}  // namespace multipanda

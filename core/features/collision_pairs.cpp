@@ -1,0 +1,122 @@
+#include "core/features/collision_pairs.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <stdexcept>
+
+namespace multipanda {
+
+using Kind = ConvexShape::Kind;
+
+CollisionPairs::CollisionPairs(const Surroundings& surroundings) {
+  ArmSet own;
+  for (const ArmIndex arm : surroundings.own) own |= ArmSet::of(arm);
+  std::vector<std::size_t> first;  // body of each arm, then of the obstacles
+  for (ArmIndex arm = 0; arm < surroundings.arms.size(); ++arm) {
+    first.push_back(bodies_.size());
+    const ArmModel& model = *surroundings.arms[arm];
+    for (const auto& part : model.collision_shapes()) {
+      add(arm, part.joint, part.shape, part.joint < 0 ? model.X_WB() * part.X_JS : part.X_JS);
+    }
+  }
+  first.push_back(bodies_.size());
+  for (const auto& obstacle : surroundings.obstacles) add(kNoArm, -1, obstacle.shape, obstacle.X_WO);
+  if (bodies_.size() > std::numeric_limits<std::uint16_t>::max()) {
+    throw std::invalid_argument("collision avoidance counts at most 65535 shapes, the scene has " +
+                                std::to_string(bodies_.size()));
+  }
+
+  std::vector<bool> used(bodies_.size(), false);
+  const auto pair = [&](std::size_t a, std::size_t b) {
+    pairs_.push_back({static_cast<std::uint16_t>(a), static_cast<std::uint16_t>(b)});
+    used[a] = used[b] = true;
+  };
+  for (ArmIndex arm = 0; arm < surroundings.arms.size(); ++arm) {
+    if (!own.contains(arm)) continue;
+    for (const auto& [a, b] : surroundings.arms[arm]->self_pairs()) pair(first[arm] + a, first[arm] + b);
+    for (ArmIndex other = 0; other < surroundings.arms.size(); ++other) {
+      if (other == arm || (own.contains(other) && other < arm)) continue;  // two own arms: once
+      for (std::size_t a = first[arm]; a < first[arm + 1]; ++a) {
+        for (std::size_t b = first[other]; b < first[other + 1]; ++b) {
+          // What the own arm cannot move is the other owner's business.
+          const bool helps = bodies_[a].joint >= 0 || (own.contains(other) && bodies_[b].joint >= 0);
+          if (helps) pair(a, b);
+        }
+      }
+    }
+    const auto& parts = surroundings.arms[arm]->collision_shapes();
+    for (std::size_t k = 0; k < parts.size(); ++k) {
+      if (!parts[k].scene || parts[k].joint < 0) continue;
+      for (std::size_t b = first.back(); b < bodies_.size(); ++b) pair(first[arm] + k, b);
+    }
+  }
+  for (std::size_t i = 0; i < bodies_.size(); ++i) {
+    if (used[i] && bodies_[i].joint >= 0) moving_.push_back(i);
+  }
+}
+
+void CollisionPairs::add(ArmIndex arm, int joint, const ConvexShape& shape, const Pose& X_JS) {
+  Body body;
+  body.arm = arm;
+  body.joint = joint;
+  body.shape = shape;
+  body.X_JS = X_JS;
+  body.is_segment = shape.kind == Kind::capsule || shape.kind == Kind::sphere;
+  body.half_space = shape.kind == Kind::half_space;
+  if (body.is_segment) {  // in the joint's frame at once: one transform less per cycle
+    body.shape.p0 = X_JS * shape.p0;
+    body.shape.p1 = X_JS * shape.p1;
+    body.X_JS = {};
+  }
+  body.sphere = bounding_sphere(body.shape);
+  bodies_.push_back(body);
+  spheres_.push_back({});
+  place(bodies_.size() - 1, Pose{});  // for good, if it does not move
+}
+
+void CollisionPairs::place(std::size_t i, const Pose& X_WJ) {
+  Body& body = bodies_[i];
+  Sphere& sphere = spheres_[i];
+  sphere.radius = body.sphere.radius;
+  if (body.is_segment) {
+    body.p0 = X_WJ * body.shape.p0;
+    body.p1 = X_WJ * body.shape.p1;
+    sphere.centre = 0.5 * (body.p0 + body.p1);
+    body.X_WS = X_WJ;
+    return;
+  }
+  body.X_WS = X_WJ * body.X_JS;
+  if (body.half_space) {
+    sphere = {body.X_WS.rotation.col(2), -1, body.X_WS.rotation.col(2).dot(body.X_WS.position)};
+  } else {
+    sphere.centre = body.X_WS * body.sphere.centre;
+  }
+}
+
+void CollisionPairs::place(std::span<OwnedArm> scene_arms) {
+  ArmIndex arm = kNoArm;
+  int joint = -1;
+  Pose X_WJ;
+  for (const std::size_t i : moving_) {
+    const Body& body = bodies_[i];
+    if (body.arm != arm || body.joint != joint) {
+      arm = body.arm;
+      joint = body.joint;
+      X_WJ = scene_arms[arm].terms->X_WJ(static_cast<std::size_t>(joint));
+    }
+    place(i, X_WJ);
+  }
+}
+
+Closest CollisionPairs::closest(std::size_t i) const {
+  const Body &a = bodies_[pairs_[i].a], &b = bodies_[pairs_[i].b];
+  if (a.is_segment && b.is_segment) {
+    return closest_capsules(a.p0, a.p1, a.shape.radius, b.p0, b.p1, b.shape.radius);
+  }
+  if (a.is_segment && b.half_space) {
+    return closest_capsule_half_space(a.p0, a.p1, a.shape.radius, b.X_WS.position, b.X_WS.rotation.col(2));
+  }
+  return closest_points(a.shape, a.X_WS, b.shape, b.X_WS);
+}
+
+}  // namespace multipanda

@@ -1,0 +1,71 @@
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/controllets/controllet.hpp"
+#include "core/features/feature.hpp"
+#include "core/geometry/distance.hpp"
+
+namespace multipanda {
+
+// Every pair of shapes that concerns some arms of a scene (`own`), and how near its two shapes are:
+//   - an own arm with itself: the pairs that its model names (ArmModel::self_pairs),
+//   - an own arm with any other arm, whoever owns that one: all but what cannot move on both sides,
+//   - an own arm's moving shapes with the obstacles.
+// Shapes are placed in the world once per cycle. Built before the loop; nothing allocates afterwards.
+class CollisionPairs {
+ public:
+  static constexpr ArmIndex kNoArm = static_cast<ArmIndex>(-1);
+  // A shape of an arm, or an obstacle.
+  struct Body {
+    ArmIndex arm = kNoArm;
+    int joint = -1;  // the body behind this joint carries it; -1: it does not move
+    ConvexShape shape;
+    Pose X_JS;                // in that joint's frame, of what does not move in the world; segments: identity
+    BoundingSphere sphere;    // in the shape's frame
+    bool is_segment = false;  // sphere or capsule
+    bool half_space = false;
+    Pose X_WS;                                           // in this cycle
+    Vector3 p0 = Vector3::Zero(), p1 = Vector3::Zero();  // in this cycle: a segment's ends in the world
+  };
+  struct Pair {
+    std::uint16_t a = 0, b = 0;  // bodies
+  };
+
+  // Throws std::invalid_argument if there are more shapes than it can count.
+  explicit CollisionPairs(const Surroundings& surroundings);
+
+  std::size_t size() const { return pairs_.size(); }
+  const Pair& pair(std::size_t i) const { return pairs_[i]; }
+  const Body& body(std::size_t i) const { return bodies_[i]; }
+
+  // Takes the arms' poses of this cycle.
+  void place(std::span<OwnedArm> scene_arms);
+  // Not more than the pair's distance, at little cost: what is left between bounding spheres.
+  double at_least(std::size_t i) const {
+    const Sphere &a = spheres_[pairs_[i].a], &b = spheres_[pairs_[i].b];
+    if (b.radius >= 0) return (a.centre - b.centre).norm() - a.radius - b.radius;
+    return b.centre.dot(a.centre) - b.offset - a.radius;
+  }
+  // Distance and closest points, in the world.
+  Closest closest(std::size_t i) const;
+
+ private:
+  // Bounding sphere in the world. Of a half space: radius -1, its normal as the centre.
+  struct Sphere {
+    Vector3 centre = Vector3::Zero();
+    double radius = 0;
+    double offset = 0;  // half space: normal . p for the points of its plane
+  };
+  void add(ArmIndex arm, int joint, const ConvexShape& shape, const Pose& X_JS);
+  void place(std::size_t body, const Pose& X_WJ);
+
+  std::vector<Body> bodies_;     // arm by arm, then obstacles
+  std::vector<Sphere> spheres_;  // of each body
+  std::vector<Pair> pairs_;
+  std::vector<std::size_t> moving_;  // bodies in some pair that a joint moves
+};
+
+}  // namespace multipanda
