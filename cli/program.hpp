@@ -43,6 +43,7 @@ void add_repair(Program& program);
 void add_export(Program& program);
 void add_bench(Program& program);
 void add_docs(Program& program);
+void add_experiment(Program& program);
 void add_ctl(Program& program);
 
 }  // namespace multipanda::cli

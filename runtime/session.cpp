@@ -87,6 +87,7 @@ void Session::start() {
           {.model = models_[i], .frames = config.frames, .tool = config.tool, .load = config.load});
     }
     RecorderOptions recorder_options;
+    recorder_options.model_every = options_.model_every;
     recorder_options.info = describe_machine();
     recorder_options.info["scene"] = scene_.name;
     recorder_options.info["scene_path"] = scene_.path;
@@ -135,6 +136,7 @@ bool Session::keep_on() {
   const Tick& tick = cycle_->data().tick;
   if (tick.cycle == first_cycle_) return true;
   if (tick.cycle == first_cycle_ + 1) first_ = tick.t;
+  if (options_.on_loop) options_.on_loop(tick, *backend_);
   const auto period =
       std::chrono::nanoseconds(static_cast<std::int64_t>(backend_->capabilities(0).period_s * 1e9 + 0.5));
   if (!closing_ && stop_asked_.load(std::memory_order_acquire)) {

@@ -32,6 +32,10 @@ struct SessionOptions {
   std::filesystem::path socket;
   // Sees every record, in order, on the relay's thread: for tests and comparisons.
   std::function<void(const CycleRecord&)> observer;
+  // Called between two steps on the loop's thread, to look at the world itself (a simulation's objects). What
+  // it does counts as the loop's own work; it must neither block nor throw.
+  std::function<void(const Tick&, const Backend&)> on_loop;
+  std::uint64_t model_every = 10;  // cycles between two model summaries in the log
   // Another world than the scene's simulation. Its loop time must advance by its own period per step.
   std::function<std::unique_ptr<Backend>(const Scene&)> make_backend;
 };

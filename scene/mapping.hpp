@@ -11,7 +11,7 @@
 #include "scene/fields.hpp"
 #include "scene/scene_error.hpp"
 
-// Reading of YAML against a table of fields. For the files of this folder only.
+// Reading of YAML against a table of fields, for readers of scene and experiment files.
 namespace multipanda {
 
 // The file being read, for messages.

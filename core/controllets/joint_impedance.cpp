@@ -6,8 +6,8 @@ namespace multipanda {
 namespace {
 
 enum Input : std::size_t { kJoints };
-enum Parameter : std::size_t { kStiffness, kDampingRatio, kDampingDesign, kFeedforward };
-enum DampingDesign : std::size_t { kCoupled, kDiagonal };
+enum Parameter : std::size_t { kStiffness, kDampingRatio, kDampingDesign, kFeedforward, kDamping };
+enum DampingDesign : std::size_t { kCoupled, kDiagonal, kGiven };
 enum Output : std::size_t { kLargestError, kLargestTorque };
 
 class JointImpedance final : public Controllet {
@@ -25,10 +25,15 @@ class JointImpedance final : public Controllet {
     const JointVector error = reference.joints() - arm.q();
     const JointVector velocity_error = reference.joint_velocity() - arm.dq();
     JointVector tau = K.cwiseProduct(error) + arm.terms->c();
-    if (parameters.choice(kDampingDesign) == kCoupled) {
-      tau += joint_damping(M, K, zeta).lazyProduct(velocity_error);
-    } else {
-      tau += diagonal_damping(M, K, zeta).cwiseProduct(velocity_error);
+    switch (parameters.choice(kDampingDesign)) {
+      case kCoupled:
+        tau += joint_damping(M, K, zeta).lazyProduct(velocity_error);
+        break;
+      case kDiagonal:
+        tau += diagonal_damping(M, K, zeta).cwiseProduct(velocity_error);
+        break;
+      default:
+        tau += parameters.joints(kDamping).cwiseProduct(velocity_error);
     }
     if (parameters.flag(kFeedforward)) tau += M.lazyProduct(reference.joint_acceleration());
     if (!tau.allFinite()) return LawResult::fault;
@@ -59,10 +64,17 @@ ControlletType joint_impedance_controllet() {
                            1,
                            {0},
                            0,
-                           1,
-                           "D from the full M and K, or from each joint's own M_ii and K_i.",
-                           {"coupled", "diagonal"}},
-                          switch_parameter("acceleration_feedforward", true, "Adds M ddq_d.")},
+                           2,
+                           "D from the full M and K, from each joint's own M_ii and K_i, or given.",
+                           {"coupled", "diagonal", "given"}},
+                          switch_parameter("acceleration_feedforward", true, "Adds M ddq_d."),
+                          {"damping_nms_per_rad",
+                           "N m s/rad",
+                           ParameterSpec::kPerJoint,
+                           {2, 2, 2, 1, 1, 1, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5},
+                           0,
+                           50,
+                           "D, per joint, where damping_design is 'given'."}},
            .outputs = {{"largest_error_rad", 1, "Largest |q_d - q| of the joints."},
                        {"largest_torque_nm", 1, "Largest |tau| of the joints."}}},
           [](ArmModels) -> std::unique_ptr<Controllet> { return std::make_unique<JointImpedance>(); }};

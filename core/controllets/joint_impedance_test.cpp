@@ -38,10 +38,13 @@ Eigen::MatrixXd expected_damping(const Eigen::MatrixXd& M, const Eigen::MatrixXd
 TEST(JointImpedance, TorqueIsTheStatedLaw) {
   Draw draw(41);
   for (const std::size_t n : {std::size_t{6}, std::size_t{7}}) {
-    for (const bool coupled : {true, false}) {
+    for (const double design : {0.0, 1.0, 2.0}) {  // coupled, diagonal, given
       Bench bench(n, draw.pose(1));
       bench.rig.set("damping_ratio", {0.8});
-      bench.rig.set("damping_design", {coupled ? 0.0 : 1.0});
+      bench.rig.set("damping_design", {design});
+      std::vector<double> given{3, 1, 2, 0.5, 4, 0.2, 0.7};
+      given.resize(n);
+      bench.rig.set("damping_nms_per_rad", given);
       ASSERT_EQ(bench.rig.start(), LawResult::ok);
       Reference& input = bench.rig.input("joints");
       input.set(joints_target(bent(n) + draw.joints(n, 0.3), 1.0));
@@ -56,7 +59,10 @@ TEST(JointImpedance, TorqueIsTheStatedLaw) {
       K.conservativeResize(static_cast<Eigen::Index>(n));
       const Eigen::MatrixXd M = bench.plain.mass(q);
       Eigen::MatrixXd D = expected_damping(M, K.asDiagonal(), 0.8);
-      if (!coupled) D = (1.6 * (K.array() * M.diagonal().array()).sqrt()).matrix().asDiagonal();
+      if (design == 1) D = (1.6 * (K.array() * M.diagonal().array()).sqrt()).matrix().asDiagonal();
+      if (design == 2) {
+        D = Eigen::Map<const Eigen::VectorXd>(given.data(), static_cast<Eigen::Index>(n)).asDiagonal();
+      }
       const Eigen::VectorXd expected = K.asDiagonal() * (input.joints() - q) +
                                        D * (input.joint_velocity() - dq) + bench.plain.coriolis(q, dq) +
                                        M * input.joint_acceleration();

@@ -1,0 +1,1 @@
+"""Figures, verdicts and pages of experiments, from the logs of their runs."""

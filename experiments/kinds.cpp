@@ -1,0 +1,143 @@
+#include "experiments/kinds.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <fstream>
+
+#include "analysis/python_script.hpp"
+#include "runtime/machine.hpp"
+
+namespace multipanda {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+fs::path from_environment(const char* name, const fs::path& otherwise) {
+  const char* value = std::getenv(name);
+  return value != nullptr && *value != '\0' ? fs::path(value) : otherwise;
+}
+
+void run_page_script(const std::vector<std::string>& words) {
+  const fs::path python = from_environment("MULTIPANDA_PYTHON", MULTIPANDA_DEFAULT_PYTHON);
+  const fs::path script =
+      from_environment("MULTIPANDA_SHARE", MULTIPANDA_DEFAULT_SHARE) / "analysis" / "experiments" / "main.py";
+  for (const fs::path& needed : {python, script}) {
+    if (!fs::exists(needed))
+      throw std::runtime_error("the experiment's page needs " + needed.string() +
+                               ", which is not there: run ./multipanda setup");
+  }
+  std::vector<std::string> arguments{"-I", "-B", script.string()};
+  arguments.insert(arguments.end(), words.begin(), words.end());
+  const ScriptResult made = run_script(python, arguments);
+  if (!made.good)
+    throw std::runtime_error("the page was not made; " + script.string() + " says:\n" + made.output);
+}
+
+void write_json(const fs::path& file, const Json& json) {
+  std::ofstream out(file, std::ios::trunc);
+  out << json.dump(1, ' ', false, Json::error_handler_t::replace) << '\n';
+  out.close();
+  if (!out)
+    throw std::runtime_error("cannot write " + file.string() + ": is the folder writable, the disk full?");
+}
+
+Json limits_json(const Experiment& experiment) {
+  Json list = Json::array();
+  for (const auto& limit : experiment.limits)
+    list.push_back({{"metric", limit.metric},
+                    {"at_most", limit.at_most},
+                    {"at_least", limit.at_least},
+                    {"variants", limit.variants}});
+  return list;
+}
+
+}  // namespace
+
+const std::vector<ExperimentKind>& experiment_kinds() {
+  static const std::vector<ExperimentKind> kinds{
+      {kTaskKind, "A scene, run in variants on several plants, judged by its figures.", run_task},
+      {"performance", "Two arms under a motion generator: cycle time, command delay, load, switching.",
+       run_performance},
+  };
+  return kinds;
+}
+
+const ExperimentKind* find_kind(const std::string& name) {
+  for (const auto& kind : experiment_kinds()) {
+    if (kind.name == name) return &kind;
+  }
+  return nullptr;
+}
+
+std::vector<std::string> kind_names() {
+  std::vector<std::string> names;
+  for (const auto& kind : experiment_kinds()) names.push_back(kind.name);
+  return names;
+}
+
+ExperimentResult run_experiment(const Experiment& experiment, const ExperimentOptions& options,
+                                const ExperimentProgress& progress) {
+  const ExperimentKind* kind = find_kind(experiment.kind);
+  if (kind == nullptr)
+    throw std::invalid_argument(experiment.name + ": there is no kind of experiment '" + experiment.kind +
+                                "'");
+  return kind->run(experiment, options, progress);
+}
+
+Json describe(const Experiment& experiment) {
+  Json plan{{"name", experiment.name},           {"kind", experiment.kind},
+            {"title", experiment.title},         {"description", experiment.description},
+            {"seed", experiment.seed},           {"plants", experiment.plants},
+            {"measure", experiment.measure},     {"settings", experiment.settings},
+            {"limits", limits_json(experiment)}, {"machine", describe_machine()}};
+  plan["variants"] = Json::array();
+  for (const auto& variant : experiment.variants) {
+    Json set = Json::object();
+    for (const auto& change : variant.set) set[change.key] = change.value;
+    plan["variants"].push_back({{"name", variant.name},
+                                {"label", variant.label},
+                                {"tags", variant.tags},
+                                {"reported", variant.reported},
+                                {"set", set}});
+  }
+  plan["vary"] = Json::array();
+  for (const auto& change : experiment.vary) plan["vary"].push_back({{"key", change.key}, {"by", change.by}});
+  plan["set"] = Json::object();
+  for (const auto& change : experiment.set) plan["set"][change.key] = change.value;
+  plan["published"] = Json::array();
+  for (const auto& figure : experiment.published)
+    plan["published"].push_back({{"metric", figure.metric}, {"value", figure.value}, {"text", figure.text}});
+  return plan;
+}
+
+ExperimentResult evaluate(const Experiment& experiment, const Json& plan, const ExperimentOptions& options) {
+  const fs::path plan_file = options.directory / "plan.json",
+                 results_file = options.directory / "results.json";
+  write_json(plan_file, plan);
+  run_page_script({plan_file.string()});
+  std::ifstream in(results_file);
+  ExperimentResult result{.name = experiment.name, .results = Json::parse(in, nullptr, false)};
+  if (result.results.is_discarded())
+    throw std::runtime_error("the page's script left no " + results_file.string() + " that can be read");
+  result.page = options.directory / "report.html";
+  result.passed = result.results.value("passed", false);
+  for (const auto& problem : result.results.value("problems", Json::array()))
+    result.problems.push_back(problem.get<std::string>());
+  result.results["report"] = result.page.string();
+  return result;
+}
+
+fs::path make_index(const std::vector<ExperimentResult>& results, const fs::path& directory) {
+  Json list = Json::array();
+  for (const auto& result : results)
+    list.push_back({{"name", result.name},
+                    {"passed", result.passed},
+                    {"page", fs::relative(result.page, directory).string()}});
+  const fs::path file = directory / "index.json";
+  write_json(file, list);
+  run_page_script({"--index", file.string()});
+  return directory / "index.html";
+}
+
+}  // namespace multipanda

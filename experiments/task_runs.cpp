@@ -1,0 +1,104 @@
+#include "experiments/task_runs.hpp"
+
+#include <algorithm>
+#include <fstream>
+#include <random>
+#include <sstream>
+
+#include "experiments/yaml_tree.hpp"
+#include "scene/names.hpp"
+
+namespace multipanda {
+namespace {
+
+std::string read_file(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  if (!in) throw SceneError({path, 0}, "cannot be read");
+  return text.str();
+}
+
+// Uniform in [-1, 1) from the generator's own bits: the same numbers with every standard library.
+class Draw {
+ public:
+  Draw(std::uint64_t seed, std::uint64_t repeat) : bits_(seed * 1'000'003 + repeat) {
+    for (int i = 0; i < 8; ++i) bits_();  // neighbouring seeds begin alike
+  }
+  double operator()() { return static_cast<double>(bits_() >> 11) * 0x1p-52 - 1.0; }
+
+ private:
+  std::mt19937_64 bits_;
+};
+
+}  // namespace
+
+std::vector<const ExperimentVariant*> chosen_variants(const Experiment& experiment,
+                                                      const std::vector<std::string>& only) {
+  std::vector<const ExperimentVariant*> chosen;
+  std::vector<std::string> known;
+  for (const auto& variant : experiment.variants) {
+    known.insert(known.end(), variant.tags.begin(), variant.tags.end());
+    const bool wanted =
+        only.empty() || std::any_of(only.begin(), only.end(), [&](const auto& name) {
+          return std::find(variant.tags.begin(), variant.tags.end(), name) != variant.tags.end();
+        });
+    if (wanted) chosen.push_back(&variant);
+  }
+  for (const auto& name : only) {
+    if (std::find(known.begin(), known.end(), name) == known.end())
+      throw std::invalid_argument(experiment.name + ": there is no variant '" + name + "'" +
+                                  name_hint(name, known, "there are none"));
+  }
+  return chosen;
+}
+
+std::vector<TaskRun> task_runs(const Experiment& experiment, std::size_t repeats,
+                               const std::vector<std::string>& only) {
+  std::vector<TaskRun> runs;
+  for (const auto* variant : chosen_variants(experiment, only)) {
+    for (std::size_t repeat = 1; repeat <= repeats; ++repeat) {
+      for (const auto& plant : experiment.plants) runs.push_back({variant, plant, repeat});
+    }
+  }
+  return runs;
+}
+
+std::string task_scene_text(const Experiment& experiment, const TaskRun& run) {
+  YAML::Node root = YAML::Load(read_file(experiment.scene));
+  for (const auto& change : experiment.set) put(root, change);
+  for (const auto& change : run.variant->set) put(root, change);
+  root["plant"]["fidelity"] = run.plant;
+  root["seed"] = std::to_string(experiment.seed * 1000 + run.repeat);
+  Draw draw(experiment.seed, run.repeat);
+  for (const auto& change : experiment.vary) vary(root, change, draw);
+  return yaml_text(root) + "\n";
+}
+
+nlohmann::ordered_json timeline_of(const std::string& scene_text) {
+  const YAML::Node root = YAML::Load(scene_text);
+  auto list = nlohmann::ordered_json::array();
+  if (!root["timeline"]) return list;
+  for (const auto& event : root["timeline"]) {
+    for (const auto& pair : event) {
+      if (pair.first.Scalar() == "at_s") continue;
+      list.push_back({{"at_s", yaml_json(event["at_s"])}, {"what", pair.first.Scalar()}});
+    }
+  }
+  return list;
+}
+
+Scene task_scene(const Experiment& experiment, const TaskRun& run, const Registry& registry) {
+  const std::string text = task_scene_text(experiment, run);
+  try {
+    return parse_scene(text, experiment.scene, registry);
+  } catch (const SceneError& error) {
+    // Lines are those of the changed text; a fault of the file itself is better told with its own.
+    (void)load_scene(experiment.scene, registry);
+    throw SceneError({experiment.path, 0},
+                     "variant '" + run.variant->name + "', plant '" + run.plant +
+                         "': with the experiment's values the scene is refused: " + error.what());
+  }
+}
+
+}  // namespace multipanda

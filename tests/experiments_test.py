@@ -1,0 +1,68 @@
+#!/usr/bin/env python3
+"""Runs experiments as a user would, unpaced and with one repeat, and checks what comes out against their limits.
+
+    experiments_test.py PROGRAM NAME...
+
+A seeded tenth of the variants (at least one) of each; with MULTIPANDA_FULL in the environment all of them.
+"""
+
+import json
+import os
+import pathlib
+import random
+import subprocess
+import sys
+import tempfile
+
+
+def variants_of(program, name):
+    listed = json.loads(subprocess.run([program, "experiment", "list", "--json"], capture_output=True, check=True, text=True).stdout)
+    return next(entry["variants"] for entry in listed if entry["name"] == name)
+
+
+def chosen(program, name):
+    names = variants_of(program, name)
+    if os.environ.get("MULTIPANDA_FULL"):
+        return names
+    return sorted(random.Random(f"{name} 1").sample(names, max(1, round(len(names) / 10))))
+
+
+def check(program, name):
+    only = chosen(program, name)
+    with tempfile.TemporaryDirectory() as folder:
+        words = [program, "experiment", name, "--fast", "--repeats", "1", "--json", "--out", folder, "--only", ",".join(only)]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=900)
+        faults = []
+        try:
+            results = json.loads(done.stdout)
+        except ValueError:
+            return [f"{name}: no JSON on standard output (exit code {done.returncode}):\n{done.stderr}"]
+        if {r["variant"] for r in results["runs"]} != set(only):
+            faults.append(f"{name}: asked for {only}, ran {sorted({r['variant'] for r in results['runs']})}")
+        for row in results["limits"]:  # judged again here, from the runs' own figures
+            mine = [r["metrics"].get(row["metric"]) for r in results["runs"]
+                    if (r["plant"], r["variant"]) == (row["plant"], row["variant"])]
+            held = all(x is not None and (x <= row["limit"] if row["bound"] == "at_most" else x >= row["limit"]) for x in mine)
+            if not mine or held != row["passed"]:
+                faults.append(f"{name}: verdict on {row} does not follow from the figures {mine}")
+        faults += [f"{name}: {problem}" for problem in results["problems"]]
+        if results["passed"] != (not results["problems"]) or (done.returncode == 0) != results["passed"]:
+            faults.append(f"{name}: exit code {done.returncode}, passed {results['passed']}, problems {results['problems']}")
+        page = pathlib.Path(results["report"])
+        if not page.is_file() or "data:image/png" not in page.read_text(encoding="utf-8"):
+            faults.append(f"{name}: no page with pictures at {page}")
+        for run in results["runs"]:
+            if not (page.parent / run["log"]).is_file():
+                faults.append(f"{name}: no log {run['log']}")
+        return faults
+
+
+def main():
+    program, names = sys.argv[1], sys.argv[2:]
+    faults = [fault for name in names for fault in check(program, name)]
+    print("\n".join(faults) or f"{', '.join(names)}: within the limits")
+    sys.exit(1 if faults else 0)
+
+
+if __name__ == "__main__":
+    main()
