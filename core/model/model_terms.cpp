@@ -174,23 +174,39 @@ void ModelTerms::need_momentum() {
   auto& s = *scratch_;
   const auto n = q_.size();
   const auto& J = s.data.J;  // columns S_i, linear first
-  Eigen::Matrix<double, 6, 1> v = Eigen::Matrix<double, 6, 1>::Zero();
-  std::array<pinocchio::Motion, kMaxJoints> velocity;
+  const Vector3 gravity = s.model.gravity.linear();
+  struct Spatial {
+    Vector3 linear, angular;  // at the world's origin: of a twist, a momentum or a wrench
+  };
+  std::array<Spatial, kMaxJoints> v, h, weight;  // velocity, momentum, weight of each link
+  Vector3 linear = Vector3::Zero(), angular = Vector3::Zero();
   for (Eigen::Index i = 0; i < n; ++i) {
-    v += dq_[i] * J.col(i);
-    velocity[static_cast<std::size_t>(i)] = pinocchio::Motion(v);
+    const auto k = static_cast<std::size_t>(i);
+    linear += dq_[i] * J.col(i).head<3>();
+    angular += dq_[i] * J.col(i).tail<3>();
+    v[k] = {linear, angular};
+    const auto& X = s.data.oMi[k + 1];
+    const auto& body = s.model.inertias[k + 1];
+    const Vector3 c = X.rotation() * body.lever() + X.translation();
+    h[k].linear = body.mass() * (linear + angular.cross(c));
+    const Vector3 turning = X.rotation() * (body.inertia().matrix() * (X.rotation().transpose() * angular));
+    h[k].angular = c.cross(h[k].linear) + turning;
+    weight[k].linear = body.mass() * gravity;
+    weight[k].angular = c.cross(weight[k].linear);
   }
-  pinocchio::Force H = pinocchio::Force::Zero(), weight = pinocchio::Force::Zero();
+  Spatial H{Vector3::Zero(), Vector3::Zero()}, G = H;
   for (Eigen::Index i = n - 1; i >= 0; --i) {
     const auto k = static_cast<std::size_t>(i);
-    const pinocchio::Inertia body = s.data.oMi[k + 1].act(s.model.inertias[k + 1]);
-    const pinocchio::Motion S(J.col(i));
-    H += body * velocity[k];
-    const Vector3 force = body.mass() * s.model.gravity.linear();
-    weight += pinocchio::Force(force, body.lever().cross(force));
-    momentum_[i] = S.toVector().dot(H.toVector());
-    momentum_drift_[i] =
-        velocity[k].cross(S).toVector().dot(H.toVector()) + S.toVector().dot(weight.toVector());
+    H.linear += h[k].linear;
+    H.angular += h[k].angular;
+    G.linear += weight[k].linear;
+    G.angular += weight[k].angular;
+    const Vector3 S_v = J.col(i).head<3>(), S_w = J.col(i).tail<3>();
+    momentum_[i] = S_v.dot(H.linear) + S_w.dot(H.angular);
+    // v x S as twists: [w x S_v + v x S_w; w x S_w]
+    const Vector3& w = v[k].angular;
+    momentum_drift_[i] = (w.cross(S_v) + v[k].linear.cross(S_w)).dot(H.linear) + w.cross(S_w).dot(H.angular) +
+                         S_v.dot(G.linear) + S_w.dot(G.angular);
   }
 }
 

@@ -52,10 +52,15 @@ void ExternalForceObserver::update(const Model& model, ArmState& state) {
 }
 
 Wrench wrench_of(const Jacobian& J_V_WK, const JointVector& tau) {
-  Matrix6 JJt = J_V_WK.lazyProduct(J_V_WK.transpose());
-  JJt.diagonal().array() += kEps;
+  Matrix6 JJt = kEps * Matrix6::Identity();
+  Vector6 Jtau = Vector6::Zero();
+  for (Eigen::Index i = 0; i < tau.size(); ++i) {
+    const Vector6 column = J_V_WK.col(i);
+    JJt.noalias() += column * column.transpose();
+    Jtau += tau[i] * column;
+  }
   Wrench F;
-  F.vector = Eigen::LLT<Matrix6>(JJt).solve(Vector6(J_V_WK.lazyProduct(tau)));
+  F.vector = Eigen::LLT<Matrix6>(JJt).solve(Jtau);
   return F;
 }
 
