@@ -63,7 +63,7 @@ std::vector<ParameterSpec> force_parameters() {
   return {
       {"force_proportional", "", 1, {0.1}, 0, 5, "P, on the force error."},
       {"force_derivative_s", "s", 1, {0}, 0, 0.2, "D. With an observer in place of a sensor: 0."},
-      {"force_integral_per_s", "1/s", 1, {4}, 0, 50, "I: takes joint friction and offsets out."},
+      {"force_integral_per_s", "1/s", 1, {5}, 0, 50, "I: takes joint friction and offsets out."},
       {"force_damping_n_s_per_m",
        "N s/m",
        1,

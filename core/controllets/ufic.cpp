@@ -258,6 +258,8 @@ class Ufic final : public Controllet {
 
 std::vector<ParameterSpec> parameters() {
   auto specs = cartesian_parameters();
+  // Stiff along the ground: what the joints' friction takes of the path is friction over stiffness.
+  specs[kTranslationalStiffness].initial = {800, 800, 400};
   for (auto& spec : force_parameters()) specs.push_back(std::move(spec));
   specs.push_back({"valve_law",
                    "",

@@ -53,6 +53,7 @@ TEST(Ufic, TorqueIsTheStatedLaw) {
     Bench bench(ufic_controllet(), draw.pose(1), joints);
     const Vector3 n = draw.vector3(1).normalized();
     bench.rig.set("press_direction", {n.x(), n.y(), n.z()});
+    bench.rig.set("translational_stiffness_n_per_m", {400});
     bench.rig.set("force_integral_per_s", {0});
     bench.rig.set("force_proportional", {0.15});
     bench.rig.set("tangential_gain", {0.8});
@@ -117,6 +118,7 @@ TEST(Ufic, MovingTheWorldChangesNothing) {
       const Matrix3 R = bench == &here ? Matrix3(Matrix3::Identity()) : X.rotation;
       const Vector3 direction = R * n;
       bench->rig.set("press_direction", {direction.x(), direction.y(), direction.z()});
+      bench->rig.set("translational_stiffness_n_per_m", {400});  // uneven, world axes would matter
       ASSERT_EQ(bench->rig.start(), LawResult::ok);
       bench->want(R * Vector3(10 * n));
       bench->feel(R * F_hat);
@@ -158,6 +160,7 @@ TEST(Ufic, TanksPayForAllThatGoesIn) {
   for (int trial = 0; trial < 10; ++trial) {
     Bench bench(ufic_controllet());
     bench.rig.set("tank_start_j", {trial % 2 == 0 ? 50.0 : 0.15});
+    bench.rig.set("translational_stiffness_n_per_m", {400});
     bench.rig.set("acceleration_feedforward", {trial % 3 == 0 ? 0.0 : 1.0});
     ASSERT_EQ(bench.rig.start(), LawResult::ok);
     const double tanks = bench.number("force_tank_j");

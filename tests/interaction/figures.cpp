@@ -62,6 +62,7 @@ LossFigures loss_figures(const std::string& name, double force, const Change& ch
   figures.drop = largest(result, kGone, kGone + 3, [&](const Sample& s) { return height - s.p.z(); });
   figures.interventions = result.interventions;
   const double pressed = -result.samples[static_cast<std::size_t>(kGone * 1000) - 1].F_true.z();
+  figures.pressed = pressed;
   figures.good = result.kept && result.fault.empty() && std::abs(pressed - force) < 0.05 * force;
   return figures;
 }

@@ -31,8 +31,9 @@ TaskFigures task_figures(const std::string& task, const PlantFidelity& plant, co
                          const Change& change = {});
 
 struct LossFigures {
-  double speed = 0;  // largest, after the table is gone [m/s]
-  double drop = 0;   // lowest point of E below where it was [m]
+  double speed = 0;    // largest, after the table is gone [m/s]
+  double pressed = 0;  // true force just before [N]
+  double drop = 0;     // lowest point of E below where it was [m]
   std::uint64_t interventions = 0;
   bool good = false;
 };

@@ -1,10 +1,12 @@
-// Prints the figures of force control as tables: interaction_figures [task_3|task_4|loss|stiction|paper ...]
-// [parameter=number,number,...]. Without words all tables; parameters are changes to try.
+// Prints the figures of force control as tables: interaction_figures
+// [task_3|task_4|stiction|paper|loss|passivity ...] [parameter=number,number,...]. Without words all tables;
+// parameters are changes to try.
 #include <cstdio>
 #include <set>
 #include <sstream>
 
 #include "tests/interaction/figures.hpp"
+#include "tests/interaction/passivity.hpp"
 
 using namespace multipanda;
 using namespace multipanda::trial;
@@ -108,11 +110,11 @@ int main(int count, char** words) {
     }
   }
   if (given.wants("loss")) {
-    std::printf("\nThe table vanishes\n%-8s %-8s %6s | %8s %8s %5s\n", "task", "law", "N", "m/s", "mm",
-                "hits");
+    std::printf("\nThe table vanishes\n%-8s %-8s %6s (%6s) | %8s %8s %5s\n", "task", "law", "N", "held N",
+                "m/s", "mm", "hits");
     const auto line = [](const char* name, const char* law, double force, const LossFigures& f) {
-      std::printf("%-8s %-8s %6.2f | %8.3f %8.1f %5llu %s\n", name, law, force, f.speed, 1000 * f.drop,
-                  static_cast<unsigned long long>(f.interventions), f.good ? "" : "NOT GOOD");
+      std::printf("%-8s %-8s %6.2f (%6.2f) | %8.3f %8.1f %5llu %s\n", name, law, force, f.pressed, f.speed,
+                  1000 * f.drop, static_cast<unsigned long long>(f.interventions), f.good ? "" : "NOT GOOD");
       std::fflush(stdout);
     };
     for (const double force : {9.81, 30.0}) {
@@ -121,7 +123,28 @@ int main(int count, char** words) {
              paper_preset(scene);
              given.apply(scene);
            }));
+      line("task_4", "valve", force, loss_figures("task_4", force, [&](Scene& scene) {
+             set(scene, "valve_law", {1});  // the paper's valve alone
+             given.apply(scene);
+           }));
       line("task_3", "force", force, loss_figures("task_3", force, change));
+    }
+  }
+  if (given.wants("passivity")) {
+    std::printf(
+        "\nEnergy: most above start + what the contacts put in + 1 mJ/s\n%-8s %-6s %6s | %9s %9s | %9s "
+        "%9s | %6s %6s %9s\n",
+        "law", "run", "J", "excess J", "gain J", "least J", "made up J", "way m", "touch", "imbal. J");
+    for (const bool paper : {false, true}) {
+      for (const Hostility hostility : kHostilities) {
+        for (const double start : {0.2, 0.5, 2.0, 100.0}) {
+          const Passivity p = passivity(hostility, start, paper, 1);
+          std::printf("%-8s %-6s %6.1f | %9.5f %9.5f | %9.4f %9.4f | %6.2f %6.2f %9.2g %s\n",
+                      paper ? "paper" : "passive", name(hostility), start, p.excess, p.gain, p.least_tank,
+                      p.made_up, p.moved, p.contact_share, p.imbalance, p.kept ? "" : "LAW LOST THE ARM");
+          std::fflush(stdout);
+        }
+      }
     }
   }
   return 0;

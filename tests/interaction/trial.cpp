@@ -38,7 +38,7 @@ std::size_t Run::column(const std::string& output) const {
 Run run(const Scene& scene, const Options& options) {
   MujocoBackend backend(scene, {.pace = Pace::unpaced});
   CycleConfig config = build_cycle_config(scene);
-  ModelTerms terms(config.arms[0].model);
+  ModelTerms terms(config.arms[0].model), between(config.arms[0].model);
   ControlCycle cycle(std::move(config), registry(), backend);
   MultimodeController& modes = cycle.modes();
   modes.schedule(build_schedule(scene, modes));
@@ -80,8 +80,11 @@ Run run(const Scene& scene, const Options& options) {
     s.v = terms.V_WE().linear();
     s.kinetic = 0.5 * dq.dot(terms.M() * dq);
     // The truth is the mean over the period just gone, so its work is taken over that period's way.
-    if (q_before.size() == q.size())
-      environment -= state.F_K_W_true.vector.dot(terms.J_V_WK() * (q - q_before));
+    if (q_before.size() == q.size()) {
+      between.set_config(state.frames, state.tool, state.load);
+      between.update(0.5 * (q + q_before), dq);
+      environment -= state.F_K_W_true.vector.dot(between.J_V_WK() * (q - q_before));
+    }
     s.environment = environment;
     if (pose < law.inputs().size()) {
       const Pose& X_d = law.inputs()[pose].pose();
