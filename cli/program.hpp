@@ -45,5 +45,6 @@ void add_bench(Program& program);
 void add_docs(Program& program);
 void add_experiment(Program& program);
 void add_ctl(Program& program);
+void add_generate(Program& program);
 
 }  // namespace multipanda::cli

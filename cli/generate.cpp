@@ -1,0 +1,182 @@
+#include <atomic>
+#include <filesystem>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <nlohmann/json.hpp>
+
+#include "cli/console.hpp"
+#include "cli/program.hpp"
+#include "core/rt/thread_setup.hpp"
+#include "generators/live_sink.hpp"
+#include "generators/publish.hpp"
+#include "runtime/project.hpp"
+#include "runtime/signals.hpp"
+#include "scene/names.hpp"
+
+// `multipanda generate`: motion generators, each a process of its own beside the run
+// (docs/motion_generator.md).
+namespace multipanda::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using circular_field::Course;
+using circular_field::CourseRun;
+using nlohmann::json;
+
+// Below the loop's 80: a set-point that comes late is bridged, a cycle is not.
+constexpr int kPriority = 70;
+
+struct GenerateOptions {
+  std::string course, socket;
+  std::vector<std::string> to;
+  double seconds = 0;
+  bool rehearse = false, json = false;
+};
+
+// A bare name stands for a file of config/courses.
+fs::path course_file(const std::string& name) {
+  if (name.find('/') != std::string::npos || name.ends_with(".yaml")) return name;
+  const fs::path folder = project_root() / "config" / "courses";
+  std::vector<std::string> names;
+  std::error_code missing;
+  for (const auto& entry : fs::directory_iterator(folder, missing))
+    names.push_back(entry.path().stem().string());
+  std::sort(names.begin(), names.end());
+  if (std::find(names.begin(), names.end(), name) == names.end()) {
+    throw UsageError(
+        fmt::format("generate: there is no course '{}'{} (a path needs a slash or the ending .yaml)", name,
+                    name_hint(name, names, "there are no courses")));
+  }
+  return folder / (name + ".yaml");
+}
+
+// --to HAND=CONTROLLET.INPUT: the hands that are named go there, and nowhere else.
+void redirect(const std::vector<std::string>& words, Course& course) {
+  std::vector<std::string> names, seen;
+  for (const auto& hand : course.hands) names.push_back(hand.spec.name);
+  for (const auto& word : words) {
+    const std::size_t equals = word.find('='), dot = word.rfind('.');
+    if (equals == std::string::npos || dot == std::string::npos || dot < equals) {
+      throw UsageError(fmt::format("generate: expected --to HAND=CONTROLLET.INPUT, found '{}'", word));
+    }
+    const std::string name = word.substr(0, equals);
+    const auto found = std::find(names.begin(), names.end(), name);
+    if (found == names.end()) {
+      throw UsageError(fmt::format("generate: the course has no hand '{}'{}", name,
+                                   name_hint(name, names, "it has none")));
+    }
+    auto& publish = course.hands[static_cast<std::size_t>(found - names.begin())].publish;
+    if (std::find(seen.begin(), seen.end(), name) == seen.end()) publish.clear();
+    seen.push_back(name);
+    publish.push_back({word.substr(equals + 1, dot - equals - 1), word.substr(dot + 1), Vector3::Zero()});
+  }
+}
+
+json to_json(const PublishReport& report, const Course& course) {
+  json goals = json::object();
+  for (std::size_t i = 0; i < course.hands.size(); ++i)
+    goals[course.hands[i].spec.name] = report.goals_reached[i];
+  return {{"course", course.name},
+          {"ended_by", report.ended_by},
+          {"samples", report.samples},
+          {"missed", report.missed},
+          {"unsent", report.unsent},
+          {"elapsed_s", report.elapsed_s},
+          {"rate_hz", report.rate_hz},
+          {"late_us",
+           {{"median", report.late_median_us}, {"p99", report.late_p99_us}, {"worst", report.late_worst_us}}},
+          {"plan_us", {{"median", report.step_median_us}, {"worst", report.step_worst_us}}},
+          {"clearance_m", report.clearance_m},
+          {"speed_m_per_s", report.speed_m_per_s},
+          {"goals_reached", goals}};
+}
+
+void print(const json& report, const Console& console) {
+  console.line(fmt::format("{}: ended by {}; {} samples at {:.2f} Hz, {} missed, {} unsent",
+                           report["course"].get<std::string>(), report["ended_by"].get<std::string>(),
+                           report["samples"].get<std::uint64_t>(), report["rate_hz"].get<double>(),
+                           report["missed"].get<std::uint64_t>(), report["unsent"].get<std::uint64_t>()));
+  console.line(fmt::format("smallest clearance {:.3f} m, largest speed {:.3f} m/s, goals reached: {}",
+                           report["clearance_m"].get<double>(), report["speed_m_per_s"].get<double>(),
+                           report["goals_reached"].dump()));
+}
+
+int run(const GenerateOptions& options) {
+  const Console console(options.json);
+  Course course = circular_field::load_course(course_file(options.course));
+  redirect(options.to, course);
+  std::atomic<bool> stop{false};
+  const PublishOptions publish{.seconds = options.seconds, .stop = &stop};
+  json result;
+  if (options.rehearse) {
+    if (course.repeat && options.seconds == 0) {
+      throw UsageError("generate: this course repeats: say how long to rehearse it with --seconds");
+    }
+    const auto starts = starts_of(course);
+    CourseRun run(course, starts);
+    result = to_json(rehearse_course(run, publish), course);
+  } else {
+    // Before any other thread is there, so that signals are taken here alone.
+    const SignalWatch signals([&stop](int) { stop = true; });
+    LiveClient client(options.socket.empty() ? only_running_socket() : fs::path(options.socket));
+    LiveSink sink(client, course);
+    CourseRun run(course, starts_in(client, course));
+    json thread = json::array();
+    for (const auto& step : set_up_thread({.lock_memory = false, .fifo_priority = kPriority, .cpu = {}})) {
+      thread.push_back({{"what", step.what}, {"done", step.done}, {"reason", step.reason}});
+    }
+    const PublishReport report = publish_course(run, sink, publish);
+    result = to_json(report, course);
+    result["thread"] = thread;
+    result["channels"] = json::array();
+    if (report.ended_by != "nobody_listens") {
+      sink.rest();
+      result["channels"] = sink.channels();
+    }
+  }
+  bool arrived = course.repeat || result["ended_by"] == "stopped";
+  if (!arrived) {
+    arrived = true;
+    for (const auto& hand : course.hands) {
+      arrived = arrived && result["goals_reached"][hand.spec.name] == hand.goals.size();
+    }
+  }
+  if (!arrived) console.line("failed: not every hand came to its last goal");
+  if (result["ended_by"] == "nobody_listens") console.line("failed: the run takes no poses any more");
+  print(result, console);
+  if (options.json) fmt::print("{}\n", result.dump());
+  return arrived && result["ended_by"] != "nobody_listens" ? kSuccess : kFailed;
+}
+
+}  // namespace
+
+void add_generate(Program& program) {
+  auto options = std::make_shared<GenerateOptions>();
+  CLI::App* command = program.add("generate", "Publishes moving set-points to a running scene at 1 kHz",
+                                  "  multipanda generate circular-field common_target --seconds 30\n"
+                                  "  multipanda generate circular-field course.yaml --socket PATH --json\n"
+                                  "  multipanda generate circular-field two_hands --rehearse --seconds 60");
+  command->require_subcommand(1);
+  CLI::App* field = command->add_subcommand(
+      "circular-field", "Leads hands to their goals round moving obstacles (circular fields)");
+  field->footer(
+      "Examples:\n"
+      "  multipanda run two_arms &\n"
+      "  multipanda generate circular-field common_target --seconds 30\n"
+      "  multipanda generate circular-field common_target --to pair=coupled.pose");
+  field->add_option("course", options->course, "Name (config/courses) or path of a course file")->required();
+  field->add_option("--socket", options->socket, "Of the run; without it the only one that is there")
+      ->type_name("PATH");
+  field->add_option("--seconds", options->seconds, "End after so long, whatever was reached")
+      ->check(CLI::PositiveNumber);
+  field
+      ->add_option("--to", options->to,
+                   "HAND=CONTROLLET.INPUT instead of what the course says; may be repeated")
+      ->type_name("TEXT");
+  field->add_flag("--rehearse", options->rehearse, "Plan only, as fast as possible; no run is needed");
+  field->add_flag("--json", options->json, "One JSON object on standard output at the end");
+  program.on(field, [options] { return run(*options); });
+}
+
+}  // namespace multipanda::cli

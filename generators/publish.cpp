@@ -1,0 +1,135 @@
+#include "generators/publish.hpp"
+
+#include <algorithm>
+
+#include "core/rt/pacer.hpp"
+
+namespace multipanda {
+namespace {
+
+using circular_field::CourseRun;
+
+constexpr double kLongestBrake = 2;        // [s]
+constexpr double kPatience = 1;            // with a sink that takes nothing [s]
+constexpr double kLongestRehearsal = 600;  // [s]
+
+// Lateness in microseconds, as a histogram: a publication may last for days.
+class Microseconds {
+ public:
+  void add(std::chrono::nanoseconds t) {
+    worst_ = std::max(worst_, t);
+    const auto bin = static_cast<std::size_t>(std::max<std::int64_t>(t.count(), 0) / 1000);
+    ++bins_[std::min(bin, bins_.size() - 1)];
+    ++count_;
+  }
+  double worst() const { return static_cast<double>(worst_.count()) * 1e-3; }
+  double quantile(double q) const {
+    const auto wanted = static_cast<std::uint64_t>(q * static_cast<double>(count_));
+    std::uint64_t seen = 0;
+    for (std::size_t bin = 0; bin < bins_.size(); ++bin) {
+      seen += bins_[bin];
+      if (seen > wanted) return bin + 1 == bins_.size() ? worst() : static_cast<double>(bin);
+    }
+    return worst();
+  }
+
+ private:
+  std::vector<std::uint64_t> bins_ = std::vector<std::uint64_t>(20'001);
+  std::uint64_t count_ = 0;
+  std::chrono::nanoseconds worst_{0};
+};
+
+// One period of the plan, and what it says about itself.
+void plan(CourseRun& run, double dt, PublishReport& report) {
+  run.step(dt);
+  report.clearance_m = std::min(report.clearance_m, run.clearance());
+  for (std::size_t i = 0; i < run.planner().hand_count(); ++i) {
+    report.speed_m_per_s = std::max(report.speed_m_per_s, run.planner().hand(i).velocity.norm());
+  }
+}
+
+// Why it is over; empty: it is not.
+std::string ending(const CourseRun& run, const PublishOptions& options) {
+  if (options.stop != nullptr && options.stop->load()) return "stopped";
+  if (options.seconds > 0 && run.time() >= options.seconds) return "duration";
+  if (options.seconds == 0 && run.finished()) return "goals";
+  return "";
+}
+
+void count_goals(const CourseRun& run, PublishReport& report) {
+  for (std::size_t i = 0; i < run.planner().hand_count(); ++i)
+    report.goals_reached.push_back(run.goals_reached(i));
+}
+
+}  // namespace
+
+PublishReport publish_course(CourseRun& run, PoseSink& sink, const PublishOptions& options) {
+  PublishReport report;
+  report.clearance_m = run.clearance();
+  const double dt = seconds(options.period);
+  Microseconds late, step;
+  double brake_since = 0;
+  std::uint64_t unsent_in_a_row = 0;
+  Pacer pacer(options.period);
+  pacer.start();
+  const HostTime begin = host_now();
+  for (;;) {
+    const std::uint64_t missed_before = pacer.overruns();
+    pacer.wait();
+    late.add(pacer.lateness());
+    const HostTime woke = host_now();
+    for (std::uint64_t k = missed_before; k <= pacer.overruns(); ++k) plan(run, dt, report);
+    step.add(host_now() - woke);
+    for (std::size_t i = 0; i < run.planner().hand_count(); ++i) {
+      const bool sent = sink.publish(i, run.planner().hand(i).X_W, woke.ns);
+      report.unsent += sent ? 0 : 1;
+      unsent_in_a_row = sent ? 0 : unsent_in_a_row + 1;
+    }
+    ++report.samples;
+    if (static_cast<double>(unsent_in_a_row) * dt >
+        kPatience * static_cast<double>(run.planner().hand_count())) {
+      report.ended_by = "nobody_listens";
+      break;
+    }
+    if (report.ended_by.empty()) {
+      report.ended_by = ending(run, options);
+      if (report.ended_by.empty()) continue;
+      run.brake();
+      brake_since = run.time();
+    }
+    if (run.at_rest() || run.time() - brake_since > kLongestBrake) break;
+  }
+  report.missed = pacer.overruns();
+  report.elapsed_s = seconds(host_now() - begin);
+  report.rate_hz = static_cast<double>(report.samples) / report.elapsed_s;
+  report.late_median_us = late.quantile(0.5);
+  report.late_p99_us = late.quantile(0.99);
+  report.late_worst_us = late.worst();
+  report.step_median_us = step.quantile(0.5);
+  report.step_worst_us = step.worst();
+  count_goals(run, report);
+  return report;
+}
+
+PublishReport rehearse_course(CourseRun& run, const PublishOptions& options) {
+  PublishReport report;
+  report.clearance_m = run.clearance();
+  const double dt = seconds(options.period);
+  Microseconds step;
+  const HostTime begin = host_now();
+  while (report.ended_by.empty()) {
+    const HostTime before = host_now();
+    plan(run, dt, report);
+    step.add(host_now() - before);
+    ++report.samples;
+    report.ended_by = ending(run, options);
+    if (report.ended_by.empty() && run.time() >= kLongestRehearsal) report.ended_by = "duration";
+  }
+  report.elapsed_s = seconds(host_now() - begin);
+  report.step_median_us = step.quantile(0.5);
+  report.step_worst_us = step.worst();
+  count_goals(run, report);
+  return report;
+}
+
+}  // namespace multipanda
