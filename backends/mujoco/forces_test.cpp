@@ -89,6 +89,10 @@ TEST(Forces, EstimateHasTheBandwidthAndLagStated) {
       EXPECT_NEAR(response.gain, std::sqrt(0.5), 0.005);
     }
   }
+  const Response ideal = response_to_sine(10, PlantFidelity::ideal());
+  const Response noisy = response_to_sine(10, PlantFidelity::realistic());
+  EXPECT_NEAR(noisy.gain, ideal.gain, 0.03);
+  EXPECT_NEAR(noisy.lag_s, ideal.lag_s, 5e-4);
   const StepResponse step = response_to_step(PlantFidelity::ideal());
   EXPECT_NEAR(step.to_63_s, 0.0053, 0.0007);
   EXPECT_LT(step.overshoot, 0.005);
