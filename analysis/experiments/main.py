@@ -26,6 +26,8 @@ def main(words=None):
         return
     if plan["kind"] == "task":
         from analysis.experiments import task_page as kind
+    elif plan["kind"] == "performance":
+        from analysis.experiments import performance as kind
     else:
         sys.exit(f"there is no page for experiments of the kind {plan['kind']}")
     kind.make(plan, arguments.plan.parent)

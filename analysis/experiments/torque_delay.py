@@ -16,7 +16,7 @@ def by_correlation(t_sent, sent, t_used, used, window=None, lags=(-0.003, 0.012)
     # Where both series are known at every lag.
     first = max(first, t_sent[0] + max(lags[1], 0.0), t_used[0])
     last = min(last, t_sent[-1] + min(lags[0], 0.0), t_used[-1])
-    stamps = stamps[(stamps >= first) & (stamps <= last)]
+    stamps = stamps[(stamps >= first) & (stamps < last)]
     if len(stamps) < 10:
         return None
     joints = []

@@ -1,0 +1,202 @@
+"""Pictures of a performance experiment. Each returns a figure, or None when there is nothing to show."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from analysis import style
+from analysis.experiments.performance_metrics import STAGES
+
+PAPER = style.LIMIT
+ARMS = ("#4477aa", "#d98c21")
+KINDS = {"controllet": "#4477aa", "feature": "#d98c21"}
+STAGE_NAMES = {"read": "read, models", "controllets": "controllets", "features": "features", "safety": "safety", "write": "write"}
+
+
+def _colours(conditions):
+    return {name: style.JOINTS[i % len(style.JOINTS)] for i, name in enumerate(conditions)}
+
+
+def _boxes(axis, places, figures, colours, width=0.5):
+    """Box: quarters; whiskers: 1 % and 99 %; diamond: mean; dot: 99.9 %. The extremes are in the table."""
+    for x, f, colour in zip(places, figures, colours):
+        if f is None:
+            axis.text(x, 0, "–", ha="center", va="bottom", color=style.FAINT)
+            continue
+        axis.bxp([{"med": f["median"], "q1": f["p25"], "q3": f["p75"], "whislo": f["p1"], "whishi": f["p99"], "fliers": []}], positions=[x],
+                 widths=width, showfliers=False, patch_artist=True, manage_ticks=False, boxprops={"facecolor": colour, "alpha": 0.55, "linewidth": 0.7},
+                 medianprops={"color": style.INK, "linewidth": 1.4}, whiskerprops={"linewidth": 0.8}, capprops={"linewidth": 0.8})
+        axis.plot([x], [f["mean"]], marker="D", color=style.INK, markersize=3.2, linestyle="none")
+
+
+def _names(axis, names):
+    axis.set_xticks(range(len(names)), names)
+    axis.set_xlim(-0.6, len(names) - 0.4)
+    axis.grid(False, axis="x")
+    axis.tick_params(axis="x", length=0)
+
+
+def like_the_paper(conditions, arms):
+    """Delay per arm, loop time and CPU per condition: the three panels of the paper's figure, as distributions."""
+    names, colours = list(conditions), _colours(conditions)
+    figure, grid = plt.subplot_mosaic([["delay", "delay"], ["loop", "cpu"]], figsize=(style.WIDTH_IN, 6.2), dpi=style.DPI)
+    axis = grid["delay"]
+    width = 0.8 / len(arms)
+    for i, arm in enumerate(arms):
+        places = np.arange(len(names)) + (i - (len(arms) - 1) / 2) * width
+        for k, (x, name) in enumerate(zip(places, names)):
+            entry = conditions[name]["delay"].get(arm)
+            if entry is None:
+                continue
+            windows = np.array(entry["windows_ms"])
+            spots = x + (np.random.default_rng(k).uniform(-0.3, 0.3, len(windows)) * width)
+            axis.plot(spots, windows, "o", color=ARMS[i % 2], markersize=3, alpha=0.5, markeredgewidth=0, linestyle="none",
+                      label=f"{arm}: correlation, 1 s each" if k == 0 else None)
+            if entry["sequence_ms"] is not None:
+                axis.plot([x - 0.4 * width, x + 0.4 * width], [entry["sequence_ms"]["mean"]] * 2, color=ARMS[i % 2], linewidth=2.2, solid_capstyle="butt",
+                          label=f"{arm}: by sequence number, mean" if k == 0 else None)
+    axis.axhline(0.5, color=PAPER, linewidth=0.9, linestyle=(0, (4, 3)), label="paper, real arms: about 0.5 ms")
+    axis.set_ylim(0, max(1.6, 1.25 * max((w for c in conditions.values() for d in c["delay"].values() for w in d["windows_ms"]), default=1)))
+    axis.set_title("Delay of the commanded torque, per arm")
+    axis.set_ylabel("delay [ms]")
+    _names(axis, names)
+    axis.legend(loc="upper left", ncols=3, bbox_to_anchor=(0, 1.0))
+
+    axis = grid["loop"]
+    figures = [conditions[n]["control_us"] for n in names]
+    _boxes(axis, range(len(names)), figures, [colours[n] for n in names])
+    axis.axhline(25, color=PAPER, linewidth=0.9, linestyle=(0, (4, 3)), label="paper, DC: < 25 µs")
+    top = max([f["p99"] for f in figures if f], default=25)
+    axis.set_ylim(0, 1.12 * max(top, 25))
+    axis.set_title("Control function")
+    axis.set_ylabel("time [µs]")
+    _names(axis, names)
+    axis.legend(loc="upper left")
+
+    axis = grid["cpu"]
+    _boxes(axis, range(len(names)), [conditions[n]["usage"]["process_percent"] for n in names], [colours[n] for n in names])
+    axis.set_ylim(bottom=0)
+    axis.set_title("CPU of the control process, one core = 100 %")
+    axis.set_ylabel("CPU [%]")
+    _names(axis, names)
+    figure.tight_layout(h_pad=1.6)
+    return figure
+
+
+def stages(conditions):
+    """Where the time of a step goes: medians of the stages, one on the other."""
+    names = list(conditions)
+    figure, axis = plt.subplots(figsize=(style.WIDTH_IN, 0.5 + 0.42 * len(names) + 0.5), dpi=style.DPI)
+    left = np.zeros(len(names))
+    for stage, colour in zip(STAGES, style.STAGES):
+        values = np.array([conditions[n]["stages_us"][stage]["median"] for n in names])
+        axis.barh(range(len(names)), values, left=left, color=colour, height=0.62, label=STAGE_NAMES[stage])
+        left += values
+    for y, (name, value) in enumerate(zip(names, left)):
+        axis.text(value, y, f"  {value:.1f} µs", va="center", fontsize=8, color=style.INK)
+    axis.set_yticks(range(len(names)), names)
+    axis.invert_yaxis()
+    axis.set_xlim(0, 1.12 * max(left.max(), 1))
+    axis.grid(False, axis="y")
+    axis.set_xlabel("median of each stage [µs]")
+    axis.set_title("Stages of a step")
+    figure.tight_layout(rect=(0, 0, 0.86, 1))
+    axis.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
+    return figure
+
+
+def _tail(axis, values, colour, label):
+    values = np.sort(np.asarray(values))
+    share = 1 - np.arange(len(values)) / len(values)
+    axis.plot(np.maximum(values, 1e-2), share, color=colour, label=label, drawstyle="steps-pre")
+
+
+def tails(traces):
+    """Share of the cycles that took longer, down to the worst one. traces: condition -> runs."""
+    names, colours = list(traces), _colours(traces)
+    figure, axes = plt.subplots(1, 3, figsize=(style.WIDTH_IN, 3.1), dpi=style.DPI, sharey=True)
+    period = 1e6 * next(iter(traces.values()))[0].entry["period_s"]
+    for axis, title, values in ((axes[0], "Control function longer than", lambda t: t.control_us), (axes[1], "Whole step longer than", lambda t: t.whole_us),
+                                (axes[2], "Begin of cycles off by more than", lambda t: np.abs(t.period_us - period))):
+        for name in names:
+            _tail(axis, np.concatenate([values(t) for t in traces[name]]), colours[name], name)
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        axis.set_title(title)
+        axis.set_xlabel("[µs]")
+    axes[2].axvline(period, color=style.FAINT, linewidth=0.8, linestyle=(0, (4, 3)))
+    axes[0].set_ylabel("share of the cycles")
+    axes[0].legend(loc="lower left")
+    figure.tight_layout()
+    return figure
+
+
+def usage(traces):
+    """CPU and memory over time, one column per condition (first repeat)."""
+    names = list(traces)
+    figure, axes = plt.subplots(2, len(names), figsize=(style.WIDTH_IN, 3.7), dpi=style.DPI, sharey="row", squeeze=False)
+    lines = (("process_percent", "control process", style.JOINTS[0]), ("loop_percent", "its loop", style.JOINTS[2]),
+             ("generator_percent", "generator", style.JOINTS[3]), ("others_percent", "everybody else", "#b9c3cd"))
+    for k, name in enumerate(names):
+        entry = traces[name][0].entry
+        columns = entry["usage_columns"]
+        rows = np.array(entry["usage"], dtype=float).reshape(-1, len(columns))
+        t = rows[:, 0]
+        for column, label, colour in lines:
+            axes[0, k].plot(t, rows[:, columns.index(column)], color=colour, label=label)
+        axes[1, k].plot(t, rows[:, columns.index("memory_mb")], color=style.JOINTS[5])
+        axes[0, k].set_title(name)
+        axes[1, k].set_xlabel("t [s]")
+        axes[1, k].set_ylim(bottom=0)
+        axes[0, k].set_ylim(bottom=0)
+    axes[0, 0].set_ylabel("CPU [% of one core]")
+    axes[1, 0].set_ylabel("memory [MB]")
+    figure.tight_layout(rect=(0, 0, 1, 0.93))
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="upper left", ncols=4, bbox_to_anchor=(0.07, 1.0))
+    return figure
+
+
+def switching(plan_switching):
+    """Every switch: from the request to the cycle that took it, and to the first torque."""
+    figure, axes = plt.subplots(1, 2, figsize=(style.WIDTH_IN, 2.7), dpi=style.DPI, width_ratios=(2, 1))
+    for kind, colour in KINDS.items():
+        rows = [x for x in plan_switching["list"] if x["kind"] == kind and x["accepted"]]
+        if not rows:
+            continue
+        total = [(x["received_to_taken_us"] + x["taken_to_first_torque_us"]) * 1e-3 for x in rows]
+        axes[0].plot(range(1, len(rows) + 1), total, "o", color=colour, markersize=3.6, markeredgewidth=0, alpha=0.85, label=f"{kind}: request to first torque")
+        values = np.sort([x["taken_to_first_torque_us"] for x in rows])
+        axes[1].plot(values, np.arange(1, len(values) + 1) / len(values), color=colour, drawstyle="steps-post", label=kind)
+    axes[0].axhspan(2.117 - 0.493, 2.117 + 0.493, color=PAPER, alpha=0.12, linewidth=0)
+    axes[0].axhline(2.117, color=PAPER, linewidth=0.9, linestyle=(0, (4, 3)), label="paper: 2.117 ± 0.493 ms")
+    axes[0].set_ylim(bottom=0)
+    axes[0].set_ylim(top=max(3.6, axes[0].get_ylim()[1]))
+    axes[0].set_xlabel("trial")
+    axes[0].set_ylabel("[ms]")
+    axes[0].set_title("From the request to the first torque")
+    axes[0].legend(loc="upper left", ncols=3, columnspacing=1.2)
+    axes[1].set_xlabel("[µs]")
+    axes[1].set_ylabel("share of the trials")
+    axes[1].set_title("Taken to first torque")
+    axes[1].legend(loc="lower right")
+    figure.tight_layout()
+    return figure
+
+
+def delay_checks(checks):
+    """Delays that the plant was given, and what the two ways found. checks: [(configured_ms, {arm: figures})]"""
+    if not checks:
+        return None
+    figure, axis = plt.subplots(figsize=(style.WIDTH_IN * 0.55, 2.9), dpi=style.DPI)
+    largest = max(c for c, _ in checks)
+    axis.plot([0, largest], [0, largest], color="#b9c3cd", linewidth=1, label="as configured", zorder=1)
+    for i, arm in enumerate(checks[0][1]):
+        x = np.array([c for c, _ in checks])
+        axis.plot(x + 0.05 * (i - 0.5), [a[arm]["correlation_ms"]["median"] for _, a in checks], "o", color=ARMS[i % 2], markersize=5,
+                  linestyle="none", label=f"{arm}: correlation", markerfacecolor="none")
+        axis.plot(x + 0.05 * (i - 0.5), [a[arm]["sequence_ms"]["median"] for _, a in checks], "x", color=ARMS[i % 2], markersize=5, linestyle="none",
+                  label=f"{arm}: sequence number")
+    axis.set_xlabel("delay of the simulated plant [ms]")
+    axis.set_ylabel("delay found [ms]")
+    axis.legend(loc="upper left")
+    figure.tight_layout()
+    return figure

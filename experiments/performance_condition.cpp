@@ -1,0 +1,207 @@
+#include <chrono>
+#include <cmath>
+#include <thread>
+#include <unistd.h>
+
+#include <fmt/format.h>
+
+#include "experiments/command_trace.hpp"
+#include "experiments/generator_process.hpp"
+#include "experiments/performance_runs.hpp"
+#include "experiments/process_usage.hpp"
+#include "logs/npz.hpp"
+#include "runtime/live_input/socket_path.hpp"
+
+namespace multipanda {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr double kPatience = 15;  // for the generator to begin [s]
+constexpr double kPeriod = 0.001;
+
+std::size_t cycles(double s) { return static_cast<std::size_t>(std::llround(s / kPeriod)); }
+
+// CPU and memory of this process, which is the control process, and of what stands around it.
+class UsageSeries {
+ public:
+  UsageSeries(pid_t loop_thread, pid_t generator) : loop_thread_(loop_thread), generator_(generator) {
+    last_ = read();
+  }
+
+  void sample() {
+    const Reading now = read();
+    const double dt = seconds(now.at - last_.at);
+    const double process = now.process.cpu_s - last_.process.cpu_s,
+                 generator = now.generator.present ? now.generator.cpu_s - last_.generator.cpu_s : 0,
+                 machine = now.machine.busy_s - last_.machine.busy_s;
+    const auto percent = [dt](double cpu_s) { return 100 * cpu_s / dt; };
+    rows_.push_back({seconds(now.at - begin()), percent(process), percent(now.loop.cpu_s - last_.loop.cpu_s),
+                     percent(now.loop.waited_s - last_.loop.waited_s), percent(generator),
+                     percent(std::max(machine - process - generator, 0.0)), now.process.memory_mb,
+                     now.machine.load_1min});
+    last_ = now;
+  }
+
+  std::size_t count() const { return rows_.size(); }
+  static Json columns() {
+    return {"t_s",
+            "process_percent",
+            "loop_percent",
+            "loop_waited_percent",
+            "generator_percent",
+            "others_percent",
+            "memory_mb",
+            "load_1min"};
+  }
+  Json rows() const { return rows_; }
+
+ private:
+  struct Reading {
+    HostTime at;
+    ProcessUsage process, generator;
+    ThreadUsage loop;
+    MachineUsage machine;
+  };
+  HostTime begin() {
+    if (begin_ == HostTime{}) begin_ = last_.at;
+    return begin_;
+  }
+  Reading read() const {
+    return {host_now(), process_usage(getpid()), process_usage(generator_), thread_usage(loop_thread_),
+            machine_usage()};
+  }
+
+  pid_t loop_thread_, generator_;
+  HostTime begin_;
+  Reading last_;
+  std::vector<std::vector<double>> rows_;
+};
+
+fs::path own_socket() {
+  make_private_folder(socket_folder());
+  return socket_folder() / fmt::format("experiment-{}.sock", getpid());
+}
+
+Json of_summary(const RunSummary& summary) {
+  Json thread = Json::array(), interventions = Json::array();
+  for (const auto& step : summary.thread)
+    thread.push_back({{"what", step.what}, {"done", step.done}, {"reason", step.reason}});
+  for (const auto& seen : summary.interventions)
+    interventions.push_back({{"arm", seen.arm}, {"rule", to_string(seen.rule)}, {"count", seen.count}});
+  return {{"cycles", summary.cycles},   {"overruns", summary.overruns},
+          {"faults", summary.faults()}, {"records_lost", summary.records_lost},
+          {"thread", thread},           {"interventions", interventions}};
+}
+
+}  // namespace
+
+Json run_condition(const PerformanceRun& run, const PerformanceSettings::Condition& condition,
+                   std::size_t repeat) {
+  const PerformanceSettings& settings = run.settings;
+  const double duration_s = run.fast ? settings.fast_duration_s : settings.duration_s;
+  const std::string name = fmt::format("{}_{}", condition.name, repeat);
+  const OpenedScene opened = changed_scene(run.experiment, settings.scene, settings.plant, condition.set);
+  std::vector<std::string> arms;
+  for (const auto& arm : opened.scene.arms) arms.push_back(arm.name);
+
+  std::unique_ptr<CommandTrace> trace;
+  SessionOptions options{.paced = true, .duration_s = 0.0, .socket = own_socket()};
+  options.observer = [&trace](const CycleRecord& record) { trace->take(record); };
+  options.on_loop = [&trace](const Tick& tick, const Backend&) { trace->step_done(tick); };
+  const fs::path socket = options.socket;
+  Session session(opened.scene, opened.registry, std::move(options));
+  const InstanceIndex instance = session.modes().find(condition.controllet);
+  if (instance == kNoInstance)
+    throw std::invalid_argument("condition " + condition.name + ": the scene has no controllet '" +
+                                condition.controllet + "'");
+  trace = std::make_unique<CommandTrace>(
+      session.modes().layout(),
+      CommandTrace::Options{
+          .lead = cycles(settings.lead_s), .samples = cycles(duration_s), .streaming_instance = instance});
+  session.start();
+  GeneratorProcess generator({.program = own_program(),
+                              .course = condition.course,
+                              .socket = socket,
+                              .seconds = settings.lead_s + 2 * duration_s + 2 * kPatience,
+                              .messages = run.folder / (name + "_generator.txt")});
+  const auto over = [&] { return run.progress.stopped() || session.wait_for_end(0); };
+  const HostTime begin = host_now();
+  while (!trace->begun() && !over() && generator.running() && seconds(host_now() - begin) < kPatience)
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  if (!trace->begun() && !over()) {
+    session.stop();
+    const std::string said = generator.finish().dump();
+    throw std::runtime_error("condition " + condition.name +
+                             ": no set-point of the generator arrived; it says " + said);
+  }
+
+  // On the grid of its own clock, as `top` in a loop would be; this thread has no other work.
+  UsageSeries usage(trace->loop_thread(), generator.id());
+  HostTime next = host_now();
+  const auto step = std::chrono::nanoseconds(std::llround(settings.usage_every_s * 1e9));
+  while (!trace->full() && !over()) {
+    next = next + step;
+    while (host_now() < next && !trace->full() && !over())
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    if (host_now() >= next) usage.sample();
+  }
+  const bool generator_lasted = generator.running();
+  const Json generated = generator.finish();
+  session.stop();
+  const RunSummary summary = session.finish();
+  if (run.progress.stopped()) return {};
+
+  const fs::path file = run.folder / (name + ".npz");
+  trace->write(file);
+  Json record{{"name", name},
+              {"condition", condition.name},
+              {"repeat", repeat},
+              {"npz", fs::relative(file, run.folder.parent_path()).string()},
+              {"arms", arms},
+              {"wanted_samples", cycles(duration_s)},
+              {"samples", trace->count()},
+              {"period_s", kPeriod},
+              {"plant", opened.scene.plant.name},
+              {"command_delay_s", opened.scene.plant.command_delay_s},
+              {"generator", generated},
+              {"generator_lasted", generator_lasted},
+              {"usage_columns", UsageSeries::columns()},
+              {"usage", usage.rows()},
+              {"scene_text", opened.scene.text}};
+  record.update(of_summary(summary));
+  return record;
+}
+
+Json run_delay_check(const PerformanceRun& run, double delay_s) {
+  const auto& check = *run.settings.delay_check;
+  std::vector<Override> set = check.set;
+  set.push_back({.key = "plant.command_delay_s",
+                 .value = fmt::format("{}", delay_s),
+                 .place = {run.experiment.path, 0}});
+  const OpenedScene opened = changed_scene(run.experiment, run.settings.scene, run.settings.plant, set);
+  std::vector<std::string> arms;
+  for (const auto& arm : opened.scene.arms) arms.push_back(arm.name);
+
+  std::unique_ptr<CommandTrace> trace;
+  SessionOptions options{.paced = false, .duration_s = check.duration_s + 1};
+  options.observer = [&trace](const CycleRecord& record) { trace->take(record); };
+  Session session(opened.scene, opened.registry, std::move(options));
+  trace = std::make_unique<CommandTrace>(
+      session.modes().layout(), CommandTrace::Options{.lead = 500, .samples = cycles(check.duration_s)});
+  session.start();
+  const RunSummary summary = session.finish();
+  const std::string name = fmt::format("delay_{}", std::llround(delay_s * 1e6));
+  const fs::path file = run.folder / (name + ".npz");
+  trace->write(file);
+  Json record{{"name", name},
+              {"npz", fs::relative(file, run.folder.parent_path()).string()},
+              {"arms", arms},
+              {"period_s", kPeriod},
+              {"command_delay_s", delay_s}};
+  record.update(of_summary(summary));
+  return record;
+}
+
+}  // namespace multipanda

@@ -1,0 +1,75 @@
+#include "experiments/process_usage.hpp"
+
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <string>
+#include <unistd.h>
+
+namespace multipanda {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Run time and waiting time of one task [s]. In nanoseconds; `stat` counts in ticks of 10 ms, which is a
+// thirtieth of a sampling interval of 0.3 s.
+ThreadUsage schedule_statistics(const fs::path& task) {
+  std::ifstream file(task / "schedstat");
+  double run_ns = 0, wait_ns = 0;
+  if (!(file >> run_ns >> wait_ns)) return {};
+  return {run_ns * 1e-9, wait_ns * 1e-9};
+}
+
+// utime + stime of `stat`: where the kernel keeps no schedule statistics.
+double ticks_s(const fs::path& process) {
+  std::ifstream file(process / "stat");
+  std::string text;
+  std::getline(file, text);
+  const std::size_t name_end = text.rfind(')');  // the name may hold spaces
+  if (name_end == std::string::npos) return 0;
+  std::istringstream fields(text.substr(name_end + 1));
+  std::string skipped;
+  for (int i = 0; i < 11; ++i) fields >> skipped;
+  double user = 0, system = 0;
+  fields >> user >> system;
+  return (user + system) / static_cast<double>(sysconf(_SC_CLK_TCK));
+}
+
+}  // namespace
+
+ProcessUsage process_usage(pid_t process) {
+  const fs::path folder = fs::path("/proc") / std::to_string(process);
+  std::ifstream memory(folder / "statm");
+  double size = 0, resident = 0;
+  if (!(memory >> size >> resident)) return {};
+  ProcessUsage usage{.present = true};
+  usage.memory_mb = resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / (1 << 20);
+  std::error_code gone;  // threads may end while they are counted
+  for (const auto& task : fs::directory_iterator(folder / "task", gone))
+    usage.cpu_s += schedule_statistics(task.path()).cpu_s;
+  if (usage.cpu_s == 0) usage.cpu_s = ticks_s(folder);
+  return usage;
+}
+
+ThreadUsage thread_usage(pid_t thread) {
+  return schedule_statistics(fs::path("/proc/self/task") / std::to_string(thread));
+}
+
+MachineUsage machine_usage() {
+  MachineUsage usage;
+  std::ifstream statistics("/proc/stat");
+  std::string word;
+  double user = 0, nice = 0, system = 0, idle = 0, wait = 0, irq = 0, soft = 0, steal = 0;
+  if (statistics >> word >> user >> nice >> system >> idle >> wait >> irq >> soft >> steal)
+    usage.busy_s = (user + nice + system + irq + soft + steal) / static_cast<double>(sysconf(_SC_CLK_TCK));
+  std::ifstream load("/proc/loadavg");
+  load >> usage.load_1min;
+  return usage;
+}
+
+double machine_memory_mb() {
+  return static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE)) /
+         (1 << 20);
+}
+
+}  // namespace multipanda
