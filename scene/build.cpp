@@ -4,6 +4,7 @@
 #include <stdexcept>
 
 #include "models/arm_source.hpp"
+#include "scene/collision_shapes.hpp"
 
 namespace multipanda {
 namespace {
@@ -97,10 +98,11 @@ Registry build_registry(const std::vector<std::string>& plugins) {
 RobotDescription robot_of(const SceneArm& arm) { return load_robot(arm.model); }
 
 std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm) {
-  ArmModelSource source = arm_model_source(robot_of(arm), arm.X_WB, arm.hand);
+  const RobotDescription robot = robot_of(arm);
+  ArmModelSource source = arm_model_source(robot, arm.X_WB, arm.hand);
   source.name = arm.name;
+  add_tool_shapes(arm.tool_shapes, robot.flange.pose(), source);
   if (arm.known_friction) {
-    const RobotDescription robot = robot_of(arm);
     if (!robot.friction) {
       throw std::invalid_argument("arm '" + arm.name + "': the model '" + arm.model +
                                   "' has no friction table");
@@ -130,6 +132,7 @@ CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) 
   CycleConfig config;
   for (const auto& arm : scene.arms) config.arms.push_back({arm.name, build_arm_model(arm), arm.safety});
   config.controllets = scene.controllets;
+  config.obstacles = fixed_obstacles(scene.objects);
   config.record_capacity = record_capacity;
   return config;
 }
