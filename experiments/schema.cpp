@@ -111,7 +111,11 @@ const Section& force() {
         .count = 3,
         .doc = "Unit vector in the world along which the arm pushes."},
        name("instance", "Controllet whose outputs count."),
-       {.key = "desired", .fallback = "force_desired_n", .doc = "Its output with the desired force."}}};
+       {.key = "desired", .fallback = "force_desired_n", .doc = "Its output with the desired force."},
+       {.key = "desired_n",
+        .kind = FieldKind::number,
+        .unit = "N",
+        .doc = "What is desired where the controllet has no such output."}}};
   return section;
 }
 

@@ -8,8 +8,8 @@
 
 #include "backends/mujoco/mujoco_backend.hpp"
 #include "experiments/kinds.hpp"
+#include "experiments/run_data.hpp"
 #include "experiments/task_runs.hpp"
-#include "logs/export.hpp"
 #include "logs/npz.hpp"
 #include "scene/build.hpp"
 
@@ -163,7 +163,10 @@ class TaskRunner {
       session_options.on_loop = [&objects](const Tick& tick, const Backend& backend) {
         objects.take(tick, backend);
       };
+    std::optional<RunData> data;
+    session_options.observer = [&data](const CycleRecord& cycle) { data->take(cycle); };
     Session session(std::move(scene), registry_, std::move(session_options));
+    data.emplace(session.scene(), session.layout(), session.models(), kModelEvery);
     session.start();
     while (!session.wait_for_end(0.1)) {
       if (progress_.stopped()) session.stop();
@@ -173,10 +176,10 @@ class TaskRunner {
     const fs::path log = options_.directory / "logs" / (name + ".mcap");
     fs::rename(summary.log, log);
     fs::remove_all(scratch);
-    const fs::path data = options_.directory / "data" / (name + ".npz");
-    if (!progress_.stopped()) export_npz(log, data);
+    const fs::path arrays = options_.directory / "data" / (name + ".npz");
+    data->write(arrays);
     record["log"] = fs::relative(log, options_.directory).string();
-    record["npz"] = fs::relative(data, options_.directory).string();
+    record["npz"] = fs::relative(arrays, options_.directory).string();
     if (!objects.empty()) {
       const fs::path file = options_.directory / "data" / (name + "_objects.npz");
       objects.write(file);

@@ -59,6 +59,8 @@ class Session {
   const Scene& scene() const { return scene_; }
   double duration_s() const { return duration_s_; }  // 0: until stopped
   Backend& backend() { return *backend_; }
+  const RecordLayout& layout() const { return cycle_->layout(); }  // of the records
+  const std::vector<std::shared_ptr<const ArmModel>>& models() const { return models_; }
   MultimodeController& modes() { return cycle_->modes(); }               // requests while running
   const std::filesystem::path& directory() const { return directory_; }  // of this run; empty: no log
 

@@ -28,6 +28,8 @@ def verdict(results):
         parts.append(page.box(results["problems"]))
     elif results["limits"]:
         parts.append(page.box(["Every figure is within its limit, in the worst repeat of every variant."], fine=True))
+    if results.get("notes"):
+        parts.append(page.details(f"Of variants that are only reported ({len(results['notes'])})", page.box(results["notes"])))
     return parts
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from analysis import metrics
-from analysis.experiments.task_run import rotate_back
+from analysis.experiments.task_run import rotate, rotate_back
 
 # name: (what, unit shown, factor from SI)
 NAMES = {
@@ -30,7 +30,7 @@ NAMES = {
 }
 SIX = (("q", "q_rmse_rad", "q_max_rad"), ("dq", "dq_rmse_rad_per_s", "dq_max_rad_per_s"), ("tau", "tau_rmse_nm", "tau_max_nm"),
        ("x", "x_rmse_m", "x_max_m"), ("f", "f_rmse_n", "f_max_n"), ("c_err", "c_err_rmse_nm", "c_err_max_nm"))
-IMPACT_S = 0.1  # after contact: what the tool's own motion does, before force control takes over
+IMPACT_S = 0.3  # after contact: the blow of the tool's own motion
 
 
 def rms(values):
@@ -189,15 +189,17 @@ def _grasp(run, out):
     if not inside.any():
         return
     start = np.flatnonzero(inside)[0]
-    # Slip: the object's centre as each hand sees it, against the window's first instant.
+    # Slip: the point of the object that lay at E when the window began, as the hand sees it, across the push.
     slip = 0.0
     for force in run.forces:
         tm, hand, turn = run.pose(force["arm"])
-        common = np.interp(t, tm, np.arange(len(tm)))
-        rows = np.rint(common).astype(int)
-        seen = rotate_back(turn[rows], p - hand[rows])
-        moved = seen[inside] - seen[start]
-        push = rotate_back(turn[rows[start]][None], force["direction"][None])[0]
+        rows = run.inside(tm) & (tm >= t[0]) & (tm <= t[-1])
+        hand, turn = hand[rows], turn[rows]
+        place, attitude = (np.column_stack([np.interp(tm[rows], t, x[:, i]) for i in range(x.shape[1])]) for x in (p, q))
+        attitude /= _norm(attitude)[:, None]
+        point = rotate_back(attitude[:1], hand[:1] - place[:1])
+        moved = rotate_back(turn, place + rotate(attitude, point) - hand)
+        push = rotate_back(turn[:1], force["direction"][None])[0]
         across = moved - np.outer(moved @ push, push)
         slip = max(slip, float(_norm(across).max()))
     out["slip_m"] = slip

@@ -81,12 +81,15 @@ def _paths(chosen, plants):
 
 
 def _problems(plan, rows, runs):
-    problems = [verdicts.sentence(row, _label) for row in rows if not row["passed"]]
+    """(why it did not pass, what is worth knowing of variants that are only reported)"""
+    reported = {v["name"] for v in plan["variants"] if v["reported"]}
+    problems, notes = [verdicts.sentence(row, _label) for row in rows if not row["passed"]], []
     for run in runs:
-        problems += [f"{run['name']}: {fault}" for fault in run["faults"]]
+        found = [f"{run['name']}: {fault}" for fault in run["faults"]]
         if run["window"] is None and (plan["measure"] or {}).get("window"):
-            problems.append(f"{run['name']}: the window never began (no contact?)")
-    return problems
+            found.append(f"{run['name']}: the window never began (no contact?)")
+        (notes if run["variant"] in reported else problems).extend(found)
+    return problems, notes
 
 
 def make(plan, folder):
@@ -104,8 +107,8 @@ def make(plan, folder):
     plants = plan["plants"]
     rows = verdicts.judge(plan["limits"], runs, variants, plants)
     summary = summarise(plan, runs, series)
-    problems = _problems(plan, rows, runs)
-    results = {"name": plan["name"], "title": plan["title"], "kind": plan["kind"], "passed": not problems, "problems": problems,
+    problems, notes = _problems(plan, rows, runs)
+    results = {"name": plan["name"], "title": plan["title"], "kind": plan["kind"], "passed": not problems, "problems": problems, "notes": notes,
                "repeats": plan["repeats"], "seed": plan["seed"], "fast": plan["fast"], "limits": rows, "runs": runs,
                "summary": list(summary.values()), "published": plan["published"], "machine": plan["machine"]}
 

@@ -182,6 +182,8 @@ def sheet(runs_by_plant, label):
         axes[-1][column].set_xlabel("time [s]")
         axes[-1][column].set_xlim(*first.run.time_range)
     for row in range(len(rows)):
+        if getattr(axes[row][0], "from_zero", False):  # only now is all that shares the axis there
+            axes[row][0].set_ylim(0, None)
         handles, labels = axes[row][0].get_legend_handles_labels()
         if handles:
             axes[row][-1].legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0))
@@ -230,7 +232,7 @@ def _draw_path_error(axis, runs):
         _line(axis, t, 1e3 * np.linalg.norm(error[:, columns], axis=1), color="#7b3fa0", alpha=1 if number == 0 else 0.25, linewidth=0.9)
     axis.set_title("distance from the moving set-point" + (", along the surface" if runs[0].measure["path"]["plane"] == "xy" else ""))
     axis.set_ylabel("path [mm]")
-    axis.set_ylim(bottom=0)
+    axis.from_zero = True
 
 
 def _draw_lift(axis, runs):
@@ -252,7 +254,7 @@ def _draw_tilt(axis, runs):
         _line(axis, t, np.degrees(tilt), color="#7b3fa0", alpha=1 if number == 0 else 0.25, linewidth=0.9)
     axis.set_title("turn of the object since the start")
     axis.set_ylabel("tilt [°]")
-    axis.set_ylim(bottom=0)
+    axis.from_zero = True
 
 
 def _draw_loss(axis, runs):
@@ -262,7 +264,7 @@ def _draw_loss(axis, runs):
     axis.axvline(runs[0].measure["loss"]["at_s"], color=style.INTERVENTION, linewidth=0.9)
     axis.set_title("speed of the end effector; the surface vanishes at the line")
     axis.set_ylabel("speed [m/s]")
-    axis.set_ylim(bottom=0)
+    axis.from_zero = True
 
 
 def _draw_tanks(axis, runs):
@@ -328,7 +330,7 @@ def _draw_torque_rate(axis, runs):
         _line(axis, t[1:], rate, color="#5d6d7e", linewidth=0.7)
     axis.set_title("fastest joint torque before the limiter")
     axis.set_ylabel("[N m/s]")
-    axis.set_ylim(bottom=0)
+    axis.from_zero = True
 
 
 # All variants ----------------------------------------------------------------------------------------------------------

@@ -38,9 +38,11 @@ class TaskRun:
                 raise ValueError(f"the log of {self.entry['name']} has no contact force of arm {arm}")
             topic = f"{item['instance']}/outputs/{item['desired']}"
             desired, t_desired = self.run.get(f"{topic}/values"), self.run.get(f"{topic}/t")
-            if desired is None:
-                raise ValueError(f"the log of {self.entry['name']} has no output {topic}")
-            desired = desired[:, item.get("column", 0)] if desired.ndim > 1 else desired
+            if desired is None:  # a law that knows no force: what it ought to be
+                if "desired_n" not in item:
+                    raise ValueError(f"the log of {self.entry['name']} has no output {topic}")
+                t_desired, desired = t, np.full(len(t), item["desired_n"])
+            desired = desired[:, 0] if desired.ndim > 1 else desired
             out.append({"arm": arm, "t": t, "direction": direction, "true": true[1] @ direction,
                         "estimate": estimate[1] @ direction if estimate is not None else np.full(len(t), np.nan),
                         "desired": np.interp(t, t_desired, desired, left=np.nan, right=np.nan)})
@@ -188,7 +190,13 @@ class TaskRun:
         return rows[:, 0], rows[:, 1:4], rows[:, 4:8]
 
 
-def rotate_back(q, v):
-    """R(q)^T v for quaternions w x y z (N x 4) and vectors (N x 3)."""
-    w, u = q[:, :1], -q[:, 1:]
+def rotate(q, v):
+    """R(q) v for quaternions w x y z (N x 4) and vectors (N x 3, or one for all)."""
+    w, u = q[:, :1], q[:, 1:]
+    v = np.broadcast_to(v, (len(q), 3))
     return v + 2 * np.cross(u, np.cross(u, v) + w * v)
+
+
+def rotate_back(q, v):
+    """R(q)^T v."""
+    return rotate(q * np.array([1.0, -1.0, -1.0, -1.0]), v)
