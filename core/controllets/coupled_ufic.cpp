@@ -330,6 +330,7 @@ class CoupledUfic final : public Controllet {
     for (const OwnedArm& arm : context.arms) kinetic += 0.5 * arm.dq().dot(arm.terms->momentum());
     out[kStored] =
         kinetic + springs_.scale * springs_.energy + force_tank_.energy() + impedance_tank_.energy();
+    out[kKinetic] = kinetic;
     out[kSpringPower] = work(kSpringPart) * per_s;
     out[kDampingPower] = work(kDampingPart) * per_s;
     out[kFeedforwardPower] = work(kFeedforwardPart) * per_s;

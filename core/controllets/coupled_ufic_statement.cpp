@@ -80,6 +80,7 @@ std::vector<OutputSpec> outputs() {
           {"force_tank_j", 1, "Energy of the force tank."},
           {"impedance_tank_j", 1, "Energy of the impedance tank."},
           {"stored_energy_j", 1, "Kinetic energy of both arms + springs + both tanks."},
+          {"kinetic_energy_j", 1, "Its part in both arms."},
           {"power_task_spring_w", 1, "Into both arms, over the period just gone."},
           {"power_task_damping_w", 1, "The same, of -D V."},
           {"power_feedforward_w", 1, "The same, of D V_d, Lambda A_d, the weight and the integral."},

@@ -49,6 +49,7 @@ enum Output : std::size_t {
   kForceTank,
   kImpedanceTank,
   kStored,
+  kKinetic,
   kSpringPower,
   kDampingPower,
   kFeedforwardPower,

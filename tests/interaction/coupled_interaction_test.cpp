@@ -1,0 +1,127 @@
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "tests/interaction/grasp_trial.hpp"
+
+// Task 5: the bounds are the acceptance figures, the measure is the plant's own contact force.
+namespace multipanda::grasp {
+namespace {
+
+Scene scene_on(const PlantFidelity& plant) {
+  Scene scene = task();
+  scene.plant = plant;
+  return scene;
+}
+
+constexpr double kDegree = M_PI / 180;
+
+struct Bounds {
+  double rms, band, slip, tilt, lift, rate;
+};
+void expect_within(const Figures& f, const Bounds& bounds, const std::string& what) {
+  EXPECT_TRUE(f.held) << what;
+  EXPECT_LE(f.rms, bounds.rms) << what;
+  EXPECT_GE(f.least, 20 - bounds.band) << what;
+  EXPECT_LE(f.most, 20 + bounds.band) << what;
+  EXPECT_LE(f.slip, bounds.slip) << what;
+  EXPECT_LE(f.tilt, bounds.tilt) << what;
+  EXPECT_LE(f.lift_error, bounds.lift) << what;
+  EXPECT_GT(f.lift, 0.198) << what;
+  EXPECT_LE(std::max(f.rate_task, f.rate_grasp), bounds.rate) << what;
+  EXPECT_EQ(f.interventions, 0u) << what;
+}
+
+TEST(CoupledInteraction, BoxIsGraspedAndLifted) {
+  for (std::uint32_t seed = 1; seed <= 5; ++seed) {
+    Scene scene = scene_on(PlantFidelity::ideal());
+    vary(scene, seed);
+    expect_within(figures(run(scene)), {0.1, 0.5, 1.5e-3, 0.2 * kDegree, 1.5e-3, 600},
+                  "ideal " + std::to_string(seed));
+  }
+}
+
+TEST(CoupledInteraction, BoxIsGraspedAndLiftedOnTheRealisticPlant) {
+  for (std::uint32_t seed = 1; seed <= 5; ++seed) {
+    Scene scene = scene_on(PlantFidelity::realistic());
+    vary(scene, seed);
+    expect_within(figures(run(scene)), {0.25, 1.0, 2e-3, 1.5 * kDegree, 2.5e-3, 950},
+                  "realistic " + std::to_string(seed));
+  }
+}
+
+// What the arms have in common and what they have against each other are two things: a force on the box moves
+// both hands by F / K_a, as one body, and the squeeze stays what it is.
+TEST(CoupledInteraction, PushedBoxMovesAgainstTheAbsoluteSpringAndTheSqueezeStays) {
+  Scene scene = scene_on(PlantFidelity::ideal());
+  set(scene, "vertical_integral_n_per_m_s", {0});  // it would bring the box back
+  set(scene, "translational_stiffness_n_per_m", {800, 300, 1200});
+  const Vector3 stiffness(800, 300, 1200);
+  for (const Vector3& force : {Vector3(0, 6, 0), Vector3(0, -6, 0), Vector3(5, 0, 0), Vector3(0, 0, -5)}) {
+    const Pushed pushed = push_box(scene, force);
+    ASSERT_TRUE(pushed.kept);
+    const Vector3 expected = force.cwiseQuotient(stiffness);
+    // 3 % of the way: pads are elastic, too, and the posture's spring is felt a little.
+    EXPECT_NEAR((pushed.box - expected).norm(), 0, 0.03 * expected.norm() + 2e-4) << force.transpose();
+    for (std::size_t i = 0; i < 2; ++i) {
+      EXPECT_NEAR((pushed.hand[i] - pushed.box).norm(), 0, 6e-4) << force.transpose() << " hand " << i;
+    }
+    // The left hand presses along -y, the right one along +y: the box is in balance.
+    EXPECT_NEAR(pushed.squeeze[0] - pushed.squeeze[1], force.y(), 0.05);
+    EXPECT_NEAR(0.5 * (pushed.squeeze[0] + pushed.squeeze[1]), 20, 0.05);
+    EXPECT_LT(pushed.worst_mean, 0.5);
+  }
+}
+
+// The paper's gains: 50 N/m per arm carry the box only where the springs have sunk by m g / K.
+TEST(CoupledInteraction, WithThePapersGainsTheBoxSags) {
+  Scene scene = scene_on(PlantFidelity::ideal());
+  paper_gains(scene, false);
+  const Figures f = figures(run(scene));
+  EXPECT_TRUE(f.held);
+  EXPECT_NEAR(f.lift_error, 9.81 / 100, 0.003);
+  EXPECT_NEAR(f.lift, 0.2 - 9.81 / 100, 0.005);
+}
+
+// Lifting 1 kg by 0.2 m takes 1.96 J. A tank with less lifts it as far as it can pay for, and holds it there.
+TEST(CoupledInteraction, ATankLiftsAsFarAsItCanPayFor) {
+  double before = 0;
+  for (const double tank : {0.2, 0.5, 2.0, 100.0}) {
+    Scene scene = scene_on(PlantFidelity::ideal());
+    set(scene, "tank_start_j", {tank});
+    const grasp::Run result = run(scene);
+    const Figures f = figures(result);
+    EXPECT_TRUE(f.held) << tank;
+    EXPECT_LE(9.81 * f.lift, tank) << tank;
+    EXPECT_GT(f.lift, before) << tank;
+    before = f.lift;
+    EXPECT_LE(energy_excess(result, 1e-3), 0.0) << tank;
+    EXPECT_EQ(f.interventions, 0u);
+  }
+  EXPECT_GT(before, 0.198);
+}
+
+TEST(CoupledInteraction, NoEnergyComesFromNowhereWhenTheBoxVanishes) {
+  for (const double tank : {0.2, 0.5, 2.0, 100.0}) {
+    Scene scene = scene_on(PlantFidelity::ideal());
+    set(scene, "tank_start_j", {tank});
+    const Loss loss = box_vanishes(scene, 9.0);
+    EXPECT_TRUE(loss.kept) << tank;
+    EXPECT_NEAR(loss.squeezed, 20, 1.5) << tank << ": it was not squeezed";
+    EXPECT_LE(loss.energy_excess, 0.0) << tank;
+    EXPECT_LT(loss.speed, 0.3) << tank;
+    EXPECT_LT(loss.closed, 0.05) << tank;
+    EXPECT_EQ(loss.interventions, 0u) << tank;
+  }
+}
+
+// The same measure finds what the printed valve law makes out of nothing: a check that can fail.
+TEST(CoupledInteraction, ThePrintedValveLawIsNotPassive) {
+  Scene scene = scene_on(PlantFidelity::ideal());
+  set(scene, "tank_start_j", {0.2});
+  set(scene, "valve_law", {1});
+  EXPECT_GT(box_vanishes(scene, 9.0).energy_excess, 0.05);
+}
+
+}  // namespace
+}  // namespace multipanda::grasp

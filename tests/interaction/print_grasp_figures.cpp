@@ -1,0 +1,171 @@
+// Prints the figures of task 5 as tables: grasp_figures [table ...] [parameter=number,number,...]
+// [trace=FILE]
+// [repeats=NUMBER] Tables: repeats, surfaces, paper, tanks, gone. Without words all of them; parameters are
+// changes to try.
+#include <cstdio>
+#include <set>
+#include <sstream>
+
+#include "tests/interaction/grasp_trial.hpp"
+
+using namespace multipanda;
+using namespace multipanda::grasp;
+
+namespace {
+
+struct Given {
+  std::set<std::string> tables;
+  std::vector<std::pair<std::string, std::vector<double>>> parameters;
+  std::string trace;
+  std::uint32_t repeats = 5;
+  bool wants(const std::string& table) const { return tables.empty() || tables.contains(table); }
+};
+
+Given read(int count, char** words) {
+  Given given;
+  for (int i = 1; i < count; ++i) {
+    const std::string word = words[i];
+    const auto equals = word.find('=');
+    if (equals == std::string::npos) {
+      given.tables.insert(word);
+      continue;
+    }
+    const std::string name = word.substr(0, equals);
+    if (name == "trace") given.trace = word.substr(equals + 1);
+    if (name == "repeats") given.repeats = static_cast<std::uint32_t>(std::stoul(word.substr(equals + 1)));
+    if (name == "trace" || name == "repeats") continue;
+    std::stringstream rest(word.substr(equals + 1));
+    std::vector<double> values;
+    for (std::string number; std::getline(rest, number, ',');) values.push_back(std::stod(number));
+    given.parameters.emplace_back(name, values);
+  }
+  return given;
+}
+
+void head(const char* title) {
+  std::printf("\n%s\n%-26s | %5s | %6s %6s %6s %6s %6s | %6s %6s %6s %7s | %5s %5s %4s\n", title, "", "touch",
+              "rms N", "least", "most", "L-R", "est N", "slip", "tilt", "lift", "lift mm", "rate", "grasp",
+              "hits");
+}
+
+void row(const std::string& what, const Run& result) {
+  const Figures f = figures(result);
+  std::printf(
+      "%-26s | %5.2f | %6.3f %6.2f %6.2f %6.2f %6.3f | %6.2f %6.3f %6.2f %7.1f | %5.0f %5.0f %4llu %s%s\n",
+      what.c_str(), f.grasp_s, f.rms, f.least, f.most, f.uneven, f.estimate_rms, 1000 * f.slip,
+      f.tilt * 180 / M_PI, 1000 * f.lift_error, 1000 * f.lift, f.rate_task, f.rate_grasp,
+      static_cast<unsigned long long>(f.interventions), f.held ? "" : "NOT HELD ", result.fault.c_str());
+  std::fflush(stdout);
+}
+
+void write_trace(const std::string& file, const Run& result) {
+  std::FILE* out = std::fopen(file.c_str(), "w");
+  std::fprintf(out, "t push_1 push_2 est_1 est_2 x y z p_d_z rate kinetic environment");
+  for (const auto& spec : result.outputs) {
+    for (std::size_t i = 0; i < spec.size; ++i) std::fprintf(out, " %s_%zu", spec.name.c_str(), i);
+  }
+  for (const auto& s : result.samples) {
+    std::fprintf(out, "\n%.3f %.6g %.6g %.6g %.6g %.8g %.8g %.8g %.8g %.6g %.8g %.8g", s.t, s.push[0],
+                 s.push[1], s.push_est[0], s.push_est[1], s.X_WO.position.x(), s.X_WO.position.y(),
+                 s.X_WO.position.z(), s.p_d.z(), s.rate, s.kinetic, s.environment);
+    for (const double value : s.outputs) std::fprintf(out, " %.8g", value);
+  }
+  std::fclose(out);
+}
+
+}  // namespace
+
+int main(int count, char** words) {
+  const Given given = read(count, words);
+  const std::vector<PlantFidelity> plants{PlantFidelity::ideal(), PlantFidelity::realistic()};
+  const auto scene_on = [&](const PlantFidelity& plant) {
+    Scene scene = task();
+    scene.plant = plant;
+    for (const auto& [name, values] : given.parameters) set(scene, name, values);
+    return scene;
+  };
+  if (given.wants("repeats")) {
+    head("Repeats");
+    for (const auto& plant : plants) {
+      for (std::uint32_t seed = 1; seed <= given.repeats; ++seed) {
+        Scene scene = scene_on(plant);
+        vary(scene, seed);
+        const Run result = run(scene);
+        row(plant.name + " " + std::to_string(seed), result);
+        if (!given.trace.empty())
+          write_trace(given.trace + "." + plant.name + "." + std::to_string(seed), result);
+      }
+    }
+  }
+  if (given.wants("surfaces")) {
+    head("Contact");
+    for (const auto& plant : plants) {
+      for (const double stiffness : {1e3, 1e4, 1e5}) {
+        Scene scene = scene_on(plant);
+        box(scene).contact->stiffness_n_per_m = stiffness;
+        row(plant.name + " " + std::to_string(static_cast<int>(stiffness)) + " N/m", run(scene));
+      }
+    }
+  }
+  if (given.wants("paper")) {
+    head("The paper's gains: 100 100 50 10 10 10 per arm, nothing fed forward");
+    for (const auto& plant : plants) {
+      for (const bool its_force_gains : {false, true}) {
+        Scene scene = scene_on(plant);
+        paper_gains(scene, its_force_gains);
+        row(plant.name + (its_force_gains ? " and its PID" : " our force loop"), run(scene));
+      }
+    }
+  }
+  if (given.wants("stiction")) {
+    head("Dry friction of 0.3 N m in every joint, unknown to the controller");
+    PlantFidelity plant = plants[0];
+    plant.stiction_nm = 0.3;
+    row("stiction", run(scene_on(plant)));
+  }
+  if (given.wants("pushed")) {
+    std::printf("\nA force on the hanging box\n%-16s | %27s | %9s %9s | %8s %8s %9s\n", "N",
+                "box moves by mm", "F/K mm", "mm", "left N", "right N", "mean off");
+    const Scene scene = scene_on(plants[0]);
+    for (const Vector3& f : {Vector3(0, 6, 0), Vector3(0, -6, 0), Vector3(6, 0, 0), Vector3(0, 0, -6)}) {
+      const Pushed p = push_box(scene, f);
+      Eigen::Index axis = 0;
+      f.cwiseAbs().maxCoeff(&axis);
+      double K = 0;
+      for (const auto& value : scene.controllets[0].parameters) {
+        if (value.name == "translational_stiffness_n_per_m") K = value.values[static_cast<std::size_t>(axis)];
+      }
+      std::printf("%4.0f %4.0f %4.0f   | %8.2f %8.2f %8.2f  | %9.2f %9.2f | %8.2f %8.2f %9.3f\n", f.x(),
+                  f.y(), f.z(), 1000 * p.box.x(), 1000 * p.box.y(), 1000 * p.box.z(), 1000 * f[axis] / K,
+                  1000 * p.box[axis], p.squeeze[0], p.squeeze[1], p.worst_mean);
+    }
+  }
+  if (given.wants("tanks")) {
+    head("Tanks");
+    for (const double tank : {0.2, 0.5, 2.0, 100.0}) {
+      Scene scene = scene_on(plants[0]);
+      set(scene, "tank_start_j", {tank});
+      const Run result = run(scene);
+      char name[32];
+      std::snprintf(name, sizeof name, "%g J", tank);
+      row(name, result);
+      std::printf("%-26s   energy beyond start and environment: %.2e J\n", "", energy_excess(result, 1e-3));
+    }
+  }
+  if (given.wants("gone")) {
+    std::printf("\nThe box vanishes at 9 s\n%-26s | %9s %9s %9s %9s %9s\n", "", "speed m/s", "closed mm",
+                "energy J", "rate", "hits");
+    for (const bool paper_law : {false, true}) {
+      for (const double tank : {0.2, 0.5, 2.0, 100.0}) {
+        Scene scene = scene_on(plants[0]);
+        set(scene, "tank_start_j", {tank});
+        set(scene, "valve_law", {paper_law ? 1.0 : 0.0});
+        const Loss loss = box_vanishes(scene, 9.0);
+        char name[48];
+        std::snprintf(name, sizeof name, "%s, %g J", paper_law ? "paper" : "passive", tank);
+        std::printf("%-26s | %9.3f %9.1f %9.2e %9.0f %9llu\n", name, loss.speed, 1000 * loss.closed,
+                    loss.energy_excess, loss.rate, static_cast<unsigned long long>(loss.interventions));
+      }
+    }
+  }
+}
