@@ -10,11 +10,11 @@ namespace multipanda {
 enum TorquePart : std::size_t {
   kSpringPart,        // s J^T K_c x~
   kDampingPart,       // -J^T D_c V, without the set-point's velocity
-  kFeedforwardPart,   // s J^T (D_c V_d + Lambda A_d)
+  kFeedforwardPart,   // s J^T (D_c V_d + n D_z v_d,n + Lambda A_d)
   kNullSpacePart,     // springs and dampers of the null space
   kCoriolisPart,      // C dq
   kForcePart,         // J^T F_f'
-  kForceDampingPart,  // -J^T n D_z (v_n - s v_d,n)
+  kForceDampingPart,  // -J^T n D_z v_n
   kTorqueParts
 };
 

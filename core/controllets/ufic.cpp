@@ -117,7 +117,9 @@ class Ufic final : public Controllet {
     const ForcePart force = force_part(settings, law, parameters.number(kReach), F_d, F_hat,
                                        terms.X_WE().position, v, context.dt);
     const Vector3 n = direction_.n();
-    const double v_n = n.dot(Vector3(v - s * target.V_d.vector.head<3>()));
+    // D_z against the velocity takes energy; with the set-point's velocity it may give some.
+    feedforward.head<3>() += s * settings.damping * n.dot(Vector3(target.V_d.linear())) * n;
+    feedforward *= affordable(feedforward.dot(V) * context.dt);
 
     const Jacobian& J = terms.J_V_WE();
     const auto joints = [&](const Vector6& F) -> JointVector { return J.transpose().lazyProduct(F); };
@@ -132,7 +134,7 @@ class Ufic final : public Controllet {
     book_.open(kNullSpacePart, tau_null);
     book_.open(kCoriolisPart, terms.c());
     book_.open(kForcePart, joints(along(force.F)));
-    book_.open(kForceDampingPart, joints(along(-settings.damping * v_n * n)));
+    book_.open(kForceDampingPart, joints(along(-settings.damping * n.dot(v) * n)));
     *arm.tau = book_.sum();
 
     show(context, force, error, set_point_work, arm);
@@ -177,6 +179,13 @@ class Ufic final : public Controllet {
     const double work = next.scale * next.energy - before;
     impedance_tank_.give(work);
     return work;
+  }
+
+  // The share of a work that a tick may take: at most a tenth of what the tank has. So a fast set-point
+  // cannot overdraw it before its valve has shut.
+  double affordable(double work_j) const {
+    const double purse = 0.1 * std::max(0.0, impedance_tank_.energy() - limits_.min_j);
+    return work_j > purse ? purse / work_j : 1.0;
   }
 
   JointVector scaled_null_space(NullSpaceGains gains, OwnedArm& arm, double s) const {
@@ -296,40 +305,41 @@ std::vector<ParameterSpec> parameters() {
 }  // namespace
 
 ControlletType ufic_controllet() {
-  return {{.type = "ufic",
-           .doc = "Unified force-impedance control: follows a pose and presses with a force, kept passive by "
-                  "two energy tanks.",
-           .inputs = {{.name = "pose", .quantity = Quantity::pose, .doc = "X_WE set-point, in the world."},
-                      {.name = "wrench",
-                       .quantity = Quantity::wrench,
-                       .doc = "F_d, what the arm is to exert, world axes; its force counts, its moment does "
-                              "not.",
-                       .max_speed = 60}},
-           .parameters = parameters(),
-           .outputs = {{"force_desired_n", 1, "F_d along n."},
-                       {"force_estimated_n", 1, "F_hat along n."},
-                       {"force_command_n", 1, "F_f' along n."},
-                       {"in_contact", 1, "1 while the estimate says so."},
-                       {"gamma_f", 1, "gamma about the last contact."},
-                       {"alpha_f", 1, "Valve of the force tank."},
-                       {"alpha_i", 1, "Valve of the impedance tank: 0 leaves the spring, -1 takes it away."},
-                       {"force_tank_j", 1, "Energy of the force tank."},
-                       {"impedance_tank_j", 1, "Energy of the impedance tank."},
-                       {"stored_energy_j", 1, "Kinetic + spring + both tanks."},
-                       {"power_task_spring_w", 1, "Into the arm, over the period just gone."},
-                       {"power_task_damping_w", 1, "The same, of -D_c V."},
-                       {"power_feedforward_w", 1, "The same, of D_c V_d + Lambda A_d."},
-                       {"power_nullspace_w", 1, "The same, of the null space."},
-                       {"power_coriolis_w", 1, "The same, of C dq."},
-                       {"power_force_w", 1, "The same, of F_f'."},
-                       {"power_force_damping_w", 1, "The same, of D_z."},
-                       {"power_set_point_w", 1, "Into the spring, by set-point, stiffness and valve."},
-                       {"power_other_w", 1, "Into the arm, by features and limits."},
-                       {"energy_made_up_j", 1, "Valve law 'paper': what its tanks gave without having it."},
-                       {"tangential_force_n", 3, "Part of F_f' across n, world axes."},
-                       {"position_error_m", 3, "p_d - p, world axes."},
-                       {"orientation_error_rad", 3, "log(R_d R^T), world axes."}}},
-          [](ArmModels) -> std::unique_ptr<Controllet> { return std::make_unique<Ufic>(); }};
+  return {
+      {.type = "ufic",
+       .doc = "Unified force-impedance control: follows a pose and presses with a force, kept passive by "
+              "two energy tanks.",
+       .inputs = {{.name = "pose", .quantity = Quantity::pose, .doc = "X_WE set-point, in the world."},
+                  {.name = "wrench",
+                   .quantity = Quantity::wrench,
+                   .doc = "F_d, what the arm is to exert, world axes; its force counts, its moment does "
+                          "not.",
+                   .max_speed = 60}},
+       .parameters = parameters(),
+       .outputs = {{"force_desired_n", 1, "F_d along n."},
+                   {"force_estimated_n", 1, "F_hat along n."},
+                   {"force_command_n", 1, "F_f' along n."},
+                   {"in_contact", 1, "1 while the estimate says so."},
+                   {"gamma_f", 1, "gamma about the last contact."},
+                   {"alpha_f", 1, "Valve of the force tank."},
+                   {"alpha_i", 1, "Valve of the impedance tank: 0 leaves the spring, -1 takes it away."},
+                   {"force_tank_j", 1, "Energy of the force tank."},
+                   {"impedance_tank_j", 1, "Energy of the impedance tank."},
+                   {"stored_energy_j", 1, "Kinetic + spring + both tanks."},
+                   {"power_task_spring_w", 1, "Into the arm, over the period just gone."},
+                   {"power_task_damping_w", 1, "The same, of -D_c V."},
+                   {"power_feedforward_w", 1, "The same, of the set-point: (D_c + D_z) V_d + Lambda A_d."},
+                   {"power_nullspace_w", 1, "The same, of the null space."},
+                   {"power_coriolis_w", 1, "The same, of C dq."},
+                   {"power_force_w", 1, "The same, of F_f'."},
+                   {"power_force_damping_w", 1, "The same, of D_z."},
+                   {"power_set_point_w", 1, "Into the spring, by set-point, stiffness and valve."},
+                   {"power_other_w", 1, "Into the arm, by features and limits."},
+                   {"energy_made_up_j", 1, "Valve law 'paper': what its tanks gave without having it."},
+                   {"tangential_force_n", 3, "Part of F_f' across n, world axes."},
+                   {"position_error_m", 3, "p_d - p, world axes."},
+                   {"orientation_error_rad", 3, "log(R_d R^T), world axes."}}},
+      [](ArmModels) -> std::unique_ptr<Controllet> { return std::make_unique<Ufic>(); }};
 }
 
 }  // namespace multipanda

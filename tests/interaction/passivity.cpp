@@ -78,12 +78,22 @@ const char* name(Hostility hostility) {
   return "all";
 }
 
-Passivity passivity(Hostility hostility, double tank_start_j, bool paper_valve, std::uint32_t seed) {
+Passivity passivity(Hostility hostility, double tank_start_j, bool paper_valve, std::uint32_t seed,
+                    const PlantFidelity& plant) {
   Scene scene = task("task_4");
+  scene.plant = plant;
   std::erase_if(scene.timeline,
                 [](const auto& event) { return event.what == TimelineEvent::What::set_motion; });
   for (auto& event : scene.timeline) {
     if (event.name == "wrench" && hostility != Hostility::wall) event.values[2] = -30;
+  }
+  // Slower than the inputs' own limits, which lead the wrist beyond its velocity limit.
+  const Registry registry = Registry::with_builtins();
+  for (InputSpec input : registry.controllet("ufic")->statement.inputs) {
+    if (input.name != "pose") continue;
+    input.max_speed = 0.3;
+    input.max_angular_speed = 0.5;
+    scene.controllets[0].inputs = {input};
   }
   set(scene, "tank_start_j", {tank_start_j});
   set(scene, "valve_law", {paper_valve ? 1.0 : 0.0});

@@ -29,6 +29,7 @@ struct Passivity {
 };
 inline constexpr double kAllowance = 1e-3;  // [J/s]
 
-Passivity passivity(Hostility hostility, double tank_start_j, bool paper_valve, std::uint32_t seed);
+Passivity passivity(Hostility hostility, double tank_start_j, bool paper_valve, std::uint32_t seed,
+                    const PlantFidelity& plant = {});
 
 }  // namespace multipanda::trial

@@ -132,16 +132,23 @@ int main(int count, char** words) {
   }
   if (given.wants("passivity")) {
     std::printf(
-        "\nEnergy: most above start + what the contacts put in + 1 mJ/s\n%-8s %-6s %6s | %9s %9s | %9s "
+        "\nEnergy: most above start + what the contacts put in + 1 mJ/s\n%-9s %-6s %6s | %9s %9s | %9s "
         "%9s | %6s %6s %9s\n",
         "law", "run", "J", "excess J", "gain J", "least J", "made up J", "way m", "touch", "imbal. J");
-    for (const bool paper : {false, true}) {
+    struct Case {
+      const char* law;
+      bool paper_valve;
+      PlantFidelity plant;
+    };
+    for (const Case& c :
+         {Case{"passive", false, PlantFidelity::ideal()}, Case{"paper", true, PlantFidelity::ideal()},
+          Case{"realistic", false, PlantFidelity::realistic()}}) {
       for (const Hostility hostility : kHostilities) {
         for (const double start : {0.2, 0.5, 2.0, 100.0}) {
-          const Passivity p = passivity(hostility, start, paper, 1);
-          std::printf("%-8s %-6s %6.1f | %9.5f %9.5f | %9.4f %9.4f | %6.2f %6.2f %9.2g %s\n",
-                      paper ? "paper" : "passive", name(hostility), start, p.excess, p.gain, p.least_tank,
-                      p.made_up, p.moved, p.contact_share, p.imbalance, p.kept ? "" : "LAW LOST THE ARM");
+          const Passivity p = passivity(hostility, start, c.paper_valve, 1, c.plant);
+          std::printf("%-9s %-6s %6.1f | %9.5f %9.5f | %9.4f %9.4f | %6.2f %6.2f %9.2g %s\n", c.law,
+                      name(hostility), start, p.excess, p.gain, p.least_tank, p.made_up, p.moved,
+                      p.contact_share, p.imbalance, p.kept ? "" : "LAW LOST THE ARM");
           std::fflush(stdout);
         }
       }

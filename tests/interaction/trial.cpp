@@ -104,6 +104,12 @@ Run run(const Scene& scene, const Options& options) {
     q_before = q;
   }
   run.interventions = cycle.safety().counted(0);
+  for (std::size_t i = 1; i < static_cast<std::size_t>(Intervention::count_); ++i) {
+    const auto rule = static_cast<Intervention>(i);
+    if (const auto count = cycle.safety().counted(0, rule); count > 0) {
+      run.rules.append(to_string(rule)).append(" ").append(std::to_string(count)).append("; ");
+    }
+  }
   run.kept = modes.owner(0) == index;
   return run;
 }

@@ -29,6 +29,7 @@ struct Run {
   std::uint64_t interventions = 0;  // of the safety stage, limiter included
   bool kept = true;                 // the law still owned the arm at the end
   std::string fault;                // of the simulation
+  std::string rules;                // of the safety stage that acted, in words
 
   std::size_t column(const std::string& output) const;  // throws std::invalid_argument
   double at(const Sample& s, std::size_t column) const { return s.outputs[column]; }
