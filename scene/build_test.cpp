@@ -89,6 +89,42 @@ TEST(Build, EveryShippedSceneMakesACycleWithItsSchedule) {
   }
 }
 
+// What stands fixed is an obstacle, what is free is not; tools collide behind the last joint.
+TEST(Build, ControllersKnowWhatTheyMayNotTouch) {
+  const Registry registry = Registry::with_builtins();
+  const Scene scene = parse_scene(
+      "arms:\n"
+      "  - {name: a, tool_shapes: [{shape: sphere, diameter_m: 0.04, position_m: [0, 0, 0.2]},\n"
+      "                            {shape: box, size_m: [0.06, 0.04, 0.02], position_m: [0, 0, 0.1]}]}\n"
+      "  - {name: b, hand: false}\n"
+      "objects:\n"
+      "  - {name: floor, shape: plane, position_m: [0, 0, -1]}\n"
+      "  - {name: can, shape: cylinder, diameter_m: 0.2, length_m: 0.5, position_m: [1, 2, 3]}\n"
+      "  - {name: ball, shape: sphere, diameter_m: 0.1, fixed: false, mass_kg: 1, position_m: [2, 0, 1]}\n",
+      "s.yaml", registry);
+  const CycleConfig config = build_cycle_config(scene);
+  ASSERT_EQ(config.obstacles.size(), 2u);
+  EXPECT_EQ(config.obstacles[0].name, "floor");
+  EXPECT_EQ(config.obstacles[0].shape.kind, ConvexShape::Kind::half_space);
+  EXPECT_EQ(config.obstacles[0].X_WO.position, Vector3(0, 0, -1));
+  EXPECT_EQ(config.obstacles[1].shape.kind, ConvexShape::Kind::cylinder);
+  EXPECT_EQ(config.obstacles[1].shape.half, Vector3(0.1, 0, 0.25));
+
+  const auto& with_tool = config.arms[0].model->collision_shapes();
+  const auto& bare = config.arms[1].model->collision_shapes();
+  ASSERT_EQ(bare.size(), 10u);       // links
+  ASSERT_EQ(with_tool.size(), 14u);  // links, two of the hand, two of the tool
+  EXPECT_EQ(with_tool[12].joint, 6);
+  EXPECT_EQ(with_tool[12].shape.radius, 0.02);
+  ModelTerms terms(config.arms[0].model);
+  const Vector3 p_W = terms.X_WJ(6) * with_tool[12].X_JS * Vector3(0, 0, 0);
+  EXPECT_LT((p_W - terms.X_WF() * Vector3(0, 0, 0.2)).norm(), 1e-12);
+  EXPECT_EQ(with_tool[13].shape.half, Vector3(0.03, 0.02, 0.01));
+  for (const auto& [i, k] : config.arms[0].model->self_pairs()) {
+    EXPECT_TRUE(k < 12 || with_tool[i].joint < 5) << with_tool[i].name;  // not what the tool is mounted on
+  }
+}
+
 TEST(Build, ScheduleSaysWhatTheTimelineSays) {
   const Registry registry = Registry::with_builtins();
   const Scene scene = parse_scene(

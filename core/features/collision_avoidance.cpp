@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "core/features/collision_pairs.hpp"
 
@@ -12,6 +13,19 @@ enum Parameter : std::size_t { kRange, kStiffness, kDamping };
 enum Output : std::size_t { kSmallest, kActive, kPotential, kLargestForce };
 
 constexpr double kNothingNear = 10;  // [m] shown where no pair is nearer
+
+// With x = 1 - d/r: F/(k r) = h(x) = x / (1 - x), V/(k r^2) = -x - ln(1 - x): a spring of stiffness k at the
+// edge of the range that hardens without limit towards contact. From x = kHard on it goes on along its
+// tangent, so that force and stiffness stay bounded, also where bodies overlap.
+constexpr double kHard = 0.8;
+struct Wall {
+  double force, potential, slope;  // h, its integral, its derivative
+};
+Wall wall(double x) {
+  const double s = std::min(x, kHard), over = x - s;
+  const double force = s / (1 - s), slope = 1 / ((1 - s) * (1 - s));
+  return {force + slope * over, -s - std::log1p(-s) + force * over + 0.5 * slope * over * over, slope};
+}
 
 class CollisionAvoidance final : public Feature {
  public:
@@ -70,13 +84,15 @@ class CollisionAvoidance final : public Feature {
     double opening = 0;  // rate of the distance [m/s]
     if (to_a.size() > 0) opening += to_a.dot(context.scene_arms[a.arm].dq());
     if (to_b.size() > 0) opening -= to_b.dot(context.scene_arms[b.arm].dq());
-    const double range = parameters.number(kRange), depth = range - closest.distance;
-    const double force = parameters.number(kStiffness) * depth +
-                         parameters.number(kDamping) * depth / range * std::max(-opening, 0.0);
+    const double range = parameters.number(kRange), stiffness = parameters.number(kStiffness);
+    const double x = 1 - closest.distance / range;
+    const Wall w = wall(x);
+    const double damping = parameters.number(kDamping) * std::min(x, 1.0);
+    const double force = stiffness * range * w.force + damping * std::max(-opening, 0.0);
     if (to_a.size() > 0) push(context, a.arm, force, to_a);
     if (to_b.size() > 0) push(context, b.arm, -force, to_b);
     active_ += 1;
-    potential_ += 0.5 * parameters.number(kStiffness) * depth * depth;
+    potential_ += stiffness * range * range * w.potential;
     largest_force_ = std::max(largest_force_, force);
   }
 
@@ -102,10 +118,11 @@ FeatureType collision_avoidance_feature() {
                       {"stiffness_n_per_m",
                        "N/m",
                        1,
-                       {3000.0},
+                       {1000.0},
                        0,
                        20000,
-                       "Slope of the repulsive force inside the range, of every pair."},
+                       "Slope of the repulsive force at the edge of the range, of every pair; it hardens "
+                       "towards contact."},
                       {"damping_n_s_per_m",
                        "N s/m",
                        1,

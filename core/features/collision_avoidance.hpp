@@ -5,12 +5,13 @@
 namespace multipanda {
 
 // Repulsion between what could collide: the feature's own arms with each other, with themselves, with the
-// arms of other owners and with the scene's fixed obstacles. For a pair at distance d below the range r, with
-// n the unit vector from B's to A's closest point and v_n the rate at which the gap closes:
-//   V = 1/2 k (r - d)^2,   F = k (r - d) + D (r - d)/r max(v_n, 0),   tau_A += J_A^T n F,   tau_B -= J_B^T n
-//   F
-// J the Jacobians of the closest points. An arm of another owner is only looked at; its own feature pushes
-// it.
+// arms of other owners and with the scene's fixed obstacles. For a pair at distance d below the range r, x =
+// 1 - d/r, n the unit vector from B's to A's closest point and v_n the rate at which the gap closes:
+//   V = k r^2 (-x - ln(1 - x)),   F = -dV/dd + D x max(v_n, 0) = k r x/(1 - x) + D x max(v_n, 0),
+//   tau_A += J_A^T n F,   tau_B -= J_B^T n F,   J the Jacobians of the closest points.
+// A spring of stiffness k at the edge of the range that hardens towards contact; beyond x = 0.8 it goes on
+// along its tangent, so that forces stay bounded. An arm of another owner is only looked at: its own feature
+// pushes it.
 FeatureType collision_avoidance_feature();
 
 }  // namespace multipanda

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "scene/scene.hpp"
+
+// Arms that are led into something at a given speed, with and without collision avoidance, over MuJoCo.
+namespace multipanda::approach {
+
+enum class Kind { table, post, self, apart, together };  // apart, together: two arms, two controllets or one
+inline constexpr int kKinds = 5;
+std::string to_string(Kind kind);
+
+// A scene, and where its set-points go.
+struct Approach {
+  Kind kind = Kind::table;
+  Scene scene;  // its controllets have the feature switched on
+  double duration_s = 0;
+  double speed = 0;  // at which the gap closes [m/s]
+  // The set-points' ways from where the arms are, one per arm: of the end effector along the unit vector
+  // `way` [m], or of the joints along `joint_way`.
+  struct Path {
+    Vector3 way = Vector3::Zero();
+    JointVector joint_way = {};
+    double length = 0, rate = 0;  // in lengths of the way, per second
+  };
+  std::vector<Path> paths;
+};
+
+// Seeded; the kind follows from the seed. `attempt` draws another one of the same kind.
+Approach draw(std::uint32_t seed, std::uint32_t attempt);
+
+struct Outcome {
+  double start = 0;         // distance at the start [m]
+  double clearance = 1e9;   // smallest distance of any pair, from the plant's joints [m]
+  double speed = 0;         // at which the first gap closes as it falls below 0.05 m [m/s]
+  bool touched = false;     // MuJoCo saw a contact of an arm with the scene, itself or the other arm
+  double torque_share = 0;  // largest wanted torque (law plus feature) over its limit
+  std::uint64_t torque_cut = 0, rate_cut = 0;  // cycles in which the limiter cut the torque, or its rate
+  bool lost_free = false;                      // a law lost its arms before anything touched
+  std::string taken_out;                       // why a law lost its arms; empty: it did not
+};
+Outcome run(const Approach& approach, bool avoid);
+
+// The first draw of that seed that proves something: without the feature it begins apart, closes at about the
+// speed and touches, and no limit stops it before. `without` is that run.
+Approach draw_touching(std::uint32_t seed, Outcome& without);
+
+}  // namespace multipanda::approach
