@@ -22,10 +22,12 @@ CommandTrace::CommandTrace(const RecordLayout& layout, Options options)
       samples_(options.samples),
       arms_(options.samples * layout.arms.size()),
       whole_ns_(options.samples + kAfterTheLast) {
-  for (const auto& instance : layout_.instances) {
+  if (options.instance < layout_.instances.size()) {
+    const auto& instance = layout_.instances[options.instance];
     for (const auto& output : instance.outputs) {
-      const bool of_feature = std::any_of(instance.features.begin(), instance.features.end(),
-                                          [&](const auto& name) { return output.name.starts_with(name); });
+      const bool of_feature =
+          std::any_of(instance.features.begin(), instance.features.end(),
+                      [&](const auto& name) { return output.name.starts_with(name + "."); });
       if (of_feature && output.size == 1)
         columns_.push_back({instance.name + "/" + output.name, output.offset});
     }
@@ -40,10 +42,10 @@ void CommandTrace::step_done(const Tick& tick) {
 }
 
 bool CommandTrace::begins(const CycleRecord& record) {
-  if (options_.streaming_instance != 0xFFFF && !streaming()) {
+  if (options_.streaming && !streaming()) {
     for (std::size_t i = 0; i < record.reference_count; ++i) {
       const auto& reference = record.references[i];
-      if (reference.instance == options_.streaming_instance && reference.streaming)
+      if (reference.instance == options_.instance && reference.streaming)
         streaming_.store(true, std::memory_order_release);
     }
     if (!streaming()) return false;

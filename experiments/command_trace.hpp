@@ -19,8 +19,9 @@ class CommandTrace {
   struct Options {
     std::size_t lead = 1000;      // cycles left out after it could begin
     std::size_t samples = 30000;  // cycles kept
-    // Begin only when this instance follows a stream. 0xFFFF: begin at once.
-    std::uint16_t streaming_instance = 0xFFFF;
+    // Whose features' outputs are kept. 0xFFFF: nobody's.
+    std::uint16_t instance = 0xFFFF;
+    bool streaming = false;  // begin only when it follows a stream
   };
 
   CommandTrace(const RecordLayout& layout, Options options);

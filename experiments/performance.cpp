@@ -38,7 +38,7 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
                                  const ExperimentProgress& progress) {
   const PerformanceSettings settings = performance_settings(experiment);
   const auto conditions = chosen(experiment, settings, options.only);
-  for (const auto& condition : conditions)  // a wrong one is refused before anything runs
+  for (const auto& condition : settings.conditions)  // a wrong one is refused before anything runs
     (void)changed_scene(experiment, settings.scene, settings.plant, condition.set);
   const std::size_t repeats = options.repeats.value_or(experiment.repeats);
   const PerformanceRun run{.experiment = experiment,

@@ -116,10 +116,11 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   if (instance == kNoInstance)
     throw std::invalid_argument("condition " + condition.name + ": the scene has no controllet '" +
                                 condition.controllet + "'");
-  trace = std::make_unique<CommandTrace>(
-      session.modes().layout(),
-      CommandTrace::Options{
-          .lead = cycles(settings.lead_s), .samples = cycles(duration_s), .streaming_instance = instance});
+  trace = std::make_unique<CommandTrace>(session.modes().layout(),
+                                         CommandTrace::Options{.lead = cycles(settings.lead_s),
+                                                               .samples = cycles(duration_s),
+                                                               .instance = instance,
+                                                               .streaming = true});
   session.start();
   GeneratorProcess generator({.program = own_program(),
                               .course = condition.course,

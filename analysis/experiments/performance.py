@@ -65,7 +65,7 @@ def disturbances(plan, conditions):
     others = [c["usage"]["others_percent"]["mean"] for c in conditions.values() if c["usage"].get("others_percent")]
     cores = int(plan["machine"]["cores"])
     if others and max(others) > 10:
-        out.append(f"Other processes used {page.figures(min(others), 2)} to {page.figures(max(others), 2)} % of a core, out of {cores} cores "
+        out.append(f"Other processes used {_range(others, 2)} % of a core, out of {cores} cores "
                    f"(load before {plan['load_before']:.1f}, after {plan['load_after']:.1f}). Medians stand for the program, tails for the machine.")
     waited = [c["usage"]["loop_waited_percent"]["mean"] for c in conditions.values() if c["usage"].get("loop_waited_percent")]
     if waited and max(waited) > 100 * DISTURBED_SHARE:
@@ -158,7 +158,8 @@ def _sections(plan, results, variants, drawn):
         _delay_table(conditions), *shown("delays", "Plants with known delays, and what both ways find.")]))
     sections.append(("load", "CPU and memory", [
         page.paragraph(f"Every {_interval(plan):g} s from /proc. The control process is loop, simulation of both arms, live input and this measurement (about "
-                       f"{_trace_mb(plan):.0f} MB of it); its memory is locked, so it counts as resident whether it was used or not. The generator is a process of its own."),
+                       f"{_trace_mb(plan):.0f} MB of it); its memory is locked, so it counts as resident whether it was used or not. One process runs all conditions; what it "
+                       "keeps from one counts in the next. The generator is a process of its own."),
         _load_table(conditions), *shown("usage", "First repeat of each condition.")]))
     if results["switching"]:
         sections.append(("switching", "Switching", [*_switch_text(results["switching"]), _switch_table(results["switching"]),
@@ -196,9 +197,10 @@ def _paper_table(plan, results):
     whole = [c["whole_us"]["median"] for c in conditions.values()]
     if delays:
         ours["delay_ms"] = f"{_range(delays)} ms by the plant, as configured; computing adds {_range(whole)} µs on an arm"
-    parts = [f"{name} {value:+.1f} µs" for name, value in added.items() if not name.startswith("C-")]
+    first = next(iter(conditions))
+    parts = [f"{name} {_us(conditions[name]['stages_us']['features'])} µs ({added[name]:+.1f} µs against {first})" for name in added]
     if parts:
-        ours["manipulability_us"] = ", ".join(parts) + f" (median against {next(iter(conditions))})"
+        ours["manipulability_us"] = "stage of the features, median (the whole control function): " + ", ".join(parts)
     switching = results["switching"]
     if switching and switching["controllet"]["received_to_first_torque_ms"]:
         f = switching["controllet"]["received_to_first_torque_ms"]
@@ -244,9 +246,9 @@ def _acting(conditions):
         near = f.get("control_three_pairs_us")
         rows.append([name, f"{100 * f['acting_share']:.0f} %", f"{f['largest_torque_nm']:.2f} N m", str(f["pairs_largest"]) if "pairs_largest" in f else "–",
                      f"{100 * f['three_pairs_share']:.0f} %" if "three_pairs_share" in f else "–",
-                     f"{_us(near)} µs ({near['count']} cycles)" if near else "–"])
+                     f"{_us(near)} µs ({near['count']} cycles)" if near else "–", f"{f['manipulability_least']:.3f}" if "manipulability_least" in f else "–"])
     return page.Raw("<h3>Features at work</h3>" + page.table(
-        ["condition", "cycles with a torque of a feature", "largest", "most pairs in range", "three or more pairs", "control function then, median"], rows, range(1, 6)))
+        ["condition", "cycles with a torque of a feature", "largest", "most pairs in range", "three or more pairs", "control function then, median", "least manipulability m"], rows, range(1, 7)))
 
 
 def _delay_table(conditions):

@@ -94,14 +94,20 @@ def _feature_figures(traces):
     torque = np.concatenate([np.max([np.max(np.abs(t[f"{arm}/tau_feature"]), axis=1) for arm in t.arms], axis=0) for t in traces])
     out["acting_share"] = float(np.mean(torque > 0))
     out["largest_torque_nm"] = float(torque.max())
-    pairs = [t.column("collision_avoidance.active_pairs") for t in traces]
-    if all(p is not None for p in pairs):
+    # A feature that is off shows zeros; one that is on shows at least how near the nearest pair is.
+    near = [t.column("collision_avoidance.smallest_distance_m") for t in traces]
+    if all(x is not None and np.all(x > 0) for x in near):
+        pairs = [t.column("collision_avoidance.active_pairs") for t in traces]
+        out["smallest_distance_m"] = float(min(x.min() for x in near))
         count = np.concatenate(pairs)
         control = np.concatenate([t.control_us for t in traces])
         out["pairs_largest"] = int(count.max())
         out["near_share"] = float(np.mean(count >= 1))
         out["three_pairs_share"] = float(np.mean(count >= 3))
         out["control_three_pairs_us"] = spread(control[count >= 3])
+    m = [t.column("manipulability.manipulability") for t in traces]
+    if all(x is not None and np.all(x > 0) for x in m):
+        out["manipulability_least"] = float(min(x.min() for x in m))
     return out
 
 

@@ -1,5 +1,6 @@
 """Pictures of a performance experiment. Each returns a figure, or None when there is nothing to show."""
 
+import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -49,11 +50,13 @@ def like_the_paper(conditions, arms):
                 continue
             windows = np.array(entry["windows_ms"])
             spots = x + (np.random.default_rng(k).uniform(-0.3, 0.3, len(windows)) * width)
-            axis.plot(spots, windows, "o", color=ARMS[i % 2], markersize=3, alpha=0.5, markeredgewidth=0, linestyle="none",
+            axis.plot(spots, windows, "o", color=ARMS[i % 2], markersize=4, markeredgewidth=0.5, markeredgecolor="white", linestyle="none", zorder=3,
                       label=f"{arm}: correlation, 1 s each" if k == 0 else None)
             if entry["sequence_ms"] is not None:
-                axis.plot([x - 0.4 * width, x + 0.4 * width], [entry["sequence_ms"]["mean"]] * 2, color=ARMS[i % 2], linewidth=2.2, solid_capstyle="butt",
-                          label=f"{arm}: by sequence number, mean" if k == 0 else None)
+                mean = entry["sequence_ms"]["mean"]
+                axis.plot([x - 0.4 * width, x + 0.4 * width], [mean] * 2, color=style.INK, linewidth=1.0, solid_capstyle="butt", zorder=2,
+                          label="by sequence number, mean" if k == i == 0 else None)
+                axis.annotate(f"{mean:.3f}", (x, mean), (0, 7), textcoords="offset points", ha="center", fontsize=8, color=style.INK)
     axis.axhline(0.5, color=PAPER, linewidth=0.9, linestyle=(0, (4, 3)), label="paper, real arms: about 0.5 ms")
     axis.set_ylim(0, max(1.6, 1.25 * max((w for c in conditions.values() for d in c["delay"].values() for w in d["windows_ms"]), default=1)))
     axis.set_title("Delay of the commanded torque, per arm")
@@ -121,6 +124,10 @@ def tails(traces):
             _tail(axis, np.concatenate([values(t) for t in traces[name]]), colours[name], name)
         axis.set_xscale("log")
         axis.set_yscale("log")
+        low, high = axis.get_xlim()
+        axis.set_xlim(10 ** np.floor(np.log10(low)), 10 ** np.ceil(np.log10(high)))
+        axis.xaxis.set_major_formatter(matplotlib.ticker.StrMethodFormatter("{x:g}"))
+        axis.xaxis.set_minor_formatter(matplotlib.ticker.NullFormatter())
         axis.set_title(title)
         axis.set_xlabel("[µs]")
     axes[2].axvline(period, color=style.FAINT, linewidth=0.8, linestyle=(0, (4, 3)))
@@ -133,25 +140,24 @@ def tails(traces):
 def usage(traces):
     """CPU and memory over time, one column per condition (first repeat)."""
     names = list(traces)
-    figure, axes = plt.subplots(2, len(names), figsize=(style.WIDTH_IN, 3.7), dpi=style.DPI, sharey="row", squeeze=False)
-    lines = (("process_percent", "control process", style.JOINTS[0]), ("loop_percent", "its loop", style.JOINTS[2]),
-             ("generator_percent", "generator", style.JOINTS[3]), ("others_percent", "everybody else", "#b9c3cd"))
+    figure, axes = plt.subplots(3, len(names), figsize=(style.WIDTH_IN, 4.9), dpi=style.DPI, sharey="row", sharex="col", squeeze=False, height_ratios=(2, 1, 1))
+    panels = ((0, "process_percent", "control process", style.JOINTS[0]), (0, "loop_percent", "its loop", style.JOINTS[2]),
+              (0, "generator_percent", "generator", style.JOINTS[3]), (1, "others_percent", "everybody else", style.JOINTS[6]),
+              (2, "memory_mb", "memory of the control process", style.JOINTS[5]))
     for k, name in enumerate(names):
         entry = traces[name][0].entry
         columns = entry["usage_columns"]
         rows = np.array(entry["usage"], dtype=float).reshape(-1, len(columns))
-        t = rows[:, 0]
-        for column, label, colour in lines:
-            axes[0, k].plot(t, rows[:, columns.index(column)], color=colour, label=label)
-        axes[1, k].plot(t, rows[:, columns.index("memory_mb")], color=style.JOINTS[5])
+        for row, column, label, colour in panels:
+            axes[row, k].plot(rows[:, 0], rows[:, columns.index(column)], color=colour, label=label)
         axes[0, k].set_title(name)
-        axes[1, k].set_xlabel("t [s]")
-        axes[1, k].set_ylim(bottom=0)
-        axes[0, k].set_ylim(bottom=0)
-    axes[0, 0].set_ylabel("CPU [% of one core]")
-    axes[1, 0].set_ylabel("memory [MB]")
-    figure.tight_layout(rect=(0, 0, 1, 0.93))
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="upper left", ncols=4, bbox_to_anchor=(0.07, 1.0))
+        axes[2, k].set_xlabel("t [s]")
+    for row, label in enumerate(("CPU [% of one core]", "CPU [%]", "memory [MB]")):
+        axes[row, 0].set_ylabel(label)
+        axes[row, 0].set_ylim(0, 1.1 * axes[row, 0].get_ylim()[1])  # shared: not before all is drawn
+    figure.tight_layout(rect=(0, 0, 1, 0.95))
+    handles = [h for row in range(3) for h in axes[row, 0].get_lines()]
+    figure.legend(handles, [h.get_label() for h in handles], loc="upper left", ncols=5, bbox_to_anchor=(0.06, 1.0), columnspacing=1.3)
     return figure
 
 
@@ -163,7 +169,7 @@ def switching(plan_switching):
         if not rows:
             continue
         total = [(x["received_to_taken_us"] + x["taken_to_first_torque_us"]) * 1e-3 for x in rows]
-        axes[0].plot(range(1, len(rows) + 1), total, "o", color=colour, markersize=3.6, markeredgewidth=0, alpha=0.85, label=f"{kind}: request to first torque")
+        axes[0].plot(range(1, len(rows) + 1), total, "o", color=colour, markersize=3.6, markeredgewidth=0, alpha=0.85, label=kind)
         values = np.sort([x["taken_to_first_torque_us"] for x in rows])
         axes[1].plot(values, np.arange(1, len(values) + 1) / len(values), color=colour, drawstyle="steps-post", label=kind)
     axes[0].axhspan(2.117 - 0.493, 2.117 + 0.493, color=PAPER, alpha=0.12, linewidth=0)
@@ -171,6 +177,7 @@ def switching(plan_switching):
     axes[0].set_ylim(bottom=0)
     axes[0].set_ylim(top=max(3.6, axes[0].get_ylim()[1]))
     axes[0].set_xlabel("trial")
+    axes[0].xaxis.set_major_locator(matplotlib.ticker.MaxNLocator(integer=True))
     axes[0].set_ylabel("[ms]")
     axes[0].set_title("From the request to the first torque")
     axes[0].legend(loc="upper left", ncols=3, columnspacing=1.2)
@@ -186,17 +193,23 @@ def delay_checks(checks):
     """Delays that the plant was given, and what the two ways found. checks: [(configured_ms, {arm: figures})]"""
     if not checks:
         return None
-    figure, axis = plt.subplots(figsize=(style.WIDTH_IN * 0.55, 2.9), dpi=style.DPI)
+    figure, (axis, errors) = plt.subplots(1, 2, figsize=(style.WIDTH_IN, 2.9), dpi=style.DPI)
     largest = max(c for c, _ in checks)
     axis.plot([0, largest], [0, largest], color="#b9c3cd", linewidth=1, label="as configured", zorder=1)
+    errors.axhline(0, color="#b9c3cd", linewidth=1)
+    x = np.array([c for c, _ in checks])
     for i, arm in enumerate(checks[0][1]):
-        x = np.array([c for c, _ in checks])
-        axis.plot(x + 0.05 * (i - 0.5), [a[arm]["correlation_ms"]["median"] for _, a in checks], "o", color=ARMS[i % 2], markersize=5,
-                  linestyle="none", label=f"{arm}: correlation", markerfacecolor="none")
-        axis.plot(x + 0.05 * (i - 0.5), [a[arm]["sequence_ms"]["median"] for _, a in checks], "x", color=ARMS[i % 2], markersize=5, linestyle="none",
-                  label=f"{arm}: sequence number")
-    axis.set_xlabel("delay of the simulated plant [ms]")
-    axis.set_ylabel("delay found [ms]")
+        for panel, less in ((axis, 0 * x), (errors, x)):
+            for key, marker, what in (("correlation_ms", "o", "correlation"), ("sequence_ms", "x", "sequence number")):
+                found = np.array([np.nan if a[arm][key] is None else a[arm][key]["median"] for _, a in checks])
+                panel.plot(x + 0.06 * (i - 0.5), (found - less) * (1 if panel is axis else 1e3), marker, color=ARMS[i % 2], markersize=5.5, linestyle="none",
+                           markerfacecolor="none", label=f"{arm}: {what}")
+    for panel, what in ((axis, "delay found [ms]"), (errors, "found less configured [µs]")):
+        panel.set_xlabel("delay of the simulated plant [ms]")
+        panel.set_ylabel(what)
+        panel.xaxis.set_major_locator(matplotlib.ticker.MultipleLocator(1))
+    span = max(1.0, 1.4 * max(abs(v) for v in errors.get_ylim()))
+    errors.set_ylim(-span, span)
     axis.legend(loc="upper left")
     figure.tight_layout()
     return figure

@@ -1,0 +1,132 @@
+#!/usr/bin/env python3
+"""Runs the performance experiment as a user would, shortened, and checks what comes out.
+
+    performance_run_test.py PROGRAM
+
+No figure of time is judged here: the machine may be busy. What must hold on any machine is: every cycle and every
+switch is there, the delay of the plant is found, the bystander is not touched, and figures agree with each other.
+"""
+
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+PROGRAM = None
+PATIENCE = 280  # [s]
+FIGURES = {"median", "mean", "deviation", "p1", "p25", "p75", "p95", "p99", "p999", "worst", "least", "count"}
+
+
+def experiment(*words):
+    return subprocess.run([PROGRAM, "experiment", *map(str, words)], capture_output=True, text=True, timeout=PATIENCE)
+
+
+class Shipped(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory()
+        cls.done = experiment("controller-performance", "--fast", "--json", "--out", cls.folder.name)
+        cls.results = json.loads(cls.done.stdout) if cls.done.stdout.strip() else None
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.folder.cleanup()
+
+    def setUp(self):
+        self.assertIsNotNone(self.results, self.done.stderr)
+
+    def test_passes(self):
+        self.assertEqual(self.results["problems"], [])
+        self.assertEqual((self.done.returncode, self.results["passed"]), (0, True), self.done.stderr)
+        self.assertTrue(self.results["fast"])
+        self.assertEqual(self.results["duration_s"], 3)
+        self.assertIn("shortened (--fast)", pathlib.Path(self.results["report"]).read_text(encoding="utf-8"))
+
+    def test_has_the_five_conditions_whole(self):
+        self.assertEqual(list(self.results["conditions"]), ["NF", "CA", "MA", "CA-MA", "C-MA"])
+        for name, c in self.results["conditions"].items():
+            self.assertEqual(c["cycles"], 3000, name)
+            for part in ("control_us", "whole_us", "period_us", "jitter_us"):
+                self.assertEqual(set(c[part]), FIGURES, (name, part))
+            for f in (c["control_us"], c["whole_us"]):
+                self.assertEqual(f["count"], 3000)
+                self.assertGreater(f["least"], 0)
+                for low, high in (("least", "p1"), ("p1", "median"), ("median", "p99"), ("p99", "p999"), ("p999", "worst")):
+                    self.assertLessEqual(f[low], f[high], (name, low, high))
+            self.assertLess(c["control_us"]["median"], c["whole_us"]["median"])
+            self.assertAlmostEqual(sum(s["mean"] for k, s in c["stages_us"].items() if k != "write"), c["control_us"]["mean"], delta=1)
+            usage = c["usage"]
+            self.assertGreaterEqual(usage["process_percent"]["count"], 5, name)
+            self.assertGreaterEqual(usage["process_percent"]["mean"], usage["loop_percent"]["mean"], name)
+            self.assertGreater(usage["loop_percent"]["mean"], 0, name)
+            self.assertGreater(usage["memory_mb"]["median"], 10, name)
+            (generator,) = c["generator"]
+            (channel,) = generator["channels"]
+            self.assertGreater(channel["received"], 1000, name)
+            self.assertEqual(channel["refused"], 0, name)
+
+    def test_features_run_where_they_should(self):
+        acting = {name: c["features"]["acting_share"] for name, c in self.results["conditions"].items()}
+        self.assertEqual(acting["NF"], 0)
+        for name in ("MA", "CA-MA", "C-MA"):  # a Panda near its home pose is below m_0
+            self.assertGreater(acting[name], 0.9, acting)
+        for name in ("CA", "CA-MA"):
+            self.assertIn("pairs_largest", self.results["conditions"][name]["features"])
+
+    def test_finds_the_delay_of_the_plant(self):
+        found = {c["configured_ms"]: c["arms"] for c in self.results["delay_checks"]}
+        self.assertEqual(list(found), [0, 1, 2, 3])
+        places = [(configured, arms) for configured, arms in found.items()]
+        places += [(c["configured_delay_ms"], c["delay"]) for c in self.results["conditions"].values()]
+        for configured, arms in places:
+            self.assertEqual(list(arms), ["left", "right"])
+            for arm in arms.values():
+                self.assertAlmostEqual(arm["correlation_ms"]["median"], configured, delta=0.02)
+                self.assertEqual({arm["sequence_ms"]["least"], arm["sequence_ms"]["worst"]}, {configured})
+                self.assertEqual(arm["unmatched"], 0)
+
+    def test_switches_in_the_next_cycle(self):
+        for kind in ("controllet", "feature"):
+            k = self.results["switching"][kind]
+            self.assertEqual((k["trials"], k["accepted"], k["in_the_next_cycle"]), (50, 50, 50), kind)
+            self.assertGreater(k["received_to_first_torque_ms"]["least"], 0)
+        self.assertGreater(self.results["switching"]["bystander_cycles"], 1000)
+        self.assertEqual(self.results["switching"]["bystander_different"], 0)
+
+    def test_machine_and_pictures(self):
+        for key in ("processor", "cores", "kernel", "memory_mb"):
+            self.assertIn(key, self.results["machine"])
+        folder = pathlib.Path(self.results["report"]).parent
+        for name in ("index", "stages", "tails", "usage", "delays", "switching"):
+            self.assertTrue((folder / f"{name}.png").is_file(), name)
+        self.assertFalse((folder / "data").exists())
+
+
+class Words(unittest.TestCase):
+    def test_refusals(self):
+        with tempfile.TemporaryDirectory() as folder:
+            shipped = next(pathlib.Path(__file__).resolve().parent.glob("controller-performance.yaml")).read_text(encoding="utf-8")
+            base = str(pathlib.Path(__file__).resolve().parent)
+            absolute = shipped.replace("scenes/", f"{base}/scenes/").replace("courses/", f"{base}/courses/")
+            for change, expected in ((("lead_s: 1", "led_s: 1"), "'lead_s'"), (("plant: realistic", "plant: 3"), "plant"),
+                                     (("controllet: dual, course", "controllet: dul, course"), "'dul'"), (("duration_s: 30", "duration_s: -1"), "above 0"),
+                                     (("[manipulability]", "[manipulabilty]"), "'manipulability'")):
+                self.assertIn(change[0], absolute)
+                file = pathlib.Path(folder) / "changed.yaml"
+                file.write_text(absolute.replace(*change), encoding="utf-8")
+                done = experiment(file, "--fast", "--out", folder, "--only", "NF")
+                self.assertNotEqual(done.returncode, 0, change)
+                self.assertIn(expected, done.stderr, change)
+
+    def test_only_one_condition(self):
+        with tempfile.TemporaryDirectory() as folder:
+            done = experiment("controller-performance", "--fast", "--only", "NX", "--out", folder)
+            self.assertNotEqual(done.returncode, 0)
+            self.assertIn("there is no condition 'NX'", done.stderr)
+
+
+if __name__ == "__main__":
+    PROGRAM = sys.argv.pop(1)
+    unittest.main()
