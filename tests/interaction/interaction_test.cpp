@@ -106,7 +106,7 @@ TEST(Interaction, ATableThatVanishes) {
 
 // Through contact loss, moving walls and jumping set-points, with tanks nearly empty and full.
 TEST(Interaction, StoredEnergyNeverExceedsWhatCameIn) {
-  const std::uint32_t rounds = full() ? 10 : 1;
+  const std::uint32_t rounds = full() ? 5 : 1;
   for (std::uint32_t seed = 1; seed <= rounds; ++seed) {
     for (const Hostility hostility : kHostilities) {
       for (const double start : {0.2, 0.5, 2.0, 100.0}) {
