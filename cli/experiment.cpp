@@ -22,12 +22,23 @@ struct Options {
   std::string out = "runs";
 };
 
+// Whether any limit is about the variant.
+bool is_judged(const Experiment& experiment, const ExperimentVariant& variant) {
+  return std::any_of(experiment.limits.begin(), experiment.limits.end(), [&](const auto& limit) {
+    return limit.variants.empty()
+               ? !variant.reported
+               : std::find_first_of(limit.variants.begin(), limit.variants.end(), variant.tags.begin(),
+                                    variant.tags.end()) != limit.variants.end();
+  });
+}
+
 void list_as_json() {
   auto list = nlohmann::ordered_json::array();
   for (const auto& name : available_experiments()) {
     const Experiment experiment = load_experiment(name);
     auto variants = nlohmann::ordered_json::array();
-    for (const auto& variant : experiment.variants) variants.push_back(variant.name);
+    for (const auto& variant : experiment.variants)
+      variants.push_back({{"name", variant.name}, {"judged", is_judged(experiment, variant)}});
     list.push_back({{"name", name},
                     {"title", experiment.title},
                     {"kind", experiment.kind},

@@ -15,7 +15,7 @@
 namespace multipanda {
 
 // A value put into the scene file before it is read. The key is a path: "objects.table.friction"; an item of
-// a list is found by its name, or by its number from 0.
+// a list is found by its name, by its number from 0, or by a key that it has.
 struct Override {
   std::string key;
   std::string value;  // as YAML

@@ -36,6 +36,10 @@ std::ptrdiff_t index_of(const YAML::Node& list, const std::string& word) {
     if (item.IsMap() && item["name"] && item["name"].IsScalar() && item["name"].Scalar() == word)
       return static_cast<std::ptrdiff_t>(i);
   }
+  for (std::size_t i = 0; i < list.size(); ++i) {  // events have no names
+    const YAML::Node item = list[i];
+    if (item.IsMap() && item[word]) return static_cast<std::ptrdiff_t>(i);
+  }
   return -1;
 }
 

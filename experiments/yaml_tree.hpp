@@ -16,7 +16,8 @@ std::string yaml_text(const YAML::Node& node);
 nlohmann::ordered_json yaml_json(const YAML::Node& node);
 
 // Puts a value into the tree. The path's last key may be new, everything before it must be there; items of
-// lists are named by their `name` or their number. Throws SceneError at the override's place.
+// lists are named by their `name`, by their number, or by a key that they have (the first that has it).
+// Throws SceneError at the override's place.
 void put(YAML::Node& root, const Override& change);
 
 // Moves the number at the path, or each of the list there, by amounts that `draw` returns within +-1, times

@@ -14,7 +14,7 @@ YAML::Node tree() {
       "objects:\n"
       "  - {name: floor, shape: plane}\n"
       "  - {name: table, friction: 0.3, position_m: [0.4, 0, 0.3], contact: {stiffness_n_per_m: 10000}}\n"
-      "timeline: [{at_s: 1}, {at_s: 2}]\n");
+      "timeline: [{at_s: 1, stop: all}, {at_s: 2, motion: {period_s: 3}}]\n");
 }
 
 std::string refusal(const std::function<void()>& work) {
@@ -31,6 +31,7 @@ TEST(YamlTree, ValuesArePutByNameAndByNumber) {
   put(root, {.key = "objects.table.contact.stiffness_n_per_m", .value = "1000", .place = {}});
   put(root, {.key = "objects.table.position_m.2", .value = "0.5", .place = {}});
   put(root, {.key = "timeline.1.at_s", .value = "7", .place = {}});
+  put(root, {.key = "timeline.motion.motion.period_s", .value = "4", .place = {}});
   put(root, {.key = "objects.0", .value = "{name: ground, shape: plane}", .place = {}});
   put(root, {.key = "objects.table.contact.damping_ratio", .value = "0.3", .place = {}});  // a new key
   put(root, {.key = "seed", .value = "5", .place = {}});
@@ -41,6 +42,7 @@ TEST(YamlTree, ValuesArePutByNameAndByNumber) {
   EXPECT_EQ(root["objects"][0]["name"].as<std::string>(), "ground");
   EXPECT_EQ(root["timeline"][0]["at_s"].as<double>(), 1);
   EXPECT_EQ(root["timeline"][1]["at_s"].as<double>(), 7);
+  EXPECT_EQ(root["timeline"][1]["motion"]["period_s"].as<double>(), 4);
   EXPECT_EQ(root["seed"].as<int>(), 5);
   EXPECT_EQ(root["plant"]["fidelity"].as<std::string>(), "ideal");
 }

@@ -3,7 +3,7 @@
 
     experiments_test.py PROGRAM NAME...
 
-A seeded tenth of the variants (at least one) of each; with MULTIPANDA_FULL in the environment all of them.
+A seeded tenth of the variants with limits (at least one) of each; with MULTIPANDA_FULL in the environment all variants.
 """
 
 import json
@@ -21,9 +21,10 @@ def variants_of(program, name):
 
 
 def chosen(program, name):
-    names = variants_of(program, name)
+    variants = variants_of(program, name)
     if os.environ.get("MULTIPANDA_FULL"):
-        return names
+        return [v["name"] for v in variants]
+    names = [v["name"] for v in variants if v["judged"]]
     return sorted(random.Random(f"{name} 1").sample(names, max(1, round(len(names) / 10))))
 
 

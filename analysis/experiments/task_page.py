@@ -27,14 +27,14 @@ def _figures(index):
     return (*task_metrics.figures(run), task_metrics.series_of(run), run.window)
 
 
-def number(metric, value):
+def number(metric, value, digits=3):
     """With its unit, as people read it."""
     _, unit, factor = task_metrics.NAMES.get(metric, (metric, "", 1))
-    return f"{page.figures(value * factor)} {unit}".strip()
+    return f"{page.figures(value * factor, digits)} {unit}".strip()
 
 
 def _label(metric, value):
-    return f"{task_metrics.NAMES.get(metric, (metric,))[0]} {number(metric, value)}"
+    return f"{task_metrics.NAMES.get(metric, (metric,))[0]} {number(metric, value, 4)}"
 
 
 def summarise(plan, runs, series):
@@ -83,11 +83,16 @@ def _paths(chosen, plants):
 def _problems(plan, rows, runs):
     """(why it did not pass, what is worth knowing of variants that are only reported)"""
     reported = {v["name"] for v in plan["variants"] if v["reported"]}
-    problems, notes = [verdicts.sentence(row, _label) for row in rows if not row["passed"]], []
+    empty = {(r["plant"], r["variant"], r["repeat"]) for r in runs if not r["metrics"]}  # one sentence for each is enough
+    problems = [verdicts.sentence(row, _label) for row in rows
+                if not row["passed"] and (row["plant"], row["variant"], row["repeat"]) not in empty]
+    notes = []
     for run in runs:
         found = [f"{run['name']}: {fault}" for fault in run["faults"]]
         if run["window"] is None and (plan["measure"] or {}).get("window"):
             found.append(f"{run['name']}: the window never began (no contact?)")
+        elif not run["metrics"]:
+            found.append(f"{run['name']}: it ended before its window, {run['window'][0]:.2f} to {run['window'][1]:.2f} s, did: nothing was measured")
         (notes if run["variant"] in reported else problems).extend(found)
     return problems, notes
 

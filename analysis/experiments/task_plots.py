@@ -44,19 +44,21 @@ def _bars(axis, groups, names, colours, hatches=None):
 
 
 def _ticks(axis, variants):
+    """Names of variants below their bars: as they are where they fit, else leaning."""
     labels = [v["label"] for v in variants]
     axis.set_xticks(range(len(labels)))
-    long = max(len(x) for x in labels) * len(labels) > 30
-    axis.set_xticklabels(labels, rotation=35 if long else 0, ha="right" if long else "center", rotation_mode="anchor", fontsize=7.5)
+    room = axis.figure.get_size_inches()[0] / axis.get_subplotspec().get_gridspec().ncols - 0.8  # inches of the panel
+    fits = max(len(x) for x in labels) * 0.062 < room / len(labels)
+    axis.set_xticklabels(labels, rotation=0 if fits else 38, ha="center" if fits else "right", rotation_mode="anchor", fontsize=7)
     axis.grid(False, axis="x")
-    axis.tick_params(axis="x", length=0)
+    axis.tick_params(axis="x", length=0, pad=2)
 
 
 def six_bars(summary, variants, plants, published):
     """The six kinds of error, against targets and between plants, over variants and plants; published figures as lines."""
     titles = {"q": "joint position q", "dq": "joint velocity dq", "tau": "joint torque τ", "x": "end effector x", "f": "force F",
               "c_err": "control error C"}
-    figure, axes = _grid(6, 3, 2.0 if len(variants) < 4 else 2.5)
+    figure, axes = _grid(6, 3, 2.0) if len(variants) <= 5 else _grid(6, 2, 2.4)
     for axis, (key, rmse, _) in zip(axes, task_metrics.SIX):
         _, unit, factor = task_metrics.NAMES[rmse]
 
@@ -80,7 +82,7 @@ def six_bars(summary, variants, plants, published):
         _ticks(axis, variants)
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncol=len(labels), bbox_to_anchor=(0.5, 0.0))
-    figure.tight_layout(rect=(0, 0.07, 1, 1), h_pad=1.0)
+    figure.tight_layout(rect=(0, 0.3 / figure.get_size_inches()[1], 1, 1), h_pad=1.0)
     return figure
 
 
@@ -273,9 +275,10 @@ def _draw_tanks(axis, runs):
                                ("stored_energy_j", "all stored", {"color": style.INK, "linewidth": 0.8, "linestyle": (0, (4, 2))})):
         found = run.output(instance, name)
         if found is not None:
-            _line(axis, *found, label=label, **looks)
-    axis.set_title("energy")
-    axis.set_ylabel("energy [J]")
+            first = found[1][np.flatnonzero(np.isfinite(found[1]))[0]]
+            _line(axis, found[0], found[1] - first, label=f"{label} ({first:.3g} J)", **looks)
+    axis.set_title("energy, less what it was at the start")
+    axis.set_ylabel("change [J]")
 
 
 def _draw_valves(axis, runs):
@@ -356,7 +359,7 @@ def paths(chosen, plants):
             t, p, _ = run.pose(path["arm"])
             inside = run.inside(t)
             axis.plot(1e3 * p[inside, 0], 1e3 * p[inside, 1], color=colour(plant, plants), linewidth=1.0, label=plant)
-        axis.set_aspect("equal", adjustable="datalim")
+        axis.set_aspect("equal", adjustable="box")
         axis.set_title(variant["label"], fontsize=8)
     for axis in axes[-1]:
         axis.set_xlabel("x [mm]")
