@@ -28,6 +28,7 @@ TEST_F(MujocoGuard, EveryControlletFeatureAndSwitch) {
   Scene scene = load_scene("two_arms", registry);
   scene.plant = PlantFidelity::realistic();
   scene.timeline.clear();
+  for (auto& arm : scene.arms) arm.known_friction = true;  // a feature wants it
   scene.controllets.clear();
   for (const auto& type : registry.controllets()) {
     InstanceConfig config{.name = "a_" + type.statement.type, .type = type.statement.type};
