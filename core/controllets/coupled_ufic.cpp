@@ -82,6 +82,7 @@ class CoupledUfic final : public Controllet {
     touched_ = false;
     gamma_ = touch_distance_ = shift_ = shift_from_ = shift_to_ = integral_ = made_up_ = 0;
     shift_fade_.reset(true);
+    affordable_ = 1;
     const Settings settings(*context.parameters);
     force_tank_.start(context.parameters->number(kTankStart), settings.tanks);
     impedance_tank_.start(context.parameters->number(kTankStart), settings.tanks);
@@ -124,14 +125,17 @@ class CoupledUfic final : public Controllet {
       feedforward += Lambda.leftCols<6>() * target.A_d.vector;
     }
     feedforward.head<3>() += carried(settings, target, frame, dt);
+    // D_z against the velocity takes energy; with the set-point's velocity it may give some.
+    feedforward.segment<3>(6) += settings.squeeze_damping * n.dot(Vector3(V_d.segment<3>(6))) * n;
     feedforward *= s;
+    affordable_ = affordable(feedforward.dot(V) * dt, dt, settings.tanks);
+    feedforward *= affordable_;
 
     const double v_n = n.dot(Vector3(V.segment<3>(6)));
     const double command = squeeze(settings, v_n, dt);
     Vector12 force = Vector12::Zero(), force_damping = Vector12::Zero();
     force.segment<3>(6) = -command * n;
-    force_damping.segment<3>(6) =
-        -settings.squeeze_damping * (v_n - s * n.dot(Vector3(V_d.segment<3>(6)))) * n;
+    force_damping.segment<3>(6) = -settings.squeeze_damping * v_n * n;
 
     const Vector12 spring = s * springs_.wrench(frame);
     const Vector12 damping = -(D * V);
@@ -242,6 +246,14 @@ class CoupledUfic final : public Controllet {
     return work;
   }
 
+  // The share of a work that a tick may take: no more power than would empty the tank within kEmptying. So a
+  // fast set-point cannot overdraw it before its valve has shut, and what is cut is cut gently.
+  double affordable(double work_j, double dt, const TankLimits& limits) const {
+    constexpr double kEmptying = 0.05;  // [s]
+    const double purse = dt / kEmptying * std::max(0.0, impedance_tank_.energy() - limits.min_j);
+    return work_j > purse ? purse / work_j : 1.0;
+  }
+
   // Phases of the grasp; gamma and where A is held along n follow from the touch. False: not finite.
   bool follow_grasp(const ControlContext& context, const CooperativeFrame& frame, Settings settings,
                     const CartesianTarget& target) {
@@ -289,7 +301,8 @@ class CoupledUfic final : public Controllet {
     const double held = grasp_.ramp();
     if (grasp_.phase() == Phase::grasp) {
       const double e_z = target.X_W_d.position.z() - frame.X_WA.position.z();
-      integral_ += settings.vertical_integral * held * e_z * dt;
+      // What the tank cannot pay for must not pile up.
+      integral_ += settings.vertical_integral * held * springs_.scale * affordable_ * e_z * dt;
       integral_ = std::clamp(integral_, -settings.vertical_integral_limit, settings.vertical_integral_limit);
     } else {
       integral_ *= std::exp(-dt / Fade::kDuration);
@@ -364,6 +377,7 @@ class CoupledUfic final : public Controllet {
   Fade shift_fade_;
   double shift_ = 0, shift_from_ = 0, shift_to_ = 0;  // of A's set-point along n [m]
   double integral_ = 0, vertical_ = 0;                // [N]
+  double affordable_ = 1;                             // share of the feed-forward in the last tick
   bool touched_ = false;
   double touch_distance_ = 0, gamma_ = 0, alpha_f_ = 0, made_up_ = 0;
   EnergyTank force_tank_, impedance_tank_;

@@ -115,6 +115,28 @@ TEST(CoupledInteraction, NoEnergyComesFromNowhereWhenTheBoxVanishes) {
   }
 }
 
+TEST(CoupledInteraction, NoEnergyComesFromNowhereUnderIllTreatment) {
+  for (const double tank : {0.2, 0.5, 2.0, 100.0}) {
+    Scene scene = scene_on(PlantFidelity::ideal());
+    set(scene, "tank_start_j", {tank});
+    const grasp::Run result = ill_treated(scene, 7);
+    EXPECT_TRUE(result.kept && result.fault.empty()) << tank;
+    EXPECT_LE(energy_excess(result, 1e-3), 0.0) << tank;
+    EXPECT_GT(result.samples.back().t, 12.9) << tank;
+    // Something did happen: the contacts moved a good part of a joule to and fro.
+    double traffic = 0, before = 0;
+    for (const auto& s : result.samples) {
+      traffic += std::abs(s.environment - before);
+      before = s.environment;
+    }
+    EXPECT_GT(traffic, 0.5) << tank;
+    for (const auto& s : result.samples) {
+      ASSERT_GT(result.at(s, "impedance_tank_j"), -0.02) << tank << " at " << s.t;
+      ASSERT_GT(result.at(s, "force_tank_j"), -0.02) << tank << " at " << s.t;
+    }
+  }
+}
+
 // The same measure finds what the printed valve law makes out of nothing: a check that can fail.
 TEST(CoupledInteraction, ThePrintedValveLawIsNotPassive) {
   Scene scene = scene_on(PlantFidelity::ideal());

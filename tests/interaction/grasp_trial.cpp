@@ -219,6 +219,45 @@ void paper_gains(Scene& scene, bool its_force_gains) {
   set(scene, "squeeze_damping_n_s_per_m", {0});
 }
 
+Run ill_treated(Scene scene, std::uint32_t seed) {
+  constexpr double kFrom = 6, kTo = 11;
+  std::mt19937 random(seed);
+  const auto draw = [&](double low, double high) {
+    return std::uniform_real_distribution<double>(low, high)(random);
+  };
+  std::erase_if(scene.timeline,
+                [](const auto& event) { return event.what == TimelineEvent::What::set_motion; });
+  for (double t = kFrom; t < kTo; t += draw(0.1, 0.8)) {
+    TimelineEvent jump;
+    jump.at_s = t;
+    jump.what = TimelineEvent::What::set_reference;
+    jump.controllet = scene.controllets[0].name;
+    jump.name = "pose";
+    jump.duration_s = 0.4;  // faster ones end at the joints' speed limit
+    const Quaternion q(exp_rotation({draw(-0.1, 0.1), draw(-0.1, 0.1), draw(-0.1, 0.1)}));
+    jump.values = {draw(0.46, 0.54), draw(-0.04, 0.04), draw(0.37, 0.45), q.w(), q.x(), q.y(), q.z()};
+    scene.timeline.push_back(jump);
+  }
+  struct Pull {
+    double at = 0;
+    Vector3 force;
+  };
+  std::vector<Pull> pulls;
+  for (double t = kFrom; t < kTo; t += draw(0.1, 0.6)) {
+    pulls.push_back({t, {draw(-8, 8), draw(-8, 8), draw(-8, 8)}});
+  }
+  pulls.push_back({kTo, Vector3::Zero()});
+  scene.duration_s = kTo + 2;
+  return run(scene, [&](double t, MujocoBackend& backend) {
+    const World& world = backend.world();
+    const int body = world.objects()[*world.find_object("box")].body;
+    for (const auto& pull : pulls) {
+      if (t < pull.at) break;
+      for (int i = 0; i < 3; ++i) backend.world().data()->xfrc_applied[6 * body + i] = pull.force[i];
+    }
+  });
+}
+
 Pushed push_box(Scene scene, const Vector3& force) {
   // Held on the table's height, the table gone: nothing but the hands holds the box.
   constexpr double kTableGone = 5.5, kPush = 6.5, kEnd = 11.5;

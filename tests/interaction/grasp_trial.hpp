@@ -80,6 +80,9 @@ struct Loss {
   std::uint64_t interventions = 0;
   bool kept = true;
 };
+// Grasped, then ill-treated for five seconds: the set-point jumps about, somebody pulls at the box.
+Run ill_treated(Scene scene, std::uint32_t seed);
+
 // A steady force on the box, which hangs between the hands.
 struct Pushed {
   Vector3 box = Vector3::Zero();    // how far it went [m]

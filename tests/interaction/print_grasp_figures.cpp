@@ -1,7 +1,7 @@
 // Prints the figures of task 5 as tables: grasp_figures [table ...] [parameter=number,number,...]
 // [trace=FILE]
-// [repeats=NUMBER] Tables: repeats, surfaces, paper, tanks, gone. Without words all of them; parameters are
-// changes to try.
+// [repeats=NUMBER] Tables: repeats, surfaces, paper, tanks, treated, gone. Without words all of them;
+// parameters are changes to try.
 #include <cstdio>
 #include <set>
 #include <sstream>
@@ -150,6 +150,29 @@ int main(int count, char** words) {
       std::snprintf(name, sizeof name, "%g J", tank);
       row(name, result);
       std::printf("%-26s   energy beyond start and environment: %.2e J\n", "", energy_excess(result, 1e-3));
+    }
+  }
+  if (given.wants("treated")) {
+    std::printf("\nIll-treated: energy beyond start and environment, at 1e-3 W\n%-26s | %10s %10s %10s %9s\n",
+                "", "excess J", "least T_i", "least T_f", "rate");
+    for (const auto& plant : plants) {
+      for (const double tank : {0.2, 0.5, 2.0, 100.0}) {
+        Scene scene = scene_on(plant);
+        set(scene, "tank_start_j", {tank});
+        const Run result = ill_treated(scene, 7);
+        if (!given.trace.empty())
+          write_trace(given.trace + ".treated." + plant.name + std::to_string(tank), result);
+        double least_i = 1e9, least_f = 1e9, rate = 0;
+        for (const auto& s : result.samples) {
+          least_i = std::min(least_i, result.at(s, "impedance_tank_j"));
+          least_f = std::min(least_f, result.at(s, "force_tank_j"));
+          if (s.t > 0.3) rate = std::max(rate, s.rate);
+        }
+        char name[48];
+        std::snprintf(name, sizeof name, "%s, %g J", plant.name.c_str(), tank);
+        std::printf("%-26s | %10.2e %10.4f %10.4f %9.0f %s\n", name, energy_excess(result, 1e-3), least_i,
+                    least_f, rate, result.kept ? "" : "NOT KEPT");
+      }
     }
   }
   if (given.wants("gone")) {
