@@ -62,6 +62,7 @@ struct Experiment {
   std::size_t repeats = 5;
   std::vector<ExperimentLimit> limits;
   std::vector<PublishedFigure> published;
+  std::vector<std::string> show;  // figures shown as bars although nothing limits them
 
   // Kind `task`
   std::string scene;  // path of the scene file

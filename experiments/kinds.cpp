@@ -90,7 +90,8 @@ Json describe(const Experiment& experiment) {
             {"title", experiment.title},         {"description", experiment.description},
             {"seed", experiment.seed},           {"plants", experiment.plants},
             {"measure", experiment.measure},     {"settings", experiment.settings},
-            {"limits", limits_json(experiment)}, {"machine", describe_machine()}};
+            {"limits", limits_json(experiment)}, {"show", experiment.show},
+            {"machine", describe_machine()}};
   plan["variants"] = Json::array();
   for (const auto& variant : experiment.variants) {
     Json set = Json::object();

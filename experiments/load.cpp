@@ -192,6 +192,7 @@ Experiment read_experiment(const Mapping& root) {
                                     .value = mapping.has("value") ? mapping.number("value") : 0,
                                     .text = mapping.text("text")});
   }
+  for (const auto& name : root.text_items("show")) experiment.show.push_back(name.node().Scalar());
   if (experiment.kind == kTaskKind) read_task(root, experiment);
   if (root.has("settings")) experiment.settings = yaml_json(root.entry("settings").node());
   experiment.limits = read_limits(root, experiment);

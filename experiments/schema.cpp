@@ -189,6 +189,7 @@ const Section& experiment() {
                                  .doc = "Of every variant on every plant."},
                                 list("limits", limit(), "What is passed or failed."),
                                 list("published", published(), "Figures of others."),
+                                names("show", "Figures shown as bars although nothing limits them."),
                                 text("scene", "Scene file, relative to this file."),
                                 open("set", "Values put into the scene of every variant, by key path."),
                                 names("plants", "Named sets of the plant's fidelity."),

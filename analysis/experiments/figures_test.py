@@ -83,6 +83,9 @@ class Figures(unittest.TestCase):
         figures, _ = task_metrics.figures(run_of(invent()))
         self.assertAlmostEqual(figures["path_rms_m"], 0.003, places=9)
         self.assertAlmostEqual(figures["path_max_m"], 0.003, places=9)
+        self.assertAlmostEqual(figures["x_rmse_m"], 0.003, places=9)
+        measure = dict(MEASURE, path=dict(MEASURE["path"], plane="xyz"))
+        figures, _ = task_metrics.figures(run_of(invent(), measure))
         self.assertAlmostEqual(figures["x_rmse_m"], np.hypot(0.003, 0.05), places=9)
 
     def test_torques(self):

@@ -119,7 +119,7 @@ def make(plan, folder):
 
     places = {(r["plant"], r["variant"], r["repeat"]): i for i, r in enumerate(runs)}
     jobs = [("six", task_plots.six_bars, (summary, variants, plants, plan["published"])),
-            ("limits", task_plots.limit_bars, (rows, summary, variants, plants)),
+            ("limits", task_plots.limit_bars, (rows, summary, variants, plants, plan.get("show") or [])),
             ("paths", _paths, ([(v, {p: places[p, v["name"], 1] for p in plants if (p, v["name"], 1) in places}) for v in variants], plants))]
     for v in variants:
         by_plant = {p: [places[p, v["name"], r] for r in range(1, plan["repeats"] + 1) if (p, v["name"], r) in places] for p in plants}

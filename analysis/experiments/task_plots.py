@@ -86,10 +86,11 @@ def six_bars(summary, variants, plants, published):
     return figure
 
 
-def limit_bars(rows, summary, variants, plants):
-    """Every limited figure: mean of the repeats as bar, span as line, limits as red marks."""
+def limit_bars(rows, summary, variants, plants, shown=()):
+    """Every limited figure, and those asked for: mean of the repeats as bar, span as line, limits as red marks."""
     names = list(dict.fromkeys(row["metric"] for row in rows if row["metric"] in task_metrics.NAMES
                                and row["metric"] not in ("limiter_hits", "held", "contact_to_window_s", "contact_lost_s")))
+    names += [name for name in shown if name in task_metrics.NAMES and name not in names]
     if not names:
         return None
     long = max(len(v["label"]) for v in variants) * len(variants) > 30
@@ -114,6 +115,9 @@ def limit_bars(rows, summary, variants, plants):
                         axis.plot([x - width / 2, x + width / 2], [factor * row["limit"]] * 2, color=style.LIMIT, linewidth=1.4, solid_capstyle="butt")
         axis.set_title(what)
         axis.set_ylabel(f"[{unit}]" if unit else "")
+        if not any(x is not None for values in groups for x in values):
+            axis.set_visible(False)
+            continue
         bottom = [row["limit"] * factor for row in rows if row["metric"] == name and row["bound"] == "at_least"]
         everything = [x for pair in spans for span in pair for x in span if x is not None] + [row["limit"] * factor for row in rows if row["metric"] == name]
         if bottom and min(everything) > 0.5 * max(everything):  # a band: zero is far away
@@ -169,6 +173,10 @@ def sheet(runs_by_plant, label):
     height = sum(h for _, h in rows) + 0.34 * len(rows) + 0.75
     figure, axes = plt.subplots(len(rows), len(plants), figsize=(style.WIDTH_IN, height), dpi=style.DPI, squeeze=False, sharex=True,
                                 sharey="row", gridspec_kw={"height_ratios": [h for _, h in rows]})
+    # By hand: tight_layout would draw everything once more to find the same.
+    mean = (height - 0.75) / len(rows) - 0.34
+    figure.subplots_adjust(left=0.7 / style.WIDTH_IN, right=1 - 1.75 / style.WIDTH_IN, top=1 - 0.27 / height, bottom=0.45 / height,
+                           hspace=0.36 / mean, wspace=0.05)
     for column, plant in enumerate(plants):
         for row, (draw, _) in enumerate(rows):
             axis = axes[row][column]
@@ -189,7 +197,6 @@ def sheet(runs_by_plant, label):
         handles, labels = axes[row][0].get_legend_handles_labels()
         if handles:
             axes[row][-1].legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0))
-    figure.tight_layout(rect=(0, 0, 1, 1), h_pad=0.6)
     return figure
 
 
@@ -264,7 +271,7 @@ def _draw_loss(axis, runs):
         t, speed = run.speed(run.measure["loss"]["arm"])
         _line(axis, t, speed, color=TRUE, alpha=1 if number == 0 else 0.25, linewidth=0.9)
     axis.axvline(runs[0].measure["loss"]["at_s"], color=style.INTERVENTION, linewidth=0.9)
-    axis.set_title("speed of the end effector; the surface vanishes at the line")
+    axis.set_title("speed; the surface is gone at the line")
     axis.set_ylabel("speed [m/s]")
     axis.from_zero = True
 
@@ -361,8 +368,10 @@ def paths(chosen, plants):
             axis.plot(1e3 * p[inside, 0], 1e3 * p[inside, 1], color=colour(plant, plants), linewidth=1.0, label=plant)
         axis.set_aspect("equal", adjustable="box")
         axis.set_title(variant["label"], fontsize=8)
-    for axis in axes[-1]:
-        axis.set_xlabel("x [mm]")
+    for column in range(columns):
+        last = [axis for axis in axes[:, column] if axis.get_visible()][-1]
+        last.tick_params(labelbottom=True)
+        last.set_xlabel("x [mm]")
     for axis in axes[:, 0]:
         axis.set_ylabel("y [mm]")
     handles, labels = axes.flat[0].get_legend_handles_labels()
