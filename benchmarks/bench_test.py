@@ -38,14 +38,17 @@ class Json(unittest.TestCase):
         expected |= {f"{law}+joint_limits/2" for law in DUAL}
         self.assertLessEqual(expected, set(self.results["cycle_us"]))
         self.assertEqual(set(self.results["switch_ms"]), {"controllet", "feature"})
-        self.assertEqual(set(self.results["realtime_factor"]), set(ARMS))
+        self.assertEqual(set(self.results["realtime_factor"]), set(ARMS) | {"2+features"})
+        acting = {"collision_avoidance", "joint_limits", "manipulability", "all"}
+        self.assertLessEqual(acting | {"none"}, set(self.results["features_us"]))
+        self.assertLessEqual(acting, set(self.results["feature_adds_us"]))
         self.assertEqual(set(self.results["limits_us"]),
                          {"pinocchio_terms", "dual_cartesian_impedance"} | {f"mj_step/{n}" for n in ARMS})
         self.assertLessEqual({"cpu", "cores", "kernel", "governor", "real_time_kernel", "compiler", "build_type"},
                              set(self.results["machine"]))
 
     def test_figures_are_ordered_and_positive(self):
-        for section in ("cycle_us", "switch_ms", "limits_us"):
+        for section in ("cycle_us", "features_us", "switch_ms", "limits_us"):
             for key, figures in self.results[section].items():
                 self.assertEqual(set(figures), {"median", "p999", "worst"}, key)
                 self.assertGreater(figures["median"], 0, key)
@@ -58,6 +61,11 @@ class Json(unittest.TestCase):
         cycle, limits = self.results["cycle_us"], self.results["limits_us"]
         expected = cycle["dual_cartesian_impedance/2"]["median"] / limits["dual_cartesian_impedance"]["median"]
         self.assertAlmostEqual(self.results["ratios"]["dual_cartesian_impedance/2 to bare maths"], expected, 3)
+
+    def test_features_neither_allocate_nor_lock(self):
+        for key, calls in self.results["loop_calls"].items():
+            self.assertEqual(calls, {"heap": 0, "locks": 0}, key)
+        self.assertIn("all", self.results["loop_calls"])
 
     def test_the_number_of_samples_is_told(self):
         self.assertEqual(self.results["samples"], 20)

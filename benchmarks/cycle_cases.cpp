@@ -36,14 +36,18 @@ std::vector<RealtimeFactor> measure_realtime_factor(const Registry& registry, st
                                                     std::size_t cycles, double budget_s,
                                                     const Filter& wanted) {
   struct Run {
-    std::size_t arms;
+    std::string name;
     std::unique_ptr<SimulationLoop> loop;
     std::vector<double> factors;
   };
   std::vector<Run> runs;
+  const auto add = [&](const std::string& name, std::size_t count, const std::vector<std::string>& features) {
+    if (!wanted("realtime_factor/" + name)) return;
+    runs.push_back({name, std::make_unique<SimulationLoop>(count, registry, features), {}});
+  };
   for (const std::size_t count : kArmCounts) {
-    if (!wanted(fmt::format("realtime_factor/{}", count))) continue;
-    runs.push_back({count, std::make_unique<SimulationLoop>(count, registry), {}});
+    add(std::to_string(count), count, {});
+    if (count == 2) add("2+features", count, {"collision_avoidance", "manipulability"});
   }
   const HostTime begin = host_now();
   for (std::size_t chunk = 0; chunk < chunks && seconds(host_now() - begin) < budget_s; ++chunk) {
@@ -57,7 +61,7 @@ std::vector<RealtimeFactor> measure_realtime_factor(const Registry& registry, st
   std::vector<RealtimeFactor> factors;
   for (Run& run : runs) {
     run.loop->verify();
-    factors.push_back({run.arms, figures_of(run.factors).median});
+    factors.push_back({run.name, figures_of(run.factors).median});
   }
   return factors;
 }

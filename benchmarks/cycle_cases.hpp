@@ -13,7 +13,7 @@ namespace multipanda::bench {
 std::vector<Case> cycle_cases(const Arms& arms, const Registry& registry, const Filter& wanted);
 
 struct RealtimeFactor {
-  std::size_t arms = 0;
+  std::string name;   // "2"; "2+features": with collision avoidance and manipulability
   double factor = 0;  // simulated time over time on the wall: median of the chunks
 };
 // In turns, `chunks` chunks of `cycles` control cycles each; ends early after a whole turn when `budget_s` is

@@ -19,6 +19,7 @@ CycleConfig cycle_config(const Arms& arms, std::size_t count, std::vector<Instan
   CycleConfig config;
   config.arms.assign(arms.arms.begin(), arms.arms.begin() + static_cast<std::ptrdiff_t>(count));
   config.controllets = std::move(instances);
+  config.obstacles = arms.obstacles;
   return config;
 }
 
@@ -56,16 +57,20 @@ Target slow_goal(const Reference& input) {
 Scene scene_of(std::size_t arms, const Registry& registry) {
   std::string text = "name: benchmark\narms:\n";
   for (std::size_t i = 0; i < arms; ++i) {
-    text += fmt::format("  - {{name: arm{}, model: fer, base: {{position_m: [{}, {}, 0]}}}}\n", i,
-                        2 * (i / 2), i % 2 == 0 ? 0.26 : -0.26);
+    text += fmt::format(
+        "  - {{name: arm{}, model: fer, known_friction: model, base: {{position_m: [{}, {}, 0]}}}}\n", i,
+        2 * (i / 2), i % 2 == 0 ? 0.26 : -0.26);
   }
   text += "objects:\n  - {name: floor, shape: plane}\n";
   return parse_scene(text, "benchmark.yaml", registry);
 }
 
-Arms::Arms(const Registry& registry) {
-  const Scene scene = scene_of(kMaxArms, registry);
-  arms = build_cycle_config(scene).arms;
+Arms::Arms(const Registry& registry) : Arms(scene_of(kMaxArms, registry)) {}
+
+Arms::Arms(const Scene& scene) {
+  const CycleConfig config = build_cycle_config(scene);
+  arms = config.arms;
+  obstacles = config.obstacles;
   // All arms of the scene are alike.
   configs.assign(scene.arms.size(), arm_config(scene.arms.front()));
   for (const auto& arm : arms) models.push_back(arm.model);
@@ -133,8 +138,10 @@ Scene simulation_scene(std::size_t arms, const Registry& registry) {
   return scene;
 }
 
-SimulationLoop::SimulationLoop(std::size_t arms, const Registry& registry)
+SimulationLoop::SimulationLoop(std::size_t arms, const Registry& registry,
+                               const std::vector<std::string>& features)
     : scene_(simulation_scene(arms, registry)) {
+  for (auto& law : scene_.controllets) law.features = features;
   world_ = std::make_unique<MujocoBackend>(scene_, MujocoOptions{.pace = Pace::unpaced});
   cycle_ = std::make_unique<ControlCycle>(build_cycle_config(scene_), registry, *world_);
   laws_ = laws_of(cycle_->modes(), scene_.controllets.size());

@@ -20,9 +20,11 @@ Scene scene_of(std::size_t arms, const Registry& registry);
 // kMaxArms arms as the controllers know them: built once, the loops take the first few.
 struct Arms {
   explicit Arms(const Registry& registry);
+  explicit Arms(const Scene& scene);
   std::vector<CycleConfig::Arm> arms;
   std::vector<std::shared_ptr<const ArmModel>> models;
   std::vector<ArmConfig> configs;
+  std::vector<Obstacle> obstacles;
 };
 
 // One instance of the controllet per arm, or per pair of arms ("law0", "law1", ...).
@@ -56,10 +58,11 @@ std::shared_ptr<MotionLoop> motion_loop(const Arms& arms, std::size_t count, con
                                         const std::vector<std::string>& features = {});
 
 // A control cycle over MuJoCo, unpaced, nothing recorded. 1 arm: one Cartesian impedance. 2: the shipped
-// scene two_arms (hands, table, a free box) under DC. More: DC for each pair.
+// scene two_arms (hands, table, a free box) under DC. More: DC for each pair. `features` are on from the
+// start.
 class SimulationLoop {
  public:
-  SimulationLoop(std::size_t arms, const Registry& registry);
+  SimulationLoop(std::size_t arms, const Registry& registry, const std::vector<std::string>& features = {});
   void step() { cycle_->step(world_->wait()); }
   void verify() const;  // throws if the laws did not run to the end
 

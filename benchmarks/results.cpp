@@ -8,6 +8,7 @@
 
 #include "benchmarks/bare_cases.hpp"
 #include "benchmarks/cycle_cases.hpp"
+#include "benchmarks/feature_cases.hpp"
 #include "benchmarks/switching.hpp"
 #include "logs/machine.hpp"
 
@@ -67,13 +68,15 @@ nlohmann::ordered_json measure_all(const Effort& effort) {
   const Filter wanted(effort.filter);
   const Registry registry = Registry::with_builtins();
   Json results = {
-      {"cycle_us", Json::object()},  {"switch_ms", Json::object()}, {"realtime_factor", Json::object()},
-      {"limits_us", Json::object()}, {"ratios", Json::object()},    {"samples", 0},
+      {"cycle_us", Json::object()},   {"features_us", Json::object()}, {"feature_adds_us", Json::object()},
+      {"loop_calls", Json::object()}, {"switch_ms", Json::object()},   {"realtime_factor", Json::object()},
+      {"limits_us", Json::object()},  {"ratios", Json::object()},      {"samples", 0},
       {"machine", machine()}};
   const Arms arms(registry);
 
   std::vector<Case> cases = cycle_cases(arms, registry, wanted);
   for (Case& limit : bare_cases(arms, registry, wanted)) cases.push_back(std::move(limit));
+  for (Case& feature : feature_cases(registry, wanted)) cases.push_back(std::move(feature));
   measure_in_turns(cases, effort.samples, kTimingBudget);
   for (const Case& c : cases) {
     const std::size_t slash = c.name.find('/');
@@ -81,6 +84,14 @@ nlohmann::ordered_json measure_all(const Effort& effort) {
   }
   if (!cases.empty()) results["samples"] = cases.front().durations.size();
   cases.clear();
+  for (const auto& [name, figures] : results["features_us"].items()) {
+    const Json& none = at(results["features_us"], "none");
+    if (name == "none" || none.is_null()) continue;
+    results["feature_adds_us"][name] = number(figures["median"].get<double>() - none["median"].get<double>());
+  }
+  for (const auto& [name, calls] : count_feature_calls(registry, wanted)) {
+    results["loop_calls"][name] = {{"heap", calls.heap}, {"locks", calls.locks}};
+  }
 
   if (wanted("switch_ms/controllet") || wanted("switch_ms/feature")) {
     const auto times = measure_switching(arms, registry, std::min(kTrials, effort.samples), wanted);
@@ -94,7 +105,7 @@ nlohmann::ordered_json measure_all(const Effort& effort) {
   const std::size_t cycles = std::min<std::size_t>(250, effort.samples);
   const std::size_t chunks = std::max<std::size_t>(1, std::min<std::size_t>(20, effort.samples / 1000));
   for (const auto& run : measure_realtime_factor(registry, chunks, cycles, kSimulationBudget, wanted)) {
-    results["realtime_factor"][std::to_string(run.arms)] = number(run.factor);
+    results["realtime_factor"][run.name] = number(run.factor);
   }
 
   const Json& cycle = results["cycle_us"];
@@ -129,6 +140,7 @@ std::string markdown_of(const nlohmann::ordered_json& results) {
     text += "\n";
   };
   figures("cycle_us", "Control cycle", "µs");
+  figures("features_us", "Control cycle of two arms whose hands nearly meet, by feature", "µs");
   figures("limits_us", "Libraries alone", "µs");
   figures("switch_ms", "Switching", "ms");
   const auto numbers = [&](const char* section, const char* title, const char* format) {
@@ -139,6 +151,7 @@ std::string markdown_of(const nlohmann::ordered_json& results) {
     }
     text += "\n";
   };
+  numbers("feature_adds_us", "What a feature adds to that cycle [µs]", "{:.2f}");
   numbers("realtime_factor", "Simulation, times real time, by number of arms", "{:.1f}");
   numbers("ratios", "Ratios", "{:.3f}");
   text += fmt::format("### Machine\n\n| | |\n|---|---|\n| samples of each call | {} |\n",

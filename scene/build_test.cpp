@@ -96,7 +96,7 @@ TEST(Build, ControllersKnowWhatTheyMayNotTouch) {
       "arms:\n"
       "  - {name: a, tool_shapes: [{shape: sphere, diameter_m: 0.04, position_m: [0, 0, 0.2]},\n"
       "                            {shape: box, size_m: [0.06, 0.04, 0.02], position_m: [0, 0, 0.1]}]}\n"
-      "  - {name: b, hand: false}\n"
+      "  - {name: b, hand: false, base: {position_m: [0, 1, 0]}}\n"
       "objects:\n"
       "  - {name: floor, shape: plane, position_m: [0, 0, -1]}\n"
       "  - {name: can, shape: cylinder, diameter_m: 0.2, length_m: 0.5, position_m: [1, 2, 3]}\n"

@@ -287,7 +287,7 @@ Approach draw_touching(std::uint32_t seed, Outcome& without) {
     try {
       Approach approach = draw(seed, attempt);
       without = run(approach, false);
-      if (without.touched && !without.lost_free && without.start > kRange + 0.02 &&
+      if (without.touched && without.taken_out.empty() && without.start > kRange + 0.02 &&
           std::abs(without.speed - kSpeed) < 0.1) {
         return approach;
       }
@@ -354,9 +354,6 @@ Outcome run(const Approach& approach, bool avoid) {
     before = d;
     outcome.clearance = std::min(outcome.clearance, d);
     outcome.touched = outcome.touched || touches(backend);
-    for (ArmIndex i = 0; i < scene.arms.size(); ++i) {
-      outcome.lost_free = outcome.lost_free || (!outcome.touched && modes.owner(i) < scene.arms.size());
-    }
     for (std::size_t i = 0; i < scene.arms.size(); ++i) {
       const JointVector wanted = cycle.data().tau_controllet[i] + cycle.data().tau_feature[i];
       outcome.torque_share =

@@ -39,7 +39,6 @@ struct Outcome {
   bool touched = false;     // MuJoCo saw a contact of an arm with the scene, itself or the other arm
   double torque_share = 0;  // largest wanted torque (law plus feature) over its limit
   std::uint64_t torque_cut = 0, rate_cut = 0;  // cycles in which the limiter cut the torque, or its rate
-  bool lost_free = false;                      // a law lost its arms before anything touched
   std::string taken_out;                       // why a law lost its arms; empty: it did not
 };
 Outcome run(const Approach& approach, bool avoid);

@@ -1,0 +1,109 @@
+#include "benchmarks/feature_cases.hpp"
+
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+#include "benchmarks/loops.hpp"
+#include "core/rt/guard/loop_guard.hpp"
+#include "scene/load.hpp"
+
+namespace multipanda::bench {
+namespace {
+
+constexpr double kRange = 0.05, kSmall = 0.1;  // [m], manipulability
+constexpr double kPairs = 3;
+
+// Two Pandas that face each other, hands a few centimetres apart in the home configuration.
+Scene meeting_scene(const Registry& registry) {
+  return parse_scene(
+      "name: meeting\n"
+      "arms:\n"
+      "  - {name: arm0, model: fer, base: {position_m: [-0.357, 0.02, 0]}}\n"
+      "  - {name: arm1, model: fer, base: {position_m: [0.357, -0.02, 0], rpy_rad: [0, 0, "
+      "3.14159265358979]}}\n"
+      "objects:\n"
+      "  - {name: floor, shape: plane}\n",
+      "meeting.yaml", registry);
+}
+
+std::shared_ptr<MotionLoop> meeting(const Registry& registry, const std::vector<std::string>& features) {
+  const Arms arms(meeting_scene(registry));
+  return motion_loop(arms, 2, *registry.controllet("dual_cartesian_impedance"), registry, features);
+}
+
+// Of the first instance of the loop.
+double output(MotionLoop& loop, const std::string& name) {
+  const Instance& law = loop.cycle.modes().instance(loop.cycle.modes().find("law0"));
+  std::size_t at = 0;
+  for (const auto& spec : law.output_specs()) {
+    if (spec.name == name) return law.outputs()[at];
+    at += spec.size;
+  }
+  throw std::logic_error("no output " + name);
+}
+
+// Once through the whole table of states: does every feature act in all of them?
+void expect_acting(const Registry& registry) {
+  const auto loop = meeting(registry, {"collision_avoidance"});
+  for (std::size_t k = 0; k < SmoothMotion::kPeriods; ++k) {
+    loop->step();
+    if (output(*loop, "collision_avoidance.active_pairs") < kPairs ||
+        output(*loop, "collision_avoidance.smallest_distance_m") <= 0) {
+      throw std::runtime_error(
+          fmt::format("{} pairs within {} m, the nearest at {} m: at least {} were meant",
+                      output(*loop, "collision_avoidance.active_pairs"), kRange,
+                      output(*loop, "collision_avoidance.smallest_distance_m"), kPairs));
+    }
+    for (const ModelTerms& terms : loop->cycle.data().terms) {
+      ModelTerms here(terms.shared_model());
+      here.update(terms.q(), terms.dq());
+      if (here.manipulability() >= kSmall) throw std::runtime_error("the manipulability is not small");
+    }
+  }
+}
+
+std::map<std::string, std::vector<std::string>> combinations(const Registry& registry) {
+  std::map<std::string, std::vector<std::string>> sets{{"none", {}}};
+  std::vector<std::string> all;
+  for (const auto& feature : registry.features()) {
+    const std::string& name = feature.statement.type;
+    if (name == "friction_compensation") continue;  // the arms of this world have no friction to compensate
+    sets[name] = {name};
+    all.push_back(name);
+  }
+  sets["all"] = all;
+  return sets;
+}
+
+}  // namespace
+
+std::vector<Case> feature_cases(const Registry& registry, const Filter& wanted) {
+  std::vector<Case> cases;
+  for (const auto& [key, features] : combinations(registry)) {
+    const std::string name = "features_us/" + key;
+    if (!wanted(name)) continue;
+    if (cases.empty()) expect_acting(registry);
+    const std::shared_ptr<MotionLoop> loop = meeting(registry, features);
+    const InstanceSet meant = loop->cycle.modes().active();
+    cases.push_back({name, [loop] { loop->step(); }, [loop, meant] { loop->expect_active(meant); }});
+  }
+  return cases;
+}
+
+std::map<std::string, LoopCalls> count_feature_calls(const Registry& registry, const Filter& wanted) {
+  std::map<std::string, LoopCalls> calls;
+  if (!kLoopGuardWorks) return calls;
+  for (const auto& [key, features] : combinations(registry)) {
+    if (!wanted("loop_calls/" + key)) continue;
+    const std::shared_ptr<MotionLoop> loop = meeting(registry, features);
+    for (int k = 0; k < 100; ++k) loop->step();
+    LoopGuard::arm();
+    for (int k = 0; k < 10000; ++k) loop->step();
+    const LoopGuardCounts counts = LoopGuard::disarm();
+    calls[key] = {counts.heap_calls, counts.lock_calls};
+  }
+  return calls;
+}
+
+}  // namespace multipanda::bench
