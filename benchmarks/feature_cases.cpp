@@ -19,8 +19,9 @@ Scene meeting_scene(const Registry& registry) {
   return parse_scene(
       "name: meeting\n"
       "arms:\n"
-      "  - {name: arm0, model: fer, base: {position_m: [-0.357, 0.02, 0]}}\n"
-      "  - {name: arm1, model: fer, base: {position_m: [0.357, -0.02, 0], rpy_rad: [0, 0, "
+      "  - {name: arm0, model: fer, known_friction: model, base: {position_m: [-0.357, 0.02, 0]}}\n"
+      "  - {name: arm1, model: fer, known_friction: model, base: {position_m: [0.357, -0.02, 0], rpy_rad: "
+      "[0, 0, "
       "3.14159265358979]}}\n"
       "objects:\n"
       "  - {name: floor, shape: plane}\n",
@@ -68,7 +69,6 @@ std::map<std::string, std::vector<std::string>> combinations(const Registry& reg
   std::vector<std::string> all;
   for (const auto& feature : registry.features()) {
     const std::string& name = feature.statement.type;
-    if (name == "friction_compensation") continue;  // the arms of this world have no friction to compensate
     sets[name] = {name};
     all.push_back(name);
   }
