@@ -19,6 +19,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 constexpr double kPatience = 15;  // for the generator to begin [s]
+constexpr double kRest = 0.5;     // after the last set-point [s]
 constexpr double kPeriod = 0.001;
 
 std::size_t cycles(double s) { return static_cast<std::size_t>(std::llround(s / kPeriod)); }
@@ -150,6 +151,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   }
   const bool generator_lasted = generator.running();
   const Json generated = generator.finish();
+  session.wait_for_end(kRest);  // arms come to rest before they are held
   session.stop();
   const RunSummary summary = session.finish();
   if (run.progress.stopped()) return {};
