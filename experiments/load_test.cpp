@@ -6,6 +6,7 @@
 #include "experiments/experiment.hpp"
 #include "experiments/kinds.hpp"
 #include "experiments/task_runs.hpp"
+#include "scene/build.hpp"
 
 namespace multipanda {
 namespace {

@@ -120,7 +120,7 @@ def limit_bars(rows, summary, variants, plants, shown=()):
             continue
         bottom = [row["limit"] * factor for row in rows if row["metric"] == name and row["bound"] == "at_least"]
         everything = [x for pair in spans for span in pair for x in span if x is not None] + [row["limit"] * factor for row in rows if row["metric"] == name]
-        if bottom and min(everything) > 0.5 * max(everything):  # a band: zero is far away
+        if (bottom or name in ("force_low_n", "force_high_n")) and min(everything) > 0.5 * max(everything):  # a band: zero is far away
             room = 0.6 * (max(everything) - min(everything)) + 1e-9
             axis.set_ylim(min(everything) - room, max(everything) + room)
         else:
