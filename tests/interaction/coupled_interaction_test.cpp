@@ -96,6 +96,7 @@ TEST(CoupledInteraction, ATankLiftsAsFarAsItCanPayFor) {
     EXPECT_GT(f.lift, before) << tank;
     before = f.lift;
     EXPECT_LE(energy_excess(result, 1e-3), 0.0) << tank;
+    EXPECT_LT(energy_gain(result), 1e-3) << tank;
     EXPECT_EQ(f.interventions, 0u);
   }
   EXPECT_GT(before, 0.198);
@@ -109,6 +110,7 @@ TEST(CoupledInteraction, NoEnergyComesFromNowhereWhenTheBoxVanishes) {
     EXPECT_TRUE(loss.kept) << tank;
     EXPECT_NEAR(loss.squeezed, 20, 1.5) << tank << ": it was not squeezed";
     EXPECT_LE(loss.energy_excess, 0.0) << tank;
+    EXPECT_LT(loss.energy_gain, 1e-3) << tank;
     EXPECT_LT(loss.speed, 0.3) << tank;
     EXPECT_LT(loss.closed, 0.05) << tank;
     EXPECT_EQ(loss.interventions, 0u) << tank;
@@ -122,6 +124,7 @@ TEST(CoupledInteraction, NoEnergyComesFromNowhereUnderIllTreatment) {
     const grasp::Run result = ill_treated(scene, 7);
     EXPECT_TRUE(result.kept && result.fault.empty()) << tank;
     EXPECT_LE(energy_excess(result, 1e-3), 0.0) << tank;
+    EXPECT_LT(energy_gain(result), 1e-3) << tank;
     EXPECT_GT(result.samples.back().t, 12.9) << tank;
     // Something did happen: the contacts moved a good part of a joule to and fro.
     double traffic = 0, before = 0;

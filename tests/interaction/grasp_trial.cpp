@@ -185,18 +185,32 @@ Figures figures(const Run& run) {
   return figures;
 }
 
-double energy_excess(const Run& run, double allowed_w) {
+// Springs and tanks as the law has them, kinetic energy as the plant has it, less what the contacts put in.
+std::vector<double> energies(const Run& run) {
   const std::size_t stored = run.column("stored_energy_j"), kinetic = run.column("kinetic_energy_j");
-  double start = 0, most = -std::numeric_limits<double>::infinity();
-  bool begun = false;
+  std::vector<double> energies;
   for (const auto& s : run.samples) {
-    // Springs and tanks as the law has them, kinetic energy as the plant has it.
-    const double energy = s.outputs[stored] - s.outputs[kinetic] + s.kinetic - s.environment;
-    if (!begun) start = energy;
-    begun = true;
-    most = std::max(most, energy - start - allowed_w * s.t);
+    energies.push_back(s.outputs[stored] - s.outputs[kinetic] + s.kinetic - s.environment);
+  }
+  return energies;
+}
+
+double energy_excess(const Run& run, double allowed_w) {
+  const auto energy = energies(run);
+  double most = -std::numeric_limits<double>::infinity();
+  for (std::size_t k = 0; k < energy.size(); ++k) {
+    most = std::max(most, energy[k] - energy[0] - allowed_w * run.samples[k].t);
   }
   return most;
+}
+
+double energy_gain(const Run& run) {
+  double gain = 0, least = std::numeric_limits<double>::infinity();
+  for (const double energy : energies(run)) {
+    least = std::min(least, energy);
+    gain = std::max(gain, energy - least);
+  }
+  return gain;
 }
 
 void paper_gains(Scene& scene, bool its_force_gains) {
@@ -321,6 +335,7 @@ Loss box_vanishes(Scene scene, double at_s) {
   const Run result = run(scene);
   Loss loss;
   loss.energy_excess = energy_excess(result, 1e-3);
+  loss.energy_gain = energy_gain(result);
   loss.interventions = result.interventions;
   loss.kept = result.kept && result.fault.empty();
   const auto at = static_cast<std::size_t>(std::llround(at_s * 1000));

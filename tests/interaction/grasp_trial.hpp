@@ -66,6 +66,8 @@ Figures figures(const Run& run);
 // Energy of arms, springs and tanks beyond what it was at the start and what the contacts put in [J]: largest
 // over the run, less `allowed_w` times the time.
 double energy_excess(const Run& run, double allowed_w);
+// The same between any two instants, so that what was dissipated before excuses nothing [J].
+double energy_gain(const Run& run);
 
 // The paper's stiffness, nothing fed forward, no integral; with its PID on the force, divided by 200 N/m, or
 // with the scene's.
@@ -75,6 +77,7 @@ struct Loss {
   double speed = 0;          // largest of a hand after the box is gone [m/s]
   double closed = 0;         // that the hands came nearer to each other [m]
   double energy_excess = 0;  // at 1e-3 W [J]
+  double energy_gain = 0;    // [J]
   double rate = 0;           // before the limiter, afterwards [N m/s]
   double squeezed = 0;       // mean force right before [N]
   std::uint64_t interventions = 0;

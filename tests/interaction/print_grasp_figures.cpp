@@ -149,12 +149,14 @@ int main(int count, char** words) {
       char name[32];
       std::snprintf(name, sizeof name, "%g J", tank);
       row(name, result);
-      std::printf("%-26s   energy beyond start and environment: %.2e J\n", "", energy_excess(result, 1e-3));
+      std::printf("%-26s   energy beyond start and environment: %.2e J; largest gain %.2e J\n", "",
+                  energy_excess(result, 1e-3), energy_gain(result));
     }
   }
   if (given.wants("treated")) {
-    std::printf("\nIll-treated: energy beyond start and environment, at 1e-3 W\n%-26s | %10s %10s %10s %9s\n",
-                "", "excess J", "least T_i", "least T_f", "rate");
+    std::printf(
+        "\nIll-treated: energy beyond start and environment, at 1e-3 W\n%-26s | %10s %10s %10s %10s %9s\n",
+        "", "excess J", "gain J", "least T_i", "least T_f", "rate");
     for (const auto& plant : plants) {
       for (const double tank : {0.2, 0.5, 2.0, 100.0}) {
         Scene scene = scene_on(plant);
@@ -170,14 +172,14 @@ int main(int count, char** words) {
         }
         char name[48];
         std::snprintf(name, sizeof name, "%s, %g J", plant.name.c_str(), tank);
-        std::printf("%-26s | %10.2e %10.4f %10.4f %9.0f %s\n", name, energy_excess(result, 1e-3), least_i,
-                    least_f, rate, result.kept ? "" : "NOT KEPT");
+        std::printf("%-26s | %10.2e %10.2e %10.4f %10.4f %9.0f %s\n", name, energy_excess(result, 1e-3),
+                    energy_gain(result), least_i, least_f, rate, result.kept ? "" : "NOT KEPT");
       }
     }
   }
   if (given.wants("gone")) {
-    std::printf("\nThe box vanishes at 9 s\n%-26s | %9s %9s %9s %9s %9s\n", "", "speed m/s", "closed mm",
-                "energy J", "rate", "hits");
+    std::printf("\nThe box vanishes at 9 s\n%-26s | %9s %9s %9s %9s %9s %9s\n", "", "speed m/s", "closed mm",
+                "excess J", "gain J", "rate", "hits");
     for (const bool paper_law : {false, true}) {
       for (const double tank : {0.2, 0.5, 2.0, 100.0}) {
         Scene scene = scene_on(plants[0]);
@@ -186,8 +188,9 @@ int main(int count, char** words) {
         const Loss loss = box_vanishes(scene, 9.0);
         char name[48];
         std::snprintf(name, sizeof name, "%s, %g J", paper_law ? "paper" : "passive", tank);
-        std::printf("%-26s | %9.3f %9.1f %9.2e %9.0f %9llu\n", name, loss.speed, 1000 * loss.closed,
-                    loss.energy_excess, loss.rate, static_cast<unsigned long long>(loss.interventions));
+        std::printf("%-26s | %9.3f %9.1f %9.2e %9.2e %9.0f %9llu\n", name, loss.speed, 1000 * loss.closed,
+                    loss.energy_excess, loss.energy_gain, loss.rate,
+                    static_cast<unsigned long long>(loss.interventions));
       }
     }
   }
