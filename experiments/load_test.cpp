@@ -45,7 +45,7 @@ TEST(Experiments, ShippedOnesAreReadAndEverySceneOfTheirsToo) {
     const Registry registry = build_registry({});
     for (const auto& run : task_runs(experiment, 2, {})) {
       const Scene scene = task_scene(experiment, run, registry);
-      EXPECT_EQ(scene.plant.name, run.plant);
+      EXPECT_TRUE(scene.plant.name.starts_with(run.plant)) << scene.plant.name;
       EXPECT_GT(scene.duration_s, 0);
     }
   }

@@ -167,9 +167,15 @@ void RunData::take(const CycleRecord& record) {
 
 void RunData::write(const std::filesystem::path& file) const {
   std::vector<NpzWriter::Array> arrays;
-  for (const auto& column : columns_)
+  std::vector<const Numbers*> filled;  // outputs of controllets that never ran are not in a log either
+  for (const auto& column : columns_) {
+    if (!column.values.empty()) filled.push_back(&column);
+  }
+  for (const auto* numbers : filled) {
+    const Numbers& column = *numbers;
     arrays.push_back({column.name, NpzWriter::Kind::real, column.values.size() / column.width, column.width,
                       column.matrix});
+  }
   std::size_t longest = 1;
   for (const auto& instance : layout_.instances) longest = std::max(longest, code_point_count(instance.name));
   for (const auto& owner : owners_)
@@ -187,8 +193,8 @@ void RunData::write(const std::filesystem::path& file) const {
   }
   NpzWriter writer(file, std::move(arrays));
   std::vector<double> row;
-  for (std::size_t i = 0; i < columns_.size(); ++i) {
-    const auto& [name, width, matrix, values] = columns_[i];
+  for (std::size_t i = 0; i < filled.size(); ++i) {
+    const auto& [name, width, matrix, values] = *filled[i];
     for (std::size_t at = 0; at + width <= values.size(); at += width) {
       row.assign(values.begin() + static_cast<std::ptrdiff_t>(at),
                  values.begin() + static_cast<std::ptrdiff_t>(at + width));
@@ -197,7 +203,7 @@ void RunData::write(const std::filesystem::path& file) const {
   }
   for (std::size_t i = 0; i < owners_.size(); ++i) {
     for (const std::uint16_t owner : owners_[i].values) {
-      writer.add(columns_.size() + i,
+      writer.add(filled.size() + i,
                  owner < layout_.instances.size() ? std::string_view(layout_.instances[owner].name) : "");
     }
   }

@@ -31,7 +31,7 @@ for name in names:
     assert a.shape == b.shape, (name, a.shape, b.shape)
     if a.dtype.kind == 'U':
         assert (a == b).all(), name
-    elif name.endswith('/t'):  # seconds and nanoseconds apart in the log: another rounding
+    elif name.endswith('/t') or '/model/' in name:  # computed twice, rounded apart
         assert np.abs(a - b).max() < 1e-12, name
     else:
         assert np.array_equal(a, b.astype(float), equal_nan=True), (name, np.abs(a - b).max())

@@ -233,7 +233,7 @@ def figures(run):
     out = {}
     _loss(run, out)
     if run.window is None or not run.window_is_whole:
-        return out, {}
+        return _finite(out), {}
     errors = {arm: errors_of(run, arm) for arm in run.arms}
     out.update(six(list(errors.values())))
     _force(run, out)
@@ -241,7 +241,12 @@ def figures(run):
     _path(run, out)
     _energy(run, out)
     _grasp(run, out)
-    return out, {arm: six([e]) for arm, e in errors.items()}
+    # A figure that is no number was not measured: a run that went astray has some.
+    return _finite(out), {arm: _finite(six([e])) for arm, e in errors.items()}
+
+
+def _finite(figures):
+    return {name: value for name, value in figures.items() if np.isfinite(value)}
 
 
 # Runs against each other -----------------------------------------------------------------------------------------------
@@ -284,7 +289,7 @@ def difference(a, b):
         if parts:
             pooled = np.concatenate(parts)
             out[rmse], out[largest] = rms(pooled), float(np.max(np.abs(pooled)))
-    return out
+    return _finite(out)
 
 
 def mean_series(many):
