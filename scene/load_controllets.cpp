@@ -2,6 +2,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/features/friction_compensation.hpp"
 #include "scene/load_parts.hpp"
 #include "scene/names.hpp"
 #include "scene/schema.hpp"
@@ -145,7 +146,7 @@ InstanceConfig read_controllet(Mapping mapping, SceneReader& reader) {
   }
   read_arm_list(mapping, type->statement, reader, config);
   for (const auto& name : mapping.text_items("features")) {
-    check_feature(reader, name);
+    check_feature(reader, config, name);
     const std::string& feature = name.node().Scalar();
     if (std::find(config.features.begin(), config.features.end(), feature) != config.features.end()) {
       name.refuse("the feature " + in_quotes(feature) + " is named twice");
@@ -214,11 +215,19 @@ std::vector<double> read_parameter(const Entry& value, const ParameterSpec& spec
   return values;
 }
 
-void check_feature(const SceneReader& reader, const Entry& name) {
+void check_feature(const SceneReader& reader, const InstanceConfig& instance, const Entry& name) {
   const std::string& feature = name.node().Scalar();
-  if (reader.registry.feature(feature) != nullptr) return;
-  name.refuse("there is no feature " + in_quotes(feature) +
-              name_hint(feature, feature_names(reader.registry), "there are none"));
+  if (reader.registry.feature(feature) == nullptr) {
+    name.refuse("there is no feature " + in_quotes(feature) +
+                name_hint(feature, feature_names(reader.registry), "there are none"));
+  }
+  if (feature != friction_compensation_feature().statement.type) return;
+  for (const ArmIndex index : instance.arms) {
+    const SceneArm& arm = reader.scene.arms[index];
+    if (arm.known_friction) continue;
+    name.refuse("nothing is known of the joint friction of arm " + in_quotes(arm.name) +
+                "; give that arm 'known_friction: model', or leave the feature out");
+  }
 }
 
 std::vector<std::string> SceneReader::instance_names() const {

@@ -40,7 +40,9 @@ const ParameterSpec& find_parameter(const SceneReader& reader, const InstanceCon
 // A value of it: checked, one number per place.
 std::vector<double> read_parameter(const Entry& value, const ParameterSpec& spec, std::size_t joint_count);
 // Refuses a feature that does not exist.
-void check_feature(const SceneReader& reader, const Entry& name);
+// That there is a feature of this name, and that what it needs to know of its instance's arms is in the
+// scene.
+void check_feature(const SceneReader& reader, const InstanceConfig& instance, const Entry& name);
 // Refuses two of `names` owning the same arm. Returns their instances.
 std::vector<const InstanceConfig*> read_owners(const SceneReader& reader, const std::vector<Entry>& names);
 ArmSet arms_of(const InstanceConfig& instance);

@@ -357,6 +357,30 @@ const std::vector<Refusal> kTimeline{
      {"arm 'left' is stopped", "resume"}},
 };
 
+// The feature is refused where the scene says nothing of the friction that it would compensate.
+TEST(FrictionCompensationInAScene, NeedsAKnownFriction) {
+  const Registry builtins = Registry::with_builtins();
+  const auto text = [](const std::string& known, const std::string& more) {
+    return "arms:\n  - {name: left" + known +
+           "}\ncontrollets:\n  - {name: a, type: joint_impedance, arms: left" + more + "}\nactive: [a]\n";
+  };
+  const std::string feature = ", features: [friction_compensation]", known = ", known_friction: model";
+  const std::string event =
+      "timeline:\n  - {at_s: 1, feature: {controllet: a, name: friction_compensation}}\n";
+  EXPECT_NO_THROW(parse_scene(text(known, feature), "s.yaml", builtins));
+  EXPECT_NO_THROW(parse_scene(text(known, "") + event, "s.yaml", builtins));
+  for (const auto& [scene, line] : {std::pair{text("", feature), 4}, std::pair{text("", "") + event, 7}}) {
+    try {
+      parse_scene(scene, "s.yaml", builtins);
+      FAIL() << "was read:\n" << scene;
+    } catch (const SceneError& error) {
+      EXPECT_EQ(error.place().line, line);
+      EXPECT_THAT(error.what(), testing::HasSubstr("'left'"));
+      EXPECT_THAT(error.what(), testing::HasSubstr("known_friction: model"));
+    }
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(File, Refused, testing::ValuesIn(kFile));
 INSTANTIATE_TEST_SUITE_P(Arm, Refused, testing::ValuesIn(kArm));
 INSTANTIATE_TEST_SUITE_P(World, Refused, testing::ValuesIn(kWorld));

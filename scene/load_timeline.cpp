@@ -170,9 +170,10 @@ class TimelineReader {
 
   void read_set_feature(const Mapping& mapping, TimelineEvent& event) {
     event.what = TimelineEvent::What::set_feature;
-    event.controllet = instance(mapping).name;
+    const InstanceConfig& target = instance(mapping);
+    event.controllet = target.name;
     event.name = mapping.text("name");
-    check_feature(reader_, mapping.entry("name"));
+    check_feature(reader_, target, mapping.entry("name"));
     event.on = mapping.boolean("on");
   }
 

@@ -61,11 +61,11 @@ MujocoBackend::MujocoBackend(const Scene& scene, MujocoOptions options)
   for (ArmIndex i = 0; i < arms_.size(); ++i) measure_start(i);
 }
 
-Capabilities MujocoBackend::capabilities(ArmIndex) const {
+Capabilities MujocoBackend::capabilities(ArmIndex arm) const {
   return {.simulated = true,
           .lockstep = true,
           .compensates_gravity = true,
-          .compensates_friction = false,
+          .compensates_friction = !arms_[arm].friction,
           .has_external_torque = false,
           .has_contact_truth = true,
           .period_s = kPeriod};

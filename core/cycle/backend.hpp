@@ -17,7 +17,7 @@ struct Capabilities {
   bool simulated = false;
   bool lockstep = false;              // the world stands still while the loop computes
   bool compensates_gravity = true;    // torques exclude gravity (all backends: design of the interface)
-  bool compensates_friction = false;  // friction compensation on top would be double
+  bool compensates_friction = false;  // or has none: compensation on top would push
   bool has_external_torque = false;   // delivers tau_ext_hat and the wrench estimate
   bool has_contact_truth = false;     // delivers the simulator's own contact wrench
   double period_s = 0.001;

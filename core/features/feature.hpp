@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <string_view>
 
 #include "core/controllets/controllet.hpp"
 #include "core/geometry/obstacle.hpp"
@@ -15,6 +16,9 @@ namespace multipanda {
 class Feature {
  public:
   virtual ~Feature() = default;
+  // Why start() refuses whatever the state is, in words for people; empty: nothing speaks against it. Known
+  // since the feature was built; any thread.
+  virtual std::string_view refusal() const { return {}; }
   virtual LawResult start(ControlContext& context) = 0;   // in the cycle it is switched on
   virtual LawResult update(ControlContext& context) = 0;  // arms[i].tau += ...
 };

@@ -233,4 +233,9 @@ double ModelTerms::manipulability() {
   return manipulability_;
 }
 
+const Manipulability& ModelTerms::manipulability_terms() {
+  if (first(kManipulabilityTerms)) compute_manipulability(J_V_WE(), manipulability_terms_);
+  return manipulability_terms_;
+}
+
 }  // namespace multipanda

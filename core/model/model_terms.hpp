@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "core/model/arm_model.hpp"
+#include "core/model/manipulability.hpp"
 #include "core/model/task_space.hpp"
 #include "core/state/arm_state.hpp"
 
@@ -57,7 +58,9 @@ class ModelTerms {
 
   // Task space at E, world axes
   const TaskSpace& task();
-  double manipulability();  // sqrt(det(J J^T)), J = J_V_WE
+  double manipulability();                       // sqrt(det(J J^T)), J = J_V_WE
+  const Manipulability& manipulability_terms();  // with its gradient, rounded at singular poses
+  const JointVector& manipulability_gradient() { return manipulability_terms().gradient; }  // (n x 1) [1/rad]
 
  private:
   enum Term : std::uint32_t {
@@ -69,7 +72,8 @@ class ModelTerms {
     kCoriolis = 32,
     kTask = 64,
     kManipulability = 128,
-    kMomentum = 256
+    kMomentum = 256,
+    kManipulabilityTerms = 512
   };
   bool first(Term term) {
     if ((done_ & term) != 0) return false;
@@ -94,6 +98,7 @@ class ModelTerms {
   JointVector c_, g_, momentum_, momentum_drift_;
   TaskSpace task_;
   double manipulability_ = 0;
+  Manipulability manipulability_terms_;
 };
 
 }  // namespace multipanda

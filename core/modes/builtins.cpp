@@ -9,7 +9,9 @@
 #include "core/controllets/joint_impedance.hpp"
 #include "core/controllets/ufic.hpp"
 #include "core/features/collision_avoidance.hpp"
+#include "core/features/friction_compensation.hpp"
 #include "core/features/joint_limits.hpp"
+#include "core/features/manipulability.hpp"
 #include "core/modes/registry.hpp"
 
 namespace multipanda {
@@ -27,6 +29,8 @@ Registry Registry::with_builtins() {
   registry.add(coupled_ufic_controllet());
   registry.add(joint_limits_feature());
   registry.add(collision_avoidance_feature());
+  registry.add(manipulability_feature());
+  registry.add(friction_compensation_feature());
   return registry;
 }
 

@@ -93,6 +93,9 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
   for (const auto& feature : config.features) {
     const std::size_t i = find_feature(feature);
     if (i == feature_count()) refuse(name_, "there is no feature '" + feature + "'");
+    if (const std::string_view why = feature_refusal(i); !why.empty()) {
+      refuse(name_, "feature '" + feature + "': " + std::string(why));
+    }
     switch_feature(i, true);
   }
   for (const auto& value : config.parameters) {

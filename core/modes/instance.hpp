@@ -61,6 +61,7 @@ class Instance {
   std::size_t feature_count() const { return features_.size(); }
   const Statement& feature_statement(std::size_t i) const { return features_[i].statement; }
   std::size_t find_feature(std::string_view type) const;  // feature_count(): unknown
+  std::string_view feature_refusal(std::size_t i) const { return features_[i].feature->refusal(); }
   bool feature_on(std::size_t i) const {
     return (features_on_.load(std::memory_order_relaxed) >> i & 1u) != 0;
   }

@@ -154,6 +154,52 @@ TEST(Switching, FeaturesSwitchAtTheCycle) {
   EXPECT_EQ(loop.cycle.data().tau_feature[1].norm(), 0);
 }
 
+// Every feature on every controllet, on and off while running: taken at the next cycle, and its torque is
+// there, or gone, in that same cycle. The arms stand where features act: near a limit, moving, below the
+// threshold.
+TEST(Switching, EveryFeatureOnEveryControlletActsFromTheNextCycleOn) {
+  const Registry registry = Registry::with_builtins();
+  std::vector<InstanceConfig> configs;
+  for (const auto& type : registry.controllets()) {
+    InstanceConfig config{.name = "one_" + type.statement.type, .type = type.statement.type};
+    for (ArmIndex arm = 0; arm < type.statement.arms; ++arm) config.arms.push_back(arm);
+    config.parameters = {{"joint_limits.range_rad", {0.5}}, {"manipulability.threshold", {1}}};
+    configs.push_back(config);
+  }
+  int acted = 0;
+  for (const auto& config : configs) {
+    TestLoop loop(2, configs, registry);
+    for (ArmIndex arm = 0; arm < 2; ++arm) {
+      JointVector q = loop.models[arm]->q_home();
+      q[0] = 2.45;  // of 2.8
+      loop.world.set_position(arm, q);
+    }
+    loop.step();
+    ASSERT_TRUE(loop.ask({.activate = bit(loop.find(config.name))}).accepted()) << config.name;
+    const Instance& instance = loop.modes().instance(loop.find(config.name));
+    for (std::size_t f = 0; f < instance.feature_count(); ++f) {
+      const std::string& feature = instance.feature_statement(f).type;
+      for (const bool on : {true, false, true, false}) {
+        for (const ArmIndex arm : config.arms) loop.world.set_velocity(arm, joint_constant(7, 0.02));
+        const std::uint64_t before = loop.cycle.data().tick.cycle;
+        const Answer answer = loop.ask({.kind = Kind::set_feature,
+                                        .instance = loop.find(config.name),
+                                        .index = static_cast<std::uint16_t>(f),
+                                        .on = on});
+        ASSERT_TRUE(answer.accepted()) << config.name << " " << feature;
+        EXPECT_EQ(answer.cycle, before + 1);
+        EXPECT_EQ(instance.feature_on(f), on);
+        ASSERT_NE(loop.modes().active() & bit(loop.find(config.name)), 0u) << config.name << " " << feature;
+        const double torque = loop.cycle.data().tau_feature[0].norm();
+        // These arms have no shapes that could collide.
+        EXPECT_EQ(torque > 0, on && feature != "collision_avoidance") << config.name << " " << feature;
+        acted += torque > 0 ? 1 : 0;
+      }
+    }
+  }
+  EXPECT_EQ(acted, static_cast<int>(2 * 3 * configs.size()));
+}
+
 TEST(Switching, ABatchIsTakenInOneCycleHoweverLong) {
   TestLoop loop(4, four_arms(), test::test_registry());
   loop.step();

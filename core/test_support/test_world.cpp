@@ -63,7 +63,10 @@ std::vector<std::shared_ptr<const ArmModel>> test_models(std::size_t arms, std::
   for (std::size_t i = 0; i < arms; ++i) {
     const auto k = static_cast<double>(i);
     const Pose X_WB{rotation_from_rpy({0.2 * k, -0.1 * k, 0.7 * k}), Vector3(0.1 * k, 0.6 * k, 0.05 * k)};
-    models.push_back(TestArm::make(joints).model(X_WB, "arm" + std::to_string(i)));
+    auto source = TestArm::make(joints).source(X_WB, "arm" + std::to_string(i));
+    source.known_friction = JointFrictionTable{joint_constant(joints, 0.5), joint_constant(joints, 10),
+                                               joint_constant(joints, 0)};
+    models.push_back(std::make_shared<const ArmModel>(std::move(source)));
   }
   return models;
 }

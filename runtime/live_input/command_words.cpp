@@ -116,6 +116,12 @@ std::string CommandDesk::reason(const Request& request, Verdict verdict) const {
       break;
     case Verdict::arm_not_ready:
     case Verdict::start_refused:
+      if (set && request.kind == Request::Kind::set_feature) {
+        const Instance& target = modes.instance(request.instance);
+        const std::string_view why = target.feature_refusal(request.index);
+        if (!why.empty())
+          return quoted(target.feature_statement(request.index).type) + ": " + std::string(why);
+      }
       return std::string(to_string(verdict)) + " (" + joined(names_of(request.activate)) +
              "): nothing was changed; 'state' shows the arms' modes, 'recover' clears an error";
     case Verdict::timeout:

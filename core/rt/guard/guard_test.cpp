@@ -81,6 +81,7 @@ TEST_F(GuardTest, EveryControlletWithEveryFeatureAndEverySwitch) {
         post(loop,
              {.kind = Kind::set_feature, .instance = i, .index = static_cast<std::uint16_t>(f), .on = on});
         for (int k = 0; k < 5; ++k) guarded_step(loop, name);
+        ASSERT_EQ(instance.feature_on(f), on) << name;
       }
     }
     for (std::size_t p = 0; p < instance.parameter_count(); ++p) {
