@@ -72,6 +72,11 @@ def disturbances(plan, conditions):
         out.append(f"The loop was ready to run but another process had its core for up to {page.figures(max(waited), 2)} % of the time of a condition.")
     denied = {(s["what"], s["reason"]) for r in plan["runs"] for s in r["thread"] if not s["done"]}
     out += [f"The loop's thread was not given {what}: {reason}." for what, reason in sorted(denied)]
+    if not (plan.get("priority") or {"done": True})["done"]:
+        out.append(f"The threads round the loop were not given {plan['priority']['what']}: {plan['priority']['reason']}.")
+    unsent = sum(g.get("unsent", 0) for c in conditions.values() for g in c["generator"])
+    if unsent:
+        out.append(f"{unsent} set-points of the generator found no room on their way to the run: its live input had to wait for a core.")
     slow = [g for c in conditions.values() for g in c["generator"] if g.get("missed")]
     if slow:
         out.append(f"The generator missed {sum(g['missed'] for g in slow)} of its {sum(g['samples'] + g['missed'] for g in slow)} periods in {len(slow)} runs.")
@@ -303,7 +308,7 @@ def _generator_table(conditions):
         for g in c["generator"]:
             channels = g.get("channels") or [{}]
             late = g.get("late_us", {})
-            rows.append([name, f"{g.get('rate_hz', 0):.2f}", str(g.get("samples")), str(g.get("missed")), str(sum(x.get("received", 0) for x in channels)),
+            rows.append([name, f"{g.get('rate_hz', 0):.2f}", str(g.get("samples")), str(g.get("missed")), str(g.get("unsent")), str(sum(x.get("received", 0) for x in channels)),
                          str(sum(x.get("lost", 0) for x in channels)), page.figures(late.get("median")), page.figures(late.get("p99")), page.figures(late.get("worst"))])
     return page.Raw("<h3>Motion generator</h3>" + page.table(
-        ["condition", "rate [Hz]", "periods", "missed", "received", "lost on the way", "late, median [µs]", "99 %", "worst"], rows, range(1, 9)))
+        ["condition", "rate [Hz]", "periods", "missed", "no room", "received", "lost on the way", "late, median [µs]", "99 %", "worst"], rows, range(1, 10)))
