@@ -56,7 +56,9 @@ def summarise(plan, runs, series):
             first = plan["plants"][0]
             plants = [task_metrics.difference(by_place[plant, variant["name"], r["repeat"]], by_place.get((first, variant["name"], r["repeat"])))
                       for r in mine] if plant != first else []
-            summary[plant, variant["name"]] = {"plant": plant, "variant": variant["name"], "metrics": figures,
+            arms = {arm: task_metrics.pooled([r["arms"][arm] for r in mine if arm in r["arms"]])
+                    for arm in dict.fromkeys(a for r in mine for a in r["arms"])}
+            summary[plant, variant["name"]] = {"plant": plant, "variant": variant["name"], "metrics": figures, "arms": arms,
                                                "between_repeats": task_metrics.pooled(repeats),
                                                "between_plants": task_metrics.pooled(plants)}
     return summary
@@ -183,8 +185,9 @@ def _six_table(plan, summary, variants):
             entry = summary.get((plant, v["name"]))
             if entry is None:
                 continue
-            for part, what in (("metrics", "target"), ("between_repeats", "mean of repeats"), ("between_plants", plan["plants"][0])):
-                values = entry[part]
+            parts = [(entry["metrics"], "target")]
+            parts += [(values, f"target, {arm}") for arm, values in entry["arms"].items()] if len(entry["arms"]) > 1 else []
+            for values, what in (*parts, (entry["between_repeats"], "mean of repeats"), (entry["between_plants"], plan["plants"][0])):
                 if not any(rmse in values for _, rmse, _ in task_metrics.SIX):
                     continue
                 row = [v["label"], plant, what]
