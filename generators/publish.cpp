@@ -9,7 +9,7 @@ namespace {
 
 using circular_field::CourseRun;
 
-constexpr double kLongestBrake = 2;        // [s]
+constexpr double kLongestBrake = 1;        // [s]
 constexpr double kPatience = 1;            // with a sink that takes nothing [s]
 constexpr double kLongestRehearsal = 600;  // [s]
 
@@ -51,7 +51,7 @@ void plan(CourseRun& run, double dt, PublishReport& report) {
 // Why it is over; empty: it is not.
 std::string ending(const CourseRun& run, const PublishOptions& options) {
   if (options.stop != nullptr && options.stop->load()) return "stopped";
-  if (options.seconds > 0 && run.time() >= options.seconds) return "duration";
+  if (options.seconds > 0 && run.time() >= options.seconds - 0.5 * seconds(options.period)) return "duration";
   if (options.seconds == 0 && run.finished()) return "goals";
   return "";
 }
