@@ -476,7 +476,8 @@ std::vector<const Section*> all() {
           &switch_event(),
           &parameter_event(),
           &feature_event(),
-          &reference_event(), &motion_event(),
+          &reference_event(),
+          &motion_event(),
           &place_event()};
 }
 
