@@ -1,6 +1,6 @@
 #include "core/controllets/hold.hpp"
 
-#include <cmath>
+#include "core/controllets/damping_design.hpp"
 
 namespace multipanda {
 namespace {
@@ -20,14 +20,13 @@ class Hold final : public Controllet {
     enter(arm);
     if (!entered_) return LawResult::ok;  // no measurement, no spring: the arm carries itself meanwhile
     const auto K = context.parameters->values(kStiffness);
-    const double zeta = context.parameters->number(kDampingRatio);
-    const JointMatrix& M = arm.terms->M();
-    const JointVector& c = arm.terms->c();
-    for (Eigen::Index i = 0; i < arm.q().size(); ++i) {
-      const double k = K[static_cast<std::size_t>(i)];
-      const double d = 2 * zeta * std::sqrt(k * M(i, i));
-      (*arm.tau)[i] = k * (q_0_[i] - arm.q()[i]) - d * arm.dq()[i] + c[i];
-    }
+    JointVector stiffness = arm.q();
+    for (Eigen::Index i = 0; i < stiffness.size(); ++i) stiffness[i] = K[static_cast<std::size_t>(i)];
+    // Of the coupled inertia, not of its diagonal: with the elbow bent, joints that move against each other
+    // have a tenth of it, and damping for the whole makes them swing where the motors lag by a few
+    // milliseconds.
+    const JointMatrix D = joint_damping(arm.terms->M(), stiffness, context.parameters->number(kDampingRatio));
+    *arm.tau = stiffness.cwiseProduct(q_0_ - arm.q()) - D.lazyProduct(arm.dq()) + arm.terms->c();
     return LawResult::ok;
   }
 
@@ -57,7 +56,7 @@ ControlletType hold_controllet() {
                            0,
                            1000,
                            "K, per joint."},
-                          {"damping_ratio", "", 1, {1.0}, 0.1, 2, "zeta of each joint alone."}},
+                          {"damping_ratio", "", 1, {1.0}, 0.1, 2, "zeta of every coupled mode."}},
            .outputs = {}},
           [](ArmModels) -> std::unique_ptr<Controllet> { return std::make_unique<Hold>(); }};
 }
