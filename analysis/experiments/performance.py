@@ -219,7 +219,7 @@ def _paper_table(plan, results):
     rows = [[line["text"], ours.get(line["metric"])] for line in plan["published"]]
     if cpu:
         rows.append(["CPU of one core: a modest amount, shown in its figure only.", f"{_range(cpu, 2)} %, simulation included"])
-    return page.Raw("<h3>Beside the paper</h3>" + page.table(["the paper, two real arms, mini PC with 16 cores at real-time priority", "here"], rows)
+    return page.Raw("<h3>Beside the paper</h3>" + page.table(["the paper: two real arms, a 16-core mini PC", "here"], rows)
                     + page.paragraph("The paper's computer was another one: times are compared in kind, not in figures."))
 
 
