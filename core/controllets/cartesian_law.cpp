@@ -28,17 +28,19 @@ TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& ta
   return force;
 }
 
-JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N) {
+JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N,
+                              double spring_share) {
   const Eigen::Index n = arm.q().size();
   JointVector tau_null(n);
   const JointMatrix& M = arm.terms->M();
   const JointVector stiffness = JointVector::Constant(n, gains.stiffness);
   const JointVector D = diagonal_damping(M, stiffness, gains.damping_ratio);
+  const JointVector spring = spring_share * gains.stiffness * (q_N - arm.q());
   const Jacobian& J = arm.terms->J_V_WE();
   if (gains.projector == Projector::dynamic) {
     const TaskSpace& task = arm.terms->task();
     const JointVector dq_null = task.null_space_velocity(J, arm.dq());
-    const JointVector wanted = gains.stiffness * (q_N - arm.q()) - D.cwiseProduct(dq_null);
+    const JointVector wanted = spring - D.cwiseProduct(dq_null);
     return task.null_space_torque(J, wanted);
   }
   // J^+ = J^T (J J^T + eps)^-1. Any eps > 0 keeps N within [0, I]; this one is far below what a regular pose
@@ -51,7 +53,7 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
     return x - J.transpose().lazyProduct(y);
   };
   const JointVector dq_null = project(arm.dq());
-  return project(gains.stiffness * (q_N - arm.q()) - D.cwiseProduct(dq_null));
+  return project(spring - D.cwiseProduct(dq_null));
 }
 
 LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGains& null_space,

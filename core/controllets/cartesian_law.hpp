@@ -56,8 +56,9 @@ TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& ta
 
 // tau_null = N (K_N (q_N - q) - D_N N^T dq), D_N = 2 zeta sqrt(K_N diag M). With N^T the damping cannot feed
 // energy in, whatever the projector (-D_N dq inside N can). Bounded in singular poses: the eigenvalues of N
-// stay within [0, 1].
-JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N);
+// stay within [0, 1]. `spring_share` scales the spring alone; D_N is that of the whole spring.
+JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N,
+                              double spring_share = 1);
 
 // The whole law: tau = J^T F + tau_null + C dq. fault: the torque is not finite.
 LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGains& null_space,

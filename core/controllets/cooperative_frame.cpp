@@ -1,5 +1,7 @@
 #include "core/controllets/cooperative_frame.hpp"
 
+#include <Eigen/LU>
+
 #include "core/controllets/task_spring.hpp"
 
 namespace multipanda {
@@ -36,6 +38,15 @@ CooperativeFrame::CooperativeFrame(const Pose& X_WE1, const Pose& X_E1A, const P
   L_a2 = block(0.5, H * B, r_2);
   L_r1 = block(-1.0, -B.transpose(), r_1);
   L_r2 = block(1.0, B, r_2);
+}
+
+Matrix12 CooperativeFrame::inertia(const Matrix6& Lambda_1, const Matrix6& Lambda_2) const {
+  Matrix12 L, Lambda = Matrix12::Zero();
+  L << L_a1, L_a2, L_r1, L_r2;
+  Lambda.topLeftCorner<6, 6>() = Lambda_1;
+  Lambda.bottomRightCorner<6, 6>() = Lambda_2;
+  const Matrix12 L_inverse = Eigen::PartialPivLU<Matrix12>(L).inverse();
+  return L_inverse.transpose() * (Lambda * L_inverse);
 }
 
 }  // namespace multipanda

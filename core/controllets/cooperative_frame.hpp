@@ -4,6 +4,8 @@
 
 namespace multipanda {
 
+using Matrix12 = Eigen::Matrix<double, 12, 12>;
+
 // Cooperative coordinates of two hands that share a frame A. Each hand E_i carries A at a fixed offset
 // X_EiA, so both have an estimate X_WA_i = X_WEi X_EiA of it. With phi = log(R_2 R_1^T):
 //   absolute pose   p_a = (p_1 + p_2) / 2,   R_a = exp(phi / 2) R_1     (geodesic mean)
@@ -29,6 +31,14 @@ struct CooperativeFrame {
   Vector6 second_wrench(const Vector6& F_a, const Vector6& F_r) const {
     return L_a2.transpose() * F_a + L_r2.transpose() * F_r;
   }
+
+  // What two hands of task inertia Lambda_1, Lambda_2 weigh in these coordinates: L^-T diag(Lambda_i) L^-1.
+  Matrix12 inertia(const Matrix6& Lambda_1, const Matrix6& Lambda_2) const;
+
+  // Estimates of A that are turned apart by more than this have lost their meaning: something slipped or
+  // broke. A pose that is not finite does not hold together either.
+  static constexpr double kLargestRelativeAngle = 2.0;  // [rad]
+  bool holds_together() const { return relative.tail<3>().norm() < kLargestRelativeAngle; }
 
   Pose X_WA;         // absolute
   Vector6 relative;  // [p_r; phi]

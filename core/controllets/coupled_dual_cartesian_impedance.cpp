@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <array>
 
-#include <Eigen/LU>
-
 #include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/cooperative_frame.hpp"
 #include "core/controllets/damping_design.hpp"
@@ -12,7 +10,6 @@
 namespace multipanda {
 namespace {
 
-using Matrix12 = Eigen::Matrix<double, 12, 12>;
 using Vector12 = Eigen::Matrix<double, 12, 1>;
 
 enum Input : std::size_t { kPose };
@@ -21,9 +18,6 @@ enum Parameter : std::size_t {
   kRelativeRotational,
   kRelativeOffset
 };
-
-// Estimates of A that are turned apart by more than this have lost their meaning: something slipped or broke.
-constexpr double kLargestRelativeAngle = 2.0;  // [rad]
 
 class CoupledDualCartesianImpedance final : public Controllet {
  public:
@@ -46,7 +40,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
     OwnedArm& first = context.arms[0];
     OwnedArm& second = context.arms[1];
     const CooperativeFrame frame(first.terms->X_WE(), X_EA_[0], second.terms->X_WE(), X_EA_[1]);
-    if (!(frame.relative.tail<3>().norm() < kLargestRelativeAngle)) return LawResult::fault;
+    if (!frame.holds_together()) return LawResult::fault;
 
     const Vector6& V_1 = first.terms->V_WE().vector;
     const Vector6& V_2 = second.terms->V_WE().vector;
@@ -67,7 +61,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
     // Damping is designed for all twelve coordinates at once: turning A moves both hands with all their
     // weight where the relative stiffness is high, and hardly any where it is low. Blocks of their own miss
     // that.
-    const Matrix12 Lambda = inertia(first, second, frame);
+    const Matrix12 Lambda = frame.inertia(first.terms->task().Lambda, second.terms->task().Lambda);
     Matrix12 K = Matrix12::Zero();
     K.topLeftCorner<6, 6>() = K_a.matrix();
     K.bottomRightCorner<6, 6>() = K_r.matrix();
@@ -95,16 +89,6 @@ class CoupledDualCartesianImpedance final : public Controllet {
   }
 
  private:
-  // What the two hands weigh in cooperative coordinates: L^-T diag(Lambda_1, Lambda_2) L^-1.
-  static Matrix12 inertia(OwnedArm& first, OwnedArm& second, const CooperativeFrame& frame) {
-    Matrix12 L, Lambda = Matrix12::Zero();
-    L << frame.L_a1, frame.L_a2, frame.L_r1, frame.L_r2;
-    Lambda.topLeftCorner<6, 6>() = first.terms->task().Lambda;
-    Lambda.bottomRightCorner<6, 6>() = second.terms->task().Lambda;
-    const Matrix12 L_inverse = Eigen::PartialPivLU<Matrix12>(L).inverse();
-    return L_inverse.transpose() * (Lambda * L_inverse);
-  }
-
   // Conjugate to V_r: minus the gradient of 1/2 p~_r^T K_t p~_r + 1/2 phi_s^T K_r phi_s.
   static void spring_between(const TaskStiffness& K, const Vector3& p_r_d, const CooperativeFrame& frame,
                              TaskForce& force) {

@@ -4,8 +4,6 @@
 #include <array>
 #include <cmath>
 
-#include <Eigen/LU>
-
 #include "core/controllets/cooperative_frame.hpp"
 #include "core/controllets/coupled_ufic_statement.hpp"
 #include "core/controllets/damping_design.hpp"
@@ -15,13 +13,10 @@ namespace multipanda {
 namespace {
 
 using namespace coupled_ufic;
-using Matrix12 = Eigen::Matrix<double, 12, 12>;
 using Vector12 = Eigen::Matrix<double, 12, 1>;
 using Phase = GraspSequence::Phase;
 
 constexpr double kGravity = 9.81;  // [m/s^2]
-// Hands turned apart by more than this hold nothing together: something slipped or broke.
-constexpr double kLargestRelativeAngle = 2.0;  // [rad]
 
 // All springs of the cooperative coordinates as they stood in a tick: their energy is what moving set-points
 // pay for. Along n the relative spring has a share of its own: a grasp takes it away.
@@ -101,7 +96,7 @@ class CoupledUfic final : public Controllet {
     OwnedArm& first = context.arms[0];
     OwnedArm& second = context.arms[1];
     const CooperativeFrame frame = frame_of(context);
-    if (!(frame.relative.tail<3>().norm() < kLargestRelativeAngle)) return LawResult::fault;
+    if (!frame.holds_together()) return LawResult::fault;
     const Settings settings(*context.parameters);
     const CartesianTarget target = CartesianTarget::of(context.inputs[kPose]);
     const double dt = context.dt;
@@ -118,7 +113,7 @@ class CoupledUfic final : public Controllet {
     V_d << target.V_d.vector, Vector6::Zero();
     V_d.segment<3>(6) = target.V_d.angular().cross(springs_.p_r_d) + grasp_.distance_rate_d() * n;
 
-    const Matrix12 Lambda = inertia(first, second, frame);
+    const Matrix12 Lambda = frame.inertia(first.terms->task().Lambda, second.terms->task().Lambda);
     const Matrix12 D = coupled_damping(Lambda, stiffness(settings, target), settings.absolute.damping_ratio);
     Vector12 feedforward = D * V_d;
     if (settings.absolute.acceleration_feedforward) {
@@ -151,7 +146,7 @@ class CoupledUfic final : public Controllet {
       book.open(kSpringPart, joints(spring));
       book.open(kDampingPart, joints(damping));
       book.open(kFeedforwardPart, joints(feedforward));
-      book.open(kNullSpacePart, scaled_null_space(settings.null_space, arm, q_N_[i], s));
+      book.open(kNullSpacePart, null_space_torque(settings.null_space, arm, q_N_[i], s));
       book.open(kCoriolisPart, arm.terms->c());
       book.open(kForcePart, joints(force));
       book.open(kForceDampingPart, joints(force_damping));
@@ -165,16 +160,6 @@ class CoupledUfic final : public Controllet {
  private:
   CooperativeFrame frame_of(const ControlContext& context) const {
     return {context.arms[0].terms->X_WE(), X_EA_[0], context.arms[1].terms->X_WE(), X_EA_[1]};
-  }
-
-  // What the two hands weigh in cooperative coordinates: L^-T diag(Lambda_1, Lambda_2) L^-1.
-  static Matrix12 inertia(OwnedArm& first, OwnedArm& second, const CooperativeFrame& frame) {
-    Matrix12 L, Lambda = Matrix12::Zero();
-    L << frame.L_a1, frame.L_a2, frame.L_r1, frame.L_r2;
-    Lambda.topLeftCorner<6, 6>() = first.terms->task().Lambda;
-    Lambda.bottomRightCorner<6, 6>() = second.terms->task().Lambda;
-    const Matrix12 L_inverse = Eigen::PartialPivLU<Matrix12>(L).inverse();
-    return L_inverse.transpose() * (Lambda * L_inverse);
   }
 
   // For the design of the damping, which stays the same in a grasp: all springs at their full share.
@@ -313,15 +298,6 @@ class CoupledUfic final : public Controllet {
     f.z() += integral_;
     vertical_ = f.z();
     return f;
-  }
-
-  static JointVector scaled_null_space(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N,
-                                       double s) {
-    const JointVector full = null_space_torque(gains, arm, q_N);
-    if (s >= 1) return full;
-    // The dampers alone: towards the posture where the arm is. The springs are the difference.
-    const JointVector dampers = null_space_torque(gains, arm, arm.q());
-    return dampers + s * (full - dampers);
   }
 
   void show(ControlContext& context, const CooperativeFrame& frame, double command, double set_point_work) {

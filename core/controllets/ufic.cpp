@@ -106,8 +106,7 @@ class Ufic final : public Controllet {
     const Vector6 spring = s * spring_wrench(spring_.stiffness, error);
     Vector6 feedforward = s * (D * target.V_d.vector);
     if (gains.acceleration_feedforward) feedforward.noalias() += s * (Lambda * target.A_d.vector);
-    NullSpaceGains null_space = null_space_gains(parameters);
-    const JointVector tau_null = scaled_null_space(null_space, arm, s);
+    const JointVector tau_null = null_space_torque(null_space_gains(parameters), arm, q_N_, s);
 
     // Force part
     const ForceSettings settings = force_settings(parameters, kForceGroup);
@@ -186,14 +185,6 @@ class Ufic final : public Controllet {
   double affordable(double work_j) const {
     const double purse = 0.1 * std::max(0.0, impedance_tank_.energy() - limits_.min_j);
     return work_j > purse ? purse / work_j : 1.0;
-  }
-
-  JointVector scaled_null_space(NullSpaceGains gains, OwnedArm& arm, double s) const {
-    const JointVector full = null_space_torque(gains, arm, q_N_);
-    if (s >= 1) return full;
-    // The dampers alone: towards the posture where the arm is. The springs are the difference.
-    const JointVector dampers = null_space_torque(gains, arm, arm.q());
-    return dampers + s * (full - dampers);
   }
 
   ForcePart force_part(const ForceSettings& settings, ValveLaw law, double reach, const Vector3& F_d,
