@@ -124,14 +124,7 @@ std::vector<ParameterSpec> parameters() {
                    0,
                    0.2,
                    "Of the set-point towards a surface. The blow grows with it: v sqrt(stiffness x mass)."});
-  specs.push_back(
-      {"press_direction",
-       "",
-       3,
-       {0, 0, -1},
-       -1,
-       1,
-       "Where to press from the start, world axes; the direction of F_d takes over above 0.5 N."});
+  specs.push_back(press_direction_parameter());
   specs.push_back(
       {"d_max_m", "m", 1, {0.02}, 0.001, 1, "Width of gamma: the force fades beyond the last contact."});
   return specs;
@@ -143,11 +136,7 @@ ControlletType force_controllet() {
   return {
       {.type = "force",
        .doc = "Presses on a surface with a given force, which it looks for slowly; holds its pose across.",
-       .inputs = {{.name = "wrench",
-                   .quantity = Quantity::wrench,
-                   .doc = "F_d, what the arm is to exert, world axes; its force counts, its moment does "
-                          "not.",
-                   .max_speed = 60}},
+       .inputs = {wrench_input()},
        .parameters = parameters(),
        .outputs = {{"force_desired_n", 1, "F_d along n."},
                    {"force_estimated_n", 1, "F_hat along n."},

@@ -100,4 +100,21 @@ ForceSettings force_settings(const ParameterSet& parameters, std::size_t first) 
           number(kTangentialCutoff)};
 }
 
+ParameterSpec press_direction_parameter() {
+  return {"press_direction",
+          "",
+          3,
+          {0, 0, -1},
+          -1,
+          1,
+          "Where to press from the start, world axes; the direction of F_d takes over above 0.5 N."};
+}
+
+InputSpec wrench_input() {
+  return {.name = "wrench",
+          .quantity = Quantity::wrench,
+          .doc = "F_d, what the arm is to exert, world axes; its force counts, its moment does not.",
+          .max_speed = 60};
+}
+
 }  // namespace multipanda

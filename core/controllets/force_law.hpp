@@ -117,6 +117,8 @@ enum ForceParameter : std::size_t {
   kForceParameterCount
 };
 std::vector<ParameterSpec> force_parameters();
+ParameterSpec press_direction_parameter();
+InputSpec wrench_input();  // F_d
 
 // Their values; `first` is the index of the group's first parameter in the controllet's statement.
 struct ForceSettings {

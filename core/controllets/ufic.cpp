@@ -282,14 +282,7 @@ std::vector<ParameterSpec> parameters() {
   specs.push_back({"tank_min_j", "J", 1, {0}, 0, 1000, "E_min."});
   specs.push_back({"tank_max_j", "J", 1, {100}, 0, 1000, "E_max; what comes back above it is lost."});
   specs.push_back({"tank_closing_j", "J", 1, {0.1}, 0.01, 10, "Valves close over this range above E_min."});
-  specs.push_back(
-      {"press_direction",
-       "",
-       3,
-       {0, 0, -1},
-       -1,
-       1,
-       "Where to press from the start, world axes; the direction of F_d takes over above 0.5 N."});
+  specs.push_back(press_direction_parameter());
   return specs;
 }
 
@@ -301,11 +294,7 @@ ControlletType ufic_controllet() {
        .doc = "Unified force-impedance control: follows a pose and presses with a force, kept passive by "
               "two energy tanks.",
        .inputs = {{.name = "pose", .quantity = Quantity::pose, .doc = "X_WE set-point, in the world."},
-                  {.name = "wrench",
-                   .quantity = Quantity::wrench,
-                   .doc = "F_d, what the arm is to exert, world axes; its force counts, its moment does "
-                          "not.",
-                   .max_speed = 60}},
+                  wrench_input()},
        .parameters = parameters(),
        .outputs = {{"force_desired_n", 1, "F_d along n."},
                    {"force_estimated_n", 1, "F_hat along n."},

@@ -9,6 +9,7 @@
 #include "core/modes/registry.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
+#include "tests/interaction/words.hpp"
 
 namespace multipanda::grasp {
 namespace {
@@ -22,14 +23,7 @@ const Registry& registry() {
 
 }  // namespace
 
-std::size_t Run::column(const std::string& output) const {
-  std::size_t at = 0;
-  for (const auto& spec : outputs) {
-    if (spec.name == output) return at;
-    at += spec.size;
-  }
-  throw std::invalid_argument("no output " + output);
-}
+std::size_t Run::column(const std::string& output) const { return output_column(outputs, output); }
 
 Run run(const Scene& scene, const Meddle& each) {
   MujocoBackend backend(scene, {.pace = Pace::unpaced});

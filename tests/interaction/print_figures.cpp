@@ -2,41 +2,18 @@
 // [task_3|task_4|stiction|paper|loss|passivity ...] [parameter=number,number,...]. Without words all tables;
 // parameters are changes to try.
 #include <cstdio>
-#include <set>
-#include <sstream>
 
 #include "tests/interaction/figures.hpp"
 #include "tests/interaction/passivity.hpp"
+#include "tests/interaction/words.hpp"
 
 using namespace multipanda;
 using namespace multipanda::trial;
 
 namespace {
 
-struct Given {
-  std::set<std::string> tables;
-  std::vector<std::pair<std::string, std::vector<double>>> parameters;
-  bool wants(const std::string& table) const { return tables.empty() || tables.contains(table); }
-  void apply(Scene& scene) const {
-    for (const auto& [name, values] : parameters) set(scene, name, values);
-  }
-};
-
-Given read(int count, char** words) {
-  Given given;
-  for (int i = 1; i < count; ++i) {
-    const std::string word = words[i];
-    const auto equals = word.find('=');
-    if (equals == std::string::npos) {
-      given.tables.insert(word);
-      continue;
-    }
-    std::stringstream rest(word.substr(equals + 1));
-    std::vector<double> values;
-    for (std::string number; std::getline(rest, number, ',');) values.push_back(std::stod(number));
-    given.parameters.emplace_back(word.substr(0, equals), values);
-  }
-  return given;
+void apply(const Given& given, Scene& scene) {
+  for (const auto& [name, values] : given.parameters) set(scene, name, values);
 }
 
 void row(const std::string& what, const Surface& surface, const TaskFigures& f) {
@@ -54,8 +31,8 @@ void head(const char* title) {
 }  // namespace
 
 int main(int count, char** words) {
-  const Given given = read(count, words);
-  const auto change = [&](Scene& scene) { given.apply(scene); };
+  const Given given = read_words(count, words);
+  const auto change = [&](Scene& scene) { apply(given, scene); };
   PlantFidelity stiction = PlantFidelity::ideal();
   stiction.name = "stiction";
   stiction.stiction_nm = 0.3;
@@ -103,7 +80,7 @@ int main(int count, char** words) {
           const Surface surface{k, 0.3, mu};
           row(plant.name, surface, task_figures("task_4", plant, surface, [&](Scene& scene) {
                 paper_preset(scene);
-                given.apply(scene);
+                apply(given, scene);
               }));
         }
       }
@@ -121,11 +98,11 @@ int main(int count, char** words) {
       line("task_4", "default", force, loss_figures("task_4", force, change));
       line("task_4", "paper", force, loss_figures("task_4", force, [&](Scene& scene) {
              paper_preset(scene);
-             given.apply(scene);
+             apply(given, scene);
            }));
       line("task_4", "valve", force, loss_figures("task_4", force, [&](Scene& scene) {
              set(scene, "valve_law", {1});  // the paper's valve alone
-             given.apply(scene);
+             apply(given, scene);
            }));
       line("task_3", "force", force, loss_figures("task_3", force, change));
     }

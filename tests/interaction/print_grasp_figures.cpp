@@ -3,44 +3,14 @@
 // [repeats=NUMBER] Tables: repeats, surfaces, paper, tanks, treated, gone. Without words all of them;
 // parameters are changes to try.
 #include <cstdio>
-#include <set>
-#include <sstream>
 
 #include "tests/interaction/grasp_trial.hpp"
+#include "tests/interaction/words.hpp"
 
 using namespace multipanda;
 using namespace multipanda::grasp;
 
 namespace {
-
-struct Given {
-  std::set<std::string> tables;
-  std::vector<std::pair<std::string, std::vector<double>>> parameters;
-  std::string trace;
-  std::uint32_t repeats = 5;
-  bool wants(const std::string& table) const { return tables.empty() || tables.contains(table); }
-};
-
-Given read(int count, char** words) {
-  Given given;
-  for (int i = 1; i < count; ++i) {
-    const std::string word = words[i];
-    const auto equals = word.find('=');
-    if (equals == std::string::npos) {
-      given.tables.insert(word);
-      continue;
-    }
-    const std::string name = word.substr(0, equals);
-    if (name == "trace") given.trace = word.substr(equals + 1);
-    if (name == "repeats") given.repeats = static_cast<std::uint32_t>(std::stoul(word.substr(equals + 1)));
-    if (name == "trace" || name == "repeats") continue;
-    std::stringstream rest(word.substr(equals + 1));
-    std::vector<double> values;
-    for (std::string number; std::getline(rest, number, ',');) values.push_back(std::stod(number));
-    given.parameters.emplace_back(name, values);
-  }
-  return given;
-}
 
 void head(const char* title) {
   std::printf("\n%s\n%-26s | %5s | %6s %6s %6s %6s %6s | %6s %6s %6s %7s | %5s %5s %4s\n", title, "", "touch",
@@ -76,7 +46,7 @@ void write_trace(const std::string& file, const Run& result) {
 }  // namespace
 
 int main(int count, char** words) {
-  const Given given = read(count, words);
+  const Given given = read_words(count, words);
   const std::vector<PlantFidelity> plants{PlantFidelity::ideal(), PlantFidelity::realistic()};
   const auto scene_on = [&](const PlantFidelity& plant) {
     Scene scene = task();

@@ -8,6 +8,7 @@
 #include "core/modes/registry.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
+#include "tests/interaction/words.hpp"
 
 namespace multipanda::trial {
 namespace {
@@ -26,14 +27,7 @@ void true_joints(const MujocoBackend& backend, JointVector& q, JointVector& dq) 
 
 }  // namespace
 
-std::size_t Run::column(const std::string& output) const {
-  std::size_t at = 0;
-  for (const auto& spec : outputs) {
-    if (spec.name == output) return at;
-    at += spec.size;
-  }
-  throw std::invalid_argument("no output " + output);
-}
+std::size_t Run::column(const std::string& output) const { return output_column(outputs, output); }
 
 Run run(const Scene& scene, const Options& options) {
   MujocoBackend backend(scene, {.pace = Pace::unpaced});
