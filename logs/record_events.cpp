@@ -44,6 +44,8 @@ std::string_view mode_name(std::uint16_t mode) {
       return "user stopped";
     case ArmMode::recovering:
       return "recovering";
+    case ArmMode::disconnected:
+      return "disconnected";
   }
   return "unknown";
 }

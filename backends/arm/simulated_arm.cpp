@@ -25,8 +25,9 @@ ArmSettings default_settings(const SimulatedArmConfig& config) {
   settings.load = config.load;
   settings.joint_stiffness = joint_constant(n, 2000);
   settings.cartesian_stiffness << 3000, 3000, 3000, 300, 300, 300;
-  settings.limits.torque_lower = settings.limits.torque_upper = config.model->limits().tau_max;
-  settings.limits.wrench_lower = settings.limits.wrench_upper = Vector6::Constant(100);
+  ContactThresholds& limit = settings.thresholds.nominal;
+  limit.torque_lower = limit.torque_upper = config.model->limits().tau_max;
+  limit.wrench_lower = limit.wrench_upper = Vector6::Constant(100);
   return settings;
 }
 
@@ -263,10 +264,13 @@ std::string SimulatedArm::check(const ArmRequest& request, std::size_t n) {
             return check_positive(r.stiffness, 6, "the Cartesian stiffness");
           },
           [&](const SetCollisionThresholds& r) {
-            return first_of({check_positive(r.torque_lower, n, "the lower torque thresholds"),
-                             check_positive(r.torque_upper, n, "the upper torque thresholds"),
-                             check_positive(r.wrench_lower, 6, "the lower wrench thresholds"),
-                             check_positive(r.wrench_upper, 6, "the upper wrench thresholds")});
+            const auto why = [&](const ContactThresholds& t) {
+              return first_of({check_positive(t.torque_lower, n, "the lower torque thresholds"),
+                               check_positive(t.torque_upper, n, "the upper torque thresholds"),
+                               check_positive(t.wrench_lower, 6, "the lower wrench thresholds"),
+                               check_positive(t.wrench_upper, 6, "the upper wrench thresholds")});
+            };
+            return first_of({why(r.nominal), r.acceleration ? why(*r.acceleration) : std::string{}});
           },
           [](const auto&) { return std::string{}; }},
       request);
@@ -293,7 +297,7 @@ ArmReply SimulatedArm::apply(const ArmRequest& request) {
                                                  return ArmReply::done;
                                                },
                                                [this](const SetCollisionThresholds& r) {
-                                                 settings_.limits = r;
+                                                 settings_.thresholds = r;
                                                  return ArmReply::done;
                                                },
                                                [this](const RecoverFromError&) {

@@ -31,7 +31,7 @@ struct ArmSettings {
   Load tool, load;
   JointVector joint_stiffness;    // of the arm's own joint controller [N m/rad] (n x 1)
   Vector6 cartesian_stiffness;    // of the arm's own Cartesian controller, in K [N/m, N m/rad]
-  SetCollisionThresholds limits;  // contact and reflex
+  SetCollisionThresholds thresholds;  // contact and reflex
 };
 
 // What the arm's sensors see at the end of a control period, before noise.

@@ -1,71 +1,15 @@
 #include "backends/mujoco/mujoco_backend.hpp"
 
-#include <algorithm>
-#include <cmath>
-#include <cstdio>
-#include <cstring>
-#include <stdexcept>
-
-#include "backends/arm/from_scene.hpp"
-#include "backends/arm/joint_friction.hpp"
-#include "backends/mujoco/engine_errors.hpp"
-#include "models/to_mjcf.hpp"
-
 namespace multipanda {
-namespace {
-
-std::vector<WorldArm> world_arms(const Scene& scene, const MujocoOptions& options) {
-  std::vector<WorldArm> arms;
-  for (const auto& arm : scene.arms) {
-    const RobotDescription robot = load_robot(arm.model);
-    arms.push_back({.name = arm.name,
-                    .mjcf = to_mjcf(robot, {.hand = arm.hand, .meshes = options.meshes}),
-                    .joint_count = robot.joint_count(),
-                    .X_WB = arm.X_WB,
-                    .q_start = arm.q_start,
-                    .tool = arm.tool,
-                    .payload = arm.load_present,
-                    .tool_shapes = arm.tool_shapes});
-  }
-  return arms;
-}
-
-WorldPhysics world_physics(const Scene& scene, double timestep) {
-  return {.timestep = timestep,
-          .noslip_iterations = static_cast<int>(scene.noslip_iterations),
-          .stiction = scene.plant.stiction_nm};
-}
-
-}  // namespace
 
 MujocoBackend::MujocoBackend(const Scene& scene, MujocoOptions options)
-    : options_(std::move(options)),
-      substeps_(checked_substeps(scene)),
-      world_(world_arms(scene, options_), scene.objects,
-             world_physics(scene, kPeriod / static_cast<double>(substeps_))),
-      has_stiction_(scene.plant.stiction_nm > 0) {
-  plan_places(scene);
-  for (std::size_t i = 0; i < scene.arms.size(); ++i) {
-    const RobotDescription robot = load_robot(scene.arms[i].model);
-    const JointVector zero = joint_constant(robot.joint_count(), 0);
-    const JointVector& q_start = scene.arms[i].q_start;
-    arms_.push_back({.behaviour = SimulatedArm(simulated_arm_config(scene, i), q_start),
-                     .friction = friction_of(scene, robot),
-                     .q_start = q_start,
-                     .q = zero,
-                     .dq = zero,
-                     .tau_motor = zero,
-                     .friction_explicit = zero,
-                     .measurement = {.q = zero, .dq = zero, .tau_link = zero, .has_contact_truth = true}});
-  }
-  for (ArmIndex i = 0; i < arms_.size(); ++i) measure_start(i);
-}
+    : pace_(options.pace), plant_(scene, {.meshes = std::move(options.meshes)}) {}
 
 Capabilities MujocoBackend::capabilities(ArmIndex arm) const {
   return {.simulated = true,
           .lockstep = true,
           .compensates_gravity = true,
-          .compensates_friction = !arms_[arm].friction,
+          .compensates_friction = plant_.is_frictionless(arm),
           .has_external_torque = false,
           .has_contact_truth = true,
           .period_s = kPeriod};
@@ -77,33 +21,32 @@ void MujocoBackend::start() {
 }
 
 void MujocoBackend::finish() {
-  for (auto& arm : arms_) arm.behaviour.stop_moving();
+  for (ArmIndex i = 0; i < arm_count(); ++i) plant_.arm(i).stop_moving();
   requests_.close();
 }
 
 ArmSet MujocoBackend::wait() {
   advance();
-  if (options_.pace == Pace::realtime || paused_) pacer_.wait();
+  if (pace_ == Pace::realtime || paused_) pacer_.wait();
   take_requests();
-  return failed_ ? ArmSet() : ArmSet::all(arms_.size());
+  return plant_.failed() ? ArmSet() : ArmSet::all(plant_.arm_count());
 }
 
-LoopTime MujocoBackend::now() const { return {periods_ * 1'000'000}; }
+LoopTime MujocoBackend::now() const { return {plant_.periods() * 1'000'000}; }
 
 void MujocoBackend::read(ArmSet due, std::span<ArmState> states) {
-  for (ArmIndex i = 0; i < arms_.size(); ++i) {
-    if (due.contains(i)) states[i] = arms_[i].behaviour.state();
+  for (ArmIndex i = 0; i < plant_.arm_count(); ++i) {
+    if (due.contains(i)) states[i] = plant_.arm(i).state();
   }
 }
 
 void MujocoBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
-  if (paused_ || failed_) return;
-  for (ArmIndex i = 0; i < arms_.size(); ++i) {
-    Arm& arm = arms_[i];
+  if (paused_ || plant_.failed()) return;
+  for (ArmIndex i = 0; i < plant_.arm_count(); ++i) {
     if (due.contains(i)) {
-      arm.behaviour.take_command(commands[i].tau_cmd);
+      plant_.arm(i).take_command(commands[i].tau_cmd);
     } else {
-      arm.behaviour.miss_command();
+      plant_.arm(i).miss_command();
     }
   }
   commanded_ = true;
@@ -112,111 +55,24 @@ void MujocoBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
 // The period that the last write() began. It runs in wait(), so that a cycle's time is the loop's own and not
 // the engine's.
 void MujocoBackend::advance() {
-  if (!commanded_ || failed_) return;
+  if (!commanded_) return;
   commanded_ = false;
-  for (auto& arm : arms_) {
-    arm.measurement.tau_link.setZero();
-    arm.measurement.F_K_W_true = {};
-  }
-  if (!carry_out_places()) return;
-  const double dt = kPeriod / static_cast<double>(substeps_), weight = 1.0 / static_cast<double>(substeps_);
-  for (std::size_t step = 0; step < substeps_; ++step) {
-    for (ArmIndex i = 0; i < arms_.size(); ++i) drive(i, dt);
-    if (!world_.step()) {
-      fail(*last_engine_error() != '\0'
-               ? last_engine_error()
-               : "the simulation ran away: positions or velocities beyond any sense");
-      return;
-    }
-    for (ArmIndex i = 0; i < arms_.size(); ++i) observe(i, weight);
-  }
-  ++periods_;
-  for (auto& arm : arms_) arm.behaviour.measure(arm.measurement);
-}
-
-void MujocoBackend::plan_places(const Scene& scene) {
-  for (const auto& event : scene.timeline) {
-    if (event.what != TimelineEvent::What::place) continue;
-    const auto object = world_.find_object(event.object);
-    if (!object)
-      throw std::invalid_argument("the timeline places '" + event.object + "', which is no object");
-    constexpr double kRounding = 1e-6;  // of a period
-    const auto period = static_cast<std::int64_t>(std::ceil(event.at_s / kPeriod - kRounding));
-    places_.push_back({.period = period, .object = *object, .X_WO = event.X_WO});
-  }
-  std::stable_sort(places_.begin(), places_.end(),
-                   [](const auto& a, const auto& b) { return a.period < b.period; });
-}
-
-bool MujocoBackend::carry_out_places() {
-  for (; next_place_ < places_.size() && places_[next_place_].period <= periods_; ++next_place_) {
-    const PlannedPlace& place = places_[next_place_];
-    if (world_.place(place.object, place.X_WO)) continue;
-    std::array<char, 256> why{};
-    std::snprintf(why.data(), why.size(), "the timeline places '%s' inside something else",
-                  world_.objects()[place.object].name.c_str());
-    fail(why.data());
-    return false;
-  }
-  return true;
-}
-
-// Motor torque less friction goes to the joints. Friction's slope can exceed what an explicit step of a light
-// joint stands, so it is split: D = tau_f'(dq) goes to MuJoCo as damping, which its integrator takes at the
-// end of the step, the rest is applied: in effect tau_f(dq) + D (dq_after - dq).
-void MujocoBackend::drive(ArmIndex index, double dt) {
-  Arm& arm = arms_[index];
-  const World::ArmPlaces& places = world_.arm(index);
-  world_.joints(index, arm.q, arm.dq);
-  arm.tau_motor = arm.behaviour.motor_torque(arm.q, arm.dq, dt);
-  for (std::size_t j = 0; j < places.dof.size(); ++j) {
-    const auto i = static_cast<Eigen::Index>(j);
-    const int dof = places.dof[j];
-    if (arm.friction) {
-      const double slope = friction_slope(*arm.friction, j, arm.dq[i]);
-      world_.model()->dof_damping[dof] = slope;
-      arm.friction_explicit[i] = friction_torque(*arm.friction, j, arm.dq[i]) - slope * arm.dq[i];
-    }
-    world_.data()->qfrc_applied[dof] = arm.tau_motor[i] - arm.friction_explicit[i];
-  }
-}
-
-// After a physics step: what the sensors saw of it. `weight`: the step's part of the period.
-void MujocoBackend::observe(ArmIndex index, double weight) {
-  Arm& arm = arms_[index];
-  PlantMeasurement& seen = arm.measurement;
-  world_.joints(index, seen.q, seen.dq);
-  const auto& dof = world_.arm(index).dof;
-  for (std::size_t j = 0; j < dof.size(); ++j) {
-    const auto i = static_cast<Eigen::Index>(j);
-    const double damping = arm.friction ? world_.model()->dof_damping[dof[j]] * seen.dq[i] : 0.0;
-    const double stiction = has_stiction_ ? world_.stiction_torque(dof[j]) : 0.0;
-    seen.tau_link[i] += weight * (arm.tau_motor[i] - arm.friction_explicit[i] - damping + stiction);
-  }
-  // Contacts belong to the step's beginning, and so does MuJoCo's pose of the flange.
-  const ArmFrames& frames = arm.behaviour.settings().frames;
-  const Pose X_WK = world_.X_WF(index) * frames.X_FE * frames.X_EK;
-  seen.F_K_W_true.vector += weight * world_.tip_wrench(index, X_WK.position).vector;
-}
-
-void MujocoBackend::fail(const char* why) {
-  failed_ = true;
-  std::strncpy(fault_.data(), why, fault_.size() - 1);
+  plant_.advance();
 }
 
 std::future<ArmAnswer> MujocoBackend::request(ArmIndex arm, ArmRequest request) {
   RequestBox::Posted posted{.arm = arm, .request = std::move(request)};
-  if (arm >= arms_.size()) {
+  if (arm >= plant_.arm_count()) {
     return RequestBox::refused("there is no arm " + std::to_string(arm) + ": the scene has " +
-                               std::to_string(arms_.size()));
+                               std::to_string(plant_.arm_count()));
   }
-  if (auto why = SimulatedArm::check(posted.request, arms_[arm].behaviour.joint_count()); !why.empty()) {
+  if (auto why = SimulatedArm::check(posted.request, plant_.arm(arm).joint_count()); !why.empty()) {
     return RequestBox::refused(std::move(why));
   }
   if (const auto* place = std::get_if<PlaceObject>(&posted.request)) {
-    const auto object = world_.find_object(place->object);
+    const auto object = plant_.world().find_object(place->object);
     if (!object) return RequestBox::refused("there is no object '" + place->object + "' in the scene");
-    if (world_.objects()[*object].qpos < 0) {
+    if (plant_.world().objects()[*object].qpos < 0) {
       return RequestBox::refused("object '" + place->object + "' is fixed: only free objects can be placed");
     }
     if (auto why = SimulatedArm::check(SetFrames{place->X_WO, {}}, 0); !why.empty()) {
@@ -233,39 +89,18 @@ void MujocoBackend::take_requests() {
 
 ArmReply MujocoBackend::apply(const RequestBox::Posted& posted) {
   if (const auto* place = std::get_if<PlaceObject>(&posted.request)) {
-    return world_.place(posted.object, place->X_WO) ? ArmReply::done : ArmReply::would_penetrate;
+    return plant_.world().place(posted.object, place->X_WO) ? ArmReply::done : ArmReply::would_penetrate;
   }
   if (std::holds_alternative<ResetSimulation>(posted.request)) {
-    reset();
+    plant_.reset();
     return ArmReply::done;
   }
   if (const auto* pause = std::get_if<PauseSimulation>(&posted.request)) {
-    if (pause->paused && !paused_ && options_.pace == Pace::unpaced) pacer_.start();
+    if (pause->paused && !paused_ && pace_ == Pace::unpaced) pacer_.start();
     paused_ = pause->paused;
     return ArmReply::done;
   }
-  return arms_[posted.arm].behaviour.apply(posted.request);
-}
-
-void MujocoBackend::reset() {
-  if (!world_.reset()) return fail(last_engine_error());
-  for (ArmIndex i = 0; i < arms_.size(); ++i) {
-    Arm& arm = arms_[i];
-    arm.behaviour.reset(arm.q_start);
-    arm.friction_explicit.setZero();
-    measure_start(i);
-  }
-}
-
-// The first packet: at rest, the motors carry the arm.
-void MujocoBackend::measure_start(ArmIndex i) {
-  Arm& arm = arms_[i];
-  world_.joints(i, arm.q, arm.dq);
-  arm.tau_motor = arm.behaviour.motor_torque(arm.q, arm.dq, 0);
-  arm.measurement.tau_link.setZero();
-  arm.measurement.F_K_W_true = {};
-  observe(i, 1.0);
-  arm.behaviour.measure(arm.measurement);
+  return plant_.arm(posted.arm).apply(posted.request);
 }
 
 }  // namespace multipanda

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <future>
 #include <optional>
 #include <span>
@@ -20,6 +21,8 @@ struct Capabilities {
   bool compensates_friction = false;  // or has none: compensation on top would push
   bool has_external_torque = false;   // delivers tau_ext_hat and the wrench estimate
   bool has_contact_truth = false;     // delivers the simulator's own contact wrench
+  bool has_gripper = false;           // knows the requests to a parallel gripper
+  bool has_vacuum = false;            // knows the requests to a vacuum gripper
   double period_s = 0.001;
 };
 
@@ -35,16 +38,45 @@ struct SetJointStiffness {
 };  // of the arm's own controller [N m/rad]
 struct SetCartesianStiffness {
   Vector6 stiffness;
-};                                         // of the arm's own controller, in K [N/m, N m/rad]
-struct SetCollisionThresholds {            // contact above lower, reflex above upper
-  JointVector torque_lower, torque_upper;  // [N m]
+};  // of the arm's own controller, in K [N/m, N m/rad]
+// Contact is reported above lower, a reflex stops the arm above upper (both on absolute values).
+struct ContactThresholds {
+  JointVector torque_lower, torque_upper;  // [N m] (n x 1)
   Vector6 wrench_lower, wrench_upper;      // [N, N m]
 };
-struct RecoverFromError {};
+struct SetCollisionThresholds {
+  ContactThresholds nominal;                      // at constant velocity and at rest
+  std::optional<ContactThresholds> acceleration;  // while the arm accelerates; none: as nominal
+};
+struct SetGuidingMode {
+  std::array<bool, 6> axes{};  // free to be guided by hand: x, y, z, roll, pitch, yaw
+  bool elbow = false;
+};
+struct RecoverFromError {};  // leads to hold, never back into the controllet that ran
+struct Reconnect {};         // real arms: after the connection was lost
 struct StopMotion {};
 struct SetUserStop {
   bool pressed = false;
 };  // simulated arms: the stop button
+// Gripper; the answer comes when the motion is over. A new motion ends the one that runs.
+struct GripperHoming {};
+struct GripperMove {
+  double width = 0, speed = 0.1;  // [m, m/s]
+};
+struct GripperGrasp {
+  double width = 0, speed = 0.1, force = 40;  // [m, m/s, N]
+  double tolerance_inner = 0.005,
+         tolerance_outer = 0.005;  // grasped within [width - inner, width + outer] [m]
+};
+struct GripperStop {};
+struct VacuumOn {
+  double pressure_mbar = 100;
+  double timeout_s = 1;
+};
+struct VacuumDrop {
+  double timeout_s = 1;
+};
+struct VacuumStop {};
 struct PlaceObject {
   std::string object;
   Pose X_WO;
@@ -55,7 +87,9 @@ struct PauseSimulation {
 };
 using ArmRequest =
     std::variant<SetLoad, SetFrames, SetJointStiffness, SetCartesianStiffness, SetCollisionThresholds,
-                 RecoverFromError, StopMotion, SetUserStop, PlaceObject, ResetSimulation, PauseSimulation>;
+                 SetGuidingMode, RecoverFromError, Reconnect, StopMotion, SetUserStop, GripperHoming,
+                 GripperMove, GripperGrasp, GripperStop, VacuumOn, VacuumDrop, VacuumStop, PlaceObject,
+                 ResetSimulation, PauseSimulation>;
 
 struct ArmAnswer {
   bool success = false;
@@ -86,9 +120,12 @@ class Backend {
   virtual void finish() {}
 
   // Blocks until the state of at least one arm is due, on the backend's own clock. In lock-step this is where
-  // the world moves on, by the torques of the last write(). Empty: no more cycles (end of a recording, lost
-  // for good). Simulation: all arms; real arms: those whose packet arrived.
+  // the world moves on, by the torques of the last write(). Simulation: all arms; real arms: those whose
+  // packet arrived. Empty: no arm is due, because the backend has ended(), or because real arms are silent:
+  // then the step lets states age, takes requests and sends nothing.
   virtual ArmSet wait() = 0;
+  // After an empty wait(): no more cycles will come (end of a recording, a simulation that failed).
+  virtual bool ended() const { return true; }
   // The loop's time of the step that wait() announced.
   virtual LoopTime now() const = 0;
   // Fills the states of the arms due; the others keep what they had. No allocation, no lock.

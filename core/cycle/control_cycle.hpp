@@ -41,7 +41,7 @@ class ControlCycle {
   void run(KeepOn keep_on) {
     while (keep_on()) {
       const ArmSet due = backend_.wait();
-      if (due.empty()) return;
+      if (due.empty() && backend_.ended()) return;
       step(due);
     }
   }

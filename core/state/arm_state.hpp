@@ -10,7 +10,17 @@
 // (CONVENTIONS.md): B is the arm's base, F the flange, E the end effector, K the stiffness frame.
 namespace multipanda {
 
-enum class ArmMode : std::uint8_t { other, idle, move, guiding, reflex, user_stopped, recovering };
+// disconnected: a real arm whose connection is lost; its state is the last one that came.
+enum class ArmMode : std::uint8_t {
+  other,
+  idle,
+  move,
+  guiding,
+  reflex,
+  user_stopped,
+  recovering,
+  disconnected
+};
 
 // Frames that the user sets on the arm. Defaults: E = F, K = E.
 struct ArmFrames {
@@ -23,6 +33,14 @@ struct Load {
   double mass = 0;                      // [kg]
   Vector3 p_FC = Vector3::Zero();       // centre of mass in the flange [m]
   Matrix3 inertia_C = Matrix3::Zero();  // about the centre of mass, axes of F [kg m^2]
+};
+
+// A parallel gripper or a vacuum gripper on the flange, as it last reported; slower than the arm.
+struct GripperState {
+  bool present = false;
+  double width = 0, max_width = 0;  // between the fingers; max_width is found by homing [m]
+  bool grasped = false;             // holds something of the width that the last grasp named, or by vacuum
+  bool moving = false;              // a request is being carried out
 };
 
 struct ArmState {
@@ -58,6 +76,7 @@ struct ArmState {
   ArmMode mode = ArmMode::other;
   std::uint64_t errors = 0;  // bit i: the i-th error flag of the control interface
   double command_success_rate = 1;
+  GripperState gripper;
 };
 
 }  // namespace multipanda

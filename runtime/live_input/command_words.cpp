@@ -33,6 +33,8 @@ const char* name_of(ArmMode mode) {
       return "user_stopped";
     case ArmMode::recovering:
       return "recovering";
+    case ArmMode::disconnected:
+      return "disconnected";
   }
   return "other";
 }

@@ -1,0 +1,90 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <deque>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "backends/arm/simulated_arm.hpp"
+#include "backends/mujoco/world.hpp"
+#include "core/types/arm_set.hpp"
+#include "scene/scene.hpp"
+
+namespace multipanda {
+
+struct PlantOptions {
+  std::filesystem::path meshes;  // shown in pictures in place of the primitives; empty: primitives
+};
+
+// A scene with its arms, ready to be stepped by one control period of 1 ms: MuJoCo's rigid bodies, joint
+// friction, and every arm's own behaviour between its interface and its motors. It has no clock and no
+// thread; whoever owns it (MujocoBackend, the virtual arms of fci/server) gives the arms their commands and
+// calls advance(). docs/simulation.md says what is simulated and what is not.
+//
+// Deterministic: the same scene, seed and commands give the same bits, on the same machine and libraries.
+//
+// Events `place` of the scene's timeline are carried out here, each at the beginning of the first period that
+// does not begin before its time; where the object would stand inside something the plant fails.
+class MujocoPlant {
+ public:
+  static constexpr double kPeriod = 0.001;  // [s]
+
+  // Throws std::invalid_argument if the scene cannot be built.
+  explicit MujocoPlant(const Scene& scene, const PlantOptions& options = {});
+
+  std::size_t arm_count() const { return arms_.size(); }
+  SimulatedArm& arm(ArmIndex i) { return arms_[i].behaviour; }
+  const SimulatedArm& arm(ArmIndex i) const { return arms_[i].behaviour; }
+  // False: joint friction acts that nobody compensates.
+  bool is_frictionless(ArmIndex i) const { return !arms_[i].friction; }
+
+  // One period, by the commands that the arms were given; then every arm has measured. No allocation, no
+  // lock. Nothing happens after a failure.
+  void advance();
+  std::int64_t periods() const { return periods_; }  // carried out since construction
+  void reset();                                      // everything to the start; periods() goes on
+
+  // A failed engine, a state that ran away, an impossible `place`: the plant stands still from then on.
+  bool failed() const { return failed_; }
+  const char* fault() const { return fault_.data(); }  // empty: none
+
+  const World& world() const { return world_; }
+  World& world() { return world_; }
+
+ private:
+  struct Arm {
+    SimulatedArm behaviour;
+    std::optional<JointFriction> friction;
+    JointVector q_start;
+    JointVector q, dq;              // of the plant
+    JointVector tau_motor;          // in the present physics step
+    JointVector friction_explicit;  // friction less its part that MuJoCo integrates implicitly
+    PlantMeasurement measurement;   // of the present period
+  };
+  struct PlannedPlace {
+    std::int64_t period = 0;  // at the beginning of which it happens
+    std::size_t object = 0;
+    Pose X_WO;
+  };
+  void plan_places(const Scene& scene);
+  bool carry_out_places();
+  void measure_start(ArmIndex arm);
+  void drive(ArmIndex arm, double dt);
+  void observe(ArmIndex arm, double weight);
+  void fail(const char* why);
+
+  std::size_t substeps_;
+  World world_;
+  std::deque<Arm> arms_;
+  std::vector<PlannedPlace> places_;  // by time
+  std::size_t next_place_ = 0;
+  bool has_stiction_ = false;
+  std::int64_t periods_ = 0;
+  bool failed_ = false;
+  std::array<char, 512> fault_{};
+};
+
+}  // namespace multipanda
