@@ -18,14 +18,4 @@ enum class ArmReply : std::uint8_t {
 
 std::string_view to_string(ArmReply reply);
 
-// Error flags of the control interface that the simulated arm raises: bit i of ArmState::errors.
-enum class ArmError : std::uint8_t {
-  communication_constraints_violation = 25,  // too many commands missing in a row
-  controller_torque_discontinuity = 32,      // a command that is no torque: NaN, infinity, wrong size
-};
-
-constexpr std::uint64_t error_bit(ArmError error) {
-  return std::uint64_t{1} << static_cast<std::uint8_t>(error);
-}
-
 }  // namespace multipanda

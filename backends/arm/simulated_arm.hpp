@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "backends/arm/arm_error.hpp"
+#include "backends/arm/arm_interface.hpp"
 #include "backends/arm/arm_reply.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/model/model_terms.hpp"
