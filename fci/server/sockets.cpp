@@ -1,0 +1,176 @@
+#include "fci/server/sockets.hpp"
+
+#include <arpa/inet.h>
+#include <cerrno>
+#include <cstring>
+#include <linux/sockios.h>
+#include <netinet/tcp.h>
+#include <stdexcept>
+#include <sys/epoll.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <system_error>
+#include <unistd.h>
+
+namespace multipanda::fci {
+namespace {
+
+const sockaddr* generic(const sockaddr_in& address) { return reinterpret_cast<const sockaddr*>(&address); }
+
+void set(int file, int level, int option, int value) {
+  ::setsockopt(file, level, option, &value, sizeof(value));
+}
+
+Socket new_socket(int type) {
+  Socket socket(::socket(AF_INET, type | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
+  if (!socket) throw std::system_error(errno, std::system_category(), "no new socket");
+  return socket;
+}
+
+std::string cure(int error) {
+  switch (error) {
+    case EADDRINUSE:
+      return "another program listens there: end it, or choose another address with --bind";
+    case EADDRNOTAVAIL:
+      return "no network interface of this computer has that address: choose one of 127.0.0.1, 127.0.0.2, "
+             "... or of 'ip address'";
+    case EACCES:
+      return "ports below 1024 are reserved: choose a higher one";
+    default:
+      return "choose another address with --bind";
+  }
+}
+
+}  // namespace
+
+Socket& Socket::operator=(Socket&& other) noexcept {
+  if (this != &other) {
+    close();
+    file_ = std::exchange(other.file_, -1);
+  }
+  return *this;
+}
+
+void Socket::close() {
+  if (file_ >= 0) ::close(std::exchange(file_, -1));
+}
+
+sockaddr_in ipv4(const std::string& address, std::uint16_t port) {
+  sockaddr_in result{};
+  result.sin_family = AF_INET;
+  result.sin_port = htons(port);
+  if (inet_pton(AF_INET, address.c_str(), &result.sin_addr) != 1) {
+    throw std::invalid_argument("'" + address + "' is no IPv4 address; expected four numbers, as 127.0.0.1");
+  }
+  return result;
+}
+
+bool is_loopback(const std::string& address) {
+  return (ntohl(ipv4(address, 0).sin_addr.s_addr) >> 24) == 127;
+}
+
+Socket listen_on(const std::string& address, std::uint16_t port, std::string_view what) {
+  const sockaddr_in place = ipv4(address, port);
+  Socket socket = new_socket(SOCK_STREAM);
+  set(socket.file(), SOL_SOCKET, SO_REUSEADDR, 1);  // connections of an earlier server may still linger
+  if (::bind(socket.file(), generic(place), sizeof(place)) != 0 || ::listen(socket.file(), 8) != 0) {
+    const int error = errno;
+    throw std::runtime_error(std::string(what) + " cannot listen on " + address + ":" + std::to_string(port) +
+                             ": " + std::strerror(error) + "; " + cure(error));
+  }
+  return socket;
+}
+
+std::uint16_t port_of(const Socket& socket) {
+  sockaddr_in place{};
+  socklen_t size = sizeof(place);
+  ::getsockname(socket.file(), reinterpret_cast<sockaddr*>(&place), &size);
+  return ntohs(place.sin_port);
+}
+
+Socket udp_between(const std::string& address, const sockaddr_in& peer) {
+  const sockaddr_in here = ipv4(address, 0);
+  Socket socket = new_socket(SOCK_DGRAM);
+  if (::bind(socket.file(), generic(here), sizeof(here)) != 0 ||
+      ::connect(socket.file(), generic(peer), sizeof(peer)) != 0) {
+    throw std::system_error(errno, std::system_category(), "UDP from " + address);
+  }
+  return socket;
+}
+
+TcpStream::TcpStream(Socket socket, const sockaddr_in& peer, Poll& poll, Port& port)
+    : socket_(std::move(socket)), peer_(peer), poll_(poll) {
+  const int file = socket_.file();
+  set(file, IPPROTO_TCP, TCP_NODELAY, 1);
+  // A client whose computer is gone is noticed within about 4 s, as the maker's library notices the arm.
+  set(file, SOL_SOCKET, SO_KEEPALIVE, 1);
+  set(file, IPPROTO_TCP, TCP_KEEPIDLE, 1);
+  set(file, IPPROTO_TCP, TCP_KEEPINTVL, 1);
+  set(file, IPPROTO_TCP, TCP_KEEPCNT, 3);
+  set(file, IPPROTO_TCP, TCP_USER_TIMEOUT, 4000);
+  out_.reserve(4096);
+  poll_.add(file, EPOLLIN, port);
+}
+
+TcpStream::~TcpStream() { poll_.remove(socket_.file()); }
+
+std::size_t TcpStream::receive(std::span<std::byte> into) {
+  const auto count = ::recv(socket_.file(), into.data(), into.size(), 0);
+  if (count > 0) return static_cast<std::size_t>(count);
+  if (count == 0 || (errno != EAGAIN && errno != EINTR)) broken_ = true;
+  return 0;
+}
+
+void TcpStream::send(std::span<const std::byte> message) {
+  if (broken_) return;
+  if (out_.size() - sent_ + message.size() > kMostUnsent) {
+    broken_ = true;
+    return;
+  }
+  if (sent_ == out_.size()) {
+    out_.clear();
+    sent_ = 0;
+  }
+  out_.insert(out_.end(), message.begin(), message.end());
+  flush();
+}
+
+void TcpStream::flush() {
+  while (!broken_ && sent_ < out_.size()) {
+    const auto count = ::send(socket_.file(), out_.data() + sent_, out_.size() - sent_, MSG_NOSIGNAL);
+    if (count > 0) {
+      sent_ += static_cast<std::size_t>(count);
+    } else if (errno == EAGAIN) {
+      break;
+    } else if (errno != EINTR) {
+      broken_ = true;
+    }
+  }
+  const bool waits = !broken_ && sent_ < out_.size();
+  if (waits != watches_room_) {
+    poll_.change(socket_.file(), waits ? EPOLLIN | EPOLLOUT : EPOLLIN);
+    watches_room_ = waits;
+  }
+}
+
+bool TcpStream::all_delivered() const {
+  int unacknowledged = 0;
+  return all_sent() && ::ioctl(socket_.file(), SIOCOUTQ, &unacknowledged) == 0 && unacknowledged == 0;
+}
+
+bool TcpStream::peer_has_closed() const {
+  std::byte one{};
+  const auto count = ::recv(socket_.file(), &one, 1, MSG_PEEK);
+  return count == 0 || (count < 0 && errno != EAGAIN && errno != EINTR);
+}
+
+std::optional<Accepted> accept_from(const Socket& listener) {
+  Accepted result;
+  socklen_t size = sizeof(result.peer);
+  result.socket = Socket(::accept4(listener.file(), reinterpret_cast<sockaddr*>(&result.peer), &size,
+                                   SOCK_NONBLOCK | SOCK_CLOEXEC));
+  if (!result.socket) return std::nullopt;
+  return result;
+}
+
+}  // namespace multipanda::fci

@@ -1,0 +1,89 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <netinet/in.h>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "fci/server/port.hpp"
+
+// Sockets of the virtual arms: never blocking, IPv4, as the maker's.
+namespace multipanda::fci {
+
+// Owns a descriptor; -1: none.
+class Socket {
+ public:
+  explicit Socket(int file = -1) : file_(file) {}
+  Socket(Socket&& other) noexcept : file_(std::exchange(other.file_, -1)) {}
+  Socket& operator=(Socket&& other) noexcept;
+  ~Socket() { close(); }
+
+  int file() const { return file_; }
+  explicit operator bool() const { return file_ >= 0; }
+  void close();
+
+ private:
+  int file_;
+};
+
+// "127.0.0.1" -> an address with this port. Throws std::invalid_argument.
+sockaddr_in ipv4(const std::string& address, std::uint16_t port);
+bool is_loopback(const std::string& address);
+
+// A listening TCP socket. `what`: "arm left", for messages. Throws std::runtime_error: address, port, why,
+// what to do.
+Socket listen_on(const std::string& address, std::uint16_t port, std::string_view what);
+// The port that it listens on: another than asked for where that was 0.
+std::uint16_t port_of(const Socket& socket);
+
+// A UDP socket on `address`, a free port, connected to `peer`: datagrams of others never arrive.
+Socket udp_between(const std::string& address, const sockaddr_in& peer);
+
+// One client's TCP connection. What cannot go at once is kept, within a bound; the loop sends it when there
+// is room.
+class TcpStream {
+ public:
+  // `port` gets the events; the socket is in `poll` as long as this lives.
+  TcpStream(Socket socket, const sockaddr_in& peer, Poll& poll, Port& port);
+  ~TcpStream();
+  TcpStream(const TcpStream&) = delete;
+  TcpStream& operator=(const TcpStream&) = delete;
+
+  int file() const { return socket_.file(); }
+  const sockaddr_in& peer() const { return peer_; }
+
+  // Bytes received, at most `into`; 0: nothing now, or the end (broken()).
+  std::size_t receive(std::span<std::byte> into);
+  // One message, whole. Broken if more than kMostUnsent would wait: a client that does not read.
+  void send(std::span<const std::byte> message);
+  void flush();  // on EPOLLOUT
+  bool all_sent() const { return sent_ == out_.size(); }
+  // Whether the other end's system has acknowledged everything.
+  bool all_delivered() const;
+  // The other end is gone, or has closed without that its last bytes were read.
+  bool broken() const { return broken_; }
+  bool peer_has_closed() const;  // looks without reading
+  static constexpr std::size_t kMostUnsent = 4u << 20;
+
+ private:
+  Socket socket_;
+  sockaddr_in peer_;
+  Poll& poll_;
+  std::vector<std::byte> out_;
+  std::size_t sent_ = 0;
+  bool broken_ = false, watches_room_ = false;
+};
+
+// Takes a waiting client from a listening socket; none: nobody waits.
+struct Accepted {
+  Socket socket;
+  sockaddr_in peer{};
+};
+std::optional<Accepted> accept_from(const Socket& listener);
+
+}  // namespace multipanda::fci
