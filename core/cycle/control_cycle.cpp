@@ -44,11 +44,16 @@ void ControlCycle::read(ArmSet due) {
     state.age_s = state.fresh ? 0.0 : state.age_s + tick.dt;
     if (state.fresh) data_.terms[arm].update(state);
     if (state.fresh && observed_.contains(arm)) estimate_force(arm);
-    if (state.fresh && !seen_.contains(arm)) {  // the rate limit begins at what the arm has in use
-      seen_ |= ArmSet::of(arm);
-      safety_.set_last_command(arm, state.tau_J_d);
-    }
+    if (state.fresh) begin_torque(arm);
   }
+}
+
+// The rate limit begins at what the arm has in use: at its first state, and when it takes commands again.
+void ControlCycle::begin_torque(ArmIndex arm) {
+  const ArmState& state = data_.state[arm];
+  const bool takes_commands = state.mode == ArmMode::idle || state.mode == ArmMode::move;
+  if (!takes_commands || !commanded_.contains(arm)) safety_.set_last_command(arm, state.tau_J_d);
+  commanded_ = takes_commands ? commanded_ | ArmSet::of(arm) : commanded_ - ArmSet::of(arm);
 }
 
 // What the arm exerts on its environment, where its backend does not say it.

@@ -56,6 +56,7 @@ class ControlCycle {
 
  private:
   void read(ArmSet due);
+  void begin_torque(ArmIndex arm);
   void estimate_force(ArmIndex arm);
   void write();
   void leave_record();
@@ -64,7 +65,7 @@ class ControlCycle {
   CycleData data_;
   std::vector<ExternalForceObserver> observers_;  // one per arm
   ArmSet observed_;                               // arms whose backend does not tell external torques itself
-  ArmSet seen_;                                   // arms that have delivered a state
+  ArmSet commanded_;                              // arms that took commands at their last state
   SafetyStage safety_;
   std::unique_ptr<MultimodeController> modes_;
   RecordLayout layout_;

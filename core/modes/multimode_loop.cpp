@@ -12,6 +12,8 @@ void clear(std::span<JointVector> torques, ArmIndex arm, std::size_t joint_count
   torques[arm].setZero(static_cast<Eigen::Index>(joint_count));
 }
 
+bool takes_commands(ArmMode mode) { return mode == ArmMode::idle || mode == ArmMode::move; }
+
 }  // namespace
 
 void MultimodeController::take_requests(const Tick& tick) {
@@ -180,10 +182,15 @@ void MultimodeController::evict(InstanceIndex instance, ArmIndex arm, const Find
   emit(event, tick);
 }
 
-// Leaves an event when the arm itself changed its mode or configuration.
+// Leaves an event when the arm itself changed its mode or configuration. An arm that comes back (from a reflex,
+// from being guided by hand) is held where it stands now, not where it was lost.
 void MultimodeController::watch_arm(ArmIndex arm, const Tick& tick) {
   const ArmState& state = blocks_.states[arm];
   if (state.mode != last_mode_[arm]) {
+    const bool returned = takes_commands(state.mode) && !takes_commands(last_mode_[arm]);
+    if (returned && owners_[arm].load(std::memory_order_relaxed) == hold_of(arm)) {
+      (void)instances_[hold_of(arm)]->start(tick);
+    }
     last_mode_[arm] = state.mode;
     Event event{.kind = EventKind::arm_mode, .arm = static_cast<std::uint16_t>(arm)};
     event.index = static_cast<std::uint16_t>(state.mode);
