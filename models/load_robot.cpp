@@ -130,10 +130,23 @@ void read_limits(const CheckedYaml& yaml, RobotDescription& robot) {
 
 void read_interface_limits(const CheckedYaml& yaml, RobotDescription& robot) {
   const std::size_t n = robot.joint_count();
-  yaml.allow_keys({"acceleration_rad_per_s2", "jerk_rad_per_s3", "torque_rate_nm_per_s", "cartesian"});
+  yaml.allow_keys({"acceleration_rad_per_s2", "jerk_rad_per_s3", "torque_rate_nm_per_s", "cartesian",
+                   "position_based_velocity"});
   robot.limits.ddq_max = positive_joint_vector(yaml.at("acceleration_rad_per_s2"), n);
   robot.limits.dddq_max = positive_joint_vector(yaml.at("jerk_rad_per_s3"), n);
   robot.limits.tau_rate_max = positive_joint_vector(yaml.at("torque_rate_nm_per_s"), n);
+  if (const auto velocity = yaml.find("position_based_velocity")) {
+    velocity->allow_keys({"lower_rad", "upper_rad", "velocity_offset_rad_per_s", "deceleration_rad_per_s2"});
+    PositionBasedVelocity limits;
+    limits.q_min = joint_vector(velocity->at("lower_rad"), n);
+    limits.q_max = joint_vector(velocity->at("upper_rad"), n);
+    limits.offset = positive_joint_vector(velocity->at("velocity_offset_rad_per_s"), n);
+    limits.deceleration = positive_joint_vector(velocity->at("deceleration_rad_per_s2"), n);
+    if ((limits.q_min.array() >= limits.q_max.array()).any()) {
+      velocity->refuse("lower_rad must be below upper_rad in every joint");
+    }
+    robot.position_based_velocity = limits;
+  }
   const auto cartesian = yaml.find("cartesian");
   if (!cartesian) return;
   CartesianLimits limits;

@@ -91,6 +91,10 @@ TEST(Robots, HaveThePublishedFigures) {
   const RobotDescription fr3 = load_robot("fr3");
   EXPECT_EQ(fr3.limits.q_min[5], 0.5445);
   EXPECT_EQ(fr3.limits.dq_max[4], 5.26);
+  EXPECT_EQ(fr3.position_based_velocity->offset[1], 0.2517);
+  EXPECT_EQ(fr3.position_based_velocity->deceleration[4], 17);
+  EXPECT_EQ(fr3.position_based_velocity->q_max[5], 4.6216);
+  EXPECT_FALSE(fer.position_based_velocity);
   EXPECT_EQ(fr3.friction->p1, fer.friction->p1);
   EXPECT_THAT(fr3.origin.at("joint_friction"), HasSubstr("Panda"));
   const RobotDescription maker = load_robot("fer_maker");

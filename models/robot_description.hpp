@@ -40,6 +40,15 @@ struct CartesianLimits {
   double elbow_velocity = 0, elbow_acceleration = 0, elbow_jerk = 0;  // 0: not given
 };
 
+// What the control interface allows where it ties a joint's velocity to its position: towards an end of the
+// range, at the distance d from it, at most min(dq_max, max(0, sqrt(2 deceleration d) - offset)). The ends
+// are the interface's own and may lie beyond JointLimits. Every vector (n x 1).
+struct PositionBasedVelocity {
+  JointVector q_min, q_max;  // [rad]
+  JointVector offset;        // [rad/s]
+  JointVector deceleration;  // [rad/s^2]
+};
+
 // tau_f(dq) = p1 / (1 + exp(-p2 (dq + p3))) - p1 / (1 + exp(-p2 p3)), per joint; acts against the motion.
 struct JointFriction {
   JointVector p1;  // [N m]
@@ -95,6 +104,7 @@ struct RobotDescription {
   std::vector<RigidBody> links;   // (n + 1), link0 first
   JointLimits limits;
   std::optional<CartesianLimits> cartesian;
+  std::optional<PositionBasedVelocity> position_based_velocity;
   std::optional<JointFriction> friction;
   JointVector q_home;  // the `ready` configuration [rad]
 

@@ -1,0 +1,119 @@
+#pragma once
+
+#include <array>
+#include <memory>
+#include <span>
+
+#include "backends/arm/arm_error.hpp"
+#include "backends/arm/arm_interface.hpp"
+#include "backends/arm/async_planner.hpp"
+#include "backends/arm/inverse_kinematics.hpp"
+#include "backends/arm/motion_limits.hpp"
+
+namespace multipanda {
+
+// What the arm is to do, as it publishes it. Derivatives are backward differences over one period of 1 ms.
+struct DesiredState {
+  JointVector q, dq, ddq;            // q_d, dq_d, ddq_d (n x 1)
+  Pose X_BE_d, X_BE_c;               // O_T_EE_d = kinematics of q_d; O_T_EE_c, made an exact rotation
+  Twist V_BE_d, V_BE_c;              // O_dP_EE_d, O_dP_EE_c
+  Vector6 A_BE_c = Vector6::Zero();  // O_ddP_EE_c [m/s^2, rad/s^2]
+  // elbow_c: as commanded; elbow_d and its differences where none was. Second entries of the differences: 0.
+  Elbow elbow_d{}, elbow_c{}, delbow_c{}, ddelbow_c{};
+};
+
+enum class MotionStep : std::uint8_t {
+  moving,
+  at_rest,       // finished as commanded
+  still_moving,  // commanded to be finished, but not at rest: no stop within the limits takes one period
+  violation,     // violations() says which; the state stays that of the period before
+  input_error    // a command that is no number, or of the wrong size; the state stays
+};
+
+// The motion generators of the arm's interface (enum MotionGenerator, arm_interface.hpp): makes the desired
+// motion of every period from the commands, and checks them as the arm does. Any thread; none allocates but
+// the constructor; at most 10 us per step.
+//
+// hold() -> [start() -> step() ... at_rest | still_moving | violation | input_error] -> hold() ...
+//
+// Commands are accepted where their backward differences keep the limits against the history of desired
+// motion, or against the same history as it was published, in single precision: a client that limits its
+// commands can only know the latter, and one ulp of a position is 0.1 rad/s^2 at 1 kHz. A rule is broken only
+// where it is broken against both by more than kSlack. Velocities tied to positions are those at the last
+// published position. Rules: commanded joint position, velocity, acceleration and jerk; commanded Cartesian
+// and elbow velocity, acceleration and jerk (of translation and rotation: Euclidean norms); the frame; and
+// position, velocity, acceleration of the joints that the inverse kinematics finds (no jerk: the rounding of
+// published poses would exceed it).
+//
+// The first command of a position or pose generator either continues the start at rest within the limits, or
+// lies within the start tolerance: then the motion begins there, at rest. Anything else: start pose invalid.
+//
+// A missed command is made up for with the last acceleration; the rules hold for what results.
+//
+// Joint generators publish no commanded twist: V_BE_c, A_BE_c, delbow_c are zero, X_BE_c = X_BE_d.
+// none: the state stays where the motion began.
+class DesiredMotion {
+ public:
+  static constexpr double kPeriod = 0.001;        // [s]
+  static constexpr double kSlack = 1e-5;          // relative, of every limit
+  static constexpr double kStartJoint = 5e-3;     // start tolerance [rad]; of the elbow too
+  static constexpr double kStartPosition = 2e-3;  // [m]
+  static constexpr double kStartRotation = 5e-3;  // [rad]
+  static constexpr double kOrthonormal = 1e-5;    // of a commanded rotation matrix
+
+  DesiredMotion(std::shared_ptr<const ArmModel> model, MotionLimits limits);
+
+  // Off the loop or in it: nothing moves, q is desired (n x 1). Also after every end of a motion.
+  void hold(const JointVector& q, const Pose& X_FE);
+
+  // A motion begins where hold() was last. not_possible never comes from here.
+  MotionStart start(const MotionRequest& request);
+  // One period; nullptr: no command came. Asynchronous motion: a command sets the target, nullptr is normal,
+  // and motion_finished makes the arm brake: `moving` until it stands, then `at_rest`.
+  MotionStep step(const InterfaceCommand* command);
+
+  const DesiredState& state() const { return state_; }
+  // What the last step broke, at least one after MotionStep::violation. The index of a Cartesian rule is 0
+  // for translation and 3 for rotation, of the elbow -1.
+  std::span<const Violation> violations() const { return {violations_.data(), violation_count_}; }
+  const MotionLimits& limits() const { return limits_; }
+  MotionGenerator generator() const { return generator_; }
+
+ private:
+  struct Cartesian {  // history of the commanded pose
+    Pose X;
+    Vector6 V = Vector6::Zero(), A = Vector6::Zero();
+    double elbow = 0, delbow = 0, ddelbow = 0;
+  };
+  MotionStep step_joints(const InterfaceCommand* command);
+  MotionStep step_cartesian(const InterfaceCommand* command);
+  MotionStep step_planned(const InterfaceCommand* command);
+  MotionStep end_of_motion() const;
+  bool is_at_rest() const;
+  void check_joint_command(const JointVector& q, const JointVector& dq);
+  void check_twist(const Vector6& V, const Vector6& V_published);
+  void check_elbow(double elbow);
+  void check_solution(const JointVector& q, const Vector6& dV, const Vector6& dA);
+  bool is_frame(const std::array<double, 16>& columns) const;
+  void set_joints(const JointVector& q, const JointVector& dq);
+  void publish();
+  void report(ArmError error, int index, double value, double limit);
+
+  std::shared_ptr<const ArmModel> model_;
+  MotionLimits limits_;
+  InverseKinematics inverse_;
+  AsyncPlanner planner_;
+  Pose X_FE_;
+
+  MotionGenerator generator_ = MotionGenerator::idle;
+  bool asynchronous_ = false, first_ = true, stopping_ = false, elbow_commanded_ = false;
+  DesiredState state_;
+  // As published: rounded to single precision.
+  JointVector q_published_, dq_published_, ddq_published_;
+  Cartesian published_;
+
+  std::array<Violation, 8> violations_{};
+  std::size_t violation_count_ = 0;
+};
+
+}  // namespace multipanda
