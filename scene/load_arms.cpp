@@ -185,6 +185,17 @@ void read_safety(const Mapping& arm, const RobotDescription& robot, SceneArm& ou
   }
 }
 
+void read_grippers(const Mapping& mapping, SceneArm& arm) {
+  if (mapping.has("fingers")) {
+    arm.movable_fingers = mapping.text("fingers") == "movable";
+    if (!arm.hand) mapping.entry("fingers").refuse("the arm has no hand; remove this line, or 'hand: false'");
+  }
+  arm.vacuum = mapping.boolean("vacuum");
+  if (arm.vacuum && arm.hand) {
+    mapping.entry("vacuum").refuse("the vacuum gripper takes the hand's place; write 'hand: false' too");
+  }
+}
+
 SceneArm read_arm(Mapping mapping, SceneReader& reader) {
   SceneArm arm;
   arm.name = mapping.text("name");
@@ -203,6 +214,7 @@ SceneArm read_arm(Mapping mapping, SceneReader& reader) {
     mapping.entry("hand").refuse("the model " + in_quotes(arm.model) + " has no hand; " +
                                  (asked ? "expected 'hand: false'" : "write 'hand: false'"));
   }
+  read_grippers(mapping, arm);
   arm.X_WB = read_pose(mapping.section("base"));
   for (const auto& other : reader.scene.arms) {
     constexpr double kNearest = 0.1;  // [m] two bases that near each other would stand inside one another
@@ -220,6 +232,7 @@ SceneArm read_arm(Mapping mapping, SceneReader& reader) {
   arm.tool_shapes = read_tool_shapes(mapping);
   arm.known_friction = read_known_friction(mapping, robot);
   read_safety(mapping, robot, arm);
+  read_arm_interface(mapping, robot, reader, arm);
   reader.robots.push_back(robot);
   return arm;
 }

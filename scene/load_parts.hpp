@@ -29,6 +29,10 @@ void read_controllets(const Mapping& root, SceneReader& reader);
 void read_active(const Mapping& root, SceneReader& reader);
 void read_timeline(const Mapping& root, SceneReader& reader);  // after read_active
 
+// What is said of the arm itself and of the way to it: fci, collision, its own stiffness.
+void read_arm_interface(const Mapping& arm, const RobotDescription& robot, const SceneReader& reader,
+                        SceneArm& out);
+
 Pose read_pose(const Mapping& mapping);  // position_m, rpy_rad, quaternion_wxyz
 // shape, and what gives the size of such a shape (SceneObject::size), by those of `size_keys` that it needs
 std::pair<ShapeType, Vector3> read_shape(const Mapping& mapping, const std::vector<std::string>& size_keys);

@@ -31,6 +31,45 @@ TEST(Load, DefaultsAreTheMakers) {
   EXPECT_EQ(arm.place.line, 2);
 }
 
+TEST(Load, WhatIsSaidOfTheArmItself) {
+  const Scene scene = parse(
+      "arms:\n"
+      "  - {name: left, fci: 172.16.0.3, base: {position_m: [0, 1, 0]}}\n"
+      "  - name: right\n"
+      "    fci: {version: 5, gripper: false, vacuum: true, low_pass_hz: 100, rate_limit: true, check_model: "
+      "false}\n"
+      "    collision:\n"
+      "      torque_upper_nm: 10\n"
+      "      wrench_upper: [20, 20, 30, 5, 5, 5]\n"
+      "      wrench_lower: 4\n"
+      "      acceleration: {torque_upper_nm: [20, 20, 20, 20, 20, 9, 20], torque_lower_nm: 8}\n"
+      "    joint_stiffness_nm_per_rad: [3000, 3000, 3000, 2500, 2500, 2000, 2000]\n"
+      "  - {name: third, base: {position_m: [0, 2, 0]}, hand: false, vacuum: true}\n");
+  const SceneArm &left = scene.arms[0], &right = scene.arms[1], &third = scene.arms[2];
+  EXPECT_EQ(left.fci->address, "172.16.0.3");
+  EXPECT_EQ(left.fci->version, 0);
+  EXPECT_TRUE(left.fci->gripper && !left.fci->vacuum && !left.fci->rate_limit && left.fci->check_model);
+  EXPECT_FALSE(left.collision || left.joint_stiffness || left.cartesian_stiffness || left.movable_fingers);
+
+  EXPECT_EQ(right.fci->address, "172.16.0.2");
+  EXPECT_EQ(right.fci->version, 5);
+  EXPECT_EQ(right.fci->low_pass_hz, 100);
+  EXPECT_TRUE(!right.fci->gripper && right.fci->vacuum && right.fci->rate_limit && !right.fci->check_model);
+  const ContactThresholds& nominal = right.collision.value().nominal;
+  EXPECT_EQ(nominal.torque_upper, joint_constant(7, 10));
+  EXPECT_EQ(nominal.torque_lower, joint_constant(7, 10));
+  EXPECT_EQ(nominal.wrench_upper[2], 30);
+  EXPECT_EQ(nominal.wrench_lower, Vector6(Vector6::Constant(4)));
+  const ContactThresholds& accelerating = right.collision->acceleration.value();
+  EXPECT_EQ(accelerating.torque_upper[5], 9);
+  EXPECT_EQ(accelerating.torque_lower, joint_constant(7, 8));
+  EXPECT_EQ(accelerating.wrench_upper, nominal.wrench_upper);
+  EXPECT_EQ(right.joint_stiffness.value()[3], 2500);
+
+  EXPECT_FALSE(third.fci);
+  EXPECT_TRUE(third.vacuum);
+}
+
 TEST(Load, WhatIsWrittenArrives) {
   const Scene scene = parse(
       "plant: {fidelity: realistic, noise_tau_nm: 0.1}\n"

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "core/cycle/backend.hpp"
 #include "core/modes/instance.hpp"
 #include "core/safety/safety.hpp"
 #include "core/state/arm_state.hpp"
@@ -50,11 +51,28 @@ struct ToolShape {
   SourcePlace place;
 };
 
+// How a real arm (or a virtual one) is reached and set up.
+struct FciConnection {
+  std::string address = "172.16.0.2";  // IPv4 address or host name
+  int version = 0;                     // of the control interface; 0: whichever of ours the arm speaks
+  bool gripper = true;                 // connect to the hand's gripper, if there is one
+  bool vacuum = false;                 // connect to a vacuum gripper
+  double low_pass_hz = 0;              // of commanded torques; 0: none
+  bool rate_limit = false;             // commanded torques are kept within the arm's rate
+  bool check_model = true;             // compare the arm's own robot model with ours at the start
+  SourcePlace place;
+};
+
 struct SceneArm {
   std::string name;           // "left"
   std::string model = "fer";  // in models/, or a path to a model file
   bool hand = true;
-  Pose X_WB;            // base in the world
+  // Whether the simulated hand's fingers move; not said: they are closed and rigid, on virtual arms they
+  // move.
+  std::optional<bool> movable_fingers;
+  bool vacuum =
+      false;  // a vacuum gripper in the hand's place; it sucks at the end effector, along its z axis
+  Pose X_WB;  // base in the world
   JointVector q_start;  // where the simulated arm stands at the start [rad]
   std::optional<Pose>
       X_FE;            // end effector in the flange; default: the hand's tool centre point, else the flange
@@ -63,8 +81,13 @@ struct SceneArm {
   Load load_declared;  // payload that the controllers are told of
   Load load_present;   // payload that the plant really carries
   std::vector<ToolShape> tool_shapes;
-  bool known_friction = false;        // controllers know the model's friction table
-  SafetyLimits safety;                // complete: the model's limits, tightened by the scene
+  bool known_friction = false;       // controllers know the model's friction table
+  std::optional<FciConnection> fci;  // a real arm; none: simulated, unless the run says otherwise
+  // Set on the arm at the start; none: what the arm has by itself.
+  std::optional<SetCollisionThresholds> collision;
+  std::optional<JointVector> joint_stiffness;  // of the arm's own joint controller [N m/rad] (n x 1)
+  std::optional<Vector6> cartesian_stiffness;  // of its own Cartesian controller, in K [N/m, N m/rad]
+  SafetyLimits safety;                         // complete: the model's limits, tightened by the scene
   std::vector<std::string> loosened;  // limits that the scene made looser than the maker's, in words; logged
   SourcePlace place;
 };
