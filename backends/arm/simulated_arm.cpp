@@ -6,8 +6,6 @@
 #include <numbers>
 #include <stdexcept>
 
-#include <Eigen/Eigenvalues>
-
 namespace multipanda {
 namespace {
 
@@ -16,53 +14,18 @@ namespace {
 constexpr double kHoldFrequency = 60.0;  // [rad/s]
 constexpr double kRestVelocity = 0.02;   // a joint slower than this has stopped [rad/s]
 
-// The maker's defaults of the arm's own controllers and contact limits; sizes follow the joint count.
-ArmSettings default_settings(const SimulatedArmConfig& config) {
-  const auto n = config.model->joint_count();
-  ArmSettings settings;
+ArmSettings start_settings(const SimulatedArmConfig& config) {
+  ArmSettings settings = default_settings(*config.model);
   settings.frames = config.frames;
   settings.tool = config.tool;
   settings.load = config.load;
-  settings.joint_stiffness = joint_constant(n, 2000);
-  settings.cartesian_stiffness << 3000, 3000, 3000, 300, 300, 300;
-  ContactThresholds& limit = settings.thresholds.nominal;
-  limit.torque_lower = limit.torque_upper = config.model->limits().tau_max;
-  limit.wrench_lower = limit.wrench_upper = Vector6::Constant(100);
+  if (config.thresholds) settings.thresholds = *config.thresholds;
+  if (config.joint_stiffness) settings.joint_stiffness = *config.joint_stiffness;
+  if (config.cartesian_stiffness) settings.cartesian_stiffness = *config.cartesian_stiffness;
   return settings;
 }
 
-std::string check_load(const Load& load) {
-  if (!std::isfinite(load.mass) || load.mass < 0) return "the load's mass must be 0 or more kilograms";
-  if (!load.p_FC.allFinite() || !load.inertia_C.allFinite()) return "the load has a value that is not finite";
-  if ((load.inertia_C - load.inertia_C.transpose()).norm() > 1e-9) {
-    return "the load's inertia must be a symmetric matrix";
-  }
-  const Vector3 principal = Eigen::SelfAdjointEigenSolver<Matrix3>(load.inertia_C).eigenvalues();
-  if (principal[0] < -1e-9 || principal[0] + principal[1] < principal[2] - 1e-9) {
-    return "no body has the load's inertia: principal moments must be positive, none above the sum of the "
-           "others";
-  }
-  return {};
-}
-
-std::string check_pose(const Pose& X, const char* name) {
-  if (X.position.allFinite() && X.rotation.allFinite() &&
-      (X.rotation.transpose() * X.rotation).isIdentity(1e-6) && X.rotation.determinant() > 0) {
-    return {};
-  }
-  return std::string(name) + " must be a finite position and a rotation";
-}
-
-std::string check_positive(const auto& values, std::size_t expected, const char* name) {
-  if (static_cast<std::size_t>(values.size()) != expected) {
-    return std::string(name) + " needs " + std::to_string(expected) + " values, not " +
-           std::to_string(values.size());
-  }
-  if (!values.allFinite() || (values.array() < 0).any()) {
-    return std::string(name) + " must be finite and not negative";
-  }
-  return {};
-}
+constexpr double kGuidingDamping = 0.5;  // of every joint while it is guided by hand [N m s/rad]
 
 template <class... F>
 struct Overloaded : F... {
@@ -73,7 +36,7 @@ struct Overloaded : F... {
 
 SimulatedArm::SimulatedArm(SimulatedArmConfig config, const JointVector& q_start)
     : config_(std::move(config)),
-      settings_(default_settings(config_)),
+      settings_(start_settings(config_)),
       start_settings_(settings_),
       model_(config_.model) {
   const auto n = joint_count();
@@ -104,14 +67,16 @@ ArmMode SimulatedArm::mode() const {
   if (errors_ != 0) return ArmMode::reflex;
   if (stopped_) return ArmMode::other;
   if (recovering_ > 0) return ArmMode::recovering;
+  if (guiding_) return ArmMode::guiding;
   return moving_ ? ArmMode::move : ArmMode::idle;
 }
 
 void SimulatedArm::reset(const JointVector& q) {
   settings_ = start_settings_;
-  user_stop_ = stopped_ = false;
-  errors_ = 0;
-  stop_moving();
+  user_stop_ = stopped_ = guiding_ = false;
+  errors_ = reflex_reason_ = 0;
+  reflex_ = {};
+  end_motion(MotionEnd::preempted);
   tau_tracked_.setZero();
   q_hold_ = q;
   at_rest_ = ~0u;
@@ -122,18 +87,47 @@ void SimulatedArm::reset(const JointVector& q) {
   publish_configuration();
 }
 
-void SimulatedArm::stop_moving() {
-  moving_ = false;
+MotionStart SimulatedArm::start_motion(const MotionRequest& request) {
+  if (mode() != ArmMode::idle) return MotionStart::not_possible;
+  const bool torque_only = request.generator == MotionGenerator::none;
+  if (!torque_only || request.controller != ArmController::external || request.asynchronous) {
+    return MotionStart::invalid_argument;
+  }
+  motion_ = request;
+  moving_ = true;
+  commanded_ = false;
+  reflex_ = {};
+  reflex_reason_ = 0;
+  return MotionStart::started;
+}
+
+void SimulatedArm::stop_motion() { end_motion(MotionEnd::preempted); }
+
+void SimulatedArm::press_guiding(bool pressed) {
+  if (pressed && !guiding_) end_motion(MotionEnd::user_stop);
+  guiding_ = pressed;
+  at_rest_ = 0;  // released: hold where it stands then
+}
+
+// From now on the arm brakes and holds by itself.
+void SimulatedArm::end_motion(MotionEnd how) {
+  if (moving_) {
+    ++motions_ended_;
+    motion_end_ = how;
+    at_rest_ = 0;
+  }
+  moving_ = commanded_ = false;
   for (auto& command : delay_line_) command.valid = false;
   in_use_.valid = false;
-  at_rest_ = 0;
   received_[0] = received_[1] = 0;
   periods_in_move_ = missing_in_row_ = 0;
 }
 
-void SimulatedArm::raise(ArmError error) {
-  errors_ |= error_bit(error);
-  stop_moving();
+void SimulatedArm::raise(const ReflexDetail& detail) {
+  if (errors_ == 0) reflex_ = detail;
+  errors_ |= error_bit(detail.error);
+  reflex_reason_ = errors_;
+  end_motion(MotionEnd::reflex);
 }
 
 void SimulatedArm::publish_configuration() {
@@ -164,22 +158,35 @@ void SimulatedArm::push_command(const JointVector& tau_cmd) {
 }
 
 void SimulatedArm::take_command(const JointVector& tau_cmd) {
-  if (!takes_commands()) return;
+  if (mode() == ArmMode::idle) (void)start_motion({});
+  if (mode() != ArmMode::move) return;
   if (tau_cmd.size() != last_command_.size() || !tau_cmd.allFinite()) {
     raise(ArmError::controller_torque_discontinuity);
     return;
   }
-  moving_ = true;
+  if (!commanded_) last_command_.setZero();
+  commanded_ = true;
   count_command(true);
   last_command_ = tau_cmd;
   push_command(tau_cmd);
 }
 
-void SimulatedArm::miss_command() {
+void SimulatedArm::take_command(const InterfaceCommand& command) {
   if (mode() != ArmMode::move) return;
+  if (command.torque_finished) {
+    end_motion(MotionEnd::finished);
+    return;
+  }
+  take_command(command.tau_J_d);
+}
+
+void SimulatedArm::miss_command() {
+  if (mode() != ArmMode::move || !commanded_) return;
   count_command(false);
   if (missing_in_row_ >= kLostCommands) {
-    raise(ArmError::communication_constraints_violation);
+    raise({.error = ArmError::communication_constraints_violation,
+           .value = static_cast<double>(missing_in_row_),
+           .limit = kLostCommands});
     return;
   }
   push_command(last_command_);
@@ -203,9 +210,19 @@ const JointVector& SimulatedArm::hold_torque(const JointVector& q, const JointVe
   return tau_hold_;
 }
 
+// Gravity is compensated anyway: what is left for the hand is inertia and a little damping.
+const JointVector& SimulatedArm::guided_torque(const JointVector&, const JointVector& dq) {
+  tau_hold_ = model_.c() - kGuidingDamping * dq;
+  return tau_hold_;
+}
+
 const JointVector& SimulatedArm::motor_torque(const JointVector& q, const JointVector& dq, double dt) {
   model_.update(q, dq);
-  tau_wanted_ = moving_ && in_use_.valid ? in_use_.tau : hold_torque(q, dq);
+  if (mode() == ArmMode::guiding) {
+    tau_wanted_ = guided_torque(q, dq);
+  } else {
+    tau_wanted_ = moving_ && in_use_.valid ? in_use_.tau : hold_torque(q, dq);
+  }
   if (config_.plant.torque_bandwidth_hz > 0) {
     // Exact for a command that stands still during dt.
     const double rate = 2 * std::numbers::pi * config_.plant.torque_bandwidth_hz;
@@ -243,37 +260,22 @@ void SimulatedArm::measure(const PlantMeasurement& plant) {
   } else {
     state_.command_success_rate = 0;
   }
+  publish_interface();
 }
 
-std::string SimulatedArm::check(const ArmRequest& request, std::size_t n) {
-  const auto first_of = [](std::initializer_list<std::string> reasons) {
-    for (const auto& reason : reasons) {
-      if (!reason.empty()) return reason;
-    }
-    return std::string{};
-  };
-  return std::visit(
-      Overloaded{
-          [](const SetLoad& r) { return check_load(r.load); },
-          [&](const SetFrames& r) {
-            return first_of({r.X_FE ? check_pose(*r.X_FE, "X_FE") : std::string{},
-                             r.X_EK ? check_pose(*r.X_EK, "X_EK") : std::string{}});
-          },
-          [&](const SetJointStiffness& r) { return check_positive(r.stiffness, n, "the joint stiffness"); },
-          [](const SetCartesianStiffness& r) {
-            return check_positive(r.stiffness, 6, "the Cartesian stiffness");
-          },
-          [&](const SetCollisionThresholds& r) {
-            const auto why = [&](const ContactThresholds& t) {
-              return first_of({check_positive(t.torque_lower, n, "the lower torque thresholds"),
-                               check_positive(t.torque_upper, n, "the upper torque thresholds"),
-                               check_positive(t.wrench_lower, 6, "the lower wrench thresholds"),
-                               check_positive(t.wrench_upper, 6, "the upper wrench thresholds")});
-            };
-            return first_of({why(r.nominal), r.acceleration ? why(*r.acceleration) : std::string{}});
-          },
-          [](const auto&) { return std::string{}; }},
-      request);
+void SimulatedArm::publish_interface() {
+  interface_.q_d = state_.q;
+  interface_.dq_d = state_.dq;
+  interface_.ddq_d = joint_constant(joint_count(), 0);
+  interface_.theta = state_.q;
+  interface_.dtheta = state_.dq;
+  interface_.mode = state_.mode;
+  interface_.errors = errors_;
+  interface_.reflex_reason = reflex_reason_;
+  interface_.command_success_rate = state_.command_success_rate;
+  const bool moves = state_.mode == ArmMode::move;
+  interface_.controller = moves ? motion_.controller : ArmController::other;
+  interface_.generator = moves ? motion_.generator : MotionGenerator::idle;
 }
 
 ArmReply SimulatedArm::apply(const ArmRequest& request) {
@@ -300,6 +302,10 @@ ArmReply SimulatedArm::apply(const ArmRequest& request) {
                                                  settings_.thresholds = r;
                                                  return ArmReply::done;
                                                },
+                                               [this](const SetGuidingMode& r) {
+                                                 settings_.guiding = r;
+                                                 return ArmReply::done;
+                                               },
                                                [this](const RecoverFromError&) {
                                                  if (errors_ == 0 && !stopped_)
                                                    return ArmReply::nothing_to_recover;
@@ -310,11 +316,12 @@ ArmReply SimulatedArm::apply(const ArmRequest& request) {
                                                },
                                                [this](const StopMotion&) {
                                                  stopped_ = true;
-                                                 stop_moving();
+                                                 stop_motion();
                                                  return ArmReply::done;
                                                },
                                                [this](const SetUserStop& r) {
-                                                 if (r.pressed && !user_stop_) stop_moving();
+                                                 if (r.pressed && !user_stop_)
+                                                   end_motion(MotionEnd::user_stop);
                                                  user_stop_ = r.pressed;
                                                  return ArmReply::done;
                                                },

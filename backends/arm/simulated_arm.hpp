@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <random>
 #include <string>
 #include <vector>
@@ -9,9 +10,11 @@
 #include "backends/arm/arm_error.hpp"
 #include "backends/arm/arm_interface.hpp"
 #include "backends/arm/arm_reply.hpp"
+#include "backends/arm/arm_settings.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/state/arm_state.hpp"
+#include "models/robot_description.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
@@ -25,15 +28,13 @@ struct SimulatedArmConfig {
   PlantFidelity plant;  // torque tracking, delay, noise; friction belongs to the plant
   std::uint64_t seed = 1;
   double period_s = 0.001;
-};
-
-// What the user has set on the arm, and the arm's own limits of contact.
-struct ArmSettings {
-  ArmFrames frames;
-  Load tool, load;
-  JointVector joint_stiffness;    // of the arm's own joint controller [N m/rad] (n x 1)
-  Vector6 cartesian_stiffness;    // of the arm's own Cartesian controller, in K [N/m, N m/rad]
-  SetCollisionThresholds thresholds;  // contact and reflex
+  // Set at the start; none: default_settings().
+  std::optional<SetCollisionThresholds> thresholds;
+  std::optional<JointVector> joint_stiffness;  // [N m/rad] (n x 1)
+  std::optional<Vector6> cartesian_stiffness;  // in K [N/m, N m/rad]
+  // Of the control interface: jerk and Cartesian motion, which the model does not know. Empty: not limited.
+  JointVector dddq_max;  // [rad/s^3] (n x 1)
+  std::optional<CartesianLimits> cartesian_limits;
 };
 
 // What the arm's sensors see at the end of a control period, before noise.
@@ -48,13 +49,17 @@ struct PlantMeasurement {
 // body. Torques are commanded without gravity; the arm adds what its own model says of gravity, with the
 // declared tool and load. In one control period:
 //
-//   take_command (or miss_command)       once: command -> delay line
+//   take_command (or miss_command)       once: checks, desired motion; torque -> delay line
 //   motor_torque(q, dq, dt)              once per physics step: -> torque tracking -> + gravity -> motors
-//   measure(...)                         once: sensors (+ noise) -> state()
+//   measure(...)                         once: sensors (+ noise), estimated forces, checks -> state()
 //
-// Modes: idle -(first command)-> move; any -> user_stopped (button), reflex (error), other (stopped on
-// request). Outside move the arm ignores commands, brakes and holds the place where it came to rest. From
-// reflex and stop only RecoverFromError leads back, to idle; from user_stopped the release of the button.
+// Modes: idle -(start_motion)-> move -(finished, stop_motion)-> idle; any -> user_stopped (button), reflex
+// (error), other (StopMotion request); idle -> guiding (buttons). Outside move the arm ignores commands,
+// brakes and holds the place where it came to rest; in guiding it gives way. From reflex and other only
+// RecoverFromError leads back, to idle; from user_stopped and guiding the release of the button.
+//
+// What raises an error: docs/simulation.md. An error ends the motion in the period in which it is found;
+// the next state shows mode, errors and reflex_reason together.
 //
 // All calls belong to the loop's thread, none allocates or locks, except constructor and check().
 class SimulatedArm {
@@ -63,53 +68,89 @@ class SimulatedArm {
   SimulatedArm(SimulatedArmConfig config, const JointVector& q_start);
 
   std::size_t joint_count() const { return model_.joint_count(); }
+  // Both as of the last measure() (and of apply(), as to mode and errors).
   const ArmState& state() const { return state_; }
+  const InterfaceState& interface() const { return interface_; }
   const ArmSettings& settings() const { return settings_; }
   ArmMode mode() const;
+  std::uint64_t errors() const { return errors_; }  // active now; bit i: error i
+  // The first error of the last reflex; kept until the next motion begins.
+  const ReflexDetail& reflex_detail() const { return reflex_; }
 
   // Back to the start: configuration, errors, noise, at rest in q. The clock and the packet counter go on.
   // For one period the arm is `recovering` and takes no command, so that whoever controls it notices.
   void reset(const JointVector& q);
 
-  // The motion is over: from now on the arm brakes and holds by itself; the next command moves it again.
-  void stop_moving();
+  // --- Motions ---
+  // The next state shows it, if it was started. Commands are counted from the first one on.
+  MotionStart start_motion(const MotionRequest& request);
+  // Ends a motion as preempted: the arm brakes and holds. Nothing happens when none runs.
+  void stop_motion();
+  std::uint64_t motions_ended() const { return motions_ended_; }
+  MotionEnd motion_end() const { return motion_end_; }  // of the last that ended; none: there was none
 
-  // The command of this period, without gravity (n x 1) [N m]. A command that is no torque is refused: the
-  // arm raises an error and holds.
+  // The command of this period, for the motion that runs; ignored when none does. A command that is no
+  // command (NaN, infinity, wrong size) or breaks a limit raises an error.
+  void take_command(const InterfaceCommand& command);
+  // The same for torques only [N m] (n x 1): an idle arm begins {external, none} by itself.
   void take_command(const JointVector& tau_cmd);
-  // No command came. The arm repeats the last one; after kLostCommands in a row it raises an error and holds.
+  // No command came: torque is held, desired motion extrapolated with constant acceleration; after
+  // kLostCommands in a row an error. Not in asynchronous motion, which needs none.
   void miss_command();
   static constexpr int kLostCommands = 20;
 
+  // --- The plant ---
   // Torque of the motors on the joints for a physics step of dt, gravity compensation included [N m].
   const JointVector& motor_torque(const JointVector& q, const JointVector& dq, double dt);
-
-  // Ends a period: fills state().
+  // Ends a period: fills state() and interface().
   void measure(const PlantMeasurement& plant);
 
+  // --- Requests, buttons, faults ---
   // Off the loop: why a request cannot be meant, or nothing.
-  static std::string check(const ArmRequest& request, std::size_t joint_count);
+  static std::string check(const ArmRequest& request, std::size_t joint_count) {
+    return check_request(request, joint_count);
+  }
   // A checked request. not_supported: not about the arm.
   ArmReply apply(const ArmRequest& request);
+  // The buttons for guiding by hand: pressed, an idle arm gives way; a motion is ended as by the user stop.
+  void press_guiding(bool pressed);
+  // As if the arm had found this error now.
+  void raise(ArmError error) { raise(ReflexDetail{.error = error}); }
+  // For tests that put the plant where no arm comes: no limit of a measurement and no contact is watched, no
+  // torque rate. Commands that are no commands are still refused.
+  void watch(bool on) { watching_ = on; }
 
  private:
-  bool takes_commands() const { return mode() == ArmMode::idle || mode() == ArmMode::move; }
-  void raise(ArmError error);
+  void raise(const ReflexDetail& detail);
+  void end_motion(MotionEnd how);
   void publish_configuration();
   void count_command(bool received);
   void push_command(const JointVector& tau_cmd);
   const JointVector& hold_torque(const JointVector& q, const JointVector& dq);
+  const JointVector& guided_torque(const JointVector& q, const JointVector& dq);
+  void publish_interface();
 
   SimulatedArmConfig config_;
   ArmSettings settings_, start_settings_;
   ModelTerms model_;
   ArmState state_;
+  InterfaceState interface_;
   // What the mode is made of, strongest first.
   bool user_stop_ = false;
   std::uint64_t errors_ = 0;
   bool stopped_ = false;  // by request, until recovered
   int recovering_ = 0;    // measurements left until the arm takes commands again
+  bool guiding_ = false;  // buttons pressed
+  bool watching_ = true;
+
+  // The motion that runs
   bool moving_ = false;
+  MotionRequest motion_;
+  bool commanded_ = false;  // its first command came
+  std::uint64_t motions_ended_ = 0;
+  MotionEnd motion_end_ = MotionEnd::none;
+  ReflexDetail reflex_;
+  std::uint64_t reflex_reason_ = 0;
 
   // Torque path
   struct Command {

@@ -1,9 +1,31 @@
 #include "backends/mujoco/mujoco_backend.hpp"
 
+#include <type_traits>
+
 namespace multipanda {
+namespace {
+
+template <class Request, class... Kinds>
+constexpr bool kIsOneOf = (std::is_same_v<Request, Kinds> || ...);
+
+// Off the loop: why a request to a gripper cannot be meant, or nothing.
+std::string check_gripper(const ArmRequest& request) {
+  return std::visit(
+      [](const auto& r) -> std::string {
+        using Kind = std::decay_t<decltype(r)>;
+        if constexpr (kIsOneOf<Kind, GripperMove, GripperGrasp>) return SimulatedGripper::check(r);
+        if constexpr (kIsOneOf<Kind, VacuumOn, VacuumDrop>) return SimulatedVacuum::check(r);
+        return {};
+      },
+      request);
+}
+
+}  // namespace
 
 MujocoBackend::MujocoBackend(const Scene& scene, MujocoOptions options)
-    : pace_(options.pace), plant_(scene, {.meshes = std::move(options.meshes)}) {}
+    : pace_(options.pace), plant_(scene, {.meshes = std::move(options.meshes)}) {
+  gripper_motions_.reserve(RequestBox::kSlots);
+}
 
 Capabilities MujocoBackend::capabilities(ArmIndex arm) const {
   return {.simulated = true,
@@ -12,6 +34,8 @@ Capabilities MujocoBackend::capabilities(ArmIndex arm) const {
           .compensates_friction = plant_.is_frictionless(arm),
           .has_external_torque = false,
           .has_contact_truth = true,
+          .has_gripper = plant_.has_gripper(arm),
+          .has_vacuum = plant_.has_vacuum(arm),
           .period_s = kPeriod};
 }
 
@@ -21,7 +45,7 @@ void MujocoBackend::start() {
 }
 
 void MujocoBackend::finish() {
-  for (ArmIndex i = 0; i < arm_count(); ++i) plant_.arm(i).stop_moving();
+  for (ArmIndex i = 0; i < arm_count(); ++i) plant_.arm(i).stop_motion();
   requests_.close();
 }
 
@@ -36,7 +60,9 @@ LoopTime MujocoBackend::now() const { return {plant_.periods() * 1'000'000}; }
 
 void MujocoBackend::read(ArmSet due, std::span<ArmState> states) {
   for (ArmIndex i = 0; i < plant_.arm_count(); ++i) {
-    if (due.contains(i)) states[i] = plant_.arm(i).state();
+    if (!due.contains(i)) continue;
+    states[i] = plant_.arm(i).state();
+    states[i].gripper = plant_.gripper_state(i);
   }
 }
 
@@ -69,6 +95,7 @@ std::future<ArmAnswer> MujocoBackend::request(ArmIndex arm, ArmRequest request) 
   if (auto why = SimulatedArm::check(posted.request, plant_.arm(arm).joint_count()); !why.empty()) {
     return RequestBox::refused(std::move(why));
   }
+  if (auto why = check_gripper(posted.request); !why.empty()) return RequestBox::refused(std::move(why));
   if (const auto* place = std::get_if<PlaceObject>(&posted.request)) {
     const auto object = plant_.world().find_object(place->object);
     if (!object) return RequestBox::refused("there is no object '" + place->object + "' in the scene");
@@ -84,7 +111,44 @@ std::future<ArmAnswer> MujocoBackend::request(ArmIndex arm, ArmRequest request) 
 }
 
 void MujocoBackend::take_requests() {
-  while (const auto* posted = requests_.front()) requests_.answer(apply(*posted));
+  while (const auto* posted = requests_.front()) {
+    if (auto motion = begin_gripper_motion(*posted)) {
+      motion->slot = requests_.defer();
+      gripper_motions_.push_back(*motion);
+    } else {
+      requests_.answer(apply(*posted));
+    }
+  }
+  answer_gripper_motions();
+}
+
+std::optional<MujocoBackend::GripperMotion> MujocoBackend::begin_gripper_motion(
+    const RequestBox::Posted& posted) {
+  SimulatedGripper* gripper = plant_.gripper(posted.arm);
+  SimulatedVacuum* vacuum = plant_.vacuum(posted.arm);
+  return std::visit(
+      [&](const auto& r) -> std::optional<GripperMotion> {
+        using Kind = std::decay_t<decltype(r)>;
+        if constexpr (kIsOneOf<Kind, GripperHoming, GripperMove, GripperGrasp>) {
+          if (gripper != nullptr) return GripperMotion{0, posted.arm, false, gripper->start(r)};
+        } else if constexpr (kIsOneOf<Kind, VacuumOn, VacuumDrop>) {
+          if (vacuum != nullptr) return GripperMotion{0, posted.arm, true, vacuum->start(r)};
+        }
+        return std::nullopt;
+      },
+      posted.request);
+}
+
+void MujocoBackend::answer_gripper_motions() {
+  std::erase_if(gripper_motions_, [this](const GripperMotion& motion) {
+    const GripperResult result = motion.vacuum ? plant_.vacuum(motion.arm)->result(motion.ticket)
+                                               : plant_.gripper(motion.arm)->result(motion.ticket);
+    if (result == GripperResult::running) return false;
+    requests_.answer(motion.slot, result == GripperResult::success        ? ArmReply::done
+                                  : result == GripperResult::unsuccessful ? ArmReply::gripper_unsuccessful
+                                                                          : ArmReply::gripper_aborted);
+    return true;
+  });
 }
 
 ArmReply MujocoBackend::apply(const RequestBox::Posted& posted) {
@@ -100,6 +164,25 @@ ArmReply MujocoBackend::apply(const RequestBox::Posted& posted) {
     paused_ = pause->paused;
     return ArmReply::done;
   }
+  if (const bool of_vacuum = std::holds_alternative<VacuumStop>(posted.request);
+      of_vacuum || std::holds_alternative<GripperStop>(posted.request)) {
+    if (of_vacuum ? !plant_.has_vacuum(posted.arm) : !plant_.has_gripper(posted.arm)) {
+      return ArmReply::no_gripper;
+    }
+    if (of_vacuum) {
+      plant_.vacuum(posted.arm)->stop();
+    } else {
+      plant_.gripper(posted.arm)->stop();
+    }
+    return ArmReply::done;
+  }
+  const bool to_gripper = std::visit(
+      [](const auto& r) {
+        return kIsOneOf<std::decay_t<decltype(r)>, GripperHoming, GripperMove, GripperGrasp, VacuumOn,
+                        VacuumDrop>;
+      },
+      posted.request);
+  if (to_gripper) return ArmReply::no_gripper;
   return plant_.arm(posted.arm).apply(posted.request);
 }
 

@@ -39,7 +39,7 @@ void PinocchioBackend::start() {
 }
 
 void PinocchioBackend::finish() {
-  for (auto& arm : arms_) arm.behaviour.stop_moving();
+  for (auto& arm : arms_) arm.behaviour.stop_motion();
   requests_.close();
 }
 
