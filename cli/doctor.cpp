@@ -1,0 +1,76 @@
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "cli/console.hpp"
+#include "cli/program.hpp"
+#include "doctor/examination.hpp"
+#include "scene/load.hpp"
+#include "scene/names.hpp"
+
+namespace multipanda::cli {
+namespace {
+
+struct DoctorOptions {
+  std::vector<std::string> addresses;
+  std::string scene = "two_arms";
+  double seconds = 10;
+  bool json = false;
+};
+
+int run(const DoctorOptions& options) {
+  // A scene that does not exist is wrong use, not a finding about this computer.
+  const auto scenes = available_scenes();
+  if (options.scene.find_first_of("/.") == std::string::npos &&
+      std::find(scenes.begin(), scenes.end(), options.scene) == scenes.end()) {
+    throw UsageError(fmt::format("doctor: there is no scene '{}'{}", options.scene,
+                                 name_hint(options.scene, scenes, "there are no scenes")));
+  }
+  const Console console(options.json);
+  const doctor::Purpose purpose = doctor::purpose_of(options.addresses);
+  console.line(fmt::format("multipanda doctor: {}, {:g} s per measurement",
+                           purpose == doctor::Purpose::real_arms
+                               ? "judged for real arms"
+                               : "judged for simulated arms (name a real arm's address to be judged for it)",
+                           options.seconds));
+  const auto findings =
+      doctor::examine({.addresses = options.addresses, .scene = options.scene, .seconds = options.seconds},
+                      [&](const doctor::Finding& finding) {
+                        for (const auto& line : doctor::to_text(finding, console.has_colour()))
+                          console.line(line);
+                      });
+  const doctor::Judgement verdict = doctor::verdict(findings);
+  const auto count = [&](doctor::Judgement judged) {
+    return std::count_if(findings.begin(), findings.end(),
+                         [judged](const auto& f) { return f.judged == judged; });
+  };
+  console.line(fmt::format("{} ok, {} unknown, {} warning(s), {} bad", count(doctor::Judgement::ok),
+                           count(doctor::Judgement::unknown), count(doctor::Judgement::warning),
+                           count(doctor::Judgement::bad)));
+  for (const auto& sentence : doctor::blame(findings)) console.line("to blame: " + sentence);
+  if (options.json) fmt::print("{}\n", doctor::to_json(findings, purpose, options.seconds));
+  return verdict == doctor::Judgement::bad ? kFailed : kSuccess;
+}
+
+}  // namespace
+
+void add_doctor(Program& program) {
+  auto options = std::make_shared<DoctorOptions>();
+  CLI::App* command = program.add(
+      "doctor",
+      "Measures whether this computer, its network and its arms keep 1 kHz; cause and cure of what does not",
+      "  multipanda doctor                          this computer, for simulated arms\n"
+      "  multipanda doctor 172.16.0.2 172.16.0.3    and the way to two arms; moves nothing\n"
+      "  multipanda doctor --scene my/scene.yaml --seconds 60 --json > doctor.json\n"
+      "Fails (exit code 1) if something is bad; docs/doctor.md explains every line.");
+  command->add_option("addresses", options->addresses, "Arms to look at, by address")->type_name("ADDRESS");
+  command->add_option("--scene", options->scene, "Scene whose control cycle is timed; default: two_arms");
+  command->add_option("--seconds", options->seconds, "Length of each measurement; default: 10")
+      ->check(CLI::Range(0.1, 3600.0));
+  command->add_flag("--json", options->json,
+                    "One JSON object on standard output at the end, all else on standard error");
+  program.on(command, [options] { return run(*options); });
+}
+
+}  // namespace multipanda::cli

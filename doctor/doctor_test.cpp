@@ -1,0 +1,441 @@
+// Judgements as pure functions of readings; readers on made-up system files and on this computer.
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <random>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "doctor/control_cycle.hpp"
+#include "doctor/dds.hpp"
+#include "doctor/distribution.hpp"
+#include "doctor/examination.hpp"
+#include "doctor/kernel.hpp"
+#include "doctor/load.hpp"
+#include "doctor/machine_kind.hpp"
+#include "doctor/network_card.hpp"
+#include "doctor/processor.hpp"
+#include "doctor/round_trip.hpp"
+#include "doctor/scheduling.hpp"
+#include "doctor/timer.hpp"
+
+namespace multipanda::doctor {
+namespace {
+
+using testing::HasSubstr;
+
+constexpr auto kReal = Purpose::real_arms;
+constexpr auto kSimulated = Purpose::simulated_arms;
+
+// One row: what was read, and how it must be judged for real and for simulated arms.
+struct Row {
+  const char* what;
+  std::function<Finding(Purpose)> judge;
+  Judgement real, simulated;
+};
+
+template <typename Reading>
+auto judged(Finding (*judge)(const Reading&, Purpose), Reading reading) {
+  return [judge, reading](Purpose purpose) { return judge(reading, purpose); };
+}
+
+// `late` of 1000 wake-ups come after 400 us, the others after 5 us.
+TimerReading timer(std::size_t late, std::uint64_t missed = 0, std::uint64_t in_row = 0) {
+  TimerReading reading{
+      .late_us = std::vector<double>(1000, 5.0), .missed = missed, .missed_in_row = in_row, .setup = {}};
+  std::fill_n(reading.late_us.begin(), late, 400.0);
+  return reading;
+}
+
+RoundTripReading trip(std::size_t slow, std::size_t lost) {
+  RoundTripReading reading{.address = "10.0.0.2", .method = "echo", .reason = {}, .us = {}, .sent = 1000};
+  reading.us.assign(1000 - lost, 150.0);
+  std::fill_n(reading.us.begin(), slow, 350.0);
+  return reading;
+}
+
+NetworkCardReading card() {
+  return {.address = "10.0.0.2",
+          .interface = "eth1",
+          .reason = {},
+          .gateway = {},
+          .mtu = 1500,
+          .speed = 1000,
+          .coalesce_us = 3};
+}
+
+template <typename Change>
+NetworkCardReading card_with(Change change) {
+  NetworkCardReading reading = card();
+  change(reading);
+  return reading;
+}
+
+ControlCycleReading cycle(double p50, double p999) {
+  return {.scene = "s",
+          .reason = {},
+          .cycles = 1000,
+          .p50 = p50,
+          .p99 = p999,
+          .p999 = p999,
+          .worst = p999,
+          .guarded = true,
+          .memory_locked = true};
+}
+
+template <typename Change>
+ControlCycleReading guarded(Change change) {
+  ControlCycleReading reading = cycle(10, 20);
+  change(reading);
+  return reading;
+}
+
+SchedulingReading given() {
+  return {.fifo = true,
+          .priority_limit = 99,
+          .memory_locks = true,
+          .memory_unlimited = true,
+          .rt_runtime_us = 950000,
+          .rt_period_us = 1e6};
+}
+
+template <typename Change>
+SchedulingReading scheduling(Change change) {
+  SchedulingReading reading = given();
+  change(reading);
+  return reading;
+}
+
+LoadReading load(std::vector<double> cores, std::optional<double> steal = 0.0) {
+  return {.cores = std::move(cores),
+          .steal = steal,
+          .processes = {{42, "hungry", 0.9}},
+          .isolated = {},
+          .tickless = {}};
+}
+
+ProcessorReading governed(std::map<std::string, int> governors, double idle_us = 10) {
+  return {.governors = std::move(governors),
+          .slowest_mhz = 800,
+          .fastest_mhz = 4000,
+          .max_mhz = 4200,
+          .turbo = true,
+          .idle_states = {{"POLL", 0, true}, {"C6", idle_us, true}, {"C10", 900, false}}};
+}
+
+TEST(DoctorJudges, ReadingsAsTheTableSays) {
+  constexpr auto ok = Judgement::ok, unknown = Judgement::unknown, warning = Judgement::warning,
+                 bad = Judgement::bad;
+  const std::vector<Row> rows{
+      {"RT kernel", judged(judge_kernel, KernelReading{"6.1", "#1 SMP PREEMPT_RT", 1}), ok, ok},
+      {"RT kernel by its flag", judged(judge_kernel, KernelReading{"5.9", "#1 SMP", 1}), ok, ok},
+      {"RT by name only", judged(judge_kernel, KernelReading{"6.1", "#1 SMP PREEMPT_RT", {}}), warning,
+       warning},
+      {"plain kernel", judged(judge_kernel, KernelReading{"6.1", "#1 SMP PREEMPT_DYNAMIC", {}}), bad,
+       warning},
+      {"flag 0", judged(judge_kernel, KernelReading{"6.1", "#1 SMP", 0}), bad, warning},
+
+      {"FIFO", judged(judge_fifo, given()), ok, ok},
+      {"no FIFO", judged(judge_fifo, scheduling([](auto& r) {
+                           r.fifo = false;
+                           r.fifo_error = EPERM;
+                         })),
+       bad, warning},
+      {"memory", judged(judge_memory_lock, given()), ok, ok},
+      {"memory limited", judged(judge_memory_lock, scheduling([](auto& r) { r.memory_unlimited = false; })),
+       bad, warning},
+      {"memory refused", judged(judge_memory_lock, scheduling([](auto& r) { r.memory_locks = false; })), bad,
+       warning},
+      {"throttled at 95 %", judged(judge_throttling, given()), ok, ok},
+      {"throttling off", judged(judge_throttling, scheduling([](auto& r) { r.rt_runtime_us = -1; })), ok, ok},
+      {"throttled at 10 %", judged(judge_throttling, scheduling([](auto& r) { r.rt_runtime_us = 1e5; })), bad,
+       warning},
+      {"throttling closed", judged(judge_throttling, scheduling([](auto& r) { r.rt_runtime_us.reset(); })),
+       unknown, unknown},
+
+      {"performance", judged(judge_governor, governed({{"performance", 8}})), ok, ok},
+      {"one core saves", judged(judge_governor, governed({{"performance", 7}, {"powersave", 1}})), bad,
+       warning},
+      {"no governor", judged(judge_governor, ProcessorReading{}), unknown, unknown},
+      {"light sleep", judged(judge_idle_states, governed({}, 10)), ok, ok},
+      {"deep sleep", judged(judge_idle_states, governed({}, 133)), warning, warning},
+      {"no idle states", judged(judge_idle_states, ProcessorReading{}), unknown, unknown},
+
+      {"own computer", judged(judge_virtual_machine, MachineKindReading{.cores = 8, .hypervisor = false}), ok,
+       ok},
+      {"virtual", judged(judge_virtual_machine, MachineKindReading{.cores = 8, .hypervisor = true}), bad,
+       warning},
+      {"not told", judged(judge_virtual_machine, MachineKindReading{.cores = 8}), unknown, unknown},
+      {"quick clock",
+       judged(judge_clock_source, MachineKindReading{.clock_source = "tsc", .clock_read_ns = 30}), ok, ok},
+      {"slow clock",
+       judged(judge_clock_source, MachineKindReading{.clock_source = "hpet", .clock_read_ns = 1500}), warning,
+       warning},
+      {"very slow clock", judged(judge_clock_source, MachineKindReading{.clock_read_ns = 9000}), bad,
+       warning},
+
+      {"idle", judged(judge_load, load({0.1, 0.2, 0.3})), ok, ok},
+      {"half a core left", judged(judge_load, load({1.0, 0.5})), warning, warning},
+      {"nothing left", judged(judge_load, load({1.0, 0.9})), bad, warning},
+      {"one core, idle", judged(judge_load, load({0.2})), ok, ok},
+      {"no counters", judged(judge_load, load({})), unknown, unknown},
+      {"no steal", judged(judge_steal, load({0.1}, 0.0)), ok, ok},
+      {"some steal", judged(judge_steal, load({0.1}, 0.005)), warning, warning},
+      {"much steal", judged(judge_steal, load({0.1}, 0.05)), bad, warning},
+      {"steal unknown", judged(judge_steal, load({}, {})), unknown, unknown},
+
+      {"on time", judged(judge_timer, timer(0)), ok, ok},
+      {"a few late", judged(judge_timer, timer(10)), warning, warning},
+      {"many late", judged(judge_timer, timer(11)), bad, warning},
+      {"a few missed", judged(judge_timer, timer(0, 19, 19)), warning, warning},
+      {"20 in a row", judged(judge_timer, timer(0, 20, 20)), bad, warning},
+      {"not measured", judged(judge_timer, TimerReading{}), unknown, unknown},
+
+      {"good card", judged(judge_network_card, card()), ok, ok},
+      {"no route", judged(judge_network_card, NetworkCardReading{.address = "x"}), bad, bad},
+      {"itself", judged(judge_network_card, card_with([](auto& r) { r.loopback = true; })), ok, ok},
+      {"wireless", judged(judge_network_card, card_with([](auto& r) { r.wireless = true; })), bad, warning},
+      {"10 Mbit", judged(judge_network_card, card_with([](auto& r) { r.speed = 10; })), bad, warning},
+      {"100 Mbit", judged(judge_network_card, card_with([](auto& r) { r.speed = 100; })), ok, ok},
+      {"half duplex", judged(judge_network_card, card_with([](auto& r) { r.full_duplex = false; })), bad,
+       warning},
+      {"routed", judged(judge_network_card, card_with([](auto& r) { r.gateway = "10.0.0.1"; })), warning,
+       warning},
+      {"small packets", judged(judge_network_card, card_with([](auto& r) { r.mtu = 1280; })), warning,
+       warning},
+      {"collects", judged(judge_network_card, card_with([](auto& r) { r.coalesce_us = 100; })), warning,
+       warning},
+      {"damaged", judged(judge_network_card, card_with([](auto& r) { r.damaged = 3; })), warning, warning},
+      {"usb", judged(judge_network_card, card_with([](auto& r) { r.usb = true; })), warning, warning},
+
+      {"quick trip", judged(judge_round_trip, trip(0, 0)), ok, ok},
+      {"one slow", judged(judge_round_trip, trip(1, 0)), warning, warning},
+      {"one lost", judged(judge_round_trip, trip(0, 1)), warning, warning},
+      {"2 % slow", judged(judge_round_trip, trip(20, 0)), bad, warning},
+      {"2 % lost", judged(judge_round_trip, trip(0, 20)), bad, warning},
+      {"nobody", judged(judge_round_trip, RoundTripReading{.address = "x"}), bad, bad},
+
+      {"quick cycle", judged(judge_control_cycle, cycle(20, 90)), ok, ok},
+      {"slow tail", judged(judge_control_cycle, cycle(20, 2000)), warning, warning},
+      {"slow itself", judged(judge_control_cycle, cycle(200, 400)), warning, warning},
+      {"too slow", judged(judge_control_cycle, cycle(900, 1200)), bad, warning},
+      {"no scene", judged(judge_control_cycle, ControlCycleReading{.scene = "s", .reason = "no file"}),
+       unknown, unknown},
+      {"guard content", judged(judge_loop_guard, cycle(10, 20)), ok, ok},
+      {"allocates", judged(judge_loop_guard, guarded([](auto& r) { r.heap_calls = 1; })), bad, warning},
+      {"locks", judged(judge_loop_guard, guarded([](auto& r) { r.lock_calls = 1; })), bad, warning},
+      {"faults", judged(judge_loop_guard, guarded([](auto& r) { r.page_faults = 1; })), warning, warning},
+      {"faults unlocked", judged(judge_loop_guard, guarded([](auto& r) {
+                                   r.page_faults = 1;
+                                   r.memory_locked = false;
+                                 })),
+       unknown, unknown},
+      {"no guard", judged(judge_loop_guard, guarded([](auto& r) { r.guarded = false; })), unknown, unknown},
+
+      {"no ROS", judged(judge_dds, DdsReading{.domains = {}, .multicast_in = 0.2, .multicast_out = 0.1}), ok,
+       ok},
+      {"quiet ROS", judged(judge_dds, DdsReading{.domains = {0}, .multicast_in = 20, .multicast_out = 10}),
+       ok, ok},
+      {"busy ROS", judged(judge_dds, DdsReading{.domains = {0}, .multicast_in = 400, .multicast_out = 10}),
+       warning, warning},
+      {"flood", judged(judge_dds, DdsReading{.domains = {3}, .multicast_in = 4000, .multicast_out = 10}), bad,
+       warning},
+  };
+  for (const auto& row : rows) {
+    for (const auto& [purpose, expected] :
+         {std::pair(kReal, row.real), std::pair(kSimulated, row.simulated)}) {
+      const Finding finding = row.judge(purpose);
+      EXPECT_EQ(finding.judged, expected) << row.what << ": " << finding.measured;
+      EXPECT_FALSE(finding.id.empty() || finding.subject.empty() || finding.measured.empty()) << row.what;
+      // Whoever is told that something is wrong is told why, and what to do.
+      if (finding.judged == warning || finding.judged == bad) {
+        EXPECT_FALSE(finding.cause.empty() || finding.cure.empty()) << row.what;
+      } else if (finding.judged == ok) {
+        EXPECT_TRUE(finding.cause.empty() && finding.cure.empty()) << row.what;
+      }
+    }
+  }
+}
+
+TEST(DoctorJudges, WhatWasMeasuredIsInTheWords) {
+  EXPECT_THAT(judge_load(load({1.0, 0.9}), kReal).cure, HasSubstr("hungry (process 42)"));
+  EXPECT_THAT(judge_idle_states(governed({}, 133), kReal).measured, HasSubstr("C6 wakes within 133 us"));
+  EXPECT_THAT(judge_timer(timer(0, 25, 21), kReal).cause, HasSubstr("21 in a row"));
+  EXPECT_THAT(judge_round_trip(trip(20, 0), kReal).measured, HasSubstr("p99 350"));
+  EXPECT_THAT(judge_dds(DdsReading{.domains = {}}, kReal).measured, HasSubstr("ROS 2 is not on"));
+}
+
+TEST(DoctorBlames, WhatIsLateOnly) {
+  const Finding bad_kernel = judge_kernel({"6.1", "#1 SMP", {}}, kReal);
+  const Finding late = judge_timer(timer(100), kReal), on_time = judge_timer(timer(0), kReal);
+  const Finding slow = judge_round_trip(trip(100, 0), kReal);
+  EXPECT_TRUE(blame({bad_kernel, on_time}).empty());
+  ASSERT_EQ(blame({bad_kernel, late}).size(), 1u);
+  EXPECT_THAT(blame({bad_kernel, late})[0], HasSubstr("PREEMPT_RT"));
+  EXPECT_THAT(blame({late})[0], HasSubstr("firmware"));
+  ASSERT_EQ(blame({bad_kernel, on_time, slow}).size(), 1u);
+  EXPECT_THAT(blame({bad_kernel, on_time, slow})[0], HasSubstr("the network is to blame"));
+  EXPECT_THAT(blame({late, slow})[1], HasSubstr("cure that first"));
+}
+
+TEST(DoctorDistribution, AgreesWithCountingByHand) {
+  std::mt19937 random(7);
+  std::exponential_distribution<double> draw(1.0 / 40);
+  std::vector<double> us(2347);
+  for (double& value : us) value = draw(random);
+  us[100] = 20000;
+  const Distribution result = distribution_of(us);
+  EXPECT_EQ(result.count, us.size());
+  EXPECT_EQ(result.worst, 20000);
+  const auto not_above = [&](double value) {
+    return static_cast<double>(std::count_if(us.begin(), us.end(), [&](double v) { return v <= value; })) /
+           static_cast<double>(us.size());
+  };
+  for (const auto& [value, share] : {std::pair(result.p50, 0.5), {result.p99, 0.99}, {result.p999, 0.999}}) {
+    EXPECT_GE(not_above(value), share);
+    EXPECT_LT(not_above(std::nextafter(value, 0)), share);  // the smallest such value
+  }
+  std::size_t total = 0;
+  for (const auto& bar : result.bars) {
+    total += bar.count;
+    EXPECT_EQ(bar.count, static_cast<std::size_t>(std::count_if(
+                             us.begin(), us.end(), [&](double v) { return v >= bar.from && v < bar.to; })));
+  }
+  EXPECT_EQ(total, us.size());
+  EXPECT_EQ(distribution_of({}).count, 0u);
+  EXPECT_DOUBLE_EQ(share_above({1, 2, 3, 4}, 2), 0.5);
+}
+
+class MadeUpSystem : public testing::Test {
+ protected:
+  MadeUpSystem() {
+    std::string name = (std::filesystem::temp_directory_path() / "multipanda_doctor_XXXXXX").string();
+    root_ = mkdtemp(name.data());
+  }
+  ~MadeUpSystem() override { std::filesystem::remove_all(root_); }
+  void put(const std::string& file, const std::string& text) {
+    std::filesystem::create_directories((root_ / file).parent_path());
+    std::ofstream(root_ / file) << text;
+  }
+  SystemFiles files() const { return SystemFiles(root_); }
+  std::filesystem::path root_;
+};
+
+TEST_F(MadeUpSystem, NothingThereIsUnknownAndNoCrash) {
+  EXPECT_EQ(judge_governor(read_processor(files()), kReal).judged, Judgement::unknown);
+  EXPECT_EQ(judge_idle_states(read_processor(files()), kReal).judged, Judgement::unknown);
+  EXPECT_EQ(judge_throttling(read_scheduling(files()), kReal).judged, Judgement::unknown);
+  EXPECT_EQ(judge_virtual_machine(read_machine_kind(files()), kReal).judged, Judgement::unknown);
+  const LoadSample nothing = sample_load(files());
+  const LoadReading reading = load_between(nothing, nothing, files());
+  EXPECT_EQ(judge_load(reading, kReal).judged, Judgement::unknown);
+  EXPECT_EQ(judge_steal(reading, kReal).judged, Judgement::unknown);
+  EXPECT_EQ(judge_dds(read_dds(nothing, nothing, files()), kReal).judged, Judgement::ok);
+  EXPECT_FALSE(read_kernel(files()).realtime_flag);
+}
+
+TEST_F(MadeUpSystem, ProcessorAsTheKernelTellsIt) {
+  for (const auto& [core, khz] : {std::pair("cpu0", "800000\n"), std::pair("cpu1", "3200000\n")}) {
+    const std::string folder = std::string("sys/devices/system/cpu/") + core + "/cpufreq/";
+    put(folder + "scaling_governor", "powersave\n");
+    put(folder + "scaling_cur_freq", khz);
+    put(folder + "cpuinfo_max_freq", "4200000\n");
+  }
+  put("sys/devices/system/cpu/cpufreq/boost", "0\n");
+  put("sys/devices/system/cpu/intel_pstate/no_turbo", "0\n");
+  put("sys/devices/system/cpu/cpu0/cpuidle/state1/name", "C6\n");
+  put("sys/devices/system/cpu/cpu0/cpuidle/state1/latency", "133\n");
+  put("sys/devices/system/cpu/cpu0/cpuidle/state1/disable", "1\n");
+  put("sys/kernel/realtime", "1\n");
+  const ProcessorReading reading = read_processor(files());
+  EXPECT_EQ(reading.governors, (std::map<std::string, int>{{"powersave", 2}}));
+  EXPECT_EQ(reading.slowest_mhz, 800);
+  EXPECT_EQ(reading.fastest_mhz, 3200);
+  EXPECT_EQ(reading.max_mhz, 4200);
+  EXPECT_EQ(reading.turbo, true);
+  ASSERT_EQ(reading.idle_states.size(), 1u);
+  EXPECT_FALSE(reading.idle_states[0].enabled);
+  EXPECT_EQ(read_kernel(files()).realtime_flag, 1);
+}
+
+TEST_F(MadeUpSystem, LoadFromTwoSamples) {
+  // Ticks: user nice system idle iowait irq softirq steal. Core 0: 60 of 100 busy, 10 stolen; core 1 idle.
+  put("proc/stat", "cpu  0 0 0 0\ncpu0 0 0 0 0 0 0 0 0 0 0\ncpu1 5 0 0 5 0 0 0 0 0 0\nctxt 1\n");
+  put("proc/17/stat", "17 (a (b) c) S 1 1 1 0 -1 0 0 0 0 0 10 5 0 0 20 0\n");
+  put("proc/net/netstat", "TcpExt: A\nTcpExt: 1\nIpExt: X InMcastPkts OutMcastPkts Y\nIpExt: 9 100 10 9\n");
+  LoadSample before = sample_load(files());
+  put("proc/stat", "cpu  0 0 0 0\ncpu0 40 5 10 20 10 2 3 10 0 0\ncpu1 5 0 0 105 0 0 0 0 0 0\nctxt 1\n");
+  put("proc/17/stat", "17 (a (b) c) S 1 1 1 0 -1 0 0 0 0 0 40 15 0 0 20 0\n");
+  put("proc/18/stat", "18 (new) S 1 1 1 0 -1 0 0 0 0 0 2 1 0 0 20 0\n");
+  put("proc/19/stat", "broken");
+  put("proc/net/netstat", "IpExt: X InMcastPkts OutMcastPkts Y\nIpExt: 9 300 60 9\n");
+  put("sys/devices/system/cpu/isolated", "2-3,6\n");
+  put("proc/net/udp",
+      "  sl  local_address\n 1: 00000000:1CE8 00000000:0000 07\n 2: 00000000:1CF2 00000000:0000 07\n"
+      " 3: 00000000:1DE2 0\n");
+  LoadSample after = sample_load(files());
+  before.time_s = 10;
+  after.time_s = 12;
+  const LoadReading reading = load_between(before, after, files());
+  EXPECT_THAT(reading.cores, testing::ElementsAre(testing::DoubleEq(0.6), testing::DoubleEq(0)));
+  EXPECT_DOUBLE_EQ(reading.steal.value(), 0.05);
+  ASSERT_EQ(reading.processes.size(), 2u);
+  EXPECT_EQ(reading.processes[0].name, "a (b) c");
+  EXPECT_DOUBLE_EQ(reading.processes[0].cores, 0.4);
+  EXPECT_DOUBLE_EQ(reading.processes[1].cores, 0.03);
+  EXPECT_THAT(reading.isolated, testing::ElementsAre(2, 3, 6));
+  const DdsReading dds = read_dds(before, after, files());
+  EXPECT_THAT(dds.domains, testing::ElementsAre(0, 1));
+  EXPECT_DOUBLE_EQ(dds.multicast_in.value(), 100);
+  EXPECT_DOUBLE_EQ(dds.multicast_out.value(), 25);
+}
+
+TEST(DoctorReaders, ControlCycleFromItsProgram) {
+  const auto reading = parse_control_cycle(
+      R"({"scene":"s","cycles":5,"p50_us":1.5,"p99_us":2,"p999_us":3,"worst_us":4,"guarded":true,
+          "memory_locked":false,"heap_calls":6,"lock_calls":7,"page_faults":8,"interruptions":9})");
+  EXPECT_EQ(reading.p50, 1.5);
+  EXPECT_EQ(reading.lock_calls, 7u);
+  EXPECT_EQ(parse_control_cycle(R"({"scene":"s","reason":"no such scene"})").reason, "no such scene");
+  for (const char* text : {"", "{}", "[1]", R"({"scene":"s","cycles":"many"})"})
+    EXPECT_THROW((void)parse_control_cycle(text), std::runtime_error) << text;
+}
+
+TEST(DoctorReaders, ThisComputerToItself) {
+  const NetworkCardReading self = read_network_card("127.0.0.2", SystemFiles());
+  EXPECT_TRUE(self.loopback) << self.reason;
+  const RoundTripReading there = read_round_trip("127.0.0.1", 0.05);
+  EXPECT_FALSE(there.us.empty()) << there.reason;  // by echo, or by a refused connection
+  EXPECT_LE(there.us.size(), there.sent);
+  EXPECT_GT(*std::min_element(there.us.begin(), there.us.end()), 0);
+  const NetworkCardReading nowhere = read_network_card("no.such.name.invalid", SystemFiles());
+  EXPECT_TRUE(nowhere.interface.empty());
+  EXPECT_FALSE(nowhere.reason.empty());
+  EXPECT_EQ(purpose_of({"127.0.0.1", "localhost"}), kSimulated);
+  EXPECT_EQ(purpose_of({"127.0.0.1", "172.16.0.2"}), kReal);
+  const TimerReading timer = read_timer(0.05);
+  EXPECT_EQ(timer.late_us.size() + timer.missed, 50u);
+}
+
+TEST(DoctorShows, EveryFindingAsTextAndJson) {
+  Finding finding = judge_timer(timer(100), kReal);
+  finding.figures.push_back({"none", std::numeric_limits<double>::quiet_NaN(), ""});
+  const auto lines = to_text(finding, false);
+  EXPECT_THAT(lines.front(), testing::StartsWith("bad      timer wake-up at 1 kHz"));
+  EXPECT_THAT(testing::PrintToString(lines), HasSubstr("cause: "));
+  EXPECT_THAT(testing::PrintToString(lines), HasSubstr("cure:  "));
+  for (const auto& line : lines) EXPECT_LE(line.size(), 130u) << line;
+  const auto json = nlohmann::json::parse(to_json({finding}, kReal, 10));
+  EXPECT_EQ(json["verdict"], "bad");
+  EXPECT_EQ(json["purpose"], "real_arms");
+  const auto& one = json["findings"][0];
+  EXPECT_EQ(one["figures"]["p999"]["value"], 400);
+  EXPECT_EQ(one["figures"]["p999"]["unit"], "us");
+  EXPECT_TRUE(one["figures"]["none"]["value"].is_null());
+  EXPECT_EQ(one["histogram"].size(), distribution_of(timer(100).late_us).bars.size());
+}
+
+}  // namespace
+}  // namespace multipanda::doctor

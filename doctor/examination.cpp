@@ -1,0 +1,69 @@
+#include "doctor/examination.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "doctor/control_cycle.hpp"
+#include "doctor/dds.hpp"
+#include "doctor/kernel.hpp"
+#include "doctor/load.hpp"
+#include "doctor/machine_kind.hpp"
+#include "doctor/network_card.hpp"
+#include "doctor/processor.hpp"
+#include "doctor/round_trip.hpp"
+#include "doctor/scheduling.hpp"
+#include "doctor/timer.hpp"
+
+namespace multipanda::doctor {
+
+Purpose purpose_of(const std::vector<std::string>& addresses) {
+  return std::all_of(addresses.begin(), addresses.end(), is_loopback) ? Purpose::simulated_arms
+                                                                      : Purpose::real_arms;
+}
+
+std::vector<Finding> examine(const ExaminationOptions& options,
+                             const std::function<void(const Finding&)>& show) {
+  const SystemFiles files;
+  const Purpose purpose = purpose_of(options.addresses);
+  std::vector<Finding> findings;
+  const auto add = [&](Finding finding) {
+    show(finding);
+    findings.push_back(std::move(finding));
+  };
+  const MachineKindReading kind = read_machine_kind(files);
+  add(judge_virtual_machine(kind, purpose));
+  add(judge_kernel(read_kernel(files), purpose));
+  const SchedulingReading scheduling = read_scheduling(files);
+  add(judge_fifo(scheduling, purpose));
+  add(judge_memory_lock(scheduling, purpose));
+  add(judge_throttling(scheduling, purpose));
+  const ProcessorReading processor = read_processor(files);
+  add(judge_governor(processor, purpose));
+  add(judge_idle_states(processor, purpose));
+  add(judge_clock_source(kind, purpose));
+
+  // The load while the timer was measured is the one that explains its figures.
+  const LoadSample before = sample_load(files);
+  const TimerReading timer = read_timer(options.seconds);
+  const LoadSample after = sample_load(files);
+  const LoadReading load = load_between(before, after, files);
+  add(judge_load(load, purpose));
+  add(judge_isolation(load, purpose));
+  add(judge_steal(load, purpose));
+  add(judge_timer(timer, purpose));
+
+  // As many cycles as last about `seconds` at 1 kHz; unpaced that is a fraction of it.
+  const auto cycles = static_cast<std::uint64_t>(std::clamp(options.seconds * 1000, 500.0, 60000.0));
+  const ControlCycleReading cycle = read_control_cycle(options.scene, cycles);
+  add(judge_control_cycle(cycle, purpose));
+  add(judge_loop_guard(cycle, purpose));
+  add(judge_dds(read_dds(before, after, files), purpose));
+  for (const auto& address : options.addresses) {
+    const NetworkCardReading card = read_network_card(address, files);
+    add(judge_network_card(card, purpose));
+    if (!card.interface.empty()) add(judge_round_trip(read_round_trip(address, options.seconds), purpose));
+  }
+  return findings;
+}
+
+}  // namespace multipanda::doctor

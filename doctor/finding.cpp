@@ -1,0 +1,187 @@
+#include "doctor/finding.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+namespace multipanda::doctor {
+namespace {
+
+constexpr std::size_t kSubjectWidth = 24, kBarWidth = 48, kTextWidth = 110;
+
+std::string_view colour_of(Judgement judgement) {
+  switch (judgement) {
+    case Judgement::ok:
+      return "\033[32m";
+    case Judgement::unknown:
+      return "\033[36m";
+    case Judgement::warning:
+      return "\033[33m";
+    case Judgement::bad:
+      return "\033[31m";
+  }
+  return "";
+}
+
+// Breaks a long sentence between words; what follows the first line stands below its first letter.
+void add_wrapped(std::vector<std::string>& lines, const std::string& head, const std::string& text) {
+  std::string line = head;
+  const std::string indent(head.size(), ' ');
+  bool begun = false;
+  std::size_t at = 0;
+  while (at < text.size()) {
+    const std::size_t end = std::min(text.find(' ', at), text.size());
+    const std::string word = text.substr(at, end - at);
+    if (begun && line.size() + 1 + word.size() > kTextWidth) {
+      lines.push_back(line);
+      line = indent;
+      begun = false;
+    }
+    line += (begun ? " " : "") + word;
+    begun = true;
+    at = end + 1;
+  }
+  lines.push_back(line);
+}
+
+// A bar is at least one sign long where anything is counted: rare and late is what matters here.
+std::string bar_line(const Bar& bar, std::size_t most) {
+  const auto length = static_cast<std::size_t>(
+      std::ceil(static_cast<double>(kBarWidth) * static_cast<double>(bar.count) / static_cast<double>(most)));
+  const std::string range = std::isinf(bar.to) ? fmt::format("{:>6g} and more", bar.from)
+                                               : fmt::format("{:>6g} to {:>5g}", bar.from, bar.to);
+  return fmt::format("{:>28} us {:>8} {}", range, bar.count, std::string(length, '#'));
+}
+
+nlohmann::ordered_json number(double value) {
+  if (!std::isfinite(value)) return nullptr;
+  return std::round(value * 1e6) / 1e6;
+}
+
+const Finding* find(const std::vector<Finding>& findings, std::string_view id) {
+  const auto at =
+      std::find_if(findings.begin(), findings.end(), [&](const Finding& f) { return f.id == id; });
+  return at == findings.end() ? nullptr : &*at;
+}
+
+bool is_wrong(const Finding* finding) {
+  return finding != nullptr && (finding->judged == Judgement::warning || finding->judged == Judgement::bad);
+}
+
+}  // namespace
+
+std::string_view to_string(Judgement judgement) {
+  switch (judgement) {
+    case Judgement::ok:
+      return "ok";
+    case Judgement::unknown:
+      return "unknown";
+    case Judgement::warning:
+      return "warning";
+    case Judgement::bad:
+      return "bad";
+  }
+  return "?";
+}
+
+Judgement verdict(const std::vector<Finding>& findings) {
+  Judgement worst = Judgement::ok;
+  for (const auto& finding : findings) worst = std::max(worst, finding.judged);
+  return worst;
+}
+
+// A late torque has one of four places to come from: the computer's clockwork, what else runs on it, the way
+// to the arm, or the controllers themselves. Only what was measured as late is blamed on something.
+std::vector<std::string> blame(const std::vector<Finding>& findings) {
+  std::vector<std::string> sentences;
+  const auto wrong = [&](std::string_view id) { return is_wrong(find(findings, id)); };
+  if (wrong("timer_wake_up")) {
+    // Strongest first; several may hold at once.
+    static constexpr std::pair<std::string_view, std::string_view> kReasons[] = {
+        {"steal", "the host of this virtual machine takes the processor away"},
+        {"sched_fifo", "the loop may not run before other programs (no SCHED_FIFO)"},
+        {"load", "other programs use the cores"},
+        {"realtime_kernel", "the kernel does not interrupt itself for the loop (no PREEMPT_RT)"},
+        {"rt_throttling", "the kernel takes real-time threads off the processor"},
+        {"governor", "the processor changes its frequency"},
+        {"idle_states", "the processor sleeps deeply between two cycles"},
+        {"clock_source", "reading the clock is slow"},
+        {"virtual_machine", "a virtual machine's timers are the host's"},
+    };
+    std::string reasons;
+    for (const auto& [id, text] : kReasons) {
+      if (wrong(id)) reasons += fmt::format("{}{}", reasons.empty() ? "" : "; ", text);
+    }
+    sentences.push_back(
+        reasons.empty() ? "this computer wakes the loop too late, and nothing that was examined explains it: "
+                          "look for firmware interruptions (BIOS power saving, USB legacy support)"
+                        : fmt::format("this computer wakes the loop too late: {}", reasons));
+  }
+  for (const auto& finding : findings) {
+    if (!is_wrong(&finding)) continue;
+    if (finding.id.starts_with("round_trip") || finding.id.starts_with("state_stream")) {
+      sentences.push_back(
+          wrong("timer_wake_up")
+              ? fmt::format("{} is not as it should be; since this computer itself is late, cure that first",
+                            finding.subject)
+              : fmt::format("the network is to blame, not this computer: {} ({})", finding.subject,
+                            finding.measured));
+    }
+  }
+  if (wrong("control_cycle")) {
+    sentences.push_back("the controllers of the scene take too long: fewer features, or a faster processor");
+  }
+  if (wrong("loop_guard")) sentences.push_back("own code allocates, locks or faults in the loop");
+  return sentences;
+}
+
+std::string to_json(const std::vector<Finding>& findings, Purpose purpose, double seconds) {
+  nlohmann::ordered_json json;
+  json["purpose"] = purpose == Purpose::real_arms ? "real_arms" : "simulated_arms";
+  json["seconds"] = number(seconds);
+  json["verdict"] = std::string(to_string(verdict(findings)));
+  json["blame"] = blame(findings);
+  json["findings"] = nlohmann::ordered_json::array();
+  for (const auto& finding : findings) {
+    nlohmann::ordered_json one{{"id", finding.id},
+                               {"subject", finding.subject},
+                               {"measured", finding.measured},
+                               {"judged", std::string(to_string(finding.judged))},
+                               {"cause", finding.cause},
+                               {"cure", finding.cure}};
+    one["figures"] = nlohmann::ordered_json::object();
+    for (const auto& figure : finding.figures) {
+      one["figures"][figure.name] = {{"value", number(figure.value)}, {"unit", figure.unit}};
+    }
+    if (!finding.histogram.empty()) {
+      one["histogram"] = nlohmann::ordered_json::array();
+      for (const auto& bar : finding.histogram) {
+        one["histogram"].push_back(
+            {{"from_us", number(bar.from)}, {"to_us", number(bar.to)}, {"count", bar.count}});
+      }
+    }
+    json["findings"].push_back(std::move(one));
+  }
+  return json.dump();
+}
+
+std::vector<std::string> to_text(const Finding& finding, bool colour) {
+  std::vector<std::string> lines;
+  const std::string judged = fmt::format("{:<8}", to_string(finding.judged));
+  const std::string subject = fmt::format(" {:<{}} ", finding.subject, kSubjectWidth);
+  add_wrapped(lines, judged + subject, finding.measured);
+  if (colour) {
+    lines[0] =
+        fmt::format("{}{}\033[0m{}", colour_of(finding.judged), judged, lines[0].substr(judged.size()));
+  }
+  std::size_t most = 1;
+  for (const auto& bar : finding.histogram) most = std::max(most, bar.count);
+  for (const auto& bar : finding.histogram) lines.push_back(bar_line(bar, most));
+  if (!finding.cause.empty()) add_wrapped(lines, "           cause: ", finding.cause);
+  if (!finding.cure.empty()) add_wrapped(lines, "           cure:  ", finding.cure);
+  return lines;
+}
+
+}  // namespace multipanda::doctor

@@ -1,0 +1,212 @@
+#include "doctor/network_card.hpp"
+
+#include <arpa/inet.h>
+#include <cerrno>
+#include <charconv>
+#include <cstring>
+#include <ifaddrs.h>
+#include <linux/ethtool.h>
+#include <linux/sockios.h>
+#include <net/if.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <sstream>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <fmt/format.h>
+
+namespace multipanda::doctor {
+namespace {
+
+std::optional<sockaddr_in> resolve(const std::string& address) {
+  addrinfo wanted{};
+  wanted.ai_family = AF_INET;
+  wanted.ai_socktype = SOCK_DGRAM;
+  addrinfo* found = nullptr;
+  if (getaddrinfo(address.c_str(), nullptr, &wanted, &found) != 0 || found == nullptr) return {};
+  sockaddr_in result{};
+  std::memcpy(&result, found->ai_addr, sizeof(result));
+  freeaddrinfo(found);
+  return result;
+}
+
+// Our own address on the way there: connecting a datagram socket sends nothing, but chooses the route.
+std::optional<in_addr> local_address(const sockaddr_in& remote, std::string& reason) {
+  const int file = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (file < 0) {
+    reason = std::strerror(errno);
+    return {};
+  }
+  sockaddr_in to = remote;
+  to.sin_port = htons(9);
+  sockaddr_in own{};
+  socklen_t size = sizeof(own);
+  const bool routed = connect(file, reinterpret_cast<const sockaddr*>(&to), sizeof(to)) == 0 &&
+                      getsockname(file, reinterpret_cast<sockaddr*>(&own), &size) == 0;
+  if (!routed) reason = std::strerror(errno);
+  close(file);
+  if (!routed) return {};
+  return own.sin_addr;
+}
+
+std::string interface_with(const in_addr& own) {
+  ifaddrs* list = nullptr;
+  if (getifaddrs(&list) != 0) return {};
+  std::string name;
+  for (const ifaddrs* at = list; at != nullptr; at = at->ifa_next) {
+    if (at->ifa_addr == nullptr || at->ifa_addr->sa_family != AF_INET) continue;
+    sockaddr_in address{};
+    std::memcpy(&address, at->ifa_addr, sizeof(address));
+    const bool same_net = (ntohl(own.s_addr) >> 24) == 127 && (at->ifa_flags & IFF_LOOPBACK) != 0;
+    if (address.sin_addr.s_addr == own.s_addr || same_net) name = at->ifa_name;
+  }
+  freeifaddrs(list);
+  return name;
+}
+
+// Longest matching line of /proc/net/route: interface, destination, gateway, ..., mask; hexadecimal, in the
+// machine's order.
+std::string gateway_to(const in_addr& remote, const SystemFiles& files) {
+  std::uint32_t best_mask = 0, gateway = 0;
+  bool found = false;
+  for (const auto& line : files.lines("proc/net/route")) {
+    std::istringstream fields(line);
+    std::string name, destination_text, gateway_text, skipped, mask_text;
+    if (!(fields >> name >> destination_text >> gateway_text >> skipped >> skipped >> skipped >> skipped >>
+          mask_text))
+      continue;
+    const auto hex = [](const std::string& text) {
+      std::uint32_t value = 0;
+      (void)std::from_chars(text.data(), text.data() + text.size(), value, 16);
+      return value;
+    };
+    const std::uint32_t mask = hex(mask_text);
+    if ((remote.s_addr & mask) != hex(destination_text)) continue;
+    if (found && ntohl(mask) < ntohl(best_mask)) continue;
+    best_mask = mask;
+    gateway = hex(gateway_text);
+    found = true;
+  }
+  if (!found || gateway == 0) return {};
+  char text[INET_ADDRSTRLEN] = {};
+  const in_addr address{gateway};
+  return inet_ntop(AF_INET, &address, text, sizeof(text)) != nullptr ? text : "";
+}
+
+std::optional<double> coalesce_us(const std::string& interface) {
+  const int file = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (file < 0) return {};
+  ethtool_coalesce settings{};
+  settings.cmd = ETHTOOL_GCOALESCE;
+  ifreq request{};
+  interface.copy(request.ifr_name, IFNAMSIZ - 1);
+  request.ifr_data = reinterpret_cast<char*>(&settings);
+  const bool told = ioctl(file, SIOCETHTOOL, &request) == 0;
+  close(file);
+  if (!told) return {};
+  return settings.rx_coalesce_usecs;
+}
+
+}  // namespace
+
+bool is_loopback(const std::string& address) { return address.starts_with("127.") || address == "localhost"; }
+
+NetworkCardReading read_network_card(const std::string& address, const SystemFiles& files) {
+  NetworkCardReading reading;
+  reading.address = address;
+  const auto remote = resolve(address);
+  if (!remote) {
+    reading.reason = "there is no computer of this name";
+    return reading;
+  }
+  const auto own = local_address(*remote, reading.reason);
+  if (!own) return reading;
+  reading.interface = interface_with(*own);
+  if (reading.interface.empty()) {
+    reading.reason = "no network card has our address on that route";
+    return reading;
+  }
+  const std::string folder = "sys/class/net/" + reading.interface + "/";
+  reading.loopback = (ntohl(own->s_addr) >> 24) == 127;
+  reading.wireless = files.exists(folder + "wireless") || files.exists(folder + "phy80211");
+  std::error_code error;
+  const auto bus = std::filesystem::read_symlink(files.path(folder + "device/subsystem"), error);
+  reading.usb = !error && bus.filename() == "usb";
+  reading.virtual_card = !files.exists(folder + "device");
+  reading.gateway = gateway_to(remote->sin_addr, files);
+  reading.mtu = files.number(folder + "mtu");
+  reading.speed = files.number(folder + "speed");
+  if (reading.speed && *reading.speed <= 0) reading.speed.reset();
+  reading.full_duplex = files.line(folder + "duplex").value_or("full") != "half";
+  for (const char* name : {"rx_errors", "tx_errors", "rx_crc_errors", "rx_over_errors"})
+    reading.damaged += files.number(folder + "statistics/" + name).value_or(0);
+  for (const char* name : {"rx_dropped", "tx_dropped", "rx_missed_errors"})
+    reading.dropped += files.number(folder + "statistics/" + name).value_or(0);
+  if (!reading.loopback) reading.coalesce_us = coalesce_us(reading.interface);
+  return reading;
+}
+
+Finding judge_network_card(const NetworkCardReading& reading, Purpose purpose) {
+  Finding finding{.id = "network_card:" + reading.address,
+                  .subject = fmt::format("card to {}", reading.address)};
+  if (reading.interface.empty()) {
+    finding.judged = Judgement::bad;
+    finding.measured = fmt::format("no way to {}: {}", reading.address, reading.reason);
+    finding.cause = "this computer has no network to that address, or the name is wrong";
+    finding.cure =
+        "give the card an address in the arm's network (the arm's are set in its web page), by cable";
+    return finding;
+  }
+  finding.measured = reading.interface;
+  if (reading.loopback) {
+    finding.judged = Judgement::ok;
+    finding.measured += " (this computer itself: a virtual arm)";
+    return finding;
+  }
+  finding.measured += reading.wireless ? ", wireless" : reading.virtual_card ? ", virtual" : ", wired";
+  if (reading.usb) finding.measured += " by USB";
+  if (reading.speed) finding.measured += fmt::format(", {:g} Mbit/s", *reading.speed);
+  if (reading.mtu) finding.measured += fmt::format(", MTU {:g}", *reading.mtu);
+  if (reading.coalesce_us) finding.measured += fmt::format(", collects for {:g} us", *reading.coalesce_us);
+  if (!reading.gateway.empty()) finding.measured += fmt::format(", through {}", reading.gateway);
+  finding.measured += fmt::format(", {:g} damaged and {:g} dropped packets since its start", reading.damaged,
+                                  reading.dropped);
+  if (reading.speed) finding.figures.push_back({"speed", *reading.speed, "Mbit/s"});
+  if (reading.mtu) finding.figures.push_back({"mtu", *reading.mtu, "bytes"});
+  if (reading.coalesce_us) finding.figures.push_back({"coalesce", *reading.coalesce_us, "us"});
+  finding.figures.push_back({"damaged", reading.damaged, "packets"});
+  finding.figures.push_back({"dropped", reading.dropped, "packets"});
+
+  finding.judged = Judgement::ok;
+  // The gravest first; one is said.
+  const auto fault = [&](bool holds, Judgement judged, const std::string& cause, const std::string& cure) {
+    if (!holds || finding.judged != Judgement::ok) return;
+    finding.judged = judged;
+    finding.cause = cause;
+    finding.cure = cure;
+  };
+  fault(reading.wireless, defect(purpose), "wireless delays packets by milliseconds at any time",
+        "connect the arm's control unit by cable");
+  fault(reading.speed && *reading.speed < 100, defect(purpose),
+        "too slow for a packet each way per millisecond",
+        "use a card, cable and switch of 100 Mbit/s at least, better 1000");
+  fault(!reading.full_duplex, defect(purpose), "half duplex: packets of both directions collide",
+        "let card and switch negotiate, or set full duplex on both ends");
+  fault(!reading.gateway.empty(), Judgement::warning, "packets to the arm pass a router",
+        "connect the arm's control unit directly to a card of this computer, with addresses of one network");
+  fault(reading.mtu && *reading.mtu < 1500, Judgement::warning, "states are cut into several packets",
+        fmt::format("ip link set {} mtu 1500", reading.interface));
+  fault(reading.coalesce_us && *reading.coalesce_us > 60, Judgement::warning,
+        "the card collects packets before it tells the kernel",
+        fmt::format("ethtool -C {} rx-usecs 0 tx-usecs 0", reading.interface));
+  fault(reading.damaged > 0, Judgement::warning,
+        "packets were damaged on the wire since the card was started",
+        "change the cable; watch whether the number grows: ip -s link");
+  fault(reading.usb, Judgement::warning, "a card behind USB is asked in steps of 125 us",
+        "use a card on the board (PCIe)");
+  return finding;
+}
+
+}  // namespace multipanda::doctor
