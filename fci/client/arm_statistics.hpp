@@ -14,7 +14,9 @@ struct ArmStatistics {
   std::uint64_t superseded = 0;          // came, but a newer one was there already: this computer was late
   std::uint64_t foreign = 0;             // datagrams that are no state of this arm
   std::uint64_t sent = 0, not_sent = 0;  // commands; not_sent: the system did not take the datagram
-  double command_success_rate = 0;       // what the arm says of the last 100 periods
+  // From the moment a state was taken to the moment its answer left [s]: the loop's computing time.
+  double answer_delay_mean_s = 0, answer_delay_max_s = 0;
+  double command_success_rate = 0;  // what the arm says of the last 100 periods
 };
 
 // Who answered.

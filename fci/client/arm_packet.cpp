@@ -1,0 +1,84 @@
+#include "fci/client/arm_packet.hpp"
+
+#include <cmath>
+
+namespace multipanda::fci {
+namespace {
+
+using Vector7 = Eigen::Matrix<double, 7, 1>;
+
+void copy(const std::array<double, 7>& from, JointVector& to) { to = Eigen::Map<const Vector7>(from.data()); }
+
+Load body(double mass, const std::array<double, 3>& com, const std::array<double, 9>& inertia) {
+  return {mass, Eigen::Map<const Vector3>(com.data()), Eigen::Map<const Matrix3>(inertia.data())};
+}
+
+// Parallel axes: inertia of a point of mass m at p about the origin.
+Matrix3 at_point(double mass, const Vector3& p) {
+  return mass * (p.squaredNorm() * Matrix3::Identity() - p * p.transpose());
+}
+
+Load combined(const Load& a, const Load& b, double sign) {
+  constexpr double kNothing = 1e-5;  // [kg]: single precision of a hand's mass is 3e-8
+  Load sum;
+  const double mass = a.mass + sign * b.mass;
+  if (std::abs(mass) < kNothing) return sum;
+  sum.mass = mass;
+  sum.p_FC = (a.mass * a.p_FC + sign * b.mass * b.p_FC) / mass;
+  sum.inertia_C = a.inertia_C + at_point(a.mass, a.p_FC) + sign * (b.inertia_C + at_point(b.mass, b.p_FC)) -
+                  at_point(mass, sum.p_FC);
+  return sum;
+}
+
+}  // namespace
+
+Pose pose_of(const std::array<double, 16>& T) {
+  Pose X;
+  for (Eigen::Index column = 0; column < 3; ++column) {
+    X.rotation.col(column) = Eigen::Map<const Vector3>(T.data() + 4 * column);
+  }
+  X.position = Eigen::Map<const Vector3>(T.data() + 12);
+  return X;
+}
+
+Load without(const Load& whole, const Load& part) { return combined(whole, part, -1); }
+Load with(const Load& a, const Load& b) { return combined(a, b, 1); }
+Load end_effector_of(const RobotState& packet) { return body(packet.m_ee, packet.F_x_Cee, packet.I_ee); }
+Load payload_of(const RobotState& packet) { return body(packet.m_load, packet.F_x_Cload, packet.I_load); }
+
+void ArmPacket::fill(const RobotState& packet, bool commanded, ArmState& state) noexcept {
+  state.sequence = packet.message_id;
+  state.t_robot = {static_cast<std::int64_t>(packet.message_id) * 1'000'000};
+  copy(packet.q, state.q);
+  copy(packet.dq, state.dq);
+  copy(packet.tau_J, state.tau_J);
+  copy(packet.tau_J_d, state.tau_J_d);
+  if (!commanded) state.tau_J_d.setZero();  // a torque motion begins at zero, whatever the arm did before
+  copy(packet.tau_ext_hat_filtered, state.tau_ext_hat);
+  state.has_wrench_estimate = true;
+  state.F_K_W_est.force() = R_WB_ * Eigen::Map<const Vector3>(packet.O_F_ext_hat_K.data());
+  state.F_K_W_est.torque() = R_WB_ * Eigen::Map<const Vector3>(packet.O_F_ext_hat_K.data() + 3);
+  state.has_contact_truth = false;
+
+  const Configuration now{packet.F_T_EE, packet.EE_T_K, packet.m_ee,    packet.m_load,
+                          packet.I_ee,   packet.I_load, packet.F_x_Cee, packet.F_x_Cload};
+  if (version_ == 0 || !(now == last_)) {
+    last_ = now;
+    ++version_;
+    frames_ = {pose_of(packet.F_T_EE), pose_of(packet.EE_T_K)};
+    tool_ = without(end_effector_of(packet), hand_);
+    load_ = payload_of(packet);
+  }
+  state.config_version = version_;
+  state.frames = frames_;
+  state.tool = tool_;
+  state.load = load_;
+
+  state.errors = 0;
+  for (std::size_t i = 0; i < kErrorCount; ++i) {
+    if (packet.errors[i] != 0) state.errors |= std::uint64_t{1} << i;
+  }
+  state.command_success_rate = packet.control_command_success_rate;
+}
+
+}  // namespace multipanda::fci

@@ -1,0 +1,86 @@
+#include "fci/client/model_check.hpp"
+
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+#include <random>
+#include <stdexcept>
+
+#include "core/model/model_terms.hpp"
+
+namespace multipanda::fci {
+namespace {
+
+// Makers and versions prefix their links: "link8", "fr3_link8".
+std::string flange_link(const std::string& urdf) {
+  for (std::size_t at = urdf.find("<link"); at != std::string::npos; at = urdf.find("<link", at + 1)) {
+    const std::size_t name = urdf.find("name=", at), end = urdf.find('>', at);
+    if (name == std::string::npos || name > end || name + 6 >= urdf.size()) continue;
+    const char quote = urdf[name + 5];
+    const std::size_t last = urdf.find(quote, name + 6);
+    if (last == std::string::npos) continue;
+    const std::string link = urdf.substr(name + 6, last - name - 6);
+    if (link.ends_with("link8")) return link;
+  }
+  throw std::invalid_argument("the arm's model has no link8, its flange");
+}
+
+}  // namespace
+
+std::string ModelComparison::text() const {
+  std::array<char, 400> text{};
+  std::snprintf(text.data(), text.size(),
+                "flange %.2g m and %.2g rad apart; gravity torque %.3f N m, mass matrix %.2f %% different",
+                position_m, orientation_rad, gravity_nm, 100 * mass_matrix);
+  return limits.empty() ? text.data() : std::string(text.data()) + "; " + limits;
+}
+
+ModelComparison compare_models(const std::string& arm_urdf, const Load& hand, const ArmModel& ours) {
+  ArmModelSource source;
+  source.name = "as the arm hands it out";
+  source.urdf = arm_urdf;
+  source.flange = flange_link(arm_urdf);
+  source.X_WB = ours.X_WB();
+  const auto theirs = std::make_shared<const ArmModel>(std::move(source));
+  if (theirs->joint_count() != ours.joint_count()) {
+    throw std::invalid_argument("the arm's model has " + std::to_string(theirs->joint_count()) +
+                                " joints, ours has " + std::to_string(ours.joint_count()));
+  }
+  ModelTerms a(std::shared_ptr<const ArmModel>(&ours, [](const ArmModel*) {})), b(theirs);
+  b.set_config({}, hand, {});
+
+  ModelComparison result;
+  const auto n = static_cast<Eigen::Index>(ours.joint_count());
+  const JointVector low = ours.limits().q_min.cwiseMax(theirs->limits().q_min),
+                    high = ours.limits().q_max.cwiseMin(theirs->limits().q_max);
+  std::mt19937_64 random(20260101);
+  std::uniform_real_distribution<double> part(0.02, 0.98);
+  JointVector q = low;
+  const JointVector still = joint_constant(ours.joint_count(), 0);
+  for (int k = 0; k < 200; ++k) {
+    for (Eigen::Index i = 0; i < n; ++i) q[i] = low[i] + part(random) * (high[i] - low[i]);
+    a.update(q, still);
+    b.update(q, still);
+    const Vector6 apart = pose_error(a.X_WF(), b.X_WF());
+    result.position_m = std::max(result.position_m, apart.head<3>().norm());
+    result.orientation_rad = std::max(result.orientation_rad, apart.tail<3>().norm());
+    result.gravity_nm = std::max(result.gravity_nm, (a.g() - b.g()).lpNorm<Eigen::Infinity>());
+    result.mass_matrix = std::max(result.mass_matrix, (a.M() - b.M()).norm() / b.M().norm());
+  }
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const double below = theirs->limits().q_min[i] - ours.limits().q_min[i],
+                 above = ours.limits().q_max[i] - theirs->limits().q_max[i];
+    constexpr double kSame = 1e-6;
+    if (below <= kSame && above <= kSame) continue;
+    result.q_min_rad = std::max(result.q_min_rad, below);
+    result.q_max_rad = std::max(result.q_max_rad, above);
+    std::array<char, 160> text{};
+    std::snprintf(text.data(), text.size(), "%sjoint%d: the arm allows %.4f to %.4f rad, ours %.4f to %.4f",
+                  result.limits.empty() ? "" : ", ", static_cast<int>(i) + 1, theirs->limits().q_min[i],
+                  theirs->limits().q_max[i], ours.limits().q_min[i], ours.limits().q_max[i]);
+    result.limits += text.data();
+  }
+  return result;
+}
+
+}  // namespace multipanda::fci

@@ -1,0 +1,210 @@
+#include "fci/client/tcp_channel.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <fcntl.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "core/types/time.hpp"
+
+namespace multipanda::fci {
+namespace {
+
+// What is left of `timeout_s` since `begun`, in whole milliseconds for poll(), rounded up.
+int left_ms(HostTime begun, double timeout_s) {
+  const double left = timeout_s - seconds(host_now() - begun);
+  return left <= 0 ? 0 : static_cast<int>(std::ceil(left * 1e3));
+}
+
+std::string in_seconds(double timeout_s) {
+  std::string text = std::to_string(timeout_s);
+  text.erase(std::min(text.find('.') + 2, text.size()));
+  return text + " s";
+}
+
+in_addr resolve(const std::string& address, const std::string& who) {
+  addrinfo hints{};
+  hints.ai_family = AF_INET;
+  hints.ai_socktype = SOCK_STREAM;
+  addrinfo* found = nullptr;
+  if (const int error = ::getaddrinfo(address.c_str(), nullptr, &hints, &found); error != 0) {
+    throw LinkError(LinkError::Kind::unreachable,
+                    who + ": '" + address + "' is no address that can be found (" + ::gai_strerror(error) +
+                        "): write the arm's IPv4 address, as it stands in the arm's network settings");
+  }
+  const in_addr result = reinterpret_cast<const sockaddr_in*>(found->ai_addr)->sin_addr;
+  ::freeaddrinfo(found);
+  return result;
+}
+
+std::string cure_for(int error) {
+  switch (error) {
+    case ECONNREFUSED:
+      return "connection refused: something is there, but no control interface. Is the FCI activated on the "
+             "arm, "
+             "or the virtual arm running?";
+    case ETIMEDOUT:
+      return "no answer: is the arm switched on, the cable plugged into the arm's controller, the address "
+             "right?";
+    case EHOSTUNREACH:
+    case ENETUNREACH:
+      return "no route there: does this computer have an address in the arm's network?";
+    default:
+      return std::strerror(error);
+  }
+}
+
+}  // namespace
+
+void TcpChannel::fail(LinkError::Kind kind, const std::string& text) {
+  close();
+  throw LinkError(kind, who_ + ": " + text);
+}
+
+void TcpChannel::close() noexcept {
+  if (file_ >= 0) ::close(file_);
+  file_ = -1;
+  buffer_.clear();
+  replies_.clear();
+}
+
+void TcpChannel::connect(const std::string& address, std::uint16_t port, double timeout_s) {
+  close();
+  next_id_ = 0;
+  const in_addr ip = resolve(address, who_);
+  const auto unreachable = [&](int error) {
+    fail(LinkError::Kind::unreachable,
+         "no connection to " + address + " port " + std::to_string(port) + ": " + cure_for(error));
+  };
+  file_ = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+  if (file_ < 0) unreachable(errno);
+  // Requests are single messages: none must wait for the acknowledgement of another. Dead peers are noticed.
+  const auto set = [this](int level, int name, int value) {
+    (void)::setsockopt(file_, level, name, &value, sizeof(value));
+  };
+  set(IPPROTO_TCP, TCP_NODELAY, 1);
+  set(SOL_SOCKET, SO_KEEPALIVE, 1);
+  set(IPPROTO_TCP, TCP_KEEPIDLE, 1);
+  set(IPPROTO_TCP, TCP_KEEPCNT, 3);
+  set(IPPROTO_TCP, TCP_KEEPINTVL, 1);
+
+  sockaddr_in to{};
+  to.sin_family = AF_INET;
+  to.sin_port = htons(port);
+  to.sin_addr = ip;
+  if (::connect(file_, reinterpret_cast<const sockaddr*>(&to), sizeof(to)) != 0) {
+    if (errno != EINPROGRESS) unreachable(errno);
+    if (!wait_for(POLLOUT, timeout_s)) unreachable(ETIMEDOUT);
+    int error = 0;
+    socklen_t size = sizeof(error);
+    (void)::getsockopt(file_, SOL_SOCKET, SO_ERROR, &error, &size);
+    if (error != 0) unreachable(error);
+  }
+  peer_address_ = ip.s_addr;
+}
+
+bool TcpChannel::wait_for(short events, double timeout_s) const {
+  const HostTime begun = host_now();
+  pollfd watched{.fd = file_, .events = events, .revents = 0};
+  while (true) {
+    const int n = ::poll(&watched, 1, left_ms(begun, timeout_s));
+    if (n > 0) return true;
+    if (n == 0 || errno != EINTR) return false;
+  }
+}
+
+void TcpChannel::send(std::span<const std::byte> message, double timeout_s) {
+  if (!is_open()) fail(LinkError::Kind::lost, "there is no connection: connect first");
+  const HostTime begun = host_now();
+  std::size_t done = 0;
+  while (done < message.size()) {
+    const ssize_t n = ::send(file_, message.data() + done, message.size() - done, MSG_NOSIGNAL);
+    if (n > 0) {
+      done += static_cast<std::size_t>(n);
+    } else if (errno == EAGAIN) {
+      if (!wait_for(POLLOUT, timeout_s - seconds(host_now() - begun))) {
+        fail(LinkError::Kind::timeout, "it takes no more requests: switch it off and on, then connect again");
+      }
+    } else if (errno != EINTR) {
+      fail(LinkError::Kind::lost, std::string("the connection is lost (") + std::strerror(errno) +
+                                      "): check cable and arm, then reconnect");
+    }
+  }
+  ++next_id_;
+}
+
+void TcpChannel::read_available() {
+  std::array<std::byte, 16384> chunk;
+  while (is_open()) {
+    const ssize_t n = ::recv(file_, chunk.data(), chunk.size(), 0);
+    if (n > 0) {
+      buffer_.insert(buffer_.end(), chunk.begin(), chunk.begin() + n);
+      parse();
+    } else if (n == 0) {
+      fail(LinkError::Kind::lost,
+           "the arm closed the connection: another program may have taken it, the FCI may have been "
+           "deactivated, "
+           "or the arm was switched off; then reconnect");
+    } else if (errno == EAGAIN) {
+      return;
+    } else if (errno != EINTR) {
+      fail(LinkError::Kind::lost, std::string("the connection is lost (") + std::strerror(errno) +
+                                      "): check cable and arm, then reconnect");
+    }
+  }
+}
+
+// Takes whole messages out of the buffer.
+void TcpChannel::parse() {
+  const std::size_t header_bytes = header_size(kind_);
+  std::size_t at = 0;
+  while (buffer_.size() - at >= header_bytes) {
+    MessageHeader header;
+    const auto rest = std::span<const std::byte>(buffer_).subspan(at);
+    if (decode(kind_, rest.first(header_bytes), header) != WireResult::ok || header.size < header_bytes ||
+        header.size > kMaxMessage || replies_.size() >= kMaxReplies) {
+      fail(LinkError::Kind::protocol,
+           "it sent bytes that are no reply of the control interface: is it an arm?");
+    }
+    if (rest.size() < header.size) break;
+    const auto payload = rest.subspan(header_bytes, header.size - header_bytes);
+    replies_.push_back({header.command, header.command_id, {payload.begin(), payload.end()}});
+    at += header.size;
+  }
+  buffer_.erase(buffer_.begin(), buffer_.begin() + static_cast<std::ptrdiff_t>(at));
+}
+
+std::optional<TcpChannel::Reply> TcpChannel::take(std::uint32_t command_id) {
+  const auto it = std::find_if(replies_.begin(), replies_.end(),
+                               [&](const Reply& reply) { return reply.command_id == command_id; });
+  if (it == replies_.end()) return std::nullopt;
+  Reply reply = std::move(*it);
+  replies_.erase(it);
+  return reply;
+}
+
+TcpChannel::Reply TcpChannel::wait(std::uint32_t command_id, double timeout_s, const char* what) {
+  const HostTime begun = host_now();
+  while (true) {
+    if (auto reply = take(command_id)) return std::move(*reply);
+    if (!is_open()) fail(LinkError::Kind::lost, "there is no connection: connect first");
+    read_available();
+    if (auto reply = take(command_id)) return std::move(*reply);
+    const double left = timeout_s - seconds(host_now() - begun);
+    if (left <= 0 || !wait_for(POLLIN, left)) {
+      fail(LinkError::Kind::timeout, std::string("no answer to ") + what + " within " +
+                                         in_seconds(timeout_s) + ": the arm or the network hangs. Reconnect");
+    }
+  }
+}
+
+}  // namespace multipanda::fci

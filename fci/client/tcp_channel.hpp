@@ -1,0 +1,69 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "fci/client/link_error.hpp"
+#include "fci/wire/commands.hpp"
+
+namespace multipanda::fci {
+
+// Requests and replies over one TCP connection: each request has a number, its reply repeats it, and replies
+// may come in any order, some requests getting two. Every wait has an end. One thread at a time; off the
+// loop. On every failure it throws LinkError, whose text begins with `who`; after one that is_fatal() it is
+// closed.
+class TcpChannel {
+ public:
+  TcpChannel(HeaderKind kind, std::string who) : kind_(kind), who_(std::move(who)) {}
+  ~TcpChannel() { close(); }
+  TcpChannel(const TcpChannel&) = delete;
+  TcpChannel& operator=(const TcpChannel&) = delete;
+
+  // `address`: IPv4 or a host name. Numbers of requests begin at 0 again.
+  void connect(const std::string& address, std::uint16_t port, double timeout_s);
+  void close() noexcept;
+  bool is_open() const { return file_ >= 0; }
+  int file() const { return file_; }  // for poll(); -1: closed
+  // Of the other end, network byte order.
+  std::uint32_t peer_address() const { return peer_address_; }
+
+  // The number that the next request must carry.
+  std::uint32_t next_id() const { return next_id_; }
+  // A whole message with that number, header included.
+  void send(std::span<const std::byte> message, double timeout_s);
+
+  struct Reply {
+    std::uint32_t command = 0, command_id = 0;
+    std::vector<std::byte> payload;
+  };
+  // The oldest reply with this number. Waits for it.
+  Reply wait(std::uint32_t command_id, double timeout_s, const char* what);
+  // The same, if it is there by now.
+  std::optional<Reply> take(std::uint32_t command_id);
+  // Reads what has arrived without waiting. Throws if the other end closed.
+  void read_available();
+
+ private:
+  [[noreturn]] void fail(LinkError::Kind kind, const std::string& text);
+  void parse();
+  bool wait_for(short events, double timeout_s) const;
+
+  // No arm sends more; a size beyond is nonsense (a model library has some megabytes).
+  static constexpr std::uint32_t kMaxMessage = 64u << 20u;
+  static constexpr std::size_t kMaxReplies = 256;  // that nobody asked for
+
+  HeaderKind kind_;
+  std::string who_;
+  int file_ = -1;
+  std::uint32_t peer_address_ = 0;
+  std::uint32_t next_id_ = 0;
+  std::vector<std::byte> buffer_;
+  std::deque<Reply> replies_;
+};
+
+}  // namespace multipanda::fci

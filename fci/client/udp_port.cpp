@@ -1,0 +1,132 @@
+#include "fci/client/udp_port.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <stdexcept>
+#include <string>
+#include <sys/socket.h>
+#include <unistd.h>
+
+namespace multipanda::fci {
+namespace {
+
+// Only one thread writes a counter.
+void add(std::atomic<std::uint64_t>& counter, std::uint64_t n) {
+  counter.store(counter.load(std::memory_order_relaxed) + n, std::memory_order_relaxed);
+}
+
+}  // namespace
+
+UdpPort::UdpPort() {
+  file_ = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+  sockaddr_in any{};
+  any.sin_family = AF_INET;
+  any.sin_addr.s_addr = htonl(INADDR_ANY);
+  socklen_t size = sizeof(any);
+  if (file_ < 0 || ::bind(file_, reinterpret_cast<const sockaddr*>(&any), sizeof(any)) != 0 ||
+      ::getsockname(file_, reinterpret_cast<sockaddr*>(&any), &size) != 0) {
+    const std::string why = std::strerror(errno);
+    if (file_ >= 0) ::close(file_);
+    throw std::runtime_error("no UDP port for an arm's states could be opened: " + why);
+  }
+  number_ = ntohs(any.sin_port);
+}
+
+UdpPort::~UdpPort() { ::close(file_); }
+
+void UdpPort::expect(const Dialect* dialect, std::uint32_t peer_address) {
+  const std::uint64_t count = (expected_.load(std::memory_order_relaxed) >> 48) + 1;
+  const std::uint64_t version = dialect == nullptr ? 0 : dialect->version;
+  expected_.store(count << 48 | version << 32 | peer_address, std::memory_order_release);
+}
+
+bool UdpPort::receive() noexcept {
+  if (const std::uint64_t expected = expected_.load(std::memory_order_acquire); expected != expecting_) {
+    expecting_ = expected;
+    dialect_ = dialect(static_cast<std::uint16_t>(expected >> 32));
+    address_ = static_cast<std::uint32_t>(expected);
+    states_[newest_].message_id = 0;
+    counters_.lost_in_a_row.store(0, std::memory_order_relaxed);
+  }
+  fresh_ = false;
+  // Bounded, so that a flood cannot hold the loop.
+  constexpr int kMost = 64;
+  for (int i = 0; i < kMost; ++i) {
+    sockaddr_in from{};
+    socklen_t size = sizeof(from);
+    const ssize_t n =
+        ::recvfrom(file_, buffer_.data(), buffer_.size(), 0, reinterpret_cast<sockaddr*>(&from), &size);
+    if (n < 0) {
+      if (errno == EINTR || errno == ECONNREFUSED) continue;
+      break;
+    }
+    take(std::span(buffer_).first(static_cast<std::size_t>(n)), from);
+  }
+  if (fresh_) {
+    received_at_ = host_now();
+    counters_.success_rate.store(state().control_command_success_rate, std::memory_order_relaxed);
+  }
+  return fresh_;
+}
+
+void UdpPort::take(std::span<const std::byte> datagram, const sockaddr_in& from) noexcept {
+  RobotState& next = states_[1 - newest_];
+  const std::uint64_t last = state().message_id;
+  if (dialect_ == nullptr || from.sin_addr.s_addr != address_ ||
+      decode(*dialect_, datagram, next) != WireResult::ok) {
+    add(counters_.foreign, 1);
+    return;
+  }
+  if (next.message_id <= last) {  // late or twice: a newer one was taken already
+    if (next.message_id < last && counters_.lost.load(std::memory_order_relaxed) > 0) {
+      counters_.lost.store(counters_.lost.load(std::memory_order_relaxed) - 1, std::memory_order_relaxed);
+      add(counters_.superseded, 1);
+    }
+    return;
+  }
+  if (fresh_) add(counters_.superseded, 1);
+  gap_ = last == 0 ? 0 : next.message_id - last - 1;
+  add(counters_.lost, gap_);
+  counters_.lost_in_a_row.store(gap_, std::memory_order_relaxed);
+  counters_.lost_in_a_row_max.store(
+      std::max(counters_.lost_in_a_row_max.load(std::memory_order_relaxed), gap_), std::memory_order_relaxed);
+  add(counters_.received, 1);
+  newest_ = 1 - newest_;
+  source_ = from;
+  fresh_ = true;
+}
+
+bool UdpPort::send(RobotCommand& command) noexcept {
+  if (dialect_ == nullptr || state().message_id == 0) return false;
+  command.message_id = state().message_id;
+  const std::size_t size = encode(*dialect_, command, command_);
+  const ssize_t n = ::sendto(file_, command_.data(), size, MSG_DONTWAIT | MSG_NOSIGNAL,
+                             reinterpret_cast<const sockaddr*>(&source_), sizeof(source_));
+  const bool taken = size != 0 && n == static_cast<ssize_t>(size);
+  add(taken ? counters_.sent : counters_.not_sent, 1);
+  const double delay = seconds(host_now() - received_at_);
+  counters_.delay_sum_s.store(counters_.delay_sum_s.load(std::memory_order_relaxed) + delay,
+                              std::memory_order_relaxed);
+  counters_.delay_max_s.store(std::max(counters_.delay_max_s.load(std::memory_order_relaxed), delay),
+                              std::memory_order_relaxed);
+  return taken;
+}
+
+ArmStatistics UdpPort::statistics() const {
+  const auto get = [](const auto& counter) { return counter.load(std::memory_order_relaxed); };
+  const auto answers = get(counters_.sent) + get(counters_.not_sent);
+  return {.received = get(counters_.received),
+          .lost = get(counters_.lost),
+          .lost_in_a_row = get(counters_.lost_in_a_row),
+          .lost_in_a_row_max = get(counters_.lost_in_a_row_max),
+          .superseded = get(counters_.superseded),
+          .foreign = get(counters_.foreign),
+          .sent = get(counters_.sent),
+          .not_sent = get(counters_.not_sent),
+          .answer_delay_mean_s = answers == 0 ? 0 : get(counters_.delay_sum_s) / static_cast<double>(answers),
+          .answer_delay_max_s = get(counters_.delay_max_s),
+          .command_success_rate = get(counters_.success_rate)};
+}
+
+}  // namespace multipanda::fci

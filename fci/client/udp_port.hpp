@@ -1,0 +1,78 @@
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <netinet/in.h>
+
+#include "core/types/time.hpp"
+#include "fci/client/arm_statistics.hpp"
+#include "fci/wire/state_layout.hpp"
+
+namespace multipanda::fci {
+
+// The datagrams of one arm: states in, commands out, on one socket that lives as long as the object, also
+// through reconnections. All of loop side: no allocation, no lock, no exception, never waits.
+class UdpPort {
+ public:
+  // Binds any free port. Throws std::runtime_error.
+  UdpPort();
+  ~UdpPort();
+  UdpPort(const UdpPort&) = delete;
+  UdpPort& operator=(const UdpPort&) = delete;
+
+  int file() const { return file_; }
+  std::uint16_t number() const { return number_; }
+
+  // --- any thread ---
+  // From now on states of this arm (network byte order) in this dialect count, whatever their number;
+  // nullptr: none. Takes effect at the next receive().
+  void expect(const Dialect* dialect, std::uint32_t peer_address);
+  ArmStatistics statistics() const;
+
+  // --- one thread: the loop's, or whoever stands in for it ---
+  // Takes what has arrived; true: state() is newer than before.
+  bool receive() noexcept;
+  // The newest state; its message_id is 0 before the first one.
+  const RobotState& state() const noexcept { return states_[newest_]; }
+  HostTime received_at() const noexcept { return received_at_; }
+  // States in a row that never came before state(), and the arm's clock between the two last states taken.
+  std::uint64_t gap() const noexcept { return gap_; }
+  // Answers state(): `command` gets its number and goes where it came from.
+  bool send(RobotCommand& command) noexcept;
+
+ private:
+  struct Expected {
+    const Dialect* dialect = nullptr;
+    std::uint32_t address = 0;
+  };
+  void take(std::span<const std::byte> datagram, const sockaddr_in& from) noexcept;
+
+  int file_ = -1;
+  std::uint16_t number_ = 0;
+
+  // Written by expect(): dialect by its version, address; one word, so that both change at once.
+  std::atomic<std::uint64_t> expected_{0};  // (count << 48) | (version << 32) | address
+  std::uint64_t expecting_ = 0;
+  const Dialect* dialect_ = nullptr;
+  std::uint32_t address_ = 0;
+
+  std::array<RobotState, 2> states_;
+  std::size_t newest_ = 0;
+  bool fresh_ = false;
+  sockaddr_in source_{};
+  HostTime received_at_;
+  std::uint64_t gap_ = 0;
+
+  std::array<std::byte, 4096> buffer_;
+  std::array<std::byte, kMaxCommandSize> command_;
+
+  // Written by the loop, read by anybody.
+  struct Counters {
+    std::atomic<std::uint64_t> received{0}, lost{0}, lost_in_a_row{0}, lost_in_a_row_max{0}, superseded{0},
+        foreign{0}, sent{0}, not_sent{0};
+    std::atomic<double> delay_sum_s{0}, delay_max_s{0}, success_rate{0};
+  } counters_;
+};
+
+}  // namespace multipanda::fci
