@@ -45,6 +45,7 @@ void add_bench(Program& program);
 void add_docs(Program& program);
 void add_experiment(Program& program);
 void add_ctl(Program& program);
+void add_doctor(Program& program);
 void add_generate(Program& program);
 
 }  // namespace multipanda::cli

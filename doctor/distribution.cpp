@@ -66,7 +66,11 @@ std::vector<Figure> Distribution::figures() const {
 }
 
 std::string Distribution::text() const {
-  return fmt::format("p50 {:.3g}, p99 {:.3g}, p99.9 {:.3g}, worst {:.3g} us", p50, p99, p999, worst);
+  const auto number = [](double us) {
+    return us < 100 ? fmt::format("{:.3g}", us) : fmt::format("{:.0f}", us);
+  };
+  return fmt::format("p50 {}, p99 {}, p99.9 {}, worst {} us", number(p50), number(p99), number(p999),
+                     number(worst));
 }
 
 }  // namespace multipanda::doctor
