@@ -17,6 +17,7 @@ struct DesiredState {
   JointVector q, dq, ddq;            // q_d, dq_d, ddq_d (n x 1)
   Pose X_BE_d, X_BE_c;               // O_T_EE_d = kinematics of q_d; O_T_EE_c, made an exact rotation
   Twist V_BE_d, V_BE_c;              // O_dP_EE_d, O_dP_EE_c
+  Vector6 A_BE_d = Vector6::Zero();  // not published; for the arm's own controllers [m/s^2, rad/s^2]
   Vector6 A_BE_c = Vector6::Zero();  // O_ddP_EE_c [m/s^2, rad/s^2]
   // elbow_c: as commanded; elbow_d and its differences where none was. Second entries of the differences: 0.
   Elbow elbow_d{}, elbow_c{}, delbow_c{}, ddelbow_c{};
@@ -90,14 +91,20 @@ class DesiredMotion {
   MotionStep step_planned(const InterfaceCommand* command);
   MotionStep end_of_motion() const;
   bool is_at_rest() const;
-  void check_joint_command(const JointVector& q, const JointVector& dq);
+  struct Worst;
+  bool check_joint_positions(const JointVector& q);
+  void check_joint_command(const JointVector& q, const JointVector& dq, const JointVector& dq_published);
   void check_twist(const Vector6& V, const Vector6& V_published);
   void check_elbow(double elbow);
-  void check_solution(const JointVector& q, const Vector6& dV, const Vector6& dA);
-  bool is_frame(const std::array<double, 16>& columns) const;
+  void check_solution(const InverseKinematics::Solution& solution, const JointVector& dq,
+                      const JointVector& dq_published, const JointVector& ddq_published);
+  double upper_velocity(Eigen::Index joint) const;
+  double lower_velocity(Eigen::Index joint) const;
+  void begin_at(const JointVector& q);
   void set_joints(const JointVector& q, const JointVector& dq);
   void publish();
   void report(ArmError error, int index, double value, double limit);
+  void report(ArmError error, const Worst& worst);
 
   std::shared_ptr<const ArmModel> model_;
   MotionLimits limits_;

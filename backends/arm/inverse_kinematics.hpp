@@ -1,5 +1,6 @@
 #pragma once
 
+#include <memory>
 #include <optional>
 
 #include "backends/arm/arm_interface.hpp"
@@ -22,9 +23,9 @@ Elbow elbow_of(const JointVector& q);
 // the least joint motion where joints are left free (no elbow given, or an arm with more joints).
 //
 // Near singular poses the damping bounds the motion to |e| / (2 lambda) and each round to kLargestStep; there
-// the rounds may run out before the pose is met (Solution::met = false) and q is the best so far. The joints'
-// velocities are beyond all limits by then.
-// Fewer than six joints: the least-squares pose; never `met` unless it can be.
+// the rounds may run out before the pose is met (Solution::met = false), and q is where the last one led. The
+// joints' velocities are beyond all limits by then. Fewer than six joints: the least-squares pose; never
+// `met` unless it can be.
 //
 // Deterministic; no allocation; one period's motion takes two or three rounds (a few microseconds), and never
 // more than kMostRounds.
@@ -36,7 +37,7 @@ class InverseKinematics {
   static constexpr int kMostRounds = 12;
   static constexpr double kSingular = 2e-2;  // see singular()
 
-  explicit InverseKinematics(const ArmModel& model) : chain_(model) {}
+  explicit InverseKinematics(const std::shared_ptr<const ArmModel>& model) : chain_(model) {}
 
   void set_end_effector(const Pose& X_FE) { chain_.set_end_effector(X_FE); }
   const KinematicChain& chain() const { return chain_; }

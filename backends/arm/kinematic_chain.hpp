@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <memory>
 
 #include "core/model/arm_model.hpp"
 
@@ -11,7 +12,7 @@ namespace multipanda {
 class KinematicChain {
  public:
   // Takes the joints' places and axes from the model. Any number of revolute joints.
-  explicit KinematicChain(const ArmModel& model);
+  explicit KinematicChain(const std::shared_ptr<const ArmModel>& model);
 
   std::size_t joint_count() const { return joint_count_; }
   void set_end_effector(const Pose& X_FE) { X_TE_ = X_TF_ * X_FE; }

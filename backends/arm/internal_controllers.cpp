@@ -1,0 +1,131 @@
+#include "backends/arm/internal_controllers.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+
+namespace multipanda {
+namespace {
+
+constexpr double kPeriod = 0.001;  // [s]
+
+// The natural modes of inertia M = Q Q^T and stiffness K = Q diag(k) Q^T, and the law of the header in them.
+template <typename Matrix, typename Vector>
+class ModalSpring {
+ public:
+  ModalSpring(const Matrix& M, const Matrix& K) : cholesky_(M) {
+    // M = L L^T; L^-1 K L^-T = U diag(k) U^T; Q = L U.
+    Matrix S = K;
+    cholesky_.matrixL().solveInPlace(S);
+    S.transposeInPlace();
+    cholesky_.matrixL().solveInPlace(S);
+    const Eigen::SelfAdjointEigenSolver<Matrix> modes(S);
+    U_ = modes.eigenvectors();
+    k_ = modes.eigenvalues().cwiseMax(0.0);
+  }
+
+  // K_f e + D de + the slow part, which is brought forward by one period.
+  Vector effort(const Vector& e, const Vector& de, Vector& slow) const {
+    constexpr double w = InternalControllers::kBandwidth;
+    const Matrix L = cholesky_.matrixL();
+    const Vector e_m = U_.transpose() * Vector(L.transpose() * e);
+    const Vector de_m = U_.transpose() * Vector(L.transpose() * de);
+    Vector z = slow;
+    cholesky_.matrixL().solveInPlace(z);
+    z = U_.transpose() * z;
+    Vector fast = e_m;
+    for (Eigen::Index i = 0; i < e.size(); ++i) {
+      const double k_fast = std::min(k_[i], w * w), rest = k_[i] - k_fast;
+      const double rate =
+          std::min(0.5 * w, InternalControllers::kIntegral * w * w * w / std::max(rest, 1e-3));
+      z[i] += kPeriod * rate * (rest * e_m[i] - z[i]);
+      fast[i] = k_fast * e_m[i] + 2 * std::sqrt(k_fast) * de_m[i];
+    }
+    slow = L * Vector(U_ * z);
+    return L * Vector(U_ * fast) + slow;
+  }
+
+ private:
+  Eigen::LLT<Matrix> cholesky_;
+  Matrix U_;
+  Vector k_;
+};
+
+// Seven joints at a fixed size: three times as fast, the same numbers.
+template <int N>
+JointVector joint_effort(const JointMatrix& M, const JointVector& stiffness, const JointVector& e,
+                         const JointVector& de, JointVector& slow) {
+  using Matrix = Eigen::Matrix<double, N, N>;
+  using Vector = Eigen::Matrix<double, N, 1>;
+  const ModalSpring<Matrix, Vector> spring(Matrix(M), Matrix(Vector(stiffness).asDiagonal()));
+  Vector slow_n = slow;
+  const Vector tau = spring.effort(Vector(e), Vector(de), slow_n);
+  slow = slow_n;
+  return tau;
+}
+
+}  // namespace
+
+InternalControllers::InternalControllers(std::size_t joint_count)
+    : tau_(joint_constant(joint_count, 0)), tau_slow_(tau_), ddq_filtered_(tau_) {}
+
+void InternalControllers::start() {
+  tau_slow_.setZero();
+  ddq_filtered_.setZero();
+  F_slow_.setZero();
+  A_filtered_.setZero();
+}
+
+const JointVector& InternalControllers::joint_impedance(ModelTerms& terms, const JointVector& q_d,
+                                                        const JointVector& dq_d, const JointVector& ddq_d,
+                                                        const JointVector& stiffness) {
+  const JointVector e = q_d - terms.q(), de = dq_d - terms.dq();
+  const JointMatrix& M = terms.M();
+  ddq_filtered_ += kPeriod * kFeedforward * (ddq_d - ddq_filtered_);
+  if (e.size() == 7) {
+    tau_ = joint_effort<7>(M, stiffness, e, de, tau_slow_);
+  } else {
+    const ModalSpring<JointMatrix, JointVector> spring(M, JointMatrix(stiffness.asDiagonal()));
+    tau_ = spring.effort(e, de, tau_slow_);
+  }
+  tau_ += M.lazyProduct(ddq_filtered_) + terms.c();
+  return tau_;
+}
+
+const JointVector& InternalControllers::cartesian_impedance(ModelTerms& terms, const Pose& X_EK,
+                                                            const Pose& X_BE_d, const Twist& V_BE_d,
+                                                            const Vector6& A_BE_d, const JointVector& q_d,
+                                                            const JointVector& dq_d,
+                                                            const Vector6& stiffness) {
+  // The desired motion at K's origin, world axes.
+  const Matrix3& R_WB = terms.model().X_WB().rotation;
+  const Pose X_WK_d = terms.model().X_WB() * X_BE_d * X_EK;
+  const Vector3 p_EK = R_WB * (X_BE_d.rotation * X_EK.position);
+  Vector6 V_d, A_d;
+  const Vector3 w = R_WB * V_BE_d.angular(), dw = R_WB * A_BE_d.tail<3>();
+  V_d << R_WB * V_BE_d.linear() + w.cross(p_EK), w;
+  A_d << R_WB * A_BE_d.head<3>() + dw.cross(p_EK) + w.cross(w.cross(p_EK)), dw;
+  A_filtered_ += kPeriod * kFeedforward * (A_d - A_filtered_);
+
+  const Jacobian J = terms.J_V_WK();
+  const JointMatrix& M = terms.M();
+  TaskSpace task;
+  compute_task_space(J, M, task);
+  Matrix6 K = Matrix6::Zero();
+  const Matrix3& R = X_WK_d.rotation;
+  K.topLeftCorner<3, 3>() = R * stiffness.head<3>().asDiagonal() * R.transpose();
+  K.bottomRightCorner<3, 3>() = R * stiffness.tail<3>().asDiagonal() * R.transpose();
+  const ModalSpring<Matrix6, Vector6> spring(task.Lambda, K);
+  const Vector6 e = pose_error(X_WK_d, terms.X_WK());
+  const Vector6 de = V_d - J.lazyProduct(terms.dq());
+  const Vector6 F = spring.effort(e, de, F_slow_) + task.Lambda * A_filtered_;
+
+  const JointVector pull =
+      M.lazyProduct(kNullSpace * kNullSpace * (q_d - terms.q()) + 2 * kNullSpace * (dq_d - terms.dq()));
+  tau_ = J.transpose().lazyProduct(F) + task.null_space_torque(J, pull) + terms.c();
+  return tau_;
+}
+
+}  // namespace multipanda
