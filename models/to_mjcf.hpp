@@ -25,9 +25,10 @@ enum class Fingers { locked, movable };
 struct MjcfOptions {
   bool hand = false;
   // locked: part of the rigid hand, closed, exactly as in the URDF. movable: two mirrored slide joints
-  // `finger_joint1`, `finger_joint2` and the position actuator `fingers`, control 0 (closed) to the travel
-  // [m].
+  // `finger_joint1`, `finger_joint2`, coupled by the equality `fingers`, and the position actuator `fingers`,
+  // control 0 (closed) to the travel [m].
   Fingers fingers = Fingers::locked;
+  bool finger_servo = true;      // false: no actuator `fingers`; the force on the finger joints is applied
   std::string prefix;            // put before every name
   std::filesystem::path meshes;  // folder of meshes to show in place of the primitives; empty: primitives
 };

@@ -8,11 +8,14 @@ namespace multipanda {
 // What the loop side of a simulated backend says to a request; the text is made off the loop.
 enum class ArmReply : std::uint8_t {
   done,
-  nothing_to_recover,  // RecoverFromError without an error or stop
-  user_stop_pressed,   // RecoverFromError while the user stop is pressed
-  not_supported,       // this backend does not know the request
-  would_penetrate,     // PlaceObject into something
-  loop_ended,          // the loop ended before it took the request
+  nothing_to_recover,    // RecoverFromError without an error or stop
+  user_stop_pressed,     // RecoverFromError while the user stop is pressed
+  not_supported,         // this backend does not know the request
+  would_penetrate,       // PlaceObject into something
+  no_gripper,            // a request to a gripper that the arm does not have
+  gripper_unsuccessful,  // the motion is over, but not as asked
+  gripper_aborted,       // by a stop or another motion
+  loop_ended,            // the loop ended before it took the request
   count_
 };
 

@@ -17,6 +17,13 @@ std::string_view to_string(ArmReply reply) {
       return "this backend does not know this request";
     case ArmReply::would_penetrate:
       return "the object would stand inside something else: choose another place";
+    case ArmReply::no_gripper:
+      return "the arm has no such gripper: in a scene, write 'fingers: movable' or 'vacuum: true'";
+    case ArmReply::gripper_unsuccessful:
+      return "the gripper ended its motion, but not as asked: nothing of that width was grasped, the width "
+             "was not reached, or there was no vacuum in time";
+    case ArmReply::gripper_aborted:
+      return "the gripper's motion was ended by a stop or by another motion";
     case ArmReply::loop_ended:
       return "the control loop is not running: start it and ask again";
     case ArmReply::count_:
@@ -70,6 +77,9 @@ void RequestBox::close() {
   const std::lock_guard lock(askers_);
   closed_ = true;
   while (front() != nullptr) answer(ArmReply::loop_ended);
+  for (std::size_t i = 0; i < kSlots; ++i) {
+    if (slots_[i].stage.load(std::memory_order_acquire) == Stage::deferred) answer(i, ArmReply::loop_ended);
+  }
 }
 
 const RequestBox::Posted* RequestBox::front() {
@@ -77,9 +87,17 @@ const RequestBox::Posted* RequestBox::front() {
   return index == nullptr ? nullptr : &slots_[*index].posted;
 }
 
-void RequestBox::answer(ArmReply reply) {
-  Slot& slot = slots_[*ring_.front()];
+void RequestBox::answer(ArmReply reply) { answer(defer(), reply); }
+
+std::size_t RequestBox::defer() {
+  const std::size_t index = *ring_.front();
   ring_.pop();
+  slots_[index].stage.store(Stage::deferred, std::memory_order_relaxed);
+  return index;
+}
+
+void RequestBox::answer(std::size_t deferred, ArmReply reply) {
+  Slot& slot = slots_[deferred];
   slot.reply = reply;
   slot.stage.store(Stage::answered, std::memory_order_release);
 }

@@ -20,6 +20,8 @@ namespace multipanda {
 // promises, because that allocates and locks.
 class RequestBox {
  public:
+  static constexpr std::size_t kSlots = 64;  // requests that wait or are being carried out, at most
+
   RequestBox();
   ~RequestBox();
   RequestBox(const RequestBox&) = delete;
@@ -41,18 +43,21 @@ class RequestBox {
   void close();  // answers what is still waiting; later posts are refused
 
   // --- loop thread; no lock, no allocation ---
-  const Posted* front();        // the oldest request not answered; nullptr: none
+  const Posted* front();        // the oldest request not taken; nullptr: none
   void answer(ArmReply reply);  // to front(), which is then gone
+  // front() is being carried out and gone from the queue: answered later, by what this returns. close()
+  // answers what is left.
+  std::size_t defer();
+  void answer(std::size_t deferred, ArmReply reply);
 
  private:
-  enum class Stage : std::uint8_t { free, waiting, answered };
+  enum class Stage : std::uint8_t { free, waiting, deferred, answered };
   struct Slot {
     std::atomic<Stage> stage{Stage::free};
     Posted posted;
     ArmReply reply = ArmReply::done;
     std::promise<ArmAnswer> promise;
   };
-  static constexpr std::size_t kSlots = 64;
   void keep_promises();
 
   std::array<Slot, kSlots> slots_;

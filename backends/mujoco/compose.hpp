@@ -11,4 +11,7 @@ namespace multipanda {
 mjModel* compose(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects,
                  const WorldPhysics& physics);
 
+// One weld per arm with a suction cup and object that it can hold; none holds at the start.
+void add_cup_welds(mjSpec* spec, const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects);
+
 }  // namespace multipanda

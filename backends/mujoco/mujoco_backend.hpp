@@ -1,10 +1,13 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include "backends/arm/request_box.hpp"
 #include "backends/mujoco/plant.hpp"
+#include "backends/simulation_view.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/rt/pacer.hpp"
 
@@ -31,9 +34,11 @@ struct MujocoOptions {
 // arms report `recovering` for one period, so that the controllets let go), PauseSimulation (the loop goes on
 // at the wall clock's pace with the same states, commands are ignored, now() stands still: dt is 0).
 //
+// Requests to a gripper (GripperHoming, ... VacuumStop) are answered when the motion is over.
+//
 // If MuJoCo fails or its state runs away, the world stops, wait() returns nothing from then on and fault()
 // says why.
-class MujocoBackend : public Backend {
+class MujocoBackend : public Backend, public SimulationView {
  public:
   static constexpr double kPeriod = MujocoPlant::kPeriod;  // [s]
 
@@ -52,7 +57,10 @@ class MujocoBackend : public Backend {
   std::future<ArmAnswer> request(ArmIndex arm, ArmRequest request) override;
 
   bool failed() const { return plant_.failed(); }
-  std::string fault() const { return plant_.fault(); }  // empty: none
+  std::string fault() const override { return plant_.fault(); }
+  std::optional<Pose> object_pose(const std::string& name) const override {
+    return plant_.object_pose(name);
+  }
 
   // For pictures and tests; loop thread, or while the loop stands.
   const World& world() const { return plant_.world(); }
@@ -63,6 +71,16 @@ class MujocoBackend : public Backend {
   void advance();
   void take_requests();
   ArmReply apply(const RequestBox::Posted& posted);
+  // The motion of a gripper that a request began; none: the request asks for no such motion, or there is no
+  // such gripper.
+  struct GripperMotion {
+    std::size_t slot = 0;
+    ArmIndex arm = 0;
+    bool vacuum = false;
+    MotionResults::Ticket ticket = 0;
+  };
+  std::optional<GripperMotion> begin_gripper_motion(const RequestBox::Posted& posted);
+  void answer_gripper_motions();
 
   Pace pace_;
   MujocoPlant plant_;
@@ -70,6 +88,7 @@ class MujocoBackend : public Backend {
   bool commanded_ = false;  // a period's commands wait to be carried out
   bool paused_ = false;
   RequestBox requests_;
+  std::vector<GripperMotion> gripper_motions_;  // not answered yet; the size never grows in the loop
 };
 
 }  // namespace multipanda

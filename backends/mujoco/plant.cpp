@@ -10,30 +10,46 @@
 #include "backends/arm/joint_friction.hpp"
 #include "backends/mujoco/engine_errors.hpp"
 #include "models/to_mjcf.hpp"
+#include "scene/build.hpp"
 
 namespace multipanda {
 namespace {
+
+bool has_fingers(const SceneArm& arm) { return arm.hand && arm.movable_fingers.value_or(false); }
 
 std::vector<WorldArm> world_arms(const Scene& scene, const PlantOptions& options) {
   std::vector<WorldArm> arms;
   for (const auto& arm : scene.arms) {
     const RobotDescription robot = load_robot(arm.model);
-    arms.push_back({.name = arm.name,
-                    .mjcf = to_mjcf(robot, {.hand = arm.hand, .meshes = options.meshes}),
-                    .joint_count = robot.joint_count(),
-                    .X_WB = arm.X_WB,
-                    .q_start = arm.q_start,
-                    .tool = arm.tool,
-                    .payload = arm.load_present,
-                    .tool_shapes = arm.tool_shapes});
+    const Fingers fingers = has_fingers(arm) ? Fingers::movable : Fingers::locked;
+    arms.push_back(
+        {.name = arm.name,
+         .mjcf = to_mjcf(
+             robot, {.hand = arm.hand, .fingers = fingers, .finger_servo = false, .meshes = options.meshes}),
+         .joint_count = robot.joint_count(),
+         .X_WB = arm.X_WB,
+         .q_start = arm.q_start,
+         .tool = arm.tool,
+         .payload = arm.load_present,
+         .tool_shapes = arm.tool_shapes});
+    if (has_fingers(arm)) {
+      arms.back().has_fingers = true;
+      arms.back().fingers_start = robot.hand->finger_travel;
+    }
+    if (arm.vacuum) arms.back().X_FE_vacuum = arm_config(arm).frames.X_FE;
   }
   return arms;
 }
 
+// What fingers hold would creep out of them without iterations of the contact solver against slip.
+constexpr std::size_t kNoslipOfFingers = 5;
+
 WorldPhysics world_physics(const Scene& scene, double timestep) {
-  return {.timestep = timestep,
-          .noslip_iterations = static_cast<int>(scene.noslip_iterations),
-          .stiction = scene.plant.stiction_nm};
+  const bool grasps = std::any_of(scene.arms.begin(), scene.arms.end(), has_fingers);
+  return {
+      .timestep = timestep,
+      .noslip_iterations = static_cast<int>(std::max(scene.noslip_iterations, grasps ? kNoslipOfFingers : 0)),
+      .stiction = scene.plant.stiction_nm};
 }
 
 }  // namespace
@@ -43,6 +59,7 @@ MujocoPlant::MujocoPlant(const Scene& scene, const PlantOptions& options)
       world_(world_arms(scene, options), scene.objects,
              world_physics(scene, kPeriod / static_cast<double>(substeps_))),
       has_stiction_(scene.plant.stiction_nm > 0) {
+  if (options.timeline_waits) timeline_origin_.reset();
   plan_places(scene);
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {
     const RobotDescription robot = load_robot(scene.arms[i].model);
@@ -56,6 +73,12 @@ MujocoPlant::MujocoPlant(const Scene& scene, const PlantOptions& options)
                      .tau_motor = zero,
                      .friction_explicit = zero,
                      .measurement = {.q = zero, .dq = zero, .tau_link = zero, .has_contact_truth = true}});
+    if (has_fingers(scene.arms[i])) {
+      const HandDescription& hand = *robot.hand;
+      const GripperLimits limits{2 * hand.finger_travel, hand.finger_velocity, hand.finger_effort};
+      arms_.back().gripper.emplace(limits, limits.width);
+    }
+    if (scene.arms[i].vacuum) arms_.back().vacuum.emplace();
   }
   for (ArmIndex i = 0; i < arms_.size(); ++i) measure_start(i);
 }
@@ -68,6 +91,7 @@ void MujocoPlant::advance() {
   }
   if (!carry_out_places()) return;
   const double dt = kPeriod / static_cast<double>(substeps_), weight = 1.0 / static_cast<double>(substeps_);
+  for (ArmIndex i = 0; i < arms_.size(); ++i) drive_grippers(i);
   for (std::size_t step = 0; step < substeps_; ++step) {
     for (ArmIndex i = 0; i < arms_.size(); ++i) drive(i, dt);
     if (!world_.step()) {
@@ -96,8 +120,19 @@ void MujocoPlant::plan_places(const Scene& scene) {
                    [](const auto& a, const auto& b) { return a.period < b.period; });
 }
 
+void MujocoPlant::begin_timeline() {
+  if (!timeline_origin_) timeline_origin_ = periods_;
+}
+
+std::optional<Pose> MujocoPlant::object_pose(const std::string& name) const {
+  const auto object = world_.find_object(name);
+  return object ? std::optional(world_.X_WO(*object)) : std::nullopt;
+}
+
 bool MujocoPlant::carry_out_places() {
-  for (; next_place_ < places_.size() && places_[next_place_].period <= periods_; ++next_place_) {
+  if (!timeline_origin_) return true;
+  const std::int64_t now = periods_ - *timeline_origin_;
+  for (; next_place_ < places_.size() && places_[next_place_].period <= now; ++next_place_) {
     const PlannedPlace& place = places_[next_place_];
     if (world_.place(place.object, place.X_WO)) continue;
     std::array<char, 256> why{};
@@ -107,6 +142,28 @@ bool MujocoPlant::carry_out_places() {
     return false;
   }
   return true;
+}
+
+GripperState MujocoPlant::gripper_state(ArmIndex i) const {
+  const Arm& arm = arms_[i];
+  if (arm.gripper) return arm.gripper->state();
+  return arm.vacuum ? arm.vacuum->gripper_state() : GripperState{};
+}
+
+// What their motors and pumps do in this period, by what fingers and parts did up to now.
+void MujocoPlant::drive_grippers(ArmIndex i) {
+  Arm& arm = arms_[i];
+  if (arm.gripper) {
+    const World::FingerState fingers = world_.fingers(i);
+    world_.push_fingers(i, arm.gripper->step(fingers.width, fingers.rate, kPeriod));
+  }
+  if (arm.vacuum) {
+    const auto held = world_.held(i);
+    const auto at_cup = held ? held : world_.object_at_cup(i, arm.vacuum->limits().reach);
+    const bool holds = arm.vacuum->step(at_cup.has_value(), world_.cup_wrench(i), kPeriod);
+    if (!holds && held) world_.let_go(i);
+    if (holds && !held) world_.hold(i, *at_cup);
+  }
 }
 
 // Motor torque less friction goes to the joints. Friction's slope can exceed what an explicit step of a light
@@ -158,6 +215,8 @@ void MujocoPlant::reset() {
     Arm& arm = arms_[i];
     arm.behaviour.reset(arm.q_start);
     arm.friction_explicit.setZero();
+    if (arm.gripper) arm.gripper->reset(world_.fingers(i).width);
+    if (arm.vacuum) arm.vacuum->reset();
     measure_start(i);
   }
 }

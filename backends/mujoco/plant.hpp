@@ -9,6 +9,8 @@
 #include <vector>
 
 #include "backends/arm/simulated_arm.hpp"
+#include "backends/gripper/simulated_gripper.hpp"
+#include "backends/gripper/simulated_vacuum.hpp"
 #include "backends/mujoco/world.hpp"
 #include "core/types/arm_set.hpp"
 #include "scene/scene.hpp"
@@ -17,6 +19,8 @@ namespace multipanda {
 
 struct PlantOptions {
   std::filesystem::path meshes;  // shown in pictures in place of the primitives; empty: primitives
+  // The timeline's `place` events wait for begin_timeline(); else they count from the plant's beginning.
+  bool timeline_waits = false;
 };
 
 // A scene with its arms, ready to be stepped by one control period of 1 ms: MuJoCo's rigid bodies, joint
@@ -38,6 +42,12 @@ class MujocoPlant {
   std::size_t arm_count() const { return arms_.size(); }
   SimulatedArm& arm(ArmIndex i) { return arms_[i].behaviour; }
   const SimulatedArm& arm(ArmIndex i) const { return arms_[i].behaviour; }
+  // What hangs on the arm's flange and moves; nullptr: no such gripper. The plant steps it.
+  SimulatedGripper* gripper(ArmIndex i) { return arms_[i].gripper ? &*arms_[i].gripper : nullptr; }
+  SimulatedVacuum* vacuum(ArmIndex i) { return arms_[i].vacuum ? &*arms_[i].vacuum : nullptr; }
+  bool has_gripper(ArmIndex i) const { return arms_[i].gripper.has_value(); }
+  bool has_vacuum(ArmIndex i) const { return arms_[i].vacuum.has_value(); }
+  GripperState gripper_state(ArmIndex i) const;
   // False: joint friction acts that nobody compensates.
   bool is_frictionless(ArmIndex i) const { return !arms_[i].friction; }
 
@@ -46,11 +56,15 @@ class MujocoPlant {
   void advance();
   std::int64_t periods() const { return periods_; }  // carried out since construction
   void reset();                                      // everything to the start; periods() goes on
+  // With timeline_waits: the timeline's time is 0 in the period that comes next. Once; later calls do
+  // nothing.
+  void begin_timeline();
 
   // A failed engine, a state that ran away, an impossible `place`: the plant stands still from then on.
   bool failed() const { return failed_; }
   const char* fault() const { return fault_.data(); }  // empty: none
 
+  std::optional<Pose> object_pose(const std::string& name) const;  // none: no such object
   const World& world() const { return world_; }
   World& world() { return world_; }
 
@@ -58,6 +72,8 @@ class MujocoPlant {
   struct Arm {
     SimulatedArm behaviour;
     std::optional<JointFriction> friction;
+    std::optional<SimulatedGripper> gripper;
+    std::optional<SimulatedVacuum> vacuum;
     JointVector q_start;
     JointVector q, dq;              // of the plant
     JointVector tau_motor;          // in the present physics step
@@ -72,6 +88,7 @@ class MujocoPlant {
   void plan_places(const Scene& scene);
   bool carry_out_places();
   void measure_start(ArmIndex arm);
+  void drive_grippers(ArmIndex arm);
   void drive(ArmIndex arm, double dt);
   void observe(ArmIndex arm, double weight);
   void fail(const char* why);
@@ -81,6 +98,7 @@ class MujocoPlant {
   std::deque<Arm> arms_;
   std::vector<PlannedPlace> places_;  // by time
   std::size_t next_place_ = 0;
+  std::optional<std::int64_t> timeline_origin_ = 0;  // period in which the timeline's time is 0
   bool has_stiction_ = false;
   std::int64_t periods_ = 0;
   bool failed_ = false;

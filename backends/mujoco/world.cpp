@@ -51,6 +51,10 @@ World::World(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& 
     for (std::size_t j = 0; j < arms[a].joint_count; ++j) {
       qpos_start_[static_cast<std::size_t>(arms_[a].qpos[j])] = arms[a].q_start[static_cast<Eigen::Index>(j)];
     }
+    if (!arms[a].has_fingers) continue;
+    for (const int finger : arms_[a].finger_qpos) {
+      qpos_start_[static_cast<std::size_t>(finger)] = arms[a].fingers_start;
+    }
   }
   if (!reset()) throw std::invalid_argument(std::string("MuJoCo refuses the start: ") + last_engine_error());
   refuse_penetration();
@@ -78,6 +82,7 @@ void World::find_places(const std::vector<WorldArm>& arms, const std::vector<Sce
       if (body == root || arm_of_body_[parent] == self) arm_of_body_[b] = self;
       if (body == places.last_link || tip_[parent] != 0) tip_[b] = 1;
     }
+    find_grippers(arm, objects, places);
     arms_.push_back(std::move(places));
   }
   for (const auto& object : objects) {
@@ -152,6 +157,7 @@ Wrench World::tip_wrench(std::size_t arm, const Vector3& p_W) const {
     at_contact.torque() = sign * (R_WC * vector_at(local + 3));
     total.vector += shifted(at_contact, vector_at(contact.pos) - p_W).vector;
   }
+  if (has_cup(arm)) total.vector += weld_wrench(arm, p_W).vector;
   return total;
 }
 
@@ -164,6 +170,7 @@ double World::stiction_torque(int dof) const {
 }
 
 bool World::reset() {
+  for (std::size_t a = 0; a < arms_.size(); ++a) let_go(a);
   for (const auto& object : objects_) {
     if (object.qpos < 0) set_place(object, object.X_WO_start);
   }
@@ -212,6 +219,9 @@ bool World::stands_inside(int body) const {
 
 bool World::place(std::size_t index, const Pose& X_WO) {
   const ObjectPlaces& object = objects_[index];
+  for (std::size_t a = 0; a < arms_.size(); ++a) {
+    if (held(a) == index) let_go(a);
+  }
   const Pose X_WO_before = placed_at(object);
   std::array<mjtNum, 6> velocity_before{};
   if (object.dof >= 0) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <memory>
 #include <optional>
 #include <string>
@@ -24,6 +25,9 @@ struct WorldArm {
   JointVector q_start;
   Load tool, payload;  // what really hangs on the flange, beyond the hand; mass 0: nothing
   std::vector<ToolShape> tool_shapes;
+  bool has_fingers = false;         // joints finger_joint1 and 2, coupled
+  double fingers_start = 0;         // opening of each finger at the start [m]
+  std::optional<Pose> X_FE_vacuum;  // a suction cup on the flange: its mouth, z outwards; it can hold objects
 };
 
 struct WorldPhysics {
@@ -49,6 +53,10 @@ class World {
     std::vector<int> qpos, dof;  // per joint
     int flange_site = -1;
     int last_link = -1;  // body behind the last joint
+    // Fingers, if they move; -1: none. A suction cup: one weld per object that can be held (free ones).
+    std::array<int, 2> finger_qpos{-1, -1}, finger_dof{-1, -1};
+    std::vector<int> welds;  // by object; -1: fixed
+    std::optional<Pose> X_FE_vacuum;
   };
   struct ObjectPlaces {
     std::string name;
@@ -71,8 +79,28 @@ class World {
   Pose X_WO(std::size_t object) const;
 
   // What the arm's hand and tool (is_tip) exert on everything that is not of the same arm, at the instant of
-  // the last physics step or forward(), about the world point p_W, in world axes.
+  // the last physics step or forward(), about the world point p_W, in world axes; an object held by the
+  // suction cup counts.
   Wrench tip_wrench(std::size_t arm, const Vector3& p_W) const;
+
+  // --- hand with fingers that move ---
+  struct FingerState {
+    double width = 0, rate = 0;  // of the opening between the pads [m, m/s]
+  };
+  bool has_fingers(std::size_t arm) const { return arms_[arm].finger_dof[0] >= 0; }
+  FingerState fingers(std::size_t arm) const;
+  void push_fingers(std::size_t arm, double force);  // on each from now on, above 0 opens [N]
+
+  // --- suction cup ---
+  bool has_cup(std::size_t arm) const { return arms_[arm].X_FE_vacuum.has_value(); }
+  // The free object whose surface is nearest to the cup, straight ahead and at most `reach` away [m].
+  std::optional<std::size_t> object_at_cup(std::size_t arm, double reach) const;
+  // Holds an object as it now stands to the cup; lets the held one go.
+  void hold(std::size_t arm, std::size_t object);
+  void let_go(std::size_t arm);
+  std::optional<std::size_t> held(std::size_t arm) const;
+  // What the cup exerts on the object that it holds, about the cup, in axes of the cup; zero: holds nothing.
+  Wrench cup_wrench(std::size_t arm) const;
 
   // Dry friction of a joint in the last physics step: what it adds to the motor's torque [N m].
   double stiction_torque(int dof) const;
@@ -99,6 +127,9 @@ class World {
   void set_place(const ObjectPlaces& object, const Pose& X_WO);
   Pose placed_at(const ObjectPlaces& object) const;
   bool stands_inside(int body) const;
+  void find_grippers(const WorldArm& arm, const std::vector<SceneObject>& objects, ArmPlaces& places) const;
+  Pose X_WV(std::size_t arm) const;  // of the cup
+  Wrench weld_wrench(std::size_t arm, const Vector3& p_W) const;
 
   struct Free {
     void operator()(mjModel* m) const { mj_deleteModel(m); }
