@@ -118,6 +118,8 @@ bool ArmLink::try_version(int version, int& offered) {
   motion_.reset();
   channel_.connect(options_.address, options_.port, options_.connect_timeout_s);
   dialect_ = fci::dialect(static_cast<std::uint16_t>(version));
+  if (options_.loop_reads_states)
+    (void)copies_.take();  // a copy of the last connection is no state of this one
   port_.expect(dialect_, channel_.peer_address());
   const ConnectRequest request{.version = dialect_->version, .udp_port = port_.number()};
   const std::uint32_t id = post(request, "Connect");
@@ -139,7 +141,6 @@ void ArmLink::close() noexcept {
   port_.expect(nullptr, 0);
   motion_.reset();
   seen_ = {};
-  if (options_.loop_reads_states) (void)copies_.take();  // an old copy is no state of a new connection
 }
 
 // --------------------------------------------------------------------------------------------------- states

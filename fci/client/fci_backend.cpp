@@ -1,0 +1,331 @@
+#include "fci/client/fci_backend.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <mutex>
+#include <poll.h>
+#include <stdexcept>
+
+#include "backends/arm/arm_settings.hpp"
+#include "fci/client/arm_driver.hpp"
+
+namespace multipanda::fci {
+namespace {
+
+FciOptions with_one_voice(FciOptions options) {
+  if (!options.say) return options;
+  options.say = [voice = std::make_shared<std::mutex>(),
+                 say = std::move(options.say)](const std::string& text) {
+    const std::lock_guard lock(*voice);
+    say(text);
+  };
+  return options;
+}
+
+void check(const FciArmConfig& arm) {
+  const auto refuse = [&](const std::string& why) {
+    throw std::invalid_argument("arm '" + arm.name + "': " + why);
+  };
+  if (arm.model == nullptr) refuse("it has no model");
+  if (arm.model->joint_count() != 7) {
+    refuse("the control interface is for arms of seven joints, the model has " +
+           std::to_string(arm.model->joint_count()));
+  }
+  if (arm.address.empty()) refuse("it has no address");
+  if (!(arm.low_pass_hz >= 0) || arm.low_pass_hz > 1000) refuse("the low-pass must be 0 (none) to 1000 Hz");
+  std::string why = check_request(SetFrames{arm.frames.X_FE, arm.frames.X_EK}, 7);
+  if (why.empty()) why = check_request(SetLoad{arm.load}, 7);
+  if (why.empty() && arm.joint_stiffness) why = check_request(SetJointStiffness{*arm.joint_stiffness}, 7);
+  if (why.empty() && arm.cartesian_stiffness) {
+    why = check_request(SetCartesianStiffness{*arm.cartesian_stiffness}, 7);
+  }
+  if (why.empty() && arm.thresholds) why = check_request(*arm.thresholds, 7);
+  if (!why.empty()) refuse(why);
+}
+
+}  // namespace
+
+struct FciBackend::Implementation {
+  explicit Implementation(std::vector<FciArmConfig> configs, FciOptions wish)
+      : options(with_one_voice(std::move(wish))) {
+    if (configs.empty() || configs.size() > kMaxArms) {
+      throw std::invalid_argument("1 to " + std::to_string(kMaxArms) + " arms, not " +
+                                  std::to_string(configs.size()));
+    }
+    for (const auto& config : configs) check(config);
+    for (auto& config : configs) {
+      arms.push_back(std::make_unique<ArmDriver>(std::move(config), options));
+      watched[arms.size() - 1] = {.fd = arms.back()->udp_file(), .events = POLLIN, .revents = 0};
+    }
+  }
+
+  void receive_all() {
+    for (const auto& arm : arms) arm->receive();
+  }
+  ArmSet unread() const {
+    ArmSet set;
+    for (ArmIndex i = 0; i < arms.size(); ++i) {
+      if (arms[i]->is_unread()) set |= ArmSet::of(i);
+    }
+    return set;
+  }
+  // Sleeps until a datagram is there, or `deadline`.
+  void sleep_until(HostTime deadline) {
+    const std::int64_t left = std::max<std::int64_t>(0, deadline.ns - host_now().ns);
+    const timespec timeout{.tv_sec = left / 1'000'000'000, .tv_nsec = left % 1'000'000'000};
+    (void)::ppoll(watched.data(), arms.size(), &timeout, nullptr);
+  }
+  ArmSet step_of_all(HostTime deadline);
+  ArmSet all_once(HostTime deadline);
+  ArmSet deliver(ArmSet due);
+  void advance_time(ArmSet due);
+  std::vector<ArmAnswer> wait_for(std::vector<std::future<ArmAnswer>> futures, bool beginning);
+  void keep_alive(HostTime since);
+  [[noreturn]] void give_up(const std::vector<ArmAnswer>& answers);
+
+  const FciOptions options;
+  std::vector<std::unique_ptr<ArmDriver>> arms;
+  std::array<pollfd, kMaxArms> watched{};
+  bool running = false;
+  bool first = true;      // no wait() yet
+  HostTime begun, woken;  // first wait(), last wait() [this computer's time]
+  LoopTime now;
+  std::uint64_t step_id = 0;  // lock-step: the arms' number of the present step
+};
+
+namespace {
+
+HostTime later(HostTime t, double s) { return {t.ns + static_cast<std::int64_t>(std::llround(s * 1e9))}; }
+
+}  // namespace
+
+FciBackend::FciBackend(std::vector<FciArmConfig> arms, FciOptions options)
+    : self_(std::make_unique<Implementation>(std::move(arms), std::move(options))) {}
+FciBackend::~FciBackend() = default;
+
+std::size_t FciBackend::arm_count() const { return self_->arms.size(); }
+Capabilities FciBackend::capabilities(ArmIndex arm) const { return self_->arms[arm]->capabilities(); }
+bool FciBackend::ended() const { return !self_->running; }
+LoopTime FciBackend::now() const { return self_->now; }
+ArmStatistics FciBackend::statistics(ArmIndex arm) const { return self_->arms[arm]->statistics(); }
+ArmIdentity FciBackend::identity(ArmIndex arm) const { return self_->arms[arm]->identity(); }
+
+std::uint64_t FciBackend::overruns() const {
+  std::uint64_t lost = 0;
+  for (const auto& arm : self_->arms) lost += arm->statistics().lost;
+  return lost;
+}
+
+std::future<ArmAnswer> FciBackend::request(ArmIndex arm, ArmRequest request) {
+  std::string why;
+  if (arm >= arm_count()) {
+    why = "there is no arm " + std::to_string(arm) + ": the run has " + std::to_string(arm_count());
+  } else {
+    why = check_request(request, 7);
+  }
+  if (why.empty()) return self_->arms[arm]->request(std::move(request));
+  std::promise<ArmAnswer> promise;
+  promise.set_value({false, why});
+  return promise.get_future();
+}
+
+// ----------------------------------------------------------------------------------------- start and finish
+
+// The loop's thread reads the arms' states while their commanders work.
+std::vector<ArmAnswer> FciBackend::Implementation::wait_for(std::vector<std::future<ArmAnswer>> futures,
+                                                            bool beginning) {
+  using std::chrono::seconds;
+  std::vector<ArmAnswer> answers(futures.size());
+  const HostTime since = host_now();
+  for (std::size_t i = 0; i < futures.size();) {
+    if (futures[i].wait_for(seconds(0)) == std::future_status::ready) {
+      answers[i] = futures[i].get();
+      ++i;
+      continue;
+    }
+    sleep_until(later(host_now(), 0.001));
+    receive_all();
+    if (beginning) keep_alive(since);
+  }
+  receive_all();
+  return answers;
+}
+
+// Arms that have begun already must not miss commands while others still begin: no torque, they float. In
+// lock-step their world waits for them, unless it has to go on for the others.
+void FciBackend::Implementation::keep_alive(HostTime since) {
+  constexpr double kPatience = 0.1;  // [s]
+  if (options.lockstep && seconds(host_now() - since) < kPatience) return;
+  static const JointVector kNone = joint_constant(7, 0);
+  for (const auto& arm : arms) {
+    if (!arm->is_unread()) continue;
+    arm->mark_read();
+    arm->command(kNone);
+  }
+}
+
+void FciBackend::Implementation::give_up(const std::vector<ArmAnswer>& answers) {
+  std::vector<std::future<ArmAnswer>> leaving;
+  for (const auto& arm : arms) leaving.push_back(arm->leave());
+  (void)wait_for(std::move(leaving), false);
+  std::string text;
+  for (const ArmAnswer& answer : answers) {
+    if (!answer.success) text += (text.empty() ? "" : "\n") + answer.reason;
+  }
+  throw std::runtime_error(text);
+}
+
+void FciBackend::start() {
+  auto& self = *self_;
+  const auto on_all = [&self](auto&& what, bool beginning) {
+    std::vector<std::future<ArmAnswer>> futures;
+    for (const auto& arm : self.arms) futures.push_back(what(*arm));
+    auto answers = self.wait_for(std::move(futures), beginning);
+    if (std::any_of(answers.begin(), answers.end(), [](const auto& a) { return !a.success; })) {
+      self.give_up(answers);
+    }
+  };
+  on_all([](ArmDriver& arm) { return arm.prepare(); }, false);
+  for (const auto& arm : self.arms) arm->mark_read();
+  on_all([](ArmDriver& arm) { return arm.begin(); }, true);
+  self.running = self.first = true;
+}
+
+void FciBackend::finish() {
+  auto& self = *self_;
+  constexpr double kLongest = 0.5;  // [s]
+  const HostTime deadline = later(host_now(), kLongest);
+  const auto any_moves = [&self] {
+    const HostTime t = host_now();
+    return std::any_of(self.arms.begin(), self.arms.end(),
+                       [t](const auto& arm) { return arm->mode(t) == ArmMode::move; });
+  };
+  for (const auto& arm : self.arms) {
+    if (arm->is_unread()) arm->command_finish();
+    arm->mark_read();
+  }
+  while (any_moves() && host_now() < deadline) {
+    self.sleep_until(later(host_now(), 0.002));
+    self.receive_all();
+    for (const auto& arm : self.arms) {
+      if (arm->is_unread()) arm->command_finish();
+      arm->mark_read();
+    }
+  }
+  std::vector<std::future<ArmAnswer>> leaving;
+  for (const auto& arm : self.arms) leaving.push_back(arm->leave());
+  (void)self.wait_for(std::move(leaving), false);
+  self.running = false;
+}
+
+// ------------------------------------------------------------------------------------------------- the loop
+
+ArmSet FciBackend::wait() {
+  auto& self = *self_;
+  if (!self.running) return {};
+  constexpr double kFirst = 1.0;  // [s] for every arm's first state
+  if (self.options.lockstep) {
+    return self.deliver(self.step_of_all(later(host_now(), self.options.lockstep_wait_s)));
+  }
+  if (self.first) return self.deliver(self.all_once(later(host_now(), kFirst)));
+  return wait_until(later(host_now(), self.options.silence_s));
+}
+
+ArmSet FciBackend::wait_until(HostTime deadline) {
+  auto& self = *self_;
+  if (!self.running) return {};
+  while (true) {
+    self.receive_all();
+    const ArmSet due = self.unread();
+    if (!due.empty() || host_now() >= deadline) return self.deliver(due);
+    self.sleep_until(deadline);
+  }
+}
+
+// A new state of every arm, or of those that have one at `deadline`.
+ArmSet FciBackend::Implementation::all_once(HostTime deadline) {
+  while (true) {
+    receive_all();
+    if (unread() == ArmSet::all(arms.size()) || host_now() >= deadline) return unread();
+    sleep_until(deadline);
+  }
+}
+
+// The states of one step of all arms that are connected: the same number on all.
+ArmSet FciBackend::Implementation::step_of_all(HostTime deadline) {
+  const HostTime patience = later(host_now(), options.silence_s);
+  while (true) {
+    receive_all();
+    std::uint64_t newest = 0;
+    bool complete = true, moving = false;
+    ArmSet here;
+    for (ArmIndex i = 0; i < arms.size(); ++i) {
+      if (!arms[i]->takes_part()) continue;
+      here |= ArmSet::of(i);
+      moving = moving || arms[i]->mode(host_now()) == ArmMode::move;
+      newest = std::max(newest, arms[i]->newest().message_id);
+    }
+    for (ArmIndex i = 0; i < arms.size(); ++i) {
+      if (!here.contains(i)) continue;
+      complete = complete && arms[i]->is_unread() && arms[i]->newest().message_id == newest;
+    }
+    if (complete && !here.empty()) return here;
+    // A world in which nothing moves stands still, and is no fault.
+    const HostTime until = moving ? deadline : patience;
+    if (host_now() >= until) return unread() & here;
+    sleep_until(until);
+  }
+}
+
+ArmSet FciBackend::Implementation::deliver(ArmSet due) {
+  for (ArmIndex i = 0; i < arms.size(); ++i) {
+    if (due.contains(i)) arms[i]->mark_read();
+  }
+  advance_time(due);
+  return due;
+}
+
+void FciBackend::Implementation::advance_time(ArmSet due) {
+  const HostTime before = woken;
+  woken = host_now();
+  const std::uint64_t id = due.empty() ? step_id : arms[due.first()]->newest().message_id;
+  if (first) {
+    first = false;
+    begun = woken;
+    step_id = id;
+    now = {};
+    return;
+  }
+  if (!options.lockstep) {
+    now = {woken.ns - begun.ns};
+    return;
+  }
+  constexpr std::uint64_t kJump = 1000;  // another world's numbers, after a reconnection
+  if (due.empty()) {
+    now = now + (woken - before);
+  } else {
+    const bool in_order = id > step_id && id - step_id < kJump;
+    now = now + std::chrono::milliseconds(in_order ? static_cast<std::int64_t>(id - step_id) : 1);
+    step_id = id;
+  }
+}
+
+void FciBackend::read(ArmSet due, std::span<ArmState> states) {
+  auto& self = *self_;
+  for (ArmIndex i = 0; i < self.arms.size(); ++i) {
+    if (due.contains(i)) {
+      self.arms[i]->fill(self.woken, states[i]);
+    } else if (self.arms[i]->mode(self.woken) == ArmMode::disconnected) {
+      states[i].mode = ArmMode::disconnected;
+    }
+  }
+}
+
+void FciBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
+  for (ArmIndex i = 0; i < self_->arms.size(); ++i) {
+    if (due.contains(i)) self_->arms[i]->command(commands[i].tau_cmd);
+  }
+}
+
+}  // namespace multipanda::fci

@@ -1,0 +1,32 @@
+#include "fci/client/from_scene.hpp"
+
+#include "scene/build.hpp"
+
+namespace multipanda::fci {
+
+FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address) {
+  FciArmConfig config;
+  config.name = arm.name;
+  config.address = address;
+  config.model = build_arm_model(arm);
+  const RobotDescription robot = robot_of(arm);
+  if (arm.hand && robot.hand) {
+    const RigidBody hand = moved(rigid_hand(*robot.hand), robot.hand->mount.pose());
+    config.hand = {hand.mass, hand.com, hand.inertia};
+  }
+  const ArmConfig wanted = arm_config(arm);
+  config.frames = wanted.frames;
+  config.tool = wanted.tool;
+  config.load = wanted.load;
+  config.joint_stiffness = arm.joint_stiffness;
+  config.cartesian_stiffness = arm.cartesian_stiffness;
+  config.thresholds = arm.collision;
+  if (arm.fci) {
+    config.version = arm.fci->version;
+    config.low_pass_hz = arm.fci->low_pass_hz;
+    config.limit_rate = arm.fci->rate_limit;
+  }
+  return config;
+}
+
+}  // namespace multipanda::fci
