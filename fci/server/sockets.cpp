@@ -3,11 +3,10 @@
 #include <arpa/inet.h>
 #include <cerrno>
 #include <cstring>
-#include <linux/sockios.h>
 #include <netinet/tcp.h>
+#include <poll.h>
 #include <stdexcept>
 #include <sys/epoll.h>
-#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <system_error>
 #include <unistd.h>
@@ -99,7 +98,7 @@ Socket udp_between(const std::string& address, const sockaddr_in& peer) {
 }
 
 TcpStream::TcpStream(Socket socket, const sockaddr_in& peer, Poll& poll, Port& port)
-    : socket_(std::move(socket)), peer_(peer), poll_(poll) {
+    : socket_(std::move(socket)), peer_(peer), poll_(poll), port_(port) {
   const int file = socket_.file();
   set(file, IPPROTO_TCP, TCP_NODELAY, 1);
   // A client whose computer is gone is noticed within about 4 s, as the maker's library notices the arm.
@@ -112,7 +111,9 @@ TcpStream::TcpStream(Socket socket, const sockaddr_in& peer, Poll& poll, Port& p
   poll_.add(file, EPOLLIN, port);
 }
 
-TcpStream::~TcpStream() { poll_.remove(socket_.file()); }
+TcpStream::~TcpStream() {
+  if (watched_) poll_.remove(socket_.file());
+}
 
 std::size_t TcpStream::receive(std::span<std::byte> into) {
   const auto count = ::recv(socket_.file(), into.data(), into.size(), 0);
@@ -121,9 +122,9 @@ std::size_t TcpStream::receive(std::span<std::byte> into) {
   return 0;
 }
 
-void TcpStream::send(std::span<const std::byte> message) {
+void TcpStream::send(std::span<const std::byte> message, std::span<const std::byte> rest) {
   if (broken_) return;
-  if (out_.size() - sent_ + message.size() > kMostUnsent) {
+  if (out_.size() - sent_ + message.size() + rest.size() > kMostUnsent) {
     broken_ = true;
     return;
   }
@@ -132,6 +133,7 @@ void TcpStream::send(std::span<const std::byte> message) {
     sent_ = 0;
   }
   out_.insert(out_.end(), message.begin(), message.end());
+  out_.insert(out_.end(), rest.begin(), rest.end());
   flush();
 }
 
@@ -147,21 +149,27 @@ void TcpStream::flush() {
     }
   }
   const bool waits = !broken_ && sent_ < out_.size();
-  if (waits != watches_room_) {
+  if (watched_ && waits != watches_room_) {
     poll_.change(socket_.file(), waits ? EPOLLIN | EPOLLOUT : EPOLLIN);
     watches_room_ = waits;
   }
 }
 
-bool TcpStream::all_delivered() const {
-  int unacknowledged = 0;
-  return all_sent() && ::ioctl(socket_.file(), SIOCOUTQ, &unacknowledged) == 0 && unacknowledged == 0;
+bool TcpStream::peer_has_closed() const {
+  pollfd look{.fd = socket_.file(), .events = POLLRDHUP, .revents = 0};
+  return ::poll(&look, 1, 0) > 0;
 }
 
-bool TcpStream::peer_has_closed() const {
-  std::byte one{};
-  const auto count = ::recv(socket_.file(), &one, 1, MSG_PEEK);
-  return count == 0 || (count < 0 && errno != EAGAIN && errno != EINTR);
+void TcpStream::watch(bool on) {
+  if (on == watched_) return;
+  watched_ = on;
+  watches_room_ = false;
+  if (on) {
+    poll_.add(socket_.file(), EPOLLIN, port_);
+    flush();
+  } else {
+    poll_.remove(socket_.file());
+  }
 }
 
 std::optional<Accepted> accept_from(const Socket& listener) {

@@ -59,21 +59,23 @@ class TcpStream {
 
   // Bytes received, at most `into`; 0: nothing now, or the end (broken()).
   std::size_t receive(std::span<std::byte> into);
-  // One message, whole. Broken if more than kMostUnsent would wait: a client that does not read.
-  void send(std::span<const std::byte> message);
+  // One message, whole, in one piece: programs read only when a whole header is there. Broken if more than
+  // kMostUnsent would wait: a client that does not read.
+  void send(std::span<const std::byte> message, std::span<const std::byte> rest = {});
   void flush();  // on EPOLLOUT
   bool all_sent() const { return sent_ == out_.size(); }
-  // Whether the other end's system has acknowledged everything.
-  bool all_delivered() const;
   // The other end is gone, or has closed without that its last bytes were read.
   bool broken() const { return broken_; }
   bool peer_has_closed() const;  // looks without reading
+  void watch(bool on);           // whether the loop is told of what arrives
   static constexpr std::size_t kMostUnsent = 4u << 20;
 
  private:
   Socket socket_;
   sockaddr_in peer_;
   Poll& poll_;
+  Port& port_;
+  bool watched_ = true;
   std::vector<std::byte> out_;
   std::size_t sent_ = 0;
   bool broken_ = false, watches_room_ = false;

@@ -1,0 +1,20 @@
+#pragma once
+
+#include "fci/server/arm_port.hpp"
+
+namespace multipanda::fci {
+
+// The program that is connected.
+struct ArmPort::Client {
+  Client(Accepted accepted, Poll& poll, Port& port)
+      : stream(std::move(accepted.socket), accepted.peer, poll, port), since(host_now()) {}
+
+  TcpStream stream;
+  HostTime since;
+  const Dialect* dialect = nullptr;  // none before Connect
+  Socket udp;
+  bool watches_udp = false;
+  bool closing = false;  // as soon as all is sent
+};
+
+}  // namespace multipanda::fci

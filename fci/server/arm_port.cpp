@@ -1,0 +1,326 @@
+#include "fci/server/arm_port.hpp"
+
+#include <sys/epoll.h>
+#include <sys/socket.h>
+
+#include "fci/server/arm_client.hpp"
+#include "fci/server/request_words.hpp"
+
+namespace multipanda::fci {
+namespace {
+
+// Both replies to a Move carry the same id, and the maker's library forgets the second one if it arrives
+// before the first was taken. That it was, the program shows by its next word; a program that says nothing
+// more has taken it after this time.
+constexpr std::chrono::milliseconds kStartedIsRead{50};
+
+// A connection that does not say who it is holds the only place.
+constexpr std::chrono::seconds kHandshake{2};
+
+constexpr std::chrono::nanoseconds kPeriod{1'000'000};
+
+// Floods: more waits for the next round, so that no program keeps the loop for itself.
+constexpr int kDatagramsPerRound = 64, kConnectionsPerRound = 8;
+
+}  // namespace
+
+ArmPort::ArmPort(ArmPortConfig config, SimulatedArm& arm)
+    : config_(std::move(config)), arm_(arm), out_(config_.seed), in_(config_.seed ^ 0x9E3779B97F4A7C15u) {
+  if (arm.joint_count() != kWireJoints) {
+    throw std::invalid_argument("arm '" + config_.name + "' has " + std::to_string(arm.joint_count()) +
+                                " joints: the control interface carries " + std::to_string(kWireJoints));
+  }
+  motions_ended_ = arm.motions_ended();
+}
+
+ArmPort::~ArmPort() {
+  drop_client();
+  if (listener_) poll_->remove(listener_.file());
+}
+
+void ArmPort::open(Poll& poll) {
+  poll_ = &poll;
+  listener_ = listen_on(config_.address, config_.port, "arm '" + config_.name + "'");
+  config_.port = port_of(listener_);
+  poll.add(listener_.file(), EPOLLIN, *this);
+}
+
+void ArmPort::ready(int file, std::uint32_t events) {
+  if (file == listener_.file()) return accept();
+  if (!client_) return;
+  if (file == client_->udp.file()) return receive(host_now());
+  if (file != client_->stream.file()) return;
+  if ((events & EPOLLOUT) != 0) client_->stream.flush();
+  if ((events & ~static_cast<std::uint32_t>(EPOLLOUT)) != 0) read_requests();
+}
+
+void ArmPort::accept() {
+  for (int i = 0; i < kConnectionsPerRound; ++i) {
+    auto accepted = accept_from(listener_);
+    if (!accepted) return;
+    // A program that ends and one that begins may come in the same round.
+    if (client_ && client_->stream.peer_has_closed()) drop_client();
+    if (client_ || frozen_ > 0) {
+      counts_.refused.add();
+      continue;
+    }
+    reader_.reset();
+    client_ = std::make_unique<Client>(std::move(*accepted), *poll_, *this);
+  }
+}
+
+void ArmPort::drop_client() {
+  if (!client_) return;
+  if (client_->watches_udp) poll_->remove(client_->udp.file());
+  client_.reset();
+  out_.clear();
+  in_.clear();
+  overtaken_.reset();
+  stops_.count = recoveries_.count = 0;
+  has_pending_ = answered_ = false;
+  // Nobody is there any more to tell the arm what to do.
+  arm_.stop_motion();
+  motions_ended_ = arm_.motions_ended();
+  motion_ = {};
+}
+
+// --- UDP ---
+
+// In real time datagrams are fetched once per period; the loop is woken by them only where it sleeps for
+// their sake, or where the time of their arrival counts.
+void ArmPort::watch_datagrams() {
+  if (!client_ || !client_->udp) return;
+  const bool wanted = frozen_ == 0 && (config_.lockstep || !in_.is_clear());
+  if (wanted == client_->watches_udp) return;
+  client_->watches_udp = wanted;
+  if (wanted) {
+    poll_->add(client_->udp.file(), EPOLLIN, *this);
+  } else {
+    poll_->remove(client_->udp.file());
+  }
+}
+
+void ArmPort::receive(HostTime now) {
+  if (!client_ || !client_->udp || frozen_ > 0) return;
+  std::array<std::byte, kMaxCommandSize + 1> datagram;  // one byte more shows what is too long
+  for (int i = 0; i < kDatagramsPerRound; ++i) {
+    const auto size = ::recv(client_->udp.file(), datagram.data(), datagram.size(), 0);
+    if (size < 0) break;  // none left; or an answer that the program's socket is closed
+    const std::span<const std::byte> bytes(datagram.data(), static_cast<std::size_t>(size));
+    if (config_.lockstep || in_.is_clear()) {
+      take_datagram(bytes);
+      if (config_.lockstep && answered_) break;  // what came behind it is for the next round
+    } else if (!in_.put(bytes, now)) {
+      counts_.commands_lost.add();
+    }
+  }
+  if (config_.lockstep) return;
+  if (!in_.is_clear()) in_.deliver(now, [this](auto bytes) { take_datagram(bytes); });
+  if (!out_.is_clear()) out_.deliver(now, [this](auto bytes) { send_state(bytes); });
+}
+
+void ArmPort::take_datagram(std::span<const std::byte> datagram) {
+  counts_.commands_received.add();
+  if (decode(*client_->dialect, datagram, received_) != WireResult::ok ||
+      received_.message_id > message_id_) {
+    counts_.bad_datagrams.add();
+    return;
+  }
+  // Of an earlier motion: programs repeat the last command until they see its effect.
+  if (!motion_.runs || received_.message_id < motion_.first_state) return;
+  if (!motion_.asynchronous && motion_.commanded) {
+    if (received_.message_id <= newest_command_) return;  // came twice
+    if (received_.message_id < message_id_) {
+      counts_.commands_late.add();
+      return;
+    }
+  }
+  newest_command_ = received_.message_id;
+  answered_ = true;
+  silent_ = false;
+  if (answer_fate_ != AnswerFate::arrives) {
+    (answer_fate_ == AnswerFate::lost ? counts_.commands_lost : counts_.commands_late).add();
+    return;
+  }
+  motion_.commanded = true;
+  pending_ = received_;
+  has_pending_ = true;
+}
+
+void ArmPort::command() {
+  if (motion_.runs) {
+    if (has_pending_) {
+      fill(command_, pending_);
+      arm_.take_command(command_);
+      counts_.commands_used.add();
+    } else if (motion_.commanded) {
+      arm_.miss_command();
+      if (!motion_.asynchronous) counts_.commands_missed.add();
+      silent_ = awaits() == Awaits::command;
+    }
+  }
+  has_pending_ = answered_ = false;
+}
+
+void ArmPort::stepped(std::int64_t period) {
+  message_id_ = static_cast<std::uint64_t>(period) + 1;
+  published_at_ = host_now();
+  notice_end();
+  wants_state_ = false;
+  if (frozen_ > 0) {
+    if (--frozen_ > 0) return;
+    if (client_) client_->stream.watch(true);
+    watch_datagrams();
+  }
+  if (motion_.runs && message_id_ == motion_.first_state) motion_.shown = published_at_;
+  publish();
+  answer_waiting();
+}
+
+void ArmPort::publish() {
+  answer_fate_ = AnswerFate::arrives;
+  state_lost_ = false;
+  if (!client_ || client_->dialect == nullptr) return;
+  fill(state_, message_id_, arm_, config_.end_effector);
+  const std::size_t size = encode(*client_->dialect, state_, state_bytes_);
+  const std::span<const std::byte> bytes(state_bytes_.data(), size);
+  if (config_.lockstep && (out_.faults().any() || overtaken_)) {
+    publish_with_fates(bytes);
+  } else if (config_.lockstep || out_.is_clear()) {
+    send_state(bytes);
+  } else {
+    if (!out_.put(bytes, published_at_)) counts_.states_lost.add();
+    out_.deliver(published_at_, [this](auto due) { send_state(due); });
+  }
+}
+
+// Lock-step has no wall clock: latency is measured in periods, and as the world waits for every answer, it is
+// known beforehand which of them would have come in time.
+void ArmPort::publish_with_fates(std::span<const std::byte> bytes) {
+  const FaultyLine::Fate way_out = out_.draw(), way_in = in_.draw();
+  const auto overtaken = std::exchange(overtaken_, std::nullopt);
+  if (way_out.lost) {
+    state_lost_ = true;
+    counts_.states_lost.add();
+  } else if (way_out.overtaken) {
+    state_lost_ = true;  // for this period
+    std::copy(bytes.begin(), bytes.end(), overtaken_bytes_.begin());
+    overtaken_ = bytes.size();
+  } else {
+    send_state(bytes);
+    if (way_out.duplicated) send_state(bytes);
+  }
+  // The one held back goes behind its successor; where that one is held back too, at least in their order.
+  if (overtaken && !overtaken_) send_state({overtaken_bytes_.data(), *overtaken});
+  if (way_in.lost) {
+    answer_fate_ = AnswerFate::lost;
+  } else if (way_in.overtaken || way_out.delay + way_in.delay >= kPeriod) {
+    answer_fate_ = AnswerFate::late;
+  }
+}
+
+void ArmPort::send_state(std::span<const std::byte> datagram) {
+  if (::send(client_->udp.file(), datagram.data(), datagram.size(), 0) >= 0) {
+    counts_.states_sent.add();
+  } else {
+    counts_.states_lost.add();  // no room, or the program's socket is closed
+  }
+}
+
+// --- waiting ---
+
+ArmPort::Awaits ArmPort::awaits() const {
+  if (!client_ || !motion_.runs || motion_.asynchronous || frozen_ > 0) return Awaits::nothing;
+  if (message_id_ < motion_.first_state) return Awaits::nothing;
+  if (answered_ || state_lost_) return Awaits::answered;
+  return motion_.commanded ? Awaits::command : Awaits::first_command;
+}
+
+bool ArmPort::may_begin() const { return client_ && client_->dialect != nullptr && !motion_.runs; }
+
+void ArmPort::want_state() {
+  if (!wants_state_) wanted_at_ = host_now();
+  wants_state_ = true;
+}
+
+std::optional<HostTime> ArmPort::next_due() const {
+  if (config_.lockstep) return std::nullopt;
+  const auto out = out_.next_due(), in = in_.next_due();
+  return out && in ? std::min(*out, *in) : out ? out : in;
+}
+
+// A motion that has ended by whatever cause: its Move gets its second reply.
+void ArmPort::notice_end() {
+  const auto ended = arm_.motions_ended();
+  if (ended == motions_ended_) return;
+  motions_ended_ = ended;
+  if (!motion_.runs) return;
+  motion_.runs = false;
+  motion_.end = status_of(arm_.motion_end());
+  want_state();
+}
+
+void ArmPort::answer_waiting() {
+  if (!client_) return;
+  tell_end(published_at_);
+  for (std::size_t i = 0; i < stops_.count; ++i) reply(Command::stop_move, stops_.ids[i], Status::success);
+  stops_.count = 0;
+  if (recoveries_.count == 0 || arm_.mode() == ArmMode::recovering) return;
+  const bool idle = arm_.mode() == ArmMode::idle;
+  for (std::size_t i = 0; i < recoveries_.count; ++i) {
+    reply(Command::automatic_error_recovery, recoveries_.ids[i], idle ? Status::success : Status::aborted);
+  }
+  recoveries_.count = 0;
+}
+
+void ArmPort::tell_end(HostTime now) {
+  if (!motion_.end) return;
+  if (!motion_.commanded && !motion_.stop_requested && now - motion_.started < kStartedIsRead) return;
+  reply(Command::move, motion_.command_id, *motion_.end);
+  motion_.end.reset();
+}
+
+void ArmPort::tend(HostTime now) {
+  notice_end();
+  if (!client_ || frozen_ > 0) return;
+  tell_end(now);
+  if (reader_.waiting() > 0) serve_waiting();
+  if (!client_) return;
+  const bool unknown = client_->dialect == nullptr && now - client_->since > kHandshake;
+  if (unknown || client_->stream.broken() || (client_->closing && client_->stream.all_sent())) drop_client();
+}
+
+// --- injection ---
+
+void ArmPort::set_faults(const DatagramFaults& faults) {
+  out_.set(faults);
+  in_.set(faults);
+  watch_datagrams();
+}
+
+void ArmPort::freeze(std::int64_t periods) {
+  if (periods <= 0) return;
+  frozen_ = periods;
+  if (client_) client_->stream.watch(false);
+  watch_datagrams();
+}
+
+void ArmPort::close_connection() { drop_client(); }
+
+PortStatistics ArmPort::statistics() const {
+  const auto& c = counts_;
+  return {.clients = c.clients.get(),
+          .refused = c.refused.get(),
+          .motions = c.motions.get(),
+          .states_sent = c.states_sent.get(),
+          .states_lost = c.states_lost.get(),
+          .commands_received = c.commands_received.get(),
+          .commands_used = c.commands_used.get(),
+          .commands_late = c.commands_late.get(),
+          .commands_lost = c.commands_lost.get(),
+          .commands_missed = c.commands_missed.get(),
+          .bad_datagrams = c.bad_datagrams.get(),
+          .bad_requests = c.bad_requests.get()};
+}
+
+}  // namespace multipanda::fci

@@ -1,0 +1,29 @@
+#pragma once
+
+#include "backends/arm/simulated_arm.hpp"
+#include "fci/wire/robot_state.hpp"
+#include "models/rigid_body.hpp"
+
+namespace multipanda::fci {
+
+// What the configuration of the arm's end effector fixes; programs can only change what follows it.
+struct EndEffectorConfig {
+  Pose X_FNE;    // nominal end effector in the flange (F_T_NE)
+  RigidBody ee;  // hand and tool, in the flange: the model that programs download ends at the flange
+};
+
+// Joints that the control interface has room for.
+inline constexpr std::size_t kWireJoints = 7;
+
+// An arm's present state in the words of the control interface. The arm must have kWireJoints joints. No
+// allocation.
+void fill(RobotState& state, std::uint64_t message_id, const SimulatedArm& arm,
+          const EndEffectorConfig& config);
+
+// Column-major 4x4, as on the wire.
+std::array<double, 16> to_wire(const Pose& X);
+Pose to_pose(const std::array<double, 16>& column_major);
+// Whether the bottom row is 0 0 0 1 and the rest a rotation, each to 1e-5, and all finite.
+bool is_transform(const std::array<double, 16>& column_major);
+
+}  // namespace multipanda::fci

@@ -1,0 +1,175 @@
+#include "fci/server/virtual_arms.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+
+#include "fci/model/model_library.hpp"
+#include "fci/model/model_urdf.hpp"
+#include "scene/build.hpp"
+
+namespace multipanda::fci {
+namespace {
+
+// Virtual hands can grasp, if anybody is there to tell them.
+Scene prepared(Scene scene, bool grippers) {
+  for (SceneArm& arm : scene.arms) {
+    if (arm.hand && grippers && !arm.movable_fingers) arm.movable_fingers = true;
+  }
+  return scene;
+}
+
+ArmPlace default_place(ArmIndex arm) { return {.address = "127.0.0." + std::to_string(arm + 1)}; }
+
+ArmPortConfig port_config(const Scene& scene, ArmIndex i, const ArmPlace& place,
+                          const VirtualArmOptions& options) {
+  const SceneArm& arm = scene.arms[i];
+  const RobotDescription robot = robot_of(arm);
+  ArmPortConfig config{.name = arm.name,
+                       .address = place.address,
+                       .port = place.port,
+                       .lockstep = options.pace == WorldPace::lockstep,
+                       .end_effector = {.X_FNE = {}, .ee = end_effector(robot, arm.hand, arm.tool)},
+                       .model = {.urdf = model_urdf(robot), .library = model_library(robot)},
+                       .seed = options.seed + 2 * i};
+  if (arm.hand) config.end_effector.X_FNE = robot.hand->mount.pose() * robot.hand->tcp.pose();
+  return config;
+}
+
+}  // namespace
+
+VirtualArms::VirtualArms(Scene scene, VirtualArmOptions options)
+    : scene_(prepared(std::move(scene), options.grippers)),
+      options_(std::move(options)),
+      plant_(scene_, {.meshes = options_.meshes}),
+      view_(plant_),
+      pushes_(plant_.arm_count()),
+      faults_(plant_.arm_count(), options_.faults) {
+  if (const auto why = check(options_.faults); !why.empty()) throw std::invalid_argument(why);
+  if (options_.places.size() > scene_.arms.size()) {
+    throw std::invalid_argument("the scene has " + std::to_string(scene_.arms.size()) + " arms, but " +
+                                std::to_string(options_.places.size()) + " addresses were given");
+  }
+  for (ArmIndex i = 0; i < plant_.arm_count(); ++i) {
+    names_.push_back(scene_.arms[i].name);
+    const bool given = i < options_.places.size();
+    places_.push_back(given ? options_.places[i] : default_place(i));
+    if (places_[i].address.empty()) places_[i].address = default_place(i).address;
+    ports_.push_back(std::make_unique<ArmPort>(port_config(scene_, i, places_[i], options_), plant_.arm(i)));
+    ports_[i]->set_faults(options_.faults);
+  }
+}
+
+VirtualArms::~VirtualArms() { stop(); }
+
+void VirtualArms::listen() {
+  timer_.open(poll_);
+  word_.open(poll_);
+  for (ArmIndex i = 0; i < ports_.size(); ++i) {
+    ports_[i]->open(poll_);
+    places_[i].port = ports_[i]->port();
+  }
+}
+
+void VirtualArms::start() {
+  if (thread_.joinable()) throw std::logic_error("the virtual arms run already");
+  listen();
+  requests_.open();
+  running_ = true;
+  std::promise<void> set_up;
+  auto ready = set_up.get_future();
+  thread_ = std::thread([this, set_up = std::move(set_up)]() mutable {
+    if (options_.thread) setup_ = set_up_thread(*options_.thread);
+    set_up.set_value();
+    run();
+  });
+  ready.wait();
+}
+
+void VirtualArms::stop() {
+  ending_ = true;
+  word_.call();
+  if (thread_.joinable()) thread_.join();
+}
+
+std::string VirtualArms::fault() const { return failed() ? plant_.fault() : ""; }
+
+std::optional<ArmIndex> VirtualArms::find(std::string_view name) const {
+  const auto found = std::find(names_.begin(), names_.end(), name);
+  if (found == names_.end()) return std::nullopt;
+  return static_cast<ArmIndex>(found - names_.begin());
+}
+
+PortStatistics VirtualArms::statistics(ArmIndex arm) const { return ports_.at(arm)->statistics(); }
+
+WorldStatistics VirtualArms::world_statistics() const {
+  return {.periods = periods_.get(), .overruns = overruns_.get()};
+}
+
+// --- words from other threads ---
+
+std::future<ArmAnswer> VirtualArms::request(ArmIndex arm, ArmRequest request) {
+  if (arm >= arm_count()) {
+    return RequestBox::refused("there is no arm " + std::to_string(arm) + ": the scene has " +
+                               std::to_string(arm_count()));
+  }
+  if (auto why = SimulatedArm::check(request, kWireJoints); !why.empty()) {
+    return RequestBox::refused(std::move(why));
+  }
+  RequestBox::Posted posted{.arm = arm, .request = std::move(request)};
+  if (const auto* place = std::get_if<PlaceObject>(&posted.request)) {
+    const auto object = plant_.world().find_object(place->object);
+    if (!object) return RequestBox::refused("there is no object '" + place->object + "' in the scene");
+    if (plant_.world().objects()[*object].qpos < 0) {
+      return RequestBox::refused("object '" + place->object + "' is fixed: only free objects can be placed");
+    }
+    if (auto why = SimulatedArm::check(SetFrames{place->X_WO, {}}, 0); !why.empty()) {
+      return RequestBox::refused("X_WO must be a finite position and a rotation");
+    }
+    posted.object = *object;
+  }
+  auto answer = requests_.post(std::move(posted));
+  word_.call();
+  return answer;
+}
+
+bool VirtualArms::post(const Control& control) {
+  if (control.arm >= arm_count()) return false;
+  {
+    const std::scoped_lock lock(askers_);
+    if (!controls_.push(control)) return false;
+    if (control.what == Control::What::faults) faults_[control.arm] = control.faults;
+  }
+  word_.call();
+  return true;
+}
+
+bool VirtualArms::set_faults(ArmIndex arm, const DatagramFaults& faults) {
+  if (const auto why = check(faults); !why.empty()) throw std::invalid_argument(why);
+  return post({.what = Control::What::faults, .arm = arm, .faults = faults});
+}
+
+DatagramFaults VirtualArms::faults(ArmIndex arm) const {
+  const std::scoped_lock lock(askers_);
+  return faults_.at(arm);
+}
+
+bool VirtualArms::press_guiding(ArmIndex arm, bool pressed) {
+  return post({.what = Control::What::guiding, .arm = arm, .on = pressed});
+}
+
+bool VirtualArms::raise(ArmIndex arm, ArmError error) {
+  return post({.what = Control::What::raise, .arm = arm, .error = error});
+}
+
+bool VirtualArms::freeze(ArmIndex arm, double seconds) {
+  return post({.what = Control::What::freeze, .arm = arm, .periods = std::lround(1000 * seconds)});
+}
+
+bool VirtualArms::close_connection(ArmIndex arm) { return post({.what = Control::What::close, .arm = arm}); }
+
+bool VirtualArms::push(ArmIndex arm, const Vector3& f_W, double seconds) {
+  return post(
+      {.what = Control::What::push, .arm = arm, .periods = std::lround(1000 * seconds), .force = f_W});
+}
+
+}  // namespace multipanda::fci

@@ -1,0 +1,251 @@
+#include <algorithm>
+#include <limits>
+
+#include "fci/server/virtual_arms.hpp"
+
+// The loop of the virtual arms: when the world moves, and what happens in a period.
+namespace multipanda::fci {
+namespace {
+
+using std::chrono::nanoseconds;
+
+constexpr nanoseconds kPeriod{1'000'000};
+
+// Real time: a period that begins late is followed by shorter ones until the wall clock is met again, but a
+// program has at least this long to answer. What cannot be made good for so long is given up.
+constexpr nanoseconds kShortestPeriod{700'000};
+constexpr nanoseconds kMostBehind{100'000'000};
+
+// Lock-step: a program that is at it answers within microseconds, and sleeping and waking would cost as much
+// again. Beyond that the processor belongs to others.
+constexpr nanoseconds kSpin{60'000};
+constexpr int kRoundsPerPoll = 32;  // how often the loop looks for requests while it spins
+
+// A program that did not answer once delays the others no longer.
+constexpr nanoseconds kSilentPatience{1'000'000};
+
+constexpr HostTime kNever{std::numeric_limits<std::int64_t>::max()};
+
+// While the world stands still, arms that begin together begin in the same period.
+constexpr nanoseconds kTogether{20'000'000};
+
+}  // namespace
+
+void VirtualArms::run() {
+  stepped_at_ = host_now();
+  view_.publish(static_cast<std::uint64_t>(plant_.periods()) + 1, plant_);
+  if (options_.pace == WorldPace::realtime) {
+    run_realtime();
+  } else {
+    run_lockstep();
+  }
+  failed_ = plant_.failed();
+  for (auto& port : ports_) port->close_connection();
+  requests_.close();
+  running_ = false;
+}
+
+// One period of the world. The arms were given their commands by what their ports received.
+void VirtualArms::step() {
+  take_words();
+  word_happened_ = false;
+  for (auto& port : ports_) port->command();
+  if (pushing_) apply_pushes();
+  plant_.advance();
+  const std::int64_t period = plant_.periods();
+  view_.publish(static_cast<std::uint64_t>(period) + 1, plant_);
+  for (auto& port : ports_) port->stepped(period);
+  periods_.add();
+}
+
+void VirtualArms::tend(HostTime now) {
+  for (auto& port : ports_) port->tend(now);
+}
+
+// --- real time ---
+
+void VirtualArms::run_realtime() {
+  HostTime grid = host_now() + kPeriod, release = grid;
+  while (!ending_ && !plant_.failed()) {
+    HostTime wake = release;
+    for (const auto& port : ports_) {
+      if (const auto due = port->next_due()) wake = std::min(wake, *due);
+    }
+    timer_.ensure(wake);
+    poll_.serve(-1);
+    take_words();
+    const HostTime now = host_now();
+    if (now < release) {
+      for (auto& port : ports_) {
+        if (port->next_due()) port->receive(now);
+      }
+      continue;
+    }
+    for (auto& port : ports_) port->receive(now);
+    step();
+    tend(now);
+    grid = grid + kPeriod;
+    if (now - grid > kMostBehind) {
+      const auto given_up = (now - grid) / kPeriod;
+      overruns_.add(static_cast<std::uint64_t>(given_up));
+      grid = grid + given_up * kPeriod;
+    }
+    release = std::max(grid, now + kShortestPeriod);
+  }
+}
+
+// --- lock-step ---
+
+void VirtualArms::run_lockstep() {
+  constexpr int kMostTrust = 8;
+  int rounds = 0, trust = kMostTrust;  // in programs that answer at once: how often they lately did
+  HostTime spin_until = host_now();
+  while (!ending_ && !plant_.failed()) {
+    if (++rounds >= kRoundsPerPoll) {
+      rounds = 0;
+      poll_.serve(0);
+      take_words();
+      tend(host_now());
+    }
+    const HostTime now = host_now();
+    bool awaits = false;
+    for (auto& port : ports_) {
+      if (!port->awaits_datagram()) continue;
+      port->receive(now);
+      awaits = true;
+    }
+    const HostTime due = step_due();
+    if (due <= now) {
+      if (now < spin_until && trust < kMostTrust) ++trust;
+      step();
+      stepped_at_ = host_now();
+      spin_until = stepped_at_;
+      if (trust > 0 || periods_.get() % 64 == 0) spin_until = spin_until + kSpin;
+      continue;
+    }
+    if (awaits && now < spin_until) continue;
+    if (awaits && trust > 0) --trust;
+    // Nothing for the moment: sleep until something comes, or until the world goes on without it.
+    if (due != kNever) timer_.ensure(due);
+    poll_.serve(-1);
+    take_words();
+    tend(host_now());
+    rounds = 0;
+  }
+}
+
+// When the world moves on, if nothing is heard before.
+HostTime VirtualArms::step_due() const {
+  bool moves = false, happened = word_happened_, others_may_join = false;
+  HostTime happened_at = word_at_, hesitant_until{0}, silent_until{0};
+  for (const auto& port : ports_) {
+    if (port->wants_state()) {
+      happened_at = happened ? std::min(happened_at, port->wanted_at()) : port->wanted_at();
+      happened = true;
+    }
+    others_may_join = others_may_join || port->may_begin();
+    switch (port->awaits()) {
+      case ArmPort::Awaits::nothing:
+        break;
+      case ArmPort::Awaits::answered:
+        moves = true;
+        break;
+      case ArmPort::Awaits::command: {
+        const nanoseconds patience = port->is_silent() ? kSilentPatience : nanoseconds(kPatience);
+        silent_until = std::max(silent_until, port->published_at() + patience);
+        moves = true;
+        break;
+      }
+      case ArmPort::Awaits::first_command:
+        hesitant_until = std::max(
+            hesitant_until, options_.idle_stands_still ? kNever : port->motion_shown_at() + kFirstPatience);
+        break;
+    }
+  }
+  HostTime due = kNever;
+  if (happened) {
+    due = options_.idle_stands_still && others_may_join && !moves ? happened_at + kTogether : happened_at;
+  } else if (moves) {
+    due = hesitant_until;
+  } else if (!options_.idle_stands_still) {
+    due = std::max(hesitant_until, stepped_at_ + kPeriod);
+  }
+  return std::max(due, silent_until);
+}
+
+// --- words from other threads ---
+
+void VirtualArms::take_words() {
+  while (const Control* control = controls_.front()) {
+    carry_out(*control);
+    controls_.pop();
+  }
+  while (const auto* posted = requests_.front()) {
+    requests_.answer(apply(*posted));
+    something_happened();
+  }
+}
+
+void VirtualArms::something_happened() {
+  if (!word_happened_) word_at_ = host_now();
+  word_happened_ = true;
+}
+
+ArmReply VirtualArms::apply(const RequestBox::Posted& posted) {
+  if (const auto* place = std::get_if<PlaceObject>(&posted.request)) {
+    return plant_.world().place(posted.object, place->X_WO) ? ArmReply::done : ArmReply::would_penetrate;
+  }
+  if (std::holds_alternative<ResetSimulation>(posted.request)) {
+    plant_.reset();
+    return ArmReply::done;
+  }
+  return plant_.arm(posted.arm).apply(posted.request);
+}
+
+void VirtualArms::carry_out(const Control& control) {
+  ArmPort& port = *ports_[control.arm];
+  SimulatedArm& arm = plant_.arm(control.arm);
+  switch (control.what) {
+    case Control::What::faults:
+      port.set_faults(control.faults);
+      return;
+    case Control::What::guiding:
+      arm.press_guiding(control.on);
+      break;
+    case Control::What::raise:
+      arm.raise(control.error);
+      break;
+    case Control::What::freeze:
+      port.freeze(control.periods);
+      return;
+    case Control::What::close:
+      port.close_connection();
+      break;
+    case Control::What::push:
+      pushes_[control.arm] = {.f_W = control.force, .periods = control.periods};
+      pushing_ = true;
+      break;
+  }
+  something_happened();
+}
+
+// A force on the flange. MuJoCo wants it at the centre of mass of the body, about which it has a moment.
+void VirtualArms::apply_pushes() {
+  pushing_ = false;
+  World& world = plant_.world();
+  for (ArmIndex i = 0; i < pushes_.size(); ++i) {
+    Push& push = pushes_[i];
+    if (push.periods < 0) continue;
+    const int body = world.arm(i).last_link;
+    mjtNum* wrench = world.data()->xfrc_applied + 6 * body;
+    const Eigen::Map<const Vector3> p_WC(world.data()->xipos + 3 * body);
+    const Vector3 f_W = push.periods > 0 ? push.f_W : Vector3::Zero();
+    Eigen::Map<Vector6> F_C_W(wrench);
+    F_C_W.head<3>() = f_W;
+    F_C_W.tail<3>() = (world.X_WF(i).position - p_WC).cross(f_W);
+    --push.periods;  // once more with zero, to end it
+    pushing_ = true;
+  }
+}
+
+}  // namespace multipanda::fci
