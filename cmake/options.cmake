@@ -19,9 +19,15 @@ set(MULTIPANDA_SANITIZER "" CACHE STRING "address (with undefined), undefined or
 set_property(CACHE MULTIPANDA_SANITIZER PROPERTY STRINGS "" address undefined thread)
 option(MULTIPANDA_WERROR "Warnings of our own targets are errors" ON)
 
+option(MULTIPANDA_PCH "Precompile the headers that nearly every file includes (cmake/targets.cmake)" OFF)
 find_program(CCACHE_PROGRAM ccache)
 if(CCACHE_PROGRAM AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
   set(CMAKE_CXX_COMPILER_LAUNCHER ${CCACHE_PROGRAM})
+  if(MULTIPANDA_PCH)  # what ccache asks for before it keeps a file that was compiled with them
+    set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env
+        CCACHE_SLOPPINESS=pch_defines,time_macros,include_file_mtime,include_file_ctime ${CCACHE_PROGRAM})
+    add_compile_options($<$<COMPILE_LANGUAGE:CXX>:-fpch-preprocess>)
+  endif()
 endif()
 
 # One Pinocchio file takes up to 4 GB and a minute: never more than two at a time.
