@@ -151,9 +151,12 @@ std::string to_csv(const std::vector<ArmCycle>& cycles, std::size_t joint_count)
     add(FMT_STRING(",F_K_W_{}"), axis);
   text += "\n";
   for (const auto& c : cycles) {
-    // Names contain commas: one word per error, joined by '+'.
-    std::string errors = error_names(c.arm.errors);
-    for (std::size_t at = 0; (at = errors.find(", ", at)) != std::string::npos;) errors.replace(at, 2, "+");
+    std::string errors;  // joined by '+'
+    for (std::size_t i = 0; i < kArmErrorCount; ++i) {
+      if ((c.arm.errors >> i & 1u) == 0) continue;
+      if (!errors.empty()) errors += '+';
+      errors += to_string(static_cast<ArmError>(i));
+    }
     add(FMT_STRING("{},{:.6f},{:.4f},{:.2f},{},{},{:.4f},{},{}"), c.cycle, c.t.seconds(), 1e3 * c.period_s,
         1e-3 * c.total_ns, c.arm.sequence, c.arm.due ? 1 : 0, 1e3 * c.arm.age_s, name_of(c.arm.mode), errors);
     for (const auto& column : kColumns) {
