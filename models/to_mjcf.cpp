@@ -197,7 +197,11 @@ class ArmWriter {
                           {"armature", exact(kFingerArmature)}});
       write_inertial(hand.finger);
       write_visuals(hand.finger_visuals, "finger");
-      for (const auto& box : hand.finger_boxes) write_collision(geometry(box), kArmBits);
+      for (std::size_t i = 0; i < hand.finger_boxes.size(); ++i) {
+        XmlText::Attributes box = geometry(hand.finger_boxes[i]);
+        box.insert(box.begin(), {"name", named(bodies[f] + std::to_string(i + 1))});
+        write_collision(std::move(box), kArmBits);
+      }
       xml_.close();
     }
   }

@@ -26,7 +26,7 @@ struct MjcfOptions {
   bool hand = false;
   // locked: part of the rigid hand, closed, exactly as in the URDF. movable: two mirrored slide joints
   // `finger_joint1`, `finger_joint2`, coupled by the equality `fingers`, and the position actuator `fingers`,
-  // control 0 (closed) to the travel [m].
+  // control 0 (closed) to the travel [m]; collision boxes left_finger1..N, right_finger1..N.
   Fingers fingers = Fingers::locked;
   bool finger_servo = true;      // false: no actuator `fingers`; the force on the finger joints is applied
   std::string prefix;            // put before every name

@@ -292,6 +292,7 @@ mjModel* compose(const std::vector<WorldArm>& arms, const std::vector<SceneObjec
   for (const auto& arm : arms) add_arm(spec.get(), arm, physics);
   for (const auto& object : objects) add_object(spec.get(), object);
   add_surface_pairs(spec.get(), arms, objects);
+  add_finger_pairs(spec.get(), arms, objects);
   add_cup_welds(spec.get(), arms, objects);
   mjModel* model = mj_compile(spec.get(), nullptr);
   if (model == nullptr)

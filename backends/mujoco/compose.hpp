@@ -11,6 +11,10 @@ namespace multipanda {
 mjModel* compose(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects,
                  const WorldPhysics& physics);
 
+// Contact of fingers with free objects, firm enough to hold them; what fingers do not hold is as before.
+void add_finger_pairs(mjSpec* spec, const std::vector<WorldArm>& arms,
+                      const std::vector<SceneObject>& objects);
+
 // One weld per arm with a suction cup and object that it can hold; none holds at the start.
 void add_cup_welds(mjSpec* spec, const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects);
 

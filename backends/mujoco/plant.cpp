@@ -34,6 +34,7 @@ std::vector<WorldArm> world_arms(const Scene& scene, const PlantOptions& options
          .tool_shapes = arm.tool_shapes});
     if (has_fingers(arm)) {
       arms.back().has_fingers = true;
+      arms.back().finger_boxes = robot.hand->finger_boxes.size();
       arms.back().fingers_start = robot.hand->finger_travel;
     }
     if (arm.vacuum) arms.back().X_FE_vacuum = arm_config(arm).frames.X_FE;

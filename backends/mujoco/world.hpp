@@ -25,6 +25,7 @@ struct WorldArm {
   JointVector q_start;
   Load tool, payload;  // what really hangs on the flange, beyond the hand; mass 0: nothing
   std::vector<ToolShape> tool_shapes;
+  std::size_t finger_boxes = 0;     // collision boxes of each finger
   bool has_fingers = false;         // joints finger_joint1 and 2, coupled
   double fingers_start = 0;         // opening of each finger at the start [m]
   std::optional<Pose> X_FE_vacuum;  // a suction cup on the flange: its mouth, z outwards; it can hold objects

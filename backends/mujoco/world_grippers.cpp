@@ -20,6 +20,34 @@ std::string weld_name(const WorldArm& arm, const SceneObject& object) {
   return arm.name + "/cup on " + object.name;
 }
 
+// MuJoCo's constraints know nothing of the change of their own Jacobians: a held thing slips with the time
+// constant of friction times the centripetal acceleration, 3 mm/s with MuJoCo's 20 ms. So friction gets the
+// shortest time that steps of 1 ms allow, and iterations against slip (WorldPhysics) do the rest.
+void add_finger_pairs(mjSpec* spec, const std::vector<WorldArm>& arms,
+                      const std::vector<SceneObject>& objects) {
+  constexpr double kNormalTime = 0.005, kFrictionTime = 0.002;  // [s]
+  for (const auto& arm : arms) {
+    for (std::size_t box = 1; box <= arm.finger_boxes; ++box) {
+      for (const std::string finger : {"/left_finger", "/right_finger"}) {
+        const std::string geom = arm.name + finger + std::to_string(box);
+        for (const auto& object : objects) {
+          if (object.fixed) continue;
+          mjsPair* pair = mjs_addPair(spec, nullptr);
+          mjs_setString(pair->geomname1, geom.c_str());
+          mjs_setString(pair->geomname2, object.name.c_str());
+          pair->condim = object.friction > 0 ? 4 : 1;
+          pair->friction[0] = pair->friction[1] = object.friction;
+          pair->solref[0] = object.contact_time_constant_s.value_or(kNormalTime);
+          pair->solref[1] = object.contact_damping_ratio.value_or(1);
+          pair->solreffriction[0] = kFrictionTime;
+          pair->solreffriction[1] = 1;
+          pair->margin = pair->gap = 0;
+        }
+      }
+    }
+  }
+}
+
 void add_cup_welds(mjSpec* spec, const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects) {
   for (const auto& arm : arms) {
     if (!arm.X_FE_vacuum) continue;
