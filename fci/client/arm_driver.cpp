@@ -337,7 +337,9 @@ void ArmDriver::check_model() {
 }
 
 void ArmDriver::configure() {
-  const RobotState& state = link_.next_state();
+  // A motion of a connection that was lost ends by itself, as an error.
+  (void)link_.wait_for_state([](const RobotState& s) { return !is_mode(s, RobotMode::move); });
+  const RobotState& state = link_.look();
   if (is_mode(state, RobotMode::reflex)) {
     say("was stopped by an error before " + error_list(state) + "and is recovered");
     link_.recover();

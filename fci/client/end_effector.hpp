@@ -20,7 +20,7 @@ class EndEffector {
   virtual std::future<ArmAnswer> request(const ArmRequest& request) = 0;
 
   // Loop thread: as last reported. No lock, no allocation.
-  virtual GripperState state() const noexcept = 0;
+  virtual multipanda::GripperState state() const noexcept = 0;
 };
 
 }  // namespace multipanda::fci

@@ -117,6 +117,11 @@ void PuppetArm::drop_client() {
   to_.sin_port = 0;
   inbox_.clear();
   held_back_.clear();
+  if (motion_id_) {
+    state_.motion_generator_mode = 0;
+    state_.controller_mode = static_cast<std::uint8_t>(ControllerMode::other);
+    state_.robot_mode = static_cast<std::uint8_t>(RobotMode::idle);
+  }
   motion_id_.reset();
 }
 

@@ -1,0 +1,437 @@
+// Several arms in one loop, against puppets whose packets the test times itself.
+#include "fci/client/fci_backend.hpp"
+
+#include <cmath>
+#include <memory>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/cycle/control_cycle.hpp"
+#include "core/rt/guard/loop_guard.hpp"
+#include "fci/client/from_scene.hpp"
+#include "fci/client/model_check.hpp"
+#include "fci/client/puppet_arm.hpp"
+#include "fci/model/model_urdf.hpp"
+#include "scene/build.hpp"
+
+namespace multipanda::fci {
+namespace {
+
+using testing::HasSubstr;
+
+Scene two_arms() {
+  Scene scene;
+  scene.name = "two puppets";
+  for (int i = 0; i < 2; ++i) {
+    SceneArm arm;
+    arm.name = i == 0 ? "left" : "right";
+    arm.model = i == 0 ? "fr3" : "fer";
+    arm.hand = i == 0;
+    arm.X_WB = {rotation_from_rpy({0.1, -0.2, 0.7 * i}), Vector3(0.3, 1.0 - 2.0 * i, 0.4)};
+    const auto model = build_arm_model(arm);
+    arm.q_start = model->q_home();
+    arm.safety = SafetyLimits::of(*model);
+    arm.safety.max_state_age_s = 60;  // packets come when the test sends them; one test says otherwise
+    scene.arms.push_back(arm);
+  }
+  scene.arms[0].load_declared = {.mass = 0.4, .p_FC = {0, 0, 0.1}};
+  scene.arms[1].X_EK.position = {0, 0, 0.05};
+  scene.controllets = {{.name = "left_joints", .type = "joint_impedance", .arms = {0}},
+                       {.name = "right_joints", .type = "joint_impedance", .arms = {1}},
+                       {.name = "both", .type = "dual_cartesian_impedance", .arms = {0, 1}}};
+  return scene;
+}
+
+class Backends : public testing::Test {
+ protected:
+  Backends() {
+    for (std::size_t i = 0; i < 2; ++i) {
+      const auto& q = scene_.arms[i].q_start;
+      puppets_[i]->change([&](RobotState& s) { Eigen::Map<Eigen::Matrix<double, 7, 1>>(s.q.data()) = q; });
+    }
+    const Load hand = config(0).hand;
+    puppets_[0]->change([&](RobotState& s) {
+      s.m_ee = hand.mass;
+      Eigen::Map<Vector3>(s.F_x_Cee.data()) = hand.p_FC;
+      Eigen::Map<Matrix3>(s.I_ee.data()) = hand.inertia_C;
+    });
+  }
+
+  FciArmConfig config(std::size_t i) {
+    FciArmConfig result = fci_arm_config(scene_.arms[i], puppets_[i]->address());
+    result.port = puppets_[i]->port();
+    return result;
+  }
+  // Connected, in torque control, packets by the test from now on.
+  void begin(FciOptions options = {}, std::vector<FciArmConfig> configs = {}) {
+    options.model_check = ModelCheck::off;
+    options.say = [this](const std::string& text) { said_ += text + "\n"; };
+    if (configs.empty()) configs = {config(0), config(1)};
+    backend_ = std::make_unique<FciBackend>(std::move(configs), options);
+    cycle_ = std::make_unique<ControlCycle>(build_cycle_config(scene_), registry_, *backend_);
+    cycle_->modes().activate_at_start(active_);
+    backend_->start();
+    for (auto& puppet : puppets_) puppet->set_automatic(false);
+    for (auto& puppet : puppets_) puppet->publish();
+    cycle_->step(backend_->wait());
+    for (auto& puppet : puppets_) (void)puppet->commands_waiting();
+  }
+  void activate(const char* name) {
+    ControlCycle plan(build_cycle_config(scene_), registry_,
+                      *std::make_unique<FciBackend>(std::vector{config(0), config(1)}));
+    active_ = bit(plan.modes().find(name));
+  }
+  // The backend's turn with whatever is there.
+  ArmSet step() {
+    const ArmSet due = backend_->wait();
+    cycle_->step(due);
+    return due;
+  }
+  // Steps until the answer is there.
+  ArmAnswer answer(std::future<ArmAnswer> future) {
+    while (future.wait_for(std::chrono::seconds(0)) != std::future_status::ready) step();
+    return future.get();
+  }
+  bool is_held(ArmIndex arm) const { return cycle_->modes().owner(arm) == arm; }
+
+  Scene scene_ = two_arms();
+  Registry registry_ = Registry::with_builtins();
+  std::array<std::unique_ptr<PuppetArm>, 2> puppets_{std::make_unique<PuppetArm>(10, "127.0.0.1"),
+                                                     std::make_unique<PuppetArm>(5, "127.0.0.2")};
+  std::string said_;
+  InstanceSet active_ = 0;
+  std::unique_ptr<FciBackend> backend_;
+  std::unique_ptr<ControlCycle> cycle_;
+};
+
+TEST_F(Backends, StartTellsEachArmWhatTheSceneSaysAndBeginsTorqueControl) {
+  FciArmConfig left = config(0), right = config(1);
+  right.joint_stiffness = JointVector::Constant(7, 1234);
+  right.thresholds =
+      SetCollisionThresholds{.nominal = {JointVector::Constant(7, 10), JointVector::Constant(7, 20),
+                                         Vector6::Constant(30), Vector6::Constant(40)},
+                             .acceleration = {}};
+  begin({}, {left, right});
+  EXPECT_EQ(backend_->identity(0).version, 10);
+  EXPECT_EQ(backend_->identity(1).version, 5);
+  EXPECT_EQ(puppets_[0]->last<SetLoadRequest>().m_load, 0.4);
+  EXPECT_EQ(puppets_[1]->last<SetEEToKRequest>().EE_T_K[14], 0.05);
+  EXPECT_EQ(puppets_[1]->last<SetJointImpedanceRequest>().K_theta[3], 1234);
+  EXPECT_EQ(puppets_[1]->last<SetCollisionBehaviorRequest>().upper_force_thresholds_acceleration[5], 40);
+  EXPECT_EQ(puppets_[0]->last<MoveRequest>().generator, MoveGenerator::none);
+  EXPECT_EQ(puppets_[1]->last<MoveRequest>().generator, MoveGenerator::joint_velocity);
+  EXPECT_EQ(said_, "") << "nothing to complain about";
+
+  const auto& states = cycle_->data().state;
+  for (ArmIndex i = 0; i < 2; ++i) {
+    EXPECT_EQ(states[i].mode, ArmMode::move);
+    EXPECT_LT((states[i].q - scene_.arms[i].q_start).norm(), 1e-6);
+    EXPECT_TRUE(states[i].has_wrench_estimate);
+    EXPECT_EQ(states[i].tool.mass, 0) << "the hand is in the model already";
+  }
+  EXPECT_NEAR(states[0].load.mass, 0.4, 1e-6);
+  const Pose X_FE = arm_config(scene_.arms[0]).frames.X_FE;
+  EXPECT_LT(pose_error(states[0].frames.X_FE, X_FE).norm(), 1e-6);
+  EXPECT_FALSE(backend_->ended());
+  backend_->finish();
+  EXPECT_TRUE(backend_->ended());
+}
+
+TEST_F(Backends, ForcesAreInWorldAxes) {
+  for (auto& puppet : puppets_) {
+    puppet->change([](RobotState& s) { s.O_F_ext_hat_K = {1, 2, 3, 4, 5, 6}; });
+  }
+  begin();
+  for (ArmIndex i = 0; i < 2; ++i) {
+    const Matrix3 R_WB = scene_.arms[i].X_WB.rotation;
+    const Wrench& F = cycle_->data().state[i].F_K_W_est;
+    EXPECT_LT((F.force() - R_WB * Vector3(1, 2, 3)).norm(), 1e-6);
+    EXPECT_LT((F.torque() - R_WB * Vector3(4, 5, 6)).norm(), 1e-6);
+  }
+}
+
+TEST_F(Backends, AnArmIsDueWithItsPacketAndAnsweredInThatStep) {
+  begin();
+  for (int k = 0; k < 20; ++k) {
+    const ArmIndex arm = static_cast<ArmIndex>(k % 3 == 0 ? 1 : 0);
+    const std::uint64_t id = puppets_[arm]->publish();
+    EXPECT_EQ(step(), ArmSet::of(arm));
+    const auto command = puppets_[arm]->command();
+    ASSERT_TRUE(command);
+    EXPECT_EQ(command->message_id, id);
+    EXPECT_EQ(puppets_[1 - arm]->commands_waiting(), 0u);
+  }
+  EXPECT_GT(backend_->statistics(0).answer_delay_mean_s, 0);
+  RecordProperty("answer_delay_mean_us", static_cast<int>(1e6 * backend_->statistics(0).answer_delay_mean_s));
+}
+
+// Packets half a period apart: the group computes with its first arm's packet, the other is given that tick's
+// torque with its own packet.
+TEST_F(Backends, AGroupTicksOncePerPeriodAndServesEachArmWithItsOwnPacket) {
+  activate("both");
+  begin();
+  ASSERT_FALSE(is_held(0));
+  for (int k = 0; k < 10; ++k) {
+    // A wide swing of the second arm's q would change a torque that is computed again.
+    puppets_[1]->change([k](RobotState& s) { s.q[1] += 1e-4 * (k % 2 == 0 ? 1 : -1); });
+    puppets_[0]->publish();
+    ASSERT_EQ(step(), ArmSet::of(0));
+    const JointVector of_tick = cycle_->data().tau_controllet[1];
+    puppets_[1]->publish();
+    ASSERT_EQ(step(), ArmSet::of(1));
+    ASSERT_EQ(cycle_->data().tau_controllet[1], of_tick) << "no second tick in this period";
+    const auto command = puppets_[1]->command();
+    ASSERT_TRUE(command);
+    if (k > 5) {  // the start's rate limit is over
+      for (std::size_t j = 0; j < 7; ++j) {
+        EXPECT_NEAR(command->tau_J_d[j], of_tick[static_cast<Eigen::Index>(j)], 1e-9);
+      }
+    }
+  }
+}
+
+TEST_F(Backends, AMemberThatFallsSilentSendsItsGroupToHold) {
+  for (auto& arm : scene_.arms) arm.safety.max_state_age_s = 0.002;
+  activate("both");
+  begin();
+  int steps = 0;
+  while (!is_held(0)) {
+    puppets_[0]->publish();
+    step();
+    ASSERT_LT(++steps, 100000);
+  }
+  EXPECT_TRUE(is_held(1));
+  EXPECT_GT(cycle_->data().state[1].age_s, 0.002);
+  puppets_[0]->publish();
+  (void)puppets_[0]->commands_waiting();
+  step();
+  EXPECT_TRUE(puppets_[0]->command()) << "the arm that is there is held by torques";
+}
+
+TEST_F(Backends, NobodyThereIsAnEmptyStepNotTheEnd) {
+  begin();
+  EXPECT_TRUE(step().empty());
+  EXPECT_FALSE(backend_->ended());
+  const HostTime deadline = host_now() + std::chrono::milliseconds(3);
+  EXPECT_TRUE(backend_->wait_until(deadline).empty());
+  EXPECT_GE(host_now(), deadline);
+  EXPECT_GE(cycle_->data().state[0].age_s, 0.02);
+}
+
+TEST_F(Backends, AReflexStopsItsArmOnlyAndRecoveryLeadsToHoldWhereTheArmStands) {
+  activate("left_joints");
+  active_ |= bit(3);  // right_joints: after two holds and left_joints
+  begin();
+  ASSERT_FALSE(is_held(0) || is_held(1));
+  puppets_[0]->end_motion(Status::reflex_aborted, RobotMode::reflex, 6);
+  puppets_[1]->publish();
+  while (cycle_->data().state[0].mode != ArmMode::reflex) step();
+  EXPECT_EQ(cycle_->data().state[0].errors, std::uint64_t{1} << 6);
+  EXPECT_TRUE(is_held(0));
+  EXPECT_FALSE(is_held(1));
+  (void)puppets_[0]->commands_waiting();
+  puppets_[0]->publish();
+  step();
+  EXPECT_EQ(puppets_[0]->commands_waiting(), 0u) << "nothing is sent to an arm in reflex";
+
+  // Meanwhile somebody moves it by hand.
+  puppets_[0]->change([](RobotState& s) { s.q[0] += 0.5; });
+  for (auto& puppet : puppets_) puppet->set_automatic(true);
+  const ArmAnswer recovered = answer(backend_->request(0, RecoverFromError{}));
+  EXPECT_TRUE(recovered.success) << recovered.reason;
+  while (cycle_->data().state[0].mode != ArmMode::move) step();
+  EXPECT_TRUE(is_held(0)) << "not back into what ran before";
+  for (int k = 0; k < 20; ++k) step();
+  EXPECT_LT(cycle_->data().tau_controllet[0].norm(), 0.1) << "held where it was moved to";
+  EXPECT_THAT(said_, HasSubstr("joint_reflex"));
+  EXPECT_THAT(said_, HasSubstr("ctl recover left"));
+
+  const ArmAnswer again = answer(backend_->request(0, RecoverFromError{}));
+  EXPECT_FALSE(again.success);
+  EXPECT_THAT(again.reason, HasSubstr("nothing to recover"));
+}
+
+TEST_F(Backends, ALostConnectionIsReportedAndMadeAgainOnRequest) {
+  active_ = bit(2) | bit(3);
+  begin();
+  puppets_[0]->hang_up();
+  while (cycle_->data().state[0].mode != ArmMode::disconnected) {
+    puppets_[1]->publish();
+    step();
+  }
+  puppets_[1]->publish();
+  EXPECT_EQ(step(), ArmSet::of(1));
+  EXPECT_TRUE(is_held(0));
+  const ArmAnswer recover = answer(backend_->request(0, RecoverFromError{}));
+  EXPECT_FALSE(recover.success);
+  EXPECT_THAT(recover.reason, HasSubstr("ctl reconnect left"));
+  EXPECT_FALSE(backend_->ended());
+
+  for (auto& puppet : puppets_) puppet->set_automatic(true);
+  const ArmAnswer back = answer(backend_->request(0, Reconnect{}));
+  EXPECT_TRUE(back.success) << back.reason;
+  while (cycle_->data().state[0].mode != ArmMode::move) step();
+  EXPECT_TRUE(is_held(0));
+  EXPECT_EQ(puppets_[0]->last<SetLoadRequest>().m_load, 0.4) << "told again";
+  EXPECT_FALSE(answer(backend_->request(0, Reconnect{})).success);
+}
+
+TEST_F(Backends, WhatIsNoTorqueIsNotSentAndStopsTheMotion) {
+  begin();
+  const std::uint64_t id = puppets_[0]->publish();
+  while (backend_->wait() != ArmSet::of(0)) {
+  }
+  std::vector<ArmState> states(2);
+  backend_->read(ArmSet::of(0), states);
+  EXPECT_EQ(states[0].sequence, id);
+  std::vector<ArmCommand> commands(2, ArmCommand{joint_constant(7, 0)});
+  commands[0].tau_cmd[3] = std::nan("");
+  backend_->write(ArmSet::of(0), commands);
+  while (states[0].mode == ArmMode::move) {
+    (void)backend_->wait();
+    puppets_[0]->publish();
+    backend_->read(ArmSet::of(0), states);
+    commands[0].tau_cmd[3] = 0;
+    backend_->write(ArmSet::of(0), commands);
+  }
+  EXPECT_EQ(states[0].mode, ArmMode::other);
+  EXPECT_NO_THROW((void)puppets_[0]->last<StopMoveRequest>());
+  EXPECT_EQ(puppets_[0]->commands_waiting(), 0u) << "nor anything after it";
+}
+
+TEST_F(Backends, RateLimitAndLowPassCountFromTheTorqueInUse) {
+  FciArmConfig limited = config(0), smooth = config(1);
+  limited.limit_rate = true;
+  smooth.low_pass_hz = 100;
+  begin({}, {limited, smooth});
+  std::vector<ArmState> states(2);
+  std::vector<ArmCommand> commands(2, ArmCommand{JointVector::Constant(7, 5.0)});
+  const double gain = 1e-3 / (1e-3 + 1 / (2 * M_PI * 100));
+  double expected = 0;
+  for (int k = 1; k <= 3; ++k) {
+    for (ArmIndex i = 0; i < 2; ++i) {
+      puppets_[i]->publish();
+      ASSERT_EQ(backend_->wait(), ArmSet::of(i));
+      backend_->read(ArmSet::of(i), states);
+      backend_->write(ArmSet::of(i), commands);
+      const auto sent = puppets_[i]->command();
+      ASSERT_TRUE(sent);
+      // begin() has sent one command already; its torque is where these count from.
+      if (k == 1) {
+        if (i == 1) expected = sent->tau_J_d[0];
+      } else if (i == 1) {
+        expected += gain * (5.0 - expected);
+        EXPECT_NEAR(sent->tau_J_d[0], expected, 1e-12);
+      } else {
+        EXPECT_NEAR(sent->tau_J_d[0] - states[0].tau_J_d[0], 0.999999, 1e-6);
+      }
+      puppets_[i]->change([&](RobotState& s) { s.tau_J_d = sent->tau_J_d; });
+    }
+  }
+}
+
+TEST_F(Backends, SettingsInMotionLetTheArmGoForAMoment) {
+  active_ = bit(2) | bit(3);
+  begin();
+  for (auto& puppet : puppets_) puppet->set_automatic(true);
+  const ArmAnswer load = answer(backend_->request(0, SetLoad{{.mass = 0.9}}));
+  EXPECT_TRUE(load.success) << load.reason;
+  EXPECT_EQ(puppets_[0]->last<SetLoadRequest>().m_load, 0.9);
+  EXPECT_FALSE(is_held(1));
+  const ArmAnswer nonsense = answer(backend_->request(0, SetLoad{{.mass = -1}}));
+  EXPECT_FALSE(nonsense.success);
+  EXPECT_FALSE(answer(backend_->request(0, PlaceObject{})).success);
+  EXPECT_FALSE(answer(backend_->request(0, GripperHoming{})).success);
+  EXPECT_FALSE(answer(backend_->request(7, StopMotion{})).success);
+  EXPECT_TRUE(answer(backend_->request(0, StopMotion{})).success);
+  while (cycle_->data().state[0].mode != ArmMode::other) step();
+  EXPECT_TRUE(is_held(0));
+  EXPECT_TRUE(answer(backend_->request(0, RecoverFromError{})).success) << "a stopped arm is brought back";
+}
+
+TEST_F(Backends, AnArmThatCannotBeHadIsNamedAndTheOthersAreLetGo) {
+  FciArmConfig left = config(0), right = config(1);
+  puppets_[1]->answer(Command::set_ee_to_k, Status::invalid_argument);
+  FciBackend backend({left, right}, {.model_check = ModelCheck::off});
+  try {
+    backend.start();
+    FAIL();
+  } catch (const std::runtime_error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("arm right"));
+    EXPECT_THAT(error.what(), testing::Not(HasSubstr("arm left")));
+  }
+  EXPECT_TRUE(backend.wait().empty());
+  EXPECT_TRUE(backend.ended());
+  for (const auto& asked : puppets_[0]->asked()) EXPECT_NE(asked.command, Command::move);
+  EXPECT_THROW(FciBackend({}), std::invalid_argument);
+  left.model = nullptr;
+  EXPECT_THROW(FciBackend({left}), std::invalid_argument);
+}
+
+TEST_F(Backends, FinishEndsTheMotionsByTheirLastTorque) {
+  begin();
+  std::thread arms([this] {
+    for (auto& puppet : puppets_) {
+      puppet->publish();
+      const auto last = puppet->command();
+      ASSERT_TRUE(last);
+      EXPECT_TRUE(last->torque_command_finished || last->motion_generation_finished);
+      puppet->end_motion(Status::success, RobotMode::idle);
+    }
+  });
+  backend_->finish();
+  arms.join();
+  for (auto& puppet : puppets_) {
+    for (const auto& asked : puppet->asked()) EXPECT_NE(asked.command, Command::stop_move);
+  }
+  EXPECT_FALSE(backend_->request(0, RecoverFromError{}).get().success);
+}
+
+TEST_F(Backends, TheLoopSideNeitherAllocatesNorLocks) {
+  if (!kLoopGuardWorks) GTEST_SKIP() << "sanitizers replace malloc themselves";
+  active_ = bit(2) | bit(3);
+  begin();
+  for (int k = 0; k < 300; ++k) {
+    for (auto& puppet : puppets_) puppet->publish(k % 7 == 0 ? 2 : 0);
+    for (int i = 0; i < 2; ++i) {
+      LoopGuard::arm();
+      const ArmSet due = backend_->wait();
+      cycle_->step(due);
+      const LoopGuardCounts counts = LoopGuard::disarm();
+      ASSERT_EQ(counts.heap_calls, 0u);
+      ASSERT_EQ(counts.lock_calls, 0u);
+      if (due == ArmSet::all(2)) break;
+    }
+  }
+  EXPECT_GT(backend_->overruns(), 50u) << "what was left out is counted";
+}
+
+TEST(ModelCheck, KnowsAnotherArmFromTheSameOne) {
+  const Scene scene = two_arms();
+  const FciArmConfig fr3 = fci_arm_config(scene.arms[0], "127.0.0.1"),
+                     fer = fci_arm_config(scene.arms[1], "127.0.0.1");
+  const ModelComparison same = compare_models(model_urdf(robot_of(scene.arms[0])), fr3.hand, *fr3.model);
+  EXPECT_TRUE(same.same_kinematics() && same.same_dynamics()) << same.text();
+  EXPECT_LT(same.position_m, 1e-9);
+  EXPECT_LT(same.gravity_nm, 1e-6);
+  EXPECT_TRUE(same.limits.empty()) << same.limits;
+  // Both arms have the same lengths and different masses.
+  const ModelComparison other = compare_models(model_urdf(robot_of(scene.arms[0])), {}, *fer.model);
+  EXPECT_TRUE(other.same_kinematics());
+  EXPECT_FALSE(other.same_dynamics());
+  EXPECT_FALSE(other.limits.empty());
+  // Without its hand.
+  const ModelComparison bare = compare_models(model_urdf(robot_of(scene.arms[0])), {}, *fr3.model);
+  EXPECT_GT(bare.gravity_nm, 1.0);
+  // A longer forearm.
+  std::string longer = model_urdf(robot_of(scene.arms[1]));
+  const auto at = longer.find("0.384");
+  ASSERT_NE(at, std::string::npos);
+  longer.replace(at, 5, "0.386");
+  EXPECT_FALSE(compare_models(longer, {}, *fer.model).same_kinematics());
+  EXPECT_THROW((void)compare_models("<robot name='x'/>", {}, *fer.model), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace multipanda::fci
