@@ -5,6 +5,8 @@
 
 #include "fci/model/model_library.hpp"
 #include "fci/model/model_urdf.hpp"
+#include "fci/server/gripper_port.hpp"
+#include "fci/server/vacuum_port.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::fci {
@@ -40,7 +42,7 @@ ArmPortConfig port_config(const Scene& scene, ArmIndex i, const ArmPlace& place,
 VirtualArms::VirtualArms(Scene scene, VirtualArmOptions options)
     : scene_(prepared(std::move(scene), options.grippers)),
       options_(std::move(options)),
-      plant_(scene_, {.meshes = options_.meshes}),
+      plant_(scene_, {.meshes = options_.meshes, .timeline_waits = true}),
       view_(plant_),
       pushes_(plant_.arm_count()),
       faults_(plant_.arm_count(), options_.faults) {
@@ -56,6 +58,18 @@ VirtualArms::VirtualArms(Scene scene, VirtualArmOptions options)
     if (places_[i].address.empty()) places_[i].address = default_place(i).address;
     ports_.push_back(std::make_unique<ArmPort>(port_config(scene_, i, places_[i], options_), plant_.arm(i)));
     ports_[i]->set_faults(options_.faults);
+    grippers_.emplace_back();
+    vacuums_.emplace_back();
+    if (!options_.grippers) continue;
+    const ArmPlace& place = places_[i];
+    if (SimulatedGripper* gripper = plant_.gripper(i)) {
+      grippers_[i] = std::make_unique<GripperPort>("the gripper of arm " + names_[i], place.address,
+                                                   place.gripper_port, *gripper);
+    }
+    if (SimulatedVacuum* vacuum = plant_.vacuum(i)) {
+      vacuums_[i] = std::make_unique<VacuumPort>("the vacuum gripper of arm " + names_[i], place.address,
+                                                 place.vacuum_port, *vacuum);
+    }
   }
 }
 
@@ -67,6 +81,14 @@ void VirtualArms::listen() {
   for (ArmIndex i = 0; i < ports_.size(); ++i) {
     ports_[i]->open(poll_);
     places_[i].port = ports_[i]->port();
+    if (grippers_[i]) {
+      grippers_[i]->open(poll_);
+      places_[i].gripper_port = grippers_[i]->port();
+    }
+    if (vacuums_[i]) {
+      vacuums_[i]->open(poll_);
+      places_[i].vacuum_port = vacuums_[i]->port();
+    }
   }
 }
 

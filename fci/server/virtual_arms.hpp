@@ -17,6 +17,7 @@
 #include "core/rt/thread_setup.hpp"
 #include "fci/server/arm_port.hpp"
 #include "fci/server/datagram_faults.hpp"
+#include "fci/server/end_effector_port.hpp"
 #include "fci/server/statistics.hpp"
 #include "fci/server/wake.hpp"
 #include "fci/server/world_view.hpp"
@@ -135,6 +136,7 @@ class VirtualArms {
   VirtualWorldView view_;
   Poll poll_;
   std::vector<std::unique_ptr<ArmPort>> ports_;
+  std::vector<std::unique_ptr<EndEffectorPort>> grippers_, vacuums_;  // per arm; null: has none
   WakeTimer timer_;
   WakeWord word_;
 

@@ -41,6 +41,11 @@ void VirtualArms::run() {
   }
   failed_ = plant_.failed();
   for (auto& port : ports_) port->close_connection();
+  for (const auto* ports : {&grippers_, &vacuums_}) {
+    for (const auto& port : *ports) {
+      if (port) port->close_connection();
+    }
+  }
   requests_.close();
   running_ = false;
 }
@@ -49,12 +54,21 @@ void VirtualArms::run() {
 void VirtualArms::step() {
   take_words();
   word_happened_ = false;
+  // A scene's timeline counts from the first command that any arm gets.
+  for (const auto& port : ports_) {
+    if (port->awaits() == ArmPort::Awaits::answered) plant_.begin_timeline();
+  }
   for (auto& port : ports_) port->command();
   if (pushing_) apply_pushes();
   plant_.advance();
   const std::int64_t period = plant_.periods();
   view_.publish(static_cast<std::uint64_t>(period) + 1, plant_);
   for (auto& port : ports_) port->stepped(period);
+  for (const auto* ports : {&grippers_, &vacuums_}) {
+    for (const auto& port : *ports) {
+      if (port) port->stepped(period);
+    }
+  }
   periods_.add();
 }
 

@@ -1,0 +1,76 @@
+#pragma once
+
+#include <array>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "backends/gripper/motion_results.hpp"
+#include "fci/server/port.hpp"
+#include "fci/server/sockets.hpp"
+#include "fci/wire/frame_reader.hpp"
+#include "fci/wire/gripper.hpp"
+
+namespace multipanda::fci {
+
+// What the ports of the gripper and of the vacuum gripper have in common: one program at a time, requests by
+// TCP that are answered when the motion is over, states by UDP. A second program is refused while the first
+// is connected; one that does not keep to the protocol loses its connection. A motion goes on when its
+// program leaves.
+//
+// One thread; nothing blocks; stepped() does not allocate.
+class EndEffectorPort : public Port {
+ public:
+  // `name`: of the arm, for messages. `port` 0: a free one.
+  EndEffectorPort(std::string name, std::string address, std::uint16_t port, std::size_t max_request);
+  ~EndEffectorPort() override;
+
+  void open(Poll& poll) override;
+  void ready(int file, std::uint32_t events) override;
+  void stepped(std::int64_t period) override;
+
+  std::uint16_t port() const { return port_; }  // the one really listened on, after open()
+  bool has_client() const { return client_ != nullptr; }
+  void close_connection();
+
+  static constexpr std::int64_t kStatePeriods = 10;  // between two states
+
+ protected:
+  using Ticket = MotionResults::Ticket;
+  // What a request came to at once.
+  struct Served {
+    enum class What : std::uint8_t { motion, done, refused, nonsense } what = What::nonsense;
+    Ticket ticket = 0;
+  };
+  virtual Served serve(const Message& message) = 0;  // any but Connect, whose number is 0
+  virtual GripperResult result(Ticket ticket) const = 0;
+  virtual std::size_t encode_state(std::uint32_t message_id, std::span<std::byte> to) const = 0;
+  virtual std::uint16_t version() const = 0;
+
+ private:
+  struct Client;
+  struct Pending {
+    std::uint16_t command = 0;
+    std::uint32_t command_id = 0;
+    Ticket ticket = 0;
+  };
+  void accept();
+  void read_requests();
+  bool serve_request(const Message& message);
+  bool connect(const Message& message);
+  void answer(const Pending& pending, GripperStatus status);
+  void answer_finished();
+  void publish();
+
+  std::string name_, address_;
+  std::uint16_t port_;
+  Poll* poll_ = nullptr;
+  Socket listener_;
+  FrameReader reader_;
+  std::unique_ptr<Client> client_;
+  std::optional<Pending> pending_;  // a new motion ends the one that runs: never more than one
+  std::uint32_t message_id_ = 0;
+  std::int64_t state_in_ = 0;  // periods until the next state
+};
+
+}  // namespace multipanda::fci
