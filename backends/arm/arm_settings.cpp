@@ -7,12 +7,19 @@
 namespace multipanda {
 namespace {
 
+// Beyond any arm's: numbers like these would not be carried, but make the whole simulation run away.
+constexpr double kMostMass = 100, kMostLength = 10;  // [kg], [m]
+
+// The maker's ranges
+constexpr double kMostJointStiffness = 14250;  // [N m/rad]
+const Vector6 kMostCartesianStiffness = (Vector6() << 3000, 3000, 3000, 300, 300, 300).finished();
+
 std::string check_pose(const Pose& X, const char* name) {
-  if (X.position.allFinite() && X.rotation.allFinite() &&
+  if (X.position.allFinite() && X.position.norm() <= kMostLength && X.rotation.allFinite() &&
       (X.rotation.transpose() * X.rotation).isIdentity(1e-6) && X.rotation.determinant() > 0) {
     return {};
   }
-  return std::string(name) + " must be a finite position and a rotation";
+  return std::string(name) + " must be a position within 10 m and a rotation";
 }
 
 std::string check_positive(const auto& values, std::size_t expected, const char* name) {
@@ -47,10 +54,14 @@ ArmSettings default_settings(const ArmModel& model) {
 
 std::string check_load(const Load& load) {
   if (!std::isfinite(load.mass) || load.mass < 0) return "the load's mass must be 0 or more kilograms";
+  if (load.mass > kMostMass || load.p_FC.norm() > kMostLength)
+    return "no arm carries that: at most 100 kg within 10 m";
   if (!load.p_FC.allFinite() || !load.inertia_C.allFinite()) return "the load has a value that is not finite";
   if ((load.inertia_C - load.inertia_C.transpose()).norm() > 1e-9) {
     return "the load's inertia must be a symmetric matrix";
   }
+  if (load.inertia_C.norm() > kMostMass * kMostLength * kMostLength)
+    return "the load's inertia is beyond any body's";
   const Vector3 principal = Eigen::SelfAdjointEigenSolver<Matrix3>(load.inertia_C).eigenvalues();
   if (principal[0] < -1e-9 || principal[0] + principal[1] < principal[2] - 1e-9) {
     return "no body has the load's inertia: principal moments must be positive, none above the sum of the "
@@ -67,26 +78,32 @@ std::string check_request(const ArmRequest& request, std::size_t n) {
     return std::string{};
   };
   return std::visit(
-      Overloaded{
-          [](const SetLoad& r) { return check_load(r.load); },
-          [&](const SetFrames& r) {
-            return first_of({r.X_FE ? check_pose(*r.X_FE, "X_FE") : std::string{},
-                             r.X_EK ? check_pose(*r.X_EK, "X_EK") : std::string{}});
-          },
-          [&](const SetJointStiffness& r) { return check_positive(r.stiffness, n, "the joint stiffness"); },
-          [](const SetCartesianStiffness& r) {
-            return check_positive(r.stiffness, 6, "the Cartesian stiffness");
-          },
-          [&](const SetCollisionThresholds& r) {
-            const auto why = [&](const ContactThresholds& t) {
-              return first_of({check_positive(t.torque_lower, n, "the lower torque thresholds"),
-                               check_positive(t.torque_upper, n, "the upper torque thresholds"),
-                               check_positive(t.wrench_lower, 6, "the lower wrench thresholds"),
-                               check_positive(t.wrench_upper, 6, "the upper wrench thresholds")});
-            };
-            return first_of({why(r.nominal), r.acceleration ? why(*r.acceleration) : std::string{}});
-          },
-          [](const auto&) { return std::string{}; }},
+      Overloaded{[](const SetLoad& r) { return check_load(r.load); },
+                 [&](const SetFrames& r) {
+                   return first_of({r.X_FE ? check_pose(*r.X_FE, "X_FE") : std::string{},
+                                    r.X_EK ? check_pose(*r.X_EK, "X_EK") : std::string{}});
+                 },
+                 [&](const SetJointStiffness& r) {
+                   const auto why = check_positive(r.stiffness, n, "the joint stiffness");
+                   if (!why.empty() || (r.stiffness.array() <= kMostJointStiffness).all()) return why;
+                   return std::string("the joint stiffness must be at most 14250 N m/rad");
+                 },
+                 [](const SetCartesianStiffness& r) {
+                   const auto why = check_positive(r.stiffness, 6, "the Cartesian stiffness");
+                   if (!why.empty() || (r.stiffness.array() <= kMostCartesianStiffness.array()).all())
+                     return why;
+                   return std::string("the Cartesian stiffness must be at most 3000 N/m and 300 N m/rad");
+                 },
+                 [&](const SetCollisionThresholds& r) {
+                   const auto why = [&](const ContactThresholds& t) {
+                     return first_of({check_positive(t.torque_lower, n, "the lower torque thresholds"),
+                                      check_positive(t.torque_upper, n, "the upper torque thresholds"),
+                                      check_positive(t.wrench_lower, 6, "the lower wrench thresholds"),
+                                      check_positive(t.wrench_upper, 6, "the upper wrench thresholds")});
+                   };
+                   return first_of({why(r.nominal), r.acceleration ? why(*r.acceleration) : std::string{}});
+                 },
+                 [](const auto&) { return std::string{}; }},
       request);
 }
 
