@@ -72,7 +72,7 @@ Socket listen_on(const std::string& address, std::uint16_t port, std::string_vie
   const sockaddr_in place = ipv4(address, port);
   Socket socket = new_socket(SOCK_STREAM);
   set(socket.file(), SOL_SOCKET, SO_REUSEADDR, 1);  // connections of an earlier server may still linger
-  if (::bind(socket.file(), generic(place), sizeof(place)) != 0 || ::listen(socket.file(), 8) != 0) {
+  if (::bind(socket.file(), generic(place), sizeof(place)) != 0 || ::listen(socket.file(), 64) != 0) {
     const int error = errno;
     throw std::runtime_error(std::string(what) + " cannot listen on " + address + ":" + std::to_string(port) +
                              ": " + std::strerror(error) + "; " + cure(error));
