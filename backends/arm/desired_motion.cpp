@@ -12,13 +12,9 @@ namespace {
 constexpr double dt = DesiredMotion::kPeriod;
 // Start tolerances and positions are absolute; a client may stand on a limit exactly.
 constexpr double kPositionSlack = 1e-6;  // [rad]
-
-template <typename V>
-void round_to_single(const V& exact, V& published) {
-  published = exact.template cast<float>().template cast<double>();
-}
-
-double rounded(double x) { return static_cast<double>(static_cast<float>(x)); }
+// What rounding a position makes of a jerk.
+constexpr double kJointJerkSlack = DesiredMotion::kJointUlp / (dt * dt * dt);  // [rad/s^3]
+constexpr double kPoseJerkSlack = DesiredMotion::kPoseUlp / (dt * dt * dt);    // [m/s^3, rad/s^3]
 
 bool is_cartesian(MotionGenerator g) {
   return g == MotionGenerator::cartesian_pose || g == MotionGenerator::cartesian_velocity;
@@ -176,7 +172,7 @@ MotionStep DesiredMotion::step_joints(const InterfaceCommand* command) {
     q = command->q_c;
     if (q.size() != state_.q.size() || !q.allFinite()) return MotionStep::input_error;
     dq = (q - state_.q) / dt;
-    dq_published = (q - q_published_) / dt;
+    dq_published = (q - published_.q.cast<double>()) / dt;
   } else {
     dq = dq_published = command->dq_c;
     if (dq.size() != state_.q.size() || !dq.allFinite()) return MotionStep::input_error;
@@ -223,25 +219,30 @@ bool DesiredMotion::check_joint_positions(const JointVector& q) {
 void DesiredMotion::check_joint_command(const JointVector& q, const JointVector& dq,
                                         const JointVector& dq_published) {
   check_joint_positions(q);
+  const JointVector dq_p = published_.dq.cast<double>(), ddq_before = published_.ddq.cast<double>();
   Worst velocity, acceleration, jerk;
   for (Eigen::Index i = 0; i < dq.size(); ++i) {
     const int joint = static_cast<int>(i);
-    const double ddq = (dq[i] - state_.dq[i]) / dt, ddq_p = (dq_published[i] - dq_published_[i]) / dt;
+    const double ddq = (dq[i] - state_.dq[i]) / dt, ddq_p = (dq_published[i] - dq_p[i]) / dt;
     velocity.see_velocity(joint, dq[i], dq_published[i], lower_velocity(i), upper_velocity(i));
     acceleration.see(joint, ddq, ddq_p, limits_.ddq_max[i]);
-    jerk.see(joint, (ddq - state_.ddq[i]) / dt, (ddq_p - ddq_published_[i]) / dt, limits_.dddq_max[i]);
+    jerk.see(joint, (ddq - state_.ddq[i]) / dt, (ddq_p - ddq_before[i]) / dt,
+             limits_.dddq_max[i] + kJointJerkSlack);
   }
   report(ArmError::joint_motion_generator_velocity_limits_violation, velocity);
   report(ArmError::joint_motion_generator_velocity_discontinuity, acceleration);
   report(ArmError::joint_motion_generator_acceleration_discontinuity, jerk);
 }
 
-// Of the last desired position, exact or published: the wider one.
+// Of the last desired position, with what a braking client is late (see the header).
 double DesiredMotion::upper_velocity(Eigen::Index i) const {
-  return std::max(limits_.upper_velocity(i, state_.q[i]), limits_.upper_velocity(i, q_published_[i]));
+  return std::min(limits_.dq_max[i], limits_.upper_velocity(i, state_.q[i]) + late(i));
 }
 double DesiredMotion::lower_velocity(Eigen::Index i) const {
-  return std::min(limits_.lower_velocity(i, state_.q[i]), limits_.lower_velocity(i, q_published_[i]));
+  return std::max(-limits_.dq_max[i], limits_.lower_velocity(i, state_.q[i]) - late(i));
+}
+double DesiredMotion::late(Eigen::Index i) const {
+  return limits_.deceleration.size() == 0 ? 0 : 2 * dt * limits_.deceleration[i];
 }
 
 // --- Cartesian generators ---
@@ -265,7 +266,7 @@ MotionStep DesiredMotion::step_cartesian(const InterfaceCommand* command) {
       }
       X = {orthonormal(T.topLeftCorner<3, 3>()), T.topRightCorner<3, 1>()};
       V = difference(X, state_.X_BE_c);
-      V_published = difference(X, published_.X);
+      V_published = difference(X, published_.pose());
     } else {
       V = V_published = command->O_dP_EE_c;
       if (!V.allFinite()) return MotionStep::input_error;
@@ -317,13 +318,13 @@ MotionStep DesiredMotion::step_cartesian(const InterfaceCommand* command) {
     check_joint_positions(solution.q);
     dq.setZero();
   } else {
-    const Vector6 A_published = (V_published - published_.V) / dt;
+    const Vector6 A_published = (V_published - published_.V.cast<double>()) / dt;
     double ddelbow_published = 0, delbow_published = 0;
     if (has_elbow) {
       delbow = (elbow - state_.elbow_c[0]) / dt;
       ddelbow = (delbow - state_.delbow_c[0]) / dt;
-      delbow_published = command == nullptr ? delbow : (elbow - published_.elbow) / dt;
-      ddelbow_published = (delbow_published - published_.delbow) / dt;
+      delbow_published = command == nullptr ? delbow : (elbow - static_cast<double>(published_.elbow)) / dt;
+      ddelbow_published = (delbow_published - static_cast<double>(published_.delbow)) / dt;
     }
     // What the joints would do, had the motion really been as published: by first order.
     check_solution(
@@ -353,8 +354,8 @@ MotionStep DesiredMotion::step_cartesian(const InterfaceCommand* command) {
 }
 
 void DesiredMotion::check_twist(const Vector6& V, const Vector6& V_published) {
-  const Vector6 A = (V - state_.V_BE_c.vector) / dt, A_p = (V_published - published_.V) / dt;
-  const Vector6 J = (A - state_.A_BE_c) / dt, J_p = (A_p - published_.A) / dt;
+  const Vector6 A = (V - state_.V_BE_c.vector) / dt, A_p = (V_published - published_.V.cast<double>()) / dt;
+  const Vector6 J = (A - state_.A_BE_c) / dt, J_p = (A_p - published_.A.cast<double>()) / dt;
   const CartesianLimits& c = limits_.cartesian;
   const auto rule = [this](ArmError error, const Vector6& exact, const Vector6& published, double linear,
                            double angular) {
@@ -367,24 +368,25 @@ void DesiredMotion::check_twist(const Vector6& V, const Vector6& V_published) {
        c.rotation_velocity);
   rule(ArmError::cartesian_motion_generator_velocity_discontinuity, A, A_p, c.acceleration,
        c.rotation_acceleration);
-  rule(ArmError::cartesian_motion_generator_acceleration_discontinuity, J, J_p, c.jerk, c.rotation_jerk);
+  rule(ArmError::cartesian_motion_generator_acceleration_discontinuity, J, J_p, c.jerk + kPoseJerkSlack,
+       c.rotation_jerk + kPoseJerkSlack);
 }
 
 void DesiredMotion::check_elbow(double elbow) {
-  const double v = (elbow - state_.elbow_c[0]) / dt, v_p = (elbow - published_.elbow) / dt;
-  const double a = (v - state_.delbow_c[0]) / dt, a_p = (v_p - published_.delbow) / dt;
-  const double j = (a - state_.ddelbow_c[0]) / dt, j_p = (a_p - published_.ddelbow) / dt;
+  const double v = (elbow - state_.elbow_c[0]) / dt,
+               v_p = (elbow - static_cast<double>(published_.elbow)) / dt;
+  const double a = (v - state_.delbow_c[0]) / dt, a_p = (v_p - static_cast<double>(published_.delbow)) / dt;
+  const double j = (a - state_.ddelbow_c[0]) / dt, j_p = (a_p - static_cast<double>(published_.ddelbow)) / dt;
   const CartesianLimits& c = limits_.cartesian;
   Worst worst;
   if (c.elbow_velocity > 0) worst.see(-1, v, v_p, c.elbow_velocity);
   if (c.elbow_acceleration > 0) worst.see(-1, a, a_p, c.elbow_acceleration);
-  if (c.elbow_jerk > 0) worst.see(-1, j, j_p, c.elbow_jerk);
+  if (c.elbow_jerk > 0) worst.see(-1, j, j_p, c.elbow_jerk + kJointJerkSlack);
   if (elbow > limits_.q_max[2] + kPositionSlack || elbow < limits_.q_min[2] - kPositionSlack) {
     worst.index = -1;
     worst.value = elbow;
     worst.limit = elbow > 0 ? limits_.q_max[2] : limits_.q_min[2];
   }
-  report(ArmError::cartesian_motion_generator_elbow_limit_violation, worst);
 }
 
 void DesiredMotion::check_solution(const InverseKinematics::Solution& solution, const JointVector& dq,
@@ -456,16 +458,16 @@ void DesiredMotion::set_joints(const JointVector& q, const JointVector& dq) {
 }
 
 void DesiredMotion::publish() {
-  round_to_single(state_.q, q_published_);
-  round_to_single(state_.dq, dq_published_);
-  round_to_single(state_.ddq, ddq_published_);
-  round_to_single(state_.X_BE_c.position, published_.X.position);
-  round_to_single(state_.X_BE_c.rotation, published_.X.rotation);
-  round_to_single(state_.V_BE_c.vector, published_.V);
-  round_to_single(state_.A_BE_c, published_.A);
-  published_.elbow = rounded(state_.elbow_c[0]);
-  published_.delbow = rounded(state_.delbow_c[0]);
-  published_.ddelbow = rounded(state_.ddelbow_c[0]);
+  published_ = {.q = state_.q.cast<float>(),
+                .dq = state_.dq.cast<float>(),
+                .ddq = state_.ddq.cast<float>(),
+                .R = state_.X_BE_c.rotation.cast<float>(),
+                .p = state_.X_BE_c.position.cast<float>(),
+                .V = state_.V_BE_c.vector.cast<float>(),
+                .A = state_.A_BE_c.cast<float>(),
+                .elbow = static_cast<float>(state_.elbow_c[0]),
+                .delbow = static_cast<float>(state_.delbow_c[0]),
+                .ddelbow = static_cast<float>(state_.ddelbow_c[0])};
 }
 
 void DesiredMotion::report(ArmError error, int index, double value, double limit) {

@@ -40,8 +40,13 @@ enum class MotionStep : std::uint8_t {
 // Commands are accepted where their backward differences keep the limits against the history of desired
 // motion, or against the same history as it was published, in single precision: a client that limits its
 // commands can only know the latter, and one ulp of a position is 0.1 rad/s^2 at 1 kHz. A rule is broken only
-// where it is broken against both by more than kSlack. Velocities tied to positions are those at the last
-// published position. Rules: commanded joint position, velocity, acceleration and jerk; commanded Cartesian
+// where it is broken against both by more than kSlack. Two rules give more, since the limiter of the maker's
+// client needs it:
+// - jerk: what one unit in the last place of a published position makes of a third difference (240 rad/s^3,
+//   120 m/s^3). That limiter ends the way up to a velocity by a rule that does not look at the jerk again.
+// - velocities tied to positions: those at the last desired position and two periods' deceleration more; a
+//   client that brakes along such a limit is that late.
+// Rules: commanded joint position, velocity, acceleration and jerk; commanded Cartesian
 // and elbow velocity, acceleration and jerk (of translation and rotation: Euclidean norms); the frame; and
 // position, velocity, acceleration of the joints that the inverse kinematics finds (no jerk: the rounding of
 // published poses would exceed it).
@@ -57,6 +62,8 @@ class DesiredMotion {
  public:
   static constexpr double kPeriod = 0.001;        // [s]
   static constexpr double kSlack = 1e-5;          // relative, of every limit
+  static constexpr double kJointUlp = 0x1p-22;    // of a number of 2 to 4 [rad]
+  static constexpr double kPoseUlp = 0x1p-23;     // of a number of 1 to 2 [m, or an entry of R]
   static constexpr double kStartJoint = 5e-3;     // start tolerance [rad]; of the elbow too
   static constexpr double kStartPosition = 2e-3;  // [m]
   static constexpr double kStartRotation = 5e-3;  // [rad]
@@ -81,10 +88,14 @@ class DesiredMotion {
   MotionGenerator generator() const { return generator_; }
 
  private:
-  struct Cartesian {  // history of the commanded pose
-    Pose X;
-    Vector6 V = Vector6::Zero(), A = Vector6::Zero();
-    double elbow = 0, delbow = 0, ddelbow = 0;
+  // What was published of the desired motion, as far as clients build on it, in the precision of the wire.
+  struct Published {
+    Eigen::Matrix<float, Eigen::Dynamic, 1, Eigen::ColMajor, kMaxJoints, 1> q, dq, ddq;
+    Eigen::Matrix3f R;
+    Eigen::Vector3f p;
+    Eigen::Matrix<float, 6, 1> V, A;
+    float elbow = 0, delbow = 0, ddelbow = 0;
+    Pose pose() const { return {R.cast<double>(), p.cast<double>()}; }
   };
   MotionStep step_joints(const InterfaceCommand* command);
   MotionStep step_cartesian(const InterfaceCommand* command);
@@ -100,6 +111,7 @@ class DesiredMotion {
                       const JointVector& dq_published, const JointVector& ddq_published);
   double upper_velocity(Eigen::Index joint) const;
   double lower_velocity(Eigen::Index joint) const;
+  double late(Eigen::Index joint) const;
   void begin_at(const JointVector& q);
   void set_joints(const JointVector& q, const JointVector& dq);
   void publish();
@@ -115,9 +127,7 @@ class DesiredMotion {
   MotionGenerator generator_ = MotionGenerator::idle;
   bool asynchronous_ = false, first_ = true, stopping_ = false, elbow_commanded_ = false;
   DesiredState state_;
-  // As published: rounded to single precision.
-  JointVector q_published_, dq_published_, ddq_published_;
-  Cartesian published_;
+  Published published_;
 
   std::array<Violation, 8> violations_{};
   std::size_t violation_count_ = 0;

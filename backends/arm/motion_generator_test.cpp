@@ -1,0 +1,321 @@
+// The desired motion: what is published of it, and which commands the arm refuses. Numbers by formulas of
+// motions, and by a client of its own that knows only what is published.
+#include <cstdlib>
+#include <functional>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "backends/arm/desired_motion.hpp"
+#include "core/test_support/test_arm.hpp"
+#include "models/arm_source.hpp"
+
+namespace multipanda {
+namespace {
+
+using test::Draw;
+constexpr double dt = 0.001;
+
+struct Rig {
+  explicit Rig(const std::string& name, const Pose& X_FE = {}, bool any_joints = false)
+      : robot(load_robot(name)),
+        model(std::make_shared<const ArmModel>(arm_model_source(robot, Draw(3).pose(1), false))),
+        limits(MotionLimits::of(robot)) {
+    if (any_joints) {  // only the Cartesian rules
+      limits.dq_max.setConstant(1e6);
+      limits.ddq_max.setConstant(1e9);
+      limits.velocity_offset.resize(0);
+      limits.deceleration.resize(0);
+      limits.q_min.setConstant(-1e3);
+      limits.q_max.setConstant(1e3);
+    }
+    motion.emplace(model, limits);
+    motion->hold(model->q_home(), X_FE);
+  }
+  MotionStart start(MotionGenerator generator) {
+    return motion->start({.controller = ArmController::joint_impedance, .generator = generator});
+  }
+  const DesiredState& state() const { return motion->state(); }
+  InterfaceCommand joints(const JointVector& q) const {
+    InterfaceCommand c;
+    c.q_c = q;
+    return c;
+  }
+  InterfaceCommand velocity(const JointVector& dq) const {
+    InterfaceCommand c;
+    c.dq_c = dq;
+    return c;
+  }
+  static InterfaceCommand pose(const Pose& X) {
+    InterfaceCommand c;
+    Eigen::Map<Eigen::Matrix4d> T(c.O_T_EE_c.data());
+    T.setIdentity();
+    T.topLeftCorner<3, 3>() = X.rotation;
+    T.topRightCorner<3, 1>() = X.position;
+    return c;
+  }
+  std::vector<ArmError> errors() const {
+    std::vector<ArmError> found;
+    for (const Violation& v : motion->violations()) found.push_back(v.error);
+    return found;
+  }
+  RobotDescription robot;
+  std::shared_ptr<const ArmModel> model;
+  MotionLimits limits;
+  std::optional<DesiredMotion> motion;
+};
+
+int long_series(int steps) { return std::getenv("MULTIPANDA_FULL") != nullptr ? 10 * steps : steps; }
+
+// A motion from 0 to `size` and back to 0 in `duration`, at rest at both ends to the second derivative.
+double bump(double t, double duration, double size) {
+  const double s = std::clamp(t / duration, 0.0, 1.0);
+  return size * 64 * std::pow(s * (1 - s), 3);
+}
+
+TEST(DesiredMotion, PublishesBackwardDifferencesOfJointPositions) {
+  Rig rig("fr3", Draw(5).pose(0.1));
+  const JointVector q0 = rig.state().q;
+  KinematicChain chain(rig.model);
+  chain.set_end_effector(Draw(5).pose(0.1));
+  ASSERT_EQ(rig.start(MotionGenerator::joint_position), MotionStart::started);
+  const auto q_of = [&](int k) -> JointVector {
+    JointVector q = q0;
+    for (Eigen::Index i = 0; i < 7; ++i) q[i] += bump(k * dt, 2.0, 0.05 * static_cast<double>(i + 1));
+    return q;
+  };
+  for (int k = 1; k <= 2000; ++k) {
+    const InterfaceCommand command = rig.joints(q_of(k));
+    ASSERT_EQ(rig.motion->step(&command), MotionStep::moving) << k;
+    const DesiredState& s = rig.state();
+    const JointVector now = q_of(k), before = q_of(std::max(k - 1, 0)), earlier = q_of(std::max(k - 2, 0));
+    EXPECT_EQ(s.q, now);
+    EXPECT_LT((s.dq - (now - before) / dt).norm(), 1e-12);
+    EXPECT_LT((s.ddq - (now - 2 * before + earlier) / (dt * dt)).norm(), 1e-9);
+    EXPECT_LT(pose_error(s.X_BE_d, chain.X_BE(now)).norm(), 1e-14);
+    EXPECT_EQ(s.X_BE_c.position, s.X_BE_d.position);
+    EXPECT_EQ(s.V_BE_c.vector.norm(), 0);
+    Jacobian J;
+    chain.X_BE(0.5 * (now + before), J);  // the mean velocity, to second order
+    EXPECT_LT((s.V_BE_d.vector - J * s.dq).norm(), 1e-5);
+    EXPECT_EQ(s.elbow_d, elbow_of(now));
+  }
+  InterfaceCommand last = rig.joints(q_of(2001));
+  last.motion_finished = true;
+  EXPECT_EQ(rig.motion->step(&last), MotionStep::at_rest);
+}
+
+// --- a client that knows only what is published, in single precision, and limits its commands itself ---
+
+// The maker's constants less their margin: 1e-3, and for velocities what `lost` missed packets may add.
+struct ClientLimits {
+  double velocity, acceleration, jerk;
+  ClientLimits(double v, double a, double j, int lost)
+      : velocity(v - 1e-3 - lost * dt * a), acceleration(a - 1e-3), jerk(j - 1e-3) {}
+};
+
+double single(double x) { return static_cast<double>(static_cast<float>(x)); }
+template <typename V>
+V single(const V& x) {
+  return x.template cast<float>().template cast<double>();
+}
+
+// Next velocity towards v_wanted from the published velocity and acceleration: jerk first, then the
+// acceleration, which is drawn in linearly as the velocity comes near its limits.
+double limited(double v_wanted, double v, double a, const ClientLimits& l, double upper, double lower) {
+  double next = std::clamp((v_wanted - v) / dt, a - l.jerk * dt, a + l.jerk * dt);
+  const double slope = l.jerk / l.acceleration;
+  next = std::min(next, std::min(l.acceleration, slope * (upper - v)));
+  next = std::max(next, std::max(-l.acceleration, slope * (lower - v)));
+  return v + next * dt;
+}
+
+// The same for vectors by their lengths: the acceleration ends where it would leave the sphere of velocities.
+Vector3 limited(const Vector3& v_wanted, const Vector3& v, const Vector3& a, const ClientLimits& l) {
+  Vector3 jerk = ((v_wanted - v) / dt - a) / dt;
+  if (jerk.norm() > l.jerk) jerk *= l.jerk / jerk.norm();
+  const Vector3 next = a + dt * jerk;
+  const double size = next.norm();
+  if (size < 1e-12) return v;
+  const Vector3 direction = next / size;
+  const double along = direction.dot(v);
+  const double room = std::sqrt(std::max(0.0, along * along - v.squaredNorm() + l.velocity * l.velocity));
+  const double most = std::min(l.acceleration, l.jerk / l.acceleration * (room - along));
+  return v + dt * std::min(size, most) * direction;
+}
+
+struct JointClientFigures {
+  const char* robot;
+  int lost;  // packets that its library reckons with
+};
+const JointClientFigures kFr3Client{"fr3", 0}, kPandaClient{"fer", 3};
+
+// One step of a joint client: velocity per joint, from the published state.
+JointVector client_velocity(const Rig& rig, const JointVector& target, double gain, int lost) {
+  const JointVector q = single(rig.state().q), dq = single(rig.state().dq), ddq = single(rig.state().ddq);
+  JointVector v(q.size());
+  for (Eigen::Index i = 0; i < q.size(); ++i) {
+    const ClientLimits l(rig.limits.dq_max[i], rig.limits.ddq_max[i], rig.limits.dddq_max[i], lost);
+    const double tighter = rig.limits.dq_max[i] - l.velocity;
+    v[i] = limited(gain * (target[i] - q[i]), dq[i], ddq[i], l,
+                   std::max(0.0, rig.limits.upper_velocity(i, q[i]) - tighter),
+                   std::min(0.0, rig.limits.lower_velocity(i, q[i]) + tighter));
+  }
+  return v;
+}
+
+JointVector draw_target(Draw& draw, const MotionLimits& limits) {
+  JointVector q(7);
+  for (Eigen::Index i = 0; i < 7; ++i) {
+    q[i] = draw.uniform(limits.q_min[i] + 0.35, limits.q_max[i] - 0.35);
+    // Joints 5 and 7 of the FR3 are given more deceleration near the ends (17 rad/s^2) than they may command
+    // (10): no limiter that looks one step ahead keeps both. They stay where velocity is not tied.
+    if (limits.deceleration.size() != 0 && (i == 4 || i == 6)) q[i] = draw.uniform(-1.2, 1.2);
+  }
+  return q;
+}
+
+class JointClient : public testing::TestWithParam<JointClientFigures> {};
+
+TEST_P(JointClient, WithTheMakersLimitsIsNeverRefused) {
+  for (const MotionGenerator generator : {MotionGenerator::joint_position, MotionGenerator::joint_velocity}) {
+    Rig rig(GetParam().robot);
+    ASSERT_EQ(rig.start(generator), MotionStart::started);
+    Draw draw(77);
+    JointVector target = draw_target(draw, rig.limits), fastest = JointVector::Zero(7), strongest = fastest;
+    double gain = 5;
+    int trap = 0;  // commands that the exact history alone would have refused
+    for (int k = 0; k < long_series(20000); ++k) {
+      if (draw.index(700) == 0) {
+        target = draw_target(draw, rig.limits);
+        gain = draw.uniform(1, 6);
+      }
+      const JointVector v = client_velocity(rig, target, gain, GetParam().lost);
+      const JointVector q_published = single(rig.state().q);
+      const InterfaceCommand command =
+          generator == MotionGenerator::joint_position ? rig.joints(q_published + dt * v) : rig.velocity(v);
+      const DesiredState before = rig.state();
+      ASSERT_EQ(rig.motion->step(&command), MotionStep::moving)
+          << "step " << k << ": " << describe(rig.motion->violations()[0]);
+      fastest = fastest.cwiseMax(rig.state().dq.cwiseAbs());
+      strongest = strongest.cwiseMax(rig.state().ddq.cwiseAbs());
+      const JointVector jerk = (rig.state().ddq - before.ddq) / dt;
+      trap += (jerk.cwiseAbs().array() > rig.limits.dddq_max.array()).any() ||
+              (rig.state().ddq.cwiseAbs().array() > rig.limits.ddq_max.array()).any();
+    }
+    // The limits were really reached, and checking against the exact history alone would not have done.
+    EXPECT_TRUE((strongest.array() > 0.95 * rig.limits.ddq_max.array()).all()) << strongest.transpose();
+    EXPECT_TRUE((fastest.array() > 0.7 * rig.limits.dq_max.array()).any()) << fastest.transpose();
+    if (generator == MotionGenerator::joint_position) {
+      EXPECT_GT(trap, 100);
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Arms, JointClient, testing::Values(kFr3Client, kPandaClient),
+                         [](const auto& p) { return std::string(p.param.robot); });
+
+// Poses around the start; the elbow beside them.
+struct CartesianTarget {
+  Pose X;
+  double elbow = 0, gain = 4;
+};
+
+struct CartesianStep {
+  Vector6 V;
+  double delbow;
+};
+
+CartesianStep client_twist(const Rig& rig, const CartesianTarget& target, int lost, double share) {
+  const CartesianLimits& c = rig.limits.cartesian;
+  const ClientLimits linear(share * c.velocity, share * c.acceleration, c.jerk, lost),
+      angular(share * c.rotation_velocity * 0.99, share * c.rotation_acceleration, c.rotation_jerk, lost),
+      elbow(share * c.elbow_velocity, share * c.elbow_acceleration, c.elbow_jerk, lost);
+  const DesiredState& s = rig.state();
+  const Vector6 V = single(s.V_BE_c.vector), A = single(s.A_BE_c);
+  const Vector3 p = single(s.X_BE_c.position);
+  const Matrix3 R = single(s.X_BE_c.rotation);
+  // Where a vector's acceleration turns while its velocity is being limited, the maker's rule exceeds the
+  // jerk (up to sqrt(2)): this client wants less than the greatest velocity, so that jerk and acceleration
+  // limit it.
+  const auto wanted = [&](const Vector3& way, const ClientLimits& l) -> Vector3 {
+    const Vector3 v = target.gain * way;
+    return v * std::min(1.0, 0.95 * l.velocity / std::max(v.norm(), 1e-9));
+  };
+  CartesianStep step;
+  step.V.head<3>() = limited(wanted(target.X.position - p, linear), V.head<3>(), A.head<3>(), linear);
+  step.V.tail<3>() = limited(wanted(log_rotation(target.X.rotation * R.transpose()), angular), V.tail<3>(),
+                             A.tail<3>(), angular);
+  step.delbow = limited(target.gain * (target.elbow - single(s.elbow_c[0])), single(s.delbow_c[0]),
+                        single(s.ddelbow_c[0]), elbow, elbow.velocity, -elbow.velocity);
+  return step;
+}
+
+struct CartesianClientFigures {
+  const char* robot;
+  int lost;
+  bool any_joints;  // only Cartesian rules, at their limits; else gently, with all rules
+};
+
+class CartesianClient : public testing::TestWithParam<CartesianClientFigures> {};
+
+TEST_P(CartesianClient, WithTheMakersLimitsIsNeverRefused) {
+  const auto figures = GetParam();
+  for (const MotionGenerator generator :
+       {MotionGenerator::cartesian_pose, MotionGenerator::cartesian_velocity}) {
+    for (const bool with_elbow : {true, false}) {
+      Rig rig(figures.robot, Draw(5).pose(0.05), figures.any_joints);
+      ASSERT_EQ(rig.start(generator), MotionStart::started);
+      Draw draw(78);
+      const Pose X_start = rig.state().X_BE_c;
+      const double elbow_start = rig.state().elbow_c[0];
+      CartesianTarget target{X_start, elbow_start};
+      double strongest = 0, strongest_turn = 0;
+      const double reach = figures.any_joints ? 0.15 : 0.1;
+      for (int k = 0; k < long_series(6000); ++k) {
+        if (draw.index(400) == 0) {
+          target.X.position = X_start.position + draw.vector3(reach);
+          target.X.rotation = exp_rotation(draw.vector3(reach * 2)) * X_start.rotation;
+          target.elbow = elbow_start + draw.uniform(-0.3, 0.3);
+          target.gain = draw.uniform(2, 6);
+        }
+        const CartesianStep step = client_twist(rig, target, figures.lost, figures.any_joints ? 1.0 : 0.04);
+        const DesiredState& s = rig.state();
+        InterfaceCommand command;
+        if (generator == MotionGenerator::cartesian_pose) {
+          // Built on the published matrix, which is no exact rotation.
+          const Matrix3 R = single(s.X_BE_c.rotation);
+          const Vector3 p = single(s.X_BE_c.position);
+          command = Rig::pose({exp_rotation(dt * step.V.tail<3>()) * R, p + dt * step.V.head<3>()});
+        } else {
+          command.O_dP_EE_c = step.V;
+        }
+        command.has_elbow = with_elbow;
+        command.elbow_c = {single(s.elbow_c[0]) + dt * step.delbow, s.elbow_d[1]};
+        ASSERT_EQ(rig.motion->step(&command), MotionStep::moving)
+            << "step " << k << ": " << describe(rig.motion->violations()[0]);
+        ASSERT_LT(pose_error(s.X_BE_c, s.X_BE_d).norm(), 1e-9);
+        ASSERT_LT((s.X_BE_c.rotation.transpose() * s.X_BE_c.rotation - Matrix3::Identity()).norm(), 1e-13);
+        if (with_elbow) {
+          ASSERT_NEAR(s.elbow_d[0], command.elbow_c[0], 1e-9);
+        }
+        strongest = std::max(strongest, s.A_BE_c.head<3>().norm());
+        strongest_turn = std::max(strongest_turn, s.A_BE_c.tail<3>().norm());
+      }
+      const double share = figures.any_joints ? 0.95 : 0.035;
+      EXPECT_GT(strongest, share * rig.limits.cartesian.acceleration);
+      EXPECT_GT(strongest_turn, share * rig.limits.cartesian.rotation_acceleration);
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Arms, CartesianClient,
+    testing::Values(CartesianClientFigures{"fr3", 0, true}, CartesianClientFigures{"fer", 3, true},
+                    CartesianClientFigures{"fr3", 0, false}, CartesianClientFigures{"fer", 3, false}),
+    [](const auto& p) {
+      return std::string(p.param.robot) + (p.param.any_joints ? "_at_the_limits" : "_gently");
+    });
+
+}  // namespace
+}  // namespace multipanda
