@@ -194,6 +194,8 @@ class ArmWriter {
                           {"type", "slide"},
                           {"axis", "0 1 0"},
                           {"range", "0 " + exact(hand.finger_travel)},
+                          {"solreflimit", "0.004 1"},  // stops of metal
+                          {"solimplimit", "0.99 0.99 0.001"},
                           {"armature", exact(kFingerArmature)}});
       write_inertial(hand.finger);
       write_visuals(hand.finger_visuals, "finger");

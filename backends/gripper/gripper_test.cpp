@@ -117,43 +117,210 @@ Scene grasp_scene(const Vector3& size = {0.03, 0.04, 0.04}, double mass = 0.3, d
   return scene;
 }
 
+// Slow sums of sines in all six directions of the end effector, 15 cm/s and 0.4 rad/s in amplitude.
+struct SeededMotion {
+  explicit SeededMotion(unsigned seed) {
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<double> phase(0, 2 * M_PI);
+    for (auto& p : phases) p = phase(random);
+  }
+  Vector6 at(int k) const {
+    Vector6 V;
+    for (Eigen::Index i = 0; i < 6; ++i) {
+      V[i] = std::min(1.0, 0.002 * k) * (i < 3 ? 0.15 : 0.4) * std::sin(0.004 * k + phases[i]);
+    }
+    return V;
+  }
+  Vector6 phases;
+};
+
+// What the held box does to the hand: its weight and nothing of the squeeze.
+void expect_only_weight(const Rig& rig, double mass) {
+  const Vector3 F = rig.loop.state().F_K_W_true.force();
+  EXPECT_LT((F - Vector3(0, 0, mass * kGravity)).norm(), 0.01 * mass * kGravity) << F.transpose();
+}
+
 TEST(Fingers, GraspedBoxIsLiftedAndHeldThroughMotion) {
+  const Pose turned = pose(0.3, -0.2, 0.1, 0, 0, 1.1);
   for (const double force : {15.0, 40.0, 70.0}) {
-    Rig rig(grasp_scene());
+    Rig rig(grasp_scene({0.03, 0.04, 0.04}, 0.3, force == 40 ? 0.004 : 0, force == 70 ? turned : Pose{}));
     rig.steps(200);
     const ArmAnswer answer = rig.run(GripperGrasp{.width = 0.04, .speed = 0.1, .force = force});
     EXPECT_TRUE(answer.success) << answer.reason;
     EXPECT_TRUE(rig.gripper().grasped);
+    EXPECT_FALSE(rig.gripper().moving);
+    EXPECT_NEAR(rig.gripper().width, 0.04, 1e-3);
     rig.steps(300);
     const auto [left, right] = rig.squeeze();
-    std::printf("force %g: %g %g width %g z %g\n", force, left, right, rig.gripper().width, rig.X_EO().position.z());
     EXPECT_NEAR(left, force, 0.05 * force);
     EXPECT_NEAR(right, force, 0.05 * force);
     rig.lift(0.15);
     rig.steps(500);
-    const auto F = rig.loop.state().F_K_W_true.force();
-    std::printf("F %g %g %g\n", F[0], F[1], F[2]);
+    expect_only_weight(rig, 0.3);
     const Pose X_EO = rig.X_EO();
-    std::mt19937 random(static_cast<unsigned>(force));
-    std::uniform_real_distribution<double> phase(0, 2 * M_PI);
-    Vector6 phases;
-    for (auto& p : phases) p = phase(random);
-    double slip = 0, turn=0;
+    const SeededMotion motion(static_cast<unsigned>(force));
+    double slip = 0;
     for (int k = 0; k < 4000; ++k) {
-      Vector6 V;
-      for (Eigen::Index i = 0; i < 6; ++i) {
-        V[i] = std::min(1.0, 0.002 * k) * (i < 3 ? 0.15 : 0.4) * std::sin(0.004 * k + phases[i]);
-      }
-      rig.step(V);
-      const Pose now = rig.X_EO();
-      slip = std::max(slip, (now.position - X_EO.position).norm());
-      turn = std::max(turn, log_rotation(now.rotation * X_EO.rotation.transpose()).norm());
+      rig.step(motion.at(k));
+      slip = std::max(slip, (rig.X_EO().position - X_EO.position).norm());
     }
-    { const Vector3 s = 1000 * (rig.X_EO().position - X_EO.position); std::printf("end slip %g %g %g\n", s[0], s[1], s[2]); }
-    std::printf("slip %g mm, turn %g\n", 1000 * slip, turn);
     EXPECT_LT(slip, 1e-3);
+    EXPECT_GT(rig.loop.backend.world().X_WO(1).position.z(), 0.05);
     EXPECT_TRUE(rig.gripper().grasped);
+    // Without current the fingers hold nothing.
+    EXPECT_TRUE(rig.run(GripperStop{}).success);
+    rig.steps(500);
+    EXPECT_FALSE(rig.gripper().grasped);
+    EXPECT_GT((rig.X_EO().position - X_EO.position).norm(), 0.02);
   }
+}
+
+TEST(Fingers, MotionsEndAsTheyShould) {
+  Rig rig(grasp_scene());
+  EXPECT_TRUE(rig.loop.backend.capabilities(0).has_gripper);
+  EXPECT_FALSE(rig.loop.backend.capabilities(0).has_vacuum);
+  rig.step();
+  EXPECT_TRUE(rig.gripper().present);
+  EXPECT_EQ(rig.gripper().max_width, 0);
+  // Misses: the box is 40 mm wide.
+  for (const double width : {0.03, 0.05}) {
+    EXPECT_FALSE(rig.run(GripperGrasp{.width = width, .speed = 0.1, .force = 30}).success);
+    EXPECT_FALSE(rig.gripper().grasped);
+  }
+  EXPECT_TRUE(
+      rig.run(GripperGrasp{.width = 0.03, .speed = 0.1, .force = 30, .tolerance_outer = 0.015}).success);
+  EXPECT_TRUE(rig.run(GripperMove{.width = 0.07, .speed = 0.1}).success);
+  EXPECT_NEAR(rig.gripper().width, 0.07, 5e-4);
+  // A move against the box stops there.
+  EXPECT_FALSE(rig.run(GripperMove{.width = 0.02, .speed = 0.1}).success);
+  EXPECT_NEAR(rig.gripper().width, 0.04, 2e-3);
+  // Gone is the box.
+  EXPECT_TRUE(rig.run(PlaceObject{"box", pose(0, 0, -1)}).success);
+  EXPECT_TRUE(rig.run(GripperHoming{}).success);
+  EXPECT_NEAR(rig.gripper().max_width, 0.08, 3e-4);
+  EXPECT_TRUE(rig.run(GripperMove{.width = 0.001, .speed = 5}).success);
+  // 8 cm at the 0.2 m/s that a hand has, not at 5 m/s
+  const int begin = static_cast<int>(rig.loop.state().sequence);
+  EXPECT_TRUE(rig.run(GripperMove{.width = 0.08, .speed = 5}).success);
+  EXPECT_GT(static_cast<int>(rig.loop.state().sequence) - begin, 380);
+}
+
+TEST(Fingers, StopResetAndNewMotionsAbort) {
+  Rig rig(grasp_scene());
+  auto slow = rig.ask(GripperMove{.width = 0.06, .speed = 0.01});
+  rig.steps(100);
+  EXPECT_TRUE(rig.gripper().moving);
+  auto next = rig.ask(GripperMove{.width = 0.07, .speed = 0.01});
+  EXPECT_NE(rig.wait(std::move(slow)).reason.find("another motion"), std::string::npos);
+  EXPECT_TRUE(rig.run(GripperStop{}).success);
+  EXPECT_FALSE(rig.wait(std::move(next)).success);
+  EXPECT_FALSE(rig.gripper().moving);
+  auto homing = rig.ask(GripperHoming{});
+  rig.steps(50);
+  EXPECT_TRUE(rig.run(ResetSimulation{}).success);
+  EXPECT_FALSE(rig.wait(std::move(homing)).success);
+  EXPECT_NEAR(rig.gripper().width, 0.08, 1e-3);
+  auto unanswered = rig.ask(GripperHoming{});
+  rig.steps(2);
+  rig.loop.backend.finish();
+  EXPECT_NE(unanswered.get().reason.find("not running"), std::string::npos);
+}
+
+TEST(Fingers, RequestsThatCannotBeMeantAreRefused) {
+  Rig rig(grasp_scene());
+  EXPECT_NE(rig.run(GripperMove{.width = -0.01}).reason.find("width"), std::string::npos);
+  EXPECT_NE(rig.run(GripperMove{.width = 0.01, .speed = 0}).reason.find("speed"), std::string::npos);
+  EXPECT_NE(rig.run(GripperGrasp{.width = 0.01, .force = NAN}).reason.find("force"), std::string::npos);
+  EXPECT_NE(rig.run(VacuumOn{}).reason.find("no such gripper"), std::string::npos);
+  EXPECT_NE(rig.run(VacuumStop{}).reason.find("no such gripper"), std::string::npos);
+}
+
+// Wherever the fingers stand, the arm's own model (fingers closed) carries it.
+TEST(Fingers, TheirPlaceIsNoLoadForTheArm) {
+  Scene scene = grasp_scene();
+  scene.objects.clear();
+  Loop loop(scene);
+  for (const double width : {0.0, 0.04, 0.08}) {
+    auto answer = loop.backend.request(0, GripperMove{.width = width, .speed = 0.2});
+    loop.steps(1500);  // commanded torque: zero
+    EXPECT_TRUE(answer.get().success) << width;
+    EXPECT_LT((loop.state().q - ready()).cwiseAbs().maxCoeff(), 2e-4) << width;
+  }
+}
+
+// --- vacuum ---
+
+const Vector3 kCup(0, 0, 0.1);  // in the flange
+
+// A part below the cup at a distance, on a table.
+Scene vacuum_scene(double gap, double mass = 0.5) {
+  SceneArm arm = arm_named("a", pose(0.1, 0.2, 0, 0, 0, 0.7), false);
+  arm.vacuum = true;
+  arm.X_FE = Pose{Matrix3::Identity(), kCup};
+  ModelTerms terms = terms_of(arm);
+  terms.update(arm.q_start, joint_constant(7, 0));
+  const Vector3 cup = terms.X_WF() * kCup;
+  Scene scene = scene_of({arm});
+  scene.objects = {SceneObject{}, free_box({Matrix3::Identity(), cup - Vector3(0, 0, 0.02 + gap)},
+                                           {0.06, 0.06, 0.04}, mass)};
+  SceneObject& table = scene.objects[0];
+  table.name = "table";
+  table.size = {0.3, 0.3, 0.1};
+  table.X_WO.position = cup - Vector3(0, 0, 0.04 + gap + 0.05);
+  return scene;
+}
+
+TEST(Vacuum, PartIsLiftedHeldThroughMotionAndDropped) {
+  Rig rig(vacuum_scene(0.003));
+  EXPECT_TRUE(rig.loop.backend.capabilities(0).has_vacuum);
+  rig.steps(100);
+  const ArmAnswer answer = rig.run(VacuumOn{.pressure_mbar = 600, .timeout_s = 2});
+  EXPECT_TRUE(answer.success) << answer.reason;
+  EXPECT_TRUE(rig.gripper().grasped);
+  rig.lift(0.15);
+  rig.steps(300);
+  expect_only_weight(rig, 0.5);
+  const Pose X_EO = rig.X_EO();
+  const SeededMotion motion(3);
+  double slip = 0;
+  for (int k = 0; k < 3000; ++k) {
+    rig.step(motion.at(k));
+    slip = std::max(slip, (rig.X_EO().position - X_EO.position).norm());
+  }
+  EXPECT_LT(slip, 1e-3);
+  EXPECT_TRUE(rig.run(VacuumDrop{.timeout_s = 1}).success);
+  EXPECT_FALSE(rig.gripper().grasped);
+  rig.steps(300);
+  EXPECT_GT((rig.X_EO().position - X_EO.position).norm(), 0.1);
+  EXPECT_EQ(rig.loop.state().F_K_W_true.vector.norm(), 0);
+}
+
+TEST(Vacuum, TooFarAwayOrTooHeavyIsNotHeld) {
+  Rig far(vacuum_scene(0.008));
+  const ArmAnswer answer = far.run(VacuumOn{.pressure_mbar = 600, .timeout_s = 0.3});
+  EXPECT_FALSE(answer.success);
+  EXPECT_NE(answer.reason.find("vacuum"), std::string::npos) << answer.reason;
+  // 40 mm at 100 mbar hold 12.6 N; 2 kg weigh 19.6 N.
+  Rig heavy(vacuum_scene(0.002, 2.0));
+  EXPECT_TRUE(heavy.run(VacuumOn{.pressure_mbar = 100, .timeout_s = 2}).success);
+  heavy.lift(0.1);
+  EXPECT_FALSE(heavy.gripper().grasped);
+  Rig strong(vacuum_scene(0.002, 2.0));
+  EXPECT_TRUE(strong.run(VacuumOn{.pressure_mbar = 600, .timeout_s = 2}).success);
+  strong.lift(0.1);
+  EXPECT_TRUE(strong.gripper().grasped);
+  expect_only_weight(strong, 2.0);
+}
+
+TEST(Vacuum, WithoutPumpThePartFallsAfterAWhile) {
+  Rig rig(vacuum_scene(0.002));
+  EXPECT_TRUE(rig.run(VacuumOn{.pressure_mbar = 600, .timeout_s = 2}).success);
+  rig.lift(0.1);
+  EXPECT_TRUE(rig.run(VacuumStop{}).success);
+  EXPECT_TRUE(rig.gripper().grasped);
+  rig.steps(9000);  // 0.5 kg need 39 mbar
+  EXPECT_FALSE(rig.gripper().grasped);
+  EXPECT_FALSE(rig.run(GripperMove{.width = 0.02}).success);  // has no fingers
 }
 
 }  // namespace

@@ -140,8 +140,10 @@ void SimulatedGripper::judge(double width, double rate, double dt) {
       return;
     }
     case Drive::find_closed:
-      if (stalled) go(Drive::find_open, 2 * limits_.width, kHomingSpeed, kHomingForce);
-      return;
+      if (!stalled) return;
+      w_ref_ = width;
+      v_ref_ = 0;
+      return go(Drive::find_open, 2 * limits_.width, kHomingSpeed, kHomingForce);
     case Drive::find_open:
       if (!stalled) return;
       state_.max_width = width;

@@ -1,5 +1,6 @@
 #include "fci/client/from_scene.hpp"
 
+#include "fci/client/gripper_link.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::fci {
@@ -21,6 +22,11 @@ FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address) {
   config.joint_stiffness = arm.joint_stiffness;
   config.cartesian_stiffness = arm.cartesian_stiffness;
   config.thresholds = arm.collision;
+  if (arm.vacuum || (arm.fci && arm.fci->vacuum)) {
+    config.end_effector = [name = arm.name, address] { return vacuum_link(name, address); };
+  } else if (arm.hand && (!arm.fci || arm.fci->gripper)) {
+    config.end_effector = [name = arm.name, address] { return gripper_link(name, address); };
+  }
   if (arm.fci) {
     config.version = arm.fci->version;
     config.low_pass_hz = arm.fci->low_pass_hz;
