@@ -2,13 +2,23 @@
 
 #include <sys/epoll.h>
 #include <sys/socket.h>
+#include <system_error>
 
 namespace multipanda::fci {
+namespace {
+
+// A program that does not say which version it speaks gives way to the next one after this time.
+constexpr std::chrono::seconds kHandshake{2};
+
+constexpr int kConnectionsPerRound = 8;  // nobody keeps the arms' loop busy
+
+}  // namespace
 
 struct EndEffectorPort::Client {
   Client(Accepted accepted, Poll& poll, Port& port)
-      : stream(std::move(accepted.socket), accepted.peer, poll, port) {}
+      : stream(std::move(accepted.socket), accepted.peer, poll, port), since(host_now()) {}
   TcpStream stream;
+  HostTime since;
   Socket udp;  // none before Connect
 };
 
@@ -41,9 +51,12 @@ void EndEffectorPort::ready(int file, std::uint32_t events) {
 }
 
 void EndEffectorPort::accept() {
-  while (auto accepted = accept_from(listener_)) {
+  for (int i = 0; i < kConnectionsPerRound; ++i) {
+    auto accepted = accept_from(listener_);
+    if (!accepted) return;
     // A program that ends and one that begins may come in the same round.
     if (client_ && client_->stream.peer_has_closed()) client_.reset();
+    if (client_ && !client_->udp && host_now() - client_->since > kHandshake) client_.reset();
     if (client_) continue;  // refused: closed at once
     reader_.reset();
     pending_.reset();
@@ -91,7 +104,11 @@ bool EndEffectorPort::connect(const Message& message) {
   if (!speaks) return true;  // the program reads why, and leaves
   sockaddr_in peer = client_->stream.peer();
   peer.sin_port = htons(request.udp_port);
-  client_->udp = udp_between(address_, peer);
+  try {
+    client_->udp = udp_between(address_, peer);
+  } catch (const std::system_error&) {
+    return false;  // this computer has no socket left for it
+  }
   publish();  // the program waits for one
   return true;
 }
