@@ -280,12 +280,12 @@ Bytes noise(std::mt19937& random, std::size_t size) {
 TEST_F(HostilePrograms, NoiseBeforeAndAfterConnect) {
   under_attack([this] {
     std::mt19937 random(41);
-    for (int i = 0; i < cases(500); ++i) {
+    for (int i = 0; i < cases(300); ++i) {
       const Wire wire(place_, place_.port);
       wire.send(noise(random, random() % 900));
       if (i % 3 == 0) wire.tear_off();
     }
-    for (int i = 0; i < cases(500); ++i) {
+    for (int i = 0; i < cases(300); ++i) {
       auto program = arrive(static_cast<std::uint16_t>(4 + i % 7));
       ASSERT_TRUE(program);
       program->wire().send(noise(random, 12 + random() % 900));
@@ -480,6 +480,113 @@ TEST_F(HostilePrograms, MotionsThatAreAbandoned) {
     ASSERT_TRUE(program->wait_for([](const RobotState& s) { return !is_moving(s); }));
     EXPECT_EQ(program->answer(Command::move, move), Status::reflex_aborted);
   });
+}
+
+// A program at a gripper's or vacuum gripper's port.
+class Hand {
+ public:
+  Hand(const ArmPlace& place, std::uint16_t port, std::uint16_t version) : wire_(place, port) {
+    connected_ = ask(GripperConnectRequest{version, 40000}) == GripperStatus::success;
+  }
+  bool connected() const { return connected_; }
+  const Wire& wire() const { return wire_; }
+  // None: no answer.
+  template <class R>
+  std::optional<GripperStatus> ask(const R& request) {
+    std::array<std::byte, kMaxGripperRequestSize> bytes;
+    const std::uint32_t id = next_id_++;
+    wire_.send(std::span(bytes).first(encode_gripper_request(id, request, bytes)));
+    Message reply;
+    for (;;) {
+      while (reader_.next(reply) == FrameReader::Next::message) {
+        GripperStatus status{};
+        if (reply.command_id == id && decode_gripper_reply(reply.payload, status) == WireResult::ok)
+          return status;
+      }
+      if (!wait_readable(wire_.file(), kPatienceMs)) return std::nullopt;
+      const auto room = reader_.room();
+      const auto n = ::recv(wire_.file(), room.data(), room.size(), 0);
+      if (n <= 0) return std::nullopt;
+      reader_.received(static_cast<std::size_t>(n));
+    }
+  }
+
+ private:
+  Wire wire_;
+  bool connected_ = false;
+  std::uint32_t next_id_ = 0;
+  FrameReader reader_{HeaderKind::gripper, 1024};
+};
+
+class HostileToHands : public HostilePrograms {
+ protected:
+  static std::unique_ptr<Hand> arrive_at(const ArmPlace& place, std::uint16_t port, std::uint16_t version) {
+    for (int i = 0; i < 1000; ++i) {
+      auto hand = std::make_unique<Hand>(place, port, version);
+      if (hand->connected()) return hand;
+      std::this_thread::yield();
+    }
+    return nullptr;
+  }
+
+  static void attack(const ArmPlace& place, std::uint16_t port, std::uint16_t version) {
+    ASSERT_NE(port, 0);
+    std::mt19937 random(43);
+    for (int i = 0; i < cases(200); ++i) {
+      {
+        const Wire wire(place, port);
+        wire.send(noise(random, random() % 200));
+        if (i % 3 == 0) wire.tear_off();
+      }
+      auto hand = arrive_at(place, port, version);
+      ASSERT_TRUE(hand);
+      Bytes bytes = noise(random, 10 + random() % 60);
+      // Half of them with a header that is one
+      if (i % 2 == 0)
+        encode(HeaderKind::gripper,
+               {static_cast<std::uint32_t>(random() % 5), 7, 10 + static_cast<std::uint32_t>(random() % 50)},
+               bytes);
+      hand->wire().send(bytes);
+    }
+    for (const std::uint32_t size : {0u, 9u, 51u, 0xffffffffu}) {
+      Bytes bytes(10);
+      encode(HeaderKind::gripper, {4, 7, size}, bytes);
+      const Wire wire(place, port);
+      wire.send(bytes);
+      EXPECT_TRUE(wire.closes()) << size;
+    }
+    // The first of those that say nothing holds the only place, until somebody else wants it for a while.
+    std::vector<std::unique_ptr<Wire>> silent;
+    for (int i = 0; i < 20; ++i) silent.push_back(std::make_unique<Wire>(place, port));
+    while (!wait_readable(silent.front()->file(), 20)) Wire(place, port);
+    silent.clear();
+    // Requests without end, and nobody who reads the answers
+    auto hand = arrive_at(place, port, version);
+    ASSERT_TRUE(hand);
+    Bytes many;
+    for (std::uint32_t k = 0; k < 5000; ++k) {
+      Bytes one(50);
+      one.resize(version == kGripperVersion ? encode_gripper_request(k, GripperMoveRequest{0.02, 0.1}, one)
+                                            : encode_gripper_request(k, VacuumRequest{50, 0, 10}, one));
+      many.insert(many.end(), one.begin(), one.end());
+    }
+    hand->wire().send(many);
+  }
+};
+
+TEST_F(HostileToHands, Gripper) {
+  under_attack([this] { attack(place_, place_.gripper_port, kGripperVersion); });
+  auto hand = arrive_at(place_, place_.gripper_port, kGripperVersion);
+  ASSERT_TRUE(hand);
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  for (const double bad : {kNaN, std::numeric_limits<double>::infinity(), -1.0}) {
+    EXPECT_EQ(hand->ask(GripperMoveRequest{bad, 0.1}), GripperStatus::fail) << bad;
+    EXPECT_EQ(hand->ask(GripperMoveRequest{0.03, bad}), GripperStatus::fail) << bad;
+    EXPECT_EQ(hand->ask(GripperGraspRequest{0.03, 0.005, 0.005, 0.1, bad}), GripperStatus::fail) << bad;
+  }
+  EXPECT_EQ(hand->ask(GripperStopRequest{}), GripperStatus::success);
+  EXPECT_EQ(hand->ask(GripperHomingRequest{}), GripperStatus::success);
+  EXPECT_EQ(hand->ask(GripperMoveRequest{0.03, 0.1}), GripperStatus::success);
 }
 
 // Datagrams to the victim's own port at the server, from a stranger's socket.
