@@ -181,7 +181,7 @@ void ArmPort::publish() {
   answer_fate_ = AnswerFate::arrives;
   state_lost_ = false;
   if (!client_ || client_->dialect == nullptr) return;
-  fill(state_, message_id_, arm_, config_.end_effector);
+  fill(state_, message_id_, arm_, config_.fixed);
   const std::size_t size = encode(*client_->dialect, state_, state_bytes_);
   const std::span<const std::byte> bytes(state_bytes_.data(), size);
   if (config_.lockstep && (out_.faults().any() || overtaken_)) {

@@ -30,7 +30,7 @@ struct ArmPortConfig {
   std::uint16_t port = kArmPort;
   // The world waits for this arm's command. Otherwise a command counts that came before the period's end.
   bool lockstep = false;
-  EndEffectorConfig end_effector;
+  FixedConfig fixed;
   ModelDownload model;
   std::uint64_t seed = 1;  // of injected faults
 };

@@ -92,7 +92,7 @@ bool ArmPort::serve(const Message& message) {
       return take(SetEEToKRequest{}, set);
     case Command::set_ne_to_ee:
       return take(SetNEToEERequest{}, [&](const auto& r) {
-        reply(*command, message.command_id, apply(arm_request(r, config_.end_effector.X_FNE)));
+        reply(*command, message.command_id, apply(arm_request(r, config_.fixed.X_FNE)));
       });
     case Command::set_load:
       return take(SetLoadRequest{}, set);

@@ -77,8 +77,7 @@ bool is_transform(const std::array<double, 16>& from) {
   return (R * R.transpose() - Matrix3::Identity()).cwiseAbs().maxCoeff() < 3 * kSlack && R.determinant() > 0;
 }
 
-void fill(RobotState& state, std::uint64_t message_id, const SimulatedArm& arm,
-          const EndEffectorConfig& config) {
+void fill(RobotState& state, std::uint64_t message_id, const SimulatedArm& arm, const FixedConfig& config) {
   const ArmState& seen = arm.state();
   const InterfaceState& own = arm.interface();
   const ArmSettings& set = arm.settings();
@@ -125,7 +124,7 @@ void fill(RobotState& state, std::uint64_t message_id, const SimulatedArm& arm,
   put(state.O_dP_EE_d, own.V_BE_d.vector);
   put(state.O_dP_EE_c, own.V_BE_c.vector);
   put(state.O_ddP_EE_c, own.A_BE_c);
-  state.O_ddP_O = {0, 0, -9.81};  // the maker's constant, however the base is mounted
+  put(state.O_ddP_O, config.gravity_B);
 
   state.motion_generator_mode = static_cast<std::uint8_t>(own.generator);  // the same order as the wire's
   state.controller_mode = static_cast<std::uint8_t>(own.controller);

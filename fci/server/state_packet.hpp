@@ -6,10 +6,12 @@
 
 namespace multipanda::fci {
 
-// What the configuration of the arm's end effector fixes; programs can only change what follows it.
-struct EndEffectorConfig {
+// What is fixed about an arm: its mounting, and what the configuration of its end effector says. Programs can
+// only change what follows that.
+struct FixedConfig {
   Pose X_FNE;    // nominal end effector in the flange (F_T_NE)
   RigidBody ee;  // hand and tool, in the flange: the model that programs download ends at the flange
+  Vector3 gravity_B{0, 0, -9.81};  // in the base's axes; the maker sends this constant for upright arms
 };
 
 // Joints that the control interface has room for.
@@ -17,8 +19,7 @@ inline constexpr std::size_t kWireJoints = 7;
 
 // An arm's present state in the words of the control interface. The arm must have kWireJoints joints. No
 // allocation.
-void fill(RobotState& state, std::uint64_t message_id, const SimulatedArm& arm,
-          const EndEffectorConfig& config);
+void fill(RobotState& state, std::uint64_t message_id, const SimulatedArm& arm, const FixedConfig& config);
 
 // Column-major 4x4, as on the wire.
 std::array<double, 16> to_wire(const Pose& X);

@@ -30,10 +30,12 @@ ArmPortConfig port_config(const Scene& scene, ArmIndex i, const ArmPlace& place,
                        .address = place.address,
                        .port = place.port,
                        .lockstep = options.pace == WorldPace::lockstep,
-                       .end_effector = {.X_FNE = {}, .ee = end_effector(robot, arm.hand, arm.tool)},
+                       .fixed = {.X_FNE = {},
+                                 .ee = end_effector(robot, arm.hand, arm.tool),
+                                 .gravity_B = arm.X_WB.rotation.transpose() * Vector3(0, 0, -9.81)},
                        .model = {.urdf = model_urdf(robot), .library = model_library(robot)},
                        .seed = options.seed + 2 * i};
-  if (arm.hand) config.end_effector.X_FNE = robot.hand->mount.pose() * robot.hand->tcp.pose();
+  if (arm.hand) config.fixed.X_FNE = robot.hand->mount.pose() * robot.hand->tcp.pose();
   return config;
 }
 

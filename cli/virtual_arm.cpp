@@ -1,0 +1,251 @@
+#include <atomic>
+#include <cerrno>
+#include <poll.h>
+#include <string>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "cli/console.hpp"
+#include "cli/program.hpp"
+#include "fci/server/control_words.hpp"
+#include "fci/server/virtual_arms.hpp"
+#include "runtime/signals.hpp"
+#include "scene/load.hpp"
+#include "scene/names.hpp"
+
+// `multipanda virtual-arm`: the arms of a scene as programs of the maker's library see real ones
+// (docs/virtual_arm.md).
+namespace multipanda::cli {
+namespace {
+
+using nlohmann::json;
+
+// Below the 80 that a control loop asks for: a late state is a late state, a late torque moves an arm.
+constexpr int kPriority = 75;
+
+struct VirtualArmWords {
+  std::string scene, pace = "realtime";
+  std::vector<std::string> bind;
+  std::vector<int> ports;
+  double latency_us = 0, jitter_us = 0;
+  fci::DatagramFaults faults;
+  std::uint64_t seed = 1;
+  double seconds = 0;
+  bool no_gripper = false, real_time_thread = false, idle_stands_still = false, json = false;
+};
+
+// --bind ARM=ADDRESS
+std::vector<fci::ArmPlace> places_of(const VirtualArmWords& words, const Scene& scene) {
+  std::vector<std::string> names;
+  for (const auto& arm : scene.arms) names.push_back(arm.name);
+  std::vector<fci::ArmPlace> places(names.size());
+  for (const auto& word : words.bind) {
+    const std::size_t equals = word.find('=');
+    if (equals == std::string::npos || equals == 0 || equals + 1 == word.size()) {
+      throw UsageError(fmt::format("virtual-arm: expected --bind ARM=ADDRESS, found '{}'", word));
+    }
+    const std::string name = word.substr(0, equals);
+    const auto found = std::find(names.begin(), names.end(), name);
+    if (found == names.end()) {
+      throw UsageError(fmt::format("virtual-arm: the scene has no arm '{}'{}", name,
+                                   name_hint(name, names, "it has none")));
+    }
+    places[static_cast<std::size_t>(found - names.begin())].address = word.substr(equals + 1);
+    fci::is_loopback(word.substr(equals + 1));  // refuses what is no address
+  }
+  if (!words.ports.empty()) {
+    for (auto& place : places) {
+      place.port = static_cast<std::uint16_t>(words.ports[0]);
+      place.gripper_port = static_cast<std::uint16_t>(words.ports[1]);
+      place.vacuum_port = static_cast<std::uint16_t>(words.ports[2]);
+    }
+  }
+  return places;
+}
+
+json listening(const fci::VirtualArms& arms) {
+  json result = json::object();
+  for (ArmIndex i = 0; i < arms.arm_count(); ++i) {
+    const auto& place = arms.place(i);
+    result[arms.names()[i]] = {{"address", place.address}, {"port", place.port}};
+  }
+  return {{"listening", result}};
+}
+
+json to_json(const fci::PortStatistics& s) {
+  return {{"clients", s.clients},
+          {"refused", s.refused},
+          {"motions", s.motions},
+          {"states_sent", s.states_sent},
+          {"states_lost", s.states_lost},
+          {"commands_received", s.commands_received},
+          {"commands_used", s.commands_used},
+          {"commands_late", s.commands_late},
+          {"commands_lost", s.commands_lost},
+          {"commands_missed", s.commands_missed},
+          {"bad_datagrams", s.bad_datagrams},
+          {"bad_requests", s.bad_requests}};
+}
+
+void say_where(const fci::VirtualArms& arms, const Console& console) {
+  for (ArmIndex i = 0; i < arms.arm_count(); ++i) {
+    const auto& place = arms.place(i);
+    console.line(fmt::format("arm {}: {}:{}{}", arms.names()[i], place.address, place.port,
+                             fci::is_loopback(place.address)
+                                 ? ""
+                                 : " (reachable from other computers: anybody there can move it)"));
+  }
+}
+
+void say_statistics(const fci::VirtualArms& arms, const Console& console) {
+  const auto world = arms.world_statistics();
+  console.line(fmt::format("{:.3f} s of the world{}", 1e-3 * static_cast<double>(world.periods),
+                           world.overruns == 0 ? "" : fmt::format(", {} ms given up", world.overruns)));
+  for (ArmIndex i = 0; i < arms.arm_count(); ++i) {
+    const auto s = arms.statistics(i);
+    console.line(fmt::format(
+        "arm {}: {} programs, {} motions; states: {} sent, {} lost; commands: {} received, {} used, {} late, "
+        "{} lost, {} periods without",
+        arms.names()[i], s.clients, s.motions, s.states_sent, s.states_lost, s.commands_received,
+        s.commands_used, s.commands_late, s.commands_lost, s.commands_missed));
+  }
+}
+
+// Until a signal, the end of the time, or of the world. Meanwhile takes lines from standard input.
+void wait_for_end(fci::VirtualArms& arms, int end_file, double seconds, const Console& console) {
+  const HostTime end = host_now() + std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 * seconds));
+  std::string line;
+  bool reads = true;
+  while (arms.running()) {
+    pollfd files[2] = {{.fd = end_file, .events = POLLIN, .revents = 0},
+                       {.fd = reads ? STDIN_FILENO : -1, .events = POLLIN, .revents = 0}};
+    if (::poll(files, 2, 100) < 0 && errno != EINTR) return;
+    if (files[0].revents != 0 || (seconds > 0 && host_now() >= end)) return;
+    if (files[1].revents == 0) continue;
+    char bytes[512];
+    const auto count = ::read(STDIN_FILENO, bytes, sizeof(bytes));
+    if (count <= 0) reads = false;  // no terminal, or its end: the arms go on
+    for (ssize_t i = 0; i < count; ++i) {
+      if (bytes[i] != '\n') {
+        if (line.size() < 512) line += bytes[i];
+        continue;
+      }
+      const std::string answer = fci::control(arms, line);
+      line.clear();
+      if (!answer.empty()) console.line(answer);
+    }
+  }
+}
+
+int run(const VirtualArmWords& words) {
+  const Console console(words.json);
+  OpenedScene opened = open_scene(words.scene);
+  fci::VirtualArmOptions options;
+  options.places = places_of(words, opened.scene);
+  options.pace = words.pace == "lockstep" ? fci::WorldPace::lockstep : fci::WorldPace::realtime;
+  options.grippers = !words.no_gripper;
+  options.faults = words.faults;
+  options.faults.latency_s = 1e-6 * words.latency_us;
+  options.faults.jitter_s = 1e-6 * words.jitter_us;
+  options.seed = words.seed;
+  options.idle_stands_still = words.idle_stands_still;
+  if (words.real_time_thread) {
+    if (options.pace == fci::WorldPace::lockstep) {
+      throw UsageError("virtual-arm: --real-time is for --pace realtime: lock-step waits for programs");
+    }
+    options.thread = ThreadSetup{.lock_memory = true, .fifo_priority = kPriority, .cpu = {}};
+  }
+  const int end_file = eventfd(0, EFD_CLOEXEC);
+  const SignalWatch signals([end_file](int) {
+    const std::uint64_t one = 1;
+    [[maybe_unused]] const auto size = ::write(end_file, &one, sizeof(one));
+  });
+  fci::VirtualArms arms(std::move(opened.scene), options);
+  arms.start();
+  for (const auto& step : arms.thread_setup()) {
+    if (!step.done) console.line(fmt::format("no {}: {}", step.what, step.reason));
+  }
+  say_where(arms, console);
+  console.line(fmt::format("{}; Ctrl-C ends; words on standard input, 'help' lists them",
+                           options.pace == fci::WorldPace::lockstep
+                               ? "the world waits for the programs' commands (lockstep)"
+                               : "in real time"));
+  if (words.json) {
+    fmt::print("{}\n", listening(arms).dump());
+    std::fflush(stdout);
+  }
+  wait_for_end(arms, end_file, words.seconds, console);
+  arms.stop();
+  ::close(end_file);
+  if (words.json) {
+    json result = {{"periods", arms.world_statistics().periods},
+                   {"given_up_ms", arms.world_statistics().overruns},
+                   {"fault", arms.fault()}};
+    for (ArmIndex i = 0; i < arms.arm_count(); ++i) {
+      result["arms"][arms.names()[i]] = to_json(arms.statistics(i));
+    }
+    fmt::print("{}\n", json{{"ended", result}}.dump());
+  } else {
+    say_statistics(arms, console);
+  }
+  if (arms.failed()) {
+    console.line("failed: " + arms.fault());
+    return kFailed;
+  }
+  return kSuccess;
+}
+
+}  // namespace
+
+void add_virtual_arm(Program& program) {
+  auto words = std::make_shared<VirtualArmWords>();
+  CLI::App* command = program.add(
+      "virtual-arm", "Virtual arms: a scene's arms at the ports where programs of the maker's library look",
+      "  multipanda virtual-arm one_arm                      127.0.0.1, in real time, until Ctrl-C\n"
+      "  multipanda virtual-arm two_arms --pace lockstep     127.0.0.1 and 127.0.0.2; time waits for the "
+      "programs\n"
+      "  multipanda virtual-arm two_arms --bind left=127.0.0.5 --bind right=127.0.0.6\n"
+      "  multipanda virtual-arm one_arm --latency-us 200 --loss 0.02 --seed 7");
+  command->add_option("scene", words->scene, "Name (multipanda list scenes) or path of a scene file")
+      ->required();
+  command
+      ->add_option("--bind", words->bind,
+                   "Where an arm listens; default 127.0.0.1 for the first, 127.0.0.2 for the second, ...")
+      ->type_name("ARM=ADDRESS");
+  command->add_option("--pace", words->pace, "By the wall clock, or waiting for the programs' commands")
+      ->check(CLI::IsMember({"realtime", "lockstep"}))
+      ->capture_default_str();
+  command
+      ->add_option("--ports", words->ports,
+                   "Of arm, gripper and vacuum gripper; the maker's library knows only 1337 1338 1339, "
+                   "0 takes a free one")
+      ->expected(3)
+      ->check(CLI::Range(0, 65535))
+      ->type_name("PORT");
+  command->add_option("--latency-us", words->latency_us, "Delay of datagrams, each way")
+      ->check(CLI::Range(0.0, 1e7));
+  command->add_option("--jitter-us", words->jitter_us, "Up to so much more, evenly distributed")
+      ->check(CLI::Range(0.0, 1e7));
+  command->add_option("--loss", words->faults.loss, "Share of datagrams lost, each way")
+      ->check(CLI::Range(0.0, 1.0));
+  command->add_option("--duplicate", words->faults.duplicate, "Share that arrives twice")
+      ->check(CLI::Range(0.0, 1.0));
+  command->add_option("--reorder", words->faults.reorder, "Share that is overtaken by the next one")
+      ->check(CLI::Range(0.0, 1.0));
+  command->add_option("--seed", words->seed, "Of the injected faults");
+  command->add_option("--seconds", words->seconds, "End after so long; default: Ctrl-C")
+      ->check(CLI::PositiveNumber);
+  command->add_flag("--no-gripper", words->no_gripper, "Hands stay closed, nothing listens for grippers");
+  command->add_flag("--real-time", words->real_time_thread,
+                    "Ask for real-time scheduling of the loop's thread (realtime pace)");
+  command->add_flag("--idle-stands-still", words->idle_stands_still,
+                    "Lock-step: the world stands still while no arm moves");
+  command->add_flag("--json", words->json,
+                    "Standard output has one JSON line when all arms listen and one at the end");
+  program.on(command, [words] { return run(*words); });
+}
+
+}  // namespace multipanda::cli
