@@ -19,13 +19,18 @@ std::uint64_t seed_of(std::uint64_t scene_seed, std::size_t arm) {
 
 SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm) {
   const ArmConfig config = arm_config(scene.arms[arm]);
+  const RobotDescription robot = robot_of(scene.arms[arm]);
   return {.model = build_arm_model(scene.arms[arm]),
           .frames = config.frames,
           .tool = config.tool,
           .load = config.load,
           .plant = scene.plant,
           .seed = seed_of(scene.seed, arm),
-          .period_s = kArmPeriod};
+          .period_s = kArmPeriod,
+          .thresholds = scene.arms[arm].collision,
+          .joint_stiffness = scene.arms[arm].joint_stiffness,
+          .cartesian_stiffness = scene.arms[arm].cartesian_stiffness,
+          .motion_limits = MotionLimits::of(robot)};
 }
 
 std::optional<JointFriction> friction_of(const Scene& scene, const RobotDescription& robot) {

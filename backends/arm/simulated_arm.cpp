@@ -1,18 +1,13 @@
 #include "backends/arm/simulated_arm.hpp"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
-#include <numbers>
 #include <stdexcept>
 
+// Modes, motions, commands, requests. The torque path is in simulated_arm_torque.cpp, what the arm measures
+// in simulated_arm_measure.cpp.
 namespace multipanda {
 namespace {
-
-// The arm's own hold: joints as critically damped oscillators of this frequency, made independent of each
-// other by the mass matrix, so that light and heavy joints are equally stable at any control period.
-constexpr double kHoldFrequency = 60.0;  // [rad/s]
-constexpr double kRestVelocity = 0.02;   // a joint slower than this has stopped [rad/s]
 
 ArmSettings start_settings(const SimulatedArmConfig& config) {
   ArmSettings settings = default_settings(*config.model);
@@ -25,7 +20,44 @@ ArmSettings start_settings(const SimulatedArmConfig& config) {
   return settings;
 }
 
-constexpr double kGuidingDamping = 0.5;  // of every joint while it is guided by hand [N m s/rad]
+SimulatedArmConfig checked(SimulatedArmConfig config, const JointVector& q_start) {
+  const auto n = static_cast<Eigen::Index>(config.model->joint_count());
+  const auto& name = config.model->name();
+  if (q_start.size() != n) {
+    throw std::invalid_argument("the start configuration of arm model '" + name + "' has " +
+                                std::to_string(q_start.size()) + " values, the arm has " + std::to_string(n) +
+                                " joints");
+  }
+  if (config.motion_limits.dq_max.size() != n) {
+    throw std::invalid_argument("the motion limits of arm model '" + name + "' are for " +
+                                std::to_string(config.motion_limits.dq_max.size()) + " joints, the arm has " +
+                                std::to_string(n) + "; take them from MotionLimits::of(robot)");
+  }
+  for (const Load* load : {&config.tool, &config.load}) {
+    if (const auto why = check_load(*load); !why.empty()) throw std::invalid_argument(why);
+  }
+  const double periods = config.plant.command_delay_s / config.period_s;
+  if (!(periods >= 0) || std::abs(periods - std::round(periods)) > 1e-6 || periods > 1000) {
+    throw std::invalid_argument("the command delay must be a whole number of control periods of " +
+                                std::to_string(config.period_s) + " s");
+  }
+  return config;
+}
+
+bool is_cartesian(MotionGenerator generator) {
+  return generator == MotionGenerator::cartesian_pose || generator == MotionGenerator::cartesian_velocity;
+}
+
+// The flag for a command of desired motion that is no command.
+ArmError no_command(MotionGenerator generator) {
+  if (generator == MotionGenerator::cartesian_pose) {
+    return ArmError::cartesian_position_motion_generator_invalid_frame;
+  }
+  return is_cartesian(generator) ? ArmError::cartesian_motion_generator_velocity_discontinuity
+                                 : ArmError::joint_motion_generator_velocity_discontinuity;
+}
+
+constexpr double kNear = 0.05;  // a followed motion ended this near the arm: held there [rad]
 
 template <class... F>
 struct Overloaded : F... {
@@ -35,29 +67,24 @@ struct Overloaded : F... {
 }  // namespace
 
 SimulatedArm::SimulatedArm(SimulatedArmConfig config, const JointVector& q_start)
-    : config_(std::move(config)),
+    : config_(checked(std::move(config), q_start)),
       settings_(start_settings(config_)),
       start_settings_(settings_),
-      model_(config_.model) {
-  const auto n = joint_count();
-  if (static_cast<std::size_t>(q_start.size()) != n) {
-    throw std::invalid_argument("the start configuration of arm model '" + config_.model->name() + "' has " +
-                                std::to_string(q_start.size()) + " values, the arm has " + std::to_string(n) +
-                                " joints");
-  }
-  for (const Load* load : {&settings_.tool, &settings_.load}) {
-    if (const auto why = check_load(*load); !why.empty()) throw std::invalid_argument(why);
-  }
-  const double periods = config_.plant.command_delay_s / config_.period_s;
-  if (!(periods >= 0) || std::abs(periods - std::round(periods)) > 1e-6 || periods > 1000) {
-    throw std::invalid_argument("the command delay must be a whole number of control periods of " +
-                                std::to_string(config_.period_s) + " s");
-  }
-  const JointVector zero = joint_constant(n, 0);
-  delay_line_.assign(static_cast<std::size_t>(std::lround(periods)), {.valid = false, .tau = zero});
+      model_(config_.model),
+      desired_(config_.model, config_.motion_limits),
+      controllers_(config_.model->joint_count()),
+      torque_rate_(config_.model->limits().tau_rate_max, config_.period_s),
+      measured_limits_(config_.motion_limits, config_.model->limits().tau_max, config_.workspace),
+      self_collision_(*config_.model),
+      contact_(config_.model->joint_count()) {
+  const JointVector zero = joint_constant(joint_count(), 0);
+  const auto periods =
+      static_cast<std::size_t>(std::lround(config_.plant.command_delay_s / config_.period_s));
+  delay_line_.assign(periods, {.valid = false, .tau = zero});
   in_use_.tau = zero;
-  last_command_ = tau_wanted_ = tau_tracked_ = tau_motor_ = q_hold_ = tau_hold_ = zero;
+  last_command_ = tau_wanted_ = tau_follow_ = tau_tracked_ = tau_motor_ = q_hold_ = tau_hold_ = zero;
   state_.q = state_.dq = state_.tau_J = state_.tau_J_d = zero;
+  interface_.joint_contact = interface_.joint_collision = interface_.dtau_J = interface_.tau_ext_hat = zero;
   reset(q_start);
   recovering_ = 0;  // the first start needs no recovery
 }
@@ -73,11 +100,13 @@ ArmMode SimulatedArm::mode() const {
 
 void SimulatedArm::reset(const JointVector& q) {
   settings_ = start_settings_;
-  user_stop_ = stopped_ = guiding_ = false;
-  errors_ = reflex_reason_ = 0;
-  reflex_ = {};
   end_motion(MotionEnd::preempted);
+  user_stop_ = stopped_ = guiding_ = false;
+  clear_errors();
+  reflex_ = {};
+  reflex_reason_ = 0;
   tau_tracked_.setZero();
+  contact_.reset();
   q_hold_ = q;
   at_rest_ = ~0u;
   random_.seed(config_.seed);
@@ -87,27 +116,33 @@ void SimulatedArm::reset(const JointVector& q) {
   publish_configuration();
 }
 
+void SimulatedArm::publish_configuration() {
+  model_.set_config(settings_.frames, settings_.tool, settings_.load);
+  state_.frames = settings_.frames;
+  state_.tool = settings_.tool;
+  state_.load = settings_.load;
+  ++state_.config_version;
+  hold_changed_ = true;  // the end effector may have moved
+}
+
 MotionStart SimulatedArm::start_motion(const MotionRequest& request) {
   if (mode() != ArmMode::idle) return MotionStart::not_possible;
-  const bool torque_only = request.generator == MotionGenerator::none;
-  if (!torque_only || request.controller != ArmController::external || request.asynchronous) {
-    return MotionStart::invalid_argument;
-  }
+  const MotionStart answer = desired_.start(request);
+  if (answer != MotionStart::started) return answer;
   motion_ = request;
   moving_ = true;
   commanded_ = false;
   reflex_ = {};
   reflex_reason_ = 0;
+  last_command_.setZero();
+  torque_rate_.begin();
+  controllers_.start();
+  measured_limits_.stand_at(state_.q);
+  self_collision_.stand_at(model_);
   return MotionStart::started;
 }
 
 void SimulatedArm::stop_motion() { end_motion(MotionEnd::preempted); }
-
-void SimulatedArm::press_guiding(bool pressed) {
-  if (pressed && !guiding_) end_motion(MotionEnd::user_stop);
-  guiding_ = pressed;
-  at_rest_ = 0;  // released: hold where it stands then
-}
 
 // From now on the arm brakes and holds by itself.
 void SimulatedArm::end_motion(MotionEnd how) {
@@ -115,6 +150,7 @@ void SimulatedArm::end_motion(MotionEnd how) {
     ++motions_ended_;
     motion_end_ = how;
     at_rest_ = 0;
+    hold_changed_ = true;
   }
   moving_ = commanded_ = false;
   for (auto& command : delay_line_) command.valid = false;
@@ -123,19 +159,17 @@ void SimulatedArm::end_motion(MotionEnd how) {
   periods_in_move_ = missing_in_row_ = 0;
 }
 
-void SimulatedArm::raise(const ReflexDetail& detail) {
+void SimulatedArm::raise(const ReflexDetail& detail, MotionEnd how) {
   if (errors_ == 0) reflex_ = detail;
   errors_ |= error_bit(detail.error);
   reflex_reason_ = errors_;
-  end_motion(MotionEnd::reflex);
+  end_motion(how);
 }
 
-void SimulatedArm::publish_configuration() {
-  model_.set_config(settings_.frames, settings_.tool, settings_.load);
-  state_.frames = settings_.frames;
-  state_.tool = settings_.tool;
-  state_.load = settings_.load;
-  ++state_.config_version;
+void SimulatedArm::clear_errors() {
+  errors_ = 0;
+  interface_.joint_collision.setZero();
+  interface_.cartesian_collision.setZero();
 }
 
 void SimulatedArm::count_command(bool received) {
@@ -159,123 +193,122 @@ void SimulatedArm::push_command(const JointVector& tau_cmd) {
 
 void SimulatedArm::take_command(const JointVector& tau_cmd) {
   if (mode() == ArmMode::idle) (void)start_motion({});
-  if (mode() != ArmMode::move) return;
-  if (tau_cmd.size() != last_command_.size() || !tau_cmd.allFinite()) {
-    raise(ArmError::controller_torque_discontinuity);
-    return;
-  }
-  if (!commanded_) last_command_.setZero();
+  if (mode() != ArmMode::move || motion_.generator != MotionGenerator::none) return;
   commanded_ = true;
   count_command(true);
-  last_command_ = tau_cmd;
-  push_command(tau_cmd);
+  (void)take_torque(tau_cmd);
 }
 
 void SimulatedArm::take_command(const InterfaceCommand& command) {
   if (mode() != ArmMode::move) return;
-  if (command.torque_finished) {
+  const bool generates = motion_.generator != MotionGenerator::none;
+  if (!generates && command.torque_finished) {
     end_motion(MotionEnd::finished);
     return;
   }
-  take_command(command.tau_J_d);
+  commanded_ = true;
+  count_command(true);
+  if (motion_.controller == ArmController::external) {
+    if (generates && command.motion_finished) {
+      push_command(last_command_);  // its torque need not be one
+    } else if (!take_torque(command.tau_J_d)) {
+      return;
+    }
+  }
+  if (generates) follow(&command);
 }
 
 void SimulatedArm::miss_command() {
   if (mode() != ArmMode::move || !commanded_) return;
-  count_command(false);
+  count_command(motion_.asynchronous);
   if (missing_in_row_ >= kLostCommands) {
     raise({.error = ArmError::communication_constraints_violation,
            .value = static_cast<double>(missing_in_row_),
            .limit = kLostCommands});
     return;
   }
-  push_command(last_command_);
+  if (motion_.controller == ArmController::external) push_command(last_command_);
+  if (motion_.generator != MotionGenerator::none) follow(nullptr);
 }
 
-// tau = M (w^2 (q_hold - q) - 2 w dq) + c; a joint that still moves is only braked, and held where it stops.
-const JointVector& SimulatedArm::hold_torque(const JointVector& q, const JointVector& dq) {
-  const auto& limit = config_.model->limits().tau_max;
-  JointVector acceleration = -2 * kHoldFrequency * dq;
-  for (Eigen::Index i = 0; i < q.size(); ++i) {
-    const auto bit = 1u << static_cast<unsigned>(i);
-    if ((at_rest_ & bit) == 0) {
-      q_hold_[i] = q[i];
-      if (std::abs(dq[i]) < kRestVelocity) at_rest_ |= bit;
+// False: it was no torque, or too far from the last one.
+bool SimulatedArm::take_torque(const JointVector& tau_cmd) {
+  constexpr auto kError = ArmError::controller_torque_discontinuity;
+  if (tau_cmd.size() != last_command_.size()) {
+    raise({.error = kError}, MotionEnd::input_error);
+    return false;
+  }
+  for (Eigen::Index i = 0; i < tau_cmd.size(); ++i) {
+    if (std::isfinite(tau_cmd[i])) continue;
+    raise({.error = kError, .index = static_cast<std::int8_t>(i), .value = tau_cmd[i]},
+          MotionEnd::input_error);
+    return false;
+  }
+  if (watching_) {
+    if (const ReflexDetail jump = torque_rate_.check(tau_cmd)) {
+      raise(jump);
+      return false;
     }
-    acceleration[i] += kHoldFrequency * kHoldFrequency * (q_hold_[i] - q[i]);
   }
-  tau_hold_ = model_.c();
-  tau_hold_ += model_.M().lazyProduct(acceleration);
-  tau_hold_ = tau_hold_.cwiseMax(-limit).cwiseMin(limit);
-  return tau_hold_;
+  torque_rate_.accept(tau_cmd);
+  last_command_ = tau_cmd;
+  push_command(tau_cmd);
+  return true;
 }
 
-// Gravity is compensated anyway: what is left for the hand is inertia and a little damping.
-const JointVector& SimulatedArm::guided_torque(const JointVector&, const JointVector& dq) {
-  tau_hold_ = model_.c() - kGuidingDamping * dq;
-  return tau_hold_;
+// One period of desired motion; nullptr: no command came.
+void SimulatedArm::follow(const InterfaceCommand* command) {
+  const MotionStep step = desired_.step(command);
+  if (step == MotionStep::moving) return;
+  if (step != MotionStep::at_rest) return fail_command(step);
+  end_motion(MotionEnd::finished);
+  // What followed a desired motion is held where that ended, unless it was kept far from there.
+  const JointVector& q_d = desired_.state().q;
+  if (motion_.controller != ArmController::external && (q_d - state_.q).cwiseAbs().maxCoeff() < kNear) {
+    q_hold_ = q_d;
+    at_rest_ = ~0u;
+  }
 }
 
-const JointVector& SimulatedArm::motor_torque(const JointVector& q, const JointVector& dq, double dt) {
-  model_.update(q, dq);
-  if (mode() == ArmMode::guiding) {
-    tau_wanted_ = guided_torque(q, dq);
-  } else {
-    tau_wanted_ = moving_ && in_use_.valid ? in_use_.tau : hold_torque(q, dq);
+void SimulatedArm::fail_command(MotionStep step) {
+  if (step == MotionStep::violation) {
+    for (const Violation& violation : desired_.violations()) raise(violation);
+    return;
   }
-  if (config_.plant.torque_bandwidth_hz > 0) {
-    // Exact for a command that stands still during dt.
-    const double rate = 2 * std::numbers::pi * config_.plant.torque_bandwidth_hz;
-    tau_tracked_ += -std::expm1(-rate * dt) * (tau_wanted_ - tau_tracked_);
-  } else {
-    tau_tracked_ = tau_wanted_;
+  if (step == MotionStep::input_error) {
+    raise({.error = no_command(motion_.generator)}, MotionEnd::input_error);
+    return;
   }
-  tau_motor_ = tau_tracked_ + model_.g();
-  return tau_motor_;
+  // Still moving: to stand in the next period it would have to brake like this.
+  if (is_cartesian(motion_.generator)) {
+    const Twist& V = desired_.state().V_BE_c;
+    const auto& limits = config_.motion_limits.cartesian;
+    const double linear = V.linear().norm() / config_.period_s,
+                 angular = V.angular().norm() / config_.period_s;
+    const bool turns = angular * limits.acceleration > linear * limits.rotation_acceleration;
+    raise({.error = ArmError::cartesian_motion_generator_velocity_discontinuity,
+           .index = static_cast<std::int8_t>(turns ? 3 : 0),
+           .value = turns ? angular : linear,
+           .limit = turns ? limits.rotation_acceleration : limits.acceleration},
+          MotionEnd::still_moving);
+    return;
+  }
+  const JointVector braking = desired_.state().dq / config_.period_s;
+  Eigen::Index worst = 0;
+  braking.cwiseAbs().cwiseQuotient(config_.motion_limits.ddq_max).maxCoeff(&worst);
+  raise({.error = ArmError::joint_motion_generator_velocity_discontinuity,
+         .index = static_cast<std::int8_t>(worst),
+         .value = braking[worst],
+         .limit = config_.motion_limits.ddq_max[worst]},
+        MotionEnd::still_moving);
 }
 
-void SimulatedArm::measure(const PlantMeasurement& plant) {
-  const auto noisy = [this](const JointVector& from, double deviation, JointVector& to) {
-    to = from;
-    if (deviation <= 0) return;
-    for (Eigen::Index i = 0; i < to.size(); ++i) to[i] += deviation * normal_(random_);
-  };
-  noisy(plant.q, config_.plant.noise_q_rad, state_.q);
-  noisy(plant.dq, config_.plant.noise_dq_rad_per_s, state_.dq);
-  noisy(plant.tau_link, config_.plant.noise_tau_nm, state_.tau_J);
-  state_.tau_J_d = tau_wanted_;
-  state_.has_contact_truth = plant.has_contact_truth;
-  state_.F_K_W_true = plant.F_K_W_true;
-
-  ++state_.sequence;
-  state_.t_robot = RobotTime::from_seconds(static_cast<double>(state_.sequence) * config_.period_s);
-  state_.t_host = host_now();
-  if (recovering_ > 0) --recovering_;
-  state_.mode = mode();
-  state_.errors = errors_;
-  if (moving_ && periods_in_move_ > 0) {
-    constexpr std::uint64_t kUpper = (std::uint64_t{1} << 36) - 1;  // 100 - 64 bits
-    const int count = std::popcount(received_[0]) + std::popcount(received_[1] & kUpper);
-    state_.command_success_rate = static_cast<double>(count) / periods_in_move_;
-  } else {
-    state_.command_success_rate = 0;
-  }
-  publish_interface();
-}
-
-void SimulatedArm::publish_interface() {
-  interface_.q_d = state_.q;
-  interface_.dq_d = state_.dq;
-  interface_.ddq_d = joint_constant(joint_count(), 0);
-  interface_.theta = state_.q;
-  interface_.dtheta = state_.dq;
-  interface_.mode = state_.mode;
-  interface_.errors = errors_;
-  interface_.reflex_reason = reflex_reason_;
-  interface_.command_success_rate = state_.command_success_rate;
-  const bool moves = state_.mode == ArmMode::move;
-  interface_.controller = moves ? motion_.controller : ArmController::other;
-  interface_.generator = moves ? motion_.generator : MotionGenerator::idle;
+void SimulatedArm::press_guiding(bool pressed) {
+  if (pressed && !guiding_) end_motion(MotionEnd::user_stop);
+  if (pressed) X_WE_guided_ = model_.X_WE();
+  guiding_ = pressed;
+  at_rest_ = 0;  // released: it stays where it is then
+  hold_changed_ = true;
 }
 
 ArmReply SimulatedArm::apply(const ArmRequest& request) {
@@ -310,7 +343,7 @@ ArmReply SimulatedArm::apply(const ArmRequest& request) {
                                                  if (errors_ == 0 && !stopped_)
                                                    return ArmReply::nothing_to_recover;
                                                  if (user_stop_) return ArmReply::user_stop_pressed;
-                                                 errors_ = 0;
+                                                 clear_errors();
                                                  stopped_ = false;
                                                  return ArmReply::done;
                                                },
@@ -327,8 +360,7 @@ ArmReply SimulatedArm::apply(const ArmRequest& request) {
                                                },
                                                [](const auto&) { return ArmReply::not_supported; }},
                                     request);
-  state_.mode = mode();
-  state_.errors = errors_;
+  publish_condition();
   return reply;
 }
 

@@ -11,10 +11,15 @@
 #include "backends/arm/arm_interface.hpp"
 #include "backends/arm/arm_reply.hpp"
 #include "backends/arm/arm_settings.hpp"
+#include "backends/arm/command_checks.hpp"
+#include "backends/arm/contact_monitor.hpp"
+#include "backends/arm/desired_motion.hpp"
+#include "backends/arm/internal_controllers.hpp"
+#include "backends/arm/measured_limits.hpp"
+#include "backends/arm/self_collision.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/state/arm_state.hpp"
-#include "models/robot_description.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
@@ -32,9 +37,8 @@ struct SimulatedArmConfig {
   std::optional<SetCollisionThresholds> thresholds;
   std::optional<JointVector> joint_stiffness;  // [N m/rad] (n x 1)
   std::optional<Vector6> cartesian_stiffness;  // in K [N/m, N m/rad]
-  // Of the control interface: jerk and Cartesian motion, which the model does not know. Empty: not limited.
-  JointVector dddq_max;  // [rad/s^3] (n x 1)
-  std::optional<CartesianLimits> cartesian_limits;
+  MotionLimits motion_limits;                  // of the control interface: MotionLimits::of(robot)
+  std::optional<WorkspaceBox> workspace;       // of the end effector's origin, in B; none: not watched
 };
 
 // What the arm's sensors see at the end of a control period, before noise.
@@ -121,13 +125,22 @@ class SimulatedArm {
   void watch(bool on) { watching_ = on; }
 
  private:
-  void raise(const ReflexDetail& detail);
+  void raise(const ReflexDetail& detail, MotionEnd how = MotionEnd::reflex);
+  bool take_torque(const JointVector& tau_cmd);
+  void follow(const InterfaceCommand* command);
+  void fail_command(MotionStep step);
+  void clear_errors();
   void end_motion(MotionEnd how);
   void publish_configuration();
   void count_command(bool received);
   void push_command(const JointVector& tau_cmd);
   const JointVector& hold_torque(const JointVector& q, const JointVector& dq);
   const JointVector& guided_torque(const JointVector& q, const JointVector& dq);
+  const JointVector& follow_torque();
+  void update_model(const JointVector& q, const JointVector& dq);
+  void sense(const PlantMeasurement& plant);
+  void watch_measurement();
+  void publish_condition();
   void publish_interface();
 
   SimulatedArmConfig config_;
@@ -147,10 +160,19 @@ class SimulatedArm {
   bool moving_ = false;
   MotionRequest motion_;
   bool commanded_ = false;  // its first command came
+  DesiredMotion desired_;
+  InternalControllers controllers_;
+  bool follow_due_ = false;  // the internal controller's torque of this period is not computed yet
   std::uint64_t motions_ended_ = 0;
   MotionEnd motion_end_ = MotionEnd::none;
   ReflexDetail reflex_;
   std::uint64_t reflex_reason_ = 0;
+
+  // Checks
+  TorqueRateCheck torque_rate_;
+  MeasuredLimits measured_limits_;
+  SelfCollision self_collision_;
+  ContactMonitor contact_;
 
   // Torque path
   struct Command {
@@ -160,11 +182,13 @@ class SimulatedArm {
   std::vector<Command> delay_line_;  // a ring of as many commands as the delay has periods
   std::size_t delay_next_ = 0;
   Command in_use_;
-  JointVector last_command_, tau_wanted_, tau_tracked_, tau_motor_;
+  JointVector last_command_, tau_wanted_, tau_follow_, tau_tracked_, tau_motor_;
 
   // Holding by itself
   JointVector q_hold_, tau_hold_;
   std::uint32_t at_rest_ = 0;  // bit i: joint i has stopped and is held at q_hold_
+  bool hold_changed_ = true;   // q_hold_, or the frames, since the desired motion was told
+  Pose X_WE_guided_;           // where the buttons for guiding were pressed
 
   // Commands of the last 100 periods, newest in bit 0 of the first word
   std::uint64_t received_[2] = {0, 0};

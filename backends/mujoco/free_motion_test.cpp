@@ -26,6 +26,7 @@ TEST(FreeMotion, AcceleratesAsTheModelSays) {
   for (const Pose& base : kBases) {
     const SceneArm arm = arm_named("a", base, &base != &kBases[2]);
     Loop loop(scene_of({arm}));
+    loop.unwatch();
     ModelTerms terms = terms_of(arm);
     const auto& limits = terms.model().limits();
     for (int trial = 0; trial < 30; ++trial) {
@@ -73,8 +74,10 @@ TEST(FreeMotion, SubstepsKeepThePeriod) {
   scene.substeps = 4;
   Loop loop(scene);
   EXPECT_DOUBLE_EQ(loop.backend.world().model()->opt.timestep, 0.00025);
-  loop.commands[0].tau_cmd[0] = 2;
-  loop.steps(10);
+  JointVector tau = joint_constant(7, 0);
+  tau[0] = 2;
+  loop.lead_to(tau);
+  loop.steps(8);
   EXPECT_DOUBLE_EQ(loop.backend.now().seconds(), 0.010);
   EXPECT_NEAR(loop.backend.world().data()->time, 0.010, 1e-12);
   EXPECT_DOUBLE_EQ(loop.state().tau_J[0], 2);  // joint 1 stands upright: no gravity

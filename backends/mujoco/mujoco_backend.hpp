@@ -66,6 +66,7 @@ class MujocoBackend : public Backend, public SimulationView {
   const World& world() const { return plant_.world(); }
   World& world() { return plant_.world(); }
   const SimulatedArm& arm(ArmIndex i) const { return plant_.arm(i); }
+  SimulatedArm& arm(ArmIndex i) { return plant_.arm(i); }
 
  private:
   void advance();

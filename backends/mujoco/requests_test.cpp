@@ -32,9 +32,10 @@ void expect_brakes(Loop& loop, ArmMode mode) {
 }
 
 void set_in_motion(Loop& loop) {
-  loop.commands[0].tau_cmd.setConstant(0.5);
-  loop.commands[0].tau_cmd[0] = 5;
-  loop.steps(200);
+  JointVector tau = joint_constant(7, 0.5);
+  tau[0] = 5;
+  loop.lead_to(tau);
+  loop.steps(195);
   ASSERT_GT(loop.state().dq.cwiseAbs().maxCoeff(), 0.2);
   ASSERT_EQ(loop.state().mode, ArmMode::move);
   ASSERT_EQ(loop.state().command_success_rate, 1);
@@ -56,6 +57,7 @@ TEST(Modes, UserStopBrakesAndHolds) {
   EXPECT_TRUE(ask(loop, SetUserStop{true}).success);
   expect_brakes(loop, ArmMode::user_stopped);
   EXPECT_FALSE(ask(loop, RecoverFromError{}).success);
+  loop.commands[0].tau_cmd.setZero();
   EXPECT_TRUE(ask(loop, SetUserStop{false}).success);
   loop.steps(2);
   EXPECT_EQ(loop.state().mode, ArmMode::move);
@@ -176,6 +178,7 @@ TEST(Requests, ResetPutsEverythingBackAndTellsTheControllets) {
   loop.step();
   EXPECT_EQ(loop.state().mode, ArmMode::idle);
   EXPECT_LT(std::abs(loop.state().tau_J_d[0]), 0.1);  // the command of the `recovering` period was ignored
+  loop.commands[0].tau_cmd.setZero();
   loop.step();
   EXPECT_EQ(loop.state().mode, ArmMode::move);
 }

@@ -62,6 +62,19 @@ struct Loop {
   void steps(int count) {
     for (int i = 0; i < count; ++i) step();
   }
+  // Steps until `tau` is commanded, at most 1 N m per step and joint: faster is an error.
+  void lead_to(const JointVector& tau, std::size_t arm = 0) {
+    JointVector& now = commands[arm].tau_cmd;
+    while (now != tau) {
+      now += (tau - now).cwiseMax(-1).cwiseMin(1);
+      if ((tau - now).cwiseAbs().maxCoeff() < 1e-9) now = tau;
+      step();
+    }
+  }
+  // The arms' own limits and contacts are nobody's business: for plants that are put somewhere (set_plant).
+  void unwatch() {
+    for (ArmIndex i = 0; i < states.size(); ++i) backend.arm(i).watch(false);
+  }
   const ArmState& state(std::size_t i = 0) const { return states[i]; }
 
   MujocoBackend backend;
