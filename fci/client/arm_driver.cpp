@@ -191,6 +191,9 @@ void ArmDriver::watch() {
     if (!end || phase() != Phase::running) return;
     enter(Phase::stopped);
     if (!end->text.empty()) {
+      // The state that shows why may come after the reply.
+      constexpr double kSoon = 0.05;  // [s]
+      (void)link_.wait_for_state([](const RobotState& s) { return !is_mode(s, RobotMode::move); }, kSoon);
       std::string errors = error_list(link_.look());
       if (!errors.empty()) errors.insert(0, " ");
       say(end->text + errors + ": the arm holds itself; " + call("recover") + " brings it back");
@@ -208,7 +211,8 @@ void ArmDriver::lost(const std::string& why) {
 }
 
 void ArmDriver::say(const std::string& text) const {
-  if (options_.say) options_.say(text.starts_with("arm ") ? text : "arm " + config_.name + ": " + text);
+  const bool named = text.find("arm " + config_.name) != std::string::npos;
+  if (options_.say) options_.say(named ? text : "arm " + config_.name + ": " + text);
 }
 
 void ArmDriver::refuse(const std::string& text) const {

@@ -61,6 +61,7 @@ class Backends : public testing::Test {
   FciArmConfig config(std::size_t i) {
     FciArmConfig result = fci_arm_config(scene_.arms[i], puppets_[i]->address());
     result.port = puppets_[i]->port();
+    result.end_effector = {};
     return result;
   }
   // Connected, in torque control, packets by the test from now on.
