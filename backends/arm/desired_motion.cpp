@@ -387,6 +387,7 @@ void DesiredMotion::check_elbow(double elbow) {
     worst.value = elbow;
     worst.limit = elbow > 0 ? limits_.q_max[2] : limits_.q_min[2];
   }
+  report(ArmError::cartesian_motion_generator_elbow_limit_violation, worst);
 }
 
 void DesiredMotion::check_solution(const InverseKinematics::Solution& solution, const JointVector& dq,
