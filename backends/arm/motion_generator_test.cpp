@@ -317,5 +317,76 @@ INSTANTIATE_TEST_SUITE_P(
       return std::string(p.param.robot) + (p.param.any_joints ? "_at_the_limits" : "_gently");
     });
 
+// --- motions of the kind that the maker's example programs command, exactly, with nothing that limits them
+// ---
+
+// command(t, start) for t = 0, 1 ms, ... until `duration`; then finished with the last one.
+MotionStep run(Rig& rig, MotionGenerator generator, double duration,
+               const std::function<InterfaceCommand(double, const DesiredState&)>& command) {
+  EXPECT_EQ(rig.start(generator), MotionStart::started);
+  const DesiredState start = rig.state();
+  MotionStep step = MotionStep::moving;
+  for (int k = 0; step == MotionStep::moving; ++k) {
+    InterfaceCommand c = command(k * dt, start);
+    c.motion_finished = k * dt >= duration;
+    step = rig.motion->step(&c);
+    EXPECT_NE(step, MotionStep::violation) << k << ": " << describe(rig.motion->violations()[0]);
+  }
+  return step;
+}
+
+TEST(DesiredMotion, AllowsTheMotionsOfOrdinaryPrograms) {
+  for (const char* name : {"fr3", "fer"}) {
+    Rig rig(name, Draw(9).pose(0.02));
+    // Three joints to and fro by 45 degrees in 5 s.
+    EXPECT_EQ(run(rig, MotionGenerator::joint_position, 5,
+                  [&](double t, const DesiredState& start) {
+                    JointVector q = start.q;
+                    for (const Eigen::Index i : {3, 4, 6}) q[i] += M_PI / 8 * (1 - std::cos(M_PI / 2.5 * t));
+                    return rig.joints(q);
+                  }),
+              MotionStep::at_rest);
+    // Four joints at up to 1 rad/s, a second to and a second fro.
+    EXPECT_EQ(run(rig, MotionGenerator::joint_velocity, 2,
+                  [&](double t, const DesiredState&) {
+                    JointVector dq = JointVector::Zero(7);
+                    dq.tail<4>().setConstant((t < 1 ? 0.5 : -0.5) * (1 - std::cos(2 * M_PI * t)));
+                    return rig.velocity(dq);
+                  }),
+              MotionStep::at_rest);
+    // An arc of 0.3 m radius and back in 10 s, orientation held, elbow free.
+    EXPECT_EQ(run(rig, MotionGenerator::cartesian_pose, 10,
+                  [&](double t, const DesiredState& start) {
+                    const double angle = M_PI / 4 * (1 - std::cos(M_PI / 5 * t));
+                    Pose X = start.X_BE_c;
+                    X.position += Vector3(0.3 * std::sin(angle), 0, 0.3 * (std::cos(angle) - 1));
+                    return Rig::pose(X);
+                  }),
+              MotionStep::at_rest);
+    // The same by velocity, 0.1 m/s obliquely down and up again in 8 s.
+    EXPECT_EQ(run(rig, MotionGenerator::cartesian_velocity, 8,
+                  [&](double t, const DesiredState&) {
+                    InterfaceCommand c;
+                    const double v = (t < 4 ? 0.05 : -0.05) * (1 - std::cos(M_PI / 2 * t));
+                    c.O_dP_EE_c << v * std::cos(M_PI / 4), 0, -v * std::sin(M_PI / 4), 0, 0, 0;
+                    return c;
+                  }),
+              MotionStep::at_rest);
+    // The elbow alone, by 36 degrees and back in 10 s.
+    const DesiredState before = rig.state();
+    EXPECT_EQ(
+        run(rig, MotionGenerator::cartesian_pose, 10,
+            [&](double t, const DesiredState& start) {
+              InterfaceCommand c = Rig::pose(start.X_BE_c);
+              c.has_elbow = true;
+              c.elbow_c = {start.elbow_c[0] + M_PI / 10 * (1 - std::cos(M_PI / 5 * t)), start.elbow_c[1]};
+              return c;
+            }),
+        MotionStep::at_rest);
+    EXPECT_LT(pose_error(before.X_BE_c, rig.state().X_BE_d).norm(), 1e-6);
+    EXPECT_LT((before.q - rig.state().q).norm(), 1e-5);
+  }
+}
+
 }  // namespace
 }  // namespace multipanda
