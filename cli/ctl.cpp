@@ -2,6 +2,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <numbers>
+#include <optional>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -25,6 +26,7 @@ struct CtlOptions {
   bool only = false;
   double rate_hz = 2;
   std::uint64_t count = 0;
+  std::optional<double> width_m, speed_m_per_s, force_n, tolerance_m, vacuum_mbar, timeout_s;
 };
 
 // "0.5", "pi", "-pi/2", "3*pi/4"
@@ -150,15 +152,46 @@ int exit_code(const json& answer) {
   return verdict == "malformed" || verdict.starts_with("unknown_") ? kUsage : kFailed;
 }
 
+constexpr double kGripperPatience = 620;  // a motion may take long [s]
+
+// What a gripper says of itself, from the state.
+void keep_gripper(const std::string& arm, json& answer) {
+  for (const auto& state : answer["state"]["arms"]) {
+    if (state["arm"] != arm) continue;
+    if (!state.contains("gripper")) throw UsageError(fmt::format("ctl: arm '{}' has no gripper", arm));
+    answer = {{"ok", true}, {"gripper", state["gripper"]}};
+    return;
+  }
+  throw UsageError(fmt::format("ctl: there is no arm '{}'", arm));
+}
+
+void print_gripper(const json& gripper) {
+  fmt::print("{:.1f} mm of {:.1f} mm{}{}\n", 1000 * gripper["width_m"].get<double>(),
+             1000 * gripper["max_width_m"].get<double>(),
+             gripper["grasped"].get<bool>() ? ", holds something" : "",
+             gripper["moving"].get<bool>() ? ", moves" : "");
+}
+
 int ask(const CtlOptions& options, json request) {
   LiveClient client = connected(options);
-  json answer = client.ask(std::move(request));
+  const auto is = [&](const char* key, const char* word) {
+    return request.contains(key) && request[key] == word;
+  };
+  const bool is_gripper = is("do", "gripper") || is("do", "vacuum");
+  const bool is_state = is_gripper && is("action", "state");
+  const std::string arm = is_state ? request["arm"].get<std::string>() : "";
+  if (is_state) request = {{"do", "state"}};
+  json answer =
+      is_gripper ? client.ask(std::move(request), kGripperPatience) : client.ask(std::move(request));
+  if (is_state && answer.value("ok", false)) keep_gripper(arm, answer);
   answer.erase("id");
   const int code = exit_code(answer);
   if (options.json) {
     fmt::print("{}\n", to_line(answer));
   } else if (code != kSuccess) {
     fmt::print(stderr, "multipanda ctl: {}\n", answer.value("reason", "refused"));
+  } else if (answer.contains("gripper")) {
+    print_gripper(answer["gripper"]);
   } else if (answer.contains("controllets")) {
     print_list(answer);
   } else if (answer.contains("state")) {
@@ -221,6 +254,11 @@ class Ctl {
       if (!o.names.empty()) request["arms"] = o.names;
       return request;
     });
+  }
+  void arm(const std::string& word, const std::string& what) {  // of one arm, without anything else
+    CLI::App* child = add(word, what);
+    child->add_option("arm", options_->name)->required();
+    asks(child, [word](const CtlOptions& o) { return json{{"do", word}, {"arm", o.name}}; });
   }
   void plain(const std::string& word, const std::string& what, const json& request) {
     asks(add(word, what), [request](const CtlOptions&) { return request; });
@@ -318,9 +356,51 @@ void add_ctl(Program& program) {
     return request;
   });
 
-  CLI::App* recover = ctl.add("recover", "Clears an arm's error");
-  recover->add_option("arm", o->name)->required();
-  ctl.asks(recover, [](const CtlOptions& c) { return json{{"do", "recover"}, {"arm", c.name}}; });
+  ctl.arm("recover", "Clears an arm's error; it is held afterwards, until somebody switches");
+  ctl.arm("reconnect", "A real arm whose connection was lost: connects anew, then as recover");
+  CLI::App* user_stop = ctl.add("user-stop", "Simulation: presses an arm's stop button, or releases it");
+  user_stop->add_option("arm", o->name)->required();
+  user_stop->add_option("value", o->value, "pressed or released")
+      ->required()
+      ->check(CLI::IsMember({"pressed", "released"}));
+  ctl.asks(user_stop, [](const CtlOptions& c) {
+    return json{{"do", "user_stop"}, {"arm", c.name}, {"pressed", c.value == "pressed"}};
+  });
+
+  const auto number = [](CLI::App* child, const char* flag, std::optional<double>& value, const char* what) {
+    child->add_option(flag, value, what);
+  };
+  CLI::App* gripper = ctl.add("gripper", "Moves an arm's gripper; returns when the motion is over");
+  gripper->add_option("arm", o->name)->required();
+  gripper->add_option("action", o->value, "homing, move, grasp, stop, state")
+      ->required()
+      ->check(CLI::IsMember({"homing", "move", "grasp", "stop", "state"}));
+  number(gripper, "--width", o->width_m, "move, grasp: between the fingers [m]");
+  number(gripper, "--speed", o->speed_m_per_s, "move, grasp: of the width [m/s], default 0.1");
+  number(gripper, "--force", o->force_n, "grasp: of each finger [N], default 40");
+  number(gripper, "--tolerance", o->tolerance_m, "grasp: of the width, both ways [m], default 0.005");
+  ctl.asks(gripper, [](const CtlOptions& c) {
+    json request = {{"do", "gripper"}, {"arm", c.name}, {"action", c.value}};
+    if (c.width_m) request["width_m"] = *c.width_m;
+    if (c.speed_m_per_s) request["speed_m_per_s"] = *c.speed_m_per_s;
+    if (c.force_n) request["force_n"] = *c.force_n;
+    if (c.tolerance_m) request["tolerance_m"] = *c.tolerance_m;
+    return request;
+  });
+
+  CLI::App* vacuum = ctl.add("vacuum", "Commands an arm's vacuum gripper; returns when it is done");
+  vacuum->add_option("arm", o->name)->required();
+  vacuum->add_option("action", o->value, "on, drop, stop, state")
+      ->required()
+      ->check(CLI::IsMember({"on", "drop", "stop", "state"}));
+  number(vacuum, "--vacuum", o->vacuum_mbar, "on: below ambient pressure [mbar], default 100");
+  number(vacuum, "--timeout", o->timeout_s, "on, drop: [s], default 1");
+  ctl.asks(vacuum, [](const CtlOptions& c) {
+    json request = {{"do", "vacuum"}, {"arm", c.name}, {"action", c.value}};
+    if (c.vacuum_mbar) request["vacuum_mbar"] = *c.vacuum_mbar;
+    if (c.timeout_s) request["timeout_s"] = *c.timeout_s;
+    return request;
+  });
 
   CLI::App* place = ctl.add("place", "Simulation: puts a free object somewhere");
   place->add_option("object", o->name)->required();

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "cli/backend_words.hpp"
 #include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "experiments/kinds.hpp"
@@ -20,6 +21,7 @@ struct Options {
   bool fast = false, json = false, keep_data = false;
   std::vector<std::string> only;
   std::string out = "runs";
+  BackendWords backend;
 };
 
 // Whether any limit is about the variant.
@@ -115,7 +117,8 @@ int run(const Options& options) {
                                   .repeats = options.repeats,
                                   .directory = all ? directory / experiment.name : directory,
                                   .only = options.only,
-                                  .keep_data = options.keep_data};
+                                  .keep_data = options.keep_data,
+                                  .backend = backend_options(options.backend)};
     fs::create_directories(run_options.directory);
     console.line(fmt::format("{}: {}", experiment.name, experiment.title));
     ExperimentResult result = run_experiment(experiment, run_options, progress);
@@ -149,6 +152,7 @@ void add_experiment(Program& program) {
       "  multipanda experiment list\n"
       "  multipanda experiment task-1                      as it is meant: five repeats, in real time\n"
       "  multipanda experiment task-1 --fast --repeats 1   a quick look\n"
+      "  multipanda experiment task-3 --fast --backend virtual   the same through client and virtual arms\n"
       "  multipanda experiment all --fast                  every experiment, one page\n"
       "Fails (exit code 1) if a figure is beyond its limit or a run did not go as asked.");
   command
@@ -164,6 +168,7 @@ void add_experiment(Program& program) {
   command->add_option("--out", options->out, "Folder that gets a new folder with logs, figures and page")
       ->type_name("DIR")
       ->capture_default_str();
+  add_simulation_words(command, options->backend);
   command->add_flag("--keep-data", options->keep_data, "Leave the arrays that the figures were made from");
   command->add_flag("--json", options->json,
                     "One JSON object on standard output at the end, all else on standard error");

@@ -5,6 +5,8 @@
 
 #include <fmt/format.h>
 
+#include "runtime/live_input/mode_name.hpp"
+
 namespace multipanda::cli {
 namespace {
 
@@ -27,6 +29,13 @@ std::string error_text(const ArmStatus& arm) {
   if (!arm.tracking_error || !std::isfinite(*arm.tracking_error)) return "-";
   if (std::string_view(arm.tracking_unit) == "m") return fmt::format("{:.2f} mm", *arm.tracking_error * 1e3);
   return fmt::format("{:.2f} mrad", *arm.tracking_error * 1e3);
+}
+
+// "move        100 %      0": an arm at the other end of a network.
+std::string link_text(const ArmStatus& arm) {
+  if (!arm.link) return fmt::format("{:<12} {:>7} {:>6}", "simulated", "-", "-");
+  return fmt::format("{:<12} {:>5.0f} % {:>6}", name_of(arm.mode), 100 * arm.link->command_success_rate,
+                     arm.link->lost);
 }
 
 std::string progress_bar(double share, std::size_t width) {
@@ -54,18 +63,25 @@ std::vector<std::string> table_lines(const RunStatus& status, const std::string&
                       status.rate_hz, status.cycle_us, status.cycle_us_worst, status.overruns, status.cycles),
           width));
   lines.push_back("");
-  lines.push_back(painted(fit(fmt::format("{:<14} {:<26} {:>14} {:>10}  {}", "arm", "controllet",
-                                          "tracking error", "torque use", "interventions"),
-                              width),
-                          "4", colour));
+  const bool linked = std::any_of(status.arms.begin(), status.arms.end(),
+                                  [](const auto& arm) { return arm.link.has_value(); });
+  const std::size_t name = linked ? 12 : 14, controllet = linked ? 18 : 26;
+  lines.push_back(
+      painted(fit(fmt::format("{:<{}} {:<{}} {:>14} {:>10}  {}{}", "arm", name, "controllet", controllet,
+                              "tracking error", "torque use",
+                              linked ? fmt::format("{:<12} {:>7} {:>6}  ", "mode", "success", "lost") : "",
+                              "interventions"),
+                  width),
+              "4", colour));
   // A table higher than the screen could not be redrawn in place: first the news give way, then arms.
   const std::size_t room = style.height > lines.size() + 1 ? style.height - lines.size() - 1 : 1;
   const std::size_t arms = status.arms.size() <= room ? status.arms.size() : room - 1;
   for (std::size_t i = 0; i < arms; ++i) {
     const ArmStatus& arm = status.arms[i];
     const std::string text =
-        fit(fmt::format("{:<14} {:<26} {:>14} {:>8.0f} %  {}{}", fit(arm.arm, 14), fit(arm.controllet, 26),
-                        error_text(arm), 100 * arm.torque_use, arm.interventions,
+        fit(fmt::format("{:<{}} {:<{}} {:>14} {:>8.0f} %  {}{}{}", fit(arm.arm, name), name,
+                        fit(arm.controllet, controllet), controllet, error_text(arm), 100 * arm.torque_use,
+                        linked ? link_text(arm) + "  " : "", arm.interventions,
                         arm.last_intervention.empty() ? "" : fmt::format(" ({})", arm.last_intervention)),
             width);
     lines.push_back(arm.last_intervention.empty() ? text : painted(text, "33", colour));
@@ -90,6 +106,10 @@ std::string plain_line(const RunStatus& status, double duration_s) {
   for (const auto& arm : status.arms) {
     line +=
         fmt::format("  | {}: {} {} {:.0f} %", arm.arm, arm.controllet, error_text(arm), 100 * arm.torque_use);
+    if (arm.link) {
+      line += fmt::format(" {} success {:.0f} % lost {}", name_of(arm.mode),
+                          100 * arm.link->command_success_rate, arm.link->lost);
+    }
     if (arm.interventions > 0) line += fmt::format(" interventions {}", arm.interventions);
   }
   return line;

@@ -54,6 +54,21 @@ TEST(LiveTable, ShowsWhatCounts) {
   EXPECT_THAT(text, Not(HasSubstr("\x1b")));
 }
 
+TEST(LiveTable, ShowsHowArmsOnTheNetworkFare) {
+  RunStatus status = status_of(2);
+  status.arms[0].mode = ArmMode::reflex;
+  status.arms[0].link = fci::ArmStatistics{.lost = 17, .command_success_rate = 0.93};
+  std::string text;
+  for (const auto& line : table_lines(status, "two_arms", 20, {})) {
+    text += line + "\n";
+    EXPECT_LE(line.size(), 100u);
+  }
+  for (const char* part : {"mode", "success", "lost", "reflex", "93 %", "17", "simulated"}) {
+    EXPECT_THAT(text, HasSubstr(part));
+  }
+  EXPECT_THAT(plain_line(status, 0), HasSubstr("reflex success 93 % lost 17"));
+}
+
 TEST(LiveTable, KeepsItsHeightWhileNewsComeIn) {
   RunStatus early = status_of(2);
   early.news.clear();

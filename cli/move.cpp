@@ -1,9 +1,14 @@
 #include <algorithm>
 #include <cmath>
+#include <condition_variable>
+#include <mutex>
 #include <numbers>
+#include <stop_token>
+#include <thread>
 
 #include <fmt/format.h>
 
+#include "cli/backend_words.hpp"
 #include "cli/program.hpp"
 #include "cli/run_session.hpp"
 #include "core/reference/quintic.hpp"
@@ -25,6 +30,7 @@ struct MoveOptions {
   double speed = 0.1;             // share of the joints' velocity limits
   bool fast = false, json = false;
   std::string record;
+  BackendWords backend;
 };
 
 std::vector<double> numbers_of(const std::vector<std::string>& words) {
@@ -69,37 +75,111 @@ JointVector goal_of(const MoveOptions& options, const SceneArm& arm) {
 struct Motion {
   ArmIndex arm = 0;
   JointVector goal;
+  double slowest_joint = 0;  // velocity limit [rad/s]
   double duration_s = 0;
+
+  // Minimum jerk keeps every joint below its share of speed.
+  void plan(const JointVector& from, double speed) {
+    duration_s = 0;
+    for (Eigen::Index j = 0; j < goal.size(); ++j) {
+      duration_s = std::max(duration_s,
+                            QuinticSegment::duration_for(std::abs(goal[j] - from[j]), speed * slowest_joint));
+    }
+  }
 };
 
-// A joint_impedance of its own per arm that moves, and one event that sends it to its goal. The set-point
-// starts at the measured configuration; minimum jerk keeps every joint below its share of speed.
+std::string controllet_of(const SceneArm& arm) { return arm.name + "_move"; }
+
+// A joint_impedance of its own for an arm that moves; it begins at the measured configuration.
 Motion add_motion(const MoveOptions& options, ArmIndex index, Scene& scene) {
   const SceneArm& arm = scene.arms[index];
   Motion motion{.arm = index, .goal = goal_of(options, arm)};
-  const JointVector& dq_max = arm.safety.joints.dq_max;
-  for (Eigen::Index j = 0; j < motion.goal.size(); ++j) {
-    const double distance = std::abs(motion.goal[j] - arm.q_start[j]);
-    motion.duration_s = std::max(motion.duration_s,
-                                 QuinticSegment::duration_for(distance, options.speed * dq_max.minCoeff()));
-  }
-  const std::string name = arm.name + "_move";
+  motion.slowest_joint = arm.safety.joints.dq_max.minCoeff();
+  const std::string name = controllet_of(arm);
   InputSpec joints{.name = "joints", .quantity = Quantity::joints};
-  joints.max_speed = kLargestSpeed * dq_max.minCoeff();
+  joints.max_speed = kLargestSpeed * motion.slowest_joint;
   scene.controllets.push_back({.name = name, .type = "joint_impedance", .arms = {index}, .inputs = {joints}});
   scene.active.push_back(name);
-  TimelineEvent event{
-      .at_s = 0.001, .what = TimelineEvent::What::set_reference, .controllet = name, .name = "joints"};
+  return motion;
+}
+
+// Simulated arms stand where the scene says: the motion is an event of the scene.
+void schedule(const Motion& motion, Scene& scene) {
+  TimelineEvent event{.at_s = 0.001,
+                      .what = TimelineEvent::What::set_reference,
+                      .controllet = controllet_of(scene.arms[motion.arm]),
+                      .name = "joints"};
   event.values.assign(motion.goal.begin(), motion.goal.end());
   event.duration_s = motion.duration_s;
   scene.timeline.push_back(event);
-  return motion;
+  scene.duration_s = std::max(scene.duration_s, std::ceil(motion.duration_s + kSettle_s));
+}
+
+// Where the arms stand, as the run goes on.
+class Positions {
+ public:
+  explicit Positions(std::size_t arms) : q_(arms) {}
+
+  void take(const CycleRecord& record) {
+    const std::lock_guard lock(mutex_);
+    for (std::size_t i = 0; i < q_.size(); ++i) q_[i] = record.arms[i].q;
+    t_ = record.t.seconds();
+    seen_ = seen_ || std::all_of(record.arms.begin(), record.arms.end(),
+                                 [](const ArmSample& arm) { return arm.sequence > 0; });
+    changed_.notify_all();
+  }
+  std::vector<JointArray> q() const {
+    const std::lock_guard lock(mutex_);
+    return q_;
+  }
+  double t() const {
+    const std::lock_guard lock(mutex_);
+    return t_;
+  }
+  // Every arm has said where it stands. False: asked to stop before.
+  bool wait_for_all(const std::stop_token& stop) {
+    std::unique_lock lock(mutex_);
+    return changed_.wait(lock, stop, [this] { return seen_; });
+  }
+  bool wait_until(double t_s, const std::stop_token& stop) {
+    std::unique_lock lock(mutex_);
+    return changed_.wait(lock, stop, [&] { return t_ >= t_s; });
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::condition_variable_any changed_;
+  std::vector<JointArray> q_;
+  double t_ = 0;
+  bool seen_ = false;
+};
+
+// Real arms stand wherever they stand: planned from there, once they have said it.
+void move_from_measured(std::vector<Motion>& motions, double speed, Session& session, Positions& positions,
+                        const std::stop_token& stop) {
+  if (!positions.wait_for_all(stop)) return;
+  const std::vector<JointArray> q = positions.q();
+  double longest_s = 0;
+  for (Motion& motion : motions) {
+    motion.plan(Eigen::Map<const Eigen::VectorXd>(q[motion.arm].data(), motion.goal.size()), speed);
+    longest_s = std::max(longest_s, motion.duration_s);
+    const InstanceIndex instance = session.modes().find(controllet_of(session.scene().arms[motion.arm]));
+    Request request{.kind = Request::Kind::set_target, .instance = instance};
+    request.target.size = static_cast<std::uint8_t>(motion.goal.size());
+    std::copy(motion.goal.begin(), motion.goal.end(), request.target.values.begin());
+    request.target.duration_s = motion.duration_s;
+    (void)session.modes().ask(request);  // refused: seen at the end, the arm did not arrive
+  }
+  (void)positions.wait_until(positions.t() + longest_s + kSettle_s, stop);
+  session.stop();
 }
 
 int run(const MoveOptions& options) {
   const Console console(options.json);
+  SessionOptions session_options{
+      .paced = !options.fast, .backend = backend_options(options.backend), .record = options.record};
   OpenedScene opened = open_scene(options.scene);
-  Scene& scene = opened.scene;
+  Scene scene = with_arms_from(std::move(opened.scene), session_options.backend);
   std::vector<std::string> names;
   for (const auto& arm : scene.arms) names.push_back(arm.name);
   if (!options.arm.empty() && std::find(names.begin(), names.end(), options.arm) == names.end()) {
@@ -109,24 +189,36 @@ int run(const MoveOptions& options) {
   scene.controllets.clear();
   scene.active.clear();
   scene.timeline.clear();
+  const bool measured =
+      std::any_of(scene.arms.begin(), scene.arms.end(), [](const auto& arm) { return arm.fci.has_value(); });
   std::vector<Motion> motions;
-  scene.duration_s = kSettle_s;
+  scene.duration_s = measured ? 0 : kSettle_s;
   for (ArmIndex i = 0; i < scene.arms.size(); ++i) {
     if (!options.arm.empty() && scene.arms[i].name != options.arm) continue;
     motions.push_back(add_motion(options, i, scene));
-    scene.duration_s = std::max(scene.duration_s, std::ceil(motions.back().duration_s + kSettle_s));
+    if (measured) continue;
+    motions.back().plan(scene.arms[i].q_start, options.speed);
+    schedule(motions.back(), scene);
   }
-  std::vector<JointArray> q(scene.arms.size());
-  SessionOptions session_options{.paced = !options.fast, .record = options.record};
-  session_options.observer = [&q](const CycleRecord& record) {
-    for (std::size_t i = 0; i < q.size(); ++i) q[i] = record.arms[i].q;
-  };
+  Positions positions(scene.arms.size());
+  session_options.observer = [&positions](const CycleRecord& record) { positions.take(record); };
   StopSignals signals(console);
   Session session(std::move(scene), opened.registry, std::move(session_options));
+  std::jthread mover;
+  if (measured) {
+    mover = std::jthread([&](const std::stop_token& stop) {
+      move_from_measured(motions, options.speed, session, positions, stop);
+    });
+  }
   const RunSummary summary = run_session(session, signals, console);
+  if (mover.joinable()) {
+    mover.request_stop();
+    mover.join();
+  }
   print_summary(summary, console);
 
   bool arrived = true;
+  const std::vector<JointArray> q = positions.q();
   for (const Motion& motion : motions) {
     double error = 0;
     for (Eigen::Index j = 0; j < motion.goal.size(); ++j) {
@@ -163,6 +255,7 @@ void add_move(Program& program) {
   command->add_flag("--fast", options->fast, "As fast as possible instead of paced to the wall clock");
   command->add_option("--record", options->record, "Write a log into a new folder inside DIR")
       ->type_name("DIR");
+  add_backend_words(command, options->backend);
   command->add_flag("--json", options->json, "One JSON object on standard output at the end");
   program.on(command, [options] { return run(*options); });
 }

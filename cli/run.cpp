@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "cli/backend_words.hpp"
 #include "cli/program.hpp"
 #include "cli/report.hpp"
 #include "cli/run_session.hpp"
@@ -21,6 +22,7 @@ struct RunOptions {
   std::string record;
   std::optional<int> cpu;
   std::string socket;
+  BackendWords backend;
 };
 
 // Where the run listens. By itself only a paced one does: an unpaced one is over before anybody can speak to
@@ -48,9 +50,10 @@ int run(const RunOptions& options) {
   const Console console(options.json);
   if (options.report && options.record.empty())
     throw UsageError("run: --report needs a log: add --record DIR");
+  const BackendOptions backend = backend_options(options.backend);
   OpenedScene opened = open_scene(options.scene);
   SessionOptions session_options{
-      .paced = !options.fast, .duration_s = options.seconds, .record = options.record};
+      .paced = !options.fast, .backend = backend, .duration_s = options.seconds, .record = options.record};
   session_options.thread.cpu = options.cpu;
   session_options.socket = socket_of(options, opened.scene.name, console);
   if (!session_options.socket.empty())
@@ -62,6 +65,8 @@ int run(const RunOptions& options) {
   }
   StopSignals signals(console);
   Session session(std::move(opened.scene), opened.registry, std::move(session_options));
+  if (session.backend_description() != "mujoco")
+    console.line(fmt::format("arms: {}", session.backend_description()));
   RunSummary summary = run_session(session, signals, console);
   print_summary(summary, console);
   bool reported = true;
@@ -84,6 +89,7 @@ void add_run(Program& program) {
       "  multipanda run two_arms                          in real time, until Ctrl-C\n"
       "  multipanda run two_arms --seconds 10 --record runs --report\n"
       "  multipanda run my/scene.yaml --fast --json       as fast as possible, result as one JSON object\n"
+      "  multipanda run two_arms --backend fci --address left=172.16.0.2 --address right=172.16.1.2\n"
       "Fails (exit code 1) if a controllet was taken out, a switch refused, or the log is incomplete.");
   command->add_option("scene", options->scene, "Name (multipanda list scenes) or path of a scene file")
       ->required();
@@ -97,6 +103,7 @@ void add_run(Program& program) {
                     "One JSON object on standard output at the end, all else on standard error");
   command->add_option("--cpu", options->cpu, "Pin the loop's thread to this core")
       ->check(CLI::Range(0, 1023));
+  add_backend_words(command, options->backend);
   command
       ->add_option("--socket", options->socket,
                    "Where multipanda ctl reaches this run; default, unless --fast: the scene's name in the "

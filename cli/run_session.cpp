@@ -109,6 +109,9 @@ void print_summary(const RunSummary& summary, const Console& console) {
     console.line(fmt::format("intervention: {}: {} x {}{}", i.arm, i.count, to_string(i.rule),
                              i.controllet.empty() ? "" : fmt::format(" ({})", i.controllet)));
   }
+  for (const auto& reflex : summary.reflexes) {
+    for (const auto& line : reflex.lines()) console.line(line);
+  }
   if (summary.records_lost > 0) console.line(fmt::format("records lost: {}", summary.records_lost));
   if (!summary.log.empty()) console.line("log: " + summary.log.string());
 }

@@ -20,6 +20,7 @@ struct ExperimentOptions {
   std::filesystem::path directory;     // for everything: logs, plots, page, results; must exist
   std::vector<std::string> only;       // variants by name or tag; empty: all
   bool keep_data = false;              // leave the arrays that the figures were made from
+  BackendOptions backend;              // simulated arms: `mujoco` or `virtual_arms`
 };
 
 // What the person in front sees, and how they stop it. Called from several threads, one at a time.

@@ -66,7 +66,8 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
                            .settings = settings,
                            .progress = progress,
                            .folder = options.directory / "data",
-                           .fast = options.fast};
+                           .fast = options.fast,
+                           .backend = options.backend};
   fs::create_directories(run.folder);
   const auto say = [&](const std::string& text) {
     if (progress.line) progress.line("  " + text);
@@ -75,6 +76,7 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
 
   Json plan = describe(experiment);
   plan["fast"] = options.fast;
+  plan["backend"] = name_of(options.backend.arms);
   plan["repeats"] = repeats;
   plan["duration_s"] = options.fast ? settings.fast_duration_s : settings.duration_s;
   plan["machine"]["memory_mb"] = fmt::format("{:.0f}", machine_memory_mb());

@@ -108,7 +108,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   for (const auto& arm : opened.scene.arms) arms.push_back(arm.name);
 
   std::unique_ptr<CommandTrace> trace;
-  SessionOptions options{.paced = true, .duration_s = 0.0, .socket = own_socket()};
+  SessionOptions options{.paced = true, .backend = run.backend, .duration_s = 0.0, .socket = own_socket()};
   options.observer = [&trace](const CycleRecord& record) { trace->take(record); };
   options.on_loop = [&trace](const Tick& tick, const Backend&) { trace->step_done(tick); };
   const fs::path socket = options.socket;
@@ -188,7 +188,7 @@ Json run_delay_check(const PerformanceRun& run, double delay_s) {
   for (const auto& arm : opened.scene.arms) arms.push_back(arm.name);
 
   std::unique_ptr<CommandTrace> trace;
-  SessionOptions options{.paced = false, .duration_s = check.duration_s + 1};
+  SessionOptions options{.paced = false, .backend = run.backend, .duration_s = check.duration_s + 1};
   options.observer = [&trace](const CycleRecord& record) { trace->take(record); };
   Session session(opened.scene, opened.registry, std::move(options));
   trace = std::make_unique<CommandTrace>(

@@ -15,6 +15,7 @@ struct PerformanceRun {
   const ExperimentProgress& progress;
   std::filesystem::path folder;
   bool fast = false;
+  BackendOptions backend;
 };
 
 // Paced; set-points at 1 kHz from a motion generator, which is a process of its own. Throws

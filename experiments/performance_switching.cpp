@@ -81,7 +81,7 @@ Json run_switching(const PerformanceRun& run) {
   ArmIndex bystander = 0;
   RunSummary summary;
   {
-    SessionOptions options{.paced = true, .duration_s = 0.0};
+    SessionOptions options{.paced = true, .backend = run.backend, .duration_s = 0.0};
     options.observer = [&trace](const CycleRecord& record) { trace->take(record); };
     Session session(opened.scene, opened.registry, std::move(options));
     trace = trace_of(session, samples);
@@ -121,7 +121,7 @@ Json run_switching(const PerformanceRun& run) {
   if (run.progress.stopped()) return {};
   {
     const double seconds = 1e-3 * static_cast<double>(std::min(trace->count(), samples));
-    SessionOptions options{.paced = false, .duration_s = seconds};
+    SessionOptions options{.paced = false, .backend = run.backend, .duration_s = seconds};
     options.observer = [&undisturbed](const CycleRecord& record) { undisturbed->take(record); };
     Session session(opened.scene, opened.registry, std::move(options));
     undisturbed = trace_of(session, samples);

@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "backends/mujoco/mujoco_backend.hpp"
+#include "backends/simulation_view.hpp"
 #include "experiments/kinds.hpp"
 #include "experiments/run_data.hpp"
 #include "experiments/task_runs.hpp"
@@ -37,15 +37,13 @@ class ObjectTrace {
 
   void take(const Tick& tick, const Backend& backend) {
     if (tick.cycle % kObjectsEvery != 0) return;
-    const auto* mujoco = dynamic_cast<const MujocoBackend*>(&backend);
-    if (mujoco == nullptr) return;
-    const World& world = mujoco->world();
+    const SimulationView* simulation = simulation_of(backend);
+    if (simulation == nullptr) return;
     for (auto& track : tracks_) {
-      const auto object = world.find_object(track.name);
-      if (!object) continue;
-      const Pose X_WO = world.X_WO(*object);
-      const Quaternion q = X_WO.quaternion();
-      const auto& p = X_WO.position;
+      const auto X_WO = simulation->object_pose(track.name);
+      if (!X_WO) continue;
+      const Quaternion q = X_WO->quaternion();
+      const auto& p = X_WO->position;
       for (const double value : {tick.t.seconds(), p.x(), p.y(), p.z(), q.w(), q.x(), q.y(), q.z()})
         track.values.push_back(value);
     }
@@ -110,6 +108,7 @@ class TaskRunner {
     Json plan = describe(experiment_);
     plan["repeats"] = repeats_;
     plan["fast"] = options_.fast;
+    plan["backend"] = name_of(options_.backend.arms);
     plan["runs"] = Json::array();
     for (auto& done : done_) plan["runs"].push_back(std::move(done));
     ExperimentResult result = evaluate(experiment_, plan, options_);
@@ -157,7 +156,7 @@ class TaskRunner {
                 {"instance_arms", instance_arms},
                 {"timeline", timeline_of(scene.text)}};
 
-    SessionOptions session_options{.paced = !options_.fast, .record = scratch};
+    SessionOptions session_options{.paced = !options_.fast, .backend = options_.backend, .record = scratch};
     session_options.model_every = kModelEvery;
     if (!objects.empty())
       session_options.on_loop = [&objects](const Tick& tick, const Backend& backend) {

@@ -16,10 +16,12 @@ constexpr std::array<const char*, kArmErrorCount> kCures{{
     /* 4 */ "slow the set-point of the hand down, or lower the stiffness",
     /* 5 */ "another program's force controller: let it end, recover",
     /* 6 */
-    "free the arm, recover; if nothing was touched: declare tool and payload ('tool', 'load'), or raise "
+    "free the arm, recover; if nothing was touched: declare tool and payload ('tool', 'load_declared'), or "
+    "raise "
     "'collision:' in the scene",
     /* 7 */
-    "free the arm, recover; if nothing was touched: declare tool and payload ('tool', 'load'), or raise "
+    "free the arm, recover; if nothing was touched: declare tool and payload ('tool', 'load_declared'), or "
+    "raise "
     "'collision:' in the scene",
     /* 8 */ "a motion of the arm's own settings page or another program: plan it again, recover",
     /* 9 */ "a motion of the arm's own settings page or another program: remove what is in the way, recover",

@@ -295,14 +295,19 @@ class Case {
   std::string nearest_names_;
 };
 
+// Estimated from the same measurements whose own limits were checked first.
+bool is_contact(ArmError error) {
+  return error == ArmError::joint_reflex || error == ArmError::cartesian_reflex;
+}
+
 // A limit of zero is one that nobody published: then only the value is said.
 std::string sentence_of(ArmError error, const ReflexDetail& detail) {
   if (!detail) return std::string(explain(error)) + " The records do not tell where and by how much.";
-  if (detail.limit != 0) return describe(detail) + ".";
-  std::string text = describe(detail);
-  const auto at = text.rfind(", limit 0");
-  if (at != std::string::npos) text.replace(at, 9, "");
-  return text + ".";
+  std::string text = describe(detail);  // "What happened. (joint 4: value, limit x N m)"
+  if (const auto at = text.find(". ("); at != std::string::npos)
+    text = fmt::format("{}{}.", text.substr(0, at), text.substr(at + 1));
+  const auto none = text.rfind(", limit 0 ");
+  return none == std::string::npos ? text : fmt::format("{}{}", text.substr(0, none), text.substr(none + 9));
 }
 
 }  // namespace
@@ -316,7 +321,7 @@ ErrorExplanation explain(std::uint64_t errors, std::span<const ArmCycle> cycles,
     if ((errors >> i & 1u) == 0) continue;
     const auto error = static_cast<ArmError>(i);
     const ReflexDetail detail = records.detail_of(error);
-    if (!result.detail) result.detail = detail;
+    if (!result.detail || (is_contact(result.detail.error) && detail)) result.detail = detail;
     std::string sentence = fmt::format("{}: {}", to_string(error), sentence_of(error, detail));
     const std::string remark = records.remark(error, detail);
     if (!remark.empty()) sentence += " " + remark;

@@ -11,7 +11,7 @@ namespace multipanda {
 
 // Why an arm stopped itself, as far as the records tell.
 struct ErrorExplanation {
-  ReflexDetail detail;                 // of the first error with a number; count_: there is none
+  ReflexDetail detail;  // of the first error with a number, limits before contacts; count_: none has one
   std::vector<std::string> sentences;  // per error: what happened, which joint or axis, value and limit
   std::vector<std::string> cures;      // what to do next, per error
   // Of the periods in these records, as seen by this computer: share that was answered, and the most in a

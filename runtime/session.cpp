@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <chrono>
 
-#include "backends/mujoco/mujoco_backend.hpp"
+#include "backends/simulation_view.hpp"
 #include "runtime/machine.hpp"
 #include "scene/build.hpp"
 
@@ -12,7 +12,8 @@ namespace {
 
 constexpr std::size_t kLoopRing = 2048;  // cycles between loop and relay: two seconds of a stalled machine
 constexpr std::size_t kLogRingBytes = 64u << 20;
-constexpr std::size_t kMargin = 64;  // cycles kept free in a ring by an unpaced loop
+constexpr std::chrono::seconds kPatience{1};  // beyond the hold, for a world that stands still
+constexpr std::size_t kMargin = 64;           // cycles kept free in a ring by an unpaced loop
 
 std::size_t log_ring_cycles(const RecordLayout& layout) {
   const std::size_t bytes = sizeof(CycleRecord) + layout.arms.size() * sizeof(ArmSample) +
@@ -30,7 +31,7 @@ void sleep_us(int us) { std::this_thread::sleep_for(std::chrono::microseconds(us
 }  // namespace
 
 Session::Session(Scene scene, const Registry& registry, SessionOptions options)
-    : scene_(std::move(scene)),
+    : scene_(with_arms_from(std::move(scene), options.backend)),
       registry_(registry),
       options_(std::move(options)),
       live_state_(scene_.arms.size()) {
@@ -40,7 +41,7 @@ Session::Session(Scene scene, const Registry& registry, SessionOptions options)
   if (!options_.socket.empty()) {
     live_ = std::make_unique<LiveServer>(options_.socket, LiveWorld{.scene = scene_.name,
                                                                     .modes = &modes(),
-                                                                    .backend = backend_.get(),
+                                                                    .backend = backend_.backend.get(),
                                                                     .board = &live_state_,
                                                                     .models = models_});
   }
@@ -60,11 +61,15 @@ void Session::build() {
     models_.push_back(arm.model);
     tau_max.push_back(arm.safety.joints.tau_max);
   }
-  backend_ = options_.make_backend
-                 ? options_.make_backend(scene_)
-                 : std::make_unique<MujocoBackend>(
-                       scene_, MujocoOptions{.pace = options_.paced ? Pace::realtime : Pace::unpaced});
-  cycle_ = std::make_unique<ControlCycle>(std::move(config), registry_, *backend_);
+  if (options_.make_backend) {
+    backend_ = {.backend = options_.make_backend(scene_),
+                .link = [](ArmIndex) { return std::optional<fci::ArmStatistics>(); },
+                .description = "another"};
+  } else {
+    const auto say = [this](const std::string& text) { board_->say(text); };  // not before start()
+    backend_ = make_backend(scene_, options_.backend.arms, {.paced = options_.paced, .say = say});
+  }
+  cycle_ = std::make_unique<ControlCycle>(std::move(config), registry_, *backend_.backend);
   modes().schedule(build_schedule(scene_, modes()));
   modes().activate_at_start(start_set(scene_, modes()));
   board_ = std::make_unique<StatusBoard>(cycle_->layout(), std::move(tau_max));
@@ -93,12 +98,18 @@ void Session::start() {
     recorder_options.info["scene_path"] = scene_.path;
     recorder_options.info["seed"] = std::to_string(scene_.seed);
     recorder_options.info["plant"] = scene_.plant.name;
+    recorder_options.info["backend"] = backend_.description;
     recorder_options.info["paced"] = options_.paced ? "true" : "false";
     recorder_options.attachments.push_back(
         {.name = "scene.yaml", .media_type = "application/yaml", .data = scene_.text});
     recorder_ = std::make_unique<Recorder>(log_, cycle_->layout(), *log_ring_, std::move(arms),
                                            std::move(recorder_options));
   }
+  std::vector<bool> simulated;
+  for (ArmIndex arm = 0; arm < models_.size(); ++arm)
+    simulated.push_back(backend().capabilities(arm).simulated);
+  reflexes_ =
+      std::make_unique<ReflexWatch>(cycle_->layout(), error_limits(scene_, models_, simulated), directory_);
   relay_ = std::thread([this] { run_relay(); });
   loop_ = std::thread([this] { run_loop(); });
 }
@@ -111,15 +122,15 @@ void Session::run_loop() {
   if (!options_.paced) wish.fifo_priority.reset();
   setup_ = set_up_thread(wish);
   try {
-    backend_->start();
+    backend().start();
     begun_ = host_now();
     first_cycle_ = cycle_->data().tick.cycle;
     cycle_->run([this] { return keep_on(); });
     ended_ = host_now();
-    backend_->finish();
-    if (const auto* mujoco = dynamic_cast<const MujocoBackend*>(backend_.get());
-        mujoco != nullptr && mujoco->failed()) {
-      problem_ = "the simulation failed: " + mujoco->fault();
+    backend().finish();
+    if (const auto* simulation = simulation_of(backend());
+        simulation != nullptr && !simulation->fault().empty()) {
+      problem_ = "the simulation failed: " + simulation->fault();
     }
   } catch (...) {
     failure_ = std::current_exception();
@@ -136,23 +147,31 @@ bool Session::keep_on() {
   const Tick& tick = cycle_->data().tick;
   if (tick.cycle == first_cycle_) return true;
   if (tick.cycle == first_cycle_ + 1) first_ = tick.t;
-  if (options_.on_loop) options_.on_loop(tick, *backend_);
-  const auto period =
-      std::chrono::nanoseconds(static_cast<std::int64_t>(backend_->capabilities(0).period_s * 1e9 + 0.5));
+  live_state_.take_grippers(cycle_->data().state);
+  if (options_.on_loop) options_.on_loop(tick, backend());
+  if (is_over(tick)) return false;
+  if (!options_.paced) wait_for_room();
+  return true;
+}
+
+bool Session::is_over(const Tick& tick) {
   if (!closing_ && stop_asked_.load(std::memory_order_acquire)) {
     closing_ = true;
     modes().stop(ArmSet::all(modes().arm_count()));
-    close_at_ = tick.t + std::chrono::nanoseconds(LoopTime::from_seconds(options_.hold_s).ns);
+    const std::chrono::nanoseconds hold(LoopTime::from_seconds(options_.hold_s).ns);
+    close_at_ = tick.t + hold;
+    close_by_ = host_now() + hold + kPatience;
     end_ = RunEnd::stopped;
   }
-  if (closing_ && tick.t >= close_at_) return false;
-  if (!closing_ && duration_s_ > 0 &&
+  if (closing_) return tick.t >= close_at_ || host_now() >= close_by_;
+  const auto period =
+      std::chrono::nanoseconds(static_cast<std::int64_t>(backend().capabilities(0).period_s * 1e9 + 0.5));
+  if (duration_s_ > 0 &&
       (tick.t - first_) + period >= std::chrono::nanoseconds(LoopTime::from_seconds(duration_s_).ns)) {
     end_ = RunEnd::duration;
-    return false;
+    return true;
   }
-  if (!options_.paced) wait_for_room();
-  return true;
+  return false;
 }
 
 void Session::wait_for_room() {
@@ -174,15 +193,16 @@ void Session::run_relay() {
   board_->publish();
 }
 
-// Takes what is there. Unpaced, a log that falls behind holds up the relay and thereby the loop; paced, what
-// finds no room is counted as lost. Events first: their cycle's record is the one before or after, both
-// orders occur in the log anyway.
+// Takes what is there. Unpaced, a log that falls behind holds up the relay and thereby the loop; paced,
+// what finds no room is counted as lost. Events first: their cycle's record is the one before or after,
+// both orders occur in the log anyway.
 bool Session::relay() {
   RecordRing& ring = *cycle_->record();
   bool busy = false;
   while (const Event* event = ring.events.front()) {
     busy = true;
     board_->take(*event);
+    reflexes_->take(*event);
     if (live_) live_state_.take(*event);
     if (log_ring_) {
       while (!options_.paced && log_ring_->events.size() == log_ring_->events.capacity()) sleep_us(50);
@@ -195,6 +215,7 @@ bool Session::relay() {
     if (record == nullptr) break;
     busy = true;
     board_->take(*record);
+    explain_errors(*record);
     if (live_) live_state_.take(*record);
     if (options_.observer) options_.observer(*record);
     if (log_ring_) {
@@ -211,6 +232,14 @@ bool Session::relay() {
   return busy;
 }
 
+// An arm that stopped itself is news at once, with all that is known of why.
+void Session::explain_errors(const CycleRecord& record) {
+  for (auto& report : reflexes_->take(record)) {
+    for (const auto& line : report.lines()) board_->say(line);
+    reflex_reports_.push_back(std::move(report));
+  }
+}
+
 // ------------------------------------------------------------------------------------------- the owner's
 // thread
 
@@ -218,6 +247,12 @@ bool Session::wait_for_end(double timeout_s) {
   std::unique_lock lock(end_mutex_);
   return end_changed_.wait_for(lock, std::chrono::duration<double>(timeout_s),
                                [this] { return loop_ended_.load(std::memory_order_acquire); });
+}
+
+RunStatus Session::status() const {
+  RunStatus status = board_->status();
+  for (ArmIndex arm = 0; arm < status.arms.size(); ++arm) status.arms[arm].link = backend_.link(arm);
+  return status;
 }
 
 RunSummary Session::finish() {
@@ -235,11 +270,13 @@ RunSummary Session::summary() {
   const CycleHistogram& times = board_->cycle_times();
   const Tick& tick = cycle_->data().tick;
   summary.scene = scene_.name;
+  summary.backend = backend_.description;
   summary.end = end_;
   summary.paced = options_.paced;
   summary.cycles = tick.cycle - first_cycle_;
-  summary.overruns = backend_->overruns();
-  if (summary.cycles > 0) summary.time_s = seconds(tick.t - first_) + backend_->capabilities(0).period_s;
+  summary.overruns = backend_.backend->overruns();
+  if (summary.cycles > 0)
+    summary.time_s = seconds(tick.t - first_) + backend_.backend->capabilities(0).period_s;
   summary.elapsed_s = seconds(ended_ - begun_);
   summary.cycle_us = {.median = us(times.percentile(0.5)),
                       .p99 = us(times.percentile(0.99)),
@@ -265,6 +302,7 @@ RunSummary Session::summary() {
   summary.log = log_;
   if (!problem_.empty()) summary.problems.push_back(problem_);
   summary.thread = setup_;
+  summary.reflexes = reflex_reports_;
   return summary;
 }
 

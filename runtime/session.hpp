@@ -13,8 +13,10 @@
 #include "core/cycle/control_cycle.hpp"
 #include "core/rt/thread_setup.hpp"
 #include "logs/recorder.hpp"
+#include "runtime/backends.hpp"
 #include "runtime/live_input/server.hpp"
 #include "runtime/live_input/state_board.hpp"
+#include "runtime/reflex_watch.hpp"
 #include "runtime/status.hpp"
 #include "runtime/summary.hpp"
 #include "scene/scene.hpp"
@@ -23,6 +25,7 @@ namespace multipanda {
 
 struct SessionOptions {
   bool paced = true;                 // to the wall clock; else as fast as possible
+  BackendOptions backend;            // whose arms; default: as the scene says
   std::optional<double> duration_s;  // of the loop's time; default: the scene's; 0: until stopped
   std::filesystem::path record;      // folder that gets a new folder with the log; empty: no log
   ThreadSetup thread;                // asked for, never insisted on; unpaced runs never get SCHED_FIFO
@@ -36,7 +39,7 @@ struct SessionOptions {
   // it does counts as the loop's own work; it must neither block nor throw.
   std::function<void(const Tick&, const Backend&)> on_loop;
   std::uint64_t model_every = 10;  // cycles between two model summaries in the log
-  // Another world than the scene's simulation. Its loop time must advance by its own period per step.
+  // Another world than `backend` names. Its loop time must advance by its own period per step.
   std::function<std::unique_ptr<Backend>(const Scene&)> make_backend;
 };
 
@@ -58,7 +61,7 @@ class Session {
 
   const Scene& scene() const { return scene_; }
   double duration_s() const { return duration_s_; }  // 0: until stopped
-  Backend& backend() { return *backend_; }
+  Backend& backend() { return *backend_.backend; }
   const RecordLayout& layout() const { return cycle_->layout(); }  // of the records
   const std::vector<std::shared_ptr<const ArmModel>>& models() const { return models_; }
   MultimodeController& modes() { return cycle_->modes(); }               // requests while running
@@ -69,7 +72,9 @@ class Session {
   void stop() { stop_asked_.store(true, std::memory_order_release); }
   // True when the loop has ended, at the latest after `timeout_s`.
   bool wait_for_end(double timeout_s);
-  RunStatus status() const { return board_->status(); }
+  RunStatus status() const;
+  // What drives the arms, in words: "mujoco", "left fci 172.16.0.2, right mujoco".
+  const std::string& backend_description() const { return backend_.description; }
 
   // Waits for the loop, closes the log. Rethrows what ended the loop, if it was an exception of the backend.
   RunSummary finish();
@@ -79,16 +84,18 @@ class Session {
   void open_log();
   void run_loop();
   bool keep_on();
+  bool is_over(const Tick& tick);
   void wait_for_room();
   void run_relay();
   bool relay();
+  void explain_errors(const CycleRecord& record);
   RunSummary summary();
 
   const Scene scene_;
   const Registry& registry_;
   const SessionOptions options_;
   double duration_s_ = 0;
-  std::unique_ptr<Backend> backend_;
+  BackendSet backend_;
   std::unique_ptr<ControlCycle> cycle_;
   std::vector<std::shared_ptr<const ArmModel>> models_;
   std::unique_ptr<StatusBoard> board_;
@@ -99,9 +106,14 @@ class Session {
   std::unique_ptr<Recorder> recorder_;
   RecorderStatus recorded_;
 
+  // Relay thread
+  std::unique_ptr<ReflexWatch> reflexes_;
+  std::vector<ReflexReport> reflex_reports_;
+
   // Loop thread
   bool closing_ = false;
   LoopTime first_, close_at_;
+  HostTime close_by_;  // a world that stands still must not keep a stopped run alive
   std::uint64_t first_cycle_ = 0;
   RunEnd end_ = RunEnd::backend;
   std::vector<SetupStep> setup_;

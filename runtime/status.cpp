@@ -104,7 +104,7 @@ void StatusBoard::add_switch(const Event& event) {
   }
   std::string text = describe(change);
   if (event.intervention != Intervention::none) text += fmt::format(" ({})", change.cause);
-  tell(event, std::move(text));
+  tell(event, text);
   switches_.push_back(std::move(change));
 }
 
@@ -129,10 +129,15 @@ void StatusBoard::add_intervention(const Event& event) {
                           instance_name(event.instance)));
 }
 
-void StatusBoard::tell(const Event& event, std::string text) {
+void StatusBoard::tell(LoopTime t, const std::string& text) {
   ++events_;
-  news_.push_back(fmt::format("{:9.3f} s  {}", event.t.seconds(), text));
+  news_.push_back(fmt::format("{:9.3f} s  {}", t.seconds(), text));
   if (news_.size() > kNews) news_.pop_front();
+}
+
+void StatusBoard::say(const std::string& text) {
+  const std::lock_guard lock(mutex_);
+  said_.push_back(text);
 }
 
 std::vector<std::string> StatusBoard::instance_names(std::uint64_t bits) const {
@@ -188,6 +193,7 @@ ArmStatus StatusBoard::arm_status(std::size_t arm) const {
   if (cycles_ == 0) return status;
   status.controllet = instance_name(last_.arms[arm].owner);
   status.interventions = last_.arms[arm].interventions;
+  status.mode = static_cast<ArmMode>(last_.arms[arm].mode);
   if (const auto error = output_error(arm, "position_error_m")) {
     status.tracking_error = error;
     status.tracking_unit = "m";
@@ -204,6 +210,12 @@ void StatusBoard::publish_if_due() {
 
 void StatusBoard::publish() {
   const auto now = std::chrono::steady_clock::now();
+  std::vector<std::string> said;
+  {
+    const std::lock_guard lock(mutex_);
+    said.swap(said_);
+  }
+  for (const auto& text : said) tell(last_.t, text);
   RunStatus next;
   next.time_s = last_.t.seconds();
   next.elapsed_s = std::chrono::duration<double>(now - begin_).count();

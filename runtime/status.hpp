@@ -9,7 +9,9 @@
 #include <vector>
 
 #include "core/record/cycle_record.hpp"
+#include "core/state/arm_state.hpp"
 #include "core/types/joints.hpp"
+#include "fci/client/arm_statistics.hpp"
 #include "runtime/cycle_histogram.hpp"
 #include "runtime/summary.hpp"
 
@@ -23,6 +25,8 @@ struct ArmStatus {
   double torque_use = 0;                 // largest |tau_cmd| / limit of any joint since the last status
   std::uint64_t interventions = 0;       // of the safety stage, so far
   std::string last_intervention;         // its rule; empty: none
+  ArmMode mode = ArmMode::other;
+  std::optional<fci::ArmStatistics> link;  // how its packets fare; none: simulated in this process
 };
 
 // What a run is doing, a few times per second.
@@ -49,6 +53,8 @@ class StatusBoard {
 
   void take(const CycleRecord& record);
   void take(const Event& event);
+  // What somebody else has to say, in words. Any thread.
+  void say(const std::string& text);
   void publish_if_due();  // about ten times per second
   void publish();
 
@@ -66,7 +72,8 @@ class StatusBoard {
   std::optional<double> output_error(std::size_t arm, std::string_view suffix) const;
   void add_switch(const Event& event);
   void add_intervention(const Event& event);
-  void tell(const Event& event, std::string text);
+  void tell(const Event& event, const std::string& text) { tell(event.t, text); }
+  void tell(LoopTime t, const std::string& text);
   std::vector<std::string> instance_names(std::uint64_t bits) const;
   std::string arm_names(std::uint32_t bits) const;
   std::string instance_name(std::uint16_t index) const;
@@ -86,7 +93,8 @@ class StatusBoard {
   std::chrono::steady_clock::time_point begin_, published_;
   std::uint64_t cycles_published_ = 0;
   mutable std::mutex mutex_;
-  RunStatus status_;  // guarded by mutex_
+  RunStatus status_;               // guarded by mutex_, as the next
+  std::vector<std::string> said_;  // not told yet
 };
 
 }  // namespace multipanda

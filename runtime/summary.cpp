@@ -33,6 +33,13 @@ std::vector<std::string> RunSummary::faults() const {
           i.first_s));
     }
   }
+  for (const auto& reflex : reflexes) {
+    const std::pair rule(reflex.arm, Intervention::arm_not_ready);
+    if (std::find(wanted_interventions.begin(), wanted_interventions.end(), rule) !=
+        wanted_interventions.end())
+      continue;
+    faults.push_back(fmt::format("{} at {:.3f} s", reflex.headline(), reflex.t_s));
+  }
   for (const auto& s : switches) {
     if (!s.accepted()) {
       faults.push_back(
@@ -98,11 +105,36 @@ nlohmann::ordered_json to_json_value(const SwitchReport& s) {
           {"torque_step_nm", step_sent}};
 }
 
+nlohmann::ordered_json to_json_value(const ReflexReport& r) {
+  nlohmann::ordered_json names = nlohmann::ordered_json::array(), first = nullptr;
+  for (std::size_t i = 0; i < kArmErrorCount; ++i) {
+    if ((r.errors >> i & 1u) != 0) names.push_back(std::string(to_string(static_cast<ArmError>(i))));
+  }
+  if (r.why.detail) {
+    first = {{"error", std::string(to_string(r.why.detail.error))},
+             {"index", r.why.detail.index < 0 ? nlohmann::ordered_json(nullptr)
+                                              : nlohmann::ordered_json(int{r.why.detail.index})},
+             {"value", number(r.why.detail.value, 1e-9)},
+             {"limit", number(r.why.detail.limit, 1e-9)}};
+  }
+  return {{"arm", r.arm},
+          {"t_s", number(r.t_s, 1e-6)},
+          {"cycle", r.cycle},
+          {"errors", std::move(names)},
+          {"first", std::move(first)},
+          {"explanation", r.why.sentences},
+          {"next", r.why.cures},
+          {"answered", number(r.why.answered, 1e-4)},
+          {"missed_in_row", r.why.missed_in_row},
+          {"file", path_or_null(r.file)}};
+}
+
 }  // namespace
 
 std::string to_json(const RunSummary& summary) {
   nlohmann::ordered_json json;
   json["scene"] = summary.scene;
+  json["backend"] = summary.backend;
   json["success"] = summary.success();
   json["faults"] = summary.faults();
   json["ended_by"] = std::string(to_string(summary.end));
@@ -126,6 +158,8 @@ std::string to_json(const RunSummary& summary) {
                                      {"first_s", number(i.first_s, 1e-6)},
                                      {"controllet", i.controllet}});
   }
+  json["reflexes"] = nlohmann::ordered_json::array();
+  for (const auto& r : summary.reflexes) json["reflexes"].push_back(to_json_value(r));
   json["records_lost"] = summary.records_lost;
   json["missing"] = summary.missing;
   json["log"] = path_or_null(summary.log);

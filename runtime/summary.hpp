@@ -9,6 +9,7 @@
 #include "core/rt/thread_setup.hpp"
 #include "core/types/codes.hpp"
 #include "core/types/time.hpp"
+#include "runtime/reflex_report.hpp"
 
 namespace multipanda {
 
@@ -55,6 +56,7 @@ struct RunSummary {
     double median = 0, p99 = 0, p999 = 0, worst = 0;
   };
   std::string scene;
+  std::string backend;  // what drove the arms: "mujoco", "left fci 172.16.0.2, right mujoco"
   RunEnd end = RunEnd::duration;
   bool paced = true;
   std::uint64_t cycles = 0, overruns = 0;
@@ -63,6 +65,7 @@ struct RunSummary {
   CycleTimes cycle_us;
   std::vector<SwitchReport> switches;
   std::vector<InterventionReport> interventions;  // per arm and rule
+  std::vector<ReflexReport> reflexes;             // arms that stopped themselves, and why
   std::uint64_t records_lost = 0;                 // cycles that are not in the log
   std::vector<std::string> missing;               // what the log lacks, in words; empty: complete, or no log
   std::filesystem::path log;                      // empty: none

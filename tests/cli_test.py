@@ -43,6 +43,8 @@ class Words(unittest.TestCase):
             (["list", "controlets"], "'controllets'"),
             (["list", "parameters", "cartesian_impedence"], "'cartesian_impedance'"),
             (["move", "two_arms", "home", "--arm", "lefd", "--fast"], "'left'"),
+            (["run", "two_arms", "--address", "lefd=10.0.0.1"], "'left'"),
+            (["run", "two_arms", "--backend", "virtual", "--address", "left=10.0.0.1"], "--backend fci"),
         ]:
             answer = call(*words)
             self.assertEqual(answer.returncode, 2, (words, answer))
@@ -52,6 +54,9 @@ class Words(unittest.TestCase):
     def test_wrong_use(self):
         for words in [[], ["run"], ["run", "two_arms", "--seconds", "-1"], ["run", "two_arms", "--report"],
                       ["move", "one_arm", "90", "0", "0", "0", "0", "0", "0"], ["move", "one_arm", "0.1"],
+                      ["run", "two_arms", "--backend", "mujco"], ["experiment", "task-1", "--backend", "fci"],
+                      ["run", "two_arms", "--backend", "fci", "--address", "left"],
+                      ["run", "two_arms", "--backend", "fci", "--address", "left=1.2.3.4", "--address", "left=1.2.3.5"],
                       ["export", "/nowhere", "--csv"], ["report", "/nowhere"], ["repair", "/nowhere"]]:
             answer = call(*words)
             self.assertEqual(answer.returncode, 2, (words, answer))
@@ -174,6 +179,29 @@ class Runs(unittest.TestCase):
         self.assertEqual(moved.returncode, 0, moved.stderr)
         self.assertIn("arm 'left' is there", moved.stderr)
         self.assertNotIn("right", [i["arm"] for i in json.loads(moved.stdout)["interventions"]])
+
+    def test_virtual_arms_run_the_same_scene(self):
+        answer = call("run", "two_arms", "--seconds", "1", "--fast", "--json", "--backend", "virtual")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        result = json.loads(answer.stdout)
+        self.assertEqual((result["backend"], result["cycles"]), ("virtual", 1000))
+
+    def test_move_begins_where_a_real_arm_stands(self):
+        address = f"127.{64 + os.getpid() // 250 % 64}.{os.getpid() % 250}.77"
+        start = subprocess.Popen([PROGRAM, "virtual-arm", "one_arm", "--bind", f"arm={address}", "--pace", "lockstep",
+                                  "--idle-stands-still", "--json"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        try:
+            self.assertTrue(start.stdout.readline())  # listens
+            to = ["--backend", "fci", "--address", f"arm={address}", "--fast", "--speed", "0.2", "--json"]
+            # Twice: the second one begins where the first one ended, not where the scene says.
+            for goal in (["0.3", "-0.5", "0.1", "-2.2", "-0.1", "1.8", "0.6"], ["home"]):
+                moved = call("move", "one_arm", *to, *goal)
+                self.assertEqual(moved.returncode, 0, moved.stderr)
+                self.assertIn("arm 'arm' is there", moved.stderr)
+                self.assertIn(address, json.loads(moved.stdout)["backend"])
+        finally:
+            start.terminate()
+            start.communicate(timeout=PATIENCE)
 
     def test_an_ignored_fault_fails(self):
         with tempfile.TemporaryDirectory() as folder:

@@ -127,6 +127,22 @@ class Page(unittest.TestCase):
         self.assertEqual({r["metric"] for r in results["limits"] if not r["passed"]}, {"delay_error_us", "delay_by_sequence_error_us"})
         self.assertTrue(any(p.startswith("NF: delay by correlation, error 1000 µs") for p in results["problems"]), results["problems"])
 
+    def test_over_sockets_real_time_is_measured_and_lock_step_is_judged(self):
+        def change(plan):
+            plan["backend"] = "virtual"
+            plan["runs"][0]["command_delay_s"] = 0.002  # a millisecond late in real time: no failure
+
+        results, _ = self.made(change)
+        self.assertTrue(results["passed"], results["problems"])
+        self.assertEqual({r["variant"] for r in results["limits"] if r["metric"] == "delay_error_us"}, {"delay_0", "delay_3"})
+
+        def late(plan):
+            change(plan)
+            plan["delay_checks"][1]["command_delay_s"] = 0.002
+
+        results, _ = self.made(late)
+        self.assertFalse(results["passed"])
+
     def test_what_else_fails(self):
         for change, expected in (
                 (lambda p: p["switching"]["list"][4].update(cycles_late=1), "switches later than the next cycle 1"),

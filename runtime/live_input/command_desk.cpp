@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 
+#include "runtime/live_input/gripper_words.hpp"
 #include "runtime/live_input/reference_values.hpp"
 #include "scene/names.hpp"
 
@@ -12,9 +13,10 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kPatience = 1.0;     // for the loop [s]
-constexpr double kArmPatience = 5.0;  // for a backend's answer [s]
-constexpr double kLongest = 86400;    // of a motion [s]
+constexpr double kPatience = 1.0;         // for the loop [s]
+constexpr double kArmPatience = 5.0;      // for a backend's answer [s]
+constexpr double kGripperPatience = 600;  // for the end of a gripper's motion [s]
+constexpr double kLongest = 86400;        // of a motion [s]
 
 // The keys every request may have, beside its own.
 std::vector<std::string> with_common(std::vector<std::string> keys) {
@@ -24,8 +26,8 @@ std::vector<std::string> with_common(std::vector<std::string> keys) {
 
 const std::vector<std::string> kLoopWords = {"switch", "feature", "parameter", "reference",
                                              "stop",   "resume",  "list",      "state"};
-const std::vector<std::string> kArmWords = {"set_load",     "set_frames", "recover", "user_stop",
-                                            "place_object", "pause",      "reset"};
+const std::vector<std::string> kArmWords = {"set_load", "set_frames", "recover",      "reconnect", "gripper",
+                                            "vacuum",   "user_stop",  "place_object", "pause",     "reset"};
 const std::vector<std::string> kLineWords = {"subscribe", "unsubscribe", "stream", "stream_end", "channels"};
 
 std::vector<std::string> all_words() {
@@ -254,6 +256,14 @@ void CommandDesk::begin_arm_request(const std::string& word, const JsonFields& f
   } else if (word == "recover") {
     of_arm({});
     request = RecoverFromError{};
+  } else if (word == "reconnect") {
+    of_arm({});
+    request = Reconnect{};
+  } else if (word == "gripper" || word == "vacuum") {
+    request = word == "gripper" ? read_gripper_request(fields, with_common({}))
+                                : read_vacuum_request(fields, with_common({}));
+    target = arm(fields.text("arm"));
+    pending.patience_s = kGripperPatience;
   } else if (word == "user_stop") {
     of_arm({"pressed"});
     (void)fields.at("pressed");
@@ -298,8 +308,10 @@ std::optional<json> CommandDesk::poll(Pending& pending) {
         return json{{"ok", false}, {"verdict", "arm_refused"}, {"reason", "the backend gave no answer"}};
       }
     }
-    if (waited <= kArmPatience) return {};
-    return refusal(Verdict::timeout, "the arm did not answer within 5 s");
+    const double patience = std::max(kArmPatience, pending.patience_s);
+    if (waited <= patience) return {};
+    return refusal(Verdict::timeout,
+                   "the arm did not answer within " + std::to_string(std::lround(patience)) + " s");
   }
   if (world_.modes->stopped().contains(pending.stopping)) {
     return json{{"ok", true}, {"stopped", names_of(pending.stopping)}, {"stopped_after_ms", waited * 1e3}};

@@ -51,6 +51,7 @@ class CommandDesk {
     std::uint64_t ticket = 0;       // of the mailbox
     Request request;                // what the ticket is for
     std::future<ArmAnswer> answer;  // of the backend
+    double patience_s = 0;          // with it, where motions take longer than usual requests
     ArmSet stopping;                // a stop
   };
 

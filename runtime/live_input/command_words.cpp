@@ -1,6 +1,8 @@
 #include <array>
 
 #include "runtime/live_input/command_desk.hpp"
+#include "runtime/live_input/gripper_words.hpp"
+#include "runtime/live_input/mode_name.hpp"
 #include "runtime/live_input/reference_values.hpp"
 #include "scene/names.hpp"
 
@@ -17,7 +19,19 @@ constexpr std::array<std::string_view, static_cast<std::size_t>(Verdict::count_)
     "superseded",        "queue_full",    "loop_not_running", "timeout"};
 static_assert(!kVerdictNames.back().empty(), "every verdict has a name");
 
-const char* name_of(ArmMode mode) {
+std::string quoted(const std::string& name) { return "'" + name + "'"; }
+
+json array_of(const JointArray& values, std::size_t count) {
+  json list = json::array();
+  for (std::size_t i = 0; i < count; ++i) list.push_back(values[i]);
+  return list;
+}
+
+double milliseconds(HostTime from, HostTime to) { return seconds(to - from) * 1e3; }
+
+}  // namespace
+
+std::string_view name_of(ArmMode mode) {
   switch (mode) {
     case ArmMode::other:
       return "other";
@@ -38,18 +52,6 @@ const char* name_of(ArmMode mode) {
   }
   return "other";
 }
-
-std::string quoted(const std::string& name) { return "'" + name + "'"; }
-
-json array_of(const JointArray& values, std::size_t count) {
-  json list = json::array();
-  for (std::size_t i = 0; i < count; ++i) list.push_back(values[i]);
-  return list;
-}
-
-double milliseconds(HostTime from, HostTime to) { return seconds(to - from) * 1e3; }
-
-}  // namespace
 
 std::string_view name_of(Verdict verdict) {
   const auto i = static_cast<std::size_t>(verdict);
@@ -208,7 +210,7 @@ json CommandDesk::state() {
   json arms = json::array();
   const ArmSet stopped = modes.stopped();
   for (ArmIndex a = 0; a < modes.arm_count() && snapshot_.cycle != 0; ++a) {
-    const auto& [sample, frames, last_intervention] = snapshot_.arms[a];
+    const auto& [sample, frames, last_intervention, gripper] = snapshot_.arms[a];
     const std::size_t n = world_.models[a]->joint_count();
     terms_[a].set_config(frames, {}, {});
     const Eigen::Map<const Eigen::VectorXd> q(sample.q.data(), static_cast<Eigen::Index>(n));
@@ -232,6 +234,7 @@ json CommandDesk::state() {
         {"interventions", sample.interventions},
         {"last_intervention", last_intervention}};
     if (sample.has_wrench_estimate) arm["wrench_n_nm"] = sample.F_K_W_est;
+    if (gripper.present) arm["gripper"] = gripper_words(gripper);
     arms.push_back(std::move(arm));
   }
   return {{"scene", world_.scene},

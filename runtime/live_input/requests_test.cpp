@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "runtime/live_input/command_desk.hpp"
+#include "runtime/live_input/gripper_words.hpp"
 #include "runtime/live_input/live_rig.hpp"
 
 namespace multipanda {
@@ -270,6 +271,49 @@ TEST_F(RequestsTest, AStreamTakesNoNonsense) {
   desk_.deliver(packet, channel);
   EXPECT_EQ(channel.verdict, Verdict::out_of_bounds);
   EXPECT_EQ(channel.refused, 3u);
+}
+
+TEST_F(RequestsTest, GrippersAreAskedInWords) {
+  const auto read = [](const char* text, bool vacuum = false) {
+    const json request = json::parse(text);
+    const JsonFields fields(request, "gripper");
+    return vacuum ? read_vacuum_request(fields, {"do", "id"}) : read_gripper_request(fields, {"do", "id"});
+  };
+  EXPECT_TRUE(std::holds_alternative<GripperHoming>(read(R"({"action":"homing"})")));
+  EXPECT_TRUE(std::holds_alternative<GripperStop>(read(R"({"action":"stop","arm":"arm0"})")));
+  const auto move = std::get<GripperMove>(read(R"({"action":"move","width_m":0.03,"speed_m_per_s":0.2})"));
+  EXPECT_EQ(move.width, 0.03);
+  EXPECT_EQ(move.speed, 0.2);
+  const auto grasp = std::get<GripperGrasp>(
+      read(R"({"action":"grasp","width_m":0.02,"force_n":25,"tolerance_m":0.01,"tolerance_outer_m":0.03})"));
+  EXPECT_EQ(grasp.width, 0.02);
+  EXPECT_EQ(grasp.speed, GripperGrasp{}.speed);
+  EXPECT_EQ(grasp.force, 25);
+  EXPECT_EQ(grasp.tolerance_inner, 0.01);
+  EXPECT_EQ(grasp.tolerance_outer, 0.03);
+  const auto on = std::get<VacuumOn>(read(R"({"action":"on","vacuum_mbar":300,"timeout_s":2})", true));
+  EXPECT_EQ(on.pressure_mbar, 300);
+  EXPECT_EQ(on.timeout_s, 2);
+  EXPECT_EQ(std::get<VacuumDrop>(read(R"({"action":"drop"})", true)).timeout_s, 1);
+
+  expect_refused(R"({"do":"gripper","arm":"arm0","action":"open"})", "malformed", "no action 'open'");
+  expect_refused(R"({"do":"gripper","arm":"arm0","action":"move"})", "malformed", "width_m");
+  expect_refused(R"({"do":"gripper","arm":"arm0","action":"move","width_m":0.01,"force_n":1})", "malformed",
+                 "force_n");
+  expect_refused(R"({"do":"gripper","arm":"arm0","action":"grasp","width_m":0.01,"force_n":0})", "malformed",
+                 "above 0");
+  expect_refused(R"({"do":"gripper","arm":"arm9","action":"stop"})", "unknown_arm", "arm9");
+  expect_refused(R"({"do":"vacuum","arm":"arm0","action":"on","timeout_s":-1})", "malformed", "timeout_s");
+
+  // In the state only where there is one.
+  EXPECT_FALSE(desk_.state()["arms"][0].contains("gripper"));
+  std::vector<ArmState> states(2);
+  states[1].gripper = {.present = true, .width = 0.03, .max_width = 0.08, .grasped = true, .moving = false};
+  rig_.board.take_grippers(states);
+  const json state = desk_.state();
+  EXPECT_FALSE(state["arms"][0].contains("gripper"));
+  EXPECT_EQ(state["arms"][1]["gripper"]["width_m"], 0.03);
+  EXPECT_EQ(state["arms"][1]["gripper"]["grasped"], true);
 }
 
 }  // namespace

@@ -1,13 +1,16 @@
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <memory>
 #include <mutex>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "core/model/model_terms.hpp"
 #include "core/record/cycle_record.hpp"
+#include "core/state/arm_state.hpp"
 
 namespace multipanda {
 
@@ -19,6 +22,7 @@ class StateBoard {
     ArmSample sample;
     ArmFrames frames;               // in force, once the loop told them
     std::string last_intervention;  // its rule, "reference_stale"; empty: none
+    GripperState gripper;           // as it last reported
   };
   struct Snapshot {
     std::uint64_t cycle = 0;  // 0: none yet
@@ -31,6 +35,9 @@ class StateBoard {
 
   explicit StateBoard(std::size_t arm_count);
 
+  // --- the loop, between two cycles; no lock, no allocation ---
+  void take_grippers(std::span<const ArmState> states) noexcept;
+
   // --- the thread that takes the records ---
   void take(const CycleRecord& record);
   void take(const Event& event);
@@ -40,9 +47,15 @@ class StateBoard {
 
  private:
   using Clock = std::chrono::steady_clock;
+  // Single words: half-new figures of a gripper do no harm.
+  struct Gripper {
+    std::atomic<double> width{0}, max_width{0};
+    std::atomic<bool> present{false}, grasped{false}, moving{false};
+  };
 
   mutable std::mutex mutex_;
   Snapshot newest_;  // guarded by mutex_
+  std::vector<Gripper> grippers_;
   std::uint64_t window_cycle_ = 0;
   Clock::time_point window_begin_;
 };

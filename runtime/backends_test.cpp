@@ -1,0 +1,288 @@
+// The same scene on other backends: simulated, virtual behind the wire, both kinds mixed, one of them lost.
+#include "runtime/backends.hpp"
+
+#include <cmath>
+#include <condition_variable>
+#include <cstdlib>
+#include <filesystem>
+#include <mutex>
+#include <unistd.h>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "backends/simulation_view.hpp"
+#include "fci/server/virtual_arms.hpp"
+#include "runtime/live_input/client.hpp"
+#include "runtime/session.hpp"
+#include "scene/load.hpp"
+
+namespace multipanda {
+namespace {
+
+using nlohmann::json;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+const Registry& registry() {
+  static const Registry all = Registry::with_builtins();
+  return all;
+}
+
+Scene two_arms(const std::string& rest = "", const std::string& of_right = "") {
+  return parse_scene(
+      "arms:\n"
+      "  - {name: left, base: {position_m: [0, 0.4, 0]}}\n"
+      "  - {name: right, base: {position_m: [0, -0.4, 0]}, start_rad: [0.1, -0.6, 0, -2.2, 0, 1.6, 0.8]" +
+          of_right +
+          "}\n"
+          "controllets:\n"
+          "  - {name: left_pose, type: cartesian_impedance, arms: left}\n"
+          "  - {name: right_joints, type: joint_impedance, arms: right}\n"
+          "active: [left_pose, right_joints]\n" +
+          rest,
+      "test.yaml", registry());
+}
+
+const char* kMotion =
+    "timeline:\n"
+    "  - {at_s: 0.05, reference: {controllet: left_pose, input: pose, position_m: [0.4, 0.35, 0.5], rpy_rad: "
+    "[pi, 0, 0.2], duration_s: 0.6}}\n"
+    "  - {at_s: 0.10, reference: {controllet: right_joints, input: joints, q_rad: [0.3, -0.5, 0.1, -2.0, "
+    "0.1, "
+    "1.5, 0.6], duration_s: 0.6}}\n";
+
+// Loopback addresses that no other program of this moment has: the maker's ports, so no free ones.
+std::string address(int arm) {
+  const int id = static_cast<int>(getpid());
+  return "127." + std::to_string(64 + (id >> 8) % 64) + "." + std::to_string(id % 256) + "." +
+         std::to_string(arm + 1);
+}
+
+fci::VirtualArmOptions lockstep(std::size_t arms) {
+  fci::VirtualArmOptions options;
+  for (std::size_t i = 0; i < arms; ++i) options.places.push_back({.address = address(static_cast<int>(i))});
+  options.pace = fci::WorldPace::lockstep;
+  options.idle_stands_still = true;
+  return options;
+}
+
+// What the records say, for whoever waits for it.
+class Watch {
+ public:
+  void take(const CycleRecord& record) {
+    const std::lock_guard lock(mutex_);
+    last_ = record;
+    changed_.notify_all();
+  }
+  // The first record from now on of which `holds` is true; none within 20 s: the test fails.
+  template <typename Holds>
+  CycleRecord wait(Holds holds) {
+    std::unique_lock lock(mutex_);
+    EXPECT_TRUE(
+        changed_.wait_for(lock, std::chrono::seconds(20), [&] { return last_.cycle > 0 && holds(last_); }));
+    return last_;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  CycleRecord last_;
+};
+
+struct Run {
+  RunSummary summary;
+  std::vector<CycleRecord> records;
+};
+
+Run run(const Scene& scene, BackendOptions backend, double seconds) {
+  Run run;
+  SessionOptions options{.paced = false, .backend = std::move(backend), .duration_s = seconds};
+  options.observer = [&run](const CycleRecord& record) { run.records.push_back(record); };
+  Session session(scene, registry(), std::move(options));
+  session.start();
+  run.summary = session.finish();
+  return run;
+}
+
+double largest_difference(const Run& a, const Run& b, std::size_t arm_of_a, std::size_t arm_of_b) {
+  double largest = 0;
+  EXPECT_EQ(a.records.size(), b.records.size());
+  for (std::size_t i = 0; i < std::min(a.records.size(), b.records.size()); ++i) {
+    for (std::size_t j = 0; j < 7; ++j) {
+      largest =
+          std::max(largest, std::abs(a.records[i].arms[arm_of_a].q[j] - b.records[i].arms[arm_of_b].q[j]));
+    }
+  }
+  return largest;
+}
+
+TEST(ArmsFrom, SayWhoIsReal) {
+  const Scene scene = two_arms("", ", fci: 172.16.0.7");
+  Scene as = with_arms_from(scene, {});
+  EXPECT_FALSE(as.arms[0].fci);
+  EXPECT_EQ(as.arms[1].fci->address, "172.16.0.7");
+  as = with_arms_from(scene, {.arms = ArmsFrom::scene, .addresses = {{"left", "10.0.0.1"}}});
+  EXPECT_EQ(as.arms[0].fci->address, "10.0.0.1");
+  as = with_arms_from(scene, {.arms = ArmsFrom::fci, .addresses = {}});
+  EXPECT_EQ(as.arms[0].fci->address, "127.0.0.1");
+  EXPECT_EQ(as.arms[1].fci->address, "172.16.0.7");
+  for (const auto arms : {ArmsFrom::mujoco, ArmsFrom::virtual_arms}) {
+    as = with_arms_from(scene, {.arms = arms, .addresses = {}});
+    EXPECT_FALSE(as.arms[0].fci || as.arms[1].fci);
+  }
+}
+
+TEST(ArmsFrom, RefusesAddressesThatCannotBe) {
+  const auto refusal = [](const BackendOptions& options) {
+    try {
+      (void)with_arms_from(two_arms(), options);
+    } catch (const std::invalid_argument& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  EXPECT_THAT(refusal({.arms = ArmsFrom::fci, .addresses = {{"lefd", "10.0.0.1"}}}),
+              HasSubstr("did you mean 'left'"));
+  EXPECT_THAT(refusal({.arms = ArmsFrom::mujoco, .addresses = {{"left", "10.0.0.1"}}}),
+              HasSubstr("all arms of this run are simulated"));
+  EXPECT_THAT(refusal({.arms = ArmsFrom::fci, .addresses = {{"left", "10.0.0.1"}, {"right", "10.0.0.1"}}}),
+              HasSubstr("same address 10.0.0.1"));
+  EXPECT_THAT(refusal({.arms = ArmsFrom::fci, .addresses = {{"left", "127.0.0.2"}}}),
+              HasSubstr("same address 127.0.0.2"));
+}
+
+// The wire carries what the simulation says, so both runs differ by little: a virtual arm's torque motion
+// begins at zero torque, at most one period after the world did; torques and states are doubles on the wire.
+TEST(VirtualBackend, MovesLikeTheSimulation) {
+  const Scene scene = two_arms(kMotion);
+  const Run direct = run(scene, {.arms = ArmsFrom::mujoco, .addresses = {}}, 1.0);
+  const Run wire = run(scene, {.arms = ArmsFrom::virtual_arms, .addresses = {}}, 1.0);
+  EXPECT_THAT(wire.summary.faults(), ElementsAre());
+  EXPECT_EQ(wire.summary.cycles, 1000u);
+  EXPECT_EQ(wire.summary.backend, "virtual");
+  for (std::size_t arm = 0; arm < 2; ++arm) {
+    EXPECT_LT(largest_difference(direct, wire, arm, arm), 2e-4) << arm;  // [rad]
+    // It did move, or the comparison would say nothing.
+    EXPECT_GT(std::abs(wire.records.back().arms[arm].q[0] - wire.records.front().arms[arm].q[0]), 0.01);
+    EXPECT_TRUE(wire.records.back().arms[arm].has_contact_truth);
+  }
+  // Lock-step: a second run is the same to the bit.
+  const Run again = run(scene, {.arms = ArmsFrom::virtual_arms, .addresses = {}}, 1.0);
+  EXPECT_EQ(largest_difference(wire, again, 0, 0), 0);
+  EXPECT_EQ(largest_difference(wire, again, 1, 1), 0);
+}
+
+// What no arm tells is read past the wire, and the timeline's `place` happens when the loop says so.
+TEST(VirtualBackend, ShowsItsObjects) {
+  const Scene scene = two_arms(
+      "objects:\n  - {name: ball, shape: sphere, diameter_m: 0.1, fixed: false, mass_kg: 1, position_m: [2, "
+      "0, "
+      "5]}\n"
+      "timeline:\n  - {at_s: 0.1, place: {object: ball, position_m: [2, 0, 8]}}\n");
+  std::vector<std::pair<double, double>> heights;
+  SessionOptions options{.paced = false, .backend = {ArmsFrom::virtual_arms, {}}, .duration_s = 0.3};
+  options.on_loop = [&](const Tick& tick, const Backend& backend) {
+    const auto X_WO = simulation_of(backend)->object_pose("ball");
+    if (X_WO) heights.emplace_back(tick.t.seconds(), X_WO->position.z());
+  };
+  Session session(scene, registry(), std::move(options));
+  session.start();
+  EXPECT_THAT(session.finish().faults(), ElementsAre());
+  ASSERT_GT(heights.size(), 250u);
+  for (const auto& [t, z] :
+       heights) {  // free fall; the engine's own integration is a little off the parabola
+    const double fallen = t <= 0.1 ? t : t - 0.1;
+    EXPECT_NEAR(z, (t <= 0.1 ? 5 : 8) - 0.5 * 9.81 * fallen * fallen, 0.02) << t;
+  }
+}
+
+// A simulated arm and a virtual one of another world in one loop, all in lock-step.
+TEST(MixedBackend, DrivesBothKinds) {
+  const Scene scene = two_arms(kMotion);
+  Scene there = scene;
+  there.arms.erase(there.arms.begin());  // the right arm alone
+  there.timeline.clear();
+  fci::VirtualArms world(there, lockstep(1));
+  world.start();
+  const Run mixed = run(scene, {.arms = ArmsFrom::scene, .addresses = {{"right", address(0)}}}, 1.0);
+  EXPECT_THAT(mixed.summary.faults(), ElementsAre());
+  EXPECT_EQ(mixed.summary.cycles, 1000u);
+  EXPECT_THAT(mixed.summary.backend, HasSubstr("left mujoco, right fci 127."));
+  const Run direct = run(scene, {.arms = ArmsFrom::mujoco, .addresses = {}}, 1.0);
+  EXPECT_EQ(largest_difference(direct, mixed, 0, 0), 0);  // nothing of it changed for the simulated arm
+  EXPECT_LT(largest_difference(direct, mixed, 1, 1), 2e-4);
+  EXPECT_TRUE(mixed.records.back().arms[0].has_contact_truth);
+  EXPECT_FALSE(mixed.records.back().arms[1].has_contact_truth);
+}
+
+TEST(RealArms, OneIsRecoveredWhileTheOtherRunsOn) {
+  const Scene scene = two_arms();
+  fci::VirtualArms world(scene, lockstep(2));
+  world.start();
+  std::string pattern = (std::filesystem::temp_directory_path() / "backends_test_XXXXXX").string();
+  const std::filesystem::path folder = mkdtemp(pattern.data());
+  Watch watch;
+  SessionOptions options{
+      .paced = false,
+      .backend = {.arms = ArmsFrom::fci, .addresses = {{"left", address(0)}, {"right", address(1)}}},
+      .duration_s = 0.0,
+      .socket = folder / "s.sock"};
+  options.observer = [&watch](const CycleRecord& record) { watch.take(record); };
+  Session session(scene, registry(), std::move(options));
+  const InstanceIndex left_hold = session.modes().find("left_hold"),
+                      right_joints = session.modes().find("right_joints");
+  const auto mode = [](const CycleRecord& record, ArmIndex arm) {
+    return static_cast<ArmMode>(record.arms[arm].mode);
+  };
+  session.start();
+  LiveClient client(folder / "s.sock");
+  const CycleRecord before = watch.wait([&](const CycleRecord& r) { return r.cycle > 50; });
+  EXPECT_NE(before.arms[0].owner, left_hold);
+
+  json answer = client.ask({{"do", "recover"}, {"arm", "left"}});
+  EXPECT_FALSE(answer["ok"].get<bool>());  // nothing to recover from
+  EXPECT_EQ(answer["verdict"], "arm_refused");
+
+  ASSERT_TRUE(world.raise(0, ArmError::joint_reflex));
+  const CycleRecord lost = watch.wait(
+      [&](const CycleRecord& r) { return mode(r, 0) == ArmMode::reflex && r.cycle > before.cycle; });
+  EXPECT_EQ(lost.arms[0].owner, left_hold);
+  EXPECT_EQ(lost.arms[1].owner, right_joints);
+  const CycleRecord later = watch.wait([&](const CycleRecord& r) { return r.cycle > lost.cycle + 50; });
+  EXPECT_EQ(mode(later, 1), ArmMode::move);  // the other one runs on
+  EXPECT_EQ(later.arms[1].owner, right_joints);
+  EXPECT_EQ(later.arms[1].sequence - lost.arms[1].sequence, later.cycle - lost.cycle);
+
+  answer = client.ask({{"do", "recover"}, {"arm", "left"}});
+  EXPECT_TRUE(answer["ok"].get<bool>()) << answer;
+  const CycleRecord back = watch.wait([&](const CycleRecord& r) { return mode(r, 0) == ArmMode::move; });
+  EXPECT_EQ(back.arms[0].owner, left_hold);  // to hold, not back into the controllet
+  EXPECT_EQ(back.arms[1].owner, right_joints);
+  answer = client.ask({{"do", "switch"}, {"activate", {"left_pose"}}});
+  EXPECT_TRUE(answer["ok"].get<bool>()) << answer;
+  session.stop();
+  const RunSummary summary = session.finish();
+  EXPECT_EQ(summary.end, RunEnd::stopped);
+  std::filesystem::remove_all(folder);
+}
+
+TEST(RealArms, NobodyThereIsSaidAtOnce) {
+  Session session(
+      two_arms(), registry(),
+      {.paced = true,
+       .backend = {.arms = ArmsFrom::fci, .addresses = {{"left", address(8)}, {"right", address(9)}}},
+       .duration_s = 1.0});
+  session.start();
+  try {
+    (void)session.finish();
+    FAIL() << "ran without arms";
+  } catch (const std::runtime_error& error) {
+    EXPECT_THAT(error.what(), HasSubstr(address(8)));
+    EXPECT_THAT(error.what(), HasSubstr("left"));
+  }
+}
+
+}  // namespace
+}  // namespace multipanda

@@ -1,0 +1,169 @@
+#include "runtime/virtual_backend.hpp"
+
+#include <algorithm>
+#include <atomic>
+
+#include "backends/arm/request_box.hpp"
+#include "fci/client/fci_backend.hpp"
+#include "fci/client/from_scene.hpp"
+#include "fci/client/gripper_link.hpp"
+#include "fci/server/virtual_arms.hpp"
+
+namespace multipanda {
+namespace {
+
+// The same arms as the scene's: fingers move only where it says so.
+Scene as_written(Scene scene) {
+  for (SceneArm& arm : scene.arms) {
+    arm.fci.reset();
+    arm.movable_fingers = arm.movable_fingers.value_or(false);
+  }
+  return scene;
+}
+
+fci::VirtualArmOptions options_of(const Scene& scene, bool paced) {
+  fci::VirtualArmOptions options;
+  // Free ports: any number of such worlds beside each other, and beside those of other programs.
+  options.places.assign(scene.arms.size(),
+                        {.address = "127.0.0.1", .port = 0, .gripper_port = 0, .vacuum_port = 0});
+  options.pace = paced ? fci::WorldPace::realtime : fci::WorldPace::lockstep;
+  options.idle_stands_still = true;  // the run begins where the scene does
+  return options;
+}
+
+}  // namespace
+
+struct VirtualBackend::Implementation {
+  Implementation(const Scene& wanted, bool is_paced, std::function<void(const std::string&)> voice)
+      : scene(as_written(wanted)),
+        paced(is_paced),
+        say(std::move(voice)),
+        world(scene, options_of(scene, paced)),
+        truth(world.view().make_snapshot()) {}
+
+  const Scene scene;
+  const bool paced;
+  const std::function<void(const std::string&)> say;
+  fci::VirtualArms world;
+  std::unique_ptr<fci::FciBackend> client;
+  std::atomic<const fci::FciBackend*> links{nullptr};  // client, once it is there
+  fci::VirtualWorldView::Snapshot truth;               // of the newest states that were read
+};
+
+VirtualBackend::VirtualBackend(const Scene& scene, bool paced, std::function<void(const std::string&)> say)
+    : self_(std::make_unique<Implementation>(scene, paced, std::move(say))) {}
+
+VirtualBackend::~VirtualBackend() {
+  self_->client.reset();
+  self_->world.stop();
+}
+
+std::size_t VirtualBackend::arm_count() const { return self_->scene.arms.size(); }
+
+Capabilities VirtualBackend::capabilities(ArmIndex arm) const {
+  const SceneArm& of = self_->scene.arms[arm];
+  return {.simulated = true,
+          .lockstep = !self_->paced,
+          .compensates_gravity = true,
+          .compensates_friction = !self_->scene.plant.joint_friction,
+          .has_external_torque = true,
+          .has_contact_truth = true,
+          .has_gripper = of.hand && of.movable_fingers.value_or(false),
+          .has_vacuum = of.vacuum,
+          .period_s = MujocoPlant::kPeriod};
+}
+
+void VirtualBackend::start() {
+  auto& self = *self_;
+  self.world.start();
+  std::vector<fci::FciArmConfig> arms;
+  for (ArmIndex i = 0; i < self.scene.arms.size(); ++i) {
+    const fci::ArmPlace& place = self.world.place(i);
+    arms.push_back(fci::fci_arm_config(self.scene.arms[i], place.address));
+    arms.back().port = place.port;
+    const SceneArm& of = self.scene.arms[i];
+    arms.back().end_effector = nullptr;
+    if (of.vacuum) {
+      arms.back().end_effector = [name = of.name, place] {
+        return fci::vacuum_link(name, place.address, place.vacuum_port);
+      };
+    } else if (of.hand && of.movable_fingers.value_or(false)) {
+      arms.back().end_effector = [name = of.name, place] {
+        return fci::gripper_link(name, place.address, place.gripper_port);
+      };
+    }
+  }
+  self.client = std::make_unique<fci::FciBackend>(std::move(arms),
+                                                  fci::FciOptions{.lockstep = !self.paced, .say = self.say});
+  self.client->start();
+  self.links.store(self.client.get(), std::memory_order_release);
+}
+
+void VirtualBackend::finish() {
+  if (self_->client) self_->client->finish();
+  self_->world.stop();
+}
+
+// In real time the arms' packets come one after the other within microseconds, since they are of one world:
+// one step takes them all, as from MujocoBackend.
+ArmSet VirtualBackend::wait() {
+  auto& self = *self_;
+  ArmSet due = self.client->wait();
+  if (!self.paced || due.empty()) return due;
+  constexpr std::chrono::microseconds kGap{200};
+  const HostTime deadline = host_now() + kGap;
+  const ArmSet all = ArmSet::all(arm_count());
+  while (due != all && host_now() < deadline) due |= self.client->wait_until(deadline);
+  return due;
+}
+bool VirtualBackend::ended() const { return self_->client->ended() || self_->world.failed(); }
+LoopTime VirtualBackend::now() const { return self_->client->now(); }
+
+void VirtualBackend::read(ArmSet due, std::span<ArmState> states) {
+  auto& self = *self_;
+  self.client->read(due, states);
+  for (ArmIndex i = 0; i < states.size(); ++i) {
+    if (!due.contains(i)) continue;
+    ArmState& state = states[i];
+    if (self.truth.message_id != state.sequence && !self.world.view().read(state.sequence, self.truth))
+      continue;
+    state.has_contact_truth = true;
+    state.F_K_W_true = self.truth.F_K_W_true[i];
+  }
+}
+
+void VirtualBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
+  self_->client->write(due, commands);
+}
+
+// Packets lost, and milliseconds that the world gave up.
+std::uint64_t VirtualBackend::overruns() const {
+  return (self_->client ? self_->client->overruns() : 0) + self_->world.world_statistics().overruns;
+}
+
+std::future<ArmAnswer> VirtualBackend::request(ArmIndex arm, ArmRequest request) {
+  const bool to_world =
+      std::holds_alternative<PlaceObject>(request) || std::holds_alternative<ResetSimulation>(request) ||
+      std::holds_alternative<PauseSimulation>(request) || std::holds_alternative<SetUserStop>(request);
+  if (to_world) return self_->world.request(arm, std::move(request));
+  if (self_->links.load(std::memory_order_acquire) == nullptr) {
+    return RequestBox::refused("the run has not begun yet");
+  }
+  return self_->client->request(arm, std::move(request));
+}
+
+std::string VirtualBackend::fault() const { return self_->world.fault(); }
+
+std::optional<Pose> VirtualBackend::object_pose(const std::string& name) const {
+  const auto& names = self_->world.view().objects();
+  const auto at = std::find(names.begin(), names.end(), name);
+  if (at == names.end() || self_->truth.message_id == 0) return std::nullopt;
+  return self_->truth.X_WO[static_cast<std::size_t>(at - names.begin())];
+}
+
+fci::ArmStatistics VirtualBackend::statistics(ArmIndex arm) const {
+  const fci::FciBackend* links = self_->links.load(std::memory_order_acquire);
+  return links != nullptr ? links->statistics(arm) : fci::ArmStatistics{};
+}
+
+}  // namespace multipanda
