@@ -203,15 +203,17 @@ Motion run_motion(Program& program, const std::function<bool(std::uint64_t)>& ke
 
 class HostilePrograms : public testing::Test {
  protected:
-  HostilePrograms() : arms_(two_arms(), options()) {
+  explicit HostilePrograms(bool vacuum = false) : arms_(two_arms(vacuum), options()) {
     arms_.start();
     victim_place_ = arms_.place(0);
     place_ = arms_.place(1);
   }
 
-  static Scene two_arms() {
-    return test::scene_of({test::arm_named("victim", test::pose(0, 0.6, 0)),
-                           test::arm_named("target", test::pose(0, -0.6, 0))});
+  static Scene two_arms(bool vacuum) {
+    Scene scene = test::scene_of({test::arm_named("victim", test::pose(0, 0.6, 0)),
+                                  test::arm_named("target", test::pose(0, -0.6, 0), !vacuum)});
+    scene.arms[1].vacuum = vacuum;
+    return scene;
   }
   static VirtualArmOptions options() {
     const ArmPlace any{.address = "127.0.0.1", .port = 0, .gripper_port = 0, .vacuum_port = 0};
@@ -490,12 +492,16 @@ class Hand {
   }
   bool connected() const { return connected_; }
   const Wire& wire() const { return wire_; }
+  template <class R>
+  std::uint32_t tell(const R& request) {
+    std::array<std::byte, kMaxGripperRequestSize> bytes;
+    wire_.send(std::span(bytes).first(encode_gripper_request(next_id_, request, bytes)));
+    return next_id_++;
+  }
   // None: no answer.
   template <class R>
   std::optional<GripperStatus> ask(const R& request) {
-    std::array<std::byte, kMaxGripperRequestSize> bytes;
-    const std::uint32_t id = next_id_++;
-    wire_.send(std::span(bytes).first(encode_gripper_request(id, request, bytes)));
+    const std::uint32_t id = tell(request);
     Message reply;
     for (;;) {
       while (reader_.next(reply) == FrameReader::Next::message) {
@@ -520,6 +526,8 @@ class Hand {
 
 class HostileToHands : public HostilePrograms {
  protected:
+  using HostilePrograms::HostilePrograms;
+
   static std::unique_ptr<Hand> arrive_at(const ArmPlace& place, std::uint16_t port, std::uint16_t version) {
     for (int i = 0; i < 1000; ++i) {
       auto hand = std::make_unique<Hand>(place, port, version);
@@ -589,6 +597,23 @@ TEST_F(HostileToHands, Gripper) {
     EXPECT_EQ(hand->ask(GripperStopRequest{}), GripperStatus::success);
     EXPECT_EQ(hand->ask(GripperHomingRequest{}), GripperStatus::success);
     EXPECT_EQ(hand->ask(GripperMoveRequest{0.03, 0.1}), GripperStatus::success);
+  });
+}
+
+class HostileToSuckers : public HostileToHands {
+ protected:
+  HostileToSuckers() : HostileToHands(true) {}
+};
+
+TEST_F(HostileToSuckers, Vacuum) {
+  under_attack([this] {
+    attack(place_, place_.vacuum_port, kVacuumVersion);
+    auto sucker = arrive_at(place_, place_.vacuum_port, kVacuumVersion);
+    ASSERT_TRUE(sucker);
+    EXPECT_EQ(sucker->ask(VacuumRequest{50, 255, 100}), GripperStatus::fail);
+    EXPECT_EQ(sucker->ask(VacuumRequest{50, 0, -1}), GripperStatus::fail);
+    sucker->tell(VacuumRequest{50, 0, std::numeric_limits<std::int64_t>::max()});  // waits for a part
+    EXPECT_EQ(sucker->ask(VacuumStopRequest{}), GripperStatus::success);
   });
 }
 
