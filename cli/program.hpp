@@ -45,7 +45,9 @@ void add_bench(Program& program);
 void add_docs(Program& program);
 void add_experiment(Program& program);
 void add_ctl(Program& program);
+void add_communication_test(Program& program);
 void add_doctor(Program& program);
 void add_generate(Program& program);
+void add_virtual_arm(Program& program);
 
 }  // namespace multipanda::cli

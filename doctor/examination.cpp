@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "doctor/arm_stream.hpp"
 #include "doctor/control_cycle.hpp"
 #include "doctor/dds.hpp"
 #include "doctor/kernel.hpp"
@@ -61,7 +62,11 @@ std::vector<Finding> examine(const ExaminationOptions& options,
   for (const auto& address : options.addresses) {
     const NetworkCardReading card = read_network_card(address, files);
     add(judge_network_card(card, purpose));
-    if (!card.interface.empty()) add(judge_round_trip(read_round_trip(address, options.seconds), purpose));
+    if (card.interface.empty()) continue;
+    add(judge_round_trip(read_round_trip(address, options.seconds), purpose));
+    const ArmStreamReading stream = read_arm_stream(address, options.seconds);
+    add(judge_arm_version(stream, purpose));
+    add(judge_state_stream(stream, purpose));
   }
   return findings;
 }
