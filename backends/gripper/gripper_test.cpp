@@ -2,6 +2,8 @@
 #include <gtest/gtest.h>
 
 #include "backends/mujoco/test_scenes.hpp"
+#include "scene/build.hpp"
+#include "scene/load.hpp"
 
 namespace multipanda {
 namespace {
@@ -323,6 +325,20 @@ TEST(Vacuum, WithoutPumpThePartFallsAfterAWhile) {
   rig.steps(9000);  // 0.5 kg need 39 mbar
   EXPECT_FALSE(rig.gripper().grasped);
   EXPECT_FALSE(rig.run(GripperMove{.width = 0.02}).success);  // has no fingers
+}
+
+// The scene that users start from: both grippers reach what stands there.
+TEST(Grippers, TheirSceneIsAsItSays) {
+  const Scene scene = load_scene("grippers", build_registry({}));
+  Loop loop(scene);
+  auto grasp = loop.backend.request(0, GripperGrasp{.width = 0.04, .force = 30});
+  auto suction = loop.backend.request(1, VacuumOn{.pressure_mbar = 500, .timeout_s = 1});
+  loop.steps(2000);
+  const ArmAnswer grasped = grasp.get(), held = suction.get();
+  EXPECT_TRUE(grasped.success) << grasped.reason;
+  EXPECT_TRUE(held.success) << held.reason;
+  EXPECT_TRUE(loop.state(0).gripper.grasped);
+  EXPECT_TRUE(loop.state(1).gripper.grasped);
 }
 
 }  // namespace
