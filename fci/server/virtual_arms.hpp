@@ -119,6 +119,7 @@ class VirtualArms {
   void run_realtime();
   void run_lockstep();
   HostTime step_due() const;
+  bool grippers_move() const;
   void step();
   void tend(HostTime now);
   void take_words();

@@ -148,6 +148,14 @@ void VirtualArms::run_lockstep() {
   }
 }
 
+// They finish what they were asked, whatever the arms do.
+bool VirtualArms::grippers_move() const {
+  for (ArmIndex i = 0; i < plant_.arm_count(); ++i) {
+    if (plant_.gripper_state(i).moving) return true;
+  }
+  return false;
+}
+
 // When the world moves on, if nothing is heard before.
 HostTime VirtualArms::step_due() const {
   bool moves = false, happened = word_happened_, others_may_join = false;
@@ -181,7 +189,7 @@ HostTime VirtualArms::step_due() const {
     due = options_.idle_stands_still && others_may_join && !moves ? happened_at + kTogether : happened_at;
   } else if (moves) {
     due = hesitant_until;
-  } else if (!options_.idle_stands_still) {
+  } else if (!options_.idle_stands_still || grippers_move()) {
     due = std::max(hesitant_until, stepped_at_ + kPeriod);
   }
   return std::max(due, silent_until);

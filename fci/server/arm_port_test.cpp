@@ -1,0 +1,324 @@
+// One virtual arm at its port: what a program sees, request by request and period by period. In lock-step, so
+// that every state and every answer is known.
+#include "backends/mujoco/test_scenes.hpp"
+#include "fci/server/test_program.hpp"
+#include "fci/wire/error_flags.hpp"
+
+namespace multipanda::fci {
+namespace {
+
+using test::TestProgram;
+
+bool is_idle(const RobotState& s) {
+  return s.robot_mode == static_cast<std::uint8_t>(RobotMode::idle) && s.motion_generator_mode == 0 &&
+         s.controller_mode == static_cast<std::uint8_t>(ControllerMode::other);
+}
+bool in_mode(const RobotState& s, RobotMode mode) { return s.robot_mode == static_cast<std::uint8_t>(mode); }
+
+class OneArm : public testing::Test {
+ protected:
+  explicit OneArm(VirtualArmOptions options = {}) : arms_(scene(), with_place(std::move(options))) {
+    arms_.start();
+  }
+  static Scene scene() { return multipanda::test::scene_of({multipanda::test::arm_named("left")}); }
+  static VirtualArmOptions with_place(VirtualArmOptions options) {
+    options.places = {{.address = test::own_address(0), .port = 0, .gripper_port = 0, .vacuum_port = 0}};
+    options.pace = WorldPace::lockstep;
+    return options;
+  }
+  const ArmPlace& place() const { return arms_.place(0); }
+  PortStatistics counts() const { return arms_.statistics(0); }
+
+  VirtualArms arms_;
+};
+
+TEST_F(OneArm, speaksEveryVersionFrom4To10AndNamesItsOwnToOthers) {
+  const std::pair<std::uint16_t, std::size_t> sizes[] = {{4, 2341}, {5, 2373}, {6, 2373}, {7, 2373},
+                                                         {8, 2373}, {9, 2373}, {10, 1377}};
+  for (const auto& [version, size] : sizes) {
+    TestProgram program(place(), version);
+    ASSERT_TRUE(program.connected()) << version;
+    EXPECT_EQ(program.server_version(), version);
+    const RobotState state = program.read();
+    EXPECT_EQ(program.size(), size) << version;
+    EXPECT_TRUE(is_idle(state)) << version;
+    EXPECT_NEAR(state.q[3], -3 * M_PI / 4, 1e-3);
+  }
+  for (const std::uint16_t version : std::to_array<std::uint16_t>({3, 11, 65535})) {
+    TestProgram program(place(), version);
+    EXPECT_EQ(program.answer(), Status::incompatible_version) << version;
+    EXPECT_EQ(program.server_version(), kNewestVersion);
+    EXPECT_TRUE(program.is_closed());
+  }
+}
+
+TEST_F(OneArm, hasOneProgramAtATime) {
+  auto first = std::make_unique<TestProgram>(place());
+  ASSERT_TRUE(first->connected());
+  EXPECT_FALSE(TestProgram(place()).connected());
+  EXPECT_EQ(counts().refused, 1u);
+  first->read();
+  EXPECT_EQ(first->size(), 1377u);  // undisturbed
+  first.reset();
+  EXPECT_TRUE(TestProgram(place()).connected());  // at once, without a pause
+}
+
+class Versions : public OneArm, public testing::WithParamInterface<std::uint16_t> {};
+INSTANTIATE_TEST_SUITE_P(All, Versions, testing::Values(4, 5, 6, 7, 8, 9, 10));
+
+TEST_P(Versions, torqueMotionFromStartToFinish) {
+  TestProgram program(place(), GetParam());
+  RobotState state = program.start_torques();
+  // All modes change in the same state, and no torque was commanded yet.
+  EXPECT_TRUE(in_mode(state, RobotMode::move));
+  EXPECT_EQ(state.control_command_success_rate, 0);
+  for (int i = 0; i < 50; ++i) {
+    const RobotState next = program.exchange(state);
+    ASSERT_EQ(next.message_id, state.message_id + 1);  // the world moved by one period, for this answer
+    ASSERT_TRUE(in_mode(next, RobotMode::move));
+    state = next;
+  }
+  EXPECT_EQ(state.control_command_success_rate, 1);
+  EXPECT_EQ(counts().commands_used, 50u);
+  // The finish is repeated until its effect shows, as the maker's library does.
+  for (int i = 0; i < 100 && !is_idle(state); ++i) state = program.exchange(state, true);
+  EXPECT_TRUE(is_idle(state));
+  EXPECT_EQ(program.reply(program.move()), Status::success);
+  // What comes late of it does not touch the next motion.
+  program.command(program.torques(state, true));
+  state = program.start_torques();
+  for (int i = 0; i < 5; ++i) state = program.exchange(state);
+  EXPECT_TRUE(in_mode(state, RobotMode::move));
+}
+
+TEST_P(Versions, stopEndsTheMotionAndIsNeverRefused) {
+  TestProgram program(place(), GetParam());
+  program.read();
+  EXPECT_EQ(program.ask(StopMoveRequest{}), Status::success);  // nothing runs
+  RobotState state = program.start_torques();
+  for (int i = 0; i < 5; ++i) state = program.exchange(state);
+  const auto stop = program.send(StopMoveRequest{});
+  EXPECT_EQ(program.reply(program.move()), Status::preempted);  // first the motion's end
+  EXPECT_EQ(program.reply(stop), Status::success);
+  EXPECT_TRUE(is_idle(program.read_until(is_idle)));
+}
+
+TEST_F(OneArm, reflexIsShownByTheFirstStateAfterTheMotion) {
+  TestProgram program(place());
+  RobotState state = program.start_torques();
+  for (int i = 0; i < 5; ++i) state = program.exchange(state);
+  RobotCommand command = program.torques(state);
+  command.tau_J_d[2] = 5;  // 5000 N m/s
+  program.command(command);
+  state = program.read();
+  EXPECT_TRUE(in_mode(state, RobotMode::reflex));
+  EXPECT_EQ(error_bits(state.errors), error_bit(ArmError::controller_torque_discontinuity));
+  EXPECT_EQ(state.reflex_reason, state.errors);
+  EXPECT_EQ(state.motion_generator_mode, 0);
+  EXPECT_EQ(program.reply(program.move()), Status::reflex_aborted);
+
+  EXPECT_EQ(program.ask(MoveRequest{}), Status::not_possible);
+  EXPECT_EQ(program.ask(StopMoveRequest{}), Status::success);
+  EXPECT_EQ(program.ask(AutomaticErrorRecoveryRequest{}), Status::success);
+  // With the answer the arm is ready.
+  state = program.start_torques();
+  EXPECT_TRUE(in_mode(state, RobotMode::move));
+  EXPECT_EQ(error_bits(state.errors), 0u);
+}
+
+// Both replies to a Move carry one id: the second must not reach the program together with the first.
+TEST_F(OneArm, secondReplyToMoveComesLaterThanTheFirst) {
+  TestProgram program(place());
+  program.read();
+  const auto move = program.send(MoveRequest{});
+  EXPECT_EQ(program.reply(move), Status::motion_started);
+  const HostTime started = host_now();
+  ASSERT_TRUE(arms_.raise(0, ArmError::joint_reflex));  // before any command
+  EXPECT_EQ(program.reply(move), Status::reflex_aborted);
+  EXPECT_GT(seconds(host_now() - started), 0.04);
+}
+
+TEST_F(OneArm, userStopEndsTheMotionUntilItIsReleased) {
+  TestProgram program(place());
+  RobotState state = program.start_torques();
+  for (int i = 0; i < 5; ++i) state = program.exchange(state);
+  EXPECT_TRUE(arms_.request(0, SetUserStop{true}).get().success);
+  state = program.read_until([](const auto& s) { return !in_mode(s, RobotMode::move); });
+  EXPECT_TRUE(in_mode(state, RobotMode::user_stopped));
+  EXPECT_EQ(program.reply(program.move()), Status::emergency_aborted);
+  EXPECT_EQ(program.ask(MoveRequest{}), Status::not_possible);
+  EXPECT_EQ(program.ask(AutomaticErrorRecoveryRequest{}), Status::not_possible);
+  EXPECT_TRUE(arms_.request(0, SetUserStop{false}).get().success);
+  program.read_until(is_idle);
+  EXPECT_TRUE(in_mode(program.start_torques(), RobotMode::move));
+}
+
+TEST_F(OneArm, settersShowInTheStateAndAreRefusedInMotion) {
+  TestProgram program(place());
+  program.read();
+  SetLoadRequest load{
+      .m_load = 0.5, .F_x_Cload = {0.01, 0.02, 0.03}, .I_load = {2e-3, 0, 0, 0, 3e-3, 0, 0, 0, 4e-3}};
+  EXPECT_EQ(program.ask(load), Status::success);
+  SetEEToKRequest k;
+  k.EE_T_K = to_wire(Pose{rotation_from_rpy({0.1, 0.2, 0.3}), {0.01, 0.02, 0.05}});
+  EXPECT_EQ(program.ask(k), Status::success);
+  SetNEToEERequest ne;
+  ne.NE_T_EE = to_wire(Pose{rotation_from_rpy({0, 0, 0.5}), {0, 0, 0.1}});
+  EXPECT_EQ(program.ask(ne), Status::success);
+  const auto shown = program.read_until([](const auto& s) { return s.m_load > 0 && s.NE_T_EE[14] > 0.09; });
+  EXPECT_FLOAT_EQ(static_cast<float>(shown.m_load), 0.5f);
+  EXPECT_FLOAT_EQ(static_cast<float>(shown.I_load[8]), 4e-3f);
+  for (std::size_t i = 0; i < 16; ++i) {
+    EXPECT_NEAR(shown.EE_T_K[i], k.EE_T_K[i], 1e-6);
+    EXPECT_NEAR(shown.NE_T_EE[i], ne.NE_T_EE[i], 1e-6);
+  }
+  // F_T_EE = F_T_NE * NE_T_EE: the hand's tool centre point is 0.1034 m before the flange, E 0.1 m further.
+  EXPECT_NEAR(shown.F_T_EE[14], 0.2034, 1e-6);
+  EXPECT_NEAR(shown.m_ee, 0.73, 0.05);  // the hand
+
+  load.m_load = -1;
+  EXPECT_EQ(program.ask(load), Status::invalid_argument);
+  k.EE_T_K[0] = std::nan("");
+  EXPECT_EQ(program.ask(k), Status::invalid_argument);
+  ne.NE_T_EE[3] = 0.5;  // the bottom row
+  EXPECT_EQ(program.ask(ne), Status::invalid_argument);
+  EXPECT_EQ(program.ask(SetJointImpedanceRequest{.K_theta = {3000, 3000, 3000, 2500, 2500, 2000, 14251}}),
+            Status::invalid_argument);
+  EXPECT_EQ(program.ask(SetCartesianImpedanceRequest{.K_x = {9, 2000, 2000, 100, 100, 100}}),
+            Status::invalid_argument);
+  EXPECT_EQ(program.ask(SetJointImpedanceRequest{.K_theta = {3000, 3000, 3000, 2500, 2500, 2000, 2000}}),
+            Status::success);
+  SetCollisionBehaviorRequest collision;
+  for (auto* torque :
+       {&collision.lower_torque_thresholds_acceleration, &collision.upper_torque_thresholds_acceleration,
+        &collision.lower_torque_thresholds_nominal, &collision.upper_torque_thresholds_nominal}) {
+    torque->fill(80);
+  }
+  for (auto* force :
+       {&collision.lower_force_thresholds_acceleration, &collision.upper_force_thresholds_acceleration,
+        &collision.lower_force_thresholds_nominal, &collision.upper_force_thresholds_nominal}) {
+    force->fill(100);
+  }
+  EXPECT_EQ(program.ask(collision), Status::success);
+  collision.lower_force_thresholds_nominal[3] = -1;
+  EXPECT_EQ(program.ask(collision), Status::invalid_argument);
+
+  program.start_torques();
+  EXPECT_EQ(program.ask(SetJointImpedanceRequest{}), Status::not_possible);
+  EXPECT_EQ(program.ask(AutomaticErrorRecoveryRequest{}), Status::not_possible);
+  EXPECT_EQ(program.ask(GetRobotModelRequest{}), Status::success);  // programs load it while they move
+  EXPECT_GT(program.rest().size(), 1000u);
+}
+
+TEST_F(OneArm, olderVersionsHaveTheirOwnRequests) {
+  {
+    TestProgram program(place(), 5);
+    program.read();
+    EXPECT_EQ(program.ask(GetCartesianLimitRequest{}), Status::success);
+    EXPECT_EQ(program.rest().size(), 153u);
+    EXPECT_EQ(program.ask(SetFiltersRequest{100, 100, 100, 100, 100}), Status::success);
+    EXPECT_EQ(program.ask(SetFiltersRequest{100, 100, 100, 100, -1}), Status::invalid_argument);
+    EXPECT_EQ(program.ask(LoadModelLibraryRequest{LibraryArchitecture::arm64, LibrarySystem::linux_os}),
+              Status::error);
+    EXPECT_EQ(program.ask(LoadModelLibraryRequest{}), Status::success);
+    ASSERT_GT(program.rest().size(), 4u);
+    EXPECT_EQ(program.rest()[1], std::byte{'E'});  // an ELF file
+  }
+  TestProgram program(place(), 10);  // has none of them
+  program.read();
+  EXPECT_EQ(program.ask(GetRobotModelRequest{}), Status::success);
+  const std::string text(reinterpret_cast<const char*>(program.rest().data()), program.rest().size());
+  EXPECT_NE(text.find("<robot"), std::string::npos);
+  EXPECT_NE(text.find("position_based_velocity_limits"), std::string::npos);
+}
+
+// Commands are counted from a motion's first one on, and 20 missing in a row are too many.
+TEST_F(OneArm, lostAnswersStopTheArmAtTheTwentieth) {
+  TestProgram program(place());
+  RobotState state = program.start_torques();
+  state = program.exchange(state);
+  ASSERT_TRUE(arms_.set_faults(0, {.latency_s = 0.0006}));  // each way: no answer comes within its period
+  int periods = 0;
+  while (in_mode(state, RobotMode::move) && ++periods < 100) state = program.exchange(state);
+  EXPECT_TRUE(in_mode(state, RobotMode::reflex));
+  EXPECT_EQ(error_bits(state.errors), error_bit(ArmError::communication_constraints_violation));
+  // The faults begin somewhere within the first exchanges; behind that it is 20 exactly.
+  EXPECT_EQ(counts().commands_missed, 20u);
+  EXPECT_EQ(counts().commands_late, 20u);
+  EXPECT_EQ(program.reply(program.move()), Status::reflex_aborted);
+}
+
+TEST_F(OneArm, lossDuplicatesAndReorderingAreSurvived) {
+  TestProgram program(place());
+  RobotState state = program.start_torques();
+  ASSERT_TRUE(arms_.set_faults(0, {.latency_s = 0.0003, .loss = 0.1, .duplicate = 0.2, .reorder = 0.05}));
+  std::uint64_t first = state.message_id, newest = first;
+  while (newest < first + 500) {
+    program.command(program.torques(state));
+    do {
+      state = program.read();
+      ASSERT_GT(program.size(), 0u);
+    } while (state.message_id <= newest);  // as the maker's library: older ones are passed over
+    newest = state.message_id;
+    ASSERT_TRUE(in_mode(state, RobotMode::move));
+  }
+  EXPECT_GT(counts().commands_missed, 60u);  // 1 - 0.9^2 (1 - 0.05)^2 of 500: 134
+  EXPECT_LT(counts().commands_missed, 220u);
+  EXPECT_GT(state.control_command_success_rate, 0.5);
+  EXPECT_LT(state.control_command_success_rate, 1.0);
+}
+
+TEST_F(OneArm, aProgramThatGoesAwayLeavesAnArmThatHolds) {
+  {
+    TestProgram program(place());
+    RobotState state = program.start_torques();
+    RobotCommand command;
+    for (int i = 0; i < 30; ++i) {
+      command = program.torques(state);
+      command.tau_J_d[0] = 0.5 * i;  // it turns
+      program.command(command);
+      state = program.read();
+    }
+    EXPECT_GT(state.dq[0], 0.01);
+  }
+  TestProgram next(place());
+  const auto state = next.read_until([](const auto& s) { return std::abs(s.dq[0]) < 1e-3; });
+  EXPECT_TRUE(is_idle(state));
+  EXPECT_TRUE(in_mode(next.start_torques(), RobotMode::move));
+}
+
+TEST_F(OneArm, nonsenseEndsTheConnectionAndNothingElse) {
+  {
+    TestProgram program(place());
+    program.read();
+    program.send(ConnectRequest{});  // a second time
+    EXPECT_TRUE(program.is_closed());
+  }
+  TestProgram program(place());
+  RobotState state = program.start_torques();
+  RobotCommand command = program.torques(state);
+  command.message_id += 1000;  // of a state that does not exist yet
+  program.command(command);
+  state = program.exchange(state);
+  EXPECT_TRUE(in_mode(state, RobotMode::move));
+  EXPECT_EQ(counts().bad_datagrams, 1u);
+  EXPECT_EQ(counts().bad_requests, 1u);
+}
+
+TEST_F(OneArm, injectedFreezeAndClosing) {
+  TestProgram program(place());
+  std::uint64_t before = program.read_newest().message_id, gap = 0;
+  ASSERT_TRUE(arms_.freeze(0, 0.03));
+  for (int i = 0; i < 100; ++i) {
+    const auto id = program.read().message_id;
+    gap = std::max(gap, id - before);
+    before = id;
+  }
+  EXPECT_EQ(gap, 30u);
+  EXPECT_EQ(program.ask(StopMoveRequest{}), Status::success);  // it listens again
+  ASSERT_TRUE(arms_.close_connection(0));
+  EXPECT_TRUE(program.is_closed());
+}
+
+}  // namespace
+}  // namespace multipanda::fci
