@@ -30,6 +30,7 @@ SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm) {
           .thresholds = scene.arms[arm].collision,
           .joint_stiffness = scene.arms[arm].joint_stiffness,
           .cartesian_stiffness = scene.arms[arm].cartesian_stiffness,
+          .friction = friction_of(scene, robot),
           .motion_limits = MotionLimits::of(robot)};
 }
 

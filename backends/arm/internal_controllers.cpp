@@ -6,6 +6,8 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
+#include "backends/arm/joint_friction.hpp"
+
 namespace multipanda {
 namespace {
 
@@ -68,8 +70,11 @@ JointVector joint_effort(const JointMatrix& M, const JointVector& stiffness, con
 
 }  // namespace
 
-InternalControllers::InternalControllers(std::size_t joint_count)
-    : tau_(joint_constant(joint_count, 0)), tau_slow_(tau_), ddq_filtered_(tau_) {}
+InternalControllers::InternalControllers(std::size_t joint_count, std::optional<JointFriction> friction)
+    : friction_(std::move(friction)),
+      tau_(joint_constant(joint_count, 0)),
+      tau_slow_(tau_),
+      ddq_filtered_(tau_) {}
 
 void InternalControllers::start() {
   tau_slow_.setZero();
@@ -91,7 +96,15 @@ const JointVector& InternalControllers::joint_impedance(ModelTerms& terms, const
     tau_ = spring.effort(e, de, tau_slow_);
   }
   tau_ += M.lazyProduct(ddq_filtered_) + terms.c();
+  add_friction(dq_d);
   return tau_;
+}
+
+void InternalControllers::add_friction(const JointVector& dq_d) {
+  if (!friction_) return;
+  for (Eigen::Index i = 0; i < dq_d.size(); ++i) {
+    tau_[i] += friction_torque(*friction_, static_cast<std::size_t>(i), dq_d[i]);
+  }
 }
 
 const JointVector& InternalControllers::cartesian_impedance(ModelTerms& terms, const Pose& X_EK,
@@ -125,6 +138,7 @@ const JointVector& InternalControllers::cartesian_impedance(ModelTerms& terms, c
   const JointVector pull =
       M.lazyProduct(kNullSpace * kNullSpace * (q_d - terms.q()) + 2 * kNullSpace * (dq_d - terms.dq()));
   tau_ = J.transpose().lazyProduct(F) + task.null_space_torque(J, pull) + terms.c();
+  add_friction(dq_d);
   return tau_;
 }
 

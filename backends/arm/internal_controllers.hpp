@@ -1,15 +1,18 @@
 #pragma once
 
+#include <optional>
+
 #include "core/model/model_terms.hpp"
+#include "models/robot_description.hpp"
 
 namespace multipanda {
 
 // The arm's own controllers: torque (without gravity) that makes it follow the desired motion as a spring.
 //
 // Joint impedance, e = q_d - q:
-//   tau = K_f e + D (dq_d - dq) + tau_s + M ddq_f + C dq,   tau_s + T dtau_s/dt = (K - K_f) e
+//   tau = K_f e + D (dq_d - dq) + tau_s + M ddq_f + tau_f(dq_d) + C dq,   tau_s + T dtau_s/dt = (K - K_f) e
 // Cartesian impedance, e = [p_d - p; log(R_d R^T)] at K's origin, in the axes of the desired K:
-//   F = K_f e + D (V_d - V) + F_s + Lambda A_f,   tau = J^T F + tau_null + C dq,
+//   F = K_f e + D (V_d - V) + F_s + Lambda A_f,   tau = J^T F + tau_null + tau_f(dq_d) + C dq,
 //   tau_null: towards q_d, within the null space of the end effector: M (w_n^2 (q_d - q) + 2 w_n (dq_d -
 //   dq)).
 //
@@ -20,6 +23,8 @@ namespace multipanda {
 // 1/T = min(kSlowest.., kIntegral w^3 / (k - w^2)). Where k <= w^2 this is the plain critically damped
 // spring. ddq_f, A_f: the desired acceleration behind a first-order filter of kFeedforward.
 //
+// tau_f: the friction of the arm's own joints, where it has any; its maker knows it. Zero at rest.
+//
 // Stable at 1 kHz with a torque bandwidth of 50 Hz and 1 ms of delay. Loop thread; no allocation.
 class InternalControllers {
  public:
@@ -28,7 +33,7 @@ class InternalControllers {
   static constexpr double kFeedforward = 100;  // [rad/s]
   static constexpr double kNullSpace = 20;     // w_n [rad/s]
 
-  explicit InternalControllers(std::size_t joint_count);
+  explicit InternalControllers(std::size_t joint_count, std::optional<JointFriction> friction = {});
 
   // A motion begins: what the slow part and the filters remember is forgotten.
   void start();
@@ -43,6 +48,9 @@ class InternalControllers {
                                          const JointVector& dq_d, const Vector6& stiffness);
 
  private:
+  void add_friction(const JointVector& dq_d);
+
+  std::optional<JointFriction> friction_;
   JointVector tau_, tau_slow_, ddq_filtered_;
   Vector6 F_slow_ = Vector6::Zero(), A_filtered_ = Vector6::Zero();
 };

@@ -24,10 +24,10 @@ class Plant {
         measured(model),
         q(model->q_home()),
         dq(JointVector::Zero(q.size())),
+        friction(*robot.friction),
         body_(model),
         realistic_(realistic),
-        tracked_(dq),
-        friction_(*robot.friction) {
+        tracked_(dq) {
     set_frames({});
     sense();
   }
@@ -49,7 +49,7 @@ class Plant {
       JointVector load = tracked_ + push - body_.c();
       load += body_.J_V_WK().transpose() * F_K_W_on_arm;
       for (Eigen::Index i = 0; realistic_ && i < q.size(); ++i) {
-        const double p1 = friction_.p1[i], p2 = friction_.p2[i], p3 = friction_.p3[i];
+        const double p1 = friction.p1[i], p2 = friction.p2[i], p3 = friction.p3[i];
         load[i] -= p1 / (1 + std::exp(-p2 * (dq[i] + p3))) - p1 / (1 + std::exp(-p2 * p3));
       }
       dq += h * JointVector(body_.M().llt().solve(load));
@@ -62,6 +62,7 @@ class Plant {
   ModelTerms measured;
   JointVector q, dq, push = JointVector::Zero(7);
   Vector6 F_K_W_on_arm = Vector6::Zero();
+  JointFriction friction;
 
  private:
   void sense() {
@@ -77,7 +78,6 @@ class Plant {
   ModelTerms body_;
   bool realistic_;
   JointVector tracked_;
-  JointFriction friction_;
   std::deque<JointVector> late_;
   std::mt19937_64 random_{1};
   std::normal_distribution<double> normal_;
@@ -196,7 +196,7 @@ TEST_P(Controllers, SettleFromAnywhere) {
 TEST_P(Controllers, FollowSlowMotion) {
   for (const bool joint : {true, false}) {
     Plant arm = plant(8);
-    InternalControllers controllers(7);
+    InternalControllers controllers(7, GetParam().realistic ? std::optional(arm.friction) : std::nullopt);
     DesiredMotion motion(arm.model, MotionLimits::of(load_robot(GetParam().robot)));
     motion.hold(arm.q, {});
     ASSERT_EQ(motion.start({.controller = ArmController::joint_impedance,
@@ -228,11 +228,9 @@ TEST_P(Controllers, FollowSlowMotion) {
       worst_position = std::max(worst_position, e.head<3>().norm());
       worst_rotation = std::max(worst_rotation, e.tail<3>().norm());
     }
-    // Without friction: what the law leaves. With the friction of the joints' table: about torque / K_f.
-    const double bound = GetParam().realistic ? 8e-3 : 6e-4;
-    EXPECT_LT(worst_joint, bound);
-    EXPECT_LT(worst_position, GetParam().realistic ? 1e-3 : 5e-4);
-    EXPECT_LT(worst_rotation, bound);
+    EXPECT_LT(worst_joint, 6e-4);
+    EXPECT_LT(worst_position, 5e-4);
+    EXPECT_LT(worst_rotation, 6e-4);
   }
 }
 

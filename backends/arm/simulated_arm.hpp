@@ -37,6 +37,7 @@ struct SimulatedArmConfig {
   std::optional<SetCollisionThresholds> thresholds;
   std::optional<JointVector> joint_stiffness;  // [N m/rad] (n x 1)
   std::optional<Vector6> cartesian_stiffness;  // in K [N/m, N m/rad]
+  std::optional<JointFriction> friction;       // of the joints: what the arm's own controllers know of it
   MotionLimits motion_limits;                  // of the control interface: MotionLimits::of(robot)
   std::optional<WorkspaceBox> workspace;       // of the end effector's origin, in B; none: not watched
 };
