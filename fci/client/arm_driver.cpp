@@ -237,12 +237,12 @@ std::future<ArmAnswer> ArmDriver::begin() {
   });
 }
 
-std::future<ArmAnswer> ArmDriver::leave() {
-  return post([this] {
+std::future<ArmAnswer> ArmDriver::leave(bool finished) {
+  return post([this, finished] {
     if (link_.is_connected() && link_.has_motion()) {
-      constexpr double kEnd = 0.3;  // [s] for a motion that was finished in the loop
+      constexpr double kEnd = 0.3;  // [s] for the reply to a motion that was finished in the loop
       try {
-        (void)link_.wait_for_end(kEnd);
+        (void)link_.wait_for_end(finished ? kEnd : 0);
       } catch (const LinkError& error) {
         if (error.kind() != LinkError::Kind::timeout) throw;
         link_.stop();
@@ -313,7 +313,8 @@ void ArmDriver::connect_end_effector() {
 void ArmDriver::check_model() {
   std::string report;
   bool checked = false;
-  if (options_.model_check == ModelCheck::off) {
+  const ModelCheck wanted = config_.model_check.value_or(options_.model_check);
+  if (wanted == ModelCheck::off) {
     report = "not compared, as asked";
   } else if (!link_.dialect().has_model_text()) {
     report = "not compared: an arm of version " + std::to_string(link_.version()) +
@@ -327,7 +328,7 @@ void ArmDriver::check_model() {
              "): name the right model in the scene (fer, fr3, ...)");
     }
     if (!found.same_dynamics()) {
-      if (options_.model_check == ModelCheck::refuse) {
+      if (wanted == ModelCheck::refuse) {
         refuse("its own model has other masses than the scene's (" + report + ")");
       }
       say("its own model differs from the scene's: " + report);
@@ -374,7 +375,7 @@ void ArmDriver::check_end_effector(const RobotState& state) {
 
 void ArmDriver::set_frames(const ArmFrames& frames) {
   const Pose X_FN = pose_of(link_.look().F_T_NE);
-  link_.set_EE(X_FN.inverse() * frames.X_FE);
+  link_.set_EE(with_proper_rotation(X_FN.inverse() * frames.X_FE));
   link_.set_K(frames.X_EK);
   if (!link_.wait_for_state([&](const RobotState& s) {
         return is_close(pose_of(s.F_T_EE), frames.X_FE) && is_close(pose_of(s.EE_T_K), frames.X_EK);
@@ -548,11 +549,13 @@ void ArmDriver::command(const JointVector& tau_cmd) noexcept {
   const double gain =
       config_.low_pass_hz > 0 ? kPeriod / (kPeriod + 1 / (2 * std::numbers::pi * config_.low_pass_hz)) : 1;
   for (std::size_t i = 0; i < 7; ++i) {
-    double in_use = commanded_ ? state.tau_J_d[i] : 0.0;
-    if (commanded_ && std::abs(in_use - sent_[i]) < kRounding) in_use = sent_[i];
+    const double last = commanded_ ? sent_[i] : 0.0;
+    const double shown = commanded_ ? state.tau_J_d[i] : 0.0;
+    const double in_use = std::abs(shown - last) < kRounding ? last : shown;
     double tau = in_use + gain * (tau_cmd[static_cast<Eigen::Index>(i)] - in_use);
     if (gain == 1) tau = tau_cmd[static_cast<Eigen::Index>(i)];  // exactly
-    if (config_.limit_rate) tau = std::clamp(tau, in_use - kStep, in_use + kStep);
+    const double from = config_.limit_rate ? in_use : last;
+    tau = std::clamp(tau, from - kStep, from + kStep);
     command_.tau_J_d[i] = tau;
   }
   command_.motion_generation_finished = command_.torque_command_finished = false;

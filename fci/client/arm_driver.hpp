@@ -21,13 +21,14 @@ namespace multipanda::fci {
 class ArmDriver {
  public:
   ArmDriver(FciArmConfig config, const FciOptions& options);
-  ~ArmDriver();  // closes without waiting for the arm
+  ~ArmDriver();  // closes after the request under way
   ArmDriver(const ArmDriver&) = delete;
 
   // --- any thread; carried out by the commander, in order ---
   std::future<ArmAnswer> prepare();  // connect, check, tell the configuration
   std::future<ArmAnswer> begin();    // torque control; the states will show it
-  std::future<ArmAnswer> leave();    // ends a motion that still runs, closes
+  std::future<ArmAnswer> leave(
+      bool finished);  // closes; a motion that still runs is stopped, at once unless it was finished
   std::future<ArmAnswer> request(ArmRequest request);
 
   const FciArmConfig& config() const { return config_; }

@@ -41,6 +41,8 @@ Pose pose_of(const std::array<double, 16>& T) {
   return X;
 }
 
+Pose with_proper_rotation(const Pose& X) { return Pose::from(X.position, X.quaternion()); }
+
 Load without(const Load& whole, const Load& part) { return combined(whole, part, -1); }
 Load with(const Load& a, const Load& b) { return combined(a, b, 1); }
 Load end_effector_of(const RobotState& packet) { return body(packet.m_ee, packet.F_x_Cee, packet.I_ee); }
@@ -65,7 +67,7 @@ void ArmPacket::fill(const RobotState& packet, bool commanded, ArmState& state) 
   if (version_ == 0 || !(now == last_)) {
     last_ = now;
     ++version_;
-    frames_ = {pose_of(packet.F_T_EE), pose_of(packet.EE_T_K)};
+    frames_ = {with_proper_rotation(pose_of(packet.F_T_EE)), with_proper_rotation(pose_of(packet.EE_T_K))};
     tool_ = without(end_effector_of(packet), hand_);
     load_ = payload_of(packet);
   }

@@ -38,6 +38,8 @@ class ArmPacket {
 };
 
 Pose pose_of(const std::array<double, 16>& column_major);
+// The nearest pose whose rotation is one: single precision leaves 1e-7 of something else.
+Pose with_proper_rotation(const Pose& X);
 // The body that remains when `part` is taken from `whole`, both in the same frame. None where the masses are
 // equal.
 Load without(const Load& whole, const Load& part);

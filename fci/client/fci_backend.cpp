@@ -167,7 +167,7 @@ void FciBackend::Implementation::keep_alive(HostTime since) {
 
 void FciBackend::Implementation::give_up(const std::vector<ArmAnswer>& answers) {
   std::vector<std::future<ArmAnswer>> leaving;
-  for (const auto& arm : arms) leaving.push_back(arm->leave());
+  for (const auto& arm : arms) leaving.push_back(arm->leave(false));
   (void)wait_for(std::move(leaving), false);
   std::string text;
   for (const ArmAnswer& answer : answers) {
@@ -214,7 +214,7 @@ void FciBackend::finish() {
     }
   }
   std::vector<std::future<ArmAnswer>> leaving;
-  for (const auto& arm : self.arms) leaving.push_back(arm->leave());
+  for (const auto& arm : self.arms) leaving.push_back(arm->leave(true));
   (void)self.wait_for(std::move(leaving), false);
   self.running = false;
 }

@@ -14,6 +14,12 @@
 
 namespace multipanda::fci {
 
+enum class ModelCheck : std::uint8_t {
+  off,
+  report,  // another kinematics is refused, other masses are reported with figures
+  refuse   // other masses are refused, too
+};
+
 // One real arm, or a virtual one: where it is and what it is told before it moves.
 struct FciArmConfig {
   std::string name;     // for messages: "left"
@@ -35,20 +41,17 @@ struct FciArmConfig {
   std::optional<Vector6> cartesian_stiffness;  // in K [N/m, N m/rad]
   std::optional<SetCollisionThresholds> thresholds;
 
-  // On the torque, last before the wire. The safety stage limits torque and torque rate already, by the
-  // model's figures; these are the control interface's own customs, off by default as in the maker's library
-  // since its version 0.10.
-  bool limit_rate = false;  // to the arm's 1000 N m/s, counted from the torque last sent
-  double low_pass_hz = 0;   // first order, on the torque; 0: none
+  // On the torque, last before the wire. The safety stage has limited torque and torque rate already. Here
+  // the rate stays just below the arm's own limit of 1000 N m/s, counted from the torque last sent; with
+  // `limit_rate` counted from the torque that the arm shows to be in use, so that a command lost on the way
+  // costs no reflex.
+  bool limit_rate = false;
+  double low_pass_hz = 0;  // first order, on the torque; 0: none
+
+  std::optional<ModelCheck> model_check;  // other than FciOptions says
 
   // A gripper beside the arm; empty: none. Called off the loop, once.
   std::function<std::unique_ptr<EndEffector>()> end_effector;
-};
-
-enum class ModelCheck : std::uint8_t {
-  off,
-  report,  // another kinematics is refused, other masses are reported with figures
-  refuse   // other masses are refused, too
 };
 
 struct FciOptions {
@@ -92,7 +95,7 @@ class FciBackend : public Backend {
  public:
   // Throws std::invalid_argument: no arms, an arm without model, not seven joints, values out of range.
   explicit FciBackend(std::vector<FciArmConfig> arms, FciOptions options = {});
-  ~FciBackend() override;  // closes without waiting; call finish() first
+  ~FciBackend() override;  // closes; call finish() first, else the arms stop with an error
 
   std::size_t arm_count() const override;
   Capabilities capabilities(ArmIndex arm) const override;

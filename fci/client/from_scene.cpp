@@ -31,6 +31,7 @@ FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address) {
     config.version = arm.fci->version;
     config.low_pass_hz = arm.fci->low_pass_hz;
     config.limit_rate = arm.fci->rate_limit;
+    if (!arm.fci->check_model) config.model_check = ModelCheck::off;
   }
   return config;
 }
