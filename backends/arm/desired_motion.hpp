@@ -97,11 +97,22 @@ class DesiredMotion {
     float elbow = 0, delbow = 0, ddelbow = 0;
     Pose pose() const { return {R.cast<double>(), p.cast<double>()}; }
   };
+  // One period's commanded pose and elbow, and what they mean against the history and its published form.
+  struct CartesianCommand {
+    Pose X;
+    Vector6 V = Vector6::Zero(), V_published = Vector6::Zero(), A = Vector6::Zero();
+    bool has_elbow = false;
+    double elbow = 0, delbow = 0, ddelbow = 0, delbow_published = 0, ddelbow_published = 0;
+    bool begins_here = false;  // a start of its own: what was before does not count
+  };
   MotionStep step_joints(const InterfaceCommand* command);
   MotionStep step_cartesian(const InterfaceCommand* command);
   MotionStep step_planned(const InterfaceCommand* command);
   MotionStep end_of_motion() const;
   bool is_at_rest() const;
+  void extrapolate(CartesianCommand& wanted) const;
+  MotionStep read_cartesian(const InterfaceCommand& command, CartesianCommand& wanted);
+  void begin_cartesian(CartesianCommand& wanted, bool other_pose, bool other_elbow);
   struct Worst;
   bool check_joint_positions(const JointVector& q);
   void check_joint_command(const JointVector& q, const JointVector& dq, const JointVector& dq_published);

@@ -68,7 +68,7 @@ ReflexDetail MeasuredLimits::check(const Measured& m) {
     worst.see(ArmError::cartesian_position_limits_violation, k, p, workspace_->min[k],
               workspace_->min[k] - p);
   }
-  if (worst.detail) return worst.detail;
+  if (worst.detail || !m.cartesian_motion) return worst.detail;
   // Of translation and of rotation as a whole: index 0 and 3.
   const double linear = kVelocityMargin * limits_.cartesian.velocity;
   const double angular = kVelocityMargin * limits_.cartesian.rotation_velocity;

@@ -17,7 +17,8 @@ namespace multipanda {
 //   |tau_J| beyond the torque limit, gravity included    tau_j_range_violation
 //   sum |tau_J dq| beyond the greatest power             power_limit_violation
 //   end effector outside the workspace, if there is one  cartesian_position_limits_violation
-//   |v|, |w| of it beyond kVelocityMargin times limit    cartesian_velocity_violation
+//   |v|, |w| of it beyond kVelocityMargin times limit    cartesian_velocity_violation, in Cartesian motion:
+//                                                        joint 7 may turn faster than a hand
 //
 // The margin lets a motion that is commanded at the limit overshoot by what following it needs. A joint that
 // is beyond its limit when the arm takes commands again may be led back: it is watched from there.
@@ -38,6 +39,7 @@ class MeasuredLimits {
     const JointVector &q, &dq, &tau_J;
     const Vector3& p_BE;
     const Vector6& V_BE;
+    bool cartesian_motion;
   };
   // The first rule broken, in the order above; the joint or axis that breaks it by most. Loop thread.
   ReflexDetail check(const Measured& measured);

@@ -48,6 +48,15 @@ bool is_cartesian(MotionGenerator generator) {
   return generator == MotionGenerator::cartesian_pose || generator == MotionGenerator::cartesian_velocity;
 }
 
+bool exists(const MotionRequest& request) {
+  using Generator = MotionGenerator;
+  const bool external = request.controller == ArmController::external;
+  if (request.controller == ArmController::other || request.generator == Generator::idle) return false;
+  if (request.generator == Generator::none && !external) return false;
+  return !request.asynchronous || (request.controller == ArmController::joint_impedance &&
+                                   request.generator == Generator::joint_position);
+}
+
 // The flag for a command of desired motion that is no command.
 ArmError no_command(MotionGenerator generator) {
   if (generator == MotionGenerator::cartesian_pose) {
@@ -127,6 +136,7 @@ void SimulatedArm::publish_configuration() {
 
 MotionStart SimulatedArm::start_motion(const MotionRequest& request) {
   if (mode() != ArmMode::idle) return MotionStart::not_possible;
+  if (!exists(request)) return MotionStart::invalid_argument;
   const MotionStart answer = desired_.start(request);
   if (answer != MotionStart::started) return answer;
   motion_ = request;

@@ -50,8 +50,10 @@ void SimulatedArm::watch_measurement() {
   const Twist& V_WE = model_.V_WE();
   Vector6 V_BE;
   V_BE << R_BW * V_WE.linear(), R_BW * V_WE.angular();
+  const bool cartesian = motion_.generator == MotionGenerator::cartesian_pose ||
+                         motion_.generator == MotionGenerator::cartesian_velocity;
   const ReflexDetail limit =
-      measured_limits_.check({state_.q, state_.dq, state_.tau_J, interface_.X_BE.position, V_BE});
+      measured_limits_.check({state_.q, state_.dq, state_.tau_J, interface_.X_BE.position, V_BE, cartesian});
   const ReflexDetail itself = self_collision_.check(model_);
   if (limit) raise(limit);
   if (itself) raise(itself);

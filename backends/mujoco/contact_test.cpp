@@ -86,6 +86,7 @@ TEST(Contact, PressingForceBalancesTheCommand) {
     Scene scene = scene_of({arm});
     scene.objects = {table({tip.x(), tip.y(), tip.z() - 0.07}, {0.3, 0.3, 0.1})};
     Loop loop(scene);
+    loop.unwatch();  // it hits the table with a law that limits no rate
     Vector6 push = Vector6::Zero();
     push[2] = -20;
     for (int k = 0; k < 4000; ++k) {

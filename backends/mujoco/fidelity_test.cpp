@@ -30,6 +30,7 @@ TEST(Fidelity, FrictionFollowsTheTable) {
   const double p3[] = {0.039533, 0.025882, -0.046070, 0.036194, 0.026226, -0.021047, 0.0035526};
   const SceneArm arm = arm_named("a");
   Loop loop(scene_of({arm}, {.name = "rubbing", .joint_friction = true}));
+  loop.unwatch();
   ModelTerms terms = terms_of(arm);
   std::mt19937 random(3);
   const auto& limits = terms.model().limits();
