@@ -19,8 +19,15 @@ constexpr std::chrono::seconds kHandshake{2};
 
 constexpr std::chrono::nanoseconds kPeriod{1'000'000};
 
+// How long a program whose motion has ended waits in vain for the world to move on.
+constexpr std::chrono::milliseconds kPartingPatience{5};
+
 // Floods: more waits for the next round, so that no program keeps the loop for itself.
 constexpr int kDatagramsPerRound = 64, kConnectionsPerRound = 8;
+
+bool is_finish(const RobotCommand& command) {
+  return command.motion_generation_finished || command.torque_command_finished;
+}
 
 }  // namespace
 
@@ -145,6 +152,7 @@ void ArmPort::take_datagram(std::span<const std::byte> datagram) {
   motion_.commanded = true;
   pending_ = received_;
   has_pending_ = true;
+  if (is_finish(pending_)) answered_at_ = host_now();
 }
 
 void ArmPort::command() {
@@ -153,7 +161,7 @@ void ArmPort::command() {
       fill(command_, pending_);
       arm_.take_command(command_);
       counts_.commands_used.add();
-    } else if (motion_.commanded) {
+    } else if (motion_.commanded && !parted_early_) {
       arm_.miss_command();
       if (!motion_.asynchronous) counts_.commands_missed.add();
       silent_ = awaits() == Awaits::command;
@@ -166,7 +174,7 @@ void ArmPort::stepped(std::int64_t period) {
   message_id_ = static_cast<std::uint64_t>(period) + 1;
   published_at_ = host_now();
   notice_end();
-  wants_state_ = false;
+  wants_state_ = parted_early_ = false;
   if (frozen_ > 0) {
     if (--frozen_ > 0) return;
     if (client_) client_->stream.watch(true);
@@ -280,9 +288,39 @@ void ArmPort::tell_end(HostTime now) {
   motion_.end.reset();
 }
 
+// In lock-step the end of a motion shows when the world moves, and that may wait for another arm's command. A
+// program that drives both, and can do one thing at a time, would wait for ever: while it waits for this
+// arm's end (interpreters with one lock do not even let its other threads run) it sends no command to the
+// other. So its end is told beforehand: the next state's number, the present measurements, the new condition.
+void ArmPort::part_early(HostTime now) {
+  const auto due = tend_due();
+  if (!due || now < *due) return;
+  if (has_pending_) {
+    fill(command_, pending_);
+    arm_.take_command(command_);
+    counts_.commands_used.add();
+    has_pending_ = false;
+    notice_end();
+  }
+  parted_early_ = true;
+  if (motion_.runs || client_->dialect == nullptr) return;
+  fill(state_, message_id_ + 1, arm_, config_.fixed);
+  show_idle(state_, arm_);
+  send_state({state_bytes_.data(), encode(*client_->dialect, state_, state_bytes_)});
+  answer_waiting();
+}
+
+std::optional<HostTime> ArmPort::tend_due() const {
+  if (!config_.lockstep || !client_ || parted_early_ || frozen_ > 0) return std::nullopt;
+  if (motion_.runs && has_pending_ && is_finish(pending_)) return answered_at_ + kPartingPatience;
+  if (!motion_.runs && motion_.end) return wanted_at_ + kPartingPatience;
+  return std::nullopt;
+}
+
 void ArmPort::tend(HostTime now) {
   notice_end();
   if (!client_ || frozen_ > 0) return;
+  part_early(now);
   tell_end(now);
   if (reader_.waiting() > 0) serve_waiting();
   if (!client_) return;

@@ -66,6 +66,7 @@ class ArmPort : public Port {
   void stepped(std::int64_t period) override;
   // Replies and connections that wait for time to pass.
   void tend(HostTime now);
+  std::optional<HostTime> tend_due() const;  // when tend() is needed, if nothing comes before
   std::optional<HostTime> next_due() const;  // of datagrams that injected latency holds back
 
   // Lock-step: what the world is waiting for.
@@ -123,6 +124,7 @@ class ArmPort : public Port {
   void notice_end();
   void tell_end(HostTime now);
   void answer_waiting();
+  void part_early(HostTime now);
   void drop_client();
   void want_state();
 
@@ -148,12 +150,14 @@ class ArmPort : public Port {
   } stops_, recoveries_;
   bool wants_state_ = false;
   HostTime wanted_at_;
+  bool parted_early_ = false;
 
   std::uint64_t message_id_ = 1;  // of the last state
   HostTime published_at_;
   RobotState state_;
   RobotCommand received_, pending_;  // the one just read; the one for this period
   bool has_pending_ = false;
+  HostTime answered_at_;
   bool answered_ = false;  // the program has answered the last state, whatever became of its answer
   bool silent_ = false;    // lock-step: the world went on without its answer
   std::uint64_t newest_command_ = 0;  // its message_id

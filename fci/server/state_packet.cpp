@@ -134,4 +134,13 @@ void fill(RobotState& state, std::uint64_t message_id, const SimulatedArm& arm, 
   state.control_command_success_rate = own.command_success_rate;
 }
 
+void show_idle(RobotState& state, const SimulatedArm& arm) {
+  state.motion_generator_mode = static_cast<std::uint8_t>(MotionGeneratorMode::idle);
+  state.controller_mode = static_cast<std::uint8_t>(ControllerMode::other);
+  state.robot_mode = static_cast<std::uint8_t>(wire_mode(arm.mode()));
+  put(state.errors, arm.errors());
+  if (arm.errors() != 0) put(state.reflex_reason, arm.errors());
+  state.control_command_success_rate = 0;
+}
+
 }  // namespace multipanda::fci

@@ -21,6 +21,9 @@ inline constexpr std::size_t kWireJoints = 7;
 // allocation.
 void fill(RobotState& state, std::uint64_t message_id, const SimulatedArm& arm, const FixedConfig& config);
 
+// An arm whose motion has ended since it measured: modes and errors as they will be in its next state.
+void show_idle(RobotState& state, const SimulatedArm& arm);
+
 // Column-major 4x4, as on the wire.
 std::array<double, 16> to_wire(const Pose& X);
 Pose to_pose(const std::array<double, 16>& column_major);

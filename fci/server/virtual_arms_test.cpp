@@ -91,6 +91,37 @@ TEST(VirtualArms, aSilentProgramStopsOnlyItsOwnArm) {
   EXPECT_EQ(arms.statistics(1).commands_missed, 20u);
 }
 
+// A program that ends one arm's motion while it owes the other one an answer gets to see that end: nothing is
+// missed meanwhile.
+TEST(VirtualArms, anEndIsSeenBeforeTheOtherArmIsAnswered) {
+  VirtualArms arms(two_arms(), options(WorldPace::lockstep, true));
+  arms.start();
+  TestProgram left(arms.place(0)), right(arms.place(1));
+  left.read();
+  right.read();
+  for (TestProgram* program : {&left, &right}) {
+    EXPECT_EQ(program->reply(program->send(MoveRequest{})), Status::motion_started);
+  }
+  const auto moves = [](const RobotState& s) { return in_mode(s, RobotMode::move); };
+  RobotState l = left.read_until(moves), r = right.read_until(moves);
+  const auto both = std::max(l.message_id, r.message_id);
+  while (l.message_id < both) l = left.read();
+  while (r.message_id < both) r = right.read();
+  for (int i = 0; i < 20; ++i) {
+    left.command(left.torques(l));
+    right.command(right.torques(r));
+    l = left.read();
+    r = right.read();
+  }
+  l = left.exchange(l, true);  // the right one still waits
+  EXPECT_TRUE(in_mode(l, RobotMode::idle));
+  EXPECT_EQ(l.message_id, r.message_id + 1);
+  EXPECT_EQ(l.controller_mode, static_cast<std::uint8_t>(ControllerMode::other));
+  const auto next = right.exchange(r);
+  EXPECT_EQ(next.message_id, r.message_id + 1);
+  EXPECT_EQ(arms.statistics(1).commands_missed, 0u);
+}
+
 TEST(VirtualArms, realTimeTakesCommandsOfTheLastState) {
   VirtualArms arms(two_arms(), options(WorldPace::realtime));
   arms.start();

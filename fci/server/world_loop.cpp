@@ -21,8 +21,8 @@ constexpr nanoseconds kMostBehind{100'000'000};
 constexpr nanoseconds kSpin{60'000};
 constexpr int kRoundsPerPoll = 32;  // how often the loop looks for requests while it spins
 
-// A program that did not answer once delays the others no longer.
-constexpr nanoseconds kSilentPatience{1'000'000};
+// A program that did not answer once delays the others no longer for so long.
+constexpr nanoseconds kSilentPatience{20'000'000};
 
 constexpr HostTime kNever{std::numeric_limits<std::int64_t>::max()};
 
@@ -140,7 +140,9 @@ void VirtualArms::run_lockstep() {
     if (awaits && now < spin_until) continue;
     if (awaits && trust > 0) --trust;
     // Nothing for the moment: sleep until something comes, or until the world goes on without it.
-    if (due != kNever) timer_.ensure(due);
+    HostTime wake = due;
+    for (const auto& port : ports_) wake = std::min(wake, port->tend_due().value_or(kNever));
+    if (wake != kNever) timer_.ensure(wake);
     poll_.serve(-1);
     take_words();
     tend(host_now());
