@@ -166,10 +166,15 @@ void keep_gripper(const std::string& arm, json& answer) {
 }
 
 void print_gripper(const json& gripper) {
-  fmt::print("{:.1f} mm of {:.1f} mm{}{}\n", 1000 * gripper["width_m"].get<double>(),
-             1000 * gripper["max_width_m"].get<double>(),
-             gripper["grasped"].get<bool>() ? ", holds something" : "",
-             gripper["moving"].get<bool>() ? ", moves" : "");
+  const double width = gripper["width_m"].get<double>(), most = gripper["max_width_m"].get<double>();
+  const bool holds = gripper["grasped"].get<bool>();
+  const char* moves = gripper["moving"].get<bool>() ? ", moves" : "";
+  if (width == 0 && most == 0) {  // no fingers
+    fmt::print("{}{}\n", holds ? "holds a part" : "holds nothing", moves);
+    return;
+  }
+  const std::string range = most > 0 ? fmt::format(" of {:.1f} mm", 1000 * most) : ", not homed yet";
+  fmt::print("{:.1f} mm{}{}{}\n", 1000 * width, range, holds ? ", holds something" : "", moves);
 }
 
 int ask(const CtlOptions& options, json request) {
