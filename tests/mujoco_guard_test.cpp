@@ -83,5 +83,35 @@ TEST_F(MujocoGuard, EveryControlletFeatureAndSwitch) {
   backend.finish();
 }
 
+// Fingers that grasp, a cup that sucks, and both letting go.
+TEST_F(MujocoGuard, Grippers) {
+  const Registry registry = Registry::with_builtins();
+  const Scene scene = load_scene("grippers", registry);
+  MujocoBackend backend(scene, {.pace = Pace::unpaced});
+  ControlCycle cycle(build_cycle_config(scene, 20000), registry, backend);
+  backend.start();
+  cycle.step(backend.wait());
+  const auto all_well = [&](const ArmRequest& left, const ArmRequest& right) {
+    auto first = backend.request(0, left);
+    auto second = backend.request(1, right);
+    for (int k = 0; k < 3000; ++k) {
+      LoopGuard::arm();
+      const ArmSet due = backend.wait();
+      cycle.step(due);
+      const LoopGuardCounts counts = LoopGuard::disarm();
+      ASSERT_EQ(counts.heap_calls, 0u) << k;
+      ASSERT_EQ(counts.lock_calls, 0u) << k;
+      if (faults_count_) {
+        ASSERT_EQ(counts.page_faults, 0u) << k;
+      }
+    }
+    EXPECT_TRUE(first.get().success);
+    EXPECT_TRUE(second.get().success);
+  };
+  all_well(GripperGrasp{.width = 0.04}, VacuumOn{.pressure_mbar = 500});
+  all_well(GripperHoming{}, VacuumDrop{});
+  backend.finish();
+}
+
 }  // namespace
 }  // namespace multipanda
