@@ -182,8 +182,8 @@ void MultimodeController::evict(InstanceIndex instance, ArmIndex arm, const Find
   emit(event, tick);
 }
 
-// Leaves an event when the arm itself changed its mode or configuration. An arm that comes back (from a reflex,
-// from being guided by hand) is held where it stands now, not where it was lost.
+// Leaves an event when the arm itself changed its mode or configuration. An arm that comes back (from a
+// reflex, from being guided by hand) is held where it stands now, not where it was lost.
 void MultimodeController::watch_arm(ArmIndex arm, const Tick& tick) {
   const ArmState& state = blocks_.states[arm];
   if (state.mode != last_mode_[arm]) {
