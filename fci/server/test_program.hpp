@@ -98,6 +98,30 @@ class TestProgram {
     return state;
   }
   std::size_t size() const { return size_; }  // of the last state [bytes]
+  // The same without sleeping; decoding_s(): what it took once the state was there.
+  RobotState read_spinning() {
+    RobotState state;
+    std::array<std::byte, kMaxStateSize + 1> bytes;
+    ssize_t size = -1;
+    const HostTime bound = host_now() + std::chrono::milliseconds(kBoundMs);
+    while (size < 0 && host_now() < bound) {
+      size = ::recv(udp_.file(), bytes.data(), bytes.size(), MSG_DONTWAIT);
+    }
+    const HostTime there = host_now();
+    size_ = size < 0 ? 0 : static_cast<std::size_t>(size);
+    EXPECT_EQ(decode(d_, {bytes.data(), size_}, state), WireResult::ok);
+    decoding_s_ = seconds(host_now() - there);
+    return state;
+  }
+  double decoding_s() const { return decoding_s_; }
+  // The newest that has arrived after `before`, else that one.
+  RobotState read_newest_or(RobotState before) {
+    for (;;) {
+      const RobotState next = read(0);
+      if (size_ == 0) return before;
+      before = next;
+    }
+  }
   // What has piled up is thrown away.
   RobotState read_newest() {
     RobotState state = read();
@@ -184,6 +208,7 @@ class TestProgram {
   Status answer_ = Status::error;
   std::uint16_t server_version_ = 0;
   std::size_t size_ = 0;
+  double decoding_s_ = 0;
 };
 
 }  // namespace multipanda::fci::test
