@@ -131,9 +131,12 @@ void VirtualArms::run_lockstep() {
     const HostTime due = step_due();
     if (due <= now) {
       if (now < spin_until && trust < kMostTrust) ++trust;
+      // While the world goes with the wall clock it makes good what a busy computer cost it.
+      const bool idle = due == stepped_at_ + kPeriod;
       step();
-      stepped_at_ = host_now();
-      spin_until = stepped_at_;
+      const HostTime stepped = host_now();
+      stepped_at_ = idle ? std::max(due, stepped + -kMostBehind) : stepped;
+      spin_until = stepped;
       if (trust > 0 || periods_.get() % 64 == 0) spin_until = spin_until + kSpin;
       continue;
     }
