@@ -155,6 +155,7 @@ TEST(Surface, ToolsThatPressSinkInByTheStiffness) {
         table.friction = 0;
         scene.objects = {table};
         Loop loop(scene);
+        loop.unwatch();  // raw laws, without any rate limit
         double force[2], depth[2];
         for (int i = 0; i < 2; ++i) {
           Vector6 push = Vector6::Zero();
@@ -198,6 +199,7 @@ TEST(Surface, SlidingDoesNotChatter) {
     Scene scene = scene_of({arm});
     scene.objects = {table};
     Loop loop(scene);
+    loop.unwatch();
     int lost = 0, sliding = 0;
     for (int k = 0; k < 3000; ++k) {
       const double t = 0.001 * k, y = k < 1000 ? 0 : 0.07 * (t - 1);
@@ -237,6 +239,7 @@ double slip_of_held_box(std::size_t noslip_iterations) {
                                {.stiffness_n_per_m = 1e4, .damping_ratio = 0.5})};
   scene.objects[0].X_WO.position = middle;
   Loop loop(scene);
+  loop.unwatch();
   std::vector<ModelTerms> terms;
   for (auto* arm : {&left, &right}) terms.push_back(terms_of(*arm));
   double start = 0;
@@ -277,6 +280,7 @@ TEST(Surface, HeldBoxDoesNotCreepWithNoslip) {
 TEST(Stiction, HoldsSmallTorquesAndBelongsToTheLinkSide) {
   const SceneArm arm = arm_named("a", {}, false);
   Loop loop(scene_of({arm}, {.stiction_nm = 0.3}));
+  loop.unwatch();
   ModelTerms terms = terms_of(arm);
   loop.commands[0].tau_cmd[0] = 0.25;
   loop.steps(1000);
@@ -292,6 +296,7 @@ TEST(Stiction, HoldsSmallTorquesAndBelongsToTheLinkSide) {
   }
   EXPECT_NEAR(loop.state().tau_J[0], 2.7, 1e-6);
   Loop smooth(scene_of({arm}));
+  smooth.unwatch();
   smooth.commands[0].tau_cmd[0] = 0.25;
   smooth.steps(1000);
   EXPECT_GT((smooth.state().q - ready()).cwiseAbs().maxCoeff(), 0.02);
@@ -324,6 +329,9 @@ Scene vanishing(double at_s) {
 TEST(Place, TimelineMovesFixedAndFreeObjectsAtItsTime) {
   const Scene scene = vanishing(0.5);
   Loop loop(scene), again(scene);
+  loop.unwatch();
+  again.unwatch();
+  loop.unwatch();
   ModelTerms terms = terms_of(scene.arms[0]);
   Vector6 push = Vector6::Zero();
   push[2] = -20;
@@ -358,6 +366,7 @@ TEST(Place, IntoSomethingStopsTheWorldAndSaysSo) {
   Scene scene = vanishing(0.01);
   scene.timeline[0].X_WO = {Matrix3::Identity(), scene.objects[1].X_WO.position};
   Loop loop(scene);
+  loop.unwatch();
   for (int k = 0; k < 9; ++k) loop.step();
   EXPECT_FALSE(loop.due.empty());
   for (int k = 0; k < 2; ++k) loop.step();
