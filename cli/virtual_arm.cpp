@@ -70,7 +70,9 @@ json listening(const fci::VirtualArms& arms) {
   json result = json::object();
   for (ArmIndex i = 0; i < arms.arm_count(); ++i) {
     const auto& place = arms.place(i);
-    result[arms.names()[i]] = {{"address", place.address}, {"port", place.port}};
+    json& said = result[arms.names()[i]] = {{"address", place.address}, {"port", place.port}};
+    if (arms.has_gripper(i)) said["gripper_port"] = place.gripper_port;
+    if (arms.has_vacuum(i)) said["vacuum_port"] = place.vacuum_port;
   }
   return {{"listening", result}};
 }
@@ -93,7 +95,10 @@ json to_json(const fci::PortStatistics& s) {
 void say_where(const fci::VirtualArms& arms, const Console& console) {
   for (ArmIndex i = 0; i < arms.arm_count(); ++i) {
     const auto& place = arms.place(i);
-    console.line(fmt::format("arm {}: {}:{}{}", arms.names()[i], place.address, place.port,
+    const std::string more = arms.has_gripper(i)  ? fmt::format(", gripper at {}", place.gripper_port)
+                             : arms.has_vacuum(i) ? fmt::format(", vacuum gripper at {}", place.vacuum_port)
+                                                  : "";
+    console.line(fmt::format("arm {}: {}:{}{}{}", arms.names()[i], place.address, place.port, more,
                              fci::is_loopback(place.address)
                                  ? ""
                                  : " (reachable from other computers: anybody there can move it)"));

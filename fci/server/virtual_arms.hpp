@@ -83,6 +83,8 @@ class VirtualArms {
   const std::vector<std::string>& names() const { return names_; }
   std::optional<ArmIndex> find(std::string_view name) const;
   const ArmPlace& place(ArmIndex arm) const { return places_[arm]; }  // as listened on, after start()
+  bool has_gripper(ArmIndex arm) const { return grippers_[arm] != nullptr; }  // listens for its programs
+  bool has_vacuum(ArmIndex arm) const { return vacuums_[arm] != nullptr; }
   PortStatistics statistics(ArmIndex arm) const;
   WorldStatistics world_statistics() const;
   const VirtualWorldView& view() const { return view_; }
