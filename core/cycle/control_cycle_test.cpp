@@ -132,6 +132,32 @@ TEST(ControlCycle, AnArmThatLeavesItsModeIsHeldAndRefused) {
   EXPECT_TRUE(loop.activate({"s1"}).accepted());
 }
 
+// After a reflex, and perhaps after somebody moved it by hand.
+TEST(ControlCycle, AnArmThatComesBackIsHeldWhereItStandsAndBeginsAtTheTorqueInUse) {
+  TestLoop loop(1, {}, test::test_registry());
+  bool away = false;
+  double in_use = 0;
+  loop.world.tamper = [&](ArmIndex, std::uint64_t, ArmState& state) {
+    if (away) state.mode = ArmMode::reflex;
+    if (in_use > 0) state.tau_J_d[0] = in_use;
+  };
+  loop.steps(10);
+  away = true;
+  loop.steps(10);
+  const JointVector elsewhere = loop.world.position(0) + joint_constant(7, 0.2);
+  loop.world.set_position(0, elsewhere);
+  loop.world.set_velocity(0, joint_constant(7, 0));
+  away = false;
+  in_use = 5;
+  loop.step();
+  EXPECT_NEAR(loop.world.torque(0)[0], 4, 1e-9) << "towards 0 by 1000 N m/s x 1 ms";
+  in_use = 0;
+  for (int k = 0; k < 1000; ++k) {
+    loop.step();
+    ASSERT_LT((loop.world.position(0) - elsewhere).norm(), 0.02);
+  }
+}
+
 // Two arms whose packets come half a millisecond apart: the group ticks once per period, on its first arm's
 // packet; the second gets the same tick's torque on its own.
 TEST(ControlCycle, AGroupTicksOncePerPeriodWhenPacketsComeApart) {

@@ -10,6 +10,7 @@
 #include "backends/arm/arm_interface.hpp"
 #include "core/rt/triple_buffer.hpp"
 #include "core/types/spatial.hpp"
+#include "fci/client/arm_words.hpp"
 #include "fci/client/tcp_channel.hpp"
 #include "fci/client/udp_port.hpp"
 #include "fci/wire/requests.hpp"
@@ -146,12 +147,5 @@ class ArmLink {
   };
   std::optional<Motion> motion_;
 };
-
-// "reflex", "user stopped": the arm's mode for people.
-std::string_view mode_name(std::uint8_t robot_mode);
-// "(joint_reflex, cartesian_reflex) ": the errors active now, or nothing.
-std::string error_list(const RobotState& state);
-// Why an arm in this mode does not do what was asked, and what to do about it.
-std::string refusal_in_mode(const std::string& arm, const RobotState& state);
 
 }  // namespace multipanda::fci
