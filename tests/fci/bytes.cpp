@@ -28,7 +28,7 @@ int serve(const std::string& address, const std::string& path) {
 }
 
 // The numbers below are the same expressions in the Python side of the test.
-constexpr int kTorques = 120, kVelocities = 200;
+constexpr int kTorques = 120, kMotion = 200;
 
 std::array<double, 7> torques(int k) {
   std::array<double, 7> tau{};
@@ -62,10 +62,34 @@ void settings(ArmLink& link) {
   link.set_load({.mass = 0.015625, .p_FC = {0, 0, 0.125}, .inertia_C = 0.00390625 * Matrix3::Identity()});
 }
 
+// By the arm's own controllers; `fill` makes cycle k's command of the last one and the state it answers.
+template <class Fill>
+void motion(ArmLink& link, ArmController controller, MotionGenerator generator, Fill fill) {
+  RobotCommand command;
+  link.start_motion({.controller = controller, .generator = generator});
+  link.wait_until_running();
+  for (int k = 0; k <= kMotion; ++k) {
+    fill(command, link.next_state(), k);
+    if (k < kMotion) (void)link.send(command);
+  }
+  (void)link.finish(command);
+}
+
 void drive(const std::string& address, int version) {
   ArmLink link({.name = "left", .address = address, .version = version});
   link.connect();
-  if (version >= 10) (void)link.robot_model();
+  if (version >= 10) {
+    (void)link.robot_model();
+    // First of all, while the arm stands where the scene has it: these commands begin at what the state says.
+    motion(link, ArmController::joint_impedance, MotionGenerator::joint_position,
+           [](RobotCommand& c, const RobotState& s, int k) {
+             if (k == 0) c.q_c = s.q_d;
+           });
+    motion(link, ArmController::cartesian_impedance, MotionGenerator::cartesian_pose,
+           [](RobotCommand& c, const RobotState& s, int k) {
+             if (k == 0) c.O_T_EE_c = s.O_T_EE_c;
+           });
+  }
   settings(link);
   if (version < 6) {
     SetCollisionBehaviorRequest eight;
@@ -96,18 +120,11 @@ void drive(const std::string& address, int version) {
   (void)link.send(command);
   link.stop();
 
-  if (version >= 10) {  // joint velocities, by the arm's joint impedance
-    command = {};
-    link.start_motion(
-        {.controller = ArmController::joint_impedance, .generator = MotionGenerator::joint_velocity});
-    link.wait_until_running();
-    for (int k = 0; k <= kVelocities; ++k) {
-      (void)link.next_state();
-      command.dq_c = {};
-      command.dq_c[6] = velocity(k);
-      if (k < kVelocities) (void)link.send(command);
-    }
-    (void)link.finish(command);
+  if (version >= 10) {
+    motion(link, ArmController::joint_impedance, MotionGenerator::joint_velocity,
+           [](RobotCommand& c, const RobotState&, int k) { c.dq_c[6] = velocity(k); });
+    motion(link, ArmController::cartesian_impedance, MotionGenerator::cartesian_velocity,
+           [](RobotCommand& c, const RobotState&, int k) { c.O_dP_EE_c[2] = velocity(k) / 4; });
   }
 
   // A torque that jumps, and the way back.

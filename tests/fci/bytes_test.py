@@ -13,7 +13,7 @@ from relay import Relay
 from virtual_arms import HERE, free_address
 
 PROGRAM = ""
-TORQUES, VELOCITIES = 120, 200
+TORQUES, MOTION = 120, 200
 IDENTITY = [1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
 
 
@@ -48,6 +48,20 @@ def newest_library(address):
     import pylibfranka as franka
 
     robot = franka.Robot(address, franka.RealtimeConfig.kIgnore)
+
+    def motion(control, fill):
+        command = None
+        for k in range(MOTION + 1):
+            state, _ = control.readOnce()
+            command = fill(command, state, k)
+            command.motion_finished = k == MOTION
+            control.writeOnce(command)
+
+    joints, hand = franka.ControllerMode.JointImpedance, franka.ControllerMode.CartesianImpedance
+    # First of all, while the arm stands where the scene has it: these commands begin at what the state says.
+    motion(robot.start_joint_position_control(joints), lambda last, state, k: last or franka.JointPositions(list(state.q_d)))
+    motion(robot.start_cartesian_pose_control(hand), lambda last, state, k: last or franka.CartesianPose(list(state.O_T_EE_c)))
+
     set_all(robot, robot.set_K, robot.set_EE)
 
     def torque_cycles(control, count, finish):
@@ -65,13 +79,8 @@ def newest_library(address):
     torque_cycles(control, 30, False)
     del control  # cancels
 
-    control = robot.start_joint_velocity_control(franka.ControllerMode.JointImpedance)
-    for k in range(VELOCITIES + 1):
-        control.readOnce()
-        command = franka.JointVelocities([0.0] * 6 + [velocity(k)])
-        command.motion_finished = k == VELOCITIES
-        control.writeOnce(command)
-    del control
+    motion(robot.start_joint_velocity_control(joints), lambda _, state, k: franka.JointVelocities([0.0] * 6 + [velocity(k)]))
+    motion(robot.start_cartesian_velocity_control(hand), lambda _, state, k: franka.CartesianVelocities([0.0, 0, velocity(k) / 4, 0, 0, 0]))
 
     control = robot.start_torque_control()
     try:
