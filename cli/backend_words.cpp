@@ -18,10 +18,12 @@ void add_backend_words(CLI::App* command, BackendWords& words) {
 }
 
 void add_simulation_words(CLI::App* command, BackendWords& words) {
+  words.backend = "mujoco";
   command
       ->add_option("--backend", words.backend,
-                   "mujoco (the default), or virtual: the same arms as virtual ones, over sockets")
-      ->check(CLI::IsMember({"mujoco", "virtual"}));
+                   "mujoco, or virtual: the same arms as virtual ones, over sockets")
+      ->check(CLI::IsMember({"mujoco", "virtual"}))
+      ->capture_default_str();
 }
 
 BackendOptions backend_options(const BackendWords& words) {

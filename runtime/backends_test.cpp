@@ -91,13 +91,13 @@ class Watch {
   CycleRecord last_;
 };
 
-struct Run {
+struct Recorded {
   RunSummary summary;
   std::vector<CycleRecord> records;
 };
 
-Run run(const Scene& scene, BackendOptions backend, double seconds) {
-  Run run;
+Recorded record(const Scene& scene, BackendOptions backend, double seconds) {
+  Recorded run;
   SessionOptions options{.paced = false, .backend = std::move(backend), .duration_s = seconds};
   options.observer = [&run](const CycleRecord& record) { run.records.push_back(record); };
   Session session(scene, registry(), std::move(options));
@@ -106,7 +106,7 @@ Run run(const Scene& scene, BackendOptions backend, double seconds) {
   return run;
 }
 
-double largest_difference(const Run& a, const Run& b, std::size_t arm_of_a, std::size_t arm_of_b) {
+double largest_difference(const Recorded& a, const Recorded& b, std::size_t arm_of_a, std::size_t arm_of_b) {
   double largest = 0;
   EXPECT_EQ(a.records.size(), b.records.size());
   for (std::size_t i = 0; i < std::min(a.records.size(), b.records.size()); ++i) {
@@ -157,19 +157,19 @@ TEST(ArmsFrom, RefusesAddressesThatCannotBe) {
 // begins at zero torque, at most one period after the world did; torques and states are doubles on the wire.
 TEST(VirtualBackend, MovesLikeTheSimulation) {
   const Scene scene = two_arms(kMotion);
-  const Run direct = run(scene, {.arms = ArmsFrom::mujoco, .addresses = {}}, 1.0);
-  const Run wire = run(scene, {.arms = ArmsFrom::virtual_arms, .addresses = {}}, 1.0);
+  const Recorded direct = record(scene, {.arms = ArmsFrom::mujoco, .addresses = {}}, 1.0);
+  const Recorded wire = record(scene, {.arms = ArmsFrom::virtual_arms, .addresses = {}}, 1.0);
   EXPECT_THAT(wire.summary.faults(), ElementsAre());
   EXPECT_EQ(wire.summary.cycles, 1000u);
   EXPECT_EQ(wire.summary.backend, "virtual");
   for (std::size_t arm = 0; arm < 2; ++arm) {
     EXPECT_LT(largest_difference(direct, wire, arm, arm), 2e-4) << arm;  // [rad]
     // It did move, or the comparison would say nothing.
-    EXPECT_GT(std::abs(wire.records.back().arms[arm].q[0] - wire.records.front().arms[arm].q[0]), 0.01);
+    EXPECT_GT(std::abs(wire.records.back().arms[arm].q[3] - wire.records.front().arms[arm].q[3]), 0.01);
     EXPECT_TRUE(wire.records.back().arms[arm].has_contact_truth);
   }
   // Lock-step: a second run is the same to the bit.
-  const Run again = run(scene, {.arms = ArmsFrom::virtual_arms, .addresses = {}}, 1.0);
+  const Recorded again = record(scene, {.arms = ArmsFrom::virtual_arms, .addresses = {}}, 1.0);
   EXPECT_EQ(largest_difference(wire, again, 0, 0), 0);
   EXPECT_EQ(largest_difference(wire, again, 1, 1), 0);
 }
@@ -206,11 +206,11 @@ TEST(MixedBackend, DrivesBothKinds) {
   there.timeline.clear();
   fci::VirtualArms world(there, lockstep(1));
   world.start();
-  const Run mixed = run(scene, {.arms = ArmsFrom::scene, .addresses = {{"right", address(0)}}}, 1.0);
+  const Recorded mixed = record(scene, {.arms = ArmsFrom::scene, .addresses = {{"right", address(0)}}}, 1.0);
   EXPECT_THAT(mixed.summary.faults(), ElementsAre());
   EXPECT_EQ(mixed.summary.cycles, 1000u);
   EXPECT_THAT(mixed.summary.backend, HasSubstr("left mujoco, right fci 127."));
-  const Run direct = run(scene, {.arms = ArmsFrom::mujoco, .addresses = {}}, 1.0);
+  const Recorded direct = record(scene, {.arms = ArmsFrom::mujoco, .addresses = {}}, 1.0);
   EXPECT_EQ(largest_difference(direct, mixed, 0, 0), 0);  // nothing of it changed for the simulated arm
   EXPECT_LT(largest_difference(direct, mixed, 1, 1), 2e-4);
   EXPECT_TRUE(mixed.records.back().arms[0].has_contact_truth);

@@ -12,14 +12,7 @@ namespace {
 
 fci::FciArmConfig arm_of(const SceneArm& arm) { return fci::fci_arm_config(arm, arm.fci->address); }
 
-fci::FciOptions fci_options(const Scene& scene, const BackendPace& pace) {
-  fci::FciOptions options{.lockstep = !pace.paced, .say = pace.say};
-  // One option for all arms: whoever switches the check off for one knows what is there.
-  const bool check = std::all_of(scene.arms.begin(), scene.arms.end(),
-                                 [](const auto& arm) { return !arm.fci || arm.fci->check_model; });
-  if (!check) options.model_check = fci::ModelCheck::off;
-  return options;
-}
+fci::FciOptions fci_options(const BackendPace& pace) { return {.lockstep = !pace.paced, .say = pace.say}; }
 
 std::string describe(const Scene& scene) {
   std::string text;
@@ -40,7 +33,7 @@ BackendSet virtual_set(const Scene& scene, const BackendPace& pace) {
 BackendSet real_set(const Scene& scene, const BackendPace& pace) {
   std::vector<fci::FciArmConfig> configs;
   for (const auto& arm : scene.arms) configs.push_back(arm_of(arm));
-  auto backend = std::make_unique<fci::FciBackend>(std::move(configs), fci_options(scene, pace));
+  auto backend = std::make_unique<fci::FciBackend>(std::move(configs), fci_options(pace));
   const fci::FciBackend* links = backend.get();
   return {.backend = std::move(backend),
           .link = [links](ArmIndex arm) { return std::optional(links->statistics(arm)); },
@@ -68,7 +61,7 @@ BackendSet mixed_set(const Scene& scene, const BackendPace& pace) {
       parts.simulated_arms.push_back(i);
     }
   }
-  parts.real = std::make_unique<fci::FciBackend>(std::move(real), fci_options(scene, pace));
+  parts.real = std::make_unique<fci::FciBackend>(std::move(real), fci_options(pace));
   parts.simulated =
       std::make_unique<MujocoBackend>(simulated_part(scene), MujocoOptions{.pace = Pace::unpaced});
   const fci::FciBackend* links = parts.real.get();

@@ -127,6 +127,7 @@ void Session::run_loop() {
     first_cycle_ = cycle_->data().tick.cycle;
     cycle_->run([this] { return keep_on(); });
     ended_ = host_now();
+    for (ArmIndex arm = 0; arm < backend().arm_count(); ++arm) links_at_end_.push_back(backend_.link(arm));
     backend().finish();
     if (const auto* simulation = simulation_of(backend());
         simulation != nullptr && !simulation->fault().empty()) {
@@ -251,7 +252,10 @@ bool Session::wait_for_end(double timeout_s) {
 
 RunStatus Session::status() const {
   RunStatus status = board_->status();
-  for (ArmIndex arm = 0; arm < status.arms.size(); ++arm) status.arms[arm].link = backend_.link(arm);
+  const bool over = loop_ended_.load(std::memory_order_acquire);
+  for (ArmIndex arm = 0; arm < status.arms.size(); ++arm) {
+    status.arms[arm].link = over && arm < links_at_end_.size() ? links_at_end_[arm] : backend_.link(arm);
+  }
   return status;
 }
 

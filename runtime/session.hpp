@@ -118,6 +118,7 @@ class Session {
   RunEnd end_ = RunEnd::backend;
   std::vector<SetupStep> setup_;
   std::exception_ptr failure_;
+  std::vector<std::optional<fci::ArmStatistics>> links_at_end_;  // before the backend let go
   std::string problem_;
   HostTime begun_, ended_;
 

@@ -80,7 +80,18 @@ void VirtualBackend::start() {
   for (ArmIndex i = 0; i < self.scene.arms.size(); ++i) {
     const fci::ArmPlace& place = self.world.place(i);
     arms.push_back(fci::fci_arm_config(self.scene.arms[i], place.address));
-    arms.back().port = place.port;
+    fci::FciArmConfig& arm = arms.back();
+    arm.port = place.port;
+    arm.end_effector = {};
+    if (capabilities(i).has_vacuum) {
+      arm.end_effector = [name = arm.name, place] {
+        return fci::vacuum_link(name, place.address, place.vacuum_port);
+      };
+    } else if (capabilities(i).has_gripper) {
+      arm.end_effector = [name = arm.name, place] {
+        return fci::gripper_link(name, place.address, place.gripper_port);
+      };
+    }
     const SceneArm& of = self.scene.arms[i];
     arms.back().end_effector = nullptr;
     if (of.vacuum) {
