@@ -18,6 +18,7 @@
 namespace multipanda::doctor {
 namespace {
 
+constexpr double kPeriod_us = 1000;
 constexpr std::uint64_t kWindowFull = 500;  // periods after which the arm's success rate is believed
 constexpr double kSilence_s = 1;
 
@@ -177,6 +178,14 @@ std::vector<Finding> judge_communication(const CommunicationReading& reading, Pu
   const Distribution cycles = distribution_of(reading.cycle_us), answers = distribution_of(reading.answer_us);
   Finding time{.id = "cycle_time", .subject = "cycle time", .measured = cycles.text()};
   time.judged = cycles.count > 0 ? Judgement::ok : Judgement::unknown;
+  if (cycles.p99 > kPeriod_us + kAnswerLimit_us) {
+    time.judged = defect(purpose);
+    time.cause = "the arm's states came irregularly: delayed on the way, or this computer slept";
+    time.cure = purpose == Purpose::real_arms
+                    ? fmt::format("see the lines on timer wake-up and states of 'multipanda doctor {}'",
+                                  reading.address)
+                    : "a virtual arm shares this computer: less load beside it, or --pace lockstep";
+  }
   time.figures = cycles.figures();
   time.histogram = cycles.bars;
   findings.push_back(time);

@@ -8,6 +8,8 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "doctor/arm_stream.hpp"
+#include "doctor/communication_test.hpp"
 #include "doctor/control_cycle.hpp"
 #include "doctor/dds.hpp"
 #include "doctor/distribution.hpp"
@@ -259,6 +261,86 @@ TEST(DoctorJudges, ReadingsAsTheTableSays) {
   }
 }
 
+// A test of `seconds` in which `slow` of 1000 periods lasted 2 ms.
+CommunicationReading communication(double success, double least, std::uint64_t lost, std::size_t slow = 0) {
+  CommunicationReading reading{
+      .address = "10.0.0.2", .version = 10, .asked_s = 1, .periods = 1000, .answered = 1000};
+  reading.lost = lost;
+  reading.lost_in_row = lost;
+  reading.success_min = least;
+  reading.success_sum = success * 500;
+  reading.success_count = 500;
+  reading.cycle_us.assign(1000, 1000.0);
+  std::fill_n(reading.cycle_us.begin(), slow, 2000.0);
+  reading.answer_us.assign(1000, 10.0);
+  return reading;
+}
+
+TEST(DoctorJudges, CommunicationTests) {
+  constexpr auto ok = Judgement::ok, warning = Judgement::warning, bad = Judgement::bad;
+  CommunicationReading stopped = communication(1, 1, 0);
+  stopped.ended = "the arm stopped itself: communication_constraints_violation";
+  stopped.errors = "communication_constraints_violation";
+  const struct {
+    const char* what;
+    CommunicationReading reading;
+    Judgement real, simulated;
+  } rows[] = {{"perfect", communication(1, 1, 0), ok, ok},
+              {"average low", communication(0.985, 0.95, 0), warning, warning},
+              {"least low", communication(0.995, 0.85, 0), warning, warning},
+              {"unusable", communication(0.85, 0.5, 0), bad, bad},
+              {"one lost", communication(1, 1, 1), warning, warning},
+              {"many lost", communication(1, 1, 20), bad, warning},
+              {"irregular", communication(1, 1, 0, 20), bad, warning},
+              {"stopped", stopped, bad, bad}};
+  for (const auto& row : rows) {
+    EXPECT_EQ(verdict(judge_communication(row.reading, kReal)), row.real) << row.what;
+    EXPECT_EQ(verdict(judge_communication(row.reading, kSimulated)), row.simulated) << row.what;
+  }
+  EXPECT_THAT(judge_communication(stopped, kReal)[0].cure, HasSubstr("multipanda doctor 10.0.0.2"));
+}
+
+ArmStreamReading stream(std::uint64_t states, std::uint64_t lost, std::size_t irregular) {
+  ArmStreamReading reading{.address = "10.0.0.2",
+                           .version = 10,
+                           .mode = "idle",
+                           .seconds = 1,
+                           .states = states,
+                           .lost = lost,
+                           .lost_in_row = lost};
+  reading.gaps_us.assign(states - 1, 1000.0);
+  std::fill_n(reading.gaps_us.begin(), irregular, 1400.0);
+  return reading;
+}
+
+TEST(DoctorJudges, StatesOfArms) {
+  constexpr auto ok = Judgement::ok, unknown = Judgement::unknown, warning = Judgement::warning,
+                 bad = Judgement::bad;
+  ArmStreamReading silent{.address = "x", .version = 10, .mode = "idle", .seconds = 1};
+  ArmStreamReading unreachable{.address = "x", .reason = "refused"};
+  ArmStreamReading stopped = stream(1000, 0, 0);
+  stopped.mode = "reflex";
+  stopped.errors = "joint_reflex";
+  const struct {
+    const char* what;
+    ArmStreamReading reading;
+    Judgement version_real, stream_real, stream_simulated;
+  } rows[] = {{"regular", stream(1000, 0, 0), ok, ok, ok},
+              {"in reflex", stopped, warning, ok, ok},
+              {"a few late", stream(1000, 0, 20), ok, warning, warning},
+              {"many late", stream(1000, 0, 100), ok, bad, warning},
+              {"one lost", stream(999, 1, 0), ok, warning, warning},
+              {"a hole", stream(975, 25, 0), ok, bad, warning},
+              {"slow", stream(300, 0, 0), ok, bad, unknown},
+              {"silent", silent, ok, bad, bad},
+              {"unreachable", unreachable, bad, unknown, unknown}};
+  for (const auto& row : rows) {
+    EXPECT_EQ(judge_arm_version(row.reading, kReal).judged, row.version_real) << row.what;
+    EXPECT_EQ(judge_state_stream(row.reading, kReal).judged, row.stream_real) << row.what;
+    EXPECT_EQ(judge_state_stream(row.reading, kSimulated).judged, row.stream_simulated) << row.what;
+  }
+}
+
 TEST(DoctorJudges, WhatWasMeasuredIsInTheWords) {
   EXPECT_THAT(judge_load(load({1.0, 0.9}), kReal).cure, HasSubstr("hungry (process 42)"));
   EXPECT_THAT(judge_idle_states(governed({}, 133), kReal).measured, HasSubstr("C6 wakes within 133 us"));
@@ -278,6 +360,8 @@ TEST(DoctorBlames, WhatIsLateOnly) {
   ASSERT_EQ(blame({bad_kernel, on_time, slow}).size(), 1u);
   EXPECT_THAT(blame({bad_kernel, on_time, slow})[0], HasSubstr("the network is to blame"));
   EXPECT_THAT(blame({late, slow})[1], HasSubstr("cure that first"));
+  EXPECT_THAT(blame({judge_control_cycle(cycle(900, 1200), kReal)})[0], HasSubstr("controllers"));
+  EXPECT_THAT(blame({judge_control_cycle(cycle(20, 2000), kReal)})[0], HasSubstr("interrupt"));
 }
 
 TEST(DoctorDistribution, AgreesWithCountingByHand) {
@@ -416,7 +500,7 @@ TEST(DoctorReaders, ThisComputerToItself) {
   EXPECT_EQ(purpose_of({"127.0.0.1", "localhost"}), kSimulated);
   EXPECT_EQ(purpose_of({"127.0.0.1", "172.16.0.2"}), kReal);
   const TimerReading timer = read_timer(0.05);
-  EXPECT_EQ(timer.late_us.size() + timer.missed, 50u);
+  EXPECT_GE(timer.late_us.size() + timer.missed, 50u);
 }
 
 TEST(DoctorShows, EveryFindingAsTextAndJson) {

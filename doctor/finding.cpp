@@ -9,6 +9,7 @@
 namespace multipanda::doctor {
 namespace {
 
+constexpr double kOwnCost_us = 150;  // a median cycle beyond this is the controllers' own doing
 constexpr std::size_t kSubjectWidth = 24, kBarWidth = 48, kTextWidth = 110;
 
 std::string_view colour_of(Judgement judgement) {
@@ -64,6 +65,13 @@ const Finding* find(const std::vector<Finding>& findings, std::string_view id) {
   const auto at =
       std::find_if(findings.begin(), findings.end(), [&](const Finding& f) { return f.id == id; });
   return at == findings.end() ? nullptr : &*at;
+}
+
+double figure(const Finding& finding, std::string_view name) {
+  for (const auto& each : finding.figures) {
+    if (each.name == name) return each.value;
+  }
+  return 0;
 }
 
 bool is_wrong(const Finding* finding) {
@@ -131,7 +139,11 @@ std::vector<std::string> blame(const std::vector<Finding>& findings) {
     }
   }
   if (wrong("control_cycle")) {
-    sentences.push_back("the controllers of the scene take too long: fewer features, or a faster processor");
+    const Finding& cycle = *find(findings, "control_cycle");
+    sentences.push_back(
+        figure(cycle, "p50") > kOwnCost_us
+            ? "the controllers of the scene take too long: fewer features, or a faster processor"
+            : "the control cycle itself is quick, but other programs interrupt it");
   }
   if (wrong("loop_guard")) sentences.push_back("own code allocates, locks or faults in the loop");
   return sentences;

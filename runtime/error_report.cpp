@@ -333,6 +333,7 @@ ErrorExplanation explain(std::uint64_t errors, std::span<const ArmCycle> cycles,
     result.sentences.emplace_back("The arm reports an error that this program does not know.");
     result.cures.emplace_back("look into the arm's own log");
   }
+  result.cycles = cycles.size();
   result.answered = records.answered();
   result.missed_in_row = records.missed_in_row();
   return result;

@@ -341,7 +341,8 @@ TEST(ReflexInARun, IsExplainedWithAFileOfItsLastCycles) {
   // 3 kg that the arm was not told of pull on joint 4 with more than its threshold.
   std::string text = std::string(kScene) + "duration_s: 1\n";
   const std::string arm = "model: fr3,";
-  text.insert(text.find(arm) + arm.size(), " load_present: {mass_kg: 3},");
+  text.insert(text.find(arm) + arm.size(),
+              " load_present: {mass_kg: 3, inertia_kg_m2: {xx: 3e-3, yy: 3e-3, zz: 3e-3}},");
   Scene scene = parse_scene(text, "explained.yaml", registry);
   SetCollisionThresholds thresholds;
   thresholds.nominal.torque_lower = thresholds.nominal.torque_upper = joint_constant(7, 80);

@@ -16,6 +16,7 @@ struct ErrorExplanation {
   std::vector<std::string> cures;      // what to do next, per error
   // Of the periods in these records, as seen by this computer: share that was answered, and the most in a
   // row that were not.
+  std::size_t cycles = 0;
   double answered = 0;
   std::uint64_t missed_in_row = 0;
 };
@@ -30,8 +31,8 @@ struct ReflexReport {
   std::filesystem::path file;  // the last cycles as a table; empty: could not be written
   std::string file_problem;    // why not
 
-  std::string headline() const;            // "arm 'left' stopped itself: joint_reflex"
-  std::vector<std::string> lines() const;  // all of it for people, without the time
+  std::string headline() const;            // "arm 'left' stopped itself at 2.500 s: joint_reflex"
+  std::vector<std::string> lines() const;  // all of it, for people
 };
 
 }  // namespace multipanda

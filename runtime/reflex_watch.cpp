@@ -34,15 +34,15 @@ std::filesystem::path temporary_folder() {
 }  // namespace
 
 std::string ReflexReport::headline() const {
-  return fmt::format("arm '{}' stopped itself: {}", arm, error_names(errors));
+  return fmt::format("arm '{}' stopped itself at {:.3f} s: {}", arm, t_s, error_names(errors));
 }
 
 std::vector<std::string> ReflexReport::lines() const {
   std::vector<std::string> lines{headline()};
   for (const auto& sentence : why.sentences) lines.push_back(fmt::format("  {}", sentence));
   lines.push_back(
-      fmt::format("  of the last {} periods {:.0f} % were answered; at most {} in a row were missed",
-                  ReflexWatch::kCycles, 100 * why.answered, why.missed_in_row));
+      fmt::format("  of the last {} cycles {:.0f} % were answered; at most {} in a row were missed",
+                  why.cycles, 100 * why.answered, why.missed_in_row));
   for (const auto& text : why.cures) lines.push_back(fmt::format("  next: {}", text));
   lines.push_back(file.empty() ? fmt::format("  the last cycles could not be written: {}", file_problem)
                                : fmt::format("  the last cycles: {}", file.string()));

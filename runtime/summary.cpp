@@ -38,7 +38,7 @@ std::vector<std::string> RunSummary::faults() const {
     if (std::find(wanted_interventions.begin(), wanted_interventions.end(), rule) !=
         wanted_interventions.end())
       continue;
-    faults.push_back(fmt::format("{} at {:.3f} s", reflex.headline(), reflex.t_s));
+    faults.push_back(reflex.headline());
   }
   for (const auto& s : switches) {
     if (!s.accepted()) {
