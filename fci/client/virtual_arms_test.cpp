@@ -11,6 +11,7 @@
 
 #include "backends/mujoco/mujoco_backend.hpp"
 #include "core/cycle/control_cycle.hpp"
+#include "core/rt/guard/loop_guard.hpp"
 #include "fci/client/fci_backend.hpp"
 #include "fci/client/from_scene.hpp"
 #include "scene/build.hpp"
@@ -187,6 +188,28 @@ TEST(VirtualRig, TheSameCommandsGiveTheSameStates) {
     }
     rig.backend->finish();
   }
+}
+
+TEST(VirtualRig, ReadTouchesOnlyTheArmsDueAndTheLoopNeitherAllocatesNorLocks) {
+  Rig rig;
+  rig.start_cycle(kLeftJoints | kRightJoints);
+  for (int k = 0; k < 5; ++k) rig.step();
+  for (int k = 0; k < 200 && kLoopGuardWorks; ++k) {
+    LoopGuard::arm();
+    rig.step();
+    const LoopGuardCounts counts = LoopGuard::disarm();
+    ASSERT_EQ(counts.heap_calls, 0u);
+    ASSERT_EQ(counts.lock_calls, 0u);
+  }
+  std::vector<ArmState> states(2);
+  states[0].sequence = states[1].sequence = 12345678;
+  ASSERT_EQ(rig.backend->wait(), ArmSet::all(2));
+  rig.backend->read(ArmSet::of(1), states);
+  EXPECT_EQ(states[0].sequence, 12345678u);
+  EXPECT_NE(states[1].sequence, 12345678u);
+  EXPECT_FALSE(rig.backend->request(7, StopMotion{}).get().success);
+  EXPECT_FALSE(rig.backend->request(0, SetLoad{{.mass = -1}}).get().success);
+  rig.backend->finish();
 }
 
 TEST(VirtualRig, TheArmsOwnModelIsChecked) {
