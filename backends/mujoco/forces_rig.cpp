@@ -67,6 +67,7 @@ Pose base_for(const SceneArm& arm, const Pose& X_WF) {
 }  // namespace
 
 ForceRig::ForceRig(const Scene& scene) : loop_(scene), terms_(all_terms(scene)) {
+  loop_.unwatch();  // its laws limit no rate, and its pushes are as hard as they like
   push_.resize(scene.arms.size());
   states_ = loop_.states;
   for (std::size_t a = 0; a < terms_.size(); ++a) {

@@ -303,6 +303,8 @@ Outcome run(const Approach& approach, bool avoid) {
     for (auto& law : scene.controllets) law.features.clear();
   }
   MujocoBackend backend(scene, {.pace = Pace::unpaced});
+  // The arms would stop by themselves before they touch: here what matters is who touches without avoidance.
+  for (ArmIndex i = 0; i < backend.arm_count(); ++i) backend.arm(i).watch(false);
   CycleConfig config = build_cycle_config(scene);
   std::vector<std::shared_ptr<const ArmModel>> models;
   for (const auto& arm : config.arms) models.push_back(arm.model);
