@@ -1,0 +1,131 @@
+#!/usr/bin/env python3
+"""Forces that a program of the maker's library sees, on a plant without friction or noise: forces_test.py PROGRAM
+
+What the arm really exerts at rest follows from statics alone: without gravity and friction in the torques,
+tau_d = J^T F. That is the yardstick here, independent of the arm's observer, its filter and the simulator's contacts.
+"""
+
+import sys
+import unittest
+
+import numpy as np
+import pylibfranka as franka
+
+from pylibfranka_test import connect, pose_of, spring, torque_loop
+from virtual_arms import HERE, VirtualArms
+
+PROGRAM = ""
+
+
+def jacobian_of(model, state):
+    return np.array(model.zero_jacobian(state)).reshape(7, 6).T
+
+
+class Pressing(unittest.TestCase):
+    def press(self, robot, model, force, cycles):
+        """The maker's force example: F_d down the base's z, faded in; stiff across, damped; returns state and own wrench."""
+        first = robot.read_once()
+        x_d = pose_of(first.O_T_EE)[:3, 3]
+        rotation_d = pose_of(first.O_T_EE)[:3, :3]
+        control = robot.start_torque_control()
+        for n in range(cycles):
+            state, _ = control.readOnce()
+            jacobian = jacobian_of(model, state)
+            pose, dx = pose_of(state.O_T_EE), jacobian @ np.array(state.dq)
+            error = pose[:3, :3] @ rotation_d.T
+            turn = 0.5 * np.array([error[2, 1] - error[1, 2], error[0, 2] - error[2, 0], error[1, 0] - error[0, 1]])
+            wrench = np.concatenate([-500 * (pose[:3, 3] - x_d), -15 * turn]) - np.array([60, 60, 60, 0.7, 0.7, 0.7]) * dx
+            wrench[2] = -force * min(1.0, n / 1000) - 150 * dx[2]
+            tau = jacobian.T @ wrench - 0.3 * np.array(state.dq) + np.array(model.coriolis(state))
+            command = franka.Torques(list(tau))
+            command.motion_finished = n + 1 == cycles
+            control.writeOnce(command)
+        exerted = np.linalg.lstsq(jacobian.T, np.array(state.tau_J_d), rcond=None)[0]
+        return state, jacobian, exerted
+
+    def test_wrench_and_joint_torques_while_pressing(self):
+        with VirtualArms(PROGRAM, HERE / "table_press.yaml", ["arm"]) as arms:
+            robot = connect(arms.address["arm"])
+            model = robot.load_model()
+            robot.set_collision_behavior([80.0] * 7, [80.0] * 7, [100.0] * 6, [100.0] * 6)
+            for force in (10.0, 25.0):
+                state, jacobian, exerted = self.press(robot, model, force, 4000)
+                self.assertLess(np.abs(state.dq).max(), 2e-3)
+                self.assertAlmostEqual(exerted[2], -force, delta=0.3)
+                error = np.array(state.O_F_ext_hat_K) - exerted
+                rotation = pose_of(state.O_T_EE)[:3, :3]
+                in_k = np.concatenate([rotation.T @ exerted[:3], rotation.T @ exerted[3:]])
+                print(f"\n  {force:.0f} N: wrench off by {np.abs(error[:3]).max():.4f} N, {np.abs(error[3:]).max():.4f} N m; "
+                      f"joints by {np.abs(np.array(state.tau_ext_hat_filtered) - jacobian.T @ exerted).max():.4f} N m", flush=True)
+                np.testing.assert_allclose(error, np.zeros(6), atol=0.3)
+                np.testing.assert_allclose(state.K_F_ext_hat_K, in_k, atol=0.3)
+                np.testing.assert_allclose(state.tau_ext_hat_filtered, jacobian.T @ exerted, atol=0.1)
+
+
+class Thresholds(unittest.TestCase):
+    """An arm held by the program is pushed with a known force; thresholds just above and just below it decide."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.arms = VirtualArms(PROGRAM, HERE / "table_press.yaml", ["arm"]).__enter__()
+        cls.robot = connect(cls.arms.address["arm"])
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.arms.__exit__()
+
+    def pushed(self, torque, force, newtons):
+        """Thresholds {lower, upper}; the push is on the flange, along the world's z. Returns the last state or the exception."""
+        state = self.robot.read_once()
+        if state.robot_mode == franka.RobotMode.Reflex:
+            self.robot.automatic_error_recovery()
+        while self.robot.read_once().time.to_sec() < state.time.to_sec() + 1:  # an earlier push is over
+            pass
+        self.robot.set_collision_behavior([torque[0]] * 7, [torque[1]] * 7, [force[0]] * 6, [force[1]] * 6)
+        q = np.array(self.robot.read_once().q)
+        law = spring(q)
+        control = self.robot.start_torque_control()
+        try:
+            contact = np.zeros(6), np.zeros(7)
+            for n in range(1500):
+                state, _ = control.readOnce()
+                if n == 200:
+                    self.arms.control(f"push arm 0 0 {newtons} 0.8")
+                contact = np.maximum(contact[0], state.cartesian_contact), np.maximum(contact[1], state.joint_contact)
+                command = franka.Torques(law(state, n))
+                command.motion_finished = n == 1499
+                control.writeOnce(command)
+            state = self.robot.read_once()
+            self.assertEqual(state.robot_mode, franka.RobotMode.Idle)
+            return state, contact, None
+        except franka.ControlException as error:
+            del control
+            return self.robot.read_once(), contact, str(error)
+
+    def test_below_the_lower_threshold_nothing_is_said(self):
+        _, contact, error = self.pushed((80, 80), (25, 100), 20)
+        self.assertIsNone(error)
+        self.assertFalse(contact[0].any() or contact[1].any())
+
+    def test_between_the_thresholds_is_contact(self):
+        _, contact, error = self.pushed((80, 80), (12, 40), 20)
+        self.assertIsNone(error)
+        self.assertEqual(contact[0][2], 1.0)
+
+    def test_above_the_upper_threshold_is_a_cartesian_reflex(self):
+        state, _, error = self.pushed((80, 80), (10, 15), 25)
+        self.assertIn("cartesian_reflex", error)
+        self.assertEqual(state.cartesian_collision[2], 1.0)
+        self.assertTrue(state.current_errors.cartesian_reflex)
+        self.robot.automatic_error_recovery()
+        self.assertFalse(any(self.robot.read_once().cartesian_collision))
+
+    def test_above_a_joint_s_threshold_is_a_joint_reflex(self):
+        state, _, error = self.pushed((1, 5), (100, 100), 25)
+        self.assertIn("joint_reflex", error)
+        self.assertTrue(any(state.joint_collision))
+
+
+if __name__ == "__main__":
+    PROGRAM = sys.argv.pop(1)
+    unittest.main(verbosity=2)
