@@ -61,6 +61,8 @@ class Trace:
         """
         t, period = self["t_ns"] * 1e-9, self.entry["period_s"]
         sent, used = self[f"{arm}/tau_cmd"], self[f"{arm}/tau_J_d"]
+        if np.array_equal(used, used.astype(np.float32)):  # states of the control interface travel in single precision
+            sent = sent.astype(np.float32).astype(float)
         return (torque_delay.by_correlation_in_windows(t, sent, t - period, used),
                 torque_delay.by_sequence(self[f"{arm}/sequence"], sent, used, period))
 

@@ -17,8 +17,9 @@ ARMS = ["left", "right"]
 COLUMNS = ["t_s", "process_percent", "loop_percent", "loop_waited_percent", "generator_percent", "others_percent", "memory_mb", "load_1min"]
 
 
-def write_cycles(file, count, seed, periods, control_us, pairs=None):
-    """`periods`: of delay; control_us: of the control function, the same in every cycle but each hundredth, ten times that."""
+def write_cycles(file, count, seed, periods, control_us, pairs=None, single=False):
+    """`periods`: of delay; control_us: of the control function, the same in every cycle but each hundredth, ten times that;
+    `single`: states came over the wire, in single precision."""
     random = np.random.default_rng(seed)
     t = (np.arange(count) + 5) * 1_000_000
     start = t + np.cumsum(random.integers(-1000, 1001, count))
@@ -32,6 +33,8 @@ def write_cycles(file, count, seed, periods, control_us, pairs=None):
         sent = np.cumsum(random.normal(size=(count, 7)), axis=0)
         used = np.zeros_like(sent)
         used[1 + periods:] = sent[: count - 1 - periods]
+        if single:
+            used = used.astype(np.float32).astype(float)
         arrays |= {f"{arm}/sequence": np.arange(count) + 20, f"{arm}/tau_cmd": sent, f"{arm}/tau_J_d": used,
                    f"{arm}/tau_feature": np.zeros_like(sent) if pairs is None else np.ones_like(sent)}
     if pairs is not None:
@@ -69,7 +72,7 @@ def plan_in(folder, count=3000):
                              "usage_columns": COLUMNS, "usage": usage, "scene_text": "name: x", "cycles": count, "overruns": 2, "faults": [], "records_lost": 0,
                              "thread": [{"what": "SCHED_FIFO 80", "done": False, "reason": "not permitted"}], "interventions": []})
     for periods in (0, 3):
-        write_cycles(folder / "data" / f"delay_{periods}.npz", 2000, 50 + periods, periods, 20)
+        write_cycles(folder / "data" / f"delay_{periods}.npz", 2000, 50 + periods, periods, 20, single=periods == 3)
         plan["delay_checks"].append({"name": f"delay_{periods}", "npz": f"data/delay_{periods}.npz", "arms": ARMS, "period_s": 0.001,
                                      "command_delay_s": periods * 1e-3, "faults": [], "interventions": []})
     return plan
