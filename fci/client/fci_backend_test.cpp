@@ -370,6 +370,38 @@ TEST_F(Backends, AnArmThatCannotBeHadIsNamedAndTheOthersAreLetGo) {
   EXPECT_THROW(FciBackend({left}), std::invalid_argument);
 }
 
+TEST_F(Backends, AnErrorFromBeforeIsRecoveredAtTheStartAndAButtonIsNot) {
+  puppets_[0]->change([](RobotState& s) {
+    s.robot_mode = static_cast<std::uint8_t>(RobotMode::reflex);
+    s.errors[7] = 1;
+  });
+  begin();
+  EXPECT_EQ(cycle_->data().state[0].mode, ArmMode::move);
+  EXPECT_THAT(said_, HasSubstr("cartesian_reflex"));
+  backend_->finish();
+  for (auto& puppet : puppets_) puppet->set_automatic(true);
+  for (const auto& [mode, cure] :
+       {std::pair{RobotMode::user_stopped, "release the stop button"},
+        std::pair{RobotMode::guiding, "guiding buttons"}, std::pair{RobotMode::other, "unlocked"}}) {
+    puppets_[1]->change([m = mode](RobotState& s) { s.robot_mode = static_cast<std::uint8_t>(m); });
+    try {
+      backend_->start();
+      FAIL();
+    } catch (const std::runtime_error& error) {
+      EXPECT_THAT(error.what(), HasSubstr(cure));
+      EXPECT_THAT(error.what(), HasSubstr("arm right"));
+    }
+  }
+}
+
+TEST_F(Backends, AnEndEffectorThatTheArmDoesNotKnowOfIsReported) {
+  puppets_[0]->change([](RobotState& s) { s.m_ee = 0; });
+  begin();
+  EXPECT_THAT(said_, HasSubstr("end effector of 0 g"));
+  // What the controllers reckon with is what the arm compensates: the model's hand is taken out again.
+  EXPECT_NEAR(cycle_->data().state[0].tool.mass, -config(0).hand.mass, 1e-6);
+}
+
 TEST_F(Backends, FinishEndsTheMotionsByTheirLastTorque) {
   begin();
   std::thread arms([this] {
