@@ -327,6 +327,20 @@ TEST(Vacuum, WithoutPumpThePartFallsAfterAWhile) {
   EXPECT_FALSE(rig.run(GripperMove{.width = 0.02}).success);  // has no fingers
 }
 
+TEST(Vacuum, AHeldPartThatIsPlacedElsewhereIsHeldNoMore) {
+  const Scene scene = vacuum_scene(0.002);
+  Rig rig(scene);
+  EXPECT_TRUE(rig.run(VacuumOn{.pressure_mbar = 600, .timeout_s = 2}).success);
+  EXPECT_FALSE(rig.run(PlaceObject{"box", scene.objects[0].X_WO}).success);  // inside the table
+  rig.steps(5);
+  EXPECT_TRUE(rig.gripper().grasped);
+  EXPECT_TRUE(rig.run(PlaceObject{"box", pose(2, 2, 1)}).success);
+  rig.steps(100);
+  EXPECT_FALSE(rig.gripper().grasped);
+  EXPECT_NEAR(rig.loop.backend.world().X_WO(1).position.x(), 2, 1e-6);
+  EXPECT_LT(rig.loop.backend.world().X_WO(1).position.z(), 0.97);  // it falls
+}
+
 // The scene that users start from: both grippers reach what stands there.
 TEST(Grippers, TheirSceneIsAsItSays) {
   const Scene scene = load_scene("grippers", build_registry({}));

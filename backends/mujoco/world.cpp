@@ -219,9 +219,6 @@ bool World::stands_inside(int body) const {
 
 bool World::place(std::size_t index, const Pose& X_WO) {
   const ObjectPlaces& object = objects_[index];
-  for (std::size_t a = 0; a < arms_.size(); ++a) {
-    if (held(a) == index) let_go(a);
-  }
   const Pose X_WO_before = placed_at(object);
   std::array<mjtNum, 6> velocity_before{};
   if (object.dof >= 0) {
@@ -230,7 +227,12 @@ bool World::place(std::size_t index, const Pose& X_WO) {
     std::fill_n(velocity, 6, 0.0);
   }
   set_place(object, X_WO);
-  if (forward() && !stands_inside(object.body)) return true;
+  if (forward() && !stands_inside(object.body)) {
+    for (std::size_t a = 0; a < arms_.size(); ++a) {
+      if (held(a) == index) let_go(a);
+    }
+    return true;
+  }
   set_place(object, X_WO_before);
   if (object.dof >= 0) std::copy(velocity_before.begin(), velocity_before.end(), data_->qvel + object.dof);
   forward();
