@@ -14,9 +14,9 @@ constexpr double kOffDamping = 20;     // of the drive without current [N s/m]
 constexpr double kAcceleration = 4.0;  // of the width [m/s^2]
 
 constexpr double kHomingSpeed = 0.1, kHomingForce = 20;  // [m/s, N]
-constexpr double kReached = 5e-4;                         // from the asked width [m]
-constexpr double kStill = 1e-3;                           // a slower width stands [m/s]
-constexpr double kStalled = 0.1;                          // fingers that stood that long go no further [s]
+constexpr double kReached = 5e-4;                        // from the asked width [m]
+constexpr double kStill = 1e-3;                          // a slower width stands [m/s]
+constexpr double kStalled = 0.1;                         // fingers that stood that long go no further [s]
 
 }  // namespace
 
