@@ -52,6 +52,7 @@ int run(const RunOptions& options) {
     throw UsageError("run: --report needs a log: add --record DIR");
   const BackendOptions backend = backend_options(options.backend);
   OpenedScene opened = open_scene(options.scene);
+  opened.scene = with_arms_from(std::move(opened.scene), backend);  // refused before anything is begun
   SessionOptions session_options{
       .paced = !options.fast, .backend = backend, .duration_s = options.seconds, .record = options.record};
   session_options.thread.cpu = options.cpu;

@@ -64,6 +64,7 @@ fci::VirtualArmOptions lockstep(std::size_t arms) {
   fci::VirtualArmOptions options;
   for (std::size_t i = 0; i < arms; ++i) options.places.push_back({.address = address(static_cast<int>(i))});
   options.pace = fci::WorldPace::lockstep;
+  options.grippers = false;  // fingers stay closed, as in the simulation
   options.idle_stands_still = true;
   return options;
 }
