@@ -19,6 +19,9 @@ constexpr std::chrono::seconds kHandshake{2};
 
 constexpr std::chrono::nanoseconds kPeriod{1'000'000};
 
+// For answers to the state before the last, in real time.
+constexpr std::chrono::microseconds kGrace{300};
+
 // How long a program whose motion has ended waits in vain for the world to move on.
 constexpr std::chrono::milliseconds kPartingPatience{5};
 
@@ -111,22 +114,25 @@ void ArmPort::receive(HostTime now) {
   if (!client_ || !client_->udp || frozen_ > 0) return;
   std::array<std::byte, kMaxCommandSize + 1> datagram;  // one byte more shows what is too long
   for (int i = 0; i < kDatagramsPerRound; ++i) {
-    const auto size = ::recv(client_->udp.file(), datagram.data(), datagram.size(), 0);
+    std::int64_t arrived_ns = 0;
+    const auto size = receive_stamped(client_->udp, datagram, config_.lockstep ? nullptr : &arrived_ns);
     if (size < 0) break;  // none left; or an answer that the program's socket is closed
     const std::span<const std::byte> bytes(datagram.data(), static_cast<std::size_t>(size));
     if (config_.lockstep || in_.is_clear()) {
-      take_datagram(bytes);
+      take_datagram(bytes, std::chrono::nanoseconds(arrived_ns == 0 ? 0 : arrived_ns - published_ns_));
       if (config_.lockstep && answered_) break;  // what came behind it is for the next round
     } else if (!in_.put(bytes, now)) {
       counts_.commands_lost.add();
     }
   }
   if (config_.lockstep) return;
-  if (!in_.is_clear()) in_.deliver(now, [this](auto bytes) { take_datagram(bytes); });
+  if (!in_.is_clear()) {
+    in_.deliver(now, [this, now](auto bytes) { take_datagram(bytes, now - published_at_); });
+  }
   if (!out_.is_clear()) out_.deliver(now, [this](auto bytes) { send_state(bytes); });
 }
 
-void ArmPort::take_datagram(std::span<const std::byte> datagram) {
+void ArmPort::take_datagram(std::span<const std::byte> datagram, std::chrono::nanoseconds after) {
   counts_.commands_received.add();
   if (decode(*client_->dialect, datagram, received_) != WireResult::ok ||
       received_.message_id > message_id_) {
@@ -134,23 +140,27 @@ void ArmPort::take_datagram(std::span<const std::byte> datagram) {
     return;
   }
   // Of an earlier motion: programs repeat the last command until they see its effect.
-  if (!motion_.runs || received_.message_id < motion_.first_state) return;
+  const std::uint64_t id = received_.message_id;
+  if (!motion_.runs || id < motion_.first_state) return;
   if (!motion_.asynchronous && motion_.commanded) {
-    if (received_.message_id <= newest_command_) return;  // came twice
-    // Lock-step has no lateness but the injected one. A program that reads several arms in turn may answer one of
-    // them a state behind; were that refused, world and program would wait for each other in every period.
-    if (!config_.lockstep && received_.message_id < message_id_) {
+    if (id <= newest_command_) return;  // came twice
+    if (id + 1 < message_id_ || (id < message_id_ && after > kGrace)) {
       counts_.commands_late.add();
       return;
     }
   }
-  newest_command_ = received_.message_id;
-  answered_ = true;
+  newest_command_ = id;
   silent_ = false;
+  const bool stale = id < message_id_ && !motion_.asynchronous;
   if (answer_fate_ != AnswerFate::arrives) {
+    answered_ = !stale;
     (answer_fate_ == AnswerFate::lost ? counts_.commands_lost : counts_.commands_late).add();
     return;
   }
+  if (stale && !has_pending_) stale_since_ = host_now();
+  if (!stale) lagging_ = false;
+  // A program that lags on and on is taken as it is: to wait for the better answer would only slow it down.
+  answered_ = !stale || lagging_;
   motion_.commanded = true;
   pending_ = received_;
   has_pending_ = true;
@@ -163,6 +173,7 @@ void ArmPort::command() {
       fill(command_, pending_);
       arm_.take_command(command_);
       counts_.commands_used.add();
+      lagging_ = !answered_;
     } else if (motion_.commanded && !parted_early_) {
       arm_.miss_command();
       if (!motion_.asynchronous) counts_.commands_missed.add();
@@ -175,6 +186,7 @@ void ArmPort::command() {
 void ArmPort::stepped(std::int64_t period) {
   message_id_ = static_cast<std::uint64_t>(period) + 1;
   published_at_ = host_now();
+  if (!config_.lockstep) published_ns_ = stamp_clock_ns();
   notice_end();
   wants_state_ = parted_early_ = false;
   if (frozen_ > 0) {

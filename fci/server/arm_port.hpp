@@ -43,7 +43,10 @@ struct ArmPortConfig {
 //
 // A command is taken if it answers the state published last. One that answers an older state came too late
 // and is dropped, as the maker documents it; the first command of a motion and commands of asynchronous
-// motions may be older. Programs that do not keep to the protocol lose their connection, never more.
+// motions may be older. The state before the last is still good for kGrace in real time: arms of one world
+// tick together, which real ones do not, and a program that reads one arm while it waits for the other would
+// else be late with every command. In lock-step it is good until the better answer comes. Programs that do
+// not keep to the protocol lose their connection, never more.
 //
 // One thread; nothing blocks; receive(), command() and stepped() do not allocate.
 class ArmPort : public Port {
@@ -77,12 +80,16 @@ class ArmPort : public Port {
     answered        // it has come
   };
   Awaits awaits() const;
+  bool has_command() const { return has_pending_; }  // for the period that comes
   HostTime published_at() const { return published_at_; }
   bool is_silent() const { return silent_; }  // the world went on without its last answer
   bool awaits_datagram() const {
     const Awaits a = awaits();
     return a == Awaits::command || a == Awaits::first_command;
   }
+  // Lock-step: an answer to the state before the last is there, since then.
+  bool has_stale_answer() const { return has_pending_ && !answered_; }
+  HostTime stale_since() const { return stale_since_; }
   HostTime motion_shown_at() const { return motion_.shown; }  // by a state, the motion that runs
   // Whether something happened that the next state must show, and when.
   bool wants_state() const { return wants_state_; }
@@ -130,7 +137,8 @@ class ArmPort : public Port {
 
   // UDP
   void watch_datagrams();
-  void take_datagram(std::span<const std::byte> datagram);
+  // `after`: how long after the last state it came, where that is known.
+  void take_datagram(std::span<const std::byte> datagram, std::chrono::nanoseconds after);
   void publish();
   void publish_with_fates(std::span<const std::byte> bytes);
   void send_state(std::span<const std::byte> datagram);
@@ -157,9 +165,11 @@ class ArmPort : public Port {
   RobotState state_;
   RobotCommand received_, pending_;  // the one just read; the one for this period
   bool has_pending_ = false;
-  HostTime answered_at_;
-  bool answered_ = false;  // the program has answered the last state, whatever became of its answer
-  bool silent_ = false;    // lock-step: the world went on without its answer
+  HostTime answered_at_, stale_since_;
+  bool lagging_ = false;           // lock-step: the last period had to make do with a stale answer
+  std::int64_t published_ns_ = 0;  // on the clock of the datagrams' time stamps
+  bool answered_ = false;          // the program has answered the last state, whatever became of its answer
+  bool silent_ = false;            // lock-step: the world went on without its answer
   std::uint64_t newest_command_ = 0;  // its message_id
   InterfaceCommand command_;
   std::array<std::byte, kMaxStateSize> state_bytes_{};

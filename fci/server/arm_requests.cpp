@@ -187,7 +187,7 @@ void ArmPort::move(std::uint32_t command_id, const MoveRequest& request) {
              .first_state = message_id_ + 1,
              .asynchronous = wanted.asynchronous,
              .started = host_now()};
-  has_pending_ = answered_ = silent_ = false;
+  has_pending_ = answered_ = silent_ = lagging_ = false;
   newest_command_ = 0;
   want_state();
 }

@@ -149,7 +149,7 @@ void lockstep(std::size_t arms, int periods) {
     std::vector<std::unique_ptr<TestProgram>> programs;
     std::vector<RobotState> states(arms);
     for (const auto& place : places) programs.push_back(std::make_unique<TestProgram>(place));
-    for (std::size_t i = 0; i < arms; ++i) states[i] = programs[i]->start_torques();
+    for (std::size_t i = 0; i < arms; ++i) states[i] = programs[i]->begin_torques();
     for (std::size_t i = 0; i < arms; ++i) states[i] = programs[i]->read_newest_or(states[i]);
     HostTime begin = host_now();
     double own = 0;
@@ -161,6 +161,7 @@ void lockstep(std::size_t arms, int periods) {
       for (std::size_t i = 0; i < arms; ++i) programs[i]->command(programs[i]->torques(states[i]));
       for (std::size_t i = 0; i < arms; ++i) {
         states[i] = programs[i]->read_spinning();
+        if (n < 0) states[i] = programs[i]->read_newest_or(states[i]);  // until all are in step
         own += programs[i]->decoding_s();
       }
     }

@@ -1,8 +1,10 @@
 #include "fci/server/sockets.hpp"
 
 #include <arpa/inet.h>
+#include <array>
 #include <cerrno>
 #include <cstring>
+#include <ctime>
 #include <netinet/tcp.h>
 #include <poll.h>
 #include <stdexcept>
@@ -94,7 +96,34 @@ Socket udp_between(const std::string& address, const sockaddr_in& peer) {
       ::connect(socket.file(), generic(peer), sizeof(peer)) != 0) {
     throw std::system_error(errno, std::system_category(), "UDP from " + address);
   }
+  set(socket.file(), SOL_SOCKET, SO_TIMESTAMPNS, 1);
   return socket;
+}
+
+std::ptrdiff_t receive_stamped(const Socket& socket, std::span<std::byte> into, std::int64_t* stamp_ns) {
+  if (stamp_ns == nullptr) return ::recv(socket.file(), into.data(), into.size(), 0);
+  iovec place{.iov_base = into.data(), .iov_len = into.size()};
+  alignas(cmsghdr) std::array<std::byte, 128> control;
+  msghdr message{};
+  message.msg_iov = &place;
+  message.msg_iovlen = 1;
+  message.msg_control = control.data();
+  message.msg_controllen = control.size();
+  const auto size = ::recvmsg(socket.file(), &message, 0);
+  if (size < 0) return size;
+  for (cmsghdr* part = CMSG_FIRSTHDR(&message); part != nullptr; part = CMSG_NXTHDR(&message, part)) {
+    if (part->cmsg_level != SOL_SOCKET || part->cmsg_type != SCM_TIMESTAMPNS) continue;
+    timespec stamp{};
+    std::memcpy(&stamp, CMSG_DATA(part), sizeof(stamp));
+    *stamp_ns = stamp.tv_sec * 1'000'000'000 + stamp.tv_nsec;
+  }
+  return size;
+}
+
+std::int64_t stamp_clock_ns() {
+  timespec now{};
+  clock_gettime(CLOCK_REALTIME, &now);
+  return now.tv_sec * 1'000'000'000 + now.tv_nsec;
 }
 
 TcpStream::TcpStream(Socket socket, const sockaddr_in& peer, Poll& poll, Port& port)

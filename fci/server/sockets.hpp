@@ -44,6 +44,11 @@ std::uint16_t port_of(const Socket& socket);
 // A UDP socket on `address`, a free port, connected to `peer`: datagrams of others never arrive.
 Socket udp_between(const std::string& address, const sockaddr_in& peer);
 
+// The next datagram, and when it reached this computer, on the clock of stamp_clock_ns(); `stamp_ns` nullptr:
+// not asked for. Its size, or -1: none. A socket of udp_between().
+std::ptrdiff_t receive_stamped(const Socket& socket, std::span<std::byte> into, std::int64_t* stamp_ns);
+std::int64_t stamp_clock_ns();
+
 // One client's TCP connection. What cannot go at once is kept, within a bound; the loop sends it when there
 // is room.
 class TcpStream {

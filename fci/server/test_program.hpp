@@ -139,8 +139,20 @@ class TestProgram {
   }
 
   // --- torque motions ---
+  // Begins one, and comes into step with the world, which until then goes by the wall clock.
+  RobotState start_torques() { return step_in(begin_torques()); }
+  RobotState step_in(RobotState state) {
+    for (int i = 0; i < 1000; ++i) {
+      state = read_newest_or(state);
+      const RobotState next = exchange(state);
+      if (next.message_id == state.message_id + 1 || size_ == 0) return next;
+      state = next;
+    }
+    ADD_FAILURE() << "the world does not wait";
+    return state;
+  }
   // Begins one and reads until a state shows it.
-  RobotState start_torques() {
+  RobotState begin_torques() {
     read_newest();
     MoveRequest request;
     request.generator =

@@ -60,11 +60,11 @@ struct WorldStatistics {
 //
 // One thread of its own serves all ports and moves the world; nothing in a period allocates, locks or waits
 // for a program. In lock-step the world moves when every arm in a motion has its command (for at most
-// kPatience, then the period counts as missed); one that has not sent its first command yet delays the others
-// for kFirstPatience at most.
+// kPatience, then the period counts as missed). A motion whose first command has not come holds up nobody;
+// only where an idle world stands still it is waited for, for kFirstPatience.
 class VirtualArms {
  public:
-  static constexpr std::chrono::milliseconds kPatience{500}, kFirstPatience{100};
+  static constexpr std::chrono::milliseconds kPatience{500}, kFirstPatience{500};
 
   // Throws std::invalid_argument: scene or options that cannot be.
   explicit VirtualArms(Scene scene, VirtualArmOptions options = {});
@@ -82,7 +82,7 @@ class VirtualArms {
   std::size_t arm_count() const { return names_.size(); }
   const std::vector<std::string>& names() const { return names_; }
   std::optional<ArmIndex> find(std::string_view name) const;
-  const ArmPlace& place(ArmIndex arm) const { return places_[arm]; }  // as listened on, after start()
+  const ArmPlace& place(ArmIndex arm) const { return places_[arm]; }          // as listened on, after start()
   bool has_gripper(ArmIndex arm) const { return grippers_[arm] != nullptr; }  // listens for its programs
   bool has_vacuum(ArmIndex arm) const { return vacuums_[arm] != nullptr; }
   PortStatistics statistics(ArmIndex arm) const;

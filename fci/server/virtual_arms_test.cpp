@@ -79,10 +79,9 @@ TEST(VirtualArms, aSilentProgramStopsOnlyItsOwnArm) {
   VirtualArms arms(two_arms(), options(WorldPace::lockstep));
   arms.start();
   TestProgram left(arms.place(0)), right(arms.place(1));
-  RobotState r = right.start_torques();
-  RobotState l = left.start_torques();
-  right.command(right.torques(right.read_newest()));
-  l = left.exchange(left.read(0).message_id > l.message_id ? left.read_newest() : l);
+  RobotState l = left.begin_torques();
+  RobotState r = right.start_torques();  // says no more after that
+  l = left.step_in(l);
   for (int i = 0; i < 200; ++i) l = left.exchange(l);
   EXPECT_TRUE(in_mode(l, RobotMode::move));
   EXPECT_EQ(arms.statistics(0).commands_missed, 0u);

@@ -26,6 +26,9 @@ constexpr nanoseconds kSilentPatience{20'000'000};
 
 constexpr HostTime kNever{std::numeric_limits<std::int64_t>::max()};
 
+// An answer to the state before the last is there: the program is at it, and the better one may follow.
+constexpr nanoseconds kStalePatience{20'000'000};
+
 // While the world stands still, arms that begin together begin in the same period.
 constexpr nanoseconds kTogether{20'000'000};
 
@@ -56,7 +59,7 @@ void VirtualArms::step() {
   word_happened_ = false;
   // A scene's timeline counts from the first command that any arm gets.
   for (const auto& port : ports_) {
-    if (port->awaits() == ArmPort::Awaits::answered) plant_.begin_timeline();
+    if (port->has_command()) plant_.begin_timeline();
   }
   for (auto& port : ports_) port->command();
   if (pushing_) apply_pushes();
@@ -179,13 +182,16 @@ HostTime VirtualArms::step_due() const {
         break;
       case ArmPort::Awaits::command: {
         const nanoseconds patience = port->is_silent() ? kSilentPatience : nanoseconds(kPatience);
-        silent_until = std::max(silent_until, port->published_at() + patience);
+        silent_until = std::max(silent_until, port->has_stale_answer() ? port->stale_since() + kStalePatience
+                                                                       : port->published_at() + patience);
         moves = true;
         break;
       }
       case ArmPort::Awaits::first_command:
-        hesitant_until = std::max(
-            hesitant_until, options_.idle_stands_still ? kNever : port->motion_shown_at() + kFirstPatience);
+        // The maker's library reads at least one more state before it sends anything.
+        if (options_.idle_stands_still) {
+          hesitant_until = std::max(hesitant_until, port->motion_shown_at() + kFirstPatience);
+        }
         break;
     }
   }
@@ -194,7 +200,7 @@ HostTime VirtualArms::step_due() const {
     due = options_.idle_stands_still && others_may_join && !moves ? happened_at + kTogether : happened_at;
   } else if (moves) {
     due = hesitant_until;
-  } else if (!options_.idle_stands_still || grippers_move()) {
+  } else if (!options_.idle_stands_still || hesitant_until.ns > 0 || grippers_move()) {
     due = std::max(hesitant_until, stepped_at_ + kPeriod);
   }
   return std::max(due, silent_until);
