@@ -186,6 +186,12 @@ class Runs(unittest.TestCase):
         result = json.loads(answer.stdout)
         self.assertEqual((result["backend"], result["cycles"]), ("virtual", 1000))
 
+    def test_an_experiment_runs_through_virtual_arms(self):
+        with tempfile.TemporaryDirectory() as folder:
+            answer = call("experiment", "task-1", "--fast", "--repeats", "1", "--backend", "virtual", "--out", folder)
+            self.assertEqual(answer.returncode, 0, answer.stderr)
+            self.assertIn("task-1: passed", answer.stdout)
+
     def test_move_begins_where_a_real_arm_stands(self):
         address = f"127.{64 + os.getpid() // 250 % 64}.{os.getpid() % 250}.77"
         start = subprocess.Popen([PROGRAM, "virtual-arm", "one_arm", "--bind", f"arm={address}", "--pace", "lockstep",
