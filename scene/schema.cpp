@@ -419,7 +419,9 @@ const Section& safety() {
         .fallback = "0.002",
         .min = kPeriod,
         .max = 0.1,
-        .doc = "An arm whose state is older goes to hold, with the arms of its controllet."}}};
+        .doc = "An arm whose state is older goes to hold, with the other arms of its controllet. An arm that "
+               "its "
+               "controllet owns alone has 0.02 s."}}};
   return section;
 }
 

@@ -58,9 +58,7 @@ class MujocoBackend : public Backend, public SimulationView {
 
   bool failed() const { return plant_.failed(); }
   std::string fault() const override { return plant_.fault(); }
-  std::optional<Pose> object_pose(const std::string& name) const override {
-    return plant_.object_pose(name);
-  }
+  std::optional<Pose> object_pose(const std::string& name) const override { return plant_.object_pose(name); }
 
   // For pictures and tests; loop thread, or while the loop stands.
   const World& world() const { return plant_.world(); }

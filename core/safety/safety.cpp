@@ -22,11 +22,13 @@ SafetyStage::SafetyStage(std::vector<SafetyLimits> limits) : arms_(limits.size()
   }
 }
 
-Finding SafetyStage::inspect(std::size_t arm, const ArmState& state, ModelTerms& terms) const {
+Finding SafetyStage::inspect(std::size_t arm, const ArmState& state, ModelTerms& terms, bool alone) const {
   const SafetyLimits& limits = arms_[arm].limits;
   if (state.mode != ArmMode::move && state.mode != ArmMode::idle) return {Intervention::arm_not_ready};
-  if (state.age_s > limits.max_state_age_s) {
-    return {Intervention::state_old, 0xFFFF, state.age_s, limits.max_state_age_s};
+  const double max_age =
+      alone ? std::max(limits.max_silence_s, limits.max_state_age_s) : limits.max_state_age_s;
+  if (state.age_s > max_age) {
+    return {Intervention::state_old, 0xFFFF, state.age_s, max_age};
   }
   if (!state.q.allFinite() || !state.dq.allFinite()) return {Intervention::state_not_finite};
   for (Eigen::Index i = 0; i < state.q.size(); ++i) {

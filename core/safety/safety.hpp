@@ -22,7 +22,10 @@ struct WorkspaceBox {
 struct SafetyLimits {
   ArmLimits joints;
   std::optional<WorkspaceBox> workspace;
-  double max_state_age_s = 0.002;    // older than this, a group's arms go to hold
+  double max_state_age_s = 0.002;  // older than this, an arm and the others of its controllet go to hold
+  // The same for an arm that its controllet owns alone: nothing is computed from its old state, for torques
+  // answer its own packets. As long as the arm itself waits before it gives up: 20 periods.
+  double max_silence_s = 0.02;
   double implausible_factor = 10.0;  // torque beyond this many times the limit is nonsense, not an effort
   double period_s = 0.001;           // the arm's control period: a torque step counts over at most this
 
@@ -45,8 +48,8 @@ class SafetyStage {
   const SafetyLimits& limits(std::size_t arm) const { return arms_[arm].limits; }
 
   // May the arm's owner go on from this measurement? Position and workspace rules act on outward motion only,
-  // so that an arm beyond a limit can be led back.
-  Finding inspect(std::size_t arm, const ArmState& state, ModelTerms& terms) const;
+  // so that an arm beyond a limit can be led back. `alone`: the owner has no other arm.
+  Finding inspect(std::size_t arm, const ArmState& state, ModelTerms& terms, bool alone = false) const;
 
   // Is this a torque at all? Non-finite or implausible torques take their author out.
   // A vector of another size than the arm has joints is implausible.

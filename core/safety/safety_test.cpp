@@ -38,6 +38,11 @@ TEST(Inspect, EachRule) {
   EXPECT_EQ(rig.verdict(), Intervention::none);
   rig.state.age_s = 0.0021;
   EXPECT_EQ(rig.verdict(), Intervention::state_old);
+  rig.terms.update(rig.state);
+  const SafetyStage stage({rig.limits});  // an arm alone is given the time that the arm itself waits
+  EXPECT_FALSE(stage.inspect(0, rig.state, rig.terms, true));
+  rig.state.age_s = 0.0201;
+  EXPECT_EQ(stage.inspect(0, rig.state, rig.terms, true).rule, Intervention::state_old);
   rig.state.age_s = 0.002;
   EXPECT_EQ(rig.verdict(), Intervention::none);
   rig.state.dq[6] = std::nan("");
