@@ -167,6 +167,7 @@ class ArmPort : public Port {
   bool has_pending_ = false;
   HostTime answered_at_, stale_since_;
   bool lagging_ = false;           // lock-step: the last period had to make do with a stale answer
+  std::uint64_t left_out_ = 0;     // the last state that a lagging program did not get
   std::int64_t published_ns_ = 0;  // on the clock of the datagrams' time stamps
   bool answered_ = false;          // the program has answered the last state, whatever became of its answer
   bool silent_ = false;            // lock-step: the world went on without its answer

@@ -188,7 +188,7 @@ void ArmPort::move(std::uint32_t command_id, const MoveRequest& request) {
              .asynchronous = wanted.asynchronous,
              .started = host_now()};
   has_pending_ = answered_ = silent_ = lagging_ = false;
-  newest_command_ = 0;
+  newest_command_ = left_out_ = 0;
   want_state();
 }
 

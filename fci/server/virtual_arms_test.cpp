@@ -90,6 +90,33 @@ TEST(VirtualArms, aSilentProgramStopsOnlyItsOwnArm) {
   EXPECT_EQ(arms.statistics(1).commands_missed, 20u);
 }
 
+// One thread, as programs of the maker's library do it: start, start, then read, read, write, write. The
+// second start has taken a state that the first arm's reading has not, but the program comes into step.
+TEST(VirtualArms, oneThreadStartsOneArmAfterTheOther) {
+  VirtualArms arms(two_arms(), options(WorldPace::lockstep));
+  arms.start();
+  TestProgram left(arms.place(0)), right(arms.place(1));
+  RobotState l = left.begin_torques(), r = right.begin_torques();
+  const auto next = [](TestProgram& program, const RobotState& before) {
+    const RobotState newest = program.read_newest_or(before);
+    return newest.message_id > before.message_id ? newest : program.read();
+  };
+  // The worst case: one arm's state is older than the other's.
+  l = left.read_newest_or(l);
+  r = right.read_until([&](const RobotState& s) { return s.message_id > l.message_id; });
+  for (int i = 0; i < 200; ++i) {
+    left.command(left.torques(l));
+    right.command(right.torques(r));
+    l = next(left, l);
+    r = next(right, r);
+  }
+  EXPECT_EQ(l.message_id, r.message_id);
+  EXPECT_EQ(l.control_command_success_rate, 1);
+  EXPECT_EQ(r.control_command_success_rate, 1);
+  EXPECT_EQ(arms.statistics(0).commands_missed, 0u);
+  EXPECT_EQ(arms.statistics(1).commands_missed, 0u);
+}
+
 // A program that ends one arm's motion while it owes the other one an answer gets to see that end: nothing is
 // missed meanwhile.
 TEST(VirtualArms, anEndIsSeenBeforeTheOtherArmIsAnswered) {
