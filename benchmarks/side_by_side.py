@@ -1,0 +1,164 @@
+#!/usr/bin/env python3
+"""Virtual arms beside franka-sim, by the same unmodified client in the same run: a table for docs/virtual_arm.md.
+
+    side_by_side.py PROGRAM --franka-sim PYTHON [--seconds 10]
+
+PYTHON is the interpreter of an environment of its own in which franka-sim is installed (it needs another MuJoCo than this
+project). It runs on this project's model of the FR3, since its own one is not part of its package. It listens on every
+address of this computer, so this is for a computer without neighbours. One after the other, the order turned by --turn.
+"""
+
+import argparse
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pylibfranka as franka
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "tests" / "fci"))
+from virtual_arms import VirtualArms  # noqa: E402
+
+SCENE = "name: side_by_side\narms:\n  - {name: arm, model: fr3, hand: false, base: {position_m: [0, 0, 0]}, start_rad: ready}\n"
+
+
+def connect(address):
+    return franka.Robot(address, franka.RealtimeConfig.kIgnore)
+
+
+def bare_timer(seconds):
+    """Periods of a thread that only sleeps on a grid of 1 ms, in this same Python."""
+    periods, last, due = [], time.perf_counter(), time.perf_counter()
+    end = last + seconds
+    while last < end:
+        due += 0.001
+        time.sleep(max(0.0, due - time.perf_counter()))
+        now = time.perf_counter()
+        periods.append(now - last)
+        last = now
+    return np.array(periods)
+
+
+def loop(robot, cycles, tau=lambda n: 0.0, pause_at=None):
+    """Torque loop; the periods on the wall and what ended it."""
+    control, periods, last = robot.start_torque_control(), [], time.perf_counter()
+    try:
+        for n in range(cycles):
+            state, _ = control.readOnce()
+            now = time.perf_counter()
+            periods.append(now - last)
+            last = now
+            if n == pause_at:
+                time.sleep(0.03)
+            command = franka.Torques([tau(n)] + [0.0] * 6)
+            command.motion_finished = n + 1 == cycles
+            control.writeOnce(command)
+        return np.array(periods[1:]), "ran to its end"
+    except franka.ControlException as error:
+        text = str(error)
+        return np.array(periods[1:]), text[text.find("[") + 2:text.find("]") - 1] if "[" in text else text
+    finally:
+        del control
+
+
+def recovered(robot):
+    if robot.read_once().robot_mode != franka.RobotMode.Idle:
+        try:
+            robot.automatic_error_recovery()
+        except Exception as error:  # what it says is a result
+            return str(error)
+    return ""
+
+
+def trials(address, seconds, push):
+    robot, result = connect(address), {}
+    periods, end = loop(robot, int(1000 * seconds))
+    result["period, mean"] = f"{1e6 * periods.mean():.1f} us"
+    result["period, p50, p99"] = f"{1e6 * np.quantile(periods, 0.5):.0f}, {1e6 * np.quantile(periods, 0.99):.0f} us"
+    result["the loop"] = end
+    recovered(robot)
+    result["a torque step of 5 N m"] = loop(robot, 300, lambda n: 5.0 if n >= 100 else 0.0)[1]
+    recovered(robot)
+    result["30 ms without a command"] = loop(robot, 300, pause_at=100)[1]
+    recovered(robot)
+    robot.set_load(1.0, [0.0] * 3, [0.0] * 9)  # which does not hang there
+    began = robot.read_once().time.to_sec()
+    while (state := robot.read_once()).time.to_sec() < began + 1.0:
+        pass
+    result["O_F_ext_hat_K of a declared kilogram that is not there"] = f"{state.O_F_ext_hat_K[2]:.2f} N"
+    robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
+    if push:
+        push()
+        began, force = robot.read_once().time.to_sec(), 0.0
+        while (state := robot.read_once()).time.to_sec() < began + 1.0:
+            force = min(force, state.O_F_ext_hat_K[2])
+        result["pushed with 15 N upwards, the arm exerts"] = f"{force:.2f} N"
+    else:
+        result["pushed with 15 N upwards, the arm exerts"] = "no way to push"
+    return result
+
+
+def ours(program, seconds):
+    scene = pathlib.Path(os.environ.get("TMPDIR", "/tmp"), f"side_by_side_{os.getpid()}.yaml")
+    scene.write_text(SCENE)
+    try:
+        with VirtualArms(program, scene, ["arm"], "realtime") as arms:
+            result = trials(arms.address["arm"], seconds, lambda: arms.control("push arm 0 0 15 1"))
+        with VirtualArms(program, scene, ["arm"], "lockstep") as arms:
+            robot, began = connect(arms.address["arm"]), time.perf_counter()
+            loop(robot, 20000)
+            result["lock-step, this Python client"] = f"{20 / (time.perf_counter() - began):.1f} x real time"
+    finally:
+        scene.unlink()
+    result["two arms in one world"] = "yes: any number, one address each"
+    return result
+
+
+def theirs(python, seconds):
+    environment = {**os.environ, "FR3_MJCF": str(ROOT / "models" / "generated" / "fr3.xml")}
+    program = str(pathlib.Path(python).parent / "run-franka-sim-server")
+    words = [program, "--physics", "mujoco", "--no-gripper", "--enforce-comm-constraints", "--enforce-motion-limits"]
+    server = subprocess.Popen(words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        for _ in range(100):
+            time.sleep(0.2)
+            try:
+                connect("127.0.0.1").read_once()
+                break
+            except franka.NetworkException:
+                pass
+        time.sleep(1.5)  # it serves the next program a second later
+        result = trials("127.0.0.1", seconds, None)
+    finally:
+        server.send_signal(signal.SIGINT)
+        server.wait(20)
+    result["lock-step, this Python client"] = "none: real time only"
+    result["two arms in one world"] = "its mobile duo only, without contacts between them"
+    return result
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("program")
+    parser.add_argument("--franka-sim", metavar="PYTHON", required=True)
+    parser.add_argument("--seconds", type=float, default=10)
+    parser.add_argument("--turn", action="store_true", help="franka-sim first")
+    words = parser.parse_args()
+    first = (lambda: theirs(words.franka_sim, words.seconds)), (lambda: ours(words.program, words.seconds))
+    timer = bare_timer(3)
+    if words.turn:
+        b, a = first[0](), first[1]()
+    else:
+        a, b = first[1](), first[0]()
+    print(f"a bare timer of 1 ms in this Python: mean {1e6 * timer.mean():.1f}, p99 {1e6 * np.quantile(timer, 0.99):.0f} us\n")
+    print("| | multipanda virtual-arm | franka-sim |\n|---|---|---|")
+    for row in a:
+        print(f"| {row} | {a[row]} | {b.get(row, '')} |")
+
+
+if __name__ == "__main__":
+    main()
