@@ -202,6 +202,18 @@ TEST(ControlCycle, LostPacketsHoldTheGroupAfterTwoMillisecondsAndNobodyElse) {
   EXPECT_TRUE(loop.activate({"p12"}).accepted());
 }
 
+TEST(ControlCycle, AnArmThatItsControlletOwnsAloneMayBeSilentForTwentyMilliseconds) {
+  TestLoop loop(3, laws(), test::test_registry());
+  loop.modes().activate_at_start(loop.set({"s0", "f2"}));
+  loop.steps(10);
+  loop.world.due_in_step = [](std::uint64_t) { return ArmSet::of(0) | ArmSet::of(1); };
+  loop.steps(19);
+  EXPECT_EQ(loop.modes().owner(2), loop.find("f2"));
+  loop.steps(2);
+  EXPECT_EQ(loop.modes().owner(2), loop.find("arm2_hold"));
+  EXPECT_EQ(loop.modes().owner(0), loop.find("s0"));
+}
+
 TEST(ControlCycle, ASilentPublisherLeadsToHold) {
   TestLoop loop(3, laws(), test::test_registry());
   loop.modes().activate_at_start(loop.set({"f2"}));

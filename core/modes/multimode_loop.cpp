@@ -126,11 +126,8 @@ Verdict MultimodeController::apply_switch(const Request& request, Answer& answer
   // What inspect() would take out in this very step is not started in the first place. A hold always may.
   const InstanceSet holds = (InstanceSet{1} << arm_count()) - 1;
   bool ready = true;
-  for_each(answer.plan.start & ~holds, [&](InstanceIndex i) {
-    const ArmSet arms = instances_[i]->arms();
-    for_each(arms, [&](ArmIndex arm) {
-      ready = ready && !safety_.inspect(arm, blocks_.states[arm], blocks_.terms[arm], arms.size() == 1);
-    });
+  for_each(arms_of(answer.plan.start & ~holds), [&](ArmIndex arm) {
+    ready = ready && !safety_.inspect(arm, blocks_.states[arm], blocks_.terms[arm]);
   });
   if (!ready) return Verdict::arm_not_ready;
   bool started = true;
