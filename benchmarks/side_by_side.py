@@ -45,8 +45,9 @@ def bare_timer(seconds):
 
 def loop(robot, cycles, tau=lambda n: 0.0, pause_at=None):
     """Torque loop; the periods on the wall and what ended it."""
-    control, periods, last = robot.start_torque_control(), [], time.perf_counter()
+    periods, last, control = [], time.perf_counter(), None
     try:
+        control = robot.start_torque_control()
         for n in range(cycles):
             state, _ = control.readOnce()
             now = time.perf_counter()
@@ -76,7 +77,13 @@ def recovered(robot):
 
 def trials(address, seconds, push):
     robot, result = connect(address), {}
-    periods, end = loop(robot, int(1000 * seconds))
+    for _ in range(3):  # a loop that did not run is tried again, and said if it never does
+        periods, end = loop(robot, int(1000 * seconds))
+        if len(periods) > 1000:
+            break
+        recovered(robot)
+    if len(periods) == 0:
+        periods = np.array([np.nan])
     result["period, mean"] = f"{1e6 * periods.mean():.1f} us"
     result["period, p50, p99"] = f"{1e6 * np.quantile(periods, 0.5):.0f}, {1e6 * np.quantile(periods, 0.99):.0f} us"
     result["the loop"] = end
@@ -121,7 +128,8 @@ def ours(program, seconds):
 def theirs(python, seconds):
     environment = {**os.environ, "FR3_MJCF": str(ROOT / "models" / "generated" / "fr3.xml")}
     program = str(pathlib.Path(python).parent / "run-franka-sim-server")
-    words = [program, "--physics", "mujoco", "--no-gripper", "--enforce-comm-constraints", "--enforce-motion-limits"]
+    # With its --enforce-motion-limits this model's arm stops at the first torque: its defaults are what is measured.
+    words = [program, "--physics", "mujoco", "--no-gripper"]
     server = subprocess.Popen(words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         for _ in range(100):
