@@ -253,6 +253,7 @@ ArmSet FciBackend::Implementation::all_once(HostTime deadline) {
 }
 
 // The states of one step of all arms that are connected: the same number on all.
+constexpr double kSlice = 0.005;  // [s], of waiting in lock-step
 ArmSet FciBackend::Implementation::step_of_all(HostTime deadline) {
   const HostTime patience = later(host_now(), options.silence_s);
   while (true) {
@@ -274,7 +275,8 @@ ArmSet FciBackend::Implementation::step_of_all(HostTime deadline) {
     // A world in which nothing moves stands still, and is no fault.
     const HostTime until = moving ? deadline : patience;
     if (host_now() >= until) return unread() & here;
-    sleep_until(until);
+    // In slices: that an arm was lost is its commander's word, and no datagram tells of it.
+    sleep_until(std::min(until, later(host_now(), kSlice)));
   }
 }
 
