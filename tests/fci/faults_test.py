@@ -45,6 +45,7 @@ class World:
     def __init__(self, count, seconds=600, options=()):
         self.text, self.names, self.groups = scene_text(count)
         self.seconds, self.options = seconds, options
+        self.run = self.messages = None
 
     def __enter__(self):
         self.folder = tempfile.TemporaryDirectory()
@@ -52,6 +53,13 @@ class World:
         self.scene.write_text(self.text)
         self.socket = pathlib.Path(self.folder.name, "run.sock")
         self.arms = VirtualArms(PROGRAM, self.scene, self.names, "lockstep", ["--no-gripper", *self.options]).__enter__()
+        try:
+            return self.start_run()
+        except BaseException:
+            self.__exit__()
+            raise
+
+    def start_run(self):
         words = [PROGRAM, "run", str(self.scene), "--backend", "fci", "--fast", "--json", "--seconds", str(self.seconds), "--socket", str(self.socket)]
         for name in self.names:
             words += ["--address", f"{name}={self.arms.address[name]}"]
@@ -101,11 +109,13 @@ class World:
         return json.loads(out)
 
     def __exit__(self, *_):
-        if self.run.poll() is None:
-            self.run.kill()
-        self.run.wait()
-        self.run.stdout.close()
-        self.messages.close()
+        if self.run is not None:
+            if self.run.poll() is None:
+                self.run.kill()
+            self.run.wait()
+            self.run.stdout.close()
+        if self.messages is not None:
+            self.messages.close()
         self.arms.__exit__()
         self.folder.cleanup()
 
@@ -227,5 +237,5 @@ class FaultMatrix(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    PROGRAM = sys.argv.pop(1)
+    PROGRAM = os.path.abspath(sys.argv.pop(1))
     unittest.main(verbosity=2)

@@ -5,6 +5,7 @@ What the arm really exerts at rest follows from statics alone: without gravity a
 tau_d = J^T F. That is the yardstick here, independent of the arm's observer, its filter and the simulator's contacts.
 """
 
+import os
 import sys
 import unittest
 
@@ -127,5 +128,5 @@ class Thresholds(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    PROGRAM = sys.argv.pop(1)
+    PROGRAM = os.path.abspath(sys.argv.pop(1))
     unittest.main(verbosity=2)

@@ -2,6 +2,7 @@
 """A library on libfranka 0.9 (Panda, protocol 5), unmodified, against virtual arms: panda_test.py PROGRAM [TEST...]"""
 
 import math
+import os
 import sys
 import threading
 import time
@@ -156,5 +157,5 @@ class Vacuum(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    PROGRAM = sys.argv.pop(1)
+    PROGRAM = os.path.abspath(sys.argv.pop(1))
     unittest.main(verbosity=2)
