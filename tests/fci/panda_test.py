@@ -142,7 +142,8 @@ class Hand(unittest.TestCase):
             self.assertTrue(state.is_grasped)
             self.assertAlmostEqual(state.width, 0.05, delta=2e-3)
             robot = libfranka.Robot(arms.address["arm"], libfranka.RealtimeConfig.kIgnore)
-            self.assertFalse(gripper.move(0.08, 0.1) and gripper.read_once().is_grasped)
+            self.assertTrue(gripper.move(0.08, 0.1))
+            self.assertFalse(gripper.read_once().is_grasped)
             self.assertEqual(robot.read_once().robot_mode, libfranka.RobotMode.kIdle)
 
 
