@@ -96,17 +96,7 @@ std::future<ArmAnswer> MujocoBackend::request(ArmIndex arm, ArmRequest request) 
     return RequestBox::refused(std::move(why));
   }
   if (auto why = check_gripper(posted.request); !why.empty()) return RequestBox::refused(std::move(why));
-  if (const auto* place = std::get_if<PlaceObject>(&posted.request)) {
-    const auto object = plant_.world().find_object(place->object);
-    if (!object) return RequestBox::refused("there is no object '" + place->object + "' in the scene");
-    if (plant_.world().objects()[*object].qpos < 0) {
-      return RequestBox::refused("object '" + place->object + "' is fixed: only free objects can be placed");
-    }
-    if (auto why = SimulatedArm::check(SetFrames{place->X_WO, {}}, 0); !why.empty()) {
-      return RequestBox::refused("X_WO must be a finite position and a rotation");
-    }
-    posted.object = *object;
-  }
+  if (auto why = plant_.locate(posted); !why.empty()) return RequestBox::refused(std::move(why));
   return requests_.post(std::move(posted));
 }
 

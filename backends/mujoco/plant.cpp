@@ -210,6 +210,21 @@ void MujocoPlant::fail(const char* why) {
   std::strncpy(fault_.data(), why, fault_.size() - 1);
 }
 
+std::string MujocoPlant::locate(RequestBox::Posted& posted) const {
+  const auto* place = std::get_if<PlaceObject>(&posted.request);
+  if (place == nullptr) return {};
+  const auto object = world_.find_object(place->object);
+  if (!object) return "there is no object '" + place->object + "' in the scene";
+  if (world_.objects()[*object].qpos < 0) {
+    return "object '" + place->object + "' is fixed: only free objects can be placed";
+  }
+  if (!SimulatedArm::check(SetFrames{place->X_WO, {}}, 0).empty()) {
+    return "X_WO must be a finite position and a rotation";
+  }
+  posted.object = *object;
+  return {};
+}
+
 void MujocoPlant::reset() {
   if (!world_.reset()) return fail(last_engine_error());
   for (ArmIndex i = 0; i < arms_.size(); ++i) {

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "backends/arm/request_box.hpp"
 #include "backends/arm/simulated_arm.hpp"
 #include "backends/gripper/simulated_gripper.hpp"
 #include "backends/gripper/simulated_vacuum.hpp"
@@ -56,6 +57,8 @@ class MujocoPlant {
   void advance();
   std::int64_t periods() const { return periods_; }  // carried out since construction
   void reset();                                      // everything to the start; periods() goes on
+  // Any thread: finds the object that a PlaceObject names. Why it cannot be placed, or nothing.
+  std::string locate(RequestBox::Posted& posted) const;
   // With timeline_waits: the timeline's time is 0 in the period that comes next. Once; later calls do
   // nothing.
   void begin_timeline();
