@@ -6,9 +6,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "backends/arm/desired_motion.hpp"
-#include "core/test_support/test_arm.hpp"
-#include "models/arm_source.hpp"
+#include "backends/arm/motion_rig.hpp"
 
 namespace multipanda {
 namespace {
@@ -22,10 +20,7 @@ struct Rig {
         model(std::make_shared<const ArmModel>(arm_model_source(robot, Draw(3).pose(1), false))),
         limits(MotionLimits::of(robot)) {
     if (any_joints) {  // only the Cartesian rules
-      limits.dq_max.setConstant(1e6);
-      limits.ddq_max.setConstant(1e9);
-      limits.velocity_offset.resize(0);
-      limits.deceleration.resize(0);
+      test::any_joints(limits);
       limits.q_min.setConstant(-1e3);
       limits.q_max.setConstant(1e3);
     }
@@ -36,24 +31,6 @@ struct Rig {
     return motion->start({.controller = ArmController::joint_impedance, .generator = generator});
   }
   const DesiredState& state() const { return motion->state(); }
-  InterfaceCommand joints(const JointVector& q) const {
-    InterfaceCommand c;
-    c.q_c = q;
-    return c;
-  }
-  InterfaceCommand velocity(const JointVector& dq) const {
-    InterfaceCommand c;
-    c.dq_c = dq;
-    return c;
-  }
-  static InterfaceCommand pose(const Pose& X) {
-    InterfaceCommand c;
-    Eigen::Map<Eigen::Matrix4d> T(c.O_T_EE_c.data());
-    T.setIdentity();
-    T.topLeftCorner<3, 3>() = X.rotation;
-    T.topRightCorner<3, 1>() = X.position;
-    return c;
-  }
   std::vector<ArmError> errors() const {
     std::vector<ArmError> found;
     for (const Violation& v : motion->violations()) found.push_back(v.error);
@@ -85,7 +62,7 @@ TEST(DesiredMotion, PublishesBackwardDifferencesOfJointPositions) {
     return q;
   };
   for (int k = 1; k <= 2000; ++k) {
-    const InterfaceCommand command = rig.joints(q_of(k));
+    const InterfaceCommand command = test::positions(q_of(k));
     ASSERT_EQ(rig.motion->step(&command), MotionStep::moving) << k;
     const DesiredState& s = rig.state();
     const JointVector now = q_of(k), before = q_of(std::max(k - 1, 0)), earlier = q_of(std::max(k - 2, 0));
@@ -100,7 +77,7 @@ TEST(DesiredMotion, PublishesBackwardDifferencesOfJointPositions) {
     EXPECT_LT((s.V_BE_d.vector - J * s.dq).norm(), 1e-5);
     EXPECT_EQ(s.elbow_d, elbow_of(now));
   }
-  InterfaceCommand last = rig.joints(q_of(2001));
+  InterfaceCommand last = test::positions(q_of(2001));
   last.motion_finished = true;
   EXPECT_EQ(rig.motion->step(&last), MotionStep::at_rest);
 }
@@ -192,8 +169,9 @@ TEST_P(JointClient, WithTheMakersLimitsIsNeverRefused) {
       }
       const JointVector v = client_velocity(rig, target, gain, GetParam().lost);
       const JointVector q_published = single(rig.state().q);
-      const InterfaceCommand command =
-          generator == MotionGenerator::joint_position ? rig.joints(q_published + dt * v) : rig.velocity(v);
+      const InterfaceCommand command = generator == MotionGenerator::joint_position
+                                           ? test::positions(q_published + dt * v)
+                                           : test::velocities(v);
       const DesiredState before = rig.state();
       ASSERT_EQ(rig.motion->step(&command), MotionStep::moving)
           << "step " << k << ": " << describe(rig.motion->violations()[0]);
@@ -286,7 +264,7 @@ TEST_P(CartesianClient, WithTheMakersLimitsIsNeverRefused) {
           // Built on the published matrix, which is no exact rotation.
           const Matrix3 R = single(s.X_BE_c.rotation);
           const Vector3 p = single(s.X_BE_c.position);
-          command = Rig::pose({exp_rotation(dt * step.V.tail<3>()) * R, p + dt * step.V.head<3>()});
+          command = test::pose({exp_rotation(dt * step.V.tail<3>()) * R, p + dt * step.V.head<3>()});
         } else {
           command.O_dP_EE_c = step.V;
         }
@@ -343,7 +321,7 @@ TEST(DesiredMotion, AllowsTheMotionsOfOrdinaryPrograms) {
                   [&](double t, const DesiredState& start) {
                     JointVector q = start.q;
                     for (const Eigen::Index i : {3, 4, 6}) q[i] += M_PI / 8 * (1 - std::cos(M_PI / 2.5 * t));
-                    return rig.joints(q);
+                    return test::positions(q);
                   }),
               MotionStep::at_rest);
     // Four joints at up to 1 rad/s, a second to and a second fro.
@@ -351,7 +329,7 @@ TEST(DesiredMotion, AllowsTheMotionsOfOrdinaryPrograms) {
                   [&](double t, const DesiredState&) {
                     JointVector dq = JointVector::Zero(7);
                     dq.tail<4>().setConstant((t < 1 ? 0.5 : -0.5) * (1 - std::cos(2 * M_PI * t)));
-                    return rig.velocity(dq);
+                    return test::velocities(dq);
                   }),
               MotionStep::at_rest);
     // An arc of 0.3 m radius and back in 10 s, orientation held, elbow free.
@@ -360,7 +338,7 @@ TEST(DesiredMotion, AllowsTheMotionsOfOrdinaryPrograms) {
                     const double angle = M_PI / 4 * (1 - std::cos(M_PI / 5 * t));
                     Pose X = start.X_BE_c;
                     X.position += Vector3(0.3 * std::sin(angle), 0, 0.3 * (std::cos(angle) - 1));
-                    return Rig::pose(X);
+                    return test::pose(X);
                   }),
               MotionStep::at_rest);
     // The same by velocity, 0.1 m/s obliquely down and up again in 8 s.
@@ -377,7 +355,7 @@ TEST(DesiredMotion, AllowsTheMotionsOfOrdinaryPrograms) {
     EXPECT_EQ(
         run(rig, MotionGenerator::cartesian_pose, 10,
             [&](double t, const DesiredState& start) {
-              InterfaceCommand c = Rig::pose(start.X_BE_c);
+              InterfaceCommand c = test::pose(start.X_BE_c);
               c.has_elbow = true;
               c.elbow_c = {start.elbow_c[0] + M_PI / 10 * (1 - std::cos(M_PI / 5 * t)), start.elbow_c[1]};
               return c;
