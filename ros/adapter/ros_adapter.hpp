@@ -1,0 +1,54 @@
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "ros/adapter/part.hpp"
+#include "ros/rcl/rcl.hpp"
+#include "runtime/run_adapter.hpp"
+
+namespace multipanda::ros {
+
+class RecordRelay;
+
+// A run on ROS 2: all of its interfaces, made from what the scene and its controllets state. Stand-alone it
+// has its own context, node and executor; as part of somebody else's node (ros2_control) it borrows that.
+//
+// Threads: the relay's (take: copies into a ring, never waits), the publisher's (the parts' take), the
+// executor's (callbacks). The loop's thread never comes here.
+class RosAdapter : public RunAdapter {
+ public:
+  // Throws RclError or std::invalid_argument; then nothing of it is left.
+  RosAdapter(const RunWorld& world, RosOptions options);
+  // On a node that lives already and outlives the adapter. Its services are answered by the adapter's own
+  // executor, beside whatever spins the node.
+  RosAdapter(const RunWorld& world, RosOptions options, rcl_node_t* borrowed);
+  ~RosAdapter() override;
+
+  void take(const CycleRecord& record) override;
+  void take(const Event& event) override;
+
+  const Node& node() const { return *node_; }  // its entities() are the documentation
+  std::vector<Diagnostic> diagnostics() const;
+
+ private:
+  void build(const RunWorld& world);
+  void warn(const std::string& topic, const std::string& text);
+
+  RosOptions options_;
+  std::unique_ptr<Context> context_;  // none: borrowed
+  std::unique_ptr<Node> node_;
+  std::unique_ptr<Executor> executor_;
+  Parts parts_;
+  std::unique_ptr<RecordRelay> relay_;  // ends before the parts
+
+  std::mutex warn_mutex_;
+  std::map<std::string, HostTime> warned_;
+};
+
+}  // namespace multipanda::ros
