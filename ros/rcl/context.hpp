@@ -1,0 +1,35 @@
+#pragma once
+
+#include <memory>
+#include <rcl/context.h>
+#include <string>
+#include <vector>
+
+namespace multipanda::ros {
+
+// Without any word about it in the environment, ROS 2 opens sockets on every network. Here the default stays
+// on this machine: unless one of FASTDDS_BUILTIN_TRANSPORTS, FASTDDS_DEFAULT_PROFILES_FILE,
+// FASTRTPS_DEFAULT_PROFILES_FILE, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_LOCALHOST_ONLY, ROS_STATIC_PEERS,
+// ROS_DISCOVERY_SERVER or RMW_IMPLEMENTATION is set, sets FASTDDS_BUILTIN_TRANSPORTS=SHM and
+// ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT. True where it did. Changes the environment: before other
+// threads read it.
+bool keep_to_this_machine();
+
+// ROS as one program uses it (rcl_init to rcl_shutdown). Outlives all that is made of it.
+class Context {
+ public:
+  // Keeps to this machine unless the environment says otherwise. `arguments` as on a command line, without
+  // the program's name: {"--ros-args", "-r", "a:=b"}. Throws RclError.
+  explicit Context(std::vector<std::string> arguments = {});
+  ~Context();
+  Context(const Context&) = delete;
+
+  rcl_context_t* handle() { return &context_; }
+  std::size_t domain() const { return domain_; }
+
+ private:
+  rcl_context_t context_;
+  std::size_t domain_ = 0;
+};
+
+}  // namespace multipanda::ros

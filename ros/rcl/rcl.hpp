@@ -1,0 +1,14 @@
+#pragma once
+
+// ROS 2 on its C library, as far as it is needed here: one header for all of it.
+#include "ros/rcl/action_client.hpp"
+#include "ros/rcl/action_server.hpp"
+#include "ros/rcl/client.hpp"
+#include "ros/rcl/context.hpp"
+#include "ros/rcl/error.hpp"
+#include "ros/rcl/executor.hpp"
+#include "ros/rcl/node.hpp"
+#include "ros/rcl/publisher.hpp"
+#include "ros/rcl/qos.hpp"
+#include "ros/rcl/service.hpp"
+#include "ros/rcl/subscription.hpp"

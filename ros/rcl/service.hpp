@@ -1,0 +1,90 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <rcl/service.h>
+#include <rosidl_runtime_cpp/traits.hpp>
+#include <rosidl_typesupport_cpp/service_type_support.hpp>
+#include <string>
+#include <utility>
+
+#include "ros/rcl/executor.hpp"
+#include "ros/rcl/node.hpp"
+
+namespace multipanda::ros {
+
+// The half of a service that replies keep alive: a reply after the service's end goes nowhere.
+class ServiceCore {
+ public:
+  ServiceCore(Node& node, const std::string& name, const rosidl_service_type_support_t* type);
+  ~ServiceCore();
+  ServiceCore(const ServiceCore&) = delete;
+  bool take(rmw_request_id_t& id, void* request);
+  void send(rmw_request_id_t id, void* response);
+  void close();
+  void on_new(rcl_event_callback_t callback, const void* data);
+  std::string name() const;
+
+ private:
+  Node& node_;
+  rcl_service_t service_;
+  std::mutex mutex_;
+  bool open_ = false;
+};
+
+class ServiceBase : public Incoming {
+ public:
+  std::string name() const { return core_->name(); }
+
+ protected:
+  ServiceBase(Executor& executor, Node& node, const std::string& name,
+              const rosidl_service_type_support_t* type, const std::string& type_name, const Doc& doc);
+  ~ServiceBase() override;
+  void open();
+  void close();
+
+  std::shared_ptr<ServiceCore> core_;
+};
+
+// The callback may reply at once, or keep the Reply and reply later, from any thread, once; a service that is
+// gone by then is no error. A callback that throws leaves the caller without an answer: catch.
+template <class S>
+class Service : public ServiceBase {
+ public:
+  using Request = typename S::Request;
+  using Response = typename S::Response;
+  class Reply {
+   public:
+    Reply(std::weak_ptr<ServiceCore> core, rmw_request_id_t id) : core_(std::move(core)), id_(id) {}
+    void operator()(Response response) const {
+      if (const auto core = core_.lock()) core->send(id_, &response);
+    }
+
+   private:
+    std::weak_ptr<ServiceCore> core_;
+    rmw_request_id_t id_;
+  };
+  using Callback = std::function<void(const Request&, Reply)>;
+
+  Service(Executor& executor, Node& node, const std::string& name, const Doc& doc, Callback callback)
+      : ServiceBase(executor, node, name, rosidl_typesupport_cpp::get_service_type_support_handle<S>(),
+                    rosidl_generator_traits::name<S>(), doc),
+        callback_(std::move(callback)) {
+    open();
+  }
+  ~Service() override { close(); }
+
+ private:
+  bool take() override {
+    rmw_request_id_t id;
+    Request request;
+    if (!core_->take(id, &request)) return false;
+    callback_(request, Reply(core_, id));
+    return true;
+  }
+
+  Callback callback_;
+};
+
+}  // namespace multipanda::ros

@@ -1,0 +1,61 @@
+#pragma once
+
+#include <functional>
+#include <rcl/subscription.h>
+#include <rosidl_runtime_cpp/traits.hpp>
+#include <rosidl_typesupport_cpp/message_type_support.hpp>
+#include <string>
+#include <utility>
+
+#include "ros/rcl/executor.hpp"
+#include "ros/rcl/node.hpp"
+#include "ros/rcl/qos.hpp"
+
+namespace multipanda::ros {
+
+class SubscriptionBase : public Incoming {
+ public:
+  std::string topic() const;
+  std::size_t publishers() const;
+
+ protected:
+  SubscriptionBase(Executor& executor, Node& node, const std::string& name,
+                   const rosidl_message_type_support_t* type, const std::string& type_name, const Qos& qos,
+                   const Doc& doc);
+  ~SubscriptionBase() override;
+  void open();   // at the end of the last constructor
+  void close();  // at the begin of the first destructor
+  // False: nothing was there (or it could not be read, which is counted).
+  bool take_any(void* message);
+
+ private:
+  Node& node_;
+  rcl_subscription_t subscription_;
+};
+
+// The callback gets every message that is there (as many as the depth keeps), on the executor's thread, none
+// after destruction. It must not throw for a bad message: nobody could answer.
+template <class M>
+class Subscription : public SubscriptionBase {
+ public:
+  Subscription(Executor& executor, Node& node, const std::string& name, const Qos& qos, const Doc& doc,
+               std::function<void(const M&)> callback)
+      : SubscriptionBase(executor, node, name, rosidl_typesupport_cpp::get_message_type_support_handle<M>(),
+                         rosidl_generator_traits::name<M>(), qos, doc),
+        callback_(std::move(callback)) {
+    open();
+  }
+  ~Subscription() override { close(); }
+
+ private:
+  bool take() override {
+    if (!take_any(&message_)) return false;
+    callback_(message_);
+    return true;
+  }
+
+  std::function<void(const M&)> callback_;
+  M message_;  // used again, so that its sequences keep their memory
+};
+
+}  // namespace multipanda::ros
