@@ -103,7 +103,7 @@ std::string read_file(const std::string& path) {
 }
 
 Scene read_scene(const Mapping& root, const std::string& text, const Registry& registry) {
-  SceneReader reader{registry, {}, {}, {}};
+  SceneReader reader{.registry = registry};
   Scene& scene = reader.scene;
   scene.text = text;
   scene.path = root.self().file().name;
@@ -122,6 +122,7 @@ Scene read_scene(const Mapping& root, const std::string& text, const Registry& r
   read_controllets(root, reader);
   read_active(root, reader);
   read_timeline(root, reader);
+  read_ros(root, reader);
   return std::move(reader.scene);
 }
 

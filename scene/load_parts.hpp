@@ -9,7 +9,7 @@ namespace multipanda {
 
 struct SceneReader {
   const Registry& registry;
-  Scene scene;
+  Scene scene = {};
   std::vector<RobotDescription> robots;  // of each arm
   std::vector<InstanceConfig> holds;     // built in, one per arm; without those that the scene declares
 
@@ -28,6 +28,7 @@ void read_objects(const Mapping& root, SceneReader& reader);
 void read_controllets(const Mapping& root, SceneReader& reader);
 void read_active(const Mapping& root, SceneReader& reader);
 void read_timeline(const Mapping& root, SceneReader& reader);  // after read_active
+void read_ros(const Mapping& root, SceneReader& reader);
 
 // What is said of the arm itself and of the way to it: fci, collision, its own stiffness.
 void read_arm_interface(const Mapping& arm, const RobotDescription& robot, const SceneReader& reader,

@@ -31,6 +31,33 @@ TEST(Load, DefaultsAreTheMakers) {
   EXPECT_EQ(arm.place.line, 2);
 }
 
+TEST(Load, HowARunShowsItselfInRos) {
+  const RosSection usual = parse("arms:\n  - name: left\n").ros;
+  EXPECT_EQ(usual.node, "multipanda");
+  EXPECT_EQ(usual.name_space, "/");
+  EXPECT_EQ(usual.time, RosSection::Time::automatic);
+  EXPECT_EQ(usual.rates_hz.joint_states, RosSection::Rates{}.joint_states);
+  EXPECT_EQ(usual.rates_hz.diagnostics, RosSection::Rates{}.diagnostics);
+
+  // Every rate another number, so that none can stand for another.
+  const RosSection ros = parse(
+                             "arms:\n  - name: left\n"
+                             "ros:\n"
+                             "  node: cell\n  namespace: /hall_2/cell_1\n  time: system\n"
+                             "  rates_hz: {joint_states: 1000, robot_state: 1, model: 2, wrench: 3, tf: 4, "
+                             "references: 5, outputs: 6, gripper: 7, object_poses: 8, clock: 9, "
+                             "loop_statistics: 10, diagnostics: 0}\n")
+                             .ros;
+  EXPECT_EQ(ros.node, "cell");
+  EXPECT_EQ(ros.name_space, "/hall_2/cell_1");
+  EXPECT_EQ(ros.time, RosSection::Time::system);
+  const RosSection::Rates& r = ros.rates_hz;
+  EXPECT_THAT(
+      (std::vector<double>{r.joint_states, r.robot_state, r.model, r.wrench, r.tf, r.references, r.outputs,
+                           r.gripper, r.object_poses, r.clock, r.loop_statistics, r.diagnostics}),
+      testing::ElementsAre(1000, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 0));
+}
+
 TEST(Load, WhatIsSaidOfTheArmItself) {
   const Scene scene = parse(
       "arms:\n"

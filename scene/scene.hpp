@@ -10,6 +10,7 @@
 #include "core/safety/safety.hpp"
 #include "core/state/arm_state.hpp"
 #include "core/types/spatial.hpp"
+#include "scene/ros_section.hpp"
 
 // A scene as data: what scene files (YAML, docs/scene_reference.md) say, checked, in SI units. Everything
 // that is built (models, plant, control cycle, log) is built from this.
@@ -168,6 +169,7 @@ struct Scene {
   std::map<std::string, SourcePlace> controllet_places;
   std::vector<std::string> active;      // at the start
   std::vector<TimelineEvent> timeline;  // sorted by time
+  RosSection ros;
 };
 
 }  // namespace multipanda

@@ -118,7 +118,12 @@ const Section& scene() {
         .kind = FieldKind::sections,
         .section = &event(),
         .doc = "What happens by itself, to the cycle. Events of the same time happen in the order of the "
-               "file."}}};
+               "file."},
+       {.key = "ros",
+        .kind = FieldKind::section,
+        .fallback = "{}",
+        .section = &ros(),
+        .doc = "How `run --ros` shows the run in ROS 2."}}};
   return section;
 }
 
@@ -499,7 +504,8 @@ std::vector<const Section*> all() {
           &inertia(),       &tool_shape(),      &safety(),       &fci(),          &collision(),
           &thresholds(),    &object(),          &contact(),      &controllet(),   &pose_input(),
           &joints_input(),  &other_input(),     &event(),        &switch_event(), &parameter_event(),
-          &feature_event(), &reference_event(), &motion_event(), &place_event()};
+          &feature_event(), &reference_event(), &motion_event(), &place_event(),  &ros(),
+          &ros_rates()};
 }
 
 }  // namespace multipanda::schema

@@ -31,6 +31,8 @@ const Section& feature_event();
 const Section& reference_event();
 const Section& motion_event();
 const Section& place_event();
+const Section& ros();
+const Section& ros_rates();
 
 // In the order of the documentation.
 std::vector<const Section*> all();
