@@ -103,7 +103,7 @@ std::string read_file(const std::string& path) {
 }
 
 Scene read_scene(const Mapping& root, const std::string& text, const Registry& registry) {
-  SceneReader reader{.registry = registry};
+  SceneReader reader(registry);
   Scene& scene = reader.scene;
   scene.text = text;
   scene.path = root.self().file().name;

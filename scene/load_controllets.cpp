@@ -230,6 +230,8 @@ void check_feature(const SceneReader& reader, const InstanceConfig& instance, co
   }
 }
 
+SceneReader::SceneReader(const Registry& types) : registry(types) {}
+
 std::vector<std::string> SceneReader::instance_names() const {
   std::vector<std::string> names;
   for (const auto& config : scene.controllets) names.push_back(config.name);

@@ -8,8 +8,10 @@
 namespace multipanda {
 
 struct SceneReader {
+  explicit SceneReader(const Registry& types);
+
   const Registry& registry;
-  Scene scene = {};
+  Scene scene;
   std::vector<RobotDescription> robots;  // of each arm
   std::vector<InstanceConfig> holds;     // built in, one per arm; without those that the scene declares
 
