@@ -29,19 +29,22 @@ Matrix6 floored_inverse(const Matrix6& A, bool& floored) {
 
 void compute_task_space(const Jacobian& J, const JointMatrix& M, TaskSpace& task) {
   with_joint_count(static_cast<std::size_t>(J.cols()), [&]<int N>() {
-    using MatrixN = Eigen::Matrix<double, N, N>;
-    using Matrix6N = Eigen::Matrix<double, 6, N>;
-    const Eigen::Map<const MatrixN> M_fixed(M.data());
+    constexpr int kCapacity = N == Eigen::Dynamic ? static_cast<int>(kMaxJoints) : N;
+    using MatrixN = Eigen::Matrix<double, N, N, Eigen::ColMajor, kCapacity, kCapacity>;
+    using Matrix6N = Eigen::Matrix<double, 6, N, Eigen::ColMajor, 6, kCapacity>;
+    const Eigen::Index n = J.cols();
+    const Eigen::Map<const MatrixN> M_sized(M.data(), n, n);
     // J L^-T gives A as one symmetric product, and J M^-1 by a second division.
-    const Eigen::LLT<MatrixN> cholesky(M_fixed);
-    Matrix6N half = Eigen::Map<const Matrix6N>(J.data());
+    const Eigen::LLT<MatrixN> cholesky(M_sized);
+    Matrix6N half = Eigen::Map<const Matrix6N>(J.data(), 6, n);
     divide_by_transposed_lower(cholesky.matrixLLT(), half);
     task.mobility.noalias() = half.lazyProduct(half.transpose());
     task.Lambda = floored_inverse(task.mobility, task.floored);
     divide_by_lower(cholesky.matrixLLT(), half);
-    task.J_bar.resize(N, 6);
-    Eigen::Map<Eigen::Matrix<double, N, 6>>(task.J_bar.data()).noalias() =
-        half.transpose().lazyProduct(task.Lambda);
+    task.J_bar.resize(n, 6);
+    constexpr auto kOrder = N == 1 ? Eigen::RowMajor : Eigen::ColMajor;  // Eigen's rule for a single row
+    using MatrixN6 = Eigen::Matrix<double, N, 6, kOrder, kCapacity, 6>;
+    Eigen::Map<MatrixN6>(task.J_bar.data(), n, 6).noalias() = half.transpose().lazyProduct(task.Lambda);
   });
 }
 
