@@ -1,0 +1,47 @@
+#include "ros/rcl/context.hpp"
+
+#include <cstdlib>
+#include <rcl/domain_id.h>
+#include <rcl/init.h>
+#include <string_view>
+
+#include "ros/rcl/error.hpp"
+
+namespace multipanda::ros {
+
+bool keep_to_this_machine() {
+  for (const char* name :
+       {"FASTDDS_BUILTIN_TRANSPORTS", "FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE",
+        "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER",
+        "RMW_IMPLEMENTATION"}) {
+    const char* value = std::getenv(name);
+    if (value != nullptr && !std::string_view(value).empty()) return false;
+  }
+  // Shared memory is all there is then, and SYSTEM_DEFAULT keeps rmw from adding sockets for its range.
+  setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM", 1);
+  setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SYSTEM_DEFAULT", 1);
+  return true;
+}
+
+Context::Context(std::vector<std::string> arguments) : context_(rcl_get_zero_initialized_context()) {
+  keep_to_this_machine();
+  arguments.insert(arguments.begin(), "multipanda");  // the program's name, as argv has it
+  std::vector<const char*> words;
+  for (const auto& argument : arguments) words.push_back(argument.c_str());
+
+  rcl_init_options_t options = rcl_get_zero_initialized_init_options();
+  check(rcl_init_options_init(&options, rcl_get_default_allocator()), "preparing ROS");
+  const rcl_ret_t begun = rcl_init(static_cast<int>(words.size()), words.data(), &options, &context_);
+  const std::string why = begun == RCL_RET_OK ? "" : take_rcl_words();
+  disregard(rcl_init_options_fini(&options));
+  if (begun != RCL_RET_OK) throw RclError("starting ROS failed (" + std::to_string(begun) + "): " + why);
+  disregard(rcl_get_default_domain_id(&domain_));  // what rcl_init took from ROS_DOMAIN_ID
+  if (domain_ == RCL_DEFAULT_DOMAIN_ID) domain_ = 0;
+}
+
+Context::~Context() {
+  disregard(rcl_shutdown(&context_));
+  disregard(rcl_context_fini(&context_));
+}
+
+}  // namespace multipanda::ros

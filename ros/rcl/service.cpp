@@ -1,0 +1,65 @@
+#include "ros/rcl/service.hpp"
+
+#include "ros/rcl/error.hpp"
+
+namespace multipanda::ros {
+
+ServiceCore::ServiceCore(Node& node, const std::string& name, const rosidl_service_type_support_t* type)
+    : node_(node), service_(rcl_get_zero_initialized_service()) {
+  const rcl_service_options_t options = rcl_service_get_default_options();
+  check(rcl_service_init(&service_, node.handle(), type, name.c_str(), &options),
+        "offering the service \"" + name + "\"");
+  open_ = true;
+}
+
+ServiceCore::~ServiceCore() { close(); }
+
+bool ServiceCore::take(rmw_request_id_t& id, void* request) {
+  const rcl_ret_t taken = rcl_take_request(&service_, &id, request);
+  if (taken == RCL_RET_OK) return true;
+  if (taken != RCL_RET_SERVICE_TAKE_FAILED) (void)take_rcl_words();
+  return false;
+}
+
+void ServiceCore::send(rmw_request_id_t id, void* response) {
+  const std::lock_guard lock(mutex_);
+  // A client that is gone by now is no failure of ours.
+  if (open_ && rcl_send_response(&service_, &id, response) != RCL_RET_OK) (void)take_rcl_words();
+}
+
+void ServiceCore::close() {
+  const std::lock_guard lock(mutex_);
+  if (open_) disregard(rcl_service_fini(&service_, node_.handle()));
+  open_ = false;
+}
+
+void ServiceCore::on_new(rcl_event_callback_t callback, const void* data) {
+  check(rcl_service_set_on_new_request_callback(&service_, callback, data), "waiting for requests");
+}
+
+std::string ServiceCore::name() const { return rcl_service_get_service_name(&service_); }
+
+ServiceBase::ServiceBase(Executor& executor, Node& node, const std::string& name,
+                         const rosidl_service_type_support_t* type, const std::string& type_name,
+                         const Doc& doc)
+    : Incoming(executor), core_(std::make_shared<ServiceCore>(node, name, type)) {
+  if (!doc.text.empty()) node.describe({"service", this->name(), type_name, "", doc.rate, doc.text});
+}
+
+ServiceBase::~ServiceBase() = default;
+
+void ServiceBase::open() {
+  begin();
+  core_->on_new(&Incoming::arrived, static_cast<Incoming*>(this));
+}
+
+void ServiceBase::close() {
+  try {
+    core_->on_new(nullptr, nullptr);
+  } catch (const RclError&) {  // the context is gone: nothing will come
+  }
+  end();
+  core_->close();  // replies that are held answer nothing from here on
+}
+
+}  // namespace multipanda::ros
