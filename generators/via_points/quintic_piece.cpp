@@ -1,0 +1,230 @@
+#include "generators/via_points/quintic_piece.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <span>
+
+namespace multipanda {
+namespace {
+
+double polynomial(std::span<const double> c, double t) {
+  double value = 0;
+  for (std::size_t k = c.size(); k-- > 0;) value = value * t + c[k];
+  return value;
+}
+
+// Coefficients of up to degree five, without heap.
+struct Coefficients {
+  std::array<double, 6> c{};
+  std::size_t count = 0;
+  std::span<const double> span() const { return {c.data(), count}; }
+};
+
+Coefficients derivative(const Coefficients& p) {
+  Coefficients d;
+  d.count = p.count - 1;
+  for (std::size_t k = 0; k < d.count; ++k) d.c[k] = static_cast<double>(k + 1) * p.c[k + 1];
+  return d;
+}
+
+// Where p changes its sign within (0, T), ascending. Between two zeros of its derivative p is monotone, so
+// every zero is found by halving.
+std::vector<double> sign_changes(const Coefficients& p, double T) {
+  std::vector<double> zeros;
+  if (p.count < 2) return zeros;
+  std::vector<double> ends = sign_changes(derivative(p), T);
+  ends.insert(ends.begin(), 0.0);
+  ends.push_back(T);
+  for (std::size_t i = 0; i + 1 < ends.size(); ++i) {
+    double low = ends[i], high = ends[i + 1];
+    const double at_low = polynomial(p.span(), low);
+    if (at_low * polynomial(p.span(), high) >= 0) continue;
+    for (int k = 0; k < 60; ++k) {
+      const double middle = 0.5 * (low + high);
+      (at_low * polynomial(p.span(), middle) > 0 ? low : high) = middle;
+    }
+    zeros.push_back(0.5 * (low + high));
+  }
+  return zeros;
+}
+
+struct Range {
+  double lowest, highest;
+  double magnitude() const { return std::max(-lowest, highest); }
+};
+
+Range range_of(const Coefficients& p, double T) {
+  const double at_end = polynomial(p.span(), T);
+  Range range{std::min(p.c[0], at_end), std::max(p.c[0], at_end)};
+  for (const double t : sign_changes(derivative(p), T)) {
+    const double value = polynomial(p.span(), t);
+    range = {std::min(range.lowest, value), std::max(range.highest, value)};
+  }
+  return range;
+}
+
+// One coordinate's way to a stop: jerk per phase.
+struct Phase {
+  double duration, jerk;
+};
+
+std::vector<Phase> stopping_phases(double v, double a, double a_max, double j_max) {
+  // Velocity that remains if the acceleration alone is taken away: what is still to lose.
+  const double rest = v + 0.5 * a * std::abs(a) / j_max;
+  const double side = rest > 0 ? 1 : -1;
+  const double w = side * v, b = -side * a;  // speed to lose, deceleration now
+  // Up to a deceleration `peak` and down to none: loses (2 peak^2 - b^2) / (2 j).
+  double peak = std::sqrt(std::max(0.0, j_max * w + 0.5 * b * b)), hold = 0;
+  const double ceiling = a_max;
+  if (peak > ceiling) {
+    peak = ceiling;
+    const double rising = (peak * peak - b * b) / (2 * j_max) * (b > peak ? -1 : 1);
+    hold = std::max(0.0, (w - rising - peak * peak / (2 * j_max)) / peak);
+  }
+  std::vector<Phase> phases;
+  const auto add = [&](double duration, double jerk) {
+    if (duration > 1e-9) phases.push_back({duration, jerk});
+  };
+  add(std::abs(peak - b) / j_max, (peak > b ? -side : side) * j_max);
+  add(hold, 0);
+  add(peak / j_max, side * j_max);
+  return phases;
+}
+
+}  // namespace
+
+QuinticPiece QuinticPiece::between(const JointSample& from, const JointSample& to, double duration_s) {
+  const double T = duration_s, T2 = T * T, T3 = T2 * T;
+  const JointVector d = to.position - from.position;
+  const JointVector &v0 = from.velocity, &v1 = to.velocity, &a0 = from.acceleration, &a1 = to.acceleration;
+  QuinticPiece piece;
+  piece.duration = T;
+  piece.c.resize(d.size(), 6);
+  piece.c.col(0) = from.position;
+  piece.c.col(1) = v0;
+  piece.c.col(2) = 0.5 * a0;
+  piece.c.col(3) = (20 * d - (8 * v1 + 12 * v0) * T - (3 * a0 - a1) * T2) / (2 * T3);
+  piece.c.col(4) = (-30 * d + (14 * v1 + 16 * v0) * T + (3 * a0 - 2 * a1) * T2) / (2 * T3 * T);
+  piece.c.col(5) = (12 * d - 6 * (v1 + v0) * T + (a1 - a0) * T2) / (2 * T3 * T2);
+  return piece;
+}
+
+void QuinticPiece::evaluate(double t, JointSample& out) const {
+  const auto n = c.rows();
+  out.position.resize(n);
+  out.velocity.resize(n);
+  out.acceleration.resize(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    out.position[i] = c(i, 0) + t * (c(i, 1) + t * (c(i, 2) + t * (c(i, 3) + t * (c(i, 4) + t * c(i, 5)))));
+    out.velocity[i] = c(i, 1) + t * (2 * c(i, 2) + t * (3 * c(i, 3) + t * (4 * c(i, 4) + t * 5 * c(i, 5))));
+    out.acceleration[i] = 2 * c(i, 2) + t * (6 * c(i, 3) + t * (12 * c(i, 4) + t * 20 * c(i, 5)));
+  }
+}
+
+void JointPeaks::include(const JointPeaks& other) {
+  lowest = lowest.cwiseMin(other.lowest).eval();
+  highest = highest.cwiseMax(other.highest).eval();
+  velocity = velocity.cwiseMax(other.velocity).eval();
+  acceleration = acceleration.cwiseMax(other.acceleration).eval();
+  jerk = jerk.cwiseMax(other.jerk).eval();
+}
+
+JointPeaks peaks_of(const QuinticPiece& piece) {
+  const auto n = piece.c.rows();
+  JointPeaks peaks;
+  for (JointVector* each : {&peaks.lowest, &peaks.highest, &peaks.velocity, &peaks.acceleration, &peaks.jerk})
+    each->resize(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    Coefficients position;
+    position.count = 6;
+    for (std::size_t k = 0; k < 6; ++k) position.c[k] = piece.c(i, static_cast<Eigen::Index>(k));
+    const Coefficients velocity = derivative(position), acceleration = derivative(velocity);
+    const Range range = range_of(position, piece.duration);
+    peaks.lowest[i] = range.lowest;
+    peaks.highest[i] = range.highest;
+    peaks.velocity[i] = range_of(velocity, piece.duration).magnitude();
+    peaks.acceleration[i] = range_of(acceleration, piece.duration).magnitude();
+    peaks.jerk[i] = range_of(derivative(acceleration), piece.duration).magnitude();
+  }
+  return peaks;
+}
+
+std::vector<QuinticPiece> stopping_pieces(const JointSample& from, const JointVector& acceleration_limit,
+                                          const JointVector& jerk_limit) {
+  const auto n = from.position.size();
+  std::vector<std::vector<Phase>> phases;
+  std::vector<double> times{0.0};
+  for (Eigen::Index i = 0; i < n; ++i) {
+    phases.push_back(
+        stopping_phases(from.velocity[i], from.acceleration[i], acceleration_limit[i], jerk_limit[i]));
+    double t = 0;
+    for (const auto& phase : phases.back()) times.push_back(t += phase.duration);
+  }
+  std::sort(times.begin(), times.end());
+  std::vector<QuinticPiece> pieces;
+  JointSample now = from;
+  double t = 0;
+  for (const double next : times) {
+    if (next - t < 1e-9) continue;
+    QuinticPiece piece;
+    piece.duration = next - t;
+    piece.c = JointBy6::Zero(n, 6);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const auto& mine = phases[static_cast<std::size_t>(i)];
+      double begin = 0, jerk = 0;
+      bool done = true;
+      for (const auto& phase : mine) {
+        begin += phase.duration;
+        if (0.5 * (t + next) < begin) {
+          jerk = phase.jerk;
+          done = false;
+          break;
+        }
+      }
+      if (done) now.velocity[i] = now.acceleration[i] = 0;  // of rounding only
+      piece.c(i, 0) = now.position[i];
+      piece.c(i, 1) = now.velocity[i];
+      piece.c(i, 2) = 0.5 * now.acceleration[i];
+      piece.c(i, 3) = jerk / 6;
+    }
+    piece.evaluate(piece.duration, now);
+    pieces.push_back(piece);
+    t = next;
+  }
+  return pieces;
+}
+
+double stretch_for(double velocity_ratio, double acceleration_ratio, double jerk_ratio) {
+  return std::max({velocity_ratio, std::sqrt(acceleration_ratio), std::cbrt(jerk_ratio)});
+}
+
+double rest_to_rest_duration(double distance, double velocity, double acceleration, double jerk) {
+  // The motion over one second, stretched.
+  return stretch_for(1.875 * distance / velocity, 10 / std::sqrt(3.0) * distance / acceleration,
+                     60 * distance / jerk);
+}
+
+std::vector<double> shortest_durations(
+    std::vector<double> first,
+    const std::function<std::vector<double>(const std::vector<double>&)>& stretches) {
+  constexpr int kRounds = 30;
+  constexpr double kShare = 0.6;  // of what a piece could breathe: its neighbours' velocities change with it
+  std::vector<double> durations = std::move(first), best;
+  double shortest = 0;
+  for (int round = 0; round < kRounds; ++round) {
+    const std::vector<double> wanted = stretches(durations);
+    const double all = *std::max_element(wanted.begin(), wanted.end());
+    double sum = 0;
+    for (const double duration : durations) sum += all * duration;
+    if (best.empty() || sum < shortest) {
+      shortest = sum;
+      best = durations;
+      for (double& duration : best) duration *= all;
+    }
+    for (std::size_t k = 0; k < durations.size(); ++k) durations[k] *= std::pow(wanted[k], kShare);
+  }
+  return best;
+}
+
+}  // namespace multipanda
