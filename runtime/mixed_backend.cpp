@@ -117,7 +117,7 @@ void MixedBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
 std::uint64_t MixedBackend::overruns() const { return parts_.real->overruns() + pacer_.overruns(); }
 
 std::future<ArmAnswer> MixedBackend::request(ArmIndex arm, ArmRequest request) {
-  if (std::holds_alternative<PauseSimulation>(request)) {
+  if (std::holds_alternative<PauseSimulation>(request) || std::holds_alternative<StepSimulation>(request)) {
     return RequestBox::refused("this run has real arms, which cannot be paused: stop them instead");
   }
   if (std::holds_alternative<PlaceObject>(request) || std::holds_alternative<ResetSimulation>(request)) {

@@ -45,6 +45,13 @@ Session::Session(Scene scene, const Registry& registry, SessionOptions options)
                                                                     .board = &live_state_,
                                                                     .models = models_});
   }
+  if (options_.make_adapter) {
+    adapter_ = options_.make_adapter({.scene = &scene_,
+                                      .modes = &modes(),
+                                      .backend = backend_.backend.get(),
+                                      .layout = &cycle_->layout(),
+                                      .models = models_});
+  }
 }
 
 Session::~Session() {
@@ -52,6 +59,7 @@ Session::~Session() {
   stop();
   if (loop_.joinable()) loop_.join();
   if (relay_.joinable()) relay_.join();
+  adapter_.reset();
 }
 
 void Session::build() {
@@ -148,7 +156,6 @@ bool Session::keep_on() {
   const Tick& tick = cycle_->data().tick;
   if (tick.cycle == first_cycle_) return true;
   if (tick.cycle == first_cycle_ + 1) first_ = tick.t;
-  live_state_.take_grippers(cycle_->data().state);
   if (options_.on_loop) options_.on_loop(tick, backend());
   if (is_over(tick)) return false;
   if (!options_.paced) wait_for_room();
@@ -189,9 +196,22 @@ void Session::run_relay() {
     const bool busy = relay();
     board_->publish_if_due();
     if (last && !busy) break;
-    if (!busy) sleep_us(options_.paced ? 2000 : 200);
+    if (!busy) wait_for_records();
   }
   board_->publish();
+}
+
+// An adapter wants each record as it comes: the relay sleeps up to the time of the next one, then looks
+// often. Without, it may take several at once.
+void Session::wait_for_records() {
+  constexpr auto kLook = std::chrono::microseconds(100);
+  if (!adapter_ || !options_.paced) return sleep_us(options_.paced ? 2000 : 200);
+  const auto expected =
+      last_record_ +
+      std::chrono::nanoseconds(static_cast<std::int64_t>(backend().capabilities(0).period_s * 0.95e9));
+  const auto now = host_now();
+  std::this_thread::sleep_for(expected > now ? std::max<std::chrono::nanoseconds>(expected - now, kLook)
+                                             : kLook);
 }
 
 // Takes what is there. Unpaced, a log that falls behind holds up the relay and thereby the loop; paced,
@@ -205,6 +225,7 @@ bool Session::relay() {
     board_->take(*event);
     reflexes_->take(*event);
     if (live_) live_state_.take(*event);
+    if (adapter_) adapter_->take(*event);
     if (log_ring_) {
       while (!options_.paced && log_ring_->events.size() == log_ring_->events.capacity()) sleep_us(50);
       if (!log_ring_->events.push(*event)) ++log_ring_->dropped_events;
@@ -218,7 +239,9 @@ bool Session::relay() {
     board_->take(*record);
     explain_errors(*record);
     if (live_) live_state_.take(*record);
+    if (adapter_) adapter_->take(*record);
     if (options_.observer) options_.observer(*record);
+    last_record_ = record->start;
     if (log_ring_) {
       while (!options_.paced && log_ring_->ring.size() == log_ring_->ring.capacity()) sleep_us(50);
       if (!log_ring_->ring.push(*record)) ++log_ring_->dropped_records;
@@ -263,6 +286,7 @@ RunSummary Session::finish() {
   loop_.join();
   relay_.join();
   live_.reset();
+  adapter_.reset();
   if (recorder_) recorded_ = recorder_->stop();
   if (failure_) std::rethrow_exception(failure_);
   return summary();

@@ -17,6 +17,7 @@
 #include "runtime/live_input/server.hpp"
 #include "runtime/live_input/state_board.hpp"
 #include "runtime/reflex_watch.hpp"
+#include "runtime/run_adapter.hpp"
 #include "runtime/status.hpp"
 #include "runtime/summary.hpp"
 #include "scene/scene.hpp"
@@ -35,6 +36,8 @@ struct SessionOptions {
   std::filesystem::path socket;
   // Sees every record, in order, on the relay's thread: for tests and comparisons.
   std::function<void(const CycleRecord&)> observer;
+  // A way to speak to the run beside the socket (ROS); none: nullptr. Its records come within about 0.2 ms.
+  MakeRunAdapter make_adapter;
   // Called between two steps on the loop's thread, to look at the world itself (a simulation's objects). What
   // it does counts as the loop's own work; it must neither block nor throw.
   std::function<void(const Tick&, const Backend&)> on_loop;
@@ -88,6 +91,7 @@ class Session {
   void wait_for_room();
   void run_relay();
   bool relay();
+  void wait_for_records();
   void explain_errors(const CycleRecord& record);
   RunSummary summary();
 
@@ -109,6 +113,7 @@ class Session {
   // Relay thread
   std::unique_ptr<ReflexWatch> reflexes_;
   std::vector<ReflexReport> reflex_reports_;
+  HostTime last_record_;  // when the newest one was taken over
 
   // Loop thread
   bool closing_ = false;
@@ -122,7 +127,8 @@ class Session {
   std::string problem_;
   HostTime begun_, ended_;
 
-  std::unique_ptr<LiveServer> live_;  // uses all of the above
+  std::unique_ptr<LiveServer> live_;     // uses all of the above
+  std::unique_ptr<RunAdapter> adapter_;  // as well
 
   std::atomic<bool> stop_asked_{false}, loop_ended_{false};
   std::mutex end_mutex_;

@@ -155,7 +155,8 @@ std::uint64_t VirtualBackend::overruns() const {
 std::future<ArmAnswer> VirtualBackend::request(ArmIndex arm, ArmRequest request) {
   const bool to_world =
       std::holds_alternative<PlaceObject>(request) || std::holds_alternative<ResetSimulation>(request) ||
-      std::holds_alternative<PauseSimulation>(request) || std::holds_alternative<SetUserStop>(request);
+      std::holds_alternative<PauseSimulation>(request) || std::holds_alternative<StepSimulation>(request) ||
+      std::holds_alternative<SetUserStop>(request);
   if (to_world) return self_->world.request(arm, std::move(request));
   if (self_->links.load(std::memory_order_acquire) == nullptr) {
     return RequestBox::refused("the run has not begun yet");

@@ -12,6 +12,8 @@ enum class ArmReply : std::uint8_t {
   user_stop_pressed,     // RecoverFromError while the user stop is pressed
   not_supported,         // this backend does not know the request
   would_penetrate,       // PlaceObject into something
+  not_paused,            // StepSimulation of a world that runs
+  still_stepping,        // StepSimulation while an earlier one is carried out
   no_gripper,            // a request to a gripper that the arm does not have
   gripper_unsuccessful,  // the motion is over, but not as asked
   gripper_aborted,       // by a stop or another motion

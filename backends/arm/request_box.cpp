@@ -17,6 +17,10 @@ std::string_view to_string(ArmReply reply) {
       return "this backend does not know this request";
     case ArmReply::would_penetrate:
       return "the object would stand inside something else: choose another place";
+    case ArmReply::not_paused:
+      return "the simulation runs: pause it first, then step it";
+    case ArmReply::still_stepping:
+      return "an earlier step is still being carried out: ask again";
     case ArmReply::no_gripper:
       return "the arm has no such gripper: in a scene, write 'fingers: movable' or 'vacuum: true'";
     case ArmReply::gripper_unsuccessful:

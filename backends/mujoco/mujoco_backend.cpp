@@ -67,7 +67,7 @@ void MujocoBackend::read(ArmSet due, std::span<ArmState> states) {
 }
 
 void MujocoBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
-  if (paused_ || plant_.failed()) return;
+  if ((paused_ && steps_left_ == 0) || plant_.failed()) return;
   for (ArmIndex i = 0; i < plant_.arm_count(); ++i) {
     if (due.contains(i)) {
       plant_.arm(i).take_command(commands[i].tau_cmd);
@@ -84,6 +84,7 @@ void MujocoBackend::advance() {
   if (!commanded_) return;
   commanded_ = false;
   plant_.advance();
+  if (steps_left_ > 0 && --steps_left_ == 0) requests_.answer(step_slot_, ArmReply::done);
 }
 
 std::future<ArmAnswer> MujocoBackend::request(ArmIndex arm, ArmRequest request) {
@@ -102,9 +103,13 @@ std::future<ArmAnswer> MujocoBackend::request(ArmIndex arm, ArmRequest request) 
 
 void MujocoBackend::take_requests() {
   while (const auto* posted = requests_.front()) {
+    const auto* step = std::get_if<StepSimulation>(&posted->request);
     if (auto motion = begin_gripper_motion(*posted)) {
       motion->slot = requests_.defer();
       gripper_motions_.push_back(*motion);
+    } else if (step != nullptr && step->periods > 0 && paused_ && steps_left_ == 0) {
+      steps_left_ = step->periods;
+      step_slot_ = requests_.defer();
     } else {
       requests_.answer(apply(*posted));
     }
@@ -152,7 +157,15 @@ ArmReply MujocoBackend::apply(const RequestBox::Posted& posted) {
   if (const auto* pause = std::get_if<PauseSimulation>(&posted.request)) {
     if (pause->paused && !paused_ && pace_ == Pace::unpaced) pacer_.start();
     paused_ = pause->paused;
+    if (!paused_ && steps_left_ > 0) {  // it runs anyway now
+      steps_left_ = 0;
+      requests_.answer(step_slot_, ArmReply::done);
+    }
     return ArmReply::done;
+  }
+  if (const auto* step = std::get_if<StepSimulation>(&posted.request)) {
+    if (step->periods == 0) return ArmReply::done;
+    return paused_ ? ArmReply::still_stepping : ArmReply::not_paused;
   }
   if (const bool of_vacuum = std::holds_alternative<VacuumStop>(posted.request);
       of_vacuum || std::holds_alternative<GripperStop>(posted.request)) {

@@ -32,7 +32,8 @@ struct MujocoOptions {
 // Requests are taken at the next wait(). Beyond those to the arm: PlaceObject (a free object, at rest;
 // refused if it would stand in something), ResetSimulation (everything to the start; loop time goes on; the
 // arms report `recovering` for one period, so that the controllets let go), PauseSimulation (the loop goes on
-// at the wall clock's pace with the same states, commands are ignored, now() stands still: dt is 0).
+// at the wall clock's pace with the same states, commands are ignored, now() stands still: dt is 0),
+// StepSimulation (a paused world carries out so many commands more, then stands still again).
 //
 // Requests to a gripper (GripperHoming, ... VacuumStop) are answered when the motion is over.
 //
@@ -86,6 +87,8 @@ class MujocoBackend : public Backend, public SimulationView {
   Pacer pacer_;
   bool commanded_ = false;  // a period's commands wait to be carried out
   bool paused_ = false;
+  std::uint32_t steps_left_ = 0;  // while paused: periods that a request asked for
+  std::size_t step_slot_ = 0;     // of that request
   RequestBox requests_;
   std::vector<GripperMotion> gripper_motions_;  // not answered yet; the size never grows in the loop
 };

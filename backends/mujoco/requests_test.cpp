@@ -198,5 +198,21 @@ TEST(Requests, PauseStopsTheWorldAndItsClock) {
   EXPECT_NE(loop.state().q, q);
 }
 
+TEST(Requests, APausedWorldTakesAsManyStepsAsAsked) {
+  Loop loop(scene_of({arm_named("a")}));
+  set_in_motion(loop);
+  EXPECT_FALSE(ask(loop, StepSimulation{3}).success) << "it runs";
+  EXPECT_TRUE(ask(loop, PauseSimulation{true}).success);
+  const auto now = loop.backend.now();
+  const JointVector q = loop.state().q;
+  EXPECT_TRUE(ask(loop, StepSimulation{3}).success);
+  EXPECT_EQ((loop.backend.now() - now).count(), 3'000'000);
+  EXPECT_NE(loop.state().q, q);
+  const JointVector stepped = loop.state().q;
+  loop.steps(5);
+  EXPECT_EQ(loop.state().q, stepped);
+  EXPECT_EQ((loop.backend.now() - now).count(), 3'000'000);
+}
+
 }  // namespace
 }  // namespace multipanda

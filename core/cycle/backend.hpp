@@ -85,11 +85,14 @@ struct ResetSimulation {};
 struct PauseSimulation {
   bool paused = true;
 };
+struct StepSimulation {
+  std::uint32_t periods = 1;
+};  // of a paused simulation; answered when they are over
 using ArmRequest =
     std::variant<SetLoad, SetFrames, SetJointStiffness, SetCartesianStiffness, SetCollisionThresholds,
                  SetGuidingMode, RecoverFromError, Reconnect, StopMotion, SetUserStop, GripperHoming,
                  GripperMove, GripperGrasp, GripperStop, VacuumOn, VacuumDrop, VacuumStop, PlaceObject,
-                 ResetSimulation, PauseSimulation>;
+                 ResetSimulation, PauseSimulation, StepSimulation>;
 
 struct ArmAnswer {
   bool success = false;

@@ -40,6 +40,12 @@ void ControlCycle::leave_record() {
     sample.has_tau_ext = state.tau_ext_hat.size() > 0;
     sample.has_wrench_estimate = state.has_wrench_estimate;
     sample.has_contact_truth = state.has_contact_truth;
+    sample.command_success_rate = state.command_success_rate;
+    sample.has_gripper = state.gripper.present;
+    sample.gripper_grasped = state.gripper.grasped;
+    sample.gripper_moving = state.gripper.moving;
+    sample.gripper_width = state.gripper.width;
+    sample.gripper_max_width = state.gripper.max_width;
     copy_joints(state.q, sample.q);
     copy_joints(state.dq, sample.dq);
     copy_joints(state.tau_J, sample.tau_J);

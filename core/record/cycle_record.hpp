@@ -31,6 +31,10 @@ struct ArmSample {
   JointArray q{}, dq{}, tau_J{}, tau_J_d{}, tau_ext{};    // state (first joint_count used)
   JointArray tau_controllet{}, tau_feature{}, tau_cmd{};  // command: law, features, what was sent
   std::array<double, 6> F_K_W_est{}, F_K_W_true{};
+  double command_success_rate = 1;  // as the arm reports it, 0 to 1
+  // The gripper as it last reported; widths in [m]
+  bool has_gripper = false, gripper_grasped = false, gripper_moving = false;
+  double gripper_width = 0, gripper_max_width = 0;
 };
 
 struct ReferenceSample {

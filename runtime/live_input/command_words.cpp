@@ -1,25 +1,13 @@
-#include <array>
-
 #include "runtime/live_input/command_desk.hpp"
 #include "runtime/live_input/gripper_words.hpp"
-#include "runtime/live_input/mode_name.hpp"
 #include "runtime/live_input/reference_values.hpp"
-#include "scene/names.hpp"
+#include "runtime/request_words.hpp"
 
 // What the desk says: answers, refusals, the list of what there is, the state.
 namespace multipanda {
 namespace {
 
 using nlohmann::json;
-
-constexpr std::array<std::string_view, static_cast<std::size_t>(Verdict::count_)> kVerdictNames = {
-    "pending",           "accepted",      "unknown_instance", "unknown_arm", "unknown_feature",
-    "unknown_parameter", "unknown_input", "wrong_size",       "not_finite",  "out_of_bounds",
-    "two_owners",        "arm_stopped",   "arm_not_ready",    "not_active",  "start_refused",
-    "superseded",        "queue_full",    "loop_not_running", "timeout"};
-static_assert(!kVerdictNames.back().empty(), "every verdict has a name");
-
-std::string quoted(const std::string& name) { return "'" + name + "'"; }
 
 json array_of(const JointArray& values, std::size_t count) {
   json list = json::array();
@@ -31,49 +19,22 @@ double milliseconds(HostTime from, HostTime to) { return seconds(to - from) * 1e
 
 }  // namespace
 
-std::string_view name_of(ArmMode mode) {
-  switch (mode) {
-    case ArmMode::other:
-      return "other";
-    case ArmMode::idle:
-      return "idle";
-    case ArmMode::move:
-      return "move";
-    case ArmMode::guiding:
-      return "guiding";
-    case ArmMode::reflex:
-      return "reflex";
-    case ArmMode::user_stopped:
-      return "user_stopped";
-    case ArmMode::recovering:
-      return "recovering";
-    case ArmMode::disconnected:
-      return "disconnected";
-  }
-  return "other";
-}
-
-std::string_view name_of(Verdict verdict) {
-  const auto i = static_cast<std::size_t>(verdict);
-  return i < kVerdictNames.size() ? kVerdictNames[i] : "unknown";
-}
-
 json CommandDesk::refusal(Verdict verdict, const std::string& why) const {
   return {{"ok", false}, {"verdict", name_of(verdict)}, {"reason", why}};
 }
 
 json CommandDesk::answer_of(const Answer& answer, const Request& request) const {
   json out = answer.accepted() ? json{{"ok", true}, {"verdict", "accepted"}}
-                               : refusal(answer.verdict, reason(request, answer.verdict));
+                               : refusal(answer.verdict, reason(*world_.modes, request, answer.verdict));
   out["cycle"] = answer.cycle;
   out["t_s"] = answer.t.seconds();
   out["times_ms"] = {{"received_to_taken", milliseconds(answer.received, answer.taken)},
                      {"taken_to_first_torque", milliseconds(answer.taken, answer.first_torque)},
                      {"received_to_first_torque", milliseconds(answer.received, answer.first_torque)}};
   if (answer.kind != Request::Kind::switch_controllets || !answer.accepted()) return out;
-  out["started"] = names_of(answer.plan.start);
-  out["stopped"] = names_of(answer.plan.stop);
-  out["kept"] = names_of(answer.plan.keep);
+  out["started"] = names_of(*world_.modes, answer.plan.start);
+  out["stopped"] = names_of(*world_.modes, answer.plan.stop);
+  out["kept"] = names_of(*world_.modes, answer.plan.keep);
   json& steps = out["torque_steps"] = json::array();
   for (ArmIndex a = 0; a < world_.modes->arm_count(); ++a) {
     bool handed_over = false;
@@ -87,53 +48,6 @@ json CommandDesk::answer_of(const Answer& answer, const Request& request) const 
                      {"sent_nm", answer.step_sent[a]}});
   }
   return out;
-}
-
-std::string CommandDesk::reason(const Request& request, Verdict verdict) const {
-  const MultimodeController& modes = *world_.modes;
-  const bool set = request.instance < modes.instance_count();
-  switch (verdict) {
-    case Verdict::two_owners:
-      for (InstanceIndex a = 0; a < modes.instance_count(); ++a) {
-        for (InstanceIndex b = 0; b < a; ++b) {
-          if ((request.activate & bit(a)) == 0 || (request.activate & bit(b)) == 0) continue;
-          const ArmSet common = modes.instance(a).arms() & modes.instance(b).arms();
-          if (common.empty()) continue;
-          return quoted(modes.instance(b).name()) + " and " + quoted(modes.instance(a).name()) +
-                 " both own arm " + quoted(modes.arm_name(common.first())) + ": activate one of them";
-        }
-      }
-      break;
-    case Verdict::arm_stopped:
-      return "stopped: " + joined(names_of(modes.stopped())) + "; resume first";
-    case Verdict::not_active:
-      if (set)
-        return quoted(modes.instance(request.instance).name()) +
-               " is not running, set-points reach running controllets only: switch it on first";
-      break;
-    case Verdict::out_of_bounds:
-      if (set && request.kind == Request::Kind::set_parameter) {
-        const ParameterSpec& spec = modes.instance(request.instance).parameter_spec(request.index);
-        return quoted(spec.name) + " must be " + json(spec.min).dump() + " to " + json(spec.max).dump() +
-               (spec.unit.empty() ? "" : " " + spec.unit);
-      }
-      break;
-    case Verdict::arm_not_ready:
-    case Verdict::start_refused:
-      if (set && request.kind == Request::Kind::set_feature) {
-        const Instance& target = modes.instance(request.instance);
-        const std::string_view why = target.feature_refusal(request.index);
-        if (!why.empty())
-          return quoted(target.feature_statement(request.index).type) + ": " + std::string(why);
-      }
-      return std::string(to_string(verdict)) + " (" + joined(names_of(request.activate)) +
-             "): nothing was changed; 'state' shows the arms' modes, 'recover' clears an error";
-    case Verdict::timeout:
-      return "the loop did not take it within 1 s: is the simulation paused, or the run over?";
-    default:
-      break;
-  }
-  return std::string(to_string(verdict));
 }
 
 json CommandDesk::describe(const StreamChannel& channel) const {
@@ -210,7 +124,7 @@ json CommandDesk::state() {
   json arms = json::array();
   const ArmSet stopped = modes.stopped();
   for (ArmIndex a = 0; a < modes.arm_count() && snapshot_.cycle != 0; ++a) {
-    const auto& [sample, frames, last_intervention, gripper] = snapshot_.arms[a];
+    const auto& [sample, frames, last_intervention] = snapshot_.arms[a];
     const std::size_t n = world_.models[a]->joint_count();
     terms_[a].set_config(frames, {}, {});
     const Eigen::Map<const Eigen::VectorXd> q(sample.q.data(), static_cast<Eigen::Index>(n));
@@ -234,7 +148,7 @@ json CommandDesk::state() {
         {"interventions", sample.interventions},
         {"last_intervention", last_intervention}};
     if (sample.has_wrench_estimate) arm["wrench_n_nm"] = sample.F_K_W_est;
-    if (gripper.present) arm["gripper"] = gripper_words(gripper);
+    if (sample.has_gripper) arm["gripper"] = gripper_words(sample);
     arms.push_back(std::move(arm));
   }
   return {{"scene", world_.scene},

@@ -76,11 +76,11 @@ ArmRequest read_vacuum_request(const JsonFields& fields, std::vector<std::string
   return VacuumOn{read_positive(fields, "vacuum_mbar", VacuumOn{}.pressure_mbar), timeout};
 }
 
-nlohmann::json gripper_words(const GripperState& state) {
-  return {{"width_m", state.width},
-          {"max_width_m", state.max_width},
-          {"grasped", state.grasped},
-          {"moving", state.moving}};
+nlohmann::json gripper_words(const ArmSample& sample) {
+  return {{"width_m", sample.gripper_width},
+          {"max_width_m", sample.gripper_max_width},
+          {"grasped", sample.gripper_grasped},
+          {"moving", sample.gripper_moving}};
 }
 
 }  // namespace multipanda

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "core/cycle/backend.hpp"
+#include "core/record/cycle_record.hpp"
 #include "runtime/live_input/json_fields.hpp"
 
 namespace multipanda {
@@ -14,6 +15,6 @@ ArmRequest read_gripper_request(const JsonFields& fields, std::vector<std::strin
 ArmRequest read_vacuum_request(const JsonFields& fields, std::vector<std::string> common_keys);
 
 // {"present": true, "width_m": ...}; of a gripper that is there.
-nlohmann::json gripper_words(const GripperState& state);
+nlohmann::json gripper_words(const ArmSample& sample);
 
 }  // namespace multipanda

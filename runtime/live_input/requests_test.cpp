@@ -307,9 +307,11 @@ TEST_F(RequestsTest, GrippersAreAskedInWords) {
 
   // In the state only where there is one.
   EXPECT_FALSE(desk_.state()["arms"][0].contains("gripper"));
-  std::vector<ArmState> states(2);
-  states[1].gripper = {.present = true, .width = 0.03, .max_width = 0.08, .grasped = true, .moving = false};
-  rig_.board.take_grippers(states);
+  CycleRecord record(2, 0, 0);
+  record.cycle = 1;
+  record.arms[1].has_gripper = record.arms[1].gripper_grasped = true;
+  record.arms[1].gripper_width = 0.03;
+  rig_.board.take(record);
   const json state = desk_.state();
   EXPECT_FALSE(state["arms"][0].contains("gripper"));
   EXPECT_EQ(state["arms"][1]["gripper"]["width_m"], 0.03);

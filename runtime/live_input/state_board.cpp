@@ -6,19 +6,7 @@
 
 namespace multipanda {
 
-StateBoard::StateBoard(std::size_t arm_count) : grippers_(arm_count) { newest_.arms.resize(arm_count); }
-
-void StateBoard::take_grippers(std::span<const ArmState> states) noexcept {
-  for (std::size_t arm = 0; arm < grippers_.size() && arm < states.size(); ++arm) {
-    const GripperState& from = states[arm].gripper;
-    Gripper& to = grippers_[arm];
-    to.width.store(from.width, std::memory_order_relaxed);
-    to.max_width.store(from.max_width, std::memory_order_relaxed);
-    to.grasped.store(from.grasped, std::memory_order_relaxed);
-    to.moving.store(from.moving, std::memory_order_relaxed);
-    to.present.store(from.present, std::memory_order_relaxed);
-  }
-}
+StateBoard::StateBoard(std::size_t arm_count) { newest_.arms.resize(arm_count); }
 
 void StateBoard::take(const CycleRecord& record) {
   constexpr auto kWindow = std::chrono::milliseconds(500);
@@ -61,14 +49,6 @@ void StateBoard::take(const Event& event) {
 void StateBoard::copy(Snapshot& snapshot) const {
   const std::lock_guard lock(mutex_);
   snapshot = newest_;
-  for (std::size_t arm = 0; arm < grippers_.size(); ++arm) {
-    const Gripper& from = grippers_[arm];
-    snapshot.arms[arm].gripper = {.present = from.present,
-                                  .width = from.width,
-                                  .max_width = from.max_width,
-                                  .grasped = from.grasped,
-                                  .moving = from.moving};
-  }
 }
 
 }  // namespace multipanda

@@ -22,7 +22,6 @@ class StateBoard {
     ArmSample sample;
     ArmFrames frames;               // in force, once the loop told them
     std::string last_intervention;  // its rule, "reference_stale"; empty: none
-    GripperState gripper;           // as it last reported
   };
   struct Snapshot {
     std::uint64_t cycle = 0;  // 0: none yet
@@ -35,9 +34,6 @@ class StateBoard {
 
   explicit StateBoard(std::size_t arm_count);
 
-  // --- the loop, between two cycles; no lock, no allocation ---
-  void take_grippers(std::span<const ArmState> states) noexcept;
-
   // --- the thread that takes the records ---
   void take(const CycleRecord& record);
   void take(const Event& event);
@@ -47,15 +43,8 @@ class StateBoard {
 
  private:
   using Clock = std::chrono::steady_clock;
-  // Single words: half-new figures of a gripper do no harm.
-  struct Gripper {
-    std::atomic<double> width{0}, max_width{0};
-    std::atomic<bool> present{false}, grasped{false}, moving{false};
-  };
-
   mutable std::mutex mutex_;
   Snapshot newest_;  // guarded by mutex_
-  std::vector<Gripper> grippers_;
   std::uint64_t window_cycle_ = 0;
   Clock::time_point window_begin_;
 };
