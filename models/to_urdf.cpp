@@ -57,10 +57,11 @@ void write_shape(XmlText& xml, const char* element, const Shape& shape) {
   }
 }
 
+// `link` as the shapes name it, without prefix; empty: all visuals.
 void write_geometry(XmlText& xml, const std::vector<Shape>& visuals, const std::vector<Capsule>& capsules,
                     const std::string& link) {
   for (const auto& shape : visuals) {
-    if (shape.link == link) write_shape(xml, "visual", shape);
+    if (link.empty() || shape.link == link) write_shape(xml, "visual", shape);
   }
   for (const auto& capsule : capsules) {
     if (capsule.link != link) continue;
@@ -82,61 +83,111 @@ void write_fixed(XmlText& xml, const std::string& name, const std::string& paren
   xml.close();
 }
 
-void write_hand(XmlText& xml, const HandDescription& hand, bool geometry) {
-  write_fixed(xml, "hand_joint", "flange", "hand", hand.mount);
-  xml.open("link", {{"name", "hand"}});
-  write_inertial(xml, rigid_hand(hand));
-  if (geometry) {
-    auto capsules = hand.palm_capsules;
+// A finger that slides along y of its own frame.
+void write_finger(XmlText& xml, const HandDescription& hand, const UrdfOptions& options, bool left) {
+  const std::string& prefix = options.prefix;
+  const std::string link = prefix + (left ? "leftfinger" : "rightfinger");
+  const Pose half_turn{Vector3(-1, -1, 1).asDiagonal(), Vector3::Zero()};
+  const Pose X_HL = left ? hand.finger_mount.pose() : half_turn * hand.finger_mount.pose();
+  xml.open("joint", {{"name", prefix + (left ? "finger_joint1" : "finger_joint2")}, {"type", "prismatic"}});
+  write_origin(xml, X_HL.position, rpy_of(X_HL.rotation));
+  xml.leaf("parent", {{"link", prefix + "hand"}});
+  xml.leaf("child", {{"link", link}});
+  xml.leaf("axis", {{"xyz", "0 1 0"}});
+  xml.leaf("limit", {{"lower", "0"},
+                     {"upper", exact(hand.finger_travel)},
+                     {"velocity", exact(hand.finger_velocity)},
+                     {"effort", exact(hand.finger_effort)}});
+  if (!left) xml.leaf("mimic", {{"joint", prefix + "finger_joint1"}});
+  xml.close();
+  xml.open("link", {{"name", link}});
+  write_inertial(xml, hand.finger);
+  if (options.geometry) write_geometry(xml, hand.finger_visuals, {}, "");
+  xml.close();
+}
+
+void write_hand(XmlText& xml, const HandDescription& hand, const UrdfOptions& options) {
+  const std::string& prefix = options.prefix;
+  write_fixed(xml, prefix + "hand_joint", prefix + options.flange, prefix + "hand", hand.mount);
+  xml.open("link", {{"name", prefix + "hand"}});
+  write_inertial(xml, options.fingers ? hand.body : rigid_hand(hand));
+  if (options.geometry) {
+    auto capsules = hand.palm_capsules;  // those of the fingers cover them in any opening
     capsules.insert(capsules.end(), hand.finger_capsules.begin(), hand.finger_capsules.end());
-    write_geometry(xml, closed_hand_visuals(hand), capsules, "hand");
+    write_geometry(xml, options.fingers ? hand.visuals : closed_hand_visuals(hand), capsules, "hand");
   }
   xml.close();
-  write_fixed(xml, "hand_tcp_joint", "hand", "hand_tcp", hand.tcp);
-  xml.leaf("link", {{"name", "hand_tcp"}});
+  write_fixed(xml, prefix + "hand_tcp_joint", prefix + "hand", prefix + "hand_tcp", hand.tcp);
+  xml.leaf("link", {{"name", prefix + "hand_tcp"}});
+  if (!options.fingers) return;
+  for (const bool left : {true, false}) write_finger(xml, hand, options, left);
+}
+
+void write_joint(XmlText& xml, const RobotDescription& robot, const std::string& prefix, std::size_t i) {
+  const auto j = static_cast<Eigen::Index>(i - 1);
+  const Placement& placement = robot.joints[i - 1];
+  xml.open("joint", {{"name", prefix + "joint" + std::to_string(i)}, {"type", "revolute"}});
+  write_origin(xml, placement.position, placement.rpy);
+  xml.leaf("parent", {{"link", prefix + "link" + std::to_string(i - 1)}});
+  xml.leaf("child", {{"link", prefix + "link" + std::to_string(i)}});
+  xml.leaf("axis", {{"xyz", "0 0 1"}});
+  xml.leaf("limit", {{"lower", exact(robot.limits.q_min[j])},
+                     {"upper", exact(robot.limits.q_max[j])},
+                     {"velocity", exact(robot.limits.dq_max[j])},
+                     {"effort", exact(robot.limits.tau_max[j])}});
+  xml.close();
+}
+
+void write_arm(XmlText& xml, const RobotDescription& robot, const UrdfOptions& options) {
+  if (options.hand && !robot.hand) throw std::invalid_argument("robot '" + robot.name + "' has no hand");
+  const std::string& prefix = options.prefix;
+  const auto visuals = link_visuals(robot);
+  for (std::size_t i = 0; i <= robot.joint_count(); ++i) {
+    const std::string link = "link" + std::to_string(i);
+    if (i > 0) write_joint(xml, robot, prefix, i);
+    xml.open("link", {{"name", prefix + link}});
+    write_inertial(xml, robot.links[i]);
+    if (options.geometry) write_geometry(xml, visuals, robot.capsules, link);
+    xml.close();
+  }
+  write_fixed(xml, prefix + options.flange + "_joint", prefix + "link" + std::to_string(robot.joint_count()),
+              prefix + options.flange, robot.flange);
+  xml.leaf("link", {{"name", prefix + options.flange}});
+  if (options.hand) write_hand(xml, *robot.hand, options);
+}
+
+void write_colors(XmlText& xml) {
+  for (const auto& [name, rgb] : shape_colors()) {
+    xml.open("material", {{"name", name}});
+    xml.leaf("color", {{"rgba", exact(rgb) + " 1"}});
+    xml.close();
+  }
 }
 
 }  // namespace
 
 std::string to_urdf(const RobotDescription& robot, const UrdfOptions& options) {
-  if (options.hand && !robot.hand) throw std::invalid_argument("robot '" + robot.name + "' has no hand");
   XmlText xml;
   xml.comment(robot.title + ". Written from " + robot.file.filename().string() +
               "; origin of the figures there.");
   xml.open("robot", {{"name", robot.name}});
-  const auto visuals = link_visuals(robot);
-  if (options.geometry) {
-    for (const auto& [name, rgb] : shape_colors()) {
-      xml.open("material", {{"name", name}});
-      xml.leaf("color", {{"rgba", exact(rgb) + " 1"}});
-      xml.close();
-    }
+  if (options.geometry) write_colors(xml);
+  write_arm(xml, robot, options);
+  xml.close();
+  return "<?xml version=\"1.0\"?>\n" + xml.text();
+}
+
+std::string to_urdf(const std::string& name, const std::vector<PlacedRobot>& arms) {
+  XmlText xml;
+  xml.open("robot", {{"name", name}});
+  write_colors(xml);
+  xml.leaf("link", {{"name", "world"}});
+  for (const auto& arm : arms) {
+    const std::string& prefix = arm.options.prefix;
+    write_fixed(xml, prefix + "base_joint", "world", prefix + "link0",
+                {arm.X_WB.position, rpy_of(arm.X_WB.rotation)});
+    write_arm(xml, arm.robot, arm.options);
   }
-  for (std::size_t i = 0; i <= robot.joint_count(); ++i) {
-    const std::string number = std::to_string(i);
-    const std::string link = "link" + number;
-    if (i > 0) {
-      const auto j = static_cast<Eigen::Index>(i - 1);
-      const Placement& placement = robot.joints[i - 1];
-      xml.open("joint", {{"name", "joint" + number}, {"type", "revolute"}});
-      write_origin(xml, placement.position, placement.rpy);
-      xml.leaf("parent", {{"link", "link" + std::to_string(i - 1)}});
-      xml.leaf("child", {{"link", link}});
-      xml.leaf("axis", {{"xyz", "0 0 1"}});
-      xml.leaf("limit", {{"lower", exact(robot.limits.q_min[j])},
-                         {"upper", exact(robot.limits.q_max[j])},
-                         {"velocity", exact(robot.limits.dq_max[j])},
-                         {"effort", exact(robot.limits.tau_max[j])}});
-      xml.close();
-    }
-    xml.open("link", {{"name", link}});
-    write_inertial(xml, robot.links[i]);
-    if (options.geometry) write_geometry(xml, visuals, robot.capsules, link);
-    xml.close();
-  }
-  write_fixed(xml, "flange_joint", "link" + std::to_string(robot.joint_count()), "flange", robot.flange);
-  xml.leaf("link", {{"name", "flange"}});
-  if (options.hand) write_hand(xml, *robot.hand, options.geometry);
   xml.close();
   return "<?xml version=\"1.0\"?>\n" + xml.text();
 }
