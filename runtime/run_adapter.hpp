@@ -8,6 +8,7 @@
 #include "core/model/arm_model.hpp"
 #include "core/modes/multimode_controller.hpp"
 #include "core/record/cycle_record.hpp"
+#include "core/types/tick.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
@@ -29,6 +30,8 @@ class RunAdapter {
   // Relay thread, in order, every one. Must not wait: the log comes behind.
   virtual void take(const CycleRecord& record) = 0;
   virtual void take(const Event& event) = 0;
+  // Loop's thread, between two steps: what only the world itself can tell. No allocation, no lock.
+  virtual void on_loop(const Tick&, const Backend&) {}
 };
 
 using MakeRunAdapter = std::function<std::unique_ptr<RunAdapter>(const RunWorld&)>;

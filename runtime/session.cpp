@@ -157,6 +157,7 @@ bool Session::keep_on() {
   if (tick.cycle == first_cycle_) return true;
   if (tick.cycle == first_cycle_ + 1) first_ = tick.t;
   if (options_.on_loop) options_.on_loop(tick, backend());
+  if (adapter_) adapter_->on_loop(tick, backend());
   if (is_over(tick)) return false;
   if (!options_.paced) wait_for_room();
   return true;
