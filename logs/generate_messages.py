@@ -1,6 +1,9 @@
 """Turns ROS 2 message definitions into one C++ header: a struct per message, its fields for visitors, its text.
 
-Usage: generate_messages.py OUTPUT ROOT...   (each ROOT holds <package>/msg/<Name>.msg)
+Usage: generate_messages.py OUTPUT NAMES ROOT...   (each ROOT holds <package>/msg/<Name>.msg)
+
+NAMES, separated by commas, are the messages of multipanda_msgs that logs contain; others there belong to the ROS
+interfaces alone.
 
 The .msg files are the only definition: serializer, reader, export and the schemas inside log files all follow
 from them. Only the Python standard library is used.
@@ -10,6 +13,7 @@ import pathlib
 import re
 import sys
 
+OWN_PACKAGE = "multipanda_msgs"
 PRIMITIVES = {
     "bool": "bool", "byte": "std::uint8_t", "char": "std::uint8_t", "string": "std::string",
     "float32": "float", "float64": "double",
@@ -98,16 +102,18 @@ def generate(messages):
                 f"  auto fields() {{ return std::tie({members}); }}",
                 f"  auto fields() const {{ return std::tie({members}); }}",
                 "};"]
-    own = ", ".join(m.name for m in in_order(messages) if m.package == "multipanda_msgs")
+    own = ", ".join(m.name for m in in_order(messages) if m.package == OWN_PACKAGE)
     out += ["", f"using OwnMessages = std::tuple<{own}>;", "", "}  // namespace multipanda::msg", ""]
     return "\n".join(out)
 
 
 def main():
-    output, roots = pathlib.Path(sys.argv[1]), [pathlib.Path(p) for p in sys.argv[2:]]
-    found = [Message(path) for root in roots for path in sorted(root.glob("*/msg/*.msg"))]
-    if not found:
-        raise SystemExit(f"no .msg file below {', '.join(map(str, roots))}")
+    output, names, roots = pathlib.Path(sys.argv[1]), sys.argv[2].split(","), [pathlib.Path(p) for p in sys.argv[3:]]
+    paths = [path for root in roots for path in sorted(root.glob("*/msg/*.msg"))]
+    found = [Message(path) for path in paths if path.parts[-3] != OWN_PACKAGE or path.stem in names]
+    missing = set(names) - {message.name for message in found}
+    if missing:
+        raise SystemExit(f"no .msg file of {', '.join(sorted(missing))} below {', '.join(map(str, roots))}")
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_text(generate({m.key: m for m in found}))
 

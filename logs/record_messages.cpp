@@ -191,7 +191,7 @@ void Recorder::Sink::write_arm(Arm& arm, const ArmSample& sample, const CycleRec
   msg::ArmCommand& command = arm.command;
   command.stamp = stamp;
   command.cycle = record.cycle;
-  command.owner = instance_name(sample.owner);
+  command.owner = words_.instance_name(sample.owner);
   command.due = sample.due;
   command.interventions = sample.interventions;
   assign(command.tau_controllet, sample.tau_controllet, n);

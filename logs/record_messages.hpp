@@ -8,6 +8,7 @@
 
 #include "core/model/model_terms.hpp"
 #include "core/record/cycle_record.hpp"
+#include "logs/event_words.hpp"
 #include "logs/mcap_writer.hpp"
 #include "logs/messages.hpp"
 #include "logs/recorder.hpp"
@@ -15,7 +16,6 @@
 namespace multipanda {
 
 msg::Time to_time(std::int64_t ns);
-std::string_view to_string(EventKind kind);
 
 // Turns cycle records and events into messages and hands them to a writer. One thread.
 class Recorder::Sink {
@@ -59,13 +59,9 @@ class Recorder::Sink {
   void write_other(const Event& event);
 
   std::int64_t log_time(LoopTime t) const { return t.ns + options_.log_time_offset_ns; }
-  std::string instance_name(std::uint16_t index) const;
-  std::string arm_name(std::uint16_t index) const;
-  std::vector<std::string> arm_names(std::uint32_t bits) const;
-  std::vector<std::string> instance_names(std::uint64_t bits) const;
-  std::string item_name(const Event& event) const;
 
   RecordLayout layout_;
+  EventWords words_{layout_};
   RecorderOptions options_;
   McapWriter writer_;
   std::vector<Arm> arms_;

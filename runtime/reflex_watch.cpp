@@ -65,12 +65,15 @@ void ReflexWatch::take(const Event& event) {
     return Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]));
   };
   limits.frames = {.X_FE = pose(0), .X_EK = pose(7)};
+  const bool with_inertia = event.size == 34;
   const auto load = [&](std::size_t at, Load& of) {
-    of.mass = event.values[at];
-    of.p_FC = {event.values[at + 1], event.values[at + 2], event.values[at + 3]};
+    const double* v = event.values.data() + at;
+    of.mass = v[0];
+    of.p_FC = {v[1], v[2], v[3]};
+    if (with_inertia) of.inertia_C << v[4], v[5], v[6], v[5], v[7], v[8], v[6], v[8], v[9];
   };
   load(14, limits.tool);
-  load(18, limits.load);
+  load(with_inertia ? 24 : 18, limits.load);
 }
 
 std::vector<ReflexReport> ReflexWatch::take(const CycleRecord& record) {

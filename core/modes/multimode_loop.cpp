@@ -208,6 +208,8 @@ void MultimodeController::watch_arm(ArmIndex arm, const Tick& tick) {
     }
     for (const Load& load : {state.tool, state.load}) {
       for (const double v : {load.mass, load.p_FC.x(), load.p_FC.y(), load.p_FC.z()}) add(v);
+      const Matrix3& I = load.inertia_C;
+      for (const double v : {I(0, 0), I(0, 1), I(0, 2), I(1, 1), I(1, 2), I(2, 2)}) add(v);
     }
     emit(event, tick);
   }
