@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-#include "runtime/live_input/mode_name.hpp"
+#include "runtime/request_words.hpp"
 
 namespace multipanda::cli {
 namespace {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -8,6 +9,7 @@
 #include <vector>
 
 #include "core/record/cycle_record.hpp"
+#include "core/types/tick.hpp"
 #include "core/types/time.hpp"
 #include "ros/adapter/ros_options.hpp"
 #include "runtime/run_adapter.hpp"
@@ -36,6 +38,13 @@ struct Stamps {
   std::int64_t at(LoopTime t, HostTime host) const { return simulated ? t.ns : host.ns + wall_minus_host_ns; }
 };
 
+// What all parts count together, for loop statistics.
+struct AdapterCounters {
+  std::atomic<std::uint64_t> samples_accepted{0}, samples_refused{0};  // messages to inputs
+  std::atomic<std::uint64_t> requests{0}, requests_refused{0};         // services and actions
+  std::atomic<std::uint64_t> records_dropped{0};                       // before the publisher's thread
+};
+
 // What every part of the adapter works on. References stay valid for the part's life.
 struct AdapterWorld : RunWorld {
   Context* context = nullptr;
@@ -43,6 +52,7 @@ struct AdapterWorld : RunWorld {
   Executor* executor = nullptr;
   const RosOptions* options = nullptr;
   Stamps stamps;
+  AdapterCounters* counters = nullptr;
   // Of all parts; any thread, once all parts are there.
   std::function<std::vector<Diagnostic>()> diagnostics;
   // A line for the user (warning), not more often than once a second per `topic`. Any thread but the loop's.
@@ -58,6 +68,8 @@ class Part {
   // is repeated.
   virtual void take(const CycleRecord&) {}
   virtual void take(const Event&) {}
+  // Loop's thread, between two steps: for what only the world itself can tell. No allocation, no lock.
+  virtual void on_loop(const Tick&, const Backend&) {}
   virtual std::vector<Diagnostic> diagnostics() const { return {}; }  // any thread
 };
 

@@ -32,18 +32,23 @@ class RosAdapter : public RunAdapter {
 
   void take(const CycleRecord& record) override;
   void take(const Event& event) override;
+  void on_loop(const Tick& tick, const Backend& backend) override;
 
   const Node& node() const { return *node_; }  // its entities() are the documentation
+  const AdapterWorld& world() const { return *world_; }
   std::vector<Diagnostic> diagnostics() const;
 
  private:
   void build(const RunWorld& world);
+  void make_parts();
   void warn(const std::string& topic, const std::string& text);
 
   RosOptions options_;
   std::unique_ptr<Context> context_;  // none: borrowed
   std::unique_ptr<Node> node_;
   std::unique_ptr<Executor> executor_;
+  AdapterCounters counters_;
+  std::unique_ptr<AdapterWorld> world_;  // of all parts
   Parts parts_;
   std::unique_ptr<RecordRelay> relay_;  // ends before the parts
 

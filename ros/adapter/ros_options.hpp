@@ -12,6 +12,8 @@ struct RosOptions : RosSection {
   std::vector<std::string> arguments;  // for rcl, as after --ros-args: "-r", "joint_states:=arms" ...
   // False on a node that has parameters of its own (ros2_control): then only ParameterTable is used.
   bool parameter_services = true;
+  // Which parts there are: whoever shares its node with another one leaves to that what it offers.
+  bool controllets = true, arms = true, state = true;
 };
 
 }  // namespace multipanda::ros

@@ -6,6 +6,7 @@
 
 #include "runtime/live_input/gripper_words.hpp"
 #include "runtime/live_input/reference_values.hpp"
+#include "runtime/request_words.hpp"
 #include "scene/names.hpp"
 
 namespace multipanda {
@@ -112,7 +113,7 @@ std::optional<json> CommandDesk::begin_switch(const JsonFields& fields, Pending&
     fields.refuse("switches nothing; expected 'activate' or 'deactivate' with names of controllets");
   }
   if (const InstanceSet both = request.activate & request.deactivate; both != 0) {
-    fields.refuse("'" + names_of(both).front() + "' is in activate and in deactivate");
+    fields.refuse("'" + names_of(*world_.modes, both).front() + "' is in activate and in deactivate");
   }
   return post(request, pending);
 }
@@ -125,11 +126,7 @@ std::optional<json> CommandDesk::begin_feature(const JsonFields& fields, Pending
   const std::string name = fields.text("name");
   const std::size_t index = target.find_feature(name);
   if (index == target.feature_count()) {
-    std::vector<std::string> valid;
-    for (std::size_t i = 0; i < target.feature_count(); ++i)
-      valid.push_back(target.feature_statement(i).type);
-    throw RequestRefused("unknown_feature",
-                         "there is no feature '" + name + "'" + name_hint(name, valid, "there are none"));
+    throw RequestRefused("unknown_feature", no_such_feature(target, name));
   }
   request.index = static_cast<std::uint16_t>(index);
   request.on = fields.boolean("on", true);
@@ -144,8 +141,7 @@ std::optional<json> CommandDesk::begin_parameter(const JsonFields& fields, Pendi
   const std::string name = fields.text("name");
   const std::size_t index = target.find_parameter(name);
   if (index == target.parameter_count()) {
-    throw RequestRefused("unknown_parameter", "'" + target.name() + "' has no parameter '" + name + "'" +
-                                                  name_hint(name, target.parameter_names(), "it has none"));
+    throw RequestRefused("unknown_parameter", no_such_parameter(target, name));
   }
   request.index = static_cast<std::uint16_t>(index);
   const ParameterSpec& spec = target.parameter_spec(index);
@@ -232,7 +228,7 @@ std::optional<json> CommandDesk::begin_reference(const JsonFields& fields, Pendi
   set_point.delivery = Delivery::stream;
   Verdict verdict = Verdict::not_active;
   if ((world_.modes->active() & bit(address.instance)) != 0) verdict = input.post(set_point);
-  if (verdict != Verdict::accepted) return refusal(verdict, reason(request, verdict));
+  if (verdict != Verdict::accepted) return refusal(verdict, reason(*world_.modes, request, verdict));
   return json{{"ok", true}, {"streamed", true}};
 }
 
@@ -287,7 +283,7 @@ std::optional<json> CommandDesk::post(const Request& request, Pending& pending) 
   pending.request = request;
   const Verdict verdict = world_.modes->post(std::span(&request, 1), pending.ticket);
   if (verdict == Verdict::accepted) return {};
-  return refusal(verdict, reason(request, verdict));
+  return refusal(verdict, reason(*world_.modes, request, verdict));
 }
 
 std::optional<json> CommandDesk::poll(Pending& pending) {
@@ -296,7 +292,7 @@ std::optional<json> CommandDesk::poll(Pending& pending) {
     Answer answer;
     if (world_.modes->poll(pending.ticket, answer)) return answer_of(answer, pending.request);
     if (waited <= kPatience) return {};
-    return refusal(Verdict::timeout, reason(pending.request, Verdict::timeout));
+    return refusal(Verdict::timeout, reason(*world_.modes, pending.request, Verdict::timeout));
   }
   if (pending.answer.valid()) {
     if (pending.answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
@@ -314,7 +310,9 @@ std::optional<json> CommandDesk::poll(Pending& pending) {
                    "the arm did not answer within " + std::to_string(std::lround(patience)) + " s");
   }
   if (world_.modes->stopped().contains(pending.stopping)) {
-    return json{{"ok", true}, {"stopped", names_of(pending.stopping)}, {"stopped_after_ms", waited * 1e3}};
+    return json{{"ok", true},
+                {"stopped", names_of(*world_.modes, pending.stopping)},
+                {"stopped_after_ms", waited * 1e3}};
   }
   if (waited <= kPatience) return {};
   return refusal(Verdict::timeout,
@@ -364,19 +362,10 @@ void CommandDesk::deliver(const StreamPacket& packet, StreamChannel& channel) {
 
 // ------------------------------------------------------------------------------------------------ names
 
-std::vector<std::string> CommandDesk::instance_names() const {
-  std::vector<std::string> names;
-  for (std::size_t i = 0; i < world_.modes->instance_count(); ++i) {
-    names.push_back(world_.modes->instance(static_cast<InstanceIndex>(i)).name());
-  }
-  return names;
-}
-
 InstanceIndex CommandDesk::instance(const std::string& name) const {
   const InstanceIndex index = world_.modes->find(name);
   if (index != kNoInstance) return index;
-  throw RequestRefused("unknown_instance", "there is no controllet '" + name.substr(0, 60) + "'" +
-                                               name_hint(name, instance_names(), "there are none"));
+  throw RequestRefused("unknown_instance", no_such_controllet(*world_.modes, name));
 }
 
 InstanceIndex CommandDesk::instance_in(const JsonFields& fields) const {
@@ -387,9 +376,7 @@ ArmIndex CommandDesk::arm(const std::string& name) const {
   for (ArmIndex a = 0; a < world_.modes->arm_count(); ++a) {
     if (world_.modes->arm_name(a) == name) return a;
   }
-  throw RequestRefused(
-      "unknown_arm", "there is no arm '" + name.substr(0, 60) + "'" +
-                         name_hint(name, names_of(ArmSet::all(world_.modes->arm_count())), "there are none"));
+  throw RequestRefused("unknown_arm", no_such_arm(*world_.modes, name));
 }
 
 ArmSet CommandDesk::arms_in(const JsonFields& fields) const {
@@ -400,22 +387,6 @@ ArmSet CommandDesk::arms_in(const JsonFields& fields) const {
   ArmSet arms;
   for (const auto& name : names) arms |= ArmSet::of(arm(name));
   return arms;
-}
-
-std::vector<std::string> CommandDesk::names_of(InstanceSet set) const {
-  std::vector<std::string> names;
-  for (; set != 0; set &= set - 1) {
-    names.push_back(world_.modes->instance(static_cast<InstanceIndex>(std::countr_zero(set))).name());
-  }
-  return names;
-}
-
-std::vector<std::string> CommandDesk::names_of(ArmSet arms) const {
-  std::vector<std::string> names;
-  for (ArmIndex a = 0; a < world_.modes->arm_count(); ++a) {
-    if (arms.contains(a)) names.push_back(world_.modes->arm_name(a));
-  }
-  return names;
 }
 
 const ArmModel& CommandDesk::model_of(InstanceIndex i, const InputSpec& input) const {

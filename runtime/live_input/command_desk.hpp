@@ -87,21 +87,14 @@ class CommandDesk {
   InstanceIndex instance_in(const JsonFields& fields) const;
   ArmIndex arm(const std::string& name) const;
   ArmSet arms_in(const JsonFields& fields) const;  // "arms": all where absent
-  std::vector<std::string> instance_names() const;
-  std::vector<std::string> names_of(InstanceSet set) const;
-  std::vector<std::string> names_of(ArmSet arms) const;
   Address address_in(const JsonFields& fields) const;
   const ArmModel& model_of(InstanceIndex i, const InputSpec& input) const;
   nlohmann::json answer_of(const Answer& answer, const Request& request) const;
-  std::string reason(const Request& request, Verdict verdict) const;
   nlohmann::json refusal(Verdict verdict, const std::string& reason) const;
 
   LiveWorld world_;
   StateBoard::Snapshot snapshot_;
   std::vector<ModelTerms> terms_;
 };
-
-// "two_owners"
-std::string_view name_of(Verdict verdict);
 
 }  // namespace multipanda

@@ -1,12 +1,10 @@
 #pragma once
 
-#include <optional>
-#include <span>
 #include <vector>
 
-#include "core/model/arm_model.hpp"
 #include "core/reference/reference.hpp"
 #include "runtime/live_input/json_fields.hpp"
+#include "runtime/target_values.hpp"
 
 // Set-points as the outside says them: units in the keys, a frame by name.
 namespace multipanda {
@@ -21,11 +19,5 @@ Pose read_pose(const JsonFields& fields);
 
 // The values of a Target, in the frame in which they were given. `size`: of the input (Reference::size).
 std::vector<double> read_reference(const JsonFields& fields, const InputSpec& input, std::size_t size);
-
-// From a base's frame into the world's axes: poses are moved, twists and wrenches turned.
-void to_world(Quantity quantity, const Pose& X_WB, std::span<double> values);
-
-// The first joint that the values would send beyond its limits; nothing: none does.
-std::optional<std::size_t> joint_beyond_limit(const ArmModel& model, std::span<const double> q);
 
 }  // namespace multipanda

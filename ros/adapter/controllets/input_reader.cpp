@@ -1,0 +1,146 @@
+#include "ros/adapter/controllets/input_reader.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "ros/adapter/names.hpp"
+#include "runtime/target_values.hpp"
+#include "scene/names.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+// What anybody sends must not make a message of any length.
+std::string shortened(const std::string& text) { return "'" + text.substr(0, 60) + "'"; }
+
+bool has_frame(Quantity quantity) { return quantity != Quantity::joints && quantity != Quantity::scalar; }
+
+}  // namespace
+
+std::string message_type(Quantity quantity) {
+  switch (quantity) {
+    case Quantity::pose:
+      return "geometry_msgs/msg/PoseStamped";
+    case Quantity::twist:
+      return "geometry_msgs/msg/TwistStamped";
+    case Quantity::wrench:
+      return "geometry_msgs/msg/WrenchStamped";
+    case Quantity::joints:
+      return "sensor_msgs/msg/JointState";
+    case Quantity::scalar:
+      break;
+  }
+  return "std_msgs/msg/Float64";
+}
+
+InputReader::InputReader(const InputSpec& spec, std::size_t size, std::vector<NamedArm> arms, std::size_t arm)
+    : spec_(spec), size_(size), arms_(std::move(arms)), arm_(arm) {
+  joints_ = joint_names(arms_[arm_].name, arms_[arm_].model->joint_count());
+  if (!has_frame(spec_.quantity)) return;
+  frames_.emplace_back(spec_.frame, std::nullopt);
+  if (spec_.frame != kWorldFrame) return;
+  for (const auto& named : arms_) frames_.emplace_back(base_frame(named.name), named.model->X_WB());
+}
+
+std::vector<std::string> InputReader::frames() const {
+  std::vector<std::string> names;
+  for (const auto& frame : frames_) names.push_back(frame.first);
+  return names;
+}
+
+InputReader::Refusal InputReader::read(const geometry_msgs::msg::PoseStamped& message, Target& target) const {
+  const auto& p = message.pose.position;
+  const auto& q = message.pose.orientation;
+  return take({p.x, p.y, p.z, q.w, q.x, q.y, q.z}, message.header.frame_id, target);
+}
+
+InputReader::Refusal InputReader::read(const geometry_msgs::msg::TwistStamped& message,
+                                       Target& target) const {
+  const auto& v = message.twist.linear;
+  const auto& w = message.twist.angular;
+  return take({v.x, v.y, v.z, w.x, w.y, w.z}, message.header.frame_id, target);
+}
+
+InputReader::Refusal InputReader::read(const geometry_msgs::msg::WrenchStamped& message,
+                                       Target& target) const {
+  const auto& f = message.wrench.force;
+  const auto& m = message.wrench.torque;
+  return take({f.x, f.y, f.z, m.x, m.y, m.z}, message.header.frame_id, target);
+}
+
+InputReader::Refusal InputReader::read(const std_msgs::msg::Float64& message, Target& target) const {
+  return take({message.data}, "", target);
+}
+
+InputReader::Refusal InputReader::read(const sensor_msgs::msg::JointState& message, Target& target) const {
+  const auto& names = message.name;
+  const auto& q = message.position;
+  if (names.empty()) return read(q, "", target);
+  if (names.size() != q.size())
+    return fmt::format("{} names with {} positions; expected one position per name", names.size(), q.size());
+  std::uint32_t found = 0;  // bits: joints of the arm
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const auto joint = std::find(joints_.begin(), joints_.end(), names[i]);
+    if (joint == joints_.end()) {
+      const bool of_another = std::any_of(arms_.begin(), arms_.end(), [&](const NamedArm& other) {
+        return other.name != arms_[arm_].name && names[i].starts_with(other.name + "_");
+      });
+      const bool fingers = names[i].starts_with(arms_[arm_].name + "_finger");
+      if (of_another || fingers) continue;
+      return "there is no joint " + shortened(names[i]) + name_hint(names[i], joints_, "there are none");
+    }
+    const auto k = static_cast<std::size_t>(joint - joints_.begin());
+    if ((found >> k & 1u) != 0) return "joint " + shortened(names[i]) + " comes twice";
+    found |= 1u << k;
+    target.values[k] = q[i];
+  }
+  for (std::size_t k = 0; k < joints_.size(); ++k) {
+    if ((found >> k & 1u) == 0) return "joint '" + joints_[k] + "' is missing; all are needed";
+  }
+  target.size = static_cast<std::uint8_t>(joints_.size());
+  return finish("", target);
+}
+
+InputReader::Refusal InputReader::read(const std::vector<double>& values, const std::string& frame,
+                                       Target& target) const {
+  if (values.size() != size_) return fmt::format("{} values; expected {}", values.size(), size_);
+  std::copy(values.begin(), values.end(), target.values.begin());
+  target.size = static_cast<std::uint8_t>(size_);
+  return finish(frame, target);
+}
+
+InputReader::Refusal InputReader::take(std::initializer_list<double> values, const std::string& frame,
+                                       Target& target) const {
+  std::copy(values.begin(), values.end(), target.values.begin());
+  target.size = static_cast<std::uint8_t>(values.size());
+  return finish(frame, target);
+}
+
+InputReader::Refusal InputReader::finish(const std::string& frame, Target& target) const {
+  const std::span<double> values(target.values.data(), target.size);
+  if (!std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); }))
+    return "a number is not finite";
+  const auto named =
+      std::find_if(frames_.begin(), frames_.end(), [&](const auto& f) { return f.first == frame; });
+  if (has_frame(spec_.quantity) && !frame.empty() && named == frames_.end())
+    return "there is no frame " + shortened(frame) + name_hint(frame, frames(), "there is none");
+  if (spec_.quantity == Quantity::pose) {
+    const double norm = std::hypot(std::hypot(values[3], values[4]), std::hypot(values[5], values[6]));
+    if (std::abs(norm - 1) > 1e-2)
+      return fmt::format("the quaternion's length is {:.6g}; expected a unit quaternion", norm);
+  }
+  if (spec_.quantity == Quantity::joints) {
+    const ArmModel& model = *arms_[arm_].model;
+    if (const auto joint = joint_beyond_limit(model, values)) {
+      const auto k = static_cast<Eigen::Index>(*joint);
+      return fmt::format("joint '{}': {:.6g} rad is outside of {:.6g} to {:.6g} rad", joints_[*joint],
+                         values[*joint], model.limits().q_min[k], model.limits().q_max[k]);
+    }
+  }
+  if (named != frames_.end() && named->second) to_world(spec_.quantity, *named->second, values);
+  return {};
+}
+
+}  // namespace multipanda::ros

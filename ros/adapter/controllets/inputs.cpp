@@ -1,0 +1,143 @@
+#include "ros/adapter/controllets/inputs.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+#include "scene/names.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+// Of a stream only the newest matters; a goal must not be lost.
+const Qos kStreamQos = Qos::sensor(1);
+const Qos kGoalQos = Qos::reliable(10);
+
+// A subscription of a type that only its codec knows.
+class CodecSubscription : public SubscriptionBase {
+ public:
+  CodecSubscription(const AdapterWorld& world, const std::string& name, const Qos& qos, const Doc& doc,
+                    const InputCodec& codec, InputPort& port, Delivery delivery)
+      : SubscriptionBase(*world.executor, *world.node, name, codec.type_support, codec.message_type, qos,
+                         doc),
+        codec_(codec),
+        port_(port),
+        delivery_(delivery),
+        message_(codec.make_message()) {
+    open();
+  }
+  ~CodecSubscription() override { close(); }
+
+ private:
+  bool take() override {
+    if (!take_any(message_.get())) return false;
+    InputValues values;
+    try {
+      codec_.read(message_.get(), values);
+    } catch (const std::exception& error) {
+      values.refusal = error.what();
+    }
+    if (values.refusal.empty()) {
+      port_.receive(values.numbers, values.frame, delivery_);
+    } else {
+      port_.refuse(values.refusal);
+    }
+    return true;
+  }
+
+  InputCodec codec_;
+  InputPort& port_;
+  Delivery delivery_;
+  std::shared_ptr<void> message_;
+};
+
+std::string unit_words(Quantity quantity) {
+  switch (quantity) {
+    case Quantity::pose:
+      return "[m, unit quaternion]";
+    case Quantity::twist:
+      return "[m/s, rad/s]";
+    case Quantity::wrench:
+      return "[N, N m]";
+    case Quantity::joints:
+      return "position [rad], by name in any order";
+    case Quantity::scalar:
+      break;
+  }
+  return "";
+}
+
+Doc doc_of(const InputPort& port, Delivery delivery) {
+  const InputSpec& spec = port.spec();
+  std::string text = spec.doc;
+  if (const auto unit = unit_words(spec.quantity); !unit.empty()) text += " " + unit;
+  if (const auto frames = port.reader().frames(); !frames.empty())
+    text += "; frame_id: empty (" + spec.frame + ")" +
+            (frames.size() > 1 ? ", " + joined(frames) : std::string());
+  if (delivery == Delivery::goal) return {"once", "goal, approached smoothly: " + text};
+  return {fmt::format("up to 1000 Hz; silent for {:g} s: held", spec.timeout_s), "stream: " + text};
+}
+
+}  // namespace
+
+const InputCodec* codec_for(const std::vector<InputCodec>& codecs, const Instance& instance,
+                            const InputSpec& input) {
+  const auto found = std::find_if(codecs.begin(), codecs.end(), [&](const InputCodec& codec) {
+    return codec.controllet == instance.statement().type && codec.input == input.name;
+  });
+  return found == codecs.end() ? nullptr : &*found;
+}
+
+Inputs::Inputs(const AdapterWorld& world, const std::vector<InputCodec>& codecs) {
+  MultimodeController& modes = *world.modes;
+  for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
+    for (std::size_t k = 0; k < modes.instance(i).inputs().size(); ++k) {
+      ports_.push_back(std::make_unique<InputPort>(world, i, k));
+      open(world, *ports_.back(), codec_for(codecs, modes.instance(i), ports_.back()->spec()));
+    }
+  }
+}
+
+void Inputs::open(const AdapterWorld& world, InputPort& port, const InputCodec* codec) {
+  if (codec != nullptr) {
+    for (const Delivery delivery : {Delivery::stream, Delivery::goal}) {
+      const bool goal = delivery == Delivery::goal;
+      subscriptions_.push_back(std::make_unique<CodecSubscription>(
+          world, "~/" + port.name() + (goal ? "/goal" : ""), goal ? kGoalQos : kStreamQos,
+          doc_of(port, delivery), *codec, port, delivery));
+    }
+    return;
+  }
+  switch (port.spec().quantity) {
+    case Quantity::pose:
+      return subscribe<geometry_msgs::msg::PoseStamped>(world, port);
+    case Quantity::twist:
+      return subscribe<geometry_msgs::msg::TwistStamped>(world, port);
+    case Quantity::wrench:
+      return subscribe<geometry_msgs::msg::WrenchStamped>(world, port);
+    case Quantity::joints:
+      return subscribe<sensor_msgs::msg::JointState>(world, port);
+    case Quantity::scalar:
+      return subscribe<std_msgs::msg::Float64>(world, port);
+  }
+}
+
+template <class M>
+void Inputs::subscribe(const AdapterWorld& world, InputPort& port) {
+  for (const Delivery delivery : {Delivery::stream, Delivery::goal}) {
+    const bool goal = delivery == Delivery::goal;
+    subscriptions_.push_back(std::make_unique<Subscription<M>>(
+        *world.executor, *world.node, "~/" + port.name() + (goal ? "/goal" : ""),
+        goal ? kGoalQos : kStreamQos, doc_of(port, delivery),
+        [&port, delivery](const M& message) { port.receive(message, delivery); }));
+  }
+}
+
+std::vector<Diagnostic> Inputs::diagnostics() const {
+  std::vector<Diagnostic> lines;
+  for (const auto& port : ports_) lines.push_back(port->diagnostic());
+  return lines;
+}
+
+}  // namespace multipanda::ros

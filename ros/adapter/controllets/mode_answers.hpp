@@ -1,0 +1,53 @@
+#pragma once
+
+#include <multipanda_msgs/msg/controllet_info.hpp>
+#include <multipanda_msgs/msg/feature_info.hpp>
+#include <multipanda_msgs/srv/resume_arms.hpp>
+#include <multipanda_msgs/srv/set_features.hpp>
+#include <multipanda_msgs/srv/stop_arms.hpp>
+#include <multipanda_msgs/srv/switch_controllets.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/modes/multimode_controller.hpp"
+
+// What services about controllets ask and answer, without any ROS graph. Words are those of the socket.
+namespace multipanda::ros {
+
+// Why a request is refused before it reaches the loop.
+struct Refused {
+  std::string verdict, reason;  // "unknown_instance", "there is no controllet ..."
+};
+
+// Names to requests; `refused` is filled and nothing returned where they are wrong.
+std::optional<Request> switch_request(const MultimodeController& modes,
+                                      const multipanda_msgs::srv::SwitchControllets::Request& asked,
+                                      Refused& refused);
+std::optional<std::vector<Request>> feature_requests(const MultimodeController& modes,
+                                                     const multipanda_msgs::srv::SetFeatures::Request& asked,
+                                                     Refused& refused);
+// Empty names: all arms.
+std::optional<ArmSet> arms_named(const MultimodeController& modes, const std::vector<std::string>& names,
+                                 Refused& refused);
+
+// `received`: when the request arrived here.
+multipanda_msgs::srv::SwitchControllets::Response switch_response(const MultimodeController& modes,
+                                                                  const Request& request,
+                                                                  const Answer& answer, HostTime received);
+
+// For responses with accepted, verdict, reason.
+template <class Response>
+Response refusal(const Refused& refused) {
+  Response response;
+  response.accepted = false;
+  response.verdict = refused.verdict;
+  response.reason = refused.reason;
+  return response;
+}
+
+multipanda_msgs::msg::FeatureInfo feature_info(const Instance& instance, std::size_t feature);
+// Without topics: names only.
+multipanda_msgs::msg::ControlletInfo controllet_info(const MultimodeController& modes, InstanceIndex i);
+
+}  // namespace multipanda::ros

@@ -1,0 +1,172 @@
+#include "ros/adapter/controllets/shown_values.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <geometry_msgs/msg/pose_stamped.hpp>
+#include <geometry_msgs/msg/twist_stamped.hpp>
+#include <geometry_msgs/msg/wrench_stamped.hpp>
+#include <sensor_msgs/msg/joint_state.hpp>
+#include <std_msgs/msg/float64.hpp>
+#include <std_msgs/msg/float64_multi_array.hpp>
+
+#include "ros/adapter/controllets/inputs.hpp"
+#include "ros/adapter/names.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+template <class Header>
+void stamp(Header& header, std::int64_t ns) {
+  header.stamp.sec = static_cast<std::int32_t>(ns / 1'000'000'000);
+  header.stamp.nanosec = static_cast<std::uint32_t>(ns % 1'000'000'000);
+}
+
+template <class Three>
+void set(Three& to, const double* v) {
+  to.x = v[0];
+  to.y = v[1];
+  to.z = v[2];
+}
+
+void fill(const ReferenceSample& sample, geometry_msgs::msg::PoseStamped& message) {
+  set(message.pose.position, sample.values.data());
+  message.pose.orientation.w = sample.values[3];
+  set(message.pose.orientation, sample.values.data() + 4);
+}
+
+void fill(const ReferenceSample& sample, geometry_msgs::msg::TwistStamped& message) {
+  set(message.twist.linear, sample.values.data());
+  set(message.twist.angular, sample.values.data() + 3);
+}
+
+void fill(const ReferenceSample& sample, geometry_msgs::msg::WrenchStamped& message) {
+  set(message.wrench.force, sample.values.data());
+  set(message.wrench.torque, sample.values.data() + 3);
+}
+
+void fill(const ReferenceSample& sample, sensor_msgs::msg::JointState& message) {
+  const auto n = static_cast<std::ptrdiff_t>(sample.size);
+  message.position.assign(sample.values.begin(), sample.values.begin() + n);
+  message.velocity.assign(sample.rates.begin(), sample.rates.begin() + n);
+}
+
+// One topic's publisher with its message, used again and again by the one publisher's thread.
+template <class M>
+struct Topic {
+  Topic(const AdapterWorld& world, const std::string& name, const Doc& doc)
+      : publisher(*world.node, name, Qos::sensor(), doc) {}
+  Publisher<M> publisher;
+  M message;
+};
+
+template <class M>
+auto shower(std::shared_ptr<Topic<M>> topic) {
+  return [topic = std::move(topic)](const ReferenceSample& sample, std::int64_t stamp_ns) {
+    if (topic->publisher.subscribers() == 0) return;
+    stamp(topic->message.header, stamp_ns);
+    fill(sample, topic->message);
+    topic->publisher.publish(topic->message);
+  };
+}
+
+}  // namespace
+
+ShownValues::ShownValues(const AdapterWorld& world, const std::vector<InputCodec>& codecs)
+    : stamps_(world.stamps),
+      references_due_(world.options->rates_hz.references, world.backend->capabilities(0).period_s),
+      outputs_due_(world.options->rates_hz.outputs, world.backend->capabilities(0).period_s) {
+  const MultimodeController& modes = *world.modes;
+  for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
+    const Instance& instance = modes.instance(i);
+    auto& mine = references_.emplace_back();
+    for (const Reference& input : instance.inputs()) {
+      mine.emplace_back();
+      if (!references_due_.off() && codec_for(codecs, instance, input.spec()) == nullptr)
+        mine.back() = reference_publisher(world, instance, input);
+    }
+    if (!outputs_due_.off()) add_outputs(world, instance, world.layout->instances[i]);
+  }
+}
+
+ShownValues::ShowReference ShownValues::reference_publisher(const AdapterWorld& world,
+                                                            const Instance& instance,
+                                                            const Reference& input) {
+  const InputSpec& spec = input.spec();
+  const std::string name = topic_of(instance.name(), spec.name) + "/reference";
+  const Doc doc{references_due_.words(world.backend->capabilities(0).period_s) + " while active",
+                "the set-point that is followed now: " + spec.doc};
+  const auto make = [&]<class M>(const M& prototype) {
+    auto topic = std::make_shared<Topic<M>>(world, name, doc);
+    topic->message = prototype;
+    return shower(std::move(topic));
+  };
+  const auto framed = [&]<class M>(M message) {
+    message.header.frame_id = spec.frame;
+    return make(message);
+  };
+  switch (spec.quantity) {
+    case Quantity::pose:
+      return framed(geometry_msgs::msg::PoseStamped());
+    case Quantity::twist:
+      return framed(geometry_msgs::msg::TwistStamped());
+    case Quantity::wrench:
+      return framed(geometry_msgs::msg::WrenchStamped());
+    case Quantity::joints: {
+      sensor_msgs::msg::JointState message;
+      const ArmIndex arm = instance.arm_list()[spec.arm];
+      message.name = joint_names(world.modes->arm_name(arm), world.models[arm]->joint_count());
+      return make(message);
+    }
+    case Quantity::scalar:
+      break;
+  }
+  auto topic = std::make_shared<Topic<std_msgs::msg::Float64>>(world, name, doc);
+  return [topic](const ReferenceSample& sample, std::int64_t) {
+    topic->message.data = sample.values[0];
+    if (topic->publisher.subscribers() > 0) topic->publisher.publish(topic->message);
+  };
+}
+
+void ShownValues::add_outputs(const AdapterWorld& world, const Instance& instance,
+                              const RecordLayout::Instance& layout) {
+  const auto specs = instance.output_specs();
+  for (std::size_t k = 0; k < layout.outputs.size(); ++k) {
+    const RecordLayout::Output& output = layout.outputs[k];
+    const std::string name = topic_of(instance.name(), output.name);
+    const Doc doc{outputs_due_.words(world.backend->capabilities(0).period_s) + " while active",
+                  k < specs.size() ? specs[k].doc : ""};
+    if (output.size == 1) {
+      auto topic = std::make_shared<Topic<std_msgs::msg::Float64>>(world, name, doc);
+      outputs_.push_back({output.offset, 1, [topic](const double* values) {
+                            topic->message.data = values[0];
+                            if (topic->publisher.subscribers() > 0) topic->publisher.publish(topic->message);
+                          }});
+      continue;
+    }
+    auto topic = std::make_shared<Topic<std_msgs::msg::Float64MultiArray>>(world, name, doc);
+    outputs_.push_back({output.offset, output.size, [topic, n = output.size](const double* values) {
+                          topic->message.data.assign(values, values + n);
+                          if (topic->publisher.subscribers() > 0) topic->publisher.publish(topic->message);
+                        }});
+  }
+}
+
+void ShownValues::take(const CycleRecord& record) {
+  if (references_due_.due(record.cycle)) {
+    const std::int64_t now = stamps_.of(record);
+    for (std::size_t k = 0; k < record.reference_count; ++k) {
+      const ReferenceSample& sample = record.references[k];
+      if (const auto& show = references_.at(sample.instance).at(sample.input)) show(sample, now);
+    }
+  }
+  if (outputs_due_.due(record.cycle)) {
+    for (const auto& output : outputs_) {
+      const double* values = record.outputs.data() + output.offset;
+      // Not a number: not active.
+      if (!std::all_of(values, values + output.size, [](double v) { return std::isnan(v); }))
+        output.show(values);
+    }
+  }
+}
+
+}  // namespace multipanda::ros

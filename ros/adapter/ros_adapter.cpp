@@ -1,0 +1,123 @@
+#include "ros/adapter/ros_adapter.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <iterator>
+#include <limits>
+#include <rcutils/logging_macros.h>
+
+#include "ros/adapter/arms/arms.hpp"
+#include "ros/adapter/controllets/controllets.hpp"
+#include "ros/adapter/record_relay.hpp"
+#include "ros/adapter/state/state.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+std::int64_t wall_minus_host_ns() {
+  using std::chrono::nanoseconds, std::chrono::system_clock;
+  // The tightest of a few: a pause may come between the readings.
+  std::int64_t best = 0, shortest = std::numeric_limits<std::int64_t>::max();
+  for (int i = 0; i < 5; ++i) {
+    const std::int64_t before = host_now().ns;
+    const std::int64_t wall =
+        std::chrono::duration_cast<nanoseconds>(system_clock::now().time_since_epoch()).count();
+    const std::int64_t after = host_now().ns;
+    if (after - before >= shortest) continue;
+    shortest = after - before;
+    best = wall - (before + (after - before) / 2);
+  }
+  return best;
+}
+
+bool stamps_simulated(const RunWorld& world, const RosOptions& options) {
+  if (options.time != RosSection::Time::automatic) return options.time == RosSection::Time::simulation;
+  for (ArmIndex a = 0; a < world.modes->arm_count(); ++a) {
+    if (!world.backend->capabilities(a).simulated) return false;
+  }
+  return true;
+}
+
+std::vector<std::string> rcl_arguments(const RosOptions& options) {
+  if (options.arguments.empty()) return {};
+  std::vector<std::string> words{"--ros-args"};
+  words.insert(words.end(), options.arguments.begin(), options.arguments.end());
+  return words;
+}
+
+}  // namespace
+
+RosAdapter::RosAdapter(const RunWorld& world, RosOptions options) : options_(std::move(options)) {
+  context_ = std::make_unique<Context>(rcl_arguments(options_));
+  node_ = std::make_unique<Node>(*context_, options_.node, options_.name_space);
+  build(world);
+}
+
+RosAdapter::RosAdapter(const RunWorld& world, RosOptions options, rcl_node_t* borrowed)
+    : options_(std::move(options)), node_(std::make_unique<Node>(borrowed)) {
+  build(world);
+}
+
+void RosAdapter::build(const RunWorld& run) {
+  executor_ = std::make_unique<Executor>();
+  AdapterWorld world;
+  static_cast<RunWorld&>(world) = run;
+  world.context = context_.get();
+  world.node = node_.get();
+  world.executor = executor_.get();
+  world.options = &options_;
+  world.counters = &counters_;
+  world.stamps.simulated = stamps_simulated(run, options_);
+  world.stamps.wall_minus_host_ns = wall_minus_host_ns();
+  world.diagnostics = [this] { return diagnostics(); };
+  world.warn = [this](const std::string& topic, const std::string& text) { warn(topic, text); };
+  world_ = std::make_unique<AdapterWorld>(std::move(world));
+  make_parts();
+  relay_ = std::make_unique<RecordRelay>(*run.layout, parts_,
+                                         [this](const std::string& text) { warn("publishing", text); });
+  executor_->start();
+}
+
+void RosAdapter::make_parts() {
+  const auto add = [this](Parts parts) { std::move(parts.begin(), parts.end(), std::back_inserter(parts_)); };
+  if (options_.controllets) add(make_controllets(*world_));
+  if (options_.arms) add(make_arms(*world_));
+  if (options_.state) add(make_state(*world_));
+}
+
+RosAdapter::~RosAdapter() {
+  if (executor_) executor_->stop();  // no more callbacks
+  relay_.reset();                    // no more records
+  parts_.clear();
+}
+
+void RosAdapter::take(const CycleRecord& record) { relay_->take(record); }
+
+void RosAdapter::take(const Event& event) { relay_->take(event); }
+
+void RosAdapter::on_loop(const Tick& tick, const Backend& backend) {
+  for (const auto& part : parts_) part->on_loop(tick, backend);
+}
+
+std::vector<Diagnostic> RosAdapter::diagnostics() const {
+  std::vector<Diagnostic> lines;
+  for (const auto& part : parts_) {
+    auto more = part->diagnostics();
+    std::move(more.begin(), more.end(), std::back_inserter(lines));
+  }
+  return lines;
+}
+
+void RosAdapter::warn(const std::string& topic, const std::string& text) {
+  constexpr auto kNotMoreOftenThan = std::chrono::seconds(1);
+  {
+    const std::lock_guard lock(warn_mutex_);
+    const HostTime now = host_now();
+    const auto [last, first] = warned_.try_emplace(topic, now);
+    if (!first && now - last->second < kNotMoreOftenThan) return;
+    last->second = now;
+  }
+  RCUTILS_LOG_WARN_NAMED("multipanda", "%s", text.c_str());
+}
+
+}  // namespace multipanda::ros

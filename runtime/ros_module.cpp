@@ -1,0 +1,49 @@
+#include "runtime/ros_module.hpp"
+
+#include <dlfcn.h>
+#include <stdexcept>
+
+namespace multipanda {
+namespace {
+
+constexpr const char* kCure =
+    "run './multipanda setup' (without --no-ros), which fetches the ROS 2 wheels, and build again";
+
+}  // namespace
+
+std::filesystem::path ros_module_path() {
+  std::error_code error;
+  const auto program = std::filesystem::read_symlink("/proc/self/exe", error);
+  return (error ? std::filesystem::path(".") : program.parent_path()) / "libmultipanda_ros.so";
+}
+
+void* ros_module_function(const char* name, const std::filesystem::path& module) {
+  if (!std::filesystem::exists(module)) {
+    throw std::runtime_error("--ros: multipanda was built without ROS 2 (there is no " + module.string() +
+                             "): " + kCure);
+  }
+  // Now and local: nothing is looked up later, and nothing of it is seen by the rest of the program.
+  void* library = dlopen(module.c_str(), RTLD_NOW | RTLD_LOCAL);
+  if (library == nullptr) {
+    const char* why = dlerror();
+    throw std::runtime_error(std::string("--ros: the ROS adapter cannot be loaded: ") +
+                             (why != nullptr ? why : "no reason given") + "; " + kCure);
+  }
+  const auto version = reinterpret_cast<unsigned (*)()>(dlsym(library, "multipanda_ros_version"));
+  void* function = dlsym(library, name);
+  if (version == nullptr || function == nullptr || version() != kRosModuleVersion) {
+    throw std::runtime_error("--ros: " + module.string() +
+                             " is not of the same build as the program: build again");
+  }
+  return function;
+}
+
+MakeRunAdapter load_ros_adapter(RosWords words, const std::filesystem::path& module) {
+  const auto make = reinterpret_cast<RunAdapter* (*)(const RunWorld&, const RosWords&)>(
+      ros_module_function("multipanda_make_ros_adapter", module));
+  return [make, words = std::move(words)](const RunWorld& world) {
+    return std::unique_ptr<RunAdapter>(make(world, words));
+  };
+}
+
+}  // namespace multipanda
