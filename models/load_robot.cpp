@@ -1,7 +1,10 @@
 #include <algorithm>
+#include <fstream>
+#include <iterator>
 #include <stdexcept>
 
 #include "models/checked_yaml.hpp"
+#include "models/from_urdf.hpp"
 #include "models/robot_description.hpp"
 
 // From YAML to RobotDescription. A file may name a `base`: it then has all of the base's sections except
@@ -10,9 +13,10 @@ namespace multipanda {
 namespace {
 
 const std::vector<std::string> kSections{
-    "name",     "title",          "base",    "origin",           "joints",
-    "flange",   "inertials",      "limits",  "interface_limits", "joint_friction",
-    "home_rad", "self_collision", "visuals", "meshes",           "hand"};
+    "name",     "title",          "base",     "origin",           "joints",
+    "flange",   "inertials",      "limits",   "interface_limits", "joint_friction",
+    "home_rad", "self_collision", "visuals",  "meshes",           "hand",
+    "urdf",     "base_link",      "tip_link", "held_joints"};
 
 // The sections in force and the files that they come from.
 struct Document {
@@ -235,6 +239,18 @@ std::vector<Shape> read_shapes(const CheckedYaml& yaml, const std::string& link)
   return shapes;
 }
 
+void read_home(const CheckedYaml& yaml, RobotDescription& robot) {
+  robot.q_home = joint_vector(yaml, robot.joint_count());
+  const auto items = yaml.items();
+  for (std::size_t j = 0; j < items.size(); ++j) {
+    const auto i = static_cast<Eigen::Index>(j);
+    const double q = items[j].angle();
+    if (q < robot.limits.q_min[i] || q > robot.limits.q_max[i]) {
+      items[j].refuse("outside the limits of joint" + std::to_string(j + 1));
+    }
+  }
+}
+
 HandDescription read_hand(const CheckedYaml& yaml) {
   yaml.allow_keys({"mount", "tcp", "body", "finger", "palm_capsules", "finger_capsules", "visuals"});
   HandDescription hand;
@@ -263,6 +279,7 @@ void read_looks(const Document& document, RobotDescription& robot) {
   const auto links = numbered("link", 0, robot.joint_count());
   if (const CheckedYaml* visuals = document.find("visuals")) {
     visuals->allow_keys(links);
+    robot.visuals.clear();
     for (const auto& link : visuals->keys()) {
       for (auto& shape : read_shapes(visuals->at(link), link)) robot.visuals.push_back(std::move(shape));
     }
@@ -274,6 +291,64 @@ void read_looks(const Document& document, RobotDescription& robot) {
     meshes->allow_keys(names);
     for (const auto& link : meshes->keys()) robot.meshes[link] = meshes->at(link).text();
   }
+}
+
+// Of the joints that the file names, by the URDF's names.
+std::map<std::string, UrdfLimits> read_urdf_limits(const CheckedYaml& yaml) {
+  std::map<std::string, UrdfLimits> limits;
+  for (const auto& name : yaml.keys()) {
+    const CheckedYaml joint = yaml.at(name);
+    joint.allow_keys({"lower_rad", "upper_rad", "velocity_rad_per_s", "effort_nm"});
+    UrdfLimits& given = limits[name];
+    if (const auto lower = joint.find("lower_rad")) given.lower = lower->angle();
+    if (const auto upper = joint.find("upper_rad")) given.upper = upper->angle();
+    if (const auto velocity = joint.find("velocity_rad_per_s")) given.velocity = velocity->positive();
+    if (const auto effort = joint.find("effort_nm")) given.effort = effort->positive();
+  }
+  return limits;
+}
+
+// Kinematics, masses and limits of an arm that stands in a URDF.
+RobotDescription read_urdf(const Document& document) {
+  const CheckedYaml& urdf = document.at("urdf");
+  for (const char* key : {"joints", "flange", "inertials", "hand"}) {
+    if (const CheckedYaml* section = document.find(key)) {
+      section->refuse("the URDF says this; remove the section, or the line 'urdf'");
+    }
+  }
+  UrdfChain chain;
+  chain.base_link = document.at("base_link").text();
+  chain.tip_link = document.at("tip_link").text();
+  if (const CheckedYaml* held = document.find("held_joints")) {
+    for (const auto& name : held->keys()) chain.held_joints[name] = held->at(name).number();
+  }
+  if (const CheckedYaml* limits = document.find("limits")) chain.limits = read_urdf_limits(*limits);
+  try {
+    const auto file = urdf_file(urdf.text(), std::filesystem::path(urdf.file()).parent_path());
+    std::ifstream stream(file);
+    const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+    return robot_from_urdf(text, chain);
+  } catch (const std::invalid_argument& error) {
+    urdf.refuse(error.what());
+  }
+}
+
+// The same from the file's own sections.
+RobotDescription read_chain(const Document& document) {
+  for (const char* key : {"base_link", "tip_link", "held_joints"}) {
+    if (const CheckedYaml* section = document.find(key)) {
+      section->refuse("this is about a URDF; add the line 'urdf: FILE', or remove the section");
+    }
+  }
+  RobotDescription robot;
+  read_joints(document.at("joints"), robot);
+  robot.flange = read_placement(document.at("flange"));
+  const CheckedYaml& inertials = document.at("inertials");
+  const auto links = numbered("link", 0, robot.joint_count());
+  inertials.allow_keys(links);
+  for (const auto& link : links) robot.links.push_back(read_body(inertials.at(link)));
+  read_limits(document.at("limits"), robot);
+  return robot;
 }
 
 std::filesystem::path file_of(const std::string& name_or_path) {
@@ -293,39 +368,27 @@ std::filesystem::path file_of(const std::string& name_or_path) {
 RobotDescription load_robot(const std::string& name_or_path) {
   const auto file = file_of(name_or_path);
   const Document document = read_document(file, 0);
-  RobotDescription robot;
+  const bool imported = document.find("urdf") != nullptr;
+  RobotDescription robot = imported ? read_urdf(document) : read_chain(document);
   robot.file = file;
   robot.name = document.at("name").text();
-  robot.title = document.at("title").text();
+  if (!imported || document.find("title") != nullptr) robot.title = document.at("title").text();
   robot.origin = document.origin;
-  read_joints(document.at("joints"), robot);
   const std::size_t n = robot.joint_count();
-  robot.flange = read_placement(document.at("flange"));
-
-  const CheckedYaml& inertials = document.at("inertials");
-  const auto links = numbered("link", 0, n);
-  inertials.allow_keys(links);
-  for (const auto& link : links) robot.links.push_back(read_body(inertials.at(link)));
-
-  read_limits(document.at("limits"), robot);
-  read_interface_limits(document.at("interface_limits"), robot);
+  if (!imported || document.find("interface_limits") != nullptr) {
+    read_interface_limits(document.at("interface_limits"), robot);
+  }
   if (const CheckedYaml* friction = document.find("joint_friction")) {
     friction->allow_keys({"p1_nm", "p2_s_per_rad", "p3_rad_per_s"});
     robot.friction =
         JointFriction{joint_vector(friction->at("p1_nm"), n), joint_vector(friction->at("p2_s_per_rad"), n),
                       joint_vector(friction->at("p3_rad_per_s"), n)};
   }
-  const CheckedYaml& home = document.at("home_rad");
-  robot.q_home = joint_vector(home, n);
-  const auto home_items = home.items();
-  for (std::size_t j = 0; j < n; ++j) {
-    const auto i = static_cast<Eigen::Index>(j);
-    const double q = home_items[j].angle();
-    if (q < robot.limits.q_min[i] || q > robot.limits.q_max[i]) {
-      home_items[j].refuse("outside the limits of joint" + std::to_string(j + 1));
-    }
+  if (!imported || document.find("home_rad") != nullptr) read_home(document.at("home_rad"), robot);
+  if (!imported || document.find("self_collision") != nullptr) {
+    read_self_collision(document.at("self_collision"), robot);
+    if (imported) robot.visuals.clear();  // the capsules are better to look at than sticks
   }
-  read_self_collision(document.at("self_collision"), robot);
   read_looks(document, robot);
   if (const CheckedYaml* hand = document.find("hand")) robot.hand = read_hand(*hand);
   return robot;

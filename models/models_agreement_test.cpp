@@ -1,167 +1,24 @@
 // URDF (Pinocchio) and MJCF (MuJoCo) are written from the same figures: two engines with nothing in common
 // must find the same arm in them.
 #include <array>
-#include <cstdlib>
-#include <memory>
-#include <random>
+#include <cmath>
 #include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
-#include <mujoco/mujoco.h>
-#include <pinocchio/algorithm/crba.hpp>
-#include <pinocchio/algorithm/frames.hpp>
-#include <pinocchio/algorithm/jacobian.hpp>
-#include <pinocchio/algorithm/rnea.hpp>
-#include <pinocchio/parsers/urdf.hpp>
 
 #include "models/robot_description.hpp"
 #include "models/to_mjcf.hpp"
 #include "models/to_urdf.hpp"
+#include "models/two_engines.hpp"
 
 namespace multipanda {
 namespace {
 
-constexpr int kConfigurations = 200;
-constexpr double kTolerance = 1e-9;  // [m, rad, kg m^2, N m] by quantity; round-off is about 1e-13
-
-using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+using namespace test;
 using Eigen::VectorXd;
 
-struct Terms {
-  std::vector<Pose> poses;           // of the frames asked for, in the world
-  std::vector<RowMatrix> jacobians;  // (6 x n), world axes, linear first
-  Eigen::MatrixXd M;
-  VectorXd c, g;
-};
-
-class MujocoArm {
- public:
-  explicit MujocoArm(const std::string& mjcf) {
-    std::array<char, 1000> error{};
-    const std::unique_ptr<mjSpec, void (*)(mjSpec*)> spec(
-        mj_parseXMLString(mjcf.c_str(), nullptr, error.data(), static_cast<int>(error.size())),
-        mj_deleteSpec);
-    if (!spec) throw std::runtime_error(error.data());
-    model_.reset(mj_compile(spec.get(), nullptr));
-    if (!model_) throw std::runtime_error(mjs_getError(spec.get()));
-    data_.reset(mj_makeData(model_.get()));
-  }
-
-  int joints() const { return static_cast<int>(model_->nv); }
-
-  void place_base(const Pose& X_WB) {
-    const int base = mj_name2id(model_.get(), mjOBJ_BODY, "link0");
-    const Quaternion q = X_WB.quaternion();
-    const std::array<double, 4> wxyz{q.w(), q.x(), q.y(), q.z()};
-    std::copy_n(X_WB.position.data(), 3, model_->body_pos + 3 * base);
-    std::copy_n(wxyz.data(), 4, model_->body_quat + 4 * base);
-  }
-
-  Terms terms(const VectorXd& q, const VectorXd& dq, const std::vector<std::string>& sites) {
-    Terms terms;
-    const int n = joints();
-    std::copy_n(q.data(), n, data_->qpos);
-    std::copy_n(dq.data(), n, data_->qvel);
-    mj_forward(model_.get(), data_.get());
-    const VectorXd bias = Eigen::Map<VectorXd>(data_->qfrc_bias, n);
-    RowMatrix M(n, n);
-    mj_fullM(model_.get(), data_.get(), M.data());
-    terms.M = M;
-    for (const auto& name : sites) {
-      const int site = mj_name2id(model_.get(), mjOBJ_SITE, name.c_str());
-      EXPECT_GE(site, 0) << name;
-      Pose pose;
-      pose.position = Eigen::Map<Vector3>(data_->site_xpos + 3 * site);
-      pose.rotation = Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(data_->site_xmat + 9 * site);
-      terms.poses.push_back(pose);
-      RowMatrix J(6, n);
-      mj_jacSite(model_.get(), data_.get(), J.data(), J.data() + 3 * n, site);
-      terms.jacobians.push_back(J);
-    }
-    mju_zero(data_->qvel, n);
-    mj_forward(model_.get(), data_.get());
-    terms.g = Eigen::Map<VectorXd>(data_->qfrc_bias, n);
-    terms.c = bias - terms.g;
-    return terms;
-  }
-
- private:
-  std::unique_ptr<mjModel, void (*)(mjModel*)> model_{nullptr, mj_deleteModel};
-  std::unique_ptr<mjData, void (*)(mjData*)> data_{nullptr, mj_deleteData};
-};
-
-class PinocchioArm {
- public:
-  explicit PinocchioArm(const std::string& urdf) {
-    pinocchio::urdf::buildModelFromXML(urdf, model_);
-    X_BJ1_ = model_.jointPlacements[1];
-    data_ = pinocchio::Data(model_);
-  }
-
-  int joints() const { return model_.nv; }
-  void place_base(const Pose& X_WB) {
-    model_.jointPlacements[1] = pinocchio::SE3(X_WB.rotation, X_WB.position) * X_BJ1_;
-  }
-
-  Terms terms(const VectorXd& q, const VectorXd& dq, const std::vector<std::string>& frames) {
-    Terms terms;
-    const VectorXd zero = VectorXd::Zero(model_.nv);
-    pinocchio::crba(model_, data_, q);
-    terms.M = data_.M.selfadjointView<Eigen::Upper>();
-    terms.g = pinocchio::rnea(model_, data_, q, zero, zero);
-    terms.c = pinocchio::rnea(model_, data_, q, dq, zero) - terms.g;
-    pinocchio::computeJointJacobians(model_, data_, q);
-    pinocchio::updateFramePlacements(model_, data_);
-    for (const auto& name : frames) {
-      EXPECT_TRUE(model_.existFrame(name)) << name;
-      const auto id = model_.getFrameId(name);
-      terms.poses.push_back({data_.oMf[id].rotation(), data_.oMf[id].translation()});
-      pinocchio::Data::Matrix6x J = pinocchio::Data::Matrix6x::Zero(6, model_.nv);
-      pinocchio::getFrameJacobian(model_, data_, id, pinocchio::LOCAL_WORLD_ALIGNED, J);
-      terms.jacobians.emplace_back(J);
-    }
-    return terms;
-  }
-
- private:
-  pinocchio::Model model_;
-  pinocchio::Data data_;
-  pinocchio::SE3 X_BJ1_;
-};
-
-class Random {
- public:
-  explicit Random(unsigned seed) : engine_(seed) {}
-  double uniform(double low, double high) {
-    return std::uniform_real_distribution<double>(low, high)(engine_);
-  }
-  Pose pose() {
-    const Vector3 p(uniform(-2, 2), uniform(-2, 2), uniform(-1, 1));
-    return Pose::from(p, Quaternion(normal(), normal(), normal(), normal()));
-  }
-  VectorXd between(const JointVector& low, const JointVector& high) {
-    VectorXd v(low.size());
-    for (Eigen::Index i = 0; i < v.size(); ++i) v[i] = uniform(low[i], high[i]);
-    return v;
-  }
-
- private:
-  double normal() { return std::normal_distribution<double>()(engine_); }
-  std::mt19937_64 engine_;
-};
-
-void expect_equal(const Terms& a, const Terms& b) {
-  ASSERT_EQ(a.poses.size(), b.poses.size());
-  for (std::size_t f = 0; f < a.poses.size(); ++f) {
-    EXPECT_LT((a.poses[f].position - b.poses[f].position).lpNorm<Eigen::Infinity>(), kTolerance);
-    EXPECT_LT((a.poses[f].rotation - b.poses[f].rotation).lpNorm<Eigen::Infinity>(), kTolerance);
-    EXPECT_LT((a.jacobians[f] - b.jacobians[f]).lpNorm<Eigen::Infinity>(), kTolerance);
-  }
-  EXPECT_LT((a.M - b.M).lpNorm<Eigen::Infinity>(), kTolerance);
-  EXPECT_LT((a.c - b.c).lpNorm<Eigen::Infinity>(), kTolerance);
-  EXPECT_LT((a.g - b.g).lpNorm<Eigen::Infinity>(), kTolerance);
-}
+constexpr int kConfigurations = 200;
 
 struct Case {
   const char* robot;

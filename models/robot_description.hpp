@@ -99,7 +99,8 @@ struct RobotDescription {
   std::filesystem::path file;                 // where it was read
   std::map<std::string, std::string> origin;  // per section: who published the figures, and what was changed
 
-  std::vector<Placement> joints;  // joint i+1 in link i; (n)
+  std::vector<Placement> joints;         // joint i+1 in link i; (n)
+  std::vector<std::string> joint_names;  // what the URDF calls them, where one was imported; else empty
   Placement flange;               // in the last link
   std::vector<RigidBody> links;   // (n + 1), link0 first
   JointLimits limits;

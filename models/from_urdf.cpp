@@ -1,0 +1,245 @@
+#include "models/from_urdf.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <sstream>
+#include <stdexcept>
+
+#include "models/checked_yaml.hpp"
+#include "models/looks.hpp"
+#include "models/urdf_tree.hpp"
+
+namespace multipanda {
+namespace {
+
+[[noreturn]] void refuse(const std::string& why) { throw std::invalid_argument(why); }
+
+std::string in_quotes(const std::string& text) { return "'" + text + "'"; }
+
+Placement placement_of(const Pose& X) { return {X.position, rpy_of(X.rotation)}; }
+
+// One arm being taken out of a robot. Segment i is what moves with the arm's joint i (0: the base), in the
+// frame that has the joint's axis as z.
+class ChainReader {
+ public:
+  ChainReader(const UrdfTree& tree, const UrdfChain& chain) : tree_(tree), chain_(chain) {}
+
+  RobotDescription read() {
+    check_names();
+    find_path();
+    bodies_.resize(arm_.size() + 1);
+    robot_.joints.resize(arm_.size());
+    collect(chain_.base_link, 0, Pose{});
+    if (bodies_[0].mass <= 0) {  // does not move: any mass will do
+      bodies_[0] = {1, Vector3::Zero(), 0.01 * Matrix3::Identity()};
+    }
+    for (std::size_t i = 1; i < bodies_.size(); ++i) check_body(i);
+    robot_.links = bodies_;
+    read_limits();
+    finish();
+    return std::move(robot_);
+  }
+
+ private:
+  void check_names() const {
+    for (const auto& link : {chain_.base_link, chain_.tip_link}) {
+      if (tree_.links.count(link) == 0) {
+        refuse("the URDF has no link " + in_quotes(link) + "." + suggestion(link, tree_.link_names()));
+      }
+    }
+    const auto known = [&](const std::string& joint) {
+      if (tree_.joint(joint) == nullptr) {
+        refuse("the URDF has no joint " + in_quotes(joint) + "." + suggestion(joint, tree_.joint_names()));
+      }
+    };
+    for (const auto& held : chain_.held_joints) {
+      known(held.first);
+      if (!std::isfinite(held.second)) refuse("joint " + in_quotes(held.first) + " is held at no number");
+    }
+    for (const auto& limit : chain_.limits) known(limit.first);
+  }
+
+  bool is_held(const UrdfJoint& joint) const { return chain_.held_joints.count(joint.name) > 0; }
+
+  void find_path() {
+    std::string link = chain_.tip_link;
+    while (link != chain_.base_link) {
+      const UrdfJoint* joint = tree_.parent_joint(link);
+      if (joint == nullptr) {
+        refuse("the link " + in_quotes(chain_.tip_link) + " does not stand on " +
+               in_quotes(chain_.base_link) + "; its chain ends at " + in_quotes(link) +
+               ". base_link and tip_link name the two ends of one "
+               "arm");
+      }
+      path_.insert(path_.begin(), joint);
+      link = joint->parent;
+    }
+    for (const UrdfJoint* joint : path_) {
+      if (joint->type == "fixed" || is_held(*joint)) continue;
+      if (!joint->turns()) {
+        refuse("joint " + in_quotes(joint->name) + " between base_link and tip_link is " + joint->type +
+               "; an arm has turning joints only. Hold it (held_joints: {" + joint->name +
+               ": 0.0}), or begin behind it");
+      }
+      if (joint->mimic) {
+        refuse("joint " + in_quotes(joint->name) + " follows " + in_quotes(joint->mimic->joint) +
+               "; coupled joints cannot be controlled one by one. Hold it (held_joints)");
+      }
+      arm_.push_back(joint);
+    }
+    if (arm_.empty() || arm_.size() > kMaxJoints) {
+      refuse("between " + in_quotes(chain_.base_link) + " and " + in_quotes(chain_.tip_link) + " are " +
+             std::to_string(arm_.size()) + " turning joints; expected 1 to " + std::to_string(kMaxJoints));
+    }
+  }
+
+  // Where a joint stands that is none of the arm's.
+  double position(const UrdfJoint& joint, std::size_t depth = 0) const {
+    const auto held = chain_.held_joints.find(joint.name);
+    if (held != chain_.held_joints.end()) return held->second;
+    if (joint.mimic) {
+      const UrdfJoint* leader = tree_.joint(joint.mimic->joint);
+      if (std::find(arm_.begin(), arm_.end(), leader) != arm_.end()) {
+        refuse("joint " + in_quotes(joint.name) + " moves with the arm's joint " + in_quotes(leader->name) +
+               "; such couplings are not modelled. Hold it (held_joints: {" + joint.name + ": 0.0})");
+      }
+      if (depth > tree_.joints.size()) refuse("joint " + in_quotes(joint.name) + " follows itself");
+      return joint.mimic->multiplier * position(*leader, depth + 1) + joint.mimic->offset;
+    }
+    return std::min(std::max(0.0, joint.lower.value_or(-HUGE_VAL)), joint.upper.value_or(HUGE_VAL));
+  }
+
+  // Adds `link` and all that it carries; X_SL places it in its segment.
+  void collect(const std::string& link, std::size_t segment, const Pose& X_SL) {
+    if (link == chain_.tip_link) robot_.flange = placement_of(X_SL);
+    const RigidBody& body = tree_.links.at(link);
+    if (body.mass > 0) {
+      const RigidBody here = moved(body, X_SL);
+      bodies_[segment] = bodies_[segment].mass > 0 ? merged(bodies_[segment], here) : here;
+    }
+    for (const UrdfJoint* joint : tree_.child_joints(link)) {
+      const auto place = std::find(arm_.begin(), arm_.end(), joint);
+      if (place != arm_.end()) {
+        const auto i = static_cast<std::size_t>(place - arm_.begin());
+        // The child's frame turned so that its z is the axis.
+        const Pose X_CS{Quaternion::FromTwoVectors(Vector3::UnitZ(), joint->axis).toRotationMatrix(),
+                        Vector3::Zero()};
+        robot_.joints[i] = placement_of(X_SL * joint->X_PC * X_CS);
+        collect(joint->child, i + 1, X_CS.inverse());
+      } else {
+        const bool on_path = std::find(path_.begin(), path_.end(), joint) != path_.end();
+        if (segment == 0 && !on_path && joint->type != "fixed") continue;
+        collect(joint->child, segment, X_SL * joint->pose_at(position(*joint)));
+      }
+    }
+  }
+
+  void check_body(std::size_t segment) const {
+    const RigidBody& body = bodies_[segment];
+    const std::string what = "what joint " + in_quotes(arm_[segment - 1]->name) + " moves";
+    if (body.mass <= 0) {
+      refuse(what + " has no mass; without it no torque can be computed. Give the link " +
+             in_quotes(arm_[segment - 1]->child) + " an <inertial>, or hold the joint (held_joints)");
+    }
+    if (!is_physical(body)) {
+      refuse(what +
+             " has an inertia that no body has (principal moments about the centre of mass must be "
+             "positive, each below the sum of the other two); correct <inertia> of the link " +
+             in_quotes(arm_[segment - 1]->child) + " or of what is fixed to it");
+    }
+  }
+
+  void read_limits() {
+    const auto n = static_cast<Eigen::Index>(arm_.size());
+    JointLimits& limits = robot_.limits;
+    for (JointVector* v : {&limits.q_min, &limits.q_max, &limits.dq_max, &limits.tau_max}) v->resize(n);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const UrdfJoint& joint = *arm_[static_cast<std::size_t>(i)];
+      const auto found = chain_.limits.find(joint.name);
+      const UrdfLimits given = found == chain_.limits.end() ? UrdfLimits{} : found->second;
+      const auto one = [&](const std::optional<double>& ours, const std::optional<double>& theirs,
+                           const char* key) {
+        if (!ours && !theirs) {
+          refuse("the URDF says no " + std::string(key) + " of joint " + in_quotes(joint.name) +
+                 "; give it (limits: {" + joint.name + ": {" + key + ": ...}})");
+        }
+        return ours ? *ours : *theirs;
+      };
+      limits.q_min[i] = one(given.lower, joint.lower, "lower_rad");
+      limits.q_max[i] = one(given.upper, joint.upper, "upper_rad");
+      limits.dq_max[i] = one(given.velocity, joint.velocity, "velocity_rad_per_s");
+      limits.tau_max[i] = one(given.effort, joint.effort, "effort_nm");
+      const std::string cure = " of joint " + in_quotes(joint.name) +
+                               "; a URDF writes 0 where nothing is known: give the limits (limits: {" +
+                               joint.name + ": {...}})";
+      if (limits.q_min[i] >= limits.q_max[i]) refuse("expected lower_rad below upper_rad" + cure);
+      if (limits.dq_max[i] <= 0) refuse("expected velocity_rad_per_s above 0" + cure);
+      if (limits.tau_max[i] <= 0) refuse("expected effort_nm above 0" + cure);
+    }
+    limits.ddq_max = JointVector::Constant(n, kUrdfAcceleration);
+    limits.dddq_max = JointVector::Constant(n, kUrdfJerk);
+    limits.tau_rate_max = JointVector::Constant(n, kUrdfTorqueRate);
+    robot_.q_home = JointVector::Zero(n).cwiseMax(limits.q_min).cwiseMin(limits.q_max);
+  }
+
+  void finish() {
+    robot_.name = tree_.name;
+    robot_.title = tree_.name + ", " + chain_.base_link + " to " + chain_.tip_link;
+    for (const UrdfJoint* joint : arm_) robot_.joint_names.push_back(joint->name);
+    // Sticks: the URDF's own meshes are not read.
+    for (std::size_t i = 0; i <= arm_.size(); ++i) {
+      Shape stick;
+      stick.link = "link" + std::to_string(i);
+      stick.to = i < arm_.size() ? robot_.joints[i].position : robot_.flange.position;
+      stick.radius = 0.03;
+      stick.kind = stick.to.norm() < 1e-6 ? ShapeKind::sphere : ShapeKind::capsule;
+      stick.color = i % 2 == 0 ? "silver" : "white";
+      robot_.visuals.push_back(stick);
+    }
+  }
+
+  const UrdfTree& tree_;
+  const UrdfChain& chain_;
+  std::vector<const UrdfJoint*> path_;  // from the base to the tip
+  std::vector<const UrdfJoint*> arm_;   // of them, those that move
+  std::vector<RigidBody> bodies_;       // per segment
+  RobotDescription robot_;
+};
+
+}  // namespace
+
+RobotDescription robot_from_urdf(const std::string& urdf_text, const UrdfChain& chain) {
+  const UrdfTree tree = parse_urdf(urdf_text);
+  return ChainReader(tree, chain).read();
+}
+
+std::filesystem::path urdf_file(const std::string& name, const std::filesystem::path& folder) {
+  const std::string scheme = "package://";
+  if (name.rfind(scheme, 0) != 0) {
+    const std::filesystem::path path = folder / name;  // an absolute name stays as it is
+    if (!std::filesystem::exists(path)) refuse("there is no file " + path.string());
+    return path;
+  }
+  const std::string rest = name.substr(scheme.size());
+  std::vector<std::filesystem::path> places;
+  if (const char* prefixes = std::getenv("AMENT_PREFIX_PATH")) {
+    std::istringstream list(prefixes);
+    for (std::string prefix; std::getline(list, prefix, ':');) {
+      if (!prefix.empty()) places.push_back(std::filesystem::path(prefix) / "share");
+    }
+  }
+  const std::filesystem::path wheels =
+      std::filesystem::path(MULTIPANDA_SITE_PACKAGES_FOLDER) / "cmeel.prefix/share";
+  places.push_back(wheels);
+  places.push_back(wheels / "example-robot-data/robots");
+  std::string searched;
+  for (const auto& place : places) {
+    if (std::filesystem::exists(place / rest)) return place / rest;
+    searched += (searched.empty() ? "" : ", ") + place.string();
+  }
+  refuse("there is no file " + rest + " in " + searched +
+         "; source the workspace that has the package, or give the file's path");
+}
+
+}  // namespace multipanda

@@ -1,0 +1,229 @@
+#include "models/urdf_tree.hpp"
+
+#include <charconv>
+#include <cmath>
+#include <set>
+#include <sstream>
+#include <stdexcept>
+
+#include <boost/property_tree/ptree.hpp>
+#include <boost/property_tree/xml_parser.hpp>
+
+#include "models/checked_yaml.hpp"
+#include "models/robot_description.hpp"
+
+namespace multipanda {
+namespace {
+
+using Xml = boost::property_tree::ptree;
+
+[[noreturn]] void refuse(const std::string& where, const std::string& why) {
+  throw std::invalid_argument("URDF: " + (where.empty() ? "" : where + ": ") + why);
+}
+
+// An element, and where it stands, for messages.
+struct Element {
+  const Xml* xml;
+  std::string where;
+
+  std::optional<Element> find(const std::string& name) const {
+    const auto child = xml->get_child_optional(name);
+    if (!child) return std::nullopt;
+    return Element{&*child, where + ": <" + name + ">"};
+  }
+  std::optional<std::string> attribute(const std::string& name) const {
+    const auto value = xml->get_optional<std::string>("<xmlattr>." + name);
+    return value ? std::optional<std::string>(*value) : std::nullopt;
+  }
+  std::string text(const std::string& name) const {
+    const auto value = attribute(name);
+    if (!value || value->empty()) refuse(where, "the attribute '" + name + "' is missing");
+    return *value;
+  }
+  // `count` finite numbers, separated by blanks; independent of the locale.
+  std::vector<double> numbers(const std::string& name, std::size_t count) const {
+    const std::string value = text(name);
+    std::istringstream words(value);
+    std::vector<double> result;
+    for (std::string word; words >> word;) {
+      if (word.front() == '+') word.erase(0, 1);
+      double number = 0;
+      const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
+      if (error != std::errc() || end != word.data() + word.size() || !std::isfinite(number)) {
+        refuse(where, "'" + word + "' in " + name + "=\"" + value + "\" is no finite number");
+      }
+      result.push_back(number);
+    }
+    if (result.size() != count) {
+      refuse(where, "expected " + std::to_string(count) + " numbers in " + name + "=\"" + value + "\"");
+    }
+    return result;
+  }
+  double number(const std::string& name) const { return numbers(name, 1)[0]; }
+  std::optional<double> optional_number(const std::string& name) const {
+    return attribute(name) ? std::optional<double>(number(name)) : std::nullopt;
+  }
+  Vector3 vector3(const std::string& name) const {
+    const auto values = numbers(name, 3);
+    return {values[0], values[1], values[2]};
+  }
+};
+
+Pose read_origin(const Element& element) {
+  Placement placement;
+  if (const auto origin = element.find("origin")) {
+    if (origin->attribute("xyz")) placement.position = origin->vector3("xyz");
+    if (origin->attribute("rpy")) placement.rpy = origin->vector3("rpy");
+  }
+  return placement.pose();
+}
+
+RigidBody read_inertial(const Element& link) {
+  const auto inertial = link.find("inertial");
+  if (!inertial) return {};
+  const auto mass = inertial->find("mass");
+  const auto inertia = inertial->find("inertia");
+  if (!mass || !inertia) refuse(inertial->where, "expected <mass> and <inertia>");
+  RigidBody body;
+  body.mass = mass->number("value");
+  if (body.mass < 0) refuse(mass->where, "a mass below 0");
+  const auto part = [&](const char* name) { return inertia->number(name); };
+  body.inertia << part("ixx"), part("ixy"), part("ixz"), part("ixy"), part("iyy"), part("iyz"), part("ixz"),
+      part("iyz"), part("izz");
+  return moved(body, read_origin(*inertial));
+}
+
+UrdfJoint read_joint(const Element& element, const std::string& name) {
+  static const std::vector<std::string> kTypes{"fixed",     "revolute", "continuous",
+                                               "prismatic", "floating", "planar"};
+  UrdfJoint joint;
+  joint.name = name;
+  joint.type = element.text("type");
+  if (std::find(kTypes.begin(), kTypes.end(), joint.type) == kTypes.end()) {
+    refuse(element.where, "there is no type '" + joint.type + "'." + suggestion(joint.type, kTypes));
+  }
+  const auto parent = element.find("parent"), child = element.find("child");
+  if (!parent || !child) refuse(element.where, "expected <parent> and <child>");
+  joint.parent = parent->text("link");
+  joint.child = child->text("link");
+  joint.X_PC = read_origin(element);
+  if (const auto axis = element.find("axis")) joint.axis = axis->vector3("xyz");
+  if (joint.axis.norm() < 1e-9) {
+    if (joint.turns() || joint.type == "prismatic") refuse(element.where, "the axis has no direction");
+    joint.axis = Vector3::UnitX();
+  }
+  joint.axis.normalize();
+  if (const auto limit = element.find("limit")) {
+    if (joint.type != "continuous") {
+      joint.lower = limit->optional_number("lower");
+      joint.upper = limit->optional_number("upper");
+    }
+    joint.velocity = limit->optional_number("velocity");
+    joint.effort = limit->optional_number("effort");
+  }
+  if (const auto mimic = element.find("mimic")) {
+    joint.mimic = UrdfMimic{mimic->text("joint"), mimic->optional_number("multiplier").value_or(1),
+                            mimic->optional_number("offset").value_or(0)};
+  }
+  return joint;
+}
+
+void check_tree(const UrdfTree& tree) {
+  std::set<std::string> children;
+  for (const auto& joint : tree.joints) {
+    const std::string where = "joint '" + joint.name + "'";
+    for (const auto& link : {joint.parent, joint.child}) {
+      if (tree.links.count(link) == 0) refuse(where, "there is no link '" + link + "'");
+    }
+    if (!children.insert(joint.child).second) {
+      refuse(where, "the link '" + joint.child + "' already has a parent; a URDF is a tree");
+    }
+    if (joint.mimic && tree.joint(joint.mimic->joint) == nullptr) {
+      refuse(where, "it follows the joint '" + joint.mimic->joint + "', which does not exist." +
+                        suggestion(joint.mimic->joint, tree.joint_names()));
+    }
+  }
+  for (const auto& [link, body] : tree.links) {
+    std::size_t steps = 0;
+    for (const UrdfJoint* j = tree.parent_joint(link); j != nullptr; j = tree.parent_joint(j->parent)) {
+      if (++steps > tree.joints.size())
+        refuse("link '" + link + "'", "it stands on itself; a URDF is a tree");
+    }
+  }
+}
+
+}  // namespace
+
+Pose UrdfJoint::pose_at(double position) const {
+  if (turns()) {
+    return X_PC * Pose{Eigen::AngleAxisd(position, axis).toRotationMatrix(), Vector3::Zero()};
+  }
+  if (type == "prismatic") return X_PC * Pose{Matrix3::Identity(), position * axis};
+  return X_PC;
+}
+
+std::vector<std::string> UrdfTree::link_names() const {
+  std::vector<std::string> names;
+  for (const auto& link : links) names.push_back(link.first);
+  return names;
+}
+
+std::vector<std::string> UrdfTree::joint_names() const {
+  std::vector<std::string> names;
+  for (const auto& joint : joints) names.push_back(joint.name);
+  return names;
+}
+
+const UrdfJoint* UrdfTree::joint(const std::string& joint_name) const {
+  for (const auto& joint : joints) {
+    if (joint.name == joint_name) return &joint;
+  }
+  return nullptr;
+}
+
+const UrdfJoint* UrdfTree::parent_joint(const std::string& link) const {
+  for (const auto& joint : joints) {
+    if (joint.child == link) return &joint;
+  }
+  return nullptr;
+}
+
+std::vector<const UrdfJoint*> UrdfTree::child_joints(const std::string& link) const {
+  std::vector<const UrdfJoint*> found;
+  for (const auto& joint : joints) {
+    if (joint.parent == link) found.push_back(&joint);
+  }
+  return found;
+}
+
+UrdfTree parse_urdf(const std::string& text) {
+  Xml document;
+  try {
+    std::istringstream stream(text);
+    namespace parser = boost::property_tree::xml_parser;
+    boost::property_tree::read_xml(stream, document, parser::no_comments | parser::trim_whitespace);
+  } catch (const boost::property_tree::xml_parser_error& error) {
+    refuse("", "line " + std::to_string(error.line()) + " is not XML: " + error.message());
+  }
+  const auto root = document.get_child_optional("robot");
+  if (!root) refuse("", "expected the root element <robot>");
+  UrdfTree tree;
+  tree.name = Element{&*root, "<robot>"}.text("name");
+  for (const auto& [kind, xml] : *root) {
+    if (kind != "link" && kind != "joint") continue;
+    // A ros2_control tag has joints of its own, but inside: these are the robot's.
+    const std::string name = Element{&xml, "<" + kind + ">"}.text("name");
+    const Element element{&xml, kind + " '" + name + "'"};
+    if (kind == "link") {
+      if (!tree.links.emplace(name, read_inertial(element)).second) refuse(element.where, "stands twice");
+    } else {
+      if (tree.joint(name) != nullptr) refuse(element.where, "stands twice");
+      tree.joints.push_back(read_joint(element, name));
+    }
+  }
+  if (tree.links.empty()) refuse("", "it has no link");
+  check_tree(tree);
+  return tree;
+}
+
+}  // namespace multipanda

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/types/spatial.hpp"
+#include "models/rigid_body.hpp"
+
+// A URDF as plain data: its links' masses and its joints. Geometry, transmissions, sensors and plugins are
+// not read.
+namespace multipanda {
+
+struct UrdfMimic {
+  std::string joint;  // this joint's position = multiplier * that joint's + offset
+  double multiplier = 1;
+  double offset = 0;
+};
+
+struct UrdfJoint {
+  std::string name;
+  std::string type;  // "fixed", "revolute", "continuous", "prismatic", "floating", "planar"
+  std::string parent, child;
+  Pose X_PC;                        // child in parent at zero
+  Vector3 axis = Vector3::UnitX();  // in the child's frame, unit length
+  std::optional<double> lower,
+      upper;                       // [rad] or [m]; none: the file does not say, or the joint is continuous
+  std::optional<double> velocity;  // [rad/s] or [m/s]
+  std::optional<double> effort;    // [N m] or [N]
+  std::optional<UrdfMimic> mimic;
+
+  bool turns() const { return type == "revolute" || type == "continuous"; }
+  // Child in parent at `position` [rad] or [m]; a floating or planar joint stays at zero.
+  Pose pose_at(double position) const;
+};
+
+struct UrdfTree {
+  std::string name;
+  std::map<std::string, RigidBody> links;  // mass 0: none is given
+  std::vector<UrdfJoint> joints;           // in the order of the file
+
+  std::vector<std::string> link_names() const;
+  std::vector<std::string> joint_names() const;
+  const UrdfJoint* joint(const std::string& name) const;         // nullptr: none
+  const UrdfJoint* parent_joint(const std::string& link) const;  // that moves this link; nullptr: the root
+  std::vector<const UrdfJoint*> child_joints(const std::string& link) const;
+};
+
+// Throws std::invalid_argument: what is wrong, and in which link or joint. Also refuses a file that is no
+// tree: a link with two parents, a joint between links that do not exist, a loop.
+UrdfTree parse_urdf(const std::string& text);
+
+}  // namespace multipanda
