@@ -109,7 +109,7 @@ class ActionServer {
     Goal(std::shared_ptr<Shared> shared, const Uuid& id, GoalMessage goal)
         : shared_(std::move(shared)), id_(id), goal_(std::move(goal)) {}
     Goal(const Goal&) = delete;
-    ~Goal() { abort({}); }
+    ~Goal() { abort(Result()); }
     const Uuid& id() const { return id_; }
     const GoalMessage& message() const { return goal_; }
     // Each only while the goal is not over; afterwards they do nothing.

@@ -44,6 +44,8 @@ bool ClientBase::wait_until_ready(double timeout_s) const {
   return true;
 }
 
+std::string ClientBase::source() const { return rcl_client_get_service_name(&client_); }
+
 std::int64_t ClientBase::send(const void* request) {
   std::int64_t sequence = 0;
   check(rcl_send_request(&client_, request, &sequence), "calling a service");

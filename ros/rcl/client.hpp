@@ -28,6 +28,7 @@ class ClientBase : public Incoming {
   void close();
   std::int64_t send(const void* request);
   bool take_any(std::int64_t& sequence, void* response);
+  std::string source() const override;
 
  private:
   Node& node_;

@@ -123,6 +123,22 @@ void Executor::run() {
   }
 }
 
+bool Executor::guarded(const std::function<void()>& function, const Incoming* source, const char* kind) {
+  std::string what;
+  try {
+    function();
+    return true;
+  } catch (const std::exception& error) {
+    what = error.what();
+  } catch (...) {
+    what = "an exception of unknown kind";
+  }
+  failures_.fetch_add(1, std::memory_order_relaxed);
+  const std::string name = source != nullptr ? source->source() : kind;
+  if (reported_.insert(name).second && failed_) failed_(name, what);
+  return false;
+}
+
 void Executor::run_timers(std::unique_lock<std::mutex>& lock) {
   const auto now = Clock::now();
   for (auto timer = timers_.begin(); timer != timers_.end() && !stop_;) {
@@ -131,7 +147,7 @@ void Executor::run_timers(std::unique_lock<std::mutex>& lock) {
       timer->next = std::max(timer->next + timer->period, now);
       timer_running_ = timer->id;
       lock.unlock();
-      timer->function();
+      guarded(timer->function, nullptr, "a timer");
       lock.lock();
       timer_running_ = 0;
       turned_.notify_all();
@@ -145,7 +161,7 @@ void Executor::run_posted(std::unique_lock<std::mutex>& lock) {
     auto function = std::move(posted_.front());
     posted_.pop_front();
     lock.unlock();
-    function();
+    guarded(function, nullptr, "a posted function");
     function = nullptr;
     lock.lock();
   }
@@ -158,7 +174,9 @@ void Executor::run_polls(std::unique_lock<std::mutex>& lock) {
   lock.unlock();
   std::size_t done = 0;
   for (auto poll = polls_.begin(); poll != polls_.end();) {
-    if ((*poll)()) {
+    bool over = true;  // where it throws, too
+    guarded([&] { over = (*poll)(); }, nullptr, "a wait for an answer");
+    if (over) {
       poll = polls_.erase(poll);
       ++done;
     } else {
@@ -180,7 +198,8 @@ void Executor::serve(std::unique_lock<std::mutex>& lock) {
     bool more = true;
     for (std::size_t taken = 0; more && taken < kPerTurn && served_ == incoming && !stop_; ++taken) {
       lock.unlock();
-      more = incoming->take();
+      // What throws has taken its message: there may be more.
+      guarded([&] { more = incoming->take(); }, incoming, "");
       lock.lock();
     }
     // Nobody is served any more if a callback has ended its own entity: do not touch it.

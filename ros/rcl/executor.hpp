@@ -8,7 +8,10 @@
 #include <functional>
 #include <list>
 #include <mutex>
+#include <set>
+#include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace multipanda::ros {
@@ -34,6 +37,7 @@ class Incoming {
   friend class Executor;
   // Takes one message and calls its callback; false: nothing was there. Executor's thread.
   virtual bool take() = 0;
+  virtual std::string source() const = 0;  // what it is, for reports
 
   Executor& executor_;
   bool queued_ = false, attached_ = false;  // guarded by the executor
@@ -43,7 +47,8 @@ class Incoming {
 // polled and an idle entity costs nothing. Each entity with messages gets kPerTurn of them, then the next one
 // has its turn: a storm on one topic does not starve the others.
 //
-// Timers and posted functions run before start() is called too late, in order; nothing runs after stop().
+// What was posted before start() runs after it, in order; nothing runs after stop(). An exception that leaves
+// a callback ends nothing: it is counted and reported, and the next one is served.
 class Executor {
  public:
   static constexpr std::size_t kPerTurn = 16;
@@ -59,7 +64,13 @@ class Executor {
   void stop();
   bool running() const { return running_.load(); }
 
+  // Told of exceptions that left callbacks, once per source (a topic, a service, "a timer", ...), on the
+  // executor's thread. Before start().
+  using Failed = std::function<void(const std::string& source, const std::string& text)>;
+  void on_failure(Failed failed) { failed_ = std::move(failed); }
+
   // --- any thread ---
+  std::uint64_t failures() const { return failures_.load(std::memory_order_relaxed); }
   using TimerId = std::size_t;
   // Calls `function` each `period`, first one period from now; missed turns are not made up for.
   TimerId add_timer(std::chrono::nanoseconds period, std::function<void()> function);
@@ -88,6 +99,8 @@ class Executor {
   void run_posted(std::unique_lock<std::mutex>& lock);
   void run_polls(std::unique_lock<std::mutex>& lock);
   void serve(std::unique_lock<std::mutex>& lock);
+  // Runs it; false, and reported, if it threw.
+  bool guarded(const std::function<void()>& function, const Incoming* source, const char* kind);
   bool on_own_thread() const { return std::this_thread::get_id() == thread_id_.load(); }
 
   mutable std::mutex mutex_;
@@ -100,6 +113,9 @@ class Executor {
   TimerId timer_running_ = 0, timer_count_ = 0;
   std::size_t poll_count_ = 0;
   bool stop_ = false;
+  Failed failed_;
+  std::set<std::string> reported_;  // executor's thread
+  std::atomic<std::uint64_t> failures_{0};
   std::atomic<bool> running_{false};
   std::atomic<std::thread::id> thread_id_{};
   std::thread thread_;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <atomic>
+#include <cstdint>
 #include <memory>
 #include <mutex>
 #include <rcl/node.h>
@@ -47,6 +49,13 @@ class Node {
   std::vector<EntityInfo> entities() const;
   void describe(EntityInfo info);
 
+  // Messages that the publishers of this node handed to the middleware, and that it did not take.
+  std::uint64_t published() const { return published_.load(std::memory_order_relaxed); }
+  std::uint64_t publish_failures() const { return publish_failures_.load(std::memory_order_relaxed); }
+  void count_message(bool taken) {
+    (taken ? published_ : publish_failures_).fetch_add(1, std::memory_order_relaxed);
+  }
+
   // Nodes that others run, and how many offer a topic: for tests of the graph.
   std::vector<std::string> other_nodes() const;
   std::size_t publishers_of(const std::string& topic) const;
@@ -57,6 +66,7 @@ class Node {
   rcl_node_t* node_;
   mutable std::mutex mutex_;
   std::vector<EntityInfo> entities_;
+  std::atomic<std::uint64_t> published_{0}, publish_failures_{0};
 };
 
 }  // namespace multipanda::ros

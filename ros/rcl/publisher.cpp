@@ -26,7 +26,9 @@ std::size_t PublisherBase::subscribers() const {
 
 void PublisherBase::publish_any(const void* message) {
   const std::lock_guard lock(mutex_);
-  if (rcl_publish(&publisher_, message, nullptr) == RCL_RET_OK) return;
+  const bool taken = rcl_publish(&publisher_, message, nullptr) == RCL_RET_OK;
+  node_.count_message(taken);
+  if (taken) return;
   (void)take_rcl_words();
   failures_.fetch_add(1, std::memory_order_relaxed);
 }

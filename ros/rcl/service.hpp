@@ -43,6 +43,7 @@ class ServiceBase : public Incoming {
   ~ServiceBase() override;
   void open();
   void close();
+  std::string source() const override { return name(); }
 
   std::shared_ptr<ServiceCore> core_;
 };

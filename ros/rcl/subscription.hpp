@@ -27,6 +27,7 @@ class SubscriptionBase : public Incoming {
   void close();  // at the begin of the first destructor
   // False: nothing was there (or it could not be read, which is counted).
   bool take_any(void* message);
+  std::string source() const override { return topic(); }
 
  private:
   Node& node_;
