@@ -41,7 +41,7 @@ class ActionClient {
                                                 Feedback feedback = nullptr) {
     {
       const std::lock_guard lock(mutex_);
-      listeners_[id] = std::move(feedback);
+      listeners_.try_emplace(id, std::move(feedback));
     }
     typename SendGoal::Request request;
     request.goal_id.uuid = id;

@@ -122,8 +122,11 @@ class ActionServer {
     }
     void succeed(const Result& result) { shared_->end(id_, GoalStatus::STATUS_SUCCEEDED, result); }
     void abort(const Result& result) { shared_->end(id_, GoalStatus::STATUS_ABORTED, result); }
-    // After a cancel request that was granted.
-    void cancelled(const Result& result) { shared_->end(id_, GoalStatus::STATUS_CANCELED, result); }
+    // After a cancel request; at once from within on_cancel, too.
+    void cancelled(const Result& result) {
+      shared_->goals.change(id_, GoalStatus::STATUS_CANCELING);
+      shared_->end(id_, GoalStatus::STATUS_CANCELED, result);
+    }
     bool active() const {
       const auto status = shared_->goals.status(id_);
       return status == GoalStatus::STATUS_EXECUTING || status == GoalStatus::STATUS_CANCELING;
@@ -193,7 +196,10 @@ class ActionServer {
       const auto found = running_.find(id);
       const auto goal = found == running_.end() ? nullptr : found->second.lock();
       if (!goal || !callbacks_.on_cancel(goal)) continue;
-      if (!shared_->goals.change(id, GoalStatus::STATUS_CANCELING)) continue;
+      // Where it could stop on the spot, it is over by now.
+      if (!shared_->goals.change(id, GoalStatus::STATUS_CANCELING) &&
+          shared_->goals.status(id) != GoalStatus::STATUS_CANCELED)
+        continue;
       action_msgs::msg::GoalInfo info;
       info.goal_id.uuid = id;
       answer.goals_canceling.push_back(info);

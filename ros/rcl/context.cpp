@@ -23,8 +23,17 @@ bool keep_to_this_machine() {
   return true;
 }
 
+bool publish_in_background() {
+  constexpr const char* kMode = "RMW_FASTRTPS_PUBLICATION_MODE";
+  const char* value = std::getenv(kMode);
+  if (value != nullptr && !std::string_view(value).empty()) return false;
+  setenv(kMode, "ASYNCHRONOUS", 1);
+  return true;
+}
+
 Context::Context(std::vector<std::string> arguments) : context_(rcl_get_zero_initialized_context()) {
   keep_to_this_machine();
+  publish_in_background();
   arguments.insert(arguments.begin(), "multipanda");  // the program's name, as argv has it
   std::vector<const char*> words;
   for (const auto& argument : arguments) words.push_back(argument.c_str());

@@ -15,11 +15,16 @@ namespace multipanda::ros {
 // threads read it.
 bool keep_to_this_machine();
 
+// A process that is stopped (Ctrl-Z) can hold a lock of the shared memory it reads from, and holds up for up
+// to two seconds who writes to it: seen. So the middleware sends on a thread of its own, unless
+// RMW_FASTRTPS_PUBLICATION_MODE says otherwise. True where it was not set.
+bool publish_in_background();
+
 // ROS as one program uses it (rcl_init to rcl_shutdown). Outlives all that is made of it.
 class Context {
  public:
-  // Keeps to this machine unless the environment says otherwise. `arguments` as on a command line, without
-  // the program's name: {"--ros-args", "-r", "a:=b"}. Throws RclError.
+  // Keeps to this machine and publishes in the background unless the environment says otherwise. `arguments`
+  // as on a command line, without the program's name: {"--ros-args", "-r", "a:=b"}. Throws RclError.
   explicit Context(std::vector<std::string> arguments = {});
   ~Context();
   Context(const Context&) = delete;

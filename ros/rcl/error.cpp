@@ -15,7 +15,11 @@ void disregard(rcl_ret_t result) {
 }
 
 void check(rcl_ret_t result, const std::string& what) {
-  if (result == RCL_RET_OK) return;
+  if (result == RCL_RET_OK) {
+    rcl_reset_error();  // some calls succeed and leave the error of a try behind, which the next one shouts
+                        // about
+    return;
+  }
   throw RclError(what + " failed (" + std::to_string(result) + "): " + take_rcl_words());
 }
 

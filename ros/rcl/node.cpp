@@ -14,7 +14,7 @@ Node::Node(Context& context, const std::string& name, const std::string& name_sp
   rcl_node_options_t options = rcl_node_get_default_options();
   options.enable_rosout = false;  // nothing here writes to rcl's log
   const rcl_ret_t made = rcl_node_init(&own_, name.c_str(), name_space.c_str(), context.handle(), &options);
-  const std::string why = made == RCL_RET_OK ? "" : take_rcl_words();
+  const std::string why = take_rcl_words();
   disregard(rcl_node_options_fini(&options));
   if (made != RCL_RET_OK)
     throw RclError("making the node \"" + name + "\" in the namespace \"" + name_space + "\" failed: " + why);

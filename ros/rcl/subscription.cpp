@@ -11,7 +11,7 @@ SubscriptionBase::SubscriptionBase(Executor& executor, Node& node, const std::st
   rcl_subscription_options_t options = rcl_subscription_get_default_options();
   options.qos = qos.profile();
   const rcl_ret_t made = rcl_subscription_init(&subscription_, node.handle(), type, name.c_str(), &options);
-  const std::string why = made == RCL_RET_OK ? "" : take_rcl_words();
+  const std::string why = take_rcl_words();  // whatever a try that succeeded in the end left behind
   disregard(rcl_subscription_options_fini(&options));
   if (made != RCL_RET_OK)
     throw RclError("subscribing to " + type_name + " on \"" + name + "\" failed: " + why);
