@@ -33,7 +33,7 @@ FAKES = {
     "ctest": 'echo "ctest $* full=${MULTIPANDA_FULL:-0}"; exit 8',
     "python3": '''case "$*" in
           *"-c import"*) echo "${FAKE_PYTHON:-311}" ;;
-          *"-m venv"*) d="${*: -1}"; rm -rf "$d"; mkdir -p "$d/bin"; cp "$0" "$d/bin/python" ;;
+          *"-m venv"*) d="${*: -1}"; rm -rf "$d"; mkdir -p "$d/bin" "$d/lib/python3.11/site-packages"; cp "$0" "$d/bin/python" ;;
           *"-m pip"*) [ -e "$STATE/kill_pip" ] && kill -9 $PPID
                       [ -e "$STATE/no_network" ] && exit 1; exit 0 ;;
         esac''',
@@ -48,7 +48,8 @@ class FrontDoor(unittest.TestCase):
         self.tree, self.bin, self.state = self.top / "tree", self.top / "bin", self.top / "state"
         for path in (self.tree / "core", self.bin, self.state, self.top / "home"):
             path.mkdir(parents=True)
-        for name in ("multipanda", "requirements.txt"):
+        (self.tree / "ros/python").mkdir(parents=True)
+        for name in ("multipanda", "requirements.txt", "requirements-ros.txt", "ros/python/multipanda.pth"):
             shutil.copy(ROOT / name, self.tree / name)
         for name in REAL_TOOLS:
             (self.bin / name).symlink_to(shutil.which(name))
@@ -127,6 +128,36 @@ class FrontDoor(unittest.TestCase):
         self.assertEqual(self.call("setup", "--dev").returncode, 0)
         self.assertIn("clang-tidy", self.calls("apt-get")[0])
         self.assert_refused(self.call("setup", "--deev"), "--dev", "--deev")
+
+    def test_ros_is_left_out_on_demand_and_stays_so(self):
+        def installs():
+            return [line.split("-r ")[1] for line in self.calls("python3") if "-m pip" in line and "-r " in line]
+
+        self.mark("missing", "libpython3-dev\n")
+        with_ros, without = [f"{self.tree}/{name}" for name in ("requirements-ros.txt", "requirements.txt")]
+        hook = self.tree / ".venv/lib/python3.11/site-packages/multipanda.pth"
+        result = self.call("setup", "--no-ros", "--dev")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.assertEqual((installs(), hook.exists(), self.calls("apt-get")), ([without], False, []))
+        self.assertIn("-DMULTIPANDA_ROS=off", self.calls("cmake")[0])
+        self.call("run")  # keeps to it
+        self.assertEqual((installs(), self.calls("cmake")), ([], []))
+        (self.tree / "requirements.txt").write_text((self.tree / "requirements.txt").read_text() + "# changed\n")
+        self.call("run")
+        self.assertEqual((installs(), hook.exists()), ([without], False))
+        self.set_up()  # takes it back
+        self.assertEqual((installs(), hook.exists()), ([without, with_ros], True))
+        self.assertIn("libpython3-dev", self.calls("apt-get")[0])
+        self.assertIn("-DMULTIPANDA_ROS=on", self.calls("cmake")[0])
+        self.set_up()
+        self.assertEqual(self.calls("python3"), [])
+
+    def test_a_ros_of_the_shell_stays_out_of_set_up(self):
+        self.fake("cmake", FAKES["cmake"] + '\necho "prefix <${AMENT_PREFIX_PATH:-}> <${PYTHONPATH:-}>" >>"$STATE/calls"')
+        self.program('echo "<${AMENT_PREFIX_PATH:-}>"')
+        result = self.call("run", AMENT_PREFIX_PATH="/opt/ros/x", PYTHONPATH="/opt/ros/y")
+        self.assertEqual(result.stdout, "</opt/ros/x>\n")  # the program gets what the user has set
+        self.assertEqual(set(self.calls("prefix")), {"prefix <> <>"})
 
     def test_package_lists_are_fetched_only_after_a_failure(self):
         self.mark("missing", "cmake\n")
@@ -294,7 +325,7 @@ class FrontDoor(unittest.TestCase):
         for words in ((), ("help",), ("--help",)):
             result = self.call(*words)
             self.assertEqual(result.returncode, 0)
-            self.assertIn("setup [--dev]", result.stdout)
+            self.assertIn("setup [--dev] [--no-ros]", result.stdout)
         self.assertFalse((self.tree / "build").exists())
         self.set_up()
         self.assertIn("<--help>", self.call("--help").stdout)
