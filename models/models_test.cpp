@@ -14,6 +14,7 @@
 #include "models/robot_description.hpp"
 #include "models/to_mjcf.hpp"
 #include "models/to_urdf.hpp"
+#include "models/to_xacro.hpp"
 #include "models/xml_text.hpp"
 
 namespace multipanda {
@@ -228,10 +229,8 @@ TEST(Texts, MeshesTakeThePlaceOfPrimitives) {
   }
 }
 
-TEST(Generated, FilesAreUpToDate) {
-  const std::filesystem::path folder = MULTIPANDA_SOURCE_DIR "/models/generated";
-  const auto expected = exported_models();
-  EXPECT_EQ(expected.size(), 12u);
+void expect_up_to_date(const std::filesystem::path& folder,
+                       const std::map<std::string, std::string>& expected) {
   for (const auto& [name, text] : expected) {
     EXPECT_TRUE(content(folder / name) == text)
         << name << " is out of date: build and run the target export_models";
@@ -239,6 +238,14 @@ TEST(Generated, FilesAreUpToDate) {
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
     EXPECT_EQ(expected.count(entry.path().filename().string()), 1u) << entry.path() << " belongs to no robot";
   }
+}
+
+TEST(Generated, FilesAreUpToDate) {
+  EXPECT_EQ(exported_models().size(), 12u);
+  expect_up_to_date(MULTIPANDA_SOURCE_DIR "/models/generated", exported_models());
+  EXPECT_EQ(exported_descriptions().size(), 4u);
+  expect_up_to_date(MULTIPANDA_SOURCE_DIR "/ros/multipanda_description/urdf/generated",
+                    exported_descriptions());
 }
 
 }  // namespace

@@ -1,0 +1,82 @@
+#include "models/to_xacro.hpp"
+
+#include <stdexcept>
+
+#include "models/to_urdf.hpp"
+#include "models/xml_text.hpp"
+
+namespace multipanda {
+namespace {
+
+const std::string kPrefix = "${prefix}";
+const std::string kOpen = "<?xml version=\"1.0\"?>\n<robot xmlns:xacro=\"http://www.ros.org/wiki/xacro\">\n";
+const std::string kClose = "</robot>\n";
+
+// What stands between the colours and the end of a URDF.
+std::string links_of(const std::string& urdf) {
+  const auto first = urdf.find("  <link name=\"" + kPrefix + "link0\"");
+  const auto end = urdf.rfind(kClose);
+  if (first == std::string::npos || end == std::string::npos) {
+    throw std::logic_error("to_urdf writes something else than expected");
+  }
+  return urdf.substr(first, end - first);
+}
+
+// Pairs that are never checked for collision, as MoveIt's semantic description names them: of the links, or
+// of the hand with a link.
+std::string ignored_pairs(const RobotDescription& robot, bool of_hand) {
+  std::vector<std::string> links;
+  for (std::size_t i = 0; i <= robot.joint_count(); ++i) links.push_back("link" + std::to_string(i));
+  if (of_hand) links.emplace_back("hand");
+  std::string text;
+  for (std::size_t a = 0; a < links.size(); ++a) {
+    for (std::size_t b = of_hand ? links.size() - 1 : a + 1; b < links.size(); ++b) {
+      if (a == b || !is_ignored_pair(robot, links[a], links[b])) continue;
+      text += "  <disable_collisions link1=\"" + kPrefix + links[a] + "\" link2=\"" + kPrefix + links[b] +
+              "\" reason=\"" + (b == a + 1 ? "Adjacent" : "Never") + "\"/>\n";
+    }
+  }
+  return text;
+}
+
+std::string macro(const std::string& name, const std::string& body) {
+  return "  <xacro:macro name=\"" + name + "\" params=\"prefix\">\n" + body + "  </xacro:macro>\n";
+}
+
+}  // namespace
+
+std::string to_xacro(const RobotDescription& robot) {
+  UrdfOptions options{.prefix = kPrefix, .flange = "link" + std::to_string(robot.joint_count() + 1)};
+  const std::string arm = links_of(to_urdf(robot, options));
+  std::string home;
+  for (const double q : robot.q_home) home += (home.empty() ? "" : ", ") + exact(q);
+  std::string text = kOpen + "  <!-- " + robot.title + ". Written by export_models from " +
+                     robot.file.filename().string() + "; origin of the figures there. -->\n" +
+                     "  <xacro:property name=\"" + robot.name + "_home\" value=\"${[" + home + "]}\"/>\n" +
+                     "  <xacro:property name=\"" + robot.name + "_has_hand\" value=\"" +
+                     (robot.hand ? "true" : "false") + "\"/>\n" + macro(robot.name + "_links", arm) +
+                     macro(robot.name + "_ignored_pairs", ignored_pairs(robot, false));
+  if (robot.hand) {
+    options.hand = options.fingers = true;
+    const std::string whole = links_of(to_urdf(robot, options));
+    if (whole.rfind(arm, 0) != 0) throw std::logic_error("the hand stands elsewhere than behind the arm");
+    text += macro(robot.name + "_hand", whole.substr(arm.size()));
+    text += macro(robot.name + "_hand_ignored_pairs", ignored_pairs(robot, true));
+  }
+  return text + kClose;
+}
+
+std::map<std::string, std::string> exported_descriptions() {
+  std::map<std::string, std::string> files;
+  XmlText colors;
+  for (const auto& [name, rgb] : shape_colors()) {
+    colors.open("material", {{"name", name}});
+    colors.leaf("color", {{"rgba", exact(rgb) + " 1"}});
+    colors.close();
+  }
+  files["colors.xacro"] = kOpen + colors.text() + kClose;
+  for (const auto& name : available_robots()) files[name + ".xacro"] = to_xacro(load_robot(name));
+  return files;
+}
+
+}  // namespace multipanda

@@ -1,0 +1,76 @@
+"""Any number of arms under one controller manager: description, hardware, controllers, and rviz if wanted.
+
+    ros2 launch multipanda_bringup arms.launch.py arm_names:="left right" hardware:="fci mujoco" addresses:="172.16.0.2 none"
+"""
+
+import os
+import tempfile
+
+import xacro
+import yaml
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from multipanda_bringup.arms import arms_from, controllers, description_mappings
+
+ARGUMENTS = {
+    "arm_names": ("arm", "names of the arms, with blanks between them"),
+    "models": ("fer", "fer, fer_maker or fr3; one word for all, or one for each arm"),
+    "hands": ("true", "whether the arms have the gripper; one word for all, or one for each"),
+    "hardware": ("mujoco", "mujoco (simulated), fci (real, or a virtual arm), mock; for all, or for each"),
+    "addresses": ("none", "of the real arms' controllers; one word for each arm, 'none' for simulated ones"),
+    "bases": ("", "[[x, y, z, roll, pitch, yaw], ...] in m and rad; default: side by side"),
+    "scene": ("", "a scene file for the simulated arms, with its objects"),
+    "controllers_file": ("", "default: config/one_arm.yaml, two_arms.yaml, four_arms.yaml, by the number of arms"),
+    "rviz": ("false", "show the arms"),
+}
+
+
+def set_up(context):
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    arms = arms_from(*(given[k] for k in ("arm_names", "models", "hands", "hardware", "addresses", "bases")))
+    description = get_package_share_directory("multipanda_description")
+    share = get_package_share_directory("multipanda_bringup")
+    urdf = xacro.process_file(os.path.join(description, "urdf", "arms.urdf.xacro"),
+                              mappings=description_mappings(arms, given["scene"])).toxml()
+    file = given["controllers_file"]
+    if not file:
+        by_count = {1: "one_arm", 2: "two_arms", 4: "four_arms"}
+        if len(arms) not in by_count:
+            raise ValueError(f"controllers_file: there is none for {len(arms)} arms; write one like {share}/config/two_arms.yaml")
+        file = os.path.join(share, "config", by_count[len(arms)] + ".yaml")
+    with open(file, encoding="utf-8") as stream:
+        parameters, started, loaded = controllers(yaml.safe_load(stream), arms)
+    written = os.path.join(tempfile.mkdtemp(prefix="multipanda_"), "controllers.yaml")
+    with open(written, "w", encoding="utf-8") as stream:
+        yaml.safe_dump(parameters, stream)
+
+    nodes = [
+        Node(package="robot_state_publisher", executable="robot_state_publisher", output="both",
+             parameters=[{"robot_description": urdf}]),
+        Node(package="controller_manager", executable="ros2_control_node", output="both",
+             parameters=[{"robot_description": urdf}, written],
+             remappings=[("~/robot_description", "robot_description")]),
+        Node(package="controller_manager", executable="spawner", output="both",
+             arguments=[*started, "--param-file", written]),
+    ]
+    if loaded:
+        nodes.append(Node(package="controller_manager", executable="spawner", output="both",
+                          arguments=[*loaded, "--inactive", "--param-file", written]))
+    fingers = [f"{arm.name}_gripper/joint_states" for arm in arms if arm.hand and arm.hardware != "mock"]
+    if fingers:  # the hardware's node has them; tf needs them beside the arms' joints
+        nodes.append(Node(package="joint_state_publisher", executable="joint_state_publisher", name="finger_states",
+                          parameters=[{"source_list": fingers, "rate": 30}], output="both"))
+    if given["rviz"].lower() == "true":
+        nodes.append(Node(package="rviz2", executable="rviz2", output="log",
+                          arguments=["-d", os.path.join(description, "rviz", "arms.rviz")]))
+    return nodes
+
+
+def generate_launch_description():
+    declared = [DeclareLaunchArgument(name, default_value=value, description=text)
+                for name, (value, text) in ARGUMENTS.items()]
+    return LaunchDescription([*declared, OpaqueFunction(function=set_up)])

@@ -1,0 +1,22 @@
+"""A real arm beside a simulated one: the multimode controller owns the first, a trajectory controller the second. Every argument of arms.launch.py may be given."""
+
+import os
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+DEFAULTS = {
+    "arm_names": "left right",
+    "hardware": "fci mujoco",
+    "addresses": "172.16.0.2 none",
+    "controllers_file": "{share}/config/mixed.yaml",
+}
+
+
+def generate_launch_description():
+    share = get_package_share_directory("multipanda_bringup")
+    declared = [DeclareLaunchArgument(name, default_value=value.format(share=share)) for name, value in DEFAULTS.items()]
+    return LaunchDescription([*declared, IncludeLaunchDescription(
+        PythonLaunchDescriptionSource(os.path.join(share, "launch", "arms.launch.py")))])

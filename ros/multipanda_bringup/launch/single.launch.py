@@ -1,0 +1,17 @@
+"""One arm. Every argument of arms.launch.py may be given."""
+
+import os
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+DEFAULTS = {"arm_names": "arm"}
+
+
+def generate_launch_description():
+    share = get_package_share_directory("multipanda_bringup")
+    declared = [DeclareLaunchArgument(name, default_value=value.format(share=share)) for name, value in DEFAULTS.items()]
+    return LaunchDescription([*declared, IncludeLaunchDescription(
+        PythonLaunchDescriptionSource(os.path.join(share, "launch", "arms.launch.py")))])
