@@ -173,7 +173,9 @@ class Description(unittest.TestCase):
                     X[:3, 3] = yaml.safe_load(params[f"arms.{arm}.base.position_m"])
                     X[:3, :3] = rotation(np.array(yaml.safe_load(params[f"arms.{arm}.base.rpy_rad"]), float))
                     np.testing.assert_allclose(robot.pose(f"{arm}_link0", {}), X, atol=1e-12)
-                    self.assertEqual(f"arms.{arm}.fci" in params, "Fci" in component.find("hardware/plugin").text)
+                    simulated = "Mujoco" in component.find("hardware/plugin").text
+                    self.assertEqual(f"arms.{arm}.fci" in params, not simulated)
+                    self.assertEqual(params.get(f"arms.{arm}.fingers"), "movable" if simulated else None)  # else no gripper
             self.assertEqual(sorted(found), sorted(names))
 
     def test_bases_of_launch_files_and_xacro_are_the_same(self):
