@@ -19,6 +19,7 @@ struct Options {
   std::string name;
   std::optional<std::size_t> repeats;
   bool fast = false, json = false, keep_data = false;
+  std::string generator = "socket";
   std::vector<std::string> only;
   std::string out = "runs";
   BackendWords backend;
@@ -101,6 +102,13 @@ int run(const Options& options) {
     experiments.push_back(open_experiment(options.name));
   }
 
+  if (options.generator == "ros" && !std::all_of(experiments.begin(), experiments.end(),
+                                                 [](const auto& e) { return e.kind == "performance"; })) {
+    throw UsageError(
+        "experiment: --generator is for experiments with a motion generator, as "
+        "controller-performance");
+  }
+
   std::atomic<bool> stop{false};
   const SignalWatch watch([&](int) {
     stop = true;
@@ -118,7 +126,8 @@ int run(const Options& options) {
                                   .directory = all ? directory / experiment.name : directory,
                                   .only = options.only,
                                   .keep_data = options.keep_data,
-                                  .backend = backend_options(options.backend)};
+                                  .backend = backend_options(options.backend),
+                                  .ros = options.generator == "ros"};
     fs::create_directories(run_options.directory);
     console.line(fmt::format("{}: {}", experiment.name, experiment.title));
     ExperimentResult result = run_experiment(experiment, run_options, progress);
@@ -153,6 +162,7 @@ void add_experiment(Program& program) {
       "  multipanda experiment task-1                      as it is meant: five repeats, in real time\n"
       "  multipanda experiment task-1 --fast --repeats 1   a quick look\n"
       "  multipanda experiment task-3 --fast --backend virtual   the same through client and virtual arms\n"
+      "  multipanda experiment controller-performance --backend virtual --generator ros\n"
       "  multipanda experiment all --fast                  every experiment, one page\n"
       "Fails (exit code 1) if a figure is beyond its limit or a run did not go as asked.");
   command
@@ -169,6 +179,12 @@ void add_experiment(Program& program) {
       ->type_name("DIR")
       ->capture_default_str();
   add_simulation_words(command, options->backend);
+  command
+      ->add_option(
+          "--generator", options->generator,
+          "How set-points of controller-performance's motion generator come: socket, or ros (topics)")
+      ->check(CLI::IsMember({"socket", "ros"}))
+      ->capture_default_str();
   command->add_flag("--keep-data", options->keep_data, "Leave the arrays that the figures were made from");
   command->add_flag("--json", options->json,
                     "One JSON object on standard output at the end, all else on standard error");

@@ -6,11 +6,8 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/console.hpp"
-#include "cli/program.hpp"
-#include "core/rt/thread_setup.hpp"
-#include "generators/live_sink.hpp"
-#include "generators/publish.hpp"
-#include "runtime/project.hpp"
+#include "cli/link_words.hpp"
+#include "generators/course_sink.hpp"
 #include "runtime/signals.hpp"
 #include "scene/names.hpp"
 
@@ -19,37 +16,17 @@
 namespace multipanda::cli {
 namespace {
 
-namespace fs = std::filesystem;
 using circular_field::Course;
 using circular_field::CourseRun;
 using nlohmann::json;
 
-// Below the loop's 80: a set-point that comes late is bridged, a cycle is not.
-constexpr int kPriority = 70;
-
 struct GenerateOptions {
-  std::string course, socket;
+  std::string course;
+  LinkWords link;
   std::vector<std::string> to;
   double seconds = 0;
   bool rehearse = false, json = false;
 };
-
-// A bare name stands for a file of config/courses.
-fs::path course_file(const std::string& name) {
-  if (name.find('/') != std::string::npos || name.ends_with(".yaml")) return name;
-  const fs::path folder = project_root() / "config" / "courses";
-  std::vector<std::string> names;
-  std::error_code missing;
-  for (const auto& entry : fs::directory_iterator(folder, missing))
-    names.push_back(entry.path().stem().string());
-  std::sort(names.begin(), names.end());
-  if (std::find(names.begin(), names.end(), name) == names.end()) {
-    throw UsageError(
-        fmt::format("generate: there is no course '{}'{} (a path needs a slash or the ending .yaml)", name,
-                    name_hint(name, names, "there are no courses")));
-  }
-  return folder / (name + ".yaml");
-}
 
 // --to HAND=CONTROLLET.INPUT: the hands that are named go there, and nowhere else.
 void redirect(const std::vector<std::string>& words, Course& course) {
@@ -104,7 +81,7 @@ void print(const json& report, const Console& console) {
 
 int run(const GenerateOptions& options) {
   const Console console(options.json);
-  Course course = circular_field::load_course(course_file(options.course));
+  Course course = circular_field::load_course(config_file("generate", "courses", options.course));
   redirect(options.to, course);
   std::atomic<bool> stop{false};
   const PublishOptions publish{.seconds = options.seconds, .stop = &stop};
@@ -119,20 +96,17 @@ int run(const GenerateOptions& options) {
   } else {
     // Before any other thread is there, so that signals are taken here alone.
     const SignalWatch signals([&stop](int) { stop = true; });
-    LiveClient client(options.socket.empty() ? only_running_socket() : fs::path(options.socket));
-    LiveSink sink(client, course);
-    CourseRun run(course, starts_in(client, course));
-    json thread = json::array();
-    for (const auto& step : set_up_thread({.lock_memory = false, .fifo_priority = kPriority, .cpu = {}})) {
-      thread.push_back({{"what", step.what}, {"done", step.done}, {"reason", step.reason}});
-    }
+    const auto link = open_link(options.link, "circular_field");
+    CourseSink sink(*link, course);
+    CourseRun run(course, starts_in(*link, course));
+    const json thread = set_up_publishing_thread();
     const PublishReport report = publish_course(run, sink, publish);
     result = to_json(report, course);
     result["thread"] = thread;
     result["channels"] = json::array();
     if (report.ended_by != "nobody_listens") {
-      sink.rest();
-      result["channels"] = sink.channels();
+      link->rest();
+      result["channels"] = link->channels();
     }
   }
   bool arrived = course.repeat || result["ended_by"] == "stopped";
@@ -164,10 +138,10 @@ void add_generate(Program& program) {
       "Examples:\n"
       "  multipanda run two_arms &\n"
       "  multipanda generate circular-field common_target --seconds 30\n"
-      "  multipanda generate circular-field common_target --to pair=coupled.pose");
+      "  multipanda generate circular-field common_target --to pair=coupled.pose\n"
+      "  multipanda run two_arms --ros & multipanda generate circular-field common_target --ros");
   field->add_option("course", options->course, "Name (config/courses) or path of a course file")->required();
-  field->add_option("--socket", options->socket, "Of the run; without it the only one that is there")
-      ->type_name("PATH");
+  add_link_words(field, options->link);
   field->add_option("--seconds", options->seconds, "End after so long, whatever was reached")
       ->check(CLI::PositiveNumber);
   field

@@ -32,15 +32,14 @@ std::string content_of(const fs::path& file) {
 
 GeneratorProcess::GeneratorProcess(const Options& options)
     : report_(fs::path(options.messages).concat(".json")), messages_(options.messages) {
-  std::vector<std::string> words{options.program.string(),
-                                 "generate",
-                                 "circular-field",
-                                 options.course.string(),
-                                 "--socket",
-                                 options.socket.string(),
-                                 "--seconds",
-                                 std::to_string(options.seconds),
-                                 "--json"};
+  std::vector<std::string> words{
+      options.program.string(),        "generate", "circular-field", options.course.string(), "--seconds",
+      std::to_string(options.seconds), "--json"};
+  if (options.ros_node.empty()) {
+    words.insert(words.end(), {"--socket", options.socket.string()});
+  } else {
+    words.insert(words.end(), {"--ros", "--node", options.ros_node});
+  }
   std::vector<char*> argv;
   for (auto& word : words) argv.push_back(word.data());
   argv.push_back(nullptr);

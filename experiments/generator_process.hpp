@@ -8,12 +8,14 @@
 
 namespace multipanda {
 
-// `multipanda generate circular-field` beside this process: publishes to a run's live-input socket at 1 kHz.
+// `multipanda generate circular-field` beside this process: publishes to a run at 1 kHz, to its live-input
+// socket or its ROS topics.
 class GeneratorProcess {
  public:
   struct Options {
     std::filesystem::path program;  // multipanda itself
     std::filesystem::path course, socket;
+    std::string ros_node;  // of the run; empty: by the socket
     double seconds = 30;
     std::filesystem::path messages;  // file for what it says while it runs
   };

@@ -21,6 +21,7 @@ struct ExperimentOptions {
   std::vector<std::string> only;       // variants by name or tag; empty: all
   bool keep_data = false;              // leave the arrays that the figures were made from
   BackendOptions backend;              // simulated arms: `mujoco` or `virtual_arms`
+  bool ros = false;                    // kind `performance`: set-points come by ROS topics, not by the socket
 };
 
 // What the person in front sees, and how they stop it. Called from several threads, one at a time.

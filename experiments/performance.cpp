@@ -67,7 +67,8 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
                            .progress = progress,
                            .folder = options.directory / "data",
                            .fast = options.fast,
-                           .backend = options.backend};
+                           .backend = options.backend,
+                           .ros = options.ros};
   fs::create_directories(run.folder);
   const auto say = [&](const std::string& text) {
     if (progress.line) progress.line("  " + text);
@@ -77,6 +78,7 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
   Json plan = describe(experiment);
   plan["fast"] = options.fast;
   plan["backend"] = name_of(options.backend.arms);
+  plan["generator"] = options.ros ? "ros" : "socket";
   plan["repeats"] = repeats;
   plan["duration_s"] = options.fast ? settings.fast_duration_s : settings.duration_s;
   plan["machine"]["memory_mb"] = fmt::format("{:.0f}", machine_memory_mb());

@@ -11,6 +11,7 @@
 #include "experiments/process_usage.hpp"
 #include "logs/npz.hpp"
 #include "runtime/live_input/socket_path.hpp"
+#include "runtime/ros_module.hpp"
 
 namespace multipanda {
 namespace {
@@ -111,6 +112,9 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   SessionOptions options{.paced = true, .backend = run.backend, .duration_s = 0.0, .socket = own_socket()};
   options.observer = [&trace](const CycleRecord& record) { trace->take(record); };
   options.on_loop = [&trace](const Tick& tick, const Backend&) { trace->step_done(tick); };
+  // Of its own name, so that nothing else on this machine is taken for it.
+  const std::string node = run.ros ? fmt::format("experiment_{}", getpid()) : "";
+  if (run.ros) options.make_adapter = load_ros_adapter({.node = node, .name_space = {}, .remaps = {}});
   const fs::path socket = options.socket;
   Session session(opened.scene, opened.registry, std::move(options));
   const InstanceIndex instance = session.modes().find(condition.controllet);
@@ -126,6 +130,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   GeneratorProcess generator({.program = own_program(),
                               .course = condition.course,
                               .socket = socket,
+                              .ros_node = run.ros ? "/" + node : "",
                               .seconds = settings.lead_s + 2 * duration_s + 2 * kPatience,
                               .messages = run.folder / (name + "_generator.txt")});
   const auto over = [&] { return run.progress.stopped() || session.wait_for_end(0); };

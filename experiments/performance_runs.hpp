@@ -16,6 +16,7 @@ struct PerformanceRun {
   std::filesystem::path folder;
   bool fast = false;
   BackendOptions backend;
+  bool ros = false;  // set-points come by ROS topics
 };
 
 // Paced; set-points at 1 kHz from a motion generator, which is a process of its own. Throws

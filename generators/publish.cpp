@@ -49,10 +49,10 @@ void plan(CourseRun& run, double dt, PublishReport& report) {
 }
 
 // Why it is over; empty: it is not.
-std::string ending(const CourseRun& run, const PublishOptions& options) {
+std::string ending(double time, bool finished, const PublishOptions& options) {
   if (options.stop != nullptr && options.stop->load()) return "stopped";
-  if (options.seconds > 0 && run.time() >= options.seconds - 0.5 * seconds(options.period)) return "duration";
-  if (options.seconds == 0 && run.finished()) return "goals";
+  if (options.seconds > 0 && time >= options.seconds - 0.5 * seconds(options.period)) return "duration";
+  if (options.seconds == 0 && finished) return "goals";
   return "";
 }
 
@@ -63,9 +63,7 @@ void count_goals(const CourseRun& run, PublishReport& report) {
 
 }  // namespace
 
-PublishReport publish_course(CourseRun& run, PoseSink& sink, const PublishOptions& options) {
-  PublishReport report;
-  report.clearance_m = run.clearance();
+void publish(const Publication& what, const PublishOptions& options, PublishReport& report) {
   const double dt = seconds(options.period);
   Microseconds late, step;
   double brake_since = 0;
@@ -78,26 +76,23 @@ PublishReport publish_course(CourseRun& run, PoseSink& sink, const PublishOption
     pacer.wait();
     late.add(pacer.lateness());
     const HostTime woke = host_now();
-    for (std::uint64_t k = missed_before; k <= pacer.overruns(); ++k) plan(run, dt, report);
+    for (std::uint64_t k = missed_before; k <= pacer.overruns(); ++k) what.step(dt);
     step.add(host_now() - woke);
-    for (std::size_t i = 0; i < run.planner().hand_count(); ++i) {
-      const bool sent = sink.publish(i, run.planner().hand(i).X_W, woke.ns);
-      report.unsent += sent ? 0 : 1;
-      unsent_in_a_row = sent ? 0 : unsent_in_a_row + 1;
-    }
+    const std::size_t unsent = what.send(woke.ns);
+    report.unsent += unsent;
+    unsent_in_a_row = unsent < what.per_period ? 0 : unsent_in_a_row + 1;
     ++report.samples;
-    if (static_cast<double>(unsent_in_a_row) * dt >
-        kPatience * static_cast<double>(run.planner().hand_count())) {
+    if (static_cast<double>(unsent_in_a_row) * dt > kPatience) {
       report.ended_by = "nobody_listens";
       break;
     }
     if (report.ended_by.empty()) {
-      report.ended_by = ending(run, options);
+      report.ended_by = ending(what.time(), what.finished(), options);
       if (report.ended_by.empty()) continue;
-      run.brake();
-      brake_since = run.time();
+      what.brake();
+      brake_since = what.time();
     }
-    if (run.at_rest() || run.time() - brake_since > kLongestBrake) break;
+    if (what.at_rest() || what.time() - brake_since > kLongestBrake) break;
   }
   report.missed = pacer.overruns();
   report.elapsed_s = seconds(host_now() - begin);
@@ -107,6 +102,26 @@ PublishReport publish_course(CourseRun& run, PoseSink& sink, const PublishOption
   report.late_worst_us = late.worst();
   report.step_median_us = step.quantile(0.5);
   report.step_worst_us = step.worst();
+}
+
+PublishReport publish_course(CourseRun& run, PoseSink& sink, const PublishOptions& options) {
+  PublishReport report;
+  report.clearance_m = run.clearance();
+  const std::size_t hands = run.planner().hand_count();
+  publish({.per_period = hands,
+           .step = [&](double dt) { plan(run, dt, report); },
+           .send =
+               [&](std::int64_t now_ns) {
+                 std::size_t unsent = 0;
+                 for (std::size_t i = 0; i < hands; ++i)
+                   unsent += sink.publish(i, run.planner().hand(i).X_W, now_ns) ? 0 : 1;
+                 return unsent;
+               },
+           .time = [&] { return run.time(); },
+           .finished = [&] { return run.finished(); },
+           .brake = [&] { run.brake(); },
+           .at_rest = [&] { return run.at_rest(); }},
+          options, report);
   count_goals(run, report);
   return report;
 }
@@ -122,7 +137,7 @@ PublishReport rehearse_course(CourseRun& run, const PublishOptions& options) {
     plan(run, dt, report);
     step.add(host_now() - before);
     ++report.samples;
-    report.ended_by = ending(run, options);
+    report.ended_by = ending(run.time(), run.finished(), options);
     if (report.ended_by.empty() && run.time() >= kLongestRehearsal) report.ended_by = "duration";
   }
   report.elapsed_s = seconds(host_now() - begin);

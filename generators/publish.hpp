@@ -3,6 +3,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -10,7 +11,7 @@
 
 namespace multipanda {
 
-// Where poses of hands go: the live-input socket, a topic, a list. One thread.
+// Where poses of hands go: inputs of a run, a list. One thread.
 class PoseSink {
  public:
   virtual ~PoseSink() = default;
@@ -40,9 +41,23 @@ struct PublishReport {
   std::vector<std::size_t> goals_reached;                         // per hand
 };
 
-// Steps the course once per period of the wall clock and publishes every hand's pose. A period that was
-// missed is planned, but not published: poses keep up with the clock and none comes in a burst. At the end
-// the hands brake to a rest, which is published, too.
+// Something that is stepped by the clock and sends set-points. Callbacks run on the publishing thread.
+struct Publication {
+  std::size_t per_period = 1;                     // set-points that every period sends
+  std::function<void(double dt)> step;            // plans the next period [s]
+  std::function<std::size_t(std::int64_t)> send;  // all of them; how many did not get through. Steady clock
+  std::function<double()> time;                   // that was planned [s]
+  std::function<bool()> finished;                 // by itself
+  std::function<void()> brake;                    // from now on it comes to rest
+  std::function<bool()> at_rest;
+};
+
+// Steps it once per period of the wall clock and sends. A period that was missed is planned, but not sent:
+// set-points keep up with the clock and none comes in a burst. At the end it brakes to a rest, which is sent,
+// too. Fills in what the clock and the sending tell.
+void publish(const Publication& publication, const PublishOptions& options, PublishReport& report);
+
+// The same with a course: every hand's pose, to a sink.
 PublishReport publish_course(circular_field::CourseRun& run, PoseSink& sink, const PublishOptions& options);
 
 // The same without a clock: plans `seconds` (0: until the last goals, at most 600 s) as fast as it can and

@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "generators/circular_field/seeded_course.hpp"
-#include "generators/live_sink.hpp"
+#include "generators/course_sink.hpp"
 
 namespace multipanda {
 namespace {

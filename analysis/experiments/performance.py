@@ -76,7 +76,7 @@ def disturbances(plan, conditions):
         out.append(f"The threads round the loop were not given {plan['priority']['what']}: {plan['priority']['reason']}.")
     unsent = sum(g.get("unsent", 0) for c in conditions.values() for g in c["generator"])
     if unsent:
-        out.append(f"{unsent} set-points of the generator found no room on their way to the run: its live input had to wait for a core.")
+        out.append(f"{unsent} set-points of the generator found no room on their way to the run: whoever takes them there had to wait for a core.")
     slow = [g for c in conditions.values() for g in c["generator"] if g.get("missed")]
     if slow:
         out.append(f"The generator missed {sum(g['missed'] for g in slow)} of its {sum(g['samples'] + g['missed'] for g in slow)} periods in {len(slow)} runs.")
@@ -131,7 +131,7 @@ def make(plan, folder):
     problems += [f"{run['name']}: {fault}" for run in runs for fault in run["faults"]]
     problems += [f"{e['name']}: the motion generator ended by itself ({e['generator'].get('ended_by')})" for e in plan["runs"] if not e["generator_lasted"]]
     results = {"name": plan["name"], "title": plan["title"], "kind": plan["kind"], "passed": not problems, "problems": problems,
-               "repeats": plan["repeats"], "seed": plan["seed"], "fast": plan["fast"], "backend": plan.get("backend", "mujoco"), "duration_s": plan["duration_s"], "limits": rows, "runs": runs,
+               "repeats": plan["repeats"], "seed": plan["seed"], "fast": plan["fast"], "backend": plan.get("backend", "mujoco"), "generator": plan.get("generator", "socket"), "duration_s": plan["duration_s"], "limits": rows, "runs": runs,
                "conditions": conditions, "delay_checks": checks, "switching": switching, "added_us": _added(conditions),
                "disturbances": disturbances(plan, conditions), "published": plan["published"], "machine": plan["machine"]}
     arms = plan["runs"][0]["arms"]
@@ -182,14 +182,14 @@ def _sections(plan, results, variants, drawn):
                        "second; (b) cycle by cycle: the packet, by its sequence number, that reports the very torque that was sent. " + _meaning(plan)),
         _delay_table(conditions), *shown("delays", "Plants with known delays, and what both ways find.")]))
     sections.append(("load", "CPU and memory", [
-        page.paragraph(f"Every {_interval(plan):g} s from /proc. The control process is loop, simulation of both arms, live input and this measurement (about "
+        page.paragraph(f"Every {_interval(plan):g} s from /proc. The control process is loop, simulation of both arms, {_input(plan)} and this measurement (about "
                        f"{_trace_mb(plan):.0f} MB of it); its memory is locked, so it counts as resident whether it was used or not. One process runs all conditions; what it "
                        "keeps from one counts in the next. The generator is a process of its own."),
         _load_table(conditions), *shown("usage", "First repeat of each condition.")]))
     if results["switching"]:
         sections.append(("switching", "Switching", [*_switch_text(results["switching"]), _switch_table(results["switching"]),
                                                     *shown("switching", "Each trial at a random moment of the cycle, seeded. Band: the paper's mean and standard deviation.")]))
-    sections.append(("how", "How it was measured", [_generator_table(conditions), *frame.how({**plan, "measure": None})[:1],
+    sections.append(("how", "How it was measured", [_generator_table(plan, conditions), *frame.how({**plan, "measure": None})[:1],
                                                     page.details("Scene of the first condition", page.preformatted(plan["runs"][0]["scene_text"]))]))
     return sections
 
@@ -276,6 +276,10 @@ def _acting(conditions):
         ["condition", "cycles with a torque of a feature", "largest", "most pairs in range", "three or more pairs", "control function then, median", "least manipulability m"], rows, range(1, 7)))
 
 
+def _input(plan):
+    return "ROS adapter and live input" if plan.get("generator") == "ros" else "live input"
+
+
 def _way(plan):
     if plan.get("backend") != "virtual":
         return ""
@@ -335,7 +339,7 @@ def _switch_table(s):
                       rows, range(1, 7)) + page.paragraph("Mean ± standard deviation (worst).")
 
 
-def _generator_table(conditions):
+def _generator_table(plan, conditions):
     rows = []
     for name, c in conditions.items():
         for g in c["generator"]:
@@ -343,5 +347,7 @@ def _generator_table(conditions):
             late = g.get("late_us", {})
             rows.append([name, f"{g.get('rate_hz', 0):.2f}", str(g.get("samples")), str(g.get("missed")), str(g.get("unsent")), str(sum(x.get("received", 0) for x in channels)),
                          str(sum(x.get("lost", 0) for x in channels)), page.figures(late.get("median")), page.figures(late.get("p99")), page.figures(late.get("worst"))])
-    return page.Raw("<h3>Motion generator</h3>" + page.table(
+    way = ("Its set-points come by ROS topics (DDS, this machine's shared memory); of each topic a run reads the newest, so one that a newer one overtook counts as lost."
+           if plan.get("generator") == "ros" else "Its set-points come by packets over the run's live-input socket.")
+    return page.Raw("<h3>Motion generator</h3>" + page.paragraph(way) + page.table(
         ["condition", "rate [Hz]", "periods", "missed", "no room", "received", "lost on the way", "late, median [µs]", "99 %", "worst"], rows, range(1, 10)))

@@ -1,9 +1,5 @@
-#include <cstdlib>
-#include <numbers>
-#include <regex>
-
 #include "generators/circular_field/course.hpp"
-#include "models/checked_yaml.hpp"
+#include "generators/yaml_pose.hpp"
 
 // The course file's keys; what they mean stands in docs/motion_generator.md.
 namespace multipanda::circular_field {
@@ -20,33 +16,6 @@ void read(const CheckedYaml& map, const char* key, Vector3& value) {
 bool read_switch(const CheckedYaml& map, const char* key) {
   const auto entry = map.find(key);
   return entry && entry->one_of({"true", "false"}, "switch") == "true";
-}
-
-// An angle as scene files have it: a number, or a multiple of pi as "pi", "-pi/2", "3*pi/4".
-double read_angle(const CheckedYaml& entry) {
-  static const std::regex form(R"(\s*(-?)(?:([0-9.]+)\*)?pi(?:/([0-9.]+))?\s*)");
-  std::smatch parts;
-  const std::string text = entry.text();
-  if (!std::regex_match(text, parts, form)) return entry.angle();
-  const auto number = [&](std::size_t i) {
-    return parts[i].matched ? std::atof(parts[i].str().c_str()) : 1.0;
-  };
-  if (!(number(3) > 0)) entry.refuse("expected an angle, found '" + text + "'");
-  return (parts[1].length() > 0 ? -1 : 1) * number(2) / number(3) * std::numbers::pi;
-}
-
-Vector3 read_angles(const CheckedYaml& list) {
-  const auto items = list.items();
-  if (items.size() != 3) list.refuse("expected 3 angles [rad], found " + std::to_string(items.size()));
-  return {read_angle(items[0]), read_angle(items[1]), read_angle(items[2])};
-}
-
-Pose read_pose(const CheckedYaml& map) {
-  map.allow_keys({"position_m", "rpy_rad"});
-  Pose X;
-  X.position = map.at("position_m").vector3();
-  X.rotation = rotation_from_rpy(read_angles(map.at("rpy_rad")));
-  return X;
 }
 
 Workspace read_workspace(const CheckedYaml& map) {

@@ -8,6 +8,8 @@
 namespace multipanda {
 namespace {
 
+constexpr double kSamePosition = 1e-9;  // distance of joint positions that are one [rad]
+
 JointVector zero(Eigen::Index n) { return JointVector::Zero(n); }
 
 [[noreturn]] void refuse(const std::string& text) { throw std::invalid_argument(text); }
@@ -137,7 +139,7 @@ JointMotion joint_via_motion(const JointSample& start, std::span<const JointVect
           std::max(duration, rest_to_rest_duration(std::abs(via[k][i] - points.back()[i]), within.velocity[i],
                                                    within.acceleration[i], within.jerk[i]));
     }
-    if (duration > 1e-6) {
+    if ((via[k] - points.back()).cwiseAbs().maxCoeff() > kSamePosition) {
       points.push_back(via[k]);
       durations.push_back(duration);
     }

@@ -14,6 +14,7 @@ namespace {
 
 constexpr double kWidestTurn =
     3.13159265;                           // pi - 0.01: beyond it the short way is a matter of rounding [rad]
+constexpr double kSamePose = 1e-7;        // distance of poses that are one [m, rad]
 constexpr int kChecks = 100;              // places of a piece where limits are looked at
 constexpr double kBetweenChecks = 0.997;  // of the limits: peaks lie between those places
 
@@ -195,7 +196,7 @@ PoseMotion pose_via_motion(const PoseSample& start, std::span<const Pose> via, c
         std::max(rest_to_rest_duration(way.head<3>().norm(), within.speed, within.acceleration, within.jerk),
                  rest_to_rest_duration(way.tail<3>().norm(), within.angular_speed,
                                        within.angular_acceleration, within.angular_jerk));
-    if (duration > 1e-6) {
+    if (way.norm() > kSamePose) {
       points.push_back(via[k]);
       durations.push_back(duration);
     }
