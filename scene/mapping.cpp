@@ -27,6 +27,30 @@ std::string inner(const Entry& entry, const std::string& key) {
                 "; write " + right);
 }
 
+bool names_its_items(const Section& section) {
+  const std::vector<std::string> keys = section.keys();
+  return std::find(keys.begin(), keys.end(), "name") != keys.end();
+}
+
+// `left: {...}` says the same as `- {name: left, ...}`: where no list of mappings can be written, as in ROS
+// parameters. The name goes into the document's node, which no one else reads again by its name.
+std::vector<Entry> items_by_name(const Entry& map) {
+  std::vector<Entry> list;
+  for (const auto& [name, value] : pairs_of(map)) {
+    YAML::Node node = value.node();
+    if (node.IsNull()) node = YAML::Node(YAML::NodeType::Map);
+    if (!node.IsMap()) value.expected("a mapping");
+    const Entry item(value.file(), node, value.place().line, value.what());
+    if (!node["name"]) {
+      node["name"] = name;
+    } else if (!node["name"].IsScalar() || node["name"].Scalar() != name) {
+      item.refuse("is called " + in_quotes(name) + " by its key; leave the key 'name' out");
+    }
+    list.push_back(item);
+  }
+  return list;
+}
+
 }  // namespace
 
 std::vector<std::pair<std::string, Entry>> pairs_of(const Entry& entry) {
@@ -112,6 +136,7 @@ std::vector<Entry> Mapping::text_items(const std::string& key) const {
 std::vector<Entry> Mapping::items(const std::string& key) const {
   if (!has(key)) return {};
   const Entry list = entry(key);
+  if (list.node().IsMap() && names_its_items(*field(key).section)) return items_by_name(list);
   if (!list.is_list()) list.expected(expectation(field(key)));
   return list.items();
 }

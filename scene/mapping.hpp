@@ -77,8 +77,9 @@ class Mapping {
   }
   Vector3 vector3(const std::string& key) const;
   std::vector<Entry> text_items(const std::string& key) const;  // absent without fallback: empty
-  std::vector<Entry> items(const std::string& key) const;       // of `sections`; absent: empty
-  Mapping section(const std::string& key) const;                // of a `section`
+  // Of `sections`; absent: empty. Sections that have a name may also stand as a mapping, name: section.
+  std::vector<Entry> items(const std::string& key) const;
+  Mapping section(const std::string& key) const;  // of a `section`
   // Words of the messages about this mapping and its values: "arm 'left'".
   void rename(std::string what);
 

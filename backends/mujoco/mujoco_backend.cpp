@@ -51,7 +51,7 @@ void MujocoBackend::finish() {
 
 ArmSet MujocoBackend::wait() {
   advance();
-  if (pace_ == Pace::realtime || paused_) pacer_.wait();
+  if (pace_ == Pace::realtime || (paused_ && pace_ != Pace::hosted)) pacer_.wait();
   take_requests();
   return plant_.failed() ? ArmSet() : ArmSet::all(plant_.arm_count());
 }
@@ -69,13 +69,21 @@ void MujocoBackend::read(ArmSet due, std::span<ArmState> states) {
 void MujocoBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
   if ((paused_ && steps_left_ == 0) || plant_.failed()) return;
   for (ArmIndex i = 0; i < plant_.arm_count(); ++i) {
+    if (told_.contains(i)) continue;
     if (due.contains(i)) {
       plant_.arm(i).take_command(commands[i].tau_cmd);
     } else {
       plant_.arm(i).miss_command();
     }
   }
+  told_ = {};
   commanded_ = true;
+}
+
+void MujocoBackend::command(ArmIndex arm, const InterfaceCommand& command) {
+  if ((paused_ && steps_left_ == 0) || plant_.failed()) return;
+  plant_.arm(arm).take_command(command);
+  told_ |= ArmSet::of(arm);
 }
 
 // The period that the last write() began. It runs in wait(), so that a cycle's time is the loop's own and not

@@ -15,7 +15,8 @@ namespace multipanda {
 
 enum class Pace : std::uint8_t {
   realtime,  // a step per millisecond of the wall clock
-  unpaced    // as fast as the loop runs
+  unpaced,   // as fast as the loop runs
+  hosted     // whoever calls has a clock: wait() never sleeps, not even in a paused world
 };
 
 struct MujocoOptions {
@@ -54,6 +55,8 @@ class MujocoBackend : public Backend, public SimulationView {
   LoopTime now() const override;
   void read(ArmSet due, std::span<ArmState> states) override;
   void write(ArmSet due, std::span<const ArmCommand> commands) override;
+  // For an arm whose motion is other than torque, before write(), which then leaves it alone.
+  void command(ArmIndex arm, const InterfaceCommand& command);
   std::uint64_t overruns() const override { return pace_ == Pace::realtime ? pacer_.overruns() : 0; }
   std::future<ArmAnswer> request(ArmIndex arm, ArmRequest request) override;
 
@@ -85,6 +88,7 @@ class MujocoBackend : public Backend, public SimulationView {
   Pace pace_;
   MujocoPlant plant_;
   Pacer pacer_;
+  ArmSet told_;             // arms that command() was called for, in this period
   bool commanded_ = false;  // a period's commands wait to be carried out
   bool paused_ = false;
   std::uint32_t steps_left_ = 0;  // while paused: periods that a request asked for

@@ -15,12 +15,52 @@ namespace {
 
 constexpr double kPeriod = 0.001;  // of the arm [s]
 
-// Torques are taken: of our kind of motion, by either way of asking for it.
-bool takes_torques(const RobotState& state) {
+struct WireMotion {
+  ControllerMode controller{};
+  MotionGeneratorMode generator{};
+};
+
+// How the arm's states show a motion of ours.
+WireMotion shown_as(ArmMotion motion) {
+  switch (motion) {
+    case ArmMotion::joint_position:
+      return {ControllerMode::joint_impedance, MotionGeneratorMode::joint_position};
+    case ArmMotion::joint_velocity:
+      return {ControllerMode::joint_impedance, MotionGeneratorMode::joint_velocity};
+    case ArmMotion::cartesian_pose:
+      return {ControllerMode::cartesian_impedance, MotionGeneratorMode::cartesian_position};
+    case ArmMotion::cartesian_velocity:
+      return {ControllerMode::cartesian_impedance, MotionGeneratorMode::cartesian_velocity};
+    case ArmMotion::torque:
+    case ArmMotion::none:
+      break;
+  }
+  return {ControllerMode::external, MotionGeneratorMode::none};
+}
+
+MotionRequest request_of(ArmMotion motion) {
+  using enum ArmMotion;
+  const bool joints = motion == joint_position || motion == joint_velocity;
+  return {.controller = motion == torque ? ArmController::external
+                        : joints         ? ArmController::joint_impedance
+                                         : ArmController::cartesian_impedance,
+          .generator = motion == joint_position       ? MotionGenerator::joint_position
+                       : motion == joint_velocity     ? MotionGenerator::joint_velocity
+                       : motion == cartesian_pose     ? MotionGenerator::cartesian_pose
+                       : motion == cartesian_velocity ? MotionGenerator::cartesian_velocity
+                                                      : MotionGenerator::none,
+          .asynchronous = false,
+          .dq_max = {}};
+}
+
+// Commands are taken: of our motion; of torque by either way of asking for it.
+bool takes_commands(const RobotState& state, ArmMotion motion) {
   const auto generator = static_cast<MotionGeneratorMode>(state.motion_generator_mode);
-  return is_mode(state, RobotMode::move) &&
-         state.controller_mode == static_cast<std::uint8_t>(ControllerMode::external) &&
-         (generator == MotionGeneratorMode::none || generator == MotionGeneratorMode::joint_velocity);
+  const WireMotion ours = shown_as(motion);
+  const bool torque = motion == ArmMotion::torque;
+  return motion != ArmMotion::none && is_mode(state, RobotMode::move) &&
+         state.controller_mode == static_cast<std::uint8_t>(ours.controller) &&
+         (generator == ours.generator || (torque && generator == MotionGeneratorMode::joint_velocity));
 }
 
 std::future<ArmAnswer> answered(ArmAnswer answer) {
@@ -55,6 +95,8 @@ ArmDriver::ArmDriver(FciArmConfig config, const FciOptions& options)
              .version = config_.version,
              .loop_reads_states = true}),
       end_effector_(config_.end_effector ? config_.end_effector() : nullptr),
+      wanted_(options.begin_torque ? ArmMotion::torque : ArmMotion::none),
+      handled_(wanted_.load()),
       wake_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
       packet_(config_.model->X_WB(), config_.hand) {
   if (wake_ < 0) throw std::runtime_error("no eventfd for arm '" + config_.name + "' could be opened");
@@ -113,6 +155,7 @@ void ArmDriver::run() {
       say("a command that is no torque was not sent, the motion is stopped: " + call("recover") + " goes on");
       (void)guarded([this] { return stop(); });
     }
+    change_motion();
     while (do_next_task()) {
     }
     const std::lock_guard lock(mutex_);
@@ -193,7 +236,7 @@ std::future<ArmAnswer> ArmDriver::prepare() {
 
 std::future<ArmAnswer> ArmDriver::begin() {
   return post([this] {
-    start_torque_motion();
+    start_wanted_motion();
     return ArmAnswer{true, {}};
   });
 }
@@ -241,10 +284,16 @@ std::future<ArmAnswer> ArmDriver::request(ArmRequest request) {
 
 // ------------------------------------------------------------------------------------ motion and recovery
 
-void ArmDriver::start_torque_motion() {
+void ArmDriver::start_wanted_motion() {
+  const ArmMotion motion = handled_ = wanted_.load(std::memory_order_acquire);
+  motion_.store(motion, std::memory_order_release);
+  if (motion == ArmMotion::none) {
+    enter(Phase::stopped);
+    return;
+  }
   enter(Phase::starting);
   try {
-    link_.start_motion({.controller = ArmController::external, .generator = MotionGenerator::none});
+    link_.start_motion(request_of(motion));
     link_.wait_until_running();
   } catch (const LinkError& error) {
     if (!error.is_fatal()) enter(Phase::stopped);
@@ -253,12 +302,34 @@ void ArmDriver::start_torque_motion() {
   enter(Phase::running);
 }
 
+// The loop wants another motion than the one that was begun. An arm that is not ready for it gets it with its
+// recovery.
+void ArmDriver::change_motion() {
+  if (handled_ == wanted_.load(std::memory_order_acquire)) return;
+  handled_ = wanted_.load(std::memory_order_acquire);
+  if (!takes_part()) return;
+  watch();
+  const auto answer = guarded([this] {
+    if (link_.is_connected() && link_.has_motion()) link_.stop();
+    const RobotState& state = link_.look();
+    if (handled_ != ArmMotion::none && !is_mode(state, RobotMode::idle) && !is_mode(state, RobotMode::move)) {
+      enter(Phase::stopped);
+      return ArmAnswer{false, config_.name + ": " + refusal_in_mode(config_.name, state)};
+    }
+    start_wanted_motion();
+    return ArmAnswer{true, {}};
+  });
+  if (!answer.success) say(answer.reason);
+}
+
 ArmAnswer ArmDriver::recover() {
   if (!takes_part()) refuse("it is not connected: " + call("reconnect"));
   watch();
   if (!takes_part()) refuse("its connection was lost just now: " + call("reconnect"));
   const RobotState& state = link_.look();
-  if (is_mode(state, RobotMode::move) && phase() == Phase::running) {
+  const bool rests = is_mode(state, RobotMode::idle) && error_list(state).empty() &&
+                     wanted_.load(std::memory_order_acquire) == ArmMotion::none;
+  if (rests || (is_mode(state, RobotMode::move) && phase() == Phase::running)) {
     refuse("it has no error and was not stopped: there is nothing to recover from");
   }
   if (is_mode(state, RobotMode::user_stopped) || is_mode(state, RobotMode::guiding) ||
@@ -274,7 +345,7 @@ ArmAnswer ArmDriver::recover() {
       throw;
     }
   }
-  start_torque_motion();
+  start_wanted_motion();
   return {true, {}};
 }
 
@@ -287,7 +358,7 @@ ArmAnswer ArmDriver::reconnect() {
   }
   link_.close();
   connect_and_configure();
-  start_torque_motion();
+  start_wanted_motion();
   return {true, {}};
 }
 
@@ -312,8 +383,10 @@ ArmMode ArmDriver::mode(HostTime now) const noexcept {
   }
   switch (static_cast<RobotMode>(newest().robot_mode)) {
     case RobotMode::move:
-      return phase >= Phase::starting && takes_torques(newest()) ? ArmMode::move : ArmMode::other;
+      return phase >= Phase::starting && takes_commands(newest(), motion()) ? ArmMode::move : ArmMode::other;
     case RobotMode::idle:
+      if (wanted_.load(std::memory_order_acquire) == ArmMotion::none) return ArmMode::idle;
+      if (wanted_.load(std::memory_order_acquire) != motion()) return ArmMode::recovering;
       return phase == Phase::starting || phase == Phase::preparing ? ArmMode::recovering : ArmMode::other;
     case RobotMode::guiding:
       return ArmMode::guiding;
@@ -341,8 +414,19 @@ void ArmDriver::fill(HostTime now, ArmState& state) noexcept {
   }
 }
 
+void ArmDriver::want(ArmMotion motion) noexcept {
+  wanted_.store(motion, std::memory_order_release);
+  (void)::eventfd_write(wake_, 1);
+}
+
+void ArmDriver::command(RobotCommand& command) noexcept {
+  if (motion() == ArmMotion::torque || mode(link_.received_at()) != ArmMode::move) return;
+  command.motion_generation_finished = command.torque_command_finished = false;
+  (void)link_.send(command);
+}
+
 void ArmDriver::command(const JointVector& tau_cmd) noexcept {
-  if (refused_ || mode(link_.received_at()) != ArmMode::move) return;
+  if (motion() != ArmMotion::torque || refused_ || mode(link_.received_at()) != ArmMode::move) return;
   if (tau_cmd.size() != 7 || !tau_cmd.allFinite()) {
     refused_ = true;
     stop_wanted_.store(true, std::memory_order_release);
@@ -372,7 +456,7 @@ void ArmDriver::command(const JointVector& tau_cmd) noexcept {
 }
 
 void ArmDriver::command_finish() noexcept {
-  if (mode(link_.received_at()) != ArmMode::move) return;
+  if (motion() != ArmMotion::torque || mode(link_.received_at()) != ArmMode::move) return;
   command_.tau_J_d = commanded_ ? sent_ : std::array<double, 7>{};
   ArmLink::mark_finished(link_.dialect(), false, command_);
   (void)link_.send(command_);

@@ -46,6 +46,11 @@ class ArmDriver {
   bool takes_part() const { return phase() >= Phase::stopped; }
   ArmMode mode(HostTime now) const noexcept;
   void fill(HostTime now, ArmState& state) noexcept;
+  // Another kind of motion, from now on; none: the arm holds itself. The commander sees to it.
+  void want(ArmMotion motion) noexcept;
+  ArmMotion motion() const noexcept { return motion_.load(std::memory_order_acquire); }  // begun last
+  // The answer to newest() in a motion that is not torque. What it contains is the caller's.
+  void command(RobotCommand& command) noexcept;
   // The answer to newest(), if the arm is in `move`. What is no torque is not sent: the motion is stopped.
   void command(const JointVector& tau_cmd) noexcept;
   // The same torque again, as the motion's last command.
@@ -79,7 +84,8 @@ class ArmDriver {
   void check_model();
   void configure();
   void check_end_effector(const RobotState& state);
-  void start_torque_motion();
+  void start_wanted_motion();
+  void change_motion();
   void set_frames(const ArmFrames& frames);
   void set_load(const Load& load);
   void apply(const ArmRequest& request);
@@ -97,7 +103,10 @@ class ArmDriver {
   std::unique_ptr<EndEffector> end_effector_;
   std::atomic<bool> end_effector_connected_{false};
   std::atomic<Phase> phase_{Phase::offline};
-  std::atomic<bool> stop_wanted_{false};  // by the loop
+  std::atomic<bool> stop_wanted_{false};            // by the loop
+  std::atomic<ArmMotion> wanted_;                   // by the loop
+  std::atomic<ArmMotion> motion_{ArmMotion::none};  // begun last, by the commander
+  ArmMotion handled_;                               // commander: the last of wanted_ that it saw to
 
   mutable std::mutex mutex_;  // never the loop's
   std::deque<Task> tasks_;

@@ -194,7 +194,7 @@ void ArmDriver::apply_beside_motion(const ArmRequest& request) {
   link_.stop();
   enter(Phase::stopped);
   apply(request);
-  start_torque_motion();
+  start_wanted_motion();
 }
 
 }  // namespace multipanda::fci

@@ -188,7 +188,7 @@ void FciBackend::start() {
   };
   on_all([](ArmDriver& arm) { return arm.prepare(); }, false);
   for (const auto& arm : self.arms) arm->mark_read();
-  on_all([](ArmDriver& arm) { return arm.begin(); }, true);
+  if (self.options.begin_torque) on_all([](ArmDriver& arm) { return arm.begin(); }, true);
   self.running = self.first = true;
 }
 
@@ -198,8 +198,9 @@ void FciBackend::finish() {
   const HostTime deadline = later(host_now(), kLongest);
   const auto any_moves = [&self] {
     const HostTime t = host_now();
-    return std::any_of(self.arms.begin(), self.arms.end(),
-                       [t](const auto& arm) { return arm->mode(t) == ArmMode::move; });
+    return std::any_of(self.arms.begin(), self.arms.end(), [t](const auto& arm) {
+      return arm->motion() == ArmMotion::torque && arm->mode(t) == ArmMode::move;
+    });
   };
   for (const auto& arm : self.arms) {
     if (arm->is_unread()) arm->command_finish();
@@ -329,5 +330,16 @@ void FciBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
     if (due.contains(i)) self_->arms[i]->command(commands[i].tau_cmd);
   }
 }
+
+void FciBackend::want(ArmIndex arm, ArmMotion motion) noexcept { self_->arms[arm]->want(motion); }
+
+bool FciBackend::runs(ArmIndex arm, ArmMotion motion) const noexcept {
+  const ArmDriver& driver = *self_->arms[arm];
+  return driver.motion() == motion && driver.mode(self_->woken) == ArmMode::move;
+}
+
+const RobotState& FciBackend::packet(ArmIndex arm) const noexcept { return self_->arms[arm]->newest(); }
+
+void FciBackend::command(ArmIndex arm, RobotCommand& command) noexcept { self_->arms[arm]->command(command); }
 
 }  // namespace multipanda::fci

@@ -11,6 +11,7 @@
 #include "core/model/arm_model.hpp"
 #include "fci/client/arm_statistics.hpp"
 #include "fci/client/end_effector.hpp"
+#include "fci/wire/robot_state.hpp"
 
 namespace multipanda::fci {
 
@@ -54,7 +55,19 @@ struct FciArmConfig {
   std::function<std::unique_ptr<EndEffector>()> end_effector;
 };
 
+// What a connected arm is driven by. Other than torque: the arm's own controllers follow what is sent.
+enum class ArmMotion : std::uint8_t {
+  none,  // nothing: the arm holds itself
+  torque,
+  joint_position,
+  joint_velocity,
+  cartesian_pose,
+  cartesian_velocity
+};
+
 struct FciOptions {
+  // False: start() connects and sets up only, and every arm holds itself until want() says otherwise.
+  bool begin_torque = true;
   // For virtual arms of one server in lock-step: wait() gathers the states of the same step of all connected
   // arms, now() is the arms' own time. Else: an arm is due when its packet arrives, now() is this computer's
   // time.
@@ -113,6 +126,18 @@ class FciBackend : public Backend {
   void write(ArmSet due, std::span<const ArmCommand> commands) override;
   std::uint64_t overruns() const override;  // packets lost, all arms
   std::future<ArmAnswer> request(ArmIndex arm, ArmRequest request) override;
+
+  // --- loop: motions other than torque, beside it per arm ---
+  // From now on the arm is to be driven so; its commander stops what runs and begins the new motion, the
+  // states show it: `recovering`, then `move`. Never waits. RecoverFromError and Reconnect lead to it as
+  // well.
+  void want(ArmIndex arm, ArmMotion motion) noexcept;
+  // Does it run, as the newest state shows it?
+  bool runs(ArmIndex arm, ArmMotion motion) const noexcept;
+  // The newest packet as it came.
+  const RobotState& packet(ArmIndex arm) const noexcept;
+  // Answers the newest packet of an arm whose motion is not torque; write() is for torque.
+  void command(ArmIndex arm, RobotCommand& command) noexcept;
 
   // --- any thread ---
   ArmStatistics statistics(ArmIndex arm) const;

@@ -1,0 +1,160 @@
+// A hardware component for real arms, on virtual ones behind the same protocol, in real time.
+#include <cmath>
+#include <unistd.h>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/rt/guard/loop_guard.hpp"
+#include "core/rt/pacer.hpp"
+#include "fci/server/virtual_arms.hpp"
+#include "runtime/hosted/hosted_rig.hpp"
+#include "scene/load.hpp"
+
+namespace multipanda {
+namespace {
+
+using test::HostedRig;
+
+const Registry& builtins() {
+  static const Registry registry = Registry::with_builtins();
+  return registry;
+}
+
+// Loopback addresses of this process alone: the port is the protocol's.
+std::string address(int arm) {
+  const int id = static_cast<int>(::getpid());
+  return "127." + std::to_string(17 + id / 250 % 200) + "." + std::to_string(1 + id % 250) + "." +
+         std::to_string(1 + arm);
+}
+
+std::string arms() {
+  const auto fci = [](int i) { return ", fci: {address: " + address(i) + ", gripper: false}}\n"; };
+  return "arms:\n  left: {model: fer, hand: false, base: {position_m: [0, 0.6, 0]}" + fci(0) +
+         "  right: {model: fr3, hand: false, base: {position_m: [0, -0.6, 0]}" + fci(1);
+}
+
+class RealHardware : public testing::Test {
+ protected:
+  void SetUp() override {
+    scene = parse_scene(arms(), "test", builtins());
+    fci::VirtualArmOptions options;
+    options.places = {{.address = address(0)}, {.address = address(1)}};
+    options.grippers = false;
+    world = std::make_unique<fci::VirtualArms>(scene, options);
+    world->start();
+    hardware = std::make_unique<HardwareWorld>(scene, real_arms(scene, [this](const std::string& text) {
+                                                 const std::lock_guard lock(mutex);
+                                                 said += text + "\n";
+                                               }));
+    hardware->connect();
+    rig = std::make_unique<HostedRig>(*hardware);
+  }
+  void TearDown() override {
+    if (hardware) hardware->disconnect();
+    hardware.reset();
+    world.reset();
+  }
+  // At 1 kHz of the wall clock, as a controller_manager does.
+  template <typename Condition>
+  bool until(Condition condition, double deadline_s = 20) {
+    Pacer pacer;
+    pacer.start();
+    const HostTime begun = host_now();
+    while (!condition()) {
+      if (seconds(host_now() - begun) > deadline_s) return false;
+      rig->step();
+      pacer.wait();
+    }
+    return true;
+  }
+  void run(double s) {
+    const HostTime begun = host_now();
+    (void)until([&] { return seconds(host_now() - begun) > s; });
+  }
+  ArmAnswer ask(ArmIndex arm, ArmRequest request) {
+    auto answer = hardware->backend().request(arm, std::move(request));
+    EXPECT_TRUE(until([&] { return answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready; }));
+    return answer.get();
+  }
+  ArmMode mode(ArmIndex arm) const { return hardware->state(arm).mode; }
+
+  Scene scene;
+  std::unique_ptr<fci::VirtualArms> world;
+  std::unique_ptr<HardwareWorld> hardware;
+  std::unique_ptr<HostedRig> rig;
+  std::mutex mutex;
+  std::string said;
+};
+
+TEST_F(RealHardware, TorquesOfOurControllerOnOneArmPositionsOnTheOther) {
+  const Scene one = parse_scene(
+      "arms: {left: {model: fer, hand: false, base: {position_m: [0, 0.6, 0]}}}\n"
+      "controllets: {pose: {type: cartesian_impedance, arms: left}}\nactive: pose\n",
+      "test", builtins());
+  HostedCycle cycle(one, builtins(), HostedOptions{.arms = {{.name = "left"}}});
+  EXPECT_EQ(mode(0), ArmMode::idle);  // nobody drives it yet
+  ASSERT_EQ(rig->change(rig->efforts("left")), "");
+  ASSERT_EQ(rig->change(HostedRig::joint_names("right", "position")), "");
+  rig->activate(cycle);
+  EXPECT_EQ(cycle.check(), "");
+  const InstanceIndex pose = cycle.modes().find("pose");
+  ASSERT_TRUE(until([&] { return (cycle.modes().active() & bit(pose)) != 0; })) << said;
+  ASSERT_TRUE(until([&] { return rig->state("right/following") == 1; })) << said;
+  const double q1 = hardware->state(1).q[0];
+  const double c1 = *rig->command("right_joint1/position");
+  EXPECT_NEAR(c1, q1, 2e-3);
+  run(0.3);
+  EXPECT_EQ(mode(0), ArmMode::move);
+  EXPECT_TRUE(rig->last());
+
+  // One arm's reflex: the other's controllet goes on.
+  world->raise(1, ArmError::joint_reflex);
+  ASSERT_TRUE(until([&] { return mode(1) == ArmMode::reflex; }));
+  EXPECT_EQ(rig->state("right/error"), 1);
+  run(0.1);
+  EXPECT_EQ(hardware->read(), HardwareWorld::Result::ok);
+  EXPECT_TRUE((cycle.modes().active() & bit(pose)) != 0);
+  const ArmAnswer recovered = ask(1, RecoverFromError{});
+  ASSERT_TRUE(recovered.success) << recovered.reason;
+  ASSERT_TRUE(until([&] { return rig->state("right/following") == 1; })) << said;
+
+  // Our controller goes, the arm holds itself; velocities take it over.
+  rig->deactivate();
+  ASSERT_EQ(rig->change(HostedRig::joint_names("left", "velocity"), rig->efforts("left")), "");
+  ASSERT_TRUE(until([&] { return rig->state("left/following") == 1; })) << said;
+  rig->between_ = [&] { *rig->command("left_joint1/velocity") = 0.05; };
+  EXPECT_TRUE(until([&] { return rig->state("left_joint1/velocity") > 0.02 || mode(0) != ArmMode::move; }));
+  EXPECT_EQ(mode(0), ArmMode::move) << said;
+  rig->between_ = {};
+  ASSERT_EQ(rig->change({}, HostedRig::joint_names("left", "velocity")), "");
+  EXPECT_TRUE(until([&] { return mode(0) == ArmMode::idle; })) << said;
+}
+
+TEST_F(RealHardware, ReadAndWriteNeverWaitAndLosingAllArmsIsTheOnlyError) {
+  ASSERT_EQ(rig->change(rig->all("left_ee_cartesian_position")), "");
+  ASSERT_TRUE(until([&] { return rig->state("left/following") == 1; })) << said;
+  if (kLoopGuardWorks) {
+    LoopGuard::arm();
+    for (int i = 0; i < 100; ++i) {
+      (void)hardware->read();
+      (void)hardware->write();
+    }
+    const LoopGuardCounts counts = LoopGuard::disarm();
+    EXPECT_EQ(counts.heap_calls, 0u);
+    EXPECT_EQ(counts.lock_calls, 0u);
+  }
+  world->close_connection(0);
+  ASSERT_TRUE(until([&] { return mode(0) == ArmMode::disconnected; }));
+  EXPECT_EQ(hardware->read(), HardwareWorld::Result::ok);
+  EXPECT_EQ(rig->state("left/error"), 1);
+  EXPECT_EQ(rig->state("right/error"), 0);
+  EXPECT_TRUE(ask(0, Reconnect{}).success);
+  ASSERT_TRUE(until([&] { return rig->state("left/following") == 1; })) << said;  // it stood still: taken up
+  world->stop();
+  ASSERT_TRUE(until([&] { return hardware->read() == HardwareWorld::Result::lost; }));
+  EXPECT_FALSE(hardware->fault().empty());
+}
+
+}  // namespace
+}  // namespace multipanda
