@@ -1,0 +1,26 @@
+#pragma once
+
+// What differs between the lines of ros2_control: Humble (2), Jazzy (4), Kilted (5) and later. Nothing else in this
+// package asks for a version.
+// First, since headers of some lines use them without including them.
+#include <cxxabi.h>
+#include <rclcpp/rclcpp.hpp>
+
+#include <hardware_interface/system_interface.hpp>
+
+#if __has_include(<hardware_interface/types/hardware_component_interface_params.hpp>)
+#include <hardware_interface/types/hardware_component_interface_params.hpp>
+namespace multipanda_hardware::compat {
+using InitArgument = hardware_interface::HardwareComponentInterfaceParams;
+}
+#else
+namespace multipanda_hardware::compat {
+using InitArgument = hardware_interface::HardwareInfo;
+}
+#endif
+
+// Interfaces that point at our numbers are exported by a function that all lines have and the newer ones advise
+// against.
+#define MULTIPANDA_HARDWARE_BEGIN_DEPRECATED \
+  _Pragma("GCC diagnostic push") _Pragma("GCC diagnostic ignored \"-Wdeprecated-declarations\"")
+#define MULTIPANDA_HARDWARE_END_DEPRECATED _Pragma("GCC diagnostic pop")

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <hardware_interface/loaned_state_interface.hpp>
+
+#include "ros/host/arm_view.hpp"
+
+namespace multipanda_semantic_components {
+
+// One state interface that carries an arm's address. Use: give get_state_interface_names() to the controller's
+// state_interface_configuration(), assign in on_activate, release in on_deactivate.
+class ArmInterface {
+ public:
+  ArmInterface(const std::string& arm, const std::string& kind) : name_(arm + "/" + kind) {}
+
+  std::vector<std::string> get_state_interface_names() const { return {name_}; }
+
+  // False: the interface is not among them, or another kind of hardware stands behind it.
+  bool assign_loaned_state_interfaces(std::vector<hardware_interface::LoanedStateInterface>& interfaces) {
+    for (auto& interface : interfaces) {
+      if (interface.get_name() == name_) interface_ = &interface;
+    }
+    return interface_ != nullptr && static_cast<bool>(view());
+  }
+  void release_interfaces() { interface_ = nullptr; }
+
+ protected:
+  // Looked up anew each time: the hardware takes its address back before it goes.
+  multipanda::ros::ArmView view() const {
+    if (interface_ == nullptr) return {};
+    if constexpr (requires { interface_->get_optional(); }) {
+      const auto value = interface_->get_optional();
+      return value ? multipanda::ros::ArmView::behind(*value) : multipanda::ros::ArmView();
+    } else {
+      return multipanda::ros::ArmView::behind(interface_->get_value());
+    }
+  }
+
+ private:
+  std::string name_;
+  hardware_interface::LoanedStateInterface* interface_ = nullptr;
+};
+
+}  // namespace multipanda_semantic_components
