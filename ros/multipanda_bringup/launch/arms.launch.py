@@ -48,11 +48,13 @@ def set_up(context):
     with open(written, "w", encoding="utf-8") as stream:
         yaml.safe_dump(parameters, stream)
 
+    # Humble's controller manager takes the description as a parameter, later ones from the topic.
+    manager_parameters = [{"robot_description": urdf}, written] if os.environ.get("ROS_DISTRO") == "humble" else [written]
     nodes = [
         Node(package="robot_state_publisher", executable="robot_state_publisher", output="both",
              parameters=[{"robot_description": urdf}]),
         Node(package="controller_manager", executable="ros2_control_node", output="both",
-             parameters=[{"robot_description": urdf}, written],
+             parameters=manager_parameters,
              remappings=[("~/robot_description", "robot_description")]),
         Node(package="controller_manager", executable="spawner", output="both",
              arguments=[*started, "--param-file", written]),
@@ -60,10 +62,10 @@ def set_up(context):
     if loaded:
         nodes.append(Node(package="controller_manager", executable="spawner", output="both",
                           arguments=[*loaded, "--inactive", "--param-file", written]))
-    fingers = [f"{arm.name}_gripper/joint_states" for arm in arms if arm.hand and arm.hardware != "mock"]
-    if fingers:  # the hardware's node has them; tf needs them beside the arms' joints
-        nodes.append(Node(package="joint_state_publisher", executable="joint_state_publisher", name="finger_states",
-                          parameters=[{"source_list": fingers, "rate": 30}], output="both"))
+    for arm in arms:  # fingers are the hardware's node's; tf needs them beside the arms' joints
+        if arm.hand and arm.hardware != "mock":
+            nodes.append(Node(package="topic_tools", executable="relay", name=f"{arm.name}_finger_states", output="both",
+                              arguments=[f"{arm.name}_gripper/joint_states", "joint_states"]))
     if given["rviz"].lower() == "true":
         nodes.append(Node(package="rviz2", executable="rviz2", output="log",
                           arguments=["-d", os.path.join(description, "rviz", "arms.rviz")]))
