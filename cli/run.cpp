@@ -8,6 +8,7 @@
 #include "cli/report.hpp"
 #include "cli/run_session.hpp"
 #include "runtime/live_input/socket_path.hpp"
+#include "runtime/ros_module.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda::cli {
@@ -22,6 +23,8 @@ struct RunOptions {
   std::string record;
   std::optional<int> cpu;
   std::string socket;
+  bool ros = false;
+  RosWords ros_words;
   BackendWords backend;
 };
 
@@ -50,6 +53,8 @@ int run(const RunOptions& options) {
   const Console console(options.json);
   if (options.report && options.record.empty())
     throw UsageError("run: --report needs a log: add --record DIR");
+  if (!options.ros && !(options.ros_words == RosWords{}))
+    throw UsageError("run: --ros-node, --ros-namespace and --ros-remap go with --ros");
   const BackendOptions backend = backend_options(options.backend);
   OpenedScene opened = open_scene(options.scene);
   opened.scene = with_arms_from(std::move(opened.scene), backend);  // refused before anything is begun
@@ -65,6 +70,8 @@ int run(const RunOptions& options) {
                              kUnpacedDefault));
   }
   StopSignals signals(console);
+  // ROS brings threads of its own: not before the signals have theirs.
+  if (options.ros) session_options.make_adapter = load_ros_adapter(options.ros_words);
   Session session(std::move(opened.scene), opened.registry, std::move(session_options));
   if (session.backend_description() != "mujoco")
     console.line(fmt::format("arms: {}", session.backend_description()));
@@ -90,6 +97,9 @@ void add_run(Program& program) {
       "  multipanda run two_arms                          in real time, until Ctrl-C\n"
       "  multipanda run two_arms --seconds 10 --record runs --report\n"
       "  multipanda run my/scene.yaml --fast --json       as fast as possible, result as one JSON object\n"
+      "  multipanda run two_arms --ros                    ... and by ROS 2, on this machine unless the "
+      "environment\n"
+      "                                                   (ROS_*, FASTDDS_*) says otherwise\n"
       "  multipanda run two_arms --backend fci --address left=172.16.0.2 --address right=172.16.1.2\n"
       "Fails (exit code 1) if a controllet was taken out, a switch refused, or the log is incomplete.");
   command->add_option("scene", options->scene, "Name (multipanda list scenes) or path of a scene file")
@@ -110,6 +120,19 @@ void add_run(Program& program) {
                    "Where multipanda ctl reaches this run; default, unless --fast: the scene's name in the "
                    "user's runtime folder")
       ->type_name("PATH");
+  command->add_flag("--ros", options->ros,
+                    "Topics, services, actions and parameters of ROS 2 (docs/ros_interfaces.md)");
+  command
+      ->add_option("--ros-node", options->ros_words.node,
+                   "Name of the node; default: the scene's, multipanda")
+      ->type_name("NAME");
+  command
+      ->add_option("--ros-namespace", options->ros_words.name_space, "Its namespace; default: the scene's, /")
+      ->type_name("/NAME");
+  command->add_option("--ros-remap", options->ros_words.remaps, "Another name for one of its interfaces")
+      ->type_name("FROM:=TO")
+      ->expected(1)
+      ->take_all();
   program.on(command, [options] { return run(*options); });
 }
 

@@ -22,6 +22,9 @@ std::string quoted(const std::string& name) { return "'" + name + "'"; }
 // A mistyped name of any length must not make a message of that length.
 std::string shortened(const std::string& name) { return quoted(name.substr(0, 60)); }
 
+// The shortest that reads back the same.
+std::string shortest(double value) { return nlohmann::json(value).dump(); }
+
 }  // namespace
 
 std::string_view name_of(ArmMode mode) {
@@ -99,7 +102,7 @@ std::string reason(const MultimodeController& modes, const Request& request, Ver
     case Verdict::out_of_bounds:
       if (set && request.kind == Request::Kind::set_parameter) {
         const ParameterSpec& spec = modes.instance(request.instance).parameter_spec(request.index);
-        return quoted(spec.name) + " must be " + number_text(spec.min) + " to " + number_text(spec.max) +
+        return quoted(spec.name) + " must be " + shortest(spec.min) + " to " + shortest(spec.max) +
                (spec.unit.empty() ? "" : " " + spec.unit);
       }
       break;
@@ -142,7 +145,5 @@ std::string no_such_parameter(const Instance& instance, const std::string& name)
   return quoted(instance.name()) + " has no parameter " + shortened(name) +
          name_hint(name, instance.parameter_names(), "it has none");
 }
-
-std::string number_text(double value) { return nlohmann::json(value).dump(); }
 
 }  // namespace multipanda

@@ -26,7 +26,4 @@ std::string no_such_arm(const MultimodeController& modes, const std::string& nam
 std::string no_such_feature(const Instance& instance, const std::string& name);
 std::string no_such_parameter(const Instance& instance, const std::string& name);
 
-// A number as it is written in answers: the shortest that reads back the same, "0.5".
-std::string number_text(double value);
-
 }  // namespace multipanda

@@ -13,6 +13,7 @@ namespace multipanda {
 struct RosWords {
   std::string node, name_space;
   std::vector<std::string> remaps;  // "joint_states:=arms/joint_states"
+  bool operator==(const RosWords&) const = default;
 };
 
 // The library with the ROS adapter is loaded only for runs that want it, so that others have no ROS library,

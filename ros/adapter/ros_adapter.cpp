@@ -91,7 +91,10 @@ RosAdapter::~RosAdapter() {
   parts_.clear();
 }
 
-void RosAdapter::take(const CycleRecord& record) { relay_->take(record); }
+void RosAdapter::take(const CycleRecord& record) {
+  relay_->take(record);
+  counters_.records_dropped.store(relay_->dropped(), std::memory_order_relaxed);
+}
 
 void RosAdapter::take(const Event& event) { relay_->take(event); }
 

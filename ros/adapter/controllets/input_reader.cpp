@@ -13,7 +13,7 @@ namespace multipanda::ros {
 namespace {
 
 // What anybody sends must not make a message of any length.
-std::string shortened(const std::string& text) { return "'" + text.substr(0, 60) + "'"; }
+std::string shortened(const std::string& text) { return fmt::format("'{}'", text.substr(0, 60)); }
 
 bool has_frame(Quantity quantity) { return quantity != Quantity::joints && quantity != Quantity::scalar; }
 
@@ -89,15 +89,16 @@ InputReader::Refusal InputReader::read(const sensor_msgs::msg::JointState& messa
       });
       const bool fingers = names[i].starts_with(arms_[arm_].name + "_finger");
       if (of_another || fingers) continue;
-      return "there is no joint " + shortened(names[i]) + name_hint(names[i], joints_, "there are none");
+      return fmt::format("there is no joint {}{}", shortened(names[i]),
+                         name_hint(names[i], joints_, "there are none"));
     }
     const auto k = static_cast<std::size_t>(joint - joints_.begin());
-    if ((found >> k & 1u) != 0) return "joint " + shortened(names[i]) + " comes twice";
+    if ((found >> k & 1u) != 0) return fmt::format("joint {} comes twice", shortened(names[i]));
     found |= 1u << k;
     target.values[k] = q[i];
   }
   for (std::size_t k = 0; k < joints_.size(); ++k) {
-    if ((found >> k & 1u) == 0) return "joint '" + joints_[k] + "' is missing; all are needed";
+    if ((found >> k & 1u) == 0) return fmt::format("joint '{}' is missing; all are needed", joints_[k]);
   }
   target.size = static_cast<std::uint8_t>(joints_.size());
   return finish("", target);
@@ -125,7 +126,8 @@ InputReader::Refusal InputReader::finish(const std::string& frame, Target& targe
   const auto named =
       std::find_if(frames_.begin(), frames_.end(), [&](const auto& f) { return f.first == frame; });
   if (has_frame(spec_.quantity) && !frame.empty() && named == frames_.end())
-    return "there is no frame " + shortened(frame) + name_hint(frame, frames(), "there is none");
+    return fmt::format("there is no frame {}{}", shortened(frame),
+                       name_hint(frame, frames(), "there is none"));
   if (spec_.quantity == Quantity::pose) {
     const double norm = std::hypot(std::hypot(values[3], values[4]), std::hypot(values[5], values[6]));
     if (std::abs(norm - 1) > 1e-2)

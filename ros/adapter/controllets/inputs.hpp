@@ -25,7 +25,7 @@ class Inputs : public Part {
   void subscribe(const AdapterWorld& world, InputPort& port);
 
   std::vector<std::unique_ptr<InputPort>> ports_;
-  std::vector<std::unique_ptr<SubscriptionBase>> subscriptions_;  // end before the ports
+  std::vector<std::unique_ptr<Incoming>> subscriptions_;  // end before the ports
 };
 
 // The codec for an input, or nullptr.

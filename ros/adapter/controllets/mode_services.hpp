@@ -44,7 +44,7 @@ class ModeServices : public Part {
   const AdapterWorld& world_;
   const std::vector<InputCodec> codecs_;
   std::array<std::atomic<std::uint8_t>, kMaxArms> modes_of_arms_{};
-  std::vector<std::unique_ptr<ServiceBase>> services_;  // end first
+  std::vector<std::unique_ptr<Incoming>> services_;  // end first
 };
 
 }  // namespace multipanda::ros

@@ -101,7 +101,7 @@ ParameterTable::Descriptor ParameterTable::describe(const std::string& name) con
 
 ParameterTable::Value ParameterTable::get(const std::string& name) const {
   const auto place = find(name);
-  if (!place) return {};
+  if (!place) return Value();
   return value_of(*place, modes_->instance(place->instance).parameter(place->index));
 }
 
@@ -148,7 +148,7 @@ std::optional<std::vector<double>> ParameterTable::numbers_in(const Value& value
   const Instance& instance = modes_->instance(place.instance);
   const ParameterSpec& spec = instance.parameter_spec(place.index);
   const std::size_t size = instance.parameter_size(place.index);
-  const std::string name = "'" + name_of(place) + "'";
+  const std::string name = fmt::format("'{}'", name_of(place));
   if (!spec.choices.empty()) {
     const std::string word =
         value.type == Type::PARAMETER_BOOL ? (value.bool_value ? "true" : "false") : value.string_value;

@@ -1,0 +1,474 @@
+// What is generated from controllets' statements, without a ROS graph: messages to set-points, parameters,
+// answers.
+#include <cmath>
+#include <random>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/test_support/test_world.hpp"
+#include "ros/adapter/controllets/input_port.hpp"
+#include "ros/adapter/controllets/mode_answers.hpp"
+#include "ros/adapter/controllets/parameter_table.hpp"
+#include "ros/adapter/every.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+using geometry_msgs::msg::PoseStamped;
+using geometry_msgs::msg::TwistStamped;
+using geometry_msgs::msg::WrenchStamped;
+using sensor_msgs::msg::JointState;
+using std_msgs::msg::Float64;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using Type = rcl_interfaces::msg::ParameterType;
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+InstanceConfig config(std::string name, std::string type, std::vector<ArmIndex> arms) {
+  InstanceConfig config;
+  config.name = std::move(name);
+  config.type = std::move(type);
+  config.arms = std::move(arms);
+  return config;
+}
+
+// Two arms on rotated bases ("arm0", "arm1"), and what parts are given, without a node.
+struct Rig {
+  Rig()
+      : loop(2,
+             {config("pose0", "cartesian_impedance", {0}), config("pose1", "cartesian_impedance", {1}),
+              config("joint1", "joint_impedance", {1}), config("both", "dual_cartesian_impedance", {0, 1}),
+              config("ufic0", "ufic", {0})},
+             Registry::with_builtins(), 64) {
+    world.modes = &loop.modes();
+    world.backend = &loop.world;
+    world.models = loop.models;
+    world.counters = &counters;
+    world.warn = [this](const std::string&, const std::string& text) { warnings.push_back(text); };
+  }
+  InputReader reader(Quantity quantity, std::size_t arm, std::string frame = "world") {
+    InputSpec spec;
+    spec.name = "x";
+    spec.quantity = quantity;
+    spec.frame = std::move(frame);
+    return {spec, value_count(quantity, 7), {{"arm0", loop.models[0]}, {"arm1", loop.models[1]}}, arm};
+  }
+
+  test::TestLoop loop;
+  AdapterCounters counters;
+  AdapterWorld world;
+  std::vector<std::string> warnings;
+};
+
+PoseStamped pose_message(const Pose& X, std::string frame) {
+  PoseStamped message;
+  message.header.frame_id = std::move(frame);
+  message.pose.position.x = X.position.x();
+  message.pose.position.y = X.position.y();
+  message.pose.position.z = X.position.z();
+  const Quaternion q = X.quaternion();
+  message.pose.orientation.w = q.w();
+  message.pose.orientation.x = q.x();
+  message.pose.orientation.y = q.y();
+  message.pose.orientation.z = q.z();
+  return message;
+}
+
+Pose pose_of(const Target& t) {
+  const auto& v = t.values;
+  return Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]));
+}
+
+// The same place said in the world and in each arm's base is the same set-point.
+TEST(Inputs, PosesComeInTheWorldOrInABase) {
+  Rig rig;
+  const InputReader reader = rig.reader(Quantity::pose, 0);
+  std::mt19937_64 random(1);
+  std::uniform_real_distribution<double> draw(-1, 1);
+  for (int i = 0; i < 20; ++i) {
+    const Pose X_WE{exp_rotation({draw(random), draw(random), draw(random)}),
+                    {draw(random), draw(random), draw(random)}};
+    for (const auto& [frame, X_WF] :
+         std::vector<std::pair<std::string, Pose>>{{"", {}},
+                                                   {"world", {}},
+                                                   {"arm0_link0", rig.loop.models[0]->X_WB()},
+                                                   {"arm1_link0", rig.loop.models[1]->X_WB()}}) {
+      Target target;
+      ASSERT_EQ(reader.read(pose_message(X_WF.inverse() * X_WE, frame), target), std::nullopt);
+      EXPECT_EQ(target.size, 7);
+      EXPECT_LT(pose_error(pose_of(target), X_WE).norm(), 1e-12) << frame;
+    }
+  }
+  Target target;
+  EXPECT_THAT(*reader.read(pose_message({}, "arm0_link8"), target),
+              HasSubstr("there is no frame 'arm0_link8'"));
+  EXPECT_THAT(reader.frames(), ElementsAre("world", "arm0_link0", "arm1_link0"));
+  // An input in a frame of its own takes no other.
+  EXPECT_THAT(*rig.reader(Quantity::pose, 0, "object").read(pose_message({}, "world"), target),
+              HasSubstr("no frame 'world'"));
+}
+
+// Turned, not moved: the power of a wrench on a twist is the same however both are said.
+TEST(Inputs, TwistsAndWrenchesAreTurned) {
+  Rig rig;
+  TwistStamped twist;
+  WrenchStamped wrench;
+  twist.header.frame_id = wrench.header.frame_id = "arm1_link0";
+  twist.twist.linear.x = 0.3;
+  twist.twist.angular.z = -0.2;
+  wrench.wrench.force.x = 5;
+  wrench.wrench.force.y = 1;
+  wrench.wrench.torque.z = 2;
+  Target v, f;
+  ASSERT_EQ(rig.reader(Quantity::twist, 0).read(twist, v), std::nullopt);
+  ASSERT_EQ(rig.reader(Quantity::wrench, 0).read(wrench, f), std::nullopt);
+  double power = 0;
+  for (std::size_t i = 0; i < 6; ++i) power += v.values[i] * f.values[i];
+  EXPECT_NEAR(power, 0.3 * 5 - 0.2 * 2, 1e-12);
+  const Matrix3& R = rig.loop.models[1]->X_WB().rotation;
+  EXPECT_GT(std::abs(R(0, 1)), 0.1) << "else nothing is turned";
+  for (int k = 0; k < 3; ++k)
+    EXPECT_NEAR(f.values[static_cast<std::size_t>(k)], 5 * R(k, 0) + R(k, 1), 1e-12);
+}
+
+TEST(Inputs, JointsComeByNameInAnyOrder) {
+  Rig rig;
+  const InputReader reader = rig.reader(Quantity::joints, 1);
+  const JointVector& home = rig.loop.models[1]->q_home();
+  JointState message;
+  for (const int k : {3, 1, 7, 2, 6, 5, 4}) {
+    message.name.push_back("arm1_joint" + std::to_string(k));
+    message.position.push_back(home[k - 1]);
+  }
+  message.name.insert(message.name.begin() + 2, {"arm0_joint1", "arm1_finger_joint1"});  // not ours
+  message.position.insert(message.position.begin() + 2, {9.0, 9.0});
+  Target target;
+  ASSERT_EQ(reader.read(message, target), std::nullopt);
+  ASSERT_EQ(target.size, 7);
+  for (int k = 0; k < 7; ++k) EXPECT_EQ(target.values[static_cast<std::size_t>(k)], home[k]);
+
+  JointState wrong = message;
+  wrong.name[0] = "arm1_joint33";
+  EXPECT_THAT(*reader.read(wrong, target), HasSubstr("there is no joint 'arm1_joint33'"));
+  wrong = message;
+  wrong.name[1] = wrong.name[0];
+  EXPECT_THAT(*reader.read(wrong, target), HasSubstr("twice"));
+  wrong.name = {"arm1_joint1"};
+  wrong.position = {0.1};
+  EXPECT_THAT(*reader.read(wrong, target), HasSubstr("'arm1_joint2' is missing"));
+  wrong.position.clear();
+  EXPECT_THAT(*reader.read(wrong, target), HasSubstr("1 names with 0 positions"));
+
+  JointState plain;  // without names: the arm's own order
+  plain.position.assign(home.begin(), home.end());
+  EXPECT_EQ(reader.read(plain, target), std::nullopt);
+  plain.position.pop_back();
+  EXPECT_THAT(*reader.read(plain, target), HasSubstr("6 values; expected 7"));
+  plain.position.push_back(100);
+  EXPECT_THAT(*reader.read(plain, target), HasSubstr("'arm1_joint7': 100 rad is outside"));
+}
+
+TEST(Inputs, NumbersThatAreNoneAreRefused) {
+  Rig rig;
+  Target target;
+  PoseStamped pose = pose_message({}, "");
+  pose.pose.position.y = kNan;
+  EXPECT_THAT(*rig.reader(Quantity::pose, 0).read(pose, target), HasSubstr("not finite"));
+  pose = pose_message({}, "");
+  pose.pose.orientation.w = 0;
+  EXPECT_THAT(*rig.reader(Quantity::pose, 0).read(pose, target), HasSubstr("length is 0"));
+  pose.pose.orientation.w = 1.005;  // rounding of others is no reason
+  EXPECT_EQ(rig.reader(Quantity::pose, 0).read(pose, target), std::nullopt);
+  Float64 scalar;
+  scalar.data = std::numeric_limits<double>::infinity();
+  EXPECT_THAT(*rig.reader(Quantity::scalar, 0).read(scalar, target), HasSubstr("not finite"));
+  EXPECT_THAT(*rig.reader(Quantity::twist, 0).read(std::vector<double>(5, 0.0), "", target),
+              HasSubstr("5 values; expected 6"));
+}
+
+// Only what is accepted reaches the loop; the rest is counted, with its newest reason, and said.
+TEST(Inputs, RefusedMessagesAreCountedAndLeaveNoTrace) {
+  Rig rig;
+  rig.loop.steps(3);
+  InputPort port(rig.world, rig.loop.find("pose0"), 0);
+  const Reference& reference = rig.loop.modes().instance(rig.loop.find("pose0")).inputs()[0];
+  for (int i = 0; i < 5; ++i) port.receive(pose_message({}, ""), Delivery::stream);
+  EXPECT_EQ(port.counts().refused, 5u) << "it does not run";
+  EXPECT_THAT(port.counts().last_reason, HasSubstr("not running"));
+  EXPECT_EQ(rig.warnings.size(), 1u) << "ordinary: said once";
+  EXPECT_EQ(port.diagnostic().level, Diagnostic::Level::ok);
+
+  ASSERT_TRUE(rig.loop.activate({"pose0"}).accepted());
+  rig.loop.step();
+  const Pose X_start = reference.pose();
+  port.receive(pose_message(X_start, "nowhere"), Delivery::stream);
+  PoseStamped not_a_number = pose_message(X_start, "");
+  not_a_number.pose.orientation.z = kNan;
+  port.receive(not_a_number, Delivery::goal);
+  rig.loop.steps(200);
+  EXPECT_EQ(port.counts().refused, 7u);
+  EXPECT_EQ(port.diagnostic().level, Diagnostic::Level::warn);
+  EXPECT_THAT(port.diagnostic().message, HasSubstr("not finite"));
+  EXPECT_FALSE(reference.streaming());
+  EXPECT_LT(pose_error(reference.pose(), X_start).norm(), 1e-12);
+  EXPECT_EQ(rig.loop.modes().owner(0), rig.loop.find("pose0")) << "it had no stream to lose";
+
+  Pose X_goal = X_start;
+  X_goal.position.z() += 0.01;
+  port.receive(pose_message(X_goal, "world"), Delivery::goal);
+  rig.loop.steps(1500);
+  EXPECT_LT(pose_error(reference.pose(), X_goal).norm(), 1e-9);
+  EXPECT_EQ(port.diagnostic().level, Diagnostic::Level::ok);
+  EXPECT_EQ(rig.counters.samples_accepted.load(), 1u);
+  EXPECT_EQ(rig.counters.samples_refused.load(), 7u);
+
+  // A stream that goes on with nonsense is silence: the arm is held.
+  for (int i = 0; i < 300; ++i) {
+    PoseStamped next = pose_message(X_goal, i < 50 ? "" : "nowhere");
+    port.receive(next, Delivery::stream);
+    rig.loop.step();
+  }
+  EXPECT_EQ(rig.loop.modes().owner(0), rig.loop.find("arm0_hold"));
+}
+
+TEST(Parameters, AreWhatStatementsSay) {
+  Rig rig;
+  const ParameterTable table(rig.loop.modes());
+  const auto names = table.names();
+  const Instance& instance = rig.loop.modes().instance(rig.loop.find("joint1"));
+  std::size_t count = 0;
+  for (const auto& name : names) count += name.starts_with("joint1.") ? 1 : 0;
+  EXPECT_EQ(count, instance.parameter_count());
+  for (const auto& name : names) {
+    const auto descriptor = table.describe(name);
+    EXPECT_NE(descriptor.type, Type::PARAMETER_NOT_SET) << name;
+    EXPECT_FALSE(descriptor.description.empty()) << name;
+    EXPECT_EQ(table.get(name).type, descriptor.type) << name;
+    std::string reason;  // what is read can be set
+    rcl_interfaces::msg::Parameter parameter;
+    parameter.name = name;
+    parameter.value = table.get(name);
+    EXPECT_TRUE(table.request(parameter, reason)) << reason;
+  }
+  EXPECT_EQ(table.describe("joint1.no_such_thing").type, Type::PARAMETER_NOT_SET);
+  EXPECT_EQ(table.get("nobody.stiffness").type, Type::PARAMETER_NOT_SET);
+}
+
+struct TableTest : testing::Test {
+  std::optional<Request> set(const std::string& name, const std::function<void(ParameterTable::Value&)>& to) {
+    rcl_interfaces::msg::Parameter parameter;
+    parameter.name = name;
+    to(parameter.value);
+    reason.clear();
+    return table.request(parameter, reason);
+  }
+  std::optional<Request> set_number(const std::string& name, double value) {
+    return set(name, [&](auto& v) {
+      v.type = Type::PARAMETER_DOUBLE;
+      v.double_value = value;
+    });
+  }
+  // The first parameter of an instance that a test of a kind can use.
+  std::string find(const std::function<bool(const ParameterSpec&)>& wanted) {
+    for (InstanceIndex i = 0; i < rig.loop.modes().instance_count(); ++i) {
+      const Instance& instance = rig.loop.modes().instance(i);
+      for (std::size_t k = 0; k < instance.parameter_count(); ++k) {
+        if (wanted(instance.parameter_spec(k))) return instance.name() + "." + instance.parameter_names()[k];
+      }
+    }
+    ADD_FAILURE() << "no controllet has such a parameter";
+    return "";
+  }
+  Rig rig;
+  ParameterTable table{rig.loop.modes()};
+  std::string reason;
+};
+
+TEST_F(TableTest, ChoicesAndSwitchesHaveNames) {
+  const std::string choice =
+      find([](const ParameterSpec& s) { return s.choices.size() == 2 && s.choices[0] == "passive"; });
+  EXPECT_EQ(table.describe(choice).type, Type::PARAMETER_STRING);
+  EXPECT_THAT(table.describe(choice).additional_constraints, HasSubstr("one of: passive, paper"));
+  EXPECT_EQ(table.get(choice).string_value, "passive");
+  const auto by_name = set(choice, [](auto& v) {
+    v.type = Type::PARAMETER_STRING;
+    v.string_value = "paper";
+  });
+  ASSERT_TRUE(by_name);
+  EXPECT_EQ(by_name->values[0], 1);
+  const auto by_number = set(choice, [](auto& v) {
+    v.type = Type::PARAMETER_INTEGER;
+    v.integer_value = 1;
+  });
+  ASSERT_TRUE(by_number);
+  EXPECT_EQ(by_number->values[0], 1);
+  EXPECT_FALSE(set(choice, [](auto& v) {
+    v.type = Type::PARAMETER_STRING;
+    v.string_value = "psasive";
+  }));
+  EXPECT_THAT(reason, HasSubstr("expected passive or paper"));
+  EXPECT_FALSE(set_number(choice, 1)) << "a number without a name is no choice";
+
+  const std::string flag =
+      find([](const ParameterSpec& s) { return s.choices.size() == 2 && s.choices[0] == "false"; });
+  EXPECT_EQ(table.describe(flag).type, Type::PARAMETER_BOOL);
+  ASSERT_TRUE(set(flag, [](auto& v) {
+    v.type = Type::PARAMETER_BOOL;
+    v.bool_value = true;
+  })) << reason;
+}
+
+TEST_F(TableTest, NumbersKeepTheirBoundsAndSizes) {
+  const std::string joints = find([](const ParameterSpec& s) { return s.size == ParameterSpec::kPerJoint; });
+  const auto descriptor = table.describe(joints);
+  EXPECT_EQ(descriptor.type, Type::PARAMETER_DOUBLE_ARRAY);
+  EXPECT_THAT(descriptor.additional_constraints, HasSubstr("7 numbers, one per joint"));
+  ASSERT_EQ(descriptor.floating_point_range.size(), 1u);
+  const double max = descriptor.floating_point_range[0].to_value;
+  EXPECT_EQ(table.get(joints).double_array_value.size(), 7u);
+  const auto all = set_number(joints, max);  // one for all
+  ASSERT_TRUE(all) << reason;
+  EXPECT_EQ(all->size, 7);
+  EXPECT_EQ(all->values[6], max);
+  EXPECT_FALSE(set_number(joints, max * 1.001 + 1));
+  EXPECT_THAT(reason, HasSubstr("must be"));
+  EXPECT_FALSE(set_number(joints, kNan));
+  EXPECT_FALSE(set(joints, [](auto& v) {
+    v.type = Type::PARAMETER_DOUBLE_ARRAY;
+    v.double_array_value = {1, 2, 3};
+  }));
+  EXPECT_THAT(reason, HasSubstr("3 numbers; expected 7"));
+  EXPECT_FALSE(set(joints, [](auto& v) {
+    v.type = Type::PARAMETER_STRING;
+    v.string_value = "stiff";
+  }));
+  EXPECT_THAT(reason, HasSubstr("expected 7 numbers, found a string"));
+  EXPECT_FALSE(set_number("joint1.stifness", 1));
+  EXPECT_THAT(reason, HasSubstr("'joint1' has no parameter 'stifness'"));
+  EXPECT_FALSE(set_number("nobody", 1));
+  EXPECT_THAT(reason, HasSubstr("there is no parameter 'nobody'"));
+}
+
+TEST_F(TableTest, ListsByPrefixAndDepth) {
+  const auto all = table.list({}, 0);
+  EXPECT_EQ(all.names.size(), table.names().size());
+  const auto own = table.list({"pose0"}, 1);  // not its features'
+  ASSERT_FALSE(own.names.empty());
+  for (const auto& name : own.names) {
+    EXPECT_TRUE(name.starts_with("pose0."));
+    EXPECT_EQ(std::count(name.begin(), name.end(), '.'), 1);
+  }
+  EXPECT_THAT(own.prefixes, ElementsAre("pose0"));
+  EXPECT_GT(table.list({"pose0"}, 0).names.size(), own.names.size());
+  EXPECT_TRUE(table.list({"pose"}, 0).names.empty()) << "a prefix is a whole name";
+  EXPECT_TRUE(table.list({}, 1).names.empty()) << "none is without an instance";
+}
+
+// Set through the loop: the event says what the table then reads.
+TEST_F(TableTest, EventsSayWhatWasSet) {
+  rig.loop.step();
+  const std::string name = find([](const ParameterSpec& s) { return s.size == 3 || s.size == 6; });
+  const auto request = set_number(name, table.describe(name).floating_point_range[0].from_value);
+  ASSERT_TRUE(request) << reason;
+  RecordRing& ring = *rig.loop.cycle.record();
+  while (ring.events.front() != nullptr) ring.events.pop();
+  ASSERT_TRUE(rig.loop.ask(*request).accepted());
+  const Event* event = ring.events.front();
+  ASSERT_NE(event, nullptr);
+  ASSERT_EQ(event->kind, EventKind::parameter_set);
+  EXPECT_EQ(table.changed(*event).name, name);
+  EXPECT_EQ(table.changed(*event).value, table.get(name));
+}
+
+TEST(ModeAnswers, SwitchesSayWhyAndWhen) {
+  Rig rig;
+  rig.loop.step();
+  MultimodeController& modes = rig.loop.modes();
+  Refused refused;
+  multipanda_msgs::srv::SwitchControllets::Request asked;
+  EXPECT_FALSE(switch_request(modes, asked, refused));
+  EXPECT_THAT(refused.reason, HasSubstr("switches nothing"));
+  asked.activate = {"pose2"};
+  EXPECT_FALSE(switch_request(modes, asked, refused));
+  EXPECT_EQ(refused.verdict, "unknown_instance");
+  EXPECT_THAT(refused.reason, HasSubstr("there is no controllet 'pose2'"));
+  asked.activate = asked.deactivate = {"pose0"};
+  EXPECT_FALSE(switch_request(modes, asked, refused));
+  EXPECT_THAT(refused.reason, HasSubstr("in activate and in deactivate"));
+
+  asked.deactivate.clear();
+  asked.activate = {"pose0", "both"};
+  auto request = switch_request(modes, asked, refused);
+  ASSERT_TRUE(request);
+  Answer answer;
+  answer.verdict = modes.check(*request);
+  auto response = switch_response(modes, *request, answer, host_now());
+  EXPECT_FALSE(response.accepted);
+  EXPECT_EQ(response.verdict, "two_owners");
+  EXPECT_THAT(response.reason, HasSubstr("both own arm 'arm0'"));
+
+  asked.activate = {"pose0"};
+  const HostTime received = host_now();
+  request = switch_request(modes, asked, refused);
+  answer = rig.loop.ask(*request);
+  response = switch_response(modes, *request, answer, received);
+  EXPECT_TRUE(response.accepted);
+  EXPECT_EQ(response.verdict, "accepted");
+  EXPECT_EQ(response.reason, "");
+  EXPECT_THAT(response.started, ElementsAre("pose0"));
+  EXPECT_THAT(response.stopped, ElementsAre("arm0_hold"));
+  EXPECT_THAT(response.arms, ElementsAre("arm0"));
+  EXPECT_EQ(response.torque_step.size(), 1u);
+  EXPECT_EQ(response.first_torque_ns, answer.first_torque.ns);
+  EXPECT_NEAR(response.waiting_s + response.computing_s, response.total_s, 1e-9);
+  EXPECT_GT(response.computing_s, 0);
+  EXPECT_GT(response.waiting_s, 0);
+}
+
+TEST(ModeAnswers, FeaturesAndArmsByName) {
+  Rig rig;
+  const MultimodeController& modes = rig.loop.modes();
+  Refused refused;
+  multipanda_msgs::srv::SetFeatures::Request asked;
+  asked.instance = "pose0";
+  asked.features = {"joint_limits", "manipulability"};
+  asked.on = {true, false};
+  const auto requests = feature_requests(modes, asked, refused);
+  ASSERT_TRUE(requests) << refused.reason;
+  ASSERT_EQ(requests->size(), 2u);
+  EXPECT_TRUE((*requests)[0].on);
+  EXPECT_FALSE((*requests)[1].on);
+  asked.on.pop_back();
+  EXPECT_FALSE(feature_requests(modes, asked, refused));
+  EXPECT_THAT(refused.reason, HasSubstr("2 features with 1 values"));
+  asked.on.push_back(true);
+  asked.features[1] = "joint_limit";
+  EXPECT_FALSE(feature_requests(modes, asked, refused));
+  EXPECT_EQ(refused.verdict, "unknown_feature");
+
+  EXPECT_EQ(*arms_named(modes, {}, refused), ArmSet::all(2));
+  EXPECT_EQ(*arms_named(modes, {"arm1"}, refused), ArmSet::of(1));
+  EXPECT_FALSE(arms_named(modes, {"arm1", "arm2"}, refused));
+  EXPECT_THAT(refused.reason, HasSubstr("there is no arm 'arm2'"));
+}
+
+TEST(Rates, ComeFromTheRecords) {
+  Every tenth(100, 0.001), each(5000, 0.001), never(0, 0.001);
+  int tenths = 0, all = 0, none = 0;
+  for (std::uint64_t cycle = 1; cycle <= 1000; ++cycle) {
+    if (cycle % 7 == 0) continue;  // dropped records only delay
+    tenths += tenth.due(cycle) ? 1 : 0;
+    all += each.due(cycle) ? 1 : 0;
+    none += never.due(cycle) ? 1 : 0;
+  }
+  EXPECT_EQ(tenths, 100);
+  EXPECT_EQ(all, 1000 - 142);
+  EXPECT_EQ(none, 0);
+  EXPECT_EQ(tenth.words(0.001), "100 Hz");
+  EXPECT_EQ(each.words(0.001), "1000 Hz");
+}
+
+}  // namespace
+}  // namespace multipanda::ros
