@@ -1,0 +1,677 @@
+// What the adapter shows of arms and world: content against other ways to the same numbers, rates, and the
+// way of the records to it.
+#include "ros/adapter/state/state.hpp"
+
+#include <atomic>
+#include <cmath>
+#include <latch>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <random>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "models/two_engines.hpp"
+#include "ros/adapter/record_relay.hpp"
+#include "ros/adapter/state/arm_topics.hpp"
+#include "ros/adapter/state/loop_topics.hpp"
+#include "ros/adapter/state/scene_description.hpp"
+#include "ros/adapter/state/simulation_services.hpp"
+#include "ros/adapter/state/state_rig.hpp"
+#include "ros/adapter/state/world_topics.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+using test::StateRig;
+using testing::Contains;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::Not;
+
+// Two arms on rotated bases, one with a hand and a frame of its own, one without.
+const std::string kArms =
+    "arms:\n"
+    "  - name: left\n"
+    "    base: {position_m: [0.1, 0.5, 0.2], rpy_rad: [0.4, -0.3, 1.1]}\n"
+    "    stiffness_frame: {position_m: [0.02, 0.01, 0.05], rpy_rad: [0.3, 0.2, -0.5]}\n"
+    "  - name: right\n"
+    "    hand: false\n"
+    "    base: {position_m: [-0.2, -0.7, 0.1], rpy_rad: [-0.6, 0.2, -2.0]}\n";
+
+// ------------------------------------------------------------------------------------------------- the relay
+
+RecordLayout small_layout() {
+  RecordLayout layout;
+  layout.arms.push_back({"arm", 7});
+  return layout;
+}
+
+CycleRecord numbered(std::uint64_t cycle) {
+  CycleRecord record(1, 0, 0);
+  record.cycle = cycle;
+  return record;
+}
+
+struct Listener : Part {
+  std::function<void(std::uint64_t)> on_record;
+  std::vector<std::uint64_t> cycles;
+  std::size_t events = 0;
+  std::atomic<std::size_t> count{0};
+  void take(const CycleRecord& record) override {
+    cycles.push_back(record.cycle);
+    if (on_record) on_record(record.cycle);
+    ++count;
+  }
+  void take(const Event&) override { ++events; }
+};
+
+TEST(RecordRelay, KeepsOrderAndCountsWhatFindsNoRoom) {
+  Parts parts;
+  parts.push_back(std::make_unique<Listener>());
+  parts.push_back(std::make_unique<Listener>());
+  auto &first = static_cast<Listener&>(*parts[0]), &second = static_cast<Listener&>(*parts[1]);
+  std::latch reached(1), go_on(1);
+  first.on_record = [&](std::uint64_t cycle) {
+    if (cycle != 1) return;
+    reached.count_down();
+    go_on.wait();
+  };
+  {
+    RecordRelay relay(small_layout(), parts);
+    relay.take(numbered(1));
+    reached.wait();  // the publisher's thread hangs in the first record, which keeps its place in the ring
+    constexpr std::size_t kTooMany = 40;
+    for (std::uint64_t cycle = 2; cycle <= RecordRelay::kRecords + kTooMany; ++cycle)
+      relay.take(numbered(cycle));
+    EXPECT_EQ(relay.dropped(), kTooMany);
+    relay.take(Event{});
+    go_on.count_down();
+    ASSERT_TRUE(test::wait_for([&] { return relay.handed_on() == RecordRelay::kRecords; }));
+    relay.take(numbered(1000));
+    // The end hands on what is there.
+  }
+  ASSERT_EQ(first.cycles.size(), RecordRelay::kRecords + 1);
+  for (std::size_t i = 0; i < RecordRelay::kRecords; ++i) EXPECT_EQ(first.cycles[i], i + 1);
+  EXPECT_EQ(first.cycles.back(), 1000u);
+  EXPECT_EQ(second.cycles, first.cycles);
+  EXPECT_EQ(first.events, 1u);
+}
+
+TEST(RecordRelay, APartThatThrowsHarmsNoOther) {
+  Parts parts;
+  parts.push_back(std::make_unique<Listener>());
+  parts.push_back(std::make_unique<Listener>());
+  auto &bad = static_cast<Listener&>(*parts[0]), &good = static_cast<Listener&>(*parts[1]);
+  bad.on_record = [](std::uint64_t) { throw std::runtime_error("no room left"); };
+  std::vector<std::string> told;
+  {
+    RecordRelay relay(small_layout(), parts, [&](const std::string& text) { told.push_back(text); });
+    for (std::uint64_t cycle = 1; cycle <= 20; ++cycle) relay.take(numbered(cycle));
+  }
+  EXPECT_EQ(good.cycles.size(), 20u);
+  EXPECT_THAT(told, ElementsAre("no room left"));  // once
+}
+
+// --------------------------------------------------------------------------------------------- the
+// statistics
+
+TEST(LoopWindow, FiguresOfSyntheticRecords) {
+  std::mt19937_64 random(7);
+  LoopWindow window;
+  std::int64_t start = 5'000'000'000;
+  std::vector<double> periods, works;
+  CycleRecord record(0, 0, 0);
+  const auto add = [&](std::uint64_t cycle, bool next) {
+    const std::int64_t period = std::uniform_int_distribution<std::int64_t>(900'000, 1'300'000)(random);
+    start += next ? period : 10 * period;
+    if (next) periods.push_back(1e-9 * static_cast<double>(period));
+    record.cycle = cycle;
+    record.start.ns = start;
+    record.stages.total = std::uniform_int_distribution<std::int32_t>(5'000, 90'000)(random);
+    works.push_back(1e-9 * record.stages.total);
+    record.overruns = cycle / 100;
+    window.add(record);
+  };
+  const auto expect = [](const LoopWindow::Durations& found, std::vector<double> values) {
+    std::sort(values.begin(), values.end());
+    // The smallest value that at least that share of all does not exceed.
+    const auto share = [&](double of) {
+      return *std::find_if(values.begin(), values.end(), [&](double v) {
+        const auto below = std::upper_bound(values.begin(), values.end(), v) - values.begin();
+        return static_cast<double>(below) >= of * static_cast<double>(values.size());
+      });
+    };
+    EXPECT_DOUBLE_EQ(found.median, share(0.5));
+    EXPECT_DOUBLE_EQ(found.p99, share(0.99));
+    EXPECT_DOUBLE_EQ(found.worst, values.back());
+  };
+
+  add(1, false);
+  for (std::uint64_t cycle = 2; cycle <= 500; ++cycle) add(cycle, true);
+  const std::int64_t begin = start;
+  LoopWindow::Figures figures = window.look();
+  EXPECT_EQ(figures.cycle, 500u);
+  EXPECT_EQ(figures.cycles, 500u);
+  EXPECT_EQ(figures.overruns, 5u);
+  EXPECT_NEAR(figures.rate_hz, 499 / std::accumulate(periods.begin(), periods.end(), 0.0), 1e-6);
+  expect(figures.period, periods);
+  expect(figures.cycle_time, works);
+
+  // The next window begins with the last cycle. Records 701 to 730 are missing: no period spans them.
+  periods.clear();
+  works.clear();
+  for (std::uint64_t cycle = 501; cycle <= 700; ++cycle) add(cycle, true);
+  add(731, false);
+  for (std::uint64_t cycle = 732; cycle <= 1000; ++cycle) add(cycle, true);
+  figures = window.look();
+  EXPECT_EQ(figures.cycles, 500u);
+  EXPECT_EQ(figures.overruns, 10u);
+  EXPECT_EQ(figures.overruns_window, 5u);
+  EXPECT_NEAR(figures.window_s, 1e-9 * static_cast<double>(start - begin), 1e-12);
+  EXPECT_NEAR(figures.rate_hz, 500 / figures.window_s, 1e-6);
+  expect(figures.period, periods);
+  expect(figures.cycle_time, works);
+}
+
+TEST(LoopWindow, WithoutRecordsNothingIsMadeUp) {
+  LoopWindow window;
+  const LoopWindow::Figures figures = window.look();
+  EXPECT_EQ(figures.cycles, 0u);
+  EXPECT_EQ(figures.rate_hz, 0);
+  EXPECT_TRUE(std::isnan(figures.period.median) && std::isnan(figures.cycle_time.worst));
+}
+
+// ------------------------------------------------------------------------------------------------- the arms
+
+JointArray random_joints(std::mt19937_64& random, double most) {
+  JointArray joints{};
+  for (double& value : joints) value = std::uniform_real_distribution<double>(-most, most)(random);
+  return joints;
+}
+
+struct Arms : testing::Test {
+  explicit Arms(const std::string& text = kArms) : scene(parse_scene(text, "test.yaml", registry)) {
+    for (const auto& arm : scene.arms) world.models.push_back(build_arm_model(arm));
+    world.scene = &scene;
+    view.emplace(world);
+  }
+  CycleRecord random_record(std::mt19937_64& random) {
+    CycleRecord record(scene.arms.size(), 0, 0);
+    for (auto& arm : record.arms) {
+      arm.q = random_joints(random, 1.5);
+      arm.dq = random_joints(random, 1);
+      arm.tau_J = random_joints(random, 40);
+      arm.has_gripper = true;
+      arm.gripper_width = std::uniform_real_distribution<double>(0, 0.08)(random);
+    }
+    return record;
+  }
+  Registry registry = Registry::with_builtins();
+  Scene scene;
+  RunWorld world;
+  std::optional<ArmsView> view;
+};
+
+TEST_F(Arms, JointStatesNameAllJointsAndFingers) {
+  std::mt19937_64 random(1);
+  sensor_msgs::msg::JointState message;
+  fill_names(view->arms(), message);
+  EXPECT_THAT(message.name, ElementsAre("left_joint1", "left_joint2", "left_joint3", "left_joint4",
+                                        "left_joint5", "left_joint6", "left_joint7", "left_finger_joint1",
+                                        "left_finger_joint2", "right_joint1", "right_joint2", "right_joint3",
+                                        "right_joint4", "right_joint5", "right_joint6", "right_joint7"));
+  const CycleRecord record = random_record(random);
+  fill(view->arms(), record, message);
+  EXPECT_EQ(message.position[3], record.arms[0].q[3]);
+  EXPECT_EQ(message.position[7], record.arms[0].gripper_width / 2);
+  EXPECT_EQ(message.position[8], record.arms[0].gripper_width / 2);
+  EXPECT_EQ(message.position[9 + 6], record.arms[1].q[6]);
+  EXPECT_EQ(message.velocity[9 + 2], record.arms[1].dq[2]);
+  EXPECT_EQ(message.effort[1], record.arms[0].tau_J[1]);
+  ASSERT_EQ(message.position.size(), message.name.size());
+}
+
+// All frames of tf, put together from `world`, stand where Pinocchio has them by robot_description and
+// joint_states.
+TEST_F(Arms, TransformsAgreeWithTheRobotDescription) {
+  std::mt19937_64 random(2);
+  for (int trial = 0; trial < 3; ++trial) {
+    const CycleRecord record = random_record(random);
+    view->take(record);
+    sensor_msgs::msg::JointState joints;
+    fill_names(view->arms(), joints);
+    fill(view->arms(), record, joints);
+
+    std::map<std::string, Pose> placed{{"world", Pose()}};
+    for (std::size_t i = 0; i < view->arms().size(); ++i) {
+      std::vector<Placed> frames = fixed_frames(view->arms()[i], scene.arms[i].X_WB), moving;
+      moving_frames(view->arms()[i], record.arms[i], view->terms(i), moving);
+      frames.insert(frames.end(), moving.begin(), moving.end());
+      for (std::size_t left = frames.size(); left > 0; --left) {  // parents come in any order
+        for (const auto& frame : frames) {
+          if (placed.count(frame.parent) > 0) placed.emplace(frame.child, placed[frame.parent] * frame.X);
+        }
+      }
+    }
+
+    std::map<std::string, double> positions;
+    for (std::size_t i = 0; i < joints.name.size(); ++i) positions[joints.name[i]] = joints.position[i];
+    multipanda::test::PinocchioArm robot(scene_urdf(scene), "world", {"left_joint1"}, positions);
+    ASSERT_EQ(robot.joints(), 1);
+    std::vector<std::string> names;
+    for (const std::string arm : {"left_", "right_"}) {
+      for (int link = 0; link <= 8; ++link) names.push_back(arm + "link" + std::to_string(link));
+    }
+    for (const char* name : {"left_hand", "left_hand_tcp", "left_leftfinger", "left_rightfinger"})
+      names.push_back(name);
+    const Eigen::VectorXd q = Eigen::VectorXd::Constant(1, positions["left_joint1"]);
+    const auto terms = robot.terms(q, Eigen::VectorXd::Zero(1), names);
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      ASSERT_EQ(placed.count(names[i]), 1u) << names[i];
+      const Pose& X = placed[names[i]];
+      EXPECT_LT((X.position - terms.poses[i].position).norm(), 1e-12) << names[i];
+      EXPECT_LT((X.rotation - terms.poses[i].rotation).norm(), 1e-12) << names[i];
+    }
+    // The frames that are set stand where the model has them.
+    EXPECT_LT((placed["left_ee"].position - view->terms(0).X_WE().position).norm(), 1e-12);
+    EXPECT_LT((placed["left_k"].position - view->terms(0).X_WK().position).norm(), 1e-12);
+    EXPECT_LT((placed["left_k"].rotation - view->terms(0).X_WK().rotation).norm(), 1e-12);
+    EXPECT_GT((placed["left_k"].position - placed["left_ee"].position).norm(), 0.03);
+    EXPECT_EQ(placed.size(), 1 + names.size() + 4);  // and no other
+  }
+}
+
+// Standing on a turned base, an arm is the same arm: M stays, Jacobian and poses turn with it.
+TEST_F(Arms, ModelOfATurnedBaseIsTheModelTurned) {
+  std::mt19937_64 random(3);
+  const CycleRecord record = random_record(random);
+  view->take(record);
+  multipanda_msgs::msg::RobotModel model;
+  fill(view->arms()[0], view->terms(0), model);
+
+  SceneArm upright = scene.arms[0];
+  const Pose X_WB = upright.X_WB;
+  upright.X_WB = Pose();
+  ModelTerms terms(build_arm_model(upright));
+  const ArmConfig config = arm_config(upright);
+  terms.set_config(config.frames, config.tool, config.load);
+  terms.update(JointVector(Eigen::Map<const Eigen::VectorXd>(record.arms[0].q.data(), 7)),
+               JointVector(Eigen::Map<const Eigen::VectorXd>(record.arms[0].dq.data(), 7)));
+  ASSERT_EQ(model.mass.size(), 49u);
+  ASSERT_EQ(model.jacobian.size(), 42u);
+  for (std::size_t row = 0; row < 7; ++row) {
+    const auto r = static_cast<Eigen::Index>(row);
+    EXPECT_NEAR(model.coriolis[row], terms.c()[r], 1e-10);
+    for (std::size_t column = 0; column < 7; ++column) {
+      const auto c = static_cast<Eigen::Index>(column);
+      EXPECT_NEAR(model.mass[7 * row + column], terms.M()(r, c), 1e-12);
+    }
+  }
+  for (std::size_t column = 0; column < 7; ++column) {
+    const auto c = static_cast<Eigen::Index>(column);
+    const Vector3 linear = X_WB.rotation * terms.J_V_WE().col(c).head<3>(),
+                  angular = X_WB.rotation * terms.J_V_WE().col(c).tail<3>();
+    for (std::size_t row = 0; row < 3; ++row) {
+      EXPECT_NEAR(model.jacobian[7 * row + column], linear[static_cast<Eigen::Index>(row)], 1e-12);
+      EXPECT_NEAR(model.jacobian[7 * (row + 3) + column], angular[static_cast<Eigen::Index>(row)], 1e-12);
+    }
+  }
+  const auto expect_pose = [](const geometry_msgs::msg::Pose& found, const Pose& X) {
+    const Pose Y =
+        Pose::from({found.position.x, found.position.y, found.position.z},
+                   {found.orientation.w, found.orientation.x, found.orientation.y, found.orientation.z});
+    EXPECT_LT((Y.position - X.position).norm() + (Y.rotation - X.rotation).norm(), 1e-12);
+  };
+  expect_pose(model.flange, X_WB * terms.X_WF());
+  expect_pose(model.pose, X_WB * terms.X_WE());
+  expect_pose(model.stiffness, X_WB * terms.X_WK());
+  EXPECT_NEAR(model.manipulability, terms.manipulability(), 1e-12);
+
+  // The state: twist in world axes, and only as many joints as there are.
+  multipanda_msgs::msg::RobotState state;
+  fill(view->arms()[0], record.arms[0], view->terms(0), state);
+  const Vector3 v = X_WB.rotation * terms.V_WE().linear();
+  EXPECT_LT((Vector3(state.twist.linear.x, state.twist.linear.y, state.twist.linear.z) - v).norm(), 1e-12);
+  EXPECT_EQ(state.q.size(), 7u);
+  EXPECT_TRUE(state.tau_ext.empty());  // the arm does not tell
+  expect_pose(state.stiffness, scene.arms[0].X_EK);
+}
+
+TEST_F(Arms, SettingsFollowTheArmsOwnWord) {
+  CycleRecord record(2, 0, 0);
+  record.arms[0].errors = (1ull << 6) | (1ull << 25);
+  view->take(record);
+  multipanda_msgs::msg::RobotState state;
+  fill(view->arms()[0], record.arms[0], view->terms(0), state);
+  EXPECT_THAT(state.error_names, ElementsAre("joint_reflex", "communication_constraints_violation"));
+  const double gravity_before = view->terms(0).g()[3];
+
+  Event event{.kind = EventKind::arm_config, .arm = 0};
+  const std::vector<double> values{0,   0,    0.2, 1,   0, 0,   0,                // X_FE
+                                   0,   0.1,  0,   0,   1, 0,   0,                // X_EK: half a turn about x
+                                   0.5, 0,    0,   0.1, 1, 0,   0,   2, 0,   3,   // tool
+                                   1.5, 0.02, 0,   0.1, 4, 0.1, 0.2, 5, 0.3, 6};  // payload
+  std::copy(values.begin(), values.end(), event.values.begin());
+  event.size = static_cast<std::uint8_t>(values.size());
+  view->take(event);
+  fill(view->arms()[0], record.arms[0], view->terms(0), state);
+  EXPECT_EQ(state.end_effector.position.z, 0.2);
+  EXPECT_NEAR(std::abs(state.stiffness.orientation.x), 1, 1e-12);
+  EXPECT_EQ(state.load.mass, 1.5);
+  EXPECT_EQ(state.load.centre.x, 0.02);
+  EXPECT_THAT(state.load.inertia, ElementsAre(4, 0.1, 0.2, 5, 0.3, 6));
+  EXPECT_THAT(state.tool.inertia, ElementsAre(1, 0, 0, 2, 0, 3));
+  EXPECT_GT(std::abs(view->terms(0).g()[3] - gravity_before), 1);  // and the model carries it
+
+  record.arms[0].errors = 0;
+  fill(view->arms()[0], record.arms[0], view->terms(0), state);
+  EXPECT_TRUE(state.error_names.empty());
+}
+
+// --------------------------------------------------------------------------------------- a simulated world
+// in ROS
+
+// Messages of a topic, as they come. Counts in the executor's thread.
+template <class M>
+struct Heard {
+  Heard(StateRig& rig, Node& node, const std::string& name, const Qos& qos = Qos::reliable(2000))
+      : subscription(rig.executor(), node, name, qos, Doc{}, [this](const M& message) {
+          const std::lock_guard lock(mutex);
+          messages.push_back(message);
+        }) {}
+  std::size_t count() {
+    const std::lock_guard lock(mutex);
+    return messages.size();
+  }
+  std::mutex mutex;
+  std::vector<M> messages;
+  Subscription<M> subscription;
+};
+
+std::string with_rates(const std::string& rates) { return kArms + "ros: {rates_hz: {" + rates + "}}\n"; }
+
+TEST(State, EveryNthCycleIsPublishedAndStamped) {
+  StateRig rig(with_rates("joint_states: 250, tf: 100, clock: 1000, robot_state: 0, object_poses: 0"));
+  const Parts parts = make_state(rig.world());
+  Node listener(rig.context(), "listener");
+  Heard<sensor_msgs::msg::JointState> joints(rig, listener, "/joint_states");
+  Heard<tf2_msgs::msg::TFMessage> tf(rig, listener, "/tf"),
+      fixed(rig, listener, "/tf_static", Qos::latched());
+  Heard<rosgraph_msgs::msg::Clock> clock(rig, listener, "/clock");
+  Heard<std_msgs::msg::String> urdf(rig, listener, "/robot_description", Qos::latched());
+  rig.executor().start();
+  for (const char* topic : {"/joint_states", "/tf", "/clock"}) {
+    ASSERT_TRUE(test::wait_for([&] { return rig.node().subscribers_of(topic) == 1; })) << topic;
+  }
+  // Known to the graph, not yet to the publisher: until a message has come, none may be counted.
+  ASSERT_TRUE(test::wait_for([&] {
+    rig.run(20, parts);
+    return joints.count() > 0 && tf.count() > 0 && clock.count() > 0;
+  }));
+  const std::size_t joints_before = joints.count(), tf_before = tf.count(), clock_before = clock.count();
+  rig.run(400, parts);
+  EXPECT_TRUE(test::wait_for([&] {
+    return joints.count() >= joints_before + 100 && tf.count() >= tf_before + 40 &&
+           clock.count() >= clock_before + 400;
+  })) << joints.count() - joints_before
+      << " " << tf.count() - tf_before << " " << clock.count() - clock_before;
+  rig.executor().stop();
+  EXPECT_EQ(joints.count(), joints_before + 100);
+  for (std::size_t i = joints.messages.size() - 99; i < joints.messages.size(); ++i) {
+    const auto ns = [](const auto& stamp) { return stamp.sec * 1'000'000'000ll + stamp.nanosec; };
+    EXPECT_EQ(ns(joints.messages[i].header.stamp) - ns(joints.messages[i - 1].header.stamp), 4'000'000);
+  }
+  EXPECT_EQ(tf.messages.back().transforms.size(), 7u + 2 + 2 + 7 + 2);
+  ASSERT_EQ(fixed.messages.size(), 1u);
+  EXPECT_EQ(fixed.messages[0].transforms.size(), 4u + 2);
+  ASSERT_EQ(urdf.messages.size(), 1u);
+  EXPECT_EQ(urdf.messages[0].data, scene_urdf(rig.scene()));
+  for (const auto& entity : rig.node().entities()) EXPECT_THAT(entity.name, Not(HasSubstr("robot_state")));
+}
+
+// An arm on a turned base holds a payload that nobody declared to it: by its wrench topic it lifts it, with
+// the weight straight up in the world and the moment that the weight has about K.
+TEST(State, WrenchOfAWeightStandsUprightInTheWorld) {
+  const double mass = 1.2;
+  StateRig rig(
+      "arms:\n"
+      "  - name: left\n"
+      "    base: {position_m: [0, 0, 1], rpy_rad: [0.5, -0.4, 1.0]}\n"
+      "    stiffness_frame: {position_m: [0.05, 0.02, 0.03], rpy_rad: [0.3, 0.2, -0.5]}\n"
+      "    load_present: {mass_kg: 1.2, com_m: [0.03, -0.02, 0.15]}\n"
+      "ros: {rates_hz: {wrench: 1000}}\n");
+  const Parts parts = make_state(rig.world());
+  Node listener(rig.context(), "listener");
+  Heard<geometry_msgs::msg::WrenchStamped> heard(rig, listener, "/left/wrench");
+  rig.executor().start();
+  ArmSample sample;
+  rig.run(4000, {}, [&](const CycleRecord& record) { sample = record.arms[0]; });  // comes to rest
+  ASSERT_TRUE(test::wait_for([&] {
+    rig.run(20, parts, [&](const CycleRecord& record) { sample = record.arms[0]; });
+    return heard.count() > 0;
+  }));
+  rig.executor().stop();
+
+  ModelTerms terms(rig.world().models[0]);
+  const ArmConfig config = arm_config(rig.scene().arms[0]);
+  terms.set_config(config.frames, config.tool, config.load);
+  terms.update(JointVector(Eigen::Map<const Eigen::VectorXd>(sample.q.data(), 7)),
+               JointVector(Eigen::Map<const Eigen::VectorXd>(sample.dq.data(), 7)));
+  const Vector3 weight(0, 0, -9.81 * mass), p_WC = terms.X_WF() * Vector3(0.03, -0.02, 0.15);
+  const Vector3 moment = (p_WC - terms.X_WK().position).cross(-weight);  // of what the arm exerts, about K
+  const auto& wrench = heard.messages.back().wrench;
+  EXPECT_EQ(heard.messages.back().header.frame_id, "world");
+  EXPECT_LT((Vector3(wrench.force.x, wrench.force.y, wrench.force.z) + weight).norm(), 0.02 * weight.norm());
+  EXPECT_LT((Vector3(wrench.torque.x, wrench.torque.y, wrench.torque.z) - moment).norm(), 0.1);
+  EXPECT_GT(moment.norm(), 0.3);  // so that a moment about another point would be seen
+}
+
+const std::string kBall =
+    "objects:\n"
+    "  - {name: floor, shape: plane}\n"
+    "  - {name: ball, shape: sphere, diameter_m: 0.1, position_m: [0.5, 0, 1], fixed: false, mass_kg: 1}\n";
+
+TEST(State, ObjectsFallInTheirTopicAsInPhysics) {
+  StateRig rig("arms:\n  - name: left\n" + kBall + "ros: {rates_hz: {object_poses: 1000}}\n");
+  const Parts parts = make_state(rig.world());
+  Node listener(rig.context(), "listener");
+  Heard<multipanda_msgs::msg::ObjectPoses> heard(rig, listener, "/simulation/object_poses");
+  rig.executor().start();
+  ASSERT_TRUE(test::wait_for([&] {
+    rig.run(5, parts);
+    return heard.count() > 0;
+  }));
+  (void)rig.backend().request(0, ResetSimulation{});
+  const std::size_t before = heard.count();
+  rig.run(150, parts);
+  ASSERT_TRUE(test::wait_for([&] { return heard.count() >= before + 140; }));
+  rig.executor().stop();
+  const auto& last = heard.messages.back();
+  EXPECT_THAT(last.names, ElementsAre("ball"));
+  const double height = last.poses[0].position.z;
+  // How long it fell is known by the messages since it was back at its start.
+  std::size_t begin = heard.messages.size() - 1;
+  while (begin > 0 &&
+         heard.messages[begin - 1].poses[0].position.z >= heard.messages[begin].poses[0].position.z)
+    --begin;
+  const auto time = [](const auto& stamp) { return stamp.sec + 1e-9 * stamp.nanosec; };
+  const double fallen = time(last.header.stamp) - time(heard.messages[begin].header.stamp);
+  EXPECT_GT(fallen, 0.05);
+  EXPECT_NEAR(height, 1 - 0.5 * 9.81 * fallen * fallen, 0.02);
+}
+
+TEST(State, DiagnosticsSayWhatIsWrong) {
+  StateRig rig(kArms);
+  LoopTopics loop(rig.world());
+  const auto line = [&](const std::string& name) {
+    for (const auto& each : loop.diagnostics()) {
+      if (each.name == name) return each;
+    }
+    return Diagnostic{.name = "missing"};
+  };
+  EXPECT_EQ(line("loop").level, Diagnostic::Level::warn);
+  EXPECT_EQ(line("loop").message, "has not begun");
+  CycleRecord record(2, 0, 0);
+  record.cycle = 1;
+  record.start = host_now();
+  for (auto& arm : record.arms) arm.mode = static_cast<std::uint8_t>(ArmMode::move);
+  loop.take(record);
+  EXPECT_EQ(line("loop").level, Diagnostic::Level::ok);
+  EXPECT_EQ(line("left").level, Diagnostic::Level::ok);
+  record.cycle = 2;
+  record.arms[1].mode = static_cast<std::uint8_t>(ArmMode::reflex);
+  record.arms[1].errors = 1ull << 6;
+  loop.take(record);
+  EXPECT_EQ(line("left").level, Diagnostic::Level::ok);
+  EXPECT_EQ(line("right").level, Diagnostic::Level::error);
+  EXPECT_THAT(line("right").message, HasSubstr("joint_reflex"));
+  record.cycle = 3;
+  record.start = host_now() + std::chrono::seconds(-2);
+  loop.take(record);
+  EXPECT_EQ(line("loop").level, Diagnostic::Level::error);
+  EXPECT_THAT(line("loop").message, HasSubstr("no cycle for"));
+  EXPECT_EQ(line("ros").level, Diagnostic::Level::ok);
+  rig.world().counters->records_dropped = 3;
+  EXPECT_EQ(line("ros").level, Diagnostic::Level::warn);
+}
+
+TEST(State, EventsAreNamed) {
+  StateRig rig(kArms +
+               "controllets:\n"
+               "  - {name: still, type: joint_impedance, arms: left}\n"
+               "timeline:\n"
+               "  - {at_s: 0.02, switch: {activate: [still]}}\n"
+               "  - {at_s: 0.03, stop: [left]}\n");
+  const Parts parts = make_state(rig.world());
+  Node listener(rig.context(), "listener");
+  rig.run(60, parts);
+  // Whoever comes late hears of them as well.
+  Heard<multipanda_msgs::msg::Switch> switches(rig, listener, "/multipanda/switch_events", Qos::latched(50));
+  Heard<multipanda_msgs::msg::Event> events(rig, listener, "/multipanda/events", Qos::latched(50));
+  rig.executor().start();
+  const auto stopped = [&] {
+    const std::lock_guard lock(events.mutex);
+    return std::any_of(events.messages.begin(), events.messages.end(),
+                       [](const auto& event) { return event.kind == "stopped"; });
+  };
+  EXPECT_TRUE(test::wait_for([&] { return switches.count() >= 1 && stopped(); }));
+  rig.executor().stop();
+  ASSERT_GE(switches.messages.size(), 1u);
+  const auto& first = switches.messages.front();
+  EXPECT_TRUE(first.accepted);
+  EXPECT_THAT(first.started, ElementsAre("still"));
+  EXPECT_THAT(first.stopped, ElementsAre("left_hold"));
+  EXPECT_THAT(first.arms, ElementsAre("left"));
+  for (const auto& event : events.messages) {
+    if (event.kind == "stopped") EXPECT_THAT(event.arms, ElementsAre("left"));
+  }
+}
+
+// ------------------------------------------------------------------------------------------ services of the
+// world
+
+TEST(Placements, AreTurnedIntoTheWorldOrRefused) {
+  const Pose X_WB = Pose::from({1, 2, 3}, Quaternion(0.9, 0.1, -0.3, 0.2));
+  multipanda_msgs::srv::PlaceObjects::Request request;
+  request.frame_id = "left_link0";
+  request.names = {"ball"};
+  request.poses.resize(1);
+  request.poses[0].position.x = 0.4;
+  request.poses[0].orientation.w = 1;
+  const auto place = [&] { return placements(request, {{"left_link0", X_WB}}); };
+  ASSERT_EQ(place().size(), 1u);
+  EXPECT_LT((place()[0].X_WO.position - X_WB * Vector3(0.4, 0, 0)).norm(), 1e-12);
+  EXPECT_LT((place()[0].X_WO.rotation - X_WB.rotation).norm(), 1e-12);
+  const auto refusal = [&]() -> std::string {
+    try {
+      place();
+      return "accepted";
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+  };
+  request.frame_id = "moon";
+  EXPECT_THAT(refusal(), HasSubstr("unknown frame 'moon'"));
+  request.frame_id = "";
+  EXPECT_EQ(refusal(), "accepted");
+  request.poses[0].position.y = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THAT(refusal(), HasSubstr("finite"));
+  request.poses[0].position.y = 0;
+  request.poses[0].orientation.w = 0.5;
+  EXPECT_THAT(refusal(), HasSubstr("unit quaternion"));
+  request.poses.clear();
+  EXPECT_THAT(refusal(), HasSubstr("1 names and 0 poses"));
+}
+
+TEST(State, TheSimulatedWorldObeysItsServices) {
+  StateRig rig("arms:\n  - name: left\n" + kBall);
+  const Parts parts = make_state(rig.world());
+  Node listener(rig.context(), "listener");
+  Client<std_srvs::srv::SetBool> pause(rig.executor(), listener, "/simulation/pause");
+  Client<multipanda_msgs::srv::StepSimulation> step(rig.executor(), listener, "/simulation/step");
+  Client<multipanda_msgs::srv::PlaceObjects> place(rig.executor(), listener, "/simulation/place_objects");
+  Client<std_srvs::srv::Trigger> reset(rig.executor(), listener, "/simulation/reset");
+  rig.executor().start();
+  ASSERT_TRUE(pause.wait_until_ready(20) && step.wait_until_ready(20) && place.wait_until_ready(20) &&
+              reset.wait_until_ready(20));
+  const auto answer_of = [&](auto& client, const auto& request) {
+    auto answer = client.call(request);
+    EXPECT_TRUE(test::wait_for([&] {
+      rig.run(2, parts);
+      return answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+    }));
+    return answer.get();
+  };
+  const auto height = [&] { return rig.backend().object_pose("ball")->position.z(); };
+
+  multipanda_msgs::srv::PlaceObjects::Request there;
+  there.names = {"ball", "cube"};
+  there.poses.resize(2);
+  there.poses[0].position.x = there.poses[1].position.x = 0.6;
+  there.poses[0].position.z = there.poses[1].position.z = 5;
+  there.poses[0].orientation.w = there.poses[1].orientation.w = 1;
+  const auto placed = answer_of(place, there);
+  EXPECT_FALSE(placed.success);
+  EXPECT_THAT(placed.placed, ElementsAre(true, false));
+  EXPECT_THAT(placed.error, HasSubstr("cube"));
+  EXPECT_GT(height(), 3);
+
+  std_srvs::srv::SetBool::Request on;
+  on.data = true;
+  EXPECT_TRUE(answer_of(pause, on).success);
+  const double still = height();
+  rig.run(20, parts);
+  EXPECT_EQ(height(), still);
+  multipanda_msgs::srv::StepSimulation::Request steps;
+  steps.periods = 10;
+  EXPECT_TRUE(answer_of(step, steps).success);
+  EXPECT_LT(height(), still);
+  on.data = false;
+  EXPECT_TRUE(answer_of(pause, on).success);
+  const auto refused = answer_of(step, steps);
+  EXPECT_FALSE(refused.success);
+  EXPECT_FALSE(refused.error.empty());
+  EXPECT_TRUE(answer_of(reset, std_srvs::srv::Trigger::Request{}).success);
+  EXPECT_NEAR(height(), 1, 0.05);
+  EXPECT_EQ(rig.world().counters->requests, 6u);
+  EXPECT_EQ(rig.world().counters->requests_refused, 2u);
+  rig.executor().stop();
+}
+
+// Everything that is there is described, with its rate.
+TEST(State, EveryEntityIsDocumented) {
+  StateRig rig(kArms + kBall);
+  const Parts parts = make_state(rig.world());
+  const auto entities = rig.node().entities();
+  EXPECT_GT(entities.size(), 15u);
+  for (const auto& entity : entities) {
+    EXPECT_FALSE(entity.type.empty() || entity.doc.empty()) << entity.name;
+    if (entity.kind == "publisher") EXPECT_FALSE(entity.qos.empty() || entity.rate.empty()) << entity.name;
+  }
+}
+
+}  // namespace
+}  // namespace multipanda::ros
