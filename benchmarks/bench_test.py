@@ -37,7 +37,10 @@ class Json(unittest.TestCase):
         expected |= {f"{law}+joint_limits/{n}" for law in SINGLE for n in ("1", "2")}
         expected |= {f"{law}+joint_limits/2" for law in DUAL}
         self.assertLessEqual(expected, set(self.results["cycle_us"]))
-        self.assertEqual(set(self.results["switch_ms"]), {"controllet", "feature"})
+        ros = self.results["machine"].get("ros") != "not built"
+        self.assertEqual(set(self.results["switch_ms"]), {"controllet", "feature"} | ({"ros_service"} if ros else set()))
+        self.assertEqual(set(self.results["ros_us"]),
+                         {"adapter_in_loop", "cycle_with_adapter", "cycle_without"} if ros else set())
         self.assertEqual(set(self.results["realtime_factor"]), set(ARMS) | {"2+features"})
         acting = {"collision_avoidance", "joint_limits", "manipulability", "all"}
         self.assertLessEqual(acting | {"none"}, set(self.results["features_us"]))
@@ -48,7 +51,7 @@ class Json(unittest.TestCase):
                              set(self.results["machine"]))
 
     def test_figures_are_ordered_and_positive(self):
-        for section in ("cycle_us", "features_us", "switch_ms", "limits_us"):
+        for section in ("cycle_us", "features_us", "switch_ms", "ros_us", "limits_us"):
             for key, figures in self.results[section].items():
                 self.assertEqual(set(figures), {"median", "p999", "worst"}, key)
                 self.assertGreater(figures["median"], 0, key)

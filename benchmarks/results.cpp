@@ -9,6 +9,7 @@
 #include "benchmarks/bare_cases.hpp"
 #include "benchmarks/cycle_cases.hpp"
 #include "benchmarks/feature_cases.hpp"
+#include "benchmarks/ros_service.hpp"
 #include "benchmarks/switching.hpp"
 #include "logs/machine.hpp"
 
@@ -69,7 +70,8 @@ nlohmann::ordered_json measure_all(const Effort& effort) {
   const Registry registry = Registry::with_builtins();
   Json results = {
       {"cycle_us", Json::object()},   {"features_us", Json::object()}, {"feature_adds_us", Json::object()},
-      {"loop_calls", Json::object()}, {"switch_ms", Json::object()},   {"realtime_factor", Json::object()},
+      {"loop_calls", Json::object()}, {"switch_ms", Json::object()},   {"ros_us", Json::object()},
+      {"realtime_factor", Json::object()},
       {"limits_us", Json::object()},  {"ratios", Json::object()},      {"samples", 0},
       {"machine", machine()}};
   const Arms arms(registry);
@@ -100,6 +102,17 @@ nlohmann::ordered_json measure_all(const Effort& effort) {
     }
     for (const SetupStep& step : times.loop_thread) {
       results["machine"]["loop_thread"].push_back(step.done ? step.what : step.what + ": " + step.reason);
+    }
+  }
+  if (wanted("switch_ms/ros_service") || wanted("ros_us")) {
+    const RosTimes times = measure_ros(registry, std::min(kTrials, effort.samples));
+    if (!times.missing.empty()) {
+      results["machine"]["ros"] = times.missing;
+    } else {
+      results["switch_ms"]["ros_service"] = json_of(times.switch_ms);
+      results["ros_us"] = {{"adapter_in_loop", json_of(times.adapter_us)},
+                           {"cycle_with_adapter", json_of(times.with_us)},
+                           {"cycle_without", json_of(times.without_us)}};
     }
   }
   const std::size_t cycles = std::min<std::size_t>(250, effort.samples);
@@ -143,6 +156,7 @@ std::string markdown_of(const nlohmann::ordered_json& results) {
   figures("features_us", "Control cycle of two arms whose hands nearly meet, by feature", "µs");
   figures("limits_us", "Libraries alone", "µs");
   figures("switch_ms", "Switching", "ms");
+  figures("ros_us", "Two arms with the ROS adapter: the loop's thread", "µs");
   const auto numbers = [&](const char* section, const char* title, const char* format) {
     if (results[section].empty()) return;
     text += fmt::format("### {}\n\n| | |\n|---|---:|\n", title);
