@@ -6,6 +6,8 @@
 #include <limits>
 #include <rcutils/logging_macros.h>
 
+#include <fmt/format.h>
+
 #include "ros/adapter/arms/arms.hpp"
 #include "ros/adapter/controllets/controllets.hpp"
 #include "ros/adapter/record_relay.hpp"
@@ -73,6 +75,13 @@ void RosAdapter::build(const RunWorld& run) {
   world.warn = [this](const std::string& topic, const std::string& text) { warn(topic, text); };
   world_ = std::make_unique<AdapterWorld>(std::move(world));
   make_parts();
+  executor_->on_failure([this](const std::string& source, const std::string& text) {
+    {
+      const std::lock_guard lock(warn_mutex_);
+      last_failure_ = source + ": " + text;
+    }
+    warn(source, "a callback failed: " + source + ": " + text);
+  });
   relay_ = std::make_unique<RecordRelay>(*run.layout, parts_,
                                          [this](const std::string& text) { warn("publishing", text); });
   executor_->start();
@@ -81,7 +90,7 @@ void RosAdapter::build(const RunWorld& run) {
 void RosAdapter::make_parts() {
   const auto add = [this](Parts parts) { std::move(parts.begin(), parts.end(), std::back_inserter(parts_)); };
   if (options_.controllets) add(make_controllets(*world_));
-  if (options_.arms) add(make_arms(*world_));
+  if (options_.arms || options_.motions) add(make_arms(*world_));
   if (options_.state) add(make_state(*world_));
 }
 
@@ -104,6 +113,13 @@ void RosAdapter::on_loop(const Tick& tick, const Backend& backend) {
 
 std::vector<Diagnostic> RosAdapter::diagnostics() const {
   std::vector<Diagnostic> lines;
+  Diagnostic own{.name = "callbacks"};
+  if (const std::uint64_t failures = executor_->failures(); failures > 0) {
+    const std::lock_guard lock(warn_mutex_);
+    own.level = Diagnostic::Level::error;
+    own.message = fmt::format("{} failed, the newest of a kind: {}", failures, last_failure_);
+  }
+  lines.push_back(std::move(own));
   for (const auto& part : parts_) {
     auto more = part->diagnostics();
     std::move(more.begin(), more.end(), std::back_inserter(lines));

@@ -52,8 +52,9 @@ class RosAdapter : public RunAdapter {
   Parts parts_;
   std::unique_ptr<RecordRelay> relay_;  // ends before the parts
 
-  std::mutex warn_mutex_;
+  mutable std::mutex warn_mutex_;
   std::map<std::string, HostTime> warned_;
+  std::string last_failure_;  // of a callback
 };
 
 }  // namespace multipanda::ros

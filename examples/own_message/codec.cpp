@@ -1,0 +1,31 @@
+// Set-points in another message type than the usual one: a user's own, or here a
+// geometry_msgs/TransformStamped, as trackers send it. The codec only reads; topics, frames, checks, counters
+// and goals stay multipanda's.
+#include <geometry_msgs/msg/transform_stamped.hpp>
+
+#include "core/modes/plugin.hpp"
+#include "ros/adapter/controllets/input_codec.hpp"
+
+namespace {
+
+using geometry_msgs::msg::TransformStamped;
+
+void read(const TransformStamped& message, multipanda::ros::InputValues& values) {
+  if (message.child_frame_id != "goal") {
+    values.refusal = "the transform is of '" + message.child_frame_id.substr(0, 60) + "', expected 'goal'";
+    return;
+  }
+  const auto& p = message.transform.translation;
+  const auto& q = message.transform.rotation;
+  values.numbers = {p.x, p.y, p.z, q.w, q.x, q.y, q.z};  // in the order of Target
+  values.frame = message.header.frame_id;
+}
+
+}  // namespace
+
+// A library of a scene's `plugins:` names its controllets, here none of its own.
+MULTIPANDA_PLUGIN(registry) { (void)registry; }
+
+MULTIPANDA_INPUT_CODECS(codecs) {
+  codecs.push_back(multipanda::ros::input_codec<TransformStamped>("cartesian_impedance", "pose", read));
+}

@@ -1,0 +1,382 @@
+// A run with its adapter, and clients beside it, over shared memory: what no test of the parts can see.
+#include <algorithm>
+#include <cstdlib>
+#include <functional>
+#include <geometry_msgs/msg/pose_stamped.hpp>
+#include <geometry_msgs/msg/transform_stamped.hpp>
+#include <multipanda_msgs/srv/list_arms.hpp>
+#include <multipanda_msgs/srv/list_controllets.hpp>
+#include <multipanda_msgs/srv/list_features.hpp>
+#include <multipanda_msgs/srv/resume_arms.hpp>
+#include <multipanda_msgs/srv/set_features.hpp>
+#include <multipanda_msgs/srv/stop_arms.hpp>
+#include <multipanda_msgs/srv/switch_controllets.hpp>
+#include <rcl_interfaces/msg/parameter_event.hpp>
+#include <rcl_interfaces/msg/parameter_type.hpp>
+#include <rcl_interfaces/srv/get_parameters.hpp>
+#include <rcl_interfaces/srv/list_parameters.hpp>
+#include <rcl_interfaces/srv/set_parameters.hpp>
+#include <rcl_interfaces/srv/set_parameters_atomically.hpp>
+#include <std_msgs/msg/float64_multi_array.hpp>
+#include <thread>
+#include <unistd.h>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/rt/guard/loop_guard.hpp"
+#include "ros/adapter/ros_adapter.hpp"
+#include "runtime/session.hpp"
+#include "scene/load.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+using namespace std::chrono_literals;
+using namespace multipanda_msgs::srv;
+using geometry_msgs::msg::PoseStamped;
+using testing::Contains;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using Type = rcl_interfaces::msg::ParameterType;
+
+bool wait_for(const std::function<bool()>& condition, std::chrono::seconds deadline = 20s) {
+  const auto until = std::chrono::steady_clock::now() + deadline;
+  while (!condition()) {
+    if (std::chrono::steady_clock::now() > until) return false;
+    std::this_thread::sleep_for(500us);
+  }
+  return true;
+}
+
+// Counts what the loop's thread does between two looks: a whole cycle, the adapter's share included.
+struct Counted {
+  std::atomic<std::uint64_t> cycles{0}, heap{0}, locks{0};
+  void look() {  // loop's thread
+    if (!kLoopGuardWorks) return;
+    const LoopGuardCounts counts = LoopGuard::disarm();
+    const std::uint64_t seen = cycles.fetch_add(1, std::memory_order_relaxed);
+    if (seen > 10) {  // the first ones may do what they like
+      heap.fetch_add(counts.heap_calls, std::memory_order_relaxed);
+      locks.fetch_add(counts.lock_calls, std::memory_order_relaxed);
+    }
+    LoopGuard::arm();
+  }
+};
+
+// One run of two simulated arms for all tests.
+class Run : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    setenv("ROS_DOMAIN_ID", std::to_string(1 + ::getpid() % 100).c_str(), 1);
+    setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM", 1);
+    setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SYSTEM_DEFAULT", 1);
+    counted = new Counted;
+    OpenedScene opened = open_scene("two_arms");
+    opened.scene.timeline.clear();
+    registry = new Registry(std::move(opened.registry));
+    SessionOptions options;
+    options.duration_s = 0;
+    options.on_loop = [](const Tick&, const Backend&) { counted->look(); };
+    options.make_adapter = [](const RunWorld& world) {
+      return std::make_unique<RosAdapter>(world, RosOptions{});
+    };
+    session = new Session(std::move(opened.scene), *registry, std::move(options));
+    session->start();
+    client = new ClientSide;
+  }
+  static void TearDownTestSuite() {
+    delete client;
+    session->stop();
+    (void)session->finish();
+    delete session;
+    delete registry;
+    delete counted;
+  }
+  struct ClientSide {
+    Context context;
+    Node node{context, "tester"};
+    Executor executor;
+    ClientSide() { executor.start(); }
+    ~ClientSide() { executor.stop(); }
+  };
+
+  template <class S>
+  typename S::Response call(const std::string& name, const typename S::Request& request) {
+    Client<S> service(client->executor, client->node, "/multipanda/" + name);
+    if (!service.wait_until_ready(20)) {
+      ADD_FAILURE() << "no service " << name;
+      return {};
+    }
+    auto answer = service.call(request);
+    if (answer.wait_for(20s) != std::future_status::ready) {
+      ADD_FAILURE() << name << " did not answer";
+      return {};
+    }
+    return answer.get();
+  }
+  SwitchControllets::Response switch_to(std::vector<std::string> names,
+                                        const std::string& by = "switch_controllets") {
+    SwitchControllets::Request request;
+    request.activate = std::move(names);
+    return call<SwitchControllets>(by, request);
+  }
+  static rcl_interfaces::msg::Parameter number(const std::string& name, double value) {
+    rcl_interfaces::msg::Parameter parameter;
+    parameter.name = name;
+    parameter.value.type = Type::PARAMETER_DOUBLE;
+    parameter.value.double_value = value;
+    return parameter;
+  }
+
+  static inline Counted* counted;
+  static inline Registry* registry;
+  static inline Session* session;
+  static inline ClientSide* client;
+};
+
+TEST_F(Run, SwitchesAndSaysWhenAndWhyNot) {
+  ASSERT_TRUE(switch_to({"left_cartesian", "right_cartesian"}).accepted);
+  const std::int64_t sent = host_now().ns;
+  const auto both = switch_to({"dual"});
+  const std::int64_t answered = host_now().ns;
+  ASSERT_TRUE(both.accepted) << both.reason;
+  EXPECT_EQ(both.verdict, "accepted");
+  EXPECT_THAT(both.started, ElementsAre("dual"));
+  EXPECT_THAT(both.stopped, testing::UnorderedElementsAre("left_cartesian", "right_cartesian"));
+  EXPECT_THAT(both.arms, ElementsAre("left", "right"));
+  EXPECT_GT(both.first_torque_ns, sent);
+  EXPECT_LT(both.first_torque_ns, answered);
+  EXPECT_GT(both.total_s, 0);
+  EXPECT_LE(both.total_s, 1e-9 * static_cast<double>(both.first_torque_ns - sent));
+  EXPECT_NEAR(both.total_s, both.waiting_s + both.computing_s, 1e-9);
+
+  const auto twice = switch_to({"dual", "left_joint"});
+  EXPECT_FALSE(twice.accepted);
+  EXPECT_EQ(twice.verdict, "two_owners");
+  EXPECT_THAT(twice.reason, HasSubstr("both own arm 'left'"));
+  EXPECT_THAT(switch_to({"duel"}).reason, HasSubstr("did you mean 'dual'?"));
+  EXPECT_TRUE(session->modes().active() & bit(session->modes().find("dual"))) << "nothing was changed";
+
+  // By the name that users of the reference system know: exactly these.
+  const auto exactly = switch_to({"left_joint"}, "set_controllers");
+  ASSERT_TRUE(exactly.accepted) << exactly.reason;
+  EXPECT_THAT(exactly.stopped, ElementsAre("dual"));
+  EXPECT_THAT(exactly.started, testing::UnorderedElementsAre("left_joint", "right_hold"));
+}
+
+TEST_F(Run, ListsWhatThereIs) {
+  ASSERT_TRUE(switch_to({"dual"}).accepted);
+  const auto list = call<ListControllets>("list_controllets", {});
+  EXPECT_EQ(list.controllets.size(), session->modes().instance_count());
+  EXPECT_EQ(list, call<ListControllets>("get_controllers", {}));
+  const auto dual = std::find_if(list.controllets.begin(), list.controllets.end(),
+                                 [](const auto& c) { return c.name == "dual"; });
+  ASSERT_NE(dual, list.controllets.end());
+  EXPECT_TRUE(dual->active);
+  EXPECT_THAT(dual->arms, ElementsAre("left", "right"));
+  ASSERT_FALSE(dual->inputs.empty());
+  EXPECT_EQ(dual->inputs[0].topic, "/multipanda/dual/" + dual->inputs[0].name);
+  EXPECT_THAT(dual->inputs[0].frames, ElementsAre("world", "left_link0", "right_link0"));
+  EXPECT_THAT(dual->parameters, Contains("dual.offset_m"));
+  const auto arms = call<ListArms>("list_arms", {});
+  ASSERT_EQ(arms.arms.size(), 2u);
+  EXPECT_EQ(arms.arms[1].name, "right");
+  EXPECT_EQ(arms.arms[1].owner, "dual");
+  EXPECT_EQ(arms.arms[1].joint_names[6], "right_joint7");
+  EXPECT_TRUE(arms.arms[1].simulated);
+
+  SetFeatures::Request features;
+  features.instance = "dual";
+  features.features = {"manipulability", "joint_limits"};
+  features.on = {true, false};
+  ASSERT_TRUE(call<SetFeatures>("set_features", features).accepted);
+  ListFeatures::Request of_dual;
+  of_dual.instance = "dual";
+  for (const auto& feature : call<ListFeatures>("list_features", of_dual).features)
+    EXPECT_EQ(feature.on, feature.name == "manipulability") << feature.name;
+}
+
+TEST_F(Run, StopsUntilResumed) {
+  ASSERT_TRUE(switch_to({"left_cartesian", "right_cartesian"}).accepted);
+  StopArms::Request left;
+  left.arms = {"left"};
+  const auto stopped = call<StopArms>("stop", left);
+  EXPECT_TRUE(stopped.accepted) << stopped.reason;
+  EXPECT_THAT(stopped.stopped, ElementsAre("left"));
+  EXPECT_EQ(session->modes().owner(0), session->modes().find("left_hold"));
+  EXPECT_EQ(session->modes().owner(1), session->modes().find("right_cartesian"));
+  const auto refused = switch_to({"left_cartesian"});
+  EXPECT_EQ(refused.verdict, "arm_stopped");
+  EXPECT_THAT(refused.reason, HasSubstr("resume first"));
+  StopArms::Request nobody;
+  nobody.arms = {"middle"};
+  EXPECT_EQ(call<StopArms>("stop", nobody).verdict, "unknown_arm");
+  EXPECT_TRUE(call<ResumeArms>("resume", {}).accepted);
+  EXPECT_TRUE(switch_to({"left_cartesian"}).accepted);
+}
+
+// A stream moves the arm, and its set-point and outputs are seen; nonsense is refused and the arm then held.
+TEST_F(Run, FollowsStreamsAndRefusesNonsense) {
+  ASSERT_TRUE(switch_to({"left_cartesian", "right_cartesian"}).accepted);
+  std::atomic<double> z{0};
+  std::string frame;
+  Subscription<PoseStamped> reference(client->executor, client->node,
+                                      "/multipanda/left_cartesian/pose/reference", Qos::sensor(), {},
+                                      [&](const PoseStamped& message) {
+                                        frame = message.header.frame_id;
+                                        z = message.pose.position.z;
+                                      });
+  ASSERT_TRUE(wait_for([&] { return z > 0.1; }));
+  EXPECT_EQ(frame, "world");
+  Publisher<PoseStamped> goals(client->node, "/multipanda/left_cartesian/pose/goal", Qos::reliable(), {});
+  ASSERT_TRUE(wait_for([&] { return goals.subscribers() > 0; }));
+  const Pose X_WB = session->models()[0]->X_WB();
+  PoseStamped goal;
+  goal.header.frame_id = "left_link0";
+  goal.pose.position.x = 0.45;
+  goal.pose.position.z = 0.5;
+  goal.pose.orientation.x = 1;
+  goal.pose.orientation.w = 0;
+  goals.publish(goal);
+  const double z_goal = (X_WB * Vector3(0.45, 0, 0.5)).z();
+  EXPECT_TRUE(wait_for([&] { return std::abs(z - z_goal) < 1e-6; }));
+
+  Publisher<PoseStamped> stream(client->node, "/multipanda/left_cartesian/pose", Qos::sensor(), {});
+  ASSERT_TRUE(wait_for([&] { return stream.subscribers() > 0; }));
+  const InstanceIndex left = session->modes().find("left_cartesian");
+  const auto streaming = [&] {
+    const auto arms = call<ListArms>("list_arms", {});
+    return arms.arms[0].owner == "left_cartesian";
+  };
+  for (int i = 0; i < 200; ++i) {
+    goal.pose.position.z = 0.5 + 1e-4 * i;
+    stream.publish(goal);
+    std::this_thread::sleep_for(1ms);
+  }
+  EXPECT_TRUE(wait_for([&] { return z > z_goal + 0.005; }));
+  EXPECT_TRUE(streaming());
+  goal.pose.orientation.x = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_TRUE(wait_for([&] {  // only nonsense from now on: silence
+    stream.publish(goal);
+    return session->modes().owner(0) != left;
+  }));
+  EXPECT_EQ(session->modes().owner(0), session->modes().find("left_hold"));
+  EXPECT_EQ(session->modes().owner(1), session->modes().find("right_cartesian"));
+}
+
+TEST_F(Run, SetsParametersAllOrNone) {
+  using namespace rcl_interfaces::srv;
+  ListParameters::Request of_left;
+  of_left.prefixes = {"left_joint"};
+  of_left.depth = 1;
+  const auto names = call<ListParameters>("list_parameters", of_left).result.names;
+  ASSERT_THAT(names, Contains("left_joint.damping_ratio"));
+  std::vector<std::string> changed;
+  std::mutex mutex;
+  Subscription<rcl_interfaces::msg::ParameterEvent> events(
+      client->executor, client->node, "/parameter_events", Qos::reliable(1000), {}, [&](const auto& event) {
+        const std::lock_guard lock(mutex);
+        EXPECT_EQ(event.node, "/multipanda");
+        for (const auto& parameter : event.changed_parameters) changed.push_back(parameter.name);
+      });
+  ASSERT_TRUE(wait_for([&] { return events.publishers() > 0; }));
+  const auto value = [&] {
+    GetParameters::Request get;
+    get.names = {"left_joint.damping_ratio", "nobody.knows"};
+    const auto values = call<GetParameters>("get_parameters", get).values;
+    EXPECT_EQ(values.at(1).type, Type::PARAMETER_NOT_SET);
+    return values.at(0).double_value;
+  };
+  const double before = value();
+  SetParametersAtomically::Request all;
+  all.parameters = {number("left_joint.damping_ratio", 0.77), number("left_joint.damping_ratoi", 1)};
+  const auto refused = call<SetParametersAtomically>("set_parameters_atomically", all).result;
+  EXPECT_FALSE(refused.successful);
+  EXPECT_THAT(refused.reason, HasSubstr("did you mean 'damping_ratio'?"));
+  EXPECT_EQ(value(), before);
+
+  SetParameters::Request each;
+  each.parameters = {number("left_joint.damping_ratio", -5), number("right_joint.damping_ratio", 0.6)};
+  const auto results = call<SetParameters>("set_parameters", each).results;
+  ASSERT_EQ(results.size(), 2u);
+  EXPECT_FALSE(results[0].successful);
+  EXPECT_THAT(results[0].reason, HasSubstr("must be"));
+  EXPECT_TRUE(results[1].successful);
+
+  all.parameters = {number("left_joint.damping_ratio", 0.77), number("right_joint.damping_ratio", 0.78)};
+  EXPECT_TRUE(call<SetParametersAtomically>("set_parameters_atomically", all).result.successful);
+  EXPECT_EQ(value(), 0.77);
+  EXPECT_TRUE(wait_for([&] {
+    const std::lock_guard lock(mutex);
+    return changed.size() >= 3;
+  }));
+  EXPECT_THAT(changed, ElementsAre("right_joint.damping_ratio", "left_joint.damping_ratio",
+                                   "right_joint.damping_ratio"));
+}
+
+// After everything above: the loop's thread neither allocated nor locked, with the adapter beside it.
+TEST_F(Run, LeavesTheLoopAlone) {
+  if (!kLoopGuardWorks) GTEST_SKIP() << "sanitizers replace malloc themselves";
+  const std::uint64_t begun = counted->cycles;
+  ASSERT_TRUE(wait_for([&] { return counted->cycles > begun + 1000; }));
+  EXPECT_EQ(counted->heap.load(), 0u);
+  EXPECT_EQ(counted->locks.load(), 0u);
+}
+
+// A library of the scene brings a codec: that input comes in its message type. Nothing of the run is left in
+// the graph when it ended.
+TEST(ARunWithACodec, TakesItsMessagesAndLeavesNothingBehind) {
+  using geometry_msgs::msg::TransformStamped;
+  Context context;
+  Node node(context, "watcher");
+  const auto seen = [&] {
+    const auto others = node.other_nodes();
+    return std::find(others.begin(), others.end(), "/multipanda") != others.end();
+  };
+  {
+    OpenedScene opened = open_scene("one_arm");
+    opened.scene.timeline.clear();
+    opened.scene.controllets = {{.name = "cartesian", .type = "cartesian_impedance", .arms = {0}}};
+    opened.scene.active = {"cartesian"};
+    opened.scene.plugins = {OWN_MESSAGE};
+    opened.registry.load_plugin(OWN_MESSAGE);
+    SessionOptions options;
+    options.duration_s = 0;
+    RosAdapter* adapter = nullptr;
+    options.make_adapter = [&](const RunWorld& world) {
+      auto made = std::make_unique<RosAdapter>(world, RosOptions{});
+      adapter = made.get();
+      return made;
+    };
+    Session run(std::move(opened.scene), opened.registry, std::move(options));
+    run.start();
+    ASSERT_TRUE(wait_for(seen));
+    Publisher<TransformStamped> goals(node, "/multipanda/cartesian/pose/goal", Qos::reliable(), {});
+    ASSERT_TRUE(wait_for([&] { return goals.subscribers() > 0; }));
+    const auto line = [&] {
+      const auto lines = adapter->diagnostics();
+      return *std::find_if(lines.begin(), lines.end(),
+                           [](const auto& l) { return l.name == "cartesian/pose"; });
+    };
+    TransformStamped goal;
+    goal.child_frame_id = "base";
+    goals.publish(goal);
+    ASSERT_TRUE(wait_for([&] { return line().level == Diagnostic::Level::warn; }));
+    EXPECT_THAT(line().message, HasSubstr("the transform is of 'base', expected 'goal'"));
+    goal.child_frame_id = "goal";
+    goal.header.frame_id = "arm_link0";
+    goal.transform.translation.x = 0.5;
+    goal.transform.translation.z = 0.5;
+    goal.transform.rotation.x = 1;
+    goal.transform.rotation.w = 0;
+    goals.publish(goal);
+    ASSERT_TRUE(wait_for([&] { return line().level == Diagnostic::Level::ok; }));
+    run.stop();
+    (void)run.finish();
+  }
+  EXPECT_TRUE(wait_for([&] { return !seen(); }));
+}
+
+}  // namespace
+}  // namespace multipanda::ros
