@@ -40,6 +40,31 @@ TEST(TaskSpace, IsTheTextbookInverseInRegularPoses) {
   EXPECT_GE(checked, 20);
 }
 
+// One law for every joint count, whether its size is known to the compiler or not.
+TEST(TaskSpace, EveryJointCountFollowsTheSameLaw) {
+  Draw draw(104);
+  for (std::size_t n = 1; n <= kMaxJoints; ++n) {
+    const auto size = static_cast<Eigen::Index>(n);
+    for (int trial = 0; trial < 5; ++trial) {
+      const MatrixXd J = MatrixXd::NullaryExpr(6, size, [&] { return draw.uniform(-1, 1); });
+      const MatrixXd half = MatrixXd::NullaryExpr(size, size, [&] { return draw.uniform(-1, 1); });
+      const MatrixXd M = half * half.transpose() + 0.5 * MatrixXd::Identity(size, size);
+      TaskSpace task;
+      compute_task_space(J, M, task);
+      const MatrixXd A = J * M.inverse() * J.transpose();
+      const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(A);
+      const MatrixXd Lambda =
+          eigen.eigenvectors() *
+          eigen.eigenvalues().cwiseMax(TaskSpace::kMobilityFloor).cwiseInverse().asDiagonal() *
+          eigen.eigenvectors().transpose();
+      ASSERT_LT((task.mobility - A).norm(), 1e-10) << n;
+      ASSERT_LT((task.Lambda - Lambda).norm(), 1e-8) << n;
+      ASSERT_EQ(task.J_bar.rows(), size);
+      ASSERT_LT((task.J_bar - M.inverse() * J.transpose() * Lambda).norm(), 1e-7) << n;
+    }
+  }
+}
+
 // Five joints: A has rank five. No direction is heavier than 1/floor, and N stays a contraction in the metric
 // of M^-1: the eigenvalues of N lie within [0, 1].
 TEST(TaskSpace, SingularPosesStayBounded) {

@@ -1,7 +1,9 @@
+#include <cmath>
 #include <sys/mman.h>
 
 #include <gtest/gtest.h>
 
+#include "core/model/task_space.hpp"
 #include "core/rt/guard/loop_guard.hpp"
 #include "core/test_support/test_laws.hpp"
 #include "core/test_support/test_world.hpp"
@@ -50,6 +52,22 @@ void post_targets(TestLoop& loop, InstanceIndex i, Delivery delivery) {
     target.values.fill(0.1);
     if (input.spec().quantity == Quantity::pose) target = pose_target({}, 0, delivery);
     ASSERT_EQ(input.post(target), Verdict::accepted);
+  }
+}
+
+// Above eight joints the sizes are no longer known to the compiler; the storage is.
+TEST_F(GuardTest, TheTaskSpaceOfAnyJointCount) {
+  TaskSpace task;
+  for (Eigen::Index n = 1; n <= static_cast<Eigen::Index>(kMaxJoints); ++n) {
+    Jacobian J(6, n);
+    for (Eigen::Index i = 0; i < J.size(); ++i) J.data()[i] = std::sin(static_cast<double>(i * i));
+    const JointMatrix M = JointMatrix::Identity(n, n);
+    LoopGuard::arm();
+    compute_task_space(J, M, task);
+    const LoopGuardCounts counts = LoopGuard::disarm();
+    EXPECT_EQ(counts.heap_calls, 0u) << n;
+    EXPECT_EQ(counts.lock_calls, 0u) << n;
+    EXPECT_EQ(task.J_bar.rows(), n);
   }
 }
 
