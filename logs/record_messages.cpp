@@ -186,6 +186,12 @@ void Recorder::Sink::write_arm(Arm& arm, const ArmSample& sample, const CycleRec
   assign(state.tau_j, sample.tau_J, n);
   assign(state.tau_j_d, sample.tau_J_d, n);
   assign(state.tau_ext, sample.tau_ext, sample.has_tau_ext ? n : 0);
+  state.command_success_rate = sample.command_success_rate;
+  state.has_gripper = sample.has_gripper;
+  state.gripper_width = sample.gripper_width;
+  state.gripper_max_width = sample.gripper_max_width;
+  state.gripper_grasped = sample.gripper_grasped;
+  state.gripper_moving = sample.gripper_moving;
   writer_.write(arm.state_channel, time, state);
 
   msg::ArmCommand& command = arm.command;

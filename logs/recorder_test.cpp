@@ -66,6 +66,12 @@ void fill(CycleRecord& record, std::uint64_t cycle, const RecordLayout& layout) 
     sample.mode = static_cast<std::uint8_t>(ArmMode::move);
     sample.has_tau_ext = i == 0;
     sample.has_wrench_estimate = i == 0;
+    sample.command_success_rate = value(cycle, i, 0, 11);
+    sample.has_gripper = i == 1;
+    sample.gripper_width = value(cycle, i, 0, 12);
+    sample.gripper_max_width = 0.08;
+    sample.gripper_grasped = cycle % 2 == 0;
+    sample.gripper_moving = cycle % 3 == 0;
     for (std::size_t k = 0; k < layout.arms[i].joint_count; ++k) {
       sample.q[k] = value(cycle, i, k, 1);
       sample.dq[k] = value(cycle, i, k, 2);
@@ -147,6 +153,12 @@ TEST(Recorder, FourArmsEverySample) {
       ASSERT_EQ(state.mode, msg::ArmState::MODE_MOVE);
       ASSERT_EQ(state.q.size(), n);
       ASSERT_EQ(state.tau_ext.size(), i == 0 ? n : 0u);
+      ASSERT_EQ(state.command_success_rate, value(c, i, 0, 11));
+      ASSERT_EQ(state.has_gripper, i == 1);
+      ASSERT_EQ(state.gripper_width, value(c, i, 0, 12));
+      ASSERT_EQ(state.gripper_max_width, 0.08);
+      ASSERT_EQ(state.gripper_grasped, c % 2 == 0);
+      ASSERT_EQ(state.gripper_moving, c % 3 == 0);
       const msg::ArmCommand& command = commands[c - 1];
       ASSERT_EQ(command.owner, layout.instances[i].name);
       for (std::size_t k = 0; k < n; ++k) {

@@ -79,6 +79,12 @@ ArmState arm_state(const msg::ArmState& m) {
   state.mode = static_cast<ArmMode>(m.mode);
   state.errors = m.errors;
   state.config_version = m.config_version;
+  state.command_success_rate = m.command_success_rate;
+  state.gripper = {.present = m.has_gripper,
+                   .width = m.gripper_width,
+                   .max_width = m.gripper_max_width,
+                   .grasped = m.gripper_grasped,
+                   .moving = m.gripper_moving};
   return state;
 }
 
