@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 """Runs the performance experiment as a user would, shortened, and checks what comes out.
 
-    performance_run_test.py PROGRAM
+    performance_run_test.py PROGRAM [CLASS]
 
 No figure of time is judged here: the machine may be busy. What must hold on any machine is: every cycle and every
 switch is there, the delay of the plant is found, the bystander is not touched, and figures agree with each other.
 """
 
 import json
+import os
 import pathlib
 import subprocess
 import sys
@@ -102,6 +103,30 @@ class Shipped(unittest.TestCase):
         for name in ("index", "stages", "tails", "usage", "delays", "switching"):
             self.assertTrue((folder / f"{name}.png").is_file(), name)
         self.assertFalse((folder / "data").exists())
+
+
+class OverRos(unittest.TestCase):
+    """The same on virtual arms over sockets, set-points by ROS topics."""
+
+    def test_five_conditions(self):
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(1 + (3 * os.getpid() + 1) % 100), "FASTDDS_BUILTIN_TRANSPORTS": "SHM",
+                       "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
+        with tempfile.TemporaryDirectory() as folder:
+            done = subprocess.run([PROGRAM, "experiment", "controller-performance", "--fast", "--json", "--backend", "virtual", "--generator", "ros",
+                                   "--out", folder], capture_output=True, text=True, timeout=PATIENCE, env=environment)
+            self.assertTrue(done.stdout.strip(), done.stderr)
+            results = json.loads(done.stdout)
+            page = pathlib.Path(results["report"]).read_text(encoding="utf-8")
+        self.assertEqual((done.returncode, results["problems"]), (0, []), done.stderr)
+        self.assertEqual((results["backend"], results["generator"]), ("virtual", "ros"))
+        self.assertIn("ROS topics", page)
+        self.assertEqual(list(results["conditions"]), ["NF", "CA", "MA", "CA-MA", "C-MA"])
+        for name, c in results["conditions"].items():
+            self.assertGreater(c["cycles"], 1000, name)
+            (generator,) = c["generator"]
+            (channel,) = generator["channels"]
+            self.assertEqual(channel["refused"], 0, name)
+            self.assertGreater(channel["received"], 0.3 * channel["sent"], (name, channel))
 
 
 class Words(unittest.TestCase):
