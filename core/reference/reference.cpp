@@ -281,10 +281,11 @@ Reference::Aim Reference::aim_past(const Target& target, const Aim& sample, doub
   Aim aim = sample;
   const bool pose = spec_.quantity == Quantity::pose;
   const std::size_t n = pose ? 3 : size_;
-  double speed2 = 0;
+  double speed2 = 0;  // of a pose's position as a whole, else of the fastest coordinate: as everywhere
   for (std::size_t i = 0; i < n; ++i) {
     aim.velocity[i] = (target.values[i] - last_.values[i]) / span;
-    speed2 += aim.velocity[i] * aim.velocity[i];
+    const double square = aim.velocity[i] * aim.velocity[i];
+    speed2 = pose ? speed2 + square : std::max(speed2, square);
   }
   const double keep = speed2 > 0 ? std::min(1.0, spec_.max_speed / std::sqrt(speed2)) : 1.0;
   for (std::size_t i = 0; i < n; ++i) {

@@ -305,6 +305,27 @@ TEST(Stream, ALateSampleIsBridgedAndSilenceIsStale) {
   EXPECT_EQ(reference.joint_velocity().norm(), 0);  // it came to a rest
 }
 
+// All joints near their speed at once: the limit is each joint's own, so nothing of the series is held back.
+TEST(Stream, ManyJointsNearTheirSpeedAreFollowedWithoutLag) {
+  Reference reference = joint_reference();
+  const auto series = [](double t) { return joint_constant(7, 0.3 * (1 - std::cos(1.6 * t))); };
+  reference.start(series(0));
+  double worst = 0, worst_acceleration = 0;
+  for (int k = 0; k < 4000; ++k) {
+    const double t = k * kDt;
+    Target target = joint_target(series(t));
+    target.delivery = Delivery::stream;
+    ASSERT_EQ(reference.post(target), Verdict::accepted);
+    reference.advance(kDt, t);
+    if (k < 500) continue;
+    worst = std::max(worst, (reference.joints() - series(t)).lpNorm<Eigen::Infinity>());
+    worst_acceleration =
+        std::max(worst_acceleration, reference.joint_acceleration().lpNorm<Eigen::Infinity>());
+  }
+  EXPECT_LT(worst, 0.48 * 0.0025);                        // two periods late
+  EXPECT_LT(worst_acceleration, 1.05 * 0.3 * 1.6 * 1.6);  // the series' own
+}
+
 TEST(Stream, AJumpInTheSeriesIsApproachedWithinTheSpeed) {
   Reference reference = joint_reference();
   reference.start(joint_constant(7, 0));

@@ -13,7 +13,8 @@ struct RosOptions : RosSection {
   // False on a node that has parameters of its own (ros2_control): then only ParameterTable is used.
   bool parameter_services = true;
   // Which parts there are: whoever shares its node with another one leaves to that what it offers.
-  bool controllets = true, arms = true, state = true;
+  // `arms`: what the backend is asked (services, grippers); `motions`: what the arms' controllets are asked.
+  bool controllets = true, arms = true, motions = true, state = true;
 };
 
 }  // namespace multipanda::ros

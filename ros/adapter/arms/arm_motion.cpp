@@ -1,0 +1,496 @@
+#include "ros/adapter/arms/arm_motion.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "runtime/request_words.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+constexpr double kProgressEvery = 0.05;  // [s]
+constexpr double kSettleTime = 1.0;      // for the set-point to come to rest at the goal [s]
+constexpr double kAtGoal = 1e-3, kAtRest = 1e-3;
+// A motion that takes over begins this far ahead, so that it is planned before [s]; longer if that was too
+// short.
+constexpr double kLeads[] = {0.03, 0.1, 0.4, 2.0};
+
+std::int64_t to_ns(double s) { return static_cast<std::int64_t>(std::llround(s * 1e9)); }
+double to_s(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
+
+double duration_of(const auto& motion) {
+  return std::visit([](const auto& m) { return m.duration(); }, motion);
+}
+
+JointVector joints_of(const JointArray& values, std::size_t n) {
+  return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(n));
+}
+
+// For people, counted from 1 as the joints' names are.
+std::string joint_text(const std::string& arm, Eigen::Index joint) {
+  return fmt::format("{}_joint{}", arm, joint + 1);
+}
+
+}  // namespace
+
+ArmMotion::ArmMotion(const RunWorld& world, ArmIndex arm)
+    : world_(world), arm_(arm), n_(world.models[arm]->joint_count()) {
+  references_.reserve(kMaxFeatures);
+}
+
+ArmMotion::~ArmMotion() {
+  const std::lock_guard lock(mutex_);
+  if (runs_.empty()) return;
+  Run& run = runs_.front();
+  if (!run.goal_sent && t_ >= run.t0 && run.t0 != kNow) {
+    brake(run, MotionEnd::lost, "");
+    post(run, duration_of(run.motion), Delivery::goal);
+  }
+  end(MotionEnd::lost, "the run's interfaces are closed");
+}
+
+// ------------------------------------------------------------------------------------------- where it goes
+
+const InputSpec& ArmMotion::spec(const Input& input) const {
+  return world_.modes->instance(input.instance).inputs()[input.input].spec();
+}
+
+std::optional<ArmMotion::Input> ArmMotion::active_input(Quantity quantity) const {
+  const InstanceSet active = world_.modes->active();
+  for (InstanceIndex i = 0; i < world_.modes->instance_count(); ++i) {
+    const Instance& instance = world_.modes->instance(i);
+    if ((active & bit(i)) == 0 || !instance.arms().contains(arm_)) continue;
+    std::optional<Input> found;
+    std::size_t count = 0;
+    for (std::size_t k = 0; k < instance.inputs().size(); ++k) {
+      const InputSpec& each = instance.inputs()[k].spec();
+      if (each.quantity != quantity || instance.arm_list()[each.arm] != arm_) continue;
+      if (quantity == Quantity::pose && each.frame != "world") continue;
+      found = {i, k};
+      ++count;
+    }
+    if (count == 1) return found;
+  }
+  return {};
+}
+
+ArmMotion::Input ArmMotion::find_input(Quantity quantity) const {
+  if (const auto found = active_input(quantity)) return *found;
+  std::vector<std::string> others;
+  for (InstanceIndex i = 0; i < world_.modes->instance_count(); ++i) {
+    const Instance& instance = world_.modes->instance(i);
+    if (instance.arms().contains(arm_) &&
+        std::ranges::count_if(instance.inputs(), [&](const Reference& each) {
+          return each.spec().quantity == quantity && instance.arm_list()[each.spec().arm] == arm_;
+        }) == 1)
+      others.push_back(instance.name());
+  }
+  const std::string what = quantity == Quantity::joints ? "joint positions" : "a pose";
+  const std::string cure =
+      others.empty() ? fmt::format("the scene has none for it: add one of the type {} to its controllets",
+                                   quantity == Quantity::joints ? "joint_impedance" : "cartesian_impedance")
+                     : fmt::format("switch to {}", fmt::join(others, " or "));
+  throw MotionRefused(fmt::format("no controllet that drives '{}' now takes {} of it; {}",
+                                  world_.modes->arm_name(arm_), what, cure));
+}
+
+bool ArmMotion::ready(Quantity quantity) const {
+  const auto input = active_input(quantity);
+  const std::lock_guard lock(mutex_);
+  return t_ != kNow && (!input || latest(*input) != nullptr);
+}
+
+JointMotionLimits ArmMotion::joint_limits(const Input& input) const {
+  const ArmLimits& arm = world_.models[arm_]->limits();
+  return {.velocity = arm.dq_max.cwiseMin(spec(input).max_speed),
+          .acceleration = arm.ddq_max.cwiseMin(kAcceleration),
+          .jerk = joint_constant(n_, kJerk)};
+}
+
+PoseMotionLimits ArmMotion::pose_limits(const Input& input) const {
+  return {.speed = spec(input).max_speed,
+          .acceleration = kLinearAcceleration,
+          .jerk = kLinearJerk,
+          .angular_speed = spec(input).max_angular_speed,
+          .angular_acceleration = kAcceleration,
+          .angular_jerk = kJerk};
+}
+
+// ------------------------------------------------------------------------------------------------- begins
+
+void ArmMotion::check_joints(const JointVector& q) const {
+  if (static_cast<std::size_t>(q.size()) != n_)
+    throw MotionRefused(fmt::format("'{}' has {} joints, the point has {} positions",
+                                    world_.modes->arm_name(arm_), n_, q.size()));
+  const ArmLimits& limits = world_.models[arm_]->limits();
+  for (Eigen::Index j = 0; j < q.size(); ++j) {
+    if (q[j] >= limits.q_min[j] && q[j] <= limits.q_max[j]) continue;  // not for NaN
+    throw MotionRefused(fmt::format("{} cannot go to {:.4g} rad: expected {:.4g} to {:.4g}",
+                                    joint_text(world_.modes->arm_name(arm_), j), q[j], limits.q_min[j],
+                                    limits.q_max[j]));
+  }
+}
+
+namespace {
+
+void check_scale(double scale) {
+  if (!(scale > 0 && scale <= 1))
+    throw MotionRefused(fmt::format("the velocity scale must be above 0 and at most 1, not {:.4g}", scale));
+}
+
+}  // namespace
+
+void ArmMotion::through_joints(std::span<const JointVector> via, double scale,
+                               std::shared_ptr<MotionListener> listener) {
+  check_scale(scale);
+  if (via.empty()) throw MotionRefused("expected one joint position or more to move through");
+  for (const JointVector& q : via) check_joints(q);
+  begin(
+      Quantity::joints,
+      [&](const Start& start, const Input& input) -> Motion {
+        return joint_via_motion(std::get<JointSample>(start), via, joint_limits(input), scale);
+      },
+      {}, std::move(listener));
+}
+
+void ArmMotion::through_poses(std::span<const ViaPose> via, double scale,
+                              std::shared_ptr<MotionListener> listener) {
+  check_scale(scale);
+  if (via.empty()) throw MotionRefused("expected one pose or more to move through");
+  for (const ViaPose& each : via) {
+    if (!each.p_WE.allFinite() || (each.R_WE && !each.R_WE->allFinite()))
+      throw MotionRefused("a pose has a value that is not finite");
+    if (each.p_WE.norm() > 10) throw MotionRefused("a pose is more than 10 m away from the world's origin");
+  }
+  begin(
+      Quantity::pose,
+      [&](const Start& start, const Input& input) -> Motion {
+        std::vector<Pose> poses;
+        Matrix3 before = std::get<PoseSample>(start).X.rotation;
+        for (const ViaPose& each : via) {
+          before = each.R_WE.value_or(before);
+          poses.push_back({before, each.p_WE});
+        }
+        return pose_via_motion(std::get<PoseSample>(start), poses, pose_limits(input), scale);
+      },
+      {}, std::move(listener));
+}
+
+void ArmMotion::follow(const TrajectoryGoal& goal, std::shared_ptr<MotionListener> listener) {
+  if (goal.points.empty()) throw MotionRefused("the trajectory has no point");
+  begin(
+      Quantity::joints,
+      [&](const Start& from, const Input& input) -> Motion {
+        const auto& start = std::get<JointSample>(from);
+        std::vector<TrajectoryPoint> points = goal.points;
+        for (TrajectoryPoint& point : points) {
+          for (Eigen::Index j = 0; j < point.position.size(); ++j) {
+            if (std::isnan(point.position[j])) point.position[j] = start.position[j];
+          }
+          check_joints(point.position);
+        }
+        if (points.front().time_s <= 0) {
+          Eigen::Index worst = 0;
+          const double off = (points.front().position - start.position).cwiseAbs().maxCoeff(&worst);
+          if (off > kStartTolerance)
+            throw MotionRefused(
+                fmt::format("the trajectory begins at {:.4g} rad for {}, whose set-point is at {:.4g}: "
+                            "expected within {} rad",
+                            points.front().position[worst], joint_text(world_.modes->arm_name(arm_), worst),
+                            start.position[worst], kStartTolerance));
+          points.erase(points.begin());
+          if (points.empty())
+            throw MotionRefused("the trajectory has one point only, of time 0: when is it to be reached?");
+        }
+        const JointMotion motion = joint_trajectory(points, start);
+        check_trajectory(motion, input);
+        return motion;
+      },
+      goal, std::move(listener));
+}
+
+void ArmMotion::check_trajectory(const JointMotion& motion, const Input& input) const {
+  const JointPeaks peaks = motion.peaks();
+  const ArmLimits& limits = world_.models[arm_]->limits();
+  const std::string& arm = world_.modes->arm_name(arm_);
+  constexpr double kRounding = 1 + 1e-6;
+  for (Eigen::Index j = 0; j < peaks.velocity.size(); ++j) {
+    const std::string joint = joint_text(arm, j);
+    if (peaks.lowest[j] < limits.q_min[j] - 1e-6 || peaks.highest[j] > limits.q_max[j] + 1e-6)
+      throw MotionRefused(
+          fmt::format("between its points the trajectory takes {} to {:.4g} rad: expected {:.4g} to "
+                      "{:.4g}",
+                      joint, peaks.lowest[j] < limits.q_min[j] ? peaks.lowest[j] : peaks.highest[j],
+                      limits.q_min[j], limits.q_max[j]));
+    if (peaks.velocity[j] > kRounding * limits.dq_max[j])
+      throw MotionRefused(fmt::format("the trajectory moves {} at {:.4g} rad/s: the arm takes {:.4g}", joint,
+                                      peaks.velocity[j], limits.dq_max[j]));
+    if (peaks.velocity[j] > kRounding * spec(input).max_speed)
+      throw MotionRefused(fmt::format(
+          "the trajectory moves {} at {:.4g} rad/s: the input {}/{} takes {:.4g} (max_speed_rad_per_s of the "
+          "controllet's `inputs:` in the scene); give it more time",
+          joint, peaks.velocity[j], world_.modes->instance(input.instance).name(), spec(input).name,
+          spec(input).max_speed));
+    if (peaks.acceleration[j] > kRounding * limits.ddq_max[j])
+      throw MotionRefused(fmt::format("the trajectory accelerates {} by {:.4g} rad/s^2: the arm takes {:.4g}",
+                                      joint, peaks.acceleration[j], limits.ddq_max[j]));
+  }
+}
+
+void ArmMotion::begin(Quantity quantity, const std::function<Motion(const Start&, const Input&)>& plan,
+                      TrajectoryGoal watch, std::shared_ptr<MotionListener> listener) {
+  const Input input = find_input(quantity);
+  for (const double lead : kLeads) {
+    Run run{.input = input, .motion = JointMotion(JointVector()), .watch = watch};
+    Start start;
+    bool takes_over = false;
+    std::int64_t last_t0 = kNow;
+    {
+      const std::lock_guard lock(mutex_);
+      if (t_ == kNow || latest(input) == nullptr)
+        throw MotionRefused("the arm's controllet has not run yet; ask again");
+      start = start_of(input);
+      if (watch.delay_s > 0) run.t0 = t_ + to_ns(watch.delay_s);
+      if (!runs_.empty() && runs_.back().input.instance == input.instance &&
+          runs_.back().input.input == input.input) {
+        const Run& last = runs_.back();
+        takes_over = true;
+        last_t0 = last.t0;
+        const std::int64_t begun = last.t0 == kNow ? t_ : last.t0;
+        run.t0 = std::max({t_, begun, run.t0}) + to_ns(lead);
+        std::visit([&](const auto& motion) { start = motion.sample(to_s(run.t0 - begun)); }, last.motion);
+      }
+    }
+    try {
+      run.motion = plan(start, input);
+    } catch (const MotionRefused&) {
+      throw;
+    } catch (const std::invalid_argument& error) {
+      throw MotionRefused(error.what());
+    }
+    run.knots = std::visit([](const auto& motion) { return motion.knots(); }, run.motion);
+    const std::lock_guard lock(mutex_);
+    // Planned too late to take over, or what was to be taken over from has ended meanwhile: from where it is
+    // now.
+    if (takes_over && (runs_.empty() || runs_.back().t0 != last_t0 || run.t0 <= t_)) continue;
+    if (!runs_.empty()) {
+      Run& last = runs_.back();
+      if (last.listener) last.listener->over(MotionEnd::preempted, "a newer motion took over");
+      last.listener = nullptr;
+      // It moved by another input, which keeps a goal for whenever it is used again.
+      if (!takes_over && !last.goal_sent && last.t0 != kNow && t_ >= last.t0)
+        post(last, to_s(t_ - last.t0), Delivery::goal);
+      if (!takes_over) runs_.clear();
+    }
+    run.listener = std::move(listener);
+    runs_.push_back(std::move(run));
+    return;
+  }
+  throw MotionRefused("the motion takes too long to be planned; ask again when the arm is at rest");
+}
+
+bool ArmMotion::cancel(const MotionListener& listener) {
+  const std::lock_guard lock(mutex_);
+  if (runs_.empty() || runs_.back().listener.get() != &listener) return false;
+  Run& run = runs_.back();
+  if (run.t0 == kNow || run.t0 > t_) {  // not begun yet
+    if (runs_.size() > 1) {             // what it was to take over from still moves
+      runs_[runs_.size() - 2].listener = std::move(run.listener);
+      runs_.pop_back();
+      brake(runs_.back(), MotionEnd::cancelled, "cancelled");
+    } else {
+      end(MotionEnd::cancelled, "cancelled before it began");
+    }
+    return true;
+  }
+  brake(run, MotionEnd::cancelled, "cancelled");
+  return true;
+}
+
+// ------------------------------------------------------------------------------------------------- with
+// mutex_
+
+const ReferenceSample* ArmMotion::latest(const Input& input) const {
+  for (const ReferenceSample& each : references_) {
+    if (each.instance == input.instance && each.input == input.input) return &each;
+  }
+  return nullptr;
+}
+
+// Where the set-point is now, and how it moves. Its acceleration is not recorded: taken as none.
+ArmMotion::Start ArmMotion::start_of(const Input& input) const {
+  const ReferenceSample& now = *latest(input);
+  if (spec(input).quantity == Quantity::joints) {
+    JointSample start;
+    start.position = joints_of(now.values, n_);
+    start.velocity = joints_of(now.rates, n_);
+    start.acceleration = joint_constant(n_, 0);
+    return start;
+  }
+  const auto& v = now.values;
+  PoseSample start;
+  start.X = Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]));
+  start.V.vector = Eigen::Map<const Vector6>(now.rates.data());
+  return start;
+}
+
+void ArmMotion::brake(Run& run, MotionEnd end, std::string why) {
+  if (run.braking) return;
+  run.braking = true;
+  run.end = end;
+  run.why = std::move(why);
+  if (run.goal_sent) return;  // at rest, or all but
+  const double t = run.t0 == kNow ? 0 : to_s(t_ - run.t0);
+  if (const auto* joints = std::get_if<JointMotion>(&run.motion)) {
+    run.motion = joint_brake(joints->sample(t), joint_limits(run.input));
+  } else {
+    run.motion = pose_brake(std::get<PoseMotion>(run.motion).sample(t), pose_limits(run.input));
+  }
+  if (run.t0 != kNow) run.t0 = t_;
+}
+
+void ArmMotion::end(MotionEnd end, const std::string& why) {
+  for (Run& run : runs_) {
+    if (run.listener) run.listener->over(end, why);
+  }
+  runs_.clear();
+}
+
+bool ArmMotion::post(const Run& run, double t, Delivery delivery) {
+  Target target;
+  if (const auto* joints = std::get_if<JointMotion>(&run.motion)) {
+    const JointSample sample = joints->sample(t);
+    target.delivery = delivery;
+    target.size = static_cast<std::uint8_t>(n_);
+    std::copy_n(sample.position.data(), n_, target.values.begin());
+  } else {
+    target = pose_target(std::get<PoseMotion>(run.motion).sample(t).X, 0, delivery);
+  }
+  return world_.modes->instance(run.input.instance).inputs()[run.input.input].post(target) ==
+         Verdict::accepted;
+}
+
+// How far the set-point is from the motion's end and from rest, as a share of what counts as there.
+double ArmMotion::off_goal(const Run& run) const {
+  const ReferenceSample* now = latest(run.input);
+  if (now == nullptr) return 1e9;
+  const Start at = start_of(run.input);
+  if (const auto* joints = std::get_if<JointMotion>(&run.motion)) {
+    const auto& sample = std::get<JointSample>(at);
+    const JointVector goal = joints->sample(joints->duration()).position;
+    return std::max((sample.position - goal).lpNorm<Eigen::Infinity>() / kAtGoal,
+                    sample.velocity.lpNorm<Eigen::Infinity>() / kAtRest);
+  }
+  const auto& motion = std::get<PoseMotion>(run.motion);
+  const auto& sample = std::get<PoseSample>(at);
+  return std::max(
+      pose_error(motion.sample(motion.duration()).X, sample.X).lpNorm<Eigen::Infinity>() / kAtGoal,
+      sample.V.vector.lpNorm<Eigen::Infinity>() / kAtRest);
+}
+
+// False: it left the path, and brakes from now on.
+bool ArmMotion::watch_path(Run& run, const ArmSample& arm, double t) {
+  const auto* joints = std::get_if<JointMotion>(&run.motion);
+  if (joints == nullptr || run.braking) return true;
+  const JointSample desired = joints->sample(t);
+  const auto leaves = [&](const JointVector& tolerance, const JointVector& error, const char* unit) {
+    for (Eigen::Index j = 0; j < tolerance.size(); ++j) {
+      if (tolerance[j] <= 0 || std::abs(error[j]) <= tolerance[j]) continue;
+      brake(run, MotionEnd::path_tolerance,
+            fmt::format("{} is {:.4g} {} off its path, tolerated are {:.4g}",
+                        joint_text(world_.modes->arm_name(arm_), j), std::abs(error[j]), unit, tolerance[j]));
+      return true;
+    }
+    return false;
+  };
+  return !leaves(run.watch.path_position, desired.position - joints_of(arm.q, n_), "rad") &&
+         !leaves(run.watch.path_velocity, desired.velocity - joints_of(arm.dq, n_), "rad/s");
+}
+
+void ArmMotion::tell(Run& run, const ArmSample& arm, double t) {
+  if (!run.listener || run.braking) return;
+  if (run.last_progress != kNow && t_ - run.last_progress < to_ns(kProgressEvery)) return;
+  run.last_progress = t_;
+  MotionProgress progress{.time_s = std::min(t, duration_of(run.motion)),
+                          .duration_s = duration_of(run.motion)};
+  progress.point = static_cast<std::size_t>(std::ranges::lower_bound(run.knots, t) - run.knots.begin());
+  progress.point = std::min(progress.point, run.knots.empty() ? 0 : run.knots.size() - 1);
+  progress.q = joints_of(arm.q, n_);
+  progress.dq = joints_of(arm.dq, n_);
+  if (const auto* joints = std::get_if<JointMotion>(&run.motion)) progress.desired = joints->sample(t);
+  run.listener->progress(progress);
+}
+
+// After its end: the set-point comes to rest, then the arm has its time to get there.
+void ArmMotion::settle(Run& run, const ArmSample& arm, double t) {
+  const double since = t - duration_of(run.motion);
+  if (off_goal(run) > 1) {
+    if (since > kSettleTime)
+      end(MotionEnd::lost,
+          "the set-point did not come to the goal: does another client move the same input?");
+    return;
+  }
+  if (run.end != MotionEnd::reached) return end(run.end, run.why);
+  const JointVector& position = run.watch.goal_position;
+  const JointVector& velocity = run.watch.goal_velocity;
+  const auto* joints = std::get_if<JointMotion>(&run.motion);
+  if (joints != nullptr && (position.size() > 0 || velocity.size() > 0)) {
+    const JointVector off = joints_of(arm.q, n_) - joints->sample(joints->duration()).position;
+    for (Eigen::Index j = 0; j < static_cast<Eigen::Index>(n_); ++j) {
+      const bool far = position.size() > 0 && position[j] > 0 && std::abs(off[j]) > position[j];
+      const double speed = std::abs(arm.dq[static_cast<std::size_t>(j)]);
+      const bool fast = velocity.size() > 0 && velocity[j] > 0 && speed > velocity[j];
+      if (!far && !fast) continue;
+      if (since < std::max(run.watch.goal_time_s, kSettleTime)) return;
+      const std::string joint = joint_text(world_.modes->arm_name(arm_), j);
+      return end(MotionEnd::goal_tolerance,
+                 far ? fmt::format("{} is {:.4g} rad off its goal, tolerated are {:.4g}", joint,
+                                   std::abs(off[j]), position[j])
+                     : fmt::format("{} moves at {:.4g} rad/s at its goal, tolerated are {:.4g}", joint, speed,
+                                   velocity[j]));
+    }
+  }
+  end(MotionEnd::reached, "");
+}
+
+// ------------------------------------------------------------------------------------------------- publisher
+
+void ArmMotion::take(const CycleRecord& record) {
+  const std::lock_guard lock(mutex_);
+  t_ = record.t.ns;
+  references_.clear();
+  for (std::size_t i = 0; i < record.reference_count; ++i) {
+    const ReferenceSample& each = record.references[i];
+    if (world_.modes->instance(each.instance).arms().contains(arm_)) references_.push_back(each);
+  }
+  while (runs_.size() > 1 && t_ >= runs_[1].t0) runs_.pop_front();
+  if (runs_.empty()) return;
+  Run& run = runs_.front();
+  const ArmSample& arm = record.arms[arm_];
+  if (arm.owner != run.input.instance) {
+    end(MotionEnd::lost,
+        fmt::format("'{}' no longer drives '{}' (switched, stopped or in error; the arm is {})",
+                    world_.modes->instance(run.input.instance).name(), world_.modes->arm_name(arm_),
+                    name_of(static_cast<ArmMode>(arm.mode))));
+    return;
+  }
+  if (run.t0 == kNow) run.t0 = t_;
+  if (t_ < run.t0) return;
+
+  if (!run.goal_sent) watch_path(run, arm, to_s(t_ - run.t0));
+  const double t = to_s(t_ - run.t0);
+  tell(run, arm, t);
+  if (t < duration_of(run.motion)) {
+    if (!post(run, t, Delivery::stream)) end(MotionEnd::lost, "the input does not take the motion's samples");
+  } else if (!run.goal_sent) {
+    run.goal_sent = true;
+    if (!post(run, t, Delivery::goal)) end(MotionEnd::lost, "the input does not take the motion's end");
+  } else if (runs_.size() == 1) {
+    settle(run, arm, t);
+  }
+}
+
+}  // namespace multipanda::ros

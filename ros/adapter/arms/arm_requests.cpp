@@ -1,0 +1,79 @@
+#include "ros/adapter/arms/arm_requests.hpp"
+
+#include <cmath>
+#include <span>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+namespace multipanda::ros {
+namespace {
+
+JointVector joint_values(std::span<const double> values, std::size_t n, const char* what) {
+  if (values.size() != n)
+    throw std::invalid_argument(
+        fmt::format("{}: expected {} values, one per joint, base first; found {}", what, n, values.size()));
+  return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(n));
+}
+
+Vector6 six(const std::array<double, 6>& values) { return Eigen::Map<const Vector6>(values.data()); }
+
+}  // namespace
+
+Pose read_pose(const geometry_msgs::msg::Pose& pose, const std::string& what) {
+  const Vector3 p(pose.position.x, pose.position.y, pose.position.z);
+  const Quaternion q(pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z);
+  if (!p.allFinite() || !q.coeffs().allFinite())
+    throw std::invalid_argument(what + ": a value is not finite");
+  if (std::abs(q.norm() - 1) > 0.01)
+    throw std::invalid_argument(
+        fmt::format("{}: expected a quaternion of length 1 (w = 1 for no rotation), its length is {:.4g}",
+                    what, q.norm()));
+  return Pose::from(p, q);
+}
+
+ArmRequest read_request(const multipanda_msgs::srv::SetLoad::Request& request, std::size_t /*n*/) {
+  SetLoad out;
+  out.load.mass = request.mass;
+  out.load.p_FC = Eigen::Map<const Vector3>(request.center_of_mass.data());
+  // Symmetric, so rows or columns first is the same (and what is not symmetric is refused).
+  out.load.inertia_C = Eigen::Map<const Matrix3>(request.load_inertia.data());
+  return out;
+}
+
+ArmRequest read_request(const multipanda_msgs::srv::SetToolFrame::Request& request, std::size_t /*n*/) {
+  return SetFrames{read_pose(request.pose, "X_FE"), {}};
+}
+
+ArmRequest read_request(const multipanda_msgs::srv::SetStiffnessFrame::Request& request, std::size_t /*n*/) {
+  return SetFrames{{}, read_pose(request.pose, "X_EK")};
+}
+
+ArmRequest read_request(const multipanda_msgs::srv::SetCollisionBehavior::Request& r, std::size_t n) {
+  SetCollisionThresholds out;
+  out.nominal = {
+      .torque_lower = joint_values(r.lower_torque_thresholds_nominal, n, "lower_torque_thresholds_nominal"),
+      .torque_upper = joint_values(r.upper_torque_thresholds_nominal, n, "upper_torque_thresholds_nominal"),
+      .wrench_lower = six(r.lower_force_thresholds_nominal),
+      .wrench_upper = six(r.upper_force_thresholds_nominal)};
+  if (!r.lower_torque_thresholds_acceleration.empty() || !r.upper_torque_thresholds_acceleration.empty()) {
+    out.acceleration = {.torque_lower = joint_values(r.lower_torque_thresholds_acceleration, n,
+                                                     "lower_torque_thresholds_acceleration"),
+                        .torque_upper = joint_values(r.upper_torque_thresholds_acceleration, n,
+                                                     "upper_torque_thresholds_acceleration"),
+                        .wrench_lower = six(r.lower_force_thresholds_acceleration),
+                        .wrench_upper = six(r.upper_force_thresholds_acceleration)};
+  }
+  return out;
+}
+
+ArmRequest read_request(const multipanda_msgs::srv::SetJointStiffness::Request& request, std::size_t n) {
+  return SetJointStiffness{joint_values(request.joint_stiffness, n, "joint_stiffness")};
+}
+
+ArmRequest read_request(const multipanda_msgs::srv::SetCartesianStiffness::Request& request,
+                        std::size_t /*n*/) {
+  return SetCartesianStiffness{six(request.cartesian_stiffness)};
+}
+
+}  // namespace multipanda::ros

@@ -1,0 +1,194 @@
+#include "ros/adapter/arms/gripper.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+#include "ros/adapter/arms/ask_arm.hpp"
+#include "ros/adapter/state/messages.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+constexpr double kFeedbackRate = 20;  // [Hz]
+constexpr std::size_t kFingers = 2;
+
+double not_negative(double value, const char* what) {
+  if (std::isfinite(value) && value >= 0) return value;
+  throw std::invalid_argument(fmt::format("{}: expected 0 or more, not {:.4g}", what, value));
+}
+
+double positive(double value, const char* what) {
+  if (std::isfinite(value) && value > 0) return value;
+  throw std::invalid_argument(fmt::format("{}: expected more than 0, not {:.4g}", what, value));
+}
+
+}  // namespace
+
+ArmRequest read_gripper_command(const control_msgs::action::GripperCommand::Goal& goal, double width,
+                                double max_width) {
+  const double target = 2 * not_negative(goal.command.position, "command.position (of a finger) [m]");
+  const double effort = not_negative(goal.command.max_effort, "command.max_effort [N]");
+  if (max_width > 0 && target > max_width + 1e-3)
+    throw std::invalid_argument(fmt::format(
+        "command.position: a finger opens by {:.4g} m at most, not by {:.4g}", max_width / 2, target / 2));
+  if (effort == 0 || target >= width)
+    return GripperMove{.width = std::min(target, max_width > 0 ? max_width : target)};
+  return GripperGrasp{
+      .width = target, .force = effort, .tolerance_inner = target, .tolerance_outer = max_width};
+}
+
+Gripper::Gripper(const AdapterWorld& world, ArmIndex arm)
+    : world_(world),
+      arm_(arm),
+      prefix_(world.modes->arm_name(arm) + "_gripper/"),
+      joints_(*world.node, prefix_ + "joint_states", Qos::reliable(), world.options->rates_hz.gripper,
+              period_of(world), "The two fingers: each half of the width between them [m]."),
+      feedback_due_(kFeedbackRate, period_of(world)),
+      stop_(*world.executor, *world.node, prefix_ + "stop",
+            Doc{"", "Stops the fingers; they keep no object. A goal that runs is aborted."},
+            [this](const auto&, auto reply) {
+              ask_arm(world_, arm_, GripperStop{}, kArmPatience, [this, reply](const ArmAnswer& answer) {
+                std_srvs::srv::Trigger::Response response;
+                response.success = answer.success;
+                response.message = answer.reason;
+                count_request(world_, answer.success);
+                reply(std::move(response));
+              });
+            }) {
+  for (std::size_t finger = 1; finger <= kFingers; ++finger)
+    joints_.message.name.push_back(fmt::format("{}_finger_joint{}", world.modes->arm_name(arm), finger));
+  joints_.message.position.assign(kFingers, 0);
+
+  const auto feedback = [](auto& message, const Width& now) { message.current_width = now.now; };
+  const auto result = [](auto& message, const auto&, const Width&, const ArmAnswer& answer) {
+    message.success = answer.success;
+    message.error = answer.reason;
+  };
+  homing_ = offer<Homing>(
+      "homing", "Opens and closes the fingers to find the largest width.",
+      [](const Homing::Goal&) { return GripperHoming{}; }, feedback, result);
+  move_ = offer<Move>(
+      "move", "Moves the fingers to a width [m] at a speed [m/s].",
+      [](const Move::Goal& goal) {
+        return GripperMove{not_negative(goal.width, "width [m]"), positive(goal.speed, "speed [m/s]")};
+      },
+      feedback, result);
+  grasp_ = offer<Grasp>(
+      "grasp", "Closes or opens the fingers until they meet something, and holds it with a force [N].",
+      [](const Grasp::Goal& goal) {
+        return GripperGrasp{.width = not_negative(goal.width, "width [m]"),
+                            .speed = positive(goal.speed, "speed [m/s]"),
+                            .force = positive(goal.force, "force [N]"),
+                            .tolerance_inner = not_negative(goal.epsilon.inner, "epsilon.inner [m]"),
+                            .tolerance_outer = not_negative(goal.epsilon.outer, "epsilon.outer [m]")};
+      },
+      feedback, result);
+  command_ = offer<Command>(
+      "gripper_action",
+      "As MoveIt drives grippers: position of a finger, half of the width [m]; max_effort 0 moves, above 0 "
+      "closing grasps what is met [N].",
+      [this](const Command::Goal& goal) {
+        const Width now = width();
+        return read_gripper_command(goal, now.now, now.max);
+      },
+      [](Command::Feedback& message, const Width& now) {
+        message.position = now.now / 2;
+        message.stalled = now.grasped;
+      },
+      [](Command::Result& message, const Command::Goal& goal, const Width& now, const ArmAnswer& answer) {
+        message.position = now.now / 2;
+        message.effort = now.grasped ? goal.command.max_effort : 0;
+        message.stalled = now.grasped;
+        message.reached_goal = answer.success;
+      });
+}
+
+template <class A>
+std::unique_ptr<ActionServer<A>> Gripper::offer(
+    const std::string& name, const std::string& doc, std::function<ArmRequest(const typename A::Goal&)> read,
+    std::function<void(typename A::Feedback&, const Width&)> fill,
+    std::function<void(typename A::Result&, const typename A::Goal&, const Width&, const ArmAnswer&)>
+        conclude) {
+  using Goal = typename ActionServer<A>::GoalPtr;
+  const auto refuse = [this, conclude, name](const Goal& goal, const std::string& why) {
+    typename A::Result result;
+    conclude(result, goal->message(), width(), {.success = false, .reason = why});
+    // A GripperCommand has no field for the reason.
+    if constexpr (std::is_same_v<A, Command>) world_.warn(prefix_ + name, prefix_ + name + ": " + why);
+    count_request(world_, false);
+    goal->abort(result);
+  };
+  typename ActionServer<A>::Callbacks callbacks;
+  // What is wrong with a goal is told in its result: a rejection has no words.
+  callbacks.on_goal = [](const typename A::Goal&) { return GoalDecision::accept(); };
+  callbacks.on_accepted = [this, read, fill, conclude, refuse](Goal goal) {
+    ArmRequest request;
+    try {
+      request = read(goal->message());
+    } catch (const std::invalid_argument& error) {
+      return refuse(goal, error.what());
+    }
+    auto mine = std::make_shared<Running>();
+    mine->feedback = [goal, fill](const Width& now) {
+      typename A::Feedback feedback;
+      fill(feedback, now);
+      goal->feedback(feedback);
+    };
+    {
+      const std::lock_guard lock(mutex_);
+      if (running_) running_->preempted = true;
+      running_ = mine;
+    }
+    ask_arm(world_, arm_, std::move(request), kGripperPatience,
+            [this, goal, conclude, refuse, mine](const ArmAnswer& answer) {
+              bool preempted = false;
+              {
+                const std::lock_guard lock(mutex_);
+                preempted = mine->preempted;
+                if (running_ == mine) running_ = nullptr;
+              }
+              if (!answer.success && !goal->cancel_requested())
+                return refuse(goal, preempted ? "a newer goal took over" : answer.reason);
+              typename A::Result result;
+              conclude(result, goal->message(), width(), answer);
+              count_request(world_, true);
+              if (answer.success) {
+                goal->succeed(result);
+              } else {
+                goal->cancelled(result);
+              }
+            });
+  };
+  callbacks.on_cancel = [this](const Goal&) {
+    ask_arm(world_, arm_, GripperStop{}, kArmPatience, [](const ArmAnswer&) {});
+    return true;
+  };
+  return std::make_unique<ActionServer<A>>(*world_.executor, *world_.node, prefix_ + name, Doc{"", doc},
+                                           std::move(callbacks));
+}
+
+Gripper::Width Gripper::width() const {
+  const std::lock_guard lock(mutex_);
+  return width_;
+}
+
+void Gripper::take(const CycleRecord& record) {
+  const ArmSample& arm = record.arms[arm_];
+  std::shared_ptr<Running> running;
+  const Width now{arm.gripper_width, arm.gripper_max_width, arm.gripper_grasped, arm.gripper_moving};
+  {
+    const std::lock_guard lock(mutex_);
+    width_ = now;
+    running = running_;
+  }
+  if (feedback_due_.due(record.cycle) && running) running->feedback(now);
+  if (!joints_.due(record.cycle)) return;
+  joints_.message.header.stamp = to_time(world_.stamps.of(record));
+  joints_.message.position.assign(kFingers, now.now / 2);
+  joints_.publish();
+}
+
+}  // namespace multipanda::ros

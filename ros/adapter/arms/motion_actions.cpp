@@ -1,0 +1,227 @@
+#include "ros/adapter/arms/motion_actions.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <span>
+
+#include <fmt/format.h>
+
+#include "ros/adapter/arms/arm_requests.hpp"
+#include "ros/adapter/arms/ask_arm.hpp"
+#include "ros/adapter/arms/trajectory_goal.hpp"
+#include "ros/adapter/names.hpp"
+#include "ros/adapter/state/messages.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+// For the first records of a controllet that was just switched to.
+constexpr auto kReadyWithin = std::chrono::milliseconds(500);
+
+using FollowResult = control_msgs::action::FollowJointTrajectory::Result;
+
+int code_of(MotionEnd end) {
+  switch (end) {
+    case MotionEnd::reached:
+      return FollowResult::SUCCESSFUL;
+    case MotionEnd::path_tolerance:
+    case MotionEnd::lost:
+      return FollowResult::PATH_TOLERANCE_VIOLATED;
+    case MotionEnd::goal_tolerance:
+      return FollowResult::GOAL_TOLERANCE_VIOLATED;
+    default:
+      return FollowResult::INVALID_GOAL;
+  }
+}
+
+void say(FollowResult& result, bool /*success*/, int code, const std::string& why) {
+  result.error_code = code;
+  result.error_string = why;
+}
+
+void say(auto& result, bool success, int /*code*/, const std::string& why) {
+  result.success = success;
+  result.error = why;
+}
+
+std::vector<double> picked(const JointVector& values, const std::vector<std::size_t>& order) {
+  std::vector<double> out;
+  for (const std::size_t j : order) out.push_back(values[static_cast<Eigen::Index>(j)]);
+  return out;
+}
+
+}  // namespace
+
+// One goal of one action, for as long as it lasts.
+template <class A>
+class MotionActions::Running : public MotionListener {
+ public:
+  using Goal = typename ActionServer<A>::GoalPtr;
+  Running(const MotionActions& actions, Goal goal_) : goal(std::move(goal_)), actions_(actions) {
+    if constexpr (std::is_same_v<A, Follow>) {
+      for (const auto& name : goal->message().trajectory.joint_names) {
+        const auto found = std::ranges::find(actions.joints_, name);
+        if (found != actions.joints_.end())
+          order_.push_back(static_cast<std::size_t>(found - actions.joints_.begin()));
+      }
+    }
+  }
+
+  void progress(const MotionProgress& now) override {
+    typename A::Feedback feedback;
+    if constexpr (std::is_same_v<A, Follow>) {
+      feedback.header.stamp = to_time(actions_.now_ns_.load(std::memory_order_relaxed));
+      feedback.joint_names = goal->message().trajectory.joint_names;
+      feedback.desired.positions = picked(now.desired.position, order_);
+      feedback.desired.velocities = picked(now.desired.velocity, order_);
+      feedback.desired.accelerations = picked(now.desired.acceleration, order_);
+      feedback.actual.positions = picked(now.q, order_);
+      feedback.actual.velocities = picked(now.dq, order_);
+      feedback.error.positions = picked(now.desired.position - now.q, order_);
+      feedback.error.velocities = picked(now.desired.velocity - now.dq, order_);
+      const auto at = std::chrono::nanoseconds(LoopTime::from_seconds(now.time_s).ns);
+      for (auto* point : {&feedback.desired, &feedback.actual, &feedback.error}) {
+        point->time_from_start.sec = static_cast<std::int32_t>(at.count() / 1'000'000'000);
+        point->time_from_start.nanosec = static_cast<std::uint32_t>(at.count() % 1'000'000'000);
+      }
+    } else {
+      feedback.progress = now.duration_s > 0 ? now.time_s / now.duration_s : 1;
+      feedback.time_left = now.duration_s - now.time_s;
+    }
+    goal->feedback(feedback);
+  }
+
+  void over(MotionEnd end, const std::string& why) override {
+    typename A::Result result;
+    say(result, end == MotionEnd::reached, code_of(end), why);
+    count_request(actions_.world_, true);
+    if (end == MotionEnd::reached) return goal->succeed(result);
+    if (end == MotionEnd::cancelled) return goal->cancelled(result);
+    goal->abort(result);
+  }
+
+  void refuse(int code, const std::string& why) {
+    typename A::Result result;
+    say(result, false, code, why);
+    count_request(actions_.world_, false);
+    goal->abort(result);
+  }
+
+  const Goal goal;
+  bool begun = false;  // executor's thread
+
+ private:
+  const MotionActions& actions_;
+  std::vector<std::size_t> order_;  // of the goal's joints in the arm
+};
+
+template <class A>
+std::unique_ptr<ActionServer<A>> MotionActions::offer(
+    const std::string& name, const std::string& doc, Quantity quantity,
+    std::function<void(const typename A::Goal&, std::shared_ptr<MotionListener>)> begin) {
+  using Goal = typename ActionServer<A>::GoalPtr;
+  // The newest goal's listener is all that a cancel can mean: older ones are over.
+  auto newest = std::make_shared<std::weak_ptr<Running<A>>>();
+  typename ActionServer<A>::Callbacks callbacks;
+  callbacks.on_goal = [](const typename A::Goal&) { return GoalDecision::accept(); };
+  callbacks.on_accepted = [this, quantity, begin, newest](Goal goal) {
+    auto running = std::make_shared<Running<A>>(*this, std::move(goal));
+    *newest = running;
+    const auto until = std::chrono::steady_clock::now() + kReadyWithin;
+    const auto try_it = [this, running, quantity, begin, until] {
+      if (!running->goal->active()) return true;  // cancelled meanwhile
+      if (!motion_.ready(quantity) && std::chrono::steady_clock::now() < until) return false;
+      try {
+        begin(running->goal->message(), running);
+        running->begun = true;
+      } catch (const TrajectoryRefused& refused) {
+        running->refuse(refused.code, refused.what());
+      } catch (const MotionRefused& refused) {
+        running->refuse(FollowResult::INVALID_GOAL, refused.what());
+      }
+      return true;
+    };
+    if (!try_it()) world_.executor->poll_until(try_it);
+  };
+  callbacks.on_cancel = [this, newest](const Goal& goal) {
+    const auto running = newest->lock();
+    if (!running || running->goal != goal) return false;
+    if (running->begun) return motion_.cancel(*running);
+    running->over(MotionEnd::cancelled, "cancelled before it began");
+    return true;
+  };
+  return std::make_unique<ActionServer<A>>(*world_.executor, *world_.node, name, Doc{"", doc},
+                                           std::move(callbacks));
+}
+
+MotionActions::MotionActions(const AdapterWorld& world, ArmIndex arm)
+    : world_(world),
+      arm_(arm),
+      joints_(joint_names(world.modes->arm_name(arm), world.models[arm]->joint_count())),
+      motion_(world, arm) {
+  const std::string& name = world.modes->arm_name(arm);
+  via_joints_ = offer<Joints>(
+      name + "/joint_via_motion",
+      "Through joint positions without a stop, from rest to rest, by the active controllet that takes "
+      "joints.",
+      Quantity::joints, [this](const Joints::Goal& goal, std::shared_ptr<MotionListener> listener) {
+        std::vector<JointVector> via;
+        for (const auto& each : goal.via_poses) {
+          if (each.positions.size() > kMaxJoints)
+            throw MotionRefused(
+                fmt::format("a point has {} positions for {} joints", each.positions.size(), joints_.size()));
+          via.emplace_back(Eigen::Map<const Eigen::VectorXd>(
+              each.positions.data(), static_cast<Eigen::Index>(each.positions.size())));
+        }
+        motion_.through_joints(via, goal.velocity_scale, std::move(listener));
+      });
+  via_poses_ =
+      offer<Poses>(name + "/cartesian_via_motion",
+                   "Through poses of the end effector without a stop, from rest to rest, by the active "
+                   "controllet that takes a "
+                   "pose.",
+                   Quantity::pose, [this](const Poses::Goal& goal, std::shared_ptr<MotionListener> listener) {
+                     motion_.through_poses(read_poses(goal), goal.velocity_scale, std::move(listener));
+                   });
+  follow_ = offer<Follow>(
+      name + "_arm_controller/follow_joint_trajectory",
+      "Follows a trajectory of joints, as MoveIt sends it: all or some joints in any order; cubic or quintic "
+      "by the "
+      "velocities and accelerations given; by the active controllet that takes joints.",
+      Quantity::joints, [this](const Follow::Goal& goal, std::shared_ptr<MotionListener> listener) {
+        motion_.follow(read_trajectory(goal, joints_, now_ns_.load(std::memory_order_relaxed)),
+                       std::move(listener));
+      });
+}
+
+std::vector<ViaPose> MotionActions::read_poses(const Poses::Goal& goal) const {
+  Pose X_WR;  // the frame they are given in
+  if (goal.frame_id == base_frame(world_.modes->arm_name(arm_))) {
+    X_WR = world_.models[arm_]->X_WB();
+  } else if (!goal.frame_id.empty() && goal.frame_id != kWorldFrame) {
+    throw MotionRefused(fmt::format("unknown frame '{}'; expected '{}' or '{}'", goal.frame_id, kWorldFrame,
+                                    base_frame(world_.modes->arm_name(arm_))));
+  }
+  std::vector<ViaPose> out;
+  for (std::size_t i = 0; i < goal.via_poses.size(); ++i) {
+    auto pose = goal.via_poses[i];
+    auto& q = pose.orientation;
+    const bool keeps = q.w == 0 && q.x == 0 && q.y == 0 && q.z == 0;
+    if (keeps) q.w = 1;
+    try {
+      const Pose X_WE = X_WR * read_pose(pose, fmt::format("pose {}", i + 1));
+      out.push_back({X_WE.position, keeps ? std::optional<Matrix3>() : X_WE.rotation});
+    } catch (const std::invalid_argument& error) {
+      throw MotionRefused(error.what());
+    }
+  }
+  return out;
+}
+
+void MotionActions::take(const CycleRecord& record) {
+  now_ns_.store(world_.stamps.of(record), std::memory_order_relaxed);
+  motion_.take(record);
+}
+
+}  // namespace multipanda::ros
