@@ -15,8 +15,8 @@ namespace {
 
 // What of a scene a hosted cycle is made of. The world, its objects and its time are somebody else's.
 const std::vector<std::string>& scene_keys() {
-  static const std::vector<std::string> keys{"name",        "description", "arms",   "objects",
-                                             "controllets", "active",      "plugins"};
+  static const std::vector<std::string> keys{"name",        "description", "arms",    "objects",
+                                             "controllets", "active",      "plugins", "ros"};
   return keys;
 }
 

@@ -119,9 +119,7 @@ ArmTopics::ArmTopics(const AdapterWorld& world)
                     period_of(world),
                     "Joints of all arms, then of each the hand's fingers: position [rad, m], velocity, "
                     "measured torque with gravity [N m]."),
-      transforms_(world, view_.arms()),
-      description_(*world.node, "robot_description", Qos::latched(),
-                   Doc{"once", "One URDF of all arms on the link `world`."}) {
+      transforms_(world, view_.arms()) {
   const RosSection::Rates& rates = world.options->rates_hz;
   const double period = period_of(world);
   Node& node = *world.node;
@@ -145,9 +143,12 @@ ArmTopics::ArmTopics(const AdapterWorld& world)
     head(arms_.back()->model.message);
     arms_.back()->wrench.message.header.frame_id = kWorldFrame;
   }
+  if (rates.tf == 0) return;
+  description_.emplace(node, "robot_description", Qos::latched(),
+                       Doc{"once", "One URDF of all arms on the link `world`."});
   std_msgs::msg::String urdf;
   urdf.data = scene_urdf(*world.scene);
-  description_.publish(urdf);
+  description_->publish(urdf);
 }
 
 void ArmTopics::take(const Event& event) { view_.take(event); }

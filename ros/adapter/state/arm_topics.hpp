@@ -4,6 +4,7 @@
 #include <memory>
 #include <multipanda_msgs/msg/robot_model.hpp>
 #include <multipanda_msgs/msg/robot_state.hpp>
+#include <optional>
 #include <sensor_msgs/msg/joint_state.hpp>
 #include <std_msgs/msg/string.hpp>
 #include <vector>
@@ -41,7 +42,8 @@ class ArmTopics : public Part {
   Topic<sensor_msgs::msg::JointState> joint_states_;
   std::vector<std::unique_ptr<PerArm>> arms_;
   Transforms transforms_;
-  Publisher<std_msgs::msg::String> description_;
+  std::optional<Publisher<std_msgs::msg::String>>
+      description_;  // none where the transforms are somebody else's
 };
 
 }  // namespace multipanda::ros

@@ -1,0 +1,258 @@
+#include "ros/host/controller_host.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <stdexcept>
+#include <type_traits>
+
+#include "models/robot_description.hpp"
+#include "ros/adapter/controllets/parameter_table.hpp"
+#include "ros/adapter/ros_adapter.hpp"
+#include "runtime/hosted/hosted_cycle.hpp"
+#include "runtime/request_words.hpp"
+#include "scene/build.hpp"
+#include "scene/from_parameters.hpp"
+#include "scene/load.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+static_assert(std::is_same_v<FlatParameters, multipanda::FlatParameters>);
+
+// A folder for the robot description as a model that scenes can name; gone with this object.
+class DescriptionFolder {
+ public:
+  explicit DescriptionFolder(const std::string& urdf) : urdf_(urdf) {}
+  ~DescriptionFolder() {
+    std::error_code gone;
+    if (!folder_.empty()) std::filesystem::remove_all(folder_, gone);
+  }
+  DescriptionFolder(const DescriptionFolder&) = delete;
+
+  std::string model_of(const HostedArm& arm) {
+    if (urdf_.empty()) {
+      throw std::invalid_argument("parameter 'arms." + arm.name +
+                                  ".model': the node has no robot description; give the parameter "
+                                  "'robot_description', or name a model");
+    }
+    if (arm.base_link.empty() || arm.tip_link.empty()) {
+      throw std::invalid_argument(
+          "parameter 'arms." + arm.name +
+          ".model': robot_description needs 'base_link' and 'tip_link', the arm's ends");
+    }
+    if (folder_.empty()) make();
+    const std::filesystem::path file = folder_ / (arm.name + ".yaml");
+    std::ofstream out(file);
+    out << "name: " << arm.name << "\ntitle: " << arm.name
+        << " of the robot description\nurdf: robot.urdf\nbase_link: " << arm.base_link
+        << "\ntip_link: " << arm.tip_link << "\n";
+    if (!out.flush()) throw std::runtime_error("cannot write " + file.string());
+    return file.string();
+  }
+
+ private:
+  void make() {
+    std::string pattern = (std::filesystem::temp_directory_path() / "multipanda-XXXXXX").string();
+    if (::mkdtemp(pattern.data()) == nullptr) throw std::runtime_error("no temporary folder at " + pattern);
+    folder_ = pattern;
+    std::ofstream out(folder_ / "robot.urdf");
+    out << urdf_;
+    if (!out.flush()) throw std::runtime_error("cannot write to " + folder_.string());
+  }
+  std::string urdf_;
+  std::filesystem::path folder_;
+};
+
+// Around a controller_manager others publish these, unless a parameter says otherwise.
+void leave_to_others(const FlatParameters& parameters, RosSection::Rates& rates) {
+  const std::pair<const char*, double*> others[] = {{"joint_states", &rates.joint_states},
+                                                    {"tf", &rates.tf},
+                                                    {"clock", &rates.clock},
+                                                    {"object_poses", &rates.object_poses}};
+  for (const auto& [name, rate] : others) {
+    const std::string key = std::string("ros.rates_hz.") + name;
+    const bool said =
+        std::any_of(parameters.begin(), parameters.end(), [&](const auto& p) { return p.first == key; });
+    if (!said) *rate = 0;
+  }
+}
+
+}  // namespace
+
+struct ControllerHost::Implementation {
+  Implementation(const FlatParameters& parameters, const ControllerHostOptions& options)
+      : description(options.robot_description) {
+    ParameterScene said =
+        scene_from_parameters(parameters, [this](const HostedArm& arm) { return description.model_of(arm); });
+    registry = build_registry(said.plugins);
+    const Scene scene = parse_scene(said.yaml, "parameters", registry);
+    for (ArmIndex i = 0; i < said.arms.size(); ++i) {
+      if (!said.arms[i].joints.empty() || said.arms[i].base_link.empty()) continue;
+      said.arms[i].joints = robot_of(scene.arms[i]).joint_names;  // as the robot description has them
+    }
+    arms = said.arms;
+    HostedOptions hosted{.arms = std::move(said.arms), .period_s = options.period_s, .make_adapter = {}};
+    if (options.node != nullptr) {
+      hosted.make_adapter = [&](const RunWorld& world) {
+        RosOptions wish;
+        static_cast<RosSection&>(wish) = world.scene->ros;
+        wish.parameter_services = false;  // the node has its own
+        wish.arms = false;                // the hardware's node has them
+        leave_to_others(parameters, wish.rates_hz);
+        return std::make_unique<RosAdapter>(world, wish, options.node);
+      };
+    }
+    cycle = std::make_unique<HostedCycle>(scene, registry, std::move(hosted));
+    table = std::make_unique<ParameterTable>(cycle->modes());
+    name_interfaces();
+  }
+
+  void name_interfaces() {
+    for (ArmIndex i = 0; i < arms.size(); ++i) {
+      Place place;
+      place.first_state = state_names.size();
+      place.first_command = command_names.size();
+      place.joints = cycle->joint_count(i);
+      for (const auto& joint : cycle->joint_names(i)) {
+        state_names.push_back(joint + "/position");
+        state_names.push_back(joint + "/velocity");
+        if (arms[i].has_effort) state_names.push_back(joint + "/effort");
+        command_names.push_back(joint + "/effort");
+      }
+      place.window = state_names.size();
+      if (arms[i].has_robot_state) state_names.push_back(arms[i].name + "/robot_state");
+      places.push_back(place);
+      cycle->signals(i).has_effort = arms[i].has_effort;
+    }
+    states.assign(state_names.size(), 0.0);
+    commands.assign(command_names.size(), 0.0);
+  }
+
+  void take_states() noexcept {
+    for (ArmIndex i = 0; i < places.size(); ++i) {
+      ArmSignals& signals = cycle->signals(i);
+      const double* state = states.data() + places[i].first_state;
+      for (std::size_t k = 0; k < places[i].joints; ++k) {
+        signals.position[k] = *state++;
+        signals.velocity[k] = *state++;
+        if (arms[i].has_effort) signals.effort[k] = *state++;
+      }
+    }
+  }
+  void leave_commands() noexcept {
+    for (ArmIndex i = 0; i < places.size(); ++i) {
+      const auto& command = cycle->signals(i).effort_command;
+      std::copy_n(command.begin(), places[i].joints,
+                  commands.begin() + static_cast<std::ptrdiff_t>(places[i].first_command));
+    }
+  }
+  // The hardware takes its address back before it goes.
+  bool windows_stand() const noexcept {
+    for (ArmIndex i = 0; i < places.size(); ++i) {
+      const ArmWindow* window = cycle->signals(i).window;
+      if (window != nullptr && states[places[i].window] != to_interface(window)) return false;
+    }
+    return true;
+  }
+
+  struct Place {
+    std::size_t first_state = 0, first_command = 0, joints = 0, window = 0;
+  };
+  DescriptionFolder description;
+  Registry registry;
+  std::vector<HostedArm> arms;
+  std::unique_ptr<HostedCycle> cycle;
+  std::unique_ptr<ParameterTable> table;
+  std::vector<std::string> state_names, command_names;
+  std::vector<double> states, commands;
+  std::vector<Place> places;
+};
+
+ControllerHost::ControllerHost(const FlatParameters& parameters, const ControllerHostOptions& options)
+    : self_(std::make_unique<Implementation>(parameters, options)) {}
+ControllerHost::~ControllerHost() = default;
+
+const std::vector<std::string>& ControllerHost::state_names() const { return self_->state_names; }
+const std::vector<std::string>& ControllerHost::command_names() const { return self_->command_names; }
+std::span<double> ControllerHost::states() { return self_->states; }
+std::span<const double> ControllerHost::commands() const { return self_->commands; }
+
+std::string ControllerHost::activate() {
+  auto& self = *self_;
+  for (ArmIndex i = 0; i < self.arms.size(); ++i) {
+    ArmSignals& signals = self.cycle->signals(i);
+    signals.window =
+        self.arms[i].has_robot_state ? window_behind(self.states[self.places[i].window]) : nullptr;
+  }
+  self.take_states();
+  if (std::string why = self.cycle->check(); !why.empty()) return why;
+  self.cycle->activate();
+  return {};
+}
+
+bool ControllerHost::update(double period_s) noexcept {
+  auto& self = *self_;
+  if (!self.windows_stand()) {
+    std::fill(self.commands.begin(), self.commands.end(), 0.0);
+    return false;
+  }
+  self.take_states();
+  (void)self.cycle->step(period_s);
+  self.leave_commands();
+  return true;
+}
+
+void ControllerHost::deactivate() noexcept {
+  auto& self = *self_;
+  if (!self.cycle->is_active()) return;
+  if (!self.windows_stand()) {  // their memory may be gone
+    for (ArmIndex i = 0; i < self.arms.size(); ++i) self.cycle->signals(i).window = nullptr;
+  }
+  self.take_states();
+  self.cycle->deactivate();
+  self.leave_commands();
+}
+
+std::vector<ControllerHost::Parameter> ControllerHost::parameters() const {
+  std::vector<Parameter> list;
+  for (const auto& name : self_->table->names()) {
+    list.push_back({self_->table->describe(name), self_->table->get(name)});
+  }
+  return list;
+}
+
+bool ControllerHost::has_parameter(const std::string& name) const { return self_->table->has(name); }
+
+std::string ControllerHost::set_parameters(const std::vector<rcl_interfaces::msg::Parameter>& parameters) {
+  std::vector<Request> requests;
+  for (const auto& parameter : parameters) {
+    if (!self_->table->has(parameter.name)) continue;  // the node's own
+    std::string reason;
+    const auto request = self_->table->request(parameter, reason);
+    if (!request) return parameter.name + ": " + reason;
+    requests.push_back(*request);
+  }
+  if (requests.empty()) return {};
+  MultimodeController& modes = self_->cycle->modes();
+  if (self_->cycle->is_active()) {
+    const Answer answer = modes.ask(requests);
+    return answer.accepted() ? "" : reason(modes, requests.front(), answer.verdict);
+  }
+  std::uint64_t ticket = 0;  // taken by the first step after the activation
+  const Verdict verdict = modes.post(requests, ticket);
+  return verdict == Verdict::accepted ? "" : reason(modes, requests.front(), verdict);
+}
+
+std::vector<std::string> ControllerHost::active() const {
+  MultimodeController& modes = self_->cycle->modes();
+  std::vector<std::string> names;
+  for (std::size_t i = modes.arm_count(); i < modes.instance_count(); ++i) {
+    const auto index = static_cast<InstanceIndex>(i);
+    if ((modes.active() & bit(index)) != 0) names.push_back(modes.instance(index).name());
+  }
+  return names;
+}
+
+}  // namespace multipanda::ros

@@ -1,0 +1,63 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <rcl/node.h>
+#include <rcl_interfaces/msg/parameter.hpp>
+#include <rcl_interfaces/msg/parameter_descriptor.hpp>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "ros/host/parameters.hpp"
+
+namespace multipanda::ros {
+
+struct ControllerHostOptions {
+  double period_s = 0.001;        // of the host's loop
+  std::string robot_description;  // URDF text, for arms with `model: robot_description`; may be empty
+  // The controller's own node, on which the adapter makes its interfaces; outlives the host. nullptr: none.
+  rcl_node_t* node = nullptr;
+};
+
+// The multimode controller for a ros2_control controller, behind numbers and texts: what the plugin needs and
+// nothing else, so that packages that host it see no header of the core.
+class __attribute__((visibility("default"))) ControllerHost {
+ public:
+  // Builds everything. Throws std::invalid_argument or std::runtime_error: what is wrong and the cure.
+  ControllerHost(const FlatParameters& parameters, const ControllerHostOptions& options);
+  ~ControllerHost();
+  ControllerHost(const ControllerHost&) = delete;
+
+  // Full names of the interfaces, in the order of states() and commands().
+  const std::vector<std::string>& state_names() const;
+  const std::vector<std::string>& command_names() const;
+  std::span<double> states();
+  std::span<const double> commands() const;
+
+  // --- host's loop ---
+  // With states() filled. Not empty: why it may not begin; then nothing has begun.
+  std::string activate();
+  // Takes states(), leaves commands(). False: the hardware behind a robot_state is gone; then the commands
+  // are no torque.
+  bool update(double period_s) noexcept;
+  void deactivate() noexcept;
+
+  // --- any thread but the loop's ---
+  struct Parameter {
+    rcl_interfaces::msg::ParameterDescriptor descriptor;
+    rcl_interfaces::msg::ParameterValue value;
+  };
+  std::vector<Parameter> parameters() const;  // of controllets and features: "pose0.stiffness_n_per_m"
+  bool has_parameter(const std::string& name) const;
+  // All or none, in one cycle. Empty: done; else why not.
+  std::string set_parameters(const std::vector<rcl_interfaces::msg::Parameter>& parameters);
+  std::vector<std::string> active() const;  // controllets that run, without the holds
+
+ private:
+  struct Implementation;
+  std::unique_ptr<Implementation> self_;
+};
+
+}  // namespace multipanda::ros

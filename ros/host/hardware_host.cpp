@@ -1,0 +1,75 @@
+#include "ros/host/hardware_host.hpp"
+
+#include <stdexcept>
+
+#include "ros/adapter/ros_adapter.hpp"
+#include "runtime/hosted/hardware_parameters.hpp"
+#include "runtime/hosted/hardware_world.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+bool flag(const std::map<std::string, std::string>& parameters, const std::string& name, bool otherwise) {
+  const auto it = parameters.find(name);
+  if (it == parameters.end()) return otherwise;
+  if (it->second == "true" || it->second == "True") return true;
+  if (it->second == "false" || it->second == "False") return false;
+  throw std::invalid_argument("hardware parameter '" + name + "': expected true or false, found '" +
+                              it->second + "'");
+}
+
+std::vector<HardwareHost::Number> plain(const std::vector<HardwareNumber>& numbers) {
+  std::vector<HardwareHost::Number> list;
+  for (const auto& number : numbers) list.push_back({number.prefix, number.name, number.value});
+  return list;
+}
+
+}  // namespace
+
+struct HardwareHost::Implementation {
+  Extras extras;
+  std::unique_ptr<HardwareWorld> world;
+  std::unique_ptr<RosAdapter> services;
+};
+
+HardwareHost::HardwareHost(Kind kind, const std::map<std::string, std::string>& parameters,
+                           std::function<void(const std::string&)> say)
+    : self_(std::make_unique<Implementation>()) {
+  self_->extras.services = flag(parameters, "services", true);
+  const bool real = kind == Kind::fci;
+  const Scene scene = hardware_scene(parameters, real, {"services"});
+  self_->world =
+      std::make_unique<HardwareWorld>(scene, real ? real_arms(scene, std::move(say)) : mujoco_arms(scene));
+}
+
+HardwareHost::~HardwareHost() { self_->services.reset(); }
+
+const HardwareHost::Extras& HardwareHost::extras() const { return self_->extras; }
+std::vector<HardwareHost::Number> HardwareHost::states() const { return plain(self_->world->states()); }
+std::vector<HardwareHost::Number> HardwareHost::commands() const { return plain(self_->world->commands()); }
+void HardwareHost::connect() { self_->world->connect(); }
+void HardwareHost::disconnect() {
+  if (self_->world->is_connected()) self_->world->disconnect();
+}
+
+void HardwareHost::serve(rcl_node_t* node) {
+  RosOptions options;
+  options.parameter_services = options.controllets = options.state = options.motions = false;
+  self_->services = std::make_unique<RosAdapter>(self_->world->run_world(), options, node);
+}
+void HardwareHost::stop_serving() { self_->services.reset(); }
+
+bool HardwareHost::prepare_switch(const std::vector<std::string>& start, const std::vector<std::string>& stop,
+                                  std::string& why) const {
+  return self_->world->prepare_switch(start, stop, why);
+}
+void HardwareHost::perform_switch(const std::vector<std::string>& start,
+                                  const std::vector<std::string>& stop) noexcept {
+  self_->world->perform_switch(start, stop);
+}
+void HardwareHost::deactivate() noexcept { self_->world->deactivate(); }
+bool HardwareHost::read() noexcept { return self_->world->read() == HardwareWorld::Result::ok; }
+bool HardwareHost::write() noexcept { return self_->world->write() == HardwareWorld::Result::ok; }
+std::string HardwareHost::fault() const { return self_->world->fault(); }
+
+}  // namespace multipanda::ros

@@ -1,0 +1,199 @@
+// What ros2_control plugins call, without ros2_control: a controller and hardware in one process, on ROS
+// nodes.
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <map>
+#include <multipanda_msgs/srv/recover_from_error.hpp>
+#include <multipanda_msgs/srv/switch_controllets.hpp>
+#include <thread>
+#include <unistd.h>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "ros/host/arm_view.hpp"
+#include "ros/host/controller_host.hpp"
+#include "ros/host/hardware_host.hpp"
+#include "ros/rcl/rcl.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+using testing::Contains;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+void choose_domain() { ::setenv("ROS_DOMAIN_ID", std::to_string(1 + ::getpid() % 100).c_str(), 1); }
+
+// A controller_manager's cycle.
+class Loop {
+ public:
+  Loop(HardwareHost& hardware, ControllerHost& controller) : hardware_(hardware), controller_(controller) {
+    std::map<std::string, double*> states, commands;
+    for (const auto& n : hardware.states()) states[n.prefix + "/" + n.name] = n.value;
+    for (const auto& n : hardware.commands()) commands[n.prefix + "/" + n.name] = n.value;
+    for (const auto& name : controller.state_names()) states_.push_back(states.at(name));
+    for (const auto& name : controller.command_names()) commands_.push_back(commands.at(name));
+  }
+  void take() {
+    for (std::size_t i = 0; i < states_.size(); ++i) controller_.states()[i] = *states_[i];
+  }
+  bool step() {
+    const bool alive = hardware_.read();
+    take();
+    const bool stands = controller_.update(0.001);
+    for (std::size_t i = 0; i < commands_.size(); ++i) *commands_[i] = controller_.commands()[i];
+    return hardware_.write() && alive && stands;
+  }
+  template <typename Condition>
+  bool until(Condition condition) {
+    for (int i = 0; i < 20000; ++i) {
+      if (condition()) return true;
+      step();
+      std::this_thread::sleep_for(std::chrono::microseconds(100));
+    }
+    return condition();
+  }
+
+ private:
+  HardwareHost& hardware_;
+  ControllerHost& controller_;
+  std::vector<double*> states_, commands_;
+};
+
+FlatParameters parameters() {
+  return {{"arm_names", std::vector<std::string>{"left"}},
+          {"controllets.pose.type", std::string("cartesian_impedance")},
+          {"controllets.pose.arms", std::string("left")},
+          {"controllets.joints.type", std::string("joint_impedance")},
+          {"controllets.joints.arms", std::string("left")},
+          {"active", std::string("joints")},
+          {"update_rate", std::int64_t{1000}}};
+}
+
+TEST(Hosts, ControllerAndHardwareMeetThroughNumbersOnly) {
+  HardwareHost hardware(HardwareHost::Kind::mujoco, {{"arm_names", "left"}}, {});
+  ControllerHost controller(parameters(), {});
+  EXPECT_EQ(controller.state_names().size(), 22u);
+  EXPECT_EQ(controller.command_names().front(), "left_joint1/effort");
+  Loop loop(hardware, controller);
+  EXPECT_THAT(controller.activate(), HasSubstr("gravity_compensation"));  // the hardware says nothing yet
+  hardware.connect();
+  std::string why;
+  ASSERT_TRUE(hardware.prepare_switch(controller.command_names(), {}, why)) << why;
+  hardware.perform_switch(controller.command_names(), {});
+  loop.take();
+  ASSERT_EQ(controller.activate(), "");
+  ASSERT_TRUE(loop.until([&] { return !controller.active().empty(); }));
+  EXPECT_THAT(controller.active(), ElementsAre("joints"));
+
+  // Parameters of controllets: listed with bounds, set together or not at all.
+  rcl_interfaces::msg::Parameter stiffness;
+  for (const auto& parameter : controller.parameters()) {
+    if (parameter.descriptor.name.starts_with("joints.stiffness")) {
+      stiffness.name = parameter.descriptor.name;
+      stiffness.value = parameter.value;
+    }
+  }
+  ASSERT_FALSE(stiffness.name.empty());
+  EXPECT_TRUE(controller.has_parameter(stiffness.name));
+  std::string answer = "none yet";
+  std::atomic<bool> answered{false};
+  auto set = [&](double value) {
+    answered = false;
+    stiffness.value.double_array_value.assign(7, value);
+    std::thread user([&] {
+      answer = controller.set_parameters({stiffness});
+      answered = true;
+    });
+    EXPECT_TRUE(loop.until([&] { return answered.load(); }));
+    user.join();
+    return answer;
+  };
+  EXPECT_EQ(set(100), "");
+  EXPECT_THAT(set(-1), HasSubstr(stiffness.name));
+
+  // What the hardware knows, for other controllers.
+  for (const auto& n : hardware.states()) {
+    if (n.name != "robot_state") continue;
+    const ArmView arm = ArmView::behind(*n.value);
+    ASSERT_TRUE(static_cast<bool>(arm));
+    std::array<double, 49> M{};
+    arm.mass(M);
+    EXPECT_GT(M[0], 0.01);
+    EXPECT_DOUBLE_EQ(M[1], M[7]);
+    multipanda_msgs::msg::RobotState state;
+    arm.state(state);
+    EXPECT_EQ(state.mode, multipanda_msgs::msg::RobotState::MODE_MOVE);
+    EXPECT_TRUE(std::equal(state.q.begin(), state.q.end(), arm.q().begin()));
+    multipanda_msgs::msg::RobotModel model;
+    arm.model(model);
+    EXPECT_EQ(model.jacobian.size(), 42u);
+    EXPECT_FALSE(static_cast<bool>(ArmView::behind(1.0)));
+  }
+
+  // The hardware goes: no torque, and no look into its memory.
+  hardware.deactivate();
+  hardware.disconnect();
+  loop.take();
+  EXPECT_FALSE(controller.update(0.001));
+  EXPECT_THAT(controller.commands(), testing::Each(0.0));
+  controller.deactivate();
+}
+
+TEST(Hosts, RefusalsSayWhichParameter) {
+  FlatParameters wrong = parameters();
+  wrong.emplace_back("controllets.pose.parameters.stifness", 3.0);
+  try {
+    ControllerHost controller(wrong, {});
+    FAIL() << "not refused";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_THAT(error.what(), HasSubstr("pose"));
+  }
+  EXPECT_THROW(HardwareHost(HardwareHost::Kind::fci, {{"arm_names", "left"}}, {}), std::invalid_argument);
+  EXPECT_THROW(HardwareHost(HardwareHost::Kind::mujoco, {{"arm_names", "left"}, {"services", "maybe"}}, {}),
+               std::invalid_argument);
+}
+
+TEST(Hosts, ServicesOfControllerAndHardwareAnswerOnTheirNodes) {
+  choose_domain();
+  Context context;
+  Node node(context, "multimode"), hardware_node(context, "multipanda_arms"), user(context, "user");
+  Executor executor;
+  HardwareHost hardware(HardwareHost::Kind::mujoco, {{"arm_names", "left"}}, {});
+  ControllerHostOptions options;
+  options.node = node.handle();
+  ControllerHost controller(parameters(), options);
+  hardware.connect();
+  hardware.serve(hardware_node.handle());
+  Loop loop(hardware, controller);
+  hardware.perform_switch(controller.command_names(), {});
+  loop.take();
+  ASSERT_EQ(controller.activate(), "");
+  ASSERT_TRUE(loop.until([&] { return !controller.active().empty(); }));
+  Client<multipanda_msgs::srv::SwitchControllets> switching(executor, user, "/multimode/switch_controllets");
+  Client<multipanda_msgs::srv::RecoverFromError> recovering(executor, user, "/left/recover");
+  executor.start();
+  ASSERT_TRUE(loop.until([&] { return switching.ready() && recovering.ready(); }));
+  multipanda_msgs::srv::SwitchControllets::Request request;
+  request.activate = {"pose"};
+  auto answer = switching.call(request);
+  ASSERT_TRUE(
+      loop.until([&] { return answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready; }));
+  const auto response = answer.get();
+  EXPECT_TRUE(response.accepted) << response.reason;
+  EXPECT_THAT(controller.active(), Contains("pose"));
+  auto recovered = recovering.call(multipanda_msgs::srv::RecoverFromError::Request());
+  ASSERT_TRUE(
+      loop.until([&] { return recovered.wait_for(std::chrono::seconds(0)) == std::future_status::ready; }));
+  EXPECT_FALSE(recovered.get().success);  // nothing to recover from
+  executor.stop();
+  controller.deactivate();
+  hardware.stop_serving();
+  hardware.disconnect();
+}
+
+}  // namespace
+}  // namespace multipanda::ros
