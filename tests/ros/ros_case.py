@@ -1,0 +1,100 @@
+"""What the tests of the ROS interfaces share: one run of tests/ros/scene.yaml and one client for all of them."""
+
+import pathlib
+import unittest
+
+import numpy as np
+
+import kinematics
+import ros_run
+
+HERE = pathlib.Path(__file__).resolve().parent
+ARMS = ("left", "right")
+
+
+class RosCase(unittest.TestCase):
+    program = None
+    run_, client = None, None
+
+    @classmethod
+    def begin(cls, program):
+        RosCase.program = program
+        RosCase.run_ = ros_run.Run(program, HERE / "scene.yaml", "--seconds", "600", domain=ros_run.own_domain()).__enter__()
+        RosCase.client = ros_run.Client(ros_run.own_domain())
+
+    def setUp(self):
+        from multipanda_msgs.srv import SwitchControllets
+        if not self.run_.alive():
+            self.fail("the run has ended: " + "".join(self.run_.said))
+        response = self.call(SwitchControllets, "/multipanda/switch_controllets", activate=["left_pose", "right_pose"], only=True)
+        self.assertTrue(response.accepted, response.reason)
+
+    # --- short words ---
+
+    def call(self, *words, **fields):
+        return self.client.call(*words, **fields)
+
+    def topic(self, *words, **options):
+        return self.client.topic(*words, **options)
+
+    def wait(self, *words, **options):
+        return ros_run.wait_for(*words, **options)
+
+    def switch(self, *activate, **more):
+        from multipanda_msgs.srv import SwitchControllets
+        return self.call(SwitchControllets, "/multipanda/switch_controllets", activate=list(activate), **more)
+
+    def switched(self, *activate):
+        response = self.switch(*activate)
+        self.assertTrue(response.accepted, response.reason)
+
+    def state(self, arm):
+        """A robot state that was measured after this call: the second to come."""
+        return self.states(arm).next(3)
+
+    def states(self, arm):
+        from multipanda_msgs.msg import RobotState
+        return self.topic(RobotState, f"/{arm}/robot_state")
+
+    def statistics(self):
+        """Loop statistics of after this call."""
+        from multipanda_msgs.msg import LoopStatistics
+        return self.topic(LoopStatistics, "/multipanda/loop_statistics").next(2)
+
+    def position(self, arm):
+        return kinematics.of_pose(self.state(arm).pose)[:3, 3]
+
+    def at(self, arm, position, tolerance=3e-3, timeout=15.0):
+        """Waits until the arm's end effector is there."""
+        states = self.states(arm)
+
+        def near():
+            newest = states.newest()
+            return newest and np.linalg.norm(kinematics.of_pose(newest.pose)[:3, 3] - position) < tolerance
+        self.wait(near, f"{arm} at {position}, but at {self.position(arm)}", timeout=timeout)
+
+    def refused(self, response, *words):
+        """Refused with words for people that name what is meant."""
+        accepted = response.accepted if hasattr(response, "accepted") else response.success
+        text = next(getattr(response, key) for key in ("reason", "error", "message") if hasattr(response, key))
+        self.assertFalse(accepted)
+        for word in words:
+            self.assertIn(word, text)
+
+    def base(self, arm):
+        """X_WB as the robot description has it."""
+        return self.robot().link(f"{arm}_link0", {})
+
+    def robot(self):
+        from std_msgs.msg import String
+        description = self.topic(String, "/robot_description", latched=True)
+        self.wait(description.newest, "a robot description")
+        return kinematics.Robot(description.newest().data)
+
+
+def seconds(stamp):
+    return stamp.sec + 1e-9 * stamp.nanosec
+
+
+def nanoseconds(stamp):
+    return stamp.sec * 1_000_000_000 + stamp.nanosec
