@@ -1,0 +1,51 @@
+"""The example of the documentation as a user runs it, with names in a namespace as well: examples_test.py PROGRAM."""
+
+import signal
+import subprocess
+import sys
+import unittest
+
+import ros_run
+
+PROGRAM = sys.argv.pop(1) if len(sys.argv) > 1 else ""
+try:
+    import multipanda_msgs.msg  # noqa: F401
+    import rclpy  # noqa: F401
+except ImportError as missing:
+    print(f"this Python has no ROS interfaces of this build: {missing}")
+    sys.exit(77)
+
+SCENE = ros_run.ROOT / "examples/ros/scene.yaml"
+
+
+class Examples(unittest.TestCase):
+    def test_first_steps(self):
+        domain = ros_run.own_domain(3)
+        with ros_run.Run(PROGRAM, SCENE, "--seconds", "120", domain=domain) as run:
+            steps = subprocess.run([sys.executable, str(ros_run.ROOT / "examples/ros/first_steps.py")], capture_output=True, text=True,
+                                   env=ros_run.environment(domain), timeout=90, check=False)
+            self.assertEqual(steps.returncode, 0, steps.stderr + "".join(run.said))
+            for line in ("owner left_joint", "['left_cartesian'] instead of ['left_joint']", "arrived"):
+                self.assertIn(line, steps.stdout)
+            self.assertEqual(run.end(signal.SIGTERM), 0, "".join(run.said))
+
+    def test_names(self):
+        domain = ros_run.own_domain(4)
+        with ros_run.Run(PROGRAM, SCENE, "--seconds", "60", "--ros-namespace", "/cell", "--ros-node", "arms", "--ros-remap",
+                         "joint_states:=all_joints", domain=domain) as run:
+            client = ros_run.Client(domain)
+            try:
+                ros_run.wait_for(lambda: "/cell/left/robot_state" in dict(client.node.get_topic_names_and_types()), "topics in the namespace")
+
+                def topics():
+                    return {name for name, _ in client.node.get_topic_names_and_types()}
+                ros_run.wait_for(lambda: {"/cell/all_joints", "/cell/arms/events", "/tf"} <= topics(), f"the names, but {topics()}")
+                self.assertNotIn("/cell/joint_states", topics())
+                self.assertIn(("arms", "/cell"), client.node.get_node_names_and_namespaces())
+            finally:
+                client.close()
+            self.assertEqual(run.end(), 0, "".join(run.said))
+
+
+if __name__ == "__main__":
+    unittest.main()
