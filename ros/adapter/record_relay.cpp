@@ -1,6 +1,7 @@
 #include "ros/adapter/record_relay.hpp"
 
 #include <exception>
+#include <pthread.h>
 
 namespace multipanda::ros {
 
@@ -35,6 +36,7 @@ void RecordRelay::take(const Event& event) {
 }
 
 void RecordRelay::run() {
+  pthread_setname_np(pthread_self(), "ros_publisher");  // so that its share of the computer can be seen
   for (;;) {
     const std::uint32_t seen = posted_.load(std::memory_order_acquire);
     const bool last = stop_.load(std::memory_order_acquire);  // read before the rings, so that all is taken

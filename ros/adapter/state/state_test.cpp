@@ -566,7 +566,9 @@ TEST(State, EventsAreNamed) {
   EXPECT_THAT(first.stopped, ElementsAre("left_hold"));
   EXPECT_THAT(first.arms, ElementsAre("left"));
   for (const auto& event : events.messages) {
-    if (event.kind == "stopped") EXPECT_THAT(event.arms, ElementsAre("left"));
+    if (event.kind == "stopped") {
+      EXPECT_THAT(event.arms, ElementsAre("left"));
+    }
   }
 }
 
@@ -669,7 +671,9 @@ TEST(State, EveryEntityIsDocumented) {
   EXPECT_GT(entities.size(), 15u);
   for (const auto& entity : entities) {
     EXPECT_FALSE(entity.type.empty() || entity.doc.empty()) << entity.name;
-    if (entity.kind == "publisher") EXPECT_FALSE(entity.qos.empty() || entity.rate.empty()) << entity.name;
+    if (entity.kind == "publisher") {
+      EXPECT_FALSE(entity.qos.empty() || entity.rate.empty()) << entity.name;
+    }
   }
 }
 
