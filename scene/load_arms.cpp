@@ -196,6 +196,21 @@ void read_grippers(const Mapping& mapping, SceneArm& arm) {
   }
 }
 
+// Two arms of one robot may share their base (its torso): their first joints must not.
+void check_room(const Mapping& mapping, const RobotDescription& robot, const SceneReader& reader,
+                const SceneArm& arm) {
+  constexpr double kNearest = 0.1;  // [m] two bases that near each other would stand inside one another
+  const auto near = [](const Vector3& a, const Vector3& b) { return (a - b).norm() < kNearest; };
+  for (std::size_t i = 0; i < reader.scene.arms.size(); ++i) {
+    const SceneArm& other = reader.scene.arms[i];
+    if (near(other.X_WB.position, arm.X_WB.position) &&
+        near(other.X_WB * reader.robots[i].joints[0].position, arm.X_WB * robot.joints[0].position)) {
+      mapping.entry("base").refuse("stands inside arm '" + other.name + "'; expected bases at least " +
+                                   number_text(kNearest) + " m apart (base: {position_m: [x, y, z]})");
+    }
+  }
+}
+
 SceneArm read_arm(Mapping mapping, SceneReader& reader) {
   SceneArm arm;
   arm.name = mapping.text("name");
@@ -216,13 +231,7 @@ SceneArm read_arm(Mapping mapping, SceneReader& reader) {
   }
   read_grippers(mapping, arm);
   arm.X_WB = read_pose(mapping.section("base"));
-  for (const auto& other : reader.scene.arms) {
-    constexpr double kNearest = 0.1;  // [m] two bases that near each other would stand inside one another
-    if ((other.X_WB.position - arm.X_WB.position).norm() < kNearest) {
-      mapping.entry("base").refuse("stands inside arm '" + other.name + "'; expected bases at least " +
-                                   number_text(kNearest) + " m apart (base: {position_m: [x, y, z]})");
-    }
-  }
+  check_room(mapping, robot, reader, arm);
   read_start(mapping, robot, arm);
   if (mapping.has("end_effector")) arm.X_FE = read_pose(mapping.section("end_effector"));
   arm.X_EK = read_pose(mapping.section("stiffness_frame"));

@@ -1,0 +1,116 @@
+// The same controllets on robots of other makers, imported from their URDFs: each arm is sent to a pose and
+// must arrive, on bases off the origin, beside its fellow. Without the Python package example-robot-data:
+// skipped.
+#include <cmath>
+#include <sstream>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/model/model_terms.hpp"
+#include "core/test_support/test_arm.hpp"
+#include "models/arm_source.hpp"
+#include "models/checked_yaml.hpp"
+#include "models/from_urdf.hpp"
+#include "runtime/session.hpp"
+#include "scene/load.hpp"
+
+namespace multipanda {
+namespace {
+
+std::string model_file(const std::string& name) {
+  return MULTIPANDA_SOURCE_DIR "/tests/models/" + name + ".yaml";
+}
+
+bool is_installed(const std::string& name) {
+  try {
+    (void)urdf_file(CheckedYaml::load(model_file(name)).at("urdf").text(), {});
+    return true;
+  } catch (const std::invalid_argument&) {
+    return false;
+  }
+}
+
+std::string listed(const std::vector<double>& values) {
+  std::ostringstream text;
+  text.precision(15);
+  for (std::size_t i = 0; i < values.size(); ++i) text << (i > 0 ? ", " : "") << values[i];
+  return "[" + text.str() + "]";
+}
+
+std::string listed(const Pose& X) {
+  const Quaternion q = X.quaternion();
+  return "position_m: " + listed({X.position.x(), X.position.y(), X.position.z()}) +
+         ", quaternion_wxyz: " + listed({q.w(), q.x(), q.y(), q.z()});
+}
+
+class OtherRobots : public testing::TestWithParam<std::vector<std::string>> {};
+
+TEST_P(OtherRobots, ArriveInCartesianImpedance) {
+  const std::vector<std::string>& names = GetParam();
+  for (const auto& name : names) {
+    if (!is_installed(name)) GTEST_SKIP() << "example-robot-data is not installed, needed by " << name;
+  }
+  const Registry registry = Registry::with_builtins();
+  test::Draw draw(static_cast<std::uint32_t>(names.size() + names[0].size()));
+  const Pose X_WB{
+      Quaternion(Eigen::AngleAxisd(0.7, Vector3::UnitZ()) * Eigen::AngleAxisd(0.2, Vector3::UnitX()))
+          .toRotationMatrix(),
+      {0.8, -0.5, 0.6}};
+  std::vector<std::unique_ptr<ModelTerms>> models;
+  std::vector<Pose> goals;
+  std::string arms = "arms:\n", controllets = "controllets:\n", timeline = "timeline:\n", active;
+  for (const auto& name : names) {
+    const RobotDescription robot = load_robot(model_file(name));
+    models.push_back(
+        std::make_unique<ModelTerms>(std::make_shared<const ArmModel>(arm_model_source(robot, X_WB, false))));
+    ModelTerms& model = *models.back();
+    const JointVector rest = joint_constant(robot.joint_count(), 0);
+    const Pose start = model.X_WE();  // at home
+    // Somewhere that the arm reaches, at least 10 cm and 10 degrees away.
+    do {
+      const JointVector q = robot.q_home + draw.joints(robot.joint_count(), 0.3);
+      model.update(q.cwiseMax(robot.limits.q_min).cwiseMin(robot.limits.q_max), rest);
+    } while ((model.X_WE().position - start.position).norm() < 0.1 ||
+             Eigen::AngleAxisd(model.X_WE().rotation * start.rotation.transpose()).angle() < 0.17);
+    goals.push_back(model.X_WE());
+    arms += "  - {name: " + name + ", model: " + model_file(name) + ", hand: false, base: {" + listed(X_WB) +
+            "}}\n";
+    controllets += "  - {name: to_" + name + ", type: cartesian_impedance, arms: " + name + "}\n";
+    timeline += "  - {at_s: 0.2, reference: {controllet: to_" + name + ", input: pose, " +
+                listed(goals.back()) + ", duration_s: 2}}\n";
+    active += (active.empty() ? "" : ", ") + ("to_" + name);
+  }
+  const Scene scene =
+      parse_scene(arms + controllets + "active: [" + active + "]\n" + timeline, "others.yaml", registry);
+  std::vector<JointArray> q(names.size());
+  SessionOptions options{.paced = false, .duration_s = 5};
+  options.observer = [&](const CycleRecord& record) {
+    for (std::size_t i = 0; i < q.size(); ++i) q[i] = record.arms[i].q;
+  };
+  Session session(scene, registry, std::move(options));
+  session.start();
+  const RunSummary summary = session.finish();
+  EXPECT_THAT(summary.faults(), testing::IsEmpty());
+  EXPECT_THAT(summary.interventions, testing::IsEmpty());
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    ModelTerms& model = *models[i];
+    const auto n = static_cast<Eigen::Index>(model.joint_count());
+    model.update(Eigen::Map<const Eigen::VectorXd>(q[i].data(), n), joint_constant(model.joint_count(), 0));
+    const double distance = (model.X_WE().position - goals[i].position).norm();
+    const double angle = Eigen::AngleAxisd(model.X_WE().rotation * goals[i].rotation.transpose()).angle();
+    EXPECT_LT(distance, 1e-3) << names[i];           // [m]
+    EXPECT_LT(angle, 0.1 * M_PI / 180) << names[i];  // [rad]
+    RecordProperty(names[i] + "_mm", std::to_string(1e3 * distance));
+    RecordProperty(names[i] + "_deg", std::to_string(angle * 180 / M_PI));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Imported, OtherRobots,
+                         testing::Values(std::vector<std::string>{"ur5"},
+                                         std::vector<std::string>{"baxter_left", "baxter_right"},
+                                         std::vector<std::string>{"tiago_pro_left", "tiago_pro_right"}),
+                         [](const auto& param) { return param.param[0]; });
+
+}  // namespace
+}  // namespace multipanda
