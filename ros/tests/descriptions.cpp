@@ -1,0 +1,104 @@
+#include "descriptions.hpp"
+
+#include <sstream>
+
+namespace multipanda::ros2_control_tests {
+namespace {
+
+constexpr int kJoints = 7;
+struct Limits {
+  double lower, upper, velocity, effort;
+};
+constexpr Limits kLimits[kJoints] = {{-2.8973, 2.8973, 2.175, 87}, {-1.7628, 1.7628, 2.175, 87},
+                                     {-2.8973, 2.8973, 2.175, 87}, {-3.0718, -0.0698, 2.175, 87},
+                                     {-2.8973, 2.8973, 2.61, 12},  {-0.0175, 3.7525, 2.61, 12},
+                                     {-2.8973, 2.8973, 2.61, 12}};
+
+std::string flat(const std::vector<std::string>& words) {
+  std::string text;
+  for (const auto& word : words) text += (text.empty() ? "" : " ") + word;
+  return text;
+}
+
+// Side by side, too far apart to touch each other.
+std::string base(std::size_t arm) { return "[0, " + std::to_string(0.6 * static_cast<double>(arm)) + ", 0]"; }
+
+Component arms_of_this_project(const std::string& name, const std::string& plugin,
+                               const std::vector<std::string>& arms) {
+  Component component{name, plugin, arms, {{"arm_names", flat(arms)}}, {"effort", "position", "velocity"}};
+  for (std::size_t i = 0; i < arms.size(); ++i)
+    component.parameters["arms." + arms[i] + ".base.position_m"] = base(i);
+  return component;
+}
+
+}  // namespace
+
+const std::vector<double>& home() {
+  static const std::vector<double> q = {
+      0, -0.7853981633974483, 0, -2.356194490192345, 0, 1.5707963267948966, 0.7853981633974483};
+  return q;
+}
+
+std::string joint_name(const std::string& arm, int number) { return arm + "_joint" + std::to_string(number); }
+
+Component mock_component(const std::string& name, const std::vector<std::string>& arms) {
+  return {name, "mock_components/GenericSystem", arms, {}, {"effort"}};
+}
+
+Component mujoco_component(const std::string& name, const std::vector<std::string>& arms) {
+  return arms_of_this_project(name, "multipanda_hardware/MujocoSystem", arms);
+}
+
+Component fci_component(const std::string& name, const std::vector<std::string>& arms,
+                        const std::vector<std::string>& addresses) {
+  Component component = arms_of_this_project(name, "multipanda_hardware/FciSystem", arms);
+  for (std::size_t i = 0; i < arms.size(); ++i)
+    component.parameters["arms." + arms[i] + ".fci"] = addresses[i];
+  return component;
+}
+
+std::string robot(const std::vector<Component>& components) {
+  std::ostringstream out;
+  out.precision(17);
+  out << "<?xml version=\"1.0\"?>\n<robot name=\"tested\">\n<link name=\"world\"/>\n";
+  for (const auto& component : components) {
+    for (const auto& arm : component.arms) {
+      out << "<link name=\"" << arm << "_link0\"/><joint name=\"" << arm
+          << "_base_joint\" type=\"fixed\"><parent link=\"world\"/><child link=\"" << arm
+          << "_link0\"/></joint>\n";
+      for (int j = 1; j <= kJoints; ++j) {
+        const Limits& limits = kLimits[j - 1];
+        out << "<link name=\"" << arm << "_link" << j << "\"/><joint name=\"" << joint_name(arm, j)
+            << "\" type=\"revolute\"><parent link=\"" << arm << "_link" << j - 1 << "\"/><child link=\""
+            << arm << "_link" << j << "\"/><axis xyz=\"0 0 1\"/><limit lower=\"" << limits.lower
+            << "\" upper=\"" << limits.upper << "\" velocity=\"" << limits.velocity << "\" effort=\""
+            << limits.effort << "\"/></joint>\n";
+      }
+    }
+  }
+  for (const auto& component : components) {
+    out << "<ros2_control name=\"" << component.name << "\" type=\"system\">\n<hardware><plugin>"
+        << component.plugin << "</plugin>";
+    for (const auto& [name, value] : component.parameters) {
+      out << "<param name=\"" << name << "\">" << value << "</param>";
+    }
+    out << "</hardware>\n";
+    for (const auto& arm : component.arms) {
+      for (int j = 1; j <= kJoints; ++j) {
+        out << "<joint name=\"" << joint_name(arm, j) << "\">";
+        for (const auto& command : component.commands)
+          out << "<command_interface name=\"" << command << "\"/>";
+        out << "<state_interface name=\"position\"><param name=\"initial_value\">"
+            << home()[static_cast<std::size_t>(j - 1)]
+            << "</param></state_interface><state_interface name=\"velocity\"><param "
+               "name=\"initial_value\">0</param></state_interface><state_interface name=\"effort\"><param "
+               "name=\"initial_value\">0</param></state_interface></joint>\n";
+      }
+    }
+    out << "</ros2_control>\n";
+  }
+  out << "</robot>\n";
+  return out.str();
+}
+
+}  // namespace multipanda::ros2_control_tests

@@ -1,0 +1,33 @@
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+namespace multipanda::ros2_control_tests {
+
+// One <ros2_control> tag.
+struct Component {
+  std::string name, plugin;
+  std::vector<std::string> arms;
+  std::map<std::string, std::string> parameters;   // <param>s of the hardware
+  std::vector<std::string> commands = {"effort"};  // of every joint, where the plugin takes them from the tag
+};
+
+// Mock hardware of ros2_control itself: positions as given and never changing, efforts as commanded.
+Component mock_component(const std::string& name, const std::vector<std::string>& arms);
+// Arms of this project, side by side and 0.6 m apart, in one world without anything else.
+Component mujoco_component(const std::string& name, const std::vector<std::string>& arms);
+// The same arms behind sockets; `addresses`: one per arm.
+Component fci_component(const std::string& name, const std::vector<std::string>& arms,
+                        const std::vector<std::string>& addresses);
+
+// A URDF with the arms' joints <arm>_joint1..7 on the link `world`, and the tags. Of the arm there is only
+// what a controller_manager needs: names and limits.
+std::string robot(const std::vector<Component>& components);
+
+// Joints at which mock hardware stands, and simulated arms begin.
+const std::vector<double>& home();
+std::string joint_name(const std::string& arm, int number);  // from 1
+
+}  // namespace multipanda::ros2_control_tests

@@ -1,0 +1,108 @@
+#include "virtual_arms.hpp"
+
+#include <cstdlib>
+#include <fcntl.h>
+#include <filesystem>
+#include <fstream>
+#include <signal.h>
+#include <stdexcept>
+#include <sys/wait.h>
+#include <unistd.h>
+
+namespace multipanda::ros2_control_tests {
+namespace {
+
+// Loopback addresses of this process alone: the arms' ports are fixed.
+std::string free_address(std::size_t number) {
+  static std::size_t used = 0;
+  const auto pid = static_cast<std::size_t>(getpid());
+  return "127." + std::to_string(120 + pid / 65536 % 100) + "." + std::to_string(pid / 256 % 256) + "." +
+         std::to_string((pid + 61 * (number + 7 * used++)) % 254 + 1);
+}
+
+void set_close_on_exec(const int (&ends)[2]) {
+  for (const int end : ends) fcntl(end, F_SETFD, FD_CLOEXEC);
+}
+
+}  // namespace
+
+std::string program() {
+  const char* path = std::getenv("MULTIPANDA_PROGRAM");
+  return path != nullptr && std::filesystem::exists(path) ? path : "";
+}
+
+VirtualArms::VirtualArms(const std::vector<std::string>& names) {
+  std::string pattern = (std::filesystem::temp_directory_path() / "virtual_arms_XXXXXX.yaml").string();
+  const int file = mkstemps(pattern.data(), 5);
+  if (file < 0) throw std::runtime_error("no temporary file at " + pattern);
+  close(file);
+  scene_file_ = pattern;
+  std::ofstream scene(scene_file_);
+  scene << "name: tested\narms:\n";
+  std::vector<std::string> words = {program(), "virtual-arm", scene_file_, "--pace", "lockstep", "--json"};
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    scene << "  - {name: " << names[i] << ", model: fer, base: {position_m: [0, "
+          << 0.6 * static_cast<double>(i) << ", 0]}}\n";
+    addresses_.push_back(free_address(i));
+    words.insert(words.end(), {"--bind", names[i] + "=" + addresses_.back()});
+  }
+  scene.close();
+
+  int in[2], out[2], said[2];
+  if (pipe(in) != 0 || pipe(out) != 0 || pipe(said) != 0) throw std::runtime_error("no pipe");
+  set_close_on_exec(in);
+  set_close_on_exec(out);
+  set_close_on_exec(said);
+  std::vector<char*> arguments;
+  for (auto& word : words) arguments.push_back(word.data());
+  arguments.push_back(nullptr);
+  process_ = fork();
+  if (process_ == 0) {
+    dup2(in[0], 0);
+    dup2(out[1], 1);
+    dup2(said[1], 2);
+    execv(arguments[0], arguments.data());
+    _exit(127);
+  }
+  close(in[0]);
+  close(out[1]);
+  close(said[1]);
+  in_ = in[1];
+  out_ = out[0];
+  said_ = said[0];
+  const std::string first = line(out_);
+  if (first.find("listening") == std::string::npos)
+    throw std::runtime_error("virtual-arm: " + first + line(said_));
+}
+
+VirtualArms::~VirtualArms() {
+  if (process_ > 0) {
+    kill(process_, SIGTERM);
+    waitpid(process_, nullptr, 0);
+  }
+  for (const int end : {in_, out_, said_}) close(end);
+  std::filesystem::remove(scene_file_);
+}
+
+std::string VirtualArms::line(int descriptor) {
+  std::string text;
+  char c = 0;
+  while (read(descriptor, &c, 1) == 1 && c != '\n') text += c;
+  return text;
+}
+
+std::string VirtualArms::control(const std::string& words) {
+  const std::string text = words + "\n";
+  if (write(in_, text.data(), text.size()) != static_cast<ssize_t>(text.size())) return "not written";
+  // What it said before, about connections, comes first.
+  for (int i = 0; i < 100; ++i) {
+    const std::string answer = line(said_);
+    if (answer.find("ok") != std::string::npos || answer.find("expected") != std::string::npos ||
+        answer.empty()) {
+      return answer;
+    }
+  }
+  return "no answer";
+}
+
+}  // namespace multipanda::ros2_control_tests

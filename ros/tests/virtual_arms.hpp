@@ -1,0 +1,32 @@
+#pragma once
+
+#include <string>
+#include <sys/types.h>
+#include <vector>
+
+namespace multipanda::ros2_control_tests {
+
+// `multipanda virtual-arm` in lock-step, as a process of its own: two Pandas behind sockets of this computer.
+// Throws std::runtime_error if it does not start.
+class VirtualArms {
+ public:
+  explicit VirtualArms(const std::vector<std::string>& names);
+  ~VirtualArms();
+  VirtualArms(const VirtualArms&) = delete;
+  const std::vector<std::string>& addresses() const { return addresses_; }
+  // One line of words, as a person would type it; its answer.
+  std::string control(const std::string& words);
+
+ private:
+  std::string line(int descriptor);
+
+  std::vector<std::string> addresses_;
+  std::string scene_file_;
+  pid_t process_ = -1;
+  int in_ = -1, out_ = -1, said_ = -1;
+};
+
+// MULTIPANDA_PROGRAM; empty if it is not there.
+std::string program();
+
+}  // namespace multipanda::ros2_control_tests
