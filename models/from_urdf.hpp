@@ -23,7 +23,7 @@ struct UrdfChain {
   std::string tip_link;                       // becomes the flange
   std::map<std::string, double> held_joints;  // where they stand [rad] or [m]. Others that are no joint of
                                               // the arm: at 0, or the nearest that their limits allow
-  std::map<std::string, UrdfLimits> limits;  // by the URDF's name of the joint
+  std::map<std::string, UrdfLimits> limits;   // by the URDF's name of the joint
 };
 
 // The arm inside a robot. Links that move together become one, with the exact mass properties of all of them:

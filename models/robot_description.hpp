@@ -101,8 +101,8 @@ struct RobotDescription {
 
   std::vector<Placement> joints;         // joint i+1 in link i; (n)
   std::vector<std::string> joint_names;  // what the URDF calls them, where one was imported; else empty
-  Placement flange;               // in the last link
-  std::vector<RigidBody> links;   // (n + 1), link0 first
+  Placement flange;                      // in the last link
+  std::vector<RigidBody> links;          // (n + 1), link0 first
   JointLimits limits;
   std::optional<CartesianLimits> cartesian;
   std::optional<PositionBasedVelocity> position_based_velocity;
