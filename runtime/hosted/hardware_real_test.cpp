@@ -129,6 +129,11 @@ TEST_F(RealHardware, TorquesOfOurControllerOnOneArmPositionsOnTheOther) {
   rig->between_ = {};
   ASSERT_EQ(rig->change({}, HostedRig::joint_names("left", "velocity")), "");
   EXPECT_TRUE(until([&] { return mode(0) == ArmMode::idle; })) << said;
+  // Let go of with an arm in motion, and connected again.
+  hardware->disconnect();
+  hardware->connect();
+  EXPECT_EQ(mode(0), ArmMode::idle);
+  EXPECT_EQ(mode(1), ArmMode::idle);
 }
 
 TEST_F(RealHardware, ReadAndWriteNeverWaitAndLosingAllArmsIsTheOnlyError) {

@@ -359,6 +359,23 @@ TEST(HardwareWorld, TheLoopNeitherAllocatesNorLocks) {
   }
 }
 
+TEST(HardwareWorld, ConnectsAgainAndTakesItsAddressBackInBetween) {
+  World world;
+  auto& rig = world.rig;
+  ASSERT_EQ(rig.change(rig.efforts("left")), "");
+  rig.steps(5);
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_NE(window_behind(rig.state("left/robot_state")), nullptr);
+    world.hardware.disconnect();
+    EXPECT_EQ(window_behind(rig.state("left/robot_state")), nullptr);
+    EXPECT_EQ(world.hardware.drive(0), ArmDrive::none);
+    world.hardware.connect();
+    ASSERT_EQ(rig.change(rig.efforts("left")), "");
+    rig.steps(5);
+    EXPECT_EQ(rig.state("left/following"), 1);
+  }
+}
+
 TEST(HardwareWorld, ServicesOfTheHardwareHaveAWorldToSpeakFor) {
   World world;
   const RunWorld run = world.hardware.run_world();
