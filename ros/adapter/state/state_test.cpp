@@ -347,7 +347,7 @@ TEST_F(Arms, SettingsFollowTheArmsOwnWord) {
   multipanda_msgs::msg::RobotState state;
   fill(view->arms()[0], record.arms[0], view->terms(0), state);
   EXPECT_THAT(state.error_names, ElementsAre("joint_reflex", "communication_constraints_violation"));
-  const double gravity_before = view->terms(0).g()[3];
+  const JointVector gravity_before = view->terms(0).g();
 
   Event event{.kind = EventKind::arm_config, .arm = 0};
   const std::vector<double> values{0,   0,    0.2, 1,   0, 0,   0,                // X_FE
@@ -364,7 +364,7 @@ TEST_F(Arms, SettingsFollowTheArmsOwnWord) {
   EXPECT_EQ(state.load.centre.x, 0.02);
   EXPECT_THAT(state.load.inertia, ElementsAre(4, 0.1, 0.2, 5, 0.3, 6));
   EXPECT_THAT(state.tool.inertia, ElementsAre(1, 0, 0, 2, 0, 3));
-  EXPECT_GT(std::abs(view->terms(0).g()[3] - gravity_before), 1);  // and the model carries it
+  EXPECT_GT((view->terms(0).g() - gravity_before).norm(), 0.5);  // and the model carries it
 
   record.arms[0].errors = 0;
   fill(view->arms()[0], record.arms[0], view->terms(0), state);
@@ -403,25 +403,41 @@ TEST(State, EveryNthCycleIsPublishedAndStamped) {
   Heard<rosgraph_msgs::msg::Clock> clock(rig, listener, "/clock");
   Heard<std_msgs::msg::String> urdf(rig, listener, "/robot_description", Qos::latched());
   rig.executor().start();
-  for (const char* topic : {"/joint_states", "/tf", "/clock"}) {
-    ASSERT_TRUE(test::wait_for([&] { return rig.node().subscribers_of(topic) == 1; })) << topic;
-  }
-  // Known to the graph, not yet to the publisher: until a message has come, none may be counted.
+  // A publisher knows of a reader when the first message has come; until then none may be counted.
+  LoopTime newest;
+  const auto run = [&](std::size_t cycles) {
+    rig.run(cycles, parts, [&](const CycleRecord& record) { newest = record.t; });
+  };
   ASSERT_TRUE(test::wait_for([&] {
-    rig.run(20, parts);
+    run(20);
     return joints.count() > 0 && tf.count() > 0 && clock.count() > 0;
   }));
-  const std::size_t joints_before = joints.count(), tf_before = tf.count(), clock_before = clock.count();
-  rig.run(400, parts);
+  ASSERT_TRUE(test::wait_for([&] { return fixed.count() > 0 && urdf.count() > 0; }));
+  // From here on so slowly that no message gives way to a newer one.
+  const auto ns = [](const auto& stamp) { return stamp.sec * 1'000'000'000ll + stamp.nanosec; };
+  const std::int64_t begin = newest.ns;
+  const auto since = [&] {
+    const std::lock_guard lock(joints.mutex);
+    return static_cast<std::size_t>(
+        std::count_if(joints.messages.begin(), joints.messages.end(),
+                      [&](const auto& message) { return ns(message.header.stamp) > begin; }));
+  };
+  for (std::size_t turn = 1; turn <= 50; ++turn) {
+    run(8);
+    ASSERT_TRUE(test::wait_for([&] { return since() >= 2 * turn; })) << turn;
+  }
   EXPECT_TRUE(test::wait_for([&] {
-    return joints.count() >= joints_before + 100 && tf.count() >= tf_before + 40 &&
-           clock.count() >= clock_before + 400;
-  })) << joints.count() - joints_before
-      << " " << tf.count() - tf_before << " " << clock.count() - clock_before;
+    const std::lock_guard lock(clock.mutex);
+    return ns(clock.messages.back().clock) == newest.ns;
+  }));
   rig.executor().stop();
-  EXPECT_EQ(joints.count(), joints_before + 100);
+  EXPECT_EQ(since(), 100u);
+  const std::size_t count = tf.messages.size();
+  ASSERT_GT(count, 30u);
+  EXPECT_EQ(ns(tf.messages[count - 1].transforms[0].header.stamp) -
+                ns(tf.messages[count - 11].transforms[0].header.stamp),
+            100'000'000);
   for (std::size_t i = joints.messages.size() - 99; i < joints.messages.size(); ++i) {
-    const auto ns = [](const auto& stamp) { return stamp.sec * 1'000'000'000ll + stamp.nanosec; };
     EXPECT_EQ(ns(joints.messages[i].header.stamp) - ns(joints.messages[i - 1].header.stamp), 4'000'000);
   }
   EXPECT_EQ(tf.messages.back().transforms.size(), 7u + 2 + 2 + 7 + 2);
@@ -441,7 +457,8 @@ TEST(State, WrenchOfAWeightStandsUprightInTheWorld) {
       "  - name: left\n"
       "    base: {position_m: [0, 0, 1], rpy_rad: [0.5, -0.4, 1.0]}\n"
       "    stiffness_frame: {position_m: [0.05, 0.02, 0.03], rpy_rad: [0.3, 0.2, -0.5]}\n"
-      "    load_present: {mass_kg: 1.2, com_m: [0.03, -0.02, 0.15]}\n"
+      "    load_present: {mass_kg: 1.2, com_m: [0.03, -0.02, 0.15], inertia_kg_m2: {xx: 0.001, yy: 0.001, "
+      "zz: 0.001}}\n"
       "ros: {rates_hz: {wrench: 1000}}\n");
   const Parts parts = make_state(rig.world());
   Node listener(rig.context(), "listener");
@@ -466,7 +483,7 @@ TEST(State, WrenchOfAWeightStandsUprightInTheWorld) {
   EXPECT_EQ(heard.messages.back().header.frame_id, "world");
   EXPECT_LT((Vector3(wrench.force.x, wrench.force.y, wrench.force.z) + weight).norm(), 0.02 * weight.norm());
   EXPECT_LT((Vector3(wrench.torque.x, wrench.torque.y, wrench.torque.z) - moment).norm(), 0.1);
-  EXPECT_GT(moment.norm(), 0.3);  // so that a moment about another point would be seen
+  EXPECT_GT(moment.norm(), 0.2);  // so that a moment about another point would be seen
 }
 
 const std::string kBall =
@@ -486,8 +503,10 @@ TEST(State, ObjectsFallInTheirTopicAsInPhysics) {
   }));
   (void)rig.backend().request(0, ResetSimulation{});
   const std::size_t before = heard.count();
-  rig.run(150, parts);
-  ASSERT_TRUE(test::wait_for([&] { return heard.count() >= before + 140; }));
+  for (std::size_t cycles = 5; cycles <= 150; cycles += 5) {
+    rig.run(5, parts);
+    ASSERT_TRUE(test::wait_for([&] { return heard.count() + 5 >= before + cycles; }));
+  }
   rig.executor().stop();
   const auto& last = heard.messages.back();
   EXPECT_THAT(last.names, ElementsAre("ball"));
@@ -557,10 +576,12 @@ TEST(State, EventsAreNamed) {
     return std::any_of(events.messages.begin(), events.messages.end(),
                        [](const auto& event) { return event.kind == "stopped"; });
   };
-  EXPECT_TRUE(test::wait_for([&] { return switches.count() >= 1 && stopped(); }));
+  EXPECT_TRUE(test::wait_for([&] { return switches.count() >= 2 && stopped(); }));
   rig.executor().stop();
-  ASSERT_GE(switches.messages.size(), 1u);
-  const auto& first = switches.messages.front();
+  const auto switched = std::find_if(switches.messages.begin(), switches.messages.end(),
+                                     [](const auto& each) { return !each.started.empty(); });
+  ASSERT_NE(switched, switches.messages.end());
+  const auto& first = *switched;
   EXPECT_TRUE(first.accepted);
   EXPECT_THAT(first.started, ElementsAre("still"));
   EXPECT_THAT(first.stopped, ElementsAre("left_hold"));

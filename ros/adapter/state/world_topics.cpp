@@ -7,7 +7,7 @@
 namespace multipanda::ros {
 
 ClockTopic::ClockTopic(const AdapterWorld& world)
-    : clock_(*world.node, "/clock", Qos::sensor(1), world.options->rates_hz.clock, period_of(world),
+    : clock_(*world.node, "/clock", Qos::reliable(1), world.options->rates_hz.clock, period_of(world),
              "Simulated time: set `use_sim_time` in nodes that are to follow it.") {}
 
 void ClockTopic::take(const CycleRecord& record) {

@@ -1,0 +1,144 @@
+#include "ros/adapter/interfaces_page.hpp"
+
+#include <algorithm>
+#include <map>
+#include <stdexcept>
+#include <tuple>
+
+namespace multipanda::ros {
+namespace {
+
+constexpr const char* kMark = "<!-- tables: `ninja ros_interfaces` writes what follows -->\n";
+
+constexpr const char* kFeatures = "features";
+
+struct Row {
+  std::string group, kind, name, type, qos, rate, doc;
+  auto key() const { return std::tie(group, kind, name); }
+};
+
+void replace_all(std::string& text, const std::string& what, const std::string& by) {
+  for (auto at = text.find(what); at != std::string::npos; at = text.find(what, at + by.size()))
+    text.replace(at, what.size(), by);
+}
+
+std::string without_prefix(const std::string& text, const std::string& prefix, const std::string& by) {
+  return text.starts_with(prefix) ? by + text.substr(prefix.size()) : text;
+}
+
+// "left_gripper/move" -> "<arm>_gripper/move"
+std::string with_arm(std::string name, const Scene& scene) {
+  for (const auto& arm : scene.arms) {
+    for (const char* end : {"/", "_"}) {
+      const std::string with = without_prefix(name, arm.name + end, std::string("<arm>") + end);
+      if (with != name) return with;
+    }
+  }
+  return name;
+}
+
+Row row_of(const EntityInfo& entity, const std::string& node, const Scene& scene,
+           const std::vector<std::string>& features) {
+  Row row{"", entity.kind, entity.name, entity.type, entity.qos, entity.rate, entity.doc};
+  const std::string own = without_prefix(entity.name, node + "/", "~/");
+  if (own == entity.name) {
+    static const std::vector<std::string> everywhere{"/tf", "/tf_static", "/clock", "/diagnostics",
+                                                     "/parameter_events"};
+    const bool absolute = std::find(everywhere.begin(), everywhere.end(), own) != everywhere.end();
+    row.name = absolute ? own : with_arm(own.substr(1), scene);
+  } else {
+    row.name = own;
+    for (const auto& instance : scene.controllets) {
+      const std::string with = without_prefix(own, "~/" + instance.name + "/", "~/<instance>/");
+      if (with == own) continue;
+      row.name = with;
+      row.group = instance.type;
+    }
+    for (const auto& arm : scene.arms) {
+      const std::string with = without_prefix(own, "~/" + arm.name + "_hold/", "~/<instance>/");
+      if (with == own) continue;
+      row.name = with;
+      row.group = "hold";
+    }
+  }
+  // What is said of the first arm is said of each.
+  for (const auto& arm : scene.arms) {
+    for (const char* begin : {"`", " "}) {
+      for (const char* end : {"_", "/", "`"})
+        replace_all(row.doc, begin + arm.name + end, begin + std::string("<arm>") + end);
+    }
+  }
+  replace_all(row.doc, "<arm>_link0, <arm>_link0", "<arm>_link0");
+  // Features show the same of themselves with every controllet.
+  for (const auto& feature : features) {
+    if (row.name.starts_with("~/<instance>/" + feature + "/")) row.group = kFeatures;
+  }
+  return row;
+}
+
+std::string cell(std::string text) {
+  replace_all(text, "|", "\\|");
+  return text.empty() ? " " : text;
+}
+
+std::string table(const std::vector<Row>& rows, const std::string& kind) {
+  std::string out;
+  const bool topic = kind == "publisher" || kind == "subscription";
+  for (const auto& row : rows) {
+    if (row.kind != kind) continue;
+    if (out.empty()) {
+      const std::string head = kind == "publisher"      ? "Published"
+                               : kind == "subscription" ? "Taken"
+                               : kind == "service"      ? "Services"
+                                                        : "Actions";
+      out = "\n**" + head + "**\n\n";
+      out += topic ? "| topic | type | QoS | rate | what |\n|---|---|---|---|---|\n"
+                   : "| name | type | what |\n|---|---|---|\n";
+    }
+    out += "| `" + row.name + "` | " + cell(row.type) + " | ";
+    if (topic) out += cell(row.qos) + " | " + cell(row.rate) + " | ";
+    out += cell(row.doc) + " |\n";
+  }
+  return out;
+}
+
+std::string tables(const std::vector<Row>& rows) {
+  std::string out;
+  for (const char* kind : {"publisher", "subscription", "service", "action"}) out += table(rows, kind);
+  return out;
+}
+
+}  // namespace
+
+std::string interfaces_markdown(const std::vector<EntityInfo>& entities, const std::string& node,
+                                const Scene& scene, const std::vector<std::string>& features) {
+  std::map<std::string, std::vector<Row>> groups;  // by controllet type; "": the run itself
+  for (const auto& entity : entities) {
+    const Row row = row_of(entity, node, scene, features);
+    auto& rows = groups[row.group];
+    const bool known =
+        std::any_of(rows.begin(), rows.end(), [&](const Row& other) { return other.key() == row.key(); });
+    if (!known) rows.push_back(row);
+  }
+  std::string out = "\n## The run and its arms\n" + tables(groups[""]);
+  out +=
+      "\n## Controllets\n\nOf every instance of a type, whether it is active or not. `<instance>` is its "
+      "name in "
+      "the scene.\n";
+  for (const auto& [type, rows] : groups) {
+    if (!type.empty() && type != kFeatures) out += "\n### " + type + "\n" + tables(rows);
+  }
+  out += "\n### Features, of any controllet\n" + tables(groups[kFeatures]);
+  return out;
+}
+
+std::string with_tables(const std::string& before, const std::string& tables) {
+  const auto at = before.find(kMark);
+  if (at == std::string::npos) {
+    throw std::invalid_argument(std::string("the page lost the line that ends what is written by hand: ") +
+                                kMark);
+  }
+  return before.substr(0, at) + kMark + tables;
+}
+
+}  // namespace multipanda::ros
