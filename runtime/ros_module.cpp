@@ -23,7 +23,9 @@ void* ros_module_function(const char* name, const std::filesystem::path& module)
                              "): " + kCure);
   }
   // Now and local: nothing is looked up later, and nothing of it is seen by the rest of the program.
-  void* library = dlopen(module.c_str(), RTLD_NOW | RTLD_LOCAL);
+  // Its own libraries first: Fast DDS and Pinocchio's URDF reader each bring another tinyxml2, with the same
+  // names.
+  void* library = dlopen(module.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_DEEPBIND);
   if (library == nullptr) {
     const char* why = dlerror();
     throw std::runtime_error(std::string("--ros: the ROS adapter cannot be loaded: ") +
