@@ -22,9 +22,9 @@ void* ros_module_function(const char* name, const std::filesystem::path& module)
     throw std::runtime_error("--ros: multipanda was built without ROS 2 (there is no " + module.string() +
                              "): " + kCure);
   }
-  // Now and local: nothing is looked up later, and nothing of it is seen by the rest of the program.
-  // Its own libraries first: Fast DDS and Pinocchio's URDF reader each bring another tinyxml2, with the same
-  // names.
+  // Now and local: nothing is looked up later, and nothing of it is seen by the rest of the program. Deep:
+  // Fast DDS and the URDF reader bring libraries of one name in two versions (tinyxml2); each must find its
+  // own.
   void* library = dlopen(module.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_DEEPBIND);
   if (library == nullptr) {
     const char* why = dlerror();
