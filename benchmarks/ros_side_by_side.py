@@ -114,8 +114,10 @@ def main():
     publishing = statistics.median(r["publishing_us"] for r in runs[True])
     print(f"\nHeard in another process: {len(active)} topics, {total:.0f} messages per second; the publishing thread computes "
           f"{publishing:.0f} us per cycle.")
+    print("\n| topic | heard [Hz] |\n|---|---|")
     for name, rates in active.items():
-        print(f"- `{name}`: {words(rates)} Hz")
+        if not name.startswith("/multipanda/"):  # controllets come and go in the scene's timeline
+            print(f"| `{name}` | {words(rates)} |")
 
 
 if __name__ == "__main__":
