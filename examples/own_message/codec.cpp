@@ -10,7 +10,7 @@ namespace {
 
 using geometry_msgs::msg::TransformStamped;
 
-void read(const TransformStamped& message, multipanda::ros::InputValues& values) {
+void values_of(const TransformStamped& message, multipanda::ros::InputValues& values) {
   if (message.child_frame_id != "goal") {
     values.refusal = "the transform is of '" + message.child_frame_id.substr(0, 60) + "', expected 'goal'";
     return;
@@ -27,5 +27,5 @@ void read(const TransformStamped& message, multipanda::ros::InputValues& values)
 MULTIPANDA_PLUGIN(registry) { (void)registry; }
 
 MULTIPANDA_INPUT_CODECS(codecs) {
-  codecs.push_back(multipanda::ros::input_codec<TransformStamped>("cartesian_impedance", "pose", read));
+  codecs.push_back(multipanda::ros::input_codec<TransformStamped>("cartesian_impedance", "pose", values_of));
 }

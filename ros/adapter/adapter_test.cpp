@@ -106,12 +106,12 @@ class Run : public testing::Test {
     Client<S> service(client->executor, client->node, "/multipanda/" + name);
     if (!service.wait_until_ready(20)) {
       ADD_FAILURE() << "no service " << name;
-      return {};
+      return typename S::Response();
     }
     auto answer = service.call(request);
     if (answer.wait_for(20s) != std::future_status::ready) {
       ADD_FAILURE() << name << " did not answer";
-      return {};
+      return typename S::Response();
     }
     return answer.get();
   }
@@ -167,9 +167,9 @@ TEST_F(Run, SwitchesAndSaysWhenAndWhyNot) {
 
 TEST_F(Run, ListsWhatThereIs) {
   ASSERT_TRUE(switch_to({"dual"}).accepted);
-  const auto list = call<ListControllets>("list_controllets", {});
+  const auto list = call<ListControllets>("list_controllets", ListControllets::Request());
   EXPECT_EQ(list.controllets.size(), session->modes().instance_count());
-  EXPECT_EQ(list, call<ListControllets>("get_controllers", {}));
+  EXPECT_EQ(list, call<ListControllets>("get_controllers", ListControllets::Request()));
   const auto dual = std::find_if(list.controllets.begin(), list.controllets.end(),
                                  [](const auto& c) { return c.name == "dual"; });
   ASSERT_NE(dual, list.controllets.end());
@@ -179,7 +179,7 @@ TEST_F(Run, ListsWhatThereIs) {
   EXPECT_EQ(dual->inputs[0].topic, "/multipanda/dual/" + dual->inputs[0].name);
   EXPECT_THAT(dual->inputs[0].frames, ElementsAre("world", "left_link0", "right_link0"));
   EXPECT_THAT(dual->parameters, Contains("dual.offset_m"));
-  const auto arms = call<ListArms>("list_arms", {});
+  const auto arms = call<ListArms>("list_arms", ListArms::Request());
   ASSERT_EQ(arms.arms.size(), 2u);
   EXPECT_EQ(arms.arms[1].name, "right");
   EXPECT_EQ(arms.arms[1].owner, "dual");
@@ -212,7 +212,7 @@ TEST_F(Run, StopsUntilResumed) {
   StopArms::Request nobody;
   nobody.arms = {"middle"};
   EXPECT_EQ(call<StopArms>("stop", nobody).verdict, "unknown_arm");
-  EXPECT_TRUE(call<ResumeArms>("resume", {}).accepted);
+  EXPECT_TRUE(call<ResumeArms>("resume", ResumeArms::Request()).accepted);
   EXPECT_TRUE(switch_to({"left_cartesian"}).accepted);
 }
 
@@ -246,7 +246,7 @@ TEST_F(Run, FollowsStreamsAndRefusesNonsense) {
   ASSERT_TRUE(wait_for([&] { return stream.subscribers() > 0; }));
   const InstanceIndex left = session->modes().find("left_cartesian");
   const auto streaming = [&] {
-    const auto arms = call<ListArms>("list_arms", {});
+    const auto arms = call<ListArms>("list_arms", ListArms::Request());
     return arms.arms[0].owner == "left_cartesian";
   };
   for (int i = 0; i < 200; ++i) {
