@@ -5,13 +5,15 @@
 #include <thread>
 
 #include "ros/rcl/error.hpp"
+#include "ros/rcl/qos.hpp"
 
 namespace multipanda::ros {
 
 ClientBase::ClientBase(Executor& executor, Node& node, const std::string& name,
                        const rosidl_service_type_support_t* type)
     : Incoming(executor), node_(node), client_(rcl_get_zero_initialized_client()) {
-  const rcl_client_options_t options = rcl_client_get_default_options();
+  rcl_client_options_t options = rcl_client_get_default_options();
+  options.qos.depth = kServiceDepth;
   check(rcl_client_init(&client_, node.handle(), type, name.c_str(), &options),
         "making a client of the service \"" + name + "\"");
 }

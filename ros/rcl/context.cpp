@@ -3,6 +3,9 @@
 #include <cstdlib>
 #include <rcl/domain_id.h>
 #include <rcl/init.h>
+#if __has_include(<rcl/version.h>)
+#include <rcl/version.h>
+#endif
 #include <string_view>
 
 #include "ros/rcl/error.hpp"
@@ -12,14 +15,20 @@ namespace multipanda::ros {
 bool keep_to_this_machine() {
   for (const char* name :
        {"FASTDDS_BUILTIN_TRANSPORTS", "FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE",
-        "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER",
-        "RMW_IMPLEMENTATION"}) {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"}) {
     const char* value = std::getenv(name);
     if (value != nullptr && !std::string_view(value).empty()) return false;
   }
   // Shared memory is all there is then, and SYSTEM_DEFAULT keeps rmw from adding sockets for its range.
+  // Another middleware than Fast DDS has its own way to stay.
+  const char* middleware = std::getenv("RMW_IMPLEMENTATION");
+  const bool fast_dds = middleware == nullptr || std::string_view(middleware).empty() ||
+                        std::string_view(middleware).find("fastrtps") != std::string_view::npos;
   setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM", 1);
-  setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SYSTEM_DEFAULT", 1);
+  setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", fast_dds ? "SYSTEM_DEFAULT" : "LOCALHOST", 1);
+#if defined(RCL_VERSION_MAJOR) && RCL_VERSION_MAJOR < 6
+  setenv("ROS_LOCALHOST_ONLY", "1", 1);  // Humble knows neither of the two
+#endif
   return true;
 }
 

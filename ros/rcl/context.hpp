@@ -10,9 +10,9 @@ namespace multipanda::ros {
 // Without any word about it in the environment, ROS 2 opens sockets on every network. Here the default stays
 // on this machine: unless one of FASTDDS_BUILTIN_TRANSPORTS, FASTDDS_DEFAULT_PROFILES_FILE,
 // FASTRTPS_DEFAULT_PROFILES_FILE, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_LOCALHOST_ONLY, ROS_STATIC_PEERS,
-// ROS_DISCOVERY_SERVER or RMW_IMPLEMENTATION is set, sets FASTDDS_BUILTIN_TRANSPORTS=SHM and
-// ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT. True where it did. Changes the environment: before other
-// threads read it.
+// ROS_DISCOVERY_SERVER is set, sets FASTDDS_BUILTIN_TRANSPORTS=SHM and
+// ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT (LOCALHOST for another middleware than Fast DDS). True where
+// it did. Changes the environment: before other threads read it.
 bool keep_to_this_machine();
 
 // A process that is stopped (Ctrl-Z) can hold a lock of the shared memory it reads from, and holds up for up

@@ -5,6 +5,10 @@
 
 namespace multipanda::ros {
 
+// Requests and responses that may be under way at once; of more than that, the oldest are lost. ROS keeps
+// ten.
+inline constexpr std::size_t kServiceDepth = 200;
+
 // What is promised about messages between publisher and subscriber. The newest `depth` are kept; older ones
 // give way, so that no writer waits for a reader.
 struct Qos {

@@ -73,8 +73,7 @@ TEST(Environment, StaysOnThisMachineUnlessToldOtherwise) {
                                      "ROS_AUTOMATIC_DISCOVERY_RANGE",
                                      "ROS_LOCALHOST_ONLY",
                                      "ROS_STATIC_PEERS",
-                                     "ROS_DISCOVERY_SERVER",
-                                     "RMW_IMPLEMENTATION"};
+                                     "ROS_DISCOVERY_SERVER"};
   const auto clear = [&] {
     for (const auto& name : all) unsetenv(name.c_str());
   };
@@ -90,6 +89,11 @@ TEST(Environment, StaysOnThisMachineUnlessToldOtherwise) {
     for (const auto& each : all)
       EXPECT_EQ(std::getenv(each.c_str()) != nullptr, each == name) << name << ": " << each;
   }
+  clear();
+  setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp", 1);
+  EXPECT_TRUE(keep_to_this_machine());
+  EXPECT_STREQ(std::getenv("ROS_AUTOMATIC_DISCOVERY_RANGE"), "LOCALHOST");
+  unsetenv("RMW_IMPLEMENTATION");
   clear();
 }
 
@@ -238,6 +242,26 @@ TEST_F(Rcl, ServicesAnswerAtOnceOrLaterFromAnyThreadAndNotAfterTheirEnd) {
   EXPECT_THROW(broken.get(), std::future_error);
   ASSERT_EQ(node.entities().size(), 1U);
   EXPECT_EQ(node.entities()[0].type, "std_srvs/srv/SetBool");
+}
+
+TEST_F(Rcl, ManyCallsAtOnceAreAllAnswered) {
+  Service<SetBool> service(executor, node, "~/set", kDoc, [](const SetBool::Request& request, auto reply) {
+    SetBool::Response response;
+    response.success = request.data;
+    reply(response);
+  });
+  Client<SetBool> client(others, other, "/here/served/set");
+  ASSERT_TRUE(client.wait_until_ready(20));
+  std::vector<std::future<SetBool::Response>> answers;
+  for (int i = 0; i < 150; ++i) {
+    SetBool::Request request;
+    request.data = i % 3 == 0;
+    answers.push_back(client.call(request));
+  }
+  for (std::size_t i = 0; i < answers.size(); ++i) {
+    ASSERT_EQ(answers[i].wait_for(20s), std::future_status::ready) << i;
+    EXPECT_EQ(answers[i].get().success, i % 3 == 0) << i;
+  }
 }
 
 TEST(ExecutorAlone, PostsInOrderRepeatsTimersAndPollsUntilDone) {

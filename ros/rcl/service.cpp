@@ -1,12 +1,14 @@
 #include "ros/rcl/service.hpp"
 
 #include "ros/rcl/error.hpp"
+#include "ros/rcl/qos.hpp"
 
 namespace multipanda::ros {
 
 ServiceCore::ServiceCore(Node& node, const std::string& name, const rosidl_service_type_support_t* type)
     : node_(node), service_(rcl_get_zero_initialized_service()) {
-  const rcl_service_options_t options = rcl_service_get_default_options();
+  rcl_service_options_t options = rcl_service_get_default_options();
+  options.qos.depth = kServiceDepth;
   check(rcl_service_init(&service_, node.handle(), type, name.c_str(), &options),
         "offering the service \"" + name + "\"");
   open_ = true;
