@@ -182,6 +182,7 @@ TEST_F(Run, ListsWhatThereIs) {
   const auto arms = call<ListArms>("list_arms", ListArms::Request());
   ASSERT_EQ(arms.arms.size(), 2u);
   EXPECT_EQ(arms.arms[1].name, "right");
+  EXPECT_EQ(arms.arms[1].model, "fer");
   EXPECT_EQ(arms.arms[1].owner, "dual");
   EXPECT_EQ(arms.arms[1].joint_names[6], "right_joint7");
   EXPECT_TRUE(arms.arms[1].simulated);

@@ -210,7 +210,7 @@ ListArms::Response ModeServices::list_arms() const {
     const Capabilities can = world_.backend->capabilities(a);
     multipanda_msgs::msg::ArmInfo info;
     info.name = modes.arm_name(a);
-    info.model = world_.models[a]->name();
+    info.model = world_.scene->arms[a].model;
     info.joint_names = joint_names(info.name, world_.models[a]->joint_count());
     info.base_frame = base_frame(info.name);
     info.end_effector_frame = info.name + "_ee";
