@@ -144,8 +144,9 @@ std::vector<SetPointLink::Arm> TopicLink::arms(const std::vector<std::string>& n
 
 template <class M>
 void TopicLink::make(Open& open, std::unique_ptr<Publisher<M>>& stream, std::unique_ptr<Publisher<M>>& goal) {
-  // Reliable towards readers that are, none of which this waits for; runs read the newest only.
-  stream = std::make_unique<Publisher<M>>(node_, open.topic, Qos::reliable(1), Doc{});
+  // Reliable towards readers that are; runs read the newest only. A few places, so that one that is being
+  // sent does not keep the next one out.
+  stream = std::make_unique<Publisher<M>>(node_, open.topic, Qos::reliable(10), Doc{});
   goal = std::make_unique<Publisher<M>>(node_, open.topic + "/goal", Qos::reliable(10), Doc{});
   if (!wait_until([&] { return stream->subscribers() > 0 && goal->subscribers() > 0; }, kPatience))
     throw std::runtime_error("nobody listens to " + open.topic);
