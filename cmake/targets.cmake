@@ -43,6 +43,13 @@ function(multipanda_library name)
   endif()
 endfunction()
 
+# For programs that load the ROS module: it looks names up in its own libraries first (runtime/ros_module.cpp), so no
+# variable of a shared library (std::cout, locale ids) may live as a copy in the program.
+function(multipanda_without_copies name)
+  target_compile_options(${name} PRIVATE -fPIC)
+  target_link_options(${name} PRIVATE -Wl,-z,nocopyreloc)
+endfunction()
+
 function(multipanda_test name)
   cmake_parse_arguments(ARG "" "" "SOURCES;DEPS;LABELS" ${ARGN})
   if(NOT ARG_SOURCES)
