@@ -13,6 +13,7 @@ namespace {
 
 constexpr double kProgressEvery = 0.05;  // [s]
 constexpr double kSettleTime = 1.0;      // for the set-point to come to rest at the goal [s]
+constexpr double kLatest = 0.05;         // what a late record is made up for [s]
 constexpr double kAtGoal = 1e-3, kAtRest = 1e-3;
 // A motion that takes over begins this far ahead, so that it is planned before [s]; longer if that was too
 // short.
@@ -36,8 +37,8 @@ std::string joint_text(const std::string& arm, Eigen::Index joint) {
 
 }  // namespace
 
-ArmMotion::ArmMotion(const RunWorld& world, ArmIndex arm)
-    : world_(world), arm_(arm), n_(world.models[arm]->joint_count()) {
+ArmMotion::ArmMotion(const RunWorld& world, ArmIndex arm, bool paced)
+    : world_(world), arm_(arm), n_(world.models[arm]->joint_count()), paced_(paced) {
   references_.reserve(kMaxFeatures);
 }
 
@@ -458,16 +459,27 @@ void ArmMotion::settle(Run& run, const ArmSample& arm, double t) {
 
 // ------------------------------------------------------------------------------------------------- publisher
 
+// How far the loop has gone on since the record [ns], in whole periods: a sample is meant for the loop's
+// newest cycle, however late this thread came to run. Fractions would turn its own jitter into the
+// set-point's.
+std::int64_t ArmMotion::behind(const CycleRecord& record) const {
+  const double period = world_.backend->capabilities(arm_).period_s;
+  if (!paced_ || record.start.ns == 0) return 0;
+  const double age = std::clamp(seconds(host_now() - record.start), 0.0, kLatest);
+  return to_ns(period * std::floor(age / period));
+}
+
 void ArmMotion::take(const CycleRecord& record) {
   const std::lock_guard lock(mutex_);
-  t_ = record.t.ns;
+  const std::int64_t before = t_;
+  t_ = std::max(t_, record.t.ns + behind(record));
   references_.clear();
   for (std::size_t i = 0; i < record.reference_count; ++i) {
     const ReferenceSample& each = record.references[i];
     if (world_.modes->instance(each.instance).arms().contains(arm_)) references_.push_back(each);
   }
-  while (runs_.size() > 1 && t_ >= runs_[1].t0) runs_.pop_front();
   if (runs_.empty()) return;
+  while (runs_.size() > 1 && t_ >= runs_[1].t0) runs_.pop_front();
   Run& run = runs_.front();
   const ArmSample& arm = record.arms[arm_];
   if (arm.owner != run.input.instance) {
@@ -480,11 +492,14 @@ void ArmMotion::take(const CycleRecord& record) {
   if (run.t0 == kNow) run.t0 = t_;
   if (t_ < run.t0) return;
 
-  if (!run.goal_sent) watch_path(run, arm, to_s(t_ - run.t0));
+  // What was measured belongs to the record's own time.
+  if (!run.goal_sent) watch_path(run, arm, to_s(record.t.ns - run.t0));
   const double t = to_s(t_ - run.t0);
   tell(run, arm, t);
   if (t < duration_of(run.motion)) {
-    if (!post(run, t, Delivery::stream)) end(MotionEnd::lost, "the input does not take the motion's samples");
+    // Once per cycle: the series' numbers count its cycles.
+    if (t_ != before && !post(run, t, Delivery::stream))
+      end(MotionEnd::lost, "the input does not take the motion's samples");
   } else if (!run.goal_sent) {
     run.goal_sent = true;
     if (!post(run, t, Delivery::goal)) end(MotionEnd::lost, "the input does not take the motion's end");

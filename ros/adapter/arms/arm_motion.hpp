@@ -77,8 +77,9 @@ class ArmMotion {
   // it.
   static constexpr double kStartTolerance = 0.1;  // [rad]
 
-  // `world` outlives it.
-  ArmMotion(const RunWorld& world, ArmIndex arm);
+  // `world` outlives it. Paced: the loop keeps to the wall clock, so that a record that comes late says how
+  // far the loop is by now; else the loop waits for its records.
+  ArmMotion(const RunWorld& world, ArmIndex arm, bool paced = true);
   ~ArmMotion();  // what still moves comes to rest
   ArmMotion(const ArmMotion&) = delete;
 
@@ -134,6 +135,7 @@ class ArmMotion {
   void end(MotionEnd end, const std::string& why);
   bool watch_path(Run& run, const ArmSample& arm, double t);
   bool post(const Run& run, double t, Delivery delivery);
+  std::int64_t behind(const CycleRecord& record) const;
   void tell(Run& run, const ArmSample& arm, double t);
   void settle(Run& run, const ArmSample& arm, double t);
   double off_goal(const Run& run) const;
@@ -141,11 +143,12 @@ class ArmMotion {
   const RunWorld& world_;
   const ArmIndex arm_;
   const std::size_t n_;
+  const bool paced_;
 
   mutable std::mutex mutex_;
-  std::deque<Run> runs_;  // the first one moves; the next one takes over at its t0
+  std::deque<Run> runs_;   // the first one moves; the next one takes over at its t0
+  std::int64_t t_ = kNow;  // the loop's time, as far as the newest record tells
   // Of the newest record
-  std::int64_t t_ = kNow;
   std::vector<ReferenceSample> references_;  // of this arm's instances
 };
 

@@ -61,8 +61,8 @@ class ArmMotionTest : public testing::Test {
     for (const auto& arm : config_.arms) world_.models.push_back(arm.model);
     cycle_.modes().activate_at_start(start_set(scene_, cycle_.modes()));
     backend_.start();
-    left_ = std::make_unique<ArmMotion>(world_, 0);
-    right_ = std::make_unique<ArmMotion>(world_, 1);
+    left_ = std::make_unique<ArmMotion>(world_, 0, false);
+    right_ = std::make_unique<ArmMotion>(world_, 1, false);
   }
 
   void steps(int count) {
@@ -297,7 +297,7 @@ TEST_F(ArmMotionTest, WhatStillMovesComesToRestWhenTheInterfaceCloses) {
   steps(10);
   left_->through_joints(std::vector{offset(q_d(), 0, 0.8)}, 1.0, listener_);
   steps(600);
-  left_ = std::make_unique<ArmMotion>(world_, 0);  // the other one goes
+  left_ = std::make_unique<ArmMotion>(world_, 0, false);  // the other one goes
   EXPECT_EQ(listener_->ended, MotionEnd::lost);
   steps(1000);
   EXPECT_LT(speed(0), 0.01);

@@ -184,8 +184,11 @@ MotionActions::MotionActions(const AdapterWorld& world, ArmIndex arm)
                    Quantity::pose, [this](const Poses::Goal& goal, std::shared_ptr<MotionListener> listener) {
                      motion_.through_poses(read_poses(goal), goal.velocity_scale, std::move(listener));
                    });
+  // Where the node is somebody else's (ros2_control), a trajectory controller of that name may stand beside
+  // it.
+  const std::string below = world_.options->parameter_services ? "" : "~/";
   follow_ = offer<Follow>(
-      name + "_arm_controller/follow_joint_trajectory",
+      below + name + "_arm_controller/follow_joint_trajectory",
       "Follows a trajectory of joints, as MoveIt sends it: all or some joints in any order; cubic or quintic "
       "by the "
       "velocities and accelerations given; by the active controllet that takes joints.",
