@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdlib>
 #include <stdexcept>
 #include <thread>
 
@@ -16,7 +17,11 @@ constexpr std::uint64_t kLookEvery = 100;  // sends, after which it is asked whe
 // A stream's last samples must have been taken before its goal; and the goal, before this node ends.
 constexpr auto kSettle = std::chrono::milliseconds(100);
 
+// For rcl. Here the publishing thread, which has the priority, writes itself: a sender of the middleware's
+// own would wait for a core on a full machine while samples run out of places. A run does otherwise
+// (ros/rcl/context.hpp).
 std::vector<std::string> arguments(const TopicWords& words) {
+  setenv("RMW_FASTRTPS_PUBLICATION_MODE", "SYNCHRONOUS", 0);
   if (words.remaps.empty()) return {};
   std::vector<std::string> out{"--ros-args"};
   for (const auto& remap : words.remaps) {
