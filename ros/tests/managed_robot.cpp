@@ -94,10 +94,10 @@ ManagedRobot::ManagedRobot(const std::string& urdf, const std::string& parameter
 }
 
 ManagedRobot::~ManagedRobot() {
+  manager_->shutdown_controllers();  // gives their nodes back to an executor that still runs
   executor_->cancel();
   spinning_.join();
   probe_.reset();
-  manager_->shutdown_controllers();
   manager_.reset();
   user_.reset();
   std::filesystem::remove(parameter_file_);
@@ -107,6 +107,13 @@ void ManagedRobot::cycle() {
   const auto period = rclcpp::Duration::from_nanoseconds(1'000'000);
   time_ = time_ + period;
   manager_->read(time_, period);
+  if (fresh_) {
+    const auto patience = std::chrono::steady_clock::now() + std::chrono::milliseconds(20);
+    while (!fresh_() && std::chrono::steady_clock::now() < patience) {
+      std::this_thread::yield();
+      manager_->read(time_, period);
+    }
+  }
   last_update_ = manager_->update(time_, period);
   if (last_update_ != controller_interface::return_type::OK) ++failed_updates_;
   manager_->write(time_, period);

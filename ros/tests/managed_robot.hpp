@@ -41,6 +41,9 @@ class ManagedRobot {
   ManagedRobot(const std::string& urdf, const std::string& parameters);
   ~ManagedRobot();
 
+  // For hardware with a clock of its own: every cycle reads until `fresh`, which says whether there is
+  // something new. Gives up after 20 ms, since arms may be silent.
+  void pace(std::function<bool()> fresh) { fresh_ = std::move(fresh); }
   void cycles(int count);
   // Goes through cycles until `done` or the limit; false: the limit.
   bool cycles_until(const std::function<bool()>& done, int limit);
@@ -74,6 +77,7 @@ class ManagedRobot {
   void cycle();
 
   std::string parameter_file_;
+  std::function<bool()> fresh_;
   std::shared_ptr<rclcpp::executors::MultiThreadedExecutor> executor_;
   std::shared_ptr<controller_manager::ControllerManager> manager_;
   std::shared_ptr<Probe> probe_;

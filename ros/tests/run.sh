@@ -70,7 +70,7 @@ say "building on $found (controller_manager $version)"
 
 # Nothing of these tests leaves this computer, and no two of them hear each other.
 export ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT FASTDDS_BUILTIN_TRANSPORTS=SHM
-export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-$((1 + $$ % 100))}
+export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-$((101 + $$ % 100))}
 export ROS_LOG_DIR=${ROS_LOG_DIR:-$build/log}
 export MULTIPANDA_PROGRAM=${MULTIPANDA_PROGRAM:-$source_folder/build/multipanda}
 
