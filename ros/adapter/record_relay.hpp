@@ -15,7 +15,7 @@ namespace multipanda::ros {
 // publisher's thread falls behind, records are left out and counted.
 class RecordRelay {
  public:
-  static constexpr std::size_t kRecords = 256;  // that may wait
+  static constexpr std::size_t kRecords = 100;  // that may wait: what is older is of no use to anybody
 
   // The parts outlive it. What they throw in take() is counted and told to `failed`, once per part.
   RecordRelay(const RecordLayout& layout, const Parts& parts,
