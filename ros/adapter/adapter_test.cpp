@@ -316,6 +316,25 @@ TEST_F(Run, SetsParametersAllOrNone) {
                                    "right_joint.damping_ratio"));
 }
 
+// A dump of all parameters can be loaded again, however many there are.
+TEST_F(Run, TakesBackAllThatItTells) {
+  using namespace rcl_interfaces::srv;
+  GetParameters::Request get;
+  get.names = call<ListParameters>("list_parameters", ListParameters::Request()).result.names;
+  ASSERT_GT(get.names.size(), 64u);
+  const auto values = call<GetParameters>("get_parameters", get).values;
+  SetParameters::Request set;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    set.parameters.emplace_back();
+    set.parameters.back().name = get.names[i];
+    set.parameters.back().value = values[i];
+  }
+  const auto results = call<SetParameters>("set_parameters", set).results;
+  ASSERT_EQ(results.size(), values.size());
+  for (std::size_t i = 0; i < results.size(); ++i)
+    EXPECT_TRUE(results[i].successful) << get.names[i] << ": " << results[i].reason;
+}
+
 // After everything above: the loop's thread neither allocated nor locked, with the adapter beside it.
 TEST_F(Run, LeavesTheLoopAlone) {
   if (!kLoopGuardWorks) GTEST_SKIP() << "sanitizers replace malloc themselves";

@@ -1,5 +1,9 @@
 #include "ros/adapter/controllets/parameter_services.hpp"
 
+#include <algorithm>
+
+#include <fmt/format.h>
+
 #include "core/modes/mailbox.hpp"
 #include "ros/adapter/controllets/loop_answers.hpp"
 #include "runtime/request_words.hpp"
@@ -78,34 +82,52 @@ ParameterServices::ParameterServices(const AdapterWorld& world)
                             });
                       }) {}
 
+// One call on its way through the loop.
+struct ParameterServices::Job {
+  Results results;
+  std::vector<Request> requests;   // what is right of it
+  std::vector<std::size_t> which;  // parameter of each request
+  std::size_t asked = 0;           // requests so far
+  std::function<void(Results)> done;
+};
+
 void ParameterServices::set(const std::vector<rcl_interfaces::msg::Parameter>& parameters, bool all_or_none,
                             std::function<void(Results)> done) {
-  Results results(parameters.size());
-  std::vector<Request> requests;
-  std::vector<std::size_t> which;  // parameter of each request
+  const auto job = std::make_shared<Job>();
+  job->results.resize(parameters.size());
+  job->done = std::move(done);
   for (std::size_t i = 0; i < parameters.size(); ++i) {
-    auto request = table_.request(parameters[i], results[i].reason);
+    auto request = table_.request(parameters[i], job->results[i].reason);
     if (!request) continue;
-    requests.push_back(*request);
-    which.push_back(i);
+    job->requests.push_back(*request);
+    job->which.push_back(i);
   }
-  const bool whole = requests.size() == parameters.size();
-  if (requests.size() > Mailbox::kMaxBatch) {
-    const std::string why = "at most " + std::to_string(Mailbox::kMaxBatch) + " parameters in one call";
-    for (auto& result : results) result.reason = why;
-    return done(std::move(results));
+  if (all_or_none && job->requests.size() < parameters.size()) return job->done(std::move(job->results));
+  if (all_or_none && job->requests.size() > Mailbox::kMaxBatch) {
+    const std::string why =
+        fmt::format("at most {} parameters can be set in the same cycle", Mailbox::kMaxBatch);
+    for (auto& result : job->results) result.reason = why;
+    return job->done(std::move(job->results));
   }
-  if (requests.empty() || (all_or_none && !whole)) return done(std::move(results));
-  ask_loop(world_, requests,
-           [this, results = std::move(results), which, requests,
-            done = std::move(done)](const LoopAnswer& answer) mutable {
-             for (std::size_t k = 0; k < which.size(); ++k) {
+  set_next(job);
+}
+
+void ParameterServices::set_next(const std::shared_ptr<Job>& job) {
+  const std::size_t begin = job->asked;
+  const std::size_t count = std::min(job->requests.size() - begin, Mailbox::kMaxBatch);
+  if (count == 0) return job->done(std::move(job->results));
+  const auto first = job->requests.begin() + static_cast<std::ptrdiff_t>(begin);
+  ask_loop(world_, {first, first + static_cast<std::ptrdiff_t>(count)},
+           [this, job, begin, count](const LoopAnswer& answer) {
+             for (std::size_t k = 0; k < count; ++k) {
                const Verdict verdict = answer.verdicts[k];
-               results[which[k]].successful = verdict == Verdict::accepted;
+               auto& result = job->results[job->which[begin + k]];
+               result.successful = verdict == Verdict::accepted;
                if (verdict != Verdict::accepted)
-                 results[which[k]].reason = reason(*world_.modes, requests[k], verdict);
+                 result.reason = reason(*world_.modes, job->requests[begin + k], verdict);
              }
-             done(std::move(results));
+             job->asked = begin + count;
+             set_next(job);
            });
 }
 

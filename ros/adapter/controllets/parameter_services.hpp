@@ -26,10 +26,12 @@ class ParameterServices : public Part {
 
  private:
   using Results = std::vector<rcl_interfaces::msg::SetParametersResult>;
-  // Posts what is right of it as one batch, then calls `done` on the executor's thread with one result per
-  // parameter. `all_or_none`: nothing is posted if one is wrong.
+  // Posts what is right of it, then calls `done` on the executor's thread with one result per parameter.
+  // `all_or_none`: in one batch, and nothing is posted if one is wrong; else in as many batches as it takes.
   void set(const std::vector<rcl_interfaces::msg::Parameter>& parameters, bool all_or_none,
            std::function<void(Results)> done);
+  struct Job;
+  void set_next(const std::shared_ptr<Job>& job);
 
   const AdapterWorld& world_;
   ParameterTable table_;
