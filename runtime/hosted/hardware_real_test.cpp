@@ -1,4 +1,5 @@
-// A hardware component for real arms, on virtual ones behind the same protocol, in real time.
+// A hardware component for real arms, on virtual ones behind the same protocol. Their world waits for
+// commands, so that a late machine costs none.
 #include <cmath>
 #include <unistd.h>
 
@@ -41,6 +42,7 @@ class RealHardware : public testing::Test {
     fci::VirtualArmOptions options;
     options.places = {{.address = address(0)}, {.address = address(1)}};
     options.grippers = false;
+    options.pace = fci::WorldPace::lockstep;
     world = std::make_unique<fci::VirtualArms>(scene, options);
     world->start();
     hardware = std::make_unique<HardwareWorld>(scene, real_arms(scene, [this](const std::string& text) {
@@ -49,6 +51,7 @@ class RealHardware : public testing::Test {
                                                }));
     hardware->connect();
     rig = std::make_unique<HostedRig>(*hardware);
+    rig->fresh_only_ = true;
   }
   void TearDown() override {
     if (hardware) hardware->disconnect();

@@ -108,6 +108,8 @@ void HardwareWorld::disconnect() {
   for (Arm& arm : arms_) arm.window_value = 0;
   connected_ = false;
   hardware_->disconnect();
+  for (Arm& arm : arms_) arm.window.state = {};  // the next connection's states are waited for
+  for (ArmState& state : read_) state = {};
 }
 
 // ------------------------------------------------------------------------------------------------- switching

@@ -27,6 +27,7 @@ HostedCycle::HostedCycle(Scene scene, const Registry& registry, HostedOptions op
   cycle_ = std::make_unique<ControlCycle>(config, registry, *backend_);
   modes().schedule(build_schedule(scene_, modes()));
   start_set_ = start_set(scene_, modes());
+  modes().activate_at_start(start_set_);  // in the first step; arms that are not ready then: as later
   if (options_.make_adapter) {
     adapter_ = options_.make_adapter({.scene = &scene_,
                                       .modes = &modes(),
@@ -55,6 +56,8 @@ void HostedCycle::activate() noexcept {
   backend_->begin();
   taking_.fill(0);
   settled_.store(0, std::memory_order_relaxed);
+  lost_.store(0, std::memory_order_relaxed);
+  took_ = 0;
   activations_.fetch_add(1, std::memory_order_release);
   active_.store(true, std::memory_order_release);
 }
@@ -63,14 +66,17 @@ bool HostedCycle::step(double period_s) noexcept {
   cycle_->step(backend_->advance(period_s));
   const auto& states = cycle_->data().state;
   bool any = false;
-  std::uint32_t settled = 0;
+  std::uint32_t settled = 0, lost = lost_.load(std::memory_order_relaxed);
   for (ArmIndex i = 0; i < states.size(); ++i) {
     const ArmMode mode = states[i].mode;
     const bool takes = mode == ArmMode::move || mode == ArmMode::idle;
     taking_[i] = takes ? std::min(taking_[i] + 1, kSettled) : 0;
     if (taking_[i] == kSettled) settled |= ArmSet::of(i).bits();
+    if (takes) took_ |= ArmSet::of(i).bits();
+    if (!takes) lost |= took_ & ArmSet::of(i).bits();
     any = any || takes || mode == ArmMode::recovering;
   }
+  lost_.store(lost, std::memory_order_relaxed);
   settled_.store(settled, std::memory_order_release);
   return any;
 }
@@ -117,8 +123,14 @@ void HostedCycle::start_controllets() {
     return;
   }
   const ArmSet settled = ArmSet::from_bits(settled_.load(std::memory_order_acquire));
+  const ArmSet lost = ArmSet::from_bits(lost_.load(std::memory_order_relaxed));
   for (InstanceIndex i = 0; i < modes().instance_count(); ++i) {
+    if (modes().instance(i).arms().overlaps(lost)) wanted_ &= ~bit(i);  // after a fault somebody has to ask
     if ((wanted_ & bit(i)) == 0 || !settled.contains(modes().instance(i).arms())) continue;
+    if ((modes().active() & bit(i)) != 0) {  // since the first step
+      wanted_ &= ~bit(i);
+      continue;
+    }
     const Request request{.activate = bit(i)};
     std::uint64_t ticket = 0;
     (void)modes().post(std::span(&request, 1), ticket);  // refused: the arms stay held, an event says so

@@ -28,9 +28,10 @@ struct HostedOptions {
 //   host's loop   activate(), step(), deactivate(): no allocation, no lock, no exception
 //   relay         takes the loop's records to the adapter
 //
-// Everything is built in the constructor and may be activated any number of times. At every activation the
-// arms are held where they stand measured; then each of the scene's `active` controllets is switched to as
-// soon as its arms have taken commands for kSettled steps (the relay asks for it, a millisecond or two
+// Everything is built in the constructor and may be activated any number of times. In the first step of all,
+// the scene's `active` controllets start from the measured state. At every later activation, and for arms
+// that do not take commands yet, the arms are held where they stand measured; each controllet is switched to
+// as soon as its arms have taken commands for kSettled steps (the relay asks for it, a millisecond or two
 // later). An arm that needs longer than kPatience for that stays held.
 class HostedCycle {
  public:
@@ -85,6 +86,8 @@ class HostedCycle {
   std::atomic<bool> active_{false};
   std::atomic<std::uint64_t> activations_{0};
   std::atomic<std::uint32_t> settled_{0};         // arms, as bits, of the present activation
+  std::atomic<std::uint32_t> lost_{0};            // arms that took commands in it and then did not
+  std::uint32_t took_ = 0;                        // host's loop: arms that took commands in it
   std::array<std::uint32_t, kMaxArms> taking_{};  // host's loop: steps in a row with commands taken
   InstanceSet start_set_ = 0;
 

@@ -172,6 +172,14 @@ TEST(HostedCycle, HoldsAndControlsRobotsWithAndWithoutTheirOwnGravityCompensatio
   }
 }
 
+TEST(HostedCycle, ControlletsStartInTheFirstStepOfAll) {
+  Rig rig;
+  rig.cycle->activate();
+  rig.step();
+  EXPECT_TRUE(rig.runs("left_joints") && rig.runs("right_pose"));
+  EXPECT_EQ(rig.cycle->data().tick.cycle, 1u);
+}
+
 TEST(HostedCycle, RefusesWhatIsUnclear) {
   Rig rig(kJoints, true, {Gravity::unsaid, Gravity::robot});
   EXPECT_THAT(rig.cycle->check(), HasSubstr("arms.left.gravity_compensation"));
@@ -262,7 +270,7 @@ TEST(HostedCycle, TheAdapterGetsEveryRecordInOrder) {
     return rig.counting->cycles.size() == cycles;
   }));
   for (std::size_t i = 0; i < cycles; ++i) ASSERT_EQ(rig.counting->cycles[i], i + 1);
-  EXPECT_THAT(rig.counting->events, testing::Contains(EventKind::switched));
+  EXPECT_THAT(rig.counting->events, testing::Contains(EventKind::arm_mode));
 }
 
 TEST(HostedCycle, OddPeriodsAreTakenAsTheyAre) {

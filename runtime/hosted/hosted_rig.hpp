@@ -70,6 +70,12 @@ class HostedRig {
   }
   void step() {
     (void)world_.read();
+    if (fresh_only_) {
+      std::uint64_t packets = 0;
+      for (ArmIndex i = 0; i < world_.arm_count(); ++i) packets += world_.state(i).sequence;
+      if (packets == packets_) return;
+      packets_ = packets;
+    }
     if (cycle_ != nullptr) {
       take_in();
       last_ = cycle_->step(0.001);
@@ -93,6 +99,9 @@ class HostedRig {
   }
   bool last() const { return last_; }
   std::function<void()> between_;  // another controller
+  // A step is one in which the world moved: for worlds that wait for their commands, on machines that are
+  // late.
+  bool fresh_only_ = false;
 
  private:
   static double* find(const std::vector<HardwareNumber>& numbers, const std::string& full_name) {
@@ -139,6 +148,7 @@ class HostedRig {
   HostedCycle* cycle_ = nullptr;
   std::vector<Bound> bound_;
   bool last_ = false;
+  std::uint64_t packets_ = 0;
 };
 
 }  // namespace multipanda::test
