@@ -19,6 +19,7 @@ using hardware_interface::return_type;
 class ArmSystem : public hardware_interface::SystemInterface {
  public:
   explicit ArmSystem(multipanda::ros::HardwareHost::Kind kind) : kind_(kind) {}
+  ~ArmSystem() override { disconnect(); }  // a manager that ends may leave out the life cycle's last steps
 
   CallbackReturn on_init(const compat::InitArgument& argument) override;
   CallbackReturn on_configure(const rclcpp_lifecycle::State& previous) override;
@@ -46,8 +47,8 @@ class ArmSystem : public hardware_interface::SystemInterface {
   void disconnect();
 
   multipanda::ros::HardwareHost::Kind kind_;
+  rclcpp::Node::SharedPtr node_;  // of the arms' services, which the host has: outlives it
   std::unique_ptr<multipanda::ros::HardwareHost> host_;
-  rclcpp::Node::SharedPtr node_;  // of the arms' services; outlives them
 };
 
 class MujocoSystem : public ArmSystem {
