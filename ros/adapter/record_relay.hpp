@@ -42,12 +42,14 @@ class RecordRelay {
   template <typename What>
   void give(const What& what);
   void wake();
+  void wait(std::uint32_t seen);
 
   const Parts& parts_;
   const std::function<void(const std::string&)> failed_;
   std::vector<bool> has_failed_;  // of each part
   RecordRing ring_;
   std::atomic<std::uint32_t> posted_{0};  // changes with everything posted; the thread waits on it
+  std::atomic<bool> waiting_{false};      // the thread is about to sleep, or sleeps
   std::atomic<bool> stop_{false};
   std::atomic<std::uint64_t> handed_on_{0};
   std::atomic<std::int64_t> busy_ns_{0};
