@@ -98,10 +98,10 @@ ArmMotion::Input ArmMotion::find_input(Quantity quantity) const {
                                   world_.modes->arm_name(arm_), what, cure));
 }
 
-bool ArmMotion::ready(Quantity quantity) const {
+bool ArmMotion::ready(Quantity quantity, HostTime since) const {
   const auto input = active_input(quantity);
   const std::lock_guard lock(mutex_);
-  return t_ != kNow && (!input || latest(*input) != nullptr);
+  return t_ != kNow && start_ >= since && (!input || latest(*input) != nullptr);
 }
 
 JointMotionLimits ArmMotion::joint_limits(const Input& input) const {
@@ -473,6 +473,7 @@ void ArmMotion::take(const CycleRecord& record) {
   const std::lock_guard lock(mutex_);
   const std::int64_t before = t_;
   t_ = std::max(t_, record.t.ns + behind(record));
+  start_ = record.start;
   references_.clear();
   for (std::size_t i = 0; i < record.reference_count; ++i) {
     const ReferenceSample& each = record.references[i];

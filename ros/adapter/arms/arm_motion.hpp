@@ -84,8 +84,9 @@ class ArmMotion {
   ArmMotion(const ArmMotion&) = delete;
 
   // --- one thread, not the loop's ---
-  // Is the controllet that is active by now in the records, too? For a moment after a switch it is not.
-  bool ready(Quantity quantity) const;
+  // Have the records come to `since`, and is the controllet that is active by now in them? After a switch, or
+  // on a full machine, it takes a moment, and what they showed before may be long gone.
+  bool ready(Quantity quantity, HostTime since) const;
   // All throw MotionRefused (then nothing has changed), or take the listener. They plan: milliseconds.
   void through_joints(std::span<const JointVector> via, double scale,
                       std::shared_ptr<MotionListener> listener);
@@ -149,6 +150,7 @@ class ArmMotion {
   std::deque<Run> runs_;   // the first one moves; the next one takes over at its t0
   std::int64_t t_ = kNow;  // the loop's time, as far as the newest record tells
   // Of the newest record
+  HostTime start_;
   std::vector<ReferenceSample> references_;  // of this arm's instances
 };
 

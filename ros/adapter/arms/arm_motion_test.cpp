@@ -160,9 +160,13 @@ class ArmMotionTest : public testing::Test {
 TEST_F(ArmMotionTest, MovesThroughJointsToRestAtTheLastOneAndLeavesAGoal) {
   EXPECT_THAT(refusal([&] { left_->through_joints(std::vector{JointVector(7)}, 1, listener_); }),
               HasSubstr("rad: expected"));
-  EXPECT_FALSE(left_->ready(Quantity::joints));
+  EXPECT_FALSE(left_->ready(Quantity::joints, {}));
   steps(10);
-  EXPECT_TRUE(left_->ready(Quantity::joints));
+  EXPECT_TRUE(left_->ready(Quantity::joints, {}));
+  const HostTime now = host_now();
+  EXPECT_FALSE(left_->ready(Quantity::joints, now)) << "the records are older";
+  steps(1);
+  EXPECT_TRUE(left_->ready(Quantity::joints, now));
   const JointVector start = q_d();
   const std::vector<JointVector> via{offset(start, 0, 0.2), offset(offset(start, 0, 0.4), 3, -0.2)};
   left_->through_joints(via, 1.0, listener_);

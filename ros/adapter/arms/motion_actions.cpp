@@ -16,7 +16,7 @@
 namespace multipanda::ros {
 namespace {
 
-// For the first records of a controllet that was just switched to.
+// For records of after the goal came; a simulation that stands still makes none.
 constexpr auto kReadyWithin = std::chrono::milliseconds(500);
 
 using FollowResult = control_msgs::action::FollowJointTrajectory::Result;
@@ -129,9 +129,9 @@ std::unique_ptr<ActionServer<A>> MotionActions::offer(
     auto running = std::make_shared<Running<A>>(*this, std::move(goal));
     *newest = running;
     const auto until = std::chrono::steady_clock::now() + kReadyWithin;
-    const auto try_it = [this, running, quantity, begin, until] {
+    const auto try_it = [this, running, quantity, begin, until, since = host_now()] {
       if (!running->goal->active()) return true;  // cancelled meanwhile
-      if (!motion_.ready(quantity) && std::chrono::steady_clock::now() < until) return false;
+      if (!motion_.ready(quantity, since) && std::chrono::steady_clock::now() < until) return false;
       try {
         begin(running->goal->message(), running);
         running->begun = true;
