@@ -158,8 +158,9 @@ class ArmMotionTest : public testing::Test {
 };
 
 TEST_F(ArmMotionTest, MovesThroughJointsToRestAtTheLastOneAndLeavesAGoal) {
-  EXPECT_THAT(refusal([&] { left_->through_joints(std::vector{JointVector(7)}, 1, listener_); }),
-              HasSubstr("rad: expected"));
+  EXPECT_THAT(
+      refusal([&] { left_->through_joints(std::vector<JointVector>{JointVector::Zero(7)}, 1, listener_); }),
+      HasSubstr("rad: expected"));
   EXPECT_FALSE(left_->ready(Quantity::joints, {}));
   steps(10);
   EXPECT_TRUE(left_->ready(Quantity::joints, {}));
