@@ -76,11 +76,11 @@ set(BUILD_SHARED_LIBS ${multipanda_ros_was_shared})  # ament turns it on for the
 multipanda_clean_imported_targets()
 
 # Before rosidl_generate_interfaces(), in the same folder: makes that build short. The wheels have one middleware, so its
-# type supports are enough; small generated files are compiled several at a time, and not for speed.
+# type supports are enough (and for C those that it asks for when Python opens an action, else it complains); small
+# generated files are compiled several at a time, and not for speed.
 macro(multipanda_prepare_generators)
   if(MULTIPANDA_ROS_WHEELS)
-    list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX introspection)
-    set(STATIC_ROSIDL_TYPESUPPORT_C rosidl_typesupport_fastrtps_c)
+    list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX introspection_cpp)
     set(STATIC_ROSIDL_TYPESUPPORT_CPP rosidl_typesupport_fastrtps_cpp)
   endif()
   set(CMAKE_UNITY_BUILD ON)
@@ -94,6 +94,13 @@ function(multipanda_finish_generators package)
   list(FILTER sources INCLUDE REGEX "__description\\.c$")
   set_source_files_properties(${sources} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
   multipanda_clean_imported_targets()
+  # They are loaded by name, which works for what is loaded already.
+  target_link_options(${package}__rosidl_typesupport_c PRIVATE -Wl,--no-as-needed)
+  foreach(kind fastrtps_c introspection_c)
+    if(TARGET ${package}__rosidl_typesupport_${kind})
+      target_link_libraries(${package}__rosidl_typesupport_c PRIVATE ${package}__rosidl_typesupport_${kind})
+    endif()
+  endforeach()
 endfunction()
 
 # Interfaces that this build makes because nothing installed has them; the rest are imported.

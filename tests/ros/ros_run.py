@@ -140,6 +140,12 @@ class Client:
         except ExternalShutdownException:
             pass
 
+    def made(self, make, *words, **options):
+        """What make() makes, made by the thread that spins: rclpy's executor must not meet half-made entities."""
+        future = self.executor.create_task(lambda: make(*words, **options))
+        wait_for(future.done, f"{make.__name__} in the spinning thread")
+        return future.result()
+
     def close(self):
         self.executor.shutdown()
         self.thread.join(5)
@@ -157,13 +163,13 @@ class Client:
                 qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
             if best_effort:
                 qos.reliability = ReliabilityPolicy.BEST_EFFORT
-            self.topics[key] = Topic(self.node, message_type, name, qos, keep)
+            self.topics[key] = self.made(Topic, self.node, message_type, name, qos, keep)
         return self.topics[key]
 
     def forget(self, *topics):
         for key, topic in list(self.topics.items()):
             if topic in topics:
-                self.node.destroy_subscription(topic.subscription)
+                self.made(self.node.destroy_subscription, topic.subscription)
                 del self.topics[key]
 
     def publisher(self, message_type, name, best_effort=False):
@@ -172,7 +178,7 @@ class Client:
             qos = QoSProfile(depth=10)
             if best_effort:
                 qos.reliability = ReliabilityPolicy.BEST_EFFORT
-            publisher = self.node.create_publisher(message_type, name, qos)
+            publisher = self.made(self.node.create_publisher, message_type, name, qos)
             self.publishers[name] = publisher
             wait_for(lambda: publisher.get_subscription_count() > 0, f"somebody who takes {name}")
         return self.publishers[name]
@@ -180,7 +186,7 @@ class Client:
     def call(self, service_type, name, request=None, timeout=20.0, **fields):
         """The response of a service."""
         if name not in self.services:
-            self.services[name] = self.node.create_client(service_type, name)
+            self.services[name] = self.made(self.node.create_client, service_type, name)
             assert self.services[name].wait_for_service(timeout), f"there is no service {name}"
         future = self.services[name].call_async(request or service_type.Request(**fields))
         wait_for(future.done, f"answer of {name}", timeout)
@@ -190,7 +196,7 @@ class Client:
         """The handle of a goal that was sent."""
         from rclpy.action import ActionClient
         if name not in self.actions:
-            self.actions[name] = ActionClient(self.node, action_type, name)
+            self.actions[name] = self.made(ActionClient, self.node, action_type, name)
             assert self.actions[name].wait_for_server(timeout), f"there is no action {name}"
         future = self.actions[name].send_goal_async(goal, feedback_callback=feedback)
         return wait_for(lambda: future.done() and future.result(), f"answer of {name}", timeout)
