@@ -1,12 +1,11 @@
 #pragma once
 
-// What differs between the lines of ros2_control: Humble (2), Jazzy (4), Kilted (5) and later. Nothing else in this
-// package asks for a version.
+// What differs between the lines of ros2_control: Humble (2), Jazzy (4), Kilted (5) and later. Nothing else
+// in this package asks for a version.
+#include <controller_interface/controller_interface.hpp>
 #include <string>
 #include <type_traits>
 #include <utility>
-
-#include <controller_interface/controller_interface.hpp>
 
 namespace multipanda_controller::compat {
 

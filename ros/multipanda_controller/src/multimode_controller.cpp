@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <limits>
-
 #include <pluginlib/class_list_macros.hpp>
 
 #include "compat.hpp"
@@ -44,7 +43,8 @@ CallbackReturn MultimodeController::on_init() { return CallbackReturn::SUCCESS; 
 FlatParameters MultimodeController::scene_parameters() {
   FlatParameters parameters;
   for (const auto& [name, value] : get_node()->get_node_parameters_interface()->get_parameter_overrides()) {
-    if (value.get_type() != rclcpp::ParameterType::PARAMETER_NOT_SET) parameters.emplace_back(name, value_of(value));
+    if (value.get_type() != rclcpp::ParameterType::PARAMETER_NOT_SET)
+      parameters.emplace_back(name, value_of(value));
   }
   return parameters;
 }
@@ -53,7 +53,8 @@ CallbackReturn MultimodeController::on_configure(const rclcpp_lifecycle::State&)
   release();
   try {
     if (compat::is_async(*this)) {
-      throw std::invalid_argument("is_async: this controller shares its hardware's memory, it must be synchronous");
+      throw std::invalid_argument(
+          "is_async: this controller shares its hardware's memory, it must be synchronous");
     }
     multipanda::ros::ControllerHostOptions options;
     if (get_update_rate() > 0) options.period_s = 1.0 / get_update_rate();
@@ -87,11 +88,13 @@ void MultimodeController::declare_parameters() {
       rcl_interfaces::msg::Parameter wanted;
       wanted.name = name;
       wanted.value = parameter.value = it->second.to_value_msg();
-      if (const std::string why = host_->set_parameters({wanted}); !why.empty()) throw std::invalid_argument(why);
+      if (const std::string why = host_->set_parameters({wanted}); !why.empty())
+        throw std::invalid_argument(why);
     }
     if (get_node()->has_parameter(name)) continue;  // declared by itself, as the older lines do
     constexpr bool kIgnoreOverride = true;
-    get_node()->declare_parameter(name, rclcpp::ParameterValue(parameter.value), parameter.descriptor, kIgnoreOverride);
+    get_node()->declare_parameter(name, rclcpp::ParameterValue(parameter.value), parameter.descriptor,
+                                  kIgnoreOverride);
     declared_.push_back(name);
   }
   on_set_ = get_node()->add_on_set_parameters_callback(
@@ -136,7 +139,8 @@ CallbackReturn MultimodeController::on_activate(const rclcpp_lifecycle::State&) 
   return CallbackReturn::SUCCESS;
 }
 
-controller_interface::return_type MultimodeController::update(const rclcpp::Time&, const rclcpp::Duration& period) {
+controller_interface::return_type MultimodeController::update(const rclcpp::Time&,
+                                                              const rclcpp::Duration& period) {
   (void)take_states();  // one that is held by another thread keeps its last value for this cycle
   const bool stands = host_->update(period.seconds());
   leave_commands();

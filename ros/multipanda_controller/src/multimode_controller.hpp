@@ -1,11 +1,10 @@
 #pragma once
 
+#include <controller_interface/controller_interface.hpp>
 #include <memory>
 #include <mutex>
 #include <string>
 #include <vector>
-
-#include <controller_interface/controller_interface.hpp>
 
 #include "ros/host/controller_host.hpp"
 
@@ -13,10 +12,10 @@ namespace multipanda_controller {
 
 using CallbackReturn = controller_interface::CallbackReturn;
 
-// multipanda's control cycle as a controller of ros2_control. Claims the efforts of its arms' joints, reads their
-// position, velocity, effort and, where the hardware offers it, all that it knows (<arm>/robot_state). Topics,
-// services and actions are on this controller's node (docs/ros_interfaces.md), parameters as docs/ros2_control.md
-// says. All it does is in ros/host/controller_host.hpp; here are only the calls.
+// multipanda's control cycle as a controller of ros2_control. Claims the efforts of its arms' joints, reads
+// their position, velocity, effort and, where the hardware offers it, all that it knows (<arm>/robot_state).
+// Topics, services and actions are on this controller's node (docs/ros_interfaces.md), parameters as
+// docs/ros2_control.md says. All it does is in ros/host/controller_host.hpp; here are only the calls.
 class MultimodeController : public controller_interface::ControllerInterface {
  public:
   controller_interface::InterfaceConfiguration command_interface_configuration() const override;
@@ -40,7 +39,7 @@ class MultimodeController : public controller_interface::ControllerInterface {
   void release();
 
   std::unique_ptr<multipanda::ros::ControllerHost> host_;
-  std::mutex host_mutex_;  // never the loop's: users set parameters while the host is given up
+  std::mutex host_mutex_;              // never the loop's: users set parameters while the host is given up
   std::vector<std::string> declared_;  // controllets' parameters on the node, until cleaned up
   rclcpp_lifecycle::LifecycleNode::OnSetParametersCallbackHandle::SharedPtr on_set_;
   bool active_ = false;

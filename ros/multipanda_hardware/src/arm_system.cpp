@@ -1,7 +1,6 @@
 #include "arm_system.hpp"
 
 #include <map>
-
 #include <pluginlib/class_list_macros.hpp>
 
 namespace multipanda_hardware {
@@ -14,7 +13,8 @@ CallbackReturn ArmSystem::fail(const std::string& text) const {
 }
 
 CallbackReturn ArmSystem::on_init(const compat::InitArgument& argument) {
-  if (hardware_interface::SystemInterface::on_init(argument) != CallbackReturn::SUCCESS) return CallbackReturn::ERROR;
+  if (hardware_interface::SystemInterface::on_init(argument) != CallbackReturn::SUCCESS)
+    return CallbackReturn::ERROR;
   try {
     const std::map<std::string, std::string> parameters(info_.hardware_parameters.begin(),
                                                         info_.hardware_parameters.end());
@@ -78,13 +78,15 @@ void ArmSystem::disconnect() {
 MULTIPANDA_HARDWARE_BEGIN_DEPRECATED
 std::vector<hardware_interface::StateInterface> ArmSystem::export_state_interfaces() {
   std::vector<hardware_interface::StateInterface> interfaces;
-  for (const auto& number : host_->states()) interfaces.emplace_back(number.prefix, number.name, number.value);
+  for (const auto& number : host_->states())
+    interfaces.emplace_back(number.prefix, number.name, number.value);
   return interfaces;
 }
 
 std::vector<hardware_interface::CommandInterface> ArmSystem::export_command_interfaces() {
   std::vector<hardware_interface::CommandInterface> interfaces;
-  for (const auto& number : host_->commands()) interfaces.emplace_back(number.prefix, number.name, number.value);
+  for (const auto& number : host_->commands())
+    interfaces.emplace_back(number.prefix, number.name, number.value);
   return interfaces;
 }
 MULTIPANDA_HARDWARE_END_DEPRECATED

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "compat.hpp"
-
 #include "ros/host/hardware_host.hpp"
 
 namespace multipanda_hardware {
@@ -13,9 +12,10 @@ namespace multipanda_hardware {
 using CallbackReturn = hardware_interface::CallbackReturn;
 using hardware_interface::return_type;
 
-// Any number of arms as one component of ros2_control. All it does is in ros/host/hardware_host.hpp; here are only
-// the calls. configure connects, activate lets controllers claim, deactivate leaves every arm to hold itself, cleanup
-// disconnects. One arm's fault is told by its own interfaces; only if none is left the component is in error.
+// Any number of arms as one component of ros2_control. All it does is in ros/host/hardware_host.hpp; here are
+// only the calls. configure connects, activate lets controllers claim, deactivate leaves every arm to hold
+// itself, cleanup disconnects. One arm's fault is told by its own interfaces; only if none is left the
+// component is in error.
 class ArmSystem : public hardware_interface::SystemInterface {
  public:
   explicit ArmSystem(multipanda::ros::HardwareHost::Kind kind) : kind_(kind) {}

@@ -1,12 +1,13 @@
 #pragma once
 
-// What differs between the lines of ros2_control: Humble (2), Jazzy (4), Kilted (5) and later. Nothing else in this
-// package asks for a version.
-// First, since headers of some lines use them without including them.
-#include <cxxabi.h>
-#include <rclcpp/rclcpp.hpp>
+// What differs between the lines of ros2_control: Humble (2), Jazzy (4), Kilted (5) and later. Nothing else
+// in this package asks for a version.
 
+// clang-format off: headers of some lines use these two without including them
+#include <cxxabi.h>
 #include <hardware_interface/system_interface.hpp>
+#include <rclcpp/rclcpp.hpp>
+// clang-format on
 
 #if __has_include(<hardware_interface/types/hardware_component_interface_params.hpp>)
 #include <hardware_interface/types/hardware_component_interface_params.hpp>
@@ -19,8 +20,8 @@ using InitArgument = hardware_interface::HardwareInfo;
 }
 #endif
 
-// Interfaces that point at our numbers are exported by a function that all lines have and the newer ones advise
-// against.
+// Interfaces that point at our numbers are exported by a function that all lines have and the newer ones
+// advise against.
 #define MULTIPANDA_HARDWARE_BEGIN_DEPRECATED \
   _Pragma("GCC diagnostic push") _Pragma("GCC diagnostic ignored \"-Wdeprecated-declarations\"")
 #define MULTIPANDA_HARDWARE_END_DEPRECATED _Pragma("GCC diagnostic pop")

@@ -1,16 +1,15 @@
 #pragma once
 
+#include <hardware_interface/loaned_state_interface.hpp>
 #include <string>
 #include <vector>
-
-#include <hardware_interface/loaned_state_interface.hpp>
 
 #include "ros/host/arm_view.hpp"
 
 namespace multipanda_semantic_components {
 
-// One state interface that carries an arm's address. Use: give get_state_interface_names() to the controller's
-// state_interface_configuration(), assign in on_activate, release in on_deactivate.
+// One state interface that carries an arm's address. Use: give get_state_interface_names() to the
+// controller's state_interface_configuration(), assign in on_activate, release in on_deactivate.
 class ArmInterface {
  public:
   ArmInterface(const std::string& arm, const std::string& kind) : name_(arm + "/" + kind) {}

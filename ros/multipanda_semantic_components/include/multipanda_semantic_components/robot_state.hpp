@@ -11,8 +11,8 @@ class RobotState : public ArmInterface {
 
   // Of the last read(); nothing to see (false) where it is not multipanda's hardware, or it is gone.
   multipanda::ros::ArmView get() const { return view(); }
-  // Fills all that the hardware knows; header, arm, names and what a controller commands are the caller's. False: as
-  // above.
+  // Fills all that the hardware knows; header, arm, names and what a controller commands are the caller's.
+  // False: as above.
   bool get_values_as_message(multipanda_msgs::msg::RobotState& message) const {
     const auto arm = view();
     if (arm) arm.state(message);
