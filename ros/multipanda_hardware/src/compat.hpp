@@ -3,10 +3,11 @@
 // What differs between the lines of ros2_control: Humble (2), Jazzy (4), Kilted (5) and later. Nothing else
 // in this package asks for a version.
 
-// clang-format off: headers of some lines use these two without including them
+// Headers of some lines use the first two without including them: the order matters.
+// clang-format off
 #include <cxxabi.h>
-#include <hardware_interface/system_interface.hpp>
 #include <rclcpp/rclcpp.hpp>
+#include <hardware_interface/system_interface.hpp>
 // clang-format on
 
 #if __has_include(<hardware_interface/types/hardware_component_interface_params.hpp>)
