@@ -99,6 +99,12 @@ SimulationServices::SimulationServices(const AdapterWorld& world, ArmIndex simul
       step_(*world.executor, *world.node, "simulation/step",
             Doc{"", "A paused world goes on by so many control periods; answered when they are over."},
             [this](const auto& request, auto reply) {
+              if (request.periods == 0) {
+                multipanda_msgs::srv::StepSimulation::Response out;
+                out.error = "no period to go on by; expected at least 1";
+                count(false);
+                return reply(out);
+              }
               // Ten times what they take in real time.
               const double patience = kPatience_s + 10 * request.periods * period_of(world_);
               ask({StepSimulation{request.periods}}, patience, [this, reply](const auto& answers) {
