@@ -94,7 +94,11 @@ ManagedRobot::ManagedRobot(const std::string& urdf, const std::string& parameter
 }
 
 ManagedRobot::~ManagedRobot() {
-  manager_->shutdown_controllers();  // gives their nodes back to an executor that still runs
+  try {
+    manager_->shutdown_controllers();  // gives their nodes back to an executor that still runs
+  } catch (const std::exception& error) {
+    RCLCPP_WARN(manager_->get_logger(), "%s", error.what());
+  }
   executor_->cancel();
   spinning_.join();
   probe_.reset();
