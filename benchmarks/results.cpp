@@ -68,12 +68,17 @@ Json at(const Json& object, const std::string& key) { return object.contains(key
 nlohmann::ordered_json measure_all(const Effort& effort) {
   const Filter wanted(effort.filter);
   const Registry registry = Registry::with_builtins();
-  Json results = {
-      {"cycle_us", Json::object()},   {"features_us", Json::object()}, {"feature_adds_us", Json::object()},
-      {"loop_calls", Json::object()}, {"switch_ms", Json::object()},   {"ros_us", Json::object()},
-      {"realtime_factor", Json::object()},
-      {"limits_us", Json::object()},  {"ratios", Json::object()},      {"samples", 0},
-      {"machine", machine()}};
+  Json results = {{"cycle_us", Json::object()},
+                  {"features_us", Json::object()},
+                  {"feature_adds_us", Json::object()},
+                  {"loop_calls", Json::object()},
+                  {"switch_ms", Json::object()},
+                  {"ros_us", Json::object()},
+                  {"realtime_factor", Json::object()},
+                  {"limits_us", Json::object()},
+                  {"ratios", Json::object()},
+                  {"samples", 0},
+                  {"machine", machine()}};
   const Arms arms(registry);
 
   std::vector<Case> cases = cycle_cases(arms, registry, wanted);

@@ -2,10 +2,10 @@
 // answers.
 #include <cmath>
 #include <random>
+#include <rcl_interfaces/msg/parameter_type.hpp>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <rcl_interfaces/msg/parameter_type.hpp>
 
 #include "core/test_support/test_world.hpp"
 #include "ros/adapter/controllets/input_port.hpp"
