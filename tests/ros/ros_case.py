@@ -85,7 +85,7 @@ class RosCase(unittest.TestCase):
     def position(self, arm):
         return kinematics.of_pose(self.state(arm).pose)[:3, 3]
 
-    def at(self, arm, position, tolerance=3e-3, timeout=15.0):
+    def at(self, arm, position, tolerance=3e-3, timeout=30.0):
         """Waits until the arm's end effector is there."""
         states = self.states(arm)
 

@@ -75,7 +75,7 @@ class Run:
             self.end()
 
 
-def wait_for(predicate, what, timeout=10.0):
+def wait_for(predicate, what, timeout=30.0):
     """Waits until predicate() is true, and returns it."""
     end = time.monotonic() + timeout
     while time.monotonic() < end:
@@ -104,13 +104,13 @@ class Topic:
     def newest(self):
         return self.messages[-1] if self.messages else None
 
-    def next(self, count=1, timeout=10.0):
+    def next(self, count=1, timeout=30.0):
         """The newest message once `count` more have come."""
         begin = self.count
         wait_for(lambda: self.count >= begin + count, f"{count} messages on {self.name}", timeout)
         return self.messages[-1]
 
-    def wait(self, predicate, what, timeout=10.0):
+    def wait(self, predicate, what, timeout=30.0):
         """The first kept message for which predicate is true."""
         return wait_for(lambda: next((m for m in list(self.messages) if predicate(m)), None), f"{what} on {self.name}",
                         timeout)
@@ -129,16 +129,17 @@ class Client:
         self.node = rclpy.create_node(name, context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
+        self.closing = False
         self.thread = threading.Thread(target=self._spin, daemon=True)
         self.thread.start()
         self.topics, self.services, self.publishers, self.actions = {}, {}, {}, {}
 
     def _spin(self):
-        from rclpy.executors import ExternalShutdownException
         try:
             self.executor.spin()
-        except ExternalShutdownException:
-            pass
+        except Exception:  # rclpy's own threads meet what close() has taken away already
+            if not self.closing:
+                raise
 
     def made(self, make, *words, **options):
         """What make() makes, made by the thread that spins: rclpy's executor must not meet half-made entities."""
@@ -147,6 +148,7 @@ class Client:
         return future.result()
 
     def close(self):
+        self.closing = True
         self.executor.shutdown()
         self.thread.join(5)
         for client in self.actions.values():
@@ -183,7 +185,7 @@ class Client:
             wait_for(lambda: publisher.get_subscription_count() > 0, f"somebody who takes {name}")
         return self.publishers[name]
 
-    def call(self, service_type, name, request=None, timeout=20.0, **fields):
+    def call(self, service_type, name, request=None, timeout=30.0, **fields):
         """The response of a service."""
         if name not in self.services:
             self.services[name] = self.made(self.node.create_client, service_type, name)
@@ -192,7 +194,7 @@ class Client:
         wait_for(future.done, f"answer of {name}", timeout)
         return future.result()
 
-    def send_goal(self, action_type, name, goal, feedback=None, timeout=10.0):
+    def send_goal(self, action_type, name, goal, feedback=None, timeout=30.0):
         """The handle of a goal that was sent."""
         from rclpy.action import ActionClient
         if name not in self.actions:
@@ -201,13 +203,13 @@ class Client:
         future = self.actions[name].send_goal_async(goal, feedback_callback=feedback)
         return wait_for(lambda: future.done() and future.result(), f"answer of {name}", timeout)
 
-    def result(self, handle, timeout=30.0):
+    def result(self, handle, timeout=60.0):
         """(status, result) of a goal; status as action_msgs/GoalStatus."""
         future = handle.get_result_async()
         wait_for(future.done, "the goal's result", timeout)
         return future.result().status, future.result().result
 
-    def cancel(self, handle, timeout=10.0):
+    def cancel(self, handle, timeout=30.0):
         future = handle.cancel_goal_async()
         wait_for(future.done, "answer to a cancel", timeout)
         return len(future.result().goals_canceling)
