@@ -244,6 +244,14 @@ class OurHardware : public testing::TestWithParam<Plant> {
     if (arms_) pace_by_packets();
     robot_->managed.probe().reset_worst();
   }
+  // Arms behind sockets take a moment to begin a motion; controllets start then.
+  void wait_for_motion(const std::vector<std::string>& arms = kArms) {
+    for (const auto& arm : arms) {
+      EXPECT_TRUE(managed().cycles_until([&] { return managed().value(arm + "/mode") == kMove; }, 20'000))
+          << arm;
+    }
+    managed().cycles(50);
+  }
   // One cycle per state of the arms, so that time is theirs: their sequence numbers say when there is a new
   // one.
   void pace_by_packets() {
@@ -276,6 +284,7 @@ TEST_P(OurHardware, HoldsThroughItsOwnAndTheControllersLife) {
     SCOPED_TRACE(life);
     ASSERT_TRUE(managed().load("multimode"));
     ASSERT_TRUE(managed().switch_to({"multimode"}));
+    wait_for_motion();
     managed().cycles(300);
     EXPECT_EQ(managed().value("left/mode"), kMove);
     ASSERT_TRUE(managed().switch_to({}, {"multimode"}));
@@ -299,6 +308,7 @@ TEST_P(OurHardware, SwitchesByServiceBesideABroadcaster) {
   ASSERT_TRUE(managed().load("multimode"));
   ASSERT_TRUE(managed().load("joint_states"));
   ASSERT_TRUE(managed().switch_to({"multimode", "joint_states"}));
+  wait_for_motion();
   managed().cycles(100);
   managed().probe().reset_worst();
   const auto start = robot_->where("left");
@@ -330,6 +340,7 @@ TEST_P(OurHardware, ATargetIsReached) {
   begin();
   ASSERT_TRUE(managed().load("multimode"));
   ASSERT_TRUE(managed().switch_to({"multimode"}));
+  wait_for_motion();
   const auto right = robot_->where("right");
   auto goal = robot_->where("left");
   goal[3] += 0.2;
@@ -344,6 +355,7 @@ TEST_P(OurHardware, ForwardControllerDrivesTheOtherArm) {
   ASSERT_TRUE(managed().load("multimode_left"));
   ASSERT_TRUE(managed().load("forward_right"));
   ASSERT_TRUE(managed().switch_to({"multimode_left", "forward_right"}));
+  wait_for_motion({"left"});
   managed().cycles(100);
   const auto left = robot_->where("left");
   const double before = robot_->q("right", 7);
@@ -365,6 +377,7 @@ TEST_P(OurHardware, MultimodeAndTrajectoryControllersSwapTheirArms) {
     ASSERT_TRUE(managed().load(name)) << name;
   }
   ASSERT_TRUE(managed().switch_to({"multimode_left", "trajectory_right"}));
+  wait_for_motion();
   managed().cycles(200);
   const auto left = robot_->where("left");
   auto goal = robot_->where("right");
@@ -378,6 +391,7 @@ TEST_P(OurHardware, MultimodeAndTrajectoryControllersSwapTheirArms) {
   managed().probe().reset_worst();
   ASSERT_TRUE(
       managed().switch_to({"multimode_right", "trajectory_left"}, {"multimode_left", "trajectory_right"}));
+  wait_for_motion();
   managed().cycles(500);
   EXPECT_LT(robot_->worst_speed("left"), 0.05);
   EXPECT_LT(robot_->worst_speed("right"), 0.05);
@@ -398,6 +412,7 @@ TEST_P(OurHardware, OneArmsFaultIsItsOwn) {
   begin();
   ASSERT_TRUE(managed().load("multimode"));
   ASSERT_TRUE(managed().switch_to({"multimode"}));
+  wait_for_motion();
   managed().cycles(100);
   const auto right = robot_->where("right");
   const auto press = [&](bool pressed) {
