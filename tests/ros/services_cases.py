@@ -264,6 +264,7 @@ class Simulation(RosCase):
         self.assertTrue(response.success, response.error)
         self.wait(lambda: nanoseconds(clock.newest().clock) >= before + 25_000_000, "25 ms of simulated time")
         self.assertEqual(self.standing(clock), before + 25_000_000)
+        self.refused(self.call(StepSimulation, "/simulation/step", periods=0))
         self.assertTrue(self.call(SetBool, "/simulation/pause", data=False).success)
         self.wait(lambda: nanoseconds(clock.newest().clock) > before + 100_000_000, "a running clock")
         self.refused(self.call(StepSimulation, "/simulation/step", periods=1))  # of a paused one only
