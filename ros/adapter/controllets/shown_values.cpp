@@ -54,7 +54,7 @@ void fill(const ReferenceSample& sample, sensor_msgs::msg::JointState& message) 
 template <class M>
 struct Topic {
   Topic(const AdapterWorld& world, const std::string& name, const Doc& doc)
-      : publisher(*world.node, name, Qos::sensor(), doc) {}
+      : publisher(*world.node, name, Qos::reliable(), doc) {}
   Publisher<M> publisher;
   M message;
 };
