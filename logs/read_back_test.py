@@ -1,6 +1,6 @@
 """Other people's readers on our files: mcap, mcap-ros2-support, rosbags, numpy, csv.
 
-Usage: read_back_test.py TOOL   (TOOL: the test_tool program)
+Usage: read_back_test.py TOOL NAMES   (TOOL: the test_tool program; NAMES: the messages that logs contain, with commas)
 The messages' values follow the rule of CountingLeaf in test_messages.hpp.
 """
 
@@ -21,7 +21,7 @@ from rosbags.highlevel import AnyReader
 
 TOOL = pathlib.Path(sys.argv.pop(1))
 MESSAGES = pathlib.Path(__file__).parent.parent / "ros/multipanda_msgs/msg"
-TYPES = sorted(p.stem for p in MESSAGES.glob("*.msg"))
+TYPES = sorted(sys.argv.pop(1).split(","))
 COUNT = 200
 
 
