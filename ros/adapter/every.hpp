@@ -19,11 +19,11 @@ class Every {
                             : 0) {}
 
   bool off() const { return cycles_ == 0; }
-  // Is it its turn? Records that were dropped in between only delay it.
+  // Is it its turn? At the multiples of n, so that topics of one rate carry the same stamps; at the first
+  // record, too. Records that were dropped in between only delay it.
   bool due(std::uint64_t cycle) {
-    if (off() || (begun_ && cycle < last_ + cycles_)) return false;
-    // Stays on its grid, unless it fell behind by more than one turn.
-    last_ = begun_ && cycle < last_ + 2 * cycles_ ? last_ + cycles_ : cycle;
+    if (off() || (begun_ && cycle / cycles_ <= turn_)) return false;
+    turn_ = cycle / cycles_;
     begun_ = true;
     return true;
   }
@@ -33,7 +33,7 @@ class Every {
   }
 
  private:
-  std::uint64_t cycles_, last_ = 0;
+  std::uint64_t cycles_, turn_ = 0;
   bool begun_ = false;
 };
 

@@ -3,8 +3,10 @@
 10 s each, 60 s with MULTIPANDA_FULL=1. Two arms publish their whole state at 1 kHz, a client sends targets to both at 1 kHz.
 """
 
+import json
 import os
 import pathlib
+import subprocess
 import sys
 import tempfile
 import threading
@@ -57,7 +59,7 @@ class Load(unittest.TestCase):
 
     def with_ros(self, scene):
         domain = ros_run.own_domain(1)
-        with ros_run.Run(PROGRAM, scene, "--seconds", str(SECONDS + 20), domain=domain) as run:
+        with ros_run.Run(PROGRAM, scene, "--seconds", str(SECONDS + 30), domain=domain) as run:
             client = ros_run.Client(domain, "load")
             try:
                 statistics = client.topic(LoopStatistics, "/multipanda/loop_statistics")
@@ -67,6 +69,10 @@ class Load(unittest.TestCase):
                     poses[arm] = PoseStamped(pose=topic.next(1).pose)
                     poses[arm].header.frame_id = "world"
                 client.forget(states["right"])  # one reader at 1 kHz is enough for Python
+                # Everything has a reader: what nobody listens to is not published.
+                listener = subprocess.Popen([pathlib.Path(PROGRAM).parent / "benchmarks/ros_listener", str(SECONDS + 4)],
+                                            env={**os.environ, **ros_run.environment(domain)}, stdout=subprocess.PIPE, text=True)
+                statistics.next(20)
                 streams = Streams(client, poses)
                 begin = statistics.next(2)
                 sent, taken, started = streams.sent, states["left"].count, time.monotonic()
@@ -76,9 +82,12 @@ class Load(unittest.TestCase):
                 owner = states["left"].newest().owner
                 streams.over.set()
                 streams.join(5)
+                heard = json.loads(listener.communicate(timeout=SECONDS + 60)[0])
             finally:
                 client.close()
             self.assertEqual(run.end(), 0, "".join(run.said)[-2000:])
+        for arm in ARMS:
+            print(f"heard {arm}: {heard[f'/{arm}/robot_state']}", file=sys.stderr)
         return begin, end, {"sent_hz": sent / elapsed, "taken_hz": taken / elapsed, "owner": owner}
 
     def test_one_kilohertz_beside_a_run_without_ros(self):
