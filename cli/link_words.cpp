@@ -32,6 +32,18 @@ std::unique_ptr<SetPointLink> open_link(const LinkWords& words, const std::strin
   return std::make_unique<LiveLink>(words.socket.empty() ? only_running_socket() : fs::path(words.socket));
 }
 
+nlohmann::json publication_of(const PublishReport& report) {
+  return {
+      {"ended_by", report.ended_by},
+      {"samples", report.samples},
+      {"missed", report.missed},
+      {"unsent", report.unsent},
+      {"elapsed_s", report.elapsed_s},
+      {"rate_hz", report.rate_hz},
+      {"late_us",
+       {{"median", report.late_median_us}, {"p99", report.late_p99_us}, {"worst", report.late_worst_us}}}};
+}
+
 nlohmann::json set_up_publishing_thread() {
   // Below the loop's 80: a set-point that comes late is bridged, a cycle is not.
   constexpr int kPriority = 70;

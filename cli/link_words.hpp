@@ -5,6 +5,7 @@
 #include <string>
 
 #include "cli/program.hpp"
+#include "generators/publish.hpp"
 #include "generators/set_point_link.hpp"
 
 namespace multipanda::cli {
@@ -25,6 +26,9 @@ std::unique_ptr<SetPointLink> open_link(const LinkWords& words, const std::strin
 // Priority for the thread that publishes, once its link is open (whose threads keep theirs); what became of
 // it.
 nlohmann::json set_up_publishing_thread();
+
+// What became of a publication, as far as it is the same for every generator: end, samples, rate, lateness.
+nlohmann::json publication_of(const PublishReport& report);
 
 // A name of a file in config/<folder>, or its path (with a slash or ending in .yaml). Throws UsageError,
 // beginning with `command`, for a name that there is not.

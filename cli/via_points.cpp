@@ -30,17 +30,11 @@ json to_json(const PublishReport& report, const ViaRun& run, double duration_s) 
                       {"via_points", track.joints.size() + track.poses.size()},
                       {"passed", report.goals_reached[i]}});
   }
-  return {{"name", run.plan().name},
-          {"ended_by", report.ended_by},
-          {"duration_s", duration_s},
-          {"samples", report.samples},
-          {"missed", report.missed},
-          {"unsent", report.unsent},
-          {"elapsed_s", report.elapsed_s},
-          {"rate_hz", report.rate_hz},
-          {"late_us",
-           {{"median", report.late_median_us}, {"p99", report.late_p99_us}, {"worst", report.late_worst_us}}},
-          {"tracks", tracks}};
+  json result = publication_of(report);
+  result["name"] = run.plan().name;
+  result["duration_s"] = duration_s;
+  result["tracks"] = tracks;
+  return result;
 }
 
 int run(const ViaOptions& options) {

@@ -77,8 +77,10 @@ enum class EventKind : std::uint8_t {
   target_set,     // index: input; values: target (goals only; streams are in the references)
   stopped,        // arms
   resumed,        // arms
-  arm_config,     // index: version; values: X_FE (7), X_EK (7), tool mass, centre (4), load mass, centre (4)
-  arm_mode,       // index: new mode
+  // index: version; values: X_FE (7), X_EK (7), then of tool and load: mass, centre, inertia xx xy xz yy yz
+  // zz (10 each)
+  arm_config,
+  arm_mode,  // index: new mode
 };
 
 struct Event {

@@ -69,7 +69,9 @@ class Part {
   virtual void take(const CycleRecord&) {}
   virtual void take(const Event&) {}
   // Loop's thread, between two steps: for what only the world itself can tell. No allocation, no lock.
+  // Called only where needs_loop() says so, which is asked once, before the first step.
   virtual void on_loop(const Tick&, const Backend&) {}
+  virtual bool needs_loop() const { return false; }
   virtual std::vector<Diagnostic> diagnostics() const { return {}; }  // any thread
 };
 

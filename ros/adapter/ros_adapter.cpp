@@ -92,6 +92,9 @@ void RosAdapter::make_parts() {
   if (options_.controllets) add(make_controllets(*world_));
   if (options_.arms || options_.motions) add(make_arms(*world_));
   if (options_.state) add(make_state(*world_));
+  for (const auto& part : parts_) {
+    if (part->needs_loop()) in_loop_.push_back(part.get());
+  }
 }
 
 RosAdapter::~RosAdapter() {
@@ -108,7 +111,7 @@ void RosAdapter::take(const CycleRecord& record) {
 void RosAdapter::take(const Event& event) { relay_->take(event); }
 
 void RosAdapter::on_loop(const Tick& tick, const Backend& backend) {
-  for (const auto& part : parts_) part->on_loop(tick, backend);
+  for (Part* part : in_loop_) part->on_loop(tick, backend);
 }
 
 std::vector<Diagnostic> RosAdapter::diagnostics() const {

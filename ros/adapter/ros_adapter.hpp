@@ -20,7 +20,7 @@ class RecordRelay;
 // has its own context, node and executor; as part of somebody else's node (ros2_control) it borrows that.
 //
 // Threads: the relay's (take: copies into a ring, never waits), the publisher's (the parts' take), the
-// executor's (callbacks). The loop's thread never comes here.
+// executor's (callbacks). The loop's thread only comes to on_loop, for parts that must see the world itself.
 class RosAdapter : public RunAdapter {
  public:
   // Throws RclError or std::invalid_argument; then nothing of it is left.
@@ -50,6 +50,7 @@ class RosAdapter : public RunAdapter {
   AdapterCounters counters_;
   std::unique_ptr<AdapterWorld> world_;  // of all parts
   Parts parts_;
+  std::vector<Part*> in_loop_;          // of them: those that need the loop's thread
   std::unique_ptr<RecordRelay> relay_;  // ends before the parts
 
   mutable std::mutex warn_mutex_;

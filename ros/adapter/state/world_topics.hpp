@@ -27,6 +27,7 @@ class ObjectPosesTopic : public Part {
  public:
   explicit ObjectPosesTopic(const AdapterWorld& world);
   void on_loop(const Tick& tick, const Backend& backend) override;
+  bool needs_loop() const override { return true; }
   void take(const CycleRecord& record) override;
 
  private:
