@@ -56,6 +56,37 @@ struct JointFriction {
   JointVector p3;  // [rad/s]
 };
 
+// Dry friction before a joint really slides (Dahl): its state follows the joint over a distance of some
+// mrad,  z <- s sign(dq) + (z - s sign(dq)) exp(-|dq| dt / s),  and the torque is  amplitude z / s.
+struct PreslidingElement {
+  double distance = 0.01;  // s [rad]
+  JointVector amplitude;   // >= 0 [N m] (n x 1)
+};
+
+// Friction as identification finds it, against the motion: the sum of the parts that are there. Every vector
+// (n x 1), an empty one: no such part. All amplitudes but the offset are >= 0: it never drives.
+//   tau_f = offset + viscous dq + stribeck tanh(dq / 0.01) exp(-(dq / 0.3)^2) + sum of presliding + sigmoid
+struct FrictionLaw {
+  JointVector offset;    // [N m]
+  JointVector viscous;   // [N m s/rad]
+  JointVector stribeck;  // [N m]
+  std::vector<PreslidingElement> presliding;
+  std::optional<JointFriction> sigmoid;
+};
+
+// What a joint's torque sensor shows: gain tau + offset, and white noise. Every vector (n x 1).
+struct TorqueSensor {
+  JointVector gain;    // [1]
+  JointVector offset;  // [N m]
+  double noise = 0;    // standard deviation [N m]
+};
+
+// How commanded torque becomes torque.
+struct Actuation {
+  double torque_bandwidth_hz = 0;  // first-order tracking; 0: perfect
+  double command_delay = 0;        // any fraction of the control period, too [s]
+};
+
 // All points within `radius` of the segment from one point to the other, in the frame of `link`.
 struct Capsule {
   std::string link;                                      // "link0" to "linkN", or "hand"
@@ -106,8 +137,15 @@ struct RobotDescription {
   JointLimits limits;
   std::optional<CartesianLimits> cartesian;
   std::optional<PositionBasedVelocity> position_based_velocity;
-  std::optional<JointFriction> friction;
-  JointVector q_home;  // the `ready` configuration [rad]
+  std::optional<JointFriction> friction;  // between motor and torque sensor
+  // Of one arm rather than of its make, as identification finds it; none or empty: perfect, level, or as the
+  // scene's fidelity says. None of it is known to the arm's own controllers.
+  std::optional<FrictionLaw> link_friction;   // beyond the torque sensor: the sensor shows it
+  std::optional<TorqueSensor> torque_sensor;  // in place of the fidelity's noise on tau
+  std::optional<Actuation> actuation;         // in place of the fidelity's bandwidth and delay
+  JointVector motor_inertia;                  // seen at the joint, before the torque sensor [kg m^2] (n x 1)
+  Eigen::Vector2d base_tilt = Eigen::Vector2d::Zero();  // true base against B: Ry(second) Rx(first) [rad]
+  JointVector q_home;                                   // the `ready` configuration [rad]
 
   std::vector<Capsule> capsules;                                   // of the links, not of the hand
   std::vector<std::pair<std::string, std::string>> ignored_pairs;  // of links that never meet, or always

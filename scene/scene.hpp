@@ -1,6 +1,7 @@
 #pragma once
 
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -15,6 +16,8 @@
 // A scene as data: what scene files (YAML, docs/scene_reference.md) say, checked, in SI units. Everything
 // that is built (models, plant, control cycle, log) is built from this.
 namespace multipanda {
+
+struct RobotDescription;
 
 // Where a value was written, for messages: "two_arms.yaml:14".
 struct SourcePlace {
@@ -67,6 +70,10 @@ struct FciConnection {
 struct SceneArm {
   std::string name;           // "left"
   std::string model = "fer";  // in models/, or a path to a model file
+  // What the simulated arm truly is, where it is not what `model` tells its controllers: a model file, or a
+  // description that was never in a file; both empty: `model`.
+  std::string plant_model;
+  std::shared_ptr<const RobotDescription> plant_robot;
   bool hand = true;
   // Whether the simulated hand's fingers move; not said: they are closed and rigid, on virtual arms they
   // move.
