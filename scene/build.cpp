@@ -78,6 +78,12 @@ Request request_of(const TimelineEvent& event, const MultimodeController& contro
     request.target.period_s = event.period_s;
     request.target.cycles = event.cycles;
     request.target.ramp_s = event.ramp_s;
+    if (event.overtones.size() > kMaxOvertones) throw std::invalid_argument("too many overtones in an event");
+    for (const auto& part : event.overtones) {
+      Overtone& overtone = request.target.overtones[request.target.overtone_count++];
+      std::copy(part.rise.begin(), part.rise.end(), overtone.rise.begin());
+      std::copy(part.sine.begin(), part.sine.end(), overtone.sine.begin());
+    }
   } else {
     request.kind = Request::Kind::set_target;
     request.index = static_cast<std::uint16_t>(instance.find_input(event.name));

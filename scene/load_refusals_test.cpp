@@ -368,6 +368,16 @@ const std::vector<Refusal> kTimeline{
      timeline("at_s: 1, motion: {controllet: a, input: pose, sine: [1, 0, 0], period_s: 2}"),
      10,
      {"3.14", "allows 0.5", "longer period_s"}},
+    {"motion's overtones' speed",
+     timeline(
+         "at_s: 1, motion: {controllet: a, input: pose, overtones: [{}, {sine: [0.2, 0, 0]}], period_s: 2}"),
+     10,
+     {"1.88", "allows 0.5"}},
+    {"motion's overtones",
+     timeline("at_s: 1, motion: {controllet: a, input: pose, overtones: [{}, {}, {}, {}, {}, {}, {}, {}], "
+              "period_s: 2}"),
+     10,
+     {"one too many", "at most 7"}},
     {"motion's ramp",
      timeline("at_s: 1, motion: {controllet: a, input: pose, sine: [0.1, 0, 0], period_s: 2, ramp_s: 3}"),
      10,

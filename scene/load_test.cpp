@@ -226,8 +226,10 @@ TEST(Load, ReadsMotions) {
       "9}}\n"
       "  - {at_s: 2, motion: {controllet: a, input: joints, rise: [0, 0, 0, 0.5, 0.5, 0, 0], period_s: 10, "
       "cycles: "
-      "2, ramp_s: 1}}\n");
-  ASSERT_EQ(scene.timeline.size(), 2u);
+      "2, ramp_s: 1}}\n"
+      "  - {at_s: 30, motion: {controllet: a, input: pose, overtones: [{}, {rise: [0, 0, 0.1]}], period_s: "
+      "9}}\n");
+  ASSERT_EQ(scene.timeline.size(), 3u);
   const TimelineEvent& circle = scene.timeline[0];
   EXPECT_EQ(circle.what, TimelineEvent::What::set_motion);
   EXPECT_THAT(circle.sine, testing::ElementsAre(0, 0.1, 0));
@@ -238,6 +240,11 @@ TEST(Load, ReadsMotions) {
   EXPECT_EQ(scene.timeline[1].rise.size(), 7u);
   EXPECT_EQ(scene.timeline[1].sine, std::vector<double>(7, 0.0));
   EXPECT_EQ(scene.timeline[1].cycles, 2);
+  EXPECT_TRUE(circle.overtones.empty());
+  ASSERT_EQ(scene.timeline[2].overtones.size(), 2u);
+  EXPECT_THAT(scene.timeline[2].sine, testing::ElementsAre(0, 0, 0));
+  EXPECT_THAT(scene.timeline[2].overtones[0].rise, testing::ElementsAre(0, 0, 0));
+  EXPECT_THAT(scene.timeline[2].overtones[1].rise, testing::ElementsAre(0, 0, 0.1));
 }
 
 TEST(Load, ShippedScenesAreSound) {

@@ -78,6 +78,10 @@ std::vector<double> reference_values(const Mapping& mapping, const InputSpec& in
   return {mapping.number("value")};
 }
 
+std::vector<double> motion_numbers(const Mapping& mapping, const std::string& key, std::size_t count) {
+  return mapping.has(key) ? mapping.numbers(key, count) : std::vector<double>(count, 0.0);
+}
+
 // Reads one event; `active_` follows what would run at its time, so that a reference to a controllet that is
 // not running is found here and not in the middle of a run.
 class TimelineReader {
@@ -190,12 +194,19 @@ class TimelineReader {
     const InputSpec& input = read_input(mapping, event);
     const std::size_t count =
         motion_count(input.quantity, reader_.joint_count(config(event.controllet), input.arm));
-    if (mapping.present({"sine", "rise"}).empty()) {
+    if (mapping.present({"sine", "rise", "overtones"}).empty()) {
       mapping.self().refuse("moves nothing; expected 'sine' or 'rise' with " + std::to_string(count) +
                             " numbers");
     }
-    event.sine = mapping.has("sine") ? mapping.numbers("sine", count) : std::vector<double>(count, 0.0);
-    event.rise = mapping.has("rise") ? mapping.numbers("rise", count) : std::vector<double>(count, 0.0);
+    event.sine = motion_numbers(mapping, "sine", count);
+    event.rise = motion_numbers(mapping, "rise", count);
+    for (const auto& item : mapping.items("overtones")) {
+      const Mapping part(item, schema::overtone());
+      if (event.overtones.size() == kMaxOvertones) {
+        item.refuse("is one too many; expected at most " + std::to_string(kMaxOvertones) + " overtones");
+      }
+      event.overtones.push_back({motion_numbers(part, "sine", count), motion_numbers(part, "rise", count)});
+    }
     event.period_s = mapping.number("period_s");
     event.cycles = mapping.number("cycles");
     event.ramp_s = mapping.number("ramp_s");
@@ -205,6 +216,11 @@ class TimelineReader {
     Harmonic motion{.period_s = event.period_s};
     std::copy(event.sine.begin(), event.sine.end(), motion.sine.begin());
     std::copy(event.rise.begin(), event.rise.end(), motion.rise.begin());
+    for (const auto& part : event.overtones) {
+      Overtone& overtone = motion.overtones[motion.overtone_count++];
+      std::copy(part.sine.begin(), part.sine.end(), overtone.sine.begin());
+      std::copy(part.rise.begin(), part.rise.end(), overtone.rise.begin());
+    }
     double fastest = 0;
     if (input.quantity == Quantity::pose) {
       fastest = motion.top_speed(0, 3);

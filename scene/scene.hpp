@@ -151,6 +151,10 @@ struct TimelineEvent {
   // motion: rise and sine in the order of a motion's Target (pose: x y z)
   std::vector<double> sine, rise;
   double period_s = 0, cycles = 1, ramp_s = 0;
+  struct MotionPart {
+    std::vector<double> sine, rise;
+  };
+  std::vector<MotionPart> overtones;  // [0] twice as fast, ...
   // stop, resume: arm names; empty: all
   std::vector<std::string> arms;
   // place: carried out by the simulation itself; other backends ignore it

@@ -504,8 +504,8 @@ std::vector<const Section*> all() {
           &inertia(),       &tool_shape(),      &safety(),       &fci(),          &collision(),
           &thresholds(),    &object(),          &contact(),      &controllet(),   &pose_input(),
           &joints_input(),  &other_input(),     &event(),        &switch_event(), &parameter_event(),
-          &feature_event(), &reference_event(), &motion_event(), &place_event(),  &ros(),
-          &ros_rates()};
+          &feature_event(), &reference_event(), &motion_event(), &overtone(),     &place_event(),
+          &ros(),           &ros_rates()};
 }
 
 }  // namespace multipanda::schema

@@ -30,6 +30,7 @@ const Section& parameter_event();
 const Section& feature_event();
 const Section& reference_event();
 const Section& motion_event();
+const Section& overtone();
 const Section& place_event();
 const Section& ros();
 const Section& ros_rates();

@@ -220,15 +220,20 @@ const Section& reference_event() {
   return section;
 }
 
+namespace {
+
+Field motion_vector(std::string key, std::string doc) {
+  return Field{.key = std::move(key),
+               .kind = FieldKind::numbers,
+               .min = -1e4,
+               .max = 1e4,
+               .count = Field::kByQuantity,
+               .doc = std::move(doc)};
+}
+
+}  // namespace
+
 const Section& motion_event() {
-  const auto vector = [](std::string key, std::string doc) {
-    return Field{.key = std::move(key),
-                 .kind = FieldKind::numbers,
-                 .min = -1e4,
-                 .max = 1e4,
-                 .count = Field::kByQuantity,
-                 .doc = std::move(doc)};
-  };
   static const Section section{
       "Motion",
       "x(t) = x_0 + sine sin(theta) + rise (1 - cos(theta))/2 from where the set-point x_0 is, theta from 0 "
@@ -237,10 +242,15 @@ const Section& motion_event() {
       "`sine` r one way, `rise` 2 r towards the centre.",
       {named("controllet", "Name of the instance."),
        named("input", "Name of the input."),
-       vector("sine",
-              "Pose: x, y, z [m] (it keeps its orientation). Twist, wrench: 6 numbers. Joints: one "
-              "per joint [rad]. Scalar: one. Without it zero."),
-       vector("rise", "As `sine`. Without it zero."),
+       motion_vector("sine",
+                     "Pose: x, y, z [m] (it keeps its orientation). Twist, wrench: 6 numbers. Joints: one "
+                     "per joint [rad]. Scalar: one. Without it zero."),
+       motion_vector("rise", "As `sine`. Without it zero."),
+       {.key = "overtones",
+        .kind = FieldKind::sections,
+        .section = &overtone(),
+        .doc = "At most 7 further parts: the first swings twice as fast, the next three times as fast, and "
+               "so on. All together are a Fourier series per number."},
        {.key = "period_s",
         .kind = FieldKind::number,
         .unit = "s",
@@ -261,6 +271,15 @@ const Section& motion_event() {
         .min = 0.1,
         .max = 60,
         .doc = "Time in which the rate fades in, and out; at most period_s * cycles."}}};
+  return section;
+}
+
+const Section& overtone() {
+  static const Section section{
+      "Overtone",
+      "Adds sine sin(n theta) + rise (1 - cos(n theta))/2 to a motion, n = 2 for the first overtone.",
+      {motion_vector("sine", "As the motion's. Without it zero."),
+       motion_vector("rise", "As the motion's. Without it zero.")}};
   return section;
 }
 

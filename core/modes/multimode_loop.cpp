@@ -101,7 +101,8 @@ void MultimodeController::apply(const Request& request, std::uint64_t ticket, Ho
         event.kind = EventKind::target_set;
         event.size = request.target.size;
         std::copy_n(request.target.values.begin(), request.target.size, event.values.begin());
-        if (request.target.delivery == Delivery::motion) {  // rise, then sine
+        if (request.target.delivery ==
+            Delivery::motion) {  // rise, then sine; overtones show in the references
           std::copy_n(request.target.sine.begin(), request.target.size, event.values.begin() + event.size);
           event.size = static_cast<std::uint8_t>(2 * event.size);
         }

@@ -123,6 +123,61 @@ TEST(Motion, OfAWrenchRisesAndFalls) {
   EXPECT_NEAR(reference.vector()[2], 0, 1e-9);
 }
 
+// A Fourier series per joint: each part is the same motion, n times as fast, so the sum of motions of one
+// part each is the whole. Begins and ends at rest where it began.
+TEST(Motion, WithOvertonesIsASeries) {
+  Draw draw(3);
+  const auto joints_reference = [](double max_speed) {
+    InputSpec spec{.name = "joints", .quantity = Quantity::joints};
+    spec.max_speed = max_speed;
+    Reference reference(spec, 7);
+    reference.start(JointVector(JointVector::Constant(7, 0.5)));
+    return reference;
+  };
+  Target series = motion(7, 2, 3, 0.5);
+  series.overtone_count = 4;
+  const auto amplitudes = [&](auto& sines, auto& rises) {
+    for (std::size_t i = 0; i < 7; ++i) {
+      sines[i] = draw.uniform(-0.1, 0.1);
+      rises[i] = draw.uniform(-0.1, 0.1);
+    }
+  };
+  amplitudes(series.sine, series.values);
+  for (std::size_t k = 0; k < 4; ++k) amplitudes(series.overtones[k].sine, series.overtones[k].rise);
+
+  Reference whole = joints_reference(10);
+  whole.set(series);
+  double fastest = 0;
+  for (int step = 1; step <= 6600; ++step) {
+    const double t = step * kDt;
+    const JointVector q = whole.joints(), dq = whole.joint_velocity(), ddq = whole.joint_acceleration();
+    whole.advance(kDt, t);
+    fastest = std::max(fastest, whole.joint_velocity().cwiseAbs().maxCoeff());
+    ASSERT_LT((whole.joints() - q - 0.5 * kDt * (dq + whole.joint_velocity())).norm(), 1e-6);
+    ASSERT_LT((whole.joint_velocity() - dq - 0.5 * kDt * (ddq + whole.joint_acceleration())).norm(), 1e-4);
+    if (t < 0.5 || t > 6) continue;
+    const double theta = std::numbers::pi * (t - 0.25);
+    for (std::size_t i = 0; i < 7; ++i) {
+      double expected = 0.5 + series.sine[i] * std::sin(theta) + series.values[i] / 2 * (1 - std::cos(theta));
+      for (std::size_t k = 0; k < 4; ++k) {
+        const double angle = theta * static_cast<double>(k + 2);
+        expected += series.overtones[k].sine[i] * std::sin(angle) +
+                    series.overtones[k].rise[i] / 2 * (1 - std::cos(angle));
+      }
+      ASSERT_NEAR(whole.joints()[static_cast<Eigen::Index>(i)], expected, 1e-12);
+    }
+  }
+  EXPECT_LT((whole.joints() - JointVector::Constant(7, 0.5)).norm(), 1e-12);
+  EXPECT_EQ(whole.joint_velocity().norm(), 0);
+  // Refused by its true top speed: not at the limit, but at one a hair above.
+  EXPECT_EQ(joints_reference(fastest * 0.999).check(series), Verdict::out_of_bounds);
+  EXPECT_EQ(joints_reference(fastest * 1.001).check(series), Verdict::accepted);
+  series.overtones[3].rise[6] = std::nan("");
+  EXPECT_EQ(whole.check(series), Verdict::not_finite);
+  series.overtone_count = kMaxOvertones + 1;
+  EXPECT_EQ(whole.check(series), Verdict::wrong_size);
+}
+
 TEST(Motion, IsRefusedWhereItCannotBe) {
   Reference reference = pose_reference({}, 0.5);
   Target circle = motion(3, 2, 1, 0.2);

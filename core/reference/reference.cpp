@@ -32,6 +32,8 @@ Harmonic harmonic_of(const Target& target) {
                   .ramp_s = std::max(target.ramp_s, Harmonic::kShortestRamp)};
   std::copy_n(target.values.begin(), target.size, motion.rise.begin());
   std::copy_n(target.sine.begin(), target.size, motion.sine.begin());
+  motion.overtone_count = target.overtone_count;
+  std::copy_n(target.overtones.begin(), target.overtone_count, motion.overtones.begin());
   return motion;
 }
 
@@ -72,6 +74,14 @@ Verdict Reference::check_motion(const Target& target) const {
   }
   for (std::size_t i = 0; i < size; ++i) {
     if (!std::isfinite(target.values[i]) || !std::isfinite(target.sine[i])) return Verdict::not_finite;
+  }
+  if (target.overtone_count > kMaxOvertones) return Verdict::wrong_size;
+  for (std::size_t k = 0; k < target.overtone_count; ++k) {
+    for (std::size_t i = 0; i < size; ++i) {
+      if (!std::isfinite(target.overtones[k].sine[i]) || !std::isfinite(target.overtones[k].rise[i])) {
+        return Verdict::not_finite;
+      }
+    }
   }
   if (!(target.period_s > 0 && target.cycles > 0 && target.ramp_s >= 0)) return Verdict::out_of_bounds;
   const Harmonic motion = harmonic_of(target);

@@ -28,6 +28,12 @@ std::size_t motion_count(Quantity quantity, std::size_t joint_count);
 //   motion  sent once; a motion to and fro or round from where the set-point is (core/reference/harmonic.hpp)
 enum class Delivery : std::uint8_t { goal, stream, motion };
 
+// A part of a motion that swings a whole number of times as fast as the motion's first part.
+inline constexpr std::size_t kMaxOvertones = 7;
+struct Overtone {
+  std::array<double, kMaxTargetValues> sine{}, rise{};  // as the first part's
+};
+
 // One set-point from outside. Plain data, so that it crosses threads by copying.
 struct Target {
   std::uint64_t id = 0;  // counts the targets of one input; 0: none yet
@@ -40,6 +46,8 @@ struct Target {
   // Of a motion only
   std::array<double, kMaxTargetValues> sine{};
   double period_s = 0, cycles = 1, ramp_s = 0;
+  std::uint8_t overtone_count = 0;
+  std::array<Overtone, kMaxOvertones> overtones{};  // [0] twice as fast, [1] three times as fast, ...
 };
 
 Target pose_target(const Pose& X, double duration_s = 0, Delivery delivery = Delivery::goal);
