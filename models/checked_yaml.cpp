@@ -124,6 +124,8 @@ std::string CheckedYaml::text() const {
   return node_.Scalar();
 }
 
+bool CheckedYaml::is_word(std::string_view word) const { return node_.IsScalar() && node_.Scalar() == word; }
+
 double CheckedYaml::number() const {
   double value = 0;
   if (!node_.IsScalar() || !YAML::convert<double>::decode(node_, value)) {

@@ -33,12 +33,13 @@ class CheckedYaml {
   std::vector<CheckedYaml> items() const;  // of a list
 
   std::string text() const;
-  double number() const;                                                              // finite
-  double positive() const;                                                            // finite, > 0
-  double angle() const;                                                               // [rad]
-  Eigen::Vector3d vector3() const;                                                    // three numbers
-  Eigen::Vector3d angles3() const;                                                    // three angles [rad]
-  std::vector<double> numbers(std::size_t count) const;                               // exactly `count`
+  bool is_word(std::string_view word) const;             // this text and no list or map
+  double number() const;                                 // finite
+  double positive() const;                               // finite, > 0
+  double angle() const;                                  // [rad]
+  Eigen::Vector3d vector3() const;                       // three numbers
+  Eigen::Vector3d angles3() const;                       // three angles [rad]
+  std::vector<double> numbers(std::size_t count) const;  // exactly `count`
   std::string one_of(const std::vector<std::string>& names, const char* what) const;  // a name in the list
 
   [[noreturn]] void refuse(const std::string& why) const;

@@ -5,6 +5,8 @@
 
 #include "models/checked_yaml.hpp"
 #include "models/from_urdf.hpp"
+#include "models/load_identified.hpp"
+#include "models/load_parts.hpp"
 #include "models/robot_description.hpp"
 
 // From YAML to RobotDescription. A file may name a `base`: it then has all of the base's sections except
@@ -12,11 +14,30 @@
 namespace multipanda {
 namespace {
 
-const std::vector<std::string> kSections{
-    "name",     "title",          "base",     "origin",           "joints",
-    "flange",   "inertials",      "limits",   "interface_limits", "joint_friction",
-    "home_rad", "self_collision", "visuals",  "meshes",           "hand",
-    "urdf",     "base_link",      "tip_link", "held_joints"};
+const std::vector<std::string> kSections{"name",
+                                         "title",
+                                         "base",
+                                         "origin",
+                                         "joints",
+                                         "flange",
+                                         "inertials",
+                                         "limits",
+                                         "interface_limits",
+                                         "joint_friction",
+                                         "link_friction",
+                                         "torque_sensor",
+                                         "actuation",
+                                         "motor_inertia_kg_m2",
+                                         "base_tilt_rad",
+                                         "home_rad",
+                                         "self_collision",
+                                         "visuals",
+                                         "meshes",
+                                         "hand",
+                                         "urdf",
+                                         "base_link",
+                                         "tip_link",
+                                         "held_joints"};
 
 // The sections in force and the files that they come from.
 struct Document {
@@ -35,6 +56,21 @@ struct Document {
   }
 };
 
+// A file beside this one, with or without its ending; else a robot by name.
+std::filesystem::path base_file(const CheckedYaml& base, const std::filesystem::path& folder) {
+  const std::string name = base.text();
+  std::filesystem::path beside = folder / name;
+  if (beside.extension() != ".yaml") beside += ".yaml";
+  const auto names = available_robots();
+  const bool known = std::find(names.begin(), names.end(), name) != names.end();
+  std::error_code missing;
+  const bool itself = std::filesystem::equivalent(beside, base.file(), missing);  // my fer.yaml on base: fer
+  if (std::filesystem::exists(beside) && !(known && itself)) return beside;
+  if (known) return models_folder() / (name + ".yaml");
+  base.refuse("there is no file " + beside.string() + ", and no robot '" + name + "'." +
+              suggestion(name, names));
+}
+
 Document read_document(const std::filesystem::path& file, int depth) {
   Document document{{}, {}, CheckedYaml::load(file)};
   const CheckedYaml& root = document.root;
@@ -42,10 +78,7 @@ Document read_document(const std::filesystem::path& file, int depth) {
   if (const auto base = root.find("base")) {
     constexpr int kMaxDepth = 8;
     if (depth == kMaxDepth) base->refuse("too many files stand on each other; is one its own base?");
-    std::filesystem::path base_file = file.parent_path() / base->text();
-    if (base_file.extension() != ".yaml") base_file += ".yaml";
-    if (!std::filesystem::exists(base_file)) base->refuse("there is no file " + base_file.string());
-    Document below = read_document(base_file, depth + 1);
+    Document below = read_document(base_file(*base, file.parent_path()), depth + 1);
     document.sections = std::move(below.sections);
     document.origin = std::move(below.origin);
     document.sections.erase("name");  // a robot has its own name
@@ -61,55 +94,19 @@ Document read_document(const std::filesystem::path& file, int depth) {
   return document;
 }
 
-JointVector joint_vector(const CheckedYaml& yaml, std::size_t n) {
-  const auto values = yaml.numbers(n);
-  return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(n));
-}
-
-JointVector positive_joint_vector(const CheckedYaml& yaml, std::size_t n) {
-  for (const auto& item : yaml.items()) (void)item.positive();
-  return joint_vector(yaml, n);
-}
-
-Placement read_placement(const CheckedYaml& yaml) {
-  yaml.allow_keys({"position_m", "rpy_rad"});
-  Placement placement;
-  placement.position = yaml.at("position_m").vector3();
-  if (const auto rpy = yaml.find("rpy_rad")) placement.rpy = rpy->angles3();
-  return placement;
-}
-
-RigidBody read_body(const CheckedYaml& yaml) {
-  yaml.allow_keys({"mass_kg", "com_m", "inertia_kg_m2"});
-  RigidBody body;
-  body.mass = yaml.at("mass_kg").positive();
-  body.com = yaml.at("com_m").vector3();
-  const CheckedYaml inertia = yaml.at("inertia_kg_m2");
-  inertia.allow_keys({"xx", "yy", "zz", "xy", "xz", "yz"});
-  const auto part = [&](const char* key) { return inertia.at(key).number(); };
-  body.inertia << part("xx"), part("xy"), part("xz"), part("xy"), part("yy"), part("yz"), part("xz"),
-      part("yz"), part("zz");
-  if (!is_physical(body)) {
-    inertia.refuse(
-        "no body of positive mass has this inertia (tr(I)/2 * 1 - I must be positive definite); the inertia "
-        "is "
-        "about the centre of mass, with signs xy = -integral of x y dm");
-  }
-  return body;
-}
-
-std::vector<std::string> numbered(const char* stem, std::size_t first, std::size_t last) {
-  std::vector<std::string> names;
-  for (std::size_t i = first; i <= last; ++i) names.push_back(stem + std::to_string(i));
-  return names;
-}
-
 void read_joints(const CheckedYaml& yaml, RobotDescription& robot) {
   const std::size_t n = yaml.keys().size();
   if (n == 0 || n > kMaxJoints) yaml.refuse("expected 1 to " + std::to_string(kMaxJoints) + " joints");
   const auto names = numbered("joint", 1, n);
   yaml.allow_keys(names);
   for (const auto& name : names) robot.joints.push_back(read_placement(yaml.at(name)));
+}
+
+void read_inertials(const CheckedYaml& yaml, RobotDescription& robot) {
+  const auto links = numbered("link", 0, robot.joint_count());
+  yaml.allow_keys(links);
+  robot.links.clear();
+  for (const auto& link : links) robot.links.push_back(read_body(yaml.at(link)));
 }
 
 void read_limits(const CheckedYaml& yaml, RobotDescription& robot) {
@@ -174,71 +171,6 @@ void read_interface_limits(const CheckedYaml& yaml, RobotDescription& robot) {
   robot.cartesian = limits;
 }
 
-std::vector<Capsule> read_capsules(const CheckedYaml& yaml, const std::string& link) {
-  std::vector<Capsule> capsules;
-  for (const auto& item : yaml.items()) {
-    item.allow_keys({"center_m", "axis", "length_m", "radius_m"});
-    const Vector3 axis = item.at("axis").vector3();
-    if (axis.norm() < 1e-6) item.at("axis").refuse("expected a direction, found the zero vector");
-    const Vector3 half = 0.5 * item.at("length_m").positive() * axis.normalized();
-    const Vector3 center = item.at("center_m").vector3();
-    capsules.push_back({link, center - half, center + half, item.at("radius_m").positive()});
-  }
-  return capsules;
-}
-
-void read_self_collision(const CheckedYaml& yaml, RobotDescription& robot) {
-  yaml.allow_keys({"capsules", "ignored_pairs"});
-  const auto links = numbered("link", 0, robot.joint_count());
-  const CheckedYaml capsules = yaml.at("capsules");
-  capsules.allow_keys(links);
-  for (const auto& link : capsules.keys()) {
-    for (auto& capsule : read_capsules(capsules.at(link), link)) robot.capsules.push_back(std::move(capsule));
-  }
-  auto names = links;
-  names.emplace_back("hand");
-  for (const auto& pair : yaml.at("ignored_pairs").items()) {
-    const auto ends = pair.items();
-    if (ends.size() != 2) pair.refuse("expected two names of links");
-    robot.ignored_pairs.emplace_back(ends[0].one_of(names, "a link"), ends[1].one_of(names, "a link"));
-  }
-}
-
-std::vector<Shape> read_shapes(const CheckedYaml& yaml, const std::string& link) {
-  static const std::vector<std::string> kKinds{"capsule", "cylinder", "sphere", "box"};
-  std::vector<std::string> colors;
-  for (const auto& color : shape_colors()) colors.push_back(color.first);
-  std::vector<Shape> shapes;
-  for (const auto& item : yaml.items()) {
-    Shape shape;
-    shape.link = link;
-    const std::string kind = item.at("shape").one_of(kKinds, "a shape");
-    shape.kind = static_cast<ShapeKind>(std::find(kKinds.begin(), kKinds.end(), kind) - kKinds.begin());
-    if (shape.kind == ShapeKind::box) {
-      item.allow_keys({"shape", "color", "center_m", "rpy_rad", "size_m"});
-      shape.size = item.at("size_m").vector3();
-      if (shape.size.minCoeff() <= 0) item.at("size_m").refuse("expected three lengths above 0");
-    } else {
-      item.allow_keys(shape.kind == ShapeKind::sphere
-                          ? std::vector<std::string>{"shape", "color", "center_m", "radius_m"}
-                          : std::vector<std::string>{"shape", "color", "from_m", "to_m", "radius_m"});
-      shape.radius = item.at("radius_m").positive();
-    }
-    if (shape.kind == ShapeKind::box || shape.kind == ShapeKind::sphere) {
-      shape.center.position = item.at("center_m").vector3();
-      if (const auto rpy = item.find("rpy_rad")) shape.center.rpy = rpy->angles3();
-    } else {
-      shape.from = item.at("from_m").vector3();
-      shape.to = item.at("to_m").vector3();
-      if ((shape.to - shape.from).norm() < 1e-6) item.refuse("from_m and to_m are the same point");
-    }
-    const auto color = item.find("color");
-    shape.color = color ? color->one_of(colors, "a colour") : "white";
-    shapes.push_back(shape);
-  }
-  return shapes;
-}
-
 void read_home(const CheckedYaml& yaml, RobotDescription& robot) {
   robot.q_home = joint_vector(yaml, robot.joint_count());
   const auto items = yaml.items();
@@ -249,30 +181,6 @@ void read_home(const CheckedYaml& yaml, RobotDescription& robot) {
       items[j].refuse("outside the limits of joint" + std::to_string(j + 1));
     }
   }
-}
-
-HandDescription read_hand(const CheckedYaml& yaml) {
-  yaml.allow_keys({"mount", "tcp", "body", "finger", "palm_capsules", "finger_capsules", "visuals"});
-  HandDescription hand;
-  hand.mount = read_placement(yaml.at("mount"));
-  hand.tcp = read_placement(yaml.at("tcp"));
-  hand.body = read_body(yaml.at("body"));
-  const CheckedYaml finger = yaml.at("finger");
-  finger.allow_keys({"mount", "body", "travel_m", "velocity_m_per_s", "effort_n", "boxes", "visuals"});
-  hand.finger_mount = read_placement(finger.at("mount"));
-  hand.finger = read_body(finger.at("body"));
-  hand.finger_travel = finger.at("travel_m").positive();
-  hand.finger_velocity = finger.at("velocity_m_per_s").positive();
-  hand.finger_effort = finger.at("effort_n").positive();
-  hand.finger_boxes = read_shapes(finger.at("boxes"), "finger");
-  for (const auto& box : hand.finger_boxes) {
-    if (box.kind != ShapeKind::box) finger.at("boxes").refuse("expected boxes only");
-  }
-  hand.palm_capsules = read_capsules(yaml.at("palm_capsules"), "hand");
-  hand.finger_capsules = read_capsules(yaml.at("finger_capsules"), "hand");
-  hand.visuals = read_shapes(yaml.at("visuals"), "hand");
-  hand.finger_visuals = read_shapes(finger.at("visuals"), "finger");
-  return hand;
 }
 
 void read_looks(const Document& document, RobotDescription& robot) {
@@ -311,8 +219,11 @@ std::map<std::string, UrdfLimits> read_urdf_limits(const CheckedYaml& yaml) {
 // Kinematics, masses and limits of an arm that stands in a URDF.
 RobotDescription read_urdf(const Document& document) {
   const CheckedYaml& urdf = document.at("urdf");
+  // What one arm is beyond its make may differ from its URDF, in a file that stands on the make's.
   for (const char* key : {"joints", "flange", "inertials", "hand"}) {
-    if (const CheckedYaml* section = document.find(key)) {
+    const CheckedYaml* section = document.find(key);
+    const bool stands_on = section != nullptr && section->file() != urdf.file() && key != std::string("hand");
+    if (section != nullptr && !stands_on) {
       section->refuse("the URDF says this; remove the section, or the line 'urdf'");
     }
   }
@@ -327,7 +238,16 @@ RobotDescription read_urdf(const Document& document) {
     const auto file = urdf_file(urdf.text(), std::filesystem::path(urdf.file()).parent_path());
     std::ifstream stream(file);
     const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-    return robot_from_urdf(text, chain);
+    RobotDescription robot = robot_from_urdf(text, chain);
+    if (const CheckedYaml* joints = document.find("joints")) {
+      const std::size_t n = robot.joint_count();
+      robot.joints.clear();
+      read_joints(*joints, robot);
+      if (robot.joint_count() != n) joints->refuse("the URDF has " + std::to_string(n) + " joints");
+    }
+    if (const CheckedYaml* flange = document.find("flange")) robot.flange = read_placement(*flange);
+    if (const CheckedYaml* inertials = document.find("inertials")) read_inertials(*inertials, robot);
+    return robot;
   } catch (const std::invalid_argument& error) {
     urdf.refuse(error.what());
   }
@@ -343,12 +263,25 @@ RobotDescription read_chain(const Document& document) {
   RobotDescription robot;
   read_joints(document.at("joints"), robot);
   robot.flange = read_placement(document.at("flange"));
-  const CheckedYaml& inertials = document.at("inertials");
-  const auto links = numbered("link", 0, robot.joint_count());
-  inertials.allow_keys(links);
-  for (const auto& link : links) robot.links.push_back(read_body(inertials.at(link)));
+  read_inertials(document.at("inertials"), robot);
   read_limits(document.at("limits"), robot);
   return robot;
+}
+
+// Friction, and what one arm is and does beyond its make.
+void read_own(const Document& document, RobotDescription& robot) {
+  const std::size_t n = robot.joint_count();
+  const auto given = [&](const char* key) -> const CheckedYaml* {
+    const CheckedYaml* section = document.find(key);
+    return section == nullptr || is_taken_away(*section) ? nullptr : section;
+  };
+  if (const auto* section = given("joint_friction")) robot.friction = read_sigmoid(*section, n);
+  if (const auto* section = given("link_friction")) robot.link_friction = read_link_friction(*section, n);
+  if (const auto* section = given("torque_sensor")) robot.torque_sensor = read_torque_sensor(*section, n);
+  if (const auto* section = given("actuation")) robot.actuation = read_actuation(*section);
+  if (const auto* section = given("motor_inertia_kg_m2"))
+    robot.motor_inertia = read_motor_inertia(*section, n);
+  if (const auto* section = given("base_tilt_rad")) robot.base_tilt = read_base_tilt(*section);
 }
 
 std::filesystem::path file_of(const std::string& name_or_path) {
@@ -374,16 +307,10 @@ RobotDescription load_robot(const std::string& name_or_path) {
   robot.name = document.at("name").text();
   if (!imported || document.find("title") != nullptr) robot.title = document.at("title").text();
   robot.origin = document.origin;
-  const std::size_t n = robot.joint_count();
   if (!imported || document.find("interface_limits") != nullptr) {
     read_interface_limits(document.at("interface_limits"), robot);
   }
-  if (const CheckedYaml* friction = document.find("joint_friction")) {
-    friction->allow_keys({"p1_nm", "p2_s_per_rad", "p3_rad_per_s"});
-    robot.friction =
-        JointFriction{joint_vector(friction->at("p1_nm"), n), joint_vector(friction->at("p2_s_per_rad"), n),
-                      joint_vector(friction->at("p3_rad_per_s"), n)};
-  }
+  read_own(document, robot);
   if (!imported || document.find("home_rad") != nullptr) read_home(document.at("home_rad"), robot);
   if (!imported || document.find("self_collision") != nullptr) {
     read_self_collision(document.at("self_collision"), robot);

@@ -128,13 +128,14 @@ class ArmWriter {
     if (i > 0) {
       const auto j = static_cast<Eigen::Index>(i - 1);
       const Placement& placement = robot_.joints[i - 1];
+      const double motor = robot_.motor_inertia.size() > 0 ? robot_.motor_inertia[j] : 0.0;
       xml_.open(
           "body",
           {{"name", named(link)}, {"pos", exact(placement.position)}, {"quat", rotation_of(placement)}});
       xml_.leaf("joint", {{"name", named("joint" + number)},
                           {"axis", "0 0 1"},
                           {"range", exact(robot_.limits.q_min[j]) + " " + exact(robot_.limits.q_max[j])},
-                          {"armature", "0"},
+                          {"armature", exact(motor)},
                           {"damping", "0"},
                           {"frictionloss", "0"}});
     }

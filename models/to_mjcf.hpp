@@ -34,10 +34,10 @@ struct MjcfOptions {
 };
 
 // MJCF of one arm: body link0 at the origin, joints and torque motors (gear 1, no limit of control)
-// joint1..jointN, sites `flange` and `hand_tcp`. Armature, damping and friction are zero: what surrounds the
-// rigid body is the business of the plant. Visible geoms are in group 2 and touch nothing, collision capsules
-// are in group 3. No <option>: the scene sets time step and integrator. Throws std::invalid_argument if a
-// hand is asked for and the robot has none.
+// joint1..jointN, sites `flange` and `hand_tcp`. Armature is the motors' inertia; damping and friction are
+// zero: what surrounds the rigid body is the business of the plant. Visible geoms are in group 2 and touch
+// nothing, collision capsules are in group 3. No <option>: the scene sets time step and integrator. Throws
+// std::invalid_argument if a hand is asked for and the robot has none.
 std::string to_mjcf(const RobotDescription& robot, const MjcfOptions& options = {});
 
 // Folder of the Panda's meshes of the Python package example-robot-data, if it is installed in the project's
