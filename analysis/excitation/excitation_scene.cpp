@@ -1,0 +1,72 @@
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "analysis/excitation/excitation.hpp"
+#include "scene/fields.hpp"
+
+namespace multipanda {
+namespace {
+
+template <typename Values>
+std::string list(const Values& values, Eigen::Index n) {
+  std::string text;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    text += (text.empty() ? "[" : ", ") + number_text(values[static_cast<std::size_t>(i)]);
+  }
+  return text + "]";
+}
+
+}  // namespace
+
+std::string excitation_scene(const Excitation& excitation, const std::string& model, bool hand,
+                             const std::string& note) {
+  const ExcitationMotion& motion = excitation.motion;
+  const auto n = motion.q_start.size();
+  std::string text = fmt::format(
+      "# Excitation of {}, made by `multipanda excite`: condition number of the base regressor {:.2f}\n"
+      "# ({} parameters; best of the random motions {:.1f}). {}\n"
+      "# The room that it sweeps must be free.\n"
+      "name: excitation\n"
+      "description: Exciting motion for identification, within every limit of the arm\n"
+      "duration_s: {}\n\n"
+      "plant: {{fidelity: realistic}}\n\n"
+      "arms:\n"
+      "  - name: arm\n"
+      "    model: {}\n"
+      "    hand: {}\n"
+      "    start_rad: {}\n\n"
+      "controllets:\n"
+      "  - name: joints\n"
+      "    type: joint_impedance\n"
+      "    arms: arm\n"
+      "    inputs:\n"
+      "      joints: {{max_speed_rad_per_s: {}}}\n\n"
+      "active: joints\n\n"
+      "timeline:\n"
+      "  # To the start, wherever the arm stands; a real one goes slowly.\n"
+      "  - {{at_s: 0.1, reference: {{controllet: joints, input: joints, q_rad: {}, duration_s: 4}}}}\n"
+      "  - at_s: {}\n"
+      "    motion:\n"
+      "      controllet: joints\n"
+      "      input: joints\n"
+      "      period_s: {}\n"
+      "      cycles: {}\n"
+      "      ramp_s: {}\n",
+      model, excitation.condition, excitation.parameters, excitation.random_best, note,
+      number_text(kExcitationBegins + motion.duration() + 1), model, hand ? "true" : "false",
+      list(motion.q_start, n),
+      number_text(std::ceil(10 * motion.series.top_speed(0, static_cast<std::size_t>(n))) / 10),
+      list(motion.q_start, n), number_text(kExcitationBegins), number_text(motion.series.period_s),
+      number_text(motion.series.cycles), number_text(motion.series.ramp_s));
+  text +=
+      "      sine: " + list(motion.series.sine, n) + "\n      rise: " + list(motion.series.rise, n) + "\n";
+  if (motion.series.overtone_count > 0) text += "      overtones:\n";
+  for (std::size_t k = 0; k < motion.series.overtone_count; ++k) {
+    text += "        - sine: " + list(motion.series.overtones[k].sine, n) +
+            "\n          rise: " + list(motion.series.overtones[k].rise, n) + "\n";
+  }
+  return text;
+}
+
+}  // namespace multipanda
