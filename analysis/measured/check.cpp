@@ -257,8 +257,8 @@ void check_measured(MeasuredLog& log, double refuse_above_gap_s) {
   check_finite(log);
   check_order(log);
   check_sampling(log, refuse_above_gap_s);
+  check_frozen(log, refuse_above_gap_s);  // first: what stands still has no slope to judge
   check_units(log);
-  check_frozen(log, refuse_above_gap_s);
 }
 
 void check_robot(MeasuredLog& log, const RobotRanges& ranges) {

@@ -16,7 +16,7 @@ using testing::HasSubstr;
 
 constexpr const char* kScene = R"(name: one
 arms:
-  - {name: left, model: fer, base: {position_m: [0.1, 0.2, 0.3], rpy_rad: [0, 0, 0.5]}, load: {mass_kg: 0.4, centre_m: [0, 0, 0.1]}}
+  - {name: left, model: fer, base: {position_m: [0.1, 0.2, 0.3], rpy_rad: [0, 0, 0.5]}, load_declared: {mass_kg: 0.4, com_m: [0, 0, 0.1]}}
 controllets:
   - {name: hold, type: joint_impedance, arms: left}
 active: [hold]
