@@ -1,0 +1,171 @@
+// Fits by batched simulation against simulated arms whose numbers are known.
+#include "analysis/identification/rollout_fit.hpp"
+
+#include <gtest/gtest.h>
+
+#include "analysis/identification/simulated_log.hpp"
+
+namespace multipanda {
+namespace {
+
+using namespace test;
+
+PlantFidelity plant(double delay_s, double hz) {
+  PlantFidelity f = PlantFidelity::realistic();
+  f.command_delay_s = delay_s;
+  f.torque_bandwidth_hz = hz;
+  return f;
+}
+
+Scene loaded_scene(double delay_s, double hz, std::uint64_t seed) {
+  SceneArm arm = arm_named("a");
+  arm.load_present = {.mass = 0.5, .p_FC = {0.01, 0.02, 0.09}, .inertia_C = 0.001 * Matrix3::Identity()};
+  Scene scene = scene_of({arm}, plant(delay_s, hz));
+  scene.seed = seed;
+  return scene;
+}
+
+// From a start that is off by a millisecond and by half the bandwidth; the replayed scene has other delay and
+// bandwidth: they must not count.
+TEST(ActuationByRollouts, DelayAndBandwidthComeBack) {
+  struct Case {
+    double delay_ms, hz;
+  };
+  for (const Case& c : {Case{0, 30}, Case{1.4, 60}, Case{3, 100}}) {
+    const double whole = std::floor(c.delay_ms);
+    Scene scene = loaded_scene(0.001 * whole, c.hz, 5);
+    const MeasuredLog log = record(
+        scene, RichMotion(5), {.duration_s = 6, .dither_nm = 0.5, .part_of_period_late = c.delay_ms - whole});
+    ActuationFit start = fit_actuation(std::span(&log, 1), load_robot("fer"));
+    const Actuation quick = start.actuation;
+    start.actuation.command_delay += 0.001;
+    start.actuation.torque_bandwidth_hz *= 0.5;
+    scene.plant.command_delay_s = 0;
+    int shown = 0;
+    const ActuationRollouts fit =
+        fit_actuation_by_rollouts(std::span(&log, 1), scene, 0, start,
+                                  {.windows = 80, .threads = 2, .progress = [&](const FitProgress& p) {
+                                     EXPECT_EQ(p.pass, ++shown);
+                                     EXPECT_GT(p.rollouts, 0u);
+                                     return true;
+                                   }});
+    EXPECT_GT(shown, 0);
+    EXPECT_TRUE(fit.fit.converged);
+    EXPECT_NEAR(1e3 * fit.actuation.command_delay, c.delay_ms, 0.1);
+    EXPECT_NEAR(fit.actuation.torque_bandwidth_hz, c.hz, 0.05 * c.hz);
+    EXPECT_NEAR(1e3 * fit.actuation.command_delay, 1e3 * quick.command_delay, 0.1);
+    EXPECT_LT(fit.fit.half95[0], 0.1);
+  }
+}
+
+// The payload is not in the scene that is replayed: what it does to q and dq must not pull at the delay.
+TEST(ActuationByRollouts, AWrongMassWeighsLittle) {
+  Scene scene = loaded_scene(0.001, 50, 6);
+  const MeasuredLog log = record(scene, RichMotion(6), {.duration_s = 6, .dither_nm = 0.5});
+  const ActuationFit start = fit_actuation(std::span(&log, 1), load_robot("fer"));
+  scene.arms[0].load_present = {};
+  const ActuationRollouts fit =
+      fit_actuation_by_rollouts(std::span(&log, 1), scene, 0, start, {.threads = 2});
+  EXPECT_NEAR(1e3 * fit.actuation.command_delay, 1, 0.1);
+  EXPECT_NEAR(fit.actuation.torque_bandwidth_hz, 50, 2.5);
+}
+
+// The tool presses with 5 to 25 N and more or less slides on a table.
+struct Pressed {
+  Scene scene;
+  MeasuredLog log;
+};
+
+Pressed press(double stiffness, const ToolShape& tool, double friction, std::uint64_t seed,
+              double payload = 0, double amplitude = 10) {
+  SceneArm arm = arm_named("a", {}, false);
+  arm.tool_shapes = {tool};
+  const double reach =
+      tool.X_FS.position.z() + 0.5 * (tool.shape == ShapeType::box ? tool.size.z() : tool.size.x());
+  arm.X_FE = pose(0, 0, reach);
+  if (payload > 0)
+    arm.load_present = {.mass = payload, .p_FC = {0, 0, 0.05}, .inertia_C = 5e-4 * Matrix3::Identity()};
+  ModelTerms terms = terms_of(arm);
+  terms.set_config({*arm.X_FE, {}}, {}, {});
+  terms.update(arm.q_start, joint_constant(7, 0));
+  const Pose X_WE = terms.X_WE();
+  SceneObject table;
+  table.name = "table";
+  table.size = {0.3, 0.3, 0.1};
+  table.X_WO = {X_WE.rotation, X_WE.position + 0.05 * X_WE.rotation.col(2)};
+  table.contact = SurfaceContact{.stiffness_n_per_m = stiffness, .damping_ratio = 0.5};
+  table.friction = friction;
+  PlantFidelity noisy;
+  noisy.noise_q_rad = 1e-5;
+  noisy.noise_dq_rad_per_s = 1e-3;
+  noisy.noise_tau_nm = 0.05;
+  Pressed p{.scene = scene_of({arm}, noisy), .log = {}};
+  p.scene.seed = seed;
+  p.scene.objects = {table};
+  Loop loop(p.scene);
+  loop.unwatch();
+  constexpr Eigen::Index kRows = 6000;
+  MeasuredLog& log = p.log;
+  log.source = "pressed";
+  log.t.resize(kRows);
+  for (auto* m : {&log.q, &log.dq, &log.tau, &log.gravity}) m->resize(kRows, 7);
+  for (Eigen::Index k = 0; k < kRows; ++k) {
+    const double t = 0.001 * static_cast<double>(k);
+    terms.update(loop.state());
+    Vector6 push = Vector6::Zero();
+    push.head<3>() = (15 + amplitude * std::sin(2 * M_PI * 0.8 * t)) * X_WE.rotation.col(2);
+    loop.commands[0].tau_cmd = terms.J_V_WE().transpose() * push -
+                               terms.M() * (40 * loop.state().dq + 400 * (loop.state().q - arm.q_start));
+    log.t[k] = t;
+    log.q.row(k) = loop.state().q;
+    log.dq.row(k) = loop.state().dq;
+    log.tau.row(k) = loop.state().tau_J;
+    loop.step();
+  }
+  return p;
+}
+
+ToolShape ball() {
+  return {.shape = ShapeType::sphere, .size = Vector3(0.04, 0, 0), .X_FS = pose(0, 0, 0.2)};
+}
+ToolShape pad() { return {.shape = ShapeType::box, .size = {0.06, 0.06, 0.02}, .X_FS = pose(0, 0, 0.1)}; }
+
+// The replayed scene begins with another stiffness and a table that stands 1 mm elsewhere.
+void expect_stiffness(Pressed p, double stiffness, const std::string& what) {
+  p.scene.objects[0].contact->stiffness_n_per_m = 5000;
+  p.scene.objects[0].X_WO.position += 1e-3 * p.scene.objects[0].X_WO.rotation.col(2);  // inwards
+  const SurfaceFit fit = fit_surface(p.log, p.scene, 0, "table", {.windows = 60, .threads = 2});
+  EXPECT_NEAR(fit.stiffness, stiffness, 0.05 * stiffness) << what;
+  EXPECT_TRUE(fit.fit.converged) << what;
+  EXPECT_LT(fit.stiffness_half95, 0.05 * stiffness) << what;
+}
+
+TEST(SurfaceByRollouts, StiffnessComesBack) {
+  for (const double K : {1e3, 1e4, 1e5}) {
+    expect_stiffness(press(K, ball(), 0, 11), K, "ball");
+  }
+  expect_stiffness(press(2e4, pad(), 0.3, 12), 2e4, "pad");
+  expect_stiffness(press(3e4, ball(), 0.3, 13), 3e4, "ball, sliding");
+}
+
+// 0.4 kg that nobody knows of press with 4 N more: only the change of force counts.
+TEST(SurfaceByRollouts, AnUnknownPayloadDoesNotSpoilIt) {
+  Pressed p = press(1e4, ball(), 0, 14, 0.4);
+  p.scene.arms[0].load_present = {};
+  expect_stiffness(p, 1e4, "payload");
+}
+
+TEST(SurfaceByRollouts, RefusesWhatCannotTell) {
+  const Pressed p = press(1e4, ball(), 0, 15, 0, 0);
+  EXPECT_THROW((void)fit_surface(p.log, p.scene, 0, "table"), LogRefused);  // always the same force
+  EXPECT_THROW((void)fit_surface(p.log, p.scene, 0, "tabel"), std::invalid_argument);
+  Scene far = p.scene;
+  far.objects[0].X_WO.position.z() -= 1;
+  EXPECT_THROW((void)fit_surface(p.log, far, 0, "table"), LogRefused);  // no contact
+  Scene bare = p.scene;
+  bare.arms[0].tool_shapes.clear();
+  EXPECT_THROW((void)fit_surface(p.log, bare, 0, "table"), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace multipanda

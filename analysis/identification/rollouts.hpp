@@ -1,0 +1,65 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "backends/mujoco/plant.hpp"
+#include "core/model/model_terms.hpp"
+#include "models/robot_description.hpp"
+
+// Many short simulations of one arm of a scene at once, on MuJoCo's own thread pool (mjbatch).
+namespace multipanda {
+
+// One simulation's world and workspace, owned by the batch; used by one thread at a time.
+struct RolloutMember {
+  mjModel* model = nullptr;           // its own: what a candidate changes is changed here
+  mjData* data = nullptr;             // lent for the call
+  std::unique_ptr<ModelTerms> terms;  // the arm's own model, with declared tool and load
+  JointVector q, dq, tau;             // workspace (n x 1)
+};
+
+// What a rollout is told of its world; the same for all members.
+struct RolloutWorld {
+  const World* world = nullptr;  // where things are in the model
+  std::size_t joints = 0;
+  std::size_t substeps = 1;
+  double dt = 0.001;  // of a physics step [s]
+};
+
+class Rollouts {
+ public:
+  // The scene's arm alone, as its plant model has it, with the scene's fixed objects; fingers closed, nothing
+  // of the timeline happens. Throws std::invalid_argument where the scene cannot be built.
+  // threads 0: one per core.
+  Rollouts(const Scene& scene, std::size_t arm, std::size_t members, int threads = 0);
+  ~Rollouts();
+
+  std::size_t size() const { return members_.size(); }
+  const RolloutWorld& world() const { return world_; }
+  RolloutMember& member(std::size_t i) { return members_[i]; }
+  // Runs `work` for the members 0 to count - 1, on all threads. `work` must not throw. False where MuJoCo
+  // reported an error or the state ran away: the text is in error().
+  using Work = std::function<void(RolloutMember& member, std::size_t index)>;
+  bool run(std::size_t count, const Work& work);
+  const std::string& error() const { return error_; }
+
+  // Puts the arm of a member into a state, everything else to the start (n x 1 each).
+  void begin(RolloutMember& member, const JointVector& q, const JointVector& dq) const;
+  // One control period: `torque` is what acts on the joints apart from `friction` [N m] (n x 1); afterwards
+  // q and dq of the member, and `tau`: what the joints felt.
+  void period(RolloutMember& member, const JointVector& torque, const JointFriction* friction) const;
+
+ private:
+  std::unique_ptr<MujocoPlant> plant_;  // its world: places by name
+  RolloutWorld world_;
+  std::vector<RolloutMember> members_;
+  struct Batch;
+  std::unique_ptr<Batch> batch_;
+  std::string error_;
+};
+
+}  // namespace multipanda
