@@ -1,0 +1,58 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "analysis/measured/measured_log.hpp"
+
+// Two logs of one task on one time axis.
+namespace multipanda {
+
+// What is compared. Per joint, or along the three axes of the world.
+struct Quantity {
+  const char* name;  // "F_EE"
+  const char* what;  // for people
+  const char* unit;
+  bool per_joint;
+  double paper;  // largest RMSE between simulation and real arms in the paper's tasks 1-5; 0: none stated
+};
+// q, dq, tau (at the sensor, gravity included), x_EE (position in the world), F_EE (estimated force, world
+// axes), C_err (control error tau_d - (tau - gravity)), M_EE (estimated moment, world axes).
+const std::vector<Quantity>& quantities();
+
+// Series of a quantity in a log (N x axes); no rows where the log does not tell it.
+Eigen::MatrixXd series_of(const MeasuredLog& log, const Quantity& quantity);
+
+struct AlignOptions {
+  double max_lag_s = 1.0;                             // searched on both sides
+  std::optional<double> lag_s;                        // given instead of searched
+  std::optional<std::pair<double, double>> window_s;  // from, to: since the real log's start
+};
+
+// Real and simulated series every millisecond of the common time, t since the real log's start.
+struct AlignedPair {
+  std::string real_source, sim_source;
+  double lag_s = 0;        // the simulation shows at t + lag what the real log shows at t
+  double correlation = 0;  // of the two at this lag, 0 to 1
+  std::string aligned_by;  // "dq", "q", "tau", "given"; "start": nothing to align by
+  Eigen::VectorXd t;       // [s] (N)
+  struct Series {
+    Eigen::MatrixXd real, sim;  // (N x axes); no rows: not in both logs
+    std::string missing;        // which of the logs lacks it; empty: neither
+  };
+  std::vector<Series> series;  // in the order of quantities()
+  std::vector<std::string> warnings;
+};
+
+// Lag: maximum of the normalised cross-correlation of joint velocities (where the arm hardly moves: of
+// positions, else of torques), all joints together,
+//   r(L) = sum a_k b_{k+L} / sqrt(sum a_k^2 sum b_{k+L}^2)   over the samples that overlap, at least half,
+// on a grid of 1 ms, refined by the parabola through the three highest values. A log and itself: exactly 0.
+// Between samples series are interpolated linearly. Throws LogRefused: other joints, no common time.
+AlignedPair align(const MeasuredLog& real, const MeasuredLog& sim, const AlignOptions& options = {});
+
+}  // namespace multipanda
