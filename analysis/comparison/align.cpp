@@ -141,8 +141,8 @@ void find_lag(const MeasuredLog& real, const MeasuredLog& sim, const AlignOption
 
 }  // namespace
 
-const std::vector<Quantity>& quantities() {
-  static const std::vector<Quantity> all{
+const std::vector<ComparedQuantity>& quantities() {
+  static const std::vector<ComparedQuantity> all{
       {"q", "joint position", "rad", true, 0.06},       {"dq", "joint velocity", "rad/s", true, 0.05},
       {"tau", "joint torque", "N m", true, 1.3},        {"x_EE", "end-effector position", "m", false, 0.013},
       {"F_EE", "end-effector force", "N", false, 1.7},  {"C_err", "control error", "N m", true, 0.6},
@@ -151,7 +151,7 @@ const std::vector<Quantity>& quantities() {
   return all;
 }
 
-MatrixXd series_of(const MeasuredLog& log, const Quantity& quantity) {
+MatrixXd series_of(const MeasuredLog& log, const ComparedQuantity& quantity) {
   const std::string name = quantity.name;
   if (name == "q") return log.q;
   if (name == "dq") return log.dq;
@@ -191,7 +191,7 @@ AlignedPair align(const MeasuredLog& real, const MeasuredLog& sim, const AlignOp
   }
   pair.t = grid(from, to);
   const VectorXd real_t = since_start(real), sim_t = since_start(sim), shifted = pair.t.array() + pair.lag_s;
-  for (const Quantity& quantity : quantities()) {
+  for (const ComparedQuantity& quantity : quantities()) {
     AlignedPair::Series series;
     const MatrixXd in_real = series_of(real, quantity), in_sim = series_of(sim, quantity);
     const bool no_real = in_real.rows() == 0, no_sim = in_sim.rows() == 0;

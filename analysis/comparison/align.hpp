@@ -13,7 +13,7 @@
 namespace multipanda {
 
 // What is compared. Per joint, or along the three axes of the world.
-struct Quantity {
+struct ComparedQuantity {
   const char* name;  // "F_EE"
   const char* what;  // for people
   const char* unit;
@@ -22,10 +22,10 @@ struct Quantity {
 };
 // q, dq, tau (at the sensor, gravity included), x_EE (position in the world), F_EE (estimated force, world
 // axes), C_err (control error tau_d - (tau - gravity)), M_EE (estimated moment, world axes).
-const std::vector<Quantity>& quantities();
+const std::vector<ComparedQuantity>& quantities();
 
 // Series of a quantity in a log (N x axes); no rows where the log does not tell it.
-Eigen::MatrixXd series_of(const MeasuredLog& log, const Quantity& quantity);
+Eigen::MatrixXd series_of(const MeasuredLog& log, const ComparedQuantity& quantity);
 
 struct AlignOptions {
   double max_lag_s = 1.0;                             // searched on both sides

@@ -52,7 +52,7 @@ void add_noise_floor(std::span<const MeasuredLog> real, double most, Comparison&
   }
 }
 
-std::vector<std::string> axes_of(const Quantity& quantity, Index joints) {
+std::vector<std::string> axes_of(const ComparedQuantity& quantity, Index joints) {
   if (!quantity.per_joint) return {"x", "y", "z"};
   std::vector<std::string> names;
   for (Index j = 1; j <= joints; ++j) names.push_back(std::to_string(j));
@@ -116,7 +116,7 @@ Comparison compare(std::span<const MeasuredLog> real, std::span<const MeasuredLo
     throw std::invalid_argument("a comparison needs a real and a simulated log");
   Comparison out;
   out.arm = !real[0].arm.empty() ? real[0].arm : sim[0].arm;
-  for (const Quantity& quantity : quantities())
+  for (const ComparedQuantity& quantity : quantities())
     out.quantities.push_back({quantity.name,
                               quantity.what,
                               quantity.unit,

@@ -40,7 +40,7 @@ class Reader {
     if (!map.IsMap()) refuse(map, "expected a mapping of quantities to limits, such as 'F_EE: {rmse: 1.7}'");
     std::vector<std::string> names{"lag_s"};
     if (outermost) names.emplace_back("arms");
-    for (const Quantity& quantity : quantities()) names.emplace_back(quantity.name);
+    for (const ComparedQuantity& quantity : quantities()) names.emplace_back(quantity.name);
     std::vector<GateLimit> out;
     for (const auto& entry : map) {
       const auto name = entry.first.as<std::string>();
