@@ -1,0 +1,33 @@
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "analysis/identification/candidates.hpp"
+#include "analysis/identification/identify.hpp"
+
+// Steps that identify() and its payload mode share; not for others.
+namespace multipanda {
+
+// Smallest eigenvalue of a prior's second moment: a link that is nearly flat would hold its parameters fast.
+inline constexpr double kLeastSecondMoment = 1e-3;  // [kg m^2]
+
+struct FilteredLogs {
+  std::vector<FilteredLog> logs;
+  double seconds = 0;
+};
+// Throws LogRefused: no logs, too short, another robot.
+FilteredLogs filtered_logs(std::span<const MeasuredLog> logs, const RobotDescription& prior);
+
+void put_scores(const CrossValidation& validation, const Candidates& candidates, std::size_t joints,
+                bool choose, Identification& out);
+
+// Predictions beside each other on all logs: rmse_all, series, other models of the same kinematics.
+void put_predictions(std::span<const FilteredLog> logs, const RobotDescription& prior,
+                     const IdentifyOptions& options, Identification& out);
+
+// `body` is of the arm as known: hand, tool.
+Identification identify_payload(std::span<const MeasuredLog> logs, const RobotDescription& prior,
+                                const IdentifyOptions& options);
+
+}  // namespace multipanda
