@@ -339,6 +339,14 @@ class FrontDoor(unittest.TestCase):
         self.assertTrue(result.stdout.endswith("full=1\n"), result.stdout)
         self.assertNotIn("--full", result.stdout)
 
+    def test_test_says_why_something_was_skipped(self):
+        log = "build/Testing/Temporary/LastTest.log"
+        reason = "skipped: no such tool here, install it"
+        self.fake("ctest", f'mkdir -p {self.tree}/build/Testing/Temporary; printf "Output:\\n{reason}\\n" > {self.tree}/{log}')
+        result = self.call("test")
+        self.assertEqual(result.returncode, 0)
+        self.assertIn("multipanda: " + reason, result.stderr)
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -57,8 +57,8 @@ find_ros() {
 
 found=
 if ! find_ros; then
-  say "no ROS 2 with controller_manager found: the ros2_control packages were not built and not tested."
-  say "Source one, or set MULTIPANDA_ROS2_PREFIX to its folder (such as /opt/ros/jazzy), and test again."
+  printf 'skipped: %s %s\n' "no ROS 2 with controller_manager found: the ros2_control packages were not built and not tested." \
+    "Source one, or set MULTIPANDA_ROS2_PREFIX to its folder (such as /opt/ros/jazzy), and test again."
   exit 77
 fi
 if ! command -v colcon >/dev/null; then

@@ -17,7 +17,7 @@ import yaml
 try:
     import xacro
 except ImportError:
-    print("xacro is not installed: the ROS description is not expanded here")
+    print("skipped: xacro is not installed: the ROS description is not expanded here")
     sys.exit(77)
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]

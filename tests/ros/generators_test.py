@@ -17,7 +17,7 @@ try:
     import multipanda_msgs.msg  # noqa: F401
     import rclpy  # noqa: F401
 except ImportError as missing:
-    print(f"this Python has no ROS interfaces of this build: {missing}")
+    print(f"skipped: this Python has no ROS interfaces of this build: {missing}")
     sys.exit(77)
 
 from geometry_msgs.msg import PoseStamped  # noqa: E402
