@@ -46,6 +46,12 @@ void scale(ExcitationMotion& motion, double factor) {
   motion = with_coefficients(motion, x);
 }
 
+// To what a file shows in a few digits: a tenth of a milliradian.
+ExcitationMotion rounded(const ExcitationMotion& motion) {
+  const Eigen::VectorXd x = coefficients_of(motion);
+  return with_coefficients(motion, x.unaryExpr([](double v) { return std::round(v * 1e4) / 1e4; }));
+}
+
 ExcitationMotion shape_of(const RobotDescription& robot, const ExcitationOptions& options) {
   ExcitationMotion shape;
   shape.q_start = robot.q_home;
@@ -216,8 +222,9 @@ Excitation optimise_excitation(const RobotDescription& robot, const ExcitationOp
   const auto accept = [&](const ExcitationMotion& motion) {
     const double condition = condition_of(conditions[0], motion);
     if (condition >= best.condition) return;
-    ExcitationMotion candidate = motion;
-    for (int smaller = 0; smaller < 4; ++smaller, scale(candidate, 0.98)) {
+    ExcitationMotion scaled = motion;
+    for (int smaller = 0; smaller < 4; ++smaller, scale(scaled, 0.98)) {
+      const ExcitationMotion candidate = rounded(scaled);
       if (!fits(last_word.use(candidate, kRandomStep)) || !fits(last_word.use(candidate, kFineStep)))
         continue;
       const double own = condition_of(conditions[0], candidate);

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -23,6 +24,10 @@ std::string excitation_scene(const Excitation& excitation, const std::string& mo
                              const std::string& note) {
   const ExcitationMotion& motion = excitation.motion;
   const auto n = motion.q_start.size();
+  double fastest = 0;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    fastest = std::max(fastest, motion.series.top_speed(static_cast<std::size_t>(i), 1));
+  }
   std::string text = fmt::format(
       "# Excitation of {}, made by `multipanda excite`: condition number of the base regressor {:.2f}\n"
       "# ({} parameters; best of the random motions {:.1f}). {}\n"
@@ -56,7 +61,7 @@ std::string excitation_scene(const Excitation& excitation, const std::string& mo
       model, excitation.condition, excitation.parameters, excitation.random_best, note,
       number_text(kExcitationBegins + motion.duration() + 1), model, hand ? "true" : "false",
       list(motion.q_start, n),
-      number_text(std::ceil(10 * motion.series.top_speed(0, static_cast<std::size_t>(n))) / 10),
+      number_text(std::ceil(10 * fastest) / 10),
       list(motion.q_start, n), number_text(kExcitationBegins), number_text(motion.series.period_s),
       number_text(motion.series.cycles), number_text(motion.series.ramp_s));
   text +=

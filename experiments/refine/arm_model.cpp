@@ -1,0 +1,75 @@
+#include "experiments/refine/arm_model.hpp"
+
+#include <fmt/format.h>
+
+#include "analysis/identification/actuation.hpp"
+#include "analysis/identification/identify.hpp"
+#include "models/write_robot.hpp"
+
+namespace multipanda {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json list(const Eigen::VectorXd& values) {
+  Json json = Json::array();
+  for (const double value : values) json.push_back(value);
+  return json;
+}
+
+}  // namespace
+
+RefinedArm identify_arm(const SceneArm& arm, const RobotDescription& prior, std::span<const MeasuredLog> logs,
+                        const ArmModelOptions& options) {
+  IdentifyOptions identify_options{.hand = arm.hand && prior.hand.has_value()};
+  if (arm.tool.mass > 0) {
+    identify_options.tool = RigidBody{arm.tool.mass, arm.tool.p_FC, arm.tool.inertia_C};
+  }
+  identify_options.gravity_B = arm.X_WB.rotation.transpose() * Vector3(0, 0, -9.81);
+  if (!options.family.empty()) {
+    identify_options.families = {options.family};
+    identify_options.choose = false;
+  }
+  identify_options.threads = static_cast<unsigned>(options.threads);
+  const Identification found = identify(logs, prior, identify_options);
+  const ActuationFit actuation = fit_actuation(logs, prior);
+  RobotDescription robot = found.robot;
+  apply(actuation, robot);
+  write_robot(robot, prior, options.file);
+
+  RefinedArm result{.arm = arm.name, .model = options.file, .found = {}, .warnings = found.warnings};
+  result.warnings.insert(result.warnings.end(), actuation.warnings.begin(), actuation.warnings.end());
+  result.found = {{"family", found.family},
+                  {"seconds_used", found.seconds_used},
+                  {"rmse_train", list(found.rmse_train)},
+                  {"rmse_heldout", list(found.rmse_heldout)},
+                  {"rmse_all", list(found.rmse_all)},
+                  {"rmse_mean", found.rmse_all.size() > 0 ? found.rmse_all.mean() : 0},
+                  {"consistent", found.consistent},
+                  {"dissipative", found.dissipative},
+                  {"delay_s", actuation.actuation.command_delay},
+                  {"delay_half95_s", actuation.delay_half95},
+                  {"bandwidth_hz", actuation.actuation.torque_bandwidth_hz},
+                  {"bandwidth_half95_hz", actuation.bandwidth_half95},
+                  {"friction_scale", list(actuation.friction_scale)},
+                  {"torque_noise_nm", actuation.noise}};
+  return result;
+}
+
+std::string in_words(const RefinedArm& arm) {
+  const Json& found = arm.found;
+  std::string text = fmt::format(
+      "explains its torque to {:.3f} N m ({}), delay {:.2f} ms, torque bandwidth {:.1f} Hz, noise {:.3f} N m",
+      found["rmse_mean"].get<double>(), found["family"].get<std::string>(),
+      1e3 * found["delay_s"].get<double>(), found["bandwidth_hz"].get<double>(),
+      found["torque_noise_nm"].get<double>());
+  const Json& scales = found["friction_scale"];
+  if (!scales.empty()) {
+    double mean = 0;
+    for (const auto& scale : scales) mean += scale.get<double>() / static_cast<double>(scales.size());
+    text += fmt::format(", friction {:.2f} of the table", mean);
+  }
+  return text;
+}
+
+}  // namespace multipanda
