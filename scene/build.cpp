@@ -103,6 +103,18 @@ Registry build_registry(const std::vector<std::string>& plugins) {
 
 RobotDescription robot_of(const SceneArm& arm) { return load_robot(arm.model); }
 
+RobotDescription plant_robot_of(const SceneArm& arm) {
+  if (arm.plant_robot) return *arm.plant_robot;
+  return arm.plant_model.empty() ? robot_of(arm) : load_robot(arm.plant_model);
+}
+
+Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant) {
+  if (plant.base_tilt.isZero(0)) return arm.X_WB;
+  Pose X_WB = arm.X_WB;
+  X_WB.rotation *= rotation_from_rpy({plant.base_tilt.x(), plant.base_tilt.y(), 0});
+  return X_WB;
+}
+
 std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm) {
   const RobotDescription robot = robot_of(arm);
   ArmModelSource source = arm_model_source(robot, arm.X_WB, arm.hand);

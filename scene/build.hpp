@@ -19,6 +19,12 @@ Registry build_registry(const std::vector<std::string>& plugins);
 // The robot of an arm: kinematics, inertials, limits, capsules, hand. Throws std::invalid_argument.
 RobotDescription robot_of(const SceneArm& arm);
 
+// What the simulated arm truly is: what plant_robot or plant_model say, else what its controllers believe.
+// Throws std::invalid_argument.
+RobotDescription plant_robot_of(const SceneArm& arm);
+// Where its base truly stands: X_WB, turned by the tilt of `plant`.
+Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant);
+
 // What the controllers know of the arm: links and hand; tool and declared load come with the ArmState
 // (arm_config). `limits` of the model are the maker's; the scene's are in SceneArm::safety.
 std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm);

@@ -68,23 +68,39 @@ bool read_known_friction(const Mapping& arm, const RobotDescription& robot) {
   return true;
 }
 
-RobotDescription read_model(const Mapping& arm, SceneArm& out) {
-  const Entry entry = arm.entry("model");
-  out.model = arm.text("model");
-  const bool path = out.model.find('/') != std::string::npos || out.model.ends_with(".yaml");
-  if (path && std::filesystem::path(out.model).is_relative()) {
-    out.model = (std::filesystem::path(entry.file().folder) / out.model).lexically_normal().string();
-    if (out.model.find('/') == std::string::npos) out.model = "./" + out.model;
+// The robot that `key` names; `name`: as load_robot knows it from wherever the program runs.
+RobotDescription read_robot(const Mapping& arm, const char* key, std::string& name) {
+  const Entry entry = arm.entry(key);
+  name = arm.text(key);
+  const bool path = name.find('/') != std::string::npos || name.ends_with(".yaml");
+  if (path && std::filesystem::path(name).is_relative()) {
+    name = (std::filesystem::path(entry.file().folder) / name).lexically_normal().string();
+    if (name.find('/') == std::string::npos) name = "./" + name;
   }
   const auto known = available_robots();
-  if (!path && std::find(known.begin(), known.end(), out.model) == known.end()) {
-    entry.refuse("there is no robot model " + in_quotes(out.model) +
-                 name_hint(out.model, known, "there are no models"));
+  if (!path && std::find(known.begin(), known.end(), name) == known.end()) {
+    entry.refuse("there is no robot model " + in_quotes(name) +
+                 name_hint(name, known, "there are no models"));
   }
   try {
-    return load_robot(out.model);
+    return load_robot(name);
   } catch (const std::invalid_argument& error) {
     entry.refuse(error.what());
+  }
+}
+
+// What the simulated arm truly is, where the scene says so.
+void read_plant_model(const Mapping& mapping, const RobotDescription& robot, SceneArm& arm) {
+  if (!mapping.has("plant_model")) return;
+  const RobotDescription plant = read_robot(mapping, "plant_model", arm.plant_model);
+  const Entry entry = mapping.entry("plant_model");
+  if (plant.joint_count() != robot.joint_count()) {
+    entry.refuse("the model " + in_quotes(arm.plant_model) + " has " + std::to_string(plant.joint_count()) +
+                 " joints, " + in_quotes(arm.model) + " has " + std::to_string(robot.joint_count()) +
+                 "; expected as many");
+  }
+  if (arm.hand && !plant.hand) {
+    entry.refuse("the model " + in_quotes(arm.plant_model) + " has no hand; expected one, or 'hand: false'");
   }
 }
 
@@ -222,13 +238,14 @@ SceneArm read_arm(Mapping mapping, SceneReader& reader) {
     }
   }
   mapping.rename("arm '" + arm.name + "'");
-  const RobotDescription robot = read_model(mapping, arm);
+  const RobotDescription robot = read_robot(mapping, "model", arm.model);
   arm.hand = mapping.boolean("hand");
   if (arm.hand && !robot.hand) {
     const bool asked = mapping.has("hand");
     mapping.entry("hand").refuse("the model " + in_quotes(arm.model) + " has no hand; " +
                                  (asked ? "expected 'hand: false'" : "write 'hand: false'"));
   }
+  read_plant_model(mapping, robot, arm);
   read_grippers(mapping, arm);
   arm.X_WB = read_pose(mapping.section("base"));
   check_room(mapping, robot, reader, arm);

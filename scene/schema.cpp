@@ -197,6 +197,11 @@ const Section& arm() {
         .fallback = "fer",
         .doc = "A robot of models/ (`fer`, `fer_maker`, `fr3`), or the path of a model file, relative to "
                "this file."},
+       {.key = "plant_model",
+        .kind = FieldKind::text,
+        .doc = "What the simulated arm truly is, where that is not what `model` tells its controllers and "
+               "its own "
+               "firmware: a model as above, of as many joints (docs/simulation.md)."},
        {.key = "hand",
         .kind = FieldKind::boolean,
         .fallback = "true",

@@ -19,7 +19,7 @@ std::uint64_t seed_of(std::uint64_t scene_seed, std::size_t arm) {
 
 SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm) {
   const ArmConfig config = arm_config(scene.arms[arm]);
-  const RobotDescription robot = robot_of(scene.arms[arm]);
+  const RobotDescription robot = robot_of(scene.arms[arm]), plant = plant_robot_of(scene.arms[arm]);
   return {.model = build_arm_model(scene.arms[arm]),
           .frames = config.frames,
           .tool = config.tool,
@@ -30,6 +30,8 @@ SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm) {
           .thresholds = scene.arms[arm].collision,
           .joint_stiffness = scene.arms[arm].joint_stiffness,
           .cartesian_stiffness = scene.arms[arm].cartesian_stiffness,
+          .actuation = plant.actuation,
+          .torque_sensor = plant.torque_sensor,
           .friction = friction_of(scene, robot),
           .motion_limits = MotionLimits::of(robot)};
 }

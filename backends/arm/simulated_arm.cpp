@@ -36,6 +36,23 @@ SimulatedArmConfig checked(SimulatedArmConfig config, const JointVector& q_start
   for (const Load* load : {&config.tool, &config.load}) {
     if (const auto why = check_load(*load); !why.empty()) throw std::invalid_argument(why);
   }
+  if (config.torque_sensor) {
+    for (const auto* v : {&config.torque_sensor->gain, &config.torque_sensor->offset}) {
+      if (v->size() != 0 && v->size() != n) {
+        throw std::invalid_argument("the torque sensor of arm model '" + name + "' is given for " +
+                                    std::to_string(v->size()) + " joints, the arm has " + std::to_string(n));
+      }
+    }
+    config.plant.noise_tau_nm = config.torque_sensor->noise;
+  }
+  if (config.actuation) {
+    config.plant.torque_bandwidth_hz = config.actuation->torque_bandwidth_hz;
+    config.plant.command_delay_s = config.actuation->command_delay;
+    if (!(config.plant.command_delay_s >= 0 && config.plant.command_delay_s <= 1)) {
+      throw std::invalid_argument("the command delay of arm model '" + name + "' must be 0 to 1 s");
+    }
+    return config;
+  }
   const double periods = config.plant.command_delay_s / config.period_s;
   if (!(periods >= 0) || std::abs(periods - std::round(periods)) > 1e-6 || periods > 1000) {
     throw std::invalid_argument("the command delay must be a whole number of control periods of " +
@@ -87,9 +104,11 @@ SimulatedArm::SimulatedArm(SimulatedArmConfig config, const JointVector& q_start
       self_collision_(*config_.model),
       contact_(config_.model->joint_count()) {
   const JointVector zero = joint_constant(joint_count(), 0);
-  const auto periods =
-      static_cast<std::size_t>(std::lround(config_.plant.command_delay_s / config_.period_s));
-  delay_line_.assign(periods, {.valid = false, .tau = zero});
+  constexpr double kRounding = 1e-6;  // of a period
+  const double periods = config_.plant.command_delay_s / config_.period_s;
+  delay_fraction_ = periods - std::floor(periods + kRounding);
+  if (delay_fraction_ < kRounding) delay_fraction_ = 0;
+  delay_line_.assign(static_cast<std::size_t>(std::ceil(periods - kRounding)), {.valid = false, .tau = zero});
   in_use_.tau = zero;
   last_command_ = tau_wanted_ = tau_follow_ = tau_tracked_ = tau_motor_ = q_hold_ = tau_hold_ = zero;
   state_.q = state_.dq = state_.tau_J = state_.tau_J_d = zero;
@@ -199,6 +218,14 @@ void SimulatedArm::push_command(const JointVector& tau_cmd) {
   delay_line_[delay_next_].valid = true;
   delay_line_[delay_next_].tau = tau_cmd;
   delay_next_ = (delay_next_ + 1) % delay_line_.size();
+  if (delay_fraction_ == 0) return;
+  // Each command is held for a period: a part of this one still passes with the one before, and the motors
+  // get the mean.
+  const Command& newer = delay_line_[delay_next_];
+  own_share_ = newer.valid && !in_use_.valid ? delay_fraction_ : 0.0;
+  if (!in_use_.valid) in_use_.tau.setZero();
+  in_use_.tau = (1 - delay_fraction_) * newer.tau + delay_fraction_ * in_use_.tau;
+  in_use_.valid = newer.valid;
 }
 
 void SimulatedArm::take_command(const JointVector& tau_cmd) {

@@ -37,9 +37,12 @@ struct SimulatedArmConfig {
   std::optional<SetCollisionThresholds> thresholds;
   std::optional<JointVector> joint_stiffness;  // [N m/rad] (n x 1)
   std::optional<Vector6> cartesian_stiffness;  // in K [N/m, N m/rad]
-  std::optional<JointFriction> friction;       // of the joints: what the arm's own controllers know of it
-  MotionLimits motion_limits;                  // of the control interface: MotionLimits::of(robot)
-  std::optional<WorkspaceBox> workspace;       // of the end effector's origin, in B; none: not watched
+  // Of this arm alone, in place of the fidelity's tracking, delay and noise on tau; none: as there.
+  std::optional<Actuation> actuation;
+  std::optional<TorqueSensor> torque_sensor;
+  std::optional<JointFriction> friction;  // of the joints: what the arm's own controllers know of it
+  MotionLimits motion_limits;             // of the control interface: MotionLimits::of(robot)
+  std::optional<WorkspaceBox> workspace;  // of the end effector's origin, in B; none: not watched
 };
 
 // What the arm's sensors see at the end of a control period, before noise.
@@ -180,10 +183,15 @@ class SimulatedArm {
     bool valid = false;  // false: none came, the arm holds by itself
     JointVector tau;
   };
-  std::vector<Command> delay_line_;  // a ring of as many commands as the delay has periods
+  // A ring of as many commands as the delay has periods, begun ones counted. Of the period begun last only
+  // the share delay_fraction_ passes with the older of two commands in use; with none older, as the arm's
+  // own.
+  std::vector<Command> delay_line_;
+  double delay_fraction_ = 0, own_share_ = 0;
   std::size_t delay_next_ = 0;
   Command in_use_;
   JointVector last_command_, tau_wanted_, tau_follow_, tau_tracked_, tau_motor_;
+  JointVector tau_shown_;  // by the torque sensors, before noise
 
   // Holding by itself
   JointVector q_hold_, tau_hold_;

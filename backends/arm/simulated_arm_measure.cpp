@@ -34,7 +34,13 @@ void SimulatedArm::sense(const PlantMeasurement& plant) {
   noisy(plant.q, config_.plant.noise_q_rad, state_.q);
   noisy(plant.dq, config_.plant.noise_dq_rad_per_s, state_.dq);
   interface_.dtau_J = -state_.tau_J / config_.period_s;
-  noisy(plant.tau_link, config_.plant.noise_tau_nm, state_.tau_J);
+  tau_shown_ = plant.tau_link;
+  if (config_.torque_sensor) {
+    const TorqueSensor& sensor = *config_.torque_sensor;
+    if (sensor.gain.size() > 0) tau_shown_ = tau_shown_.cwiseProduct(sensor.gain);
+    if (sensor.offset.size() > 0) tau_shown_ += sensor.offset;
+  }
+  noisy(tau_shown_, config_.plant.noise_tau_nm, state_.tau_J);
   interface_.dtau_J += state_.tau_J / config_.period_s;
   state_.tau_J_d = tau_wanted_;
   state_.has_contact_truth = plant.has_contact_truth;

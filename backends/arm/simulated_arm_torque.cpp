@@ -99,6 +99,7 @@ const JointVector& SimulatedArm::motor_torque(const JointVector& q, const JointV
     tau_wanted_ = follow_torque();
   } else {
     tau_wanted_ = moving_ && in_use_.valid ? in_use_.tau : hold_torque(q, dq);
+    if (moving_ && in_use_.valid && own_share_ > 0) tau_wanted_ += own_share_ * hold_torque(q, dq);
   }
   if (config_.plant.torque_bandwidth_hz > 0) {
     // Exact for a command that stands still during dt.

@@ -20,14 +20,14 @@ bool has_fingers(const SceneArm& arm) { return arm.hand && arm.movable_fingers.v
 std::vector<WorldArm> world_arms(const Scene& scene, const PlantOptions& options) {
   std::vector<WorldArm> arms;
   for (const auto& arm : scene.arms) {
-    const RobotDescription robot = load_robot(arm.model);
+    const RobotDescription robot = plant_robot_of(arm);
     const Fingers fingers = has_fingers(arm) ? Fingers::movable : Fingers::locked;
     arms.push_back(
         {.name = arm.name,
          .mjcf = to_mjcf(
              robot, {.hand = arm.hand, .fingers = fingers, .finger_servo = false, .meshes = options.meshes}),
          .joint_count = robot.joint_count(),
-         .X_WB = arm.X_WB,
+         .X_WB = plant_base_of(arm, robot),
          .q_start = arm.q_start,
          .tool = arm.tool,
          .payload = arm.load_present,
@@ -40,6 +40,11 @@ std::vector<WorldArm> world_arms(const Scene& scene, const PlantOptions& options
     if (arm.vacuum) arms.back().X_FE_vacuum = arm_config(arm).frames.X_FE;
   }
   return arms;
+}
+
+std::optional<LinkFriction> link_friction_of(const RobotDescription& robot) {
+  if (!robot.link_friction) return std::nullopt;
+  return LinkFriction(*robot.link_friction, robot.joint_count());
 }
 
 // What fingers hold would creep out of them without iterations of the contact solver against slip.
@@ -63,16 +68,19 @@ MujocoPlant::MujocoPlant(const Scene& scene, const PlantOptions& options)
   if (options.timeline_waits) timeline_origin_.reset();
   plan_places(scene);
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {
-    const RobotDescription robot = load_robot(scene.arms[i].model);
+    const RobotDescription robot = plant_robot_of(scene.arms[i]);
     const JointVector zero = joint_constant(robot.joint_count(), 0);
     const JointVector& q_start = scene.arms[i].q_start;
     arms_.push_back({.behaviour = SimulatedArm(simulated_arm_config(scene, i), q_start),
                      .friction = friction_of(scene, robot),
+                     .link_friction = link_friction_of(robot),
+                     .motor_inertia = robot.motor_inertia,
                      .q_start = q_start,
                      .q = zero,
                      .dq = zero,
                      .tau_motor = zero,
                      .friction_explicit = zero,
+                     .friction_slope = zero,
                      .measurement = {.q = zero, .dq = zero, .tau_link = zero, .has_contact_truth = true}});
     if (has_fingers(scene.arms[i])) {
       const HandDescription& hand = *robot.hand;
@@ -175,19 +183,25 @@ void MujocoPlant::drive(ArmIndex index, double dt) {
   const World::ArmPlaces& places = world_.arm(index);
   world_.joints(index, arm.q, arm.dq);
   arm.tau_motor = arm.behaviour.motor_torque(arm.q, arm.dq, dt);
+  if (arm.link_friction) arm.link_friction->begin(arm.dq, world_.joint_inertia(index), dt);
   for (std::size_t j = 0; j < places.dof.size(); ++j) {
     const auto i = static_cast<Eigen::Index>(j);
     const int dof = places.dof[j];
     if (arm.friction) {
       const double slope = friction_slope(*arm.friction, j, arm.dq[i]);
-      world_.model()->dof_damping[dof] = slope;
+      world_.model()->dof_damping[dof] = arm.friction_slope[i] = slope;
       arm.friction_explicit[i] = friction_torque(*arm.friction, j, arm.dq[i]) - slope * arm.dq[i];
     }
     world_.data()->qfrc_applied[dof] = arm.tau_motor[i] - arm.friction_explicit[i];
+    if (arm.link_friction) {
+      world_.model()->dof_damping[dof] = arm.friction_slope[i] + arm.link_friction->slope()[i];
+      world_.data()->qfrc_applied[dof] -= arm.link_friction->constant()[i];
+    }
   }
 }
 
-// After a physics step: what the sensors saw of it. `weight`: the step's part of the period.
+// After a physics step: what the sensors saw of it. `weight`: the step's part of the period. Motors with
+// inertia J and friction stand before the torque sensor: tau_J = tau_motor - tau_f - J ddq.
 void MujocoPlant::observe(ArmIndex index, double weight) {
   Arm& arm = arms_[index];
   PlantMeasurement& seen = arm.measurement;
@@ -195,10 +209,15 @@ void MujocoPlant::observe(ArmIndex index, double weight) {
   const auto& dof = world_.arm(index).dof;
   for (std::size_t j = 0; j < dof.size(); ++j) {
     const auto i = static_cast<Eigen::Index>(j);
-    const double damping = arm.friction ? world_.model()->dof_damping[dof[j]] * seen.dq[i] : 0.0;
+    const double damping = arm.friction_slope[i] * seen.dq[i];
     const double stiction = has_stiction_ ? world_.stiction_torque(dof[j]) : 0.0;
     seen.tau_link[i] += weight * (arm.tau_motor[i] - arm.friction_explicit[i] - damping + stiction);
+    if (arm.motor_inertia.size() > 0) {
+      seen.tau_link[i] -=
+          arm.motor_inertia[i] * (seen.dq[i] - arm.dq[i]) / kPeriod;  // weight / dt = 1 / period
+    }
   }
+  if (arm.link_friction) arm.link_friction->end(seen.dq, weight * kPeriod);
   // Contacts belong to the step's beginning, and so does MuJoCo's pose of the flange.
   const ArmFrames& frames = arm.behaviour.settings().frames;
   const Pose X_WK = world_.X_WF(index) * frames.X_FE * frames.X_EK;
@@ -231,6 +250,8 @@ void MujocoPlant::reset() {
     Arm& arm = arms_[i];
     arm.behaviour.reset(arm.q_start);
     arm.friction_explicit.setZero();
+    arm.friction_slope.setZero();
+    if (arm.link_friction) arm.link_friction->reset();
     if (arm.gripper) arm.gripper->reset(world_.fingers(i).width);
     if (arm.vacuum) arm.vacuum->reset();
     measure_start(i);

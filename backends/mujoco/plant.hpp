@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "backends/arm/link_friction.hpp"
 #include "backends/arm/request_box.hpp"
 #include "backends/arm/simulated_arm.hpp"
 #include "backends/gripper/simulated_gripper.hpp"
@@ -50,7 +51,7 @@ class MujocoPlant {
   bool has_vacuum(ArmIndex i) const { return arms_[i].vacuum.has_value(); }
   GripperState gripper_state(ArmIndex i) const;
   // False: joint friction acts that nobody compensates.
-  bool is_frictionless(ArmIndex i) const { return !arms_[i].friction; }
+  bool is_frictionless(ArmIndex i) const { return !arms_[i].friction && !arms_[i].link_friction; }
 
   // One period, by the commands that the arms were given; then every arm has measured. No allocation, no
   // lock. Nothing happens after a failure.
@@ -74,14 +75,17 @@ class MujocoPlant {
  private:
   struct Arm {
     SimulatedArm behaviour;
-    std::optional<JointFriction> friction;
+    std::optional<JointFriction> friction;      // between motors and torque sensors
+    std::optional<LinkFriction> link_friction;  // beyond the sensors
+    JointVector motor_inertia;                  // before the sensors; empty: none
     std::optional<SimulatedGripper> gripper;
     std::optional<SimulatedVacuum> vacuum;
     JointVector q_start;
-    JointVector q, dq;              // of the plant
-    JointVector tau_motor;          // in the present physics step
-    JointVector friction_explicit;  // friction less its part that MuJoCo integrates implicitly
-    PlantMeasurement measurement;   // of the present period
+    JointVector q, dq;      // of the plant
+    JointVector tau_motor;  // in the present physics step
+    // The former friction less its part that MuJoCo integrates implicitly, and that part's slope.
+    JointVector friction_explicit, friction_slope;
+    PlantMeasurement measurement;  // of the present period
   };
   struct PlannedPlace {
     std::int64_t period = 0;  // at the beginning of which it happens

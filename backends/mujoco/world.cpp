@@ -125,6 +125,16 @@ void World::joints(std::size_t arm, JointVector& q, JointVector& dq) const {
   }
 }
 
+JointVector World::joint_inertia(std::size_t arm) const {
+  const auto& dof = arms_[arm].dof;
+  JointVector inertia(static_cast<Eigen::Index>(dof.size()));
+  for (std::size_t j = 0; j < dof.size(); ++j) {  // a row of M ends with its diagonal
+    const int last = model_->M_rowadr[dof[j]] + model_->M_rownnz[dof[j]] - 1;
+    inertia[static_cast<Eigen::Index>(j)] = data_->M[last];
+  }
+  return inertia;
+}
+
 Pose World::X_WF(std::size_t arm) const {
   const int site = arms_[arm].flange_site;
   return {matrix_at(data_->site_xmat + 9 * site), vector_at(data_->site_xpos + 3 * site)};

@@ -76,6 +76,9 @@ class World {
   bool is_tip(int body) const { return tip_[static_cast<std::size_t>(body)] != 0; }
 
   void joints(std::size_t arm, JointVector& q, JointVector& dq) const;
+  // The mass matrix' diagonal, motors included, at the beginning of the last physics step or forward() [kg
+  // m^2].
+  JointVector joint_inertia(std::size_t arm) const;
   Pose X_WF(std::size_t arm) const;
   Pose X_WO(std::size_t object) const;
 

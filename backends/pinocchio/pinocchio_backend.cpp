@@ -6,6 +6,7 @@
 
 #include "backends/arm/from_scene.hpp"
 #include "backends/arm/joint_friction.hpp"
+#include "models/arm_source.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda {
@@ -14,11 +15,18 @@ PinocchioBackend::PinocchioBackend(const Scene& scene, bool paced)
     : paced_(paced), substeps_(checked_substeps(scene)) {
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {
     const SceneArm& arm = scene.arms[i];
-    const RobotDescription robot = robot_of(arm);
+    const RobotDescription robot = plant_robot_of(arm);
+    if (robot.link_friction) {
+      throw std::invalid_argument("arm '" + arm.name +
+                                  "': friction beyond the torque sensor (link_friction of '" + robot.name +
+                                  "') is simulated by MuJoCo only");
+    }
     const SimulatedArmConfig config = simulated_arm_config(scene, i);
     arms_.push_back({.behaviour = SimulatedArm(config, arm.q_start),
-                     .plant = ModelTerms(config.model),
+                     .plant = ModelTerms(std::make_shared<const ArmModel>(
+                         arm_model_source(robot, plant_base_of(arm, robot), arm.hand))),
                      .friction = friction_of(scene, robot),
+                     .motor_inertia = robot.motor_inertia,
                      .q_start = arm.q_start,
                      .q = arm.q_start,
                      .dq = joint_constant(config.model->joint_count(), 0),
@@ -89,7 +97,10 @@ PinocchioBackend::Rates PinocchioBackend::rates(Arm& arm, const JointVector& q, 
       tau[j] -= friction_torque(*arm.friction, static_cast<std::size_t>(j), dq[j]);
     }
   }
-  return {dq, arm.plant.M().llt().solve(tau)};
+  if (arm.motor_inertia.size() == 0) return {dq, arm.plant.M().llt().solve(tau)};
+  JointMatrix inertia = arm.plant.M();
+  inertia.diagonal() += arm.motor_inertia;
+  return {dq, inertia.llt().solve(tau)};
 }
 
 void PinocchioBackend::step(Arm& arm, double dt) {
@@ -98,9 +109,13 @@ void PinocchioBackend::step(Arm& arm, double dt) {
   const Rates k2 = rates(arm, arm.q + 0.5 * dt * k1.dq, arm.dq + 0.5 * dt * k1.ddq, tau);
   const Rates k3 = rates(arm, arm.q + 0.5 * dt * k2.dq, arm.dq + 0.5 * dt * k2.ddq, tau);
   const Rates k4 = rates(arm, arm.q + dt * k3.dq, arm.dq + dt * k3.ddq, tau);
+  const JointVector dq_before = arm.dq;
   arm.q += dt / 6 * (k1.dq + 2 * k2.dq + 2 * k3.dq + k4.dq);
   arm.dq += dt / 6 * (k1.ddq + 2 * k2.ddq + 2 * k3.ddq + k4.ddq);
   arm.measurement.tau_link += tau / static_cast<double>(substeps_);
+  if (arm.motor_inertia.size() > 0) {
+    arm.measurement.tau_link -= arm.motor_inertia.cwiseProduct(arm.dq - dq_before) / kArmPeriod;
+  }
   if (!arm.friction) return;
   for (Eigen::Index j = 0; j < tau.size(); ++j) {
     arm.measurement.tau_link[j] -= friction_torque(*arm.friction, static_cast<std::size_t>(j), arm.dq[j]) /

@@ -16,14 +16,14 @@ namespace multipanda {
 // The scene's arms as rigid bodies in empty space, in lock-step: an independent reference for what MuJoCo
 // does between contacts, and a world for tests that need no engine. Objects of the scene are not there.
 //
-//   M(q) ddq = tau_motor - tau_f(dq) - C(q, dq) dq - g(q)
+//   (M(q) + J) ddq = tau_motor - tau_f(dq) - C(q, dq) dq - g(q)
 //
-// with the hand, the tool and the load that is really present, integrated by the classical fourth-order
-// Runge-Kutta method, motor torques constant over a physics step. The arm's own behaviour (frames, load,
-// modes, delay, noise) is backends/arm, as in every simulated backend.
+// with the motors' inertia J, the hand, the tool and the load that is really present, integrated by the
+// classical fourth-order Runge-Kutta method, motor torques constant over a physics step. The arm's own
+// behaviour (frames, load, modes, delay, noise) is backends/arm, as in every simulated backend.
 class PinocchioBackend : public Backend {
  public:
-  // Throws std::invalid_argument if the scene cannot be built.
+  // Throws std::invalid_argument if the scene cannot be built; friction beyond the torque sensor is not here.
   explicit PinocchioBackend(const Scene& scene, bool paced = false);
 
   std::size_t arm_count() const override { return arms_.size(); }
@@ -42,6 +42,7 @@ class PinocchioBackend : public Backend {
     SimulatedArm behaviour;
     ModelTerms plant;  // of what is really there
     std::optional<JointFriction> friction;
+    JointVector motor_inertia;  // before the torque sensor; empty: none
     JointVector q_start, q, dq;
     PlantMeasurement measurement;
   };
