@@ -23,6 +23,12 @@ Actuation actuation_at(const VectorXd& x) {
   return {.torque_bandwidth_hz = x[1] > 1e-5 ? 1 / (2 * std::numbers::pi * x[1]) : 0, .command_delay = x[0]};
 }
 
+double median_of(std::vector<double>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 // Predicts tau_J, dq and q of every row of every window for candidates of (delay, time constant).
 class Replay {
  public:
@@ -68,17 +74,23 @@ class Replay {
     return e;
   }
 
-  // Residuals of each joint and quantity count by their spread from now on. Medians: a window in which the
-  // log did something else must not decide.
+  // Residuals of each joint and quantity count by their spread from now on. Those of q and dq run away
+  // together in a window: what counts is the spread of their mean over a window, as if it were white.
+  // Medians: a window in which the log did something else must not decide.
   void weigh(const VectorXd& e) {
-    const Index rows = e.size() / (3 * joints_);
+    const Index length = windows_[0].length, rows = e.size() / (3 * joints_);
     for (Index kind = 0; kind < 3; ++kind) {
       for (Index j = 0; j < joints_; ++j) {
-        std::vector<double> size;
-        for (Index k = 0; k < rows; ++k) size.push_back(std::abs(e[(k * 3 + kind) * joints_ + j]));
-        const auto middle = size.begin() + static_cast<std::ptrdiff_t>(size.size() / 2);
-        std::nth_element(size.begin(), middle, size.end());
-        deviation_(kind, j) *= std::max(*middle / 0.6745, 1e-12);  // median of a normal's magnitude
+        std::vector<double> each, sums;
+        for (Index k = 0; k < rows; ++k) {
+          if (k % length == 0) sums.push_back(0);
+          const double value = e[(k * 3 + kind) * joints_ + j];
+          each.push_back(std::abs(value));
+          sums.back() += value / std::sqrt(static_cast<double>(length));
+        }
+        for (double& sum : sums) sum = std::abs(sum);
+        const double spread = std::max(median_of(each), median_of(sums)) / 0.6745;  // of a normal's magnitude
+        deviation_(kind, j) *= std::max(spread, 1e-12);
       }
     }
   }
@@ -161,7 +173,8 @@ ActuationRollouts fit_actuation_by_rollouts(std::span<const MeasuredLog> logs, c
       return !options.progress ||
              options.progress({before + pass, rms, result.fit.names, 1e3 * x, replay.rollouts()});
     };
-    solved = solve(problem, [&](const MatrixXd& c) { return replay(c); }, shown);
+    solved = solve(
+        problem, [&](const MatrixXd& c) { return replay(c); }, shown);
     problem.start = solved.x;
     result.fit.passes += solved.passes;
   }

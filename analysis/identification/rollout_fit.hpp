@@ -25,7 +25,7 @@ struct RolloutOptions {
 struct RolloutFit {
   std::vector<std::string> names;  // of the parameters, with units
   Eigen::VectorXd value, half95;   // value +- half95 holds the truth with 95 %
-  double rms = 0;                  // of the weighted residual: about 1 where model and noise are right
+  double rms = 0;                  // of the weighted residual: 1 or below where model and noise are right
   int passes = 0;
   bool converged = false;
   std::size_t windows = 0, rollouts = 0;

@@ -70,66 +70,6 @@ TEST(ActuationByRollouts, AWrongMassWeighsLittle) {
   EXPECT_NEAR(fit.actuation.torque_bandwidth_hz, 50, 2.5);
 }
 
-// The tool presses with 5 to 25 N and more or less slides on a table.
-struct Pressed {
-  Scene scene;
-  MeasuredLog log;
-};
-
-Pressed press(double stiffness, const ToolShape& tool, double friction, std::uint64_t seed,
-              double payload = 0, double amplitude = 10) {
-  SceneArm arm = arm_named("a", {}, false);
-  arm.tool_shapes = {tool};
-  const double reach =
-      tool.X_FS.position.z() + 0.5 * (tool.shape == ShapeType::box ? tool.size.z() : tool.size.x());
-  arm.X_FE = pose(0, 0, reach);
-  if (payload > 0)
-    arm.load_present = {.mass = payload, .p_FC = {0, 0, 0.05}, .inertia_C = 5e-4 * Matrix3::Identity()};
-  ModelTerms terms = terms_of(arm);
-  terms.set_config({*arm.X_FE, {}}, {}, {});
-  terms.update(arm.q_start, joint_constant(7, 0));
-  const Pose X_WE = terms.X_WE();
-  SceneObject table;
-  table.name = "table";
-  table.size = {0.3, 0.3, 0.1};
-  table.X_WO = {X_WE.rotation, X_WE.position + 0.05 * X_WE.rotation.col(2)};
-  table.contact = SurfaceContact{.stiffness_n_per_m = stiffness, .damping_ratio = 0.5};
-  table.friction = friction;
-  PlantFidelity noisy;
-  noisy.noise_q_rad = 1e-5;
-  noisy.noise_dq_rad_per_s = 1e-3;
-  noisy.noise_tau_nm = 0.05;
-  Pressed p{.scene = scene_of({arm}, noisy), .log = {}};
-  p.scene.seed = seed;
-  p.scene.objects = {table};
-  Loop loop(p.scene);
-  loop.unwatch();
-  constexpr Eigen::Index kRows = 6000;
-  MeasuredLog& log = p.log;
-  log.source = "pressed";
-  log.t.resize(kRows);
-  for (auto* m : {&log.q, &log.dq, &log.tau, &log.gravity}) m->resize(kRows, 7);
-  for (Eigen::Index k = 0; k < kRows; ++k) {
-    const double t = 0.001 * static_cast<double>(k);
-    terms.update(loop.state());
-    Vector6 push = Vector6::Zero();
-    push.head<3>() = (15 + amplitude * std::sin(2 * M_PI * 0.8 * t)) * X_WE.rotation.col(2);
-    loop.commands[0].tau_cmd = terms.J_V_WE().transpose() * push -
-                               terms.M() * (40 * loop.state().dq + 400 * (loop.state().q - arm.q_start));
-    log.t[k] = t;
-    log.q.row(k) = loop.state().q;
-    log.dq.row(k) = loop.state().dq;
-    log.tau.row(k) = loop.state().tau_J;
-    loop.step();
-  }
-  return p;
-}
-
-ToolShape ball() {
-  return {.shape = ShapeType::sphere, .size = Vector3(0.04, 0, 0), .X_FS = pose(0, 0, 0.2)};
-}
-ToolShape pad() { return {.shape = ShapeType::box, .size = {0.06, 0.06, 0.02}, .X_FS = pose(0, 0, 0.1)}; }
-
 // The replayed scene begins with another stiffness and a table that stands 1 mm elsewhere.
 void expect_stiffness(Pressed p, double stiffness, const std::string& what) {
   p.scene.objects[0].contact->stiffness_n_per_m = 5000;
