@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstdio>
 
+#include <yaml-cpp/yaml.h>
+
 namespace multipanda {
 namespace {
 
@@ -104,6 +106,21 @@ Found search(const MatrixXd& a, const MatrixXd& b, Index most) {
   return {static_cast<double>(lag) + share, at, most > 0 && std::abs(lag) == most};
 }
 
+// Whether both are runs of scenes that ask for the same at the same times.
+bool same_timeline(const MeasuredLog& a, const MeasuredLog& b) {
+  const auto timeline = [](const MeasuredLog& log) -> std::string {
+    try {
+      const YAML::Node node = YAML::Load(log.scene_text)["timeline"];
+      return node && node.size() > 0 ? YAML::Dump(node) : "";
+    } catch (const YAML::Exception&) {
+      return "";
+    }
+  };
+  if (a.scene_text.empty() || b.scene_text.empty()) return false;
+  const std::string text = timeline(a);
+  return !text.empty() && text == timeline(b);
+}
+
 void find_lag(const MeasuredLog& real, const MeasuredLog& sim, const AlignOptions& options,
               AlignedPair& pair) {
   struct By {
@@ -130,6 +147,7 @@ void find_lag(const MeasuredLog& real, const MeasuredLog& sim, const AlignOption
       return;
     }
     pair.lag_s = kStep * found.lag;
+    pair.measured_lag_s = pair.lag_s;
     if (found.at_edge) {
       pair.warnings.push_back(
           text("the lag of %.3f s is the longest that was searched: it may be longer", pair.lag_s));
@@ -170,11 +188,13 @@ AlignedPair align(const MeasuredLog& real, const MeasuredLog& sim, const AlignOp
   AlignedPair pair;
   pair.real_source = real.source;
   pair.sim_source = sim.source;
+  find_lag(real, sim, options, pair);
   if (options.lag_s) {
     pair.lag_s = *options.lag_s;
     pair.aligned_by = "given";
-  } else {
-    find_lag(real, sim, options, pair);
+  } else if (options.trust_timeline && same_timeline(real, sim)) {
+    pair.lag_s = real.t[0] - sim.t[0];
+    pair.aligned_by = "timeline";
   }
   double from = std::max(0.0, -pair.lag_s), to = std::min(real.duration(), sim.duration() - pair.lag_s);
   const double common_from = from, common_to = to;

@@ -30,15 +30,17 @@ Eigen::MatrixXd series_of(const MeasuredLog& log, const ComparedQuantity& quanti
 struct AlignOptions {
   double max_lag_s = 1.0;                             // searched on both sides
   std::optional<double> lag_s;                        // given instead of searched
+  bool trust_timeline = true;                         // false: by cross-correlation in any case
   std::optional<std::pair<double, double>> window_s;  // from, to: since the real log's start
 };
 
 // Real and simulated series every millisecond of the common time, t since the real log's start.
 struct AlignedPair {
   std::string real_source, sim_source;
-  double lag_s = 0;        // the simulation shows at t + lag what the real log shows at t
-  double correlation = 0;  // of the two at this lag, 0 to 1
-  std::string aligned_by;  // "dq", "q", "tau", "given"; "start": nothing to align by
+  double lag_s = 0;  // applied: the simulation shows at t + lag what the real log shows at t
+  std::optional<double> measured_lag_s;  // by cross-correlation, whether applied or not
+  double correlation = 0;                // of the two at this lag, 0 to 1
+  std::string aligned_by;  // "dq", "q", "tau"; "timeline", "given", "start" (nothing to align by)
   Eigen::VectorXd t;       // [s] (N)
   struct Series {
     Eigen::MatrixXd real, sim;  // (N x axes); no rows: not in both logs
@@ -50,9 +52,12 @@ struct AlignedPair {
 
 // Lag: maximum of the normalised cross-correlation of joint velocities (where the arm hardly moves: of
 // positions, else of torques), all joints together,
-//   r(L) = sum a_k b_{k+L} / sqrt(sum a_k^2 sum b_{k+L}^2)   over the samples that overlap, at least half,
-// on a grid of 1 ms, refined by the parabola through the three highest values. A log and itself: exactly 0.
-// Between samples series are interpolated linearly. Throws LogRefused: other joints, no common time.
+//   r(L) = sum a_k b_{k+L} / sqrt(sum a_k^2 sum b_{k+L}^2)   over the samples that overlap, at least half
+// of the shorter log, their means taken away, on a grid of 1 ms, refined by the parabola through the three
+// highest values. A log and itself: exactly 0. It is applied unless both logs come from runs of one timeline:
+// their stamps already tell what belongs together, and what correlation then finds is how far one arm trails
+// the other, which is a difference to be shown, not to be taken out. Between samples series are interpolated
+// linearly. Throws LogRefused: other joints, no common time.
 AlignedPair align(const MeasuredLog& real, const MeasuredLog& sim, const AlignOptions& options = {});
 
 }  // namespace multipanda

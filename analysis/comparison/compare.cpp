@@ -66,7 +66,7 @@ void append_row(MatrixXd& matrix, const VectorXd& row) {
 
 void add_pair(const AlignedPair& pair, Comparison& out) {
   out.pairs.push_back({pair.real_source, pair.sim_source, pair.lag_s, pair.correlation, pair.t[0],
-                       pair.t[pair.t.size() - 1], pair.aligned_by});
+                       pair.t[pair.t.size() - 1], pair.measured_lag_s, pair.aligned_by});
   for (const auto& warning : pair.warnings)
     out.warnings.push_back(pair.real_source + " and " + pair.sim_source + ": " + warning);
   for (std::size_t i = 0; i < out.quantities.size(); ++i) {
@@ -188,6 +188,7 @@ nlohmann::ordered_json to_json(const Comparison& comparison) {
     out["pairs"].push_back({{"real", pair.real},
                             {"sim", pair.sim},
                             {"lag_s", pair.lag_s},
+                            {"measured_lag_s", pair.measured_lag_s ? Json(*pair.measured_lag_s) : Json()},
                             {"correlation", pair.correlation},
                             {"aligned_by", pair.aligned_by},
                             {"from_s", pair.from_s},

@@ -41,6 +41,7 @@ struct Comparison {
   struct Pair {
     std::string real, sim;
     double lag_s = 0, correlation = 0, from_s = 0, to_s = 0;  // from, to: since the real log's start
+    std::optional<double> measured_lag_s;                     // see AlignedPair
     std::string aligned_by;
   };
   std::vector<Pair> pairs;

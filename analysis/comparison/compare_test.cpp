@@ -91,6 +91,25 @@ TEST_P(KnownLag, IsFoundBetweenSamplesAndTakenOut) {
 
 INSTANTIATE_TEST_SUITE_P(Lags, KnownLag, testing::Values(0.0, 0.003, 0.0123, 0.4567, -0.0058, -0.25));
 
+// Runs of one timeline keep their stamps: there a lag is a difference between the arms.
+TEST(Compare, RunsOfOneTimelineAreComparedAsStamped) {
+  MeasuredLog real = task(0.0), sim = task(0.04);
+  real.scene_text = "name: a\ntimeline:\n  - {at_s: 1, stop: all}\n";
+  sim.scene_text = "name: b\ntimeline: [{at_s: 1, stop: all}]\n";
+  auto pair = align(real, sim);
+  EXPECT_EQ(pair.aligned_by, "dq");  // written otherwise: not known to be the same
+  sim.scene_text = "timeline:\n  - {at_s: 1, stop: all}\nname: b\n";
+  pair = align(real, sim);
+  EXPECT_EQ(pair.aligned_by, "timeline");
+  EXPECT_EQ(pair.lag_s, 0.0);
+  EXPECT_NEAR(*pair.measured_lag_s, 0.04, 1e-5);
+  sim.t.array() += 0.01;  // the log begins with a later cycle
+  EXPECT_NEAR(align(real, sim).lag_s, -0.01, 1e-12);
+  AlignOptions options;
+  options.trust_timeline = false;
+  EXPECT_NEAR(align(real, sim, options).lag_s, 0.04, 1e-5);
+}
+
 TEST(Compare, NoiseAndOtherSamplingDoNotSpoilTheLag) {
   MeasuredLog real = task(0.0), sim = task(0.0312, 5.0, 0.002);
   add_noise(real.dq, 0.05, 11);

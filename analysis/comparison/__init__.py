@@ -1,0 +1,1 @@
+"""Pages of comparisons: real against simulated, before against after."""
