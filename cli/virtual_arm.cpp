@@ -13,6 +13,7 @@
 #include "fci/server/control_words.hpp"
 #include "fci/server/virtual_arms.hpp"
 #include "runtime/signals.hpp"
+#include "scene/hidden_plant.hpp"
 #include "scene/load.hpp"
 #include "scene/names.hpp"
 
@@ -33,6 +34,7 @@ struct VirtualArmWords {
   double latency_us = 0, jitter_us = 0;
   fci::DatagramFaults faults;
   std::uint64_t seed = 1;
+  std::optional<std::uint64_t> hidden;
   double seconds = 0;
   bool no_gripper = false, real_time_thread = false, idle_stands_still = false, json = false;
 };
@@ -148,6 +150,7 @@ void wait_for_end(fci::VirtualArms& arms, int end_file, double seconds, const Co
 int run(const VirtualArmWords& words) {
   const Console console(words.json);
   OpenedScene opened = open_scene(words.scene);
+  if (words.hidden) hide(opened.scene, *words.hidden);  // and never a word about it
   fci::VirtualArmOptions options;
   options.places = places_of(words, opened.scene);
   options.pace = words.pace == "lockstep" ? fci::WorldPace::lockstep : fci::WorldPace::realtime;
@@ -241,6 +244,12 @@ void add_virtual_arm(Program& program) {
   command->add_option("--reorder", words->faults.reorder, "Share that is overtaken by the next one")
       ->check(CLI::Range(0.0, 1.0));
   command->add_option("--seed", words->seed, "Of the injected faults");
+  command
+      ->add_option(
+          "--hidden", words->hidden,
+          "The arms truly are another draw about their models (masses, payload, friction, delay, tool), told "
+          "to nobody: for trials of identify and refine")
+      ->type_name("SEED");
   command->add_option("--seconds", words->seconds, "End after so long; default: Ctrl-C")
       ->check(CLI::PositiveNumber);
   command->add_flag("--no-gripper", words->no_gripper, "Hands stay closed, nothing listens for grippers");

@@ -1,0 +1,103 @@
+#include "scene/hidden_plant.hpp"
+
+#include <cmath>
+#include <numbers>
+#include <random>
+
+#include "scene/build.hpp"
+
+namespace multipanda {
+namespace {
+
+constexpr double kMass = 0.10, kCentre = 0.010, kPayload = 1.0, kPayloadReach = 0.05;  // [1], [m], [kg], [m]
+constexpr double kPayloadRadius = 0.03;  // of the ball that it is [m]
+constexpr double kLeastFriction = 0.5, kMostFriction = 1.5;
+constexpr double kDelay = 0.003, kLeastBandwidth = 30, kMostBandwidth = 100, kTorqueNoise = 0.05;
+constexpr double kToolShift = 0.005, kToolTurn = 2 * std::numbers::pi / 180;
+
+class Draw {
+ public:
+  Draw(std::uint64_t seed, std::size_t arm) {
+    std::seed_seq words{static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32),
+                        static_cast<std::uint32_t>(arm), 0x68696464u};
+    random_.seed(words);
+  }
+  // The standard leaves its distributions to the library; this is the same everywhere.
+  double between(double low, double high) {
+    return low + (high - low) * static_cast<double>(random_() >> 11) * 0x1p-53;
+  }
+  Vector3 each_within(double bound) {
+    Vector3 v;
+    for (double& value : v) value = between(-bound, bound);
+    return v;
+  }
+  Vector3 inside_ball(double radius) {
+    Vector3 v;
+    do v = each_within(radius);
+    while (v.norm() > radius);
+    return v;
+  }
+
+ private:
+  std::mt19937_64 random_;
+};
+
+// The inverse of Placement::pose().
+Vector3 rpy_of(const Matrix3& R) {
+  return {std::atan2(R(2, 1), R(2, 2)), std::atan2(-R(2, 0), std::hypot(R(2, 1), R(2, 2))),
+          std::atan2(R(1, 0), R(0, 0))};
+}
+
+RigidBody drawn_link(const RigidBody& nominal, Draw& draw) {
+  for (;;) {
+    const double factor = draw.between(1 - kMass, 1 + kMass);
+    const RigidBody body{nominal.mass * factor, nominal.com + draw.each_within(kCentre),
+                         nominal.inertia * factor};
+    if (is_physical(body)) return body;
+  }
+}
+
+}  // namespace
+
+RobotDescription draw_hidden_plant(const RobotDescription& nominal, std::uint64_t seed,
+                                   std::size_t arm_index) {
+  Draw draw(seed, arm_index);
+  RobotDescription robot = nominal;
+  for (std::size_t i = 1; i < robot.links.size(); ++i) robot.links[i] = drawn_link(nominal.links[i], draw);
+
+  RigidBody payload;
+  payload.mass = draw.between(0, kPayload);
+  payload.com = draw.inside_ball(kPayloadReach);
+  payload.inertia = 0.4 * payload.mass * kPayloadRadius * kPayloadRadius * Matrix3::Identity();
+  robot.links.back() = merged(robot.links.back(), moved(payload, nominal.flange.pose()));
+
+  if (robot.friction) {
+    for (double& p1 : robot.friction->p1) p1 *= draw.between(kLeastFriction, kMostFriction);
+  }
+  Actuation actuation;
+  actuation.command_delay = draw.between(0, kDelay);
+  actuation.torque_bandwidth_hz = draw.between(kLeastBandwidth, kMostBandwidth);
+  robot.actuation = actuation;
+  robot.torque_sensor = TorqueSensor{.gain = {}, .offset = {}, .noise = kTorqueNoise};
+
+  // Hand, tool and its shapes stand on the flange: moved with it, they are elsewhere than anybody believes.
+  const Vector3 shift = draw.each_within(kToolShift), axis = draw.inside_ball(1).normalized();
+  const Eigen::AngleAxisd turn(draw.between(-kToolTurn, kToolTurn), axis);
+  const Pose X_LF = nominal.flange.pose();
+  robot.flange.position = X_LF.position + X_LF.rotation * shift;
+  robot.flange.rpy = rpy_of(X_LF.rotation * turn.toRotationMatrix());
+  return robot;
+}
+
+void hide(Scene& scene, std::uint64_t seed) {
+  const double stiction = scene.plant.stiction_nm;
+  scene.plant = PlantFidelity::realistic();
+  scene.plant.stiction_nm = stiction;
+  for (std::size_t i = 0; i < scene.arms.size(); ++i) {
+    const RobotDescription nominal = robot_of(scene.arms[i]);
+    if (!nominal.friction) scene.plant.joint_friction = false;
+    scene.arms[i].plant_robot = std::make_shared<RobotDescription>(draw_hidden_plant(nominal, seed, i));
+  }
+}
+
+}  // namespace multipanda

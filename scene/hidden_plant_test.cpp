@@ -1,0 +1,126 @@
+// Hidden plants: inside their ranges, physical, independent of each other, the same wherever they are drawn.
+#include "scene/hidden_plant.hpp"
+
+#include <filesystem>
+#include <fstream>
+#include <set>
+
+#include <Eigen/Eigenvalues>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "scene/build.hpp"
+#include "scene/load.hpp"
+
+namespace multipanda {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Smallest eigenvalue of the pseudo-inertia about the link's origin: some distribution of positive mass.
+double smallest_pseudo_inertia(const RigidBody& body) {
+  const Matrix3 second = 0.5 * body.inertia.trace() * Matrix3::Identity() - body.inertia +
+                         body.mass * body.com * body.com.transpose();
+  Eigen::Matrix4d P;
+  P << second, body.mass * body.com, body.mass * body.com.transpose(), body.mass;
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(P, Eigen::EigenvaluesOnly).eigenvalues().minCoeff();
+}
+
+struct Range {
+  double low = 1e9, high = -1e9;
+  void add(double value) {
+    low = std::min(low, value);
+    high = std::max(high, value);
+  }
+};
+
+// Over many seeds each draw stays within its range and fills it.
+TEST(HiddenPlants, FillTheirRanges) {
+  const RobotDescription nominal = load_robot("fer");
+  Range mass, com, payload, friction, delay, bandwidth, shift, turn;
+  for (std::uint64_t seed = 0; seed < 300; ++seed) {
+    const RobotDescription robot = draw_hidden_plant(nominal, seed, seed % 3);
+    for (std::size_t i = 0; i < robot.links.size(); ++i)
+      EXPECT_GT(smallest_pseudo_inertia(robot.links[i]), 0);
+    EXPECT_EQ(robot.links[0].mass, nominal.links[0].mass);
+    for (std::size_t i = 1; i < 7; ++i) {
+      const double factor = robot.links[i].mass / nominal.links[i].mass;
+      mass.add(factor);
+      EXPECT_LT((robot.links[i].inertia - factor * nominal.links[i].inertia).norm(), 1e-12);
+      for (int k = 0; k < 3; ++k) com.add(robot.links[i].com[k] - nominal.links[i].com[k]);
+    }
+    payload.add(robot.links[7].mass - nominal.links[7].mass);
+    for (int j = 0; j < 7; ++j) friction.add(robot.friction->p1[j] / nominal.friction->p1[j]);
+    EXPECT_EQ(robot.friction->p2, nominal.friction->p2);
+    delay.add(robot.actuation->command_delay);
+    bandwidth.add(robot.actuation->torque_bandwidth_hz);
+    EXPECT_EQ(robot.torque_sensor->noise, 0.05);
+    const Pose error = nominal.flange.pose().inverse() * robot.flange.pose();
+    for (int k = 0; k < 3; ++k) shift.add(error.position[k]);
+    turn.add(Eigen::AngleAxisd(error.rotation).angle());
+  }
+  const auto fills = [](const Range& range, double low, double high) {
+    const double slack = 0.02 * (high - low);
+    return range.low >= low - 1e-9 && range.high <= high + 1e-9 && range.low < low + slack &&
+           range.high > high - slack;
+  };
+  EXPECT_TRUE(fills(mass, 0.9, 1.1));
+  EXPECT_TRUE(fills(com, -0.010, 0.010));
+  const double own = 0.1 * nominal.links[7].mass;
+  EXPECT_GT(payload.low, -own);
+  EXPECT_LT(payload.high, 1 + own);
+  EXPECT_GT(payload.high - payload.low, 0.9);
+  EXPECT_TRUE(fills(friction, 0.5, 1.5));
+  EXPECT_TRUE(fills(delay, 0, 0.003));
+  EXPECT_TRUE(fills(bandwidth, 30, 100));
+  EXPECT_TRUE(fills(shift, -0.005, 0.005));
+  EXPECT_TRUE(fills(turn, 0, 2 * M_PI / 180));
+}
+
+bool same(const RobotDescription& a, const RobotDescription& b) {
+  for (std::size_t i = 0; i < a.links.size(); ++i) {
+    if (a.links[i].mass != b.links[i].mass || a.links[i].com != b.links[i].com) return false;
+  }
+  return a.friction->p1 == b.friction->p1 && a.flange.position == b.flange.position &&
+         a.actuation->command_delay == b.actuation->command_delay;
+}
+
+TEST(HiddenPlants, AreTheSameArmInEverySceneAndAnotherForEveryArmAndSeed) {
+  const Registry registry = Registry::with_builtins();
+  Scene one = load_scene("one_arm", registry), two = load_scene("two_arms", registry);
+  const std::string text = two.text;
+  hide(one, 7);
+  hide(two, 7);
+  EXPECT_TRUE(same(*one.arms[0].plant_robot, *two.arms[0].plant_robot));
+  EXPECT_FALSE(same(*two.arms[0].plant_robot, *two.arms[1].plant_robot));
+  Scene again = load_scene("two_arms", registry);
+  hide(again, 8);
+  EXPECT_FALSE(same(*two.arms[0].plant_robot, *again.arms[0].plant_robot));
+  // What the arm's controllers believe, and what is told of the scene, know nothing of it.
+  EXPECT_EQ(two.text, text);
+  EXPECT_EQ(robot_of(two.arms[0]).links[3].mass, load_robot(two.arms[0].model).links[3].mass);
+  EXPECT_EQ(two.plant.name, "realistic");
+}
+
+// Whoever identifies must not be able to draw: only the virtual arms' program and tests include the header.
+TEST(HiddenPlants, AreOutOfReachOfWhoeverIdentifies) {
+  const std::set<std::string> allowed{"scene/hidden_plant.cpp", "cli/virtual_arm.cpp"};
+  const fs::path root = MULTIPANDA_SOURCE_DIR;
+  int found = 0;
+  for (const char* folder : {"analysis", "backends", "cli", "core", "doctor", "experiments", "fci",
+                             "generators", "logs", "models", "ros", "runtime", "scene"}) {
+    for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
+      const std::string name = entry.path().lexically_relative(root).generic_string();
+      if (!name.ends_with(".cpp") && !name.ends_with(".hpp")) continue;
+      std::ifstream stream(entry.path());
+      const std::string source{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+      if (source.find("scene/hidden_plant.hpp\"") == std::string::npos) continue;
+      ++found;
+      EXPECT_TRUE(allowed.contains(name) || name.ends_with("_test.cpp")) << name;
+    }
+  }
+  EXPECT_GE(found, 2);
+}
+
+}  // namespace
+}  // namespace multipanda
