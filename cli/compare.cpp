@@ -19,7 +19,7 @@ struct Options {
   std::vector<double> window;
   std::optional<double> lag;
   bool by_correlation = false;
-  double max_lag = 1.0;
+  double max_lag = 1.0, low_pass = 0;
   bool json = false;
 };
 
@@ -112,6 +112,7 @@ void print(const ComparedArm& arm, const Console& console) {
 int run(const Options& options) {
   const Console console(options.json);
   CompareOptions compare_options;
+  compare_options.low_pass_hz = options.low_pass;
   compare_options.max_lag_s = options.max_lag;
   compare_options.lag_s = options.lag;
   compare_options.trust_timeline = !options.by_correlation;
@@ -175,6 +176,11 @@ void add_compare(Program& program) {
   command->add_option("--max-lag", options->max_lag, "Longest lag that is looked for [s]")
       ->check(CLI::Range(0.0, 60.0))
       ->capture_default_str();
+  command
+      ->add_option(
+          "--low-pass", options->low_pass,
+          "Filter both by this frequency before errors are taken [Hz]: differences without noise; 0: none")
+      ->check(CLI::Range(0.0, 400.0));
   command->add_option("--gate", options->gate, "Limits, a YAML file (docs/compare.md)")->type_name("FILE");
   command
       ->add_option("--out", options->out,

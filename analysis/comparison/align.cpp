@@ -6,6 +6,8 @@
 
 #include <yaml-cpp/yaml.h>
 
+#include "analysis/identification/filters.hpp"
+
 namespace multipanda {
 namespace {
 
@@ -180,6 +182,13 @@ MatrixXd series_of(const MeasuredLog& log, const ComparedQuantity& quantity) {
   return name == "F_EE" ? log.F_EE.leftCols(3) : log.F_EE.rightCols(3);
 }
 
+MatrixXd even_series_of(const MeasuredLog& log, const ComparedQuantity& quantity, double low_pass_hz) {
+  const MatrixXd values = series_of(log, quantity);
+  if (values.rows() == 0) return {};
+  const MatrixXd even = signal(log, values);
+  return low_pass_hz > 0 ? LowPass(2, low_pass_hz, 1 / kStep).zero_phase(even) : even;
+}
+
 AlignedPair align(const MeasuredLog& real, const MeasuredLog& sim, const AlignOptions& options) {
   if (real.joints() != sim.joints()) {
     throw LogRefused(real.source + " has " + std::to_string(real.joints()) + " joints, " + sim.source +
@@ -213,12 +222,17 @@ AlignedPair align(const MeasuredLog& real, const MeasuredLog& sim, const AlignOp
   const VectorXd real_t = since_start(real), sim_t = since_start(sim), shifted = pair.t.array() + pair.lag_s;
   for (const ComparedQuantity& quantity : quantities()) {
     AlignedPair::Series series;
-    const MatrixXd in_real = series_of(real, quantity), in_sim = series_of(sim, quantity);
+    MatrixXd in_real = series_of(real, quantity), in_sim = series_of(sim, quantity);
     const bool no_real = in_real.rows() == 0, no_sim = in_sim.rows() == 0;
     if (no_real || no_sim) {
       series.missing = no_real && no_sim ? "neither log has it"
                        : no_real         ? "the real log lacks it"
                                          : "the simulated log lacks it";
+    } else if (options.low_pass_hz > 0) {
+      in_real = even_series_of(real, quantity, options.low_pass_hz);
+      in_sim = even_series_of(sim, quantity, options.low_pass_hz);
+      series.real = resampled(grid(0, real.duration()), in_real, pair.t);
+      series.sim = resampled(grid(0, sim.duration()), in_sim, shifted);
     } else {
       series.real = resampled(real_t, in_real, pair.t);
       series.sim = resampled(sim_t, in_sim, shifted);

@@ -27,10 +27,16 @@ const std::vector<ComparedQuantity>& quantities();
 // Series of a quantity in a log (N x axes); no rows where the log does not tell it.
 Eigen::MatrixXd series_of(const MeasuredLog& log, const ComparedQuantity& quantity);
 
+// The same every millisecond from the log's start on, filtered (see AlignOptions).
+Eigen::MatrixXd even_series_of(const MeasuredLog& log, const ComparedQuantity& quantity, double low_pass_hz);
+
 struct AlignOptions {
-  double max_lag_s = 1.0;                             // searched on both sides
-  std::optional<double> lag_s;                        // given instead of searched
-  bool trust_timeline = true;                         // false: by cross-correlation in any case
+  double max_lag_s = 1.0;       // searched on both sides
+  std::optional<double> lag_s;  // given instead of searched
+  bool trust_timeline = true;   // false: by cross-correlation in any case
+  // Of both series before errors are taken: Butterworth of order 2, forward and backward; 0: none. Noise of
+  // sensors is no fault of the simulation.
+  double low_pass_hz = 0;
   std::optional<std::pair<double, double>> window_s;  // from, to: since the real log's start
 };
 

@@ -34,9 +34,9 @@ VectorXd noise_of(const MatrixXd& series, Index samples) {
   return out;
 }
 
-void add_noise_floor(std::span<const MeasuredLog> real, double most, Comparison& out) {
+void add_noise_floor(std::span<const MeasuredLog> real, const CompareOptions& options, Comparison& out) {
   constexpr double kLeastRest = 0.2;
-  double rest = most;
+  double rest = options.rest_s;
   for (const MeasuredLog& log : real) rest = std::min(rest, rest_of(log));
   if (rest < kLeastRest) return;
   out.rest_s = rest;
@@ -44,9 +44,9 @@ void add_noise_floor(std::span<const MeasuredLog> real, double most, Comparison&
     QuantityFigures& figures = out.quantities[i];
     if (!figures.available()) continue;
     for (const MeasuredLog& log : real) {
-      const auto samples = std::upper_bound(log.t.begin(), log.t.end(), log.t[0] + rest) - log.t.begin();
-      const VectorXd noise =
-          noise_of(series_of(log, quantities()[i]), samples) / static_cast<double>(real.size());
+      const MatrixXd series = even_series_of(log, quantities()[i], options.low_pass_hz);
+      const VectorXd noise = noise_of(series, std::min(series.rows(), static_cast<Index>(1000 * rest))) /
+                             static_cast<double>(real.size());
       figures.noise = figures.noise.size() == 0 ? noise : VectorXd(figures.noise + noise);
     }
   }
@@ -115,6 +115,7 @@ Comparison compare(std::span<const MeasuredLog> real, std::span<const MeasuredLo
   if (real.empty() || sim.empty())
     throw std::invalid_argument("a comparison needs a real and a simulated log");
   Comparison out;
+  out.low_pass_hz = options.low_pass_hz;
   out.arm = !real[0].arm.empty() ? real[0].arm : sim[0].arm;
   for (const ComparedQuantity& quantity : quantities())
     out.quantities.push_back({quantity.name,
@@ -139,7 +140,7 @@ Comparison compare(std::span<const MeasuredLog> real, std::span<const MeasuredLo
   for (QuantityFigures& figures : out.quantities) {
     if (!figures.available()) figures.rmse.resize(0, 0), figures.max.resize(0, 0);
   }
-  add_noise_floor(real.first(std::min(real.size(), pairs)), options.rest_s, out);
+  add_noise_floor(real.first(std::min(real.size(), pairs)), options, out);
   const auto pass_on = [&](std::span<const MeasuredLog> logs) {
     for (const MeasuredLog& log : logs.first(std::min(logs.size(), pairs)))
       for (const auto& warning : log.warnings) out.warnings.push_back(log.source + ": " + warning);
@@ -164,7 +165,8 @@ std::vector<QuantityChange> change(const Comparison& before, const Comparison& a
 
 nlohmann::ordered_json to_json(const Comparison& comparison) {
   using Json = nlohmann::ordered_json;
-  Json out{{"arm", comparison.arm}, {"repeats", comparison.pairs.size()}};
+  Json out{
+      {"arm", comparison.arm}, {"repeats", comparison.pairs.size()}, {"low_pass_hz", comparison.low_pass_hz}};
   for (const auto& figures : comparison.quantities) {
     Json entry{{"what", figures.what}, {"unit", figures.unit}, {"available", figures.available()}};
     if (!figures.available()) {

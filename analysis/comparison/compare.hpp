@@ -45,7 +45,8 @@ struct Comparison {
     std::string aligned_by;
   };
   std::vector<Pair> pairs;
-  double rest_s = 0;  // the noise floor is of so long a rest, the shortest of the repeats; 0: none
+  double low_pass_hz = 0;  // of the series compared; 0: as measured
+  double rest_s = 0;       // the noise floor is of so long a rest, the shortest of the repeats; 0: none
   std::vector<std::string> warnings;
 
   // Throws std::invalid_argument if there is no such quantity.

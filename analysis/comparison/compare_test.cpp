@@ -147,6 +147,27 @@ TEST(Compare, IndependentNoiseAddsBySquares) {
   for (Index j = 0; j < 3; ++j) EXPECT_NEAR(result.at("tau").rmse(0, j), 0.5, 0.5 * 0.04);
 }
 
+// White noise through a low pass of order 2, twice: its power falls to the share of the band that is left,
+// here summed over the filter's squared gain 1 / (1 + (f / f_c)^4)^2.
+TEST(Compare, ALowPassTakesNoiseAndLeavesMotion) {
+  MeasuredLog real = task(0, 20.0), sim = task(0, 20.0);
+  add_noise(real.tau, 1.0, 41);
+  sim.tau.col(1).array() += 0.5;
+  CompareOptions options;
+  options.lag_s = 0;
+  options.low_pass_hz = 10;
+  const auto result = compared(real, sim, options);
+  double share = 0;
+  for (int i = 0; i < 500; ++i) {
+    const double gain = 1 / (1 + std::pow(std::tan(M_PI * i / 1000.0) / std::tan(M_PI * 0.01), 4));
+    share += gain * gain / 500;
+  }
+  EXPECT_NEAR(result.at("tau").rmse(0, 0), std::sqrt(share), 0.15 * std::sqrt(share));
+  EXPECT_NEAR(result.at("tau").rmse(0, 1), std::hypot(0.5, std::sqrt(share)), 0.03);
+  EXPECT_LT(*result.at("tau").noise_floor(), 0.3);
+  EXPECT_EQ(result.at("q").mean(), 0.0);
+}
+
 // Before the motion the sensor shows its noise; the mean is not noise.
 TEST(Compare, TheNoiseFloorIsThatOfTheFirstRest) {
   MeasuredLog real = task(0);
