@@ -174,7 +174,7 @@ def rounds(entries):
                           marker="o", markersize=4, capsize=2.5, label=arm or "arm")
         if first["noise_floor"] is not None:
             axis.axhline(factor * first["noise_floor"], color=NOISE, linewidth=1.2, linestyle=(0, (1, 1.5)))
-        axis.set_ylim(bottom=0)
+        axis.set_ylim(0, 1.1 * axis.get_ylim()[1])
         axis.set_xlim(-0.25, len(entries) - 0.75)
         axis.set_xticks(x, ["nominal", *(f"round {k}" for k in x[1:])])
         axis.set_title(f"{SYMBOL[name]}: {first['what']}")

@@ -1,0 +1,1 @@
+"""The page of a refinement: a task before and after the simulation was given what identification found."""
