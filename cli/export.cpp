@@ -1,22 +1,47 @@
 #include "logs/export.hpp"
 
+#include <fstream>
+
 #include <fmt/format.h>
 
 #include "cli/program.hpp"
 #include "cli/report.hpp"
+#include "models/to_mjcf.hpp"
+#include "models/to_urdf.hpp"
 
 namespace multipanda::cli {
 namespace {
 
 struct ExportOptions {
-  std::string log, out;
-  bool csv = false, npz = false;
+  std::string what, out;
+  bool csv = false, npz = false, urdf = false, mjcf = false, hand = false;
 };
+
+// A model file as other programs read it: MODEL.urdf, MODEL.xml in the folder `out`.
+int export_model(const ExportOptions& options) {
+  namespace fs = std::filesystem;
+  const RobotDescription robot = load_robot(options.what);
+  const fs::path folder = options.out.empty() ? "." : options.out;
+  fs::create_directories(folder);
+  const auto write = [&](const std::string& ending, const std::string& text) {
+    const fs::path file = folder / (robot.name + (options.hand ? "_hand" : "") + ending);
+    std::ofstream stream(file, std::ios::binary);
+    stream << text;
+    if (!stream.flush()) throw std::runtime_error("cannot write " + file.string());
+    fmt::print("{}\n", file.string());
+  };
+  if (options.urdf) write(".urdf", to_urdf(robot, {.hand = options.hand}));
+  if (options.mjcf) write(".xml", to_mjcf(robot, {.hand = options.hand, .friction = true}));
+  return kSuccess;
+}
 
 int run(const ExportOptions& options) {
   namespace fs = std::filesystem;
-  if (!options.csv && !options.npz) throw UsageError("export: name a format: --csv or --npz");
-  const fs::path log = find_log(options.log);
+  if (options.urdf || options.mjcf) return export_model(options);
+  if (!options.csv && !options.npz) {
+    throw UsageError("export: name a format: --csv or --npz for a log, --urdf or --mjcf for a model");
+  }
+  const fs::path log = find_log(options.what);
   fs::path out = options.out;
   if (out.empty()) out = options.csv ? log.parent_path() / "csv" : fs::path(log).replace_extension(".npz");
   const ExportResult result = options.csv ? export_csv(log, out) : export_npz(log, out);
@@ -29,18 +54,29 @@ int run(const ExportOptions& options) {
 
 void add_export(Program& program) {
   auto options = std::make_shared<ExportOptions>();
-  CLI::App* command =
-      program.add("export", "Writes a log as CSV tables or as one archive for numpy",
-                  "  multipanda export runs/20260102_120000_two_arms/log.mcap --csv --out tables\n"
-                  "  multipanda export runs --npz                      of the newest run in runs");
-  command->add_option("log", options->log, "Log file, or the folder of its run")
+  CLI::App* command = program.add(
+      "export", "Writes a log as CSV tables or an archive for numpy, a robot model as URDF or MJCF",
+      "  multipanda export runs/20260102_120000_two_arms/log.mcap --csv --out tables\n"
+      "  multipanda export runs --npz                      of the newest run in runs\n"
+      "  multipanda export identified.yaml --urdf --mjcf --hand --out models");
+  command
+      ->add_option("what", options->what,
+                   "Log file, or the folder of its run; with --urdf or --mjcf a model by name or file")
       ->required()
-      ->type_name("LOG");
+      ->type_name("LOG|MODEL");
   CLI::Option* csv = command->add_flag("--csv", options->csv,
                                        "One table per topic, in a folder (default: csv beside the log)");
   command->add_flag("--npz", options->npz, "One archive for numpy.load() (default: beside the log)")
       ->excludes(csv);
-  command->add_option("--out", options->out, "Folder for --csv, file for --npz")->type_name("PATH");
+  CLI::Option* urdf = command->add_flag("--urdf", options->urdf, "The model's rigid bodies, as NAME.urdf");
+  CLI::Option* mjcf = command->add_flag(
+      "--mjcf", options->mjcf, "The model with motor inertia and viscous and dry friction, as NAME.xml");
+  for (CLI::Option* format : {urdf, mjcf}) format->excludes(csv)->excludes("--npz");
+  command->add_flag("--hand", options->hand, "The model's hand, closed, on the flange");
+  command
+      ->add_option("--out", options->out,
+                   "Folder for --csv, file for --npz, folder for --urdf and --mjcf (default: this one)")
+      ->type_name("PATH");
   program.on(command, [options] { return run(*options); });
 }
 

@@ -212,6 +212,27 @@ TEST(WrittenRobots, StandOnImportedArms) {
   EXPECT_EQ(read.links[3].mass, nominal.links[3].mass);
 }
 
+// The exports of a file that identification wrote: masses in both, motors as armature; friction only if asked
+// for, for the plant simulates it by itself.
+TEST(WrittenRobots, AreExported) {
+  const RobotDescription nominal = load_robot("fer");
+  RobotDescription robot = nominal;
+  robot.links[3].mass = 3.0625;
+  robot.motor_inertia = JointVector::Constant(7, 0.40625);
+  FrictionLaw law;
+  law.viscous = JointVector::Constant(7, 1.1875);
+  law.stribeck = JointVector::Constant(7, 0.25);
+  law.presliding = {{0.01, JointVector::Constant(7, 0.125)}};
+  robot.link_friction = law;
+  write_robot(robot, nominal, scratch("exported.yaml"));
+  const RobotDescription read = load_robot(scratch("exported.yaml").string());
+  EXPECT_THAT(to_urdf(read, {.hand = true}), HasSubstr("<mass value=\"3.0625\"/>"));
+  const std::string plant = to_mjcf(read), whole = to_mjcf(read, {.friction = true});
+  EXPECT_THAT(plant, AllOf(HasSubstr("mass=\"3.0625\""),
+                           HasSubstr("armature=\"0.40625\" damping=\"0\" frictionloss=\"0\"")));
+  EXPECT_THAT(whole, HasSubstr("armature=\"0.40625\" damping=\"1.1875\" frictionloss=\"0.375\""));
+}
+
 std::string refusal(const std::string& sections) {
   const fs::path file = scratch("refused.yaml");
   std::ofstream(file) << "name: wrong\ntitle: Wrong\nbase: fer\n" << sections;

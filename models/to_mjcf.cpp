@@ -121,6 +121,19 @@ class ArmWriter {
     }
   }
 
+  double damping_of(Eigen::Index j) const {
+    const bool known = options_.friction && robot_.link_friction && robot_.link_friction->viscous.size() > 0;
+    return known ? robot_.link_friction->viscous[j] : 0.0;
+  }
+
+  double dry_friction_of(Eigen::Index j) const {
+    if (!options_.friction || !robot_.link_friction) return 0;
+    const FrictionLaw& law = *robot_.link_friction;
+    double sum = law.stribeck.size() > 0 ? law.stribeck[j] : 0.0;
+    for (const auto& element : law.presliding) sum += element.amplitude[j];
+    return sum;
+  }
+
   // Opens the body of link i and leaves it open: the next link stands inside.
   void write_link(std::size_t i) {
     const std::string number = std::to_string(i);
@@ -136,8 +149,8 @@ class ArmWriter {
                           {"axis", "0 0 1"},
                           {"range", exact(robot_.limits.q_min[j]) + " " + exact(robot_.limits.q_max[j])},
                           {"armature", exact(motor)},
-                          {"damping", "0"},
-                          {"frictionloss", "0"}});
+                          {"damping", exact(damping_of(j))},
+                          {"frictionloss", exact(dry_friction_of(j))}});
     }
     write_inertial(robot_.links[i]);
     write_visuals(link_visuals(robot_), link);

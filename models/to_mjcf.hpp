@@ -28,6 +28,9 @@ struct MjcfOptions {
   // `finger_joint1`, `finger_joint2`, coupled by the equality `fingers`, and the position actuator `fingers`,
   // control 0 (closed) to the travel [m]; collision boxes left_finger1..N, right_finger1..N.
   Fingers fingers = Fingers::locked;
+  // Friction beyond the torque sensor, as far as MJCF has words: viscous as damping, Stribeck and presliding
+  // amplitudes together as frictionloss. For other programs; our own plant simulates the whole law by itself.
+  bool friction = false;
   bool finger_servo = true;      // false: no actuator `fingers`; the force on the finger joints is applied
   std::string prefix;            // put before every name
   std::filesystem::path meshes;  // folder of meshes to show in place of the primitives; empty: primitives

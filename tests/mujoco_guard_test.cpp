@@ -13,6 +13,21 @@
 namespace multipanda {
 namespace {
 
+// One that has everything which a simulated arm can have beyond its make.
+std::shared_ptr<const RobotDescription> an_arm_of_its_own() {
+  RobotDescription robot = load_robot("fer");
+  FrictionLaw law;
+  law.offset = law.viscous = law.stribeck = joint_constant(7, 0.1);
+  law.presliding = {{0.003, joint_constant(7, 0.2)}, {0.05, joint_constant(7, 0.1)}};
+  law.sigmoid = robot.friction;
+  robot.link_friction = law;
+  robot.torque_sensor = TorqueSensor{joint_constant(7, 1.01), joint_constant(7, 0.1), 0.05};
+  robot.actuation = Actuation{60, 0.0013};
+  robot.motor_inertia = joint_constant(7, 0.1);
+  robot.base_tilt = {0.01, -0.01};
+  return std::make_shared<const RobotDescription>(robot);
+}
+
 class MujocoGuard : public testing::Test {
  protected:
   void SetUp() override {
@@ -29,6 +44,7 @@ TEST_F(MujocoGuard, EveryControlletFeatureAndSwitch) {
   scene.plant = PlantFidelity::realistic();
   scene.timeline.clear();
   for (auto& arm : scene.arms) arm.known_friction = true;  // a feature wants it
+  scene.arms[0].plant_robot = an_arm_of_its_own();
   scene.controllets.clear();
   for (const auto& type : registry.controllets()) {
     InstanceConfig config{.name = "a_" + type.statement.type, .type = type.statement.type};
