@@ -51,6 +51,8 @@ void add_ctl(Program& program);
 void add_communication_test(Program& program);
 void add_doctor(Program& program);
 void add_generate(Program& program);
+void add_identify(Program& program);
+void add_predict(Program& program);
 void add_via_points(Program& program);
 void add_virtual_arm(Program& program);
 

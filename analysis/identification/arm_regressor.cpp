@@ -71,8 +71,9 @@ std::optional<RigidBody> known_body(const RobotDescription& robot, bool hand,
 }
 
 Vector3 tilted(const Vector3& gravity_B, const Eigen::Vector2d& tilt) {
-  const Matrix3 R = (Eigen::AngleAxisd(tilt[1], Vector3::UnitY()) * Eigen::AngleAxisd(tilt[0], Vector3::UnitX()))
-                        .toRotationMatrix();
+  const Matrix3 R =
+      (Eigen::AngleAxisd(tilt[1], Vector3::UnitY()) * Eigen::AngleAxisd(tilt[0], Vector3::UnitX()))
+          .toRotationMatrix();
   return R.transpose() * gravity_B;
 }
 

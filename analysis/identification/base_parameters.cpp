@@ -24,7 +24,9 @@ Eigen::MatrixXd at_random_states(const RobotDescription& robot, const Vector3& g
   const Index n = regressor.joints();
   const Index states = 40 * n;
   std::mt19937_64 random(20240607);
-  const auto uniform = [&](double most) { return std::uniform_real_distribution<double>(-most, most)(random); };
+  const auto uniform = [&](double most) {
+    return std::uniform_real_distribution<double>(-most, most)(random);
+  };
   Eigen::MatrixXd Y(states * n, 10 * n);
   Eigen::VectorXd q(n), dq(n), ddq(n);
   for (Index s = 0; s < states; ++s) {
@@ -67,6 +69,7 @@ BaseParameters base_parameters(const RobotDescription& robot, const Vector3& gra
       heard.push_back(k);
     } else {
       out.silent.push_back(theta_name(k));
+      out.unheard.push_back(k);
     }
   }
   const Eigen::MatrixXd scaled = Y(Eigen::all, heard) * length(heard).cwiseInverse().asDiagonal();
@@ -75,8 +78,9 @@ BaseParameters base_parameters(const RobotDescription& robot, const Vector3& gra
   Index rank = 0;
   while (rank < scaled.cols() && std::abs(R(rank, rank)) > kDependent * std::abs(R(0, 0))) ++rank;
   const Index rest = scaled.cols() - rank;
-  const Eigen::MatrixXd K = R.topLeftCorner(rank, rank).triangularView<Eigen::Upper>().solve(
-      R.topRightCorner(rank, scaled.cols()).rightCols(rest));
+  const Eigen::MatrixXd K = R.topLeftCorner(rank, rank)
+                                .triangularView<Eigen::Upper>()
+                                .solve(R.topRightCorner(rank, scaled.cols()).rightCols(rest));
   const auto& order = qr.colsPermutation().indices();
   const auto column = [&](Index pivot) { return heard[static_cast<std::size_t>(order[pivot])]; };
 

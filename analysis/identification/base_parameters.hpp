@@ -13,12 +13,13 @@
 namespace multipanda {
 
 struct BaseParameters {
-  Eigen::MatrixXd combination;       // C (r x 10 n)
+  Eigen::MatrixXd combination;        // C (r x 10 n)
   std::vector<Eigen::Index> leading;  // the entry of theta that each stands for: Y_base = Y(:, leading)
-  std::vector<std::string> names;    // "link2 mx - 0.316 link3 m ..."
-  std::vector<std::string> alone;    // told by themselves
+  std::vector<std::string> names;     // "link2 mx - 0.316 link3 m ..."
+  std::vector<std::string> alone;     // told by themselves
   std::vector<std::string> combined;  // told only together with others
-  std::vector<std::string> silent;   // no torque depends on them
+  std::vector<std::string> silent;    // no torque depends on them
+  std::vector<Eigen::Index> unheard;  // their entries of theta
   Eigen::Index rank() const { return combination.rows(); }
 };
 

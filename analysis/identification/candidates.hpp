@@ -8,8 +8,8 @@
 
 namespace multipanda {
 
-// Models that are tried: friction laws from none to Dahl elements between 1 mrad and 1 rad, each alone, with
-// tilt, and with tilt and gains. Families are in the order of their number of coefficients.
+// Models that are tried: friction laws from none to six Dahl elements between 1 and 300 mrad, each alone,
+// with tilt, and with tilt and gains. Families are in the order of their number of coefficients.
 struct Candidates {
   std::vector<FrictionPart> parts;  // of all of them together
   std::vector<Family> families;
@@ -28,13 +28,15 @@ struct CrossValidation {
   std::vector<Eigen::VectorXd> rmse;  // per family (n) [N m]
   std::vector<double> mean;           // over joints
   std::size_t chosen = 0;
-  Fit fit;                              // of the chosen family, all blocks
-  Eigen::VectorXd rmse_train, rmse_heldout;  // of the chosen family fitted to the first two thirds (n)
+  Fit fit;  // of the chosen family, all blocks
 };
 
-// Blocked cross-validation: every block is predicted by a fit to all others. Chosen is the family with the
-// fewest coefficients whose mean is within 3 % of the best eligible one. `choose` false: the last family.
-CrossValidation cross_validate(std::span<const Equations> blocks, const FitProblem& problem,
-                               const Candidates& candidates, bool choose, unsigned threads);
+// Blocked cross-validation: every block is predicted by a fit to all others. `alone` are the same blocks,
+// each as if it were a file of its own (equations_of with `restart`): what is predicted. Chosen is the family
+// with the fewest coefficients whose mean is within 3 % of the best eligible one. `choose` false: the last
+// family.
+CrossValidation cross_validate(std::span<const Equations> blocks, std::span<const Equations> alone,
+                               const FitProblem& problem, const Candidates& candidates, bool choose,
+                               unsigned threads);
 
 }  // namespace multipanda

@@ -11,8 +11,12 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double kLeastSpread = 1e-3;   // weights do not grow beyond [N m]
-constexpr double kLittle = 1e-9;        // keeps what the data do not tell at zero
+constexpr double kLeastSpread = 1e-3;  // weights do not grow beyond [N m]
+constexpr double kLittle = 1e-9;       // keeps what the data do not tell at zero
+// How dearly amplitudes and tilt are bought, in units of the cost; chosen by cutting real files (see
+// docs/identification.md). A tilt of 0.3 degrees costs as much as a tenth of one joint's residual.
+constexpr double kFrictionWeight = 0.03;          // [1/(N m)^2]
+constexpr double kTiltWeight = 10 * 9.81 * 9.81;  // [1/rad^2]
 
 // Where each unknown stands in the vector x = (theta; f of joint 1, ...; a, b; k).
 struct Layout {
@@ -46,7 +50,12 @@ class Newton {
       free_[index(at_.gain(i))] = family.gains;
       ridge_[at_.gain(i)] = problem.gain_weight;
     }
+    ridge_.segment(10 * at_.n, at_.n * at_.parts).setConstant(kFrictionWeight);
+    ridge_.segment<2>(at_.tilt()).setConstant(kTiltWeight);
     free_[index(at_.tilt())] = free_[index(at_.tilt() + 1)] = family.tilt;
+    center_ = VectorXd::Zero(at_.size());
+    center_.head(10 * at_.n) = problem.prior;
+    if (problem.hold.size() > 0) ridge_.head(10 * at_.n) = problem.hold;
     known_ = VectorXd::Zero(10 * at_.n);
     known_.tail<10>() = problem.known;
   }
@@ -98,7 +107,7 @@ class Newton {
   }
 
   double cost(const VectorXd& x) const {
-    double sum = ridge_.dot(x.cwiseAbs2());
+    double sum = ridge_.dot((x - center_).cwiseAbs2());
     for (Index i = 0; i < at_.n; ++i) {
       if (free_[index(10 * i)]) sum += problem_.lambda * priors_[index(i)].value(x.segment<10>(10 * i));
     }
@@ -111,7 +120,7 @@ class Newton {
   }
 
   void derivatives(const VectorXd& x, VectorXd& g, MatrixXd& H) const {
-    g = 2 * ridge_.cwiseProduct(x);
+    g = 2 * ridge_.cwiseProduct(x - center_);
     H = (2 * ridge_).asDiagonal();
     MatrixXd J;
     for (Index j = 0; j < at_.n; ++j) {
@@ -184,7 +193,12 @@ class Newton {
     }
     return out;
   }
-  void set_weights(const VectorXd& spread) { weight_ = spread.cwiseMax(kLeastSpread).cwiseInverse(); }
+  // Between one weight for all joints and 1 / spread, which gives joints of little torque too much to say.
+  void set_weights(const VectorXd& spread) {
+    const VectorXd s = spread.cwiseMax(kLeastSpread);
+    const double usual = std::exp(s.array().log().mean());
+    weight_ = (s * usual).cwiseSqrt().cwiseInverse();
+  }
 
   Fit get(const VectorXd& x) const {
     Fit out;
@@ -208,7 +222,7 @@ class Newton {
   Layout at_;
   std::vector<bool> free_, bounded_;
   std::vector<Divergence> priors_;
-  VectorXd weight_, ridge_, known_;
+  VectorXd weight_, ridge_, center_, known_;
 };
 
 }  // namespace

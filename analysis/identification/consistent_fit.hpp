@@ -11,12 +11,13 @@
 
 // Parameters that explain the torque and belong to possible bodies. Unknown: theta of every moving link,
 // friction amplitudes f, tilt (a, b), gains 1 + k of the torque sensors. Minimised is
-//   sum_j w_j^2 mean_t e_j^2 + lambda sum_links d(P_i) + gain_weight |k|^2
+//   sum_j w_j^2 mean_t e_j^2 + lambda sum_links d(P_i) + gain_weight |k|^2 + little ones on tilt and f
+//     + sum_i hold_i (theta_i - prior_i)^2
 //   e_j = (1 + k_j) ((Y + a Y_a + b Y_b) theta)_j + F_j f_j - tau_j
 // with d the distance to the prior (Divergence) and f >= 0 where friction would otherwise drive. Damped
 // Newton (Gauss-Newton where unknowns multiply each other), with amplitudes held at their bound while the
-// gradient pushes them there (Bertsekas, SIAM J. Control Optim. 1982, doi 10.1137/0320018). Weights w_j from
-// the spread of the residuals, over a few passes.
+// gradient pushes them there (Bertsekas, SIAM J. Control Optim. 1982, doi 10.1137/0320018). Weights
+// w_j^2 = 1 / (s_j s), s_j the spread of the residuals, s its geometric mean, over a few passes.
 namespace multipanda {
 
 // What a candidate model consists of.
@@ -28,10 +29,11 @@ struct Family {
 };
 
 struct FitProblem {
-  std::vector<FrictionPart> parts;      // of the equations
-  Eigen::VectorXd prior;                // theta of every moving link, each inside the cone (10 n)
-  std::vector<bool> fixed;              // per link: stays at the prior
-  Theta known = Theta::Zero();          // added to the last link's: hand, tool
+  std::vector<FrictionPart> parts;  // of the equations
+  Eigen::VectorXd prior;            // theta of every moving link, each inside the cone (10 n)
+  std::vector<bool> fixed;          // per link: stays at the prior
+  Eigen::VectorXd hold;             // of every theta: weight of its squared distance to the prior; empty: 0
+  Theta known = Theta::Zero();      // added to the last link's: hand, tool
   double lambda = 1e-3;
   double gain_weight = 1;
   int passes = 4;

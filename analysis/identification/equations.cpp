@@ -37,8 +37,27 @@ std::vector<Eigen::MatrixXd> kept_friction(const FilteredLog& log, const std::ve
   return out;
 }
 
+std::vector<Eigen::MatrixXd> restarted_friction(const FilteredLog& log, Index begin, Index end,
+                                                const std::vector<FrictionPart>& parts,
+                                                const std::optional<JointFriction>& table) {
+  constexpr Index kBefore = 200;  // samples, as the protocol leaves them out of every file
+  FilteredLog alone;
+  if (begin < end) {
+    const Index first = std::max<Index>(0, log.kept[static_cast<std::size_t>(begin)] - kBefore);
+    const Index last = std::min(log.t.size(), log.kept[static_cast<std::size_t>(end - 1)] + kBefore);
+    alone.t = log.t.segment(first, last - first);
+    alone.dq = log.dq.middleRows(first, last - first);
+    alone.ddq = log.ddq.middleRows(first, last - first);
+    for (Index i = begin; i < end; ++i) alone.kept.push_back(log.kept[static_cast<std::size_t>(i)] - first);
+  } else {
+    alone.dq.resize(0, log.dq.cols());
+    alone.ddq = alone.dq;
+  }
+  return kept_friction(alone, parts, table);
+}
+
 std::vector<Equations> equations_of(std::span<const FilteredLog> logs, const EquationSource& source,
-                                    std::size_t blocks) {
+                                    std::size_t blocks, bool restart) {
   ArmRegressor regressor(*source.robot);
   const Index n = regressor.joints(), parts = static_cast<Index>(source.parts.size());
   const Eigen::Matrix<double, 3, 2> directions = tilt_directions(source.gravity_B);
@@ -49,11 +68,14 @@ std::vector<Equations> equations_of(std::span<const FilteredLog> logs, const Equ
     }
   }
   for (const FilteredLog& log : logs) {
-    const auto friction = kept_friction(log, source.parts, source.robot->friction);
     const auto count = static_cast<Index>(log.kept.size());
+    std::vector<Eigen::MatrixXd> friction;  // of the rows from `origin` on
+    if (!restart) friction = kept_friction(log, source.parts, source.robot->friction);
     for (std::size_t b = 0; b < blocks; ++b) {
       const Index begin = count * static_cast<Index>(b) / static_cast<Index>(blocks);
       const Index end = count * static_cast<Index>(b + 1) / static_cast<Index>(blocks);
+      const Index origin = restart ? begin : 0;
+      if (restart) friction = restarted_friction(log, begin, end, source.parts, source.robot->friction);
       constexpr Index kAtOnce = 1000;  // rows held uncompressed
       for (Index from = begin; from < end; from += kAtOnce) {
         const Index rows = std::min(kAtOnce, end - from);
@@ -73,7 +95,7 @@ std::vector<Equations> equations_of(std::span<const FilteredLog> logs, const Equ
           for (Index j = 0; j < n; ++j) {
             auto row = A[static_cast<std::size_t>(j)].row(i);
             for (Index p = 0; p < parts; ++p) {
-              row[30 * (n - j) + p] = friction[static_cast<std::size_t>(p)](from + i, j);
+              row[30 * (n - j) + p] = friction[static_cast<std::size_t>(p)](from + i - origin, j);
             }
             row[row.size() - 1] = log.tau(at, j);
           }

@@ -15,7 +15,8 @@ namespace multipanda {
 // The equations of one joint, compressed: A = Q R with
 //   A = [Y | Y_a | Y_b | F | tau]
 // Y: rigid-body regressor without the columns of the links before this joint, which are zero (10 (n - j));
-// Y_a, Y_b: its derivatives by the two angles of tilt; F: one column per friction part. |A x| = |R x| for all x.
+// Y_a, Y_b: its derivatives by the two angles of tilt; F: one column per friction part. |A x| = |R x| for all
+// x.
 struct JointEquations {
   Eigen::MatrixXd R;
   Eigen::Index rows = 0;  // of A
@@ -28,15 +29,21 @@ struct EquationSource {
   Vector3 gravity_B{0, 0, -9.81};
 };
 
-// The kept rows of every log, cut into `blocks` parts by time: part k of all logs together.
+// The kept rows of every log, cut into `blocks` parts by time: part k of all logs together. With `restart`
+// laws with memory begin anew 0.2 s before each part, as if it were a file of its own.
 std::vector<Equations> equations_of(std::span<const FilteredLog> logs, const EquationSource& source,
-                                    std::size_t blocks);
+                                    std::size_t blocks, bool restart = false);
 
 // Several parts as one.
 Equations stacked(std::span<const Equations> parts, const std::function<bool(std::size_t)>& wanted);
 
-// Friction columns of one log as the torque sensor's filter leaves them, kept rows only, one per part (N x n).
+// Friction columns of one log as the torque sensor's filter leaves them, kept rows only, one per part (N x
+// n).
 std::vector<Eigen::MatrixXd> kept_friction(const FilteredLog& log, const std::vector<FrictionPart>& parts,
                                            const std::optional<JointFriction>& table);
+// Of the kept rows `begin` to `end` alone, laws with memory begun anew 0.2 s before them.
+std::vector<Eigen::MatrixXd> restarted_friction(const FilteredLog& log, Eigen::Index begin, Eigen::Index end,
+                                                const std::vector<FrictionPart>& parts,
+                                                const std::optional<JointFriction>& table);
 
 }  // namespace multipanda

@@ -27,7 +27,9 @@ Eigen::MatrixXd interpolated(const Eigen::VectorXd& t, const Eigen::MatrixXd& va
 
 }  // namespace
 
-Eigen::MatrixXd FilteredLog::kept_rows(const Eigen::MatrixXd& series) const { return series(kept, Eigen::all); }
+Eigen::MatrixXd FilteredLog::kept_rows(const Eigen::MatrixXd& series) const {
+  return series(kept, Eigen::all);
+}
 
 Eigen::MatrixXd protocol_filter(const Eigen::MatrixXd& series) {
   return LowPass(4, kProtocolCutoffHz, 1 / kProtocolStep).zero_phase(series);
@@ -41,7 +43,8 @@ FilteredLog filter_log(const MeasuredLog& log, double shortest) {
   FilteredLog out;
   out.source = log.source;
   const auto count = static_cast<Eigen::Index>(std::floor(log.duration() / kProtocolStep + 1e-6)) + 1;
-  out.t = log.t[0] + kProtocolStep * Eigen::VectorXd::LinSpaced(count, 0, static_cast<double>(count - 1)).array();
+  out.t =
+      log.t[0] + kProtocolStep * Eigen::VectorXd::LinSpaced(count, 0, static_cast<double>(count - 1)).array();
   const Eigen::MatrixXd dq = interpolated(log.t, log.dq, out.t);
   out.tau_raw = interpolated(log.t, log.tau, out.t);
   out.q = protocol_filter(interpolated(log.t, log.q, out.t));

@@ -16,9 +16,9 @@ namespace multipanda {
 // Laws with memory run over the whole series at 1 ms.
 struct FilteredLog {
   std::string source;
-  Eigen::VectorXd t;              // every 1 ms [s] (N)
-  Eigen::MatrixXd q, dq, ddq;     // filtered (N x n)
-  Eigen::MatrixXd tau, tau_raw;   // filtered; as measured, interpolated [N m] (N x n)
+  Eigen::VectorXd t;               // every 1 ms [s] (N)
+  Eigen::MatrixXd q, dq, ddq;      // filtered (N x n)
+  Eigen::MatrixXd tau, tau_raw;    // filtered; as measured, interpolated [N m] (N x n)
   std::vector<Eigen::Index> kept;  // rows that count
 
   Eigen::Index joints() const { return q.cols(); }

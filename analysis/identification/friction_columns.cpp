@@ -8,9 +8,13 @@
 namespace multipanda {
 namespace {
 
-constexpr double kCoulombVelocity = 0.05;    // [rad/s]
-constexpr double kStribeckRise = 0.01;       // [rad/s]
-constexpr double kStribeckVelocity = 0.3;    // [rad/s]
+constexpr double kCoulombVelocity = 0.05;  // [rad/s]
+constexpr double kStribeckRise = 0.01;     // [rad/s]
+constexpr double kStribeckVelocity = 0.3;  // [rad/s]
+// Nobody knows the state with which a log begins. A joint that moves has probably come some way in the same
+// direction; one that stands may have come from anywhere.
+constexpr double kMoving = 0.02;   // [rad/s]
+constexpr double kComeFrom = 0.2;  // [rad]
 
 double stribeck(double dq) {
   const double x = dq / kStribeckVelocity;
@@ -21,7 +25,9 @@ double stribeck(double dq) {
 Eigen::MatrixXd presliding(double s, const Eigen::MatrixXd& dq, double dt) {
   Eigen::MatrixXd out(dq.rows(), dq.cols());
   for (Eigen::Index j = 0; j < dq.cols(); ++j) {
-    double z = 0;  // over s
+    const double first = dq.rows() > 0 ? dq(0, j) : 0.0;
+    double z =
+        std::abs(first) > kMoving ? std::copysign(1 - std::exp(-kComeFrom / s), first) : 0.0;  // over s
     for (Eigen::Index i = 0; i < dq.rows(); ++i) {
       const double v = dq(i, j), end = v > 0 ? 1.0 : v < 0 ? -1.0 : 0.0;
       z = end + (z - end) * std::exp(-std::abs(v) * dt / s);
@@ -39,13 +45,20 @@ double sigmoid(double p2, double p3, double dq) {
 
 std::string to_string(const FrictionPart& part) {
   switch (part.kind) {
-    case FrictionKind::offset: return "offset";
-    case FrictionKind::viscous: return "viscous";
-    case FrictionKind::stribeck: return "stribeck";
-    case FrictionKind::coulomb: return "coulomb";
-    case FrictionKind::sigmoid: return "sigmoid";
-    case FrictionKind::presliding: return fmt::format("presliding {:g} mrad", 1e3 * part.distance);
-    case FrictionKind::acceleration: return "joint inertia";
+    case FrictionKind::offset:
+      return "offset";
+    case FrictionKind::viscous:
+      return "viscous";
+    case FrictionKind::stribeck:
+      return "stribeck";
+    case FrictionKind::coulomb:
+      return "coulomb";
+    case FrictionKind::sigmoid:
+      return "sigmoid";
+    case FrictionKind::presliding:
+      return fmt::format("presliding {:g} mrad", 1e3 * part.distance);
+    case FrictionKind::acceleration:
+      return "joint inertia";
   }
   return {};
 }
@@ -57,16 +70,24 @@ std::string unit_of(const FrictionPart& part) {
 
 bool has_sign(const FrictionPart& part) { return part.kind != FrictionKind::offset; }
 
-Eigen::MatrixXd friction_column(const FrictionPart& part, const Eigen::MatrixXd& dq, const Eigen::MatrixXd& ddq,
-                                const std::optional<JointFriction>& table, double dt) {
+Eigen::MatrixXd friction_column(const FrictionPart& part, const Eigen::MatrixXd& dq,
+                                const Eigen::MatrixXd& ddq, const std::optional<JointFriction>& table,
+                                double dt) {
   switch (part.kind) {
-    case FrictionKind::offset: return Eigen::MatrixXd::Ones(dq.rows(), dq.cols());
-    case FrictionKind::viscous: return dq;
-    case FrictionKind::stribeck: return dq.unaryExpr(&stribeck);
-    case FrictionKind::coulomb: return (dq / kCoulombVelocity).array().tanh();
-    case FrictionKind::presliding: return presliding(part.distance, dq, dt);
-    case FrictionKind::acceleration: return ddq;
-    case FrictionKind::sigmoid: break;
+    case FrictionKind::offset:
+      return Eigen::MatrixXd::Ones(dq.rows(), dq.cols());
+    case FrictionKind::viscous:
+      return dq;
+    case FrictionKind::stribeck:
+      return dq.unaryExpr(&stribeck);
+    case FrictionKind::coulomb:
+      return (dq / kCoulombVelocity).array().tanh();
+    case FrictionKind::presliding:
+      return presliding(part.distance, dq, dt);
+    case FrictionKind::acceleration:
+      return ddq;
+    case FrictionKind::sigmoid:
+      break;
   }
   if (!table) throw std::invalid_argument("friction of the table's shape: the robot has no table");
   Eigen::MatrixXd out(dq.rows(), dq.cols());

@@ -30,10 +30,14 @@ std::string to_string(const FrictionPart& part);  // "presliding 3 mrad"
 std::string unit_of(const FrictionPart& part);    // of its amplitude
 bool has_sign(const FrictionPart& part);          // its amplitude must not be negative: else it would drive
 
+// A presliding state begins at 0 where the joint stands, and where it moves as if it had come 0.2 rad from
+// rest in the same direction: no log tells what was before it.
+
 // Column of one part for every joint, at 1 ms, before any filter. dq, ddq (N x n) -> (N x n).
 // `table` is the robot's, for `sigmoid`; throws std::invalid_argument if it is needed and there is none.
-Eigen::MatrixXd friction_column(const FrictionPart& part, const Eigen::MatrixXd& dq, const Eigen::MatrixXd& ddq,
-                                const std::optional<JointFriction>& table, double dt);
+Eigen::MatrixXd friction_column(const FrictionPart& part, const Eigen::MatrixXd& dq,
+                                const Eigen::MatrixXd& ddq, const std::optional<JointFriction>& table,
+                                double dt);
 
 // Friction torque of a law along a motion at steps of dt, before any filter (N x n) [N m].
 Eigen::MatrixXd friction_torque(const FrictionLaw& law, const Eigen::MatrixXd& dq, double dt);

@@ -16,14 +16,14 @@
 namespace multipanda {
 
 struct IdentifyOptions {
-  bool payload = false;                     // the arm is as the prior says; only a body at the flange is sought
-  bool hand = false;                        // the prior's hand is on the flange
-  std::optional<RigidBody> tool;            // known body in the flange's frame, beside the hand
-  Vector3 gravity_B{0, 0, -9.81};           // in the base as it is believed to stand [m/s^2]
-  std::vector<std::string> families;        // only these candidates (family_names()); empty: all
-  bool choose = true;                       // false: the last of `families`, without cross-validation
-  std::size_t folds = 6;                    // blocks of cross-validation; the last third of them is held out
-  double prior_weight = 1e-3;               // of the distance to the prior (lambda)
+  bool payload = false;               // the arm is as the prior says; only a body at the flange is sought
+  bool hand = false;                  // the prior's hand is on the flange
+  std::optional<RigidBody> tool;      // known body in the flange's frame, beside the hand
+  Vector3 gravity_B{0, 0, -9.81};     // in the base as it is believed to stand [m/s^2]
+  std::vector<std::string> families;  // only these candidates (family_names()); empty: all
+  bool choose = true;                 // false: the last of `families`, without cross-validation
+  std::size_t folds = 6;              // blocks of cross-validation; the last third of them is held out
+  double prior_weight = 1e-3;         // of the distance to the prior (lambda)
   unsigned threads = 2;
 };
 
@@ -35,6 +35,12 @@ struct FamilyScore {
   double mean = 0;               // over joints
   bool eligible = true;          // false: shown for comparison only
   bool chosen = false;
+};
+
+// Train and test by time: a part of every log is fitted, the rest predicted as if it were a log of its own.
+struct TimeCut {
+  double from = 0, to = 0;            // share of the time that was fitted; the rest is the test
+  JointVector rmse_train, rmse_test;  // [N m] (n x 1)
 };
 
 // Another model's prediction of the same data by the same protocol.
@@ -57,19 +63,20 @@ struct Identification {
   double payload_mass_half95 = 0;    // [kg]
   double payload_com_half95 = 0;     // along the worst axis of the last link [m]
 
-  std::string family;                // chosen
-  std::vector<FamilyScore> scores;   // simplest first
-  JointVector rmse_train;            // of a fit to the first part of the data, on that part [N m] (n x 1)
-  JointVector rmse_heldout;          // of the same fit, on the rest
-  JointVector rmse_all;              // of `robot` on everything it was fitted to
-  bool consistent = false;           // every moving link has a positive definite pseudo-inertia
-  bool dissipative = false;          // no friction amplitude is negative
+  std::string family;                  // chosen
+  std::vector<FamilyScore> scores;     // simplest first
+  std::vector<TimeCut> cuts;           // the chosen family fitted to a part of every log, tested on the rest
+  JointVector rmse_train;              // of the first cut, on what it was fitted to [N m] (n x 1)
+  JointVector rmse_heldout;            // of the first cut, on the rest
+  JointVector rmse_all;                // of `robot` on everything it was fitted to
+  bool consistent = false;             // every moving link has a positive definite pseudo-inertia
+  bool dissipative = false;            // no friction amplitude is negative
   std::vector<bool> prior_consistent;  // per moving link, of the prior as given
 
-  LinearFit linear;                  // base parameters and coefficients with intervals
+  LinearFit linear;  // base parameters and coefficients with intervals
   std::vector<ModelBeside> beside;
   std::vector<ResidualSeries> series;
-  double seconds_used = 0;           // of data
+  double seconds_used = 0;  // of data
   std::vector<std::string> warnings;
 };
 

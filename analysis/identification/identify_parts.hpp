@@ -22,6 +22,12 @@ FilteredLogs filtered_logs(std::span<const MeasuredLog> logs, const RobotDescrip
 void put_scores(const CrossValidation& validation, const Candidates& candidates, std::size_t joints,
                 bool choose, Identification& out);
 
+// Train and test by time: really cut files. The first part of every log is fitted, the rest predicted as a
+// log of its own, and for `out.cuts` also with other shares and the other way round.
+void put_held_out(std::span<const MeasuredLog> logs, const EquationSource& source, const FitProblem& problem,
+                  const Family& family, const std::function<void(FilteredLog&)>& prepare,
+                  Identification& out);
+
 // Predictions beside each other on all logs: rmse_all, series, other models of the same kinematics.
 void put_predictions(std::span<const FilteredLog> logs, const RobotDescription& prior,
                      const IdentifyOptions& options, Identification& out);

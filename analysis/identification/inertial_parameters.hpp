@@ -9,8 +9,8 @@
 // The ten inertial parameters of a body, in the order of Pinocchio and about the origin of the body's frame:
 //   theta = (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz)
 // and the pseudo-inertia, linear in them:  P = [[S, m c], [m c^T, m]],  S = tr(I)/2 1 - I.
-// Some distribution of positive mass has these parameters if and only if P is positive definite (Wensing, Kim,
-// Slotine, IEEE RA-L 2018, doi 10.1109/LRA.2017.2729659).
+// Some distribution of positive mass has these parameters if and only if P is positive definite (Wensing,
+// Kim, Slotine, IEEE RA-L 2018, doi 10.1109/LRA.2017.2729659).
 namespace multipanda {
 
 using Theta = Eigen::Matrix<double, 10, 1>;

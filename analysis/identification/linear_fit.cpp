@@ -54,11 +54,13 @@ Stretch rows_of(const MotionData& data, const RobotDescription& robot, const Lin
     }
     out.y.row(t) -= Y * known;
     if (level) continue;
-    out.y.row(t) -= regressor.of_field(q, true_gravity - options.gravity_B) * (options.body_only ? known : theta + known);
+    out.y.row(t) -=
+        regressor.of_field(q, true_gravity - options.gravity_B) * (options.body_only ? known : theta + known);
   }
   for (Index j = 0; j < n; ++j) {
     for (Index p = 0; p < k; ++p) {
-      out.A[static_cast<std::size_t>(j)].col(r + j * k + p) = data.friction[static_cast<std::size_t>(p)].col(j);
+      out.A[static_cast<std::size_t>(j)].col(r + j * k + p) =
+          data.friction[static_cast<std::size_t>(p)].col(j);
     }
   }
   return out;
@@ -114,7 +116,8 @@ LinearFit fit_linear(std::span<const MotionData> data, const RobotDescription& r
         MatrixXd both(triangle.rows() + A.rows(), r);
         both << triangle, A.leftCols(r);
         if (both.rows() > r) {
-          triangle = Eigen::HouseholderQR<MatrixXd>(both).matrixQR().topRows(r).triangularView<Eigen::Upper>();
+          triangle =
+              Eigen::HouseholderQR<MatrixXd>(both).matrixQR().topRows(r).triangularView<Eigen::Upper>();
         } else {
           triangle = std::move(both);
         }
@@ -151,7 +154,8 @@ LinearFit fit_linear(std::span<const MotionData> data, const RobotDescription& r
     VectorXd squares = VectorXd::Zero(n);
     for (const Stretch& s : stretches) {
       for (Index j = 0; j < n; ++j) {
-        squares[j] += (s.y.col(j) - s.A[static_cast<std::size_t>(j)] * scaled.cwiseQuotient(length)).squaredNorm();
+        squares[j] +=
+            (s.y.col(j) - s.A[static_cast<std::size_t>(j)] * scaled.cwiseQuotient(length)).squaredNorm();
       }
     }
     out.rmse = (squares / count).cwiseSqrt();

@@ -16,9 +16,7 @@ using Eigen::Index;
 constexpr double kLittlePrior = 1e-7;  // only what the data do not tell stays near the prior's body
 
 // A body as people hang them on arms.
-RigidBody usual_body() {
-  return {0.5, Vector3(0, 0, 0.05), 0.5 * 2 * 0.05 * 0.05 * Matrix3::Identity()};
-}
+RigidBody usual_body() { return {0.5, Vector3(0, 0, 0.05), 0.5 * 2 * 0.05 * 0.05 * Matrix3::Identity()}; }
 
 void take_out_known(FilteredLog& log, const RobotDescription& robot) {
   if (robot.torque_sensor) {
@@ -28,7 +26,8 @@ void take_out_known(FilteredLog& log, const RobotDescription& robot) {
       if (sensor.gain.size() > 0) log.tau.col(j) /= sensor.gain[j];
     }
   }
-  if (robot.link_friction) log.tau -= protocol_filter(friction_torque(*robot.link_friction, log.dq, kProtocolStep));
+  if (robot.link_friction)
+    log.tau -= protocol_filter(friction_torque(*robot.link_friction, log.dq, kProtocolStep));
 }
 
 }  // namespace
@@ -44,8 +43,10 @@ Identification identify_payload(std::span<const MeasuredLog> logs, const RobotDe
   const auto n = static_cast<Index>(prior.joint_count());
 
   Candidates set = payload_candidates();
-  const std::vector<Equations> blocks =
-      equations_of(filtered.logs, {&prior, set.parts, gravity}, std::max<std::size_t>(3, options.folds));
+  const EquationSource source{&prior, set.parts, gravity};
+  const std::size_t folds = std::max<std::size_t>(3, options.folds);
+  const std::vector<Equations> blocks = equations_of(filtered.logs, source, folds);
+  const std::vector<Equations> alone = equations_of(filtered.logs, source, folds, true);
   const Equations all = stacked(blocks, [](std::size_t) { return true; });
   Eigen::VectorXd carried = thetas_of(prior);
   if (const auto body = known_body(prior, options.hand, options.tool)) carried.tail<10>() += theta_of(*body);
@@ -61,19 +62,23 @@ Identification identify_payload(std::span<const MeasuredLog> logs, const RobotDe
   problem.known = carried.tail<10>();
   const Pose X_LF = prior.flange.pose();
   problem.prior.tail<10>() = theta_of(moved(usual_body(), X_LF));
-  const CrossValidation validation = cross_validate(blocks, problem, set, true, options.threads);
+  const CrossValidation validation = cross_validate(blocks, alone, problem, set, true, options.threads);
   const Family& family = set.families[validation.chosen];
   put_scores(validation, set, prior.joint_count(), true, out);
+  put_held_out(
+      logs, source, problem, family, [&](FilteredLog& log) { take_out_known(log, prior); }, out);
   const RigidBody in_link = body_of(validation.fit.theta.tail<10>());
   out.payload = moved(in_link, X_LF.inverse());
   out.robot = prior;
   out.robot.links.back() = merged(prior.links.back(), in_link);
-  for (std::size_t i = 1; i < prior.links.size(); ++i) out.prior_consistent.push_back(is_physical(prior.links[i]));
+  for (std::size_t i = 1; i < prior.links.size(); ++i)
+    out.prior_consistent.push_back(is_physical(prior.links[i]));
   out.consistent = is_physical(in_link);
   out.dissipative = true;
-  out.robot.origin["inertials"] = fmt::format("{}, with a body of {:.4f} kg on the flange, identified from {:.1f} s of "
-                                              "measured torque ({}).",
-                                              prior.name, in_link.mass, out.seconds_used, logs.front().source);
+  out.robot.origin["inertials"] = fmt::format(
+      "{}, with a body of {:.4f} kg on the flange, identified from {:.1f} s of "
+      "measured torque ({}).",
+      prior.name, in_link.mass, out.seconds_used, logs.front().source);
 
   // Intervals from the linear stage of the same equations.
   LinearOptions linear;
@@ -84,8 +89,8 @@ Identification identify_payload(std::span<const MeasuredLog> logs, const RobotDe
   for (const std::size_t p : family.parts) linear.friction.push_back(set.parts[p]);
   std::vector<MotionData> data;
   for (const FilteredLog& log : filtered.logs) {
-    data.push_back({log.kept_rows(log.q), log.kept_rows(log.dq), log.kept_rows(log.ddq), log.kept_rows(log.tau),
-                    kept_friction(log, linear.friction, prior.friction)});
+    data.push_back({log.kept_rows(log.q), log.kept_rows(log.dq), log.kept_rows(log.ddq),
+                    log.kept_rows(log.tau), kept_friction(log, linear.friction, prior.friction)});
   }
   RobotDescription plain = prior;  // gains and tilt are taken out already
   plain.torque_sensor.reset();
@@ -107,7 +112,8 @@ Identification identify_payload(std::span<const MeasuredLog> logs, const RobotDe
     TorqueSensor sensor = prior.torque_sensor.value_or(TorqueSensor{});
     const JointVector gain = sensor.gain.size() > 0 ? sensor.gain : JointVector::Ones(n);
     const JointVector before = sensor.offset.size() > 0 ? sensor.offset : JointVector::Zero(n);
-    sensor.offset = before + gain.cwiseProduct(JointVector(validation.fit.friction.col(static_cast<Index>(p))));
+    sensor.offset =
+        before + gain.cwiseProduct(JointVector(validation.fit.friction.col(static_cast<Index>(p))));
     out.robot.torque_sensor = sensor;
   }
   put_predictions(measured, prior, options, out);

@@ -19,7 +19,8 @@ JointVector root_mean_square(const Eigen::MatrixXd& e) {
 
 }  // namespace
 
-Eigen::MatrixXd model_torque(const FilteredLog& log, const RobotDescription& robot, const PredictOptions& options) {
+Eigen::MatrixXd model_torque(const FilteredLog& log, const RobotDescription& robot,
+                             const PredictOptions& options) {
   ArmRegressor regressor(robot);
   const Eigen::Index n = regressor.joints();
   Eigen::VectorXd theta = thetas_of(robot);

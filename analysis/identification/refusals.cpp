@@ -12,9 +12,10 @@ namespace {
 
 using Eigen::Index;
 
-constexpr double kUnexplained = 0.7;     // of the torque's root mean square
-constexpr double kOutside = 0.2;         // beyond the range [rad]
-// Measured by exciting motions: 15 to 60 scaled. A motion of one joint, or of all by the same sine: thousands.
+constexpr double kUnexplained = 0.7;  // of the torque's root mean square
+constexpr double kOutside = 0.2;      // beyond the range [rad]
+// Measured by exciting motions: 15 to 60 scaled. A motion of one joint, or of all by the same sine:
+// thousands.
 constexpr double kHardly = 150, kNot = 1000;
 
 }  // namespace
@@ -30,14 +31,16 @@ void refuse_other_robot(std::span<const MeasuredLog> logs, const RobotDescriptio
       const double low = log.q.col(j).minCoeff(), high = log.q.col(j).maxCoeff();
       if (low < robot.limits.q_min[j] - kOutside || high > robot.limits.q_max[j] + kOutside) {
         throw LogRefused(fmt::format(
-            "{}: joint{} moves from {:.3f} to {:.3f} rad, {} only from {:.3f} to {:.3f}: is it another robot?",
+            "{}: joint{} moves from {:.3f} to {:.3f} rad, {} only from {:.3f} to {:.3f}: is it another "
+            "robot?",
             log.source, j + 1, low, high, robot.name, robot.limits.q_min[j], robot.limits.q_max[j]));
       }
     }
   }
 }
 
-void refuse_unexplained(const Equations& equations, const Eigen::VectorXd& theta, const RobotDescription& robot) {
+void refuse_unexplained(const Equations& equations, const Eigen::VectorXd& theta,
+                        const RobotDescription& robot) {
   const auto n = static_cast<Index>(equations.size());
   double left = 0, measured = 0, worst = 0;
   Index worst_joint = 0;
@@ -54,11 +57,13 @@ void refuse_unexplained(const Equations& equations, const Eigen::VectorXd& theta
   const double ratio = std::sqrt(left / std::max(1e-12, measured));
   if (ratio <= kUnexplained) return;
   const double rows = static_cast<double>(equations.front().rows);
-  throw LogRefused(fmt::format(
-      "{} as it is leaves {:.0f} % of the measured torque unexplained (most at joint{}: {:.2f} N m), at most {:.0f} % "
-      "are expected: is it another robot, are hand and tool named, are joints in order and torques in N m with "
-      "gravity?",
-      robot.name, 100 * ratio, worst_joint + 1, std::sqrt(worst / rows), 100 * kUnexplained));
+  throw LogRefused(
+      fmt::format("{} as it is leaves {:.0f} % of the measured torque unexplained (most at joint{}: {:.2f} N "
+                  "m), at most {:.0f} % "
+                  "are expected: is it another robot, are hand and tool named, are joints in order and "
+                  "torques in N m with "
+                  "gravity?",
+                  robot.name, 100 * ratio, worst_joint + 1, std::sqrt(worst / rows), 100 * kUnexplained));
 }
 
 Condition condition_of(const Equations& equations, const std::vector<Index>& leading) {
@@ -77,16 +82,19 @@ Condition condition_of(const Equations& equations, const std::vector<Index>& lea
 
 void refuse_unexciting(const Condition& condition, std::vector<std::string>& warnings) {
   if (!(condition.scaled <= kNot)) {
-    throw LogRefused(fmt::format(
-        "the motion does not tell the parameters apart: condition number {:.3g} of the base parameters' columns "
-        "brought to one length, at most {:g} are needed and about 20 are good: record a motion of 'multipanda "
-        "excite'",
-        condition.scaled, kNot));
+    throw LogRefused(
+        fmt::format("the motion does not tell the parameters apart: condition number {:.3g} of the base "
+                    "parameters' columns "
+                    "brought to one length, at most {:g} are needed and about 20 are good: record a motion "
+                    "of 'multipanda "
+                    "excite'",
+                    condition.scaled, kNot));
   }
   if (condition.scaled > kHardly) {
-    warnings.push_back(fmt::format("the motion hardly tells the parameters apart: condition number {:.3g}, good is "
-                                   "about 20; what it does not tell stays at the prior",
-                                   condition.scaled));
+    warnings.push_back(
+        fmt::format("the motion hardly tells the parameters apart: condition number {:.3g}, good is "
+                    "about 20; what it does not tell stays at the prior",
+                    condition.scaled));
   }
 }
 

@@ -13,9 +13,10 @@ namespace multipanda {
 // Throws LogRefused: another joint count, positions outside the range of `robot`.
 void refuse_other_robot(std::span<const MeasuredLog> logs, const RobotDescription& robot);
 
-// Throws LogRefused if the robot as it is leaves most of the measured torque unexplained: another robot, other
-// units, joints in another order. `theta` with hand and tool (10 n).
-void refuse_unexplained(const Equations& equations, const Eigen::VectorXd& theta, const RobotDescription& robot);
+// Throws LogRefused if the robot as it is leaves most of the measured torque unexplained: another robot,
+// other units, joints in another order. `theta` with hand and tool (10 n).
+void refuse_unexplained(const Equations& equations, const Eigen::VectorXd& theta,
+                        const RobotDescription& robot);
 
 // Condition of the regressor's `leading` columns in these equations.
 Condition condition_of(const Equations& equations, const std::vector<Eigen::Index>& leading);
