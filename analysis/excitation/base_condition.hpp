@@ -14,7 +14,7 @@ class BaseCondition {
 
   std::size_t parameters() const { return columns_.size(); }
   const std::vector<Eigen::Index>& columns() const { return columns_; }  // of the whole regressor
-  void begin();  // forgets the samples
+  void begin();                                                          // forgets the samples
   void add(const JointVector& q, const JointVector& dq, const JointVector& ddq);
   double value() const;  // of the samples so far; infinite where they leave a column at zero
 

@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -18,7 +20,22 @@ std::string list(const Values& values, Eigen::Index n) {
   return text + "]";
 }
 
+// From the base on; joints behind the seventh are as light.
+constexpr std::array<double, 7> kStiffness{200, 200, 200, 200, 50, 40, 12};  // [N m/rad]
+constexpr std::array<double, 7> kDamping{20, 20, 15, 12, 2, 2, 0.3};         // [N m s/rad]
+
 }  // namespace
+
+std::string excitation_gains(std::size_t joints) {
+  std::vector<double> stiffness, damping;
+  for (std::size_t i = 0; i < joints; ++i) {
+    stiffness.push_back(kStiffness[std::min<std::size_t>(i, 6)]);
+    damping.push_back(kDamping[std::min<std::size_t>(i, 6)]);
+  }
+  return fmt::format("{{stiffness_nm_per_rad: {}, damping_design: given, damping_nms_per_rad: {}}}",
+                     list(stiffness, static_cast<Eigen::Index>(joints)),
+                     list(damping, static_cast<Eigen::Index>(joints)));
+}
 
 std::string excitation_scene(const Excitation& excitation, const std::string& model, bool hand,
                              const std::string& note) {
@@ -45,6 +62,7 @@ std::string excitation_scene(const Excitation& excitation, const std::string& mo
       "  - name: joints\n"
       "    type: joint_impedance\n"
       "    arms: arm\n"
+      "    parameters: {}\n"
       "    inputs:\n"
       "      joints: {{max_speed_rad_per_s: {}}}\n\n"
       "active: joints\n\n"
@@ -60,10 +78,10 @@ std::string excitation_scene(const Excitation& excitation, const std::string& mo
       "      ramp_s: {}\n",
       model, excitation.condition, excitation.parameters, excitation.random_best, note,
       number_text(kExcitationBegins + motion.duration() + 1), model, hand ? "true" : "false",
-      list(motion.q_start, n),
-      number_text(std::ceil(10 * fastest) / 10),
-      list(motion.q_start, n), number_text(kExcitationBegins), number_text(motion.series.period_s),
-      number_text(motion.series.cycles), number_text(motion.series.ramp_s));
+      list(motion.q_start, n), excitation_gains(static_cast<std::size_t>(n)),
+      number_text(std::ceil(10 * fastest) / 10), list(motion.q_start, n), number_text(kExcitationBegins),
+      number_text(motion.series.period_s), number_text(motion.series.cycles),
+      number_text(motion.series.ramp_s));
   text +=
       "      sine: " + list(motion.series.sine, n) + "\n      rise: " + list(motion.series.rise, n) + "\n";
   if (motion.series.overtone_count > 0) text += "      overtones:\n";

@@ -30,6 +30,14 @@ RefinedArm identify_arm(const SceneArm& arm, const RobotDescription& prior, std:
     identify_options.families = {options.family};
     identify_options.choose = false;
   }
+  // Without the sensor's gains: next to masses they are badly told apart, and a wrong gain shows in full in
+  // the control error.
+  for (const auto& name : family_names()) {
+    const bool needs_table = name.starts_with("table") && !prior.friction;
+    if (options.family.empty() && !needs_table && name.find("gains") == std::string::npos) {
+      identify_options.families.push_back(name);
+    }
+  }
   identify_options.threads = static_cast<unsigned>(options.threads);
   const Identification found = identify(logs, prior, identify_options);
   const ActuationFit actuation = fit_actuation(logs, prior);

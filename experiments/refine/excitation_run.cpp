@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <yaml-cpp/yaml.h>
 
+#include "analysis/excitation/excitation.hpp"
 #include "experiments/experiment.hpp"
 #include "experiments/yaml_tree.hpp"
 #include "models/robot_description.hpp"
@@ -19,7 +20,9 @@ namespace {
 
 constexpr double kNear = 2.2;      // bases that are nearer may meet: twice what an arm reaches, and some [m]
 constexpr double kApproach = 4.0;  // to the start [s]
-constexpr double kPause = 1.0;     // at rest before and after a motion [s]
+constexpr double kRangeMargin = 0.1;  // from the ends of joint 1's range [rad]
+constexpr double kTurnMissing = 0.4;  // of the whole turn away [rad]
+constexpr double kPause = 1.0;        // at rest before and after a motion [s]
 
 template <typename Values>
 YAML::Node list_of(const Values& values, std::size_t count) {
@@ -80,6 +83,7 @@ YAML::Node bare_scene(const Scene& scene, const std::string& name, double max_sp
     controllet["name"] = arm.name + "_joints";
     controllet["type"] = "joint_impedance";
     controllet["arms"] = arm.name;
+    controllet["parameters"] = YAML::Load(excitation_gains(static_cast<std::size_t>(arm.q_start.size())));
     controllet["inputs"]["joints"]["max_speed_rad_per_s"] = number_text(max_speed);
     root["controllets"].push_back(controllet);
     root["active"].push_back(arm.name + "_joints");
@@ -99,6 +103,29 @@ double turn_away(const Scene& scene, std::size_t index) {
   if (away.norm() < 1e-6) return 0;
   const Vector3 in_base = X.rotation.transpose() * away;
   return std::atan2(in_base.y(), in_base.x());
+}
+
+// The same, or as near to it as joint 1's range allows: a little less serves as well.
+double turn_within_range(double turn, const ExcitationMotion& motion, const RobotDescription& robot,
+                         const std::string& arm) {
+  if (turn == 0) return 0;
+  double low = 0, high = 0;
+  for (double at = 0; at < motion.duration(); at += 0.01) {
+    const double q = motion.at(at).q[0];
+    low = at == 0 ? q : std::min(low, q);
+    high = at == 0 ? q : std::max(high, q);
+  }
+  const double least = robot.limits.q_min[0] + kRangeMargin - low,
+               most = robot.limits.q_max[0] - kRangeMargin - high;
+  const double possible = std::max(least, std::min(most, turn));
+  if (least > most || std::abs(possible - turn) > kTurnMissing) {
+    throw std::invalid_argument(
+        fmt::format("arm '{}' should turn by {:.2f} rad to face away from the arms beside it, joint 1 and "
+                    "the excitation allow "
+                    "{:.2f} to {:.2f}; excite the arms apart from each other with scenes of their own",
+                    arm, turn, least, most));
+  }
+  return possible;
 }
 
 }  // namespace
@@ -158,19 +185,8 @@ ExcitationRun excitation_run(const Scene& scene, const std::vector<ExcitationFil
       throw std::invalid_argument(fmt::format("arm '{}' has {} joints, the excitation {} is for {}", arm.name,
                                               arm.q_start.size(), excitations[i].path, q.size()));
     }
-    const double turn = turn_away(scene, i);
-    q[0] += turn;
     const double duration = excitations[i].motion.duration();
-    for (double at = 0; turn != 0 && at < duration; at += 0.01) {
-      const double reached = excitations[i].motion.at(at).q[0] + turn;
-      if (reached < robots[i].limits.q_min[0] + 0.05 || reached > robots[i].limits.q_max[0] - 0.05) {
-        throw std::invalid_argument(
-            fmt::format("arm '{}' cannot face away from the arms beside it within joint 1's range (it would "
-                        "reach {:.2f} rad); "
-                        "excite the arms apart from each other with a scene of their own",
-                        arm.name, reached));
-      }
-    }
+    q[0] += turn_within_range(turn_away(scene, i), excitations[i].motion, robots[i], arm.name);
     root["arms"][i]["start_rad"] = list_of(q.data(), static_cast<std::size_t>(q.size()));
     root["timeline"].push_back(reference_event(0.1, arm.name + "_joints", q));
     t += kPause;

@@ -11,8 +11,10 @@
 #include "experiments/refine/arm_model.hpp"
 #include "experiments/refine/excitation_run.hpp"
 #include "experiments/refine/refine_page.hpp"
+#include "experiments/refine/tool_offset.hpp"
 #include "experiments/task_runs.hpp"
 #include "experiments/yaml_tree.hpp"
+#include "models/write_robot.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda {
@@ -90,6 +92,7 @@ class Refinery {
       if (!collect(round, data, result)) return stopped();
       RefineRound done;
       done.arms = identify_all(round, data);
+      if (has_surface() && !place_tools(round, real, done, result)) return stopped();
       runs.clear();
       for (std::size_t k = 1; k <= options_.repeats; ++k) {
         runs.push_back({fmt::format("refined_{}_{}", round, k), task_text(k, &done.arms), false});
@@ -225,6 +228,31 @@ class Refinery {
       for (const auto& warning : arms[i].warnings) say("    " + warning);
     }
     return arms;
+  }
+
+  // Whether the task touches something that stands still.
+  bool has_surface() const {
+    return experiment_.measure.contains("force") && !experiment_.measure.contains("grasp");
+  }
+
+  // Where tools really are shows in contact only: one run of the task with the models so far, and they are
+  // moved.
+  bool place_tools(std::size_t round, const std::vector<std::vector<MeasuredLog>>& real, RefineRound& done,
+                   RefineResult& result) {
+    const std::string name = fmt::format("placing_{}_1", round);
+    if (!go({{name, task_text(1, &done.arms), false}}, result)) return false;
+    std::vector<std::vector<MeasuredLog>> sim(scene_.arms.size());
+    read_into(settings_.logs / (name + ".mcap"), sim);
+    for (std::size_t i = 0; i < done.arms.size(); ++i) {
+      const auto d = tool_offset(std::span(real[i]).first(1), sim[i], scene_.arms[i], compare_options_);
+      if (!d) continue;
+      const RobotDescription robot = load_robot(done.arms[i].model.string());
+      write_robot(with_tool_offset(robot, scene_.arms[i], *d), priors_[i], done.arms[i].model);
+      done.arms[i].found["tool_offset_m"] = {(*d)[0], (*d)[1], (*d)[2]};
+      say(fmt::format("  {}: tool is off by {:.1f}, {:.1f}, {:.1f} mm in the flange", scene_.arms[i].name,
+                      1e3 * (*d)[0], 1e3 * (*d)[1], 1e3 * (*d)[2]));
+    }
+    return true;
   }
 
   void say_distances(const std::string& what, const std::vector<Comparison>& comparisons,

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <optional>
+#include <span>
+
+#include "analysis/comparison/align.hpp"
+#include "models/robot_description.hpp"
+#include "scene/scene.hpp"
+
+namespace multipanda {
+
+// How far what is on the flange is from where the scene says, from runs in which it touches a surface that
+// stands where the scene says. All of it is moved by d: against the simulation without d
+//   along the force's direction n the believed end effector stays back by it:  n . (x_real - x_sim) = -n . d
+//   the force acts elsewhere:                                                  M_real - M_sim = d x F
+// Least squares over all samples at which both press with at least 3 N. In the flange's frame [m]. None: no
+// such samples, or too few, or more than 2 cm.
+std::optional<Vector3> tool_offset(std::span<const MeasuredLog> real, std::span<const MeasuredLog> sim,
+                                   const SceneArm& arm, const AlignOptions& options);
+
+// The robot with its flange moved by d (in the flange's frame); the mass of hand and `tool`, which move
+// along, is taken from the last link, so that the whole stays what it was. Unchanged if that leaves no
+// physical link.
+RobotDescription with_tool_offset(const RobotDescription& robot, const SceneArm& arm, const Vector3& d);
+
+}  // namespace multipanda

@@ -1,0 +1,112 @@
+#!/usr/bin/env python3
+"""Tasks 1 to 5 on arms whose truth nobody told: is the refined simulation nearer to them?
+
+    hidden_plants_test.py PROGRAM                 two seeds; with MULTIPANDA_FULL=1 twenty
+    hidden_plants_test.py PROGRAM --seeds 1 20 --table FILE.md
+
+Every seed draws the plants of virtual arms in another process (`virtual-arm --hidden SEED`); `refine` sees their logs.
+Task 4's force: RMSE after over before, median at most 0.5, worst at most 0.8. No figure of any task and arm grows by more
+than twice its spread over repeats, except the ones below.
+"""
+
+import argparse
+import json
+import os
+import pathlib
+import statistics
+import subprocess
+import sys
+import tempfile
+
+VARIANTS = {"task-1": None, "task-2": None, "task-3": "k10", "task-4": "mu03_k10", "task-5": "known"}
+REPEATS = 3
+MEDIAN, WORST = 0.5, 0.8
+FULL = os.environ.get("MULTIPANDA_FULL") == "1"
+SEEDS = range(1, 21) if FULL else (1, 2)
+
+
+def refine(program, task, seed, folder):
+    """What `refine --json` says of one task and seed."""
+    words = [program, "refine", task, "--hidden", str(seed), "--repeats", str(REPEATS), "--no-page", "--json", "--out",
+             str(folder)]
+    if VARIANTS[task]:
+        words += ["--variant", VARIANTS[task]]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=900, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"{' '.join(words[1:])} ended with {done.returncode}:\n{done.stderr[-3000:]}")
+    return json.loads(done.stdout)
+
+
+def changes_of(results):
+    """Rows of (task, seed, arm, change) of the last round."""
+    for (task, seed), result in sorted(results.items()):
+        for arm, changes in result["rounds"][-1]["changes"].items():
+            for change in changes:
+                yield task, seed, arm, change
+
+
+def table(results):
+    """One row per task, arm and quantity over all seeds, in Markdown."""
+    groups = {}
+    for task, _, arm, change in changes_of(results):
+        groups.setdefault((task, arm, change["name"], change["unit"]), []).append(change)
+    lines = ["| task | arm | quantity | before, median | after, median | after/before: median | worst | worse |",
+             "|---|---|---|---|---|---|---|---|"]
+    for (task, arm, name, unit), changes in groups.items():
+        ratios = [c["ratio"] for c in changes]
+        lines.append(f"| {task} | {arm} | {name} [{unit}] | {statistics.median(c['before'] for c in changes):.3g} | "
+                     f"{statistics.median(c['after'] for c in changes):.3g} | {statistics.median(ratios):.2f} | "
+                     f"{max(ratios):.2f} | {sum(c['worse'] for c in changes)} of {len(changes)} |")
+    return "\n".join(lines) + "\n"
+
+
+def verdicts(results):
+    """(failures, lines to print)."""
+    lines, failures = [], []
+    ratios = [c["ratio"] for task, _, _, c in changes_of(results) if task == "task-4" and c["name"] == "F_EE"]
+    median, worst = statistics.median(ratios), max(ratios)
+    lines.append(f"task 4, force RMSE after/before: median {median:.3f} (at most {MEDIAN}), worst {worst:.3f} (at most {WORST})")
+    if median > MEDIAN or worst > WORST:
+        failures.append(lines[-1])
+    for task, seed, arm, change in changes_of(results):
+        if change["worse"]:
+            text = (f"{task}, seed {seed}, {arm}: {change['name']} grew from {change['before']:.4g} to {change['after']:.4g} "
+                    f"{change['unit']}, spread {change['spread']:.3g}")
+            lines.append("worse: " + text)
+            failures.append(text)
+    return failures, lines
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("program")
+    parser.add_argument("--seeds", nargs=2, type=int, metavar=("FIRST", "LAST"))
+    parser.add_argument("--tasks", nargs="+", default=list(VARIANTS))
+    parser.add_argument("--table", type=pathlib.Path)
+    parser.add_argument("--results", type=pathlib.Path, help="JSON of everything, added to what is there")
+    arguments = parser.parse_args()
+    seeds = range(arguments.seeds[0], arguments.seeds[1] + 1) if arguments.seeds else SEEDS
+    results = {}
+    if arguments.results and arguments.results.exists():
+        results = {(r["task"], r["seed"]): r["result"] for r in json.loads(arguments.results.read_text())}
+    jobs = [(task, seed) for seed in seeds for task in arguments.tasks if (task, seed) not in results]
+    for task, seed in jobs:
+        with tempfile.TemporaryDirectory() as folder:
+            results[task, seed] = refine(arguments.program, task, seed, folder)
+        forces = [f"{arm} {c['ratio']:.2f}" for arm, changes in results[task, seed]["rounds"][-1]["changes"].items()
+                  for c in changes if c["name"] == "F_EE"]
+        print(f"{task}, seed {seed}: force after/before {', '.join(forces)}", flush=True)
+        if arguments.results:
+            arguments.results.write_text(json.dumps([{"task": t, "seed": s, "result": r} for (t, s), r in results.items()]))
+    print(table(results))
+    if arguments.table:
+        arguments.table.write_text(table(results))
+    failures, lines = verdicts(results)
+    print("\n".join(lines))
+    if failures:
+        print(f"FAILED: {len(failures)}")
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()
