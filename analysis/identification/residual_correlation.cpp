@@ -11,6 +11,7 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr Index kMostLags = 200;
+constexpr int kCorrections = 8;  // passes of the correction for what the fit took
 
 // r_ij(l) = mean over t of e_i(t) e_j(t + l), for l = 0 .. lags.
 VectorXd covariances(std::span<const ResidualBlock> blocks, Index i, Index j, Index lags) {
@@ -36,6 +37,26 @@ Index correlation_length(const VectorXd& r, double count) {
     if (quiet == kInARow) return std::max<Index>(1, l - kInARow + 1);
   }
   return r.size() / 2;
+}
+
+// Sums over time of x_t . (R x)_(t + l) need R x for a stationary R with covariances r: (N x p).
+MatrixXd times_toeplitz(const VectorXd& r, const MatrixXd& x) {
+  const Index N = x.rows();
+  MatrixXd out = r[0] * x;
+  for (Index l = 1; l < std::min(r.size(), N); ++l) {
+    out.topRows(N - l) += r[l] * x.bottomRows(N - l);
+    out.bottomRows(N - l) += r[l] * x.topRows(N - l);
+  }
+  return out;
+}
+
+// sum over t of a_t . b_(t + l), l = 0 .. lags.
+VectorXd lagged_products(const MatrixXd& a, const MatrixXd& b, Index lags) {
+  VectorXd out = VectorXd::Zero(lags + 1);
+  for (Index l = 0; l <= std::min(lags, a.rows() - 1); ++l) {
+    out[l] = a.topRows(a.rows() - l).cwiseProduct(b.bottomRows(b.rows() - l)).sum();
+  }
+  return out;
 }
 
 // 1 up to half the width, then falling to 0.
@@ -66,7 +87,56 @@ MatrixXd correlated_covariance(std::span<const ResidualBlock> blocks, const Matr
   }
   if (longest_lag != nullptr) *longest_lag = widest;
 
-  // A_i^T R_ij A_j summed over blocks, for lags of both signs. `raw`: before the correction below.
+  // Least squares takes of the noise just what the columns can imitate, at their frequencies: there up to a
+  // third is missing in the residuals e = (I - H) noise, H = A B A^T. So covariances r_j of the noise are
+  // sought whose
+  //   E[e_j e_j^T] = R_j - A_j B A_j^T R_j - R_j A_j B A_j^T + A_j B (sum_i A_i^T R_i A_i) B A_j^T
+  // has those that are seen: r <- r + (seen - expected), a contraction.
+  std::vector<VectorXd> seen(static_cast<std::size_t>(n));
+  for (Index j = 0; j < n; ++j) {
+    VectorXd& r = seen[static_cast<std::size_t>(j)];
+    const Index lags = width[static_cast<std::size_t>(j)];
+    r = own[static_cast<std::size_t>(j)].head(lags + 1);
+    for (Index l = 0; l <= lags; ++l) r[l] *= flat_top(l, lags + 1);
+  }
+  std::vector<VectorXd> noise = seen;
+  std::vector<MatrixXd> own_product(static_cast<std::size_t>(n));  // A_j^T R_j A_j
+  for (int pass = 0; pass <= kCorrections; ++pass) {
+    // R_j A_j of every block.
+    std::vector<std::vector<MatrixXd>> RA(static_cast<std::size_t>(n));
+    MatrixXd total = MatrixXd::Zero(p, p);
+    for (std::size_t j = 0; j < RA.size(); ++j) {
+      own_product[j] = MatrixXd::Zero(p, p);
+      for (const ResidualBlock& block : blocks) {
+        RA[j].push_back(times_toeplitz(noise[j], block.rows[j]));
+        own_product[j] += block.rows[j].transpose() * RA[j].back();
+      }
+      total += own_product[j];
+    }
+    if (pass == kCorrections) break;
+    const MatrixXd BSB = B * total * B;
+    for (std::size_t j = 0; j < RA.size(); ++j) {
+      const Index lags = width[j];
+      VectorXd expected = count * noise[j];
+      // Fewer products the longer the lag, as in what is seen.
+      for (Index l = 0; l <= lags; ++l) {
+        double pairs = 0;
+        for (const ResidualBlock& block : blocks)
+          pairs += static_cast<double>(std::max<Index>(0, block.residual.rows() - l));
+        expected[l] = pairs * noise[j][l];
+      }
+      for (std::size_t b = 0; b < blocks.size(); ++b) {
+        const MatrixXd& A = blocks[b].rows[j];
+        const MatrixXd AB = A * B;
+        expected -= lagged_products(AB, RA[j][b], lags) + lagged_products(RA[j][b], AB, lags);
+        expected += lagged_products(A * BSB, A, lags);
+      }
+      for (Index l = 0; l <= lags; ++l) {
+        noise[j][l] += seen[j][l] - flat_top(l, lags + 1) * expected[l] / count;
+      }
+    }
+  }
+
   const auto product = [&](Index i, Index j) {
     const Index lags = std::max(width[static_cast<std::size_t>(i)], width[static_cast<std::size_t>(j)]);
     const VectorXd forward = covariances(blocks, i, j, lags), backward = covariances(blocks, j, i, lags);
@@ -86,25 +156,20 @@ MatrixXd correlated_covariance(std::span<const ResidualBlock> blocks, const Matr
     return sum;
   };
 
-  std::vector<double> larger(static_cast<std::size_t>(n));
   MatrixXd M = MatrixXd::Zero(p, p);
-  for (Index j = 0; j < n; ++j) {
-    const MatrixXd own_product = product(j, j);
-    // The fit takes tr(H R) of the residuals' energy away, H the projection onto its columns.
-    const double taken = B.cwiseProduct(own_product.transpose()).sum() / std::max(1e-300, count * own[static_cast<std::size_t>(j)][0]);
-    larger[static_cast<std::size_t>(j)] = 1 / (1 - std::clamp(taken, 0.0, 0.8));
-    M += larger[static_cast<std::size_t>(j)] * own_product;
-  }
+  for (const MatrixXd& each : own_product) M += each;
   for (Index i = 0; i < n; ++i) {
     for (Index j = i + 1; j < n; ++j) {
       const VectorXd& ri = own[static_cast<std::size_t>(i)];
       const VectorXd& rj = own[static_cast<std::size_t>(j)];
       const double together = covariances(blocks, i, j, 0)[0] / std::sqrt(std::max(1e-300, ri[0] * rj[0]));
-      const double independent = count / std::max(1.0, ri.cwiseAbs2().sum() * 2 / std::max(1e-300, ri[0] * ri[0]) - 1);
+      const double independent =
+          count / std::max(1.0, ri.cwiseAbs2().sum() * 2 / std::max(1e-300, ri[0] * ri[0]) - 1);
       if (std::abs(together) < 3 / std::sqrt(std::max(1.0, independent))) continue;
+      const double larger = std::sqrt(std::max(1.0, noise[static_cast<std::size_t>(i)][0] / ri[0]) *
+                                      std::max(1.0, noise[static_cast<std::size_t>(j)][0] / rj[0]));
       const MatrixXd cross = product(i, j);
-      M += std::sqrt(larger[static_cast<std::size_t>(i)] * larger[static_cast<std::size_t>(j)]) *
-           (cross + cross.transpose());
+      M += larger * (cross + cross.transpose());
     }
   }
   return B * M * B;

@@ -10,7 +10,8 @@ namespace multipanda {
 // Covariance of least squares where the residuals are correlated in time and across joints, and stationary:
 //   cov = B M B,  M = sum_ij sum_l r_ij(l) sum_t a_i(t)^T a_j(t + l),  B = (sum_j A_j^T A_j)^-1
 // r_ij: the residuals' covariances at lag l, with a flat-top window whose width the data choose (Politis,
-// J. Nonparametric Statistics 2003), and made larger for what the fit itself took out of them.
+// J. Nonparametric Statistics 2003), corrected for what the fit itself took out of them at its columns'
+// frequencies.
 struct ResidualBlock {
   std::vector<Eigen::MatrixXd> rows;  // A_j, weighted, one per joint (N x p)
   Eigen::MatrixXd residual;           // weighted (N x n)
