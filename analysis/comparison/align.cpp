@@ -205,7 +205,10 @@ AlignedPair align(const MeasuredLog& real, const MeasuredLog& sim, const AlignOp
     pair.lag_s = real.t[0] - sim.t[0];
     pair.aligned_by = "timeline";
   }
-  double from = std::max(0.0, -pair.lag_s), to = std::min(real.duration(), sim.duration() - pair.lag_s);
+  // Where a log begins or ends, the filter knows one side only.
+  const double margin = options.low_pass_hz > 0 ? 2 / options.low_pass_hz : 0;
+  double from = margin + std::max(0.0, -pair.lag_s);
+  double to = std::min(real.duration(), sim.duration() - pair.lag_s) - margin;
   const double common_from = from, common_to = to;
   if (options.window_s)
     from = std::max(from, options.window_s->first), to = std::min(to, options.window_s->second);

@@ -35,7 +35,7 @@ struct AlignOptions {
   std::optional<double> lag_s;  // given instead of searched
   bool trust_timeline = true;   // false: by cross-correlation in any case
   // Of both series before errors are taken: Butterworth of order 2, forward and backward; 0: none. Noise of
-  // sensors is no fault of the simulation.
+  // sensors is no fault of the simulation. The first and last 2 / low_pass_hz of each log are left out.
   double low_pass_hz = 0;
   std::optional<std::pair<double, double>> window_s;  // from, to: since the real log's start
 };

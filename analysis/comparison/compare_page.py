@@ -99,7 +99,7 @@ def make(folder):
         parts = [page.image(save(plots.bars(arm), folder / f"bars_{label}.png"),
                             "Root of the mean square of simulated less real. Dark: mean over joints or axes, the paper's one figure per quantity. "
                             "Dashed: the largest that the paper reports over its tasks 1 to 5."
-                            + (f" Both sides filtered at {arm['low_pass_hz']:g} Hz." if arm["low_pass_hz"] else ""),
+                            + (f" Both sides filtered at {arm['low_pass_hz']:g} Hz." if arm.get("low_pass_hz") else ""),
                             f"RMSE per quantity of {label}"), table(arm)]
         parts.append(page.details("Every joint and axis", by_axis(arm)))
         t = series[f"{i}/t"][:, 0]

@@ -27,6 +27,12 @@ std::string place(const MeasuredLog& log, std::optional<Index> k = std::nullopt)
   return out + ": ";
 }
 
+// The same for warnings, which belong to the log already: "line 12: ".
+std::string spot(const MeasuredLog& log, Index k) {
+  if (!log.lines.empty()) return "line " + std::to_string(log.lines[static_cast<std::size_t>(k)]) + ": ";
+  return text("t = %.4g s: ", log.t[k]);
+}
+
 template <typename Visit>
 void for_each_matrix(MeasuredLog& log, Visit&& visit) {
   visit("q", log.q), visit("dq", log.dq), visit("tau", log.tau), visit("tau_d", log.tau_d);
@@ -125,9 +131,8 @@ void check_sampling(MeasuredLog& log, double refuse_above_gap_s) {
                           longest, static_cast<long>(gaps), 1e3 * step));
   }
   if (gaps > 0) {
-    log.warnings.push_back(place(log, at) +
-                           text("gaps in time: %ld, the longest %.3g ms (usual step %.3g ms)",
-                                static_cast<long>(gaps), 1e3 * longest, 1e3 * step));
+    log.warnings.push_back(spot(log, at) + text("gaps in time: %ld, the longest %.3g ms (usual step %.3g ms)",
+                                                static_cast<long>(gaps), 1e3 * longest, 1e3 * step));
   }
 }
 
@@ -239,7 +244,7 @@ void check_frozen(MeasuredLog& log, double refuse_above_gap_s) {
                           longest));
   }
   if (longest > 0.02) {
-    log.warnings.push_back(place(log, at) +
+    log.warnings.push_back(spot(log, at) +
                            text("positions and velocities repeat for %.3g ms from here on while "
                                 "the arm moves",
                                 1e3 * longest));
