@@ -192,6 +192,32 @@ class Runs(unittest.TestCase):
             self.assertEqual(answer.returncode, 0, answer.stderr)
             self.assertIn("task-1: passed", answer.stdout)
 
+    def test_a_model_is_exported(self):
+        with tempfile.TemporaryDirectory() as folder:
+            own = pathlib.Path(folder) / "own.yaml"
+            own.write_text("name: own\ntitle: Own\nbase: fer\nmotor_inertia_kg_m2: [1, 1, 1, 1, 0.5, 0.5, 0.25]\n"
+                           "link_friction: {viscous_nm_s_per_rad: [1, 2, 3, 4, 5, 6, 7.5]}\n")
+            answer = call("export", own, "--urdf", "--mjcf", "--hand", "--out", folder)
+            self.assertEqual(answer.returncode, 0, answer.stderr)
+            self.assertEqual(answer.stdout.split(), [f"{folder}/own_hand.urdf", f"{folder}/own_hand.xml"])
+            self.assertIn('armature="0.25" damping="7.5"', pathlib.Path(folder, "own_hand.xml").read_text())
+            self.assertIn('<robot name="own"', pathlib.Path(folder, "own_hand.urdf").read_text())
+
+    def test_hidden_plants_are_not_told(self):
+        # What is said is the same with and without; words that ask are unknown; only the states differ.
+        words = ["virtual-arm", "one_arm", "--ports", "0", "0", "0", "--seconds", "1", "--json", "--pace", "lockstep",
+                 "--idle-stands-still"]
+        plain, hidden = call(*words), call(*words, "--hidden", "3")
+        self.assertEqual(hidden.returncode, 0, hidden.stderr)
+
+        def said(answer):
+            return re.sub(r"\d+", "N", answer.stdout + answer.stderr)
+
+        self.assertEqual(said(plain), said(hidden))
+        asked = subprocess.run([PROGRAM, *words, "--hidden", "3"], input="plant left\nhidden\n", capture_output=True,
+                               text=True, timeout=PATIENCE)
+        self.assertEqual(asked.stderr.count("there is no word"), 2, asked.stderr)
+
     def test_move_begins_where_a_real_arm_stands(self):
         address = f"127.{64 + os.getpid() // 250 % 64}.{os.getpid() % 250}.77"
         start = subprocess.Popen([PROGRAM, "virtual-arm", "one_arm", "--bind", f"arm={address}", "--pace", "lockstep",
