@@ -17,7 +17,9 @@ namespace {
 using Kind = FrictionKind;
 using Parts = std::vector<FrictionPart>;
 
-constexpr double kAsGood = 1.03;  // of the best mean: what differs less does not count
+// What differs less from the best mean does not count: a share of it, or what no torque sensor resolves.
+constexpr double kAsGood = 0.03;
+constexpr double kUnresolved = 0.003;  // [N m]
 
 Parts presliding(const std::vector<double>& distances) {
   Parts out;
@@ -156,8 +158,8 @@ CrossValidation cross_validate(std::span<const Equations> blocks, std::span<cons
     for (std::size_t f = 0; f < families; ++f) {
       if (candidates.families[f].eligible) best = std::min(best, out.mean[f]);
     }
-    while (!candidates.families[out.chosen].eligible || !(out.mean[out.chosen] <= kAsGood * best))
-      ++out.chosen;
+    const double enough = best + std::max(kAsGood * best, kUnresolved);
+    while (!candidates.families[out.chosen].eligible || !(out.mean[out.chosen] <= enough)) ++out.chosen;
   } else {
     out.chosen = families - 1;
   }

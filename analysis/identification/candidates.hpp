@@ -33,8 +33,8 @@ struct CrossValidation {
 
 // Blocked cross-validation: every block is predicted by a fit to all others. `alone` are the same blocks,
 // each as if it were a file of its own (equations_of with `restart`): what is predicted. Chosen is the family
-// with the fewest coefficients whose mean is within 3 % of the best eligible one. `choose` false: the last
-// family.
+// with the fewest coefficients whose mean is within 3 % or 0.003 N m of the best eligible one. `choose`
+// false: the last family.
 CrossValidation cross_validate(std::span<const Equations> blocks, std::span<const Equations> alone,
                                const FitProblem& problem, const Candidates& candidates, bool choose,
                                unsigned threads);

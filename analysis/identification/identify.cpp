@@ -1,6 +1,8 @@
 #include "analysis/identification/identify.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <filesystem>
 
 #include <fmt/format.h>
 
@@ -284,7 +286,7 @@ Identification identify(std::span<const MeasuredLog> logs, const RobotDescriptio
   out.dissipative = !out.robot.link_friction || is_dissipative(*out.robot.link_friction);
   const std::string note =
       fmt::format("Identified from {:.1f} s of measured torque ({}), prior {}, family {}.", out.seconds_used,
-                  logs.front().source, prior.name, out.family);
+                  std::filesystem::path(logs.front().source).filename().string(), prior.name, out.family);
   out.robot.origin["inertials"] = note;
   out.linear = linear_stage(filtered.logs, set, family, out.robot, options);
   put_predictions(filtered.logs, prior, options, out);

@@ -1,4 +1,5 @@
 #include <cmath>
+#include <filesystem>
 
 #include <fmt/format.h>
 
@@ -78,7 +79,8 @@ Identification identify_payload(std::span<const MeasuredLog> logs, const RobotDe
   out.robot.origin["inertials"] = fmt::format(
       "{}, with a body of {:.4f} kg on the flange, identified from {:.1f} s of "
       "measured torque ({}).",
-      prior.name, in_link.mass, out.seconds_used, logs.front().source);
+      prior.name, in_link.mass, out.seconds_used,
+      std::filesystem::path(logs.front().source).filename().string());
 
   // Intervals from the linear stage of the same equations.
   LinearOptions linear;
