@@ -20,21 +20,18 @@ std::string list(const Values& values, Eigen::Index n) {
   return text + "]";
 }
 
-// From the base on; joints behind the seventh are as light.
-constexpr std::array<double, 7> kStiffness{200, 200, 200, 200, 50, 40, 12};  // [N m/rad]
-constexpr std::array<double, 7> kDamping{20, 20, 15, 12, 2, 2, 0.3};         // [N m s/rad]
+// From the base on; joints behind the seventh are as light. Joints 1 and 3 turn about nearly the same axis
+// where joint 2 is near zero: against each other they move little more than the link between them, so they
+// are softer.
+constexpr std::array<double, 7> kStiffness{100, 200, 100, 200, 40, 30, 10};  // [N m/rad]
 
 }  // namespace
 
 std::string excitation_gains(std::size_t joints) {
-  std::vector<double> stiffness, damping;
-  for (std::size_t i = 0; i < joints; ++i) {
-    stiffness.push_back(kStiffness[std::min<std::size_t>(i, 6)]);
-    damping.push_back(kDamping[std::min<std::size_t>(i, 6)]);
-  }
-  return fmt::format("{{stiffness_nm_per_rad: {}, damping_design: given, damping_nms_per_rad: {}}}",
-                     list(stiffness, static_cast<Eigen::Index>(joints)),
-                     list(damping, static_cast<Eigen::Index>(joints)));
+  std::vector<double> stiffness;
+  for (std::size_t i = 0; i < joints; ++i) stiffness.push_back(kStiffness[std::min<std::size_t>(i, 6)]);
+  return fmt::format("{{stiffness_nm_per_rad: {}, damping_ratio: 0.6}}",
+                     list(stiffness, static_cast<Eigen::Index>(joints)));
 }
 
 std::string excitation_scene(const Excitation& excitation, const std::string& model, bool hand,

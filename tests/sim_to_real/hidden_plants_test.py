@@ -41,8 +41,8 @@ def changes_of(results):
     """Rows of (task, seed, arm, change) of the last round."""
     for (task, seed), result in sorted(results.items()):
         for arm, changes in result["rounds"][-1]["changes"].items():
-            for change in changes:
-                yield task, seed, arm, change
+            for name, change in changes.items():
+                yield task, seed, arm, {"name": name, **change}
 
 
 def table(results):
@@ -93,8 +93,8 @@ def main():
     for task, seed in jobs:
         with tempfile.TemporaryDirectory() as folder:
             results[task, seed] = refine(arguments.program, task, seed, folder)
-        forces = [f"{arm} {c['ratio']:.2f}" for arm, changes in results[task, seed]["rounds"][-1]["changes"].items()
-                  for c in changes if c["name"] == "F_EE"]
+        forces = [f"{arm} {changes['F_EE']['ratio']:.2f}"
+                  for arm, changes in results[task, seed]["rounds"][-1]["changes"].items()]
         print(f"{task}, seed {seed}: force after/before {', '.join(forces)}", flush=True)
         if arguments.results:
             arguments.results.write_text(json.dumps([{"task": t, "seed": s, "result": r} for (t, s), r in results.items()]))
