@@ -1,6 +1,7 @@
 #include "experiments/refine/tool_offset.hpp"
 
 #include <algorithm>
+#include <vector>
 
 #include <Eigen/Cholesky>
 
@@ -14,6 +15,8 @@ constexpr double kPosition = 0.0005;  // what differs in position for other reas
 constexpr double kMoment = 0.03;      // ... in moments [N m]
 constexpr Eigen::Index kEvery = 20;   // of samples at 1 kHz
 constexpr std::size_t kLeast = 50;    // samples
+constexpr double kExpected = 0.01;    // [m]
+constexpr Eigen::Index kAir = 200;    // samples at the start
 constexpr double kMost = 0.02;        // [m]
 
 const AlignedPair::Series* series(const AlignedPair& pair, const std::string& name) {
@@ -22,6 +25,10 @@ const AlignedPair::Series* series(const AlignedPair& pair, const std::string& na
     if (quantities()[i].name == name && one.real.rows() > 0 && one.sim.rows() > 0) return &one;
   }
   return nullptr;
+}
+
+Vector6 in_free_air(const Eigen::MatrixXd& F) {
+  return F.topRows(std::min(kAir, F.rows())).colwise().mean().transpose();
 }
 
 Matrix3 cross(const Vector3& v) {
@@ -47,27 +54,41 @@ std::optional<Vector3> tool_offset(std::span<const MeasuredLog> real, std::span<
     const AlignedPair pair = align(real[k], sim[k], options);
     const auto *x = series(pair, "x_EE"), *F = series(pair, "F_EE"), *M = series(pair, "M_EE");
     if (x == nullptr || F == nullptr || M == nullptr || real[k].quat_EE.rows() == 0) return std::nullopt;
+    // An estimate shows undeclared weight, too: what it shows at the start, in free air, is not contact.
+    const Vector3 air = in_free_air(real[k].F_EE).head(3), air_sim = in_free_air(sim[k].F_EE).head(3);
+    const Vector3 air_moment = in_free_air(real[k].F_EE).tail(3) - in_free_air(sim[k].F_EE).tail(3);
+    std::vector<Eigen::Index> pressed;
+    Vector3 normal = Vector3::Zero();  // friction goes round and cancels, or is small
     for (Eigen::Index i = 0; i < pair.t.size(); i += kEvery) {
-      const Vector3 f = F->real.row(i).transpose(), f_sim = F->sim.row(i).transpose();
+      const Vector3 f = F->real.row(i).transpose() - air, f_sim = F->sim.row(i).transpose() - air_sim;
       if (f.norm() < kPressing || f_sim.norm() < kPressing) continue;
+      pressed.push_back(i);
+      normal += f;
+    }
+    if (pressed.empty()) continue;
+    normal.normalize();
+    for (const Eigen::Index i : pressed) {
+      const Vector3 f = F->real.row(i).transpose() - air;
       const double t = real[k].t[0] + pair.t[i];
       const auto row = std::min<Eigen::Index>(
           std::lower_bound(real[k].t.data(), real[k].t.data() + real[k].t.size(), t) - real[k].t.data(),
           real[k].t.size() - 1);
       const auto q = real[k].quat_EE.row(row);
       const Matrix3 R_WF = Quaternion(q[0], q[1], q[2], q[3]).toRotationMatrix() * R_FE.transpose();
-      const Vector3 along = -R_WF.transpose() * f.normalized() / kPosition;
-      const double apart = f.normalized().dot((x->real.row(i) - x->sim.row(i)).transpose()) / kPosition;
+      const Vector3 along = -R_WF.transpose() * normal / kPosition;
       A += along * along.transpose();
-      b += along * apart;
+      b += along * normal.dot((x->real.row(i) - x->sim.row(i)).transpose()) / kPosition;
       const Matrix3 turning = -cross(f) * R_WF / kMoment;  // d x F = -F x d
+      const Vector3 moment = (M->real.row(i) - M->sim.row(i)).transpose() - air_moment;
       A += turning.transpose() * turning;
-      b += turning.transpose() * (M->real.row(i) - M->sim.row(i)).transpose() / kMoment;
-      ++used;
+      b += turning.transpose() * moment / kMoment;
     }
+    used += pressed.size();
   }
   if (used < kLeast) return std::nullopt;
-  const Vector3 d = A.ldlt().solve(b);
+  // Errors of a run are alike in all its samples: together they count as one. What nothing tells stays small.
+  const auto count = static_cast<double>(used);
+  const Vector3 d = (A / count + Matrix3::Identity() / (kExpected * kExpected)).ldlt().solve(b / count);
   if (!d.allFinite() || d.norm() > kMost) return std::nullopt;
   return d;
 }

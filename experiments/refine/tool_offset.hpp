@@ -13,8 +13,9 @@ namespace multipanda {
 // stands where the scene says. All of it is moved by d: against the simulation without d
 //   along the force's direction n the believed end effector stays back by it:  n . (x_real - x_sim) = -n . d
 //   the force acts elsewhere:                                                  M_real - M_sim = d x F
-// Least squares over all samples at which both press with at least 3 N. In the flange's frame [m]. None: no
-// such samples, or too few, or more than 2 cm.
+// F less what the estimate shows in free air at the start of the run. Least squares over all samples at which
+// both press with at least 3 N. In the flange's frame [m]. None: no such samples, or too few, or more than 2
+// cm.
 std::optional<Vector3> tool_offset(std::span<const MeasuredLog> real, std::span<const MeasuredLog> sim,
                                    const SceneArm& arm, const AlignOptions& options);
 
