@@ -53,6 +53,7 @@ void add_doctor(Program& program);
 void add_generate(Program& program);
 void add_identify(Program& program);
 void add_predict(Program& program);
+void add_fit(Program& program);
 void add_via_points(Program& program);
 void add_virtual_arm(Program& program);
 

@@ -100,6 +100,7 @@ class Replay {
               Eigen::Ref<VectorXd> e) const {
     const MeasuredLog& log = logs_[window.log];
     rollouts_.begin(member, window.q, window.dq);
+    rollouts_.lead_in(member, log.dq, window.first);
     JointVector torque = window.q;
     for (Index k = 0; k < window.length; ++k) {
       const Index row = window.first + k;
@@ -127,7 +128,7 @@ class Replay {
 };
 
 std::optional<JointFriction> scaled_friction(const Scene& scene, std::size_t arm, const ActuationFit& start) {
-  std::optional<JointFriction> friction = robot_of(scene.arms.at(arm)).friction;
+  std::optional<JointFriction> friction = plant_robot_of(scene.arms.at(arm)).friction;
   if (!friction || start.friction_scale.size() != friction->p1.size()) return std::nullopt;
   friction->p1 = friction->p1.cwiseProduct(start.friction_scale.cwiseMax(0));
   return friction;

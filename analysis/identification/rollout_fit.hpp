@@ -33,7 +33,8 @@ struct RolloutFit {
 };
 
 // Delay and torque bandwidth, from q, dq and tau_J together; unlike fit_actuation it sees what torque does to
-// the arm. `start`: of fit_actuation; its scale of friction and its offsets are kept. Residuals of each joint
+// the arm. `start`: of fit_actuation with the plant model as prior; its scale of friction and
+// its offsets are kept. Residuals of each joint
 // and quantity are weighted by their own spread at the start, so that a wrong mass weighs little.
 // Throws LogRefused as fit_actuation; std::invalid_argument if the scene cannot be built.
 struct ActuationRollouts {

@@ -70,6 +70,24 @@ TEST(ActuationByRollouts, AWrongMassWeighsLittle) {
   EXPECT_NEAR(fit.actuation.torque_bandwidth_hz, 50, 2.5);
 }
 
+// Friction with memory beyond the sensor and motors with inertia: the replay knows them from the plant model,
+// so that q and dq are predicted to within what noise and the start states do to them.
+TEST(ActuationByRollouts, ReplaysWhatThePlantModelSays) {
+  auto robot = std::make_shared<RobotDescription>(load_robot("fer"));
+  robot->link_friction =
+      FrictionLaw{.viscous = JointVector::Constant(7, 1.0),
+                  .presliding = {{.distance = 0.01, .amplitude = JointVector::Constant(7, 0.8)}}};
+  robot->motor_inertia = JointVector::Constant(7, 0.05);
+  Scene scene = loaded_scene(0.002, 40, 8);
+  scene.arms[0].plant_robot = robot;
+  const MeasuredLog log = record(scene, RichMotion(8), {.duration_s = 6, .dither_nm = 0.5});
+  const ActuationFit start = fit_actuation(std::span(&log, 1), *robot);
+  const RolloutOptions options{.windows = 60, .threads = 2};
+  const ActuationRollouts known = fit_actuation_by_rollouts(std::span(&log, 1), scene, 0, start, options);
+  EXPECT_NEAR(1e3 * known.actuation.command_delay, 2, 0.1);
+  EXPECT_NEAR(known.actuation.torque_bandwidth_hz, 40, 2);
+}
+
 // The replayed scene begins with another stiffness and a table that stands 1 mm elsewhere.
 void expect_stiffness(Pressed p, double stiffness, const std::string& what) {
   p.scene.objects[0].contact->stiffness_n_per_m = 5000;

@@ -47,14 +47,21 @@ Rollouts::Rollouts(const Scene& scene, std::size_t arm, std::size_t members, int
             .dt = model->opt.timestep};
   const auto config = arm_config(alone.arms[0]);
   const auto arm_model = build_arm_model(alone.arms[0]);
+  const RobotDescription robot = plant_robot_of(alone.arms[0]);
+  motor_inertia_ = robot.motor_inertia;
+  std::optional<LinkFriction> link_friction;
+  if (robot.link_friction) link_friction.emplace(*robot.link_friction, world_.joints);
+  joint_inertia_ = plant_->world().joint_inertia(0);
   const JointVector zero = joint_constant(world_.joints, 0);
   for (std::size_t i = 0; i < members; ++i) {
     batch_->models.push_back(mj_copyModel(nullptr, model));
     members_.push_back({.model = const_cast<mjModel*>(batch_->models.back()),
                         .terms = std::make_unique<ModelTerms>(arm_model),
+                        .link_friction = link_friction,
                         .q = zero,
                         .dq = zero,
-                        .tau = zero});
+                        .tau = zero,
+                        .before = zero});
     members_.back().terms->set_config(config.frames, config.tool, config.load);
   }
   batch_->ids.resize(members);
@@ -102,32 +109,56 @@ void Rollouts::begin(RolloutMember& member, const JointVector& q, const JointVec
   member.dq = dq;
 }
 
+void Rollouts::lead_in(RolloutMember& member, const Eigen::MatrixXd& dq, Eigen::Index first) const {
+  if (!member.link_friction) return;
+  constexpr Eigen::Index kRows = 500;
+  const double period = world_.dt * static_cast<double>(world_.substeps);
+  member.link_friction->reset();
+  for (Eigen::Index row = std::max<Eigen::Index>(0, first - kRows); row < first; ++row) {
+    member.before = dq.row(row);
+    member.link_friction->begin(member.before, joint_inertia_, period);
+    member.before = dq.row(row + 1);
+    member.link_friction->end(member.before, period);
+  }
+}
+
 // As MujocoPlant::drive and observe: friction's slope goes to MuJoCo's implicit damping, the rest is applied.
 void Rollouts::period(RolloutMember& member, const JointVector& torque, const JointFriction* friction) const {
   const auto& places = world_.world->arm(0);
   member.tau.setZero();
   const double weight = 1.0 / static_cast<double>(world_.substeps);
   for (std::size_t step = 0; step < world_.substeps; ++step) {
+    member.before = member.dq;
+    if (member.link_friction) member.link_friction->begin(member.before, joint_inertia_, world_.dt);
     for (std::size_t j = 0; j < world_.joints; ++j) {
       const auto i = static_cast<Eigen::Index>(j);
       const int dof = places.dof[j];
-      double applied = torque[i];
+      double applied = torque[i], slope = 0;
       if (friction != nullptr) {
-        const double slope = friction_slope(*friction, j, member.dq[i]);
-        member.model->dof_damping[dof] = slope;
+        slope = friction_slope(*friction, j, member.dq[i]);
         applied -= friction_torque(*friction, j, member.dq[i]) - slope * member.dq[i];
       }
-      member.data->qfrc_applied[dof] = applied;
       member.tau[i] += weight * applied;
+      member.model->dof_damping[dof] = slope;
+      member.data->qfrc_applied[dof] = applied;
+      if (member.link_friction) {
+        member.model->dof_damping[dof] += member.link_friction->slope()[i];
+        member.data->qfrc_applied[dof] -= member.link_friction->constant()[i];
+      }
     }
     mj_step(member.model, member.data);
     for (std::size_t j = 0; j < world_.joints; ++j) {
       const auto i = static_cast<Eigen::Index>(j);
       member.q[i] = member.data->qpos[places.qpos[j]];
       member.dq[i] = member.data->qvel[places.dof[j]];
-      if (friction != nullptr)
-        member.tau[i] -= weight * member.model->dof_damping[places.dof[j]] * member.dq[i];
+      double slope = member.model->dof_damping[places.dof[j]];
+      if (member.link_friction) slope -= member.link_friction->slope()[i];
+      member.tau[i] -= weight * slope * member.dq[i];
+      if (motor_inertia_.size() > 0) {
+        member.tau[i] -= weight * motor_inertia_[i] * (member.dq[i] - member.before[i]) / world_.dt;
+      }
     }
+    if (member.link_friction) member.link_friction->end(member.dq, world_.dt);
   }
 }
 

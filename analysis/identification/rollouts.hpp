@@ -2,11 +2,13 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "backends/arm/link_friction.hpp"
 #include "backends/mujoco/plant.hpp"
 #include "core/model/model_terms.hpp"
 #include "models/robot_description.hpp"
@@ -16,10 +18,11 @@ namespace multipanda {
 
 // One simulation's world and workspace, owned by the batch; used by one thread at a time.
 struct RolloutMember {
-  mjModel* model = nullptr;           // its own: what a candidate changes is changed here
-  mjData* data = nullptr;             // lent for the call
-  std::unique_ptr<ModelTerms> terms;  // the arm's own model, with declared tool and load
-  JointVector q, dq, tau;             // workspace (n x 1)
+  mjModel* model = nullptr;                   // its own: what a candidate changes is changed here
+  mjData* data = nullptr;                     // lent for the call
+  std::unique_ptr<ModelTerms> terms;          // the arm's own model, with declared tool and load
+  std::optional<LinkFriction> link_friction;  // of the plant model, beyond the torque sensor
+  JointVector q, dq, tau, before;             // workspace (n x 1)
 };
 
 // What a rollout is told of its world; the same for all members.
@@ -49,6 +52,8 @@ class Rollouts {
 
   // Puts the arm of a member into a state, everything else to the start (n x 1 each).
   void begin(RolloutMember& member, const JointVector& q, const JointVector& dq) const;
+  // Friction with memory goes through the measured velocities (rows of `dq`) before row `first`.
+  void lead_in(RolloutMember& member, const Eigen::MatrixXd& dq, Eigen::Index first) const;
   // One control period: `torque` is what acts on the joints apart from `friction` [N m] (n x 1); afterwards
   // q and dq of the member, and `tau`: what the joints felt.
   void period(RolloutMember& member, const JointVector& torque, const JointFriction* friction) const;
@@ -56,6 +61,8 @@ class Rollouts {
  private:
   std::unique_ptr<MujocoPlant> plant_;  // its world: places by name
   RolloutWorld world_;
+  JointVector motor_inertia_;  // before the torque sensor [kg m^2]; empty: none
+  JointVector joint_inertia_;  // of each joint alone at the start, for friction beyond the sensor [kg m^2]
   std::vector<RolloutMember> members_;
   struct Batch;
   std::unique_ptr<Batch> batch_;

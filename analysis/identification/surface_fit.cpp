@@ -215,6 +215,7 @@ class Pressing {
   void replay(RolloutMember& member, const RolloutWindow& window, double height,
               Eigen::Ref<VectorXd> e) const {
     rollouts_.begin(member, window.q, window.dq);
+    rollouts_.lead_in(member, log_.dq, window.first);
     JointVector torque = window.q;
     for (Index k = 0; k < window.length; ++k) {
       torque = log_.tau.row(window.first + k + 1).transpose();
