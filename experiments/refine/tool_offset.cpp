@@ -4,6 +4,7 @@
 #include <vector>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 
 #include "scene/build.hpp"
 
@@ -40,6 +41,18 @@ Matrix3 cross(const Vector3& v) {
 // What is left of a whole in the link's frame when a part is taken away: a part of negative mass is added.
 RigidBody without(const RigidBody& whole, const RigidBody& part) {
   return merged(whole, {-part.mass, part.com, -part.inertia});
+}
+
+// Identified links often stand at the edge of what is physical: the least change of inertia that brings one
+// back, mass and centre as they are. Sigma = tr(I)/2 1 - I is the second moment of mass.
+RigidBody nearest_physical(const RigidBody& body) {
+  if (is_physical(body)) return body;
+  constexpr double kThinnest = 1e-3;  // spread of the mass along the thinnest direction [m]
+  const Eigen::SelfAdjointEigenSolver<Matrix3> solver(0.5 * body.inertia.trace() * Matrix3::Identity() -
+                                                      body.inertia);
+  const Vector3 moments = solver.eigenvalues().cwiseMax(body.mass * kThinnest * kThinnest);
+  const Matrix3 sigma = solver.eigenvectors() * moments.asDiagonal() * solver.eigenvectors().transpose();
+  return {body.mass, body.com, sigma.trace() * Matrix3::Identity() - sigma};
 }
 
 }  // namespace
@@ -103,9 +116,8 @@ RobotDescription with_tool_offset(const RobotDescription& robot, const SceneArm&
   };
   if (arm.hand && robot.hand) shift(rigid_hand(*robot.hand), robot.hand->mount.pose());
   if (arm.tool.mass > 0) shift({arm.tool.mass, arm.tool.p_FC, arm.tool.inertia_C}, {});
-  if (!is_physical(last)) return robot;
   RobotDescription result = robot;
-  result.links.back() = last;
+  if (last.mass > 0) result.links.back() = nearest_physical(last);
   result.flange.position = moved_flange.position;
   return result;
 }

@@ -20,8 +20,7 @@ std::optional<Vector3> tool_offset(std::span<const MeasuredLog> real, std::span<
                                    const SceneArm& arm, const AlignOptions& options);
 
 // The robot with its flange moved by d (in the flange's frame); the mass of hand and `tool`, which move
-// along, is taken from the last link, so that the whole stays what it was. Unchanged if that leaves no
-// physical link.
+// along, is taken from the last link, so that the whole stays what it was, as nearly as a physical link can.
 RobotDescription with_tool_offset(const RobotDescription& robot, const SceneArm& arm, const Vector3& d);
 
 }  // namespace multipanda
