@@ -171,7 +171,7 @@ void add_compare(Program& program) {
       ->type_name("FROM,TO");
   command->add_option("--lag", options->lag,
                       "Time by which the simulation is later [s], instead of finding it; 0: as stamped");
-  command->add_flag("--by-correlation", options->by_correlation,
+  command->add_flag("--align,--by-correlation", options->by_correlation,
                     "Shift by the lag that is found also where both logs follow one scene's timeline");
   command->add_option("--max-lag", options->max_lag, "Longest lag that is looked for [s]")
       ->check(CLI::Range(0.0, 60.0))

@@ -92,6 +92,9 @@ RobotDescription draw_hidden_plant(const RobotDescription& nominal, std::uint64_
 void hide(Scene& scene, std::uint64_t seed) {
   const double stiction = scene.plant.stiction_nm;
   scene.plant = PlantFidelity::realistic();
+  // A real arm's noise is its own. With the scene's seed it would be that of the simulation it is compared
+  // with, sample by sample, and cancel.
+  scene.seed ^= 0x9E3779B97F4A7C15u * (seed + 1);
   scene.plant.stiction_nm = stiction;
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {
     const RobotDescription nominal = robot_of(scene.arms[i]);

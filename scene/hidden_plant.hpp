@@ -22,9 +22,9 @@ namespace multipanda {
 RobotDescription draw_hidden_plant(const RobotDescription& nominal, std::uint64_t seed,
                                    std::size_t arm_index);
 
-// Every simulated arm of the scene becomes such a one; other noise as in PlantFidelity::realistic(). What
-// controllers and the arms' firmware believe, and the scene's text, stay as they are. Throws
-// std::invalid_argument: a model that cannot be read.
+// Every simulated arm of the scene becomes such a one; other noise as in PlantFidelity::realistic(), drawn
+// from another seed than the scene's own. What controllers and the arms' firmware believe, and the scene's
+// text, stay as they are. Throws std::invalid_argument: a model that cannot be read.
 void hide(Scene& scene, std::uint64_t seed);
 
 }  // namespace multipanda

@@ -292,7 +292,12 @@ class Refinery {
   RunSettings settings_;
   std::vector<RobotDescription> priors_;
   std::vector<ExcitationFile> excitations_;
-  CompareOptions compare_options_;
+  // Sensor noise is on both sides and nobody's model: at 1 kHz it is most of a force's distance.
+  CompareOptions compare_options_ = [] {
+    CompareOptions options;
+    options.low_pass_hz = 10;
+    return options;
+  }();
 };
 
 Eigen::MatrixXd rows(const Eigen::MatrixXd& all, Eigen::Index first, Eigen::Index count) {
