@@ -42,7 +42,7 @@ nlohmann::json actuation_case(const std::filesystem::path& folder) {
   plant.command_delay_s = 0.002;
   Scene scene = scene_of({arm_named("a", {}, false)}, plant);
   scene.seed = 3;
-  const MeasuredLog log = record(scene, RichMotion(3), {.duration_s = 3, .dither_nm = 0.5});
+  const MeasuredLog log = record(scene, RichMotion(3), {.duration_s = 2, .dither_nm = 0.5});
   const Eigen::MatrixXd beyond_gravity =
       log.tau.bottomRows(log.samples() - 1) - log.gravity.topRows(log.samples() - 1);
   const Eigen::MatrixXd command = log.tau_cmd.topRows(log.samples() - 1);

@@ -50,7 +50,7 @@ def fit(parameters, spec, starts, controls, measured, residual):
         [sysid.TimeSeries(series(m), m, sensors) for m in measured])
     function = sysid.build_residual_fn(models_sequences=[sequences], modify_residual=residual, n_threads=THREADS,
                                        resample_true=False)
-    found, _ = sysid.optimize(dictionary, function, optimizer="mujoco", verbose=False, max_iters=25, **{})
+    found, _ = sysid.optimize(dictionary, function, optimizer="mujoco", verbose=False, max_iters=25)
     return {name: float(found[name].value[0]) for name in dictionary.keys()}
 
 
@@ -162,7 +162,7 @@ class AgainstTheToolbox(unittest.TestCase):
 
         length, starts, controls, measured = 50, [], [], []
         smooth = np.array([-21, 14, 39, 54, 59, 54, 39, 14, -21]) / 231.0
-        for first in range(1200, 5900, 470):
+        for first in range(1200, 5900, 600):
             around = slice(first - 4, first + 5)
             starts.append(sysid.create_initial_state(model, smooth @ q[around], smooth @ dq[around]))
             # Control k acts from row k on and shows in the torque of row k + 1.
@@ -179,4 +179,6 @@ class AgainstTheToolbox(unittest.TestCase):
 
 if __name__ == "__main__":
     PROGRAM = sys.argv.pop(1)
+    if MISSING:
+        print(MISSING)  # the test counts as skipped by this text
     unittest.main()
