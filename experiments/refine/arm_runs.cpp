@@ -32,7 +32,7 @@ class Runner {
       : runs_(runs), settings_(settings), finished_(finished), done_(runs.size()) {}
 
   std::vector<ArmRunResult> run() {
-    const bool real = settings_.target.addresses.empty() == false;
+    const bool real = !settings_.target.addresses.empty();
     const std::size_t workers = real ? 1 : std::clamp<std::size_t>(settings_.workers, 1, runs_.size());
     {
       std::vector<std::jthread> threads;

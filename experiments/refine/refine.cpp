@@ -58,6 +58,11 @@ class Refinery {
                  .workers = options.workers,
                  .stop = progress.stop};
     fs::create_directories(settings_.logs);
+    if (options.excitations.size() > 1 && options.excitations.size() != scene_.arms.size()) {
+      throw std::invalid_argument(
+          fmt::format("refine: {} excitations for {} arms; expected one, or one for each",
+                      options.excitations.size(), scene_.arms.size()));
+    }
     for (std::size_t i = 0; i < scene_.arms.size(); ++i) {
       priors_.push_back(robot_of(scene_.arms[i]));
       const auto& given = options.excitations;
