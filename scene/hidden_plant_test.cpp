@@ -100,6 +100,8 @@ TEST(HiddenPlants, AreTheSameArmInEverySceneAndAnotherForEveryArmAndSeed) {
   EXPECT_EQ(two.text, text);
   EXPECT_EQ(robot_of(two.arms[0]).links[3].mass, load_robot(two.arms[0].model).links[3].mass);
   EXPECT_EQ(two.plant.name, "realistic");
+  // Its noise is not that of a simulation of the same scene.
+  EXPECT_NE(two.seed, load_scene("two_arms", registry).seed);
 }
 
 // Whoever identifies must not be able to draw: only the virtual arms' program and tests include the header.
