@@ -1,12 +1,16 @@
 #include "analysis/identification/actuation.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <limits>
 #include <numbers>
+#include <tuple>
 
 #include <Eigen/Dense>
+
+#include "analysis/identification/commanded_stretches.hpp"
 
 namespace multipanda {
 namespace {
@@ -19,96 +23,18 @@ constexpr double kBlock = 0.1;     // residuals farther apart are taken as indep
 constexpr double kOutlier = 6.0;   // standard deviations
 constexpr double kShortest = 0.2;  // a stretch that can be used [s]
 
-// Rows of one log without a gap: commands, and what they are compared with.
-struct Stretch {
-  double period = 0.001;  // [s]
-  MatrixXd command;       // (N x n)
-  MatrixXd beyond;        // tau_J[k+1] - g(q_k) + I_m ddq: what is left for tracking less friction (N x n)
-  MatrixXd friction;      // of the prior's table at dq_(k+1) (N x n); no columns: it has none
-};
-
 std::string number(double value, const char* format = "%.4g") {
   char text[32];
   std::snprintf(text, sizeof text, format, value);
   return text;
 }
 
-double sigmoid(double x) { return 1.0 / (1.0 + std::exp(-x)); }
-
-double table(const JointFriction& f, Index j, double dq) {
-  return f.p1[j] * (sigmoid(f.p2[j] * (dq + f.p3[j])) - sigmoid(f.p2[j] * f.p3[j]));
-}
-
-double median_of(const VectorXd& values) {
-  std::vector<double> sorted(values.data(), values.data() + values.size());
-  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
-  std::nth_element(sorted.begin(), middle, sorted.end());
-  return *middle;
-}
-
-Stretch stretch_of(const MeasuredLog& log, const RobotDescription& prior, double period, Index first,
-                   Index rows) {
-  const Index n = log.joints();
-  Stretch s{
-      .period = period, .command = log.tau_cmd.middleRows(first, rows - 1), .beyond = {}, .friction = {}};
-  s.beyond = log.tau.middleRows(first + 1, rows - 1);
-  if (prior.torque_sensor) {
-    for (Index j = 0; j < n; ++j) {
-      if (prior.torque_sensor->offset.size() == n) s.beyond.col(j).array() -= prior.torque_sensor->offset[j];
-      if (prior.torque_sensor->gain.size() == n) s.beyond.col(j) /= prior.torque_sensor->gain[j];
-    }
-  }
-  s.beyond -= log.gravity.middleRows(first, rows - 1);
-  if (prior.motor_inertia.size() == n) {
-    for (Index k = 0; k + 1 < rows; ++k) {
-      const Index a = std::max(first, first + k - 5), b = std::min(first + rows - 1, first + k + 6);
-      s.beyond.row(k) +=
-          prior.motor_inertia.transpose().cwiseProduct(log.dq.row(b) - log.dq.row(a)) / (log.t[b] - log.t[a]);
-    }
-  }
-  if (!prior.friction) return s;
-  s.friction.resize(rows - 1, n);
-  for (Index k = 0; k + 1 < rows; ++k) {
-    for (Index j = 0; j < n; ++j) s.friction(k, j) = table(*prior.friction, j, log.dq(first + k + 1, j));
-  }
-  return s;
-}
-
-std::vector<Stretch> stretches_of(const MeasuredLog& log, const RobotDescription& prior,
-                                  const ActuationOptions& options) {
-  const auto n = static_cast<Index>(prior.joint_count());
-  if (log.joints() != n) {
-    throw LogRefused(log.source + ": " + std::to_string(log.joints()) + " joints, robot '" + prior.name +
-                     "' has " + std::to_string(n) + ": name the robot of the log");
-  }
-  if (log.tau_cmd.rows() != log.samples()) {
-    throw LogRefused(log.source +
-                     ": no commanded torque (tau_cmd) in it: delay and bandwidth need a log of "
-                     "a run of multipanda, with torques");
-  }
-  if (log.gravity.rows() != log.samples()) {
-    throw LogRefused(log.source + ": no gravity of the arm's own model in it: record with the model summary");
-  }
-  std::vector<Stretch> stretches;
-  if (log.samples() < 3) return stretches;
-  const double period = median_of(log.t.tail(log.samples() - 1) - log.t.head(log.samples() - 1));
-  const auto least = static_cast<Index>(std::ceil((kShortest + options.settle) / period));
-  Index first = 0;
-  for (Index k = 1; k <= log.samples(); ++k) {
-    const bool goes_on = k < log.samples() && std::abs(log.t[k] - log.t[k - 1] - period) < 0.2 * period;
-    if (goes_on) continue;
-    if (k - first >= least) stretches.push_back(stretch_of(log, prior, period, first, k - first));
-    first = k;
-  }
-  return stretches;
-}
-
 // Everything but delay and bandwidth, in closed form: of each joint scale of friction and offset.
 class Problem {
  public:
-  Problem(std::vector<Stretch> stretches, const ActuationOptions& options, Index joints)
+  Problem(std::vector<CommandedStretch> stretches, const ActuationOptions& options, Index joints)
       : stretches_(std::move(stretches)), joints_(joints), has_friction_(stretches_[0].friction.cols() > 0) {
-    for (const Stretch& s : stretches_) {
+    for (const CommandedStretch& s : stretches_) {
       const Index settle = settled(s, options);
       begins_.push_back(settle);
       rows_ += s.command.rows() - settle;
@@ -116,7 +42,7 @@ class Problem {
     weight_ = MatrixXd::Ones(rows_, joints_);
     friction_.resize(rows_, has_friction_ ? joints_ : 0);
     Index at = 0;
-    each([&](const Stretch& s, Index begin, Index rows) {
+    each([&](const CommandedStretch& s, Index begin, Index rows) {
       if (has_friction_) friction_.middleRows(at, rows) = s.friction.bottomRows(rows);
       (void)begin;
       at += rows;
@@ -132,7 +58,7 @@ class Problem {
   MatrixXd raw(const Actuation& actuation) const {
     MatrixXd e(rows_, joints_);
     Index at = 0;
-    each([&](const Stretch& s, Index begin, Index rows) {
+    each([&](const CommandedStretch& s, Index begin, Index rows) {
       const MatrixXd x = tracked_torque(s.command, actuation, s.period);
       e.middleRows(at, rows) = s.beyond.bottomRows(rows) - x.bottomRows(rows);
       (void)begin;
@@ -186,7 +112,7 @@ class Problem {
   const MatrixXd& weight() const { return weight_; }
 
  private:
-  static Index settled(const Stretch& s, const ActuationOptions& options) {
+  static Index settled(const CommandedStretch& s, const ActuationOptions& options) {
     return std::min<Index>(
         s.command.rows() - 1,
         static_cast<Index>(std::ceil((options.settle + options.longest_delay) / s.period)));
@@ -197,7 +123,7 @@ class Problem {
       work(stretches_[i], begins_[i], stretches_[i].command.rows() - begins_[i]);
     }
   }
-  std::vector<Stretch> stretches_;
+  std::vector<CommandedStretch> stretches_;
   std::vector<Index> begins_;
   Index joints_ = 0, rows_ = 0;
   bool has_friction_ = false;
@@ -396,9 +322,10 @@ MatrixXd tracked_torque(const MatrixXd& tau_cmd, const Actuation& actuation, dou
 
 ActuationFit fit_actuation(std::span<const MeasuredLog> logs, const RobotDescription& prior,
                            const ActuationOptions& options) {
-  std::vector<Stretch> stretches;
+  std::vector<CommandedStretch> stretches;
   for (const auto& log : logs) {
-    for (auto& stretch : stretches_of(log, prior, options)) stretches.push_back(std::move(stretch));
+    for (auto& stretch : commanded_stretches(log, prior, kShortest + options.settle))
+      stretches.push_back(std::move(stretch));
   }
   if (stretches.empty()) {
     throw LogRefused((logs.empty() ? std::string("no log") : logs[0].source) + ": no stretch of " +

@@ -1,5 +1,6 @@
 #include "analysis/identification/batch_least_squares.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <stdexcept>

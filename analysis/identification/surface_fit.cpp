@@ -1,6 +1,7 @@
 // Stiffness of a surface by rollouts: analysis/identification/rollout_fit.hpp.
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 #include <Eigen/Dense>
 
