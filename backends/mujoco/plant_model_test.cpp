@@ -50,7 +50,10 @@ RobotDescription heavier(double factor) {
 JointVector sines(int k) {
   JointVector tau(7);
   for (int i = 0; i < 7; ++i) {
-    tau[i] = (i < 4 ? 6.0 : i < 6 ? 1.5 : 0.8) * std::sin(2 * M_PI * (1.5 + 0.4 * i) * k * dt) * std::min(1.0, 0.01 * k);
+    tau[i] = (i < 4   ? 6.0
+              : i < 6 ? 1.5
+                      : 0.8) *
+             std::sin(2 * M_PI * (1.5 + 0.4 * i) * k * dt) * std::min(1.0, 0.01 * k);
   }
   return tau;
 }
