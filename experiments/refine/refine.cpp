@@ -249,7 +249,8 @@ class Refinery {
     std::vector<std::vector<MeasuredLog>> sim(scene_.arms.size());
     read_into(settings_.logs / (name + ".mcap"), sim);
     for (std::size_t i = 0; i < done.arms.size(); ++i) {
-      const auto d = tool_offset(std::span(real[i]).first(1), sim[i], scene_.arms[i], compare_options_);
+      const auto d = tool_offset(std::span(real[i]).first(1), sim[i], scene_.arms[i], compare_options_,
+                                 surface_compliance(scene_));
       if (!d) continue;
       const RobotDescription robot = load_robot(done.arms[i].model.string());
       write_robot(with_tool_offset(robot, scene_.arms[i], *d), priors_[i], done.arms[i].model);

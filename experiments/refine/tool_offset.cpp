@@ -58,7 +58,8 @@ RigidBody nearest_physical(const RigidBody& body) {
 }  // namespace
 
 std::optional<Vector3> tool_offset(std::span<const MeasuredLog> real, std::span<const MeasuredLog> sim,
-                                   const SceneArm& arm, const AlignOptions& options) {
+                                   const SceneArm& arm, const AlignOptions& options,
+                                   double compliance_m_per_n) {
   const Matrix3 R_FE = arm_config(arm).frames.X_FE.rotation;
   Matrix3 A = Matrix3::Zero();
   Vector3 b = Vector3::Zero();
@@ -81,7 +82,8 @@ std::optional<Vector3> tool_offset(std::span<const MeasuredLog> real, std::span<
     if (pressed.empty()) continue;
     normal.normalize();
     for (const Eigen::Index i : pressed) {
-      const Vector3 f = F->real.row(i).transpose() - air;
+      const Vector3 f = F->real.row(i).transpose() - air, f_sim = F->sim.row(i).transpose() - air_sim;
+      const double deeper = compliance_m_per_n * normal.dot(f - f_sim);
       const double t = real[k].t[0] + pair.t[i];
       const auto row = std::min<Eigen::Index>(
           std::lower_bound(real[k].t.data(), real[k].t.data() + real[k].t.size(), t) - real[k].t.data(),
@@ -90,7 +92,7 @@ std::optional<Vector3> tool_offset(std::span<const MeasuredLog> real, std::span<
       const Matrix3 R_WF = Quaternion(q[0], q[1], q[2], q[3]).toRotationMatrix() * R_FE.transpose();
       const Vector3 along = -R_WF.transpose() * normal / kPosition;
       A += along * along.transpose();
-      b += along * normal.dot((x->real.row(i) - x->sim.row(i)).transpose()) / kPosition;
+      b += along * (normal.dot((x->real.row(i) - x->sim.row(i)).transpose()) - deeper) / kPosition;
       const Matrix3 turning = -cross(f) * R_WF / kMoment;  // d x F = -F x d
       const Vector3 moment = (M->real.row(i) - M->sim.row(i)).transpose() - air_moment;
       A += turning.transpose() * turning;
@@ -104,6 +106,16 @@ std::optional<Vector3> tool_offset(std::span<const MeasuredLog> real, std::span<
   const Vector3 d = (A / count + Matrix3::Identity() / (kExpected * kExpected)).ldlt().solve(b / count);
   if (!d.allFinite() || d.norm() > kMost) return std::nullopt;
   return d;
+}
+
+double surface_compliance(const Scene& scene) {
+  std::optional<double> stiffness;
+  for (const auto& object : scene.objects) {
+    if (!object.contact) continue;
+    if (stiffness && *stiffness != object.contact->stiffness_n_per_m) return 0;
+    stiffness = object.contact->stiffness_n_per_m;
+  }
+  return stiffness ? 1 / *stiffness : 0;
 }
 
 RobotDescription with_tool_offset(const RobotDescription& robot, const SceneArm& arm, const Vector3& d) {
