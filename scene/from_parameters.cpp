@@ -218,7 +218,10 @@ ParameterScene scene_from_parameters(const FlatParameters& parameters,
 
   YAML::Node document = node_of(root);
   for (std::size_t i = 0; i < models.size(); ++i) {
-    if (!models[i].empty()) document["arms"][scene.arms[i].name]["model"] = models[i];
+    if (models[i].empty()) continue;
+    YAML::Node arm = document["arms"][scene.arms[i].name];
+    arm["model"] = models[i];
+    if (!arm["hand"]) arm["hand"] = "false";  // it is among the description's links
   }
   YAML::Emitter out;
   out << document;

@@ -94,6 +94,7 @@ TEST(FromParameters, TheRobotDescriptionIsAskedFor) {
   const auto scene =
       scene_from_parameters(parameters, [](const HostedArm& arm) { return "/m/" + arm.tip_link; });
   EXPECT_THAT(scene.yaml, HasSubstr("model: /m/tool0"));
+  EXPECT_THAT(scene.yaml, HasSubstr("hand: false"));  // it is among the description's links
   EXPECT_THAT(refusal(parameters), HasSubstr("no robot description"));
 }
 
