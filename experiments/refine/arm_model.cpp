@@ -1,5 +1,8 @@
 #include "experiments/refine/arm_model.hpp"
 
+#include <algorithm>
+#include <limits>
+
 #include <fmt/format.h>
 
 #include "analysis/identification/actuation.hpp"
@@ -15,6 +18,19 @@ Json list(const Eigen::VectorXd& values) {
   Json json = Json::array();
   for (const double value : values) json.push_back(value);
   return json;
+}
+
+// What further coefficients gain of so little is as much the noise's as the arm's: in the next simulation it
+// comes back as offsets that masses pay for. Candidates are in order, simplest first.
+constexpr double kAsGood = 1.15;  // of the best RMSE in cross-validation
+
+std::string simplest_as_good(const Identification& found) {
+  double best = std::numeric_limits<double>::infinity();
+  for (const auto& score : found.scores) best = score.eligible ? std::min(best, score.mean) : best;
+  for (const auto& score : found.scores) {
+    if (score.eligible && score.mean <= kAsGood * best) return score.name;
+  }
+  return found.family;
 }
 
 }  // namespace
@@ -39,7 +55,13 @@ RefinedArm identify_arm(const SceneArm& arm, const RobotDescription& prior, std:
     }
   }
   identify_options.threads = static_cast<unsigned>(options.threads);
-  const Identification found = identify(logs, prior, identify_options);
+  Identification found = identify(logs, prior, identify_options);
+  if (const std::string simpler = simplest_as_good(found);
+      options.family.empty() && simpler != found.family) {
+    identify_options.families = {simpler};
+    identify_options.choose = false;
+    found = identify(logs, prior, identify_options);
+  }
   const ActuationFit actuation = fit_actuation(logs, prior);
   RobotDescription robot = found.robot;
   apply(actuation, robot);
