@@ -22,13 +22,15 @@ Json list(const Eigen::VectorXd& values) {
 
 // What further coefficients gain of so little is as much the noise's as the arm's: in the next simulation it
 // comes back as offsets that masses pay for. Candidates are in order, simplest first.
-constexpr double kAsGood = 1.15;  // of the best RMSE in cross-validation
+constexpr double kAsGood = 1.15;     // of the best RMSE in cross-validation; or
+constexpr double kNoiseShare = 0.1;  // of the torque sensor's noise more than it
 
-std::string simplest_as_good(const Identification& found) {
+std::string simplest_as_good(const Identification& found, double noise) {
   double best = std::numeric_limits<double>::infinity();
   for (const auto& score : found.scores) best = score.eligible ? std::min(best, score.mean) : best;
   for (const auto& score : found.scores) {
-    if (score.eligible && score.mean <= kAsGood * best) return score.name;
+    if (score.eligible && score.mean <= std::max(kAsGood * best, best + kNoiseShare * noise))
+      return score.name;
   }
   return found.family;
 }
@@ -55,14 +57,14 @@ RefinedArm identify_arm(const SceneArm& arm, const RobotDescription& prior, std:
     }
   }
   identify_options.threads = static_cast<unsigned>(options.threads);
+  const ActuationFit actuation = fit_actuation(logs, prior);
   Identification found = identify(logs, prior, identify_options);
-  if (const std::string simpler = simplest_as_good(found);
+  if (const std::string simpler = simplest_as_good(found, actuation.noise);
       options.family.empty() && simpler != found.family) {
     identify_options.families = {simpler};
     identify_options.choose = false;
     found = identify(logs, prior, identify_options);
   }
-  const ActuationFit actuation = fit_actuation(logs, prior);
   RobotDescription robot = found.robot;
   apply(actuation, robot);
   write_robot(robot, prior, options.file);
