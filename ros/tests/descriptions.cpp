@@ -1,6 +1,10 @@
 #include "descriptions.hpp"
 
+#include <fstream>
+#include <iterator>
+#include <regex>
 #include <sstream>
+#include <stdexcept>
 
 namespace multipanda::ros2_control_tests {
 namespace {
@@ -29,6 +33,31 @@ Component arms_of_this_project(const std::string& name, const std::string& plugi
   for (std::size_t i = 0; i < arms.size(); ++i)
     component.parameters["arms." + arms[i] + ".base.position_m"] = base(i);
   return component;
+}
+
+// The <ros2_control> of a component.
+std::string tag(const Component& component) {
+  std::ostringstream out;
+  out.precision(17);
+  out << "<ros2_control name=\"" << component.name << "\" type=\"system\">\n<hardware><plugin>"
+      << component.plugin << "</plugin>";
+  for (const auto& [name, value] : component.parameters) {
+    out << "<param name=\"" << name << "\">" << value << "</param>";
+  }
+  out << "</hardware>\n";
+  for (const auto& arm : component.arms) {
+    for (int j = 1; j <= kJoints; ++j) {
+      out << "<joint name=\"" << joint_name(arm, j) << "\">";
+      for (const auto& command : component.commands) out << "<command_interface name=\"" << command << "\"/>";
+      out << "<state_interface name=\"position\"><param name=\"initial_value\">"
+          << home()[static_cast<std::size_t>(j - 1)]
+          << "</param></state_interface><state_interface name=\"velocity\"><param "
+             "name=\"initial_value\">0</param></state_interface><state_interface name=\"effort\"><param "
+             "name=\"initial_value\">0</param></state_interface></joint>\n";
+    }
+  }
+  out << "</ros2_control>\n";
+  return out.str();
 }
 
 }  // namespace
@@ -76,29 +105,27 @@ std::string robot(const std::vector<Component>& components) {
       }
     }
   }
-  for (const auto& component : components) {
-    out << "<ros2_control name=\"" << component.name << "\" type=\"system\">\n<hardware><plugin>"
-        << component.plugin << "</plugin>";
-    for (const auto& [name, value] : component.parameters) {
-      out << "<param name=\"" << name << "\">" << value << "</param>";
-    }
-    out << "</hardware>\n";
-    for (const auto& arm : component.arms) {
-      for (int j = 1; j <= kJoints; ++j) {
-        out << "<joint name=\"" << joint_name(arm, j) << "\">";
-        for (const auto& command : component.commands)
-          out << "<command_interface name=\"" << command << "\"/>";
-        out << "<state_interface name=\"position\"><param name=\"initial_value\">"
-            << home()[static_cast<std::size_t>(j - 1)]
-            << "</param></state_interface><state_interface name=\"velocity\"><param "
-               "name=\"initial_value\">0</param></state_interface><state_interface name=\"effort\"><param "
-               "name=\"initial_value\">0</param></state_interface></joint>\n";
-      }
-    }
-    out << "</ros2_control>\n";
-  }
+  for (const auto& component : components) out << tag(component);
   out << "</robot>\n";
   return out.str();
+}
+
+std::string modelled_robot(const Component& component) {
+  std::ifstream file(MODEL_FILE);
+  std::string model{std::istreambuf_iterator<char>(file), {}};
+  const std::size_t begin = model.find("<robot"), body = model.find('>', begin) + 1,
+                    end = model.find("</robot>");
+  if (begin == std::string::npos || end == std::string::npos)
+    throw std::runtime_error("no URDF: " MODEL_FILE);
+  model = model.substr(body, end - body);
+  std::string text = "<?xml version=\"1.0\"?>\n<robot name=\"tested\">\n<link name=\"world\"/>\n";
+  for (const auto& arm : component.arms) {
+    text +=
+        std::regex_replace(model, std::regex("\"(joint|link|flange)(_?[a-z0-9]*\")"), "\"" + arm + "_$1$2");
+    text += "<joint name=\"" + arm + "_base_joint\" type=\"fixed\"><parent link=\"world\"/><child link=\"" +
+            arm + "_link0\"/></joint>\n";
+  }
+  return text + tag(component) + "</robot>\n";
 }
 
 }  // namespace multipanda::ros2_control_tests

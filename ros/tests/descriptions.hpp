@@ -26,6 +26,10 @@ Component fci_component(const std::string& name, const std::vector<std::string>&
 // what a controller_manager needs: names and limits.
 std::string robot(const std::vector<Component>& components);
 
+// The same with the arms' masses and frames: the model `fer` of this project, one for each arm, all at one
+// place.
+std::string modelled_robot(const Component& component);
+
 // Joints at which mock hardware stands, and simulated arms begin.
 const std::vector<double>& home();
 std::string joint_name(const std::string& arm, int number);  // from 1

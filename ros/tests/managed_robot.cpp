@@ -143,6 +143,14 @@ bool ManagedRobot::load(const std::string& controller) {
   }));
 }
 
+bool ManagedRobot::add(const std::shared_ptr<controller_interface::ControllerInterface>& controller,
+                       const std::string& name) {
+  return finish(std::async(std::launch::async, [=, this] {
+    return manager_->add_controller(controller, name, name) != nullptr &&
+           manager_->configure_controller(name) == controller_interface::return_type::OK;
+  }));
+}
+
 bool ManagedRobot::switch_to(const std::vector<std::string>& activate,
                              const std::vector<std::string>& deactivate) {
   return finish(std::async(std::launch::async, [=, this] {

@@ -49,6 +49,9 @@ class ManagedRobot {
   bool cycles_until(const std::function<bool()>& done, int limit);
 
   bool load(const std::string& controller);  // and configure
+  // The same for a controller of the test's own.
+  bool add(const std::shared_ptr<controller_interface::ControllerInterface>& controller,
+           const std::string& name);
   // As by the service with STRICT. In one read-update-write of the loop.
   bool switch_to(const std::vector<std::string>& activate, const std::vector<std::string>& deactivate = {});
   bool unload(const std::string& controller);

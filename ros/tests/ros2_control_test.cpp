@@ -1,10 +1,13 @@
 // The controller and the hardware in a real controller_manager, whose loop is this test (managed_robot.hpp).
+#include <array>
 #include <cmath>
 #include <controller_manager_msgs/srv/list_controllers.hpp>
 #include <controller_manager_msgs/srv/switch_controller.hpp>
 #include <cstdlib>
 #include <multipanda_msgs/srv/recover_from_error.hpp>
 #include <multipanda_msgs/srv/switch_controllets.hpp>
+#include <multipanda_semantic_components/robot_model.hpp>
+#include <multipanda_semantic_components/robot_state.hpp>
 #include <rcutils/logging.h>
 #include <sensor_msgs/msg/joint_state.hpp>
 #include <std_msgs/msg/float64_multi_array.hpp>
@@ -93,7 +96,8 @@ const std::vector<std::string> kArms = {"left", "right"};
 
 class Robot {
  public:
-  Robot(const Component& component, const std::string& text) : managed(robot({component}), text) {}
+  Robot(const Component& component, const std::string& text) : Robot(robot({component}), text) {}
+  Robot(const std::string& description, const std::string& text) : managed(description, text) {}
 
   double q(const std::string& arm, int joint) { return managed.value(joint_name(arm, joint) + "/position"); }
   double effort(const std::string& arm, int joint) {
@@ -210,6 +214,24 @@ TEST(MockHardware, ControllerPullsAtItsStiffnessBesideABroadcaster) {
   EXPECT_NEAR(robot.effort("left", 1), 60, 1e-6);
   for (int j = 2; j <= 7; ++j) EXPECT_NEAR(robot.effort("left", j), 0, 1e-6);
   for (int j = 1; j <= 7; ++j) EXPECT_NEAR(robot.effort("right", j), 0, 1e-9);
+  EXPECT_EQ(managed.failed_updates(), 0);
+}
+
+// One arm's model is the project's, the other one's the robot description; both hold themselves against
+// gravity.
+TEST(MockHardware, TheRobotDescriptionIsAModel) {
+  std::string text = parameters(
+      "gravity_compensation: controller, state_interfaces: [position, velocity, effort], hand: false");
+  const std::string right = ", right: {";
+  text.insert(text.find(right) + right.size(),
+              "model: robot_description, base_link: right_link0, tip_link: right_flange, ");
+  Robot robot(modelled_robot(mock_component("mock", kArms)), text);
+  ManagedRobot& managed = robot.managed;
+  ASSERT_TRUE(managed.load("multimode"));
+  ASSERT_TRUE(managed.switch_to({"multimode"}));
+  managed.cycles(100);
+  EXPECT_GT(std::abs(robot.effort("left", 2)), 5);
+  for (int j = 1; j <= 7; ++j) EXPECT_NEAR(robot.effort("left", j), robot.effort("right", j), 1e-6) << j;
   EXPECT_EQ(managed.failed_updates(), 0);
 }
 
@@ -367,6 +389,71 @@ TEST_P(OurHardware, ForwardControllerDrivesTheOtherArm) {
   EXPECT_FALSE(
       managed().switch_to({"multimode"}));  // its arms are taken, or it is not loaded: nothing changes
   EXPECT_EQ(managed().state_of("multimode_left"), "active");
+}
+
+// A controller of a user's own, which sees an arm through the semantic components.
+class Onlooker : public controller_interface::ControllerInterface {
+ public:
+  controller_interface::CallbackReturn on_init() override {
+    return controller_interface::CallbackReturn::SUCCESS;
+  }
+  controller_interface::InterfaceConfiguration command_interface_configuration() const override {
+    return {controller_interface::interface_configuration_type::NONE, {}};
+  }
+  controller_interface::InterfaceConfiguration state_interface_configuration() const override {
+    auto names = state_.get_state_interface_names();
+    for (const auto& name : model_.get_state_interface_names()) names.push_back(name);
+    return {controller_interface::interface_configuration_type::INDIVIDUAL, names};
+  }
+  controller_interface::CallbackReturn on_activate(const rclcpp_lifecycle::State&) override {
+    const bool all = state_.assign_loaned_state_interfaces(state_interfaces_) &&
+                     model_.assign_loaned_state_interfaces(state_interfaces_);
+    return all ? controller_interface::CallbackReturn::SUCCESS
+               : controller_interface::CallbackReturn::FAILURE;
+  }
+  controller_interface::CallbackReturn on_deactivate(const rclcpp_lifecycle::State&) override {
+    state_.release_interfaces();
+    model_.release_interfaces();
+    return controller_interface::CallbackReturn::SUCCESS;
+  }
+  controller_interface::return_type update(const rclcpp::Time&, const rclcpp::Duration&) override {
+    seen = state_.get_values_as_message(state) && model_.get_values_as_message(model);
+    if (const auto arm = model_.get()) arm.mass(mass);
+    return controller_interface::return_type::OK;
+  }
+  bool seen = false;
+  multipanda_msgs::msg::RobotState state;
+  multipanda_msgs::msg::RobotModel model;
+  std::array<double, 49> mass{};
+
+ private:
+  multipanda_semantic_components::RobotState state_{"right"};
+  multipanda_semantic_components::RobotModel model_{"right"};
+};
+
+TEST_P(OurHardware, AControllerSeesAnArmThroughSemanticComponents) {
+  begin();
+  const auto onlooker = std::make_shared<Onlooker>();
+  ASSERT_TRUE(managed().add(onlooker, "onlooker"));
+  ASSERT_TRUE(managed().load("multimode"));
+  ASSERT_TRUE(managed().switch_to({"multimode", "onlooker"}));
+  wait_for_motion();
+  managed().cycles(100);
+  ASSERT_TRUE(onlooker->seen);
+  EXPECT_EQ(onlooker->state.mode, multipanda_msgs::msg::RobotState::MODE_MOVE);
+  for (int j = 1; j <= 7; ++j) {
+    EXPECT_EQ(onlooker->state.q.at(static_cast<std::size_t>(j - 1)), robot_->q("right", j));
+  }
+  EXPECT_EQ(onlooker->model.jacobian.size(), 42u);
+  EXPECT_GT(onlooker->mass[0], 0.01);
+  EXPECT_DOUBLE_EQ(onlooker->mass[1], onlooker->mass[7]);
+
+  // The hardware goes: nothing to see, and no look into its memory.
+  ASSERT_TRUE(managed().switch_to({}, {"multimode", "onlooker"}));
+  ASSERT_TRUE(managed().set_hardware_state("arms", "inactive"));
+  ASSERT_TRUE(managed().set_hardware_state("arms", "unconfigured"));
+  EXPECT_FALSE(managed().switch_to({"onlooker"}));
+  managed().cycles(10);
 }
 
 // Arm A under the multimode controller, arm B under a trajectory controller; then the other way round, in one

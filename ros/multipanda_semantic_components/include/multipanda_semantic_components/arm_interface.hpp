@@ -28,16 +28,21 @@ class ArmInterface {
  protected:
   // Looked up anew each time: the hardware takes its address back before it goes.
   multipanda::ros::ArmView view() const {
-    if (interface_ == nullptr) return {};
-    if constexpr (requires { interface_->get_optional(); }) {
-      const auto value = interface_->get_optional();
-      return value ? multipanda::ros::ArmView::behind(*value) : multipanda::ros::ArmView();
-    } else {
-      return multipanda::ros::ArmView::behind(interface_->get_value());
-    }
+    return interface_ == nullptr ? multipanda::ros::ArmView() : behind(*interface_);
   }
 
  private:
+  // The newer lines answer with an optional, the older with the number.
+  template <class Interface>
+  static multipanda::ros::ArmView behind(const Interface& interface) {
+    if constexpr (requires { interface.get_optional(); }) {
+      const auto value = interface.get_optional();
+      return value ? multipanda::ros::ArmView::behind(*value) : multipanda::ros::ArmView();
+    } else {
+      return multipanda::ros::ArmView::behind(interface.get_value());
+    }
+  }
+
   std::string name_;
   hardware_interface::LoanedStateInterface* interface_ = nullptr;
 };
