@@ -8,7 +8,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "analysis/python_script.hpp"
+#include "analysis/page_script.hpp"
 #include "analysis/run_of_log.hpp"
 #include "analysis/scene_pictures.hpp"
 #include "logs/export.hpp"
@@ -27,11 +27,6 @@ fs::path found_log(const fs::path& given) {
   if (fs::is_regular_file(log, error)) return log;
   throw std::runtime_error("there is no log " + log.string() +
                            ": give a log, or the folder of a run that was recorded");
-}
-
-fs::path from_environment(const char* name, const fs::path& otherwise) {
-  const char* value = std::getenv(name);
-  return value != nullptr && *value != '\0' ? fs::path(value) : otherwise;
 }
 
 // The file of a run that is still going on must not be replaced under its writer, which flushes twice per
@@ -139,15 +134,7 @@ class Material {
 ReportResult make_report(const fs::path& log_or_directory, const ReportOptions& options) {
   const fs::path log = found_log(log_or_directory);
   const fs::path directory = options.directory.empty() ? fs::absolute(log).parent_path() : options.directory;
-  const fs::path python = from_environment("MULTIPANDA_PYTHON", MULTIPANDA_DEFAULT_PYTHON);
-  const fs::path script =
-      from_environment("MULTIPANDA_SHARE", MULTIPANDA_DEFAULT_SHARE) / "analysis" / "report.py";
-  for (const fs::path& needed : {python, script}) {
-    if (!fs::exists(needed)) {
-      throw std::runtime_error("the report needs " + needed.string() +
-                               ", which is not there: run ./multipanda setup");
-    }
-  }
+  const PageScript script("report.py", "the report");
   std::error_code error;
   fs::create_directories(directory, error);
   if (error)
@@ -173,20 +160,14 @@ ReportResult make_report(const fs::path& log_or_directory, const ReportOptions& 
   meta["notes"] = notes;
   std::ofstream(material.json()) << meta.dump(1, ' ', false, Json::error_handler_t::replace);
 
-  std::vector<std::string> arguments{"-I",
-                                     "-B",
-                                     script.string(),
-                                     material.npz().string(),
-                                     "--meta",
-                                     material.json().string(),
-                                     "--out",
+  std::vector<std::string> arguments{material.npz().string(), "--meta", material.json().string(), "--out",
                                      directory.string()};
   if (!result.pictures.empty()) arguments.push_back("--pictures");
   for (const fs::path& picture : result.pictures) arguments.push_back(picture.string());
-  const ScriptResult made = run_script(python, arguments);
+  script.run(arguments);
   result.page = directory / "report.html";
-  if (!made.good || !fs::exists(result.page)) {
-    throw std::runtime_error("the report was not made; " + script.string() + " says:\n" + made.output);
+  if (!fs::exists(result.page)) {
+    throw std::runtime_error("the report was not made: there is no " + result.page.string());
   }
   if (!drawn.missing.empty()) notes.push_back("No pictures of the scene: " + drawn.missing + ".");
   result.notes = std::move(notes);

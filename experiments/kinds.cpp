@@ -4,7 +4,7 @@
 #include <cstdlib>
 #include <fstream>
 
-#include "analysis/python_script.hpp"
+#include "analysis/page_script.hpp"
 #include "runtime/machine.hpp"
 
 namespace multipanda {
@@ -13,25 +13,8 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-fs::path from_environment(const char* name, const fs::path& otherwise) {
-  const char* value = std::getenv(name);
-  return value != nullptr && *value != '\0' ? fs::path(value) : otherwise;
-}
-
 void run_page_script(const std::vector<std::string>& words) {
-  const fs::path python = from_environment("MULTIPANDA_PYTHON", MULTIPANDA_DEFAULT_PYTHON);
-  const fs::path script =
-      from_environment("MULTIPANDA_SHARE", MULTIPANDA_DEFAULT_SHARE) / "analysis" / "experiments" / "main.py";
-  for (const fs::path& needed : {python, script}) {
-    if (!fs::exists(needed))
-      throw std::runtime_error("the experiment's page needs " + needed.string() +
-                               ", which is not there: run ./multipanda setup");
-  }
-  std::vector<std::string> arguments{"-I", "-B", script.string()};
-  arguments.insert(arguments.end(), words.begin(), words.end());
-  const ScriptResult made = run_script(python, arguments);
-  if (!made.good)
-    throw std::runtime_error("the page was not made; " + script.string() + " says:\n" + made.output);
+  PageScript("experiments/main.py", "the experiment's page").run(words);
 }
 
 void write_json(const fs::path& file, const Json& json) {

@@ -1,13 +1,12 @@
 #include "analysis/comparison/comparison_page.hpp"
 
 #include <algorithm>
-#include <cstdlib>
 #include <fstream>
 #include <stdexcept>
 
 #include <nlohmann/json.hpp>
 
-#include "analysis/python_script.hpp"
+#include "analysis/page_script.hpp"
 #include "logs/npz.hpp"
 
 namespace multipanda {
@@ -15,11 +14,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
-
-fs::path from_environment(const char* name, const fs::path& otherwise) {
-  const char* value = std::getenv(name);
-  return value != nullptr && *value != '\0' ? fs::path(value) : otherwise;
-}
 
 // "0/t", "0/q/real", "0/q/sim", ... per arm, by its number.
 void write_series(const fs::path& file, std::span<const ComparedArm> arms) {
@@ -83,22 +77,6 @@ Json comparison_results(const std::string& real, const std::string& sim, std::sp
   return out;
 }
 
-void run_page_script(const std::string& script_name, const std::vector<std::string>& arguments) {
-  const fs::path python = from_environment("MULTIPANDA_PYTHON", MULTIPANDA_DEFAULT_PYTHON);
-  const fs::path script = from_environment("MULTIPANDA_SHARE", MULTIPANDA_DEFAULT_SHARE) / "analysis" /
-                          "comparison" / script_name;
-  for (const fs::path& needed : {python, script}) {
-    if (!fs::exists(needed))
-      throw std::runtime_error("the page needs " + needed.string() +
-                               ", which is not there: run ./multipanda setup");
-  }
-  std::vector<std::string> words{"-I", "-B", script.string()};
-  words.insert(words.end(), arguments.begin(), arguments.end());
-  const ScriptResult made = run_script(python, words);
-  if (!made.good)
-    throw std::runtime_error("the page was not made; " + script.string() + " says:\n" + made.output);
-}
-
 fs::path make_comparison_page(const fs::path& folder, const Json& results,
                               std::span<const ComparedArm> arms) {
   fs::create_directories(folder);
@@ -106,7 +84,7 @@ fs::path make_comparison_page(const fs::path& folder, const Json& results,
       << results.dump(1, ' ', false, Json::error_handler_t::replace) << '\n';
   const fs::path series = folder / "series.npz";
   write_series(series, arms);
-  run_page_script("compare_page.py", {folder.string()});
+  PageScript("comparison/compare_page.py", "the page").run({folder.string()});
   std::error_code ignored;
   fs::remove(series, ignored);
   return folder / "report.html";

@@ -28,7 +28,4 @@ std::filesystem::path make_comparison_page(const std::filesystem::path& folder,
                                            const nlohmann::ordered_json& results,
                                            std::span<const ComparedArm> arms);
 
-// Runs a script of the folder analysis/comparison with these arguments, as make_comparison_page does.
-void run_page_script(const std::string& script, const std::vector<std::string>& arguments);
-
 }  // namespace multipanda

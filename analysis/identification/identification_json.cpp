@@ -6,7 +6,7 @@
 #include <fstream>
 #include <stdexcept>
 
-#include "analysis/python_script.hpp"
+#include "analysis/page_script.hpp"
 
 namespace multipanda {
 namespace {
@@ -160,25 +160,14 @@ Json to_json(const Prediction& prediction) {
 }
 
 void write_identification_page(const Identification& identification, const fs::path& directory) {
-  const auto from_environment = [](const char* name, const char* otherwise) {
-    const char* value = std::getenv(name);
-    return fs::path(value != nullptr && *value != '\0' ? value : otherwise);
-  };
-  const fs::path python = from_environment("MULTIPANDA_PYTHON", MULTIPANDA_DEFAULT_PYTHON);
-  const fs::path script = from_environment("MULTIPANDA_SHARE", MULTIPANDA_DEFAULT_SHARE) / "analysis" /
-                          "identification" / "identification_page.py";
+  const PageScript script("identification/identification_page.py", "the page of the identification");
   fs::create_directories(directory);
   const fs::path data = directory / "identification.json";
   std::ofstream out(data);
   out << to_json_with_series(identification).dump();
   out.close();
   if (!out) throw std::runtime_error(data.string() + " cannot be written");
-  const ScriptResult made =
-      run_script(python, {"-I", "-B", script.string(), data.string(), "--out", directory.string()});
-  if (!made.good) {
-    throw std::runtime_error("the page of the identification was not made; " + script.string() + " says:\n" +
-                             made.output);
-  }
+  script.run({data.string(), "--out", directory.string()});
 }
 
 }  // namespace multipanda

@@ -1,20 +1,12 @@
 #include "experiments/refine/refine_page.hpp"
 
-#include <cstdlib>
-#include <stdexcept>
-
-#include "analysis/python_script.hpp"
+#include "analysis/page_script.hpp"
 
 namespace multipanda {
 namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
-
-fs::path from_environment(const char* name, const fs::path& otherwise) {
-  const char* value = std::getenv(name);
-  return value != nullptr && *value != '\0' ? fs::path(value) : otherwise;
-}
 
 Json per_arm(const std::vector<Comparison>& comparisons) {
   Json json = Json::object();
@@ -53,19 +45,7 @@ Json refine_json(const Experiment& experiment, const ExperimentVariant& variant,
 }
 
 fs::path make_refine_page(const fs::path& json) {
-  const fs::path python = from_environment("MULTIPANDA_PYTHON", MULTIPANDA_DEFAULT_PYTHON);
-  const fs::path script =
-      from_environment("MULTIPANDA_SHARE", MULTIPANDA_DEFAULT_SHARE) / "analysis" / "refine" / "main.py";
-  for (const fs::path& needed : {python, script}) {
-    if (!fs::exists(needed)) {
-      throw std::runtime_error("the report needs " + needed.string() +
-                               ", which is not there: run ./multipanda setup");
-    }
-  }
-  const ScriptResult made = run_script(python, {"-I", "-B", script.string(), json.string()});
-  if (!made.good) {
-    throw std::runtime_error("the report was not made; " + script.string() + " says:\n" + made.output);
-  }
+  PageScript("refine/main.py", "the report").run({json.string()});
   return json.parent_path() / "report.html";
 }
 
