@@ -50,7 +50,7 @@ MultimodeController::MultimodeController(std::vector<std::string> arm_names,
   // Long before the first cycle, so that the first torque gets a whole period of the rate limit.
   last_torque_.fill(LoopTime::from_seconds(-1));
   for (ArmIndex arm = 0; arm < arm_names_.size(); ++arm) owners_[arm] = hold_of(arm);
-  pending_.resize(kPerStep + Mailbox::kMaxBatch);
+  pending_.resize(kAnswersPerStep);
 }
 
 void MultimodeController::schedule(std::vector<ScheduledRequest> requests) {
@@ -59,7 +59,7 @@ void MultimodeController::schedule(std::vector<ScheduledRequest> requests) {
                    [](const auto& a, const auto& b) { return a.at < b.at; });
   next_scheduled_ = 0;
   // Even if all are due at once, each is taken to the cycle.
-  pending_.resize(schedule_.size() + kPerStep + Mailbox::kMaxBatch);
+  pending_.resize(schedule_.size() + kAnswersPerStep);
 }
 
 void MultimodeController::activate_at_start(InstanceSet instances) {

@@ -64,8 +64,18 @@ class MultimodeController {
   // queue.
   void stop(ArmSet arms) { stop_requests_.fetch_or(arms.bits(), std::memory_order_acq_rel); }
 
+  // --- loop thread, between two steps ---
+  // Instances that shall start once their arms are ready, in place of those of the last call. Such a start is
+  // the weakest of all requests: whatever else is decided about one of its arms ends it (an accepted switch
+  // that names the arm, a stop, a resumption), and it never takes an arm from anybody but its hold.
+  void start_when_ready(InstanceSet instances);
+  // Arms that are ready as of the next boundary. There each start whose arms all are is made, once, after
+  // everything that waits at that boundary.
+  void set_ready(ArmSet arms) { ready_ = arms; }
+  void give_up_starts(ArmSet arms);  // of whatever needs one of them
+
   // --- loop thread, in this order, once per step ---
-  void take_requests(const Tick& tick);                          // the boundary: stops, schedule, mailbox
+  void take_requests(const Tick& tick);                          // the boundary: schedule, mailbox, stops
   void inspect(const Tick& tick);                                // arms that left their limits go to hold
   void run_controllets(const Tick& tick);                        // torques of the owners
   void run_features(const Tick& tick);                           // what their features add
@@ -85,6 +95,7 @@ class MultimodeController {
   void evict(InstanceIndex instance, ArmIndex arm, const Finding& finding, const Tick& tick,
              bool update_holds);
   void take_stops(const Tick& tick);
+  void take_waiting_starts(const Tick& tick);
   void watch_arm(ArmIndex arm, const Tick& tick);
   void emit(Event event, const Tick& tick);
   void emit_finding(EventKind kind, ArmIndex arm, InstanceIndex instance, const Finding& finding,
@@ -103,6 +114,8 @@ class MultimodeController {
 
   InstanceSet active_ = 0;                     // loop
   ArmSet stopped_;                             // loop
+  InstanceSet waiting_ = 0;                    // loop: starts that wait for their arms
+  ArmSet ready_;                               // loop: arms that they need not wait for
   std::atomic<InstanceSet> active_shared_{0};  // copies for other threads
   std::atomic<std::uint32_t> stopped_shared_{0};
   std::array<std::atomic<InstanceIndex>, kMaxArms> owners_{};
@@ -110,7 +123,8 @@ class MultimodeController {
 
   InstanceSet ticking_ = 0;                    // instances that tick in this step
   static constexpr std::size_t kPerStep = 16;  // requests taken in one step; a batch begun is taken whole
-  std::vector<Answer> pending_;                // answers of this step, completed by close(); never grows
+  static constexpr std::size_t kAnswersPerStep = kPerStep + Mailbox::kMaxBatch + kMaxInstances;
+  std::vector<Answer> pending_;  // answers of this step, completed by close(); never grows
   std::size_t pending_count_ = 0;
   ArmSet handed_over_;  // arms that changed owner in this step
   std::array<double, kMaxArms> step_wanted_{}, step_sent_{};

@@ -40,7 +40,34 @@ void MultimodeController::take_requests(const Tick& tick) {
     apply(posted->request, posted->ticket, posted->received, tick);
     mailbox_.pop();
   }
-  take_stops(tick);  // last, so that nothing taken at this boundary outlives a stop
+  take_stops(tick);  // after them, so that nothing taken at this boundary outlives a stop
+  take_waiting_starts(tick);
+}
+
+void MultimodeController::start_when_ready(InstanceSet instances) {
+  waiting_ = instances & all_instances();
+  ready_ = {};
+}
+
+void MultimodeController::give_up_starts(ArmSet arms) {
+  for_each(waiting_, [&](InstanceIndex i) {
+    if (instances_[i]->arms().overlaps(arms)) waiting_ &= ~bit(i);
+  });
+}
+
+// Last of all: what was decided at this boundary has ended the starts that it concerns.
+void MultimodeController::take_waiting_starts(const Tick& tick) {
+  give_up_starts(stopped_);
+  for_each(waiting_, [&](InstanceIndex i) {
+    const ArmSet arms = instances_[i]->arms();
+    if ((waiting_ & bit(i)) == 0 || !ready_.contains(arms)) return;
+    waiting_ &= ~bit(i);
+    bool free = true;
+    for_each(arms, [&](ArmIndex arm) {
+      free = free && owners_[arm].load(std::memory_order_relaxed) == hold_of(arm);
+    });
+    if (free) apply({.activate = bit(i)}, 0, tick.start, tick);
+  });
 }
 
 void MultimodeController::take_stops(const Tick& tick) {
@@ -49,6 +76,7 @@ void MultimodeController::take_stops(const Tick& tick) {
   const ArmSet arms = ArmSet::from_bits(bits) & ArmSet::all(arm_count());
   stopped_ |= arms;
   stopped_shared_.store(stopped_.bits(), std::memory_order_release);
+  give_up_starts(arms);
   Event event{.kind = EventKind::stopped, .arms = arms.bits()};
   emit(event, tick);
   for_each(arms, [&](ArmIndex arm) {
@@ -110,6 +138,7 @@ void MultimodeController::apply(const Request& request, std::uint64_t ticket, Ho
       case Request::Kind::resume:
         stopped_ = stopped_ - request.arms;
         stopped_shared_.store(stopped_.bits(), std::memory_order_release);
+        give_up_starts(request.arms);  // resuming starts nothing by itself
         event.kind = EventKind::resumed;
         event.arms = request.arms.bits();
         break;
@@ -137,6 +166,7 @@ Verdict MultimodeController::apply_switch(const Request& request, Answer& answer
   if (!started) return Verdict::start_refused;
   commit(answer.plan);
   handed_over_ |= moving;
+  give_up_starts(request.only ? ArmSet::all(arm_count()) : arms_of(request.activate | request.deactivate));
   return Verdict::accepted;
 }
 

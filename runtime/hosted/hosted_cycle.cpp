@@ -55,34 +55,40 @@ std::vector<std::string> HostedCycle::joint_names(ArmIndex arm) const {
 void HostedCycle::activate() noexcept {
   backend_->begin();
   taking_.fill(0);
-  settled_.store(0, std::memory_order_relaxed);
-  lost_.store(0, std::memory_order_relaxed);
-  took_ = 0;
-  activations_.fetch_add(1, std::memory_order_release);
+  took_ = {};
+  activated_ = cycle_->data().tick.t;
+  modes().start_when_ready(start_set_);
   active_.store(true, std::memory_order_release);
 }
 
 bool HostedCycle::step(double period_s) noexcept {
   cycle_->step(backend_->advance(period_s));
+  return watch_arms();
+}
+
+// Which arms the controllets of the start may have from the next step on. False: no arm can be commanded.
+bool HostedCycle::watch_arms() {
   const auto& states = cycle_->data().state;
   bool any = false;
-  std::uint32_t settled = 0, lost = lost_.load(std::memory_order_relaxed);
+  ArmSet settled, lost;
   for (ArmIndex i = 0; i < states.size(); ++i) {
     const ArmMode mode = states[i].mode;
     const bool takes = mode == ArmMode::move || mode == ArmMode::idle;
     taking_[i] = takes ? std::min(taking_[i] + 1, kSettled) : 0;
-    if (taking_[i] == kSettled) settled |= ArmSet::of(i).bits();
-    if (takes) took_ |= ArmSet::of(i).bits();
-    if (!takes) lost |= took_ & ArmSet::of(i).bits();
+    if (taking_[i] == kSettled) settled |= ArmSet::of(i);
+    if (takes) took_ |= ArmSet::of(i);
+    if (!takes && took_.contains(i)) lost |= ArmSet::of(i);
     any = any || takes || mode == ArmMode::recovering;
   }
-  lost_.store(lost, std::memory_order_relaxed);
-  settled_.store(settled, std::memory_order_release);
+  const bool late = seconds(cycle_->data().tick.t - activated_) > kPatience;
+  modes().give_up_starts(late ? ArmSet::all(states.size()) : lost);  // then somebody has to ask
+  modes().set_ready(settled);
   return any;
 }
 
 void HostedCycle::deactivate() noexcept {
   backend_->leave();
+  modes().start_when_ready(0);
   active_.store(false, std::memory_order_release);
 }
 
@@ -92,7 +98,6 @@ void HostedCycle::run_relay() {
   while (true) {
     const bool last = ending_.load(std::memory_order_acquire);
     const bool busy = relay();
-    start_controllets();
     if (last && !busy) return;
     if (busy) continue;
     if (!active_.load(std::memory_order_acquire)) {
@@ -106,35 +111,6 @@ void HostedCycle::run_relay() {
     const auto now = host_now();
     std::this_thread::sleep_for(expected > now ? std::max<std::chrono::nanoseconds>(expected - now, kLook)
                                                : kLook);
-  }
-}
-
-// After an activation: the controllets that the scene wants, each once its arms are there.
-void HostedCycle::start_controllets() {
-  const std::uint64_t activations = activations_.load(std::memory_order_acquire);
-  if (activations != seen_) {
-    seen_ = activations;
-    wanted_ = start_set_;
-    wanted_since_ = host_now();
-  }
-  if (wanted_ == 0) return;
-  if (!is_active() || seconds(host_now() - wanted_since_) > kPatience) {
-    wanted_ = 0;
-    return;
-  }
-  const ArmSet settled = ArmSet::from_bits(settled_.load(std::memory_order_acquire));
-  const ArmSet lost = ArmSet::from_bits(lost_.load(std::memory_order_relaxed));
-  for (InstanceIndex i = 0; i < modes().instance_count(); ++i) {
-    if (modes().instance(i).arms().overlaps(lost)) wanted_ &= ~bit(i);  // after a fault somebody has to ask
-    if ((wanted_ & bit(i)) == 0 || !settled.contains(modes().instance(i).arms())) continue;
-    if ((modes().active() & bit(i)) != 0) {  // since the first step
-      wanted_ &= ~bit(i);
-      continue;
-    }
-    const Request request{.activate = bit(i)};
-    std::uint64_t ticket = 0;
-    (void)modes().post(std::span(&request, 1), ticket);  // refused: the arms stay held, an event says so
-    wanted_ &= ~bit(i);
   }
 }
 

@@ -30,9 +30,10 @@ struct HostedOptions {
 //
 // Everything is built in the constructor and may be activated any number of times. In the first step of all,
 // the scene's `active` controllets start from the measured state. At every later activation, and for arms
-// that do not take commands yet, the arms are held where they stand measured; each controllet is switched to
-// as soon as its arms have taken commands for kSettled steps (the relay asks for it, a millisecond or two
-// later). An arm that needs longer than kPatience for that stays held.
+// that do not take commands yet, the arms are held where they stand measured; each controllet starts in the
+// step after its arms have taken commands for kSettled steps. The loop decides that itself, after all that
+// was asked for at that boundary: an arm that somebody switched, stopped or resumed since the activation, one
+// that was lost since and one that needs longer than kPatience stay as they are.
 class HostedCycle {
  public:
   // Throws std::invalid_argument: arms, models and controllets that do not fit together, and what the adapter
@@ -42,7 +43,7 @@ class HostedCycle {
   HostedCycle(const HostedCycle&) = delete;
 
   static constexpr std::uint32_t kSettled = 2;  // steps
-  static constexpr double kPatience = 3.0;      // [s]
+  static constexpr double kPatience = 3.0;      // [s] of the loop's time
 
   std::size_t arm_count() const { return models_.size(); }
   std::size_t joint_count(ArmIndex arm) const { return models_[arm]->joint_count(); }
@@ -74,7 +75,7 @@ class HostedCycle {
  private:
   void run_relay();
   bool relay();
-  void start_controllets();
+  bool watch_arms();
 
   const Scene scene_;
   const HostedOptions options_;
@@ -84,17 +85,15 @@ class HostedCycle {
   std::unique_ptr<RunAdapter> adapter_;
 
   std::atomic<bool> active_{false};
-  std::atomic<std::uint64_t> activations_{0};
-  std::atomic<std::uint32_t> settled_{0};         // arms, as bits, of the present activation
-  std::atomic<std::uint32_t> lost_{0};            // arms that took commands in it and then did not
-  std::uint32_t took_ = 0;                        // host's loop: arms that took commands in it
-  std::array<std::uint32_t, kMaxArms> taking_{};  // host's loop: steps in a row with commands taken
   InstanceSet start_set_ = 0;
 
+  // Host's loop, of the present activation
+  LoopTime activated_;
+  ArmSet took_;                                   // arms that took commands in it
+  std::array<std::uint32_t, kMaxArms> taking_{};  // steps in a row with commands taken
+
   // Relay thread
-  std::uint64_t seen_ = 0;  // activations
-  InstanceSet wanted_ = 0;  // not asked for yet
-  HostTime wanted_since_, last_record_;
+  HostTime last_record_;
   std::atomic<bool> ending_{false};
   std::thread relay_;
 };

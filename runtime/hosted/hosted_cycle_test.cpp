@@ -1,6 +1,7 @@
 // A cycle in somebody else's loop, on robots that offer position, velocity and effort and nothing else.
 #include "runtime/hosted/hosted_cycle.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <mutex>
 
@@ -41,6 +42,14 @@ const char* const kJoints =
     "  right_pose: {type: cartesian_impedance, arms: right}\n"
     "active: [left_joints, right_pose]\n";
 
+// A third that may have the left arm.
+const char* const kChoice =
+    "controllets:\n"
+    "  left_joints: {type: joint_impedance, arms: left}\n"
+    "  left_pose: {type: cartesian_impedance, arms: left}\n"
+    "  right_pose: {type: cartesian_impedance, arms: right}\n"
+    "active: [left_joints, right_pose]\n";
+
 // M ddq = tau - c - g (or without g, where the robot compensates it), a period of 1 ms by ten smaller steps.
 struct Robot {
   Robot(std::shared_ptr<const ArmModel> model, bool heavy_, JointVector q_)
@@ -71,12 +80,16 @@ struct Counting : RunAdapter {
   }
   void take(const Event& event) override {
     const std::lock_guard lock(mutex);
-    events.push_back(event.kind);
+    events.push_back(event);
   }
-  std::mutex mutex;
+  std::mutex mutex;  // who holds it keeps the relay waiting
   std::vector<std::uint64_t> cycles;
-  std::vector<EventKind> events;
+  std::vector<Event> events;
 };
+
+// The step of a later activation in which its controllets start: one with the arms recovering, two in which
+// they take commands, and then.
+constexpr int kFirstStart = 2 + static_cast<int>(HostedCycle::kSettled);
 
 struct Rig {
   explicit Rig(const std::string& yaml = kJoints, bool effort = true,
@@ -126,14 +139,33 @@ struct Rig {
   bool runs(const char* name) const {
     return (cycle->modes().active() & bit(cycle->modes().find(name))) != 0;
   }
-  // Steps until the scene's controllets run. The relay asks for them in its own time.
+  void steps(int n) {
+    for (int i = 0; i < n; ++i) step();
+  }
+  // Steps until the scene's controllets run: at the latest when an activation is over.
   bool start() {
-    for (int i = 0; i < 5000; ++i) {
-      if (runs("left_joints") && runs("right_pose")) return true;
-      step();
-      std::this_thread::sleep_for(std::chrono::microseconds(100));
-    }
-    return false;
+    steps(kFirstStart);
+    return runs("left_joints") && runs("right_pose");
+  }
+  // What a user asks for while the loop runs: taken at the next boundary.
+  Verdict post(const Request& request) {
+    std::uint64_t ticket = 0;
+    return cycle->modes().post(std::span(&request, 1), ticket);
+  }
+  Verdict activate(const char* name) { return post({.activate = bit(cycle->modes().find(name))}); }
+  bool relayed() {  // the relay has seen all that happened
+    return eventually([&] {
+      const std::lock_guard lock(counting->mutex);
+      return !counting->cycles.empty() && counting->cycles.back() == cycle->data().tick.cycle;
+    });
+  }
+  // How often an instance was started, as far as the relay has told.
+  int starts(const char* name) {
+    const std::lock_guard lock(counting->mutex);
+    const InstanceSet one = bit(cycle->modes().find(name));
+    return static_cast<int>(std::count_if(counting->events.begin(), counting->events.end(), [&](auto& e) {
+      return e.kind == EventKind::switched && (e.started & one) != 0;
+    }));
   }
   JointVector gravity(ArmIndex i) {
     robots[i].terms.update(robots[i].q, robots[i].dq);
@@ -178,6 +210,189 @@ TEST(HostedCycle, ControlletsStartInTheFirstStepOfAll) {
   rig.step();
   EXPECT_TRUE(rig.runs("left_joints") && rig.runs("right_pose"));
   EXPECT_EQ(rig.cycle->data().tick.cycle, 1u);
+}
+
+TEST(HostedCycle, LaterTheyStartWhenTheirArmsHaveSettledToTheStep) {
+  Rig rig;
+  for (int round = 0; round < 3; ++round) {
+    const std::lock_guard busy(rig.counting->mutex);  // no other thread has a part in it
+    rig.cycle->activate();
+    for (int i = 1; i < 6; ++i) {
+      rig.step();
+      EXPECT_EQ(rig.runs("left_joints"), round == 0 || i >= kFirstStart) << round << " " << i;
+      EXPECT_EQ(rig.runs("right_pose"), round == 0 || i >= kFirstStart) << round << " " << i;
+    }
+    rig.cycle->deactivate();
+  }
+}
+
+// Where users and the scene differ, users win, however busy the computer is: the relay sees nothing before
+// the user's switch was taken.
+TEST(HostedCycle, AUsersSwitchInTheFirstStepsStands) {
+  Rig rig(kChoice);
+  {
+    const std::lock_guard busy(rig.counting->mutex);
+    rig.cycle->activate();
+    rig.steps(10);
+    ASSERT_EQ(rig.activate("left_pose"), Verdict::accepted);
+    rig.step();
+    ASSERT_TRUE(rig.runs("left_pose"));
+  }
+  ASSERT_TRUE(rig.relayed());
+  std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  rig.steps(50);
+  EXPECT_TRUE(rig.runs("left_pose") && rig.runs("right_pose"));
+  EXPECT_EQ(rig.starts("left_joints"), 1);  // in the first step
+}
+
+// The same at a later activation, with the user's switch taken before, in and after the step in which the
+// start is due. Before its arms take commands again a switch is refused, and the scene's start comes.
+TEST(HostedCycle, AUsersSwitchStandsInWhicheverStepItComes) {
+  for (int when = 1; when <= kFirstStart + 1; ++when) {
+    Rig rig(kChoice);
+    rig.cycle->activate();
+    rig.step();
+    rig.cycle->deactivate();
+    ASSERT_TRUE(rig.relayed());
+    const int before = rig.starts("left_joints");
+    rig.cycle->activate();
+    rig.steps(when - 1);
+    ASSERT_EQ(rig.activate("left_pose"), Verdict::accepted);
+    rig.steps(20);
+    const bool too_soon = when == 1;
+    EXPECT_EQ(rig.runs("left_pose"), !too_soon) << when;
+    EXPECT_EQ(rig.runs("left_joints"), too_soon) << when;
+    EXPECT_TRUE(rig.runs("right_pose")) << when;  // nobody spoke about this arm
+    ASSERT_TRUE(rig.relayed());
+    // Not even started to be stopped at once.
+    EXPECT_EQ(rig.starts("left_joints") - before, when == 1 || when > kFirstStart ? 1 : 0) << when;
+  }
+}
+
+TEST(HostedCycle, WhatAUserSwitchedOffOrStoppedStaysOff) {
+  for (int when = 1; when <= kFirstStart; ++when) {
+    for (const bool stop : {false, true}) {
+      Rig rig;
+      rig.cycle->activate();
+      rig.step();
+      rig.cycle->deactivate();
+      ASSERT_TRUE(rig.relayed());
+      const int before = rig.starts("left_joints");
+      rig.cycle->activate();
+      rig.steps(when - 1);
+      MultimodeController& modes = rig.cycle->modes();
+      if (stop) {
+        modes.stop(ArmSet::of(0));
+      } else {
+        ASSERT_EQ(rig.post({.deactivate = bit(modes.find("left_joints"))}), Verdict::accepted);
+      }
+      rig.steps(20);
+      EXPECT_EQ(modes.owner(0), modes.find("left_hold")) << when << stop;
+      EXPECT_TRUE(rig.runs("right_pose"));
+      ASSERT_TRUE(rig.relayed());
+      EXPECT_EQ(rig.starts("left_joints"), before) << when << stop;
+      if (!stop) continue;
+      // Resuming starts nothing by itself. Neither does the next activation while the stop is in force, nor
+      // after it was lifted.
+      ASSERT_EQ(rig.post({.kind = Request::Kind::resume, .arms = ArmSet::of(0)}), Verdict::accepted);
+      rig.steps(20);
+      EXPECT_EQ(modes.owner(0), modes.find("left_hold"));
+      modes.stop(ArmSet::of(0));
+      rig.step();
+      rig.cycle->deactivate();
+      rig.cycle->activate();
+      rig.steps(2);
+      ASSERT_EQ(rig.post({.kind = Request::Kind::resume, .arms = ArmSet::of(0)}), Verdict::accepted);
+      rig.steps(20);
+      EXPECT_EQ(modes.owner(0), modes.find("left_hold"));
+      EXPECT_TRUE(rig.runs("right_pose"));
+      rig.cycle->deactivate();  // and the one after it is as any other
+      rig.cycle->activate();
+      EXPECT_TRUE(rig.start());
+    }
+  }
+}
+
+// An arm whose hardware says its mode: in the first step it does not take commands.
+struct LateArm {
+  explicit LateArm(Rig& rig) : rig_(rig) {
+    window.model = &rig.robots[0].terms;
+    window.state.mode = ArmMode::other;
+    rig.cycle->signals(0).window = &window;
+  }
+  bool steps(int n, double period_s = 0.001) {
+    bool any = false;
+    for (int i = 0; i < n; ++i) {
+      ++window.state.sequence;
+      window.state.q = rig_.robots[0].q;
+      window.state.dq = window.state.tau_J_d = joint_constant(7, 0);
+      window.state.tau_J = rig_.robots[0].tau_J;
+      rig_.take_in();
+      any = rig_.cycle->step(period_s);
+    }
+    return any;
+  }
+  ArmWindow window;
+
+ private:
+  Rig& rig_;
+};
+
+TEST(HostedCycle, AnArmThatIsLateIsWaitedForInTheLoopsTime) {
+  const double period = 0.01;
+  const int patience = static_cast<int>(std::lround(HostedCycle::kPatience / period));
+  for (const int waits : {1, 5, patience - 5, patience + 5}) {
+    Rig rig;
+    LateArm left(rig);
+    rig.cycle->activate();
+    left.steps(waits, period);
+    EXPECT_FALSE(rig.runs("left_joints"));
+    EXPECT_EQ(rig.runs("right_pose"), waits > static_cast<int>(HostedCycle::kSettled));
+    left.window.state.mode = ArmMode::move;
+    left.steps(20, period);
+    EXPECT_EQ(rig.runs("left_joints"), waits < patience) << waits;
+    EXPECT_TRUE(rig.runs("right_pose"));
+  }
+}
+
+TEST(HostedCycle, AnArmThatIsLostBeforeItSettledIsNotStartedByItself) {
+  Rig rig;
+  LateArm left(rig);
+  rig.cycle->activate();
+  left.steps(2);
+  left.window.state.mode = ArmMode::move;
+  left.steps(1);
+  left.window.state.mode = ArmMode::reflex;
+  left.steps(1);
+  left.window.state.mode = ArmMode::move;
+  left.steps(50);
+  EXPECT_FALSE(rig.runs("left_joints"));
+  ASSERT_EQ(rig.activate("left_joints"), Verdict::accepted);  // who asks gets it
+  left.steps(1);
+  EXPECT_TRUE(rig.runs("left_joints"));
+}
+
+// Activated again, an arm that says nothing yet: what ran before does not go on with what it knew.
+TEST(HostedCycle, AnArmWithoutAStateOfThisActivationIsNotControlled) {
+  Rig rig;
+  rig.cycle->activate();
+  rig.steps(5);
+  rig.cycle->deactivate();
+  rig.cycle->activate();
+  rig.take_in();
+  rig.cycle->signals(0).position[3] = NAN;
+  rig.cycle->step(0.001);
+  EXPECT_FALSE(rig.runs("left_joints"));
+  for (int i = 0; i < 5; ++i) rig.cycle->step(0.001);
+  EXPECT_FALSE(rig.runs("left_joints"));
+  EXPECT_TRUE(rig.runs("right_pose"));
+  rig.robots[0].q += joint_constant(7, 0.1);  // moved by somebody meanwhile
+  rig.robots[0].dq.setZero();
+  rig.take_in();
+  rig.cycle->step(0.001);
+  EXPECT_LT((rig.command(0) - rig.gravity(0)).lpNorm<Eigen::Infinity>(), 1e-9);
+  rig.steps(kFirstStart);
+  EXPECT_TRUE(rig.runs("left_joints"));
 }
 
 TEST(HostedCycle, RefusesWhatIsUnclear) {
@@ -270,7 +485,7 @@ TEST(HostedCycle, TheAdapterGetsEveryRecordInOrder) {
     return rig.counting->cycles.size() == cycles;
   }));
   for (std::size_t i = 0; i < cycles; ++i) ASSERT_EQ(rig.counting->cycles[i], i + 1);
-  EXPECT_THAT(rig.counting->events, testing::Contains(EventKind::arm_mode));
+  EXPECT_THAT(rig.counting->events, testing::Contains(testing::Field(&Event::kind, EventKind::arm_mode)));
 }
 
 TEST(HostedCycle, OddPeriodsAreTakenAsTheyAre) {

@@ -93,8 +93,8 @@ std::string InterfaceBackend::check() const {
 }
 
 void InterfaceBackend::begin() {
-  recovering_ = arms_.empty() || arms_[0]->begun > 0;
   for (auto& arm : arms_) {
+    arm->recovering = arm->begun > 0;
     ++arm->begun;
     arm->tau_cmd.setZero();
     arm->silent_s = 0;
@@ -154,6 +154,7 @@ void InterfaceBackend::read(ArmSet due, std::span<ArmState> states) {
     PlainArm& arm = *arms_[i];
     const ArmWindow* window = arm.signals.window;
     if (!due.contains(i)) {
+      if (arm.recovering) states[i].mode = ArmMode::recovering;  // what is known of it is of before
       if (window != nullptr && window->state.mode == ArmMode::disconnected)
         states[i].mode = ArmMode::disconnected;
       continue;
@@ -165,11 +166,11 @@ void InterfaceBackend::read(ArmSet due, std::span<ArmState> states) {
     } else {
       read_plain(arm, states[i]);
     }
-    arm.takes_commands = takes(states[i].mode) && !recovering_;
-    if (recovering_) states[i].mode = ArmMode::recovering;
+    arm.takes_commands = takes(states[i].mode) && !arm.recovering;
+    if (arm.recovering) states[i].mode = ArmMode::recovering;
     if (arm.adds_gravity() || !arm.signals.has_effort) arm.terms.update(states[i].q, states[i].dq);
+    arm.recovering = false;
   }
-  recovering_ = false;
 }
 
 void InterfaceBackend::read_plain(PlainArm& arm, ArmState& state) const {

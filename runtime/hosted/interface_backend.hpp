@@ -57,7 +57,8 @@ class InterfaceBackend : public Backend {
   // --- the host's loop ---
   // Why it cannot begin, or nothing. With the signals as they are: windows and first states are there.
   std::string check() const;
-  void begin();  // a new activation: all arms are `recovering` for one step, nothing of before counts
+  // A new activation: every arm is `recovering` up to and with its first state, nothing of before counts.
+  void begin();
   // Before a step: takes the time that has passed; which arms are due.
   ArmSet advance(double period_s);
   // Commands that leave the arms safe when nobody computes any more: gravity where the cycle adds it, else
@@ -92,6 +93,7 @@ class InterfaceBackend : public Backend {
     std::uint64_t last_window_sequence = 0;
     RobotTime last_window_time;
     std::uint32_t begun = 0;  // counts activations: a new one is a new configuration
+    bool recovering = false;  // no state of this activation yet
     double silent_s = 0;
     bool takes_commands = false;                   // as its state says
     std::atomic<const ArmWindow*> asked{nullptr};  // for askers, while active
@@ -110,7 +112,6 @@ class InterfaceBackend : public Backend {
   double period_s_;
   double dt_ = 0;  // of this step
   LoopTime now_;
-  bool recovering_ = false;
   std::atomic<std::uint64_t> overruns_{0};
   std::mutex mutex_;  // askers only
 };
