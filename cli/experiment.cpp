@@ -19,7 +19,7 @@ struct Options {
   std::string name;
   std::optional<std::size_t> repeats;
   bool fast = false, json = false, keep_data = false;
-  std::string generator = "socket";
+  std::string generator = "socket", pace = "realtime";
   std::vector<std::string> only;
   std::string out = "runs";
   BackendWords backend;
@@ -109,6 +109,11 @@ int run(const Options& options) {
         "controller-performance");
   }
 
+  BackendOptions backend = backend_options(options.backend);
+  backend.lockstep = options.pace == "lockstep";
+  if (backend.lockstep && backend.arms != ArmsFrom::virtual_arms)
+    throw UsageError("experiment: --pace is for --backend virtual: the world of simulated arms always waits");
+
   std::atomic<bool> stop{false};
   const SignalWatch watch([&](int) {
     stop = true;
@@ -126,7 +131,7 @@ int run(const Options& options) {
                                   .directory = all ? directory / experiment.name : directory,
                                   .only = options.only,
                                   .keep_data = options.keep_data,
-                                  .backend = backend_options(options.backend),
+                                  .backend = backend,
                                   .ros = options.generator == "ros"};
     fs::create_directories(run_options.directory);
     console.line(fmt::format("{}: {}", experiment.name, experiment.title));
@@ -184,6 +189,13 @@ void add_experiment(Program& program) {
           "--generator", options->generator,
           "How set-points of controller-performance's motion generator come: socket, or ros (topics)")
       ->check(CLI::IsMember({"socket", "ros"}))
+      ->capture_default_str();
+  command
+      ->add_option(
+          "--pace", options->pace,
+          "Virtual arms in real time, as real ones are, or lockstep: they wait for every command, so that "
+          "no busy computer comes too late for them")
+      ->check(CLI::IsMember({"realtime", "lockstep"}))
       ->capture_default_str();
   command->add_flag("--keep-data", options->keep_data, "Leave the arrays that the figures were made from");
   command->add_flag("--json", options->json,

@@ -27,7 +27,7 @@ class GeneratorProcess {
   bool running();  // false: it has ended by itself
   // Lets it brake and say goodbye, waits for its end, and returns its report. Throws std::runtime_error with
   // what it said if there is none.
-  nlohmann::ordered_json finish(double timeout_s = 10);
+  nlohmann::ordered_json finish(double timeout_s = 40);
 
  private:
   bool reap(bool block);

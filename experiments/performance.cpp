@@ -78,6 +78,7 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
   Json plan = describe(experiment);
   plan["fast"] = options.fast;
   plan["backend"] = name_of(options.backend.arms);
+  plan["pace"] = options.backend.lockstep ? "lockstep" : "realtime";
   plan["generator"] = options.ros ? "ros" : "socket";
   plan["repeats"] = repeats;
   plan["duration_s"] = options.fast ? settings.fast_duration_s : settings.duration_s;

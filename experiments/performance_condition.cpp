@@ -19,7 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr double kPatience = 15;  // for the generator to begin [s]
+constexpr double kPatience = 60;  // for the generator to begin; it gives up by itself earlier [s]
 constexpr double kRest = 0.5;     // after the last set-point [s]
 constexpr double kPeriod = 0.001;
 

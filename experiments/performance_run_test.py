@@ -20,20 +20,25 @@ PATIENCE = 280  # [s]
 FIGURES = {"median", "mean", "deviation", "p1", "p25", "p75", "p95", "p99", "p999", "worst", "least", "count"}
 
 
-def experiment(*words):
-    return subprocess.run([PROGRAM, "experiment", *map(str, words)], capture_output=True, text=True, timeout=PATIENCE)
+def experiment(*words, **environment):
+    return subprocess.run([PROGRAM, "experiment", *map(str, words)], capture_output=True, text=True, timeout=PATIENCE,
+                          env={**os.environ, **environment})
 
 
-class Shipped(unittest.TestCase):
+class Whole:
+    """One run of all conditions, and what holds of it on any machine and for any arms whose world waits for the loop."""
+
+    WORDS, ENVIRONMENT = (), {}
+
     @classmethod
     def setUpClass(cls):
         cls.folder = tempfile.TemporaryDirectory()
-        cls.done = experiment("controller-performance", "--fast", "--json", "--out", cls.folder.name)
+        cls.addClassCleanup(cls.folder.cleanup)
+        cls.done = experiment("controller-performance", "--fast", "--json", *cls.WORDS, "--out", cls.folder.name, **cls.ENVIRONMENT)
         cls.results = json.loads(cls.done.stdout) if cls.done.stdout.strip() else None
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.folder.cleanup()
+        # Whatever fails below: what the experiment itself had to say, once.
+        if cls.done.returncode != 0:
+            print(cls.done.stderr, *(cls.results or {}).get("problems", []), *(cls.results or {}).get("disturbances", []), sep="\n", file=sys.stderr)
 
     def setUp(self):
         self.assertIsNotNone(self.results, self.done.stderr)
@@ -43,7 +48,9 @@ class Shipped(unittest.TestCase):
         self.assertEqual((self.done.returncode, self.results["passed"]), (0, True), self.done.stderr)
         self.assertTrue(self.results["fast"])
         self.assertEqual(self.results["duration_s"], 3)
-        self.assertIn("shortened (--fast)", pathlib.Path(self.results["report"]).read_text(encoding="utf-8"))
+        page = pathlib.Path(self.results["report"]).read_text(encoding="utf-8")
+        self.assertIn("shortened (--fast)", page)
+        self.look_at_page(page)
 
     def test_has_the_five_conditions_whole(self):
         self.assertEqual(list(self.results["conditions"]), ["NF", "CA", "MA", "CA-MA", "C-MA"])
@@ -65,8 +72,10 @@ class Shipped(unittest.TestCase):
             self.assertGreater(usage["memory_mb"]["median"], 10, name)
             (generator,) = c["generator"]
             (channel,) = generator["channels"]
-            self.assertGreater(channel["received"], 1000, name)
-            self.assertEqual(channel["refused"], 0, name)
+            # A second to begin with and three that count, each with a sample in every period or a period that was missed.
+            self.assertGreaterEqual(generator["samples"] + generator["missed"], 4000, (name, generator))
+            self.assertEqual(channel["refused"], 0, (name, channel))
+            self.look_at_channel(name, generator, channel)
 
     def test_features_run_where_they_should(self):
         acting = {name: c["features"]["acting_share"] for name, c in self.results["conditions"].items()}
@@ -93,8 +102,7 @@ class Shipped(unittest.TestCase):
             k = self.results["switching"][kind]
             self.assertEqual((k["trials"], k["accepted"], k["in_the_next_cycle"]), (50, 50, 50), kind)
             self.assertGreater(k["received_to_first_torque_ms"]["least"], 0)
-        self.assertGreater(self.results["switching"]["bystander_cycles"], 1000)
-        self.assertEqual(self.results["switching"]["bystander_different"], 0)
+        self.look_at_bystander(self.results["switching"])
 
     def test_machine_and_pictures(self):
         for key in ("processor", "cores", "kernel", "memory_mb"):
@@ -105,35 +113,46 @@ class Shipped(unittest.TestCase):
         self.assertFalse((folder / "data").exists())
 
 
-class OverRos(unittest.TestCase):
-    """The same on virtual arms over sockets, set-points by ROS topics."""
+class Shipped(Whole, unittest.TestCase):
+    def look_at_page(self, page):
+        self.assertEqual((self.results["backend"], self.results["generator"]), ("mujoco", "socket"))
+        self.assertNotIn("ROS topics", page)
 
-    def test_five_conditions(self):
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(1 + (3 * os.getpid() + 1) % 100), "FASTDDS_BUILTIN_TRANSPORTS": "SHM",
-                       "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
-        with tempfile.TemporaryDirectory() as folder:
-            done = subprocess.run([PROGRAM, "experiment", "controller-performance", "--fast", "--json", "--backend", "virtual", "--generator", "ros",
-                                   "--out", folder], capture_output=True, text=True, timeout=PATIENCE, env=environment)
-            self.assertTrue(done.stdout.strip(), done.stderr)
-            results = json.loads(done.stdout)
-            page = pathlib.Path(results["report"]).read_text(encoding="utf-8")
-        # In real time over sockets: where other processes take the cores away, an arm's state comes late and its group is
-        # held, or the arm misses twenty commands and stops itself.
-        late = ("state too old took", "communication_constraints_violation")
-        problems = [p for p in results["problems"] if not any(word in p for word in late)]
-        self.assertEqual(problems, [], done.stderr)
-        self.assertEqual(done.returncode, 1 if results["problems"] else 0, done.stderr)
-        held = {problem.split("_1: ")[0] for problem in results["problems"]}
-        self.assertEqual((results["backend"], results["generator"]), ("virtual", "ros"))
+    def look_at_channel(self, name, generator, channel):
+        """A sample is lost only where it found no room."""
+        self.assertGreaterEqual(channel["received"] + channel["lost"], generator["samples"] - 10, (name, generator))
+        self.assertLessEqual(channel["lost"], generator["unsent"], (name, generator))
+        self.assertGreater(channel["received"], 0, (name, generator))
+
+    def look_at_bystander(self, switching):
+        self.assertGreater(switching["bystander_cycles"], 500)  # those before the first switch, at the least
+        self.assertEqual(switching["bystander_different"], 0)
+
+
+class OverRos(Whole, unittest.TestCase):
+    """The same on virtual arms over sockets, set-points by ROS topics.
+
+    The arms wait for the loop: in real time a machine that takes the cores away makes an arm stop itself, rightly, which
+    docs/experiments.md has figures of. So every torque must arrive, in its own period.
+    """
+
+    WORDS = ("--backend", "virtual", "--pace", "lockstep", "--generator", "ros")
+    ENVIRONMENT = {"ROS_DOMAIN_ID": str(1 + (3 * os.getpid() + 1) % 100), "FASTDDS_BUILTIN_TRANSPORTS": "SHM",
+                   "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
+
+    def look_at_page(self, page):
+        self.assertEqual((self.results["backend"], self.results["pace"], self.results["generator"]), ("virtual", "lockstep", "ros"))
         self.assertIn("ROS topics", page)
-        self.assertEqual(list(results["conditions"]), ["NF", "CA", "MA", "CA-MA", "C-MA"])
-        for name, c in results["conditions"].items():
-            self.assertGreater(c["cycles"], 1000, name)
-            (generator,) = c["generator"]
-            (channel,) = generator["channels"]
-            if name not in held:
-                self.assertEqual(channel["refused"], 0, (name, channel))
-            self.assertGreater(channel["received"], 500, (name, channel))
+        self.assertIn("The virtual arms run in lock-step", page)
+
+    def look_at_channel(self, name, generator, channel):
+        """The run reads the newest, so how many it takes is the machine's affair; that it follows, the delays show."""
+        self.assertEqual(channel["sent"], generator["samples"], (name, generator))
+        self.assertTrue(0 < channel["received"] <= channel["sent"], (name, generator))
+
+    def look_at_bystander(self, switching):
+        """In how many periods the arms begin is theirs, so the two runs are not the same to the bit."""
+        self.assertGreater(switching["bystander_cycles"], 500)
 
 
 class Words(unittest.TestCase):

@@ -10,7 +10,6 @@ namespace {
 using circular_field::CourseRun;
 
 constexpr double kLongestBrake = 1;        // [s]
-constexpr double kPatience = 1;            // with a sink that takes nothing [s]
 constexpr double kLongestRehearsal = 600;  // [s]
 
 // Lateness in microseconds, as a histogram: a publication may last for days.
@@ -82,7 +81,7 @@ void publish(const Publication& what, const PublishOptions& options, PublishRepo
     report.unsent += unsent;
     unsent_in_a_row = unsent < what.per_period ? 0 : unsent_in_a_row + 1;
     ++report.samples;
-    if (static_cast<double>(unsent_in_a_row) * dt > kPatience) {
+    if (static_cast<double>(unsent_in_a_row) * dt > options.patience_s) {
       report.ended_by = "nobody_listens";
       break;
     }

@@ -24,6 +24,7 @@ struct PublishOptions {
   std::chrono::nanoseconds period = std::chrono::milliseconds(1);
   double seconds = 0;                       // 0: until every hand is at its last goal
   const std::atomic<bool>* stop = nullptr;  // ends the course early
+  double patience_s = 5;  // with a sink that takes nothing: a busy machine may be that long at it
 };
 
 // What became of a publication. Times on this machine's steady clock.

@@ -49,7 +49,7 @@ TEST(Publish, EndsWhenAskedWhenDoneAndWhenNobodyListens) {
 
   memory.deaf = true;
   CourseRun alone = run_of(seeded_course(5));
-  const PublishReport report = publish_course(alone, memory, {});
+  const PublishReport report = publish_course(alone, memory, {.patience_s = 0.5});
   EXPECT_EQ(report.ended_by, "nobody_listens");
   EXPECT_EQ(report.unsent, 2 * report.samples);
 

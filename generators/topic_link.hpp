@@ -17,7 +17,7 @@ struct TopicWords {
 
 // To a run's inputs by its topics (`multipanda run SCENE --ros`): a node of its own, which publishes
 // <node>/<controllet>/<input> and, in rest(), .../goal. Loads the ROS module of this build. Throws
-// std::runtime_error where there is none, or no such run answers within 5 s.
+// std::runtime_error where there is none, or no such run answers within 15 s.
 std::unique_ptr<SetPointLink> make_topic_link(const TopicWords& words);
 
 }  // namespace multipanda

@@ -30,6 +30,10 @@ struct BackendOptions {
   ArmsFrom arms = ArmsFrom::scene;
   // By arm name; in place of what the scene says. An arm named here is real (with `scene` and `fci`).
   std::vector<std::pair<std::string, std::string>> addresses;
+  // `virtual_arms` of a paced run: a step begins every millisecond, but the arms' world waits for its
+  // commands, so that nothing is late for an arm however busy the computer is. An unpaced run's arms always
+  // wait.
+  bool lockstep = false;
 };
 
 // The scene with SceneArm::fci set for exactly the arms that are real. With `fci`, an arm without any address
@@ -46,6 +50,7 @@ struct BackendSet {
 
 struct BackendPace {
   bool paced = true;
+  bool lockstep = false;  // as BackendOptions has it
   // What a user should know and nobody asked for. From threads of the backend, one at a time.
   std::function<void(const std::string&)> say;
 };

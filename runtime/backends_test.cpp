@@ -176,6 +176,29 @@ TEST(VirtualBackend, MovesLikeTheSimulation) {
   EXPECT_EQ(largest_difference(wire, again, 1, 1), 0);
 }
 
+// In real time the arms would stop themselves after 20 periods without a command.
+TEST(VirtualBackend, AWorldThatWaitsMissesNothingOfALoopThatStalls) {
+  SessionOptions options{
+      .paced = true, .backend = {.arms = ArmsFrom::virtual_arms, .lockstep = true}, .duration_s = 0.3};
+  options.on_loop = [](const Tick& tick, const Backend&) {
+    if (tick.cycle % 100 == 50) std::this_thread::sleep_for(std::chrono::milliseconds(60));
+  };
+  std::vector<CycleRecord> records;
+  options.observer = [&records](const CycleRecord& record) { records.push_back(record); };
+  Session session(two_arms(kMotion), registry(), std::move(options));
+  session.start();
+  const RunSummary summary = session.finish();
+  EXPECT_THAT(summary.faults(), ElementsAre());
+  EXPECT_EQ(summary.cycles, 300u);
+  EXPECT_GE(summary.elapsed_s, 0.29 + 3 * 0.059);  // by the clock, and three stalls that are not made good
+  EXPECT_GE(summary.overruns, 3u * 58);
+  ASSERT_EQ(records.size(), 300u);
+  for (std::size_t i = 1; i < records.size(); ++i) {
+    EXPECT_EQ(records[i].arms[0].sequence, records[i - 1].arms[0].sequence + 1) << i;
+    EXPECT_EQ(records[i].arms[1].sequence, records[i].arms[0].sequence) << i;
+  }
+}
+
 // What no arm tells is read past the wire, and the timeline's `place` happens when the loop says so.
 TEST(VirtualBackend, ShowsItsObjects) {
   const Scene scene = two_arms(

@@ -23,7 +23,10 @@ std::string describe(const Scene& scene) {
 }
 
 BackendSet virtual_set(const Scene& scene, const BackendPace& pace) {
-  auto backend = std::make_unique<VirtualBackend>(scene, pace.paced, pace.say);
+  const VirtualPace clock = !pace.paced     ? VirtualPace::unpaced
+                            : pace.lockstep ? VirtualPace::waiting
+                                            : VirtualPace::realtime;
+  auto backend = std::make_unique<VirtualBackend>(scene, clock, pace.say);
   const VirtualBackend* links = backend.get();
   return {.backend = std::move(backend),
           .link = [links](ArmIndex arm) { return std::optional(links->statistics(arm)); },

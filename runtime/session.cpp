@@ -75,7 +75,8 @@ void Session::build() {
                 .description = "another"};
   } else {
     const auto say = [this](const std::string& text) { board_->say(text); };  // not before start()
-    backend_ = make_backend(scene_, options_.backend.arms, {.paced = options_.paced, .say = say});
+    backend_ = make_backend(scene_, options_.backend.arms,
+                            {.paced = options_.paced, .lockstep = options_.backend.lockstep, .say = say});
   }
   cycle_ = std::make_unique<ControlCycle>(std::move(config), registry_, *backend_.backend);
   modes().schedule(build_schedule(scene_, modes()));

@@ -4,6 +4,7 @@
 #include <atomic>
 
 #include "backends/arm/request_box.hpp"
+#include "core/rt/pacer.hpp"
 #include "fci/client/fci_backend.hpp"
 #include "fci/client/from_scene.hpp"
 #include "fci/client/gripper_link.hpp"
@@ -21,12 +22,16 @@ Scene as_written(Scene scene) {
   return scene;
 }
 
-fci::VirtualArmOptions options_of(const Scene& scene, bool paced) {
+// In lock-step both ends are in this process: one that is silent has no core, and its time will come.
+constexpr std::chrono::seconds kLockstepPatience{20};
+
+fci::VirtualArmOptions options_of(const Scene& scene, VirtualPace pace) {
   fci::VirtualArmOptions options;
   // Free ports: any number of such worlds beside each other, and beside those of other programs.
   options.places.assign(scene.arms.size(),
                         {.address = "127.0.0.1", .port = 0, .gripper_port = 0, .vacuum_port = 0});
-  options.pace = paced ? fci::WorldPace::realtime : fci::WorldPace::lockstep;
+  options.pace = pace == VirtualPace::realtime ? fci::WorldPace::realtime : fci::WorldPace::lockstep;
+  options.patience = kLockstepPatience;
   options.idle_stands_still = true;  // the run begins where the scene does
   return options;
 }
@@ -34,24 +39,28 @@ fci::VirtualArmOptions options_of(const Scene& scene, bool paced) {
 }  // namespace
 
 struct VirtualBackend::Implementation {
-  Implementation(const Scene& wanted, bool is_paced, std::function<void(const std::string&)> voice)
+  Implementation(const Scene& wanted, VirtualPace wanted_pace, std::function<void(const std::string&)> voice)
       : scene(as_written(wanted)),
-        paced(is_paced),
+        pace(wanted_pace),
         say(std::move(voice)),
-        world(scene, options_of(scene, paced)),
+        world(scene, options_of(scene, pace)),
         truth(world.view().make_snapshot()) {}
 
   const Scene scene;
-  const bool paced;
+  bool lockstep() const { return pace != VirtualPace::realtime; }
+
+  const VirtualPace pace;
   const std::function<void(const std::string&)> say;
   fci::VirtualArms world;
   std::unique_ptr<fci::FciBackend> client;
   std::atomic<const fci::FciBackend*> links{nullptr};  // client, once it is there
   fci::VirtualWorldView::Snapshot truth;               // of the newest states that were read
+  Pacer pacer;                                         // of a world that waits
 };
 
-VirtualBackend::VirtualBackend(const Scene& scene, bool paced, std::function<void(const std::string&)> say)
-    : self_(std::make_unique<Implementation>(scene, paced, std::move(say))) {}
+VirtualBackend::VirtualBackend(const Scene& scene, VirtualPace pace,
+                               std::function<void(const std::string&)> say)
+    : self_(std::make_unique<Implementation>(scene, pace, std::move(say))) {}
 
 VirtualBackend::~VirtualBackend() {
   self_->client.reset();
@@ -63,7 +72,7 @@ std::size_t VirtualBackend::arm_count() const { return self_->scene.arms.size();
 Capabilities VirtualBackend::capabilities(ArmIndex arm) const {
   const SceneArm& of = self_->scene.arms[arm];
   return {.simulated = true,
-          .lockstep = !self_->paced,
+          .lockstep = self_->lockstep(),
           .compensates_gravity = true,
           .compensates_friction = !self_->scene.plant.joint_friction,
           .has_external_torque = true,
@@ -92,21 +101,12 @@ void VirtualBackend::start() {
         return fci::gripper_link(name, place.address, place.gripper_port);
       };
     }
-    const SceneArm& of = self.scene.arms[i];
-    arms.back().end_effector = nullptr;
-    if (of.vacuum) {
-      arms.back().end_effector = [name = of.name, place] {
-        return fci::vacuum_link(name, place.address, place.vacuum_port);
-      };
-    } else if (of.hand && of.movable_fingers.value_or(false)) {
-      arms.back().end_effector = [name = of.name, place] {
-        return fci::gripper_link(name, place.address, place.gripper_port);
-      };
-    }
   }
-  self.client = std::make_unique<fci::FciBackend>(std::move(arms),
-                                                  fci::FciOptions{.lockstep = !self.paced, .say = self.say});
+  fci::FciOptions options{
+      .lockstep = self.lockstep(), .lockstep_wait_s = kLockstepPatience.count(), .say = self.say};
+  self.client = std::make_unique<fci::FciBackend>(std::move(arms), std::move(options));
   self.client->start();
+  self.pacer.start();
   self.links.store(self.client.get(), std::memory_order_release);
 }
 
@@ -120,7 +120,11 @@ void VirtualBackend::finish() {
 ArmSet VirtualBackend::wait() {
   auto& self = *self_;
   ArmSet due = self.client->wait();
-  if (!self.paced || due.empty()) return due;
+  if (due.empty() || self.pace == VirtualPace::unpaced) return due;
+  if (self.pace == VirtualPace::waiting) {
+    self.pacer.wait();
+    return due;
+  }
   constexpr std::chrono::microseconds kGap{200};
   const HostTime deadline = host_now() + kGap;
   const ArmSet all = ArmSet::all(arm_count());
@@ -147,9 +151,10 @@ void VirtualBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
   self_->client->write(due, commands);
 }
 
-// Packets lost, and milliseconds that the world gave up.
+// Packets lost, and milliseconds that the world gave up, or that a loop whose world waits did.
 std::uint64_t VirtualBackend::overruns() const {
-  return (self_->client ? self_->client->overruns() : 0) + self_->world.world_statistics().overruns;
+  return (self_->client ? self_->client->overruns() : 0) + self_->world.world_statistics().overruns +
+         (self_->pace == VirtualPace::waiting ? self_->pacer.overruns() : 0);
 }
 
 std::future<ArmAnswer> VirtualBackend::request(ArmIndex arm, ArmRequest request) {

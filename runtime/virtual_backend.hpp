@@ -12,15 +12,20 @@
 namespace multipanda {
 
 // A scene's arms as virtual arms in this process, driven through the control interface over loopback sockets:
-// the same world as MujocoBackend's, with the whole wire in between. Not paced, the virtual arms run in
-// lock-step with the loop; paced, in real time.
+// the same world as MujocoBackend's, with the whole wire in between.
 //
 // What no arm tells but experiments want to know (contact wrenches, poses of objects) is read from the
 // virtual world itself, past the wire, and belongs to the very step that the arms' states are of.
+enum class VirtualPace : std::uint8_t {
+  realtime,  // the world goes by the wall clock, as real arms do: what is late for an arm is lost
+  waiting,   // a step every millisecond of the wall clock; the world waits for its commands (lock-step)
+  unpaced    // the same as fast as the loop runs
+};
+
 class VirtualBackend : public Backend, public SimulationView {
  public:
   // Throws std::invalid_argument if the scene cannot be built. `say` as in FciOptions.
-  VirtualBackend(const Scene& scene, bool paced, std::function<void(const std::string&)> say);
+  VirtualBackend(const Scene& scene, VirtualPace pace, std::function<void(const std::string&)> say);
   ~VirtualBackend() override;
 
   std::size_t arm_count() const override;

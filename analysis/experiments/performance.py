@@ -93,7 +93,10 @@ def limits_of(plan):
         return plan["limits"]
     out = []
     for limit in plan["limits"]:
-        if limit["metric"] == "bystander_different":
+        if limit["metric"] == "bystander_different":  # how many periods pass before an arm's first command, differs
+            continue
+        if plan.get("pace") == "lockstep":
+            out.append(limit)
             continue
         if limit["metric"] in _OF_LOCK_STEP:
             limit = {**limit, "variants": [v for v in limit["variants"] if v != "condition"]}
@@ -131,7 +134,7 @@ def make(plan, folder):
     problems += [f"{run['name']}: {fault}" for run in runs for fault in run["faults"]]
     problems += [f"{e['name']}: the motion generator ended by itself ({e['generator'].get('ended_by')})" for e in plan["runs"] if not e["generator_lasted"]]
     results = {"name": plan["name"], "title": plan["title"], "kind": plan["kind"], "passed": not problems, "problems": problems,
-               "repeats": plan["repeats"], "seed": plan["seed"], "fast": plan["fast"], "backend": plan.get("backend", "mujoco"), "generator": plan.get("generator", "socket"), "duration_s": plan["duration_s"], "limits": rows, "runs": runs,
+               "repeats": plan["repeats"], "seed": plan["seed"], "fast": plan["fast"], "backend": plan.get("backend", "mujoco"), "pace": plan.get("pace", "realtime"), "generator": plan.get("generator", "socket"), "duration_s": plan["duration_s"], "limits": rows, "runs": runs,
                "conditions": conditions, "delay_checks": checks, "switching": switching, "added_us": _added(conditions),
                "disturbances": disturbances(plan, conditions), "published": plan["published"], "machine": plan["machine"]}
     arms = plan["runs"][0]["arms"]
@@ -287,6 +290,8 @@ def _way(plan):
 
 
 def _meaning(plan):
+    if plan.get("backend") == "virtual" and plan.get("pace") == "lockstep":
+        return "The virtual arms run in lock-step: they wait for the torque, so what is found is the plant's delay and the wire's own faults, not the computer's lateness."
     if plan.get("backend") == "virtual":
         return ("The conditions run in real time: a torque that came too late for its period is used in a later one, or never ('not found'). The plants with known "
                 "delays run in lock-step.")

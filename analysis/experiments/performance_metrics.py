@@ -6,6 +6,10 @@ import numpy as np
 
 from analysis.experiments import torque_delay
 
+# The client of real arms stays a hair below the arm's own limit of the torque's rate: a torque whose step the loop has cut
+# at that limit is sent up to so much smaller, which adds up over such steps in a row.
+RATE_LIMIT_NM_PER_S, CUT_NM = 1000.0, 1e-4
+
 STAGES = ("read", "controllets", "features", "safety", "write")
 
 
@@ -61,10 +65,13 @@ class Trace:
         """
         t, period = self["t_ns"] * 1e-9, self.entry["period_s"]
         sent, used = self[f"{arm}/tau_cmd"], self[f"{arm}/tau_J_d"]
+        tolerance = 0.0
         if np.array_equal(used, used.astype(np.float32)):  # states of the control interface travel in single precision
+            step = np.max(np.abs(np.diff(sent, axis=0, prepend=sent[:1])), axis=1)
+            tolerance = np.where(step >= 0.999 * RATE_LIMIT_NM_PER_S * period, CUT_NM, 0.0)
             sent = sent.astype(np.float32).astype(float)
         return (torque_delay.by_correlation_in_windows(t, sent, t - period, used),
-                torque_delay.by_sequence(self[f"{arm}/sequence"], sent, used, period))
+                torque_delay.by_sequence(self[f"{arm}/sequence"], sent, used, period, tolerance=tolerance))
 
     def column(self, ending):
         for name, values in self.arrays.items():

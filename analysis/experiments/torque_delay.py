@@ -60,16 +60,18 @@ def by_correlation_in_windows(t_sent, sent, t_used, used, length=1.0, **options)
     return np.array([lag for lag in found if lag is not None])
 
 
-def by_sequence(sequence, sent, used, period, largest=20):
+def by_sequence(sequence, sent, used, period, largest=20, tolerance=0.0):
     """Per cycle: after how many periods the arm reported the very torque that it was sent, times the period [s].
 
     `sequence`: of the arm's packet that the torque of this row answers; `used`: the torque in use that this packet
     reports. A torque that is used at once is reported by the next packet: delay 0. NaN: it never was (lost, or it came
     after the last packet, or the one before was the same to the bit). The last `largest` + 1 rows are left out.
+    `tolerance` [N m], one for all rows or one each: how much the arm may have been sent less than that.
     """
     sequence = np.asarray(sequence)
     sent, used = np.asarray(sent), np.asarray(used)
     n = max(len(sequence) - largest - 1, 0)
+    within = np.broadcast_to(tolerance, len(sequence))[:n, None]
     delay = np.full(n, np.nan)
     unique = np.ones(n, dtype=bool)
     unique[1:] = np.any(sent[1:n] != sent[: max(n - 1, 0)], axis=1) if n > 1 else True
@@ -77,6 +79,6 @@ def by_sequence(sequence, sent, used, period, largest=20):
         rows = np.searchsorted(sequence, sequence[:n] + packets)
         inside = rows < len(sequence)
         rows = np.minimum(rows, len(sequence) - 1)
-        same = inside & (sequence[rows] == sequence[:n] + packets) & np.all(used[rows] == sent[:n], axis=1)
+        same = inside & (sequence[rows] == sequence[:n] + packets) & np.all(np.abs(used[rows] - sent[:n]) <= within, axis=1)
         delay[same & unique] = (packets - 1) * period
     return delay

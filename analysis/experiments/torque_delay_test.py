@@ -100,6 +100,15 @@ class Sequence(unittest.TestCase):
         self.assertTrue(np.isnan(found[200]))
         self.assertEqual(np.count_nonzero(np.isnan(found)), 1)
 
+    def test_a_row_with_tolerance_may_be_sent_less(self):
+        used = self.used_after(1)
+        used[50:53] -= 1e-5  # rows 48 to 50
+        tolerance = np.zeros(400)
+        tolerance[48:50] = 2e-5
+        found = torque_delay.by_sequence(np.arange(400), self.sent, used, 1e-3, tolerance=tolerance)
+        self.assertEqual(list(np.flatnonzero(np.isnan(found))), [50])
+        np.testing.assert_allclose(found[[47, 48, 49, 51]], 1e-3)
+
     def test_shorter_than_the_longest_delay(self):
         self.assertEqual(len(torque_delay.by_sequence(np.arange(5), self.sent[:5], self.sent[:5], 1e-3)), 0)
 

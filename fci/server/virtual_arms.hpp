@@ -46,6 +46,8 @@ struct VirtualArmOptions {
   // Lock-step: while no arm moves the world stands still, and programs that only read get nothing new.
   // Otherwise it goes on with the wall clock then.
   bool idle_stands_still = false;
+  // Lock-step: how long the command of an arm in a motion is waited for; then the period counts as missed.
+  std::chrono::milliseconds patience{500};
   std::optional<ThreadSetup> thread{};  // real-time scheduling of the loop; none: as it is
   std::filesystem::path meshes;
 };
@@ -59,12 +61,12 @@ struct WorldStatistics {
 // docs/virtual_arm.md says what such an arm does like a real one and what it does not.
 //
 // One thread of its own serves all ports and moves the world; nothing in a period allocates, locks or waits
-// for a program. In lock-step the world moves when every arm in a motion has its command (for at most
-// kPatience, then the period counts as missed). A motion whose first command has not come holds up nobody;
-// only where an idle world stands still it is waited for, for kFirstPatience.
+// for a program. In lock-step the world moves when every arm in a motion has its command, or the options'
+// patience is over. A motion whose first command has not come holds up nobody; only where an idle world
+// stands still it is waited for, for kFirstPatience.
 class VirtualArms {
  public:
-  static constexpr std::chrono::milliseconds kPatience{500}, kFirstPatience{500};
+  static constexpr std::chrono::milliseconds kFirstPatience{500};
 
   // Throws std::invalid_argument: scene or options that cannot be.
   explicit VirtualArms(Scene scene, VirtualArmOptions options = {});

@@ -181,7 +181,7 @@ HostTime VirtualArms::step_due() const {
         moves = true;
         break;
       case ArmPort::Awaits::command: {
-        const nanoseconds patience = port->is_silent() ? kSilentPatience : nanoseconds(kPatience);
+        const nanoseconds patience = port->is_silent() ? kSilentPatience : nanoseconds(options_.patience);
         silent_until = std::max(silent_until, port->has_stale_answer() ? port->stale_since() + kStalePatience
                                                                        : port->published_at() + patience);
         moves = true;

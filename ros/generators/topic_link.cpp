@@ -11,8 +11,8 @@
 namespace multipanda::ros {
 namespace {
 
-constexpr double kPatience = 5;            // for the run to answer, and to listen [s]
-constexpr double kDiagnostics = 2.5;       // for a report that is newer than the last set-point [s]
+constexpr double kPatience = 15;           // for the run to answer, and to listen [s]
+constexpr double kDiagnostics = 10;        // for a report that is newer than the last set-point [s]
 constexpr std::uint64_t kLookEvery = 100;  // sends, after which it is asked whether anybody listens
 // A stream's last samples must have been taken before its goal; and the goal, before this node ends.
 constexpr auto kSettle = std::chrono::milliseconds(100);
