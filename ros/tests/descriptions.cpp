@@ -29,35 +29,11 @@ std::string base(std::size_t arm) { return "[0, " + std::to_string(0.6 * static_
 
 Component arms_of_this_project(const std::string& name, const std::string& plugin,
                                const std::vector<std::string>& arms) {
-  Component component{name, plugin, arms, {{"arm_names", flat(arms)}}, {"effort", "position", "velocity"}};
+  Component component{name,   plugin, arms, {{"arm_names", flat(arms)}}, {"effort", "position", "velocity"},
+                      kJoints};
   for (std::size_t i = 0; i < arms.size(); ++i)
     component.parameters["arms." + arms[i] + ".base.position_m"] = base(i);
   return component;
-}
-
-// The <ros2_control> of a component.
-std::string tag(const Component& component) {
-  std::ostringstream out;
-  out.precision(17);
-  out << "<ros2_control name=\"" << component.name << "\" type=\"system\">\n<hardware><plugin>"
-      << component.plugin << "</plugin>";
-  for (const auto& [name, value] : component.parameters) {
-    out << "<param name=\"" << name << "\">" << value << "</param>";
-  }
-  out << "</hardware>\n";
-  for (const auto& arm : component.arms) {
-    for (int j = 1; j <= kJoints; ++j) {
-      out << "<joint name=\"" << joint_name(arm, j) << "\">";
-      for (const auto& command : component.commands) out << "<command_interface name=\"" << command << "\"/>";
-      out << "<state_interface name=\"position\"><param name=\"initial_value\">"
-          << home()[static_cast<std::size_t>(j - 1)]
-          << "</param></state_interface><state_interface name=\"velocity\"><param "
-             "name=\"initial_value\">0</param></state_interface><state_interface name=\"effort\"><param "
-             "name=\"initial_value\">0</param></state_interface></joint>\n";
-    }
-  }
-  out << "</ros2_control>\n";
-  return out.str();
 }
 
 }  // namespace
@@ -71,7 +47,7 @@ const std::vector<double>& home() {
 std::string joint_name(const std::string& arm, int number) { return arm + "_joint" + std::to_string(number); }
 
 Component mock_component(const std::string& name, const std::vector<std::string>& arms) {
-  return {name, "mock_components/GenericSystem", arms, {}, {"effort"}};
+  return {name, "mock_components/GenericSystem", arms, {}, {"effort"}, kJoints};
 }
 
 Component mujoco_component(const std::string& name, const std::vector<std::string>& arms) {
@@ -84,6 +60,30 @@ Component fci_component(const std::string& name, const std::vector<std::string>&
   for (std::size_t i = 0; i < arms.size(); ++i)
     component.parameters["arms." + arms[i] + ".fci"] = addresses[i];
   return component;
+}
+
+std::string tag(const Component& component) {
+  std::ostringstream out;
+  out.precision(17);
+  out << "<ros2_control name=\"" << component.name << "\" type=\"system\">\n<hardware><plugin>"
+      << component.plugin << "</plugin>";
+  for (const auto& [name, value] : component.parameters) {
+    out << "<param name=\"" << name << "\">" << value << "</param>";
+  }
+  out << "</hardware>\n";
+  for (const auto& arm : component.arms) {
+    for (int j = 1; j <= component.joints; ++j) {
+      out << "<joint name=\"" << joint_name(arm, j) << "\">";
+      for (const auto& command : component.commands) out << "<command_interface name=\"" << command << "\"/>";
+      out << "<state_interface name=\"position\"><param name=\"initial_value\">"
+          << home()[static_cast<std::size_t>(j - 1)]
+          << "</param></state_interface><state_interface name=\"velocity\"><param "
+             "name=\"initial_value\">0</param></state_interface><state_interface name=\"effort\"><param "
+             "name=\"initial_value\">0</param></state_interface></joint>\n";
+    }
+  }
+  out << "</ros2_control>\n";
+  return out.str();
 }
 
 std::string robot(const std::vector<Component>& components) {
@@ -122,6 +122,8 @@ std::string modelled_robot(const Component& component) {
   for (const auto& arm : component.arms) {
     text +=
         std::regex_replace(model, std::regex("\"(joint|link|flange)(_?[a-z0-9]*\")"), "\"" + arm + "_$1$2");
+    text = std::regex_replace(text, std::regex("<material name=\"(?=[a-z]+\")"),
+                              "<material name=\"" + arm + "_");
     text += "<joint name=\"" + arm + "_base_joint\" type=\"fixed\"><parent link=\"world\"/><child link=\"" +
             arm + "_link0\"/></joint>\n";
   }

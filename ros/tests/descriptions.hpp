@@ -12,6 +12,7 @@ struct Component {
   std::vector<std::string> arms;
   std::map<std::string, std::string> parameters;   // <param>s of the hardware
   std::vector<std::string> commands = {"effort"};  // of every joint, where the plugin takes them from the tag
+  int joints = 7;                                  // of every arm
 };
 
 // Mock hardware of ros2_control itself: positions as given and never changing, efforts as commanded.
@@ -29,6 +30,9 @@ std::string robot(const std::vector<Component>& components);
 // The same with the arms' masses and frames: the model `fer` of this project, one for each arm, all at one
 // place.
 std::string modelled_robot(const Component& component);
+
+// The <ros2_control> of a component.
+std::string tag(const Component& component);
 
 // Joints at which mock hardware stands, and simulated arms begin.
 const std::vector<double>& home();

@@ -89,7 +89,11 @@ ManagedRobot::ManagedRobot(const std::string& urdf, const std::string& parameter
   manager_->add_controller(probe_, "probe", "probe");
   manager_->configure_controller("probe");
   spinning_ = std::thread([executor = executor_] { executor->spin(); });
-  if (!switch_to({"probe"})) throw std::runtime_error("the manager does not activate the probe");
+  if (!switch_to({"probe"})) {
+    executor_->cancel();
+    spinning_.join();
+    throw std::runtime_error("the manager does not activate the probe");
+  }
   cycles(2);
 }
 

@@ -98,7 +98,12 @@ class RealArms final : public HardwareArms {
   Backend& backend() override { return backend_; }
   void connect() override { backend_.start(); }
   void disconnect() override { backend_.finish(); }
-  ArmSet update() noexcept override { return due_ = backend_.wait_until(HostTime{}); }  // what is there
+  // What is there. Whoever reads more than once before it writes answers all that came.
+  ArmSet update() noexcept override {
+    const ArmSet fresh = backend_.wait_until(HostTime{});
+    due_ |= fresh;
+    return fresh;
+  }
   void want(ArmIndex arm, ArmDrive drive) noexcept override { backend_.want(arm, fci_motion(drive)); }
   bool is_driven(ArmIndex arm, ArmDrive drive) noexcept override {
     return backend_.runs(arm, fci_motion(drive)) && due_.contains(arm);
@@ -121,6 +126,7 @@ class RealArms final : public HardwareArms {
   void stop(ArmIndex arm) noexcept override { backend_.want(arm, fci::ArmMotion::none); }
   void write(ArmSet effort, std::span<const ArmCommand> commands) noexcept override {
     backend_.write(effort & due_, commands);
+    due_ = {};
   }
 
  private:
