@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-#include "runtime/request_words.hpp"
+#include "core/state/arm_words.hpp"
 
 namespace multipanda::cli {
 namespace {
@@ -34,7 +34,7 @@ std::string error_text(const ArmStatus& arm) {
 // "move        100 %      0": an arm at the other end of a network.
 std::string link_text(const ArmStatus& arm) {
   if (!arm.link) return fmt::format("{:<12} {:>7} {:>6}", "simulated", "-", "-");
-  return fmt::format("{:<12} {:>5.0f} % {:>6}", name_of(arm.mode), 100 * arm.link->command_success_rate,
+  return fmt::format("{:<12} {:>5.0f} % {:>6}", to_string(arm.mode), 100 * arm.link->command_success_rate,
                      arm.link->lost);
 }
 
@@ -107,7 +107,7 @@ std::string plain_line(const RunStatus& status, double duration_s) {
     line +=
         fmt::format("  | {}: {} {} {:.0f} %", arm.arm, arm.controllet, error_text(arm), 100 * arm.torque_use);
     if (arm.link) {
-      line += fmt::format(" {} success {:.0f} % lost {}", name_of(arm.mode),
+      line += fmt::format(" {} success {:.0f} % lost {}", to_string(arm.mode),
                           100 * arm.link->command_success_rate, arm.link->lost);
     }
     if (arm.interventions > 0) line += fmt::format(" interventions {}", arm.interventions);

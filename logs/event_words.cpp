@@ -2,6 +2,8 @@
 
 #include <charconv>
 
+#include "core/state/arm_words.hpp"
+
 namespace multipanda {
 namespace {
 
@@ -22,28 +24,6 @@ std::string numbers(const Event& event) {
     out.append(text, std::to_chars(text, text + sizeof(text), event.values[i]).ptr);
   }
   return out;
-}
-
-std::string_view mode_name(std::uint16_t mode) {
-  switch (static_cast<ArmMode>(mode)) {
-    case ArmMode::other:
-      return "other";
-    case ArmMode::idle:
-      return "idle";
-    case ArmMode::move:
-      return "move";
-    case ArmMode::guiding:
-      return "guiding";
-    case ArmMode::reflex:
-      return "reflex";
-    case ArmMode::user_stopped:
-      return "user stopped";
-    case ArmMode::recovering:
-      return "recovering";
-    case ArmMode::disconnected:
-      return "disconnected";
-  }
-  return "unknown";
 }
 
 Pose take_pose(const double* v) { return Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6])); }
@@ -176,7 +156,7 @@ std::string EventWords::of(const Event& event) const {
       text = "resume: " + joined(arms);
       break;
     case EventKind::arm_mode:
-      text = joined(arms) + ": " + std::string(mode_name(event.index));
+      text = joined(arms) + ": " + std::string(to_string(static_cast<ArmMode>(event.index)));
       break;
     case EventKind::intervention:
       text = joined(arms) + ": " + std::string(to_string(event.intervention));

@@ -12,16 +12,11 @@
 #include "backends/arm/arm_settings.hpp"
 #include "backends/arm/measured_limits.hpp"
 #include "backends/arm/self_collision.hpp"
+#include "core/state/arm_words.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda {
 namespace {
-
-const char* name_of(std::uint8_t mode) {
-  static constexpr const char* kNames[] = {"other",  "idle",         "move",       "guiding",
-                                           "reflex", "user_stopped", "recovering", "disconnected"};
-  return mode < std::size(kNames) ? kNames[mode] : "unknown";
-}
 
 std::filesystem::path temporary_folder() {
   std::error_code error;
@@ -161,7 +156,8 @@ std::string to_csv(const std::vector<ArmCycle>& cycles, std::size_t joint_count)
       errors += to_string(static_cast<ArmError>(i));
     }
     add(FMT_STRING("{},{:.6f},{:.4f},{:.2f},{},{},{:.4f},{},{}"), c.cycle, c.t.seconds(), 1e3 * c.period_s,
-        1e-3 * c.total_ns, c.arm.sequence, c.arm.due ? 1 : 0, 1e3 * c.arm.age_s, name_of(c.arm.mode), errors);
+        1e-3 * c.total_ns, c.arm.sequence, c.arm.due ? 1 : 0, 1e3 * c.arm.age_s,
+        to_string(static_cast<ArmMode>(c.arm.mode)), errors);
     for (const auto& column : kColumns) {
       const bool known = column.values != &ArmSample::tau_ext || c.arm.has_tau_ext;
       for (std::size_t i = 0; i < joint_count; ++i) {

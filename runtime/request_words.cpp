@@ -27,28 +27,6 @@ std::string shortest(double value) { return nlohmann::json(value).dump(); }
 
 }  // namespace
 
-std::string_view name_of(ArmMode mode) {
-  switch (mode) {
-    case ArmMode::other:
-      return "other";
-    case ArmMode::idle:
-      return "idle";
-    case ArmMode::move:
-      return "move";
-    case ArmMode::guiding:
-      return "guiding";
-    case ArmMode::reflex:
-      return "reflex";
-    case ArmMode::user_stopped:
-      return "user_stopped";
-    case ArmMode::recovering:
-      return "recovering";
-    case ArmMode::disconnected:
-      return "disconnected";
-  }
-  return "other";
-}
-
 std::string_view name_of(Verdict verdict) {
   const auto i = static_cast<std::size_t>(verdict);
   return i < kVerdictNames.size() ? kVerdictNames[i] : "unknown";

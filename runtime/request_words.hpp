@@ -5,13 +5,11 @@
 #include <vector>
 
 #include "core/modes/multimode_controller.hpp"
-#include "core/state/arm_state.hpp"
 
 // What became of a request, in words: the same ones on every way into a run (socket, ROS). Off the loop.
 namespace multipanda {
 
 std::string_view name_of(Verdict verdict);  // "two_owners"
-std::string_view name_of(ArmMode mode);     // "user_stopped"
 
 std::vector<std::string> names_of(const MultimodeController& modes, InstanceSet set);
 std::vector<std::string> names_of(const MultimodeController& modes, ArmSet arms);

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <string>
-
 #include "backends/gripper/motion_results.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/state/arm_state.hpp"
@@ -23,7 +21,7 @@ struct GripperLimits {
 //
 // One motion at a time; a new one aborts the one that runs. After a motion the fingers are held at the width
 // (homing, move) or go on pressing (grasp); after stop(), and after an abort by it, the motor is off: what
-// was held falls. Nothing allocates or locks except check().
+// was held falls. Nothing allocates or locks.
 class SimulatedGripper {
  public:
   using Ticket = MotionResults::Ticket;
@@ -31,11 +29,7 @@ class SimulatedGripper {
   // width: where the fingers stand [m].
   SimulatedGripper(const GripperLimits& limits, double width);
 
-  // Off the loop: why a request cannot be meant, or nothing.
-  static std::string check(const GripperMove& request);
-  static std::string check(const GripperGrasp& request);
-
-  // Requests that passed check(). Speed and force above the limits are limited.
+  // Requests that passed check() (core/cycle/gripper_requests.hpp). Speed and force above the limits are limited.
   Ticket start(const GripperHoming& request);
   Ticket start(const GripperMove& request);
   Ticket start(const GripperGrasp& request);

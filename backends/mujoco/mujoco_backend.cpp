@@ -2,6 +2,8 @@
 
 #include <type_traits>
 
+#include "core/cycle/gripper_requests.hpp"
+
 namespace multipanda {
 namespace {
 
@@ -13,7 +15,7 @@ std::string check_gripper(const ArmRequest& request) {
   return std::visit(
       [](const auto& r) -> std::string {
         using Kind = std::decay_t<decltype(r)>;
-        if constexpr (kIsOneOf<Kind, GripperMove, GripperGrasp>) return SimulatedGripper::check(r);
+        if constexpr (kIsOneOf<Kind, GripperMove, GripperGrasp>) return check(r);
         if constexpr (kIsOneOf<Kind, VacuumOn, VacuumDrop>) return SimulatedVacuum::check(r);
         return {};
       },

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "core/cycle/gripper_requests.hpp"
 #include "fci/client/end_effector_link.hpp"
 #include "fci/wire/gripper.hpp"
 #include "fci/wire/vacuum.hpp"
@@ -27,15 +28,11 @@ class GripperProtocol final : public EndEffectorProtocol {
       return encode_gripper_request(id, GripperStopRequest{}, to);
     }
     if (const auto* move = std::get_if<GripperMove>(&request)) {
-      check(move->width, move->speed, why);
+      why = check(*move);
       return encode_gripper_request(id, GripperMoveRequest{move->width, move->speed}, to);
     }
     if (const auto* grasp = std::get_if<GripperGrasp>(&request)) {
-      check(grasp->width, grasp->speed, why);
-      if (!std::isfinite(grasp->force) || grasp->force <= 0) why = "the force must be above 0 N";
-      if (!(grasp->tolerance_inner >= 0 && grasp->tolerance_outer >= 0)) {
-        why = "the tolerances must be 0 or more metres";
-      }
+      why = check(*grasp);
       return encode_gripper_request(id,
                                     GripperGraspRequest{grasp->width, grasp->tolerance_inner,
                                                         grasp->tolerance_outer, grasp->speed, grasp->force},
@@ -57,12 +54,6 @@ class GripperProtocol final : public EndEffectorProtocol {
     state.max_width = packet.max_width;
     state.grasped = packet.is_grasped;
     return packet.message_id;
-  }
-
- private:
-  static void check(double width, double speed, std::string& why) {
-    if (!std::isfinite(width) || width < 0) why = "the width must be 0 or more metres";
-    if (!std::isfinite(speed) || speed <= 0) why = "the speed must be above 0 m/s";
   }
 };
 

@@ -1,5 +1,7 @@
 #include "fci/server/gripper_port.hpp"
 
+#include "core/cycle/gripper_requests.hpp"
+
 namespace multipanda::fci {
 namespace {
 
@@ -20,13 +22,13 @@ EndEffectorPort::Served GripperPort::serve(const Message& message) {
       GripperMoveRequest r;
       if (decode_gripper(message.payload, r) != WireResult::ok) return {};
       const GripperMove move{r.width, r.speed};
-      return SimulatedGripper::check(move).empty() ? motion(move) : Served{What::refused};
+      return check(move).empty() ? motion(move) : Served{What::refused};
     }
     case GripperCommand::grasp: {
       GripperGraspRequest r;
       if (decode_gripper(message.payload, r) != WireResult::ok) return {};
       const GripperGrasp grasp{r.width, r.speed, r.force, r.epsilon_inner, r.epsilon_outer};
-      return SimulatedGripper::check(grasp).empty() ? motion(grasp) : Served{What::refused};
+      return check(grasp).empty() ? motion(grasp) : Served{What::refused};
     }
     case GripperCommand::stop: {
       GripperStopRequest r;

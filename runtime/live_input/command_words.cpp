@@ -1,3 +1,4 @@
+#include "core/state/arm_words.hpp"
 #include "runtime/live_input/command_desk.hpp"
 #include "runtime/live_input/gripper_words.hpp"
 #include "runtime/live_input/reference_values.hpp"
@@ -135,7 +136,7 @@ json CommandDesk::state() {
     json arm = {
         {"arm", modes.arm_name(a)},
         {"controllet", sample.owner < modes.instance_count() ? modes.instance(sample.owner).name() : ""},
-        {"mode", name_of(static_cast<ArmMode>(sample.mode))},
+        {"mode", to_string(static_cast<ArmMode>(sample.mode))},
         {"stopped", stopped.contains(a)},
         {"q_rad", array_of(sample.q, n)},
         {"dq_rad_per_s", array_of(sample.dq, n)},

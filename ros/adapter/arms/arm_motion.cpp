@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "core/state/arm_words.hpp"
 #include "runtime/request_words.hpp"
 
 namespace multipanda::ros {
@@ -487,7 +488,7 @@ void ArmMotion::take(const CycleRecord& record) {
     end(MotionEnd::lost,
         fmt::format("'{}' no longer drives '{}' (switched, stopped or in error; the arm is {})",
                     world_.modes->instance(run.input.instance).name(), world_.modes->arm_name(arm_),
-                    name_of(static_cast<ArmMode>(arm.mode))));
+                    to_string(static_cast<ArmMode>(arm.mode))));
     return;
   }
   if (run.t0 == kNow) run.t0 = t_;

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "backends/arm/arm_error.hpp"
+#include "core/state/arm_words.hpp"
 #include "ros/adapter/state/messages.hpp"
 #include "runtime/request_words.hpp"
 
@@ -151,7 +152,7 @@ Diagnostic LoopTopics::about_arm(std::size_t arm, const Newest& newest) const {
   }
   const bool stopped = world_.modes->stopped().contains(static_cast<ArmIndex>(arm));
   line.level = level_of(sample);
-  line.message = std::string(name_of(static_cast<ArmMode>(sample.mode)));
+  line.message = std::string(to_string(static_cast<ArmMode>(sample.mode)));
   if (sample.errors != 0) line.message += ": " + error_names(sample.errors);
   if (stopped && line.level == Diagnostic::Level::ok) {
     line.level = Diagnostic::Level::warn;
@@ -159,7 +160,7 @@ Diagnostic LoopTopics::about_arm(std::size_t arm, const Newest& newest) const {
   }
   const auto& instances = world_.layout->instances;
   line.values = {{"owner", sample.owner < instances.size() ? instances[sample.owner].name : ""},
-                 {"mode", std::string(name_of(static_cast<ArmMode>(sample.mode)))},
+                 {"mode", std::string(to_string(static_cast<ArmMode>(sample.mode)))},
                  {"errors", error_names(sample.errors)},
                  {"stopped", stopped ? "true" : "false"},
                  {"interventions", std::to_string(sample.interventions)},
