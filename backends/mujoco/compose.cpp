@@ -6,6 +6,8 @@
 #include <set>
 #include <stdexcept>
 
+#include <Eigen/Eigenvalues>
+
 #include "backends/mujoco/engine_errors.hpp"
 #include "backends/mujoco/surface_contact.hpp"
 #include "models/to_mjcf.hpp"
@@ -121,6 +123,27 @@ void add_surroundings(mjSpec* spec, const std::vector<WorldArm>& arms, bool has_
   mjs_setString(floor->material, "floor");
 }
 
+// A point and a thin rod are bodies as well: arms take them as loads. MuJoCo takes them by their principal
+// moments only.
+void set_inertia(const Matrix3& I, mjsBody* body) {
+  const Eigen::SelfAdjointEigenSolver<Matrix3> principal(I);
+  const Vector3 moments = principal.eigenvalues();
+  const double rounding = 1e-9 * moments.cwiseAbs().maxCoeff();
+  if (moments[0] > rounding) {
+    const std::array full{I(0, 0), I(1, 1), I(2, 2), I(0, 1), I(0, 2), I(1, 2)};
+    std::copy_n(full.data(), 6, body->fullinertia);
+    return;
+  }
+  Matrix3 axes = principal.eigenvectors();
+  axes.col(0) *= axes.determinant();  // right-handed
+  const Quaternion q(axes);
+  const std::array turn{q.w(), q.x(), q.y(), q.z()};
+  std::copy_n(turn.data(), 4, body->iquat);
+  const double of_rod = (moments[1] + moments[2]) / 2;  // equal, but for rounding
+  const std::array bare{0.0, of_rod, of_rod};
+  std::copy_n(bare.data(), 3, body->inertia);
+}
+
 // A rigid body on the flange; a ball shows how heavy it is.
 void add_load(mjsBody* last_link, const mjsSite* flange, const char* name, const Load& load,
               const std::array<double, 4>& rgba) {
@@ -132,9 +155,7 @@ void add_load(mjsBody* last_link, const mjsSite* flange, const char* name, const
   body->mass = load.mass;
   body->explicitinertial = 1;
   std::copy_n(load.p_FC.data(), 3, body->ipos);
-  const Matrix3& I = load.inertia_C;
-  const std::array full{I(0, 0), I(1, 1), I(2, 2), I(0, 1), I(0, 2), I(1, 2)};
-  std::copy_n(full.data(), 6, body->fullinertia);
+  set_inertia(load.inertia_C, body);
   mjsGeom* ball = mjs_addGeom(body, nullptr);
   ball->type = mjGEOM_SPHERE;
   ball->size[0] = 0.02 + 0.03 * std::cbrt(load.mass);

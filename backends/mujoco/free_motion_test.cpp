@@ -69,6 +69,26 @@ TEST(FreeMotion, UndeclaredPayloadPullsAndDeclaredOneDoesNot) {
   EXPECT_LT((declared.state().q - arm.q_start).norm(), 1e-9);
 }
 
+// What an arm may be told to carry may also hang there: points and thin rods have singular inertias.
+TEST(FreeMotion, PayloadsWithoutExtentMoveAsTheirModel) {
+  const Vector3 along = Vector3(1, 2, -1).normalized();
+  for (const Matrix3& inertia : {Matrix3(Matrix3::Zero()), Matrix3(Vector3(0.01, 0, 0.01).asDiagonal()),
+                                 Matrix3(0.02 * (Matrix3::Identity() - along * along.transpose()))}) {
+    SceneArm arm = arm_named("a", kBases[1]);
+    arm.load_present = {.mass = 1.5, .p_FC = {0.02, -0.03, 0.1}, .inertia_C = inertia};
+    ModelTerms bare = terms_of(arm), loaded = terms_of(arm);
+    loaded.set_config({}, {}, arm.load_present);
+    const JointVector zero = joint_constant(7, 0);
+    bare.update(arm.q_start, zero);
+    loaded.update(arm.q_start, zero);
+    Loop loop(scene_of({arm}));
+    loop.step();
+    const JointVector expected = 0.001 * loaded.M().ldlt().solve(bare.g() - loaded.g());
+    EXPECT_GT(expected.norm(), 1e-3);
+    EXPECT_LT((loop.state().dq - expected).norm(), 1e-8) << inertia;
+  }
+}
+
 TEST(FreeMotion, SubstepsKeepThePeriod) {
   Scene scene = scene_of({arm_named("a")});
   scene.substeps = 4;
