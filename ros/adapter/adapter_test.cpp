@@ -17,6 +17,7 @@
 #include <rcl_interfaces/srv/list_parameters.hpp>
 #include <rcl_interfaces/srv/set_parameters.hpp>
 #include <rcl_interfaces/srv/set_parameters_atomically.hpp>
+#include <std_msgs/msg/float64.hpp>
 #include <std_msgs/msg/float64_multi_array.hpp>
 #include <thread>
 #include <unistd.h>
@@ -196,6 +197,37 @@ TEST_F(Run, ListsWhatThereIs) {
   of_dual.instance = "dual";
   for (const auto& feature : call<ListFeatures>("list_features", of_dual).features)
     EXPECT_EQ(feature.on, feature.name == "manipulability") << feature.name;
+}
+
+TEST_F(Run, FeaturesShowTheirOutputsWhileTheyAreOnOnly) {
+  ASSERT_TRUE(switch_to({"left_cartesian"}).accepted);
+  std::atomic<int> of_law{0}, of_feature{0};
+  const std::string left = "/multipanda/left_cartesian/";
+  Subscription<std_msgs::msg::Float64MultiArray> law(client->executor, client->node,
+                                                     left + "position_error_m", Qos::reliable(), {},
+                                                     [&](const auto&) { ++of_law; });
+  Subscription<std_msgs::msg::Float64> feature(client->executor, client->node,
+                                               left + "joint_limits/largest_torque_nm", Qos::reliable(), {},
+                                               [&](const auto&) { ++of_feature; });
+  const auto set = [&](bool on) {
+    SetFeatures::Request request;
+    request.instance = "left_cartesian";
+    request.features = {"joint_limits"};
+    request.on = {on};
+    return call<SetFeatures>("set_features", request).accepted;
+  };
+  const auto next = [&](std::atomic<int>& count, int more) {
+    return wait_for([&, end = count + more] { return count >= end; });
+  };
+  for (int round = 0; round < 2; ++round) {
+    ASSERT_TRUE(set(true));
+    ASSERT_TRUE(next(of_feature, 20));
+    ASSERT_TRUE(set(false));
+    ASSERT_TRUE(next(of_law, 10));  // what was under way has arrived
+    const int before = of_feature;
+    ASSERT_TRUE(next(of_law, 50));
+    EXPECT_EQ(of_feature, before);
+  }
 }
 
 TEST_F(Run, StopsUntilResumed) {

@@ -50,6 +50,18 @@ void fill(const ReferenceSample& sample, sensor_msgs::msg::JointState& message) 
   message.velocity.assign(sample.rates.begin(), sample.rates.begin() + n);
 }
 
+// Whether the k-th output of an instance is shown while that runs. Outputs: the controllet's own, then those
+// of its features.
+std::function<bool()> switched_on(const Instance& instance, std::size_t k) {
+  std::size_t first = instance.statement().outputs.size();
+  if (k < first) return [] { return true; };
+  for (std::size_t feature = 0; feature < instance.feature_count(); ++feature) {
+    first += instance.feature_statement(feature).outputs.size();
+    if (k < first) return [&instance, feature] { return instance.feature_on(feature); };
+  }
+  return [] { return false; };
+}
+
 // One topic's publisher with its message, used again and again by the one publisher's thread.
 template <class M>
 struct Topic {
@@ -133,18 +145,21 @@ void ShownValues::add_outputs(const AdapterWorld& world, const Instance& instanc
   for (std::size_t k = 0; k < layout.outputs.size(); ++k) {
     const RecordLayout::Output& output = layout.outputs[k];
     const std::string name = topic_of(instance.name(), output.name);
-    const Doc doc{outputs_due_.words(world.backend->capabilities(0).period_s) + " while active",
+    const bool of_feature = k >= instance.statement().outputs.size();
+    const Doc doc{outputs_due_.words(world.backend->capabilities(0).period_s) +
+                      (of_feature ? " while active and switched on" : " while active"),
                   k < specs.size() ? specs[k].doc : ""};
+    const auto runs = switched_on(instance, k);
     if (output.size == 1) {
       auto topic = std::make_shared<Topic<std_msgs::msg::Float64>>(world, name, doc);
-      outputs_.push_back({output.offset, 1, [topic](const double* values) {
+      outputs_.push_back({output.offset, 1, runs, [topic](const double* values) {
                             topic->message.data = values[0];
                             if (topic->publisher.subscribers() > 0) topic->publisher.publish(topic->message);
                           }});
       continue;
     }
     auto topic = std::make_shared<Topic<std_msgs::msg::Float64MultiArray>>(world, name, doc);
-    outputs_.push_back({output.offset, output.size, [topic, n = output.size](const double* values) {
+    outputs_.push_back({output.offset, output.size, runs, [topic, n = output.size](const double* values) {
                           topic->message.data.assign(values, values + n);
                           if (topic->publisher.subscribers() > 0) topic->publisher.publish(topic->message);
                         }});
@@ -163,7 +178,7 @@ void ShownValues::take(const CycleRecord& record) {
     for (const auto& output : outputs_) {
       const double* values = record.outputs.data() + output.offset;
       // Not a number: not active.
-      if (!std::all_of(values, values + output.size, [](double v) { return std::isnan(v); }))
+      if (output.runs() && !std::all_of(values, values + output.size, [](double v) { return std::isnan(v); }))
         output.show(values);
     }
   }

@@ -14,7 +14,7 @@ namespace multipanda::ros {
 // What the running controllets show:
 //   ~/<instance>/<input>/reference  the set-point that is followed now
 //   ~/<instance>/<output>           Float64, or Float64MultiArray where it is more than one number
-// Only of instances that run, and only where somebody listens. Publisher's thread.
+// Only of instances that run and features that are on, and only where somebody listens. Publisher's thread.
 class ShownValues : public Part {
  public:
   ShownValues(const AdapterWorld& world, const std::vector<InputCodec>& codecs);
@@ -24,6 +24,7 @@ class ShownValues : public Part {
   using ShowReference = std::function<void(const ReferenceSample&, std::int64_t stamp_ns)>;
   struct Output {
     std::size_t offset, size;
+    std::function<bool()> runs;  // beside its instance: is its feature on?
     std::function<void(const double* values)> show;
   };
   ShowReference reference_publisher(const AdapterWorld& world, const Instance& instance,
