@@ -146,6 +146,14 @@ class Page(unittest.TestCase):
         results, _ = self.made(late)
         self.assertFalse(results["passed"])
 
+        def waiting(plan):
+            change(plan)
+            plan["pace"] = "lockstep"
+
+        results, html = self.made(waiting)
+        self.assertEqual({r["metric"] for r in results["limits"] if not r["passed"]}, {"delay_error_us", "delay_by_sequence_error_us"})
+        self.assertIn("The virtual arms run in lock-step", html)
+
     def test_what_else_fails(self):
         for change, expected in (
                 (lambda p: p["switching"]["list"][4].update(cycles_late=1), "switches later than the next cycle 1"),

@@ -107,7 +107,7 @@ class Inputs(RosCase):
     def test_a_wrench_reaches_a_force_controllet(self):
         self.switched("right_force")
         goal = self.client.publisher(WrenchStamped, "/multipanda/right_force/wrench/goal")
-        reference = self.topic(WrenchStamped, "/multipanda/right_force/wrench/reference", best_effort=True)
+        reference = self.topic(WrenchStamped, "/multipanda/right_force/wrench/reference")
         message = WrenchStamped()
         message.header.frame_id = "right_link0"
         message.wrench.force.x = 1.5

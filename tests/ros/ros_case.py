@@ -19,8 +19,8 @@ class RosCase(unittest.TestCase):
     @classmethod
     def begin(cls, program):
         RosCase.program = program
+        RosCase.client = ros_run.Client(ros_run.own_domain())  # before the run, so that it sees it come up
         RosCase.run_ = ros_run.Run(program, HERE / "scene.yaml", "--seconds", "600", domain=ros_run.own_domain()).__enter__()
-        RosCase.client = ros_run.Client(ros_run.own_domain())
 
     def setUp(self):
         from multipanda_msgs.srv import SwitchControllets

@@ -157,6 +157,7 @@ class Client:
         self.rclpy.shutdown(context=self.context)
 
     def topic(self, message_type, name, latched=False, keep=200, best_effort=False):
+        """Reliable as rclpy's default; best_effort for what comes faster than Python reads it: nobody waits for it then."""
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
         key = name, latched
         if key not in self.topics:

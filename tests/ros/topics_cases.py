@@ -7,7 +7,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from multipanda_msgs.msg import Event, LoopStatistics, ObjectPoses, RobotModel, RobotState, Switch
-from multipanda_msgs.srv import ListArms, ListControllets
+from multipanda_msgs.srv import ListArms, ListControllets, ListFeatures
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
@@ -28,26 +28,43 @@ PER_ARM = {"robot_state": "multipanda_msgs/msg/RobotState", "model": "multipanda
 FRAMES = [*(f"link{i}" for i in range(9)), "hand", "hand_tcp", "leftfinger", "rightfinger"]
 
 
+EXPECTED = {**FIXED, **{f"/{arm}/{name}": kind for arm in ARMS for name, kind in PER_ARM.items()},
+            **{f"/{arm}_gripper/joint_states": "sensor_msgs/msg/JointState" for arm in ARMS}}
+
+
 class Topics(RosCase):
     def test_all_are_there_with_their_types(self):
-        expected = {**FIXED, **{f"/{arm}/{name}": kind for arm in ARMS for name, kind in PER_ARM.items()},
-                    **{f"/{arm}_gripper/joint_states": "sensor_msgs/msg/JointState" for arm in ARMS}}
+        expected = EXPECTED
         found = dict(self.client.node.get_topic_names_and_types())
         self.assertEqual({name: found.get(name) for name in expected}, {name: [kind] for name, kind in expected.items()})
 
     def test_rates_in_the_runs_own_time(self):
-        # A topic of rate r is every round(1000 / r)-th cycle of 1 ms: stamps are that far apart, to the nanosecond, where
-        # the loop missed no point of its clock's grid in between and nobody was too late for a message.
-        topics = {self.topic(kind, name, best_effort=name.endswith("reference")): round(1000 / rate) for kind, name, rate in [
+        # A topic of rate r is every round(1000 / r)-th cycle of 1 ms of the run's own time: stamps are that far apart, to the
+        # nanosecond. A machine that lets the publisher or this client wait leaves messages out, and one of a cycle that was
+        # left out comes with the next; so what must hold anywhere is that ten in a row come without a gap once, that the
+        # usual step is this one, and that there are never more messages than cycles whose turn it is.
+        topics = {self.topic(kind, name): round(1000 / rate) * 1_000_000 for kind, name, rate in [
             (JointState, "/joint_states", 100), (RobotState, "/left/robot_state", 100), (RobotModel, "/right/model", 50),
             (WrenchStamped, "/left/wrench", 100), (PoseStamped, "/multipanda/left_pose/pose/reference", 100),
             (ObjectPoses, "/simulation/object_poses", 30), (JointState, "/left_gripper/joint_states", 30)]}
-        for topic, cycles in topics.items():
+
+        before = {topic: topic.count for topic in topics}  # of a test that let the run stand, perhaps
+
+        def steps_of(topic):
+            fresh = topic.count - before[topic]
+            return np.diff([nanoseconds(m.header.stamp) for m in list(topic.messages)[-fresh:]] if fresh > 0 else [])
+
+        def gapless(topic, wanted):
+            right = "".join("x" if step == wanted else "." for step in steps_of(topic))
+            return "x" * 10 in right
+        for topic, wanted in topics.items():
             topic.next(20)
-            stamps = [nanoseconds(m.header.stamp) for m in list(topic.messages)[-20:]]
-            steps = np.diff(stamps)
-            self.assertEqual(statistics.mode(steps), cycles * 1_000_000, (topic.name, steps))
-            self.assertTrue(all(step % 1_000_000 == 0 for step in steps), (topic.name, steps))
+            self.wait(lambda t=topic, w=wanted: gapless(t, w), f"ten messages of {topic.name} {wanted * 1e-6:g} ms apart")
+            steps = steps_of(topic)
+            self.assertEqual(statistics.mode(steps), wanted, (topic.name, steps))
+            self.assertTrue(all(step > 0 and step % 1_000_000 == 0 for step in steps), (topic.name, steps))
+            self.assertGreater(sum(steps), (len(steps) - 1) * wanted, (topic.name, steps))
+        # At 1 kHz a reader in Python does not keep up, and must not be waited for: best effort, as the documentation advises.
         clock = self.topic(Clock, "/clock", best_effort=True)
         clock.next(100)
         steps = np.diff([nanoseconds(m.clock) for m in list(clock.messages)[-100:]])
@@ -124,6 +141,7 @@ class Topics(RosCase):
                          ("left", "left_pose", RobotState.MODE_MOVE, 0, False, True))
         np.testing.assert_allclose(np.array(state.tau_controllet) + state.tau_feature, state.tau_cmd, atol=1e-9)
         self.assertTrue(state.has_gripper)
+        self.at("left", kinematics.of_pose(target.pose)[:3, 3])
         back = target
         back.pose.position.z += 0.1
         goal.publish(back)
@@ -132,15 +150,20 @@ class Topics(RosCase):
     def test_outputs_and_set_points_of_active_controllets_only(self):
         infos = {info.name: info for info in self.call(ListControllets, "/multipanda/list_controllets").controllets}
         kinds = {"std_msgs/msg/Float64": Float64, "std_msgs/msg/Float64MultiArray": Float64MultiArray}
-        active = {o.topic: (self.topic(kinds[o.type], o.topic, best_effort=True), o.size) for o in infos["left_pose"].outputs}
-        asleep = [self.topic(kinds[o.type], o.topic, best_effort=True) for o in infos["left_joint"].outputs]
-        self.assertTrue(active and asleep)
+        off = {f.name for f in self.call(ListFeatures, "/multipanda/list_features", instance="left_pose").features if not f.on}
+
+        def shown(output):  # ~/left_pose/OUTPUT, ~/left_pose/FEATURE/OUTPUT
+            return output.topic.split("/")[3] not in off
+        outputs = infos["left_pose"].outputs
+        active = {o.topic: (self.topic(kinds[o.type], o.topic), o.size) for o in outputs if shown(o)}
+        asleep = [self.topic(kinds[o.type], o.topic) for o in [*infos["left_joint"].outputs, *(o for o in outputs if not shown(o))]]
+        self.assertTrue(active and off and len(asleep) > len(infos["left_joint"].outputs))
         for topic, size in active.values():
             topic.next(5)
             if size > 1:
                 self.assertEqual(len(topic.newest().data), size, topic.name)
         self.assertEqual([topic.count for topic in asleep], [0] * len(asleep))
-        reference = self.topic(PoseStamped, "/multipanda/left_pose/pose/reference", best_effort=True)
+        reference = self.topic(PoseStamped, "/multipanda/left_pose/pose/reference")
         reference.next(2)
         self.assertEqual(reference.newest().header.frame_id, "world")
         distance = kinematics.of_pose(reference.newest().pose)[:3, 3] - self.position("left")
@@ -169,7 +192,9 @@ class Topics(RosCase):
             self.assertTrue(0 < low <= middle <= high)
         self.assertGreater(after.messages_published, before.messages_published)
         self.assertAlmostEqual(after.rate * after.window, after.cycles, delta=0.2 * after.cycles)
-        self.assertLessEqual(after.publish_failures, 0.01 * after.messages_published)  # a client that is starved holds up
+        # A message fails where its topic's places are all being sent by a thread of the middleware that has lost its core, a
+        # moment of the machine; a writer that is set up wrongly fails at nearly every one.
+        self.assertLessEqual(after.publish_failures, 0.01 * after.messages_published)
         status = self.topic(DiagnosticArray, "/diagnostics").next().status
         names = " ".join(s.name for s in status)
         for word in ("loop", *ARMS):
