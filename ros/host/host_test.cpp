@@ -4,6 +4,8 @@
 #include <array>
 #include <atomic>
 #include <chrono>
+#include <fstream>
+#include <iterator>
 #include <map>
 #include <multipanda_msgs/srv/recover_from_error.hpp>
 #include <multipanda_msgs/srv/switch_controllets.hpp>
@@ -141,6 +143,63 @@ TEST(Hosts, ControllerAndHardwareMeetThroughNumbersOnly) {
   EXPECT_FALSE(controller.update(0.001));
   EXPECT_THAT(controller.commands(), testing::Each(0.0));
   controller.deactivate();
+}
+
+// Torques that hold an arm which does not move, without the hardware's help: its gravity.
+std::vector<double> holding_torques(const FlatParameters& arm, const ControllerHostOptions& options) {
+  FlatParameters said = parameters();
+  said.emplace_back("arms.left.gravity_compensation", std::string("controller"));
+  said.emplace_back("arms.left.state_interfaces", std::vector<std::string>{"position", "velocity"});
+  said.insert(said.end(), arm.begin(), arm.end());
+  ControllerHost controller(said, options);
+  const double q[] = {0.1, -0.7, 0.2, -2.3, -0.3, 1.5, 0.8};
+  for (std::size_t j = 0; j < 7; ++j) controller.states()[2 * j] = q[j];
+  EXPECT_EQ(controller.activate(), "");
+  for (int i = 0; i < 10; ++i) EXPECT_TRUE(controller.update(0.001));
+  EXPECT_THAT(controller.active(), ElementsAre("joints"));
+  const auto commands = controller.commands();
+  return {commands.begin(), commands.end()};
+}
+
+TEST(Hosts, ARobotDescriptionIsAModel) {
+  std::ifstream file(MULTIPANDA_SOURCE_DIR "/models/generated/fer.urdf");
+  ControllerHostOptions options;
+  options.robot_description.assign(std::istreambuf_iterator<char>(file), {});
+  const FlatParameters described = {{"arms.left.model", std::string("robot_description")},
+                                    {"arms.left.base_link", std::string("link0")},
+                                    {"arms.left.tip_link", std::string("flange")}};
+  const auto torques = holding_torques(described, options);
+  // The slope of the potential energy of the description's links, by differences of sum(m g z), computed
+  // apart.
+  EXPECT_THAT(torques,
+              testing::Pointwise(testing::DoubleNear(1e-3),
+                                 std::vector<double>{0, -3.6711, -3.4030, 18.5099, 0.3055, 1.4610, 0.0345}));
+  EXPECT_THAT(torques, testing::Pointwise(testing::DoubleNear(1e-6),
+                                          holding_torques({{"arms.left.hand", false}}, {})));
+
+  FlatParameters all = parameters();
+  all.insert(all.end(), described.begin(), described.end());
+  EXPECT_EQ(ControllerHost(all, options).command_names().front(),
+            "joint1/effort");                                    // as the description says
+  EXPECT_THROW(ControllerHost(all, {}), std::invalid_argument);  // there is none
+}
+
+TEST(Hosts, ControlletsOfAnotherLibraryRunInTheController) {
+  const FlatParameters said = {
+      {"arm_names", std::vector<std::string>{"left"}},        {"plugins", std::vector<std::string>{PLUGIN}},
+      {"controllets.wall.type", std::string("virtual_wall")}, {"controllets.wall.arms", std::string("left")},
+      {"controllets.wall.parameters.height_m", -1.0},         {"active", std::string("wall")}};
+  HardwareHost hardware(HardwareHost::Kind::mujoco, {{"arm_names", "left"}}, {});
+  ControllerHost controller(said, {});
+  hardware.connect();
+  Loop loop(hardware, controller);
+  hardware.perform_switch(controller.command_names(), {});
+  loop.take();
+  ASSERT_EQ(controller.activate(), "");
+  EXPECT_TRUE(loop.until([&] { return !controller.active().empty(); }));
+  EXPECT_THAT(controller.active(), ElementsAre("wall"));
+  controller.deactivate();
+  hardware.disconnect();
 }
 
 TEST(Hosts, RefusalsSayWhichParameter) {
