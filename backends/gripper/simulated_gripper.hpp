@@ -29,7 +29,8 @@ class SimulatedGripper {
   // width: where the fingers stand [m].
   SimulatedGripper(const GripperLimits& limits, double width);
 
-  // Requests that passed check() (core/cycle/gripper_requests.hpp). Speed and force above the limits are limited.
+  // Requests that passed check() (core/cycle/gripper_requests.hpp). Speed and force above the limits are
+  // limited.
   Ticket start(const GripperHoming& request);
   Ticket start(const GripperMove& request);
   Ticket start(const GripperGrasp& request);
