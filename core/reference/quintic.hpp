@@ -1,6 +1,8 @@
 #pragma once
 
 #include <array>
+#include <cmath>
+#include <numbers>
 
 #include "core/types/capacity.hpp"
 
@@ -27,6 +29,10 @@ class QuinticSegment {
   // The duration that keeps a rest-to-rest motion over `distance` below `max_speed`: peak speed is 15/8 of
   // the mean.
   static double duration_for(double distance, double max_speed) { return 1.875 * distance / max_speed; }
+  // The same for its acceleration, whose peak is 10 / sqrt(3) distance / duration^2.
+  static double duration_within(double distance, double max_acceleration) {
+    return std::sqrt(10 / std::numbers::sqrt3 * distance / max_acceleration);
+  }
 
  private:
   std::size_t size_ = 0;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 
 #include "core/types/rotation_rate.hpp"
@@ -10,21 +9,7 @@
 namespace multipanda {
 namespace {
 
-// A stream is planned at least this far ahead, so that replanning every millisecond stays smooth.
-constexpr double kStreamHorizon = 0.005;
-constexpr double kMaxStreamPeriod = 0.2;
-// What a stream's unevenness may cost: a fraction of what the arms can do, so that the acceleration that a
-// law feeds forward stays small.
-constexpr double kCatchUpAcceleration = 2.0;         // [m/s^2]
-constexpr double kCatchUpAngularAcceleration = 6.0;  // [rad/s^2]
-constexpr double kLongestHorizon = 0.25;             // [s]
-constexpr double kStreamExcess = 1.05;  // of the speed limit, to catch up with a stream that runs at it
-constexpr double kPeriodFilter = 0.1;   // share of a new measurement in the stream's period
-constexpr double kBrakingTime =
-    0.1;                         // to a rest: when a stream's next sample does not come, and for any goal
-constexpr double kLonger = 1.2;  // by which a motion that would be too fast is stretched, several times
-
-Vector3 rotation_of(const QuinticSegment::Values& v) { return {v[3], v[4], v[5]}; }
+constexpr double kMaxStreamPeriod = 0.2;  // [s]; a longer gap ends a stream
 
 Harmonic harmonic_of(const Target& target) {
   Harmonic motion{.period_s = target.period_s,
@@ -190,157 +175,6 @@ void Reference::rebase() {
     now_.velocity[3 + i] = V_d_.vector[3 + k];
     now_.acceleration[3 + i] = A_d_.vector[3 + k];
   }
-}
-
-Reference::Aim Reference::aim_at(const Target& target) const {
-  Aim aim;
-  const auto& v = target.values;
-  if (spec_.quantity == Quantity::pose) {
-    const Pose X = Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]));
-    const Vector3 r = log_rotation(X.rotation * R_0_.transpose());
-    for (std::size_t i = 0; i < 3; ++i) {
-      aim.goal[i] = v[i];
-      aim.goal[3 + i] = r[static_cast<Eigen::Index>(i)];
-    }
-    aim.shortest_s =
-        std::max(QuinticSegment::duration_for((X.position - X_d_.position).norm(), spec_.max_speed),
-                 QuinticSegment::duration_for(r.norm(), spec_.max_angular_speed));
-    return aim;
-  }
-  double farthest = 0;
-  for (std::size_t i = 0; i < size_; ++i) {
-    aim.goal[i] = v[i];
-    farthest = std::max(farthest, std::abs(v[i] - now_.position[i]));
-  }
-  aim.shortest_s = QuinticSegment::duration_for(farthest, spec_.max_speed);
-  return aim;
-}
-
-void Reference::plan_goal(const Target& target) {
-  rebase();
-  const Aim aim = aim_at(target);
-  plan_rest(aim.goal, std::max(target.duration_s, aim.shortest_s));
-}
-
-// From the present motion to a rest at the goal. `duration_s` suits a start at rest; one in the wrong
-// direction has to turn back first and needs longer to stay within the speed.
-void Reference::plan_rest(const QuinticSegment::Values& goal, double duration_s) {
-  double duration = std::max(duration_s, kBrakingTime);
-  double best = duration, least = std::numeric_limits<double>::infinity();
-  for (int attempt = 0; attempt < 12 && least > 1; ++attempt, duration *= kLonger) {
-    segment_.plan(coordinates(), now_, goal, duration);
-    if (const double excess = peak_excess(24); excess < least) {
-      least = excess;
-      best = duration;
-    }
-  }
-  segment_.plan(coordinates(), now_, goal, best);
-  moving_end_ = false;
-}
-
-// The planned segment's highest speed over the allowed one (or the present one, where that is higher).
-double Reference::peak_excess(std::size_t samples) const {
-  const bool pose = spec_.quantity == Quantity::pose;
-  const auto speeds = [&](const QuinticSegment::Sample& s) -> std::pair<double, double> {
-    if (pose) {
-      return {Vector3(s.velocity[0], s.velocity[1], s.velocity[2]).norm() / spec_.max_speed,
-              rotation_of(s.velocity).norm() / spec_.max_angular_speed};
-    }
-    double fastest = 0;
-    for (std::size_t i = 0; i < size_; ++i) fastest = std::max(fastest, std::abs(s.velocity[i]));
-    return {fastest / spec_.max_speed, 0};
-  };
-  const auto [linear_now, angular_now] = speeds(now_);
-  const double linear_limit = 1.001 * std::max(1.0, linear_now);
-  const double angular_limit = 1.001 * std::max(1.0, angular_now);
-  double excess = 0;
-  QuinticSegment::Sample at;
-  for (std::size_t k = 1; k < samples; ++k) {
-    segment_.evaluate(segment_.duration() * static_cast<double>(k) / static_cast<double>(samples), at);
-    const auto [linear, angular] = speeds(at);
-    excess = std::max({excess, linear / linear_limit, angular / angular_limit});
-  }
-  return excess;
-}
-
-// The new sample is to be passed one period from now, with the velocity of the series, and the motion is
-// planned on to the horizon behind it. Far off the series (it jumped, or just began) the sample is a goal:
-// speed limits first.
-void Reference::plan_stream(const Target& target, std::uint64_t steps, double elapsed_s) {
-  // Samples lost on the way leave a gap in time, not in the numbering.
-  if (period_s_ > 0) steps = std::max(steps, static_cast<std::uint64_t>(std::llround(elapsed_s / period_s_)));
-  const double measured = elapsed_s / static_cast<double>(steps);
-  period_s_ = period_s_ > 0 ? period_s_ + kPeriodFilter * (measured - period_s_) : measured;
-  rebase();
-  const Aim sample = aim_at(target);
-  const double span = static_cast<double>(steps) * period_s_;
-  // A sample that comes early or late is a small jump of the series: caught up with over a longer way rather
-  // than with force.
-  double horizon = std::max(kStreamHorizon, 1.5 * period_s_);
-  for (;; horizon *= 1.5) {
-    const Aim aim = aim_past(target, sample, span, horizon - period_s_);
-    segment_.plan(coordinates(), now_, aim.goal, horizon, aim.velocity);
-    if (horizon > kLongestHorizon || gentle(8)) break;
-  }
-  moving_end_ = true;
-  if (peak_excess(8) > kStreamExcess) plan_rest(sample.goal, sample.shortest_s);
-}
-
-// Where the series will be `ahead` seconds after the sample, and how fast.
-Reference::Aim Reference::aim_past(const Target& target, const Aim& sample, double span, double ahead) const {
-  Aim aim = sample;
-  const bool pose = spec_.quantity == Quantity::pose;
-  const std::size_t n = pose ? 3 : size_;
-  double speed2 = 0;  // of a pose's position as a whole, else of the fastest coordinate: as everywhere
-  for (std::size_t i = 0; i < n; ++i) {
-    aim.velocity[i] = (target.values[i] - last_.values[i]) / span;
-    const double square = aim.velocity[i] * aim.velocity[i];
-    speed2 = pose ? speed2 + square : std::max(speed2, square);
-  }
-  const double keep = speed2 > 0 ? std::min(1.0, spec_.max_speed / std::sqrt(speed2)) : 1.0;
-  for (std::size_t i = 0; i < n; ++i) {
-    aim.velocity[i] *= keep;
-    aim.goal[i] += aim.velocity[i] * ahead;
-  }
-  if (!pose) return aim;
-  const auto& v = target.values;
-  const auto& u = last_.values;
-  const Matrix3 R = Quaternion(v[3], v[4], v[5], v[6]).normalized().toRotationMatrix();
-  const Matrix3 R_last = Quaternion(u[3], u[4], u[5], u[6]).normalized().toRotationMatrix();
-  Vector3 omega = log_rotation(R * R_last.transpose()) / span;
-  if (omega.norm() > spec_.max_angular_speed) omega *= spec_.max_angular_speed / omega.norm();
-  const Vector3 r = log_rotation(exp_rotation(omega * ahead) * R * R_0_.transpose());
-  const Vector3 dr = omega - 0.5 * r.cross(omega);  // inverse left Jacobian, r small within a horizon
-  for (std::size_t i = 0; i < 3; ++i) {
-    aim.goal[3 + i] = r[static_cast<Eigen::Index>(i)];
-    aim.velocity[3 + i] = dr[static_cast<Eigen::Index>(i)];
-  }
-  return aim;
-}
-
-// Does the planned segment keep to the acceleration for catching up (or to the present one, where that is
-// higher)?
-bool Reference::gentle(std::size_t samples) const {
-  if (spec_.quantity != Quantity::pose && spec_.quantity != Quantity::joints) return true;
-  QuinticSegment::Sample s;
-  for (std::size_t k = 1; k < samples; ++k) {
-    segment_.evaluate(segment_.duration() * static_cast<double>(k) / static_cast<double>(samples), s);
-    for (std::size_t i = 0; i < coordinates(); ++i) {
-      const bool linear = spec_.quantity == Quantity::pose && i < 3;
-      const double limit = linear ? kCatchUpAcceleration : kCatchUpAngularAcceleration;
-      if (std::abs(s.acceleration[i]) > std::max(limit, std::abs(now_.acceleration[i]))) return false;
-    }
-  }
-  return true;
-}
-
-// From the present motion to a rest, where constant deceleration would end.
-void Reference::plan_brake() {
-  rebase();
-  QuinticSegment::Values goal = now_.position;
-  for (std::size_t i = 0; i < coordinates(); ++i) goal[i] += 0.5 * kBrakingTime * now_.velocity[i];
-  segment_.plan(coordinates(), now_, goal, kBrakingTime);
-  moving_end_ = false;
 }
 
 // What is still in motion brakes; the motion goes on top of that.

@@ -27,9 +27,10 @@ struct InputSpec {
 
 // The only way in for a set-point: takes targets from any thread, gives the loop a desired value that is
 // continuous in position, velocity and acceleration, whatever arrives. A target far away is approached at no
-// more than the input's speed, a near one within no less than a tenth of a second: a goal a millimetre away
-// must not become a blow. A goal that comes in the middle of a strong acceleration may be approached up to a
-// third faster for a moment: continuity goes first.
+// more than the input's speed, a near one within no less than a tenth of a second, a goal with no more than
+// 4 m/s^2, 8 rad/s^2 or, in joints, 5 rad/s^2 (or what is there when it comes): a goal a millimetre away, or
+// one that turns the last one back, must not become a blow. A goal that comes in the middle of a strong
+// acceleration may be approached up to a third faster for a moment: continuity goes first.
 //
 // Goals end at rest. A motion begins where the set-point is and ends at rest; one that would be faster than
 // the input allows is refused. A stream is followed one of its periods late: each sample is aimed at with the
@@ -75,6 +76,9 @@ class Reference {
   void record(double* values, double* rates) const;
 
  private:
+  // To a rest: when a stream's next sample does not come, and at least for any goal.
+  static constexpr double kBrakingTime = 0.1;  // [s]
+
   void take(const Target& target, double now_s);
   void plan_goal(const Target& target);
   void plan_stream(const Target& target, std::uint64_t steps, double elapsed_s);
@@ -82,7 +86,14 @@ class Reference {
   void begin_motion(const Target& target);
   void end_motion();
   Verdict check_motion(const Target& target) const;
-  void plan_rest(const QuinticSegment::Values& goal, double duration_s);
+  struct Magnitude {  // of a pose's position and rotation; else `linear`: of the largest coordinate
+    double linear = 0, angular = 0;
+  };
+  static Vector3 rotation_of(const QuinticSegment::Values& pose) { return {pose[3], pose[4], pose[5]}; }
+  Magnitude goal_acceleration() const;
+  Magnitude magnitude(const QuinticSegment::Values& v) const;
+  void plan_rest(const QuinticSegment::Values& goal, double duration_s, const Magnitude& acceleration);
+  double acceleration_excess(std::size_t samples, const Magnitude& allowed) const;
   double peak_excess(std::size_t samples) const;
   struct Aim {  // where a segment is to end: in the segment's coordinates
     QuinticSegment::Values goal{}, velocity{};

@@ -38,11 +38,14 @@ class Watch {
       moved << X.position - X_.position, log_rotation(X.rotation * X_.rotation.transpose());
       check(moved, V_, reference_.twist().vector, A_, reference_.acceleration().vector);
       speed = std::max(speed, reference_.twist().linear().norm());
+      acceleration = std::max(acceleration, reference_.acceleration().linear().norm());
+      angular_acceleration = std::max(angular_acceleration, reference_.acceleration().angular().norm());
       angular_speed = std::max(angular_speed, reference_.twist().angular().norm());
     } else {
       const JointVector moved = reference_.joints() - q_;
       check(moved, dq_, reference_.joint_velocity(), ddq_, reference_.joint_acceleration());
       speed = std::max(speed, reference_.joint_velocity().lpNorm<Eigen::Infinity>());
+      acceleration = std::max(acceleration, reference_.joint_acceleration().lpNorm<Eigen::Infinity>());
     }
     remember();
   }
@@ -52,6 +55,7 @@ class Watch {
   double now() const { return now_; }
 
   double speed = 0, angular_speed = 0;
+  double acceleration = 0, angular_acceleration = 0;
   double position_gap = 0;      // worst of |dx - (v0 + v1)/2 dt|
   double velocity_gap = 0;      // worst of |dv - (a0 + a1)/2 dt|
   double acceleration_gap = 0;  // largest change of acceleration in one step
@@ -134,6 +138,41 @@ TEST(Reference, ReachesAGoalExactlyWithinTheSpeedLimits) {
     EXPECT_LT(watch.position_gap, 1e-5);
     EXPECT_LT(watch.velocity_gap, 1e-4);
     EXPECT_FALSE(reference.stale());
+  }
+}
+
+// Goals that follow each other before they are reached: the way turns back without haste, and short ways are
+// no kicks. (Sampled at a finite number of points, the limit is kept to some percent.)
+TEST(Reference, GoalsInMidMotionTurnGently) {
+  Draw draw(4);
+  for (int k = 0; k < 50; ++k) {
+    Reference reference = pose_reference();
+    const Pose home = draw.pose(0.5);
+    reference.start(home);
+    Watch watch(reference);
+    Pose there = home;
+    for (int goals = 0; goals < 10; ++goals) {
+      there.position = home.position + draw.vector3(goals % 3 == 0 ? 0.02 : 0.1);
+      there.rotation = exp_rotation(draw.vector3(0.3)) * home.rotation;
+      ASSERT_EQ(reference.post(pose_target(there)), Verdict::accepted);
+      watch.steps(1 + static_cast<int>(draw.uniform(0, 400)));
+    }
+    watch.steps(3000);
+    EXPECT_LT((reference.pose().position - there.position).norm(), 1e-12);
+    EXPECT_LE(watch.acceleration, 4 * 1.03);
+    EXPECT_LE(watch.angular_acceleration,
+              8 * 1.1);  // its rate is that of a rotation vector up to large angles
+    EXPECT_LE(watch.speed, 0.5 * 1.01);
+  }
+  for (int k = 0; k < 50; ++k) {
+    Reference reference({.name = "joints", .quantity = Quantity::joints, .max_speed = 2}, 7);
+    reference.start(joint_constant(7, 0));
+    Watch watch(reference);
+    for (int goals = 0; goals < 10; ++goals) {
+      ASSERT_EQ(reference.post(joint_target(joint_constant(7, draw.uniform(-0.5, 0.5)))), Verdict::accepted);
+      watch.steps(1 + static_cast<int>(draw.uniform(0, 400)));
+    }
+    EXPECT_LE(watch.acceleration, 5 * 1.03);
   }
 }
 

@@ -1,0 +1,105 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/reference/reference.hpp"
+#include "core/types/rotation_rate.hpp"
+
+// Ways through a series of samples, and what happens when it ends.
+namespace multipanda {
+namespace {
+
+// A stream is planned at least this far ahead, so that replanning every millisecond stays smooth.
+constexpr double kStreamHorizon = 0.005;
+// What a stream's unevenness may cost: a fraction of what the arms can do, so that the acceleration that a
+// law feeds forward stays small.
+constexpr double kCatchUpAcceleration = 2.0;         // [m/s^2]
+constexpr double kCatchUpAngularAcceleration = 6.0;  // [rad/s^2]
+constexpr double kLongestHorizon = 0.25;             // [s]
+constexpr double kStreamExcess = 1.05;  // of the speed limit, to catch up with a stream that runs at it
+constexpr double kPeriodFilter = 0.1;   // share of a new measurement in the stream's period
+constexpr double kAny = std::numeric_limits<double>::infinity();
+
+}  // namespace
+
+// The new sample is to be passed one period from now, with the velocity of the series, and the motion is
+// planned on to the horizon behind it. Far off the series (it jumped, or just began) the sample is a goal:
+// speed limits first.
+void Reference::plan_stream(const Target& target, std::uint64_t steps, double elapsed_s) {
+  // Samples lost on the way leave a gap in time, not in the numbering.
+  if (period_s_ > 0) steps = std::max(steps, static_cast<std::uint64_t>(std::llround(elapsed_s / period_s_)));
+  const double measured = elapsed_s / static_cast<double>(steps);
+  period_s_ = period_s_ > 0 ? period_s_ + kPeriodFilter * (measured - period_s_) : measured;
+  rebase();
+  const Aim sample = aim_at(target);
+  const double span = static_cast<double>(steps) * period_s_;
+  // A sample that comes early or late is a small jump of the series: caught up with over a longer way rather
+  // than with force.
+  double horizon = std::max(kStreamHorizon, 1.5 * period_s_);
+  for (;; horizon *= 1.5) {
+    const Aim aim = aim_past(target, sample, span, horizon - period_s_);
+    segment_.plan(coordinates(), now_, aim.goal, horizon, aim.velocity);
+    if (horizon > kLongestHorizon || gentle(8)) break;
+  }
+  moving_end_ = true;
+  if (peak_excess(8) > kStreamExcess) plan_rest(sample.goal, sample.shortest_s, {kAny, kAny});
+}
+
+// Where the series will be `ahead` seconds after the sample, and how fast.
+Reference::Aim Reference::aim_past(const Target& target, const Aim& sample, double span, double ahead) const {
+  Aim aim = sample;
+  const bool pose = spec_.quantity == Quantity::pose;
+  const std::size_t n = pose ? 3 : size_;
+  double speed2 = 0;  // of a pose's position as a whole, else of the fastest coordinate: as everywhere
+  for (std::size_t i = 0; i < n; ++i) {
+    aim.velocity[i] = (target.values[i] - last_.values[i]) / span;
+    const double square = aim.velocity[i] * aim.velocity[i];
+    speed2 = pose ? speed2 + square : std::max(speed2, square);
+  }
+  const double keep = speed2 > 0 ? std::min(1.0, spec_.max_speed / std::sqrt(speed2)) : 1.0;
+  for (std::size_t i = 0; i < n; ++i) {
+    aim.velocity[i] *= keep;
+    aim.goal[i] += aim.velocity[i] * ahead;
+  }
+  if (!pose) return aim;
+  const auto& v = target.values;
+  const auto& u = last_.values;
+  const Matrix3 R = Quaternion(v[3], v[4], v[5], v[6]).normalized().toRotationMatrix();
+  const Matrix3 R_last = Quaternion(u[3], u[4], u[5], u[6]).normalized().toRotationMatrix();
+  Vector3 omega = log_rotation(R * R_last.transpose()) / span;
+  if (omega.norm() > spec_.max_angular_speed) omega *= spec_.max_angular_speed / omega.norm();
+  const Vector3 r = log_rotation(exp_rotation(omega * ahead) * R * R_0_.transpose());
+  const Vector3 dr = omega - 0.5 * r.cross(omega);  // inverse left Jacobian, r small within a horizon
+  for (std::size_t i = 0; i < 3; ++i) {
+    aim.goal[3 + i] = r[static_cast<Eigen::Index>(i)];
+    aim.velocity[3 + i] = dr[static_cast<Eigen::Index>(i)];
+  }
+  return aim;
+}
+
+// Does the planned segment keep to the acceleration for catching up (or to the present one, where that is
+// higher)?
+bool Reference::gentle(std::size_t samples) const {
+  if (spec_.quantity != Quantity::pose && spec_.quantity != Quantity::joints) return true;
+  QuinticSegment::Sample s;
+  for (std::size_t k = 1; k < samples; ++k) {
+    segment_.evaluate(segment_.duration() * static_cast<double>(k) / static_cast<double>(samples), s);
+    for (std::size_t i = 0; i < coordinates(); ++i) {
+      const bool linear = spec_.quantity == Quantity::pose && i < 3;
+      const double limit = linear ? kCatchUpAcceleration : kCatchUpAngularAcceleration;
+      if (std::abs(s.acceleration[i]) > std::max(limit, std::abs(now_.acceleration[i]))) return false;
+    }
+  }
+  return true;
+}
+
+// From the present motion to a rest, where constant deceleration would end.
+void Reference::plan_brake() {
+  rebase();
+  QuinticSegment::Values goal = now_.position;
+  for (std::size_t i = 0; i < coordinates(); ++i) goal[i] += 0.5 * kBrakingTime * now_.velocity[i];
+  segment_.plan(coordinates(), now_, goal, kBrakingTime);
+  moving_end_ = false;
+}
+
+}  // namespace multipanda
