@@ -16,7 +16,7 @@ import tempfile
 import unittest
 
 PROGRAM = None
-PATIENCE = 280  # [s]
+PATIENCE = 560  # [s]
 FIGURES = {"median", "mean", "deviation", "p1", "p25", "p75", "p95", "p99", "p999", "worst", "least", "count"}
 
 
