@@ -29,6 +29,7 @@ int serve(const std::string& address, const std::string& path) {
 
 // The numbers below are the same expressions in the Python side of the test.
 constexpr int kTorques = 120, kMotion = 200;
+constexpr double kPatience = 20;  // [s]; with arms that are another process, on a machine that may be full
 
 std::array<double, 7> torques(int k) {
   std::array<double, 7> tau{};
@@ -46,7 +47,7 @@ double velocity(int k) {
 // As the maker's library: the state that showed the motion's beginning is not answered, each later one is.
 void torque_cycles(ArmLink& link, int count, RobotCommand& command) {
   for (int k = 0; k < count; ++k) {
-    (void)link.next_state();
+    (void)link.next_state(kPatience);
     command.tau_J_d = torques(k);
     if (k + 1 < count) (void)link.send(command);
   }
@@ -67,16 +68,20 @@ template <class Fill>
 void motion(ArmLink& link, ArmController controller, MotionGenerator generator, Fill fill) {
   RobotCommand command;
   link.start_motion({.controller = controller, .generator = generator});
-  link.wait_until_running();
+  link.wait_until_running(kPatience);
   for (int k = 0; k <= kMotion; ++k) {
-    fill(command, link.next_state(), k);
+    fill(command, link.next_state(kPatience), k);
     if (k < kMotion) (void)link.send(command);
   }
   (void)link.finish(command);
 }
 
 void drive(const std::string& address, int version) {
-  ArmLink link({.name = "left", .address = address, .version = version});
+  ArmLink link({.name = "left",
+                .address = address,
+                .version = version,
+                .connect_timeout_s = kPatience,
+                .reply_timeout_s = kPatience});
   link.connect();
   if (version >= 10) {
     (void)link.robot_model();
@@ -108,14 +113,14 @@ void drive(const std::string& address, int version) {
   // Torques, finished as commanded.
   RobotCommand command;
   link.start_motion({});
-  link.wait_until_running();
+  link.wait_until_running(kPatience);
   torque_cycles(link, kTorques, command);
   (void)link.finish(command);
 
   // Torques, cut off.
   command = {};
   link.start_motion({});
-  link.wait_until_running();
+  link.wait_until_running(kPatience);
   torque_cycles(link, 30, command);
   (void)link.send(command);
   link.stop();
@@ -130,7 +135,7 @@ void drive(const std::string& address, int version) {
   // A torque that jumps, and the way back.
   command = {};
   link.start_motion({});
-  link.wait_until_running();
+  link.wait_until_running(kPatience);
   torque_cycles(link, 10, command);
   command.tau_J_d = {5, 0, 0, 0, 0, 0, 0};
   (void)link.send(command);
