@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <fstream>
 #include <mutex>
+#include <numbers>
 #include <thread>
 
 #include <fmt/format.h>
@@ -12,6 +13,7 @@
 #include "experiments/refine/excitation_run.hpp"
 #include "experiments/refine/refine_page.hpp"
 #include "experiments/refine/tool_offset.hpp"
+#include "experiments/refine/tool_place.hpp"
 #include "experiments/task_runs.hpp"
 #include "experiments/yaml_tree.hpp"
 #include "models/write_robot.hpp"
@@ -22,6 +24,9 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
+
+constexpr double kDegrees = 180 / std::numbers::pi;
+constexpr double kPlacing = 5;  // of the window, for tools that hold an object [s]
 
 const ExperimentVariant& chosen_variant(const Experiment& experiment, const std::string& name) {
   if (experiment.kind != "task" || experiment.variants.empty()) {
@@ -98,6 +103,7 @@ class Refinery {
       RefineRound done;
       done.arms = identify_all(round, data);
       if (has_surface() && !place_tools(round, real, done, result)) return stopped();
+      if (holds_object() && !place_held(round, real, done, result)) return stopped();
       runs.clear();
       for (std::size_t k = 1; k <= options_.repeats; ++k) {
         runs.push_back({fmt::format("refined_{}_{}", round, k), task_text(k, &done.arms), false});
@@ -125,14 +131,16 @@ class Refinery {
     return result;
   }
 
-  // The task's scene as it is run for the k-th time, with these models for the plants.
-  std::string task_text(std::size_t repeat, const std::vector<RefinedArm>* models = nullptr) const {
+  // The task's scene as it is run for the k-th time, with these models for the plants, perhaps ending before.
+  std::string task_text(std::size_t repeat, const std::vector<RefinedArm>* models = nullptr,
+                        std::optional<double> duration_s = {}) const {
     const TaskRun run{&variant_, options_.plant, repeat};
     if (models == nullptr) return task_scene_text(experiment_, run);
     YAML::Node root = YAML::Load(task_scene_text(experiment_, run));
     for (const auto& model : *models) {
       put(root, {.key = "arms." + model.arm + ".plant_model", .value = model.model.string(), .place = {}});
     }
+    if (duration_s) put(root, {.key = "duration_s", .value = fmt::format("{}", *duration_s), .place = {}});
     return yaml_text(root) + "\n";
   }
 
@@ -258,6 +266,70 @@ class Refinery {
       say(fmt::format("  {}: tool is off by {:.1f}, {:.1f}, {:.1f} mm in the flange", scene_.arms[i].name,
                       1e3 * (*d)[0], 1e3 * (*d)[1], 1e3 * (*d)[2]));
     }
+    return true;
+  }
+
+  bool holds_object() const { return experiment_.measure.contains("grasp"); }
+
+  // Of arms that hold an object between them: by many runs of the task, the tools a little elsewhere in each.
+  bool place_held(std::size_t round, const std::vector<std::vector<MeasuredLog>>& real, RefineRound& done,
+                  RefineResult& result) {
+    say(fmt::format("round {}: the tools' places, by simulations with each of them moved", round));
+    std::vector<MeasuredLog> first;
+    for (const auto& logs : real) first.push_back(logs.at(0));
+    const auto place_all = [&](const ToolPlaces& places, const std::string& suffix) {
+      std::vector<RefinedArm> arms = done.arms;
+      for (std::size_t i = 0; i < arms.size(); ++i) {
+        const RobotDescription robot = load_robot(arms[i].model.string());
+        arms[i].model.replace_filename(arms[i].model.stem().string() + suffix + ".yaml");
+        write_robot(with_tool_place(robot, scene_.arms[i], places[i]), priors_[i], arms[i].model);
+      }
+      return arms;
+    };
+    // Half the window tells as much of a tool as the whole, and the runs end with it.
+    AlignOptions options = compare_options_;
+    double duration = scene_.duration_s;
+    if (options.window_s) {
+      options.window_s->second = std::min(options.window_s->second, options.window_s->first + kPlacing);
+      duration = std::min(duration, options.window_s->second + 2 / options.low_pass_hz + 0.1);
+    }
+    bool whole = true;
+    std::size_t number = 0;
+    const PlaceRuns simulate = [&](const std::vector<ToolPlaces>& candidates) {
+      std::vector<ArmRun> runs;
+      std::vector<fs::path> files;
+      for (const auto& places : candidates) {
+        const std::string name = fmt::format("placing_{}_{}", round, ++number);
+        const auto arms = place_all(places, "_" + name);
+        runs.push_back({name, task_text(1, &arms, duration), false});
+        files.push_back(settings_.logs / (name + ".mcap"));
+        for (const auto& arm : arms) files.push_back(arm.model);
+      }
+      std::vector<std::vector<MeasuredLog>> logs;
+      whole = go(runs, result);
+      for (std::size_t k = 0; whole && k < runs.size(); ++k) {
+        std::vector<std::vector<MeasuredLog>> arms(scene_.arms.size());
+        read_into(settings_.logs / (runs[k].name + ".mcap"), arms);
+        logs.emplace_back();
+        for (auto& arm : arms) logs.back().push_back(std::move(arm.at(0)));
+      }
+      for (const auto& file : files) fs::remove(file);  // one by one they tell nobody anything
+      return logs;
+    };
+    const auto fit = fit_places(first, simulate, options);
+    if (!fit) return whole;
+    place_all(fit->places, "");
+    for (std::size_t i = 0; i < done.arms.size(); ++i) {
+      const Vector3 &d = fit->places[i].shift, &turn = fit->places[i].turn;
+      done.arms[i].found["tool_shift_m"] = {d[0], d[1], d[2]};
+      done.arms[i].found["tool_turn_rad"] = {turn[0], turn[1], turn[2]};
+      say(fmt::format(
+          "  {}: end effector is off by {:.1f}, {:.1f}, {:.1f} mm, turned by {:.2f}, {:.2f}, {:.2f} degrees",
+          scene_.arms[i].name, 1e3 * d[0], 1e3 * d[1], 1e3 * d[2], kDegrees * turn[0], kDegrees * turn[1],
+          kDegrees * turn[2]));
+    }
+    say(fmt::format("  weighted squares of what differs: {:.3g} before, {:.3g} after", fit->before,
+                    fit->after));
     return true;
   }
 

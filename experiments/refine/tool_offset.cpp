@@ -4,8 +4,8 @@
 #include <vector>
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 
+#include "experiments/refine/last_link.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda {
@@ -36,23 +36,6 @@ Matrix3 cross(const Vector3& v) {
   Matrix3 S;
   S << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
   return S;
-}
-
-// What is left of a whole in the link's frame when a part is taken away: a part of negative mass is added.
-RigidBody without(const RigidBody& whole, const RigidBody& part) {
-  return merged(whole, {-part.mass, part.com, -part.inertia});
-}
-
-// Identified links often stand at the edge of what is physical: the least change of inertia that brings one
-// back, mass and centre as they are. Sigma = tr(I)/2 1 - I is the second moment of mass.
-RigidBody nearest_physical(const RigidBody& body) {
-  if (is_physical(body)) return body;
-  constexpr double kThinnest = 1e-3;  // spread of the mass along the thinnest direction [m]
-  const Eigen::SelfAdjointEigenSolver<Matrix3> solver(0.5 * body.inertia.trace() * Matrix3::Identity() -
-                                                      body.inertia);
-  const Vector3 moments = solver.eigenvalues().cwiseMax(body.mass * kThinnest * kThinnest);
-  const Matrix3 sigma = solver.eigenvectors() * moments.asDiagonal() * solver.eigenvectors().transpose();
-  return {body.mass, body.com, sigma.trace() * Matrix3::Identity() - sigma};
 }
 
 }  // namespace
@@ -119,19 +102,9 @@ double surface_compliance(const Scene& scene) {
 }
 
 RobotDescription with_tool_offset(const RobotDescription& robot, const SceneArm& arm, const Vector3& d) {
-  const Pose X_LF = robot.flange.pose();
-  Pose moved_flange = X_LF;
-  moved_flange.position += X_LF.rotation * d;
-  RigidBody last = robot.links.back();
-  const auto shift = [&](const RigidBody& body, const Pose& X_F) {
-    last = without(merged(last, moved(body, X_LF * X_F)), moved(body, moved_flange * X_F));
-  };
-  if (arm.hand && robot.hand) shift(rigid_hand(*robot.hand), robot.hand->mount.pose());
-  if (arm.tool.mass > 0) shift({arm.tool.mass, arm.tool.p_FC, arm.tool.inertia_C}, {});
-  RobotDescription result = robot;
-  if (last.mass > 0) result.links.back() = nearest_physical(last);
-  result.flange.position = moved_flange.position;
-  return result;
+  Pose X_LF = robot.flange.pose();
+  X_LF.position += X_LF.rotation * d;
+  return with_flange(robot, arm, X_LF);
 }
 
 }  // namespace multipanda

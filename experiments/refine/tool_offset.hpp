@@ -27,8 +27,7 @@ std::optional<Vector3> tool_offset(std::span<const MeasuredLog> real, std::span<
 // differ.
 double surface_compliance(const Scene& scene);
 
-// The robot with its flange moved by d (in the flange's frame); the mass of hand and `tool`, which move
-// along, is taken from the last link, so that the whole stays what it was, as nearly as a physical link can.
+// The robot with its flange moved by d (in the flange's frame), see last_link.hpp.
 RobotDescription with_tool_offset(const RobotDescription& robot, const SceneArm& arm, const Vector3& d);
 
 }  // namespace multipanda
