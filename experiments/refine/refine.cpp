@@ -318,6 +318,12 @@ class Refinery {
     };
     const auto fit = fit_places(first, simulate, options);
     if (!fit) return whole;
+    // The places fit this grasp; another one may be nearer without them.
+    for (const auto& arm : done.arms) {
+      fs::path believed = arm.model;
+      believed.replace_filename(arm.model.stem().string() + "_tools_as_believed.yaml");
+      fs::copy_file(arm.model, believed, fs::copy_options::overwrite_existing);
+    }
     place_all(fit->places, "");
     for (std::size_t i = 0; i < done.arms.size(); ++i) {
       const Vector3 &d = fit->places[i].shift, &turn = fit->places[i].turn;

@@ -43,7 +43,9 @@ struct PlaceFit {
 // one moved by 2 mm or 1 degree; up to three steps with these slopes, each only kept if the cost of its own
 // run is less. What logs do not tell stays where the second sum is least: a turn about the line of force is
 // 0, and of a sum or difference of two arms' shifts each gets an equal share (least norm), which need not be
-// the truth. One log per arm; none: the logs lack a quantity, do not overlap, or `run` was stopped.
+// the truth. A grasp that is only held tells about half as many combinations as p has parts: the places
+// explain this grasp, and are not to be believed of another one. One log per arm; none: the logs lack a
+// quantity, do not overlap, or `run` was stopped.
 std::optional<PlaceFit> fit_places(std::span<const MeasuredLog> real, const PlaceRuns& run,
                                    const AlignOptions& options);
 
