@@ -8,6 +8,8 @@
 #include <fstream>
 #include <lifecycle_msgs/msg/state.hpp>
 #include <limits>
+#include <mutex>
+#include <rcl/time.h>
 #include <stdexcept>
 #include <unistd.h>
 
@@ -33,13 +35,13 @@ bool is_number(const Interface& interface) {
   }
 }
 
-// Which clock the manager's own loop uses; the newer lines have one apart.
+// The clock of the manager's own loop; the newer lines have one apart.
 template <class Manager>
-rcl_clock_type_t loop_clock(Manager& manager) {
+rclcpp::Clock::SharedPtr loop_clock(Manager& manager) {
   if constexpr (requires { manager.get_trigger_clock(); }) {
-    return manager.get_trigger_clock()->get_clock_type();
+    return manager.get_trigger_clock();
   } else {
-    return manager.get_clock()->get_clock_type();
+    return manager.get_clock();
   }
 }
 
@@ -79,12 +81,14 @@ ManagedRobot::ManagedRobot(const std::string& urdf, const std::string& parameter
   executor_ = std::make_shared<rclcpp::executors::MultiThreadedExecutor>();
   rclcpp::NodeOptions options = controller_manager::get_cm_node_options();
   options.arguments({"--ros-args", "--params-file", parameter_file_});
+  options.append_parameter_override("use_sim_time", true);  // which set_clock() sets
   manager_ = std::make_shared<controller_manager::ControllerManager>(executor_, urdf, true,
                                                                      "controller_manager", "", options);
   user_ = std::make_shared<rclcpp::Node>("user");
   executor_->add_node(manager_);
   executor_->add_node(user_);
-  time_ = rclcpp::Time(std::int64_t{1'000'000'000}, loop_clock(*manager_));
+  time_ = rclcpp::Time(std::int64_t{1'000'000'000}, loop_clock(*manager_)->get_clock_type());
+  set_clock();
   probe_ = std::make_shared<Probe>();
   manager_->add_controller(probe_, "probe", "probe");
   manager_->configure_controller("probe");
@@ -111,12 +115,20 @@ ManagedRobot::~ManagedRobot() {
   std::filesystem::remove(parameter_file_);
 }
 
+void ManagedRobot::set_clock() {
+  const auto clock = loop_clock(*manager_);
+  const std::lock_guard lock(clock->get_clock_mutex());
+  if (rcl_set_ros_time_override(clock->get_clock_handle(), time_.nanoseconds()) != RCL_RET_OK)
+    throw std::runtime_error("the manager's clock cannot be set");
+}
+
 void ManagedRobot::cycle() {
   const auto period = rclcpp::Duration::from_nanoseconds(1'000'000);
   time_ = time_ + period;
+  set_clock();
   manager_->read(time_, period);
   if (fresh_) {
-    const auto patience = std::chrono::steady_clock::now() + std::chrono::milliseconds(20);
+    const auto patience = std::chrono::steady_clock::now() + std::chrono::milliseconds(500);
     while (!fresh_() && std::chrono::steady_clock::now() < patience) {
       std::this_thread::yield();
       manager_->read(time_, period);

@@ -42,7 +42,7 @@ class ManagedRobot {
   ~ManagedRobot();
 
   // For hardware with a clock of its own: every cycle reads until `fresh`, which says whether there is
-  // something new. Gives up after 20 ms, since arms may be silent.
+  // something new. Gives up after 0.5 s, since arms may be silent.
   void pace(std::function<bool()> fresh) { fresh_ = std::move(fresh); }
   void cycles(int count);
   // Goes through cycles until `done` or the limit; false: the limit.
@@ -78,6 +78,8 @@ class ManagedRobot {
   static constexpr int kPatience = 2'000'000;  // cycles; whoever answers needs a few
 
   void cycle();
+  // Controllers are told what time has passed by the manager's clock, not by whoever calls its update().
+  void set_clock();
 
   std::string parameter_file_;
   std::function<bool()> fresh_;

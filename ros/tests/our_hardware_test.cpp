@@ -167,6 +167,41 @@ TEST_P(OurHardware, ForwardControllerDrivesTheOtherArm) {
   EXPECT_EQ(managed().state_of("multimode_left"), "active");
 }
 
+// Velocities of joints, then of the end effector; small enough to begin with a step (5 rad/s^2, 1 m/s^2).
+TEST_P(OurHardware, VelocitiesDriveAnArm) {
+  begin();
+  ASSERT_TRUE(managed().load("turn_right"));
+  ASSERT_TRUE(managed().load("shift_right"));
+  ASSERT_TRUE(managed().switch_to({"turn_right"}));
+  wait_for_motion({"right"});
+  managed().cycles(600);  // let in
+  std_msgs::msg::Float64MultiArray speeds;
+  speeds.data = {0, 0, 0, 0, 0, 0, 0.005};
+  const double joint7 = robot_->q("right", 7), joint1 = robot_->q("right", 1);
+  const auto turning = robot_->send("/turn_right/commands", speeds);
+  EXPECT_TRUE(managed().cycles_until([&] { return robot_->q("right", 7) > joint7 + 0.002; }, 20'000));
+  const double begun = robot_->q("right", 7);
+  managed().cycles(2000);
+  EXPECT_NEAR(robot_->q("right", 7) - begun, 2 * 0.005, 2e-4);
+  EXPECT_NEAR(robot_->q("right", 1), joint1, 1e-3);
+
+  // An arm is driven by one kind of command at a time.
+  EXPECT_FALSE(managed().switch_to({"shift_right"}));
+  ASSERT_TRUE(managed().switch_to({"shift_right"}, {"turn_right"}));
+  wait_for_motion({"right"});
+  managed().cycles(600);
+  const std::string x = "right_ee_cartesian_position/12", y = "right_ee_cartesian_position/13";
+  const double x_begin = managed().value(x), y_begin = managed().value(y);
+  speeds.data = {0.001, 0, 0, 0, 0, 0};
+  const auto shifting = robot_->send("/shift_right/commands", speeds);
+  EXPECT_TRUE(managed().cycles_until([&] { return managed().value(x) > x_begin + 0.0005; }, 20'000));
+  const double x_begun = managed().value(x);
+  managed().cycles(2000);
+  EXPECT_NEAR(managed().value(x) - x_begun, 2 * 0.001, 5e-5);
+  EXPECT_NEAR(managed().value(y), y_begin, 2e-4);
+  EXPECT_EQ(managed().failed_updates(), 0);
+}
+
 // A controller of a user's own, which sees an arm through the semantic components.
 class Onlooker : public controller_interface::ControllerInterface {
  public:
@@ -308,6 +343,38 @@ TEST_P(OurHardware, OneArmsFaultIsItsOwn) {
   EXPECT_LT(robot_->distance("left", left), 2e-3);
 }
 
+// Nobody answers any more, at any of the addresses: the component is in error, its controllers end. Once
+// somebody does, it is configured and activated again.
+class VirtualHardware : public OurHardware {};
+
+TEST_P(VirtualHardware, AComponentWithoutArmsIsInErrorAndComesBack) {
+  begin();
+  ASSERT_TRUE(managed().load("multimode"));
+  ASSERT_TRUE(managed().switch_to({"multimode"}));
+  wait_for_motion();
+  managed().pace({});
+  seen_.clear();
+  const auto addresses = arms_->addresses();
+  arms_.reset();
+  for (int i = 0; i < 200 && managed().hardware_state("arms") == "active"; ++i) managed().cycles(10);
+  EXPECT_EQ(managed().hardware_state("arms"), "unconfigured");
+  EXPECT_NE(managed().state_of("multimode"), "active");
+  EXPECT_FALSE(managed().set_hardware_state("arms", "active"));  // nobody is there yet
+
+  arms_ = std::make_unique<VirtualArms>(kArms, addresses);
+  ASSERT_TRUE(managed().set_hardware_state("arms", "inactive"));
+  ASSERT_TRUE(managed().set_hardware_state("arms", "active"));
+  ASSERT_TRUE(managed().switch_to({"probe", "multimode"}));
+  managed().cycles(5);
+  pace_by_packets();
+  wait_for_motion();
+  const auto left = robot_->where("left");
+  managed().cycles(300);
+  EXPECT_LT(robot_->distance("left", left), 2e-3);
+  EXPECT_EQ(managed().value("left/mode"), kMove);
+}
+
+INSTANTIATE_TEST_SUITE_P(Fci, VirtualHardware, testing::Values(Plant{"fci", true}));
 INSTANTIATE_TEST_SUITE_P(All, OurHardware, testing::Values(Plant{"mujoco", false}, Plant{"fci", true}),
                          [](const auto& info) { return std::string(info.param.name); });
 

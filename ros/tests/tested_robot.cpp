@@ -17,6 +17,8 @@ controller_manager:
     multimode_right: {type: multipanda_controller/MultimodeController}
     joint_states: {type: joint_state_broadcaster/JointStateBroadcaster}
     forward_right: {type: forward_command_controller/ForwardCommandController}
+    turn_right: {type: forward_command_controller/ForwardCommandController}
+    shift_right: {type: forward_command_controller/MultiInterfaceForwardCommandController}
     trajectory_left: {type: joint_trajectory_controller/JointTrajectoryController}
     trajectory_right: {type: joint_trajectory_controller/JointTrajectoryController}
 multimode:
@@ -44,6 +46,14 @@ forward_right:
   ros__parameters:
     joints: [right_joint1, right_joint2, right_joint3, right_joint4, right_joint5, right_joint6, right_joint7]
     interface_name: effort
+turn_right:
+  ros__parameters:
+    joints: [right_joint1, right_joint2, right_joint3, right_joint4, right_joint5, right_joint6, right_joint7]
+    interface_name: velocity
+shift_right:
+  ros__parameters:
+    joint: right_ee_cartesian_velocity
+    interface_names: [tx, ty, tz, omega_x, omega_y, omega_z]
 trajectory_left:
   ros__parameters:
     joints: [left_joint1, left_joint2, left_joint3, left_joint4, left_joint5, left_joint6, left_joint7]

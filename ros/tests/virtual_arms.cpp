@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <sys/wait.h>
 #include <unistd.h>
+#include <utility>
 
 namespace multipanda::ros2_control_tests {
 namespace {
@@ -31,7 +32,8 @@ std::string program() {
   return path != nullptr && std::filesystem::exists(path) ? path : "";
 }
 
-VirtualArms::VirtualArms(const std::vector<std::string>& names) {
+VirtualArms::VirtualArms(const std::vector<std::string>& names, std::vector<std::string> addresses)
+    : addresses_(std::move(addresses)) {
   std::string pattern = (std::filesystem::temp_directory_path() / "virtual_arms_XXXXXX.yaml").string();
   const int file = mkstemps(pattern.data(), 5);
   if (file < 0) throw std::runtime_error("no temporary file at " + pattern);
@@ -43,8 +45,8 @@ VirtualArms::VirtualArms(const std::vector<std::string>& names) {
   for (std::size_t i = 0; i < names.size(); ++i) {
     scene << "  - {name: " << names[i] << ", model: fer, base: {position_m: [0, "
           << 0.6 * static_cast<double>(i) << ", 0]}}\n";
-    addresses_.push_back(free_address(i));
-    words.insert(words.end(), {"--bind", names[i] + "=" + addresses_.back()});
+    if (addresses_.size() <= i) addresses_.push_back(free_address(i));
+    words.insert(words.end(), {"--bind", names[i] + "=" + addresses_[i]});
   }
   scene.close();
 

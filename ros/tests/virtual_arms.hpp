@@ -10,7 +10,8 @@ namespace multipanda::ros2_control_tests {
 // Throws std::runtime_error if it does not start.
 class VirtualArms {
  public:
-  explicit VirtualArms(const std::vector<std::string>& names);
+  // `addresses`: where others have been before; empty: free ones.
+  explicit VirtualArms(const std::vector<std::string>& names, std::vector<std::string> addresses = {});
   ~VirtualArms();
   VirtualArms(const VirtualArms&) = delete;
   const std::vector<std::string>& addresses() const { return addresses_; }
