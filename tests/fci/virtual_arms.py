@@ -11,9 +11,10 @@ HERE = pathlib.Path(__file__).resolve().parent
 
 
 def free_address(number):
-    """A loopback address of this process alone: the library knows only the arm's own ports."""
+    """A loopback address of this process alone, which has a network of its own: the library knows only the arm's own ports."""
+    assert number < 254
     pid = os.getpid()
-    return f"127.{20 + pid // 65536 % 100}.{pid // 256 % 256}.{(pid + number * 61) % 254 + 1}"
+    return f"127.{20 + pid // 256 % 40}.{pid % 256}.{number + 1}"
 
 
 class VirtualArms:
