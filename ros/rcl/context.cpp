@@ -1,12 +1,14 @@
 #include "ros/rcl/context.hpp"
 
 #include <cstdlib>
+#include <filesystem>
 #include <rcl/domain_id.h>
 #include <rcl/init.h>
 #if __has_include(<rcl/version.h>)
 #include <rcl/version.h>
 #endif
 #include <string_view>
+#include <system_error>
 
 #include "ros/rcl/error.hpp"
 
@@ -40,9 +42,21 @@ bool publish_in_background() {
   return true;
 }
 
+bool ask_for_no_types() {
+  for (const char* name : {"FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"}) {
+    const char* value = std::getenv(name);
+    if (value != nullptr && !std::string_view(value).empty()) return false;
+  }
+  std::error_code ignored;
+  if (!std::filesystem::exists(MULTIPANDA_FASTDDS_PROFILE, ignored)) return false;
+  setenv("FASTDDS_DEFAULT_PROFILES_FILE", MULTIPANDA_FASTDDS_PROFILE, 1);
+  return true;
+}
+
 Context::Context(std::vector<std::string> arguments) : context_(rcl_get_zero_initialized_context()) {
   keep_to_this_machine();
   publish_in_background();
+  ask_for_no_types();
   arguments.insert(arguments.begin(), "multipanda");  // the program's name, as argv has it
   std::vector<const char*> words;
   for (const auto& argument : arguments) words.push_back(argument.c_str());

@@ -20,11 +20,18 @@ bool keep_to_this_machine();
 // RMW_FASTRTPS_PUBLICATION_MODE says otherwise. True where it was not set.
 bool publish_in_background();
 
+// Fast DDS looks up types at other participants, which ROS 2 does not need, and a program that ends meanwhile
+// may crash in it: seen on short-lived nodes beside a busy run. So FASTDDS_DEFAULT_PROFILES_FILE names a
+// profile without that (fastdds_profile.xml), unless it or FASTRTPS_DEFAULT_PROFILES_FILE is set. True where
+// it was not set. After keep_to_this_machine(), which takes that variable for the user's word.
+bool ask_for_no_types();
+
 // ROS as one program uses it (rcl_init to rcl_shutdown). Outlives all that is made of it.
 class Context {
  public:
-  // Keeps to this machine and publishes in the background unless the environment says otherwise. `arguments`
-  // as on a command line, without the program's name: {"--ros-args", "-r", "a:=b"}. Throws RclError.
+  // Keeps to this machine, publishes in the background and asks for no types, unless the environment says
+  // otherwise. `arguments` as on a command line, without the program's name: {"--ros-args", "-r", "a:=b"}.
+  // Throws RclError.
   explicit Context(std::vector<std::string> arguments = {});
   ~Context();
   Context(const Context&) = delete;

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstdlib>
+#include <fstream>
 #include <memory>
 #include <multipanda_msgs/action/move.hpp>
 #include <rcl_interfaces/srv/get_parameters.hpp>
@@ -106,6 +107,24 @@ TEST(Environment, WritersDoNotWaitForTheirReadersUnlessToldTo) {
   EXPECT_FALSE(publish_in_background());
   EXPECT_STREQ(std::getenv(kMode), "SYNCHRONOUS");
   unsetenv(kMode);
+}
+
+TEST(Environment, NoTypesAreLookedUpUnlessAProfileIsNamed) {
+  constexpr const char* kProfile = "FASTDDS_DEFAULT_PROFILES_FILE";
+  constexpr const char* kOlder = "FASTRTPS_DEFAULT_PROFILES_FILE";
+  unsetenv(kProfile);
+  EXPECT_TRUE(ask_for_no_types());
+  std::ifstream file(std::getenv(kProfile));
+  const std::string profile(std::istreambuf_iterator<char>(file), {});
+  EXPECT_THAT(profile, HasSubstr("<name>fastdds.type_propagation</name><value>disabled</value>"));
+  setenv(kProfile, "as the user said", 1);
+  EXPECT_FALSE(ask_for_no_types());
+  EXPECT_STREQ(std::getenv(kProfile), "as the user said");
+  unsetenv(kProfile);
+  setenv(kOlder, "as the user said", 1);
+  EXPECT_FALSE(ask_for_no_types());
+  EXPECT_EQ(std::getenv(kProfile), nullptr);
+  unsetenv(kOlder);
 }
 
 TEST(Qualities, AreSaid) {
