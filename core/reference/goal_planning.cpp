@@ -77,15 +77,9 @@ void Reference::plan_rest(const QuinticSegment::Values& goal, double duration_s,
 
 // The planned segment's highest speed over the allowed one (or the present one, where that is higher).
 double Reference::peak_excess(std::size_t samples) const {
-  const bool pose = spec_.quantity == Quantity::pose;
-  const auto speeds = [&](const QuinticSegment::Sample& s) -> std::pair<double, double> {
-    if (pose) {
-      return {Vector3(s.velocity[0], s.velocity[1], s.velocity[2]).norm() / spec_.max_speed,
-              rotation_of(s.velocity).norm() / spec_.max_angular_speed};
-    }
-    double fastest = 0;
-    for (std::size_t i = 0; i < size_; ++i) fastest = std::max(fastest, std::abs(s.velocity[i]));
-    return {fastest / spec_.max_speed, 0};
+  const auto speeds = [&](const QuinticSegment::Sample& s) -> Magnitude {
+    const Magnitude speed = magnitude(s.velocity);
+    return {speed.linear / spec_.max_speed, speed.angular / spec_.max_angular_speed};
   };
   const auto [linear_now, angular_now] = speeds(now_);
   const double linear_limit = 1.001 * std::max(1.0, linear_now);
