@@ -1,5 +1,5 @@
-// One contract for every backend (core/cycle/backend.hpp): MuJoCo, Pinocchio and a replayed log must not be
-// told apart by a loop that keeps to it.
+// One contract for every backend (core/cycle/backend.hpp): a loop that respects it cannot distinguish MuJoCo,
+// Pinocchio and a replayed log.
 #include <filesystem>
 #include <functional>
 #include <memory>
@@ -14,7 +14,7 @@
 #include "logs/recorder.hpp"
 #include "scene/build.hpp"
 
-namespace multipanda {
+namespace multipanda::contract_test {
 namespace {
 
 // Two different arms, bases off the origin and rotated, too far apart to touch.
@@ -38,9 +38,9 @@ Scene two_arms() {
 
 constexpr int kCycles = 300;
 
-// Smooth torques that ask for some 3 rad/s^2 of every joint alone, whatever its inertia (joint 7 of an FR3
-// without a hand has 6e-5 kg m^2), growing from nothing as the arm's torque rate demands, the same for
-// everyone: the commands of one cycle.
+// The commands of one cycle: smooth torques that accelerate each joint alone by about 3 rad/s^2, whatever its
+// inertia (joint 7 of an FR3 without a hand has 6e-5 kg m^2). They grow from zero within the arm's torque
+// rate and are the same for every backend.
 std::vector<ArmCommand> commands_at(const Scene& scene, int cycle) {
   static const std::vector<JointVector> amplitude = [&] {
     std::vector<JointVector> all;
@@ -82,7 +82,7 @@ std::filesystem::path recorded_run(const Scene& scene) {
   return log;
 }
 
-struct Maker {
+struct Factory {
   const char* name;
   bool replay;
   std::unique_ptr<Backend> (*make)(const Scene&);
@@ -98,7 +98,7 @@ std::unique_ptr<Backend> make_replay(const Scene& scene) {
   return std::make_unique<ReplayBackend>(log, arms);
 }
 
-const Maker kMakers[] = {
+const Factory kFactories[] = {
     {"mujoco", false,
      [](const Scene& s) -> std::unique_ptr<Backend> {
        return std::make_unique<MujocoBackend>(s, MujocoOptions{.pace = Pace::unpaced});
@@ -107,7 +107,7 @@ const Maker kMakers[] = {
      [](const Scene& s) -> std::unique_ptr<Backend> { return std::make_unique<PinocchioBackend>(s); }},
     {"replay", true, make_replay}};
 
-class Contract : public testing::TestWithParam<Maker> {
+class Contract : public testing::TestWithParam<Factory> {
  protected:
   Scene scene_ = two_arms();
   std::unique_ptr<Backend> backend_ = GetParam().make(scene_);
@@ -122,7 +122,7 @@ class Contract : public testing::TestWithParam<Maker> {
   void write(int cycle) { backend_->write(ArmSet::all(2), commands_at(scene_, cycle)); }
 };
 
-TEST_P(Contract, StatesAreWholeAndTimeGoesOnByTheArmsPeriod) {
+TEST_P(Contract, StatesAreCompleteAndTimeAdvancesByTheArmsPeriod) {
   ASSERT_EQ(backend_->arm_count(), 2u);
   backend_->start();
   std::uint64_t sequence[2] = {};
@@ -162,7 +162,7 @@ TEST_P(Contract, ReadTouchesOnlyTheArmsDue) {
   backend_->finish();
 }
 
-TEST_P(Contract, AnArmReportsTheTorqueItWasGivenAndCarriesItself) {
+TEST_P(Contract, AnArmReportsItsCommandedTorqueAndCompensatesGravity) {
   if (GetParam().replay) GTEST_SKIP() << "a recording does not react";
   backend_->start();
   JointVector q_0[2];
@@ -201,7 +201,7 @@ TEST_P(Contract, TheSameCommandsGiveTheSameStates) {
   other->finish();
 }
 
-TEST_P(Contract, ACommandThatIsNoTorqueNeverReachesTheMotors) {
+TEST_P(Contract, AnInvalidCommandNeverReachesTheMotors) {
   if (GetParam().replay) GTEST_SKIP() << "a recording does not react";
   backend_->start();
   for (int k = 0; k < 100; ++k) {
@@ -231,19 +231,19 @@ TEST_P(Contract, RequestsAreAnsweredWithReasons) {
   }
   backend_->finish();
   for (auto* answer : {&unknown_arm, &nonsense, &never_taken}) {
-    const ArmAnswer a = answer->get();
+    const RequestAnswer a = answer->get();
     EXPECT_FALSE(a.success);
     EXPECT_GT(a.reason.size(), 10u);
   }
-  const ArmAnswer a = load.get();
+  const RequestAnswer a = load.get();
   EXPECT_EQ(a.success, !GetParam().replay) << a.reason;
   if (!GetParam().replay) {
     EXPECT_EQ(states_[0].load.mass, 0.5);
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Backends, Contract, testing::ValuesIn(kMakers),
-                         [](const auto& maker) { return std::string(maker.param.name); });
+INSTANTIATE_TEST_SUITE_P(Backends, Contract, testing::ValuesIn(kFactories),
+                         [](const auto& backend) { return std::string(backend.param.name); });
 
 TEST(Replay, EndsWithTheRecordingAndGivesBackItsCommands) {
   Scene scene = two_arms();
@@ -259,7 +259,7 @@ TEST(Replay, EndsWithTheRecordingAndGivesBackItsCommands) {
   EXPECT_TRUE(replay.wait().empty());
 }
 
-// Two integrators of different kind (semi-implicit Euler, Runge-Kutta) on two engines: their distance is the
+// Two different integrators (semi-implicit Euler, Runge-Kutta) on two engines: their difference is the
 // integration error, which halves with the step. So the equations are the same.
 TEST(CrossCheck, MujocoApproachesPinocchioAtFirstOrder) {
   const auto final_state = [](auto&& backend, const Scene& scene) {
@@ -291,4 +291,4 @@ TEST(CrossCheck, MujocoApproachesPinocchioAtFirstOrder) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::contract_test

@@ -71,7 +71,7 @@ Case dual_case(const Arms& arms, const Registry& registry) {
       }
     }
     if (!(worst <= kTolerance)) {
-      throw std::runtime_error("the bare two-arm maths and the controllet give different torques");
+      throw std::runtime_error("the bare two-arm math and the controllet give different torques");
     }
   };
   check();
@@ -110,13 +110,13 @@ Case mujoco_case(std::size_t count, const Registry& registry, const std::string&
 
 }  // namespace
 
-std::vector<Case> bare_cases(const Arms& arms, const Registry& registry, const Filter& wanted) {
+std::vector<Case> bare_cases(const Arms& arms, const Registry& registry, const Filter& selected) {
   std::vector<Case> cases;
-  if (wanted("limits_us/pinocchio_terms")) cases.push_back(pinocchio_case(arms));
-  if (wanted("limits_us/dual_cartesian_impedance")) cases.push_back(dual_case(arms, registry));
+  if (selected("limits_us/pinocchio_terms")) cases.push_back(pinocchio_case(arms));
+  if (selected("limits_us/dual_cartesian_impedance")) cases.push_back(dual_case(arms, registry));
   for (const std::size_t count : kArmCounts) {
     const std::string name = fmt::format("limits_us/mj_step/{}", count);
-    if (wanted(name)) cases.push_back(mujoco_case(count, registry, name));
+    if (selected(name)) cases.push_back(mujoco_case(count, registry, name));
   }
   return cases;
 }

@@ -19,18 +19,19 @@ namespace {
 using Matrix67 = Eigen::Matrix<double, 6, 7>;
 using Matrix76 = Eigen::Matrix<double, 7, 6>;
 using Matrix7 = Eigen::Matrix<double, 7, 7>;
+using VectorRef = Eigen::Ref<const Eigen::VectorXd>;  // for which Pinocchio's library contains crba()
 
 pinocchio::Model build(const ArmModel& arm) {
   pinocchio::Model model;
   pinocchio::urdf::buildModelFromXML(arm.urdf(), model);
-  if (model.nv != 7) throw std::invalid_argument("the bare maths is written for seven joints");
+  if (model.nv != 7) throw std::invalid_argument("the bare math is written for seven joints");
   model.jointPlacements[1] =
       pinocchio::SE3(arm.X_WB().rotation, arm.X_WB().position) * model.jointPlacements[1];
   model.gravity.linear() = Vector3(0, 0, -9.81);
   return model;
 }
 
-// By the quaternion, shortest way.
+// From the quaternion, the shorter rotation.
 Vector3 rotation_vector(const Matrix3& R) {
   Quaternion q(R);
   if (q.w() < 0) q.coeffs() = -q.coeffs();
@@ -64,14 +65,14 @@ void BarePinocchioTerms::compute(const Vector7& q, const Vector7& dq) {
   pinocchio::computeJointJacobians(r.model, r.data, r.q);
   pinocchio::updateFramePlacement(r.model, r.data, r.flange);
   pinocchio::getFrameJacobian(r.model, r.data, r.flange, pinocchio::LOCAL_WORLD_ALIGNED, r.J);
-  pinocchio::crba(r.model, r.data, r.q, pinocchio::Convention::WORLD);
+  pinocchio::crba(r.model, r.data, VectorRef(r.q), pinocchio::Convention::WORLD);
   pinocchio::nonLinearEffects(r.model, r.data, r.q, r.dq);
   pinocchio::computeGeneralizedGravity(r.model, r.data, r.q);
 }
 
 struct BareDualImpedance::Robot {
   explicit Robot(const ArmModel& arm) : model(build(arm)), data(model), q(7), dq(7) {
-    model.gravity.setZero();  // nonLinearEffects is C dq then: gravity is the arm's own business
+    model.gravity.setZero();  // so that nonLinearEffects is C dq; the arm compensates gravity
     const auto flange = model.getFrameId("flange");
     last_joint = model.frames[flange].parentJoint;
     X_JF = model.frames[flange].placement;
@@ -89,7 +90,7 @@ void BareDualImpedance::Robot::torque(const Input& in, const Pose& X_FE, const G
   // Pinocchio: M, and with it the joints' poses and Jacobian; C dq.
   q = in.q;
   dq = in.dq;
-  pinocchio::crba(model, data, q, pinocchio::Convention::WORLD);
+  pinocchio::crba(model, data, VectorRef(q), pinocchio::Convention::WORLD);
   Matrix7 M = data.M;
   M.triangularView<Eigen::StrictlyLower>() = M.transpose();
   const pinocchio::SE3 X_WF = data.oMi[last_joint] * X_JF;
@@ -140,9 +141,9 @@ void BareDualImpedance::Robot::torque(const Input& in, const Pose& X_FE, const G
   const Vector6 F = K.diagonal().cwiseProduct(error) + damping + Lambda * in.A_d;
   const Vector7 D_N = 2.0 * gains.damping_ratio * (gains.null_space_stiffness * M.diagonal()).cwiseSqrt();
   const Vector7 dq_null = in.dq - J_bar * V;
-  const Vector7 wanted = gains.null_space_stiffness * (in.q_N - in.q) - D_N.cwiseProduct(dq_null);
-  const Vector6 F_null = J_bar.transpose() * wanted;
-  tau = J.transpose() * (F - F_null) + wanted + c;
+  const Vector7 tau_null = gains.null_space_stiffness * (in.q_N - in.q) - D_N.cwiseProduct(dq_null);
+  const Vector6 F_null = J_bar.transpose() * tau_null;
+  tau = J.transpose() * (F - F_null) + tau_null + c;
 }
 
 BareDualImpedance::BareDualImpedance(const ArmModel& first, const ArmModel& second, const Pose& X_FE,

@@ -6,8 +6,8 @@
 #include "core/model/arm_model.hpp"
 #include "core/types/spatial.hpp"
 
-// The yardstick: what the libraries alone cost, called straight, for seven joints, without anything of the
-// framework but its plain data.
+// The reference: the cost of the libraries alone for seven joints, without the framework except for its plain
+// data structures.
 namespace multipanda::bench {
 
 using Vector7 = Eigen::Matrix<double, 7, 1>;
@@ -24,10 +24,9 @@ class BarePinocchioTerms {
   std::unique_ptr<Robot> robot_;
 };
 
-// Two Cartesian impedances, as one would write them by hand for two seven-joint arms: straight line, fixed
-// sizes. The law of docs/controllets/cartesian_impedance.md at its default choices, far from singular poses
-// (no floor under the mobility), rotational stiffness alike about all axes, rotation errors below 150
-// degrees.
+// Two Cartesian impedances, written directly for two seven-joint arms with fixed sizes: the law of
+// docs/controllets/cartesian_impedance.md with its defaults, far from singular poses (no floor under the
+// mobility), equal rotational stiffness about all axes, rotation errors below 150 degrees.
 class BareDualImpedance {
  public:
   struct Gains {

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""The benchmark program: its JSON is whole and consistent, its other outputs and refusals are as documented.
+"""The benchmark program: its JSON is complete and consistent, and its other outputs and refusals are as documented.
 
-No time is judged here: that depends on the machine and on what else it does.
+Times are not judged here: they depend on the machine and its load.
 """
 
 import json
@@ -38,17 +38,24 @@ class Json(unittest.TestCase):
         expected |= {f"{law}+joint_limits/2" for law in DUAL}
         self.assertLessEqual(expected, set(self.results["cycle_us"]))
         ros = self.results["machine"].get("ros") != "not built"
-        self.assertEqual(set(self.results["switch_ms"]), {"controllet", "feature"} | ({"ros_service"} if ros else set()))
-        self.assertEqual(set(self.results["ros_us"]),
-                         {"adapter_in_loop", "cycle_with_adapter", "cycle_without"} if ros else set())
+        self.assertEqual(
+            set(self.results["switch_ms"]), {"controllet", "feature"} | ({"ros_service"} if ros else set())
+        )
+        self.assertEqual(
+            set(self.results["ros_us"]), {"adapter_in_loop", "cycle_with_adapter", "cycle_without"} if ros else set()
+        )
         self.assertEqual(set(self.results["realtime_factor"]), set(ARMS) | {"2+features"})
         acting = {"collision_avoidance", "joint_limits", "manipulability", "all"}
         self.assertLessEqual(acting | {"none"}, set(self.results["features_us"]))
         self.assertLessEqual(acting, set(self.results["feature_adds_us"]))
-        self.assertEqual(set(self.results["limits_us"]),
-                         {"pinocchio_terms", "dual_cartesian_impedance"} | {f"mj_step/{n}" for n in ARMS})
-        self.assertLessEqual({"cpu", "cores", "kernel", "governor", "real_time_kernel", "compiler", "build_type"},
-                             set(self.results["machine"]))
+        self.assertEqual(
+            set(self.results["limits_us"]),
+            {"pinocchio_terms", "dual_cartesian_impedance"} | {f"mj_step/{n}" for n in ARMS},
+        )
+        self.assertLessEqual(
+            {"cpu", "cores", "kernel", "governor", "real_time_kernel", "compiler", "build_type"},
+            set(self.results["machine"]),
+        )
 
     def test_figures_are_ordered_and_positive(self):
         for section in ("cycle_us", "features_us", "switch_ms", "ros_us", "limits_us"):
@@ -63,14 +70,14 @@ class Json(unittest.TestCase):
     def test_ratios_follow_from_the_figures(self):
         cycle, limits = self.results["cycle_us"], self.results["limits_us"]
         expected = cycle["dual_cartesian_impedance/2"]["median"] / limits["dual_cartesian_impedance"]["median"]
-        self.assertAlmostEqual(self.results["ratios"]["dual_cartesian_impedance/2 to bare maths"], expected, 3)
+        self.assertAlmostEqual(self.results["ratios"]["dual_cartesian_impedance/2 to bare math"], expected, 3)
 
     def test_features_neither_allocate_nor_lock(self):
         for key, calls in self.results["loop_calls"].items():
             self.assertEqual(calls, {"heap": 0, "locks": 0}, key)
         self.assertIn("all", self.results["loop_calls"])
 
-    def test_the_number_of_samples_is_told(self):
+    def test_the_number_of_samples_is_reported(self):
         self.assertEqual(self.results["samples"], 20)
 
 
@@ -83,15 +90,22 @@ class Words(unittest.TestCase):
         self.assertNotIn("cartesian", answer.stdout)
 
     def test_google_benchmark_by_default(self):
-        answer = call("--filter", "^(model/M|cycle_us/hold/1|limits_us/pinocchio_terms)$", "--",
-                      "--benchmark_min_time=0.001")
+        answer = call(
+            "--filter", "^(model/M|cycle_us/hold/1|limits_us/pinocchio_terms)$", "--", "--benchmark_min_time=0.001"
+        )
         self.assertEqual(answer.returncode, 0, answer.stderr)
         for name in ("model/M", "cycle_us/hold/1", "limits_us/pinocchio_terms"):
             self.assertIn(name, answer.stdout)
 
-    def test_wrong_words_are_refused(self):
-        for words in (["--jsn"], ["--json", "--markdown"], ["--json", "--samples", "0"], ["--json", "--filter", "("],
-                      ["--json", "more"], ["--samples", "5"]):
+    def test_invalid_arguments_are_refused(self):
+        for words in (
+            ["--jsn"],
+            ["--json", "--markdown"],
+            ["--json", "--samples", "0"],
+            ["--json", "--filter", "("],
+            ["--json", "more"],
+            ["--samples", "5"],
+        ):
             answer = call(*words)
             self.assertEqual(answer.returncode, 2, (words, answer))
             self.assertEqual(answer.stdout, "", words)

@@ -14,19 +14,19 @@ Case cycle_case(const std::string& name, const Arms& arms, std::size_t count, co
 
 }  // namespace
 
-std::vector<Case> cycle_cases(const Arms& arms, const Registry& registry, const Filter& wanted) {
+std::vector<Case> cycle_cases(const Arms& arms, const Registry& registry, const Filter& selected) {
   std::vector<Case> cases;
   for (const auto& type : registry.controllets()) {
     const auto add = [&](std::size_t count, const std::vector<std::string>& features) {
-      if (count % type.statement.arms != 0) return;
+      if (count % type.descriptor.arms != 0) return;
       const std::string plus = features.empty() ? "" : "+" + features.front();
-      const std::string name = fmt::format("cycle_us/{}{}/{}", type.statement.type, plus, count);
-      if (wanted(name)) cases.push_back(cycle_case(name, arms, count, type, registry, features));
+      const std::string name = fmt::format("cycle_us/{}{}/{}", type.descriptor.type, plus, count);
+      if (selected(name)) cases.push_back(cycle_case(name, arms, count, type, registry, features));
     };
     for (const std::size_t count : kArmCounts) add(count, {});
     for (const auto& feature : registry.features()) {
-      add(1, {feature.statement.type});
-      add(2, {feature.statement.type});
+      add(1, {feature.descriptor.type});
+      add(2, {feature.descriptor.type});
     }
   }
   return cases;
@@ -34,7 +34,7 @@ std::vector<Case> cycle_cases(const Arms& arms, const Registry& registry, const 
 
 std::vector<RealtimeFactor> measure_realtime_factor(const Registry& registry, std::size_t chunks,
                                                     std::size_t cycles, double budget_s,
-                                                    const Filter& wanted) {
+                                                    const Filter& selected) {
   struct Run {
     std::string name;
     std::unique_ptr<SimulationLoop> loop;
@@ -42,7 +42,7 @@ std::vector<RealtimeFactor> measure_realtime_factor(const Registry& registry, st
   };
   std::vector<Run> runs;
   const auto add = [&](const std::string& name, std::size_t count, const std::vector<std::string>& features) {
-    if (!wanted("realtime_factor/" + name)) return;
+    if (!selected("realtime_factor/" + name)) return;
     runs.push_back({name, std::make_unique<SimulationLoop>(count, registry, features), {}});
   };
   for (const std::size_t count : kArmCounts) {

@@ -10,16 +10,16 @@ namespace multipanda::bench {
 // One whole ControlCycle::step over SmoothMotion per call. "cycle_us/<controllet>/<arms>" for every
 // registered controllet and every number of arms that it fits, each arm or pair under its own instance;
 // "cycle_us/<controllet>+<feature>/2" for every registered feature.
-std::vector<Case> cycle_cases(const Arms& arms, const Registry& registry, const Filter& wanted);
+std::vector<Case> cycle_cases(const Arms& arms, const Registry& registry, const Filter& selected);
 
 struct RealtimeFactor {
   std::string name;   // "2"; "2+features": with collision avoidance and manipulability
-  double factor = 0;  // simulated time over time on the wall: median of the chunks
+  double factor = 0;  // simulated time over wall-clock time, median of the chunks
 };
-// In turns, `chunks` chunks of `cycles` control cycles each; ends early after a whole turn when `budget_s` is
-// over.
+// `chunks` chunks of `cycles` control cycles each, in alternation. Ends after a complete round once
+// `budget_s` is over.
 std::vector<RealtimeFactor> measure_realtime_factor(const Registry& registry, std::size_t chunks,
                                                     std::size_t cycles, double budget_s,
-                                                    const Filter& wanted);
+                                                    const Filter& selected);
 
 }  // namespace multipanda::bench

@@ -14,7 +14,7 @@ namespace {
 constexpr double kRange = 0.05, kSmall = 0.1;  // [m], manipulability
 constexpr double kPairs = 3;
 
-// Two Pandas that face each other, hands a few centimetres apart in the home configuration.
+// Two Pandas that face each other, hands a few centimeters apart in the home configuration.
 Scene meeting_scene(const Registry& registry) {
   return parse_scene(
       "name: meeting\n"
@@ -33,7 +33,7 @@ std::shared_ptr<MotionLoop> meeting(const Registry& registry, const std::vector<
   return motion_loop(arms, 2, *registry.controllet("dual_cartesian_impedance"), registry, features);
 }
 
-// Of the first instance of the loop.
+// Returns an output of the first instance of the loop.
 double output(MotionLoop& loop, const std::string& name) {
   const Instance& law = loop.cycle.modes().instance(loop.cycle.modes().find("law0"));
   std::size_t at = 0;
@@ -44,22 +44,22 @@ double output(MotionLoop& loop, const std::string& name) {
   throw std::logic_error("no output " + name);
 }
 
-// Once through the whole table of states: does every feature act in all of them?
+// Checks that every feature acts in all states of the table.
 void expect_acting(const Registry& registry) {
   const auto loop = meeting(registry, {"collision_avoidance"});
   for (std::size_t k = 0; k < SmoothMotion::kPeriods; ++k) {
     loop->step();
     if (output(*loop, "collision_avoidance.active_pairs") < kPairs ||
         output(*loop, "collision_avoidance.smallest_distance_m") <= 0) {
-      throw std::runtime_error(
-          fmt::format("{} pairs within {} m, the nearest at {} m: at least {} were meant",
-                      output(*loop, "collision_avoidance.active_pairs"), kRange,
-                      output(*loop, "collision_avoidance.smallest_distance_m"), kPairs));
+      throw std::runtime_error(fmt::format("{} pairs within {} m, the nearest at {} m; expected at least {}",
+                                           output(*loop, "collision_avoidance.active_pairs"), kRange,
+                                           output(*loop, "collision_avoidance.smallest_distance_m"), kPairs));
     }
     for (const ModelTerms& terms : loop->cycle.data().terms) {
       ModelTerms here(terms.shared_model());
       here.update(terms.q(), terms.dq());
-      if (here.manipulability() >= kSmall) throw std::runtime_error("the manipulability is not small");
+      if (here.manipulability() >= kSmall)
+        throw std::runtime_error("the manipulability is not below the limit");
     }
   }
 }
@@ -68,7 +68,7 @@ std::map<std::string, std::vector<std::string>> combinations(const Registry& reg
   std::map<std::string, std::vector<std::string>> sets{{"none", {}}};
   std::vector<std::string> all;
   for (const auto& feature : registry.features()) {
-    const std::string& name = feature.statement.type;
+    const std::string& name = feature.descriptor.type;
     sets[name] = {name};
     all.push_back(name);
   }
@@ -78,11 +78,11 @@ std::map<std::string, std::vector<std::string>> combinations(const Registry& reg
 
 }  // namespace
 
-std::vector<Case> feature_cases(const Registry& registry, const Filter& wanted) {
+std::vector<Case> feature_cases(const Registry& registry, const Filter& selected) {
   std::vector<Case> cases;
   for (const auto& [key, features] : combinations(registry)) {
     const std::string name = "features_us/" + key;
-    if (!wanted(name)) continue;
+    if (!selected(name)) continue;
     if (cases.empty()) expect_acting(registry);
     const std::shared_ptr<MotionLoop> loop = meeting(registry, features);
     const InstanceSet meant = loop->cycle.modes().active();
@@ -91,11 +91,11 @@ std::vector<Case> feature_cases(const Registry& registry, const Filter& wanted) 
   return cases;
 }
 
-std::map<std::string, LoopCalls> count_feature_calls(const Registry& registry, const Filter& wanted) {
+std::map<std::string, LoopCalls> count_feature_calls(const Registry& registry, const Filter& selected) {
   std::map<std::string, LoopCalls> calls;
   if (!kLoopGuardWorks) return calls;
   for (const auto& [key, features] : combinations(registry)) {
-    if (!wanted("loop_calls/" + key)) continue;
+    if (!selected("loop_calls/" + key)) continue;
     const std::shared_ptr<MotionLoop> loop = meeting(registry, features);
     for (int k = 0; k < 100; ++k) loop->step();
     LoopGuard::arm();

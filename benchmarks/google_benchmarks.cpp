@@ -8,7 +8,7 @@
 namespace multipanda::bench {
 namespace {
 
-// Times calls of `once`. Heavy objects are built by `make` when the benchmark runs, and go with it.
+// Times calls of `once`. `make` builds heavy objects when the benchmark runs; they end with it.
 template <typename Make>
 void add(const std::string& name, Make make) {
   benchmark::RegisterBenchmark(name.c_str(), [make](benchmark::State& state) {
@@ -32,7 +32,7 @@ struct Bench {
   ModelTerms terms;
 };
 
-// Each term with all that it needs, at a new state per call.
+// Each term with all terms that it needs, at a new state per call.
 void add_model_terms(const std::shared_ptr<const Arms>& arms) {
   const auto term = [&](const std::string& name, auto compute) {
     add("model/" + name, [arms, compute] {
@@ -87,8 +87,8 @@ struct LoneInstance {
 
 void add_instances(const std::shared_ptr<const Arms>& arms, const std::shared_ptr<const Registry>& registry) {
   for (const auto& type : registry->controllets()) {
-    add("controllet/" + type.statement.type, [arms, registry, &type] {
-      const auto config = instances_of(type, type.statement.arms).front();
+    add("controllet/" + type.descriptor.type, [arms, registry, &type] {
+      const auto config = instances_of(type, type.descriptor.arms).front();
       return [lone = std::make_shared<LoneInstance>(*arms, config, *registry)] {
         lone->next();
         benchmark::DoNotOptimize(lone->instance->update(lone->tick));
@@ -97,7 +97,7 @@ void add_instances(const std::shared_ptr<const Arms>& arms, const std::shared_pt
   }
   const ControlletType& host = *registry->controllet("gravity_compensation");
   for (const auto& feature : registry->features()) {
-    add("feature/" + feature.statement.type, [arms, registry, &host, name = feature.statement.type] {
+    add("feature/" + feature.descriptor.type, [arms, registry, &host, name = feature.descriptor.type] {
       const auto config = instances_of(host, 1, {name}).front();
       return [lone = std::make_shared<LoneInstance>(*arms, config, *registry)] {
         lone->next();
@@ -107,7 +107,7 @@ void add_instances(const std::shared_ptr<const Arms>& arms, const std::shared_pt
   }
 }
 
-// A step that takes a switch, its answer fetched: two Cartesian impedances and DC in turn; a feature on, off.
+// A step that executes a switch, with its answer: two Cartesian impedances and DC alternately; a feature.
 void add_switching(const std::shared_ptr<const Arms>& arms, const std::shared_ptr<const Registry>& registry) {
   const auto make_loop = [arms, registry] {
     auto loop = std::make_shared<MotionLoop>(
@@ -147,7 +147,7 @@ void add_switching(const std::shared_ptr<const Arms>& arms, const std::shared_pt
   });
 }
 
-// What --json measures in turns, here one after the other.
+// The cases of --json, here in order instead of in alternation.
 void add_cases(const std::shared_ptr<const Arms>& arms, const std::shared_ptr<const Registry>& registry) {
   const auto add_case = [](Case c) {
     benchmark::RegisterBenchmark(c.name.c_str(), [c](benchmark::State& state) {

@@ -23,10 +23,11 @@ CycleConfig cycle_config(const Arms& arms, std::size_t count, std::vector<Instan
   return config;
 }
 
-void expect(const MultimodeController& modes, InstanceSet wanted) {
-  if (modes.active() == wanted) return;
-  throw std::runtime_error(fmt::format(
-      "instances {:#x} were to be measured, but {:#x} ran: safety took one out", wanted, modes.active()));
+void expect(const MultimodeController& modes, InstanceSet expected) {
+  if (modes.active() == expected) return;
+  throw std::runtime_error(
+      fmt::format("expected instances {:#x} to run, but {:#x} ran: the safety stage deactivated one",
+                  expected, modes.active()));
 }
 
 InstanceSet laws_of(const MultimodeController& modes, std::size_t instances) {
@@ -71,7 +72,7 @@ Arms::Arms(const Scene& scene) {
   const CycleConfig config = build_cycle_config(scene);
   arms = config.arms;
   obstacles = config.obstacles;
-  // All arms of the scene are alike.
+  // All arms of the scene are equal.
   configs.assign(scene.arms.size(), arm_config(scene.arms.front()));
   for (const auto& arm : arms) models.push_back(arm.model);
 }
@@ -79,9 +80,9 @@ Arms::Arms(const Scene& scene) {
 std::vector<InstanceConfig> instances_of(const ControlletType& type, std::size_t arms,
                                          const std::vector<std::string>& features) {
   std::vector<InstanceConfig> instances;
-  const std::size_t each = type.statement.arms;
+  const std::size_t each = type.descriptor.arms;
   for (std::size_t first = 0; first + each <= arms; first += each) {
-    InstanceConfig config{.name = fmt::format("law{}", instances.size()), .type = type.statement.type};
+    InstanceConfig config{.name = fmt::format("law{}", instances.size()), .type = type.descriptor.type};
     for (std::size_t k = 0; k < each; ++k) config.arms.push_back(first + k);
     config.features = features;
     instances.push_back(config);

@@ -9,15 +9,15 @@
 #include "core/cycle/control_cycle.hpp"
 #include "scene/scene.hpp"
 
-// The loops that are measured: how arms, controllets and worlds are put together. Off the loop only.
+// The measured loops: arms, controllets and worlds, assembled outside the loop.
 namespace multipanda::bench {
 
 inline constexpr std::size_t kArmCounts[] = {1, 2, 4, 8, 16};
 
-// Pandas with hands over a floor, in pairs that could work together; a pair every two metres.
+// Pandas with hands over a floor, in pairs within reach of each other; a pair every two meters.
 Scene scene_of(std::size_t arms, const Registry& registry);
 
-// kMaxArms arms as the controllers know them: built once, the loops take the first few.
+// kMaxArms arms with their models, built once; the loops use the first few.
 struct Arms {
   explicit Arms(const Registry& registry);
   explicit Arms(const Scene& scene);
@@ -31,8 +31,8 @@ struct Arms {
 std::vector<InstanceConfig> instances_of(const ControlletType& type, std::size_t arms,
                                          const std::vector<std::string>& features = {});
 
-// Goals that every input approaches for an hour: set-points move all the time, but hardly. Throws if one is
-// refused.
+// Goals that every input approaches for an hour, so that set-points always move slowly. Throws if a goal is
+// refused by its input.
 void post_slow_goals(ControlCycle& cycle, InstanceSet instances);
 
 // A control cycle over SmoothMotion.
@@ -45,21 +45,20 @@ class MotionLoop {
   InstanceSet set(std::initializer_list<std::string_view> names) const;
   // Activates these and gives them their slow goals.
   void activate(InstanceSet instances);
-  // Throws std::runtime_error if others than these run: then a hold was measured, not what was meant.
+  // Throws std::runtime_error if other instances than these run, because then a hold was measured.
   void expect_active(InstanceSet instances) const;
 
   SmoothMotion world;
   ControlCycle cycle;
 };
 
-// All instances of `type`, active: what is timed for "cycle_us/<type>/<count>".
+// All instances of `type`, active, as timed for "cycle_us/<type>/<count>".
 std::shared_ptr<MotionLoop> motion_loop(const Arms& arms, std::size_t count, const ControlletType& type,
                                         const Registry& registry,
                                         const std::vector<std::string>& features = {});
 
-// A control cycle over MuJoCo, unpaced, nothing recorded. 1 arm: one Cartesian impedance. 2: the shipped
-// scene two_arms (hands, table, a free box) under DC. More: DC for each pair. `features` are on from the
-// start.
+// A control cycle over MuJoCo, unpaced, without recording. 1 arm: one Cartesian impedance. 2: the scene
+// two_arms (hands, table, a free box) under DC. More: DC for each pair. `features` are active from the start.
 class SimulationLoop {
  public:
   SimulationLoop(std::size_t arms, const Registry& registry, const std::vector<std::string>& features = {});

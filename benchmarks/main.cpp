@@ -18,15 +18,15 @@ int run(int argc, char** argv) {
       "  multipanda bench                                   Google Benchmark's table of every part\n"
       "  multipanda bench --json > bench.json               one object, within 45 s\n"
       "  multipanda bench --markdown --filter 'cycle_us|limits_us'\n"
-      "Words after -- go to Google Benchmark, for example: multipanda bench -- --benchmark_min_time=0.1");
+      "Arguments after -- go to Google Benchmark, for example: multipanda bench -- --benchmark_min_time=0.1");
   Effort effort;
   bool json = false, markdown = false;
   auto* as_json = app.add_flag("--json", json, "Print one JSON object; notes go to standard error");
   app.add_flag("--markdown", markdown, "Measure the same and print tables")->excludes(as_json);
-  app.add_option("--filter", effort.filter, "Only what this regular expression finds, as in cycle_us/hold/1")
+  app.add_option("--filter", effort.filter, "Regular expression that selects by name, as in cycle_us/hold/1")
       ->type_name("REGEX");
   auto* samples =
-      app.add_option("--samples", effort.samples, "Timed calls of each, with --json or --markdown")
+      app.add_option("--samples", effort.samples, "Number of timed calls of each, with --json or --markdown")
           ->check(CLI::Range(1, 10'000'000))
           ->capture_default_str();
   app.allow_extras();
@@ -41,7 +41,7 @@ int run(int argc, char** argv) {
   try {
     if (json || markdown) {
       if (!rest.empty()) {
-        fmt::print(stderr, "multipanda bench: '{}' is one word too many\n", rest.front());
+        fmt::print(stderr, "multipanda bench: unexpected argument '{}'\n", rest.front());
         return 2;
       }
       const auto results = multipanda::bench::measure_all(effort);
@@ -50,7 +50,7 @@ int run(int argc, char** argv) {
       return 0;
     }
     if (samples->count() > 0) {
-      fmt::print(stderr, "multipanda bench: --samples goes with --json or --markdown\n");
+      fmt::print(stderr, "multipanda bench: --samples requires --json or --markdown\n");
       return 2;
     }
     rest.insert(rest.begin(), "--benchmark_filter=" + effort.filter);

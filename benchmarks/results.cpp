@@ -11,7 +11,7 @@
 #include "benchmarks/feature_cases.hpp"
 #include "benchmarks/ros_service.hpp"
 #include "benchmarks/switching.hpp"
-#include "logs/machine.hpp"
+#include "support/machine.hpp"
 
 namespace multipanda::bench {
 namespace {
@@ -36,7 +36,7 @@ std::string first_line(const std::string& path) {
 }
 
 Json machine() {
-  const auto info = machine_info();
+  const auto info = describe_machine();
   const auto known = [&](const char* key) {
     const auto it = info.find(key);
     return it == info.end() ? std::string("unknown") : it->second;
@@ -44,7 +44,7 @@ Json machine() {
   const std::string governor = first_line("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor");
   const bool real_time = first_line("/sys/kernel/realtime") == "1" ||
                          first_line("/proc/version").find("PREEMPT_RT") != std::string::npos;
-  return {{"cpu", known("cpu")},
+  return {{"cpu", known("processor")},
           {"cores", std::thread::hardware_concurrency()},
           {"kernel", known("kernel")},
           {"real_time_kernel", real_time},
@@ -52,7 +52,7 @@ Json machine() {
           {"load_at_start", first_line("/proc/loadavg").substr(0, first_line("/proc/loadavg").find(' '))},
           {"compiler", known("compiler")},
           {"build_type", MULTIPANDA_BUILD_TYPE},
-          {"version", known("version")}};
+          {"version", known("multipanda")}};
 }
 
 // cost[a] / cost[b], or null where one was not measured.
@@ -66,7 +66,7 @@ Json at(const Json& object, const std::string& key) { return object.contains(key
 }  // namespace
 
 nlohmann::ordered_json measure_all(const Effort& effort) {
-  const Filter wanted(effort.filter);
+  const Filter selected(effort.filter);
   const Registry registry = Registry::with_builtins();
   Json results = {{"cycle_us", Json::object()},
                   {"features_us", Json::object()},
@@ -81,9 +81,9 @@ nlohmann::ordered_json measure_all(const Effort& effort) {
                   {"machine", machine()}};
   const Arms arms(registry);
 
-  std::vector<Case> cases = cycle_cases(arms, registry, wanted);
-  for (Case& limit : bare_cases(arms, registry, wanted)) cases.push_back(std::move(limit));
-  for (Case& feature : feature_cases(registry, wanted)) cases.push_back(std::move(feature));
+  std::vector<Case> cases = cycle_cases(arms, registry, selected);
+  for (Case& limit : bare_cases(arms, registry, selected)) cases.push_back(std::move(limit));
+  for (Case& feature : feature_cases(registry, selected)) cases.push_back(std::move(feature));
   measure_in_turns(cases, effort.samples, kTimingBudget);
   for (const Case& c : cases) {
     const std::size_t slash = c.name.find('/');
@@ -96,12 +96,12 @@ nlohmann::ordered_json measure_all(const Effort& effort) {
     if (name == "none" || none.is_null()) continue;
     results["feature_adds_us"][name] = number(figures["median"].get<double>() - none["median"].get<double>());
   }
-  for (const auto& [name, calls] : count_feature_calls(registry, wanted)) {
+  for (const auto& [name, calls] : count_feature_calls(registry, selected)) {
     results["loop_calls"][name] = {{"heap", calls.heap}, {"locks", calls.locks}};
   }
 
-  if (wanted("switch_ms/controllet") || wanted("switch_ms/feature")) {
-    const auto times = measure_switching(arms, registry, std::min(kTrials, effort.samples), wanted);
+  if (selected("switch_ms/controllet") || selected("switch_ms/feature")) {
+    const auto times = measure_switching(arms, registry, std::min(kTrials, effort.samples), selected);
     for (const auto& [what, trials] : times.trials_ms) {
       if (!trials.empty()) results["switch_ms"][what] = json_of(trials);
     }
@@ -109,7 +109,7 @@ nlohmann::ordered_json measure_all(const Effort& effort) {
       results["machine"]["loop_thread"].push_back(step.done ? step.what : step.what + ": " + step.reason);
     }
   }
-  if (wanted("switch_ms/ros_service") || wanted("ros_us")) {
+  if (selected("switch_ms/ros_service") || selected("ros_us")) {
     const RosTimes times = measure_ros(registry, std::min(kTrials, effort.samples));
     if (!times.missing.empty()) {
       results["machine"]["ros"] = times.missing;
@@ -122,7 +122,7 @@ nlohmann::ordered_json measure_all(const Effort& effort) {
   }
   const std::size_t cycles = std::min<std::size_t>(250, effort.samples);
   const std::size_t chunks = std::max<std::size_t>(1, std::min<std::size_t>(20, effort.samples / 1000));
-  for (const auto& run : measure_realtime_factor(registry, chunks, cycles, kSimulationBudget, wanted)) {
+  for (const auto& run : measure_realtime_factor(registry, chunks, cycles, kSimulationBudget, selected)) {
     results["realtime_factor"][run.name] = number(run.factor);
   }
 
@@ -133,7 +133,7 @@ nlohmann::ordered_json measure_all(const Effort& effort) {
   }
   const Json to_bare =
       ratio(at(cycle, "dual_cartesian_impedance/2"), at(results["limits_us"], "dual_cartesian_impedance"));
-  if (!to_bare.is_null()) results["ratios"]["dual_cartesian_impedance/2 to bare maths"] = to_bare;
+  if (!to_bare.is_null()) results["ratios"]["dual_cartesian_impedance/2 to bare math"] = to_bare;
   return results;
 }
 
@@ -171,7 +171,7 @@ std::string markdown_of(const nlohmann::ordered_json& results) {
     text += "\n";
   };
   numbers("feature_adds_us", "What a feature adds to that cycle [µs]", "{:.2f}");
-  numbers("realtime_factor", "Simulation, times real time, by number of arms", "{:.1f}");
+  numbers("realtime_factor", "Real-time factor of the simulation, by number of arms", "{:.1f}");
   numbers("ratios", "Ratios", "{:.3f}");
   text += fmt::format("### Machine\n\n| | |\n|---|---|\n| samples of each call | {} |\n",
                       results["samples"].get<std::size_t>());

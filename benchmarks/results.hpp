@@ -14,18 +14,17 @@ struct Effort {
   std::string filter = ".*";
 };
 
-// Everything that `--json` prints, measured now; docs/benchmarks.md says what each key means. Takes at most
-// about 40 s: where time runs out, fewer samples were taken, and `samples` says how many.
+// Everything that `--json` prints, measured now; docs/benchmarks.md explains the keys. Takes at most about 40
+// s: if the time is over, it takes fewer samples, and `samples` says how many.
 nlohmann::ordered_json measure_all(const Effort& effort);
 
-// The same as Markdown tables, for people.
+// The same as Markdown tables.
 std::string markdown_of(const nlohmann::ordered_json& results);
 
-// The figures that are judged: "name: value", one per line.
+// The ratios: "name: value", one per line.
 std::string ratios_text(const nlohmann::ordered_json& results);
 
-// The default of the program: Google Benchmark's table of everything, part by part. `arguments` are its own
-// flags.
+// Prints Google Benchmark's table of every part. `arguments` are its own flags.
 int run_google_benchmarks(const std::vector<std::string>& arguments);
 
 }  // namespace multipanda::bench

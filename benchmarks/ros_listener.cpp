@@ -1,5 +1,5 @@
-// Hears everything that a run publishes in ROS and says how much of it came: `ros_listener SECONDS`, one JSON
-// object. Waits up to 30 s for a run to be there.
+// Subscribes to all topics of a run and reports how many messages arrive: `ros_listener SECONDS`, one JSON
+// object. Waits up to 30 s for a run.
 #include <atomic>
 #include <chrono>
 #include <cstdio>
@@ -31,7 +31,7 @@ namespace {
 
 using Steady = std::chrono::steady_clock;
 
-struct Heard {
+struct Received {
   std::size_t count = 0;
   Steady::time_point last;
   double longest_gap_s = 0;
@@ -47,27 +47,27 @@ class Listener {
  public:
   Listener(Executor& executor, Node& node) : executor_(executor), node_(node) {}
 
-  // All topics of types known here that somebody publishes; their number.
+  // Subscribes to all published topics of the types known here; returns their number.
   std::size_t listen() {
     rcutils_allocator_t allocator = rcutils_get_default_allocator();
     rcl_names_and_types_t found = rcl_get_zero_initialized_names_and_types();
     check(rcl_get_topic_names_and_types(node_.handle(), &allocator, false, &found), "topics of the graph");
     for (std::size_t i = 0; i < found.names.size; ++i) {
       const std::string name = found.names.data[i];
-      if (found.types[i].size != 1 || heard_.count(name) > 0 || node_.publishers_of(name) == 0) continue;
+      if (found.types[i].size != 1 || received_.count(name) > 0 || node_.publishers_of(name) == 0) continue;
       subscribe(name, found.types[i].data[0]);
     }
     check(rcl_names_and_types_fini(&found), "topics of the graph");
-    return heard_.size();
+    return received_.size();
   }
   void begin() {
-    for (auto& [name, heard] : heard_) heard = Heard();
+    for (auto& [name, received] : received_) received = Received();
   }
   nlohmann::ordered_json result(double seconds) const {
     nlohmann::ordered_json out;
-    for (const auto& [name, heard] : heard_) {
-      out[name] = {{"rate_hz", static_cast<double>(heard.count) / seconds},
-                   {"longest_gap_ms", 1e3 * heard.longest_gap_s}};
+    for (const auto& [name, received] : received_) {
+      out[name] = {{"rate_hz", static_cast<double>(received.count) / seconds},
+                   {"longest_gap_ms", 1e3 * received.longest_gap_s}};
     }
     return out;
   }
@@ -75,9 +75,9 @@ class Listener {
  private:
   template <class M>
   void add(const std::string& name) {
-    Heard& heard = heard_[name];
-    subscriptions_.push_back(std::make_shared<Subscription<M>>(executor_, node_, name, Qos::sensor(100),
-                                                               Doc{}, [&heard](const M&) { heard.one(); }));
+    Received& received = received_[name];
+    subscriptions_.push_back(std::make_shared<Subscription<M>>(
+        executor_, node_, name, Qos::sensor(100), Doc{}, [&received](const M&) { received.one(); }));
   }
   template <class M>
   bool add_if(const std::string& name, const std::string& type) {
@@ -100,7 +100,7 @@ class Listener {
 
   Executor& executor_;
   Node& node_;
-  std::map<std::string, Heard> heard_;  // executor's thread, or while it stands
+  std::map<std::string, Received> received_;  // executor's thread, or while it is stopped
   std::vector<std::shared_ptr<void>> subscriptions_;
 };
 
@@ -109,18 +109,18 @@ int listen(double seconds) {
   Node node(context, "ros_listener");
   Executor executor;
   Listener listener(executor, node);
-  const auto patience = Steady::now() + std::chrono::seconds(30);
+  const auto timeout = Steady::now() + std::chrono::seconds(30);
   while (node.publishers_of("/joint_states") == 0) {
-    if (Steady::now() > patience) {
-      std::fprintf(stderr, "nobody publishes /joint_states: is there a run with --ros?\n");
+    if (Steady::now() > timeout) {
+      std::fprintf(stderr, "there is no publisher of /joint_states: is a run with --ros active?\n");
       return EXIT_FAILURE;
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
-  std::this_thread::sleep_for(std::chrono::seconds(1));  // the rest of the graph
+  std::this_thread::sleep_for(std::chrono::seconds(1));  // for the discovery of the other topics
   listener.listen();
   executor.start();
-  std::this_thread::sleep_for(std::chrono::seconds(1));  // publishers learn of us
+  std::this_thread::sleep_for(std::chrono::seconds(1));  // for publishers to discover this node
   executor.stop();
   listener.begin();
   const auto begin = Steady::now();

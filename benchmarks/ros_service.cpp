@@ -17,10 +17,10 @@
 namespace multipanda::bench {
 namespace {
 
-constexpr std::size_t kCycles = 2000;  // timed of each run
+constexpr std::size_t kCycles = 2000;  // measured in each run
 constexpr std::size_t kWarmUp = 200;
 
-// Hands everything on, and times what is done in the loop's thread.
+// Passes everything on, and measures the time spent in the loop's thread.
 class Timed : public RunAdapter {
  public:
   Timed(std::unique_ptr<RunAdapter> inner, std::vector<double>& us) : inner_(std::move(inner)), us_(us) {
@@ -40,7 +40,7 @@ class Timed : public RunAdapter {
   std::vector<double>& us_;
 };
 
-// The run, for as long as this lives; the durations of its cycles.
+// A run for the life of this object, and the durations of its cycles.
 class Run {
  public:
   Run(const Registry& registry, MakeRunAdapter make_adapter) {
@@ -75,7 +75,7 @@ class Run {
 std::vector<double> run_client(const std::filesystem::path& client, std::size_t trials) {
   const std::string command = fmt::format("'{}' {}", client.string(), trials);
   FILE* pipe = popen(command.c_str(), "r");
-  if (pipe == nullptr) throw std::runtime_error("switching by ROS: the client cannot be started");
+  if (pipe == nullptr) throw std::runtime_error("switching by ROS: cannot start the client");
   std::vector<double> times;
   double ms = 0;
   while (std::fscanf(pipe, "%lf", &ms) == 1) times.push_back(ms);
@@ -95,12 +95,12 @@ RosTimes measure_ros(const Registry& registry, std::size_t trials) {
     times.missing = "not built";
     return times;
   }
-  // A graph of its own, unless told otherwise; the client inherits it.
+  // A ROS domain of its own unless one is set; the client inherits it.
   setenv("ROS_DOMAIN_ID", std::to_string(1 + getpid() % 100).c_str(), 0);
   const auto make = load_ros_adapter({});
   {
     Run run(registry,
-            [&](const RunWorld& world) { return std::make_unique<Timed>(make(world), times.adapter_us); });
+            [&](const RunContext& world) { return std::make_unique<Timed>(make(world), times.adapter_us); });
     times.switch_ms = run_client(client, trials);
     run.wait_for_cycles();
     times.with_us = run.finish();

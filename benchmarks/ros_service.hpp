@@ -10,17 +10,17 @@
 namespace multipanda::bench {
 
 struct RosTimes {
-  std::vector<double> switch_ms;   // one per trial
-  std::vector<double> adapter_us;  // of the loop's thread, one per cycle: what the adapter does there
-  std::vector<double> with_us, without_us;  // control cycles of the run with the adapter and of one without
-  std::string missing;                      // why there is nothing: not built, ...
+  std::vector<double> switch_ms;            // one per trial
+  std::vector<double> adapter_us;           // one per cycle: the adapter's time in the loop's thread
+  std::vector<double> with_us, without_us;  // cycle times of the run with the adapter and of one without
+  std::string missing;                      // reason if there are no results: not built, ...
 };
 
-// Two simulated arms (the scene two_arms) at 1 kHz with the ROS adapter; a client process of its own switches
-// by the service ~/switch_controllets at random moments, seeded: two Cartesian impedances or DC in turn. A
-// trial lasts from just before the request is sent in the client until the first torque of the new
-// controllets was written in the loop: both on this computer's steady clock. Then the same run without an
-// adapter.
+// Runs two simulated arms (the scene two_arms) at 1 kHz with the ROS adapter. A client process switches by
+// the service ~/switch_controllets at seeded random moments, alternating between two Cartesian impedances
+// and DC. A trial lasts from just before the client sends the request until the loop has written the first
+// torque of the new controllets, both on this computer's steady clock. Then measures the same run without
+// an adapter.
 RosTimes measure_ros(const Registry& registry, std::size_t trials);
 
 }  // namespace multipanda::bench

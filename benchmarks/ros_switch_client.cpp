@@ -1,5 +1,5 @@
-// Switches controllets of a run that was started with --ros, by the service, as a user's program would;
-// prints for each trial the milliseconds from just before the request was sent to the first torque.
+// Switches controllets of a run that was started with --ros, by the service, as a user's program does. Prints
+// for each trial the milliseconds from just before sending the request to the first torque.
 //   multipanda_ros_switch_client TRIALS
 #include <chrono>
 #include <cstdio>
@@ -31,7 +31,7 @@ int run(int trials) {
   apart.activate = {"left_cartesian", "right_cartesian"};
   std::mt19937_64 random(1);
   std::uniform_int_distribution<int> pause_us(1000, 3000);
-  for (int i = -2; i < trials; ++i) {  // the first ones find the way
+  for (int i = -2; i < trials; ++i) {  // the first trials warm up the connection
     std::this_thread::sleep_for(std::chrono::microseconds(pause_us(random)));
     const std::int64_t sent = host_now().ns;
     auto answer = service.call(i % 2 == 0 ? together : apart);

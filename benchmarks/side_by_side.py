@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Virtual arms beside franka-sim, by the same unmodified client in the same run: a table for docs/virtual_arm.md.
+"""Compares virtual arms with franka-sim by the same unmodified client: prints a table for docs/virtual_arm.md.
 
     side_by_side.py PROGRAM --franka-sim PYTHON [--seconds 10]
 
-PYTHON is the interpreter of an environment of its own in which franka-sim is installed (it needs another MuJoCo than this
-project). It runs on this project's model of the FR3, since its own one is not part of its package. It listens on every
-address of this computer, so this is for a computer without neighbours. One after the other, the order turned by --turn.
+PYTHON is the interpreter of a separate environment with franka-sim, which needs another version of MuJoCo. It uses this
+project's model of the FR3, because its package has none. It listens on every address of this computer, so use one
+without other users. Both run in order; --turn reverses the order.
 """
 
 import argparse
@@ -23,7 +23,10 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests" / "fci"))
 from virtual_arms import VirtualArms  # noqa: E402
 
-SCENE = "name: side_by_side\narms:\n  - {name: arm, model: fr3, hand: false, base: {position_m: [0, 0, 0]}, start_rad: ready}\n"
+SCENE = """name: side_by_side
+arms:
+  - {name: arm, model: fr3, hand: false, base: {position_m: [0, 0, 0]}, start_rad: ready}
+"""
 
 
 def connect(address):
@@ -31,7 +34,7 @@ def connect(address):
 
 
 def bare_timer(seconds):
-    """Periods of a thread that only sleeps on a grid of 1 ms, in this same Python."""
+    """Periods of a thread that only sleeps on a grid of 1 ms, in this Python."""
     periods, last, due = [], time.perf_counter(), time.perf_counter()
     end = last + seconds
     while last < end:
@@ -44,7 +47,7 @@ def bare_timer(seconds):
 
 
 def loop(robot, cycles, tau=lambda n: 0.0, pause_at=None):
-    """Torque loop; the periods on the wall and what ended it."""
+    """Runs a torque loop; returns its wall-clock periods and the reason of its end."""
     periods, last, control = [], time.perf_counter(), None
     try:
         control = robot.start_torque_control()
@@ -58,10 +61,10 @@ def loop(robot, cycles, tau=lambda n: 0.0, pause_at=None):
             command = franka.Torques([tau(n)] + [0.0] * 6)
             command.motion_finished = n + 1 == cycles
             control.writeOnce(command)
-        return np.array(periods[1:]), "ran to its end"
+        return np.array(periods[1:]), "ran to completion"
     except franka.ControlException as error:
         text = str(error)
-        return np.array(periods[1:]), text[text.find("[") + 2:text.find("]") - 1] if "[" in text else text
+        return np.array(periods[1:]), text[text.find("[") + 2 : text.find("]") - 1] if "[" in text else text
     finally:
         del control
 
@@ -70,14 +73,14 @@ def recovered(robot):
     if robot.read_once().robot_mode != franka.RobotMode.Idle:
         try:
             robot.automatic_error_recovery()
-        except Exception as error:  # what it says is a result
+        except Exception as error:  # the message is a result
             return str(error)
     return ""
 
 
 def trials(address, seconds, push):
     robot, result = connect(address), {}
-    for _ in range(3):  # a loop that did not run is tried again, and said if it never does
+    for _ in range(3):  # a loop that did not start is tried again
         periods, end = loop(robot, int(1000 * seconds))
         if len(periods) > 1000:
             break
@@ -92,11 +95,11 @@ def trials(address, seconds, push):
     recovered(robot)
     result["30 ms without a command"] = loop(robot, 300, pause_at=100)[1]
     recovered(robot)
-    robot.set_load(1.0, [0.0] * 3, [0.0] * 9)  # which does not hang there
+    robot.set_load(1.0, [0.0] * 3, [0.0] * 9)  # declared, but not mounted
     began = robot.read_once().time.to_sec()
     while (state := robot.read_once()).time.to_sec() < began + 1.0:
         pass
-    result["O_F_ext_hat_K of a declared kilogram that is not there"] = f"{state.O_F_ext_hat_K[2]:.2f} N"
+    result["O_F_ext_hat_K with a declared load of 1 kg that is not attached"] = f"{state.O_F_ext_hat_K[2]:.2f} N"
     robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
     if push:
         push()
@@ -105,7 +108,7 @@ def trials(address, seconds, push):
             force = min(force, state.O_F_ext_hat_K[2])
         result["pushed with 15 N upwards, the arm exerts"] = f"{force:.2f} N"
     else:
-        result["pushed with 15 N upwards, the arm exerts"] = "no way to push"
+        result["pushed with 15 N upwards, the arm exerts"] = "pushing is not possible"
     return result
 
 
@@ -128,7 +131,7 @@ def ours(program, seconds):
 def theirs(python, seconds):
     environment = {**os.environ, "FR3_MJCF": str(ROOT / "models" / "generated" / "fr3.xml")}
     program = str(pathlib.Path(python).parent / "run-franka-sim-server")
-    # With its --enforce-motion-limits this model's arm stops at the first torque: its defaults are what is measured.
+    # With --enforce-motion-limits the arm stops at the first torque, so the defaults are measured.
     words = [program, "--physics", "mujoco", "--no-gripper"]
     server = subprocess.Popen(words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
@@ -139,7 +142,7 @@ def theirs(python, seconds):
                 break
             except franka.NetworkException:
                 pass
-        time.sleep(1.5)  # it serves the next program a second later
+        time.sleep(1.5)  # it accepts the next program a second later
         result = trials("127.0.0.1", seconds, None)
     finally:
         server.send_signal(signal.SIGINT)
@@ -162,7 +165,10 @@ def main():
         b, a = first[0](), first[1]()
     else:
         a, b = first[1](), first[0]()
-    print(f"a bare timer of 1 ms in this Python: mean {1e6 * timer.mean():.1f}, p99 {1e6 * np.quantile(timer, 0.99):.0f} us\n")
+    print(
+        f"a bare timer of 1 ms in this Python: mean {1e6 * timer.mean():.1f}, "
+        f"p99 {1e6 * np.quantile(timer, 0.99):.0f} us\n"
+    )
     print("| | multipanda virtual-arm | franka-sim |\n|---|---|---|")
     for row in a:
         print(f"| {row} | {a[row]} | {b.get(row, '')} |")

@@ -56,10 +56,8 @@ void SmoothMotion::write(ArmSet due, std::span<const ArmCommand> commands) {
   }
 }
 
-std::future<ArmAnswer> SmoothMotion::request(ArmIndex, ArmRequest) {
-  std::promise<ArmAnswer> answer;
-  answer.set_value({false, "this world only plays a motion"});
-  return answer.get_future();
+std::future<RequestAnswer> SmoothMotion::request(ArmIndex, ArmRequest) {
+  return refuse_request("this world only plays back a motion");
 }
 
 }  // namespace multipanda::bench

@@ -11,8 +11,8 @@
 
 namespace multipanda::bench {
 
-// A world that costs next to nothing: every arm swings about its home configuration along one table of
-// states, whatever torque it gets. What remains of a step is the control cycle itself.
+// A backend of negligible cost: every arm swings about its home configuration along one table of states and
+// ignores its torque, so that a step contains only the control cycle.
 class SmoothMotion final : public Backend {
  public:
   enum class Pace { unpaced, realtime };
@@ -30,7 +30,8 @@ class SmoothMotion final : public Backend {
   LoopTime now() const override { return now_; }
   void read(ArmSet due, std::span<ArmState> states) override;
   void write(ArmSet due, std::span<const ArmCommand> commands) override;
-  std::future<ArmAnswer> request(ArmIndex arm, ArmRequest request) override;
+  using Backend::request;
+  std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request) override;
 
  private:
   struct Arm {

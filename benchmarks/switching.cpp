@@ -11,7 +11,7 @@ namespace {
 
 using std::chrono::microseconds;
 
-// The loop in its thread, for as long as this lives.
+// Runs the loop in a thread for the lifetime of this object.
 class Running {
  public:
   Running(MotionLoop& loop, std::vector<SetupStep>& steps) : loop_(loop) {
@@ -52,7 +52,7 @@ double trial_ms(MultimodeController& modes, const Request& request) {
 }  // namespace
 
 SwitchTimes measure_switching(const Arms& arms, const Registry& registry, std::size_t trials,
-                              const Filter& wanted) {
+                              const Filter& selected) {
   MotionLoop loop(arms, 2,
                   {{.name = "left", .type = "cartesian_impedance", .arms = {0}},
                    {.name = "right", .type = "cartesian_impedance", .arms = {1}},
@@ -67,7 +67,7 @@ SwitchTimes measure_switching(const Arms& arms, const Registry& registry, std::s
   std::mt19937_64 random(1);
   std::uniform_int_distribution<int> pause_us(1000, 3000);
   const auto run = [&](const std::string& what, std::vector<double>& trials_ms, auto request_of) {
-    if (!wanted("switch_ms/" + what)) return;
+    if (!selected("switch_ms/" + what)) return;
     for (std::size_t i = 0; i < trials; ++i) {
       std::this_thread::sleep_for(microseconds(pause_us(random)));
       trials_ms.push_back(trial_ms(modes, request_of(i % 2 == 0)));

@@ -12,14 +12,14 @@ namespace multipanda::bench {
 
 struct SwitchTimes {
   std::map<std::string, std::vector<double>> trials_ms;  // "controllet", "feature"
-  std::vector<SetupStep> loop_thread;                    // what the loop's thread was given
+  std::vector<SetupStep> loop_thread;                    // scheduling granted to the loop's thread
 };
 
-// Two arms in a loop of their own thread at 1 kHz. Another thread asks at random moments, seeded: for two
-// Cartesian impedances or DC in turn, and for joint_limits on or off. A trial lasts from just before the
-// request is sent to just after the first torque of what it asked for was written.
-// Throws std::runtime_error if a request is refused or not answered within a second.
+// Runs two arms at 1 kHz in a separate thread. Another thread sends requests at random moments, seeded: for
+// two Cartesian impedances and DC alternately, and for joint_limits on and off. A trial lasts from just
+// before the request is sent until just after its first torque is written. Throws std::runtime_error if a
+// request is refused or not answered within a second.
 SwitchTimes measure_switching(const Arms& arms, const Registry& registry, std::size_t trials,
-                              const Filter& wanted);
+                              const Filter& selected);
 
 }  // namespace multipanda::bench

@@ -10,16 +10,16 @@
 namespace multipanda::cli {
 namespace {
 
-// The benchmarks are a program of their own, beside this one: they count allocations and need the machine
-// for themselves. It takes our place.
-int run(const std::vector<std::string>& words) {
+// Replaces this process by the benchmark program, which counts allocations and needs the machine
+// for itself.
+int run(const std::vector<std::string>& arguments) {
   std::error_code error;
   const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
   const std::string program = (self.parent_path() / "multipanda_bench").string();
-  std::vector<std::string> arguments{program};
-  arguments.insert(arguments.end(), words.begin(), words.end());
+  std::vector<std::string> all{program};
+  all.insert(all.end(), arguments.begin(), arguments.end());
   std::vector<char*> argv;
-  for (auto& argument : arguments) argv.push_back(argument.data());
+  for (auto& argument : all) argv.push_back(argument.data());
   argv.push_back(nullptr);
   execv(program.c_str(), argv.data());
   fmt::print(stderr, "multipanda bench: {}: {}; build it with ./multipanda setup\n", program,
@@ -30,10 +30,11 @@ int run(const std::vector<std::string>& words) {
 }  // namespace
 
 void add_bench(Program& program) {
-  CLI::App* command = program.add("bench", "Measures the loop, the controllets, switching and the simulation",
-                                  "  multipanda bench\n"
-                                  "  multipanda bench --json > bench.json     one object; within 45 s\n"
-                                  "All options go to the benchmark program; see multipanda bench -- --help");
+  CLI::App* command =
+      program.add("bench", "Measure the loop, the controllets, switching and the simulation",
+                  "  multipanda bench\n"
+                  "  multipanda bench --json > bench.json     one object; within 45 s\n"
+                  "All options are passed to the benchmark program; see multipanda bench -- --help");
   command->allow_extras();
   command->prefix_command();
   program.on(command, [command] { return run(command->remaining()); });

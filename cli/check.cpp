@@ -10,7 +10,7 @@ namespace {
 
 int run(const std::string& name) {
   OpenedScene opened = open_scene(name);
-  // Everything is built as for a run, so that what a run would refuse is refused here.
+  // Builds everything as for a run, so that everything that a run refuses is refused here.
   Session session(std::move(opened.scene), opened.registry, {.paced = false});
   const Scene& scene = session.scene();
   fmt::print("{}: {}{} ({} plant, {} physics step{} per cycle, {} objects)\n", scene.name, scene.description,
@@ -20,25 +20,29 @@ int run(const std::string& name) {
     const Vector3& p = arm.X_WB.position;
     fmt::print("  arm {}: {}{}, {} joints, base at ({:g}, {:g}, {:g}) m\n", arm.name, arm.model,
                arm.hand ? " with hand" : "", arm.q_start.size(), p.x(), p.y(), p.z());
-    for (const auto& text : arm.loosened) fmt::print("    looser than the maker's: {}\n", text);
+    for (const auto& text : arm.loosened) fmt::print("    looser than the manufacturer's limit: {}\n", text);
   }
   for (InstanceIndex i = 0; i < session.modes().instance_count(); ++i) {
     const Instance& instance = session.modes().instance(i);
     std::vector<std::string> arms, features;
     for (const ArmIndex arm : instance.arm_list()) arms.push_back(scene.arms[arm].name);
     for (std::size_t f = 0; f < instance.feature_count(); ++f) {
-      if (instance.feature_on(f)) features.push_back(instance.feature_statement(f).type);
+      if (instance.feature_on(f)) features.push_back(instance.feature_descriptor(f).type);
     }
     const bool active =
         std::find(scene.active.begin(), scene.active.end(), instance.name()) != scene.active.end();
-    fmt::print("  controllet {}: {} on {}{}{}\n", instance.name(), instance.statement().type,
+    fmt::print("  controllet {}: {} on {}{}{}\n", instance.name(), instance.descriptor().type,
                fmt::join(arms, ", "),
                features.empty() ? "" : fmt::format(", with {}", fmt::join(features, ", ")),
                active ? ", active at the start" : "");
   }
   if (!scene.timeline.empty()) {
-    fmt::print("  timeline: {} events, the last at {:g} s\n", scene.timeline.size(),
-               scene.timeline.back().at_s);
+    const double last = scene.timeline.back().at_s;
+    fmt::print("  timeline: {} event{}, the last at {:g} s\n", scene.timeline.size(),
+               scene.timeline.size() == 1 ? "" : "s", last);
+    if (scene.duration_s > 0 && last >= scene.duration_s)
+      fmt::print("  warning: the scene ends at {:g} s, before the last event of its timeline\n",
+                 scene.duration_s);
   }
   fmt::print("ok\n");
   return kSuccess;
@@ -48,10 +52,11 @@ int run(const std::string& name) {
 
 void add_check(Program& program) {
   auto scene = std::make_shared<std::string>();
-  CLI::App* command = program.add("check", "Reads and builds a scene without running it, and says what it is",
+  CLI::App* command = program.add("check", "Read and build a scene without running it, and describe it",
                                   "  multipanda check two_arms\n"
                                   "  multipanda check my/scene.yaml && multipanda run my/scene.yaml");
-  command->add_option("scene", *scene, "Name or path of a scene file")->required();
+  command->add_option("scene", *scene, "Name (see multipanda list scenes) or path of a scene file")
+      ->required();
   program.on(command, [scene] { return run(*scene); });
 }
 

@@ -4,17 +4,17 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "analysis/comparison/comparison_page.hpp"
 #include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "logs/recorder.hpp"
+#include "sysid/comparison/comparison_page.hpp"
 
 namespace multipanda::cli {
 namespace {
 
 namespace fs = std::filesystem;
 
-struct Options {
+struct CompareArguments {
   std::string real, sim, arm, columns, gate, out;
   std::vector<double> window;
   std::optional<double> lag;
@@ -23,10 +23,10 @@ struct Options {
   bool json = false;
 };
 
-using ByArm = std::map<std::string, std::vector<MeasuredLog>>;  // repeats of each arm
+using ByArm = std::map<std::string, std::vector<MeasuredLog>>;  // all repeats of each arm
 
-// All repeats behind a path. Only CSV files, which have names of their own, take the column map.
-ByArm read_all(const fs::path& path, const Options& options) {
+// All repeats in a path. The column map applies to CSV files only.
+ByArm read_all(const fs::path& path, const CompareArguments& options) {
   ByArm logs;
   for (const fs::path& repeat : find_repeats(path)) {
     MeasuredLogOptions reading;
@@ -41,17 +41,18 @@ ByArm read_all(const fs::path& path, const Options& options) {
 std::string names_of(const ByArm& logs) {
   std::string names;
   for (const auto& [name, repeats] : logs)
-    names += (names.empty() ? "" : ", ") + (name.empty() ? "one without a name" : name);
+    names += (names.empty() ? "" : ", ") + (name.empty() ? "an arm without a name" : name);
   return names;
 }
 
-// Arms of both sides under one name. A side whose log has no names has one arm: it is the other's only one.
+// Gives the arms of both sides the same names. A log without names has a single arm.
 std::vector<std::string> common_arms(ByArm& real, ByArm& sim) {
   const auto adopt = [](ByArm& nameless, const ByArm& named) {
     if (nameless.size() != 1 || !nameless.begin()->first.empty() || named.contains("")) return;
     if (named.size() != 1)
-      throw UsageError("compare: one side has several arms, the other no names: say which with --arm (" +
-                       names_of(named) + ")");
+      throw UsageError(
+          "compare: one side has several arms and the other has no names; name one with --arm (" +
+          names_of(named) + ")");
     auto repeats = std::move(nameless.begin()->second);
     nameless.clear();
     for (MeasuredLog& log : repeats) log.arm = named.begin()->first;
@@ -69,7 +70,7 @@ std::vector<std::string> common_arms(ByArm& real, ByArm& sim) {
   return arms;
 }
 
-// What one side lacks and the other's scene can tell: the arm's pose and gravity from its joint positions.
+// Adds end-effector pose and gravity to logs without them, from joint positions and the other log's scene.
 void complete(std::vector<MeasuredLog>& logs, const std::vector<MeasuredLog>& others) {
   for (MeasuredLog& log : logs) {
     if ((log.x_EE.rows() > 0 && log.gravity.rows() > 0) || others[0].scene_text.empty()) continue;
@@ -105,11 +106,11 @@ void print(const ComparedArm& arm, const Console& console) {
                              q.paper > 0 ? number(q.paper) : "-"));
   }
   for (const GateResult& result : arm.gate) {
-    if (!result.held) console.line("  broken: " + result.text);
+    if (!result.held) console.line("  limit exceeded: " + result.text);
   }
 }
 
-int run(const Options& options) {
+int run(const CompareArguments& options) {
   const Console console(options.json);
   CompareOptions compare_options;
   compare_options.low_pass_hz = options.low_pass;
@@ -146,48 +147,53 @@ int run(const Options& options) {
 }  // namespace
 
 void add_compare(Program& program) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<CompareArguments>();
   CLI::App* command = program.add(
-      "compare", "Distance between a measured and a simulated task, in every quantity",
+      "compare", "Compare a measured and a simulated task in every quantity",
       "  multipanda compare real.csv runs/20260102_120000_task_1\n"
-      "  multipanda compare recorded/ simulated/ --gate limits.yaml     folders of repeats, for use in CI\n"
+      "  multipanda compare recorded/ simulated/ --gate limits.yaml     folders of repeats, for CI\n"
       "  multipanda compare real.csv sim.csv --columns 'q=pos_{},dq=vel_{},tau=effort_{},t=stamp_ms * "
       "0.001'\n"
-      "Logs: our MCAP, what the maker's library logs, CSV. Fails (exit code 1) if a limit of the gate is "
-      "broken.");
-  command->add_option("real", options->real, "Measured: a log, a run's folder, or a folder of repeats")
+      "Logs: MCAP of multipanda, logs of libfranka, CSV. Fails (exit code 1) if a limit of the gate is "
+      "exceeded.");
+  command
+      ->add_option("real", options->real, "Measured data: a log, the folder of a run, or a folder of repeats")
       ->required()
       ->type_name("REAL");
-  command->add_option("sim", options->sim, "Simulated: the same")->required()->type_name("SIM");
-  command->add_option("--arm", options->arm, "Only this arm; the name of a CSV file's one")
-      ->type_name("NAME");
   command
-      ->add_option("--columns", options->columns,
-                   "Which column of a CSV file is which: FILE.yaml, or OURS=THEIRS,...")
+      ->add_option("sim", options->sim, "Simulated data: a log, the folder of a run, or a folder of repeats")
+      ->required()
+      ->type_name("SIM");
+  command
+      ->add_option("--arm", options->arm,
+                   "Arm to compare (default: all); also the name of the arm in a CSV file")
+      ->type_name("NAME");
+  command->add_option("--columns", options->columns, "Columns of a CSV file: FILE.yaml, or OURS=THEIRS,...")
       ->type_name("MAP");
-  command->add_option("--window", options->window, "Only this time, in seconds since the real log's start")
+  command
+      ->add_option("--window", options->window,
+                   "Time to compare, from the start of the real log [s] (default: all)")
       ->delimiter(',')
       ->expected(2)
       ->type_name("FROM,TO");
   command->add_option("--lag", options->lag,
-                      "Time by which the simulation is later [s], instead of finding it; 0: as stamped");
+                      "Lag of the simulation [s], 0 for the time stamps as they are (default: estimated)");
   command->add_flag("--align,--by-correlation", options->by_correlation,
-                    "Shift by the lag that is found also where both logs follow one scene's timeline");
-  command->add_option("--max-lag", options->max_lag, "Longest lag that is looked for [s]")
+                    "Shift by the estimated lag even if both logs follow the timeline of one scene");
+  command->add_option("--max-lag", options->max_lag, "Largest lag to search for [s]")
       ->check(CLI::Range(0.0, 60.0))
       ->capture_default_str();
   command
-      ->add_option(
-          "--low-pass", options->low_pass,
-          "Filter both by this frequency before errors are taken [Hz]: differences without noise; 0: none")
+      ->add_option("--low-pass", options->low_pass,
+                   "Cutoff frequency of a low-pass filter on both logs [Hz], 0 for none")
       ->check(CLI::Range(0.0, 400.0));
-  command->add_option("--gate", options->gate, "Limits, a YAML file (docs/compare.md)")->type_name("FILE");
+  command->add_option("--gate", options->gate, "YAML file with limits (docs/compare.md)")->type_name("FILE");
   command
       ->add_option("--out", options->out,
-                   "Folder for page, pictures and results.json; default: a new one in runs")
+                   "Folder for page, pictures and results.json (default: a new folder in runs)")
       ->type_name("DIR");
   command->add_flag("--json", options->json,
-                    "One JSON object on standard output at the end, all else on standard error");
+                    "Print one JSON object to standard output at the end, messages to standard error");
   program.on(command, [options] {
     try {
       return run(*options);

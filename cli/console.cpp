@@ -7,11 +7,11 @@
 
 namespace multipanda::cli {
 
-Console::Console(bool json) : stream_(json ? stderr : stdout) {
+Console::Console(bool as_json) : stream_(as_json ? stderr : stdout) {
   const char* term = std::getenv("TERM");
   terminal_ = isatty(fileno(stream_)) != 0 && term != nullptr && std::string_view(term) != "dumb";
-  const char* no_colour = std::getenv("NO_COLOR");
-  colour_ = terminal_ && (no_colour == nullptr || *no_colour == '\0');
+  const char* no_color = std::getenv("NO_COLOR");
+  color_ = terminal_ && (no_color == nullptr || *no_color == '\0');
 }
 
 std::size_t Console::width() const {

@@ -5,22 +5,22 @@
 
 namespace multipanda::cli {
 
-// Where words for people go: standard output, or standard error when that belongs to a machine (--json).
+// Human-readable output: standard output, or standard error if standard output carries JSON (--json).
 class Console {
  public:
   explicit Console(bool json);
 
-  bool is_terminal() const { return terminal_; }  // that can be drawn on
-  bool has_colour() const { return colour_; }     // a terminal, and NO_COLOR is not set
-  std::size_t width() const;                      // columns, now
-  std::size_t height() const;                     // lines, now
+  bool is_terminal() const { return terminal_; }  // supports redrawing
+  bool has_color() const { return color_; }       // a terminal, and NO_COLOR is not set
+  std::size_t width() const;                      // current number of columns
+  std::size_t height() const;                     // current number of lines
 
-  void line(const std::string& text) const;  // with a newline, at once
-  void raw(const std::string& text) const;   // as it is, in one piece, at once
+  void line(const std::string& text) const;  // with a newline; flushed
+  void raw(const std::string& text) const;   // unchanged, in one write; flushed
 
  private:
   std::FILE* stream_;
-  bool terminal_ = false, colour_ = false;
+  bool terminal_ = false, color_ = false;
 };
 
 }  // namespace multipanda::cli

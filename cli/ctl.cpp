@@ -11,67 +11,75 @@
 #include "cli/program.hpp"
 #include "runtime/live_input/client.hpp"
 #include "runtime/live_input/json_fields.hpp"
+#include "support/spelling.hpp"
 
-// `multipanda ctl`: a running scene from the command line, over its socket (docs/live_input.md).
+// `multipanda ctl` commands a running scene over its socket (docs/live_input.md).
 namespace multipanda::cli {
 namespace {
 
 using nlohmann::json;
 
 struct CtlOptions {
-  std::string socket;  // empty: the only running scene's
+  std::string socket;  // empty: that of the only running scene
   bool json = false;
   std::vector<std::string> names, stop, pairs;
   std::string name, input, value;
-  bool only = false;
+  bool only = false, all = false;
   double rate_hz = 2;
   std::uint64_t count = 0;
   std::optional<double> width_m, speed_m_per_s, force_n, tolerance_m, vacuum_mbar, timeout_s;
 };
 
 // "0.5", "pi", "-pi/2", "3*pi/4"
-double number_of(const std::string& word) {
+double number_of(const std::string& argument) {
   const auto plain = [&](const std::string& text) {
     char* end = nullptr;
     const double value = std::strtod(text.c_str(), &end);
     if (text.empty() || *end != '\0')
-      throw UsageError(fmt::format("ctl: expected a number, found '{}'", word));
+      throw UsageError(fmt::format("ctl: expected a number, found '{}'", argument));
     return value;
   };
-  const std::size_t at = word.find("pi");
-  if (at == std::string::npos) return plain(word);
-  std::string before = word.substr(0, at), after = word.substr(at + 2);
+  const std::size_t at = argument.find("pi");
+  if (at == std::string::npos) return plain(argument);
+  std::string before = argument.substr(0, at), after = argument.substr(at + 2);
   double value = std::numbers::pi;
   if (before == "-") {
     value = -value;
   } else if (!before.empty()) {
-    if (before.back() != '*') throw UsageError(fmt::format("ctl: expected a number, found '{}'", word));
+    if (before.back() != '*') throw UsageError(fmt::format("ctl: expected a number, found '{}'", argument));
     before.pop_back();
     value *= plain(before);
   }
   if (after.empty()) return value;
-  if (after.front() != '/') throw UsageError(fmt::format("ctl: expected a number, found '{}'", word));
+  if (after.front() != '/') throw UsageError(fmt::format("ctl: expected a number, found '{}'", argument));
   return value / plain(after.substr(1));
 }
 
-// "position_m=0.4,0,0.5" into the request's key; what is a list there is one here, however short.
+// The numbers of "0.4,0,pi/2".
+std::vector<double> numbers_of(const std::string& text) {
+  std::vector<double> numbers;
+  for (std::size_t begin = 0; begin <= text.size();) {
+    const std::size_t comma = std::min(text.find(',', begin), text.size());
+    numbers.push_back(number_of(text.substr(begin, comma - begin)));
+    begin = comma + 1;
+  }
+  return numbers;
+}
+
+// Adds "position_m=0.4,0,0.5" to the request. Values that are lists in the request stay lists, however short.
 void add_pairs(const std::vector<std::string>& pairs, json& request) {
   for (const auto& pair : pairs) {
     const std::size_t equals = pair.find('=');
     if (equals == std::string::npos || equals == 0) {
-      throw UsageError(fmt::format("ctl: expected key=value, as position_m=0.4,0,0.5; found '{}'", pair));
+      throw UsageError(
+          fmt::format("ctl: expected KEY=VALUE, such as position_m=0.4,0,0.5; found '{}'", pair));
     }
     const std::string key = pair.substr(0, equals), text = pair.substr(equals + 1);
     if (key == "frame") {
       request[key] = text;
       continue;
     }
-    std::vector<double> numbers;
-    for (std::size_t begin = 0; begin <= text.size();) {
-      const std::size_t comma = std::min(text.find(',', begin), text.size());
-      numbers.push_back(number_of(text.substr(begin, comma - begin)));
-      begin = comma + 1;
-    }
+    const std::vector<double> numbers = numbers_of(text);
     const bool one = key == "value" || key == "duration_s" || key == "mass_kg";
     request[key] = one && numbers.size() == 1 ? json(numbers[0]) : json(numbers);
   }
@@ -85,26 +93,30 @@ std::string names(const json& list) {
   return list.empty() ? "none" : fmt::format("{}", fmt::join(list.get<std::vector<std::string>>(), ", "));
 }
 
-void print_list(const json& list) {
+void print_details(const json& controllet) {
+  for (const auto& input : controllet["inputs"]) {
+    fmt::print("      input {}: {} in {} ({})\n", input["name"].get<std::string>(),
+               input["quantity"].get<std::string>(), input["frame"].get<std::string>(), names(input["keys"]));
+  }
+  for (const auto& feature : controllet["features"]) {
+    fmt::print("      feature {}: {}\n", feature["name"].get<std::string>(),
+               feature["on"].get<bool>() ? "on" : "off");
+  }
+  for (const auto& parameter : controllet["parameters"]) {
+    fmt::print("      {} = {} {}\n", parameter["name"].get<std::string>(), parameter["value"].dump(),
+               parameter.value("unit", ""));
+  }
+}
+
+void print_list(const json& list, bool details) {
   fmt::print("scene {}\n", list["scene"].get<std::string>());
   for (const auto& c : list["controllets"]) {
     fmt::print("{} {:<24} {:<32} {}\n", c["active"].get<bool>() ? "*" : " ", c["name"].get<std::string>(),
                c["type"].get<std::string>(), names(c["arms"]));
-    for (const auto& input : c["inputs"]) {
-      fmt::print("      input {}: {} in {} ({})\n", input["name"].get<std::string>(),
-                 input["quantity"].get<std::string>(), input["frame"].get<std::string>(),
-                 names(input["keys"]));
-    }
-    for (const auto& feature : c["features"]) {
-      fmt::print("      feature {}: {}\n", feature["name"].get<std::string>(),
-                 feature["on"].get<bool>() ? "on" : "off");
-    }
-    for (const auto& parameter : c["parameters"]) {
-      fmt::print("      {} = {} {}\n", parameter["name"].get<std::string>(), parameter["value"].dump(),
-                 parameter.value("unit", ""));
-    }
+    if (details) print_details(c);
   }
-  fmt::print("(* runs)\n");
+  fmt::print("(* active{})\n",
+             details ? "" : "; inputs, features and parameters: multipanda ctl list NAME, or --all");
 }
 
 void print_state(const json& state) {
@@ -119,6 +131,7 @@ void print_state(const json& state) {
                arm["mode"].get<std::string>(), arm["stopped"].get<bool>() ? ", stopped" : "", p[0], p[1],
                p[2], fmt::join(arm["q_rad"].get<std::vector<double>>(), ", "),
                last.empty() ? "" : "  last intervention: " + last);
+    if (arm.contains("reason")) fmt::print("    stopped itself: {}\n", arm["reason"].get<std::string>());
   }
 }
 
@@ -145,17 +158,17 @@ void print_done(const json& answer) {
   }
 }
 
-// How a refusal ends the program: what could not be understood was not tried.
+// A request that was not understood was not executed: it counts as wrong usage.
 int exit_code(const json& answer) {
   if (answer.value("ok", false)) return kSuccess;
   const std::string verdict = answer.value("verdict", "");
   return verdict == "malformed" || verdict.starts_with("unknown_") ? kUsage : kFailed;
 }
 
-constexpr double kGripperPatience = 620;  // a motion may take long [s]
+constexpr double kGripperPatience = 620;  // [s]; the run itself gives up after 600 s
 
-// What a gripper says of itself, from the state.
-void keep_gripper(const std::string& arm, json& answer) {
+// Replaces a state by that of one gripper.
+void reduce_to_gripper(const std::string& arm, json& answer) {
   for (const auto& state : answer["state"]["arms"]) {
     if (state["arm"] != arm) continue;
     if (!state.contains("gripper")) throw UsageError(fmt::format("ctl: arm '{}' has no gripper", arm));
@@ -179,8 +192,8 @@ void print_gripper(const json& gripper) {
 
 int ask(const CtlOptions& options, json request) {
   LiveClient client = connected(options);
-  const auto is = [&](const char* key, const char* word) {
-    return request.contains(key) && request[key] == word;
+  const auto is = [&](const char* key, const char* value) {
+    return request.contains(key) && request[key] == value;
   };
   const bool is_gripper = is("do", "gripper") || is("do", "vacuum");
   const bool is_state = is_gripper && is("action", "state");
@@ -188,7 +201,7 @@ int ask(const CtlOptions& options, json request) {
   if (is_state) request = {{"do", "state"}};
   json answer =
       is_gripper ? client.ask(std::move(request), kGripperPatience) : client.ask(std::move(request));
-  if (is_state && answer.value("ok", false)) keep_gripper(arm, answer);
+  if (is_state && answer.value("ok", false)) reduce_to_gripper(arm, answer);
   answer.erase("id");
   const int code = exit_code(answer);
   if (options.json) {
@@ -198,13 +211,41 @@ int ask(const CtlOptions& options, json request) {
   } else if (answer.contains("gripper")) {
     print_gripper(answer["gripper"]);
   } else if (answer.contains("controllets")) {
-    print_list(answer);
+    print_list(answer, true);
   } else if (answer.contains("state")) {
     print_state(answer["state"]);
   } else {
     print_done(answer);
   }
   return code;
+}
+
+// All controllets in short, or the named ones with everything that can be set.
+int list(const CtlOptions& options) {
+  LiveClient client = connected(options);
+  json answer = client.ask({{"do", "list"}});
+  answer.erase("id");
+  if (!options.names.empty()) {
+    std::vector<std::string> known;
+    json chosen = json::array();
+    for (const auto& controllet : answer["controllets"]) {
+      known.push_back(controllet["name"].get<std::string>());
+      if (std::find(options.names.begin(), options.names.end(), known.back()) != options.names.end())
+        chosen.push_back(controllet);
+    }
+    for (const auto& name : options.names) {
+      if (std::find(known.begin(), known.end(), name) == known.end())
+        throw UsageError(fmt::format("ctl list: there is no controllet '{}'{}", name,
+                                     name_hint(name, known, "there are none")));
+    }
+    answer["controllets"] = std::move(chosen);
+  }
+  if (options.json) {
+    fmt::print("{}\n", to_line(answer));
+  } else {
+    print_list(answer, options.all || !options.names.empty());
+  }
+  return kSuccess;
 }
 
 int watch(const CtlOptions& options) {
@@ -225,13 +266,16 @@ int watch(const CtlOptions& options) {
   return kSuccess;
 }
 
-// A number, a list, or a word: as the parameter wants it.
-json parameter_value(const std::vector<std::string>& words) {
+// A number, a list of numbers, or the name of a choice.
+json parameter_value(const std::vector<std::string>& arguments) {
   std::vector<double> numbers;
   try {
-    for (const auto& word : words) numbers.push_back(number_of(word));
+    for (const auto& argument : arguments) {
+      const auto more = numbers_of(argument);
+      numbers.insert(numbers.end(), more.begin(), more.end());
+    }
   } catch (const UsageError&) {
-    if (words.size() == 1) return words[0];
+    if (arguments.size() == 1) return arguments[0];
     throw;
   }
   return numbers.size() == 1 ? json(numbers[0]) : json(numbers);
@@ -242,31 +286,32 @@ class Ctl {
   Ctl(Program& program, CLI::App* command, std::shared_ptr<CtlOptions> options)
       : program_(program), command_(command), options_(std::move(options)) {}
 
-  CLI::App* add(const std::string& word, const std::string& what) {
-    CLI::App* child = command_->add_subcommand(word, what);
-    child->fallthrough();  // --socket and --json may stand at the end
+  CLI::App* add(const std::string& name, const std::string& what, const std::string& examples = "") {
+    CLI::App* child = command_->add_subcommand(name, what);
+    child->fallthrough();  // --socket and --json may be at the end
+    child->footer("Example:\n  multipanda ctl " + name + (examples.empty() ? "" : " " + examples));
     return child;
   }
   template <typename Make>
   void asks(CLI::App* child, Make make) {
     program_.on(child, [options = options_, make] { return ask(*options, make(*options)); });
   }
-  void arms(const std::string& word, const std::string& what) {
-    CLI::App* child = add(word, what);
-    child->add_option("arms", options_->names, "Names of arms; none: all");
-    asks(child, [word](const CtlOptions& o) {
-      json request = {{"do", word}};
+  void arms(const std::string& name, const std::string& what) {
+    CLI::App* child = add(name, what, "left");
+    child->add_option("arms", options_->names, "Names of arms (default: all)");
+    asks(child, [name](const CtlOptions& o) {
+      json request = {{"do", name}};
       if (!o.names.empty()) request["arms"] = o.names;
       return request;
     });
   }
-  void arm(const std::string& word, const std::string& what) {  // of one arm, without anything else
-    CLI::App* child = add(word, what);
-    child->add_option("arm", options_->name)->required();
-    asks(child, [word](const CtlOptions& o) { return json{{"do", word}, {"arm", o.name}}; });
+  void arm(const std::string& name, const std::string& what) {
+    CLI::App* child = add(name, what, "left");
+    child->add_option("arm", options_->name, "Name of the arm")->required();
+    asks(child, [name](const CtlOptions& o) { return json{{"do", name}, {"arm", o.name}}; });
   }
-  void plain(const std::string& word, const std::string& what, const json& request) {
-    asks(add(word, what), [request](const CtlOptions&) { return request; });
+  void plain(const std::string& name, const std::string& what, const json& request) {
+    asks(add(name, what), [request](const CtlOptions&) { return request; });
   }
 
  private:
@@ -280,49 +325,63 @@ class Ctl {
 void add_ctl(Program& program) {
   auto o = std::make_shared<CtlOptions>();
   CLI::App* command = program.add(
-      "ctl", "Commands a running scene over its socket: switches, references, parameters, stop, state",
+      "ctl", "Command a running scene over its socket: switches, references, parameters, stop, state",
       "  multipanda ctl list\n"
-      "  multipanda ctl switch joint                      whoever owned its arms stops\n"
+      "  multipanda ctl switch joint\n"
       "  multipanda ctl reference cartesian pose position_m=0.45,0.1,0.4 rpy_rad=pi,0,0 duration_s=2\n"
       "  multipanda ctl parameter cartesian translational_stiffness_n_per_m 400\n"
       "  multipanda ctl stop && multipanda ctl resume\n"
       "  multipanda ctl watch --rate 5\n"
-      "Exit code: 0 done, 1 refused, 2 not understood (unknown names included).");
-  command->add_option("--socket", o->socket, "Socket of the run; default: the only running scene's");
-  command->add_flag("--json", o->json, "The answer as one JSON object per line");
+      "Lists are separated by commas. Exit codes: 0 done; 1 refused; 2 not understood (includes unknown "
+      "names).");
+  command->add_option("--socket", o->socket, "Socket of the run (default: that of the only running scene)");
+  command->add_flag("--json", o->json, "Print the answer as one JSON object per line");
   command->require_subcommand(1);
   Ctl ctl(program, command, o);
+  const auto text = [](CLI::App* child, const char* name, std::string& value, const char* what) {
+    child->add_option(name, value, what)->required();
+  };
 
-  ctl.plain("list", "Arms, controllets, inputs, features, parameters", {{"do", "list"}});
-  ctl.plain("state", "The present state", {{"do", "state"}});
-  CLI::App* watch_word = ctl.add("watch", "The state, again and again, until Ctrl-C");
-  watch_word->add_option("--rate", o->rate_hz, "Per second")->check(CLI::Range(0.1, 1000.0));
-  watch_word->add_option("--count", o->count, "End after so many");
-  program.on(watch_word, [o] { return watch(*o); });
+  CLI::App* list_command =
+      ctl.add("list", "List the controllets, or inputs, features and parameters of some", "cartesian");
+  list_command->add_option("controllets", o->names,
+                           "Controllets to show in detail (default: a summary of all)");
+  list_command->add_flag("--all", o->all, "Show all controllets in detail");
+  program.on(list_command, [o] { return list(*o); });
+  ctl.plain("state", "Print the current state", {{"do", "state"}});
+  CLI::App* watch_command = ctl.add("watch", "Print the state repeatedly until Ctrl-C", "--rate 5");
+  watch_command->add_option("--rate", o->rate_hz, "States per second (default 2)")
+      ->check(CLI::Range(0.1, 1000.0));
+  watch_command->add_option("--count", o->count, "Number of states to print (default: no limit)");
+  program.on(watch_command, [o] { return watch(*o); });
 
-  CLI::App* change = ctl.add("switch", "Activates controllets; whoever owned their arms stops");
-  change->add_option("controllets", o->names, "Run afterwards");
-  change->add_option("--stop", o->stop, "Stop; arms without an owner are held");
-  change->add_flag("--only", o->only, "Everything else stops");
+  CLI::App* change =
+      ctl.add("switch", "Activate controllets; the previous owners of their arms stop", "joint --stop force");
+  change->add_option("controllets", o->names, "Controllets to activate");
+  change->add_option("--stop", o->stop, "Controllets to deactivate; arms without an owner are held");
+  change->add_flag("--only", o->only, "Deactivate all other controllets");
   ctl.asks(change, [](const CtlOptions& c) {
     return json{{"do", "switch"}, {"activate", c.names}, {"deactivate", c.stop}, {"only", c.only}};
   });
 
-  CLI::App* feature = ctl.add("feature", "Switches a feature of a controllet");
-  feature->add_option("controllet", o->name)->required();
-  feature->add_option("feature", o->input)->required();
-  feature->add_option("value", o->value, "on or off")->required()->check(CLI::IsMember({"on", "off"}));
+  CLI::App* feature =
+      ctl.add("feature", "Switch a feature of a controllet on or off", "cartesian joint_limits off");
+  text(feature, "controllet", o->name, "Name of the controllet");
+  text(feature, "feature", o->input, "Name of the feature");
+  o->value = "on";
+  feature->add_option("value", o->value, "on or off (default on)")->check(CLI::IsMember({"on", "off"}));
   ctl.asks(feature, [](const CtlOptions& c) {
     return json{{"do", "feature"}, {"controllet", c.name}, {"name", c.input}, {"on", c.value == "on"}};
   });
 
-  CLI::App* reference = ctl.add("reference", "Sets a goal for an input of a running controllet");
-  reference->add_option("controllet", o->name)->required();
-  reference->add_option("input", o->input)->required();
+  CLI::App* reference = ctl.add("reference", "Set a goal for an input of an active controllet",
+                                "cartesian pose position_m=0.45,0.1,0.4 rpy_rad=pi,0,0 duration_s=2");
+  text(reference, "controllet", o->name, "Name of the controllet");
+  text(reference, "input", o->input, "Name of the input");
   reference
       ->add_option("pairs", o->pairs,
-                   "key=value: position_m with rpy_rad or quaternion_wxyz, q_rad, force_n, torque_nm, "
-                   "linear_m_per_s, angular_rad_per_s, value; frame=world|ARM_base, duration_s")
+                   "KEY=VALUE: position_m with rpy_rad or quaternion_wxyz, q_rad, force_n, torque_nm, "
+                   "linear_m_per_s, angular_rad_per_s, value; frame=world or ARM_base; duration_s")
       ->required();
   ctl.asks(reference, [](const CtlOptions& c) {
     json request = {{"do", "reference"}, {"controllet", c.name}, {"input", c.input}};
@@ -330,60 +389,68 @@ void add_ctl(Program& program) {
     return request;
   });
 
-  CLI::App* parameter = ctl.add("parameter", "Sets a parameter; it is approached within 0.2 s");
-  parameter->add_option("controllet", o->name)->required();
-  parameter->add_option("parameter", o->input)->required();
-  parameter->add_option("values", o->names, "One number for all, one each, or a word")->required();
+  CLI::App* parameter = ctl.add("parameter", "Set a parameter; its value is reached within 0.2 s",
+                                "joint stiffness_nm_per_rad 100,100,100,100,50,50,50");
+  text(parameter, "controllet", o->name, "Name of the controllet");
+  text(parameter, "parameter", o->input, "Name of the parameter");
+  parameter
+      ->add_option("values", o->names,
+                   "One number for all elements, a number for each, or the name of a choice")
+      ->required();
   ctl.asks(parameter, [](const CtlOptions& c) {
     return json{
         {"do", "parameter"}, {"controllet", c.name}, {"name", c.input}, {"value", parameter_value(c.names)}};
   });
 
-  ctl.arms("stop", "All arms (or the named ones) to hold at the next cycle, until resumed");
-  ctl.arms("resume", "Stopped arms may be switched again; they are still held until then");
+  ctl.arms("stop", "Hold arms from the next cycle until they are resumed");
+  ctl.arms("resume", "Allow switches of stopped arms again; they are held until then");
 
-  CLI::App* load = ctl.add("load", "Declares an arm's payload: mass_kg=0.5 com_m=0,0,0.1");
-  load->add_option("arm", o->name)->required();
-  load->add_option("pairs", o->pairs, "mass_kg, com_m (in the flange)")->required();
+  CLI::App* load = ctl.add("load", "Declare the payload of an arm", "left mass_kg=0.5 com_m=0,0,0.1");
+  text(load, "arm", o->name, "Name of the arm");
+  load->add_option("pairs", o->pairs, "KEY=VALUE: mass_kg, com_m (in the flange frame)")->required();
   ctl.asks(load, [](const CtlOptions& c) {
     json request = {{"do", "set_load"}, {"arm", c.name}};
     add_pairs(c.pairs, request);
     return request;
   });
 
-  CLI::App* frame =
-      ctl.add("frames", "Sets an arm's end effector in the flange: position_m=0,0,0.1 rpy_rad=0,0,0");
-  frame->add_option("arm", o->name)->required();
-  frame->add_option("pairs", o->pairs)->required();
+  CLI::App* frame = ctl.add("frames", "Set the end effector of an arm in its flange frame",
+                            "left position_m=0,0,0.1 rpy_rad=0,0,0");
+  text(frame, "arm", o->name, "Name of the arm");
+  frame->add_option("pairs", o->pairs, "KEY=VALUE: position_m with rpy_rad or quaternion_wxyz")->required();
   ctl.asks(frame, [](const CtlOptions& c) {
     json request = {{"do", "set_frames"}, {"arm", c.name}, {"end_effector", json::object()}};
     add_pairs(c.pairs, request["end_effector"]);
     return request;
   });
 
-  ctl.arm("recover", "Clears an arm's error; it is held afterwards, until somebody switches");
-  ctl.arm("reconnect", "A real arm whose connection was lost: connects anew, then as recover");
-  CLI::App* user_stop = ctl.add("user-stop", "Simulation: presses an arm's stop button, or releases it");
-  user_stop->add_option("arm", o->name)->required();
-  user_stop->add_option("value", o->value, "pressed or released")
+  ctl.arm("recover", "Clear the error of an arm; it is held until a controllet is activated");
+  ctl.arm("reconnect", "Connect to a real arm again after its connection was lost, then recover it");
+  CLI::App* user_stop =
+      ctl.add("user-stop", "Simulation: press or release the stop button of an arm", "left on");
+  text(user_stop, "arm", o->name, "Name of the arm");
+  user_stop->add_option("value", o->value, "on (pressed) or off (released)")
       ->required()
-      ->check(CLI::IsMember({"pressed", "released"}));
+      ->check(CLI::IsMember({"on", "off", "pressed", "released"}));
   ctl.asks(user_stop, [](const CtlOptions& c) {
-    return json{{"do", "user_stop"}, {"arm", c.name}, {"pressed", c.value == "pressed"}};
+    if (c.value == "pressed" || c.value == "released")
+      fmt::print(stderr, "multipanda ctl: '{}' is deprecated and will be removed; use '{}'\n", c.value,
+                 c.value == "pressed" ? "on" : "off");
+    return json{{"do", "user_stop"}, {"arm", c.name}, {"pressed", c.value == "on" || c.value == "pressed"}};
   });
 
-  const auto number = [](CLI::App* child, const char* flag, std::optional<double>& value, const char* what) {
-    child->add_option(flag, value, what);
-  };
-  CLI::App* gripper = ctl.add("gripper", "Moves an arm's gripper; returns when the motion is over");
-  gripper->add_option("arm", o->name)->required();
-  gripper->add_option("action", o->value, "homing, move, grasp, stop, state")
+  CLI::App* gripper = ctl.add("gripper", "Move the gripper of an arm and wait for the end of the motion",
+                              "left grasp --width 0.05");
+  text(gripper, "arm", o->name, "Name of the arm");
+  gripper->add_option("action", o->value, "homing, move, grasp, stop or state")
       ->required()
       ->check(CLI::IsMember({"homing", "move", "grasp", "stop", "state"}));
-  number(gripper, "--width", o->width_m, "move, grasp: between the fingers [m]");
-  number(gripper, "--speed", o->speed_m_per_s, "move, grasp: of the width [m/s], default 0.1");
-  number(gripper, "--force", o->force_n, "grasp: of each finger [N], default 40");
-  number(gripper, "--tolerance", o->tolerance_m, "grasp: of the width, both ways [m], default 0.005");
+  gripper->add_option("--width", o->width_m, "Distance of the fingers for move and grasp [m]");
+  gripper->add_option("--speed", o->speed_m_per_s,
+                      "Rate of change of the width for move and grasp [m/s] (default 0.1)");
+  gripper->add_option("--force", o->force_n, "Force of each finger for grasp [N] (default 40)");
+  gripper->add_option("--tolerance", o->tolerance_m,
+                      "Deviation of the width that counts as a grasp, either way [m] (default 0.005)");
   ctl.asks(gripper, [](const CtlOptions& c) {
     json request = {{"do", "gripper"}, {"arm", c.name}, {"action", c.value}};
     if (c.width_m) request["width_m"] = *c.width_m;
@@ -393,13 +460,15 @@ void add_ctl(Program& program) {
     return request;
   });
 
-  CLI::App* vacuum = ctl.add("vacuum", "Commands an arm's vacuum gripper; returns when it is done");
-  vacuum->add_option("arm", o->name)->required();
-  vacuum->add_option("action", o->value, "on, drop, stop, state")
+  CLI::App* vacuum = ctl.add("vacuum", "Command the vacuum gripper of an arm and wait until it is done",
+                             "left on --vacuum 100");
+  text(vacuum, "arm", o->name, "Name of the arm");
+  vacuum->add_option("action", o->value, "on, drop, stop or state")
       ->required()
       ->check(CLI::IsMember({"on", "drop", "stop", "state"}));
-  number(vacuum, "--vacuum", o->vacuum_mbar, "on: below ambient pressure [mbar], default 100");
-  number(vacuum, "--timeout", o->timeout_s, "on, drop: [s], default 1");
+  vacuum->add_option("--vacuum", o->vacuum_mbar,
+                     "Vacuum for on, below ambient pressure [mbar] (default 100)");
+  vacuum->add_option("--timeout", o->timeout_s, "Time limit for on and drop [s] (default 1)");
   ctl.asks(vacuum, [](const CtlOptions& c) {
     json request = {{"do", "vacuum"}, {"arm", c.name}, {"action", c.value}};
     if (c.vacuum_mbar) request["vacuum_mbar"] = *c.vacuum_mbar;
@@ -407,20 +476,24 @@ void add_ctl(Program& program) {
     return request;
   });
 
-  CLI::App* place = ctl.add("place", "Simulation: puts a free object somewhere");
-  place->add_option("object", o->name)->required();
-  place->add_option("pairs", o->pairs, "position_m, rpy_rad or quaternion_wxyz")->required();
+  CLI::App* place = ctl.add("place", "Simulation: place a free object", "box position_m=0.5,0,0.1");
+  text(place, "object", o->name, "Name of the object");
+  place
+      ->add_option(
+          "pairs", o->pairs,
+          "KEY=VALUE: position_m; rpy_rad or quaternion_wxyz (default: the orientation in the scene)")
+      ->required();
   ctl.asks(place, [](const CtlOptions& c) {
     json request = {{"do", "place_object"}, {"object", c.name}};
     add_pairs(c.pairs, request);
     return request;
   });
-  ctl.plain("pause", "Simulation: the world stands still", {{"do", "pause"}, {"paused", true}});
-  ctl.plain("go", "Simulation: it moves on", {{"do", "pause"}, {"paused", false}});
-  ctl.plain("reset", "Simulation: the world as at the start", {{"do", "reset"}});
+  ctl.plain("pause", "Simulation: pause the world", {{"do", "pause"}, {"paused", true}});
+  ctl.plain("go", "Simulation: continue after a pause", {{"do", "pause"}, {"paused", false}});
+  ctl.plain("reset", "Simulation: put the world back to its start", {{"do", "reset"}});
 
-  CLI::App* raw = ctl.add("send", "Any request as JSON");
-  raw->add_option("request", o->value, "{\"do\": ...}")->required();
+  CLI::App* raw = ctl.add("send", "Send any request as JSON (docs/live_input.md)", "'{\"do\": \"state\"}'");
+  text(raw, "request", o->value, "JSON object with the key 'do'");
   ctl.asks(raw, [](const CtlOptions& c) {
     json request = json::parse(c.value, nullptr, false);
     if (!request.is_object()) throw UsageError("ctl send: expected a JSON object");

@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 
-#include "cli/backend_words.hpp"
+#include "cli/backend_arguments.hpp"
 #include "cli/program.hpp"
 #include "cli/report.hpp"
 #include "cli/run_session.hpp"
@@ -22,10 +22,10 @@ constexpr const char* kChanged = "left_joints";  // what the other arm changes t
 struct DemoOptions {
   bool fast = false, json = false;
   std::string record = "runs";
-  BackendWords backend;
+  BackendArguments backend;
 };
 
-// What the demo looks at in the records beyond the summary.
+// What the demo checks in the records beyond the summary.
 struct Trace {
   ArmIndex undisturbed = 0;
   double until_s = 0;
@@ -57,8 +57,8 @@ double time_of_switch(const Scene& scene, const std::string& controllet, bool af
   throw std::runtime_error("the demo's scene does not switch to " + controllet);
 }
 
-// The same scene without the change of the other arm, up to the next switch: how the undisturbed arm moves
-// if nothing happens beside it.
+// The same scene without the switch of the other arm, up to the next switch: the motion of the undisturbed
+// arm while the other arm does not change.
 Scene without_the_change(Scene scene, double until_s) {
   std::erase_if(scene.timeline, [&](const TimelineEvent& event) {
     return event.at_s >= until_s || event.controllet == kChanged ||
@@ -102,15 +102,15 @@ int run(const DemoOptions& options) {
   RunSummary summary = run_session(session, signals, console);
   const bool whole = summary.end == RunEnd::duration;
 
-  summary.wanted_interventions = {{kFaulty, Intervention::torque_not_finite}};
+  summary.expected_interventions = {{kFaulty, Intervention::torque_not_finite}};
   console.line("");
   print_summary(summary, console);
   if (whole) {
-    // A second run is the same to the bit only where the loop makes the time.
+    // A second run is bit-identical only if the loop sets the time.
     const bool repeatable =
-        options.fast || backend.arms == ArmsFrom::mujoco || backend.arms == ArmsFrom::scene;
-    if (backend.arms == ArmsFrom::fci || !repeatable) {
-      console.line("undisturbed: not compared with a second run, which real time would make another one");
+        options.fast || backend.kind == BackendKind::mujoco || backend.kind == BackendKind::as_scene;
+    if (backend.kind == BackendKind::fci || !repeatable) {
+      console.line("undisturbed: not compared with a second run, which differs in real time");
     } else {
       const Trace alone = trace_alone(scene, registry, undisturbed, trace.until_s, backend);
       const bool same =
@@ -131,10 +131,10 @@ int run(const DemoOptions& options) {
         trace.last_owners.at(undisturbed) == session.modes().find(std::string(kUndisturbed) + "_pose");
     if (survived == summary.interventions.end() || !held || !went_on) {
       summary.problems.push_back(
-          "the injected fault did not end as it should: the faulty arm held, the other going on");
+          "the injected fault did not end as expected: faulty arm held, other arm continuing");
     } else {
       console.line(fmt::format(
-          "fault: {} returned NaN at {:.3f} s; the {} arm was held from that cycle on, the {} arm went on",
+          "fault: {} returned NaN at {:.3f} s; the {} arm was held from that cycle on, the {} arm continued",
           survived->controllet, survived->first_s, kFaulty, kUndisturbed));
     }
     if (trace.largest_contact_n > 0) {
@@ -145,7 +145,7 @@ int run(const DemoOptions& options) {
     summary.problems.push_back("the demo was stopped before its end");
   }
   if (whole) {
-    console.line("making the report ...");
+    console.line("writing the report ...");
     summary.report = report_of(summary.log, console, &summary);
     if (summary.report.empty()) summary.problems.push_back("the report could not be made, see above");
   }
@@ -159,19 +159,20 @@ int run(const DemoOptions& options) {
 
 void add_demo(Program& program) {
   auto options = std::make_shared<DemoOptions>();
-  CLI::App* command = program.add("demo",
-                                  "Two arms for 20 s: targets, switches, shared motion and a survived fault; "
-                                  "ends with figures and a report",
-                                  "  multipanda demo              in real time\n"
-                                  "  multipanda demo --fast       as fast as possible\n"
-                                  "The scene is config/demo.yaml.");
-  command->add_flag("--fast", options->fast, "As fast as possible instead of paced to the wall clock");
+  CLI::App* command =
+      program.add("demo",
+                  "Run two arms for 20 s: targets, switches, shared motion and a survived fault; "
+                  "ends with a summary and a report",
+                  "  multipanda demo              in real time\n"
+                  "  multipanda demo --fast       as fast as possible\n"
+                  "The scene is config/demo.yaml.");
+  command->add_flag("--fast", options->fast, "Run as fast as possible instead of in real time");
   command->add_option("--record", options->record, "Folder for the log and the report")
       ->type_name("DIR")
       ->capture_default_str();
-  add_backend_words(command, options->backend);
+  add_backend_arguments(command, options->backend);
   command->add_flag("--json", options->json,
-                    "One JSON object on standard output at the end, all else on standard error");
+                    "Print one JSON object to standard output at the end, messages to standard error");
   program.on(command, [options] { return run(*options); });
 }
 

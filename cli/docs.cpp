@@ -7,10 +7,10 @@
 namespace multipanda::cli {
 
 void add_docs(Program& program) {
-  CLI::App* command = program.add("docs", "Prints documentation that is generated from the program itself",
+  CLI::App* command = program.add("docs", "Print documentation generated from the program",
                                   "  multipanda docs scene > docs/scene_reference.md");
   command->require_subcommand(1);
-  program.on(command->add_subcommand("scene", "Reference of the scene file (Markdown)"), [] {
+  program.on(command->add_subcommand("scene", "Print the reference of scene files (Markdown)"), [] {
     fmt::print("{}", scene_reference_markdown(build_registry({})));
     return kSuccess;
   });

@@ -7,7 +7,7 @@
 #include "cli/program.hpp"
 #include "doctor/examination.hpp"
 #include "scene/load.hpp"
-#include "scene/names.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda::cli {
 namespace {
@@ -20,7 +20,7 @@ struct DoctorOptions {
 };
 
 int run(const DoctorOptions& options) {
-  // A scene that does not exist is wrong use, not a finding about this computer.
+  // A missing scene is wrong usage, not a finding about this computer.
   const auto scenes = available_scenes();
   if (options.scene.find_first_of("/.") == std::string::npos &&
       std::find(scenes.begin(), scenes.end(), options.scene) == scenes.end()) {
@@ -32,25 +32,25 @@ int run(const DoctorOptions& options) {
   console.line(fmt::format("multipanda doctor: {}, {:g} s per measurement",
                            purpose == doctor::Purpose::real_arms
                                ? "judged for real arms"
-                               : "judged for simulated arms (name a real arm's address to be judged for it)",
+                               : "judged for simulated arms (to judge for a real arm, name its address)",
                            options.seconds));
   const auto findings =
       doctor::examine({.addresses = options.addresses, .scene = options.scene, .seconds = options.seconds},
                       [&](const doctor::Finding& finding) {
-                        for (const auto& line : doctor::to_text(finding, console.has_colour()))
+                        for (const auto& line : doctor::to_text(finding, console.has_color()))
                           console.line(line);
                       });
-  const doctor::Judgement verdict = doctor::verdict(findings);
-  const auto count = [&](doctor::Judgement judged) {
+  const doctor::Judgment verdict = doctor::verdict(findings);
+  const auto count = [&](doctor::Judgment judged) {
     return std::count_if(findings.begin(), findings.end(),
                          [judged](const auto& f) { return f.judged == judged; });
   };
-  console.line(fmt::format("{} ok, {} unknown, {} warning(s), {} bad", count(doctor::Judgement::ok),
-                           count(doctor::Judgement::unknown), count(doctor::Judgement::warning),
-                           count(doctor::Judgement::bad)));
-  for (const auto& sentence : doctor::blame(findings)) console.line("to blame: " + sentence);
+  console.line(fmt::format("{} ok, {} unknown, {} warning(s), {} bad", count(doctor::Judgment::ok),
+                           count(doctor::Judgment::unknown), count(doctor::Judgment::warning),
+                           count(doctor::Judgment::bad)));
+  for (const auto& sentence : doctor::blame(findings)) console.line("cause: " + sentence);
   if (options.json) fmt::print("{}\n", doctor::to_json(findings, purpose, options.seconds));
-  return verdict == doctor::Judgement::bad ? kFailed : kSuccess;
+  return verdict == doctor::Judgment::bad ? kFailed : kSuccess;
 }
 
 }  // namespace
@@ -59,17 +59,17 @@ void add_doctor(Program& program) {
   auto options = std::make_shared<DoctorOptions>();
   CLI::App* command = program.add(
       "doctor",
-      "Measures whether this computer, its network and its arms keep 1 kHz; cause and cure of what does not",
+      "Measure whether this computer, its network and its arms sustain 1 kHz, with causes and remedies",
       "  multipanda doctor                          this computer, for simulated arms\n"
-      "  multipanda doctor 172.16.0.2 172.16.0.3    and the way to two arms; moves nothing\n"
+      "  multipanda doctor 172.16.0.2 172.16.0.3    also the network and two arms; moves nothing\n"
       "  multipanda doctor --scene my/scene.yaml --seconds 60 --json > doctor.json\n"
       "Fails (exit code 1) if something is bad; docs/doctor.md explains every line.");
-  command->add_option("addresses", options->addresses, "Arms to look at, by address")->type_name("ADDRESS");
-  command->add_option("--scene", options->scene, "Scene whose control cycle is timed; default: two_arms");
-  command->add_option("--seconds", options->seconds, "Length of each measurement; default: 10")
+  command->add_option("addresses", options->addresses, "Addresses of arms to examine")->type_name("ADDRESS");
+  command->add_option("--scene", options->scene, "Scene whose control cycle is timed (default two_arms)");
+  command->add_option("--seconds", options->seconds, "Duration of each measurement [s] (default 10)")
       ->check(CLI::Range(0.1, 3600.0));
   command->add_flag("--json", options->json,
-                    "One JSON object on standard output at the end, all else on standard error");
+                    "Print one JSON object to standard output at the end, messages to standard error");
   program.on(command, [options] { return run(*options); });
 }
 

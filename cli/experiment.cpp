@@ -2,30 +2,30 @@
 
 #include <fmt/format.h>
 
-#include "cli/backend_words.hpp"
+#include "cli/backend_arguments.hpp"
 #include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "experiments/kinds.hpp"
 #include "logs/recorder.hpp"
-#include "runtime/signals.hpp"
-#include "scene/names.hpp"
+#include "support/signals.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda::cli {
 namespace {
 
 namespace fs = std::filesystem;
 
-struct Options {
+struct ExperimentArguments {
   std::string name;
   std::optional<std::size_t> repeats;
   bool fast = false, json = false, keep_data = false;
   std::string generator = "socket", pace = "realtime";
   std::vector<std::string> only;
   std::string out = "runs";
-  BackendWords backend;
+  BackendArguments backend;
 };
 
-// Whether any limit is about the variant.
+// Whether any limit applies to the variant.
 bool is_judged(const Experiment& experiment, const ExperimentVariant& variant) {
   return std::any_of(experiment.limits.begin(), experiment.limits.end(), [&](const auto& limit) {
     return limit.variants.empty()
@@ -52,8 +52,8 @@ void list_as_json() {
   fmt::print("{}\n", list.dump());
 }
 
-int list_experiments(bool json) {
-  if (json) {
+int list_experiments(bool as_json) {
+  if (as_json) {
     list_as_json();
     return kSuccess;
   }
@@ -65,7 +65,7 @@ int list_experiments(bool json) {
       fmt::print("{:<24} refused: {}\n", name, error.what());
     }
   }
-  fmt::print("{:<24} {}\n", "all", "every experiment, and one page about them");
+  fmt::print("{:<24} {}\n", "all", "all experiments, and one page about them");
   return kSuccess;
 }
 
@@ -80,7 +80,7 @@ Experiment open_experiment(const std::string& name) {
   return load_experiment(name);
 }
 
-// Worst figure against its limit, one line per limit that failed; one line if none did.
+// Prints one line per exceeded limit, with the worst figure.
 void print_result(const ExperimentResult& result, const Console& console) {
   std::size_t limits = 0;
   if (result.results.contains("limits")) limits = result.results["limits"].size();
@@ -90,13 +90,13 @@ void print_result(const ExperimentResult& result, const Console& console) {
   if (!result.page.empty()) console.line("  report: " + result.page.string());
 }
 
-int run(const Options& options) {
+int run(const ExperimentArguments& options) {
   if (options.name == "list") return list_experiments(options.json);
   const Console console(options.json);
   const bool all = options.name == "all";
   std::vector<Experiment> experiments;
   if (all) {
-    if (!options.only.empty()) throw UsageError("experiment all: --only needs one experiment");
+    if (!options.only.empty()) throw UsageError("experiment all: --only needs a single experiment");
     for (const auto& name : available_experiments()) experiments.push_back(load_experiment(name));
   } else {
     experiments.push_back(open_experiment(options.name));
@@ -105,26 +105,26 @@ int run(const Options& options) {
   if (options.generator == "ros" && !std::all_of(experiments.begin(), experiments.end(),
                                                  [](const auto& e) { return e.kind == "performance"; })) {
     throw UsageError(
-        "experiment: --generator is for experiments with a motion generator, as "
+        "experiment: --generator needs an experiment with a motion generator, such as "
         "controller-performance");
   }
 
   BackendOptions backend = backend_options(options.backend);
   backend.lockstep = options.pace == "lockstep";
-  if (backend.lockstep && backend.arms != ArmsFrom::virtual_arms)
-    throw UsageError("experiment: --pace is for --backend virtual: the world of simulated arms always waits");
+  if (backend.lockstep && backend.kind != BackendKind::virtual_arms)
+    throw UsageError("experiment: --pace needs --backend virtual; the world of simulated arms always waits");
 
   std::atomic<bool> stop{false};
   const SignalWatch watch([&](int) {
     stop = true;
-    console.line("stopping: arms to hold, then the end (once more: quit at once)");
+    console.line("stopping: the arms hold, then the run ends (interrupt again to quit at once)");
   });
   const ExperimentProgress progress{.line = [&](const std::string& text) { console.line(text); },
                                     .stop = &stop};
   const fs::path directory =
       make_run_directory(options.out, all ? "experiments" : "experiment_" + experiments.front().name);
   std::vector<ExperimentResult> results;
-  auto json = nlohmann::ordered_json::array();
+  auto list = nlohmann::ordered_json::array();
   for (const auto& experiment : experiments) {
     ExperimentOptions run_options{.fast = options.fast,
                                   .repeats = options.repeats,
@@ -135,13 +135,21 @@ int run(const Options& options) {
                                   .ros = options.generator == "ros"};
     fs::create_directories(run_options.directory);
     console.line(fmt::format("{}: {}", experiment.name, experiment.title));
-    ExperimentResult result = run_experiment(experiment, run_options, progress);
+    ExperimentResult result;
+    try {
+      result = run_experiment(experiment, run_options, progress);
+    } catch (...) {  // an experiment that is refused before it runs leaves no empty folders
+      std::error_code not_empty;
+      fs::remove(run_options.directory, not_empty);
+      fs::remove(directory, not_empty);
+      throw;
+    }
     if (result.stopped) {
       console.line("stopped: no report");
       return kFailed;
     }
     print_result(result, console);
-    json.push_back(result.results);
+    list.push_back(result.results);
     results.push_back(std::move(result));
   }
   const bool passed = std::all_of(results.begin(), results.end(), [](const auto& r) { return r.passed; });
@@ -151,8 +159,8 @@ int run(const Options& options) {
     console.line("page of all: " + index.string());
   }
   if (options.json) {
-    if (all) json = {{"passed", passed}, {"index", index.string()}, {"experiments", json}};
-    fmt::print("{}\n", all ? json.dump() : json.front().dump());
+    if (all) list = {{"passed", passed}, {"index", index.string()}, {"experiments", list}};
+    fmt::print("{}\n", all ? list.dump() : list.front().dump());
   }
   return passed ? kSuccess : kFailed;
 }
@@ -160,46 +168,49 @@ int run(const Options& options) {
 }  // namespace
 
 void add_experiment(Program& program) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<ExperimentArguments>();
   CLI::App* command = program.add(
-      "experiment", "Runs an experiment on simulated arms and reports it: figures, limits, pictures",
+      "experiment", "Run an experiment on simulated arms and report figures, limits and pictures",
       "  multipanda experiment list\n"
-      "  multipanda experiment task-1                      as it is meant: five repeats, in real time\n"
+      "  multipanda experiment task-1                      with its five repeats, in real time\n"
       "  multipanda experiment task-1 --fast --repeats 1   a quick look\n"
-      "  multipanda experiment task-3 --fast --backend virtual   the same through client and virtual arms\n"
+      "  multipanda experiment task-3 --fast --backend virtual   with virtual arms and the network client\n"
       "  multipanda experiment controller-performance --backend virtual --generator ros\n"
-      "  multipanda experiment all --fast                  every experiment, one page\n"
-      "Fails (exit code 1) if a figure is beyond its limit or a run did not go as asked.");
+      "  multipanda experiment all --fast                  all experiments and one page\n"
+      "Fails (exit code 1) if a figure exceeds its limit or a run failed.");
   command
-      ->add_option("name", options->name, "Name (multipanda experiment list), path of a file, all, or list")
+      ->add_option("name", options->name,
+                   "Name (see multipanda experiment list) or path of an experiment; all; or list")
       ->required();
   command
       ->add_option("--repeats", options->repeats,
-                   "Runs of every variant on every plant; default: the experiment's")
+                   "Runs of every variant on every plant (default: as in the experiment)")
       ->check(CLI::Range(1, 1000));
   command->add_flag("--fast", options->fast,
-                    "As fast as possible, several runs at once, instead of paced to the wall clock");
-  command->add_option("--only", options->only, "Only these variants, by name or choice")->delimiter(',');
-  command->add_option("--out", options->out, "Folder that gets a new folder with logs, figures and page")
+                    "Run as fast as possible and several runs at once, instead of in real time");
+  command->add_option("--only", options->only, "Variants to run, by name or choice (default: all)")
+      ->delimiter(',');
+  command
+      ->add_option("--out", options->out,
+                   "Folder in which a new folder with logs, figures and page is created")
       ->type_name("DIR")
       ->capture_default_str();
-  add_simulation_words(command, options->backend);
+  add_simulation_arguments(command, options->backend);
   command
-      ->add_option(
-          "--generator", options->generator,
-          "How set-points of controller-performance's motion generator come: socket, or ros (topics)")
+      ->add_option("--generator", options->generator,
+                   "Channel of the motion generator of controller-performance: socket, or ros (topics)")
       ->check(CLI::IsMember({"socket", "ros"}))
       ->capture_default_str();
   command
-      ->add_option(
-          "--pace", options->pace,
-          "Virtual arms in real time, as real ones are, or lockstep: they wait for every command, so that "
-          "no busy computer comes too late for them")
+      ->add_option("--pace", options->pace,
+                   "Pace of virtual arms: realtime, or lockstep: they wait for every command, so that "
+                   "a busy computer loses none")
       ->check(CLI::IsMember({"realtime", "lockstep"}))
       ->capture_default_str();
-  command->add_flag("--keep-data", options->keep_data, "Leave the arrays that the figures were made from");
+  command->add_flag("--keep-data", options->keep_data,
+                    "Keep the arrays from which the figures were computed");
   command->add_flag("--json", options->json,
-                    "One JSON object on standard output at the end, all else on standard error");
+                    "Print one JSON object to standard output at the end, messages to standard error");
   program.on(command, [options] { return run(*options); });
 }
 

@@ -17,7 +17,7 @@ struct ExportOptions {
   bool csv = false, npz = false, urdf = false, mjcf = false, hand = false;
 };
 
-// A model file as other programs read it: MODEL.urdf, MODEL.xml in the folder `out`.
+// Writes the model for other programs: MODEL.urdf, MODEL.xml in the folder `out`.
 int export_model(const ExportOptions& options) {
   namespace fs = std::filesystem;
   const RobotDescription robot = load_robot(options.what);
@@ -54,28 +54,30 @@ int run(const ExportOptions& options) {
 
 void add_export(Program& program) {
   auto options = std::make_shared<ExportOptions>();
-  CLI::App* command = program.add(
-      "export", "Writes a log as CSV tables or an archive for numpy, a robot model as URDF or MJCF",
-      "  multipanda export runs/20260102_120000_two_arms/log.mcap --csv --out tables\n"
-      "  multipanda export runs --npz                      of the newest run in runs\n"
-      "  multipanda export identified.yaml --urdf --mjcf --hand --out models");
+  CLI::App* command =
+      program.add("export", "Export a log as CSV tables or numpy archive, or a robot model as URDF or MJCF",
+                  "  multipanda export runs/20260102_120000_two_arms/log.mcap --csv --out tables\n"
+                  "  multipanda export runs --npz                      of the newest run in runs\n"
+                  "  multipanda export identified.yaml --urdf --mjcf --hand --out models");
   command
       ->add_option("what", options->what,
-                   "Log file, or the folder of its run; with --urdf or --mjcf a model by name or file")
+                   "Log file or folder of its run; with --urdf or --mjcf name or file of a model")
       ->required()
       ->type_name("LOG|MODEL");
-  CLI::Option* csv = command->add_flag("--csv", options->csv,
-                                       "One table per topic, in a folder (default: csv beside the log)");
-  command->add_flag("--npz", options->npz, "One archive for numpy.load() (default: beside the log)")
+  CLI::Option* csv = command->add_flag(
+      "--csv", options->csv, "Write a table per topic into a folder (default: csv next to the log)");
+  command->add_flag("--npz", options->npz, "Write one archive for numpy.load() (default: next to the log)")
       ->excludes(csv);
-  CLI::Option* urdf = command->add_flag("--urdf", options->urdf, "The model's rigid bodies, as NAME.urdf");
+  CLI::Option* urdf =
+      command->add_flag("--urdf", options->urdf, "Write the rigid bodies of the model as NAME.urdf");
   CLI::Option* mjcf = command->add_flag(
-      "--mjcf", options->mjcf, "The model with motor inertia and viscous and dry friction, as NAME.xml");
+      "--mjcf", options->mjcf, "Write the model with motor inertia and viscous and dry friction as NAME.xml");
   for (CLI::Option* format : {urdf, mjcf}) format->excludes(csv)->excludes("--npz");
-  command->add_flag("--hand", options->hand, "The model's hand, closed, on the flange");
+  command->add_flag("--hand", options->hand, "Include the closed hand on the flange");
   command
       ->add_option("--out", options->out,
-                   "Folder for --csv, file for --npz, folder for --urdf and --mjcf (default: this one)")
+                   "Folder for --csv, --urdf and --mjcf, file for --npz (default: see the formats; models: "
+                   "this folder)")
       ->type_name("PATH");
   program.on(command, [options] { return run(*options); });
 }

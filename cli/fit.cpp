@@ -3,22 +3,22 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "analysis/identification/rollout_fit.hpp"
-#include "analysis/measured/scene_model.hpp"
 #include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "models/write_robot.hpp"
 #include "scene/build.hpp"
+#include "sysid/identification/rollout_fit.hpp"
+#include "sysid/measured/scene_model.hpp"
 
-// `multipanda fit`: delay and torque bandwidth of an arm, or the stiffness of a surface, by replaying a log
-// in simulation (docs/actuation_fit.md).
+// `multipanda fit` finds delay and torque bandwidth of an arm, or the stiffness of a surface, by replaying a
+// log in simulation (docs/actuation_fit.md).
 namespace multipanda::cli {
 namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-struct FitWords {
+struct FitArguments {
   std::string log, arm, surface, plant_model, out;
   RolloutOptions options;
   bool json = false;
@@ -38,14 +38,16 @@ Json rollout_json(const RolloutFit& fit) {
           {"windows", fit.windows}, {"rollouts", fit.rollouts}, {"warnings", fit.warnings}};
 }
 
-int fit_surface_of(FitWords& words, const MeasuredLog& log, const Scene& scene, const Console& console) {
-  const SurfaceFit fit = fit_surface(log, scene, arm_of(scene, log), words.surface, words.options);
+int fit_surface_of(FitArguments& arguments, const MeasuredLog& log, const Scene& scene,
+                   const Console& console) {
+  const SurfaceFit fit = fit_surface(log, scene, arm_of(scene, log), arguments.surface, arguments.options);
   for (const std::string& warning : fit.fit.warnings) console.line("warning: " + warning);
-  console.line(fmt::format(
-      "'{}': {:.0f} +- {:.0f} N/m (rough estimate {:.0f}), its surface {:+.3f} +- {:.3f} mm", words.surface,
-      fit.stiffness, fit.stiffness_half95, fit.rough_stiffness, 1e3 * fit.height, 1e3 * fit.height_half95));
-  if (words.json) {
-    fmt::print("{}\n", Json{{"surface", words.surface},
+  console.line(
+      fmt::format("'{}': {:.0f} +- {:.0f} N/m (rough estimate {:.0f}), its surface {:+.3f} +- {:.3f} mm",
+                  arguments.surface, fit.stiffness, fit.stiffness_half95, fit.rough_stiffness,
+                  1e3 * fit.height, 1e3 * fit.height_half95));
+  if (arguments.json) {
+    fmt::print("{}\n", Json{{"surface", arguments.surface},
                             {"stiffness_n_per_m", fit.stiffness},
                             {"stiffness_half95_n_per_m", fit.stiffness_half95},
                             {"rough_stiffness_n_per_m", fit.rough_stiffness},
@@ -57,7 +59,8 @@ int fit_surface_of(FitWords& words, const MeasuredLog& log, const Scene& scene, 
   return fit.fit.converged ? kSuccess : kFailed;
 }
 
-int fit_actuation_of(FitWords& words, const MeasuredLog& log, const Scene& scene, const Console& console) {
+int fit_actuation_of(FitArguments& arguments, const MeasuredLog& log, const Scene& scene,
+                     const Console& console) {
   const std::size_t arm = arm_of(scene, log);
   RobotDescription robot = plant_robot_of(scene.arms[arm]);
   const ActuationFit quick = fit_actuation(std::span(&log, 1), robot);
@@ -66,23 +69,24 @@ int fit_actuation_of(FitWords& words, const MeasuredLog& log, const Scene& scene
       1e3 * quick.actuation.command_delay, 1e3 * quick.delay_half95, quick.actuation.torque_bandwidth_hz,
       quick.bandwidth_half95, quick.noise));
   const ActuationRollouts found =
-      fit_actuation_by_rollouts(std::span(&log, 1), scene, arm, quick, words.options);
+      fit_actuation_by_rollouts(std::span(&log, 1), scene, arm, quick, arguments.options);
   for (const auto* warnings : {&quick.warnings, &found.fit.warnings}) {
     for (const std::string& warning : *warnings) console.line("warning: " + warning);
   }
   console.line(fmt::format("by rollouts: delay {:.3f} +- {:.3f} ms, bandwidth {:.2f} Hz",
                            1e3 * found.actuation.command_delay, found.fit.half95[0],
                            found.actuation.torque_bandwidth_hz));
-  if (!words.out.empty()) {
+  if (!arguments.out.empty()) {
     ActuationFit best = quick;
     best.actuation = found.actuation;
     apply(best, robot);
-    robot.name = fs::path(words.out).stem().string();
-    if (fs::path(words.out).has_parent_path()) fs::create_directories(fs::path(words.out).parent_path());
-    write_robot(robot, robot_of(scene.arms[arm]), words.out);
-    console.line("model: " + words.out);
+    robot.name = fs::path(arguments.out).stem().string();
+    if (fs::path(arguments.out).has_parent_path())
+      fs::create_directories(fs::path(arguments.out).parent_path());
+    write_robot(robot, robot_of(scene.arms[arm]), arguments.out);
+    console.line("model: " + arguments.out);
   }
-  if (words.json) {
+  if (arguments.json) {
     fmt::print("{}\n", Json{{"delay_s", found.actuation.command_delay},
                             {"delay_half95_s", 1e-3 * found.fit.half95[0]},
                             {"bandwidth_hz", found.actuation.torque_bandwidth_hz},
@@ -99,23 +103,23 @@ int fit_actuation_of(FitWords& words, const MeasuredLog& log, const Scene& scene
   return found.fit.converged ? kSuccess : kFailed;
 }
 
-int run(FitWords& words) {
-  const Console console(words.json);
+int run(FitArguments& arguments) {
+  const Console console(arguments.json);
   MeasuredLogOptions reading;
-  reading.arm = words.arm;
-  const std::vector<MeasuredLog> logs = read_measured(words.log, reading);
+  reading.arm = arguments.arm;
+  const std::vector<MeasuredLog> logs = read_measured(arguments.log, reading);
   if (logs.size() != 1) {
-    throw UsageError(fmt::format("fit: {} holds {} arms, one is fitted at a time: name it with --arm",
-                                 words.log, logs.size()));
+    throw UsageError(fmt::format("fit: {} has {} arms and one is fitted at a time; name it with --arm",
+                                 arguments.log, logs.size()));
   }
   const MeasuredLog& log = logs.front();
   if (log.scene_text.empty()) {
-    throw UsageError("fit: " + words.log +
-                     " has no scene to replay it in: give a log of `multipanda run --record`");
+    throw UsageError("fit: " + arguments.log +
+                     " has no scene to replay it in; use a log of `multipanda run --record`");
   }
   Scene scene = rebuild_scene(log.scene_text, log.scene_path);
-  if (!words.plant_model.empty()) scene.arms[arm_of(scene, log)].plant_model = words.plant_model;
-  words.options.progress = [&console](const FitProgress& p) {
+  if (!arguments.plant_model.empty()) scene.arms[arm_of(scene, log)].plant_model = arguments.plant_model;
+  arguments.options.progress = [&console](const FitProgress& p) {
     std::string line = fmt::format("pass {:2}: residual {:.4f}", p.pass, p.rms);
     for (std::size_t i = 0; i < p.names.size(); ++i) {
       line += fmt::format(", {} {:.5g}", p.names[i], p.value[static_cast<Eigen::Index>(i)]);
@@ -123,35 +127,36 @@ int run(FitWords& words) {
     console.line(line + fmt::format(" ({} rollouts)", p.rollouts));
     return true;
   };
-  return words.surface.empty() ? fit_actuation_of(words, log, scene, console)
-                               : fit_surface_of(words, log, scene, console);
+  return arguments.surface.empty() ? fit_actuation_of(arguments, log, scene, console)
+                                   : fit_surface_of(arguments, log, scene, console);
 }
 
 }  // namespace
 
 void add_fit(Program& program) {
-  auto words = std::make_shared<FitWords>();
+  auto arguments = std::make_shared<FitArguments>();
   CLI::App* command = program.add(
       "fit",
-      "Finds delay and torque bandwidth of an arm, or a surface's stiffness, by replaying a log in "
+      "Find delay and torque bandwidth of an arm, or the stiffness of a surface, by replaying a log in "
       "simulation",
       "  multipanda fit runs/excitation/log.mcap --plant-model my/panda.yaml --out my/panda_tuned.yaml\n"
       "  multipanda fit runs/task_3/log.mcap --surface table --json");
-  command->add_option("log", words->log, "A log of ours, with its scene, or a run's folder")
+  command->add_option("log", arguments->log, "Log of multipanda with its scene, or the folder of a run")
       ->required()
       ->type_name("LOG");
-  command->add_option("--arm", words->arm, "Of a log with several arms");
-  command->add_option("--surface", words->surface, "Object of the scene whose stiffness is sought")
+  command->add_option("--arm", arguments->arm, "Arm to use if the log has several");
+  command->add_option("--surface", arguments->surface, "Object of the scene whose stiffness is fitted")
       ->type_name("OBJECT");
-  command->add_option("--plant-model", words->plant_model,
-                      "What the arm is known to be; default: as the scene says");
-  command->add_option("--out", words->out,
-                      "Model file to write: the same arm with delay, bandwidth, friction, noise");
-  command->add_option("--windows", words->options.windows, "Short replays per candidate")
+  command->add_option("--plant-model", arguments->plant_model,
+                      "Model file of the arm (default: as in the scene)");
+  command->add_option("--out", arguments->out,
+                      "Model file to write, with the fitted delay, bandwidth, friction and noise");
+  command->add_option("--windows", arguments->options.windows, "Number of short replays per candidate")
       ->capture_default_str();
-  command->add_option("--threads", words->options.threads, "0: one per core")->capture_default_str();
-  command->add_flag("--json", words->json, "All figures as one JSON object on standard output");
-  program.on(command, [words] { return run(*words); });
+  command->add_option("--threads", arguments->options.threads, "Number of threads, 0 for one per core")
+      ->capture_default_str();
+  command->add_flag("--json", arguments->json, "Print all figures as one JSON object to standard output");
+  program.on(command, [arguments] { return run(*arguments); });
 }
 
 }  // namespace multipanda::cli

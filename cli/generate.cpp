@@ -5,13 +5,13 @@
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 
+#include "cli/channel_arguments.hpp"
 #include "cli/console.hpp"
-#include "cli/link_words.hpp"
-#include "generators/course_sink.hpp"
-#include "runtime/signals.hpp"
-#include "scene/names.hpp"
+#include "motion_generators/course_sink.hpp"
+#include "support/signals.hpp"
+#include "support/spelling.hpp"
 
-// `multipanda generate`: motion generators, each a process of its own beside the run
+// `multipanda generate` runs motion generators, each in a process of its own
 // (docs/motion_generator.md).
 namespace multipanda::cli {
 namespace {
@@ -22,22 +22,22 @@ using nlohmann::json;
 
 struct GenerateOptions {
   std::string course;
-  LinkWords link;
+  ChannelArguments channel;
   std::vector<std::string> to;
   double seconds = 0;
   bool rehearse = false, json = false;
 };
 
-// --to HAND=CONTROLLET.INPUT: the hands that are named go there, and nowhere else.
-void redirect(const std::vector<std::string>& words, Course& course) {
+// --to HAND=CONTROLLET.INPUT overrides the course for the named hands.
+void redirect(const std::vector<std::string>& arguments, Course& course) {
   std::vector<std::string> names, seen;
   for (const auto& hand : course.hands) names.push_back(hand.spec.name);
-  for (const auto& word : words) {
-    const std::size_t equals = word.find('='), dot = word.rfind('.');
+  for (const auto& argument : arguments) {
+    const std::size_t equals = argument.find('='), dot = argument.rfind('.');
     if (equals == std::string::npos || dot == std::string::npos || dot < equals) {
-      throw UsageError(fmt::format("generate: expected --to HAND=CONTROLLET.INPUT, found '{}'", word));
+      throw UsageError(fmt::format("generate: expected --to HAND=CONTROLLET.INPUT, found '{}'", argument));
     }
-    const std::string name = word.substr(0, equals);
+    const std::string name = argument.substr(0, equals);
     const auto found = std::find(names.begin(), names.end(), name);
     if (found == names.end()) {
       throw UsageError(fmt::format("generate: the course has no hand '{}'{}", name,
@@ -46,7 +46,8 @@ void redirect(const std::vector<std::string>& words, Course& course) {
     auto& publish = course.hands[static_cast<std::size_t>(found - names.begin())].publish;
     if (std::find(seen.begin(), seen.end(), name) == seen.end()) publish.clear();
     seen.push_back(name);
-    publish.push_back({word.substr(equals + 1, dot - equals - 1), word.substr(dot + 1), Vector3::Zero()});
+    publish.push_back(
+        {argument.substr(equals + 1, dot - equals - 1), argument.substr(dot + 1), Vector3::Zero()});
   }
 }
 
@@ -82,25 +83,25 @@ int run(const GenerateOptions& options) {
   json result;
   if (options.rehearse) {
     if (course.repeat && options.seconds == 0) {
-      throw UsageError("generate: this course repeats: say how long to rehearse it with --seconds");
+      throw UsageError("generate: this course repeats; set the length of the rehearsal with --seconds");
     }
     const auto starts = starts_of(course);
     CourseRun run(course, starts);
     result = to_json(rehearse_course(run, publish), course);
   } else {
-    // Before any other thread is there, so that signals are taken here alone.
+    // Before any other thread exists, so that only this handler receives the signals.
     const SignalWatch signals([&stop](int) { stop = true; });
-    const auto link = open_link(options.link, "circular_field");
-    CourseSink sink(*link, course);
-    CourseRun run(course, starts_in(*link, course));
+    const auto set_points = open_channel(options.channel, "circular_field");
+    CourseSink sink(*set_points, course);
+    CourseRun run(course, starts_in(*set_points, course));
     const json thread = set_up_publishing_thread();
     const PublishReport report = publish_course(run, sink, publish);
     result = to_json(report, course);
     result["thread"] = thread;
     result["channels"] = json::array();
     if (report.ended_by != "nobody_listens") {
-      link->rest();
-      result["channels"] = link->channels();
+      set_points->rest();
+      result["channels"] = set_points->channels();
     }
   }
   bool arrived = course.repeat || result["ended_by"] == "stopped";
@@ -110,8 +111,8 @@ int run(const GenerateOptions& options) {
       arrived = arrived && result["goals_reached"][hand.spec.name] == hand.goals.size();
     }
   }
-  if (!arrived) console.line("failed: not every hand came to its last goal");
-  if (result["ended_by"] == "nobody_listens") console.line("failed: the run takes no poses any more");
+  if (!arrived) console.line("failed: not every hand reached its last goal");
+  if (result["ended_by"] == "nobody_listens") console.line("failed: the run no longer accepts poses");
   print(result, console);
   if (options.json) fmt::print("{}\n", result.dump());
   return arrived && result["ended_by"] != "nobody_listens" ? kSuccess : kFailed;
@@ -121,13 +122,13 @@ int run(const GenerateOptions& options) {
 
 void add_generate(Program& program) {
   auto options = std::make_shared<GenerateOptions>();
-  CLI::App* command = program.add("generate", "Publishes moving set-points to a running scene at 1 kHz",
+  CLI::App* command = program.add("generate", "Publish moving set-points to a running scene at 1 kHz",
                                   "  multipanda generate circular-field common_target --seconds 30\n"
                                   "  multipanda generate circular-field course.yaml --socket PATH --json\n"
                                   "  multipanda generate circular-field two_hands --rehearse --seconds 60");
   command->require_subcommand(1);
   CLI::App* field = command->add_subcommand(
-      "circular-field", "Leads hands to their goals round moving obstacles (circular fields)");
+      "circular-field", "Move hands to their goals around moving obstacles with circular fields");
   field->footer(
       "Examples:\n"
       "  multipanda run two_arms &\n"
@@ -135,15 +136,17 @@ void add_generate(Program& program) {
       "  multipanda generate circular-field common_target --to pair=coupled.pose\n"
       "  multipanda run two_arms --ros & multipanda generate circular-field common_target --ros");
   field->add_option("course", options->course, "Name (config/courses) or path of a course file")->required();
-  add_link_words(field, options->link);
-  field->add_option("--seconds", options->seconds, "End after so long, whatever was reached")
+  add_channel_arguments(field, options->channel);
+  field
+      ->add_option("--seconds", options->seconds,
+                   "End after this time, even before the goals [s] (default: at the goals)")
       ->check(CLI::PositiveNumber);
   field
       ->add_option("--to", options->to,
-                   "HAND=CONTROLLET.INPUT instead of what the course says; may be repeated")
+                   "HAND=CONTROLLET.INPUT to use instead of the course's; may be repeated")
       ->type_name("TEXT");
-  field->add_flag("--rehearse", options->rehearse, "Plan only, as fast as possible; no run is needed");
-  field->add_flag("--json", options->json, "One JSON object on standard output at the end");
+  field->add_flag("--rehearse", options->rehearse, "Plan only, as fast as possible, without a run");
+  field->add_flag("--json", options->json, "Print one JSON object to standard output at the end");
   program.on(field, [options] { return run(*options); });
 }
 

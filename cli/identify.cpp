@@ -1,29 +1,31 @@
-#include <cmath>
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
+#include <unistd.h>
 
 #include <fmt/format.h>
 
-#include "analysis/identification/identification_json.hpp"
-#include "analysis/identification/mounting.hpp"
 #include "cli/console.hpp"
+#include "cli/measured_arguments.hpp"
 #include "cli/program.hpp"
 #include "models/to_mjcf.hpp"
 #include "models/to_urdf.hpp"
 #include "models/write_robot.hpp"
+#include "sysid/identification/identification_json.hpp"
 
-// `multipanda identify`: from logs to the model of an arm (docs/identification.md).
+// `multipanda identify` makes the model of an arm from logs (docs/identification.md).
 namespace multipanda::cli {
 namespace {
 
 namespace fs = std::filesystem;
 
-struct IdentifyWords {
+struct IdentifyArguments {
   std::vector<std::string> logs;
-  std::string robot = "fer", arm, columns, out, urdf, mjcf, report;
-  std::vector<double> tool;
+  std::string robot = "fer", out, urdf, mjcf, report;
+  MeasuredArguments measured;
   IdentifyOptions options;
-  bool hand = false, no_hand = false, json = false;
+  bool json = false;
 };
 
 void write_text(const std::string& file, const std::string& text) {
@@ -34,24 +36,16 @@ void write_text(const std::string& file, const std::string& text) {
   if (!out) throw std::runtime_error(file + " cannot be written");
 }
 
-// What hangs on the arm: as the words say, else as the log's scene says, else nothing.
-void mount(IdentifyWords& words, const std::vector<MeasuredLog>& logs, const Console& console) {
-  const Mounting mounting = mounting_of(logs.front());
-  if (mounting.told) {
-    words.options.hand = mounting.hand;
-    words.options.tool = words.options.payload ? mounting.tool_without_load : mounting.tool;
-    words.options.gravity_B = mounting.gravity_B;
-    console.line(fmt::format("the log's scene: {}, {}", mounting.hand ? "with hand" : "without hand",
-                             words.options.tool ? fmt::format("tool of {:.3f} kg", words.options.tool->mass)
-                                                : std::string("no tool")));
-  }
-  if (words.hand) words.options.hand = true;
-  if (words.no_hand) words.options.hand = false;
-  if (!words.tool.empty()) {
-    const double m = words.tool[0];
-    words.options.tool =
-        RigidBody{m, Vector3(words.tool[1], words.tool[2], words.tool[3]), 1e-4 * m * Matrix3::Identity()};
-  }
+void mount(IdentifyArguments& arguments, const MeasuredLog& log, const Console& console) {
+  const Mounting mounting = mounting_of(log, arguments.measured);
+  IdentifyOptions& options = arguments.options;
+  options.hand = mounting.hand;
+  options.tool = options.payload ? mounting.tool_without_load : mounting.tool;
+  options.gravity_B = mounting.gravity_B;
+  if (!mounting.told) return;
+  console.line(fmt::format(
+      "the log's scene: {}, {}", mounting.hand ? "with hand" : "without hand",
+      options.tool ? fmt::format("tool of {:.3f} kg", options.tool->mass) : std::string("no tool")));
 }
 
 void say(const Identification& id, const Console& console) {
@@ -79,83 +73,90 @@ void say(const Identification& id, const Console& console) {
   }
 }
 
-int run(IdentifyWords& words) {
-  const Console console(words.json);
-  const RobotDescription prior = load_robot(words.robot);
-  MeasuredLogOptions reading;
-  reading.arm = words.arm;
-  if (!words.columns.empty()) reading.columns = read_column_map(words.columns);
-  std::vector<MeasuredLog> logs;
-  for (const std::string& given : words.logs) {
-    for (const fs::path& path : find_repeats(given)) {
-      std::vector<MeasuredLog> read = read_measured(path, reading);
-      if (read.size() != 1) {
-        throw UsageError(
-            fmt::format("identify: {} holds {} arms, one is identified at a time: name it with --arm",
-                        path.string(), read.size()));
-      }
-      logs.push_back(std::move(read.front()));
+// Throws before the fit, which takes seconds, if a result could not be written after it. Creates the folders.
+void check_outputs(const IdentifyArguments& arguments) {
+  for (const std::string& file : {arguments.out, arguments.urdf, arguments.mjcf}) {
+    if (file.empty()) continue;
+    const fs::path folder = fs::absolute(file).parent_path();
+    std::error_code error;
+    fs::create_directories(folder, error);
+    if (error || fs::is_directory(file, error) || access(folder.c_str(), W_OK) != 0 ||
+        (fs::exists(file, error) && access(file.c_str(), W_OK) != 0)) {
+      throw UsageError(
+          fmt::format("identify: {} cannot be written; choose another file or make it writable", file));
     }
   }
-  mount(words, logs, console);
-  Identification id = identify(logs, prior, words.options);
+  if (arguments.report.empty()) return;
+  std::error_code error;
+  fs::create_directories(arguments.report, error);
+  if (error || access(arguments.report.c_str(), W_OK) != 0)
+    throw UsageError(
+        fmt::format("identify: the folder {} is not writable; choose another one", arguments.report));
+}
+
+int run(IdentifyArguments& arguments) {
+  const Console console(arguments.json);
+  check_outputs(arguments);
+  const RobotDescription prior = load_robot(arguments.robot);
+  std::vector<MeasuredLog> logs;
+  for (const std::string& given : arguments.logs)
+    std::ranges::move(read_one_arm(given, arguments.measured), std::back_inserter(logs));
+  mount(arguments, logs.front(), console);
+  Identification id = identify(logs, prior, arguments.options);
   for (const MeasuredLog& log : logs) {
     id.warnings.insert(id.warnings.begin(), log.warnings.begin(), log.warnings.end());
   }
   say(id, console);
-  if (!words.out.empty()) {
-    if (fs::path(words.out).has_parent_path()) fs::create_directories(fs::path(words.out).parent_path());
+  if (!arguments.out.empty()) {
+    if (fs::path(arguments.out).has_parent_path())
+      fs::create_directories(fs::path(arguments.out).parent_path());
     RobotDescription& robot = id.robot;
-    robot.name = fs::path(words.out).stem().string();
+    robot.name = fs::path(arguments.out).stem().string();
     robot.title = prior.title + ", identified";
-    write_robot(robot, prior, words.out);
-    console.line("model: " + words.out);
+    write_robot(robot, prior, arguments.out);
+    console.line("model: " + arguments.out);
   }
-  if (!words.urdf.empty()) write_text(words.urdf, to_urdf(id.robot, {.hand = words.options.hand}));
-  if (!words.mjcf.empty()) write_text(words.mjcf, to_mjcf(id.robot, {.hand = words.options.hand}));
-  if (!words.report.empty()) {
-    write_identification_page(id, words.report);
-    console.line("page: " + (fs::path(words.report) / "identification.html").string());
+  if (!arguments.urdf.empty())
+    write_text(arguments.urdf, to_urdf(id.robot, {.hand = arguments.options.hand}));
+  if (!arguments.mjcf.empty())
+    write_text(arguments.mjcf, to_mjcf(id.robot, {.hand = arguments.options.hand}));
+  if (!arguments.report.empty()) {
+    write_identification_page(id, arguments.report);
+    console.line("page: " + (fs::path(arguments.report) / "identification.html").string());
   }
-  if (words.json) fmt::print("{}\n", to_json(id).dump());
+  if (arguments.json) fmt::print("{}\n", to_json(id).dump());
   return id.consistent ? kSuccess : kFailed;
 }
 
 }  // namespace
 
 void add_identify(Program& program) {
-  auto words = std::make_shared<IdentifyWords>();
-  CLI::App* command = program.add(
-      "identify",
-      "Finds an arm's inertial and friction parameters from logs of its motion, and writes a model file",
-      "  multipanda identify measured.csv --robot fer --out my/panda.yaml\n"
-      "  multipanda identify runs/excitation --robot fer --out my/panda.yaml --report my/page\n"
-      "  multipanda identify runs/with_tool --robot my/panda.yaml --payload --json\n"
-      "  multipanda predict other.csv --model my/panda.yaml --model fer");
-  command->add_option("logs", words->logs, "CSV files, logs, or folders of runs; together one set of data")
+  auto arguments = std::make_shared<IdentifyArguments>();
+  CLI::App* command =
+      program.add("identify",
+                  "Identify the inertial and friction parameters of an arm from logs of its motion, and "
+                  "write a model file",
+                  "  multipanda identify measured.csv --robot fer --out my/panda.yaml\n"
+                  "  multipanda identify runs/excitation --robot fer --out my/panda.yaml --report my/page\n"
+                  "  multipanda identify runs/with_tool --robot my/panda.yaml --payload --json\n"
+                  "  multipanda predict other.csv --model my/panda.yaml --model fer");
+  command->add_option("logs", arguments->logs, "CSV files, logs, or folders of runs, used as one set of data")
       ->required()
       ->type_name("LOG");
-  command->add_option("--robot", words->robot, "What is known: name or path of a model file")
+  command->add_option("--robot", arguments->robot, "Known model of the arm: name or path of a model file")
       ->capture_default_str();
-  command->add_flag("--payload", words->options.payload,
-                    "The arm is as known: only a body at its flange is sought");
-  command->add_option("--arm", words->arm, "Of a log with several arms");
-  command->add_option("--columns", words->columns, "Names of CSV columns: q1=joint_1,t=time or a YAML file");
-  command->add_flag("--hand", words->hand,
-                    "The hand is on the flange; default: as the log's scene says, else not");
-  command->add_flag("--no-hand", words->no_hand, "It is not")->excludes("--hand");
-  command
-      ->add_option("--tool", words->tool,
-                   "Known body on the flange [kg, m]; default: as the log's scene says")
-      ->expected(4)
-      ->type_name("MASS X Y Z");
-  command->add_option("--family", words->options.families, "Only these candidates; several times");
-  command->add_option("--out", words->out, "Model file to write, for scenes, controllers, virtual arms");
-  command->add_option("--urdf", words->urdf, "The same arm as URDF (rigid bodies only)");
-  command->add_option("--mjcf", words->mjcf, "The same arm as MJCF (rigid bodies only)");
-  command->add_option("--report", words->report, "Folder for a page with plots")->type_name("DIR");
-  command->add_flag("--json", words->json, "All figures as one JSON object on standard output");
-  program.on(command, [words] { return run(*words); });
+  command->add_flag("--payload", arguments->options.payload,
+                    "Identify only a body on the flange; the arm itself is taken from the known model");
+  add_measured_arguments(command, arguments->measured);
+  command->add_option("--family", arguments->options.families,
+                      "Candidate family to try; may be repeated (default: all)");
+  command->add_option("--out", arguments->out,
+                      "Model file to write, for scenes, controllers and virtual arms");
+  command->add_option("--urdf", arguments->urdf, "URDF file to write (rigid bodies only)");
+  command->add_option("--mjcf", arguments->mjcf, "MJCF file to write (rigid bodies only)");
+  command->add_option("--report", arguments->report, "Folder for a page with plots")->type_name("DIR");
+  command->add_flag("--json", arguments->json, "Print all figures as one JSON object to standard output");
+  program.on(command, [arguments] { return run(*arguments); });
 }
 
 }  // namespace multipanda::cli

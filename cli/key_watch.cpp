@@ -8,7 +8,7 @@
 namespace multipanda::cli {
 
 KeyWatch::KeyWatch(std::function<void(char)> on_key) : on_key_(std::move(on_key)) {
-  // In the background the terminal belongs to somebody else, and changing it would suspend the program.
+  // A background process must not change the terminal: it would be suspended.
   if (isatty(STDIN_FILENO) == 0 || tcgetpgrp(STDIN_FILENO) != getpgrp()) return;
   if (tcgetattr(STDIN_FILENO, &before_) != 0) return;
   end_file_ = eventfd(0, EFD_CLOEXEC);
@@ -35,7 +35,7 @@ void KeyWatch::watch() {
     if (poll(files, 2, -1) < 0) continue;
     if (files[1].revents != 0) return;
     char key = 0;
-    if (read(STDIN_FILENO, &key, 1) != 1) return;  // the terminal is gone
+    if (read(STDIN_FILENO, &key, 1) != 1) return;  // the terminal was closed
     on_key_(key);
   }
 }

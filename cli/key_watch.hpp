@@ -7,8 +7,8 @@
 namespace multipanda::cli {
 
 // Single keys from the terminal, without Enter, on a thread of its own that waits for nothing else: the stop
-// key must not wait for the table to be drawn. Does nothing where the input is no terminal. Ctrl-C and the
-// like still make their signals; the terminal is as before afterwards.
+// key must not wait for the table to be drawn. Does nothing if the input is not a terminal. Ctrl-C and
+// similar keys still raise their signals; the terminal is restored afterwards.
 class KeyWatch {
  public:
   explicit KeyWatch(std::function<void(char key)> on_key);

@@ -2,18 +2,20 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 
 #include <fmt/format.h>
 
-#include "core/state/arm_words.hpp"
+#include "core/state/arm_mode_name.hpp"
 
 namespace multipanda::cli {
 namespace {
 
-constexpr std::size_t kNewsLines = 6;
+constexpr std::size_t kNewsLines = 8;
 constexpr std::size_t kWidest = 100;
+constexpr std::size_t kIndent = 13;  // of a continued line: the width of its time
 
-// Text never looks wider than `width`: ends in "~" where it was cut. ASCII only.
+// At most `width` columns; ends in "~" where it was cut. ASCII only.
 std::string fit(std::string text, std::size_t width) {
   if (text.size() <= width) return text;
   text.resize(width > 0 ? width - 1 : 0);
@@ -21,21 +23,34 @@ std::string fit(std::string text, std::size_t width) {
   return text;
 }
 
-std::string painted(const std::string& text, const char* code, bool colour) {
-  return colour ? fmt::format("\x1b[{}m{}\x1b[0m", code, text) : text;
+// The text in lines of at most `width` columns, broken at spaces if possible.
+std::vector<std::string> wrapped(std::string text, std::size_t width) {
+  std::vector<std::string> lines;
+  const std::size_t indent = width > 2 * kIndent ? kIndent : 0;
+  while (text.size() > width) {
+    const std::size_t space = text.rfind(' ', width);
+    const std::size_t end = space == std::string::npos || space <= indent ? width : space;
+    lines.push_back(text.substr(0, end));
+    text = std::string(indent, ' ') + text.substr(std::min(text.find_first_not_of(' ', end), text.size()));
+  }
+  lines.push_back(text);
+  return lines;
+}
+
+std::string painted(const std::string& text, const char* code, bool color) {
+  return color ? fmt::format("\x1b[{}m{}\x1b[0m", code, text) : text;
 }
 
 std::string error_text(const ArmStatus& arm) {
   if (!arm.tracking_error || !std::isfinite(*arm.tracking_error)) return "-";
-  if (std::string_view(arm.tracking_unit) == "m") return fmt::format("{:.2f} mm", *arm.tracking_error * 1e3);
-  return fmt::format("{:.2f} mrad", *arm.tracking_error * 1e3);
+  const double error = *arm.tracking_error * 1e3;
+  return fmt::format("{:.{}f} m{}", error, error < 100 ? 2 : 0, arm.tracking_unit);
 }
 
-// "move        100 %      0": an arm at the other end of a network.
-std::string link_text(const ArmStatus& arm) {
-  if (!arm.link) return fmt::format("{:<12} {:>7} {:>6}", "simulated", "-", "-");
-  return fmt::format("{:<12} {:>5.0f} % {:>6}", to_string(arm.mode), 100 * arm.link->command_success_rate,
-                     arm.link->lost);
+// Fraction of answered commands and lost packets of an arm at the other end of a network.
+std::string connection_text(const ArmStatus& arm) {
+  if (!arm.connection) return fmt::format("{:>7} {:>5}", "-", "-");
+  return fmt::format("{:>5.0f} % {:>5}", 100 * arm.connection->command_success_rate, arm.connection->lost);
 }
 
 std::string progress_bar(double share, std::size_t width) {
@@ -48,7 +63,7 @@ std::string progress_bar(double share, std::size_t width) {
 std::vector<std::string> table_lines(const RunStatus& status, const std::string& scene, double duration_s,
                                      const TableStyle& style) {
   const std::size_t width = std::min(style.width, kWidest);
-  const bool colour = style.colour;
+  const bool color = style.color;
   std::vector<std::string> lines;
   std::string head = fmt::format("{}  {:.1f} s", scene, status.time_s);
   if (duration_s > 0) {
@@ -57,44 +72,46 @@ std::vector<std::string> table_lines(const RunStatus& status, const std::string&
   } else {
     head += "  until Ctrl-C";
   }
-  lines.push_back(painted(fit(head, width), "1", colour));
+  lines.push_back(painted(fit(head, width), "1", color));
   lines.push_back(
       fit(fmt::format("loop {:.0f} Hz   cycle {:.1f} us (worst {:.1f})   overruns {}   cycles {}",
                       status.rate_hz, status.cycle_us, status.cycle_us_worst, status.overruns, status.cycles),
           width));
   lines.push_back("");
-  const bool linked = std::any_of(status.arms.begin(), status.arms.end(),
-                                  [](const auto& arm) { return arm.link.has_value(); });
-  const std::size_t name = linked ? 12 : 14, controllet = linked ? 18 : 26;
-  lines.push_back(
-      painted(fit(fmt::format("{:<{}} {:<{}} {:>14} {:>10}  {}{}", "arm", name, "controllet", controllet,
-                              "tracking error", "torque use",
-                              linked ? fmt::format("{:<12} {:>7} {:>6}  ", "mode", "success", "lost") : "",
-                              "interventions"),
-                  width),
-              "4", colour));
-  // A table higher than the screen could not be redrawn in place: first the news give way, then arms.
+  const bool connected = std::any_of(status.arms.begin(), status.arms.end(),
+                                     [](const auto& arm) { return arm.connection.has_value(); });
+  const std::size_t name = connected ? 9 : 12, controllet = connected ? 13 : 23;
+  lines.push_back(painted(
+      fit(fmt::format("{:<{}} {:<{}} {:>11} {:>6}  {:<12}{} {:>8}", "arm", name, "controllet", controllet,
+                      "error", "torque", "mode", connected ? " success  lost" : "", "limited"),
+          width),
+      "4", color));
+  // A table higher than the screen cannot be redrawn in place: messages are left out first, then arms.
   const std::size_t room = style.height > lines.size() + 1 ? style.height - lines.size() - 1 : 1;
   const std::size_t arms = status.arms.size() <= room ? status.arms.size() : room - 1;
   for (std::size_t i = 0; i < arms; ++i) {
     const ArmStatus& arm = status.arms[i];
     const std::string text =
-        fit(fmt::format("{:<{}} {:<{}} {:>14} {:>8.0f} %  {}{}{}", fit(arm.arm, name), name,
+        fit(fmt::format("{:<{}} {:<{}} {:>11} {:>4.0f} %  {:<12}{} {:>8}", fit(arm.arm, name), name,
                         fit(arm.controllet, controllet), controllet, error_text(arm), 100 * arm.torque_use,
-                        linked ? link_text(arm) + "  " : "", arm.interventions,
-                        arm.last_intervention.empty() ? "" : fmt::format(" ({})", arm.last_intervention)),
+                        to_string(arm.mode), connected ? " " + connection_text(arm) : "", arm.interventions),
             width);
-    lines.push_back(arm.last_intervention.empty() ? text : painted(text, "33", colour));
+    const char* paint = !arm.errors.empty() ? "31" : arm.interventions > 0 ? "33" : "0";
+    lines.push_back(painted(text, paint, color));
   }
   if (arms < status.arms.size())
     lines.push_back(fmt::format("... and {} more arms", status.arms.size() - arms));
   lines.push_back("");
   const std::size_t left = style.height > lines.size() ? style.height - lines.size() : 0;
   const std::size_t news = std::min(left, kNewsLines);
-  const std::size_t first = status.news.size() - std::min(status.news.size(), news);
-  for (std::size_t i = 0; i < news; ++i) {  // always as many lines: the table keeps its height
-    lines.push_back(first + i < status.news.size() ? fit(status.news[first + i], width) : "");
+  std::deque<std::string> shown;
+  for (auto text = status.news.rbegin(); text != status.news.rend() && shown.size() < news; ++text) {
+    const auto pieces = wrapped(*text, width);
+    shown.insert(shown.begin(), pieces.begin(), pieces.end());
   }
+  while (shown.size() > news) shown.pop_front();
+  shown.resize(news);  // always as many lines: the table keeps its height
+  lines.insert(lines.end(), shown.begin(), shown.end());
   return lines;
 }
 
@@ -106,10 +123,11 @@ std::string plain_line(const RunStatus& status, double duration_s) {
   for (const auto& arm : status.arms) {
     line +=
         fmt::format("  | {}: {} {} {:.0f} %", arm.arm, arm.controllet, error_text(arm), 100 * arm.torque_use);
-    if (arm.link) {
+    if (arm.connection) {
       line += fmt::format(" {} success {:.0f} % lost {}", to_string(arm.mode),
-                          100 * arm.link->command_success_rate, arm.link->lost);
+                          100 * arm.connection->command_success_rate, arm.connection->lost);
     }
+    if (!arm.errors.empty()) line += fmt::format(" stopped: {}", arm.errors);
     if (arm.interventions > 0) line += fmt::format(" interventions {}", arm.interventions);
   }
   return line;
@@ -138,11 +156,11 @@ void LiveDisplay::finish(const RunStatus& status) {
   console_.line(plain_line(status, duration_s_));
 }
 
-// One write per picture, each line overwritten and cleared to its end: nothing flickers.
+// One write per update; each line is overwritten and cleared to its end, so that nothing flickers.
 void LiveDisplay::draw(const RunStatus& status) {
   const auto lines = table_lines(
       status, scene_, duration_s_,
-      {.width = console_.width() - 1, .height = console_.height() - 1, .colour = console_.has_colour()});
+      {.width = console_.width() - 1, .height = console_.height() - 1, .color = console_.has_color()});
   std::string picture = drawn_ > 0 ? fmt::format("\x1b[{}A", drawn_) : "";
   for (const auto& line : lines) picture += "\r" + line + "\x1b[K\n";
   console_.raw(picture);
@@ -150,14 +168,14 @@ void LiveDisplay::draw(const RunStatus& status) {
 }
 
 void LiveDisplay::print_news(const RunStatus& status) {
-  const std::uint64_t fresh = std::min<std::uint64_t>(status.events - told_, status.news.size());
-  if (status.events - told_ > fresh) {
-    console_.line(fmt::format("            ({} more events)", status.events - told_ - fresh));
+  const std::uint64_t added = std::min<std::uint64_t>(status.events - printed_, status.news.size());
+  if (status.events - printed_ > added) {
+    console_.line(fmt::format("            ({} more events)", status.events - printed_ - added));
   }
-  for (auto i = status.news.size() - static_cast<std::size_t>(fresh); i < status.news.size(); ++i) {
+  for (auto i = status.news.size() - static_cast<std::size_t>(added); i < status.news.size(); ++i) {
     console_.line(status.news[i]);
   }
-  told_ = status.events;
+  printed_ = status.events;
 }
 
 }  // namespace multipanda::cli

@@ -5,17 +5,17 @@
 #include <fmt/format.h>
 
 #include "cli/program.hpp"
-#include "scene/names.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda::cli {
 namespace {
 
-std::vector<std::string> words_of(const CLI::App& app) {
-  std::vector<std::string> words;
+std::vector<std::string> names_of_commands(const CLI::App& app) {
+  std::vector<std::string> arguments;
   for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; })) {
-    words.push_back(command->get_name());
+    arguments.push_back(command->get_name());
   }
-  return words;
+  return arguments;
 }
 
 std::vector<std::string> options_of(const CLI::App& app) {
@@ -26,7 +26,7 @@ std::vector<std::string> options_of(const CLI::App& app) {
   return names;
 }
 
-// The sub-command that was called, however deep; the program itself if none was.
+// The innermost command on the command line, or the program itself.
 const CLI::App* innermost(const CLI::App* app) {
   while (!app->get_subcommands().empty()) app = app->get_subcommands().front();
   return app;
@@ -36,20 +36,20 @@ int wrong_use(const CLI::App& program, const CLI::ParseError& error) {
   const CLI::App* command = innermost(&program);
   std::string message = error.what();
   const std::vector<std::string> extras = command->remaining();
-  const auto children = words_of(*command);
+  const auto children = names_of_commands(*command);
   if (!extras.empty()) {
-    const std::string& word = extras.front();
-    if (word.starts_with("-")) {
-      message = fmt::format("there is no option '{}'{}", word,
-                            name_hint(word, options_of(*command), "there are no options"));
+    const std::string& argument = extras.front();
+    if (argument.starts_with("-")) {
+      message = fmt::format("unknown option '{}'{}", argument,
+                            name_hint(argument, options_of(*command), "there are no options"));
     } else if (!children.empty()) {
-      message =
-          fmt::format("there is no command '{}'{}", word, name_hint(word, children, "there are no commands"));
+      message = fmt::format("unknown command '{}'{}", argument,
+                            name_hint(argument, children, "there are no commands"));
     } else {
-      message = fmt::format("'{}' is one word too many", word);
+      message = fmt::format("unexpected argument '{}'", argument);
     }
   } else if (dynamic_cast<const CLI::RequiredError*>(&error) != nullptr && !children.empty()) {
-    message = fmt::format("a command is expected: {}", joined(children));
+    message = fmt::format("expected a command: {}", joined(children));
   }
   std::string path = command == &program ? std::string() : fmt::format(" {}", command->get_name());
   for (const CLI::App* at = command->get_parent(); at != nullptr && at != &program; at = at->get_parent()) {
@@ -63,12 +63,12 @@ int run(int argc, char** argv) {
   Program program;
   program.app.name("multipanda");
   program.app.description(
-      "multipanda: any number of torque-controlled arms from one process at 1 kHz.\n"
+      "multipanda controls any number of torque-controlled arms from one process at 1 kHz.\n"
       "Every command has its own --help with examples.");
   program.app.set_version_flag("--version", MULTIPANDA_VERSION);
   program.app.require_subcommand(1);
   program.app.footer(
-      "Exit codes: 0 success; 1 it was tried and did not go as asked; 2 wrong words or a refused scene.\n"
+      "Exit codes: 0 success; 1 run failed; 2 invalid arguments or a refused scene.\n"
       "Examples:\n"
       "  multipanda demo\n"
       "  multipanda run two_arms --seconds 10 --record runs\n"
@@ -100,7 +100,7 @@ int run(int argc, char** argv) {
 }  // namespace multipanda::cli
 
 int main(int argc, char** argv) {
-  std::signal(SIGPIPE, SIG_IGN);  // a reader that goes away must not take the arms' loop with it
+  std::signal(SIGPIPE, SIG_IGN);  // a closed output pipe must not end the control loop
   try {
     return multipanda::cli::run(argc, argv);
   } catch (const std::invalid_argument& error) {

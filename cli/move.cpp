@@ -8,43 +8,44 @@
 
 #include <fmt/format.h>
 
-#include "cli/backend_words.hpp"
+#include "cli/backend_arguments.hpp"
 #include "cli/program.hpp"
 #include "cli/run_session.hpp"
-#include "core/reference/quintic.hpp"
+#include "core/trajectory/quintic.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
-#include "scene/names.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda::cli {
 namespace {
 
-constexpr double kSettle_s = 1.0;        // after the motion, before the result is judged
-constexpr double kLargestSpeed = 0.2;    // share of the joints' velocity limits
+constexpr double kSettle_s = 1.0;        // after the motion, before the result is evaluated
+constexpr double kLargestSpeed = 0.2;    // fraction of the joints' velocity limits
 constexpr double kTolerance_rad = 0.02;  // of every joint at the end
 
 struct MoveOptions {
   std::string scene;
   std::vector<std::string> goal;  // "home", or one number per joint
   std::string arm;                // empty: all
-  double speed = 0.1;             // share of the joints' velocity limits
+  double speed = 0.1;             // fraction of the joints' velocity limits
   bool fast = false, json = false;
   std::string record;
-  BackendWords backend;
+  BackendArguments backend;
 };
 
-std::vector<double> numbers_of(const std::vector<std::string>& words) {
+std::vector<double> numbers_of(const std::vector<std::string>& arguments) {
   std::vector<double> numbers;
-  for (const auto& word : words) {
+  for (const auto& argument : arguments) {
     std::size_t used = 0;
     double value = std::numeric_limits<double>::quiet_NaN();
     try {
-      value = std::stod(word, &used);
+      value = std::stod(argument, &used);
     } catch (const std::exception&) {
       used = 0;
     }
-    if (used != word.size() || !std::isfinite(value)) {
-      throw UsageError(fmt::format("move: expected 'home' or one angle [rad] per joint, found '{}'", word));
+    if (used != argument.size() || !std::isfinite(value)) {
+      throw UsageError(
+          fmt::format("move: expected 'home' or one angle [rad] per joint, found '{}'", argument));
     }
     numbers.push_back(value);
   }
@@ -57,7 +58,7 @@ JointVector goal_of(const MoveOptions& options, const SceneArm& arm) {
   const auto numbers = numbers_of(options.goal);
   const std::size_t n = robot.joint_count();
   if (numbers.size() != n) {
-    throw UsageError(fmt::format("move: arm '{}' has {} joints, found {} angles (or say 'home')", arm.name, n,
+    throw UsageError(fmt::format("move: arm '{}' has {} joints, found {} angles (or use 'home')", arm.name, n,
                                  numbers.size()));
   }
   const JointVector goal = Eigen::Map<const Eigen::VectorXd>(numbers.data(), static_cast<Eigen::Index>(n));
@@ -78,19 +79,19 @@ struct Motion {
   double slowest_joint = 0;  // velocity limit [rad/s]
   double duration_s = 0;
 
-  // Minimum jerk keeps every joint below its share of speed.
+  // A minimum-jerk motion keeps every joint below its fraction of the speed limit.
   void plan(const JointVector& from, double speed) {
     duration_s = 0;
     for (Eigen::Index j = 0; j < goal.size(); ++j) {
-      duration_s = std::max(duration_s,
-                            QuinticSegment::duration_for(std::abs(goal[j] - from[j]), speed * slowest_joint));
+      duration_s =
+          std::max(duration_s, rest_to_rest_duration(std::abs(goal[j] - from[j]), speed * slowest_joint));
     }
   }
 };
 
 std::string controllet_of(const SceneArm& arm) { return arm.name + "_move"; }
 
-// A joint_impedance of its own for an arm that moves; it begins at the measured configuration.
+// Adds a joint_impedance for an arm that moves; it begins at the measured configuration.
 Motion add_motion(const MoveOptions& options, ArmIndex index, Scene& scene) {
   const SceneArm& arm = scene.arms[index];
   Motion motion{.arm = index, .goal = goal_of(options, arm)};
@@ -103,7 +104,7 @@ Motion add_motion(const MoveOptions& options, ArmIndex index, Scene& scene) {
   return motion;
 }
 
-// Simulated arms stand where the scene says: the motion is an event of the scene.
+// Simulated arms start at the scene's configuration: the motion is an event of the timeline.
 void schedule(const Motion& motion, Scene& scene) {
   TimelineEvent event{.at_s = 0.001,
                       .what = TimelineEvent::What::set_reference,
@@ -115,7 +116,7 @@ void schedule(const Motion& motion, Scene& scene) {
   scene.duration_s = std::max(scene.duration_s, std::ceil(motion.duration_s + kSettle_s));
 }
 
-// Where the arms stand, as the run goes on.
+// The measured configurations during the run.
 class Positions {
  public:
   explicit Positions(std::size_t arms) : q_(arms) {}
@@ -136,7 +137,7 @@ class Positions {
     const std::lock_guard lock(mutex_);
     return t_;
   }
-  // Every arm has said where it stands. False: asked to stop before.
+  // Waits until every arm has reported its configuration. False: stopped before.
   bool wait_for_all(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
     return changed_.wait(lock, stop, [this] { return seen_; });
@@ -154,7 +155,7 @@ class Positions {
   bool seen_ = false;
 };
 
-// Real arms stand wherever they stand: planned from there, once they have said it.
+// Motions of real arms are planned from their measured configuration, once it is known.
 void move_from_measured(std::vector<Motion>& motions, double speed, Session& session, Positions& positions,
                         const std::stop_token& stop) {
   if (!positions.wait_for_all(stop)) return;
@@ -168,7 +169,7 @@ void move_from_measured(std::vector<Motion>& motions, double speed, Session& ses
     request.target.size = static_cast<std::uint8_t>(motion.goal.size());
     std::copy(motion.goal.begin(), motion.goal.end(), request.target.values.begin());
     request.target.duration_s = motion.duration_s;
-    (void)session.modes().ask(request);  // refused: seen at the end, the arm did not arrive
+    (void)session.modes().ask(request);  // a refusal shows at the end: the arm did not arrive
   }
   (void)positions.wait_until(positions.t() + longest_s + kSettle_s, stop);
   session.stop();
@@ -179,7 +180,7 @@ int run(const MoveOptions& options) {
   SessionOptions session_options{
       .paced = !options.fast, .backend = backend_options(options.backend), .record = options.record};
   OpenedScene opened = open_scene(options.scene);
-  Scene scene = with_arms_from(std::move(opened.scene), session_options.backend);
+  Scene scene = with_connections(std::move(opened.scene), session_options.backend);
   std::vector<std::string> names;
   for (const auto& arm : scene.arms) names.push_back(arm.name);
   if (!options.arm.empty() && std::find(names.begin(), names.end(), options.arm) == names.end()) {
@@ -189,8 +190,7 @@ int run(const MoveOptions& options) {
   scene.controllets.clear();
   scene.active.clear();
   scene.timeline.clear();
-  const bool measured =
-      std::any_of(scene.arms.begin(), scene.arms.end(), [](const auto& arm) { return arm.fci.has_value(); });
+  const bool measured = !is_simulated(scene, session_options.backend);
   std::vector<Motion> motions;
   scene.duration_s = measured ? 0 : kSettle_s;
   for (ArmIndex i = 0; i < scene.arms.size(); ++i) {
@@ -227,7 +227,7 @@ int run(const MoveOptions& options) {
     const bool there = error <= kTolerance_rad;
     arrived = arrived && there;
     console.line(fmt::format("arm '{}' {} (largest joint error {:.4f} rad)", names[motion.arm],
-                             there ? "is there" : "did not arrive", error));
+                             there ? "reached its goal" : "did not reach its goal", error));
   }
   for (const auto& fault : summary.faults()) console.line("failed: " + fault);
   if (options.json) fmt::print("{}\n", to_json(summary));
@@ -239,24 +239,25 @@ int run(const MoveOptions& options) {
 void add_move(Program& program) {
   auto options = std::make_shared<MoveOptions>();
   CLI::App* command =
-      program.add("move", "Moves arms slowly to a joint configuration, from wherever they stand",
+      program.add("move", "Move arms slowly from their current configuration to a joint configuration",
                   "  multipanda move two_arms home\n"
                   "  multipanda move two_arms --arm left 0 -0.5 0 -2.2 0 1.8 0.8\n"
-                  "The path is a straight line in the joints and is not checked for collisions.");
+                  "The path is a straight line in joint space. It is not checked for collisions.");
   command
       ->add_option("scene", options->scene,
                    "Name or path of a scene file; its controllets and timeline do not run")
       ->required();
   command->add_option("goal", options->goal, "'home', or one angle per joint [rad]")->required();
-  command->add_option("--arm", options->arm, "Only this arm; the others are held")->type_name("NAME");
-  command->add_option("--speed", options->speed, "Share of the joints' velocity limits, at most 0.2")
+  command->add_option("--arm", options->arm, "Arm to move; the others are held (default: all)")
+      ->type_name("NAME");
+  command->add_option("--speed", options->speed, "Fraction of the joints' velocity limits, at most 0.2")
       ->check(CLI::Range(0.01, kLargestSpeed))
       ->capture_default_str();
-  command->add_flag("--fast", options->fast, "As fast as possible instead of paced to the wall clock");
-  command->add_option("--record", options->record, "Write a log into a new folder inside DIR")
+  command->add_flag("--fast", options->fast, "Run as fast as possible instead of in real time");
+  command->add_option("--record", options->record, "Record the log into a new folder inside DIR")
       ->type_name("DIR");
-  add_backend_words(command, options->backend);
-  command->add_flag("--json", options->json, "One JSON object on standard output at the end");
+  add_backend_arguments(command, options->backend);
+  command->add_flag("--json", options->json, "Print one JSON object to standard output at the end");
   program.on(command, [options] { return run(*options); });
 }
 

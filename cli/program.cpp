@@ -2,8 +2,8 @@
 
 namespace multipanda::cli {
 
-CLI::App* Program::add(const std::string& word, const std::string& what, const std::string& examples) {
-  CLI::App* command = app.add_subcommand(word, what);
+CLI::App* Program::add(const std::string& argument, const std::string& what, const std::string& examples) {
+  CLI::App* command = app.add_subcommand(argument, what);
   command->footer("Examples:\n" + examples);
   return command;
 }

@@ -6,17 +6,17 @@
 
 #include <CLI/CLI.hpp>
 
-// The command line: one file per sub-command, each adds itself with add_<word>(program).
+// The command line. Each command has a file of its own, with a function add_<command>(program).
 namespace multipanda::cli {
 
-// How every sub-command ends (docs/command_line.md).
+// Exit codes of every command (docs/command_line.md).
 enum ExitCode : int {
   kSuccess = 0,
-  kFailed = 1,  // it was tried, and did not go as asked
-  kUsage = 2,   // wrong words, or a scene that is refused: nothing was tried
+  kFailed = 1,  // the run failed
+  kUsage = 2,   // invalid arguments or a refused scene: nothing was tried
 };
 
-// Wrong use that only shows when a sub-command looks closer. what() says what was expected.
+// Wrong usage that a command detects while it runs. what() states what was expected.
 struct UsageError : std::invalid_argument {
   using std::invalid_argument::invalid_argument;
 };
@@ -25,8 +25,8 @@ struct Program {
   CLI::App app;
   int exit_code = kSuccess;
 
-  // A sub-command with its examples; `run` (returning an exit code) is called after the words were read.
-  CLI::App* add(const std::string& word, const std::string& what, const std::string& examples);
+  // Adds a command with its examples. on() sets the function that runs it and returns the exit code.
+  CLI::App* add(const std::string& argument, const std::string& what, const std::string& examples);
   template <typename Run>
   void on(CLI::App* command, Run run) {
     command->callback([this, run] { exit_code = run(); });

@@ -1,23 +1,23 @@
-#include "experiments/refine/refine.hpp"
+#include "sysid/refine/refine.hpp"
 
 #include <algorithm>
 #include <filesystem>
 
 #include <fmt/format.h>
 
-#include "cli/backend_words.hpp"
+#include "cli/backend_arguments.hpp"
 #include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "logs/recorder.hpp"
-#include "runtime/signals.hpp"
+#include "support/signals.hpp"
 
-// `multipanda refine`: a task's simulation brought nearer to the arms that it is about (docs/refine.md).
+// `multipanda refine` adapts the simulation of a task to its arms (docs/refine.md).
 namespace multipanda::cli {
 namespace {
 
 namespace fs = std::filesystem;
 
-struct RefineWords {
+struct RefineArguments {
   std::string experiment, target = "virtual", out = "runs";
   std::uint64_t hidden = 1;
   std::vector<std::string> addresses;
@@ -29,42 +29,42 @@ bool is_loopback_address(const std::string& address) {
   return address.starts_with("127.") || address == "localhost";
 }
 
-RefineTarget target_of(const RefineWords& words) {
+RefineTarget target_of(const RefineArguments& arguments) {
   RefineTarget target;
-  if (words.target == "virtual") {
-    if (!words.addresses.empty()) throw UsageError("refine: --address needs --target fci");
-    target.hidden = words.hidden;
+  if (arguments.target == "virtual") {
+    if (!arguments.addresses.empty()) throw UsageError("refine: --address needs --target fci");
+    target.hidden = arguments.hidden;
     return target;
   }
-  if (words.addresses.empty())
+  if (arguments.addresses.empty())
     throw UsageError("refine: --target fci needs --address ARM=ADDRESS for every arm");
-  BackendWords backend{.backend = "fci", .addresses = words.addresses};
+  BackendArguments backend{.backend = "fci", .addresses = arguments.addresses};
   target.addresses = backend_options(backend).addresses;
   const bool real = std::any_of(target.addresses.begin(), target.addresses.end(),
                                 [](const auto& one) { return !is_loopback_address(one.second); });
-  if (real && !words.cleared) {
+  if (real && !arguments.cleared) {
     throw UsageError(
-        "refine: real arms will do the task, and swing through the room of the excitation (0.9 m around "
-        "their bases): "
-        "take everything out of it that is not the task's, stay by the stop button, and say so with "
+        "refine: real arms will perform the task and the excitation, which needs free space (0.9 m around "
+        "their bases); "
+        "remove everything that is not part of the task, keep the user stop at hand, and confirm with "
         "--cleared");
   }
   return target;
 }
 
-int run(RefineWords& words) {
-  const Console console(words.json);
-  const Experiment experiment = load_experiment(words.experiment);
-  words.options.target = target_of(words);
+int run(RefineArguments& arguments) {
+  const Console console(arguments.json);
+  const Experiment experiment = load_experiment(arguments.experiment);
+  arguments.options.target = target_of(arguments);
   std::atomic<bool> stop{false};
   const SignalWatch watch([&](int) {
     stop = true;
-    console.line("stopping: arms to hold, then the end (once more: quit at once)");
+    console.line("stopping: the arms hold, then the run ends (interrupt again to quit at once)");
   });
-  words.options.directory = make_run_directory(words.out, "refine_" + experiment.name);
-  words.options.page = !words.no_page;
+  arguments.options.directory = make_run_directory(arguments.out, "refine_" + experiment.name);
+  arguments.options.page = !arguments.no_page;
   const RefineResult result =
-      refine(experiment, words.options,
+      refine(experiment, arguments.options,
              {.line = [&](const std::string& line) { console.line(line); }, .stop = &stop});
   if (result.stopped) {
     console.line("stopped: no report");
@@ -79,47 +79,54 @@ int run(RefineWords& words) {
   for (const auto& arm : result.rounds.back().arms)
     console.line("model of " + arm.arm + ": " + arm.model.string());
   if (!result.page.empty()) console.line("report: " + result.page.string());
-  if (words.json) fmt::print("{}\n", result.json.dump());
+  if (arguments.json) fmt::print("{}\n", result.json.dump());
   return result.faults.empty() ? kSuccess : kFailed;
 }
 
 }  // namespace
 
 void add_refine(Program& program) {
-  auto words = std::make_shared<RefineWords>();
-  RefineOptions& options = words->options;
+  auto arguments = std::make_shared<RefineArguments>();
+  RefineOptions& options = arguments->options;
   CLI::App* command = program.add(
       "refine",
-      "Brings a task's simulation nearer to its arms: run, compare, identify, run again, compare again",
+      "Adapt the simulation of a task to its arms: run, compare, identify, run again, compare again",
       "  multipanda refine task-4                              virtual arms with hidden plants of seed 1\n"
       "  multipanda refine task-5 --hidden 7 --rounds 2 --repeats 5\n"
       "  multipanda refine task-4 --variant mu01_k10 --target fci --address arm=172.16.0.2 --cleared");
-  command->add_option("experiment", words->experiment, "Name or path, of the kind 'task'")->required();
-  command->add_option("--target", words->target, "Virtual arms of another process, or real ones")
+  command->add_option("experiment", arguments->experiment, "Name or path of an experiment of the kind 'task'")
+      ->required();
+  command
+      ->add_option("--target", arguments->target,
+                   "virtual (virtual arms of another process) or fci (real arms)")
       ->check(CLI::IsMember({"virtual", "fci"}))
       ->capture_default_str();
-  command->add_option("--hidden", words->hidden, "Seed of the virtual arms' true parameters")
+  command->add_option("--hidden", arguments->hidden, "Seed of the hidden parameters of the virtual arms")
       ->capture_default_str();
-  command->add_option("--address", words->addresses, "Of a real arm")->type_name("ARM=ADDRESS");
-  command->add_flag("--cleared", words->cleared, "The room around the real arms is free");
-  command->add_option("--rounds", options.rounds, "Of exciting, identifying and simulating")
+  command->add_option("--address", arguments->addresses, "Address of a real arm, once per arm")
+      ->type_name("ARM=ADDRESS");
+  command->add_flag("--cleared", arguments->cleared, "Confirm that the space around the real arms is free");
+  command->add_option("--rounds", options.rounds, "Number of refinement rounds")
       ->check(CLI::Range(1, 20))
       ->capture_default_str();
-  command->add_option("--repeats", options.repeats, "Of the task")
+  command->add_option("--repeats", options.repeats, "Number of repeats of the task")
       ->check(CLI::Range(1, 100))
       ->capture_default_str();
-  command->add_option("--variant", options.variant, "Of the experiment; default: its first that counts");
+  command->add_option("--variant", options.variant,
+                      "Variant of the experiment (default: the first that is judged)");
   command->add_option("--plant", options.plant, "Fidelity of the simulation")
       ->check(CLI::IsMember({"ideal", "realistic"}))
       ->capture_default_str();
-  command->add_option("--excitation", options.excitations,
-                      "Scene files of excitations, one for all arms or one each; default: the shipped ones");
+  command->add_option(
+      "--excitation", options.excitations,
+      "Scene files of excitations, one for all arms or one per arm (default: those in the project)");
   command->add_option("--family", options.family,
-                      "Of friction (see identify); default: the best in cross-validation");
-  command->add_option("--out", words->out, "Folder that gets a new folder")->capture_default_str();
-  command->add_flag("--no-page", words->no_page, "Only refine.json and the logs");
-  command->add_flag("--json", words->json, "Standard output has refine.json");
-  program.on(command, [words] { return run(*words); });
+                      "Friction family, see identify (default: the best in cross-validation)");
+  command->add_option("--out", arguments->out, "Folder in which a new folder is created")
+      ->capture_default_str();
+  command->add_flag("--no-page", arguments->no_page, "Make no page, only refine.json and the logs");
+  command->add_flag("--json", arguments->json, "Print refine.json to standard output");
+  program.on(command, [arguments] { return run(*arguments); });
 }
 
 }  // namespace multipanda::cli

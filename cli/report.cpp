@@ -4,8 +4,8 @@
 
 #include <fmt/format.h>
 
-#include "analysis/report.hpp"
 #include "cli/program.hpp"
+#include "report/report.hpp"
 #include "runtime/faulty.hpp"
 
 namespace multipanda::cli {
@@ -29,7 +29,7 @@ fs::path find_log(const fs::path& directory) {
   std::error_code error;
   if (fs::is_regular_file(directory, error)) return directory;
   if (!fs::is_directory(directory, error)) {
-    throw UsageError(fmt::format("there is no folder or log {}: give one that 'multipanda run --record' made",
+    throw UsageError(fmt::format("there is no folder or log {}; name one made by 'multipanda run --record'",
                                  directory.string()));
   }
   if (const auto logs = logs_in(directory); !logs.empty()) return logs.front();
@@ -47,7 +47,7 @@ fs::path find_log(const fs::path& directory) {
   }
   if (newest.empty()) {
     throw UsageError(
-        fmt::format("there is no log (*.mcap) in {} or its folders: make one with 'multipanda run SCENE "
+        fmt::format("there is no log (*.mcap) in {} or its folders; make one with 'multipanda run SCENE "
                     "--record {}'",
                     directory.string(), directory.string()));
   }
@@ -56,7 +56,7 @@ fs::path find_log(const fs::path& directory) {
 
 fs::path report_of(const fs::path& log, const Console& console, const RunSummary* run) {
   ReportOptions options;
-  options.controllets = {faulty_controllet()};  // the demo's scene names it
+  options.controllets = {faulty_controllet()};  // used by the demo's scene
   if (run != nullptr) {
     for (const auto& step : run->thread)
       options.info["thread: " + step.what] = step.done ? "done" : "not done: " + step.reason;
@@ -74,10 +74,12 @@ fs::path report_of(const fs::path& log, const Console& console, const RunSummary
 void add_report(Program& program) {
   auto directory = std::make_shared<std::string>();
   CLI::App* command =
-      program.add("report", "Makes an HTML report of a recorded run",
+      program.add("report", "Make an HTML report of a recorded run",
                   "  multipanda report runs                            of the newest run in runs\n"
                   "  multipanda report runs/20260102_120000_two_arms   of this run");
-  command->add_option("directory", *directory, "Folder of a run, or of several: the newest counts")
+  command
+      ->add_option("directory", *directory,
+                   "Folder of a run, or of several runs, of which the newest is used")
       ->required()
       ->type_name("DIR");
   program.on(command, [directory] {

@@ -1,9 +1,8 @@
-#include <algorithm>
 #include <unistd.h>
 
 #include <fmt/format.h>
 
-#include "cli/backend_words.hpp"
+#include "cli/backend_arguments.hpp"
 #include "cli/program.hpp"
 #include "cli/report.hpp"
 #include "cli/run_session.hpp"
@@ -14,38 +13,35 @@
 namespace multipanda::cli {
 namespace {
 
-constexpr double kUnpacedDefault = 10;  // [s]; an unpaced run without an end would only fill the disk
+constexpr double kUnpacedDefault = 10;  // [s]; an unpaced run without an end would fill the disk
 
 struct RunOptions {
   std::string scene;
   std::optional<double> seconds;
-  bool fast = false, json = false, report = false;
+  bool fast = false, json = false, report = false, no_timeline = false;
   std::string record;
   std::optional<int> cpu;
   std::string socket;
   bool ros = false;
-  RosWords ros_words;
-  BackendWords backend;
+  RosArguments ros_arguments;
+  BackendArguments backend;
 };
 
-// Where the run listens. By itself only a paced one does: an unpaced one is over before anybody can speak to
-// it.
-std::filesystem::path socket_of(const RunOptions& options, const std::string& scene, const Console& console) {
-  if (!options.socket.empty()) return options.socket;
-  if (options.fast) return {};
+// Sets the run's socket. Unpaced runs have one only on request, because they are too short to be commanded. A
+// second run of the same scene takes the second path.
+void set_socket(const RunOptions& options, const std::string& scene, const Console& console,
+                SessionOptions& session) {
+  if (!options.socket.empty()) session.socket = options.socket;
+  if (options.fast || !options.socket.empty()) return;
   try {
     const auto folder = socket_folder();
     make_private_folder(folder);
-    auto path = folder / (scene + ".sock");
-    const auto running = running_sockets(folder);
-    if (std::find(running.begin(), running.end(), path) != running.end()) {
-      path = folder / fmt::format("{}-{}.sock", scene, getpid());
-    }
-    check_socket_path(path);
-    return path;
+    session.socket = folder / (scene + ".sock");
+    session.second_socket = folder / fmt::format("{}-{}.sock", scene, getpid());
+    check_socket_path(session.second_socket);
   } catch (const std::exception& error) {
+    session.socket.clear();
     console.line(fmt::format("no live input: {}", error.what()));
-    return {};
   }
 }
 
@@ -53,26 +49,30 @@ int run(const RunOptions& options) {
   const Console console(options.json);
   if (options.report && options.record.empty())
     throw UsageError("run: --report needs a log: add --record DIR");
-  if (!options.ros && !(options.ros_words == RosWords{}))
-    throw UsageError("run: --ros-node, --ros-namespace and --ros-remap go with --ros");
+  if (!options.ros && !(options.ros_arguments == RosArguments{}))
+    throw UsageError("run: --ros-node, --ros-namespace and --ros-remap need --ros");
   const BackendOptions backend = backend_options(options.backend);
   OpenedScene opened = open_scene(options.scene);
-  opened.scene = with_arms_from(std::move(opened.scene), backend);  // refused before anything is begun
+  opened.scene = with_connections(std::move(opened.scene), backend);  // refused before anything starts
+  if (options.no_timeline) {
+    opened.scene.timeline.clear();
+    opened.scene.duration_s = 0;
+  }
   SessionOptions session_options{
       .paced = !options.fast, .backend = backend, .duration_s = options.seconds, .record = options.record};
   session_options.thread.cpu = options.cpu;
-  session_options.socket = socket_of(options, opened.scene.name, console);
-  if (!session_options.socket.empty())
-    console.line(fmt::format("live input (multipanda ctl): {}", session_options.socket.string()));
+  set_socket(options, opened.scene.name, console, session_options);
   if (options.fast && !options.seconds && opened.scene.duration_s == 0) {
     session_options.duration_s = kUnpacedDefault;
-    console.line(fmt::format("the scene names no end: --fast runs for {:g} s (--seconds says otherwise)",
+    console.line(fmt::format("the scene has no duration_s: --fast runs for {:g} s (change it with --seconds)",
                              kUnpacedDefault));
   }
   StopSignals signals(console);
-  // ROS brings threads of its own: not before the signals have theirs.
-  if (options.ros) session_options.make_adapter = load_ros_adapter(options.ros_words);
+  // ROS starts threads: the signal handling must be set up first.
+  if (options.ros) session_options.make_adapter = load_ros_adapter(options.ros_arguments);
   Session session(std::move(opened.scene), opened.registry, std::move(session_options));
+  if (!session.socket().empty())
+    console.line(fmt::format("live input (multipanda ctl): {}", session.socket().string()));
   if (session.backend_description() != "mujoco")
     console.line(fmt::format("arms: {}", session.backend_description()));
   RunSummary summary = run_session(session, signals, console);
@@ -93,43 +93,52 @@ int run(const RunOptions& options) {
 void add_run(Program& program) {
   auto options = std::make_shared<RunOptions>();
   CLI::App* command = program.add(
-      "run", "Runs a scene: the arms are controlled until its end, --seconds, or Ctrl-C (which ends in hold)",
-      "  multipanda run two_arms                          in real time, until Ctrl-C\n"
+      "run", "Run a scene until its end, --seconds or Ctrl-C; a stopped run ends in hold",
+      "  multipanda run two_arms                          in real time, to the end of the scene\n"
+      "  multipanda run two_arms --no-timeline            idle until Ctrl-C, commanded by multipanda ctl\n"
       "  multipanda run two_arms --seconds 10 --record runs --report\n"
       "  multipanda run my/scene.yaml --fast --json       as fast as possible, result as one JSON object\n"
-      "  multipanda run two_arms --ros                    ... and by ROS 2, on this machine unless the "
-      "environment\n"
-      "                                                   (ROS_*, FASTDDS_*) says otherwise\n"
+      "  multipanda run two_arms --ros                    also commanded by ROS 2, on this computer unless\n"
+      "                                                   ROS_* or FASTDDS_* variables are set\n"
       "  multipanda run two_arms --backend fci --address left=172.16.0.2 --address right=172.16.1.2\n"
-      "Fails (exit code 1) if a controllet was taken out, a switch refused, or the log is incomplete.");
-  command->add_option("scene", options->scene, "Name (multipanda list scenes) or path of a scene file")
+      "  multipanda run two_arms --backend replay --log runs/NAME --fast\n"
+      "Fails (exit code 1) if a controllet was deactivated by the safety stage, a switch was refused or the "
+      "log\n"
+      "is incomplete.");
+  command->add_option("scene", options->scene, "Name (see multipanda list scenes) or path of a scene file")
       ->required();
-  command->add_option("--seconds", options->seconds, "Length of the run; default: the scene's duration_s")
+  command
+      ->add_option("--seconds", options->seconds, "Duration of the run [s] (default: the scene's duration_s)")
       ->check(CLI::Range(0.001, 1e6));
-  command->add_flag("--fast", options->fast, "As fast as possible instead of paced to the wall clock");
-  command->add_option("--record", options->record, "Write a log into a new folder inside DIR")
+  command->add_flag("--no-timeline", options->no_timeline,
+                    "Ignore the scene's timeline and duration_s: run until Ctrl-C, for multipanda ctl");
+  command->add_flag("--fast", options->fast, "Run as fast as possible instead of in real time");
+  command->add_option("--record", options->record, "Record the log into a new folder inside DIR")
       ->type_name("DIR");
   command->add_flag("--report", options->report, "Make the report afterwards (needs --record)");
   command->add_flag("--json", options->json,
-                    "One JSON object on standard output at the end, all else on standard error");
-  command->add_option("--cpu", options->cpu, "Pin the loop's thread to this core")
+                    "Print one JSON object to standard output at the end, messages to standard error");
+  command->add_option("--cpu", options->cpu, "Core to which the loop's thread is pinned (default: none)")
       ->check(CLI::Range(0, 1023));
-  add_backend_words(command, options->backend);
+  add_backend_arguments(command, options->backend);
   command
       ->add_option("--socket", options->socket,
-                   "Where multipanda ctl reaches this run; default, unless --fast: the scene's name in the "
-                   "user's runtime folder")
+                   "Path of the live-input socket (default: the scene's name in the user's runtime folder; "
+                   "with --fast none)")
       ->type_name("PATH");
   command->add_flag("--ros", options->ros,
-                    "Topics, services, actions and parameters of ROS 2 (docs/ros_interfaces.md)");
+                    "Offer topics, services, actions and parameters of ROS 2 (docs/ros_interfaces.md)");
   command
-      ->add_option("--ros-node", options->ros_words.node,
-                   "Name of the node; default: the scene's, multipanda")
+      ->add_option("--ros-node", options->ros_arguments.node,
+                   "Name of the ROS node (default: the scene's, or multipanda)")
       ->type_name("NAME");
   command
-      ->add_option("--ros-namespace", options->ros_words.name_space, "Its namespace; default: the scene's, /")
+      ->add_option("--ros-namespace", options->ros_arguments.name_space,
+                   "Namespace of the ROS node (default: the scene's, or /)")
       ->type_name("/NAME");
-  command->add_option("--ros-remap", options->ros_words.remaps, "Another name for one of its interfaces")
+  command
+      ->add_option("--ros-remap", options->ros_arguments.remaps,
+                   "Rename a ROS interface; may be given several times")
       ->type_name("FROM:=TO")
       ->expected(1)
       ->take_all();

@@ -16,25 +16,25 @@ StopSignals::StopSignals(const Console& console) : console_(console) {
 void StopSignals::attach(Session& session) {
   const std::lock_guard lock(mutex_);
   session_ = &session;
-  if (asked_) session.stop();
+  if (requested_) session.stop();
 }
 
 void StopSignals::end() { watch_.reset(); }
 
 void StopSignals::stop() {
   const std::lock_guard lock(mutex_);
-  asked_ = true;
+  requested_ = true;
   if (session_ != nullptr) session_->stop();
   if (!console_.is_terminal()) {
-    console_.line("stopping: arms to hold, then the end (once more: quit at once)");
+    console_.line("stopping: the arms hold, then the run ends (interrupt again to quit at once)");
   }
 }
 
 namespace {
 
-// Space stops all arms, a digit the arm of that number; r ends the stop. What ran before does not come back
-// by itself: somebody must ask for it.
-void obey_key(char key, Session& session) {
+// Space stops all arms, a digit the arm of that number; r ends the stop. Controllets that ran before stay
+// inactive until they are requested.
+void handle_key(char key, Session& session) {
   MultimodeController& modes = session.modes();
   const ArmSet all = ArmSet::all(modes.arm_count());
   if (key == ' ' || key == 's') modes.stop(all);
@@ -54,15 +54,15 @@ void obey_key(char key, Session& session) {
 RunSummary run_session(Session& session, StopSignals& signals, const Console& console) {
   for (const auto& arm : session.scene().arms) {
     for (const auto& text : arm.loosened) {
-      console.line(fmt::format("arm '{}': looser than the maker's: {}", arm.name, text));
+      console.line(fmt::format("arm '{}': looser than the manufacturer's limit: {}", arm.name, text));
     }
   }
   signals.attach(session);
   LiveDisplay display(console, session.scene().name, session.duration_s());
   session.start();
-  const KeyWatch keys([&](char key) { obey_key(key, session); });
+  const KeyWatch keys([&](char key) { handle_key(key, session); });
   if (keys.active())
-    console.line("keys: space stops all arms (hold), 1-9 one of them, r resumes, Ctrl-C ends");
+    console.line("keys: space stops all arms (hold), 1-9 one arm, r resumes, Ctrl-C ends the run");
   while (!session.wait_for_end(LiveDisplay::kPeriod_s)) display.show(session.status());
   RunSummary summary = session.finish();
   signals.end();
@@ -75,7 +75,8 @@ void print_switches(const RunSummary& summary, const Console& console) {
     std::string steps;
     for (const auto& step : s.steps) {
       steps += fmt::format("{}{} {:.3f}", steps.empty() ? "" : ", ", step.arm, step.sent_nm);
-      if (step.wanted_nm > step.sent_nm + 1e-9) steps += fmt::format(" (wanted {:.3f})", step.wanted_nm);
+      if (step.requested_nm > step.sent_nm + 1e-9)
+        steps += fmt::format(" (requested {:.3f})", step.requested_nm);
     }
     console.line(fmt::format("  {:8.3f} s  {}", s.t.seconds(), describe(s)));
     if (!s.steps.empty()) {
@@ -100,13 +101,14 @@ void print_summary(const RunSummary& summary, const Console& console) {
     thread += fmt::format(" {} {};", step.what,
                           step.done ? std::string("done") : fmt::format("not done ({})", step.reason));
   }
-  if (!summary.paced) thread += " no SCHED_FIFO, since unpaced;";
+  if (!summary.paced) thread += " no SCHED_FIFO because unpaced;";
   thread.pop_back();
   console.line(thread);
   console.line(summary.switches.empty() ? "switches: none" : "switches:");
   print_switches(summary, console);
   for (const auto& i : summary.interventions) {
-    console.line(fmt::format("intervention: {}: {} x {}{}", i.arm, i.count, to_string(i.rule),
+    console.line(fmt::format("intervention: {}: {} in {} cycle{}, {} episode{}{}", i.arm, to_string(i.rule),
+                             i.count, i.count == 1 ? "" : "s", i.episodes, i.episodes == 1 ? "" : "s",
                              i.controllet.empty() ? "" : fmt::format(" ({})", i.controllet)));
   }
   for (const auto& reflex : summary.reflexes) {

@@ -6,18 +6,17 @@
 
 #include "cli/console.hpp"
 #include "runtime/session.hpp"
-#include "runtime/signals.hpp"
+#include "support/signals.hpp"
 
 namespace multipanda::cli {
 
-// Ctrl-C, SIGTERM and a closed terminal end the session in hold; a second one ends the process at once.
-// Make it before the session: threads that exist already, those of the simulation among them, would take the
-// signals themselves.
+// Ctrl-C, SIGTERM and a closed terminal end the session in hold; a second signal ends the process at once.
+// Construct it before the session: existing threads, such as the simulation's, would receive the signals.
 class StopSignals {
  public:
   explicit StopSignals(const Console& console);
-  void attach(Session& session);  // a signal that came before counts
-  void end();                     // signals act as usual again
+  void attach(Session& session);  // an earlier signal counts
+  void end();                     // restores the signals
 
  private:
   void stop();
@@ -25,16 +24,16 @@ class StopSignals {
   const Console& console_;
   std::mutex mutex_;
   Session* session_ = nullptr;
-  bool asked_ = false;
+  bool requested_ = false;
   std::optional<SignalWatch> watch_;
 };
 
-// Runs a session to its end, showing it on the console; ends `signals`.
+// Runs a session to its end, shows it on the console, and ends `signals`.
 RunSummary run_session(Session& session, StopSignals& signals, const Console& console);
 
-// What a run was, for people.
+// Prints the human-readable summary of a run.
 void print_summary(const RunSummary& summary, const Console& console);
-// Per switch: when, what, how long, how large the torque step.
+// Prints time, change, duration and torque step of each switch.
 void print_switches(const RunSummary& summary, const Console& console);
 
 }  // namespace multipanda::cli

@@ -2,12 +2,12 @@
 
 #include <fmt/format.h>
 
+#include "cli/channel_arguments.hpp"
 #include "cli/console.hpp"
-#include "cli/link_words.hpp"
-#include "generators/via_points/via_plan.hpp"
-#include "runtime/signals.hpp"
+#include "motion_generators/via_points/via_plan.hpp"
+#include "support/signals.hpp"
 
-// `multipanda via-points`: motions through via points, a process of its own beside the run
+// `multipanda via-points` publishes motions through via points, in a process of its own
 // (docs/motion_generator.md).
 namespace multipanda::cli {
 namespace {
@@ -16,7 +16,7 @@ using nlohmann::json;
 
 struct ViaOptions {
   std::string file;
-  LinkWords link;
+  ChannelArguments channel;
   double scale = 1, seconds = 0;
   bool json = false;
 };
@@ -42,23 +42,23 @@ int run(const ViaOptions& options) {
   ViaPlan plan = load_via_plan(config_file("via-points", "via_points", options.file));
   plan.scale *= options.scale;
   std::atomic<bool> stop{false};
-  // Before any other thread is there, so that signals are taken here alone.
+  // Before any other thread exists, so that only this handler receives the signals.
   const SignalWatch signals([&stop](int) { stop = true; });
-  const auto link = open_link(options.link, "via_points");
-  ViaRun run(plan, starts_in(*link, plan));
+  const auto set_points = open_channel(options.channel, "via_points");
+  ViaRun run(plan, starts_in(*set_points, plan));
   const double duration_s = run.duration();
   console.line(fmt::format("{}: {:.2f} s{}", plan.name, duration_s, plan.repeat ? ", repeated" : ""));
   const json thread = set_up_publishing_thread();
-  const PublishReport report = publish_via(run, *link, {.seconds = options.seconds, .stop = &stop});
+  const PublishReport report = publish_via(run, *set_points, {.seconds = options.seconds, .stop = &stop});
   json result = to_json(report, run, duration_s);
   result["thread"] = thread;
   result["channels"] = json::array();
-  const bool heard = report.ended_by != "nobody_listens";
-  if (heard) {
-    link->rest();
-    result["channels"] = link->channels();
+  const bool accepted = report.ended_by != "nobody_listens";
+  if (accepted) {
+    set_points->rest();
+    result["channels"] = set_points->channels();
   } else {
-    console.line("failed: the run takes no set-points any more");
+    console.line("failed: the run no longer accepts set-points");
   }
   bool refused = false;
   for (const auto& channel : result["channels"]) {
@@ -70,7 +70,7 @@ int run(const ViaOptions& options) {
   console.line(fmt::format("{}: ended by {}; {} samples at {:.2f} Hz, {} missed, {} unsent", plan.name,
                            report.ended_by, report.samples, report.rate_hz, report.missed, report.unsent));
   if (options.json) fmt::print("{}\n", result.dump());
-  return heard && !refused ? kSuccess : kFailed;
+  return accepted && !refused ? kSuccess : kFailed;
 }
 
 }  // namespace
@@ -78,18 +78,22 @@ int run(const ViaOptions& options) {
 void add_via_points(Program& program) {
   auto options = std::make_shared<ViaOptions>();
   CLI::App* command = program.add(
-      "via-points", "Leads arms through via points, in joints or poses: publishes set-points at 1 kHz",
+      "via-points", "Move arms through via points (joint positions or poses); publishes set-points at 1 kHz",
       "  multipanda run two_arms &\n"
       "  multipanda via-points wave --scale 0.5\n"
       "  multipanda run two_arms --ros & multipanda via-points my/file.yaml --ros");
   command->add_option("file", options->file, "Name (config/via_points) or path of a file of via points")
       ->required();
-  add_link_words(command, options->link);
-  command->add_option("--scale", options->scale, "Of the file's limits, above 0 and at most 1")
+  add_channel_arguments(command, options->channel);
+  command
+      ->add_option("--scale", options->scale,
+                   "Fraction of the file's limits, above 0 and at most 1 (default 1)")
       ->check(CLI::Range(1e-3, 1.0));
-  command->add_option("--seconds", options->seconds, "End after so long, braking")
+  command
+      ->add_option("--seconds", options->seconds,
+                   "Brake and end after this time [s] (default: at the last point)")
       ->check(CLI::PositiveNumber);
-  command->add_flag("--json", options->json, "One JSON object on standard output at the end");
+  command->add_flag("--json", options->json, "Print one JSON object to standard output at the end");
   program.on(command, [options] { return run(*options); });
 }
 

@@ -10,24 +10,24 @@
 
 #include "cli/console.hpp"
 #include "cli/program.hpp"
-#include "fci/server/control_words.hpp"
+#include "fci/server/fault_commands.hpp"
 #include "fci/server/virtual_arms.hpp"
-#include "runtime/signals.hpp"
 #include "scene/hidden_plant.hpp"
 #include "scene/load.hpp"
-#include "scene/names.hpp"
+#include "support/signals.hpp"
+#include "support/spelling.hpp"
 
-// `multipanda virtual-arm`: the arms of a scene as programs of the maker's library see real ones
+// `multipanda virtual-arm` offers the arms of a scene to libfranka programs as if they were real
 // (docs/virtual_arm.md).
 namespace multipanda::cli {
 namespace {
 
 using nlohmann::json;
 
-// Below the 80 that a control loop asks for: a late state is a late state, a late torque moves an arm.
+// Below the 80 of a control loop: a late torque is worse than a late state.
 constexpr int kPriority = 75;
 
-struct VirtualArmWords {
+struct VirtualArmArguments {
   std::string scene, pace = "realtime";
   std::vector<std::string> bind;
   std::vector<int> ports;
@@ -40,29 +40,29 @@ struct VirtualArmWords {
 };
 
 // --bind ARM=ADDRESS
-std::vector<fci::ArmPlace> places_of(const VirtualArmWords& words, const Scene& scene) {
+std::vector<fci::ArmPlace> places_of(const VirtualArmArguments& arguments, const Scene& scene) {
   std::vector<std::string> names;
   for (const auto& arm : scene.arms) names.push_back(arm.name);
   std::vector<fci::ArmPlace> places(names.size());
-  for (const auto& word : words.bind) {
-    const std::size_t equals = word.find('=');
-    if (equals == std::string::npos || equals == 0 || equals + 1 == word.size()) {
-      throw UsageError(fmt::format("virtual-arm: expected --bind ARM=ADDRESS, found '{}'", word));
+  for (const auto& argument : arguments.bind) {
+    const std::size_t equals = argument.find('=');
+    if (equals == std::string::npos || equals == 0 || equals + 1 == argument.size()) {
+      throw UsageError(fmt::format("virtual-arm: expected --bind ARM=ADDRESS, found '{}'", argument));
     }
-    const std::string name = word.substr(0, equals);
+    const std::string name = argument.substr(0, equals);
     const auto found = std::find(names.begin(), names.end(), name);
     if (found == names.end()) {
       throw UsageError(fmt::format("virtual-arm: the scene has no arm '{}'{}", name,
                                    name_hint(name, names, "it has none")));
     }
-    places[static_cast<std::size_t>(found - names.begin())].address = word.substr(equals + 1);
-    fci::is_loopback(word.substr(equals + 1));  // refuses what is no address
+    places[static_cast<std::size_t>(found - names.begin())].address = argument.substr(equals + 1);
+    fci::is_loopback(argument.substr(equals + 1));  // refuses an invalid address
   }
-  if (!words.ports.empty()) {
+  if (!arguments.ports.empty()) {
     for (auto& place : places) {
-      place.port = static_cast<std::uint16_t>(words.ports[0]);
-      place.gripper_port = static_cast<std::uint16_t>(words.ports[1]);
-      place.vacuum_port = static_cast<std::uint16_t>(words.ports[2]);
+      place.port = static_cast<std::uint16_t>(arguments.ports[0]);
+      place.gripper_port = static_cast<std::uint16_t>(arguments.ports[1]);
+      place.vacuum_port = static_cast<std::uint16_t>(arguments.ports[2]);
     }
   }
   return places;
@@ -94,34 +94,33 @@ json to_json(const fci::PortStatistics& s) {
           {"bad_requests", s.bad_requests}};
 }
 
-void say_where(const fci::VirtualArms& arms, const Console& console) {
+void print_addresses(const fci::VirtualArms& arms, const Console& console) {
   for (ArmIndex i = 0; i < arms.arm_count(); ++i) {
     const auto& place = arms.place(i);
     const std::string more = arms.has_gripper(i)  ? fmt::format(", gripper at {}", place.gripper_port)
                              : arms.has_vacuum(i) ? fmt::format(", vacuum gripper at {}", place.vacuum_port)
                                                   : "";
-    console.line(fmt::format("arm {}: {}:{}{}{}", arms.names()[i], place.address, place.port, more,
-                             fci::is_loopback(place.address)
-                                 ? ""
-                                 : " (reachable from other computers: anybody there can move it)"));
+    console.line(fmt::format(
+        "arm {}: {}:{}{}{}", arms.names()[i], place.address, place.port, more,
+        fci::is_loopback(place.address) ? "" : " (reachable from other computers, which can move it)"));
   }
 }
 
-void say_statistics(const fci::VirtualArms& arms, const Console& console) {
+void print_statistics(const fci::VirtualArms& arms, const Console& console) {
   const auto world = arms.world_statistics();
-  console.line(fmt::format("{:.3f} s of the world{}", 1e-3 * static_cast<double>(world.periods),
-                           world.overruns == 0 ? "" : fmt::format(", {} ms given up", world.overruns)));
+  console.line(fmt::format("{:.3f} s of world time{}", 1e-3 * static_cast<double>(world.periods),
+                           world.overruns == 0 ? "" : fmt::format(", {} ms dropped", world.overruns)));
   for (ArmIndex i = 0; i < arms.arm_count(); ++i) {
     const auto s = arms.statistics(i);
     console.line(fmt::format(
         "arm {}: {} programs, {} motions; states: {} sent, {} lost; commands: {} received, {} used, {} late, "
-        "{} lost, {} periods without",
+        "{} lost, {} missing",
         arms.names()[i], s.clients, s.motions, s.states_sent, s.states_lost, s.commands_received,
         s.commands_used, s.commands_late, s.commands_lost, s.commands_missed));
   }
 }
 
-// Until a signal, the end of the time, or of the world. Meanwhile takes lines from standard input.
+// Returns after a signal, `seconds`, or the end of the world. Meanwhile handles lines from standard input.
 void wait_for_end(fci::VirtualArms& arms, int end_file, double seconds, const Console& console) {
   const HostTime end = host_now() + std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 * seconds));
   std::string line;
@@ -134,7 +133,7 @@ void wait_for_end(fci::VirtualArms& arms, int end_file, double seconds, const Co
     if (files[1].revents == 0) continue;
     char bytes[512];
     const auto count = ::read(STDIN_FILENO, bytes, sizeof(bytes));
-    if (count <= 0) reads = false;  // no terminal, or its end: the arms go on
+    if (count <= 0) reads = false;  // end of the input: the arms continue
     for (ssize_t i = 0; i < count; ++i) {
       if (bytes[i] != '\n') {
         if (line.size() < 512) line += bytes[i];
@@ -147,22 +146,23 @@ void wait_for_end(fci::VirtualArms& arms, int end_file, double seconds, const Co
   }
 }
 
-int run(const VirtualArmWords& words) {
-  const Console console(words.json);
-  OpenedScene opened = open_scene(words.scene);
-  if (words.hidden) hide(opened.scene, *words.hidden);  // and never a word about it
+int run(const VirtualArmArguments& arguments) {
+  const Console console(arguments.json);
+  OpenedScene opened = open_scene(arguments.scene);
+  if (arguments.hidden) hide(opened.scene, *arguments.hidden);  // without any message about the draw
   fci::VirtualArmOptions options;
-  options.places = places_of(words, opened.scene);
-  options.pace = words.pace == "lockstep" ? fci::WorldPace::lockstep : fci::WorldPace::realtime;
-  options.grippers = !words.no_gripper;
-  options.faults = words.faults;
-  options.faults.latency_s = 1e-6 * words.latency_us;
-  options.faults.jitter_s = 1e-6 * words.jitter_us;
-  options.seed = words.seed;
-  options.idle_stands_still = words.idle_stands_still;
-  if (words.real_time_thread) {
+  options.places = places_of(arguments, opened.scene);
+  options.pace = arguments.pace == "lockstep" ? fci::WorldPace::lockstep : fci::WorldPace::realtime;
+  options.grippers = !arguments.no_gripper;
+  options.faults = arguments.faults;
+  options.faults.latency_s = 1e-6 * arguments.latency_us;
+  options.faults.jitter_s = 1e-6 * arguments.jitter_us;
+  options.seed = arguments.seed;
+  options.idle_stands_still = arguments.idle_stands_still;
+  if (arguments.real_time_thread) {
     if (options.pace == fci::WorldPace::lockstep) {
-      throw UsageError("virtual-arm: --real-time is for --pace realtime: lock-step waits for programs");
+      throw UsageError(
+          "virtual-arm: --real-time needs --pace realtime; in lock-step the world waits for programs");
     }
     options.thread = ThreadSetup{.lock_memory = true, .fifo_priority = kPriority, .cpu = {}};
   }
@@ -176,19 +176,19 @@ int run(const VirtualArmWords& words) {
   for (const auto& step : arms.thread_setup()) {
     if (!step.done) console.line(fmt::format("no {}: {}", step.what, step.reason));
   }
-  say_where(arms, console);
-  console.line(fmt::format("{}; Ctrl-C ends; words on standard input, 'help' lists them",
+  print_addresses(arms, console);
+  console.line(fmt::format("{}; Ctrl-C ends; standard input takes commands, 'help' lists them",
                            options.pace == fci::WorldPace::lockstep
                                ? "the world waits for the programs' commands (lockstep)"
                                : "in real time"));
-  if (words.json) {
+  if (arguments.json) {
     fmt::print("{}\n", listening(arms).dump());
     std::fflush(stdout);
   }
-  wait_for_end(arms, end_file, words.seconds, console);
+  wait_for_end(arms, end_file, arguments.seconds, console);
   arms.stop();
   ::close(end_file);
-  if (words.json) {
+  if (arguments.json) {
     json result = {{"periods", arms.world_statistics().periods},
                    {"given_up_ms", arms.world_statistics().overruns},
                    {"fault", arms.fault()}};
@@ -197,7 +197,7 @@ int run(const VirtualArmWords& words) {
     }
     fmt::print("{}\n", json{{"ended", result}}.dump());
   } else {
-    say_statistics(arms, console);
+    print_statistics(arms, console);
   }
   if (arms.failed()) {
     console.line("failed: " + arms.fault());
@@ -209,57 +209,68 @@ int run(const VirtualArmWords& words) {
 }  // namespace
 
 void add_virtual_arm(Program& program) {
-  auto words = std::make_shared<VirtualArmWords>();
+  auto arguments = std::make_shared<VirtualArmArguments>();
   CLI::App* command = program.add(
-      "virtual-arm", "Virtual arms: a scene's arms at the ports where programs of the maker's library look",
+      "virtual-arm", "Offer the arms of a scene at the network ports that libfranka programs connect to",
       "  multipanda virtual-arm one_arm                      127.0.0.1, in real time, until Ctrl-C\n"
-      "  multipanda virtual-arm two_arms --pace lockstep     127.0.0.1 and 127.0.0.2; time waits for the "
+      "  multipanda virtual-arm two_arms --pace lockstep     127.0.0.1 and 127.0.0.2; time waits for "
       "programs\n"
       "  multipanda virtual-arm two_arms --bind left=127.0.0.5 --bind right=127.0.0.6\n"
       "  multipanda virtual-arm one_arm --latency-us 200 --loss 0.02 --seed 7");
-  command->add_option("scene", words->scene, "Name (multipanda list scenes) or path of a scene file")
+  command->add_option("scene", arguments->scene, "Name (see multipanda list scenes) or path of a scene file")
       ->required();
   command
-      ->add_option("--bind", words->bind,
-                   "Where an arm listens; default 127.0.0.1 for the first, 127.0.0.2 for the second, ...")
+      ->add_option("--bind", arguments->bind,
+                   "Address of an arm (default 127.0.0.1 for the first, 127.0.0.2 for the second, ...)")
       ->type_name("ARM=ADDRESS");
-  command->add_option("--pace", words->pace, "By the wall clock, or waiting for the programs' commands")
+  command
+      ->add_option("--pace", arguments->pace,
+                   "realtime, or lockstep: the world waits for the programs' commands")
       ->check(CLI::IsMember({"realtime", "lockstep"}))
       ->capture_default_str();
   command
-      ->add_option("--ports", words->ports,
-                   "Of arm, gripper and vacuum gripper; the maker's library knows only 1337 1338 1339, "
-                   "0 takes a free one")
+      ->add_option("--ports", arguments->ports,
+                   "Ports of arm, gripper and vacuum gripper; libfranka uses only 1337 1338 1339, "
+                   "0 chooses a free port")
       ->expected(3)
       ->check(CLI::Range(0, 65535))
       ->type_name("PORT");
-  command->add_option("--latency-us", words->latency_us, "Delay of datagrams, each way")
-      ->check(CLI::Range(0.0, 1e7));
-  command->add_option("--jitter-us", words->jitter_us, "Up to so much more, evenly distributed")
-      ->check(CLI::Range(0.0, 1e7));
-  command->add_option("--loss", words->faults.loss, "Share of datagrams lost, each way")
-      ->check(CLI::Range(0.0, 1.0));
-  command->add_option("--duplicate", words->faults.duplicate, "Share that arrives twice")
-      ->check(CLI::Range(0.0, 1.0));
-  command->add_option("--reorder", words->faults.reorder, "Share that is overtaken by the next one")
-      ->check(CLI::Range(0.0, 1.0));
-  command->add_option("--seed", words->seed, "Of the injected faults");
   command
-      ->add_option(
-          "--hidden", words->hidden,
-          "The arms truly are another draw about their models (masses, payload, friction, delay, tool), told "
-          "to nobody: for trials of identify and refine")
+      ->add_option("--latency-us", arguments->latency_us,
+                   "Delay of datagrams in each direction [us] (default 0)")
+      ->check(CLI::Range(0.0, 1e7));
+  command
+      ->add_option("--jitter-us", arguments->jitter_us,
+                   "Largest additional delay, uniformly distributed [us] (default 0)")
+      ->check(CLI::Range(0.0, 1e7));
+  command
+      ->add_option("--loss", arguments->faults.loss,
+                   "Fraction of datagrams that are lost, in each direction (default 0)")
+      ->check(CLI::Range(0.0, 1.0));
+  command
+      ->add_option("--duplicate", arguments->faults.duplicate,
+                   "Fraction of datagrams that arrive twice (default 0)")
+      ->check(CLI::Range(0.0, 1.0));
+  command
+      ->add_option("--reorder", arguments->faults.reorder,
+                   "Fraction of datagrams that are overtaken by the next one (default 0)")
+      ->check(CLI::Range(0.0, 1.0));
+  command->add_option("--seed", arguments->seed, "Random seed of the injected faults (default 1)");
+  command
+      ->add_option("--hidden", arguments->hidden,
+                   "Draw the true parameters of the arms around their models (masses, payload, friction, "
+                   "delay, tool) with "
+                   "this seed and keep them hidden, for trials of identify and refine")
       ->type_name("SEED");
-  command->add_option("--seconds", words->seconds, "End after so long; default: Ctrl-C")
+  command->add_option("--seconds", arguments->seconds, "End after this time [s] (default: at Ctrl-C)")
       ->check(CLI::PositiveNumber);
-  command->add_flag("--no-gripper", words->no_gripper, "Hands stay closed, nothing listens for grippers");
-  command->add_flag("--real-time", words->real_time_thread,
-                    "Ask for real-time scheduling of the loop's thread (realtime pace)");
-  command->add_flag("--idle-stands-still", words->idle_stands_still,
-                    "Lock-step: the world stands still while no arm moves");
-  command->add_flag("--json", words->json,
-                    "Standard output has one JSON line when all arms listen and one at the end");
-  program.on(command, [words] { return run(*words); });
+  command->add_flag("--no-gripper", arguments->no_gripper, "Keep hands closed and offer no gripper ports");
+  command->add_flag("--real-time", arguments->real_time_thread,
+                    "Request real-time scheduling for the loop's thread (with --pace realtime)");
+  command->add_flag("--idle-stands-still", arguments->idle_stands_still,
+                    "In lock-step, stop the world while no arm moves");
+  command->add_flag("--json", arguments->json, "Print one JSON line when all arms listen and one at the end");
+  program.on(command, [arguments] { return run(*arguments); });
 }
 
 }  // namespace multipanda::cli

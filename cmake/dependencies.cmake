@@ -1,4 +1,4 @@
-# Where each dependency comes from: Debian's packages, or the wheels in the Python environment (.venv).
+# Dependencies come from Debian packages or from the wheels in the Python environment (.venv).
 set(MULTIPANDA_VENV "${CMAKE_SOURCE_DIR}/.venv" CACHE PATH "Python environment with the wheels of requirements.txt")
 file(GLOB MULTIPANDA_SITE_PACKAGES LIST_DIRECTORIES true "${MULTIPANDA_VENV}/lib/python3*/site-packages")
 if(NOT MULTIPANDA_SITE_PACKAGES)
@@ -8,9 +8,14 @@ list(PREPEND CMAKE_PREFIX_PATH "${MULTIPANDA_SITE_PACKAGES}/cmeel.prefix")
 
 find_package(Threads REQUIRED)
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
+# A copy of Eigen's headers with one file replaced; eigen_indexed_view.h.in says why.
+get_target_property(MULTIPANDA_EIGEN Eigen3::Eigen INTERFACE_INCLUDE_DIRECTORIES)
+file(COPY ${MULTIPANDA_EIGEN}/ DESTINATION ${CMAKE_BINARY_DIR}/eigen PATTERN IndexedViewMethods.h EXCLUDE)
+configure_file(${CMAKE_CURRENT_LIST_DIR}/eigen_indexed_view.h.in
+               ${CMAKE_BINARY_DIR}/eigen/Eigen/src/plugins/IndexedViewMethods.h COPYONLY)
+set_target_properties(Eigen3::Eigen PROPERTIES INTERFACE_INCLUDE_DIRECTORIES ${CMAKE_BINARY_DIR}/eigen)
 find_package(pinocchio REQUIRED)
 find_package(yaml-cpp REQUIRED)
-find_package(spdlog REQUIRED)
 find_package(fmt REQUIRED)
 find_package(CLI11 REQUIRED)
 find_package(nlohmann_json REQUIRED)
@@ -30,10 +35,6 @@ else()
   target_link_libraries(multipanda_yaml INTERFACE yaml-cpp)
 endif()
 
-# Header-only spdlog on the distribution's fmt, kept hidden: a second spdlog in the process (ROS brings one) crashes.
-add_library(multipanda_log INTERFACE)
-target_link_libraries(multipanda_log INTERFACE spdlog::spdlog_header_only fmt::fmt)
-
 # MuJoCo's wheel has only libmujoco.so.<version>, no bare .so and no CMake package.
 file(GLOB MUJOCO_LIBRARY "${MULTIPANDA_SITE_PACKAGES}/mujoco/libmujoco.so.4*")
 if(NOT MUJOCO_LIBRARY)
@@ -42,5 +43,5 @@ endif()
 add_library(mujoco::mujoco SHARED IMPORTED)
 set_target_properties(mujoco::mujoco PROPERTIES IMPORTED_LOCATION "${MUJOCO_LIBRARY}"
                       INTERFACE_INCLUDE_DIRECTORIES "${MULTIPANDA_SITE_PACKAGES}/mujoco/include")
-# The .venv's libraries are found by the program without any environment variable.
+# With this RPATH the program finds the libraries in .venv without environment variables.
 set(CMAKE_BUILD_RPATH "${MULTIPANDA_SITE_PACKAGES}/cmeel.prefix/lib;${MULTIPANDA_SITE_PACKAGES}/mujoco")

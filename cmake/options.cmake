@@ -8,44 +8,47 @@ set(CMAKE_CXX_EXTENSIONS OFF)
 set(CMAKE_POSITION_INDEPENDENT_CODE ON)
 set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
 
-# Vector flags change Eigen's alignment; Pinocchio's prebuilt library was built without them, and objects that
-# cross the border then crash at random. Refusing is kinder than a segmentation fault in the loop.
+# Vector flags change Eigen's alignment. Pinocchio's prebuilt library was built without them, so objects passed to it
+# would crash at random.
 if("${CMAKE_CXX_FLAGS} $ENV{CXXFLAGS}" MATCHES "-march=|-mavx|-mtune=native|-mfma")
-  message(FATAL_ERROR "CMAKE_CXX_FLAGS/CXXFLAGS name a vector flag (-march, -mavx, -mfma): Eigen objects would "
-                      "no longer match the prebuilt Pinocchio. Remove it.")
+  message(FATAL_ERROR "CMAKE_CXX_FLAGS or CXXFLAGS contains a vector flag (-march, -mavx, -mfma). Eigen objects would "
+                      "no longer match the prebuilt Pinocchio; remove the flag.")
 endif()
 
 set(MULTIPANDA_SANITIZER "" CACHE STRING "address (with undefined), undefined or thread; empty for none")
 set_property(CACHE MULTIPANDA_SANITIZER PROPERTY STRINGS "" address undefined thread)
-option(MULTIPANDA_WERROR "Warnings of our own targets are errors" ON)
+option(MULTIPANDA_WERROR "Treat warnings of this project's targets as errors" ON)
 
 option(MULTIPANDA_PCH "Precompile the headers that nearly every file includes (cmake/targets.cmake)" OFF)
 find_program(CCACHE_PROGRAM ccache)
 if(CCACHE_PROGRAM AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
   set(CMAKE_CXX_COMPILER_LAUNCHER ${CCACHE_PROGRAM})
-  if(MULTIPANDA_PCH)  # what ccache asks for before it keeps a file that was compiled with them
+  if(MULTIPANDA_PCH)  # ccache caches files with precompiled headers only with these settings
     set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env
         CCACHE_SLOPPINESS=pch_defines,time_macros,include_file_mtime,include_file_ctime ${CCACHE_PROGRAM})
     add_compile_options($<$<COMPILE_LANGUAGE:CXX>:-fpch-preprocess>)
   endif()
 endif()
 
-# One Pinocchio file takes up to 4 GB and a minute: never more than two at a time.
+# GCC spends a tenth of its time on collecting garbage, unless its heap may first grow to this many KiB.
+add_compile_options($<$<COMPILE_LANG_AND_ID:CXX,GNU>:--param=ggc-min-heapsize=524288>)
+
+# A file with Pinocchio's headers takes up to 4 GB: compile at most two at a time.
 set_property(GLOBAL PROPERTY JOB_POOLS heavy=2)
 
 add_library(multipanda_flags INTERFACE)
 target_compile_options(multipanda_flags INTERFACE -Wall -Wextra -Wconversion -Wshadow -Wno-psabi
-                       -Wno-missing-field-initializers  # designated initialisers leave defaults out on purpose
+                       -Wno-missing-field-initializers  # designated initializers omit defaults on purpose
                        -fno-semantic-interposition -fvisibility-inlines-hidden)
 if(MULTIPANDA_WERROR)
   target_compile_options(multipanda_flags INTERFACE -Werror)
 endif()
-# Every symbol is resolved at load: the first call of a function in the loop must not enter the linker.
+# Resolve every symbol at load time, so that the first call of a function in the loop does not enter the linker.
 target_link_options(multipanda_flags INTERFACE -Wl,-z,now -Wl,--as-needed)
 
 if(MULTIPANDA_SANITIZER STREQUAL "address")
-  # Prebuilt libraries were compiled without __SANITIZE_ADDRESS__, under which Eigen picks another allocator.
-  # Undefined behaviour is looked for in the same build: the front end's work is done once for both.
+  # The prebuilt libraries were compiled without __SANITIZE_ADDRESS__, with which Eigen selects another allocator.
+  # One build checks addresses and undefined behavior, so each file is parsed once for both.
   target_compile_options(multipanda_flags INTERFACE -fsanitize=address,undefined -fno-sanitize-recover=undefined
                          -fno-omit-frame-pointer -O1 -g1)
   target_compile_definitions(multipanda_flags INTERFACE EIGEN_MALLOC_ALREADY_ALIGNED=1)

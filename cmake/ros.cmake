@@ -1,18 +1,18 @@
-# ROS 2: from the wheels in .venv (requirements-ros.txt), or, where a ROS 2 is installed and set up in this shell, from
-# there. Sets MULTIPANDA_ROS to OFF where it is not wanted. Provides for folders below ros/:
+# ROS 2 comes from a ROS 2 installation sourced in this shell, otherwise from the wheels in .venv (requirements-ros.txt).
+# -DMULTIPANDA_ROS=OFF omits it. Functions for the folders below ros/:
 #   multipanda_ros_library(NAME SOURCES ... DEPS ... [PRIVATE_DEPS ...])  static library that may use rcl and messages
 #   multipanda_ros_module(NAME SOURCES ... DEPS ...)                      loaded with dlopen; exports only what says so
 #   multipanda_ros_program(NAME SOURCES ... DEPS ...)                     executable
 #   multipanda_ros_test(NAME SOURCES ... DEPS ... [LABELS ...])           GoogleTest program
-# Only modules, programs and tests are linked, and only they need what linking against the wheels takes.
+# Only modules, programs and tests are linked, so only they get the link options for the wheels.
 set(multipanda_ros_default ON)
-if(MULTIPANDA_SANITIZER)  # the wheels' libraries and their threads were not built for it
+if(MULTIPANDA_SANITIZER)  # the wheels' libraries were not built with sanitizers
   set(multipanda_ros_default OFF)
 endif()
 option(MULTIPANDA_ROS "ROS 2 interfaces (multipanda run --ros)" ${multipanda_ros_default})
 option(MULTIPANDA_INSTALLED_MESSAGES "Use an installed multipanda_msgs in place of the one in ros/ (colcon)" OFF)
 if(NOT MULTIPANDA_ROS)
-  # Of a build with ROS in the same folder before.
+  # Remove the results of an earlier build with ROS in the same folder.
   file(REMOVE ${CMAKE_BINARY_DIR}/libmultipanda_ros.so)
   file(REMOVE_RECURSE ${CMAKE_BINARY_DIR}/python)
   return()
@@ -22,10 +22,10 @@ set(MULTIPANDA_ROS_WHEELS OFF)
 if("$ENV{AMENT_PREFIX_PATH}" STREQUAL "")
   set(MULTIPANDA_ROS_WHEELS ON)
   if(NOT EXISTS "${MULTIPANDA_VENV}/share/rcl/cmake/rclConfig.cmake")
-    message(FATAL_ERROR "ROS 2 is neither in ${MULTIPANDA_VENV} nor set up in this shell: run ./multipanda setup, source a "
-                        "ROS 2 installation's setup.bash, or build without ROS: -DMULTIPANDA_ROS=OFF.")
+    message(FATAL_ERROR "ROS 2 is neither in ${MULTIPANDA_VENV} nor sourced in this shell. Run ./multipanda setup, source a "
+                        "ROS 2 installation's setup.bash, or build without ROS (-DMULTIPANDA_ROS=OFF).")
   endif()
-  # The wheels make the environment a ROS 2 prefix. The generators of messages run in its Python.
+  # The wheels turn the environment into a ROS 2 prefix. The message generators run in its Python.
   set(ENV{AMENT_PREFIX_PATH} "${MULTIPANDA_VENV}")
   list(PREPEND CMAKE_PREFIX_PATH "${MULTIPANDA_VENV}")
   list(PREPEND CMAKE_MODULE_PATH "${CMAKE_CURRENT_LIST_DIR}/wheels")
@@ -35,7 +35,7 @@ if("$ENV{AMENT_PREFIX_PATH}" STREQUAL "")
   list(PREPEND MULTIPANDA_ROS_LIBRARY_DIRS "${MULTIPANDA_VENV}/lib")
 endif()
 
-# The targets that the wheels export name folders of the machine that built them.
+# The targets exported by the wheels contain folders of the machine that built them.
 function(multipanda_clean_imported_targets)
   if(NOT MULTIPANDA_ROS_WHEELS)
     return()
@@ -75,9 +75,9 @@ endif()
 set(BUILD_SHARED_LIBS ${multipanda_ros_was_shared})  # ament turns it on for the whole project
 multipanda_clean_imported_targets()
 
-# Before rosidl_generate_interfaces(), in the same folder: makes that build short. The wheels have one middleware, so its
-# type supports are enough (and for C those that it asks for when Python opens an action, else it complains); small
-# generated files are compiled several at a time, and not for speed.
+# Call before rosidl_generate_interfaces(), in the same folder, to shorten the build: the wheels contain one middleware, so
+# its type supports suffice (and those for C that Python requests when it opens an action); the small generated files are
+# compiled in batches and with little optimization.
 macro(multipanda_prepare_generators)
   if(MULTIPANDA_ROS_WHEELS)
     list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX introspection_cpp)
@@ -88,13 +88,13 @@ macro(multipanda_prepare_generators)
   add_compile_options(-O1 -w)
 endmacro()
 
-# After it: definitions of types are written with the same names in every file; and more packages were found.
+# Call after it: type descriptions use the same names in every file, and more packages have been found.
 function(multipanda_finish_generators package)
   get_target_property(sources ${package}__rosidl_generator_c SOURCES)
   list(FILTER sources INCLUDE REGEX "__description\\.c$")
   set_source_files_properties(${sources} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
   multipanda_clean_imported_targets()
-  # They are loaded by name, which works for what is loaded already.
+  # Type supports are loaded by name, which works for libraries that are loaded already.
   target_link_options(${package}__rosidl_typesupport_c PRIVATE -Wl,--no-as-needed)
   foreach(kind fastrtps_c introspection_c)
     if(TARGET ${package}__rosidl_typesupport_${kind})
@@ -103,7 +103,7 @@ function(multipanda_finish_generators package)
   endforeach()
 endfunction()
 
-# Interfaces that this build makes because nothing installed has them; the rest are imported.
+# Interfaces that no installed package provides are built here; the others are imported.
 set(MULTIPANDA_OWN_INTERFACES "")
 foreach(package multipanda_msgs control_msgs tf2_msgs)
   set(found FALSE)
@@ -119,7 +119,7 @@ foreach(package multipanda_msgs control_msgs tf2_msgs)
 endforeach()
 multipanda_clean_imported_targets()
 
-# rcl and the C++ structs of all messages. Headers of others: no warnings from there.
+# rcl and the C++ structs of all messages; SYSTEM, because warnings in generated headers are not ours.
 add_library(multipanda_ros_packages INTERFACE)
 target_link_libraries(multipanda_ros_packages INTERFACE rcl::rcl rcl_action::rcl_action)
 foreach(package IN LISTS MULTIPANDA_ROS_PACKAGES)
@@ -133,16 +133,16 @@ foreach(package IN LISTS MULTIPANDA_OWN_INTERFACES)
   endforeach()
 endforeach()
 
-# What a linked file needs to find the wheels' libraries, when it is linked and when it is loaded. RPATH, not RUNPATH:
-# the libraries need each other and say nothing about where they are. librcl needs Python's symbols.
+# Options to find the wheels' libraries at link time and at load time. RPATH instead of RUNPATH, because the libraries
+# depend on each other without RPATHs of their own. librcl needs Python's symbols.
 function(multipanda_ros_link name)
   target_link_libraries(${name} PRIVATE multipanda_ros_packages)
   if(MULTIPANDA_ROS_WHEELS)
     set(options -Wl,--disable-new-dtags)
     get_target_property(type ${name} TYPE)
     if(type STREQUAL EXECUTABLE)
-      # Fast DDS and the URDF parser have a tinyxml2 each, of one set of names, and the first one loaded serves both. A
-      # module is loaded with RTLD_DEEPBIND instead.
+      # Fast DDS and the URDF parser each bring a tinyxml2 with the same symbols, and the first one loaded serves both.
+      # A module is loaded with RTLD_DEEPBIND instead.
       file(GLOB tinyxml2 "${MULTIPANDA_SITE_PACKAGES}/ros_fastdds.libs/libtinyxml2-*.so*")
       list(APPEND options -Wl,--push-state,--no-as-needed ${tinyxml2} -Wl,--pop-state)
     endif()
@@ -151,7 +151,7 @@ function(multipanda_ros_link name)
     endforeach()
     target_link_options(${name} PRIVATE ${options})
     set_property(TARGET ${name} APPEND PROPERTY BUILD_RPATH ${CMAKE_BUILD_RPATH} ${MULTIPANDA_ROS_LIBRARY_DIRS})
-    # Type supports are loaded by name, and what they need is then looked for without our RPATH: have all of them loaded.
+    # Type supports are loaded by name, and their dependencies are then searched without this RPATH: load all of them.
     set(loaded ${Python3_LIBRARIES})
     foreach(package IN LISTS MULTIPANDA_ROS_PACKAGES)
       foreach(kind fastrtps_cpp introspection_cpp)
@@ -172,7 +172,7 @@ function(multipanda_ros_module name)
   cmake_parse_arguments(ARG "" "" "SOURCES;DEPS" ${ARGN})
   add_library(${name} MODULE ${ARG_SOURCES})
   target_include_directories(${name} PRIVATE ${CMAKE_SOURCE_DIR})
-  # Hidden: librcl brings a spdlog of its own, and two of them with one set of names crash.
+  # Hidden symbols: librcl brings its own spdlog, and two visible ones crash.
   set_target_properties(${name} PROPERTIES CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
   target_link_options(${name} PRIVATE -Wl,--exclude-libs,ALL)
   target_link_libraries(${name} PRIVATE ${ARG_DEPS} multipanda_flags)

@@ -7,18 +7,16 @@
 
 #include <fmt/format.h>
 
-#include "backends/arm/arm_error.hpp"
 #include "core/rt/thread_setup.hpp"
+#include "device/arm_error.hpp"
 #include "doctor/timer.hpp"
-#include "fci/client/arm_link.hpp"
+#include "fci/client/arm_connection.hpp"
 #include "fci/wire/error_flags.hpp"
 
 namespace multipanda::doctor {
 namespace {
 
-constexpr double kPeriod_us = 1000;
-
-void listen(fci::ArmLink& link, double seconds, ArmStreamReading& reading) {
+void listen(fci::ArmConnection& link, double seconds, ArmStreamReading& reading) {
   reading.gaps_us.reserve(static_cast<std::size_t>(seconds * 2000) + 16);
   const HostTime begin = host_now();
   const HostTime end = begin + std::chrono::nanoseconds(static_cast<std::int64_t>(seconds * 1e9));
@@ -48,7 +46,7 @@ ArmStreamReading read_arm_stream(const std::string& address, double seconds) {
   ArmStreamReading reading;
   reading.address = address;
   try {
-    fci::ArmLink link({.address = address});
+    fci::ArmConnection link({.address = address});
     link.connect();
     reading.version = link.version();
     std::thread([&] {
@@ -80,33 +78,34 @@ std::string arms_of_version(int version) {
     case 10:
       return "Franka Research 3";
     default:
-      return "an arm of another make or generation";
+      return "an arm of another manufacturer or generation";
   }
 }
 
 Finding judge_arm_version(const ArmStreamReading& reading, Purpose purpose) {
   Finding finding{.id = "arm_version:" + reading.address, .subject = fmt::format("arm {}", reading.address)};
   if (!reading.reason.empty()) {
-    finding.judged = Judgement::bad;
+    finding.judged = Judgment::bad;
     finding.measured = "no connection to its control interface";
     finding.cause = reading.reason;
     finding.cure =
         purpose == Purpose::real_arms
-            ? "switch the arm on, open its brakes and activate FCI in its web page; end other programs that "
+            ? "switch on the arm, open its brakes and activate FCI on its web page; end other programs that "
               "are connected to it"
             : "start the virtual arm: multipanda virtual-arm SCENE";
     return finding;
   }
-  finding.measured = fmt::format("protocol version {} ({}), this client speaks 4 to 10; mode {}{}",
+  finding.measured = fmt::format("protocol version {} ({}), this client supports 4 to 10; mode {}{}",
                                  reading.version, arms_of_version(reading.version), reading.mode,
                                  reading.errors.empty() ? "" : ": " + reading.errors);
   finding.figures = {{"version", static_cast<double>(reading.version), ""}};
-  finding.judged = Judgement::ok;
+  finding.judged = Judgment::ok;
   if (reading.mode != "idle" && reading.mode != "move") {
-    finding.judged = Judgement::warning;
-    finding.cause = fmt::format("an arm in mode '{}' takes no torques", reading.mode);
-    finding.cure = reading.errors.empty() ? "release the user stop, open the brakes, leave guiding"
-                                          : "recover it: its web page, or multipanda ctl recover in a run";
+    finding.judged = Judgment::warning;
+    finding.cause = fmt::format("an arm in mode '{}' accepts no torques", reading.mode);
+    finding.cure = reading.errors.empty()
+                       ? "release the user stop, open the brakes, end hand guiding"
+                       : "recover it on its web page, or with multipanda ctl recover during a run";
   }
   return finding;
 }
@@ -115,12 +114,12 @@ Finding judge_state_stream(const ArmStreamReading& reading, Purpose purpose) {
   Finding finding{.id = "state_stream:" + reading.address,
                   .subject = fmt::format("states of {}", reading.address)};
   if (!reading.reason.empty() || reading.gaps_us.empty()) {
-    finding.measured = reading.reason.empty() ? "none came" : "not measured";
-    finding.judged = reading.reason.empty() ? Judgement::bad : Judgement::unknown;
+    finding.measured = reading.reason.empty() ? "none received" : "not measured";
+    finding.judged = reading.reason.empty() ? Judgment::bad : Judgment::unknown;
     finding.cause = reading.reason.empty()
                         ? "the arm accepted the connection, but its packets (UDP) do not arrive"
                         : "there is no connection to the arm";
-    finding.cure = reading.reason.empty() ? "let the firewall of this computer pass UDP from the arm" : "";
+    finding.cure = reading.reason.empty() ? "allow UDP from the arm in the firewall of this computer" : "";
     return finding;
   }
   const Distribution gaps = distribution_of(reading.gaps_us);
@@ -130,7 +129,7 @@ Finding judge_state_stream(const ArmStreamReading& reading, Purpose purpose) {
   const double rate = reading.seconds > 0 ? static_cast<double>(reading.states) / reading.seconds : 0;
   const double sent = static_cast<double>(reading.states + reading.lost);
   const double lost = static_cast<double>(reading.lost) / std::max(1.0, sent);
-  finding.measured = fmt::format("{:.0f} Hz, apart by {}; {} of {:.0f} lost, {} in a row", rate, gaps.text(),
+  finding.measured = fmt::format("{:.0f} Hz, intervals {}; {} of {:.0f} lost, {} in a row", rate, gaps.text(),
                                  reading.lost, sent, reading.lost_in_row);
   finding.figures = gaps.figures();
   finding.figures.push_back({"rate", rate, "Hz"});
@@ -139,26 +138,27 @@ Finding judge_state_stream(const ArmStreamReading& reading, Purpose purpose) {
   finding.figures.push_back({"irregular", 100 * irregular, "%"});
   finding.histogram = gaps.bars;
   if (sent < 0.9 * 1000 * reading.seconds) {
-    finding.judged = purpose == Purpose::real_arms ? Judgement::bad : Judgement::unknown;
+    finding.judged = purpose == Purpose::real_arms ? Judgment::bad : Judgment::unknown;
     finding.cause = purpose == Purpose::real_arms
                         ? "an arm sends 1000 states per second; this one sent fewer"
                         : "a virtual arm in lock-step, or on a busy computer, sends states at its own pace";
-    finding.cure = purpose == Purpose::real_arms ? "start the arm's control unit again; ask its maker"
-                                                 : "start it with --pace realtime to measure its regularity";
+    finding.cure = purpose == Purpose::real_arms
+                       ? "restart the arm's control unit; if that does not help, ask the manufacturer"
+                       : "start it with --pace realtime to measure its regularity";
     return finding;
   }
   if (lost > 0.01 || reading.lost_in_row >= kLostInRowLimit || irregular > 0.05) {
     finding.judged = defect(purpose);
   } else if (reading.lost > 0 || irregular > 0.01) {
-    finding.judged = Judgement::warning;
+    finding.judged = Judgment::warning;
   } else {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     return finding;
   }
   finding.cause =
       fmt::format("{:.2g} % of the states were lost, {:.2g} % came more than {:g} us early or late",
                   100 * lost, 100 * irregular, kAnswerLimit_us);
-  finding.cure = "if wake-ups above are late, cure those first; else cable, switch, card";
+  finding.cure = "if wake-ups above are late, fix those first; otherwise check cable, switch and card";
   return finding;
 }
 

@@ -1,7 +1,8 @@
-"""`doctor` and `communication-test` as their users meet them: exit codes, --json, without rights, virtual arms.
+"""`doctor` and `communication-test` as users call them: exit codes, --json, missing permissions, virtual arms.
 
-    cli_test.py PROGRAM        the built multipanda
+cli_test.py PROGRAM        the built multipanda
 """
+
 import json
 import os
 import pwd
@@ -10,14 +11,36 @@ import sys
 import unittest
 
 PROGRAM = None
-PATIENCE = 120  # [s] for any call; only a hang reaches it
-IDS = ["virtual_machine", "realtime_kernel", "sched_fifo", "memory_lock", "rt_throttling", "governor", "idle_states",
-       "clock_source", "load", "isolated_cores", "steal", "timer_wake_up", "control_cycle", "loop_guard", "dds"]
+PATIENCE = 120  # [s] for any call; reached only by a hang
+IDS = [
+    "virtual_machine",
+    "realtime_kernel",
+    "sched_fifo",
+    "memory_lock",
+    "rt_throttling",
+    "governor",
+    "idle_states",
+    "clock_source",
+    "load",
+    "isolated_cores",
+    "steal",
+    "timer_wake_up",
+    "control_cycle",
+    "loop_guard",
+    "dds",
+]
 
 
 def call(*words, **options):
-    return subprocess.run([PROGRAM, *map(str, words)], capture_output=True, text=True, timeout=PATIENCE, check=False,
-                          stdin=subprocess.DEVNULL, **options)
+    return subprocess.run(
+        [PROGRAM, *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+        stdin=subprocess.DEVNULL,
+        **options,
+    )
 
 
 def address(number):
@@ -27,8 +50,13 @@ def address(number):
 
 class VirtualArm:
     def __init__(self, where, *words):
-        self.process = subprocess.Popen([PROGRAM, "virtual-arm", "one_arm", "--bind", f"arm={where}", "--json", *words],
-                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        self.process = subprocess.Popen(
+            [PROGRAM, "virtual-arm", "one_arm", "--bind", f"arm={where}", "--json", *words],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
         assert "listening" in self.process.stdout.readline()
 
     def __enter__(self):
@@ -52,14 +80,14 @@ class Doctor(unittest.TestCase):
             self.assertIn(finding["judged"], ("ok", "unknown", "warning", "bad"))
             if finding["judged"] in ("warning", "bad"):
                 self.assertTrue(finding["cause"] and finding["cure"], finding)
-            self.assertIn(finding["subject"], answer.stderr)  # the same lines are there for people
+            self.assertIn(finding["subject"], answer.stderr)  # the same lines are printed
         return result
 
     def test_this_computer(self):
         result = self.judged(call("doctor", "--seconds", 0.3, "--json", "--scene", "one_arm"))
         self.assertEqual([finding["id"] for finding in result["findings"]], IDS)
         self.assertEqual(result["purpose"], "simulated_arms")
-        self.assertNotEqual(result["verdict"], "bad")  # for simulated arms nothing of a computer is
+        self.assertNotEqual(result["verdict"], "bad")  # for simulated arms no property of a computer is
         found = {finding["id"]: finding for finding in result["findings"]}
         timer = found["timer_wake_up"]
         counted = timer["figures"]["count"]["value"]
@@ -71,20 +99,32 @@ class Doctor(unittest.TestCase):
             self.assertEqual(found["loop_guard"]["figures"]["lock_calls"]["value"], 0)
 
     @unittest.skipUnless(os.geteuid() == 0, "only the superuser can become somebody else")
-    def test_without_rights(self):
+    def test_without_permissions(self):
         nobody = pwd.getpwnam("nobody")
         try:
-            answer = call("doctor", "--seconds", 0.1, "--json", user=nobody.pw_uid, group=nobody.pw_gid, extra_groups=[],
-                          env={"PATH": os.environ["PATH"]})
+            answer = call(
+                "doctor",
+                "--seconds",
+                0.1,
+                "--json",
+                user=nobody.pw_uid,
+                group=nobody.pw_gid,
+                extra_groups=[],
+                env={"PATH": os.environ["PATH"]},
+            )
         except PermissionError:
             self.skipTest("the program lies where nobody else may run it")
         if answer.returncode == 127:
             self.skipTest("its libraries lie where nobody else may read them")
         self.judged(answer)
 
-    def test_wrong_words(self):
-        for words in (["doctor", "--scene", "one_amr"], ["doctor", "--seconds", "-1"], ["communication-test"],
-                      ["communication-test", "127.0.0.1"]):  # nobody is there to be asked
+    def test_invalid_arguments(self):
+        for words in (
+            ["doctor", "--scene", "one_amr"],
+            ["doctor", "--seconds", "-1"],
+            ["communication-test"],
+            ["communication-test", "127.0.0.1"],
+        ):  # there is no user to ask
             answer = call(*words)
             self.assertEqual(answer.returncode, 2, (words, answer))
         self.assertIn("'one_arm'", call("doctor", "--scene", "one_amr").stderr)
@@ -117,7 +157,7 @@ class CommunicationTest(unittest.TestCase):
     def test_in_lock_step_nothing_is_lost(self):
         where = address(3)
         with VirtualArm(where, "--pace", "lockstep"):
-            for _ in range(2):  # the arm is left as it was
+            for _ in range(2):  # the arm is unchanged
                 answer, found = self.run_test(where, 2)
                 self.assertEqual(answer.returncode, 0, answer.stderr)
                 self.assertEqual(found["torque_control"]["figures"]["answered"]["value"], 2000)
@@ -135,12 +175,14 @@ class CommunicationTest(unittest.TestCase):
         where = address(5)
         with VirtualArm(where, "--pace", "realtime"):
             answer, found = self.run_test(where, 1)
-            # How much is lost is this computer's business; that all of it was counted is ours.
+            # The losses depend on this computer; the test checks that all of them were counted.
             figures = found["torque_control"]["figures"]
             if answer.returncode == 0:
                 self.assertGreaterEqual(figures["periods"]["value"], 1000)
-            self.assertLessEqual(figures["answered"]["value"] + found["states_lost"]["figures"]["lost"]["value"],
-                                 figures["periods"]["value"] + 1)
+            self.assertLessEqual(
+                figures["answered"]["value"] + found["states_lost"]["figures"]["lost"]["value"],
+                figures["periods"]["value"] + 1,
+            )
 
 
 if __name__ == "__main__":

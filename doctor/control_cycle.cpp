@@ -1,58 +1,14 @@
 #include "doctor/control_cycle.hpp"
 
-#include <cerrno>
-#include <cstring>
-#include <fcntl.h>
 #include <filesystem>
-#include <spawn.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "doctor/timer.hpp"
-
-extern char** environ;
+#include "support/child_process.hpp"
 
 namespace multipanda::doctor {
-namespace {
-
-constexpr double kPeriod_us = 1000;
-
-// Runs a program to its end; its standard output. `status` as waitpid has it.
-std::string output_of(const std::vector<std::string>& words, int& status) {
-  int ends[2] = {-1, -1};
-  if (pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error(std::strerror(errno));
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_adddup2(&actions, ends[1], STDOUT_FILENO);
-  std::vector<std::string> copies = words;
-  std::vector<char*> arguments;
-  for (auto& word : copies) arguments.push_back(word.data());
-  arguments.push_back(nullptr);
-  pid_t child = 0;
-  const int error = posix_spawn(&child, arguments[0], &actions, nullptr, arguments.data(), environ);
-  posix_spawn_file_actions_destroy(&actions);
-  close(ends[1]);
-  std::string text;
-  if (error == 0) {
-    char part[4096];
-    for (;;) {
-      const ssize_t size = read(ends[0], part, sizeof(part));
-      if (size < 0 && errno == EINTR) continue;
-      if (size <= 0) break;
-      text.append(part, static_cast<std::size_t>(size));
-    }
-    while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
-    }
-  }
-  close(ends[0]);
-  if (error != 0) throw std::runtime_error(fmt::format("{}: {}", words[0], std::strerror(error)));
-  return text;
-}
-
-}  // namespace
 
 ControlCycleReading parse_control_cycle(const std::string& json) {
   try {
@@ -84,14 +40,10 @@ ControlCycleReading read_control_cycle(const std::string& scene, std::uint64_t c
   reading.scene = scene;
   try {
     const auto self = std::filesystem::read_symlink("/proc/self/exe");
-    int status = 0;
-    const std::string text = output_of(
-        {(self.parent_path() / "multipanda_cycle_probe").string(), scene, std::to_string(cycles)}, status);
-    if (WIFSIGNALED(status)) {
-      reading.reason = fmt::format("the measuring program was ended by signal {}", WTERMSIG(status));
-      return reading;
-    }
-    return parse_control_cycle(text);
+    const ProgramResult probe =
+        run_program(self.parent_path() / "multipanda_cycle_probe", {scene, std::to_string(cycles)});
+    reading.reason = probe.reason;
+    return probe.reason.empty() ? parse_control_cycle(probe.output) : reading;
   } catch (const std::exception& error) {
     reading.reason = error.what();
   }
@@ -103,7 +55,7 @@ Finding judge_control_cycle(const ControlCycleReading& reading, Purpose purpose)
   if (!reading.reason.empty()) {
     finding.measured = fmt::format("scene {} was not measured", reading.scene);
     finding.cause = reading.reason;
-    finding.cure = "multipanda check SCENE says what is wrong with a scene; --scene names another";
+    finding.cure = "run 'multipanda check SCENE' to see what is wrong, or choose another scene with --scene";
     return finding;
   }
   finding.measured = fmt::format(
@@ -117,22 +69,22 @@ Finding judge_control_cycle(const ControlCycleReading& reading, Purpose purpose)
                      {"budget", kPeriod_us, "us"},
                      {"interruptions", static_cast<double>(reading.interruptions), ""}};
   if (reading.p999 <= kAnswerLimit_us) {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     return finding;
   }
-  // The median is the controllers' own cost; the tail of a thread that was interrupted is the computer's.
+  // The median is the cost of the controllers; the tail of an interrupted thread is caused by the computer.
   const bool own = reading.p50 > kAnswerLimit_us / 2;
-  finding.judged = reading.p999 > kPeriod_us && own ? defect(purpose) : Judgement::warning;
+  finding.judged = reading.p999 > kPeriod_us && own ? defect(purpose) : Judgment::warning;
   finding.cause =
       own ? fmt::format(
-                "the controllets and features of this scene need {:.0f} us themselves; an arm waits "
+                "the controllets and features of this scene need {:.0f} us; an arm waits "
                 "about {:g} us for its torque",
                 reading.p50, kAnswerLimit_us)
-          : fmt::format("half of the cycles are quick, a few are not: the thread was interrupted {} times",
+          : fmt::format("the median cycle is fast but a few are slow: the thread was interrupted {} times",
                         reading.interruptions);
   finding.cure = own ? "switch features off one by one to find the costly one (collision_avoidance is the "
                        "first to try); "
-                       "'multipanda bench' has the cost of each"
+                       "'multipanda bench' measures the cost of each"
                      : "see load, SCHED_FIFO and kernel above";
   return finding;
 }
@@ -157,27 +109,26 @@ Finding judge_loop_guard(const ControlCycleReading& reading, Purpose purpose) {
   if (reading.heap_calls > 0 || reading.lock_calls > 0) {
     finding.judged = defect(purpose);
     finding.cause =
-        "a controllet or feature of the scene allocates or locks in its update(): that may wait for any "
+        "a controllet or feature of the scene allocates or locks in its update() and may wait for any "
         "other thread";
     finding.cure =
-        "move what allocates into the constructor or start(); docs/writing_a_controllet.md shows how to test "
+        "move allocations into the constructor or start(); docs/writing_a_controllet.md shows how to test "
         "it";
     return finding;
   }
   if (reading.page_faults > 0) {
-    finding.judged = reading.memory_locked ? Judgement::warning : Judgement::unknown;
+    finding.judged = reading.memory_locked ? Judgment::warning : Judgment::unknown;
     finding.cause = reading.memory_locked ? "memory is touched for the first time in the loop"
-                                          : "memory could not be locked, so that pages may come and go";
+                                          : "memory could not be locked, so pages may be swapped out";
     finding.cure = reading.memory_locked ? "let the controllet touch its memory in start()"
-                                         : "cure the line 'right to lock memory' first";
+                                         : "fix the line 'permission to lock memory' first";
     return finding;
   }
   if (!reading.guarded) {
-    finding.cause =
-        "heap calls and locks are not counted in this build (sanitizers replace malloc themselves)";
+    finding.cause = "heap calls and locks are not counted in this build (sanitizers replace malloc)";
     return finding;
   }
-  finding.judged = Judgement::ok;
+  finding.judged = Judgment::ok;
   return finding;
 }
 

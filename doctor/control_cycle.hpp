@@ -6,22 +6,22 @@
 
 namespace multipanda::doctor {
 
-// What one scene's control cycle costs on this computer, and what it does that no loop must.
+// The cost of a scene's control cycle on this computer, and forbidden operations in it.
 struct ControlCycleReading {
   std::string scene;
-  std::string reason;  // why it could not be measured; empty: it was
+  std::string reason;  // why it was not measured; empty: measured
   std::uint64_t cycles = 0;
   double p50 = 0, p99 = 0, p999 = 0, worst = 0;  // [us], without the simulator's own step
   bool guarded = false;                          // calls were counted, not only page faults
-  bool memory_locked = false;                    // else page faults are to be expected
+  bool memory_locked = false;                    // otherwise page faults are expected
   std::uint64_t heap_calls = 0, lock_calls = 0, page_faults = 0;
-  // Interruptions of the measuring thread: a worst cycle with many of them is not the controllers' doing.
+  // Interruptions of the measuring thread: many of them explain a slow worst cycle.
   std::uint64_t interruptions = 0;
 };
-// Runs the scene simulated and unpaced for some thousand cycles in a program of its own beside this one,
-// which counts heap calls and locks; here, they must stay as they are.
+// Runs the simulated scene unpaced for some thousand cycles in a separate program, which counts heap calls
+// and locks.
 ControlCycleReading read_control_cycle(const std::string& scene, std::uint64_t cycles);
-// What that program writes. Throws std::runtime_error if it is none of it.
+// Parses the output of that program. Throws std::runtime_error if it is invalid.
 ControlCycleReading parse_control_cycle(const std::string& json);
 
 Finding judge_control_cycle(const ControlCycleReading& reading, Purpose purpose);

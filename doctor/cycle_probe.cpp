@@ -1,5 +1,5 @@
-// multipanda_cycle_probe SCENE CYCLES: what the scene's control cycle costs, one JSON object. A program of
-// its own because the guard replaces malloc and the locks of whatever it is linked into.
+// multipanda_cycle_probe SCENE CYCLES measures the control cycle of a scene and prints one JSON object. It is
+// a separate program because the guard replaces malloc and the locks of the program that it is linked into.
 #include <cstdio>
 #include <cstdlib>
 #include <sys/mman.h>
@@ -18,7 +18,7 @@
 namespace multipanda {
 namespace {
 
-constexpr std::uint64_t kWarmUp = 100;  // cycles: the first ones fill caches and may touch what they like
+constexpr std::uint64_t kWarmUp = 100;  // cycles: the first ones fill caches and touch new memory
 
 std::uint64_t interruptions() {
   rusage usage{};
@@ -40,7 +40,7 @@ nlohmann::ordered_json measure(const std::string& name, std::uint64_t cycles) {
   std::uint64_t done = 0;
   const std::uint64_t before = interruptions();
   for (; done < cycles; ++done) {
-    const ArmSet due = backend.wait();  // the world's own step is not the loop's cost
+    const ArmSet due = backend.wait();  // the step of the world is not part of the loop's cost
     if (due.empty() && backend.ended()) break;
     LoopGuard::arm();
     cycle.step(due);

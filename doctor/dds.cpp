@@ -26,7 +26,7 @@ DdsReading read_dds(const LoadSample& before, const LoadSample& after, const Sys
   reading.domain = environment("ROS_DOMAIN_ID");
   for (const char* file : {"proc/net/udp", "proc/net/udp6"}) {
     for (const auto& line : files.lines(file)) {
-      // "  12: 0100007F:1CE8 00000000:0000 07 ...": the local address is the second word.
+      // "  12: 0100007F:1CE8 00000000:0000 07 ...": the local address is the second field.
       std::istringstream fields(line);
       std::string number, local;
       if (!(fields >> number >> local)) continue;
@@ -52,7 +52,7 @@ DdsReading read_dds(const LoadSample& before, const LoadSample& after, const Sys
 
 Finding judge_dds(const DdsReading& reading, Purpose purpose) {
   Finding finding{.id = "dds", .subject = "ROS 2 (DDS traffic)"};
-  finding.measured = "ROS 2 is not on";
+  finding.measured = "ROS 2 is not running";
   if (!reading.domains.empty()) {
     finding.measured = "on, domain";
     for (const int domain : reading.domains) finding.measured += fmt::format(" {}", domain);
@@ -66,17 +66,17 @@ Finding judge_dds(const DdsReading& reading, Purpose purpose) {
     finding.figures = {{"multicast_in", reading.multicast_in.value_or(0), "1/s"},
                        {"multicast_out", reading.multicast_out.value_or(0), "1/s"}};
   }
-  // An arm sends 1000 states per second; another hundred on the same wire are felt.
-  finding.judged = packets > 100 ? defect(purpose) : Judgement::ok;
-  if (packets > 100 && packets < 1000) finding.judged = Judgement::warning;
-  if (finding.judged == Judgement::ok) return finding;
+  // An arm sends 1000 states per second: 100 more packets on the same wire delay them noticeably.
+  finding.judged = packets > 100 ? defect(purpose) : Judgment::ok;
+  if (packets > 100 && packets < 1000) finding.judged = Judgment::warning;
+  if (finding.judged == Judgment::ok) return finding;
   finding.cause =
-      "multicast goes through every network card, the arm's too, and wakes the kernel for each packet";
-  finding.cure =
-      reading.domains.empty()
-          ? "find the sender (tcpdump multicast) and keep it off the arm's card"
-          : "keep DDS off the arm's card: ROS_LOCALHOST_ONLY=1 (or ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST), "
-            "or name the other cards in the middleware's profile";
+      "multicast goes through every network card, also the arm's, and wakes the kernel for each packet";
+  finding.cure = reading.domains.empty()
+                     ? "find the sender (tcpdump multicast) and keep it off the arm's card"
+                     : "keep DDS off the arm's card: FASTDDS_BUILTIN_TRANSPORTS=SHM on one computer, "
+                       "otherwise a profile "
+                       "that names the other cards (docs/ros2.md, Keeping 1 kHz)";
   return finding;
 }
 

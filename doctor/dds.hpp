@@ -8,11 +8,11 @@
 
 namespace multipanda::doctor {
 
-// Whether ROS 2 is on, and what its discovery and topics send to everybody on the network.
+// Whether ROS 2 is running, and its multicast traffic.
 struct DdsReading {
-  std::vector<int> domains;                           // whose discovery port is bound on this computer
-  std::string middleware, domain;                     // RMW_IMPLEMENTATION, ROS_DOMAIN_ID; empty: not set
-  std::optional<double> multicast_in, multicast_out;  // packets per second, of all kinds
+  std::vector<int> domains;        // domains whose discovery port is bound on this computer
+  std::string middleware, domain;  // RMW_IMPLEMENTATION, ROS_DOMAIN_ID; empty: not set
+  std::optional<double> multicast_in, multicast_out;  // all multicast packets per second
 };
 DdsReading read_dds(const LoadSample& before, const LoadSample& after, const SystemFiles& files);
 

@@ -15,7 +15,7 @@ double percentile(const std::vector<double>& sorted, double share) {
   return sorted[rank - 1];
 }
 
-// 1 2 5 10 ... 10000 us; below and above: everything else.
+// 1 2 5 10 ... 10000 us; the first and last bar take all smaller and larger values.
 std::vector<double> edges() {
   std::vector<double> edges{0};
   for (double decade = 1; decade <= 1000; decade *= 10) {
@@ -40,7 +40,7 @@ Distribution distribution_of(std::vector<double> us) {
   const auto steps = edges();
   for (std::size_t i = 0; i + 1 < steps.size(); ++i) {
     Bar bar{.from = steps[i], .to = steps[i + 1]};
-    // A value below zero (a clock that steps) counts as none at all.
+    // A negative value (a clock that steps) counts as zero.
     const auto first = i == 0 ? us.begin() : std::lower_bound(us.begin(), us.end(), bar.from);
     bar.count = static_cast<std::size_t>(std::lower_bound(first, us.end(), bar.to) - first);
     result.bars.push_back(bar);

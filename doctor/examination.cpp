@@ -43,7 +43,7 @@ std::vector<Finding> examine(const ExaminationOptions& options,
   add(judge_idle_states(processor, purpose));
   add(judge_clock_source(kind, purpose));
 
-  // The load while the timer was measured is the one that explains its figures.
+  // The load during the measurement of the timer explains its figures.
   const LoadSample before = sample_load(files);
   const TimerReading timer = read_timer(options.seconds);
   const LoadSample after = sample_load(files);
@@ -53,7 +53,7 @@ std::vector<Finding> examine(const ExaminationOptions& options,
   add(judge_steal(load, purpose));
   add(judge_timer(timer, purpose));
 
-  // As many cycles as last about `seconds` at 1 kHz; unpaced that is a fraction of it.
+  // As many cycles as take about `seconds` at 1 kHz; unpaced they take a fraction of it.
   const auto cycles = static_cast<std::uint64_t>(std::clamp(options.seconds * 1000, 500.0, 60000.0));
   const ControlCycleReading cycle = read_control_cycle(options.scene, cycles);
   add(judge_control_cycle(cycle, purpose));

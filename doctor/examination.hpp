@@ -12,11 +12,11 @@ struct ExaminationOptions {
   double seconds = 10;                 // of each measurement
 };
 
-// Real arms, as soon as one address is none of this computer's own.
+// Real arms if an address belongs to another computer.
 Purpose purpose_of(const std::vector<std::string>& addresses);
 
-// All examinations, one after the other; each finding is shown as soon as it is there. Moves no arm. Takes
-// about (1 + 2 * arms) times `seconds`. What cannot be read is a finding, never an exception.
+// Runs all examinations in order and shows each finding at once. Moves no arm. Takes about (1 + 2 * arms)
+// times `seconds`. Unreadable quantities become findings, not exceptions.
 std::vector<Finding> examine(const ExaminationOptions& options,
                              const std::function<void(const Finding&)>& show);
 

@@ -9,24 +9,24 @@
 namespace multipanda::doctor {
 namespace {
 
-constexpr double kOwnCost_us = 150;  // a median cycle beyond this is the controllers' own doing
+constexpr double kOwnCost_us = 150;  // a larger median is caused by the controllers
 constexpr std::size_t kSubjectWidth = 24, kBarWidth = 48, kTextWidth = 110;
 
-std::string_view colour_of(Judgement judgement) {
-  switch (judgement) {
-    case Judgement::ok:
+std::string_view color_of(Judgment judgment) {
+  switch (judgment) {
+    case Judgment::ok:
       return "\033[32m";
-    case Judgement::unknown:
+    case Judgment::unknown:
       return "\033[36m";
-    case Judgement::warning:
+    case Judgment::warning:
       return "\033[33m";
-    case Judgement::bad:
+    case Judgment::bad:
       return "\033[31m";
   }
   return "";
 }
 
-// Breaks a long sentence between words; what follows the first line stands below its first letter.
+// Breaks a long sentence between words, with the following lines indented like the first.
 void add_wrapped(std::vector<std::string>& lines, const std::string& head, const std::string& text) {
   std::string line = head;
   const std::string indent(head.size(), ' ');
@@ -47,7 +47,7 @@ void add_wrapped(std::vector<std::string>& lines, const std::string& head, const
   lines.push_back(line);
 }
 
-// A bar is at least one sign long where anything is counted: rare and late is what matters here.
+// A nonzero count has a bar of at least one character: rare late events matter.
 std::string bar_line(const Bar& bar, std::size_t most) {
   const auto length = static_cast<std::size_t>(
       std::ceil(static_cast<double>(kBarWidth) * static_cast<double>(bar.count) / static_cast<double>(most)));
@@ -75,66 +75,66 @@ double figure(const Finding& finding, std::string_view name) {
 }
 
 bool is_wrong(const Finding* finding) {
-  return finding != nullptr && (finding->judged == Judgement::warning || finding->judged == Judgement::bad);
+  return finding != nullptr && (finding->judged == Judgment::warning || finding->judged == Judgment::bad);
 }
 
 }  // namespace
 
-std::string_view to_string(Judgement judgement) {
-  switch (judgement) {
-    case Judgement::ok:
+std::string_view to_string(Judgment judgment) {
+  switch (judgment) {
+    case Judgment::ok:
       return "ok";
-    case Judgement::unknown:
+    case Judgment::unknown:
       return "unknown";
-    case Judgement::warning:
+    case Judgment::warning:
       return "warning";
-    case Judgement::bad:
+    case Judgment::bad:
       return "bad";
   }
   return "?";
 }
 
-Judgement verdict(const std::vector<Finding>& findings) {
-  Judgement worst = Judgement::ok;
+Judgment verdict(const std::vector<Finding>& findings) {
+  Judgment worst = Judgment::ok;
   for (const auto& finding : findings) worst = std::max(worst, finding.judged);
   return worst;
 }
 
-// A late torque has one of four places to come from: the computer's clockwork, what else runs on it, the way
-// to the arm, or the controllers themselves. Only what was measured as late is blamed on something.
+// A late torque has one of four causes: the computer's timers, its other programs, the connection to the arm,
+// or the controllers. A cause is named only for quantities that were measured as late.
 std::vector<std::string> blame(const std::vector<Finding>& findings) {
   std::vector<std::string> sentences;
   const auto wrong = [&](std::string_view id) { return is_wrong(find(findings, id)); };
   if (wrong("timer_wake_up")) {
     // Strongest first; several may hold at once.
     static constexpr std::pair<std::string_view, std::string_view> kReasons[] = {
-        {"steal", "the host of this virtual machine takes the processor away"},
-        {"sched_fifo", "the loop may not run before other programs (no SCHED_FIFO)"},
+        {"steal", "the host of this virtual machine runs other work on the processor"},
+        {"sched_fifo", "the loop has no priority over other programs (no SCHED_FIFO)"},
         {"load", "other programs use the cores"},
-        {"realtime_kernel", "the kernel does not interrupt itself for the loop (no PREEMPT_RT)"},
-        {"rt_throttling", "the kernel takes real-time threads off the processor"},
+        {"realtime_kernel", "the kernel cannot be preempted for the loop (no PREEMPT_RT)"},
+        {"rt_throttling", "the kernel suspends real-time threads"},
         {"governor", "the processor changes its frequency"},
         {"idle_states", "the processor sleeps deeply between two cycles"},
         {"clock_source", "reading the clock is slow"},
-        {"virtual_machine", "a virtual machine's timers are the host's"},
+        {"virtual_machine", "the timers of a virtual machine depend on its host"},
     };
     std::string reasons;
     for (const auto& [id, text] : kReasons) {
       if (wrong(id)) reasons += fmt::format("{}{}", reasons.empty() ? "" : "; ", text);
     }
-    sentences.push_back(
-        reasons.empty() ? "this computer wakes the loop too late, and nothing that was examined explains it: "
-                          "look for firmware interruptions (BIOS power saving, USB legacy support)"
-                        : fmt::format("this computer wakes the loop too late: {}", reasons));
+    sentences.push_back(reasons.empty()
+                            ? "this computer wakes the loop too late, and no examined cause explains it: "
+                              "check for firmware interruptions (BIOS power saving, USB legacy support)"
+                            : fmt::format("this computer wakes the loop too late: {}", reasons));
   }
   for (const auto& finding : findings) {
     if (!is_wrong(&finding)) continue;
     if (finding.id.starts_with("round_trip") || finding.id.starts_with("state_stream")) {
       sentences.push_back(
           wrong("timer_wake_up")
-              ? fmt::format("{} is not as it should be; since this computer itself is late, cure that first",
+              ? fmt::format("{} is bad; this computer is late as well, so fix the computer first",
                             finding.subject)
-              : fmt::format("the network is to blame, not this computer: {} ({})", finding.subject,
+              : fmt::format("the cause is the network, not this computer: {} ({})", finding.subject,
                             finding.measured));
     }
   }
@@ -142,10 +142,11 @@ std::vector<std::string> blame(const std::vector<Finding>& findings) {
     const Finding& cycle = *find(findings, "control_cycle");
     sentences.push_back(
         figure(cycle, "p50") > kOwnCost_us
-            ? "the controllers of the scene take too long: fewer features, or a faster processor"
-            : "the control cycle itself is quick, but other programs interrupt it");
+            ? "the controllers of the scene take too long: use fewer features or a faster processor"
+            : "the control cycle is fast, but other programs interrupt it");
   }
-  if (wrong("loop_guard")) sentences.push_back("own code allocates, locks or faults in the loop");
+  if (wrong("loop_guard"))
+    sentences.push_back("a controllet or feature allocates, locks or causes page faults in the loop");
   return sentences;
 }
 
@@ -179,14 +180,13 @@ std::string to_json(const std::vector<Finding>& findings, Purpose purpose, doubl
   return json.dump();
 }
 
-std::vector<std::string> to_text(const Finding& finding, bool colour) {
+std::vector<std::string> to_text(const Finding& finding, bool color) {
   std::vector<std::string> lines;
   const std::string judged = fmt::format("{:<8}", to_string(finding.judged));
   const std::string subject = fmt::format(" {:<{}} ", finding.subject, kSubjectWidth);
   add_wrapped(lines, judged + subject, finding.measured);
-  if (colour) {
-    lines[0] =
-        fmt::format("{}{}\033[0m{}", colour_of(finding.judged), judged, lines[0].substr(judged.size()));
+  if (color) {
+    lines[0] = fmt::format("{}{}\033[0m{}", color_of(finding.judged), judged, lines[0].substr(judged.size()));
   }
   std::size_t most = 1;
   for (const auto& bar : finding.histogram) most = std::max(most, bar.count);

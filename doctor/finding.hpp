@@ -6,12 +6,12 @@
 
 namespace multipanda::doctor {
 
-// How good something is. Sorted by weight: what is unknown weighs more than what is fine, less than a doubt.
-enum class Judgement { ok, unknown, warning, bad };
-std::string_view to_string(Judgement judgement);
+// Judgment of a finding, in ascending order of weight.
+enum class Judgment { ok, unknown, warning, bad };
+std::string_view to_string(Judgment judgment);
 
-// What the computer is to do. The same reading can be fine for simulated arms and bad for real ones, which
-// stop when torques come late.
+// Purpose of the computer. The same reading can be good for simulated arms and bad for real ones, which stop
+// if torques are late.
 enum class Purpose { simulated_arms, real_arms };
 
 struct Figure {
@@ -27,31 +27,30 @@ struct Bar {
 
 // One line of the examination.
 struct Finding {
-  std::string id;        // for programs: "timer_wake_up"
-  std::string subject;   // for people: "timer wake-up at 1 kHz"
+  std::string id;        // identifier: "timer_wake_up"
+  std::string subject;   // human-readable: "timer wake-up at 1 kHz"
   std::string measured;  // with unit
-  Judgement judged = Judgement::unknown;
-  std::string cause, cure;  // empty when all is well; when unknown: why it is, and how it could be known
+  Judgment judged = Judgment::unknown;
+  std::string cause, cure;  // empty if ok; if unknown: the reason, and how to find out
   std::vector<Figure> figures;
   std::vector<Bar> histogram;
 };
 
-// The weight of a defect: what is bad for real arms is worth a warning where arms are simulated.
-inline Judgement defect(Purpose purpose) {
-  return purpose == Purpose::real_arms ? Judgement::bad : Judgement::warning;
+// Judgment of a defect: bad for real arms, a warning for simulated ones.
+inline Judgment defect(Purpose purpose) {
+  return purpose == Purpose::real_arms ? Judgment::bad : Judgment::warning;
 }
 
-// The worst of all.
-Judgement verdict(const std::vector<Finding>& findings);
+// The worst judgment of all findings.
+Judgment verdict(const std::vector<Finding>& findings);
 
-// What of all that was found explains late torques best, strongest first, one sentence each; empty: nothing
-// does.
+// The findings that explain late torques, strongest first, one sentence each; empty if none does.
 std::vector<std::string> blame(const std::vector<Finding>& findings);
 
-// One object on one line: docs/doctor.md.
+// One JSON object on one line (docs/doctor.md).
 std::string to_json(const std::vector<Finding>& findings, Purpose purpose, double seconds);
 
-// The finding as lines for people, aligned; colours where the console has them.
-std::vector<std::string> to_text(const Finding& finding, bool colour);
+// The finding as aligned human-readable lines, with colors on request.
+std::vector<std::string> to_text(const Finding& finding, bool color);
 
 }  // namespace multipanda::doctor

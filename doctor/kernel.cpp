@@ -26,19 +26,18 @@ Finding judge_kernel(const KernelReading& reading, Purpose purpose) {
                                  named || flag ? "real-time (PREEMPT_RT)" : "not real-time");
   finding.figures = {{"realtime", named || flag ? 1.0 : 0.0, ""}};
   if (named || flag) {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     if (!flag) {
-      finding.judged = Judgement::warning;
+      finding.judged = Judgment::warning;
       finding.cause =
-          "the kernel calls itself PREEMPT_RT, but /sys/kernel/realtime is not 1: the maker's library "
+          "the kernel is named PREEMPT_RT, but /sys/kernel/realtime is not 1: libfranka "
           "would refuse it";
-      finding.cure = "use a kernel with the whole PREEMPT_RT patch; multipanda itself runs";
+      finding.cure = "use a kernel with the full PREEMPT_RT patch; multipanda runs anyway";
     }
     return finding;
   }
   finding.judged = defect(purpose);
-  finding.cause =
-      "drivers and interrupts of a kernel without PREEMPT_RT can keep the loop waiting for milliseconds";
+  finding.cause = "drivers and interrupts of a kernel without PREEMPT_RT can delay the loop by milliseconds";
   finding.cure =
       purpose == Purpose::real_arms
           ? "boot a PREEMPT_RT kernel: Debian 'apt install linux-image-rt-amd64', Ubuntu 'pro enable "

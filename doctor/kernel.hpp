@@ -13,7 +13,7 @@ struct KernelReading {
 };
 KernelReading read_kernel(const SystemFiles& files);
 
-// Which kernel, and whether it can be interrupted for the loop at any time.
+// The kernel, and whether it can be preempted for the loop at any time.
 Finding judge_kernel(const KernelReading& reading, Purpose purpose);
 
 }  // namespace multipanda::doctor

@@ -14,8 +14,8 @@
 namespace multipanda::doctor {
 namespace {
 
-// "pid (name) S ppid ... utime stime ...": the name may contain anything, so what follows the last bracket
-// counts. utime and stime are the 14th and 15th field.
+// "pid (name) S ppid ... utime stime ...": the name may contain brackets, so fields are counted from the last
+// one. utime and stime are the 14th and 15th field.
 std::optional<LoadSample::Process> parse_process(const std::string& stat) {
   const auto open = stat.find('('), close = stat.rfind(')');
   if (open == std::string::npos || close == std::string::npos || close < open) return {};
@@ -107,7 +107,7 @@ Finding judge_load(const LoadReading& reading, Purpose purpose) {
   Finding finding{.id = "load", .subject = "load on the cores"};
   if (reading.cores.empty()) {
     finding.measured = "cannot be read";
-    finding.cause = "/proc/stat is closed or empty";
+    finding.cause = "/proc/stat is not readable or empty";
     return finding;
   }
   const double busy = std::accumulate(reading.cores.begin(), reading.cores.end(), 0.0);
@@ -121,17 +121,17 @@ Finding judge_load(const LoadReading& reading, Purpose purpose) {
                                       reading.processes[i].cores);
     }
   }
-  // The loop wants a core of its own; a real-time thread gets it, but caches and memory are shared.
+  // The loop needs a core of its own; a real-time thread gets one, but shares caches and memory.
   const double idle = count - busy;
   if (idle >= 1 || (count == 1 && idle >= 0.7)) {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     return finding;
   }
-  finding.judged = idle < 0.3 ? defect(purpose) : Judgement::warning;
+  finding.judged = idle < 0.3 ? defect(purpose) : Judgment::warning;
   finding.cause = "less than one core is idle: the loop shares its core with other programs";
   finding.cure = reading.processes.empty()
                      ? std::string("end other programs, or use a processor with more cores")
-                     : fmt::format("end {} (process {}) or give it less; or use a processor with more cores",
+                     : fmt::format("end {} (process {}) or limit it; or use a processor with more cores",
                                    reading.processes[0].name, reading.processes[0].number);
   return finding;
 }
@@ -143,7 +143,7 @@ Finding judge_isolation(const LoadReading& reading, Purpose purpose) {
     for (const int core : cores) text += fmt::format("{}{}", text.empty() ? "" : ", ", core);
     return text;
   };
-  finding.judged = Judgement::ok;
+  finding.judged = Judgment::ok;
   finding.figures = {{"isolated", static_cast<double>(reading.isolated.size()), "cores"}};
   if (reading.isolated.empty()) {
     finding.measured = purpose == Purpose::real_arms
@@ -162,18 +162,18 @@ Finding judge_steal(const LoadReading& reading, Purpose purpose) {
   Finding finding{.id = "steal", .subject = "time taken by a host"};
   if (!reading.steal) {
     finding.measured = "cannot be read";
-    finding.cause = "/proc/stat is closed or empty";
+    finding.cause = "/proc/stat is not readable or empty";
     return finding;
   }
   finding.measured = fmt::format("{:.2f} %", 100 * *reading.steal);
   finding.figures = {{"steal", 100 * *reading.steal, "%"}};
   if (*reading.steal < 0.001) {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     return finding;
   }
-  finding.judged = *reading.steal < 0.01 ? Judgement::warning : defect(purpose);
-  finding.cause = "the host of this virtual machine runs something else on our cores";
-  finding.cure = "give the machine cores of its own (pinned), or run on the host itself";
+  finding.judged = *reading.steal < 0.01 ? Judgment::warning : defect(purpose);
+  finding.cause = "the host of this virtual machine runs other work on its cores";
+  finding.cure = "give the virtual machine dedicated (pinned) cores, or run on the host";
   return finding;
 }
 

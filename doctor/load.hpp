@@ -27,15 +27,15 @@ LoadSample sample_load(const SystemFiles& files);
 
 // Between two samples.
 struct LoadReading {
-  std::vector<double> cores;    // share of the time each was busy, 0 to 1
-  std::optional<double> steal;  // share that the host of a virtual machine took, of all cores
+  std::vector<double> cores;    // busy fraction of each core, 0 to 1
+  std::optional<double> steal;  // fraction of all cores that the host of a virtual machine took
   struct Process {
     int number = 0;
     std::string name;
-    double cores = 0;  // how many it kept busy
+    double cores = 0;  // number of cores that it kept busy
   };
-  std::vector<Process> processes;       // others than this one, most first; at least 1 % of a core
-  std::vector<int> isolated, tickless;  // cores that the scheduler leaves alone; without regular ticks
+  std::vector<Process> processes;       // other processes with at least 1 % of a core, busiest first
+  std::vector<int> isolated, tickless;  // cores excluded from scheduling; cores without regular ticks
 };
 LoadReading load_between(const LoadSample& before, const LoadSample& after, const SystemFiles& files);
 

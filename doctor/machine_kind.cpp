@@ -41,20 +41,20 @@ Finding judge_virtual_machine(const MachineKindReading& reading, Purpose purpose
   finding.figures = {{"cores", static_cast<double>(reading.cores), "cores"}};
   if (reading.container) finding.measured += ", in a container";
   if (!reading.hypervisor) {
-    finding.cause = "the processor does not tell whether it is virtual";
+    finding.cause = "the processor does not report whether it is virtual";
     return finding;
   }
   finding.figures.push_back({"virtual", *reading.hypervisor ? 1.0 : 0.0, ""});
   if (!*reading.hypervisor) {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     return finding;
   }
-  finding.judged = purpose == Purpose::real_arms ? Judgement::bad : Judgement::warning;
+  finding.judged = purpose == Purpose::real_arms ? Judgment::bad : Judgment::warning;
   finding.measured += reading.product.empty() ? ", virtual" : fmt::format(", virtual ({})", reading.product);
-  finding.cause = "a virtual machine runs when its host lets it: nobody can promise 1 kHz";
+  finding.cause = "the host decides when a virtual machine runs: 1 kHz cannot be guaranteed";
   finding.cure = purpose == Purpose::real_arms
                      ? "control real arms from a computer without a hypervisor"
-                     : "fine for simulation; real arms want a computer of their own";
+                     : "sufficient for simulation; real arms need a physical computer";
   return finding;
 }
 
@@ -64,15 +64,16 @@ Finding judge_clock_source(const MachineKindReading& reading, Purpose purpose) {
                                  reading.clock_source.empty() ? "source unknown" : reading.clock_source,
                                  reading.clock_read_ns);
   finding.figures = {{"read", reading.clock_read_ns, "ns"}};
-  // The fast ones are read without entering the kernel, in some 20 to 60 ns; the slow ones take microseconds.
+  // Fast clocks are read without entering the kernel, in 20 to 60 ns; slow ones take microseconds.
   if (reading.clock_read_ns < 500) {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     return finding;
   }
-  finding.judged = reading.clock_read_ns < 5000 ? Judgement::warning : defect(purpose);
-  finding.cause = "this clock is read through the kernel, several times in each cycle";
+  finding.judged = reading.clock_read_ns < 5000 ? Judgment::warning : defect(purpose);
+  finding.cause = "this clock is read through the kernel several times per cycle";
   finding.cure =
-      "boot with clocksource=tsc tsc=reliable if the processor's counter is steady; else change the computer";
+      "boot with clocksource=tsc tsc=reliable if the processor's counter is steady; otherwise use another "
+      "computer";
   return finding;
 }
 

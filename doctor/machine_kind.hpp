@@ -7,15 +7,15 @@
 
 namespace multipanda::doctor {
 
-// What kind of computer this is: real, virtual, a container; and by what it tells the time.
+// Kind of computer (physical, virtual, container) and its clock.
 struct MachineKindReading {
   std::string processor;
   int cores = 0;
-  std::optional<bool> hypervisor;  // the processor says that it is virtual
-  std::string product;             // of the maker of the (virtual) machine; empty: closed
+  std::optional<bool> hypervisor;  // reported by the processor
+  std::string product;             // product name of the (virtual) machine; empty: not readable
   bool container = false;
   std::string clock_source;  // empty: cannot be read
-  double clock_read_ns = 0;  // what reading the clock costs
+  double clock_read_ns = 0;  // time to read the clock
 };
 MachineKindReading read_machine_kind(const SystemFiles& files);
 

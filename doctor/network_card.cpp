@@ -21,18 +21,18 @@ namespace multipanda::doctor {
 namespace {
 
 std::optional<sockaddr_in> resolve(const std::string& address) {
-  addrinfo wanted{};
-  wanted.ai_family = AF_INET;
-  wanted.ai_socktype = SOCK_DGRAM;
+  addrinfo hints{};
+  hints.ai_family = AF_INET;
+  hints.ai_socktype = SOCK_DGRAM;
   addrinfo* found = nullptr;
-  if (getaddrinfo(address.c_str(), nullptr, &wanted, &found) != 0 || found == nullptr) return {};
+  if (getaddrinfo(address.c_str(), nullptr, &hints, &found) != 0 || found == nullptr) return {};
   sockaddr_in result{};
   std::memcpy(&result, found->ai_addr, sizeof(result));
   freeaddrinfo(found);
   return result;
 }
 
-// Our own address on the way there: connecting a datagram socket sends nothing, but chooses the route.
+// This computer's address on the route: connecting a datagram socket sends nothing but chooses the route.
 std::optional<in_addr> local_address(const sockaddr_in& remote, std::string& reason) {
   const int file = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   if (file < 0) {
@@ -118,14 +118,14 @@ NetworkCardReading read_network_card(const std::string& address, const SystemFil
   reading.address = address;
   const auto remote = resolve(address);
   if (!remote) {
-    reading.reason = "there is no computer of this name";
+    reading.reason = "unknown host name";
     return reading;
   }
   const auto own = local_address(*remote, reading.reason);
   if (!own) return reading;
   reading.interface = interface_with(*own);
   if (reading.interface.empty()) {
-    reading.reason = "no network card has our address on that route";
+    reading.reason = "no network card has this computer's address on that route";
     return reading;
   }
   const std::string folder = "sys/class/net/" + reading.interface + "/";
@@ -152,16 +152,17 @@ Finding judge_network_card(const NetworkCardReading& reading, Purpose purpose) {
   Finding finding{.id = "network_card:" + reading.address,
                   .subject = fmt::format("card to {}", reading.address)};
   if (reading.interface.empty()) {
-    finding.judged = Judgement::bad;
-    finding.measured = fmt::format("no way to {}: {}", reading.address, reading.reason);
+    finding.judged = Judgment::bad;
+    finding.measured = fmt::format("no route to {}: {}", reading.address, reading.reason);
     finding.cause = "this computer has no network to that address, or the name is wrong";
     finding.cure =
-        "give the card an address in the arm's network (the arm's are set in its web page), by cable";
+        "connect the card by cable and give it an address in the arm's network (see the network settings on "
+        "the arm's web page)";
     return finding;
   }
   finding.measured = reading.interface;
   if (reading.loopback) {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     finding.measured += " (this computer itself: a virtual arm)";
     return finding;
   }
@@ -169,7 +170,8 @@ Finding judge_network_card(const NetworkCardReading& reading, Purpose purpose) {
   if (reading.usb) finding.measured += " by USB";
   if (reading.speed) finding.measured += fmt::format(", {:g} Mbit/s", *reading.speed);
   if (reading.mtu) finding.measured += fmt::format(", MTU {:g}", *reading.mtu);
-  if (reading.coalesce_us) finding.measured += fmt::format(", collects for {:g} us", *reading.coalesce_us);
+  if (reading.coalesce_us)
+    finding.measured += fmt::format(", collects packets for {:g} us", *reading.coalesce_us);
   if (!reading.gateway.empty()) finding.measured += fmt::format(", through {}", reading.gateway);
   finding.measured += fmt::format(", {:g} damaged and {:g} dropped packets since its start", reading.damaged,
                                   reading.dropped);
@@ -179,33 +181,32 @@ Finding judge_network_card(const NetworkCardReading& reading, Purpose purpose) {
   finding.figures.push_back({"damaged", reading.damaged, "packets"});
   finding.figures.push_back({"dropped", reading.dropped, "packets"});
 
-  finding.judged = Judgement::ok;
-  // The gravest first; one is said.
-  const auto fault = [&](bool holds, Judgement judged, const std::string& cause, const std::string& cure) {
-    if (!holds || finding.judged != Judgement::ok) return;
+  finding.judged = Judgment::ok;
+  // Most severe first; only one is reported.
+  const auto fault = [&](bool holds, Judgment judged, const std::string& cause, const std::string& cure) {
+    if (!holds || finding.judged != Judgment::ok) return;
     finding.judged = judged;
     finding.cause = cause;
     finding.cure = cure;
   };
-  fault(reading.wireless, defect(purpose), "wireless delays packets by milliseconds at any time",
+  fault(reading.wireless, defect(purpose),
+        "a wireless connection can delay packets by milliseconds at any time",
         "connect the arm's control unit by cable");
   fault(reading.speed && *reading.speed < 100, defect(purpose),
-        "too slow for a packet each way per millisecond",
-        "use a card, cable and switch of 100 Mbit/s at least, better 1000");
+        "too slow for one packet per millisecond in each direction",
+        "use a card, cable and switch with at least 100 Mbit/s, preferably 1000 Mbit/s");
   fault(!reading.full_duplex, defect(purpose), "half duplex: packets of both directions collide",
-        "let card and switch negotiate, or set full duplex on both ends");
-  fault(!reading.gateway.empty(), Judgement::warning, "packets to the arm pass a router",
+        "enable autonegotiation of card and switch, or set full duplex on both ends");
+  fault(!reading.gateway.empty(), Judgment::warning, "packets to the arm pass through a router",
         "connect the arm's control unit directly to a card of this computer, with addresses of one network");
-  fault(reading.mtu && *reading.mtu < 1500, Judgement::warning, "states are cut into several packets",
+  fault(reading.mtu && *reading.mtu < 1500, Judgment::warning, "states are fragmented into several packets",
         fmt::format("ip link set {} mtu 1500", reading.interface));
-  fault(reading.coalesce_us && *reading.coalesce_us > 60, Judgement::warning,
-        "the card collects packets before it tells the kernel",
+  fault(reading.coalesce_us && *reading.coalesce_us > 60, Judgment::warning,
+        "the card collects packets before it notifies the kernel",
         fmt::format("ethtool -C {} rx-usecs 0 tx-usecs 0", reading.interface));
-  fault(reading.damaged > 0, Judgement::warning,
-        "packets were damaged on the wire since the card was started",
-        "change the cable; watch whether the number grows: ip -s link");
-  fault(reading.usb, Judgement::warning, "a card behind USB is asked in steps of 125 us",
-        "use a card on the board (PCIe)");
+  fault(reading.damaged > 0, Judgment::warning, "packets were damaged on the wire since the card was started",
+        "replace the cable and check whether the number grows: ip -s link");
+  fault(reading.usb, Judgment::warning, "a USB card is polled every 125 us", "use a PCIe card");
   return finding;
 }
 

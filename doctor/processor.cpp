@@ -9,7 +9,7 @@ namespace multipanda::doctor {
 namespace {
 
 constexpr const char* kCores = "sys/devices/system/cpu";
-// A wake-up that costs more than this is worth a word: it is a tenth of what an arm waits for a torque.
+// A slower wake-up is reported: this is a tenth of the time that an arm waits for a torque.
 constexpr double kDeepSleep_us = 50;
 
 bool is_core(const std::string& name) {
@@ -52,9 +52,9 @@ ProcessorReading read_processor(const SystemFiles& files) {
 Finding judge_governor(const ProcessorReading& reading, Purpose purpose) {
   Finding finding{.id = "governor", .subject = "frequency of the cores"};
   if (reading.governors.empty()) {
-    finding.measured = "the kernel does not tell";
+    finding.measured = "not reported by the kernel";
     finding.cause = "no frequency control is visible here, as usual in a virtual machine: the host decides";
-    finding.cure = "look on the host, or in the BIOS: the cores should keep one high frequency";
+    finding.cure = "check the host or the BIOS: the cores should keep one high frequency";
     return finding;
   }
   std::string governors;
@@ -73,7 +73,7 @@ Finding judge_governor(const ProcessorReading& reading, Purpose purpose) {
   }
   if (reading.turbo) finding.measured += *reading.turbo ? ", turbo on" : ", turbo off";
   if (reading.governors.size() == 1 && reading.governors.contains("performance")) {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     return finding;
   }
   finding.judged = defect(purpose);
@@ -93,24 +93,24 @@ Finding judge_idle_states(const ProcessorReading& reading, Purpose purpose) {
     if (state.enabled && (deepest == nullptr || state.latency_us > deepest->latency_us)) deepest = &state;
   }
   if (deepest == nullptr) {
-    finding.measured = "the kernel does not tell";
+    finding.measured = "not reported by the kernel";
     finding.cause = "no idle states are visible here, as usual in a virtual machine: the host decides";
     return finding;
   }
   finding.measured = fmt::format("deepest state {} wakes within {:g} us", deepest->name, deepest->latency_us);
   finding.figures = {{"wake_up", deepest->latency_us, "us"}};
   if (deepest->latency_us <= kDeepSleep_us) {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     return finding;
   }
-  // Only a hint: a core sleeps this deeply when nothing is due for long, and 1 ms is not long. The wake-up
-  // figures below tell what it really costs.
-  finding.judged = Judgement::warning;
+  // Only a hint: cores sleep this deeply if nothing is due for a long time, and 1 ms is short. The wake-up
+  // figures show the real cost.
+  finding.judged = Judgment::warning;
   finding.cause =
       fmt::format("a core that sleeps this deeply wakes the loop up to {:g} us late", deepest->latency_us);
   finding.cure =
       fmt::format("cpupower idle-set -D {:g}, or processor.max_cstate=1 at boot{}", kDeepSleep_us,
-                  purpose == Purpose::real_arms ? "" : "; without real arms it saves power for nothing lost");
+                  purpose == Purpose::real_arms ? "" : "; without real arms deep sleep does no harm");
   return finding;
 }
 

@@ -8,15 +8,15 @@
 
 namespace multipanda::doctor {
 
-// How the processor saves power; empty where the kernel does not tell (usual in virtual machines).
+// Power saving of the processor; empty if the kernel does not report it (as in virtual machines).
 struct ProcessorReading {
   std::map<std::string, int> governors;            // cores per governor
   std::optional<double> slowest_mhz, fastest_mhz;  // of the cores, now
-  std::optional<double> max_mhz;                   // that the hardware could
+  std::optional<double> max_mhz;                   // largest frequency of the hardware
   std::optional<bool> turbo;                       // may exceed its nominal frequency
   struct IdleState {
     std::string name;
-    double latency_us = 0;  // to wake from it
+    double latency_us = 0;  // time to wake up from it
     bool enabled = true;
   };
   std::vector<IdleState> idle_states;  // of core 0

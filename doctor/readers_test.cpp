@@ -1,4 +1,4 @@
-// Readers on made-up system files and on this computer; percentiles and histograms.
+// Readers of synthetic system files and of this computer; percentiles and histograms.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -22,7 +22,7 @@
 #include "doctor/scheduling.hpp"
 #include "doctor/timer.hpp"
 
-namespace multipanda::doctor {
+namespace multipanda::doctor::readers_test {
 namespace {
 
 constexpr auto kReal = Purpose::real_arms;
@@ -71,20 +71,20 @@ class MadeUpSystem : public testing::Test {
   std::filesystem::path root_;
 };
 
-TEST_F(MadeUpSystem, NothingThereIsUnknownAndNoCrash) {
-  EXPECT_EQ(judge_governor(read_processor(files()), kReal).judged, Judgement::unknown);
-  EXPECT_EQ(judge_idle_states(read_processor(files()), kReal).judged, Judgement::unknown);
-  EXPECT_EQ(judge_throttling(read_scheduling(files()), kReal).judged, Judgement::unknown);
-  EXPECT_EQ(judge_virtual_machine(read_machine_kind(files()), kReal).judged, Judgement::unknown);
+TEST_F(MadeUpSystem, MissingFilesGiveUnknownAndNoCrash) {
+  EXPECT_EQ(judge_governor(read_processor(files()), kReal).judged, Judgment::unknown);
+  EXPECT_EQ(judge_idle_states(read_processor(files()), kReal).judged, Judgment::unknown);
+  EXPECT_EQ(judge_throttling(read_scheduling(files()), kReal).judged, Judgment::unknown);
+  EXPECT_EQ(judge_virtual_machine(read_machine_kind(files()), kReal).judged, Judgment::unknown);
   const LoadSample nothing = sample_load(files());
   const LoadReading reading = load_between(nothing, nothing, files());
-  EXPECT_EQ(judge_load(reading, kReal).judged, Judgement::unknown);
-  EXPECT_EQ(judge_steal(reading, kReal).judged, Judgement::unknown);
-  EXPECT_EQ(judge_dds(read_dds(nothing, nothing, files()), kReal).judged, Judgement::ok);
+  EXPECT_EQ(judge_load(reading, kReal).judged, Judgment::unknown);
+  EXPECT_EQ(judge_steal(reading, kReal).judged, Judgment::unknown);
+  EXPECT_EQ(judge_dds(read_dds(nothing, nothing, files()), kReal).judged, Judgment::ok);
   EXPECT_FALSE(read_kernel(files()).realtime_flag);
 }
 
-TEST_F(MadeUpSystem, ProcessorAsTheKernelTellsIt) {
+TEST_F(MadeUpSystem, ProcessorAsReportedByTheKernel) {
   for (const auto& [core, khz] : {std::pair("cpu0", "800000\n"), std::pair("cpu1", "3200000\n")}) {
     const std::string folder = std::string("sys/devices/system/cpu/") + core + "/cpufreq/";
     put(folder + "scaling_governor", "powersave\n");
@@ -168,4 +168,4 @@ TEST(DoctorReaders, ThisComputerToItself) {
 }
 
 }  // namespace
-}  // namespace multipanda::doctor
+}  // namespace multipanda::doctor::readers_test

@@ -20,7 +20,7 @@
 namespace multipanda::doctor {
 namespace {
 
-constexpr std::size_t kPayload = 1200;  // near the size of a state
+constexpr std::size_t kPayload = 1200;  // about the size of a state
 constexpr std::uint16_t kControlPort = 1337;
 
 std::uint16_t checksum(const unsigned char* bytes, std::size_t size) {
@@ -37,7 +37,7 @@ std::uint16_t checksum(const unsigned char* bytes, std::size_t size) {
 
 double us_between(HostTime from, HostTime to) { return static_cast<double>((to - from).count()) * 1e-3; }
 
-// Datagram sockets are for users whose group may ping; raw ones for the superuser.
+// Datagram sockets work for users in the ping group, raw sockets for the superuser.
 class Echo {
  public:
   explicit Echo(const sockaddr_in& to) : to_(to) {
@@ -77,7 +77,7 @@ class Echo {
       if (ppoll(&waiting, 1, &patience, nullptr) <= 0) return false;
       std::array<unsigned char, 2048> packet{};
       const ssize_t size = recv(file_, packet.data(), packet.size(), 0);
-      // A raw socket shows the IP header, too, and what other programs ping.
+      // A raw socket also receives the IP header and the replies to other programs.
       const std::size_t skipped = raw_ ? std::size_t{4} * (packet[0] & 0x0Fu) : 0;
       if (size < static_cast<ssize_t>(skipped + sizeof(icmphdr))) continue;
       icmphdr header{};
@@ -109,14 +109,14 @@ void echo_for(Echo& echo, double seconds, RoundTripReading& reading) {
       const HostTime begin = host_now();
       if (!echo.send(number)) continue;
       ++reading.sent;
-      // An answer after the next one is due is a lost one: the arm would have gone on without us.
+      // An answer after the next period is lost: the arm would have continued without it.
       if (echo.receive(number, begin, 900)) reading.us.push_back(us_between(begin, host_now()));
-      if (k == 200 && reading.us.empty()) return;  // nobody answers
+      if (k == 200 && reading.us.empty()) return;  // no answers
     }
   }).join();
 }
 
-// The time until the other side has accepted, or refused: both are one round trip.
+// The time until the other side accepts or refuses: both take one round trip.
 void connect_some(const sockaddr_in& to, RoundTripReading& reading) {
   for (int k = 0; k < 10; ++k) {
     const int file = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
@@ -135,7 +135,7 @@ void connect_some(const sockaddr_in& to, RoundTripReading& reading) {
     }
     if (answered) reading.us.push_back(us_between(begin, host_now()));
     close(file);
-    if (!answered && reading.us.empty()) return;  // nobody is there; each further try would wait as long
+    if (!answered && reading.us.empty()) return;  // no answer; each further attempt would wait as long
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
 }
@@ -145,12 +145,12 @@ void connect_some(const sockaddr_in& to, RoundTripReading& reading) {
 RoundTripReading read_round_trip(const std::string& address, double seconds) {
   RoundTripReading reading;
   reading.address = address;
-  addrinfo wanted{};
-  wanted.ai_family = AF_INET;
-  wanted.ai_socktype = SOCK_STREAM;
+  addrinfo hints{};
+  hints.ai_family = AF_INET;
+  hints.ai_socktype = SOCK_STREAM;
   addrinfo* found = nullptr;
-  if (getaddrinfo(address.c_str(), nullptr, &wanted, &found) != 0 || found == nullptr) {
-    reading.reason = "there is no computer of this name";
+  if (getaddrinfo(address.c_str(), nullptr, &hints, &found) != 0 || found == nullptr) {
+    reading.reason = "unknown host name";
     return reading;
   }
   sockaddr_in to{};
@@ -160,7 +160,7 @@ RoundTripReading read_round_trip(const std::string& address, double seconds) {
     reading.method = fmt::format("ICMP echo of {} bytes", kPayload);
     echo_for(echo, seconds, reading);
   } else {
-    reading.reason = "this user may not send ICMP: " + echo.reason();
+    reading.reason = "this user is not permitted to send ICMP: " + echo.reason();
   }
   if (reading.us.empty()) {
     reading.sent = 0;
@@ -175,11 +175,11 @@ Finding judge_round_trip(const RoundTripReading& reading, Purpose purpose) {
   Finding finding{.id = "round_trip:" + reading.address,
                   .subject = fmt::format("round trip {}", reading.address)};
   if (reading.us.empty()) {
-    finding.judged = Judgement::bad;
-    finding.measured =
-        fmt::format("nobody answers{}", reading.reason.empty() ? "" : " (" + reading.reason + ")");
+    finding.judged = Judgment::bad;
+    finding.measured = fmt::format("no answer{}", reading.reason.empty() ? "" : " (" + reading.reason + ")");
     finding.cause =
-        "neither an echo nor the control port answered: wrong address, arm switched off, or a firewall";
+        "no reply to echo requests, and no answer from the control port: wrong address, arm switched off, or "
+        "a firewall";
     finding.cure = "check address, cable and power; open the arm's web page in a browser from this computer";
     return finding;
   }
@@ -195,17 +195,17 @@ Finding judge_round_trip(const RoundTripReading& reading, Purpose purpose) {
   if (trip.p99 > kRoundTripLimit_us || lost_share > 0.01) {
     finding.judged = defect(purpose);
   } else if (trip.worst > kRoundTripLimit_us || lost > 0) {
-    finding.judged = Judgement::warning;
+    finding.judged = Judgment::warning;
   } else {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     return finding;
   }
   finding.cause = fmt::format(
-      "the arm wants its torque within a round trip of {:g} us; {:.2g} % took longer, {:.2g} % "
-      "never came back in time",
+      "the arm requires its torque within a round trip of {:g} us; {:.2g} % took longer, {:.2g} % "
+      "did not return in time",
       kRoundTripLimit_us, 100 * share_above(reading.us, kRoundTripLimit_us), 100 * lost_share);
   finding.cure =
-      "connect the control unit directly to a wired card of its own; if wake-ups above are late, cure those "
+      "connect the control unit directly to a wired card of its own; if wake-ups above are late, fix those "
       "first";
   return finding;
 }

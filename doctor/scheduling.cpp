@@ -18,11 +18,10 @@ namespace multipanda::doctor {
 namespace {
 
 constexpr const char* kLimits =
-    "add '@realtime - rtprio 99' and '@realtime - memlock unlimited' to /etc/security/limits.conf, put "
-    "yourself "
-    "into the group (groupadd realtime; usermod -aG realtime $USER), log in again";
+    "add '@realtime - rtprio 99' and '@realtime - memlock unlimited' to /etc/security/limits.conf, add "
+    "yourself to the group (groupadd realtime; usermod -aG realtime $USER), then log in again";
 
-// Bit 14 of the effective capabilities: locks beyond the limit are allowed.
+// Bit 14 of the effective capabilities permits locks beyond the limit.
 bool may_lock_any(const SystemFiles& files) {
   for (const auto& line : files.lines("proc/self/status")) {
     if (!line.starts_with("CapEff:")) continue;
@@ -53,7 +52,7 @@ SchedulingReading read_scheduling(const SystemFiles& files) {
     reading.memory_limit_bytes = limit.rlim_cur;
     reading.memory_unlimited = limit.rlim_cur == RLIM_INFINITY || may_lock_any(files);
   }
-  // With a limit, locking all future memory would make later allocations fail: only what is there is tried.
+  // With a limit, locking future memory would let later allocations fail: only present memory is locked.
   reading.memory_locks = mlockall(MCL_CURRENT) == 0;
   if (reading.memory_locks) munlockall();
   reading.rt_runtime_us = files.number("proc/sys/kernel/sched_rt_runtime_us");
@@ -62,47 +61,47 @@ SchedulingReading read_scheduling(const SystemFiles& files) {
 }
 
 Finding judge_fifo(const SchedulingReading& reading, Purpose purpose) {
-  Finding finding{.id = "sched_fifo", .subject = "right to SCHED_FIFO"};
+  Finding finding{.id = "sched_fifo", .subject = "permission to use SCHED_FIFO"};
   finding.figures = {{"priority_wanted", static_cast<double>(reading.priority), ""},
                      {"priority_limit", static_cast<double>(reading.priority_limit), ""}};
   if (reading.fifo) {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     finding.measured =
-        fmt::format("priority {} was given{}", reading.priority,
+        fmt::format("priority {} granted{}", reading.priority,
                     reading.superuser ? " (superuser)" : fmt::format(" (limit {})", reading.priority_limit));
     return finding;
   }
   finding.judged = defect(purpose);
-  finding.measured = fmt::format("priority {} was refused: {} (limit {})", reading.priority,
+  finding.measured = fmt::format("priority {} refused: {} (limit {})", reading.priority,
                                  std::strerror(reading.fifo_error), reading.priority_limit);
   if (reading.superuser) {
     finding.cause =
-        "even the superuser gets none here: a container without the right, or a control group without "
-        "real-time share";
+        "refused even for the superuser: the container lacks the permission, or the control group has no "
+        "real-time budget";
     finding.cure =
         "start the container with --cap-add=sys_nice --ulimit rtprio=99, or give the group "
         "cpu.rt_runtime_us";
   } else {
-    finding.cause = "without it every other program may run before the loop";
+    finding.cause = "without it any other program may delay the loop";
     finding.cure = kLimits;
   }
   return finding;
 }
 
 Finding judge_memory_lock(const SchedulingReading& reading, Purpose purpose) {
-  Finding finding{.id = "memory_lock", .subject = "right to lock memory"};
+  Finding finding{.id = "memory_lock", .subject = "permission to lock memory"};
   if (reading.memory_unlimited && reading.memory_locks) {
-    finding.judged = Judgement::ok;
-    finding.measured = "without limit";
+    finding.judged = Judgment::ok;
+    finding.measured = "no limit";
     return finding;
   }
   finding.judged = defect(purpose);
   const double megabytes = static_cast<double>(reading.memory_limit_bytes) / 1e6;
   finding.measured =
-      reading.memory_unlimited ? std::string("was refused") : fmt::format("limit {:.3g} MB", megabytes);
+      reading.memory_unlimited ? std::string("refused") : fmt::format("limit {:.3g} MB", megabytes);
   finding.figures = {{"limit", megabytes, "MB"}};
   finding.cause =
-      "memory that is not locked may be swapped out or first touched in the loop: a page fault there "
+      "memory that is not locked may be swapped out or first touched in the loop; such a page fault "
       "costs up to milliseconds";
   finding.cure =
       reading.superuser ? "start the container with --ulimit memlock=-1 --cap-add=ipc_lock" : kLimits;
@@ -113,11 +112,11 @@ Finding judge_throttling(const SchedulingReading& reading, Purpose purpose) {
   Finding finding{.id = "rt_throttling", .subject = "real-time throttling"};
   if (!reading.rt_runtime_us || !reading.rt_period_us || *reading.rt_period_us <= 0) {
     finding.measured = "cannot be read";
-    finding.cause = "/proc/sys/kernel/sched_rt_runtime_us is closed to this user or this kernel has none";
+    finding.cause = "/proc/sys/kernel/sched_rt_runtime_us is missing or not readable";
     return finding;
   }
   if (*reading.rt_runtime_us < 0) {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     finding.measured = "off";
     return finding;
   }
@@ -125,13 +124,13 @@ Finding judge_throttling(const SchedulingReading& reading, Purpose purpose) {
   finding.figures = {{"share", share, ""}};
   finding.measured =
       fmt::format("real-time threads get {:.0f} % of {:g} ms", 100 * share, *reading.rt_period_us / 1000);
-  // A loop with its computing time of some 100 us per millisecond never reaches the usual 95 %.
+  // A loop that computes for about 100 us per millisecond never reaches the usual 95 %.
   if (share >= 0.5) {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     return finding;
   }
   finding.judged = defect(purpose);
-  finding.cause = "the kernel stops real-time threads that use more than this";
+  finding.cause = "the kernel suspends real-time threads that use more than this";
   finding.cure = "sysctl -w kernel.sched_rt_runtime_us=950000";
   return finding;
 }

@@ -7,8 +7,8 @@
 
 namespace multipanda::doctor {
 
-// The kernel's files below /proc and /sys, which may be missing or closed to this user: then there is no
-// answer. Another root serves tests.
+// The kernel's files in /proc and /sys. Files that are missing or not readable give no value. Tests use
+// another root.
 class SystemFiles {
  public:
   explicit SystemFiles(std::filesystem::path root = "/") : root_(std::move(root)) {}
@@ -17,7 +17,7 @@ class SystemFiles {
   bool exists(const std::string& file) const;
   // Whole content; `file` without a leading slash: "proc/stat".
   std::optional<std::string> text(const std::string& file) const;
-  // First line, without what surrounds it.
+  // First line, without surrounding spaces.
   std::optional<std::string> line(const std::string& file) const;
   std::optional<double> number(const std::string& file) const;  // of the first line
   std::vector<std::string> lines(const std::string& file) const;
@@ -27,7 +27,7 @@ class SystemFiles {
   std::filesystem::path root_;
 };
 
-// "0-2,5" -> {0, 1, 2, 5}. What is no such list gives what could be read of it.
+// "0-2,5" -> {0, 1, 2, 5}. Stops at the first invalid character.
 std::vector<int> parse_core_list(const std::string& text);
 
 }  // namespace multipanda::doctor

@@ -15,7 +15,7 @@ TimerReading read_timer(double seconds) {
   reading.late_us.reserve(count);
   std::thread([&] {
     ThreadSetup setup;
-    setup.lock_memory = false;  // of the whole process; asked for elsewhere, and nothing is touched here
+    setup.lock_memory = false;  // concerns the whole process and is requested elsewhere
     reading.setup = set_up_thread(setup);
     Pacer pacer;
     pacer.start();
@@ -48,21 +48,22 @@ Finding judge_timer(const TimerReading& reading, Purpose purpose) {
   finding.figures.push_back({"later_than_limit", 100 * too_late, "%"});
   finding.histogram = late.bars;
   if (too_late == 0 && reading.missed == 0) {
-    finding.judged = Judgement::ok;
+    finding.judged = Judgment::ok;
     return finding;
   }
-  // Single losses an arm bears: it repeats the last torque. Many, or many in a row, stop it.
+  // An arm tolerates single losses by repeating the last torque. Many losses, or many in a row, stop it.
   const bool stops = reading.missed_in_row >= kLostInRowLimit || too_late > 0.01;
-  finding.judged = stops ? defect(purpose) : Judgement::warning;
+  finding.judged = stops ? defect(purpose) : Judgment::warning;
   finding.cause = fmt::format(
-      "{:.2g} % of the wake-ups came later than {:g} us, after which a torque misses its "
+      "{:.2g} % of the wake-ups were later than {:g} us, after which a torque misses its "
       "period{}",
       100 * too_late, kAnswerLimit_us,
-      reading.missed_in_row >= kLostInRowLimit ? fmt::format("; {} in a row were missed, and {} stop an arm",
-                                                             reading.missed_in_row, kLostInRowLimit)
-                                               : std::string());
+      reading.missed_in_row >= kLostInRowLimit
+          ? fmt::format("; {} in a row were missed, and an arm stops after {}", reading.missed_in_row,
+                        kLostInRowLimit)
+          : std::string());
   finding.cure =
-      "see the lines above that are not ok: kernel, SCHED_FIFO, governor, load; measure again after each";
+      "fix the lines above that are not ok (kernel, SCHED_FIFO, governor, load) and measure again after each";
   return finding;
 }
 

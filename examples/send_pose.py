@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""Sends poses at 100 Hz to a running scene: a small circle round where the hand is.
+"""Sends poses at 100 Hz to a running scene: a small circle around the current pose of the hand.
 
     ./multipanda run one_arm &          # a scene whose arm runs a Cartesian controllet
     python3 examples/send_pose.py       # JSON lines
     python3 examples/send_pose.py --binary
 
-It needs nothing but the standard library; the protocol is in docs/live_input.md. When it ends, the stream falls silent,
-and the arm is held. With --check it makes sure of both: that the arm went round, and that it is held afterwards.
+It needs only the standard library; docs/live_input.md describes the protocol. When it ends, the stream stops and the
+arm is held. With --check it verifies that the arm followed the circle and is held afterwards.
 """
+
 import argparse
 import glob
 import json
@@ -62,21 +63,27 @@ class BinaryStream:
     def send(self, position, quaternion):
         self.sequence += 1
         values = [*position, *quaternion]
-        packet = struct.pack("<4sHHIIQq7d", b"MPRS", 1, len(values), self.channel, 0, self.sequence,
-                             time.monotonic_ns(), *values)
+        packet = struct.pack(
+            "<4sHHIIQq7d", b"MPRS", 1, len(values), self.channel, 0, self.sequence, time.monotonic_ns(), *values
+        )
         try:
             self.socket.send(packet)
         except BlockingIOError:
-            pass  # no room: the next one is newer anyway
+            pass  # no room: drop it, the next pose is newer
 
 
 class JsonStream:
-    """Poses as JSON lines. Without an "id" only a refused one is answered."""
+    """Poses as JSON lines. Without an "id" only refusals are answered."""
 
     def __init__(self, connection, controllet, input_name):
         self.connection = connection
-        self.request = {"do": "reference", "controllet": controllet, "input": input_name, "frame": "world",
-                        "stream": True}
+        self.request = {
+            "do": "reference",
+            "controllet": controllet,
+            "input": input_name,
+            "frame": "world",
+            "stream": True,
+        }
 
     def send(self, position, quaternion):
         self.connection.tell({**self.request, "position_m": position, "quaternion_wxyz": quaternion})
@@ -91,21 +98,25 @@ def only_socket():
             if probe.connect_ex(path) == 0:
                 found.append(path)
     if len(found) != 1:
-        raise SystemExit(f"send_pose: {len(found)} scenes are running; start one with `multipanda run one_arm`, "
-                         "or name its socket with --socket")
+        raise SystemExit(
+            f"send_pose: {len(found)} scenes are running; start one with `multipanda run one_arm`, "
+            "or name its socket with --socket"
+        )
     return found[0]
 
 
-def pose_input(connection, wanted):
+def pose_input(connection, name):
     """Name, input and arm of a running controllet that takes a pose."""
     for controllet in connection.ask(do="list")["controllets"]:
-        if not controllet["active"] or (wanted and controllet["name"] != wanted):
+        if not controllet["active"] or (name and controllet["name"] != name):
             continue
         for entry in controllet["inputs"]:
             if entry["quantity"] == "pose" and len(controllet["arms"]) == 1:
                 return controllet["name"], entry["name"], entry["arm"]
-    raise SystemExit(f"send_pose: {wanted or 'no controllet of one arm'} that takes a pose is running; "
-                     "`multipanda ctl list` shows what there is")
+    raise SystemExit(
+        f"send_pose: found no running controllet {name or 'of one arm'} that takes a pose; "
+        "`multipanda ctl list` shows all controllets"
+    )
 
 
 def arm_state(connection, name):
@@ -115,11 +126,11 @@ def arm_state(connection, name):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--socket", help="of the run; default: the only running scene's")
-    parser.add_argument("--controllet", help="default: the first running one that takes a pose")
-    parser.add_argument("--binary", action="store_true", help="the binary stream in place of JSON lines")
+    parser.add_argument("--socket", help="socket of the run (default: that of the only running scene)")
+    parser.add_argument("--controllet", help="controllet to use (default: the first running one that takes a pose)")
+    parser.add_argument("--binary", action="store_true", help="send the binary stream instead of JSON lines")
     parser.add_argument("--radius-m", type=float, default=0.03)
-    parser.add_argument("--seconds", type=float, default=4, help="for one turn")
+    parser.add_argument("--seconds", type=float, default=4, help="duration of the circle")
     parser.add_argument("--rate-hz", type=float, default=100)
     parser.add_argument("--check", action="store_true", help="fail unless the arm follows and is held afterwards")
     options = parser.parse_args()
@@ -127,25 +138,28 @@ def main():
     connection = Connection(options.socket or only_socket())
     controllet, input_name, arm = pose_input(connection, options.controllet)
     begin = arm_state(connection, arm)
-    while begin is None:  # the first cycle is still to come
+    while begin is None:  # before the first cycle
         time.sleep(0.01)
         begin = arm_state(connection, arm)
-    centre, quaternion = begin["position_m"], begin["quaternion_wxyz"]
-    print(f"{controllet}.{input_name}: a circle of {options.radius_m} m round {[round(x, 3) for x in centre]}")
+    center, quaternion = begin["position_m"], begin["quaternion_wxyz"]
+    print(f"{controllet}.{input_name}: a circle of {options.radius_m} m at {[round(x, 3) for x in center]}")
     stream = (BinaryStream if options.binary else JsonStream)(connection, controllet, input_name)
 
     farthest = 0.0
     samples = max(2, round(options.seconds * options.rate_hz))
     start = time.monotonic()
     for k in range(samples + 1):
-        # The circle begins and ends at the present pose, at rest: the angle is eased in and out.
+        # The circle begins and ends at rest at the current pose.
         s = k / samples
         angle = 2 * math.pi * (s - math.sin(2 * math.pi * s) / (2 * math.pi))
-        position = [centre[0], centre[1] + options.radius_m * math.sin(angle),
-                    centre[2] + options.radius_m * (1 - math.cos(angle))]
+        position = [
+            center[0],
+            center[1] + options.radius_m * math.sin(angle),
+            center[2] + options.radius_m * (1 - math.cos(angle)),
+        ]
         stream.send(position, quaternion)
         if k % 20 == 0:
-            farthest = max(farthest, math.dist(arm_state(connection, arm)["position_m"], centre))
+            farthest = max(farthest, math.dist(arm_state(connection, arm)["position_m"], center))
         time.sleep(max(0.0, start + (k + 1) / options.rate_hz - time.monotonic()))
     if options.binary:
         print("sent:", [c for c in connection.ask(do="channels")["channels"] if c["channel"] == stream.channel])
@@ -157,12 +171,12 @@ def main():
         print(f"send_pose: the hand was at most {farthest:.4f} m away; expected about {2 * options.radius_m} m")
         return 1
     deadline = time.monotonic() + 10
-    while True:  # silence for longer than the input's timeout: the arm is held
+    while True:  # after the input's timeout the arm is held
         state = arm_state(connection, arm)
         if state["controllet"] == f"{arm}_hold":
             break
         if time.monotonic() > deadline:
-            print(f"send_pose: the stream is silent and {arm} is still controlled by {state['controllet']}")
+            print(f"send_pose: the stream has stopped, but {arm} is still controlled by {state['controllet']}")
             return 1
         time.sleep(0.02)
     print(f"held: {state['last_intervention']}")

@@ -12,32 +12,32 @@
 
 namespace multipanda {
 
-// The cycles of a run as a performance measurement needs them, kept in memory that is there before the run:
-// when each step began, how long its stages took, which torque each arm was sent and which one it had in use.
+// Records the cycles of a run for a performance measurement, in memory allocated before the run: the start of
+// each step, the duration of its stages, and the torque sent to and used by each arm.
 class CommandTrace {
  public:
   struct Options {
-    std::size_t lead = 1000;      // cycles left out after it could begin
+    std::size_t lead = 1000;      // cycles skipped at the beginning
     std::size_t samples = 30000;  // cycles kept
-    // Whose features' outputs are kept. 0xFFFF: nobody's.
+    // Instance whose feature outputs are kept. 0xFFFF: none.
     std::uint16_t instance = 0xFFFF;
-    bool streaming = false;  // begin only when it follows a stream
+    bool streaming = false;  // begin only when the instance follows a stream
   };
 
   CommandTrace(const RecordLayout& layout, Options options);
 
-  // Loop thread, after each step. Its own cost is two clock readings.
+  // Loop thread, after each step. Costs two clock readings.
   void step_done(const Tick& tick);
   // Relay thread, every record in order.
   void take(const CycleRecord& record);
 
   // Any thread.
   bool streaming() const { return streaming_.load(std::memory_order_acquire); }
-  bool begun() const { return count_.load(std::memory_order_acquire) > 0; }
+  bool started() const { return count_.load(std::memory_order_acquire) > 0; }
   bool full() const { return count_.load(std::memory_order_acquire) >= options_.samples; }
   pid_t loop_thread() const { return loop_thread_.load(std::memory_order_acquire); }
 
-  // After the run: numpy arrays (docs/experiments.md, "controller-performance").
+  // After the run: writes numpy arrays (docs/experiments.md, "controller-performance").
   void write(const std::filesystem::path& npz) const;
 
   struct Sample {

@@ -8,53 +8,54 @@
 
 #include <nlohmann/json.hpp>
 
-#include "scene/scene_error.hpp"
+#include "config_file/config_error.hpp"
 
-// An experiment as data: what experiments/*.yaml say (docs/experiments.md), checked as far as it can be
-// without running it.
+// An experiment as read from experiments/*.yaml (docs/experiments.md), checked as far as possible without
+// running it.
 namespace multipanda {
 
-// A value put into the scene file before it is read. The key is a path: "objects.table.friction"; an item of
-// a list is found by its name, by its number from 0, or by a key that it has.
+// A value that replaces one of the scene file before the scene is read. The key is a path:
+// "objects.table.friction". Items of a list are addressed by name, by number from 0, or by a key
+// that they have.
 struct Override {
   std::string key;
   std::string value;  // as YAML
   SourcePlace place;
 };
 
-// A number of the scene, or each of a list, that is moved in every repeat: uniformly within +- `by`, seeded.
+// A number of the scene, or each of a list, that varies in every repeat: uniformly within +- `by`, seeded.
 struct Variation {
   std::string key;
   double by = 0;
   SourcePlace place;
 };
 
-// One way to run the experiment. The combinations of its axes' choices, then the single ones.
+// One variant of the experiment: a combination of the choices of its axes, or a single one.
 struct ExperimentVariant {
   std::string name;               // "mu01_k10"
   std::string label;              // "friction 0.1, 10 kN/m"
-  std::vector<std::string> tags;  // names of the choices it is made of, and its own
+  std::vector<std::string> tags;  // names of its choices, and its own name
   std::vector<Override> set;
-  bool reported = false;  // shown, but held to no limit that does not name it
+  bool reported = false;  // shown; only limits that name it apply
 };
 
-// What a figure must not exceed, or must reach. Counts for the worst repeat.
+// Upper and lower limits of a figure. The worst repeat counts.
 struct ExperimentLimit {
   std::string metric;
   std::map<std::string, double> at_most, at_least;  // by plant
-  std::vector<std::string> variants;                // names or tags; empty: all that are not only reported
+  std::vector<std::string> variants;                // names or tags; empty: all that are not `reported`
 };
 
-// A figure that somebody else published for the same.
+// A figure published by others for the same task.
 struct PublishedFigure {
-  std::string metric;  // empty: none of ours corresponds
+  std::string metric;  // empty: no figure here corresponds
   double value = 0;
   std::string text;
 };
 
 struct Experiment {
-  std::string name;  // of the file: "task-3"
-  std::string kind;  // which runner and which page; see kinds.hpp
+  std::string name;  // name of the file: "task-3"
+  std::string kind;  // selects the runner and the page (kinds.hpp)
   std::string title;
   std::string description;
   std::string path;
@@ -62,7 +63,7 @@ struct Experiment {
   std::size_t repeats = 5;
   std::vector<ExperimentLimit> limits;
   std::vector<PublishedFigure> published;
-  std::vector<std::string> show;  // figures shown as bars although nothing limits them
+  std::vector<std::string> show;  // figures shown as bars without a limit
 
   // Kind `task`
   std::string scene;  // path of the scene file
@@ -70,19 +71,19 @@ struct Experiment {
   std::vector<std::string> plants;          // values of plant.fidelity
   std::vector<ExperimentVariant> variants;  // at least one
   std::vector<Variation> vary;
-  nlohmann::ordered_json measure;  // for analysis/experiments, keys checked
+  nlohmann::ordered_json measure;  // for experiments/pages, keys checked
 
-  // Other kinds: whatever their runner reads.
+  // Other kinds: settings that their runner reads.
   nlohmann::ordered_json settings;
 };
 
 // Names of all experiments, sorted.
 std::vector<std::string> available_experiments();
-// Folder that holds them, and their scenes in scenes/.
+// Folder of the experiments, with their scenes in scenes/.
 std::string experiments_folder();
 
-// By name, or by path (anything with a slash or ending in .yaml). Throws SceneError: file, line, what was
-// found, what was expected, the nearest valid name.
+// Loads by name, or by path (with a slash or ending in .yaml). Throws ConfigError with file, line, the value
+// found, the value expected and the nearest valid name.
 Experiment load_experiment(const std::string& name_or_path);
 Experiment parse_experiment(const std::string& text, const std::string& file_name);
 

@@ -3,43 +3,40 @@
 #include <filesystem>
 #include <string>
 #include <sys/types.h>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
+#include "support/child_process.hpp"
+
 namespace multipanda {
 
-// `multipanda generate circular-field` beside this process: publishes to a run at 1 kHz, to its live-input
+// A child process `multipanda generate circular-field` that publishes to a run at 1 kHz, to its live-input
 // socket or its ROS topics.
 class GeneratorProcess {
  public:
   struct Options {
-    std::filesystem::path program;  // multipanda itself
+    std::filesystem::path program;  // the multipanda program
     std::filesystem::path course, socket;
-    std::string ros_node;  // of the run; empty: by the socket
+    std::string ros_node;  // node of the run; empty: use the socket
     double seconds = 30;
-    std::filesystem::path messages;  // file for what it says while it runs
+    std::filesystem::path messages;  // file for its standard error
   };
-  explicit GeneratorProcess(const Options& options);  // throws std::runtime_error: it does not start
-  ~GeneratorProcess();                                // ends it
-  GeneratorProcess(const GeneratorProcess&) = delete;
+  explicit GeneratorProcess(const Options& options);  // throws std::runtime_error if it does not start
 
-  pid_t id() const { return process_; }
-  bool running();  // false: it has ended by itself
-  // Lets it brake and say goodbye, waits for its end, and returns its report. Throws std::runtime_error with
-  // what it said if there is none.
+  pid_t id() const { return process_.id(); }
+  bool running() { return process_.running(); }
+  // Makes the generator brake and close its connection, waits for its end and returns its report. Throws
+  // std::runtime_error with its messages if there is no report.
   nlohmann::ordered_json finish(double timeout_s = 40);
 
  private:
-  bool reap(bool block);
-  void signal(int number) const;
+  static std::vector<std::string> arguments(const Options& options);
 
-  std::filesystem::path report_, messages_;
-  pid_t process_ = -1;
-  bool ended_ = false;
-  int status_ = 0;
+  ChildProcess process_;
 };
 
-// This program's own file.
+// Path of this program.
 std::filesystem::path own_program();
 
 }  // namespace multipanda

@@ -4,8 +4,8 @@
 #include <cstdlib>
 #include <fstream>
 
-#include "analysis/page_script.hpp"
-#include "runtime/machine.hpp"
+#include "report/page_script.hpp"
+#include "support/machine.hpp"
 
 namespace multipanda {
 namespace {
@@ -14,7 +14,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 void run_page_script(const std::vector<std::string>& words) {
-  PageScript("experiments/main.py", "the experiment's page").run(words);
+  PageScript("experiments/pages/main.py", "the experiment's page").run(words);
 }
 
 void write_json(const fs::path& file, const Json& json) {
@@ -22,7 +22,8 @@ void write_json(const fs::path& file, const Json& json) {
   out << json.dump(1, ' ', false, Json::error_handler_t::replace) << '\n';
   out.close();
   if (!out)
-    throw std::runtime_error("cannot write " + file.string() + ": is the folder writable, the disk full?");
+    throw std::runtime_error("cannot write " + file.string() +
+                             "; check that the folder is writable and the disk has space");
 }
 
 Json limits_json(const Experiment& experiment) {
@@ -39,8 +40,51 @@ Json limits_json(const Experiment& experiment) {
 
 const std::vector<ExperimentKind>& experiment_kinds() {
   static const std::vector<ExperimentKind> kinds{
-      {kTaskKind, "A scene, run in variants on several plants, judged by its figures.", run_task},
-      {"performance", "Two arms under a motion generator: cycle time, command delay, load, switching.",
+      {kTaskKind,
+       "A scene, run in variants on several plants, judged by its figures.",
+       {"q_rmse_rad",
+        "q_max_rad",
+        "dq_rmse_rad_per_s",
+        "dq_max_rad_per_s",
+        "tau_rmse_nm",
+        "tau_max_nm",
+        "x_rmse_m",
+        "x_max_m",
+        "f_rmse_n",
+        "f_max_n",
+        "c_err_rmse_nm",
+        "c_err_max_nm",
+        "force_rmse_n",
+        "force_max_n",
+        "force_est_rmse_n",
+        "force_low_n",
+        "force_high_n",
+        "force_settling_rmse_n",
+        "impact_peak_n",
+        "settling_s",
+        "contact_s",
+        "contact_to_window_s",
+        "contact_lost_s",
+        "path_rms_m",
+        "path_max_m",
+        "torque_rate_nm_per_s",
+        "limiter_hits",
+        "force_tank_min_j",
+        "impedance_tank_min_j",
+        "energy_gain_w",
+        "stored_energy_max_j",
+        "held",
+        "slip_m",
+        "tilt_rad",
+        "lift_error_m",
+        "force_difference_max_n",
+        "loss_speed_m_per_s",
+        "loss_travel_m"},
+       run_task},
+      {"performance",
+       "Two arms under a motion generator: cycle time, command delay, load, switching.",
+       {"samples_missing", "delay_error_us", "delay_by_sequence_error_us", "torques_unmatched",
+        "generator_lost", "switches_late", "switches_refused", "switches_missing", "bystander_different"},
        run_performance},
   };
   return kinds;
@@ -63,8 +107,7 @@ ExperimentResult run_experiment(const Experiment& experiment, const ExperimentOp
                                 const ExperimentProgress& progress) {
   const ExperimentKind* kind = find_kind(experiment.kind);
   if (kind == nullptr)
-    throw std::invalid_argument(experiment.name + ": there is no kind of experiment '" + experiment.kind +
-                                "'");
+    throw std::invalid_argument(experiment.name + ": unknown kind of experiment '" + experiment.kind + "'");
   return kind->run(experiment, options, progress);
 }
 
@@ -103,7 +146,7 @@ ExperimentResult evaluate(const Experiment& experiment, const Json& plan, const 
   std::ifstream in(results_file);
   ExperimentResult result{.name = experiment.name, .results = Json::parse(in, nullptr, false)};
   if (result.results.is_discarded())
-    throw std::runtime_error("the page's script left no " + results_file.string() + " that can be read");
+    throw std::runtime_error("the page's script did not write a valid " + results_file.string());
   result.page = options.directory / "report.html";
   result.passed = result.results.value("passed", false);
   for (const auto& problem : result.results.value("problems", Json::array()))

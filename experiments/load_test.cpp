@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <fstream>
+#include <tuple>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +10,7 @@
 #include "experiments/task_runs.hpp"
 #include "scene/build.hpp"
 
-namespace multipanda {
+namespace multipanda::load_test {
 namespace {
 
 using testing::ElementsAre;
@@ -22,7 +24,7 @@ Experiment read(const std::string& rest) { return parse_experiment(kHead + rest,
 std::string refusal(const std::string& text) {
   try {
     (void)parse_experiment(text, kFile);
-  } catch (const SceneError& error) {
+  } catch (const ConfigError& error) {
     return error.what();
   }
   return "not refused";
@@ -34,7 +36,7 @@ std::vector<std::string> names(const std::vector<ExperimentVariant>& variants) {
   return list;
 }
 
-TEST(Experiments, ShippedOnesAreReadAndEverySceneOfTheirsToo) {
+TEST(Experiments, ShippedOnesAreReadWithAllTheirScenes) {
   ASSERT_FALSE(available_experiments().empty());
   for (const auto& name : available_experiments()) {
     SCOPED_TRACE(name);
@@ -51,13 +53,41 @@ TEST(Experiments, ShippedOnesAreReadAndEverySceneOfTheirsToo) {
   }
 }
 
+TEST(Experiments, MetricsOfLimitsAreKnownBeforeAnythingRuns) {
+  EXPECT_THAT(refusal(kHead + "limits: [{metric: x_rsme_m, at_most: 1}]\n"), HasSubstr("'x_rmse_m'"));
+  // The pages name the metrics: both lists are the same.
+  for (const auto& [kind, page, list] : {std::tuple{"task", "task_metrics.py", "NAMES"},
+                                         std::tuple{"performance", "performance.py", "LABELS"}}) {
+    std::ifstream file(experiments_folder() + "/pages/" + page);
+    std::vector<std::string> known;
+    bool inside = false;
+    for (std::string line; std::getline(file, line);) {
+      if (line.starts_with(list)) inside = true;
+      if (inside && line.starts_with("}")) break;
+      if (inside && line.starts_with("    \"")) known.push_back(line.substr(5, line.find('"', 5) - 5));
+    }
+    EXPECT_THAT(find_kind(kind)->metrics, testing::UnorderedElementsAreArray(known)) << page;
+  }
+}
+
+TEST(Experiments, AnEventAfterTheEndOfTheSceneIsRefused) {
+  const Experiment e = read("set: {duration_s: 0.5}\n");
+  try {
+    (void)task_scene(e, task_runs(e, 1, {}).at(0), build_registry({}));
+    FAIL() << "not refused";
+  } catch (const ConfigError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("the scene ends before this event"));
+  }
+}
+
 TEST(Experiments, AxesAreCombinedAndSingleVariantsFollow) {
   const Experiment e = read(
       "axes:\n"
       "  - {name: friction, choices: [{name: a, label: A, set: {duration_s: 1}}, {name: b}]}\n"
       "  - {name: stiffness, choices: [{name: x, set: {duration_s: 2}}, {name: y, reported: true}]}\n"
       "variants: [{name: alone, label: by itself}]\n"
-      "limits: [{metric: m, at_most: {ideal: 3}, variants: [x]}, {metric: n, at_least: 1}]\n");
+      "limits: [{metric: x_rmse_m, at_most: {ideal: 3}, variants: [x]}, {metric: limiter_hits, at_least: "
+      "1}]\n");
   EXPECT_THAT(names(e.variants), ElementsAre("a_x", "a_y", "b_x", "b_y", "alone"));
   EXPECT_EQ(e.variants[0].label, "A, x");
   EXPECT_THAT(e.variants[0].tags, ElementsAre("a", "x", "a_x"));
@@ -99,15 +129,15 @@ TEST(Experiments, RepeatsAreVariedAlikeEverywhereAndDifferFromEachOther) {
   EXPECT_EQ(task_scene(e, {&e.variants[1], "ideal", 1}, registry).duration_s, 3);
 }
 
-TEST(Experiments, WhatDoesNotFitIsRefusedWithTheReason) {
+TEST(Experiments, InvalidExperimentsAreRefusedWithTheReason) {
   EXPECT_THAT(refusal("title: x\nscne: y\n"), HasSubstr("did you mean 'scene'?"));
   EXPECT_THAT(refusal("title: x\n"), HasSubstr("the key 'scene' is missing"));
   EXPECT_THAT(refusal("title: x\nscene: nowhere.yaml\n"), HasSubstr("there is no file"));
   EXPECT_THAT(refusal("title: x\nkind: tusk\n"), HasSubstr("did you mean 'task'?"));
-  EXPECT_THAT(refusal(kHead + "limits: [{metric: a}]\n"), HasSubstr("'at_most' or 'at_least'"));
-  EXPECT_THAT(refusal(kHead + "limits: [{metric: a, at_most: {idael: 1}}]\n"),
+  EXPECT_THAT(refusal(kHead + "limits: [{metric: held}]\n"), HasSubstr("'at_most' or 'at_least'"));
+  EXPECT_THAT(refusal(kHead + "limits: [{metric: held, at_most: {idael: 1}}]\n"),
               HasSubstr("did you mean 'ideal'?"));
-  EXPECT_THAT(refusal(kHead + "limits: [{metric: a, at_most: 1, variants: [b]}]\n"),
+  EXPECT_THAT(refusal(kHead + "limits: [{metric: held, at_most: 1, variants: [b]}]\n"),
               HasSubstr("no variant or choice 'b'"));
   EXPECT_THAT(refusal(kHead + "variants: [{name: a}, {name: a}]\n"), HasSubstr("names must differ"));
   EXPECT_THAT(refusal(kHead + "measure: {window: {after: contct}}\n"), HasSubstr("did you mean 'contact'?"));
@@ -122,20 +152,20 @@ TEST(Experiments, AnOverrideThatTheSceneRefusesSaysWhichVariant) {
   try {
     (void)task_scene(e, {&e.variants[0], "ideal", 1}, build_registry({}));
     FAIL() << "not refused";
-  } catch (const SceneError& error) {
+  } catch (const ConfigError& error) {
     EXPECT_THAT(error.what(), HasSubstr("variant 'odd', plant 'ideal'"));
     EXPECT_THAT(error.what(), HasSubstr("duration_s"));
   }
 }
 
-TEST(Experiments, AnUnknownNameGetsTheNearest) {
+TEST(Experiments, AnUnknownNameGetsTheNearestName) {
   try {
     (void)load_experiment("task-11");
     FAIL() << "not refused";
-  } catch (const SceneError& error) {
+  } catch (const ConfigError& error) {
     EXPECT_THAT(error.what(), HasSubstr("did you mean 'task-1'?"));
   }
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::load_test

@@ -1,5 +1,5 @@
-// Runs the conditions of a performance experiment one after the other: whatever ran beside would be measured,
-// too.
+// Runs the conditions of a performance experiment in order, since parallel runs would
+// disturb the measurement.
 #include <algorithm>
 #include <filesystem>
 #include <memory>
@@ -9,7 +9,7 @@
 
 #include "experiments/performance_runs.hpp"
 #include "experiments/process_usage.hpp"
-#include "scene/names.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -17,8 +17,8 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-// The threads round the loop (live input, relay, the generator's) before those of other programs, as long as
-// this lives: the loop has its own priority, but whoever waits for the rest of the machine loses set-points.
+// Raises the priority of the threads around the loop (live input, relay, generator) above other programs
+// during its lifetime. The loop has its own priority, but delayed threads around it lose set-points.
 class Preferred {
  public:
   Preferred() : before_(getpriority(PRIO_PROCESS, 0)), granted_(setpriority(PRIO_PROCESS, 0, kNice) == 0) {}
@@ -27,7 +27,7 @@ class Preferred {
   Json described() const {
     return {{"what", fmt::format("nice {}", kNice)},
             {"done", granted_},
-            {"reason", granted_ ? "" : "not permitted: needs the capability CAP_SYS_NICE"}};
+            {"reason", granted_ ? "" : "not permitted; requires the capability CAP_SYS_NICE"}};
   }
 
  private:
@@ -46,7 +46,7 @@ std::vector<PerformanceSettings::Condition> chosen(const Experiment& experiment,
   for (const auto& name : only) {
     const auto found = std::find(known.begin(), known.end(), name);
     if (found == known.end())
-      throw std::invalid_argument(experiment.name + ": there is no condition '" + name + "'" +
+      throw std::invalid_argument(experiment.name + ": unknown condition '" + name + "'" +
                                   name_hint(name, known, "there are none"));
     list.push_back(settings.conditions[static_cast<std::size_t>(found - known.begin())]);
   }
@@ -59,7 +59,7 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
                                  const ExperimentProgress& progress) {
   const PerformanceSettings settings = performance_settings(experiment);
   const auto conditions = chosen(experiment, settings, options.only);
-  for (const auto& condition : settings.conditions)  // a wrong one is refused before anything runs
+  for (const auto& condition : settings.conditions)  // refuses an invalid scene before anything runs
     (void)changed_scene(experiment, settings.scene, settings.plant, condition.set);
   const std::size_t repeats = options.repeats.value_or(experiment.repeats);
   const PerformanceRun run{.experiment = experiment,
@@ -77,7 +77,7 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
 
   Json plan = describe(experiment);
   plan["fast"] = options.fast;
-  plan["backend"] = name_of(options.backend.arms);
+  plan["backend"] = name_of(options.backend.kind);
   plan["pace"] = options.backend.lockstep ? "lockstep" : "realtime";
   plan["generator"] = options.ros ? "ros" : "socket";
   plan["repeats"] = repeats;
@@ -91,7 +91,7 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
   auto preferred = std::make_unique<Preferred>();
   plan["priority"] = preferred->described();
   plan["runs"] = Json::array();
-  // Repeats outside: a disturbance of the machine that lasts does not fall on one condition alone.
+  // Repeats in the outer loop, so that a lasting disturbance of the machine affects all conditions.
   for (std::size_t repeat = 1; repeat <= repeats; ++repeat) {
     for (const auto& condition : conditions) {
       Json record = run_condition(run, condition, repeat);
@@ -105,7 +105,7 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
   if (settings.delay_check) {
     for (const double delay_s : settings.delay_check->delays_s)
       plan["delay_checks"].push_back(run_delay_check(run, delay_s));
-    say(fmt::format("command delay measured with {} delays that are known", plan["delay_checks"].size()));
+    say(fmt::format("command delay measured with {} known delays", plan["delay_checks"].size()));
   }
   if (settings.switching) {
     plan["switching"] = run_switching(run);

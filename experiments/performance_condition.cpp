@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "core/types/time.hpp"
 #include "experiments/command_trace.hpp"
 #include "experiments/generator_process.hpp"
 #include "experiments/performance_runs.hpp"
@@ -19,13 +20,12 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr double kPatience = 60;  // for the generator to begin; it gives up by itself earlier [s]
+constexpr double kPatience = 60;  // for the generator to begin; it times out earlier [s]
 constexpr double kRest = 0.5;     // after the last set-point [s]
-constexpr double kPeriod = 0.001;
 
-std::size_t cycles(double s) { return static_cast<std::size_t>(std::llround(s / kPeriod)); }
+std::size_t cycles(double s) { return static_cast<std::size_t>(std::llround(s / kArmPeriod)); }
 
-// CPU and memory of this process, which is the control process, and of what stands around it.
+// CPU and memory of this process, which runs the loop, of the generator and of the machine.
 class UsageSeries {
  public:
   UsageSeries(pid_t loop_thread, pid_t generator) : loop_thread_(loop_thread), generator_(generator) {
@@ -112,7 +112,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   SessionOptions options{.paced = true, .backend = run.backend, .duration_s = 0.0, .socket = own_socket()};
   options.observer = [&trace](const CycleRecord& record) { trace->take(record); };
   options.on_loop = [&trace](const Tick& tick, const Backend&) { trace->step_done(tick); };
-  // Of its own name, so that nothing else on this machine is taken for it.
+  // A unique name, so that no other node on this machine is mistaken for it.
   const std::string node = run.ros ? fmt::format("experiment_{}", getpid()) : "";
   if (run.ros) options.make_adapter = load_ros_adapter({.node = node, .name_space = {}, .remaps = {}});
   const fs::path socket = options.socket;
@@ -135,16 +135,16 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
                               .messages = run.folder / (name + "_generator.txt")});
   const auto over = [&] { return run.progress.stopped() || session.wait_for_end(0); };
   const HostTime begin = host_now();
-  while (!trace->begun() && !over() && generator.running() && seconds(host_now() - begin) < kPatience)
+  while (!trace->started() && !over() && generator.running() && seconds(host_now() - begin) < kPatience)
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
-  if (!trace->begun() && !over()) {
+  if (!trace->started() && !over()) {
     session.stop();
     const std::string said = generator.finish().dump();
     throw std::runtime_error("condition " + condition.name +
-                             ": no set-point of the generator arrived; it says " + said);
+                             ": no set-point of the generator arrived; its messages: " + said);
   }
 
-  // On the grid of its own clock, as `top` in a loop would be; this thread has no other work.
+  // Readings at fixed times, as a repeated `top` would take them. This thread has no other work.
   UsageSeries usage(trace->loop_thread(), generator.id());
   HostTime next = host_now();
   const auto step = std::chrono::nanoseconds(std::llround(settings.usage_every_s * 1e9));
@@ -170,7 +170,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
               {"arms", arms},
               {"wanted_samples", cycles(duration_s)},
               {"samples", trace->count()},
-              {"period_s", kPeriod},
+              {"period_s", kArmPeriod},
               {"plant", opened.scene.plant.name},
               {"command_delay_s", opened.scene.plant.command_delay_s},
               {"generator", generated},
@@ -206,7 +206,7 @@ Json run_delay_check(const PerformanceRun& run, double delay_s) {
   Json record{{"name", name},
               {"npz", fs::relative(file, run.folder.parent_path()).string()},
               {"arms", arms},
-              {"period_s", kPeriod},
+              {"period_s", kArmPeriod},
               {"command_delay_s", delay_s}};
   record.update(of_summary(summary));
   return record;

@@ -5,8 +5,8 @@
 #include "experiments/kinds.hpp"
 #include "experiments/performance_settings.hpp"
 
-// The parts of an experiment of the kind `performance`. Each runs a session of its own and returns what the
-// page needs, with the names of the files it left in `folder`.
+// The parts of an experiment of the kind `performance`. Each runs its own session and returns the data of the
+// page, with the names of the files that it wrote to `folder`.
 namespace multipanda {
 
 struct PerformanceRun {
@@ -19,17 +19,17 @@ struct PerformanceRun {
   bool ros = false;  // set-points come by ROS topics
 };
 
-// Paced; set-points at 1 kHz from a motion generator, which is a process of its own. Throws
-// std::runtime_error if the generator or the run does not do as it should.
+// A paced run with set-points at 1 kHz from a motion generator in a separate process. Throws
+// std::runtime_error if the generator or the run fails.
 nlohmann::ordered_json run_condition(const PerformanceRun& run,
                                      const PerformanceSettings::Condition& condition, std::size_t repeat);
 
-// Unpaced, the set-point moved by the scene: the command delay of the plant is known, the two ways of
-// measuring it must find it.
+// An unpaced run whose set-point the scene moves. The command delay of the plant is known, and both methods
+// of measurement must find it.
 nlohmann::ordered_json run_delay_check(const PerformanceRun& run, double delay_s);
 
-// Paced: as many switches of controllets and of a feature, asked for at random moments. And once more without
-// them, unpaced, for what the bystander must have done to the bit.
+// A paced run with switches of controllets and of a feature, requested at random times. A second, unpaced run
+// without switches gives the reference that the bystander arm must equal to the bit.
 nlohmann::ordered_json run_switching(const PerformanceRun& run);
 
 }  // namespace multipanda

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "config_file/text.hpp"
 #include "experiments/task_runs.hpp"
 #include "scene/build.hpp"
-#include "scene/mapping.hpp"
-#include "scene/names.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -32,7 +32,7 @@ class Keys {
     return map_.at(key);
   }
   std::string text(const char* key) const {
-    if (!at(key).is_string()) refuse(key, "expected a text");
+    if (!at(key).is_string()) refuse(key, "expected a string");
     return at(key).get<std::string>();
   }
   void read(const char* key, std::string& value) const {
@@ -69,11 +69,11 @@ class Keys {
       list.push_back({.key = name, .value = value.dump(), .place = {path_, 0}});
     return list;
   }
-  [[noreturn]] void refuse(const std::string& what) const { throw SceneError({path_, 0}, where_ + what); }
+  [[noreturn]] void refuse(const std::string& what) const { throw ConfigError({path_, 0}, where_ + what); }
   [[noreturn]] void refuse(const char* key, const std::string& what) const {
     std::string message = where_;
     message.append(".").append(key).append(": ").append(what);
-    throw SceneError({path_, 0}, message);
+    throw ConfigError({path_, 0}, message);
   }
 
  private:

@@ -9,20 +9,20 @@
 
 namespace multipanda {
 
-// What an experiment of the kind `performance` reads from its `settings` (docs/experiments.md).
+// The `settings` of an experiment of the kind `performance` (docs/experiments.md).
 struct PerformanceSettings {
   struct Condition {
     std::string name, label;
     std::vector<Override> set;  // on top of the scene
-    std::string course;         // of the motion generator, path
+    std::string course;         // path of the motion generator's course
     std::string controllet;     // instance that follows it
   };
   struct Switching {
     std::string scene;
     std::size_t trials = 50;               // of each kind
-    std::vector<std::string> controllets;  // two that take turns
+    std::vector<std::string> controllets;  // two that alternate
     std::string controllet, feature;       // switched on and off
-    std::string bystander;                 // arm that none of this concerns
+    std::string bystander;                 // arm that the switches do not affect
   };
   struct DelayCheck {
     std::vector<double> delays_s;
@@ -40,10 +40,10 @@ struct PerformanceSettings {
   std::optional<DelayCheck> delay_check;
 };
 
-// Throws SceneError: what was found, what was expected.
+// Throws ConfigError with the value found and the value expected.
 PerformanceSettings performance_settings(const Experiment& experiment);
 
-// A scene file with changes, on a plant; as text and checked.
+// A scene file with changes, on a plant, as text and as a checked scene.
 std::string changed_scene_text(const Experiment& experiment, const std::string& scene,
                                const std::string& plant, const std::vector<Override>& set);
 OpenedScene changed_scene(const Experiment& experiment, const std::string& scene, const std::string& plant,

@@ -16,18 +16,18 @@ using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kLead = 500;                       // cycles before the first request
 constexpr double kPauseLow = 0.005, kPauseHigh = 0.015;  // between two requests [s]
-constexpr std::size_t kCyclesPerTrial = 60;  // kept: a pause, an answer, and what the machine takes between
+constexpr std::size_t kCyclesPerTrial = 60;              // kept: a pause, an answer and delays of the machine
 
 constexpr double kAnswerPatience = 10;  // [s]
 
 struct Trial {
   std::string kind, to;
   Answer answer;
-  HostTime queued;  // the request waited for the loop by then
+  HostTime queued;  // time at which the request was queued for the loop
 };
 
-// As MultimodeController::ask(). An asker that loses its core between its time stamp and the queue is late
-// itself: what the loop owes begins with the queue.
+// As MultimodeController::ask(). If the requesting thread loses its core between its time stamp and the
+// queue, that delay is not the loop's. So the loop's delay counts from the queue.
 Answer ask_and_note(MultimodeController& modes, const Request& request, HostTime& queued) {
   Answer answer;
   std::uint64_t ticket = 0;
@@ -59,11 +59,11 @@ InstanceIndex instance_named(const MultimodeController& modes, const std::string
   return instance;
 }
 
-// Cycles that began between the request and the one that took it: 0 in the very next one.
+// Cycles that began between the request and the cycle that took it; 0 if the next cycle took it.
 std::int64_t cycles_late(const CommandTrace& trace, const Trial& trial) {
   std::size_t i = 0;
   while (i < trace.count() && trace.sample(i).start_ns < trial.queued.ns) ++i;
-  if (i == trace.count()) return 0;  // taken within the last cycle that was kept
+  if (i == trace.count()) return 0;  // taken within the last recorded cycle
   return static_cast<std::int64_t>(trial.answer.cycle) - static_cast<std::int64_t>(trace.sample(i).cycle);
 }
 
@@ -72,8 +72,8 @@ std::unique_ptr<CommandTrace> trace_of(Session& session, std::size_t samples) {
                                         CommandTrace::Options{.lead = 0, .samples = samples});
 }
 
-// Cycles, up to number `last`, in which the arm's two histories differ in any bit of what it measured or was
-// sent.
+// Number of cycles up to `last` in which two histories of the arm differ in any bit of its
+// measurements or commands.
 std::size_t different_cycles(const CommandTrace& a, const CommandTrace& b, ArmIndex arm, std::uint64_t last,
                              std::size_t& compared) {
   std::size_t different = 0, j = 0;
@@ -126,17 +126,17 @@ Json run_switching(const PerformanceRun& run) {
       Trial& trial = trials.emplace_back(Trial{.kind = kind, .to = to, .answer = {}, .queued = {}});
       trial.answer = ask_and_note(modes, request, trial.queued);
     };
-    const auto wanted = [&] { return !run.progress.stopped() && !session.wait_for_end(0); };
-    // Feature first: its controllet is the one that runs from the start.
-    for (std::size_t i = 0; i < switching.trials && wanted(); ++i) {
-      const bool on = i % 2 != 0;  // it is on when the run starts
+    const auto running = [&] { return !run.progress.stopped() && !session.wait_for_end(0); };
+    // Feature first: its controllet runs from the start.
+    for (std::size_t i = 0; i < switching.trials && running(); ++i) {
+      const bool on = i % 2 != 0;  // the feature is on at the start of the run
       ask("feature", switching.feature + (on ? " on" : " off"),
           {.kind = Request::Kind::set_feature,
            .instance = owner,
            .index = static_cast<std::uint16_t>(feature),
            .on = on});
     }
-    for (std::size_t i = 0; i < switching.trials && wanted(); ++i)
+    for (std::size_t i = 0; i < switching.trials && running(); ++i)
       ask("controllet", switching.controllets[(i + 1) % 2], {.activate = sets[(i + 1) % 2]});
     session.stop();
     summary = session.finish();
@@ -151,7 +151,7 @@ Json run_switching(const PerformanceRun& run) {
     session.start();
     (void)session.finish();
   }
-  // What the loop does when it ends (all arms to hold) concerns the bystander; it is not compared.
+  // The end of the run, when all arms go to hold, affects the bystander and is not compared.
   const std::uint64_t last = trials.empty() ? 0 : trials.back().answer.cycle;
   std::size_t compared = 0;
   const std::size_t different = different_cycles(*trace, *undisturbed, bystander, last, compared);

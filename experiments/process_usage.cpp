@@ -11,8 +11,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Run time and waiting time of one task [s]. In nanoseconds; `stat` counts in ticks of 10 ms, which is a
-// thirtieth of a sampling interval of 0.3 s.
+// Run time and waiting time of one task [s]. Schedule statistics have a resolution of nanoseconds; `stat`
+// counts ticks of 10 ms, a thirtieth of a sampling interval of 0.3 s.
 ThreadUsage schedule_statistics(const fs::path& task) {
   std::ifstream file(task / "schedstat");
   double run_ns = 0, wait_ns = 0;
@@ -20,12 +20,12 @@ ThreadUsage schedule_statistics(const fs::path& task) {
   return {run_ns * 1e-9, wait_ns * 1e-9};
 }
 
-// utime + stime of `stat`: where the kernel keeps no schedule statistics.
+// utime + stime of `stat`, for kernels without schedule statistics.
 double ticks_s(const fs::path& process) {
   std::ifstream file(process / "stat");
   std::string text;
   std::getline(file, text);
-  const std::size_t name_end = text.rfind(')');  // the name may hold spaces
+  const std::size_t name_end = text.rfind(')');  // the name may contain spaces
   if (name_end == std::string::npos) return 0;
   std::istringstream fields(text.substr(name_end + 1));
   std::string skipped;

@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-namespace multipanda {
+namespace multipanda::process_usage_test {
 namespace {
 
 double thread_clock_s() {
@@ -15,14 +15,14 @@ double thread_clock_s() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-// However long that takes on a busy machine.
+// A busy machine takes longer.
 void use_cpu(double s) {
   const double end = thread_clock_s() + s;
   while (thread_clock_s() < end) {
   }
 }
 
-TEST(ProcessUsage, CountsTheTimeOnACoreAndNotTheTimeThatPassed) {
+TEST(ProcessUsage, CountsCoreTimeAndNotElapsedTime) {
   const ProcessUsage before = process_usage(getpid());
   const ThreadUsage thread_before = thread_usage(gettid());
   const double clock_before = thread_clock_s();
@@ -31,13 +31,13 @@ TEST(ProcessUsage, CountsTheTimeOnACoreAndNotTheTimeThatPassed) {
   const ProcessUsage after = process_usage(getpid());
   const ThreadUsage thread_after = thread_usage(gettid());
   ASSERT_TRUE(before.present && after.present);
-  constexpr double kTick = 0.02;  // the kernel writes a running thread's time down at its ticks
+  constexpr double kTick = 0.02;  // the kernel updates a running thread's time at its ticks
   EXPECT_NEAR(after.cpu_s - before.cpu_s, used, kTick);
   EXPECT_NEAR(thread_after.cpu_s - thread_before.cpu_s, used, kTick);
   EXPECT_GE(thread_after.waited_s, thread_before.waited_s);
 }
 
-TEST(ProcessUsage, SeesMemoryThatIsTouched) {
+TEST(ProcessUsage, CountsMemoryThatIsTouched) {
   const double before = process_usage(getpid()).memory_mb;
   const std::vector<char> block(64u << 20, 1);
   EXPECT_NEAR(process_usage(getpid()).memory_mb - before, 64, 4);
@@ -45,14 +45,14 @@ TEST(ProcessUsage, SeesMemoryThatIsTouched) {
   EXPECT_EQ(block.back(), 1);
 }
 
-TEST(ProcessUsage, OfAProcessThatIsNotThere) {
+TEST(ProcessUsage, MissingProcessIsNotPresent) {
   const ProcessUsage none = process_usage(1 << 30);  // beyond the kernel's largest number
   EXPECT_FALSE(none.present);
   EXPECT_EQ(none.cpu_s, 0);
   EXPECT_EQ(thread_usage(1 << 30).cpu_s, 0);
 }
 
-TEST(MachineUsage, GrowsWhileSomebodyWorks) {
+TEST(MachineUsage, GrowsUnderLoad) {
   const MachineUsage before = machine_usage();
   use_cpu(0.1);
   EXPECT_GT(machine_usage().busy_s, before.busy_s);
@@ -60,4 +60,4 @@ TEST(MachineUsage, GrowsWhileSomebodyWorks) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::process_usage_test

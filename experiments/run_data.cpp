@@ -10,7 +10,7 @@
 namespace multipanda {
 namespace {
 
-// Columns of an arm, in this order; then those of its model.
+// Columns of an arm in this order, followed by those of its model.
 enum State : std::size_t {
   kStateTime,
   kStateCycle,
@@ -34,8 +34,8 @@ enum State : std::size_t {
 enum Model : std::size_t { kModelTime, kModelCycle, kPosition, kOrientation, kLinear, kGravity };
 enum InputColumn : std::size_t { kInputTime, kInputCycle, kValue, kRate };
 
-// Columns that no figure looks at: parts of the power balance.
-bool wanted(const std::string& output) { return !output.starts_with("power_"); }
+// Columns that no figure uses: parts of the power balance.
+bool used_in_figures(const std::string& output) { return !output.starts_with("power_"); }
 
 }  // namespace
 
@@ -76,7 +76,7 @@ RunData::RunData(const Scene& scene, const RecordLayout& layout,
           {.topic = instance.name + "/" + input.name, .kind = input.quantity, .frame = input.frame});
     }
     for (const auto& output : instance.outputs) {
-      if (!wanted(output.name)) continue;
+      if (!used_in_figures(output.name)) continue;
       const std::string topic = instance.name + "/outputs/" + output.name;
       outputs_.push_back({.first = columns_.size(), .offset = output.offset, .size = output.size});
       column(topic + "/t", 1, false);
@@ -167,7 +167,7 @@ void RunData::take(const CycleRecord& record) {
 
 void RunData::write(const std::filesystem::path& file) const {
   std::vector<NpzWriter::Array> arrays;
-  std::vector<const Numbers*> filled;  // outputs of controllets that never ran are not in a log either
+  std::vector<const Numbers*> filled;  // a log has no outputs of controllets that never ran either
   for (const auto& column : columns_) {
     if (!column.values.empty()) filled.push_back(&column);
   }
@@ -180,7 +180,7 @@ void RunData::write(const std::filesystem::path& file) const {
   for (const auto& instance : layout_.instances) longest = std::max(longest, code_point_count(instance.name));
   for (const auto& owner : owners_)
     arrays.push_back({owner.name, NpzWriter::Kind::text, owner.values.size(), longest, false});
-  std::vector<std::pair<std::size_t, const Series*>> kinds;  // one row says it
+  std::vector<std::pair<std::size_t, const Series*>> kinds;  // one row for all cycles
   for (const auto& instance : inputs_) {
     for (const auto& input : instance) {
       if (!input.seen) continue;

@@ -10,9 +10,9 @@
 
 namespace multipanda {
 
-// What the figures of a run are made from, gathered while it runs: the arrays that export_npz would make of
-// its log, without reading the log back. Names and meaning are those of the export (docs/logs.md), whole
-// numbers are floating point; what no figure needs is left out.
+// The data from which the figures of a run are computed, collected during the run: the arrays that export_npz
+// makes of its log. Names and meaning are those of the export (docs/logs.md). Integers are stored as floating
+// point, and arrays that no figure needs are left out.
 class RunData {
  public:
   // `model_every`: cycles between two evaluations of the model, as in the log.
@@ -35,8 +35,8 @@ class RunData {
   };
   struct Arm {
     std::size_t joints = 0;
-    std::size_t first = 0;        // of its columns
-    std::size_t first_model = 0;  // of its columns of the model
+    std::size_t first = 0;        // of its columns in columns_
+    std::size_t first_model = 0;  // of its model columns
     ModelTerms terms;
   };
   struct Series {  // an input, or an output

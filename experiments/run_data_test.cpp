@@ -6,18 +6,18 @@
 
 #include <gtest/gtest.h>
 
-#include "analysis/python_script.hpp"
 #include "logs/export.hpp"
 #include "runtime/session.hpp"
 #include "scene/load.hpp"
+#include "support/child_process.hpp"
 
-namespace multipanda {
+namespace multipanda::run_data_test {
 namespace {
 
 namespace fs = std::filesystem;
 
-// Every array of the first archive that is in the second, number by number; whatever else is in the second
-// is what no figure needs. A row of `kind` and `frame` stands for all.
+// Compares every array of the first archive with the second. Further arrays of the second are not needed by
+// figures. One row of `kind` and `frame` represents all rows.
 constexpr const char* kCompare = R"(
 import sys, numpy as np
 mine, log = np.load(sys.argv[1]), np.load(sys.argv[2])
@@ -38,7 +38,7 @@ for name in names:
 assert {'arm/model/pose_position', 'cartesian/pose/value', 'cartesian/outputs/position_error_m/values'} <= set(names), names
 )";
 
-TEST(RunData, AreTheArraysOfTheLogsExport) {
+TEST(RunData, EqualTheArraysOfTheLogExport) {
   const fs::path folder = fs::path(testing::TempDir()) / ("run_data_" + std::to_string(getpid()));
   fs::create_directories(folder);
   OpenedScene opened = open_scene("one_arm");
@@ -52,12 +52,12 @@ TEST(RunData, AreTheArraysOfTheLogsExport) {
   const RunSummary summary = session.finish();
   data->write(folder / "mine.npz");
   export_npz(summary.log, folder / "log.npz");
-  const ScriptResult compared =
-      run_script(MULTIPANDA_SOURCE_DIR "/.venv/bin/python",
-                 {"-I", "-B", "-c", kCompare, (folder / "mine.npz").string(), (folder / "log.npz").string()});
-  EXPECT_TRUE(compared.good) << compared.output;
+  const ProgramResult compared = run_program(
+      MULTIPANDA_SOURCE_DIR "/.venv/bin/python",
+      {"-I", "-B", "-c", kCompare, (folder / "mine.npz").string(), (folder / "log.npz").string()});
+  EXPECT_TRUE(compared.good()) << compared.output;
   fs::remove_all(folder);
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::run_data_test

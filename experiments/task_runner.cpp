@@ -1,4 +1,4 @@
-// Runs a task's sessions, several at once where nothing has to keep the wall clock's pace.
+// Runs a task's sessions, several at once unless they are paced by the wall clock.
 #include <algorithm>
 #include <fstream>
 #include <mutex>
@@ -22,7 +22,7 @@ using Json = nlohmann::ordered_json;
 constexpr std::uint64_t kModelEvery = 5;    // cycles: poses at 200 Hz
 constexpr std::uint64_t kObjectsEvery = 2;  // cycles
 
-// Poses of the free objects, taken on the loop's thread: logs have the arms only.
+// Poses of the free objects, recorded on the loop's thread, since logs contain only the arms.
 class ObjectTrace {
  public:
   ObjectTrace(const Scene& scene, double duration_s) {
@@ -84,7 +84,7 @@ class TaskRunner {
         repeats_(options.repeats.value_or(experiment.repeats)),
         runs_(task_runs(experiment, repeats_, options.only)),
         registry_(build_registry(scene_plugins(task_scene_text(experiment, runs_.at(0)), experiment.scene))) {
-    // Every scene is read before the first one runs: a wrong variant is refused at once.
+    // All scenes are read before the first run, so that an invalid variant is refused at once.
     for (const auto& run : runs_) {
       if (run.repeat == 1) (void)task_scene(experiment_, run, registry_);
     }
@@ -108,7 +108,7 @@ class TaskRunner {
     Json plan = describe(experiment_);
     plan["repeats"] = repeats_;
     plan["fast"] = options_.fast;
-    plan["backend"] = name_of(options_.backend.arms);
+    plan["backend"] = name_of(options_.backend.kind);
     plan["runs"] = Json::array();
     for (auto& done : done_) plan["runs"].push_back(std::move(done));
     ExperimentResult result = evaluate(experiment_, plan, options_);
@@ -137,8 +137,7 @@ class TaskRunner {
   Json run_one(const TaskRun& run) {
     Scene scene = task_scene(experiment_, run, registry_);
     if (scene.duration_s == 0)
-      throw std::invalid_argument(experiment_.scene +
-                                  ": the scene of an experiment needs its end, duration_s");
+      throw std::invalid_argument(experiment_.scene + ": the scene of an experiment needs a duration_s");
     const std::string name = run.name();
     const fs::path scratch = options_.directory / "logs" / (name + ".part");
     ObjectTrace objects(scene, scene.duration_s);

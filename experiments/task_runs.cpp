@@ -6,7 +6,7 @@
 #include <sstream>
 
 #include "experiments/yaml_tree.hpp"
-#include "scene/names.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -15,15 +15,15 @@ std::string read_file(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
   std::ostringstream text;
   text << in.rdbuf();
-  if (!in) throw SceneError({path, 0}, "cannot be read");
+  if (!in) throw ConfigError({path, 0}, "cannot be read");
   return text.str();
 }
 
-// Uniform in [-1, 1) from the generator's own bits: the same numbers with every standard library.
+// Uniform in [-1, 1) from the generator's bits, so that every standard library gives the same numbers.
 class Draw {
  public:
   Draw(std::uint64_t seed, std::uint64_t repeat) : bits_(seed * 1'000'003 + repeat) {
-    for (int i = 0; i < 8; ++i) bits_();  // neighbouring seeds begin alike
+    for (int i = 0; i < 8; ++i) bits_();  // the first numbers of adjacent seeds are similar
   }
   double operator()() { return static_cast<double>(bits_() >> 11) * 0x1p-52 - 1.0; }
 
@@ -39,15 +39,15 @@ std::vector<const ExperimentVariant*> chosen_variants(const Experiment& experime
   std::vector<std::string> known;
   for (const auto& variant : experiment.variants) {
     known.insert(known.end(), variant.tags.begin(), variant.tags.end());
-    const bool wanted =
+    const bool requested =
         only.empty() || std::any_of(only.begin(), only.end(), [&](const auto& name) {
           return std::find(variant.tags.begin(), variant.tags.end(), name) != variant.tags.end();
         });
-    if (wanted) chosen.push_back(&variant);
+    if (requested) chosen.push_back(&variant);
   }
   for (const auto& name : only) {
     if (std::find(known.begin(), known.end(), name) == known.end())
-      throw std::invalid_argument(experiment.name + ": there is no variant '" + name + "'" +
+      throw std::invalid_argument(experiment.name + ": unknown variant '" + name + "'" +
                                   name_hint(name, known, "there are none"));
   }
   return chosen;
@@ -91,13 +91,18 @@ nlohmann::ordered_json timeline_of(const std::string& scene_text) {
 Scene task_scene(const Experiment& experiment, const TaskRun& run, const Registry& registry) {
   const std::string text = task_scene_text(experiment, run);
   try {
-    return parse_scene(text, experiment.scene, registry);
-  } catch (const SceneError& error) {
-    // Lines are those of the changed text; a fault of the file itself is better told with its own.
+    Scene scene = parse_scene(text, experiment.scene, registry);
+    if (!scene.timeline.empty() && scene.duration_s > 0 && scene.timeline.back().at_s >= scene.duration_s)
+      throw ConfigError(scene.timeline.back().place,
+                        "the scene ends before this event; "
+                        "raise duration_s or remove the event");
+    return scene;
+  } catch (const ConfigError& error) {
+    // Line numbers refer to the changed text. An error in the file itself is reported with its own line.
     (void)load_scene(experiment.scene, registry);
-    throw SceneError({experiment.path, 0},
-                     "variant '" + run.variant->name + "', plant '" + run.plant +
-                         "': with the experiment's values the scene is refused: " + error.what());
+    throw ConfigError({experiment.path, 0},
+                      "variant '" + run.variant->name + "', plant '" + run.plant +
+                          "': the scene with the experiment's values is invalid: " + error.what());
   }
 }
 

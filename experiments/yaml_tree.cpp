@@ -2,8 +2,8 @@
 
 #include <charconv>
 
-#include "scene/mapping.hpp"
-#include "scene/names.hpp"
+#include "config_file/text.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -25,7 +25,7 @@ bool decimal(std::string_view text, double& value) {
   return error == std::errc() && end == text.data() + text.size() && !text.empty();
 }
 
-// Where a word leads to inside a node: a key of a mapping, an item of a list. -1: nowhere.
+// Resolves a path element inside a node: a key of a mapping, an item of a list. -1: not found.
 std::ptrdiff_t index_of(const YAML::Node& list, const std::string& word) {
   std::size_t index = 0;
   const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), index);
@@ -61,11 +61,11 @@ std::vector<std::string> words_of(const YAML::Node& node) {
   std::string message = "the key path ";
   message += in_quotes(key);
   message += " leads nowhere in the scene: there is no ";
-  message += in_quotes(word) + name_hint(word, words_of(at), "nothing stands there");
-  throw SceneError(place, message);
+  message += in_quotes(word) + name_hint(word, words_of(at), "the list is empty");
+  throw ConfigError(place, message);
 }
 
-// A scalar that is written in quotes is a text and stays one.
+// A scalar in quotes is a string and stays one.
 nlohmann::ordered_json scalar_json(const YAML::Node& node) {
   const std::string& text = node.Scalar();
   double value = 0;
@@ -137,8 +137,8 @@ void put(YAML::Node& root, const Override& change) {
 double plain_number(const YAML::Node& node, const std::string& key, const SourcePlace& place) {
   double value = 0;
   if (!node.IsScalar() || !decimal(node.Scalar(), value))
-    throw SceneError(place, "the key path " + in_quotes(key) +
-                                " does not lead to a plain decimal number, or to a list of them");
+    throw ConfigError(place, "the key path " + in_quotes(key) +
+                                 " does not lead to a plain decimal number, or to a list of them");
   return value;
 }
 

@@ -5,23 +5,23 @@
 #include <nlohmann/json.hpp>
 #include <yaml-cpp/yaml.h>
 
+#include "config_file/text.hpp"
 #include "experiments/experiment.hpp"
-#include "scene/fields.hpp"
 
 // YAML trees changed by key paths. For the files of this folder only.
 namespace multipanda {
 
 std::string yaml_text(const YAML::Node& node);
-// Scalars become numbers, booleans or texts, as they look.
+// Scalars become numbers, booleans or strings, by their syntax.
 nlohmann::ordered_json yaml_json(const YAML::Node& node);
 
 // Puts a value into the tree. The path's last key may be new, everything before it must be there; items of
 // lists are named by their `name`, by their number, or by a key that they have (the first that has it).
-// Throws SceneError at the override's place.
+// Throws ConfigError at the override's place.
 void put(YAML::Node& root, const Override& change);
 
-// Moves the number at the path, or each of the list there, by amounts that `draw` returns within +-1, times
-// `by`. Throws SceneError where there is no plain number.
+// Varies the number at the path, or each number of the list there, by amounts that `draw` returns within +-1,
+// times `by`. Throws ConfigError if there is no plain number.
 template <typename Draw>
 void vary(YAML::Node& root, const Variation& change, Draw&& draw);
 

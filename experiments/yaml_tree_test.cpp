@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-namespace multipanda {
+namespace multipanda::yaml_tree_test {
 namespace {
 
 using testing::HasSubstr;
@@ -20,13 +20,13 @@ YAML::Node tree() {
 std::string refusal(const std::function<void()>& work) {
   try {
     work();
-  } catch (const SceneError& error) {
+  } catch (const ConfigError& error) {
     return error.what();
   }
   return "not refused";
 }
 
-TEST(YamlTree, ValuesArePutByNameAndByNumber) {
+TEST(YamlTree, ValuesAreSetByNameAndByNumber) {
   YAML::Node root = tree();
   put(root, {.key = "objects.table.contact.stiffness_n_per_m", .value = "1000", .place = {}});
   put(root, {.key = "objects.table.position_m.2", .value = "0.5", .place = {}});
@@ -47,7 +47,7 @@ TEST(YamlTree, ValuesArePutByNameAndByNumber) {
   EXPECT_EQ(root["plant"]["fidelity"].as<std::string>(), "ideal");
 }
 
-TEST(YamlTree, APathThatLeadsNowhereIsRefusedWithTheNearestName) {
+TEST(YamlTree, AnUnknownPathIsRefusedWithTheNearestName) {
   YAML::Node root = tree();
   const auto put_at = [&](const char* key) {
     return refusal([&] { put(root, {.key = key, .value = "1", .place = {"task.yaml", 7}}); });
@@ -60,7 +60,7 @@ TEST(YamlTree, APathThatLeadsNowhereIsRefusedWithTheNearestName) {
   EXPECT_EQ(yaml_text(root), yaml_text(tree())) << "a refused path changed the tree";
 }
 
-TEST(YamlTree, NumbersAreMovedByTheirDraws) {
+TEST(YamlTree, NumbersAreVariedByTheirDraws) {
   YAML::Node root = tree();
   std::vector<double> draws{0.5, -1, 0.25, 0.75};
   std::size_t next = 0;
@@ -75,11 +75,11 @@ TEST(YamlTree, NumbersAreMovedByTheirDraws) {
               HasSubstr("plain decimal number"));
 }
 
-TEST(YamlTree, JsonHasNumbersBooleansAndTexts) {
+TEST(YamlTree, JsonHasNumbersBooleansAndStrings) {
   const auto json =
       yaml_json(YAML::Load("{a: 1, b: 2.5, c: true, d: word, e: '7', f: [1, -2e-3], g: {h: x}}"));
   EXPECT_EQ(json.dump(), R"({"a":1,"b":2.5,"c":true,"d":"word","e":"7","f":[1,-0.002],"g":{"h":"x"}})");
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::yaml_tree_test

@@ -12,10 +12,10 @@
 #include <type_traits>
 #include <vector>
 
-// CDR, little-endian: the serialization of ROS 2 messages. A 4-byte header 00 01 00 00; then the fields in
-// order, each primitive aligned to its own size, counted from after the header; strings as u32 length (NUL
-// included) and bytes; sequences as u32 count and elements; fixed arrays as bare elements. (OMG CDR, as used
-// by DDS-RTPS.)
+// CDR, little-endian: the serialization of ROS 2 messages (OMG CDR, as used by DDS-RTPS). A 4-byte header 00
+// 01 00 00 precedes the fields in order. Each primitive is aligned to its own size, counted from the end of
+// the header. Strings have a u32 length (NUL included) and bytes, sequences a u32 count and elements, fixed
+// arrays only elements.
 namespace multipanda {
 
 // A generated message struct: see generate_messages.py.
@@ -31,8 +31,8 @@ concept CdrPrimitive = std::is_arithmetic_v<T>;
 
 class CdrWriter {
  public:
-  // The serialized message; valid until the next call. The buffer is reused, so that steady use does not
-  // allocate.
+  // Returns the serialized message, valid until the next call. The buffer is reused, so that steady use does
+  // not allocate.
   template <RosMessage M>
   std::span<const std::uint8_t> write(const M& message) {
     buffer_.assign(kHeader.begin(), kHeader.end());
@@ -74,7 +74,7 @@ class CdrWriter {
   void put_elements(const Range& values) {
     using T = typename Range::value_type;
     if constexpr (CdrPrimitive<T> && !std::same_as<T, bool>) {  // std::vector<bool> has no bytes to copy
-      if (values.empty()) return;                               // no element, no alignment
+      if (values.empty()) return;                               // without elements there is no alignment
       align(sizeof(T));
       put_bytes(values.data(), values.size() * sizeof(T));
     } else {
@@ -85,7 +85,7 @@ class CdrWriter {
   std::vector<std::uint8_t> buffer_;
 };
 
-// Reads what CdrWriter writes. Throws std::runtime_error where the bytes end too early or cannot be CDR.
+// Reads what CdrWriter writes. Throws std::runtime_error if the bytes end too early or are not valid CDR.
 class CdrReader {
  public:
   explicit CdrReader(std::span<const std::uint8_t> bytes);
@@ -112,7 +112,7 @@ class CdrReader {
   void get(std::vector<T>& values) {
     std::uint32_t count = 0;
     get(count);
-    // Every element takes at least one byte: a damaged count must not ask for gigabytes.
+    // Every element takes at least one byte, so a damaged count cannot request gigabytes.
     if (count > bytes_.size()) throw std::runtime_error("CDR: a sequence is longer than its message");
     values.resize(count);
     get_elements(values);

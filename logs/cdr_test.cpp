@@ -5,9 +5,9 @@
 #include <gtest/gtest.h>
 
 #include "logs/messages.hpp"
-#include "logs/test_messages.hpp"
+#include "logs/testing/test_messages.hpp"
 
-namespace multipanda {
+namespace multipanda::cdr_test {
 namespace {
 
 std::vector<std::uint8_t> serialized(const auto& message) {
@@ -16,7 +16,7 @@ std::vector<std::uint8_t> serialized(const auto& message) {
   return {bytes.begin(), bytes.end()};
 }
 
-// Bytes by hand from the format's rules.
+// Bytes computed by hand from the format's rules.
 TEST(Cdr, LayoutOfStringsAndAlignment) {
   msg::ControlletOutput message;
   message.stamp.sec = 1;
@@ -40,8 +40,7 @@ TEST(Cdr, LayoutOfStringsAndAlignment) {
 
 TEST(Cdr, EmptySequenceOfDoublesIsNotAligned) {
   msg::ControlletOutput message;
-  // 4 header, 8 stamp, 8 cycle, 5 + 3 instance, 5 + 3 name, 4 count: no alignment for elements that are not
-  // there
+  // 4 header, 8 stamp, 8 cycle, 5 + 3 instance, 5 + 3 name, 4 count. An empty sequence has no alignment.
   EXPECT_EQ(serialized(message).size(), 4u + 8 + 8 + 8 + 8 + 4);
 }
 
@@ -63,13 +62,13 @@ TYPED_TEST(EveryMessage, RoundTrip) {
     RandomFiller(random).fill(message);
     const auto bytes = serialized(message);
     TypeParam back;
-    RandomFiller(random).fill(back);  // what was there before must not shine through
+    RandomFiller(random).fill(back);  // earlier content must not remain
     CdrReader(bytes).read(back);
     EXPECT_EQ(message.fields(), back.fields());
   }
 }
 
-// A damaged message is refused, whatever is damaged; it never reads outside its bytes (sanitizers see that).
+// A damaged message is refused, whatever is damaged, and nothing outside its bytes is read (sanitizers).
 TYPED_TEST(EveryMessage, CutOffIsRefused) {
   std::mt19937 random(8);
   TypeParam message;
@@ -96,4 +95,4 @@ TYPED_TEST(EveryMessage, DamagedBytesDoNoHarm) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::cdr_test

@@ -24,6 +24,20 @@ struct Column {
   NpzWriter::Kind kind = NpzWriter::Kind::real;
   std::size_t width = 0;  // most numbers, or code points, of any message
   bool matrix = false;
+  std::string unit;
+  std::vector<std::string> parts;
+
+  // The names of its cells in a table, with unit: "q_1_rad", "tool_center_x_m", "age_s".
+  std::vector<std::string> cell_names() const {
+    const bool told = unit.empty() || name.ends_with("_" + unit);
+    const std::string ending = told ? "" : "_" + unit;
+    if (!matrix) return {name + ending};
+    std::vector<std::string> names;
+    for (std::size_t i = 0; i < width; ++i) {
+      names.push_back(name + "_" + (i < parts.size() ? parts[i] : std::to_string(i + 1)) + ending);
+    }
+    return names;
+  }
 };
 
 struct Table {
@@ -54,7 +68,7 @@ std::string as_json(const std::vector<FlatField>& fields) {
   nlohmann::ordered_json object;
   for (const FlatField& field : fields) {
     if (const auto* text = std::get_if<std::string>(&field.values)) {
-      // Lists of texts are JSON already.
+      // Lists of strings are already JSON.
       object[field.name] = !text->empty() && text->front() == '['
                                ? nlohmann::ordered_json::parse(*text, nullptr, false)
                                : nlohmann::ordered_json(*text);
@@ -85,14 +99,13 @@ void read_log(const std::filesystem::path& log, std::vector<std::string>* notes,
     }
   }
   if (notes == nullptr) return;
-  for (const std::string& topic : unknown)
-    notes->push_back("not exported, of a type not known here: " + topic);
+  for (const std::string& topic : unknown) notes->push_back("not exported, unknown message type: " + topic);
   if (!reader.complete()) {
     notes->push_back(
-        "the log has no footer (killed, or the disk was full): exported up to its last whole chunk");
+        "the log has no footer (killed, or the disk was full); exported up to its last complete chunk");
   }
   if (reader.damaged_records() > 0) {
-    notes->push_back(std::to_string(reader.damaged_records()) + " damaged records left out");
+    notes->push_back(std::to_string(reader.damaged_records()) + " damaged records are left out");
   }
 }
 
@@ -104,9 +117,10 @@ std::map<std::string, Table> measure(const std::filesystem::path& log, ExportRes
       table.topic = topic;
       table.json = happens_now_and_then(type);
       for (const FlatField& field : fields) {
-        table.columns.push_back({field.name == "stamp" ? "t" : field.name, kind_of(field), 0, false});
+        table.columns.push_back(
+            {field.name == "stamp" ? "t" : field.name, kind_of(field), 0, false, field.unit, field.parts});
       }
-      if (table.json) table.columns.push_back({"json", NpzWriter::Kind::text, 0, false});
+      if (table.json) table.columns.push_back({"json", NpzWriter::Kind::text, 0, false, {}, {}});
     }
     for (std::size_t i = 0; i < fields.size(); ++i) {
       table.columns[i].width = std::max(table.columns[i].width, width_of(fields[i]));
@@ -119,7 +133,7 @@ std::map<std::string, Table> measure(const std::filesystem::path& log, ExportRes
     ++table.rows;
     ++result.messages;
   });
-  if (tables.empty()) throw std::runtime_error(log.string() + " has no message that could be exported");
+  if (tables.empty()) throw std::runtime_error(log.string() + " has no message to export");
   return tables;
 }
 
@@ -139,7 +153,8 @@ std::string csv_text(std::string_view text) {
 template <typename T>
 void append_number(std::string& line, T value) {
   char text[40];
-  line.append(text, std::to_chars(text, text + sizeof(text), value).ptr);  // shortest that reads back exactly
+  line.append(text,
+              std::to_chars(text, text + sizeof(text), value).ptr);  // shortest text that reads back exactly
 }
 
 template <typename T>
@@ -166,12 +181,8 @@ ExportResult export_csv(const std::filesystem::path& log, const std::filesystem:
     result.files.push_back(path);
     std::string line;
     for (const Column& column : table.columns) {
-      const bool several = column.matrix && column.kind != NpzWriter::Kind::text;
-      for (std::size_t i = 0; i < (several ? column.width : 1); ++i) {
-        if (column.name == "json") continue;  // the columns say it all
-        if (!line.empty()) line += ',';
-        line += several ? column.name + "_" + std::to_string(i) : column.name;
-      }
+      if (column.name == "json") continue;  // the other columns contain the same data
+      for (const std::string& cell : column.cell_names()) line += (line.empty() ? "" : ",") + cell;
     }
     file << line << '\n';
   }
@@ -200,7 +211,7 @@ ExportResult export_csv(const std::filesystem::path& log, const std::filesystem:
     file.close();
     if (!file)
       throw std::runtime_error("cannot write the table of " + topic + " in " + directory.string() +
-                               ": is the folder writable, the disk full?");
+                               "; check that the folder is writable and the disk not full");
   }
   return result;
 }

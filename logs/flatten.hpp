@@ -10,18 +10,20 @@
 
 namespace multipanda {
 
-// One field of a message as plain values, for tables and arrays: nested messages become fields "outer_inner";
-// points, vectors, quaternions (x y z w) become one field of 3 or 4 numbers; times become seconds; lists of
-// texts become one text, a JSON array.
+// One field of a message as plain values, for tables and arrays. Nested messages become fields "outer_inner".
+// Points, vectors and quaternions (x y z w) become one field of 3 or 4 numbers, times become seconds, and
+// lists of strings become one string, a JSON array.
 struct FlatField {
   std::string name;
   std::variant<std::vector<double>, std::vector<std::int64_t>, std::string> values;
-  bool list = false;  // a sequence, whatever its present length
+  bool list = false;               // a sequence of any length
+  std::string unit;                // as in a column's name: "rad_per_s"; empty: none
+  std::vector<std::string> parts;  // names of the numbers of a point, vector or quaternion: x y z
 };
 
-// The message's fields in the order of its definition. Nothing when the message is of a type not known here;
-// throws std::runtime_error when it is of a known type but of another definition (a log of another version),
-// or damaged.
+// The message's fields in the order of its definition; nothing for an unknown message type.
+// Throws std::runtime_error for a damaged message, and for a known type with another definition
+// (a log of another version).
 std::optional<std::vector<FlatField>> flatten(const mcap::Schema& schema, mcap::Bytes cdr);
 
 }  // namespace multipanda

@@ -1,4 +1,4 @@
-"""Turns ROS 2 message definitions into one C++ header: a struct per message, its fields for visitors, its text.
+"""Turns ROS 2 message definitions into one C++ header: a struct per message, its fields for visitors, units and text.
 
 Usage: generate_messages.py OUTPUT NAMES ROOT...   (each ROOT holds <package>/msg/<Name>.msg)
 
@@ -6,7 +6,8 @@ NAMES, separated by commas, are the messages of multipanda_msgs that logs contai
 interfaces alone.
 
 The .msg files are the only definition: serializer, reader, export and the schemas inside log files all follow
-from them. Only the Python standard library is used.
+from them. The last [...] in a field's comment is its unit; a nested message with several quantities has one unit for
+each, separated by commas. Only the Python standard library is used.
 """
 
 import pathlib
@@ -15,20 +16,32 @@ import sys
 
 OWN_PACKAGE = "multipanda_msgs"
 PRIMITIVES = {
-    "bool": "bool", "byte": "std::uint8_t", "char": "std::uint8_t", "string": "std::string",
-    "float32": "float", "float64": "double",
+    "bool": "bool",
+    "byte": "std::uint8_t",
+    "char": "std::uint8_t",
+    "string": "std::string",
+    "float32": "float",
+    "float64": "double",
     **{f"{u}int{n}": f"std::{u}int{n}_t" for u in ("", "u") for n in (8, 16, 32, 64)},
 }
+UNIT = re.compile(r".*\[([^\]]+)\]")
 FIELD = re.compile(r"(?P<type>[\w/]+)(?P<array>\[(?P<size>\d*)\])?\s+(?P<name>\w+)\s*(?P<constant>=)?\s*(?P<value>.*)")
+
+
+def unit_suffix(unit):
+    """A unit as it ends a column's name: "N m/s" is nm_per_s. Quaternions have none."""
+    over, _, under = unit.strip().partition("/")
+    name = over.lower().replace("n m", "nm").replace("^", "").replace(" ", "_")
+    return "" if name == "quaternion" else f"{name}_per_{under}" if under else name
 
 
 class Message:
     def __init__(self, path):
         self.package, self.name = path.parts[-3], path.stem
         self.text = path.read_text()
-        self.fields, self.constants = [], []
+        self.fields, self.constants, self.units = [], [], []
         for number, raw in enumerate(self.text.splitlines(), 1):
-            line = raw.split("#")[0].strip()
+            line, _, comment = (part.strip() for part in raw.partition("#"))
             if not line:
                 continue
             match = FIELD.fullmatch(line)
@@ -41,6 +54,8 @@ class Message:
                 if kind not in PRIMITIVES and "/" not in kind:
                     kind = f"{self.package}/{kind}"
                 self.fields.append((kind, match["array"], match["size"], match["name"], match["value"]))
+                unit = UNIT.match(comment)
+                self.units.append(",".join(unit_suffix(part) for part in unit[1].split(",")) if unit else "")
 
     @property
     def key(self):
@@ -51,7 +66,7 @@ class Message:
 
 
 def in_order(messages):
-    """Messages with everything a message uses before it."""
+    """Orders messages so that each one follows those that it uses."""
     done = {}
 
     def add(key):
@@ -91,17 +106,24 @@ def generate(messages):
     out += [f"#include <{h}>" for h in ("array", "cstdint", "string", "string_view", "tuple", "vector")]
     out += ["", "namespace multipanda::msg {"]
     for message in in_order(messages):
-        out += ["", f"struct {message.name} {{",
-                f'  static constexpr std::string_view kType = "{message.package}/msg/{message.name}";',
-                f'  static constexpr std::string_view kText = R"msg({full_text(message, messages)})msg";']
+        out += [
+            "",
+            f"struct {message.name} {{",
+            f'  static constexpr std::string_view kType = "{message.package}/msg/{message.name}";',
+            f'  static constexpr std::string_view kText = R"msg({full_text(message, messages)})msg";',
+        ]
         out += [f"  static constexpr {PRIMITIVES[k]} {name} = {value};" for k, name, value in message.constants]
         out += [f"  {cpp_type(k, a, s)} {name}{{{value}}};" for k, a, s, name, value in message.fields]
         names = ", ".join(f'"{f[3]}"' for f in message.fields)
+        units = ", ".join(f'"{unit}"' for unit in message.units)
         members = ", ".join(f[3] for f in message.fields)
-        out += [f"  static constexpr std::array<std::string_view, {len(message.fields)}> kFields = {{{names}}};",
-                f"  auto fields() {{ return std::tie({members}); }}",
-                f"  auto fields() const {{ return std::tie({members}); }}",
-                "};"]
+        out += [
+            f"  static constexpr std::array<std::string_view, {len(message.fields)}> kFields = {{{names}}};",
+            f"  static constexpr std::array<std::string_view, {len(message.fields)}> kUnits = {{{units}}};",
+            f"  auto fields() {{ return std::tie({members}); }}",
+            f"  auto fields() const {{ return std::tie({members}); }}",
+            "};",
+        ]
     own = ", ".join(m.name for m in in_order(messages) if m.package == OWN_PACKAGE)
     out += ["", f"using OwnMessages = std::tuple<{own}>;", "", "}  // namespace multipanda::msg", ""]
     return "\n".join(out)

@@ -41,6 +41,35 @@ std::string header_record(std::string_view library) {
   return record(Opcode::header, Encoder().text("ros2").text(library).bytes());
 }
 
+namespace {
+
+// The lines of a message definition without comments and extra space.
+std::string without_comments(std::string_view text) {
+  std::string out;
+  while (!text.empty()) {
+    const std::size_t end = std::min(text.find('\n'), text.size());
+    const std::string_view line = text.substr(0, std::min(end, text.find('#')));
+    text.remove_prefix(std::min(end + 1, text.size()));
+    const std::size_t begin = out.size();
+    for (const char c : line) {
+      if (c != ' ' && c != '\t' && c != '\r') {
+        out += c;
+      } else if (out.size() > begin && out.back() != ' ') {
+        out += ' ';
+      }
+    }
+    if (out.size() > begin && out.back() == ' ') out.pop_back();
+    if (out.size() > begin) out += '\n';
+  }
+  return out;
+}
+
+}  // namespace
+
+bool same_definition(const Schema& schema, std::string_view definition) {
+  return schema.text == definition || without_comments(schema.text) == without_comments(definition);
+}
+
 std::string encode(const Schema& s) {
   return record(Opcode::schema, Encoder().put(s.id).text(s.name).text(s.encoding).text(s.text).bytes());
 }
@@ -157,7 +186,7 @@ EncodedChunk encode_chunk(std::string_view records, const ChunkIndexEntries& ent
 
   const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(ZSTD_createCCtx(), &ZSTD_freeCCtx);
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel,
-                         1);  // fast: the loop may outrun real time 20-fold
+                         1);  // fast, since an unpaced loop runs up to 20 times faster than real time
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_checksumFlag, 1);
   std::string compressed(ZSTD_compressBound(records.size()), '\0');
   const std::size_t size =
@@ -174,14 +203,14 @@ DecodedChunk decode_chunk(Bytes content) {
   chunk.info.start_ns = in.get<std::uint64_t>();
   chunk.info.end_ns = in.get<std::uint64_t>();
   chunk.info.uncompressed_size = in.get<std::uint64_t>();
-  in.get<std::uint32_t>();  // CRC: 0 in our files, zstd has its own
+  in.get<std::uint32_t>();  // CRC: 0 in our files, since zstd has its own
   chunk.info.compression = in.text();
   chunk.info.compressed_size = in.get<std::uint64_t>();
   chunk.compressed = in.take(chunk.info.compressed_size);
   if (chunk.info.compression.empty()) {
     chunk.records.assign(reinterpret_cast<const char*>(chunk.compressed.data()), chunk.compressed.size());
   } else if (chunk.info.compression == "zstd") {
-    // A damaged size must not ask for all the memory there is: zstd never expands beyond about 2^15.
+    // A damaged size must not request all memory: zstd never expands by more than about 2^15.
     if (chunk.info.uncompressed_size >> 15 > chunk.info.compressed_size + 1) {
       throw std::runtime_error("MCAP: implausible size of a chunk");
     }
@@ -192,10 +221,10 @@ DecodedChunk decode_chunk(Bytes content) {
     chunk.records.resize(size);
   } else {
     throw std::runtime_error("MCAP: compression '" + chunk.info.compression +
-                             "' is not read here, only zstd");
+                             "' is not supported, only zstd");
   }
   if (chunk.records.size() != chunk.info.uncompressed_size) {
-    throw std::runtime_error("MCAP: a chunk is shorter than it says");
+    throw std::runtime_error("MCAP: a chunk is shorter than its stated size");
   }
   return chunk;
 }

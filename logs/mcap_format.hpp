@@ -11,7 +11,7 @@
 #include <vector>
 
 // The parts of the MCAP container format (mcap.dev/spec) that writer, reader and repair share. A file is:
-// magic, records, magic. A record is: opcode u8, length u64, content. Integers are little-endian; strings
+// magic, records, magic. A record is: opcode u8, length u64, content. Integers are little-endian. Strings
 // have a u32 length; maps and arrays have a u32 length in bytes.
 namespace multipanda::mcap {
 
@@ -46,6 +46,9 @@ struct Schema {
   std::string text;
   bool operator==(const Schema&) const = default;
 };
+
+// Whether the schema's fields and constants are those of `definition`; comments and blank lines do not count.
+bool same_definition(const Schema& schema, std::string_view definition);
 
 struct Channel {
   std::uint16_t id = 0;
@@ -95,7 +98,7 @@ class Encoder {
   std::string out_;
 };
 
-// Takes MCAP's primitives from bytes; throws std::runtime_error where they end too early.
+// Takes MCAP's primitives from bytes. Throws std::runtime_error if they end too early.
 class Decoder {
  public:
   explicit Decoder(Bytes bytes) : bytes_(bytes) {}
@@ -120,7 +123,7 @@ class Decoder {
   Bytes bytes_;
 };
 
-// Whole records, head included.
+// Complete records, including the head.
 std::string record(Opcode opcode, std::string_view content);
 std::string header_record(std::string_view library);
 std::string encode(const Schema& schema);
@@ -128,34 +131,34 @@ std::string encode(const Channel& channel);
 std::string encode(const Attachment& attachment);
 std::string encode(const Metadata& metadata);
 
-// Contents, without head.
+// Contents, without the head.
 Schema decode_schema(Bytes content);
 Channel decode_channel(Bytes content);
 Attachment decode_attachment(Bytes content);
 Metadata decode_metadata(Bytes content);
 
-// Where the messages of one chunk are, for its message index records.
+// The positions of the messages in one chunk, for its message index records.
 struct IndexEntry {
   std::uint64_t log_time_ns = 0;
   std::uint64_t offset = 0;  // of the message record within the uncompressed chunk
 };
 using ChunkIndexEntries = std::map<std::uint16_t, std::vector<IndexEntry>>;  // by channel
 
-// A chunk in the file, as the summary remembers it.
+// A chunk in the file, as the summary lists it.
 struct ChunkInfo {
   std::uint64_t start_ns = 0, end_ns = 0;
   std::uint64_t compressed_size = 0, uncompressed_size = 0;
   std::string compression;
 };
 
-// One of the records that stand one behind the other in a chunk.
+// One of the consecutive records in a chunk.
 struct InnerRecord {
   Opcode opcode;
   std::uint64_t offset;  // of its head in the chunk
   Bytes content;
 };
-// Takes the record at `offset` of `chunk` and moves `offset` behind it; throws std::runtime_error when it is
-// not whole.
+// Takes the record at `offset` of `chunk` and advances `offset`. Throws std::runtime_error if the record is
+// not complete.
 InnerRecord take_record(Bytes chunk, std::size_t& offset);
 
 struct MessageHead {
@@ -170,22 +173,22 @@ inline Bytes as_bytes(std::string_view s) {
   return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()};
 }
 
-// Everything a footer's summary needs, gathered while records are appended to a file one after the other.
-// Each function is told the file offset at which the record begins.
+// Collects the content of the footer's summary while records are appended to a file. Each function takes the
+// file offset at which the record begins.
 class Summary {
  public:
   void add(const Schema& schema) { schemas_[schema.id] = schema; }
   void add(const Channel& channel) { channels_[channel.id] = channel; }
   void add(const Attachment& attachment, std::uint64_t offset, std::uint64_t length);
   void add(const Metadata& metadata, std::uint64_t offset, std::uint64_t length);
-  // `chunk_length`: of the chunk record; `index_lengths`: of each message index record, in the order of
-  // `entries`.
+  // `chunk_length`: of the chunk record; `index_lengths`: of each message index record, in the
+  // order of `entries`.
   void add(const ChunkInfo& chunk, const ChunkIndexEntries& entries, std::uint64_t offset,
            std::uint64_t chunk_length, const std::vector<std::uint64_t>& index_lengths);
 
   // Data end, summary, footer and closing magic for a file whose records end at `offset`.
   std::string encode_end(std::uint64_t offset) const;
-  // Upper bound of encode_end().size(): what has to stay free on the disk.
+  // Upper bound of encode_end().size(): the space to keep free on the disk.
   std::size_t size_bound() const;
 
   std::uint64_t messages() const { return messages_; }
@@ -201,7 +204,7 @@ class Summary {
   std::uint64_t messages_ = 0, start_ns_ = 0, end_ns_ = 0;
 };
 
-// A chunk record with its message index records behind it, ready to be appended.
+// A chunk record followed by its message index records, ready to be appended.
 struct EncodedChunk {
   std::string bytes;
   ChunkInfo info;
@@ -210,11 +213,11 @@ struct EncodedChunk {
 };
 // `records`: the messages' records; compressed with zstd, whose own checksum guards the content.
 EncodedChunk encode_chunk(std::string_view records, const ChunkIndexEntries& entries);
-// The same around content that is compressed already (repair).
+// The same for content that is already compressed (repair).
 EncodedChunk wrap_chunk(std::string_view compressed, const ChunkInfo& info, const ChunkIndexEntries& entries);
 
-// The records inside a chunk record's content; throws std::runtime_error when damaged or of unknown
-// compression.
+// The records inside a chunk record's content. Throws std::runtime_error if they are damaged or the
+// compression is unknown.
 struct DecodedChunk {
   ChunkInfo info;
   Bytes compressed;  // within the record's content

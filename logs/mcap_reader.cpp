@@ -28,7 +28,7 @@ std::optional<McapScanner::Record> McapScanner::next() {
   Decoder in(head);
   const auto opcode = in.get<std::uint8_t>();
   const auto length = in.get<std::uint64_t>();
-  // Opcode 0 does not exist: the zeros of a block that the disk never got.
+  // Opcode 0 does not exist: these are zeros of a block that never reached the disk.
   if (opcode == 0 || offset_ + head.size() > size_ || length > size_ - offset_ - head.size())
     return std::nullopt;
   content_.resize(static_cast<std::size_t>(length));
@@ -53,7 +53,8 @@ std::optional<McapReader::Message> McapReader::next() {
       if (record->opcode == Opcode::chunk) {
         chunk_ = mcap::decode_chunk(record->content).records;
         chunk_offset_ = 0;
-      } else if (record->opcode == Opcode::message) {  // outside of chunks: not ours, but allowed
+      } else if (record->opcode ==
+                 Opcode::message) {  // outside of chunks: we do not write this, but the format allows it
         chunk_ = mcap::record(
             Opcode::message, {reinterpret_cast<const char*>(record->content.data()), record->content.size()});
         chunk_offset_ = 0;
@@ -101,14 +102,14 @@ std::optional<McapReader::Message> McapReader::next_in_chunk() {
       }
       const mcap::MessageHead message = mcap::decode_message(record.content);
       const auto channel = channels_.find(message.channel);
-      if (channel == channels_.end()) throw std::runtime_error("MCAP: a message of a channel never declared");
+      if (channel == channels_.end()) throw std::runtime_error("MCAP: a message of an undeclared channel");
       const auto schema = schemas_.find(channel->second.schema);
-      if (schema == schemas_.end()) throw std::runtime_error("MCAP: a channel of a schema never declared");
+      if (schema == schemas_.end()) throw std::runtime_error("MCAP: a channel of an undeclared schema");
       return Message{&channel->second, &schema->second, message.sequence,
                      static_cast<std::int64_t>(message.log_time_ns), message.data};
     } catch (const std::runtime_error&) {
       ++damaged_;
-      // A record whose length cannot be trusted leads nowhere: what follows in this chunk is lost with it.
+      // A record without a valid length ends the chunk: the following records are lost with it.
       if (chunk_offset_ == before) chunk_offset_ = bytes.size();
     }
   }

@@ -13,10 +13,10 @@
 
 namespace multipanda {
 
-// The records of an MCAP file one after the other, as far as they are whole. Needs neither index nor footer.
+// The records of an MCAP file in order, as far as they are complete. Needs neither index nor footer.
 class McapScanner {
  public:
-  // Throws std::runtime_error when the file cannot be opened or does not begin like an MCAP file.
+  // Throws std::runtime_error if the file cannot be opened or does not start like an MCAP file.
   explicit McapScanner(const std::filesystem::path& path);
 
   struct Record {
@@ -24,10 +24,10 @@ class McapScanner {
     std::uint64_t offset;  // of its head in the file
     mcap::Bytes content;   // valid until the next call
   };
-  std::optional<Record> next();  // nothing: the end, or the first record that is not whole
+  std::optional<Record> next();  // nothing: the end, or the first incomplete record
 
   bool complete() const { return complete_; }            // ended with a footer
-  std::uint64_t whole_bytes() const { return offset_; }  // up to here the records are whole
+  std::uint64_t whole_bytes() const { return offset_; }  // up to here the records are complete
   std::uint64_t file_bytes() const { return size_; }
 
  private:
@@ -40,11 +40,23 @@ class McapScanner {
   std::vector<std::uint8_t> content_;
 };
 
-// Reads a log's messages in the order of the file; works on the file of a killed process up to its last whole
-// chunk, and on a file that is still being written. Memory use: one chunk.
+// Whether `schema` is that of message M. Throws std::runtime_error if it has M's name and other fields: the
+// log comes from another version.
+template <typename M>
+bool holds(const mcap::Schema& schema) {
+  if (schema.name != M::kType) return false;
+  if (mcap::same_definition(schema, M::kText)) return true;
+  throw std::runtime_error(
+      "the log defines " + schema.name +
+      " with fields that differ from this program's: read it with the version that wrote it (the "
+      "log's metadata names it)");
+}
+
+// Reads a log's messages in the order of the file. Also reads the file of a killed process up to its last
+// complete chunk, and a file that is still being written. Memory use: one chunk.
 class McapReader {
  public:
-  // Throws std::runtime_error when the file cannot be opened or does not begin like an MCAP file.
+  // Throws std::runtime_error if the file cannot be opened or does not start like an MCAP file.
   explicit McapReader(const std::filesystem::path& path) : scanner_(path) {}
 
   struct Message {
@@ -56,13 +68,13 @@ class McapReader {
   };
   std::optional<Message> next();
 
-  // Those passed so far. A log's scene, versions and machine stand before its first message.
+  // Those read so far. A log's scene, versions and machine precede its first message.
   const std::vector<mcap::Metadata>& metadata() const { return metadata_; }
   const std::vector<mcap::Attachment>& attachments() const { return attachments_; }
   const std::map<std::uint16_t, mcap::Channel>& channels() const { return channels_; }
   const std::map<std::uint16_t, mcap::Schema>& schemas() const { return schemas_; }
 
-  // After the last message.
+  // Valid after the last message.
   bool complete() const { return scanner_.complete(); }       // false: no footer, see repair()
   std::uint64_t damaged_records() const { return damaged_; }  // skipped: unreadable inside the file
   std::uint64_t missing_bytes() const {

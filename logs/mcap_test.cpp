@@ -8,10 +8,10 @@
 #include "logs/mcap_reader.hpp"
 #include "logs/mcap_writer.hpp"
 #include "logs/messages.hpp"
-#include "logs/test_files.hpp"
-#include "logs/test_messages.hpp"
+#include "logs/testing/test_files.hpp"
+#include "logs/testing/test_messages.hpp"
 
-namespace multipanda {
+namespace multipanda::mcap_test {
 namespace {
 
 msg::ArmState state(std::uint64_t cycle) {
@@ -22,7 +22,7 @@ msg::ArmState state(std::uint64_t cycle) {
   return message;
 }
 
-// Noise does not compress: the file grows as much as its messages.
+// Noise does not compress: the file grows by the size of its messages.
 msg::Event noise(std::mt19937& random, std::uint64_t cycle) {
   msg::Event message;
   message.cycle = cycle;
@@ -31,7 +31,7 @@ msg::Event noise(std::mt19937& random, std::uint64_t cycle) {
   return message;
 }
 
-// While it lives, no file of this process can grow beyond `bytes`: a full disk.
+// While this object lives, no file of this process can grow beyond `bytes`, as on a full disk.
 class FileSizeLimit {
  public:
   explicit FileSizeLimit(rlim_t bytes) {
@@ -106,7 +106,7 @@ TEST(Mcap, EmptyLogIsComplete) {
   EXPECT_TRUE(reader.complete());
 }
 
-// What a killed process leaves is what the file holds while the writer is still open.
+// The file of a killed process is what it contains while the writer is still open.
 TEST(Mcap, OldChunksAreInTheFileBeforeClosing) {
   const TestFolder folder;
   McapWriter writer(folder / "log.mcap",
@@ -116,7 +116,7 @@ TEST(Mcap, OldChunksAreInTheFileBeforeClosing) {
     writer.write(channel, 0, state(i));
     if (i % 10 == 9) writer.flush_if_due();
   }
-  writer.write(channel, 0, state(30));  // gathered, not flushed
+  writer.write(channel, 0, state(30));  // collected, not flushed
   McapReader reader(folder / "log.mcap");
   int count = 0;
   while (reader.next()) ++count;
@@ -176,7 +176,7 @@ TEST(Mcap, AnyDamageIsSurvived) {
   }
 }
 
-TEST(Mcap, RefusesWhatIsNoLog) {
+TEST(Mcap, RefusesFilesThatAreNotLogs) {
   const TestFolder folder;
   EXPECT_THROW(McapReader(folder / "none.mcap"), std::runtime_error);
   put_content(folder / "text.mcap", "hello, this is not a log");
@@ -216,7 +216,7 @@ TEST(McapFullDisk, CountsWhatIsMissingAndClosesTheFile) {
   EXPECT_EQ(read["/events"] + read["/left/state"], status.messages_written);
 }
 
-TEST(McapFullDisk, GoesOnWhenThereIsRoomAgain) {
+TEST(McapFullDisk, ContinuesWhenThereIsSpaceAgain) {
   const TestFolder folder;
   const auto path = folder / "log.mcap";
   std::mt19937 random(3);
@@ -238,7 +238,7 @@ TEST(McapFullDisk, GoesOnWhenThereIsRoomAgain) {
   std::uint64_t count = 0, last = 0;
   while (const auto message = reader.next()) {
     last = from_cdr<msg::Event>(message->data).cycle;
-    EXPECT_EQ(message->sequence, last);  // the gap shows in the sequence numbers
+    EXPECT_EQ(message->sequence, last);  // the sequence numbers show the gap
     ++count;
   }
   EXPECT_EQ(last, 1499u);
@@ -257,5 +257,14 @@ TEST(McapFullDisk, FullFromTheStart) {
   EXPECT_THAT(status.error, testing::HasSubstr("No space left"));
 }
 
+TEST(Definitions, DoNotDependOnComments) {
+  mcap::Schema schema{1, std::string(msg::ArmState::kType), "ros2msg", std::string(msg::ArmState::kText)};
+  schema.text.insert(0, "# another comment\n\n");
+  EXPECT_TRUE(holds<msg::ArmState>(schema));
+  EXPECT_FALSE(holds<msg::ArmCommand>(schema));
+  schema.text.replace(schema.text.find("float64 age"), 11, "float32 age");
+  EXPECT_THROW(holds<msg::ArmState>(schema), std::runtime_error);
+}
+
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::mcap_test

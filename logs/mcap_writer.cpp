@@ -16,8 +16,8 @@ McapWriter::McapWriter(const std::filesystem::path& path, const Options& options
     throw std::runtime_error("cannot create the log " + path.string() + ": " + std::strerror(errno) +
                              "; choose another folder or make this one writable");
   }
-  // Tells repair() that somebody is still writing; gone with this process, however it ends. A file system
-  // without locks loses only that warning.
+  // Tells repair() that a writer is active; released when this process ends in any way. File systems without
+  // locks lose only that warning.
   (void)!::flock(file_, LOCK_EX | LOCK_NB);
   pending_ = std::string(mcap::kMagic) + mcap::header_record("multipanda");
   append_pending_and({});
@@ -114,7 +114,7 @@ const WriterStatus& McapWriter::close() {
   flush();
   append_pending_and({});
   status_.closed = pending_.empty() && append(summary_.encode_end(status_.bytes), false);
-  // Gives unused reserved room back. Pipes and devices refuse, and have none.
+  // Returns unused reserved space. Pipes and devices refuse, but have no reserved space.
   (void)!::ftruncate(file_, static_cast<off_t>(status_.bytes));
   ::fdatasync(file_);
   if (::close(file_) != 0) fail("closing", errno);
@@ -129,8 +129,8 @@ bool McapWriter::append_pending_and(std::string_view bytes) {
   return true;
 }
 
-// Takes the disk space up to `end` now, beyond the file's present end. File systems that cannot are not asked
-// twice by what follows: write() itself then tells.
+// Allocates disk space up to `end`, beyond the file's current end. File systems without this function are
+// asked only once; write() then reports a full disk.
 bool McapWriter::reserve(std::uint64_t end) {
   rlimit limit{};
   if (::getrlimit(RLIMIT_FSIZE, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY && end > limit.rlim_cur) {
@@ -149,7 +149,7 @@ bool McapWriter::reserve(std::uint64_t end) {
 bool McapWriter::append(std::string_view bytes, bool keep_reserve) {
   if (broken_ || file_ < 0) return false;
   if (bytes.empty()) return true;
-  // Spare: the record that says at the end what is missing, and one more chunk index.
+  // Spare space for the final record of missing messages and one more chunk index.
   constexpr std::size_t kSpare = 64u << 10;
   const std::uint64_t end =
       status_.bytes + bytes.size() + (keep_reserve ? summary_.size_bound() + kSpare : 0);

@@ -13,22 +13,22 @@
 
 namespace multipanda {
 
-// What became of what was given to a writer so far.
+// What a writer has done so far.
 struct WriterStatus {
-  std::uint64_t messages_written = 0;  // in whole chunks in the file
-  std::uint64_t messages_lost = 0;     // their chunk, or something they need, could not be written
+  std::uint64_t messages_written = 0;  // in complete chunks in the file
+  std::uint64_t messages_lost = 0;     // their chunk, or a record that they need, could not be written
   std::uint64_t bytes = 0;             // size of the file
   bool closed = false;                 // index and footer are in the file
-  std::string error;                   // first failure, with the operating system's words; empty: none
+  std::string error;                   // first failure, with the operating system's text; empty: none
   std::map<std::string, std::uint64_t> lost_by_topic;
 };
 
 // Writes one MCAP file of ROS 2 messages (profile "ros2", definitions "ros2msg", data "cdr").
 //
-// Messages are gathered in a chunk, which goes into the file by one system call when it is large enough or
-// old enough: a killed process loses at most the chunk it was gathering. Failures never throw: a chunk that
-// does not fit on the disk is given up whole, the file is cut back to its last whole record, and the next
-// chunk tries again. Room for index and footer is kept reserved, so that a file can be closed on a full disk.
+// Messages are collected in a chunk. One system call writes the chunk when it is large enough or old enough,
+// so a killed process loses at most one chunk. Failures never throw: a chunk that does not fit on the disk is
+// discarded, the file is cut back to its last complete record, and the next chunk tries again. Space for
+// index and footer stays reserved, so that a file can be closed on a full disk.
 //
 // One thread at a time. Calls may wait for the disk: never call them in the control loop.
 class McapWriter {
@@ -38,21 +38,21 @@ class McapWriter {
     std::chrono::milliseconds chunk_age{500};  // wall clock
   };
 
-  // Throws std::runtime_error when the file cannot be created.
+  // Throws std::runtime_error if the file cannot be created.
   explicit McapWriter(const std::filesystem::path& path) : McapWriter(path, Options{}) {}
   McapWriter(const std::filesystem::path& path, const Options& options);
   ~McapWriter();  // closes
   McapWriter(const McapWriter&) = delete;
   McapWriter& operator=(const McapWriter&) = delete;
 
-  // A topic for messages of type M; the result is its number for write().
+  // Adds a topic for messages of type M and returns its number for write().
   template <RosMessage M>
   std::uint16_t add_channel(std::string_view topic) {
     return add_channel(topic, M::kType, M::kText);
   }
   std::uint16_t add_channel(std::string_view topic, std::string_view type, std::string_view definition);
 
-  // Into the file at once; false when that failed.
+  // Writes into the file at once; returns false on failure.
   bool add(const mcap::Attachment& attachment);
   bool add(const mcap::Metadata& metadata);
 
@@ -60,14 +60,13 @@ class McapWriter {
   void write(std::uint16_t channel, std::int64_t log_time_ns, const M& message) {
     write_bytes(channel, log_time_ns, cdr_.write(message));
   }
-  // `cdr`: one serialized message. Negative times are written as 0, MCAP has none.
+  // `cdr`: one serialized message. Negative times are written as 0, since MCAP has none.
   void write_bytes(std::uint16_t channel, std::int64_t log_time_ns, std::span<const std::uint8_t> cdr);
 
-  void
-  flush_if_due();  // call now and then, so that the last messages of a quiet stream reach the file in time
+  void flush_if_due();  // call regularly, so that the last messages of a slow topic reach the file in time
   void flush();
 
-  // Ends the chunk, writes index and footer. Safe to call twice.
+  // Ends the chunk and writes index and footer. A second call does nothing.
   const WriterStatus& close();
   const WriterStatus& status() const { return status_; }
 
@@ -80,10 +79,10 @@ class McapWriter {
 
   Options options_;
   int file_ = -1;
-  bool broken_ = false;  // a partial record could not be cut off: nothing more can follow it
+  bool broken_ = false;  // a partial record could not be removed: nothing more can follow it
   WriterStatus status_;
   mcap::Summary summary_;
-  std::string pending_;  // magic, header, definitions: not in the file yet
+  std::string pending_;  // magic, header, definitions: not yet in the file
   std::map<std::string, std::uint16_t, std::less<>> schema_ids_;
   std::map<std::uint16_t, std::uint32_t> sequences_;
   CdrWriter cdr_;

@@ -85,7 +85,8 @@ std::size_t NpzWriter::Entry::row_bytes() const { return array.width * (array.ki
 NpzWriter::NpzWriter(const std::filesystem::path& path, std::vector<Array> arrays)
     : path_(path), file_(path, std::ios::binary | std::ios::trunc) {
   if (!file_)
-    throw std::runtime_error("cannot create " + path.string() + ": is the folder there and writable?");
+    throw std::runtime_error("cannot create " + path.string() +
+                             "; check that the folder exists and is writable");
   std::uint64_t offset = 0;
   for (Array& array : arrays) {
     if (array.kind == Kind::text) array.width = std::max<std::size_t>(array.width, 1);  // numpy has no <U0
@@ -100,7 +101,7 @@ NpzWriter::NpzWriter(const std::filesystem::path& path, std::vector<Array> array
   directory_ = offset;
   if (offset > std::numeric_limits<std::uint32_t>::max() / 16 * 15) {
     throw std::runtime_error("the arrays would exceed 4 GiB, which " + path.string() +
-                             " cannot hold: export to CSV, or a shorter run");
+                             " cannot hold; export to CSV or record a shorter run");
   }
 }
 
@@ -177,7 +178,8 @@ void NpzWriter::close() {
   file_.seekp(static_cast<std::streamoff>(directory_));
   file_ << directory.bytes() << end.bytes();
   file_.close();
-  if (!file_) throw std::runtime_error("cannot write " + path_.string() + ": is the disk full?");
+  if (!file_)
+    throw std::runtime_error("cannot write " + path_.string() + "; check that the disk is not full");
 }
 
 }  // namespace multipanda

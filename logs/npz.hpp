@@ -9,9 +9,9 @@
 
 namespace multipanda {
 
-// Writes numpy's .npz: a zip archive, without compression, of .npy arrays. All shapes are known before the
+// Writes numpy's .npz: a zip archive of .npy arrays without compression. All shapes are known before the
 // first value, so each array has its place in the file from the start and rows of all arrays may come in any
-// order: memory use does not grow with the log. Both formats are public: numpy.lib.format, and PKWARE's
+// order. Memory use does not grow with the log. Both formats are public: numpy.lib.format, and PKWARE's
 // APPNOTE for zip.
 class NpzWriter {
  public:
@@ -21,20 +21,20 @@ class NpzWriter {
     std::string name;  // "left/state/q"
     Kind kind = Kind::real;
     std::size_t rows = 0;
-    std::size_t width = 1;  // numbers per row; of a text: code points
-    bool matrix = false;    // shape (rows, width); otherwise (rows,), a text always
+    std::size_t width = 1;  // numbers per row; for a text: code points
+    bool matrix = false;    // shape (rows, width); otherwise (rows,), as for every text
   };
 
-  // Throws std::runtime_error when the file cannot be created or would exceed 4 GiB.
+  // Throws std::runtime_error if the file cannot be created or would exceed 4 GiB.
   NpzWriter(const std::filesystem::path& path, std::vector<Array> arrays);
 
-  // The next row of array `index`. Rows shorter than the width are filled up: NaN, 0, empty; longer ones are
-  // cut.
+  // Adds the next row of array `index`. Shorter rows are filled with NaN, 0 or empty text; longer
+  // ones are cut.
   void add(std::size_t index, const std::vector<double>& row);
   void add(std::size_t index, const std::vector<std::int64_t>& row);
   void add(std::size_t index, std::string_view utf8);
 
-  void close();  // throws std::runtime_error when the disk is full or rows are missing
+  void close();  // throws std::runtime_error if the disk is full or rows are missing
 
  private:
   struct Entry {

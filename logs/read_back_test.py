@@ -1,4 +1,4 @@
-"""Other people's readers on our files: mcap, mcap-ros2-support, rosbags, numpy, csv.
+"""Third-party readers on multipanda's files: mcap, mcap-ros2-support, rosbags, numpy, csv.
 
 Usage: read_back_test.py TOOL NAMES   (TOOL: the test_tool program; NAMES: the messages that logs contain, with commas)
 The messages' values follow the rule of CountingLeaf in test_messages.hpp.
@@ -120,10 +120,10 @@ class ReadBack(Counted):
     def test_metadata_and_attachment(self):
         with open(self.log, "rb") as stream:
             reader = make_reader(stream)
-            self.assertEqual([m.metadata for m in reader.iter_metadata() if m.name == "run"],
-                             [{"scene": "test", "version": "0"}])
-            self.assertEqual([(a.name, a.data) for a in reader.iter_attachments()],
-                             [("scene.yaml", b"arms: []\n")])
+            self.assertEqual(
+                [m.metadata for m in reader.iter_metadata() if m.name == "run"], [{"scene": "test", "version": "0"}]
+            )
+            self.assertEqual([(a.name, a.data) for a in reader.iter_attachments()], [("scene.yaml", b"arms: []\n")])
 
     def test_one_topic_by_index(self):
         with open(self.log, "rb") as stream:
@@ -133,7 +133,7 @@ class ReadBack(Counted):
     def test_killed(self):
         killed = self.path / "killed.mcap"
         tool("open", killed, COUNT)
-        with self.assertRaises(Exception):  # a file without footer is what this test is about
+        with self.assertRaises(Exception):  # noqa: B017 (a file without footer)
             with AnyReader([killed]):
                 pass
         streamed = self.stream(killed)
@@ -159,7 +159,7 @@ class ReadBack(Counted):
         dice = random.Random(5)
         for _ in range(12):
             cut = self.path / "cut.mcap"
-            cut.write_bytes(whole[:dice.randrange(20, len(whole) - 1)])
+            cut.write_bytes(whole[: dice.randrange(20, len(whole) - 1)])
             streamed = self.stream(cut)
             self.assertEqual(int(tool("repair", cut).stdout), streamed)
             self.read_with_mcap_ros2(cut, streamed)
@@ -200,9 +200,19 @@ class ReadBack(Counted):
             rows = list(csv.DictReader(stream))
         self.assertEqual(len(rows), COUNT)
         self.assertEqual(rows[5]["arm"], "t8")
-        self.assertAlmostEqual(float(rows[5]["t"]), 5 + 6e-9, places=12)
-        self.assertEqual(rows[4]["q_0"], "")
-        self.assertEqual(float(rows[3]["q_1"]) - float(rows[3]["q_0"]), 1)
+        self.assertAlmostEqual(float(rows[5]["t_s"]), 5 + 6e-9, places=12)
+        self.assertEqual(rows[4]["q_1_rad"], "")
+        self.assertEqual(float(rows[3]["q_2_rad"]) - float(rows[3]["q_1_rad"]), 1)
+        for name in ("cycle", "robot_time_ns", "age_s", "dq_3_rad_per_s", "tau_j_1_nm", "gripper_width_m"):
+            self.assertIn(name, rows[0])
+        with open(folder / "test_ArmWrench.csv", newline="") as stream:
+            names = next(csv.reader(stream))
+        self.assertIn("estimated_force_x_n", names)
+        self.assertIn("contact_torque_z_nm", names)
+        with open(folder / "test_ArmConfig.csv", newline="") as stream:
+            names = next(csv.reader(stream))
+        for name in ("end_effector_position_z_m", "end_effector_orientation_w", "tool_inertia_6_kg_m2"):
+            self.assertIn(name, names)
         for row in rows:
             self.assertNotIn(None, row, "more cells than columns")
             self.assertNotIn(None, row.values(), "fewer cells than columns")

@@ -1,4 +1,4 @@
-// The events' half of Recorder::Sink: numbers to names and sentences.
+// The events' part of Recorder::Sink: numbers to names and sentences.
 #include <limits>
 
 #include "logs/record_messages.hpp"
@@ -36,7 +36,7 @@ void Recorder::Sink::write_switch(const Event& event) {
   out.stamp = to_time(event.t.ns);
   words_.fill_switch(event, out);
   writer_.write(switch_channel_, log_time(event.t), out);
-  if (event.received.ns == 0) return;  // the loop's own doing: nobody waited for it
+  if (event.received.ns == 0) return;  // a switch of the loop itself: there was no request
 
   msg::SwitchTiming timing;
   timing.stamp = out.stamp;

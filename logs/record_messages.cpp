@@ -7,6 +7,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "logs/arm_state_fields.hpp"
+
 namespace multipanda {
 namespace {
 
@@ -30,10 +32,6 @@ msg::Wrench to_message(const std::array<double, 6>& F) {
   set(out.force, F.data());
   set(out.torque, F.data() + 3);
   return out;
-}
-
-void assign(std::vector<double>& out, const JointArray& joints, std::size_t count) {
-  out.assign(joints.begin(), joints.begin() + static_cast<std::ptrdiff_t>(count));
 }
 
 double as_seconds(std::int32_t ns) { return 1e-9 * ns; }
@@ -149,7 +147,7 @@ void Recorder::Sink::write(const CycleRecord& record) {
   ++cycles_;
 }
 
-// The loop drops whole records; the numbers of those that come through show where.
+// The loop drops whole records; the gaps in their numbers show where.
 void Recorder::Sink::note_gap(const CycleRecord& record) {
   if (cycles_ == 0) {
     first_start_ = record.start;
@@ -160,7 +158,7 @@ void Recorder::Sink::note_gap(const CycleRecord& record) {
     event.stamp = to_time(record.t.ns);
     event.cycle = record.cycle;
     event.kind = "records_lost";
-    event.text = std::to_string(lost) + " cycles before this one are missing: the writer fell behind";
+    event.text = std::to_string(lost) + " cycles before this one are missing; the writer fell behind";
     event.values = {static_cast<double>(last_cycle_ + 1), static_cast<double>(record.cycle - 1)};
     writer_.write(event_channel_, log_time(record.t), event);
   }
@@ -175,34 +173,14 @@ void Recorder::Sink::write_arm(Arm& arm, const ArmSample& sample, const CycleRec
   msg::ArmState& state = arm.state;
   state.stamp = stamp;
   state.cycle = record.cycle;
-  state.sequence = sample.sequence;
-  state.robot_time_ns = sample.t_robot_ns;
-  state.age = sample.age_s;
-  state.mode = sample.mode;
-  state.errors = sample.errors;
-  state.config_version = sample.config_version;
-  assign(state.q, sample.q, n);
-  assign(state.dq, sample.dq, n);
-  assign(state.tau_j, sample.tau_J, n);
-  assign(state.tau_j_d, sample.tau_J_d, n);
-  assign(state.tau_ext, sample.tau_ext, sample.has_tau_ext ? n : 0);
-  state.command_success_rate = sample.command_success_rate;
-  state.has_gripper = sample.has_gripper;
-  state.gripper_width = sample.gripper_width;
-  state.gripper_max_width = sample.gripper_max_width;
-  state.gripper_grasped = sample.gripper_grasped;
-  state.gripper_moving = sample.gripper_moving;
+  set_arm_state(state, sample, n);
   writer_.write(arm.state_channel, time, state);
 
   msg::ArmCommand& command = arm.command;
   command.stamp = stamp;
   command.cycle = record.cycle;
   command.owner = words_.instance_name(sample.owner);
-  command.due = sample.due;
-  command.interventions = sample.interventions;
-  assign(command.tau_controllet, sample.tau_controllet, n);
-  assign(command.tau_feature, sample.tau_feature, n);
-  assign(command.tau_cmd, sample.tau_cmd, n);
+  set_arm_command(command, sample, n);
   command.limited.resize(n);
   for (std::size_t i = 0; i < n; ++i) {
     command.limited[i] = sample.tau_cmd[i] != sample.tau_controllet[i] + sample.tau_feature[i];
@@ -219,7 +197,7 @@ void Recorder::Sink::write_arm(Arm& arm, const ArmSample& sample, const CycleRec
     wrench.contact = sample.has_contact_truth ? to_message(sample.F_K_W_true) : msg::Wrench{};
     writer_.write(arm.wrench_channel, time, wrench);
   }
-  // By cycle number, not by count: the same cycles in every run, whatever was lost.
+  // By cycle number, not by count: the same cycles in every run, even if records are lost.
   if (arm.terms && (record.cycle - 1) % options_.model_every == 0) write_model(arm, sample, record);
 }
 
@@ -313,10 +291,10 @@ void Recorder::Sink::write_config(Arm& arm, LoopTime t, std::uint64_t cycle) {
   config.end_effector = to_message(arm.frames.X_FE);
   config.stiffness = to_message(arm.frames.X_EK);
   config.tool_mass = arm.tool.mass;
-  config.tool_centre = point(arm.tool.p_FC);
+  config.tool_center = point(arm.tool.p_FC);
   config.tool_inertia = inertia(arm.tool.inertia_C);
   config.load_mass = arm.load.mass;
-  config.load_centre = point(arm.load.p_FC);
+  config.load_center = point(arm.load.p_FC);
   config.load_inertia = inertia(arm.load.inertia_C);
   writer_.write(arm.config_channel, log_time(t), config);
 }

@@ -8,7 +8,7 @@
 
 #include "core/model/model_terms.hpp"
 #include "core/record/cycle_record.hpp"
-#include "logs/event_words.hpp"
+#include "logs/event_text.hpp"
 #include "logs/mcap_writer.hpp"
 #include "logs/messages.hpp"
 #include "logs/recorder.hpp"
@@ -17,7 +17,7 @@ namespace multipanda {
 
 msg::Time to_time(std::int64_t ns);
 
-// Turns cycle records and events into messages and hands them to a writer. One thread.
+// Turns cycle records and events into messages and passes them to a writer. One thread.
 class Recorder::Sink {
  public:
   Sink(const std::filesystem::path& log, const RecordLayout& layout, std::vector<RecordedArm> arms,
@@ -61,7 +61,7 @@ class Recorder::Sink {
   std::int64_t log_time(LoopTime t) const { return t.ns + options_.log_time_offset_ns; }
 
   RecordLayout layout_;
-  EventWords words_{layout_};
+  EventText words_{layout_};
   RecorderOptions options_;
   McapWriter writer_;
   std::vector<Arm> arms_;

@@ -13,10 +13,10 @@ std::vector<std::string> RecorderStatus::missing() const {
   std::vector<std::string> out;
   if (cycles_lost > 0) {
     out.push_back(std::to_string(cycles_lost) +
-                  " cycles are not in the log: its writer fell too far behind the loop");
+                  " cycles are not in the log: the writer fell too far behind the loop");
   }
   if (events_lost > 0)
-    out.push_back(std::to_string(events_lost) + " events are not in the log: too many at once");
+    out.push_back(std::to_string(events_lost) + " events are not in the log: too many at the same time");
   if (writer.messages_lost > 0) {
     std::string text =
         std::to_string(writer.messages_lost) + " messages could not be written (" + writer.error + "):";
@@ -40,7 +40,7 @@ Recorder::~Recorder() { (void)stop(); }
 
 void Recorder::run() {
   pthread_setname_np(pthread_self(), "recorder");
-  sigset_t all;  // signals are the main thread's business
+  sigset_t all;  // the main thread handles signals
   sigfillset(&all);
   pthread_sigmask(SIG_BLOCK, &all, nullptr);
   auto published = std::chrono::steady_clock::now();
@@ -57,8 +57,7 @@ void Recorder::run() {
   }
 }
 
-// Events stand before the record of their cycle, whenever they are seen here: the file's order is that of the
-// loop.
+// Writes events before the record of their cycle, so that the file has the order of the loop.
 bool Recorder::drain() {
   bool any = false;
   while (const CycleRecord* record = ring_.ring.front()) {
@@ -71,7 +70,7 @@ bool Recorder::drain() {
     ring_.ring.pop();
     sink_->writer().flush_if_due();
     any = true;
-    if (sink_->cycles() % 1024 == 0) break;  // look after status and stop now and then
+    if (sink_->cycles() % 1024 == 0) break;  // check status and stop regularly
   }
   return any;
 }
@@ -118,7 +117,7 @@ std::filesystem::path make_run_directory(const std::filesystem::path& directory,
   std::filesystem::create_directories(directory, error);
   std::filesystem::path path = base;
   for (int n = 2; !error && !std::filesystem::create_directory(path, error); ++n) {
-    path = base.string() + "_" + std::to_string(n);  // there already: two runs in one second
+    path = base.string() + "_" + std::to_string(n);  // it exists: two runs in one second
   }
   if (error) {
     throw std::runtime_error("cannot create the folder " + path.string() + ": " + error.message() +

@@ -17,9 +17,9 @@
 
 namespace multipanda {
 
-// What the recorder knows of an arm beyond its name, for the model summary.
+// Additional data of an arm for the model summary.
 struct RecordedArm {
-  std::shared_ptr<const ArmModel> model;  // none: no model summary of this arm
+  std::shared_ptr<const ArmModel> model;  // none: no model summary for this arm
   ArmFrames frames;                       // at the start; changes come as events
   Load tool, load;
 };
@@ -36,31 +36,30 @@ struct RecorderOptions {
 struct RecorderStatus {
   std::filesystem::path log;
   std::uint64_t cycles = 0;       // cycle records taken
-  std::uint64_t cycles_lost = 0;  // that the loop could not leave: the writer was too far behind
+  std::uint64_t cycles_lost = 0;  // records that the loop could not store: the writer was too far behind
   std::uint64_t events_lost = 0;
   WriterStatus writer;
-  // For people, one sentence each; empty: nothing is missing.
+  // Human-readable, one sentence each; empty: nothing is missing.
   std::vector<std::string> missing() const;
 };
 
-// Takes what the loop leaves in a RecordRing and writes it as a log, on a thread of its own. It may fall
-// behind, fail or stand still: the loop never waits for it. Topics and messages: docs/logs.md.
+// Takes the loop's records from a RecordRing and writes them as a log, on its own thread. It may fall behind,
+// fail or stall: the loop never waits for it. Topics and messages: docs/logs.md.
 class Recorder {
  public:
-  // Creates the file, starts the thread. Throws std::runtime_error when the file cannot be created, and
-  // std::invalid_argument when `arms` does not have an element per arm of the layout. `ring` must live
-  // longer.
+  // Creates the file and starts the thread. Throws std::runtime_error if the file cannot be created,
+  // and std::invalid_argument unless `arms` has one element per arm of the layout. `ring` must
+  // outlive this object.
   Recorder(const std::filesystem::path& log, const RecordLayout& layout, RecordRing& ring,
            std::vector<RecordedArm> arms, RecorderOptions options);
   ~Recorder();  // stops
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
-  // Any thread but the loop's. At most about 50 ms old while the recording goes on.
+  // Any thread but the loop's. At most about 50 ms old during recording.
   RecorderStatus status() const;
 
-  // Takes what is left in the ring, closes the file. Call when the loop has ended; not from two threads at
-  // once.
+  // Writes what remains in the ring and closes the file. Call after the loop has ended, from one thread only.
   RecorderStatus stop();
 
  private:
@@ -77,8 +76,8 @@ class Recorder {
   std::thread thread_;
 };
 
-// A new folder DIRECTORY/<date>_<time>_<scene>, with a number behind it if there is one already. Throws
-// std::runtime_error when it cannot be created.
+// Creates a new folder DIRECTORY/<date>_<time>_<scene>, with a number added if it exists. Throws
+// std::runtime_error if it cannot be created.
 std::filesystem::path make_run_directory(const std::filesystem::path& directory, const std::string& scene);
 
 }  // namespace multipanda

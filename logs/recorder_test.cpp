@@ -12,12 +12,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "logs/machine.hpp"
 #include "logs/mcap_reader.hpp"
 #include "logs/messages.hpp"
-#include "logs/test_files.hpp"
+#include "logs/testing/test_files.hpp"
 
-namespace multipanda {
+namespace multipanda::recorder_test {
 namespace {
 
 using testing::ElementsAre;
@@ -103,7 +102,7 @@ std::vector<M> read(const std::filesystem::path& log, const std::string& topic) 
   return out;
 }
 
-// The loop's side: leaves `cycles` records; with `wait`, as an unpaced loop does when the ring is full.
+// The loop's side: stores `cycles` records; with `wait`, as an unpaced loop does when the ring is full.
 void leave_records(RecordRing& ring, const RecordLayout& layout, std::uint64_t first, std::uint64_t cycles,
                    bool wait) {
   for (std::uint64_t cycle = first; cycle < first + cycles; ++cycle) {
@@ -337,9 +336,9 @@ TEST(Recorder, EventsBecomeMessagesWithNames) {
   EXPECT_THAT(events[1].arms, ElementsAre("arm0", "arm1"));
 }
 
-// Without room on the disk the loop's side does not change at all: every record is taken, what is missing is
-// counted.
-TEST(RecorderFullDisk, LoopGoesOnAndTheLogSaysWhatIsMissing) {
+// Without space on the disk, the loop's side does not change: every record is taken, and missing
+// messages are counted.
+TEST(RecorderFullDisk, LoopContinuesAndTheLogNamesWhatIsMissing) {
   const TestFolder folder;
   const auto log = folder / "log.mcap";
   constexpr std::uint64_t kCycles = 20000;
@@ -373,8 +372,7 @@ TEST(RecorderFullDisk, LoopGoesOnAndTheLogSaysWhatIsMissing) {
   EXPECT_EQ(reader.metadata().back().values.at("messages_lost"), std::to_string(status.writer.messages_lost));
 }
 
-// A disk that stands still (a pipe that nobody reads): the loop drops records and counts them, and never
-// waits.
+// A disk that stalls (a pipe that nobody reads): the loop drops and counts records, and never waits.
 TEST(RecorderSlowDisk, LoopDropsAndTheGapIsInTheLog) {
   const TestFolder folder;
   const auto pipe_path = folder / "pipe";
@@ -387,7 +385,7 @@ TEST(RecorderSlowDisk, LoopDropsAndTheGapIsInTheLog) {
   Recorder recorder(pipe_path, layout, ring, std::vector<RecordedArm>(1),
                     {.writer = {.chunk_bytes = 20'000}});
 
-  // Until the ring stays full although it is given time: the writer hangs in the pipe.
+  // Until the ring stays full for some time: the writer is blocked in the pipe.
   std::uint64_t cycle = 1;
   std::uint64_t dropped_in_a_row = 0;
   while (dropped_in_a_row < 50'000'000 / kCapacity) {
@@ -432,15 +430,7 @@ TEST(RecorderSlowDisk, LoopDropsAndTheGapIsInTheLog) {
   EXPECT_EQ(read<msg::CycleTiming>(log, "/timing").back().records_lost, lost);
 }
 
-TEST(Machine, SaysWhatAMeasurementNeeds) {
-  const auto info = machine_info();
-  for (const char* key : {"version", "compiler", "cores", "kernel"}) {
-    EXPECT_TRUE(info.contains(key) && !info.at(key).empty()) << key;
-  }
-  EXPECT_THAT(wall_time_now(), testing::MatchesRegex("20..-..-..T..:..:..[-+]...."));
-}
-
-TEST(Recorder, RefusesWhatDoesNotFit) {
+TEST(Recorder, RefusesMismatchedInput) {
   const TestFolder folder;
   const RecordLayout layout = layout_of(2);
   RecordRing ring(layout, 4);
@@ -456,4 +446,4 @@ TEST(Recorder, RefusesWhatDoesNotFit) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::recorder_test

@@ -18,8 +18,8 @@ namespace {
 
 using mcap::Opcode;
 
-// Held while a log is repaired: against a writer that is still at work, whose data would go into the replaced
-// file, and against a second repair.
+// A lock held during repair: against an active writer, whose data would go into the replaced file, and
+// against a second repair.
 class Lock {
  public:
   explicit Lock(const std::filesystem::path& path) : file_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
@@ -27,7 +27,7 @@ class Lock {
       throw std::runtime_error("cannot open the log " + path.string() + ": " + std::strerror(errno));
     if (::flock(file_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
     ::close(file_);
-    throw std::runtime_error(path.string() + " is still being written: end that run first");
+    throw std::runtime_error(path.string() + " is still being written; end that run first");
   }
   ~Lock() { ::close(file_); }
   Lock(const Lock&) = delete;
@@ -37,7 +37,7 @@ class Lock {
   int file_;
 };
 
-// The new file; removed again unless it is put in place.
+// The new file; removed unless it replaces the old one.
 class Replacement {
  public:
   explicit Replacement(const std::filesystem::path& target)
@@ -57,7 +57,7 @@ class Replacement {
     size_ += bytes.size();
   }
   void put_in_place() {
-    // The new content must be on the disk before the old name points to it.
+    // The new content must be on the disk before the old name refers to it.
     if (std::fflush(file_) != 0 || ::fsync(::fileno(file_)) != 0) fail();
     std::FILE* file = std::exchange(file_, nullptr);
     if (std::fclose(file) != 0) fail();
@@ -70,7 +70,7 @@ class Replacement {
   [[noreturn]] void fail() const {
     const int error = errno;
     throw std::runtime_error("cannot write " + path_.string() + ": " + std::strerror(error) +
-                             "; the log is as it was. A repair needs as much free space as the log is large");
+                             "; the log is unchanged. A repair needs as much free space as the log's size");
   }
   std::filesystem::path target_, path_;
   std::FILE* file_;
@@ -90,7 +90,7 @@ bool ends_with_footer(const std::filesystem::path& path) {
   return scanner.complete();
 }
 
-// Schemas and channels may stand inside a chunk (other writers do that); messages give the index.
+// Schemas and channels may be inside a chunk (other writers do that); messages give the index.
 mcap::ChunkIndexEntries index_of(std::string_view records, mcap::Summary& summary) {
   mcap::ChunkIndexEntries entries;
   const mcap::Bytes bytes = mcap::as_bytes(records);
@@ -150,11 +150,11 @@ RepairResult repair_log(const std::filesystem::path& path) {
         break;
       }
       case Opcode::message_index:
-        break;  // made anew with each chunk
+        break;  // rebuilt with each chunk
       case Opcode::message:
         throw std::runtime_error(path.string() +
-                                 " has messages outside of chunks: not written by this program, "
-                                 "not repaired by it");
+                                 " has messages outside of chunks; it was not written by this program "
+                                 "and cannot be repaired");
       case Opcode::data_end:
       case Opcode::footer:
         in_data = false;

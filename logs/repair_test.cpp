@@ -10,9 +10,9 @@
 #include "logs/mcap_reader.hpp"
 #include "logs/mcap_writer.hpp"
 #include "logs/messages.hpp"
-#include "logs/test_files.hpp"
+#include "logs/testing/test_files.hpp"
 
-namespace multipanda {
+namespace multipanda::repair_test {
 namespace {
 
 class Repair : public testing::Test {
@@ -70,8 +70,8 @@ TEST_F(Repair, CutAnywhereKeepsAllWholeChunks) {
   EXPECT_GT(most, 300u);
 }
 
-// Cut right behind the last chunk: everything is there, and the index is the same as that of a file closed
-// properly.
+// Cut directly after the last chunk: everything is present, and the index is the same as that of a properly
+// closed file.
 TEST_F(Repair, IndexEqualsThatOfAClosedLog) {
   std::uint64_t end = 0;
   McapScanner scanner(log_);
@@ -84,7 +84,8 @@ TEST_F(Repair, IndexEqualsThatOfAClosedLog) {
   EXPECT_EQ(content_of(log_), whole_);
 }
 
-TEST_F(Repair, ZerosAtTheEndAreDropped) {  // a block that was allotted but never written: power failure
+TEST_F(Repair,
+       ZerosAtTheEndAreDropped) {  // a block that was allocated but never written, as after a power failure
   const std::size_t cut = whole_.size() / 2;
   put_content(log_, whole_.substr(0, cut));
   const auto before = read(log_).first;
@@ -128,4 +129,4 @@ TEST_F(Repair, FailureLeavesTheLogAlone) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::repair_test

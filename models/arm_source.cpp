@@ -12,7 +12,7 @@ CollisionShape part(const std::string& name, int joint, const Capsule& capsule, 
   shape.p0 = X_JL * capsule.from;
   shape.p1 = X_JL * capsule.to;
   shape.radius = capsule.radius;
-  // link0 and link1 stand on what is fixed in a scene.
+  // link0 and link1 are mounted on fixed objects of a scene.
   return {name, joint, shape, Pose{}, joint > 0};
 }
 

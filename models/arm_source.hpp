@@ -6,9 +6,8 @@
 namespace multipanda {
 
 // What the core's ArmModel is built from: the URDF without geometry, the limits, the home configuration, the
-// capsules that collide (links and hand) and which of them can meet.
-// X_WB places the base in the world. Throws std::invalid_argument if a hand is asked for and the robot has
-// none.
+// capsules that collide (links and hand) and which of them can collide.
+// X_WB places the base in the world. Throws std::invalid_argument if `hand` is set and the robot has no hand.
 ArmModelSource arm_model_source(const RobotDescription& robot, const Pose& X_WB, bool hand);
 
 }  // namespace multipanda

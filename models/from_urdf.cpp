@@ -6,9 +6,9 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "models/checked_yaml.hpp"
 #include "models/looks.hpp"
 #include "models/urdf_tree.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -19,8 +19,8 @@ std::string in_quotes(const std::string& text) { return "'" + text + "'"; }
 
 Placement placement_of(const Pose& X) { return {X.position, rpy_of(X.rotation)}; }
 
-// One arm being taken out of a robot. Segment i is what moves with the arm's joint i (0: the base), in the
-// frame that has the joint's axis as z.
+// Extracts one arm from a robot. Segment i is the body that moves with joint i of the arm (0: the base), in a
+// frame whose z axis is the axis of the joint.
 class ChainReader {
  public:
   ChainReader(const UrdfTree& tree, const UrdfChain& chain) : tree_(tree), chain_(chain) {}
@@ -31,7 +31,7 @@ class ChainReader {
     bodies_.resize(arm_.size() + 1);
     robot_.joints.resize(arm_.size());
     collect(chain_.base_link, 0, Pose{});
-    if (bodies_[0].mass <= 0) {  // does not move: any mass will do
+    if (bodies_[0].mass <= 0) {  // does not move: the mass has no effect
       bodies_[0] = {1, Vector3::Zero(), 0.01 * Matrix3::Identity()};
     }
     for (std::size_t i = 1; i < bodies_.size(); ++i) check_body(i);
@@ -45,17 +45,20 @@ class ChainReader {
   void check_names() const {
     for (const auto& link : {chain_.base_link, chain_.tip_link}) {
       if (tree_.links.count(link) == 0) {
-        refuse("the URDF has no link " + in_quotes(link) + "." + suggestion(link, tree_.link_names()));
+        refuse("the URDF has no link " + in_quotes(link) +
+               name_hint(link, tree_.link_names(), "there are none"));
       }
     }
     const auto known = [&](const std::string& joint) {
       if (tree_.joint(joint) == nullptr) {
-        refuse("the URDF has no joint " + in_quotes(joint) + "." + suggestion(joint, tree_.joint_names()));
+        refuse("the URDF has no joint " + in_quotes(joint) +
+               name_hint(joint, tree_.joint_names(), "there are none"));
       }
     };
     for (const auto& held : chain_.held_joints) {
       known(held.first);
-      if (!std::isfinite(held.second)) refuse("joint " + in_quotes(held.first) + " is held at no number");
+      if (!std::isfinite(held.second))
+        refuse("joint " + in_quotes(held.first) + " is held at a value that is not a finite number");
     }
     for (const auto& limit : chain_.limits) known(limit.first);
   }
@@ -67,7 +70,7 @@ class ChainReader {
     while (link != chain_.base_link) {
       const UrdfJoint* joint = tree_.parent_joint(link);
       if (joint == nullptr) {
-        refuse("the link " + in_quotes(chain_.tip_link) + " does not stand on " +
+        refuse("the link " + in_quotes(chain_.tip_link) + " is not a descendant of " +
                in_quotes(chain_.base_link) + "; its chain ends at " + in_quotes(link) +
                ". base_link and tip_link name the two ends of one "
                "arm");
@@ -79,22 +82,22 @@ class ChainReader {
       if (joint->type == "fixed" || is_held(*joint)) continue;
       if (!joint->turns()) {
         refuse("joint " + in_quotes(joint->name) + " between base_link and tip_link is " + joint->type +
-               "; an arm has turning joints only. Hold it (held_joints: {" + joint->name +
-               ": 0.0}), or begin behind it");
+               "; expected revolute or continuous joints. Hold it (held_joints: {" + joint->name +
+               ": 0.0}), or choose a base_link behind it");
       }
       if (joint->mimic) {
-        refuse("joint " + in_quotes(joint->name) + " follows " + in_quotes(joint->mimic->joint) +
-               "; coupled joints cannot be controlled one by one. Hold it (held_joints)");
+        refuse("joint " + in_quotes(joint->name) + " mimics " + in_quotes(joint->mimic->joint) +
+               "; coupled joints cannot be controlled separately. Hold it (held_joints)");
       }
       arm_.push_back(joint);
     }
     if (arm_.empty() || arm_.size() > kMaxJoints) {
-      refuse("between " + in_quotes(chain_.base_link) + " and " + in_quotes(chain_.tip_link) + " are " +
-             std::to_string(arm_.size()) + " turning joints; expected 1 to " + std::to_string(kMaxJoints));
+      refuse("between " + in_quotes(chain_.base_link) + " and " + in_quotes(chain_.tip_link) + " there are " +
+             std::to_string(arm_.size()) + " revolute joints; expected 1 to " + std::to_string(kMaxJoints));
     }
   }
 
-  // Where a joint stands that is none of the arm's.
+  // The position of a joint that does not belong to the arm.
   double position(const UrdfJoint& joint, std::size_t depth = 0) const {
     const auto held = chain_.held_joints.find(joint.name);
     if (held != chain_.held_joints.end()) return held->second;
@@ -102,15 +105,15 @@ class ChainReader {
       const UrdfJoint* leader = tree_.joint(joint.mimic->joint);
       if (std::find(arm_.begin(), arm_.end(), leader) != arm_.end()) {
         refuse("joint " + in_quotes(joint.name) + " moves with the arm's joint " + in_quotes(leader->name) +
-               "; such couplings are not modelled. Hold it (held_joints: {" + joint.name + ": 0.0})");
+               "; such couplings are not supported. Hold it (held_joints: {" + joint.name + ": 0.0})");
       }
-      if (depth > tree_.joints.size()) refuse("joint " + in_quotes(joint.name) + " follows itself");
+      if (depth > tree_.joints.size()) refuse("joint " + in_quotes(joint.name) + " mimics itself");
       return joint.mimic->multiplier * position(*leader, depth + 1) + joint.mimic->offset;
     }
     return std::min(std::max(0.0, joint.lower.value_or(-HUGE_VAL)), joint.upper.value_or(HUGE_VAL));
   }
 
-  // Adds `link` and all that it carries; X_SL places it in its segment.
+  // Adds `link` and everything attached to it; X_SL is its pose in its segment.
   void collect(const std::string& link, std::size_t segment, const Pose& X_SL) {
     if (link == chain_.tip_link) robot_.flange = placement_of(X_SL);
     const RigidBody& body = tree_.links.at(link);
@@ -122,7 +125,7 @@ class ChainReader {
       const auto place = std::find(arm_.begin(), arm_.end(), joint);
       if (place != arm_.end()) {
         const auto i = static_cast<std::size_t>(place - arm_.begin());
-        // The child's frame turned so that its z is the axis.
+        // The child frame, rotated so that z is the joint axis.
         const Pose X_CS{Quaternion::FromTwoVectors(Vector3::UnitZ(), joint->axis).toRotationMatrix(),
                         Vector3::Zero()};
         robot_.joints[i] = placement_of(X_SL * joint->X_PC * X_CS);
@@ -137,14 +140,15 @@ class ChainReader {
 
   void check_body(std::size_t segment) const {
     const RigidBody& body = bodies_[segment];
-    const std::string what = "what joint " + in_quotes(arm_[segment - 1]->name) + " moves";
+    const std::string what = "the body that joint " + in_quotes(arm_[segment - 1]->name) + " moves";
     if (body.mass <= 0) {
-      refuse(what + " has no mass; without it no torque can be computed. Give the link " +
+      refuse(what + " has no mass, which computing torques requires. Give the link " +
              in_quotes(arm_[segment - 1]->child) + " an <inertial>, or hold the joint (held_joints)");
     }
     if (!is_physical(body)) {
       refuse(what +
-             " has an inertia that no body has (principal moments about the centre of mass must be "
+             " has an inertia that is not physically consistent (principal moments about the center of mass "
+             "must be "
              "positive, each below the sum of the other two); correct <inertia> of the link " +
              in_quotes(arm_[segment - 1]->child) + " or of what is fixed to it");
     }
@@ -161,8 +165,8 @@ class ChainReader {
       const auto one = [&](const std::optional<double>& ours, const std::optional<double>& theirs,
                            const char* key) {
         if (!ours && !theirs) {
-          refuse("the URDF says no " + std::string(key) + " of joint " + in_quotes(joint.name) +
-                 "; give it (limits: {" + joint.name + ": {" + key + ": ...}})");
+          refuse("the URDF has no " + std::string(key) + " of joint " + in_quotes(joint.name) +
+                 "; add it (limits: {" + joint.name + ": {" + key + ": ...}})");
         }
         return ours ? *ours : *theirs;
       };
@@ -171,8 +175,8 @@ class ChainReader {
       limits.dq_max[i] = one(given.velocity, joint.velocity, "velocity_rad_per_s");
       limits.tau_max[i] = one(given.effort, joint.effort, "effort_nm");
       const std::string cure = " of joint " + in_quotes(joint.name) +
-                               "; a URDF writes 0 where nothing is known: give the limits (limits: {" +
-                               joint.name + ": {...}})";
+                               "; a URDF has 0 for unknown values: add the limits (limits: {" + joint.name +
+                               ": {...}})";
       if (limits.q_min[i] >= limits.q_max[i]) refuse("expected lower_rad below upper_rad" + cure);
       if (limits.dq_max[i] <= 0) refuse("expected velocity_rad_per_s above 0" + cure);
       if (limits.tau_max[i] <= 0) refuse("expected effort_nm above 0" + cure);
@@ -187,7 +191,7 @@ class ChainReader {
     robot_.name = tree_.name;
     robot_.title = tree_.name + ", " + chain_.base_link + " to " + chain_.tip_link;
     for (const UrdfJoint* joint : arm_) robot_.joint_names.push_back(joint->name);
-    // Sticks: the URDF's own meshes are not read.
+    // Capsules along the links, because the meshes of the URDF are not read.
     for (std::size_t i = 0; i <= arm_.size(); ++i) {
       Shape stick;
       stick.link = "link" + std::to_string(i);
@@ -239,7 +243,7 @@ std::filesystem::path urdf_file(const std::string& name, const std::filesystem::
     searched += (searched.empty() ? "" : ", ") + place.string();
   }
   refuse("there is no file " + rest + " in " + searched +
-         "; source the workspace that has the package, or give the file's path");
+         "; source the workspace that has the package, or write the path of the file");
 }
 
 }  // namespace multipanda

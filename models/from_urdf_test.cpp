@@ -1,4 +1,4 @@
-// Arms taken out of a URDF: the same arm as Pinocchio finds in the original, with all other joints locked,
+// Arms imported from a URDF: the same arm as Pinocchio finds in the original, with all other joints locked,
 // and as MuJoCo finds in the MJCF that is written from the import.
 #include "models/from_urdf.hpp"
 
@@ -9,14 +9,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "models/checked_yaml.hpp"
+#include "config_file/node.hpp"
+#include "models/testing/two_engines.hpp"
 #include "models/to_mjcf.hpp"
 #include "models/to_urdf.hpp"
-#include "models/two_engines.hpp"
 #include "models/urdf_tree.hpp"
 #include "models/xml_text.hpp"
 
-namespace multipanda {
+namespace multipanda::from_urdf_test {
 namespace {
 
 using namespace test;
@@ -54,12 +54,12 @@ void expect_same_arm(const RobotDescription& arm, const std::string& original, c
     coriolis = std::max(coriolis, expected.c.norm());
     gravity = std::max(gravity, expected.g.norm());
   }
-  EXPECT_GT(coriolis, 0.1);  // what was compared is not zero
+  EXPECT_GT(coriolis, 0.1);  // the compared values are not zero
   EXPECT_GT(gravity, 1.0);
 }
 
-// A robot that has everything an import must deal with: skew axes, a prismatic joint below the arm, a held
-// joint and a fixed link in the middle of it, links on the side that turn, slide and follow, another arm.
+// A robot with everything that an import must handle: skew axes, a prismatic joint below the arm, a held
+// joint and a fixed link in the middle of it, side links that rotate, slide and mimic, another arm.
 class OddRobot {
  public:
   OddRobot() {
@@ -87,7 +87,7 @@ class OddRobot {
   };
 
   void link(const std::string& name) {
-    // Eight points of mass make a body whose inertia nobody has to check.
+    // Eight point masses make a body whose inertia is consistent by construction.
     RigidBody body;
     for (int i = 0; i < 8; ++i) {
       const RigidBody point{random_.uniform(0.1, 0.4), 0.15 * random_.pose().position,
@@ -148,7 +148,7 @@ std::string replaced(std::string text, const std::string& from, const std::strin
   return text.replace(at, from.size(), to);
 }
 
-TEST(FromUrdf, AnyChainOfAnyTreeIsTheSameArm) {
+TEST(FromUrdf, EveryChainOfATreeIsTheSameArm) {
   const OddRobot odd;
   const RobotDescription arm = robot_from_urdf(odd.text(), odd_chain());
   EXPECT_THAT(arm.joint_names, ElementsAre("shoulder", "elbow", "twist", "wrist"));
@@ -172,24 +172,25 @@ std::string refusal(const std::string& urdf, const UrdfChain& chain) {
   return "nothing was refused";
 }
 
-TEST(FromUrdf, RefusalsSayTheCure) {
+TEST(FromUrdf, ErrorsNameTheCure) {
   const std::string odd = OddRobot().text();
   const auto with = [&](auto&& change) {
     UrdfChain chain = odd_chain();
     change(chain);
     return refusal(odd, chain);
   };
-  EXPECT_THAT(with([](UrdfChain& c) { c.tip_link = "tol"; }), HasSubstr("Did you mean 'tool'?"));
-  EXPECT_THAT(with([](UrdfChain& c) { c.held_joints["lft"] = 0; }), HasSubstr("Did you mean 'lift'?"));
-  EXPECT_THAT(with([](UrdfChain& c) { c.limits["elbw"] = {}; }), HasSubstr("Did you mean 'elbow'?"));
-  EXPECT_THAT(with([](UrdfChain& c) { std::swap(c.base_link, c.tip_link); }), HasSubstr("does not stand on"));
+  EXPECT_THAT(with([](UrdfChain& c) { c.tip_link = "tol"; }), HasSubstr("did you mean 'tool'?"));
+  EXPECT_THAT(with([](UrdfChain& c) { c.held_joints["lft"] = 0; }), HasSubstr("did you mean 'lift'?"));
+  EXPECT_THAT(with([](UrdfChain& c) { c.limits["elbw"] = {}; }), HasSubstr("did you mean 'elbow'?"));
+  EXPECT_THAT(with([](UrdfChain& c) { std::swap(c.base_link, c.tip_link); }),
+              HasSubstr("is not a descendant of"));
   EXPECT_THAT(with([](UrdfChain& c) { c.held_joints.erase("lift"); }),
               testing::AllOf(HasSubstr("is prismatic"), HasSubstr("held_joints: {lift: 0.0}")));
   EXPECT_THAT(with([](UrdfChain& c) { c.limits.erase("elbow"); }),
               HasSubstr("limits: {elbow: {lower_rad: ...}}"));
   EXPECT_THAT(with([](UrdfChain& c) { c.limits["twist"].upper = -2; }),
               HasSubstr("lower_rad below upper_rad"));
-  EXPECT_THAT(with([](UrdfChain& c) { c.tip_link = c.base_link; }), HasSubstr("0 turning joints"));
+  EXPECT_THAT(with([](UrdfChain& c) { c.tip_link = c.base_link; }), HasSubstr("0 revolute joints"));
   EXPECT_THAT(with([](UrdfChain& c) { c.tip_link = "finger_link", c.held_joints.erase("thumb"); }),
               HasSubstr("'finger' between base_link and tip_link is prismatic"));
 
@@ -197,9 +198,9 @@ TEST(FromUrdf, RefusalsSayTheCure) {
   EXPECT_THAT(refusal("<robot name='a'><link name='b'>", chain), HasSubstr("is not XML"));
   EXPECT_THAT(refusal("<sdf/>", chain), HasSubstr("expected the root element <robot>"));
   EXPECT_THAT(refusal(replaced(odd, "type=\"continuous\"", "type=\"continous\""), chain),
-              HasSubstr("Did you mean 'continuous'?"));
+              HasSubstr("did you mean 'continuous'?"));
   EXPECT_THAT(refusal(replaced(odd, "<parent link=\"shell\"/>", "<parent link=\"forearm\"/>"), chain),
-              HasSubstr("stands on itself"));
+              HasSubstr("is its own ancestor"));
   EXPECT_THAT(refusal(replaced(odd, "<parent link=\"shell\"/>", "<parent link=\"shall\"/>"), chain),
               HasSubstr("no link 'shall'"));
   EXPECT_THAT(refusal(replaced(odd, "<child link=\"lower\"/>", "<child link=\"upper\"/>"), chain),
@@ -207,10 +208,10 @@ TEST(FromUrdf, RefusalsSayTheCure) {
   EXPECT_THAT(refusal(replaced(odd, "<mimic joint=\"thumb\"", "<mimic joint=\"wrist\""), chain),
               HasSubstr("moves with the arm's joint 'wrist'"));
   EXPECT_THAT(refusal(replaced(odd, "effort=\"40\"", "effort=\"nan\""), chain),
-              HasSubstr("no finite number"));
+              HasSubstr("not a finite number"));
 }
 
-TEST(FromUrdf, AMovingLinkNeedsAMassThatABodyCanHave) {
+TEST(FromUrdf, RefusesMovingLinksWithoutConsistentMass) {
   const auto arm = [](const std::string& inertial) {
     return "<robot name='a'><link name='b'/><link name='t'>" + inertial +
            "</link><joint name='j' type='revolute'><parent link='b'/><child link='t'/><axis xyz='0 0 1'/>"
@@ -221,11 +222,11 @@ TEST(FromUrdf, AMovingLinkNeedsAMassThatABodyCanHave) {
   const std::string flat =
       "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='3' ixy='0' ixz='0' iyz='0'/>"
       "</inertial>";
-  EXPECT_THAT(refusal(arm(flat), chain), HasSubstr("an inertia that no body has"));
+  EXPECT_THAT(refusal(arm(flat), chain), HasSubstr("an inertia that is not physically consistent"));
   EXPECT_THAT(refusal(arm(replaced(flat, "izz='3'", "izz='1.5'")), chain), HasSubstr("nothing was refused"));
 }
 
-// Robots of other makers, from the Python package example-robot-data where it is installed.
+// Robots of other manufacturers, from the Python package example-robot-data, if it is installed.
 struct Known {
   const char* model;  // file below tests/models
   const char* base;
@@ -239,7 +240,7 @@ class KnownRobots : public testing::TestWithParam<Known> {};
 TEST_P(KnownRobots, AreTheSameArm) {
   const Known& known = GetParam();
   const std::string file = std::string(MULTIPANDA_SOURCE_DIR "/tests/models/") + known.model + ".yaml";
-  const std::string urdf = CheckedYaml::load(file).at("urdf").text();
+  const std::string urdf = Node::load(file).yaml()["urdf"].Scalar();
   std::filesystem::path original;
   try {
     original = urdf_file(urdf, {});
@@ -261,4 +262,4 @@ INSTANTIATE_TEST_SUITE_P(
     [](const auto& param) { return std::string(param.param.model); });
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::from_urdf_test

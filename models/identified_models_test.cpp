@@ -1,4 +1,4 @@
-// Model files that stand on another one and say what one arm is beyond its make: written, read back, refused.
+// Model files that are based on another one and describe an individual arm: written, read back, refused.
 #include <filesystem>
 #include <fstream>
 #include <random>
@@ -11,7 +11,7 @@
 #include "models/to_urdf.hpp"
 #include "models/write_robot.hpp"
 
-namespace multipanda {
+namespace multipanda::identified_models_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -36,7 +36,7 @@ struct Draw {
   std::mt19937 random;
 };
 
-// Everything that a file can say of one arm, in random numbers.
+// Everything that a file can specify for one arm, as random numbers.
 RobotDescription random_robot(const RobotDescription& base, unsigned seed) {
   Draw draw(seed);
   RobotDescription robot = base;
@@ -141,7 +141,7 @@ std::string content(const fs::path& file) {
   return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
 }
 
-TEST(WrittenRobots, SayOnlyWhatDiffers) {
+TEST(WrittenRobots, HaveOnlyTheDifferences) {
   const RobotDescription nominal = load_robot("fer");
   RobotDescription robot = nominal;
   robot.motor_inertia = JointVector::Constant(7, 0.1);
@@ -155,7 +155,7 @@ TEST(WrittenRobots, SayOnlyWhatDiffers) {
   }
 }
 
-TEST(WrittenRobots, StandOnEachOtherAndTakeSectionsAway) {
+TEST(WrittenRobots, MayBeBasedOnEachOtherAndRemoveSections) {
   const RobotDescription nominal = load_robot("fer");
   const fs::path first = scratch("first.yaml"), second = scratch("second.yaml");
   write_robot(random_robot(nominal, 4), nominal, first);
@@ -174,8 +174,8 @@ TEST(WrittenRobots, StandOnEachOtherAndTakeSectionsAway) {
   EXPECT_EQ(read.base_tilt, base.base_tilt);
 }
 
-// A file may have the name of the robot that it stands on.
-TEST(WrittenRobots, MayBearTheNameOfTheirBase) {
+// A file may have the name of the robot that it is based on.
+TEST(WrittenRobots, MayHaveTheNameOfTheirBase) {
   const RobotDescription nominal = load_robot("fer");
   RobotDescription robot = nominal;
   robot.base_tilt = {0.01, 0.02};
@@ -185,7 +185,7 @@ TEST(WrittenRobots, MayBearTheNameOfTheirBase) {
   EXPECT_EQ(load_robot(file.string()).base_tilt, robot.base_tilt);
 }
 
-TEST(WrittenRobots, WhatCannotBeSaidIsRefused) {
+TEST(WrittenRobots, RefuseWhatAFileCannotExpress) {
   const RobotDescription nominal = load_robot("fer");
   RobotDescription robot = nominal;
   robot.hand->body.mass += 0.1;
@@ -199,8 +199,8 @@ TEST(WrittenRobots, WhatCannotBeSaidIsRefused) {
   EXPECT_FALSE(fs::exists(scratch("no.yaml")));
 }
 
-// An imported arm (from a URDF) may differ from its URDF in a file that stands on the one which imports it.
-TEST(WrittenRobots, StandOnImportedArms) {
+// An imported arm (from a URDF) may differ from its URDF in a file that is based on the one which imports it.
+TEST(WrittenRobots, MayBeBasedOnImportedArms) {
   const RobotDescription nominal = load_robot(MULTIPANDA_SOURCE_DIR "/tests/models/ur5.yaml");
   RobotDescription robot = nominal;
   robot.links[2].mass *= 1.5;
@@ -212,8 +212,8 @@ TEST(WrittenRobots, StandOnImportedArms) {
   EXPECT_EQ(read.links[3].mass, nominal.links[3].mass);
 }
 
-// The exports of a file that identification wrote: masses in both, motors as armature; friction only if asked
-// for, for the plant simulates it by itself.
+// The exports of a file that identification wrote: masses in both, motors as armature; friction only on
+// request, because the plant simulates it itself.
 TEST(WrittenRobots, AreExported) {
   const RobotDescription nominal = load_robot("fer");
   RobotDescription robot = nominal;
@@ -278,9 +278,9 @@ TEST(IdentifiedSections, UnknownBaseNamesTheNearest) {
     (void)load_robot(file.string());
     FAIL() << "accepted";
   } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(), AllOf(HasSubstr("lost.yaml:3:"), HasSubstr("Did you mean 'fer'?")));
+    EXPECT_THAT(error.what(), AllOf(HasSubstr("lost.yaml:3:"), HasSubstr("did you mean 'fer'?")));
   }
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::identified_models_test

@@ -2,43 +2,67 @@
 
 #include <algorithm>
 
+#include "support/spelling.hpp"
+
 namespace multipanda {
+namespace {
 
-JointVector joint_vector(const CheckedYaml& yaml, std::size_t n) {
-  const auto values = yaml.numbers(n);
-  return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(n));
+std::vector<std::string> color_names() {
+  std::vector<std::string> names;
+  for (const auto& color : shape_colors()) names.push_back(color.first);
+  return names;
 }
 
-JointVector positive_joint_vector(const CheckedYaml& yaml, std::size_t n) {
-  for (const auto& item : yaml.items()) (void)item.positive();
-  return joint_vector(yaml, n);
-}
-
-Placement read_placement(const CheckedYaml& yaml) {
-  yaml.allow_keys({"position_m", "rpy_rad"});
-  Placement placement;
-  placement.position = yaml.at("position_m").vector3();
-  if (const auto rpy = yaml.find("rpy_rad")) placement.rpy = rpy->angles3();
-  return placement;
-}
-
-RigidBody read_body(const CheckedYaml& yaml) {
-  yaml.allow_keys({"mass_kg", "com_m", "inertia_kg_m2"});
-  RigidBody body;
-  body.mass = yaml.at("mass_kg").positive();
-  body.com = yaml.at("com_m").vector3();
-  const CheckedYaml inertia = yaml.at("inertia_kg_m2");
-  inertia.allow_keys({"xx", "yy", "zz", "xy", "xz", "yz"});
-  const auto part = [&](const char* key) { return inertia.at(key).number(); };
-  body.inertia << part("xx"), part("xy"), part("xz"), part("xy"), part("yy"), part("yz"), part("xz"),
-      part("yz"), part("zz");
-  if (!is_physical(body)) {
-    inertia.refuse(
-        "no body of positive mass has this inertia (tr(I)/2 * 1 - I must be positive definite); the inertia "
-        "is "
-        "about the centre of mass, with signs xy = -integral of x y dm");
+void visit_capsule_lists(Archive& archive, const std::vector<std::string>& links, std::vector<Capsule>& all) {
+  for (const auto& link : links) {
+    std::vector<Capsule> capsules;
+    archive.list(Key(link).each("capsule"), capsules);
+    for (auto& capsule : on_link(std::move(capsules), link)) all.push_back(std::move(capsule));
   }
-  return body;
+}
+
+}  // namespace
+
+JointVector read_joint_vector(const Node& node, Key key, std::size_t n) {
+  const auto values = node.numbers(key.joints(n));
+  return Eigen::Map<const Eigen::VectorXd>(values.data(), std::ssize(values));
+}
+
+void visit(Archive& archive, Placement& placement) {
+  archive(Key("position_m").required(), placement.position);
+  archive(Key("rpy_rad").any_turn(), placement.rpy);
+}
+
+void visit_inertia(Archive& archive, Matrix3& I, bool complete) {
+  archive.about("Inertia", "A symmetric matrix; each principal moment is at most the sum of the other two.");
+  const auto entry = [&](const char* name, double& value, bool diagonal) {
+    Key key(name, "Entry of the inertia matrix.");
+    key.in("kg m^2").within(diagonal ? 0 : -100, 100);
+    archive(diagonal || complete ? key.required() : key, value);
+  };
+  entry("xx", I(0, 0), true);
+  entry("yy", I(1, 1), true);
+  entry("zz", I(2, 2), true);
+  entry("xy", I(0, 1), false);
+  entry("xz", I(0, 2), false);
+  entry("yz", I(1, 2), false);
+  I(1, 0) = I(0, 1);
+  I(2, 0) = I(0, 2);
+  I(2, 1) = I(1, 2);
+}
+
+void visit(Archive& archive, RigidBody& body) {
+  archive(Key("mass_kg").above(0).required(), body.mass);
+  archive(Key("com_m").required(), body.com);
+  archive.part(Key("inertia_kg_m2").required(),
+               [&](Archive& inner) { visit_inertia(inner, body.inertia, true); });
+  if (archive.reading() && !is_physical(body)) {
+    archive.at("inertia_kg_m2")
+        .refuse(
+            "inertia is not physically consistent (tr(I)/2 * 1 - I must be positive definite); it is about "
+            "the "
+            "center of mass, with signs xy = -integral of x y dm");
+  }
 }
 
 std::vector<std::string> numbered(const char* stem, std::size_t first, std::size_t last) {
@@ -47,93 +71,99 @@ std::vector<std::string> numbered(const char* stem, std::size_t first, std::size
   return names;
 }
 
-std::vector<Capsule> read_capsules(const CheckedYaml& yaml, const std::string& link) {
-  std::vector<Capsule> capsules;
-  for (const auto& item : yaml.items()) {
-    item.allow_keys({"center_m", "axis", "length_m", "radius_m"});
-    const Vector3 axis = item.at("axis").vector3();
-    if (axis.norm() < 1e-6) item.at("axis").refuse("expected a direction, found the zero vector");
-    const Vector3 half = 0.5 * item.at("length_m").positive() * axis.normalized();
-    const Vector3 center = item.at("center_m").vector3();
-    capsules.push_back({link, center - half, center + half, item.at("radius_m").positive()});
-  }
-  return capsules;
+void visit(Archive& archive, Capsule& capsule) {
+  Vector3 center = Vector3::Zero(), axis = Vector3::Zero();
+  double length = 0;
+  archive(Key("center_m").required(), center);
+  archive(Key("axis").required(), axis);
+  archive(Key("length_m").above(0).required(), length);
+  archive(Key("radius_m").above(0).required(), capsule.radius);
+  if (!archive.reading()) return;
+  if (axis.norm() < 1e-6) archive.at("axis").refuse("expected a direction, found the zero vector");
+  const Vector3 half = 0.5 * length * axis.normalized();
+  capsule.from = center - half;
+  capsule.to = center + half;
 }
 
-void read_self_collision(const CheckedYaml& yaml, RobotDescription& robot) {
-  yaml.allow_keys({"capsules", "ignored_pairs"});
+void read_self_collision(const Node& node, RobotDescription& robot) {
   const auto links = numbered("link", 0, robot.joint_count());
-  const CheckedYaml capsules = yaml.at("capsules");
-  capsules.allow_keys(links);
-  for (const auto& link : capsules.keys()) {
-    for (auto& capsule : read_capsules(capsules.at(link), link)) robot.capsules.push_back(std::move(capsule));
-  }
   auto names = links;
   names.emplace_back("hand");
-  for (const auto& pair : yaml.at("ignored_pairs").items()) {
-    const auto ends = pair.items();
-    if (ends.size() != 2) pair.refuse("expected two names of links");
-    robot.ignored_pairs.emplace_back(ends[0].one_of(names, "a link"), ends[1].one_of(names, "a link"));
-  }
+  Archive::read(node, [&](Archive& archive) {
+    archive.part(Key("capsules").required(),
+                 [&](Archive& inner) { visit_capsule_lists(inner, links, robot.capsules); });
+    const auto pairs = archive.open(Key("ignored_pairs").required());
+    if (!pairs) return;
+    if (!pairs->is_list()) pairs->expected("a list of pairs of links");
+    for (const auto& pair : pairs->items()) {
+      Key link("link");
+      link.kind = Key::Kind::choice;
+      link.one_of(names);
+      const auto ends = pair.items();
+      if (!pair.is_list() || ends.size() != 2) pair.expected("two names of links");
+      robot.ignored_pairs.emplace_back(ends[0].text(link), ends[1].text(link));
+    }
+  });
 }
 
-std::vector<Shape> read_shapes(const CheckedYaml& yaml, const std::string& link) {
+void visit(Archive& archive, Shape& shape) {
   static const std::vector<std::string> kKinds{"capsule", "cylinder", "sphere", "box"};
-  std::vector<std::string> colors;
-  for (const auto& color : shape_colors()) colors.push_back(color.first);
-  std::vector<Shape> shapes;
-  for (const auto& item : yaml.items()) {
-    Shape shape;
-    shape.link = link;
-    const std::string kind = item.at("shape").one_of(kKinds, "a shape");
-    shape.kind = static_cast<ShapeKind>(std::find(kKinds.begin(), kKinds.end(), kind) - kKinds.begin());
-    if (shape.kind == ShapeKind::box) {
-      item.allow_keys({"shape", "color", "center_m", "rpy_rad", "size_m"});
-      shape.size = item.at("size_m").vector3();
-      if (shape.size.minCoeff() <= 0) item.at("size_m").refuse("expected three lengths above 0");
-    } else {
-      item.allow_keys(shape.kind == ShapeKind::sphere
-                          ? std::vector<std::string>{"shape", "color", "center_m", "radius_m"}
-                          : std::vector<std::string>{"shape", "color", "from_m", "to_m", "radius_m"});
-      shape.radius = item.at("radius_m").positive();
-    }
-    if (shape.kind == ShapeKind::box || shape.kind == ShapeKind::sphere) {
-      shape.center.position = item.at("center_m").vector3();
-      if (const auto rpy = item.find("rpy_rad")) shape.center.rpy = rpy->angles3();
-    } else {
-      shape.from = item.at("from_m").vector3();
-      shape.to = item.at("to_m").vector3();
-      if ((shape.to - shape.from).norm() < 1e-6) item.refuse("from_m and to_m are the same point");
-    }
-    const auto color = item.find("color");
-    shape.color = color ? color->one_of(colors, "a colour") : "white";
-    shapes.push_back(shape);
+  archive(Key("shape").one_of(kKinds).required(), shape.kind);
+  std::vector<std::string> colors = color_names();
+  colors.emplace_back("grey");  // until the next release; phrases: quoted
+  shape.color = "white";
+  archive(Key("color").one_of(colors), shape.color);
+  if (shape.color == "grey") shape.color = "gray";  // phrases: quoted
+  archive(Key("center_m").no_default(), shape.center.position);
+  archive(Key("rpy_rad").any_turn().no_default(), shape.center.rpy);
+  archive(Key("size_m").above(0).no_default(), shape.size);
+  archive(Key("radius_m").above(0).no_default(), shape.radius);
+  archive(Key("from_m").no_default(), shape.from);
+  archive(Key("to_m").no_default(), shape.to);
+  if (!archive.reading()) return;
+  const bool box = shape.kind == ShapeKind::box, sphere = shape.kind == ShapeKind::sphere;
+  const std::vector<std::string> required = box      ? std::vector<std::string>{"center_m", "size_m"}
+                                            : sphere ? std::vector<std::string>{"center_m", "radius_m"}
+                                                     : std::vector<std::string>{"from_m", "to_m", "radius_m"};
+  for (const auto& key : archive.present({"center_m", "rpy_rad", "size_m", "radius_m", "from_m", "to_m"})) {
+    const bool valid = std::find(required.begin(), required.end(), key) != required.end();
+    if (!valid && !(box && key == "rpy_rad"))
+      archive.at(key).refuse("a " + kKinds[static_cast<std::size_t>(shape.kind)] + " has no '" + key +
+                             "'; expected " + joined(required));
   }
-  return shapes;
+  for (const auto& key : required) {
+    if (!archive.has(key))
+      archive.self().refuse("a " + kKinds[static_cast<std::size_t>(shape.kind)] + " needs '" + key + "'");
+  }
+  if (!box && !sphere && (shape.to - shape.from).norm() < 1e-6)
+    archive.self().refuse("from_m and to_m are the same point");
 }
 
-HandDescription read_hand(const CheckedYaml& yaml) {
-  yaml.allow_keys({"mount", "tcp", "body", "finger", "palm_capsules", "finger_capsules", "visuals"});
-  HandDescription hand;
-  hand.mount = read_placement(yaml.at("mount"));
-  hand.tcp = read_placement(yaml.at("tcp"));
-  hand.body = read_body(yaml.at("body"));
-  const CheckedYaml finger = yaml.at("finger");
-  finger.allow_keys({"mount", "body", "travel_m", "velocity_m_per_s", "effort_n", "boxes", "visuals"});
-  hand.finger_mount = read_placement(finger.at("mount"));
-  hand.finger = read_body(finger.at("body"));
-  hand.finger_travel = finger.at("travel_m").positive();
-  hand.finger_velocity = finger.at("velocity_m_per_s").positive();
-  hand.finger_effort = finger.at("effort_n").positive();
-  hand.finger_boxes = read_shapes(finger.at("boxes"), "finger");
-  for (const auto& box : hand.finger_boxes) {
-    if (box.kind != ShapeKind::box) finger.at("boxes").refuse("expected boxes only");
-  }
-  hand.palm_capsules = read_capsules(yaml.at("palm_capsules"), "hand");
-  hand.finger_capsules = read_capsules(yaml.at("finger_capsules"), "hand");
-  hand.visuals = read_shapes(yaml.at("visuals"), "hand");
-  hand.finger_visuals = read_shapes(finger.at("visuals"), "finger");
-  return hand;
+void visit(Archive& archive, HandDescription& hand) {
+  archive.section(Key("mount").required(), hand.mount);
+  archive.section(Key("tcp").required(), hand.tcp);
+  archive.section(Key("body").required(), hand.body);
+  archive.part(Key("finger").required(), [&](Archive& finger) {
+    finger.section(Key("mount").required(), hand.finger_mount);
+    finger.section(Key("body").required(), hand.finger);
+    finger(Key("travel_m").above(0).required(), hand.finger_travel);
+    finger(Key("velocity_m_per_s").above(0).required(), hand.finger_velocity);
+    finger(Key("effort_n").above(0).required(), hand.finger_effort);
+    finger.list(Key("boxes").each("box").required(), hand.finger_boxes);
+    finger.list(Key("visuals").each("shape").required(), hand.finger_visuals);
+    for (const auto& box : hand.finger_boxes) {
+      if (box.kind != ShapeKind::box) finger.at("boxes").refuse("expected boxes only");
+    }
+  });
+  archive.list(Key("palm_capsules").each("capsule").required(), hand.palm_capsules);
+  archive.list(Key("finger_capsules").each("capsule").required(), hand.finger_capsules);
+  archive.list(Key("visuals").each("shape").required(), hand.visuals);
+  if (!archive.reading()) return;
+  hand.palm_capsules = on_link(std::move(hand.palm_capsules), "hand");
+  hand.finger_capsules = on_link(std::move(hand.finger_capsules), "hand");
+  hand.finger_boxes = on_link(std::move(hand.finger_boxes), "finger");
+  hand.visuals = on_link(std::move(hand.visuals), "hand");
+  hand.finger_visuals = on_link(std::move(hand.finger_visuals), "finger");
 }
 
 }  // namespace multipanda

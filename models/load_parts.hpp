@@ -3,25 +3,39 @@
 #include <string>
 #include <vector>
 
-#include "models/checked_yaml.hpp"
+#include "config_file/archive.hpp"
 #include "models/robot_description.hpp"
 
-// Pieces of a model file that stand in several of its sections, and the sections about shapes. All throw
-// std::invalid_argument with file and line.
+// Structures of a model file (docs/models.md) declare their keys here. `n`: number of joints.
+// All throw ConfigError.
 namespace multipanda {
 
-JointVector joint_vector(const CheckedYaml& yaml, std::size_t n);
-JointVector positive_joint_vector(const CheckedYaml& yaml, std::size_t n);  // each above 0
-Placement read_placement(const CheckedYaml& yaml);
-RigidBody read_body(const CheckedYaml& yaml);
-std::vector<Capsule> read_capsules(const CheckedYaml& yaml, const std::string& link);
-std::vector<Shape> read_shapes(const CheckedYaml& yaml, const std::string& link);
+void visit(Archive& archive, Placement& placement);
+void visit(Archive& archive, RigidBody& body);
+void visit(Archive& archive, Capsule& capsule);
+void visit(Archive& archive, Shape& shape);
+void visit(Archive& archive, HandDescription& hand);
 
-// The sections `self_collision` and `hand`. The joints are there already.
-void read_self_collision(const CheckedYaml& yaml, RobotDescription& robot);
-HandDescription read_hand(const CheckedYaml& yaml);
+// Properties of an individual arm rather than of its model, as found by identification.
+void visit(Archive& archive, JointFriction& friction, const std::size_t& n);
+void visit(Archive& archive, FrictionLaw& law, const std::size_t& n);
+void visit(Archive& archive, PreslidingElement& element, const std::size_t& n);
+void visit(Archive& archive, TorqueSensor& sensor, const std::size_t& n);
+void visit(Archive& archive, Actuation& actuation);
 
-// "link0" ... "link7"
+// Entries xx, yy, zz, xy, xz, yz of a symmetric matrix. Without `complete`, those off the
+// diagonal are optional.
+void visit_inertia(Archive& archive, Matrix3& I, bool complete);
+void read_self_collision(const Node& node, RobotDescription& robot);
+// "link0", ..., "link7"
 std::vector<std::string> numbered(const char* stem, std::size_t first, std::size_t last);
+// One number per joint, checked by the key.
+JointVector read_joint_vector(const Node& node, Key key, std::size_t n);
+// The frame that a shape of a list belongs to.
+template <typename T>
+std::vector<T> on_link(std::vector<T> shapes, const std::string& link) {
+  for (auto& shape : shapes) shape.link = link;
+  return shapes;
+}
 
 }  // namespace multipanda

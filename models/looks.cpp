@@ -38,7 +38,7 @@ std::vector<Shape> link_visuals(const RobotDescription& robot) {
     shape.from = capsule.from;
     shape.to = capsule.to;
     shape.radius = capsule.radius;
-    shape.color = (capsule.link.back() - '0') % 2 == 0 ? "silver" : "white";  // neighbours can be told apart
+    shape.color = (capsule.link.back() - '0') % 2 == 0 ? "silver" : "white";  // neighbors can be told apart
     shapes.push_back(shape);
   }
   return shapes;

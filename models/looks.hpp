@@ -6,7 +6,7 @@
 
 namespace multipanda {
 
-// What to draw for each link: the robot's own shapes, or, where it has none at all, its capsules.
+// Shapes to draw: those of the robot, or its capsules if it has none.
 std::vector<Shape> link_visuals(const RobotDescription& robot);
 
 // The hand with closed fingers, all in the hand's frame.

@@ -1,5 +1,5 @@
-// URDF (Pinocchio) and MJCF (MuJoCo) are written from the same figures: two engines with nothing in common
-// must find the same arm in them.
+// URDF (Pinocchio) and MJCF (MuJoCo) are written from the same figures: two independent engines must find the
+// same arm in them.
 #include <array>
 #include <cmath>
 #include <string>
@@ -8,11 +8,11 @@
 #include <gtest/gtest.h>
 
 #include "models/robot_description.hpp"
+#include "models/testing/two_engines.hpp"
 #include "models/to_mjcf.hpp"
 #include "models/to_urdf.hpp"
-#include "models/two_engines.hpp"
 
-namespace multipanda {
+namespace multipanda::models_agreement_test {
 namespace {
 
 using namespace test;
@@ -53,13 +53,13 @@ TEST_P(Agreement, UrdfAndMjcfAreTheSameArm) {
     expect_equal(a, pinocchio.terms(q, dq, frames));
     largest_coriolis = std::max(largest_coriolis, a.c.norm());
   }
-  EXPECT_GT(largest_coriolis, 1.0);  // the comparison of c is one of numbers that matter
+  EXPECT_GT(largest_coriolis, 1.0);  // c is large enough for a meaningful comparison
 }
 
 class MovableHand : public testing::TestWithParam<const char*> {};
 
-// A hand with movable fingers, held closed, is the rigid hand: checks the merging of the three bodies by an
-// engine that knows nothing of it.
+// A hand with movable fingers, held closed, is the rigid hand: checks the merging of the three bodies with an
+// independent engine.
 TEST_P(MovableHand, HeldClosedWeighsTheSameAsTheRigidOne) {
   const RobotDescription robot = load_robot(GetParam());
   MujocoArm locked(to_mjcf(robot, {.hand = true}));
@@ -96,7 +96,7 @@ INSTANTIATE_TEST_SUITE_P(Robots, Agreement,
 INSTANTIATE_TEST_SUITE_P(Robots, MovableHand, testing::Values("fer", "fer_maker", "fr3"),
                          [](const auto& param) { return std::string(param.param); });
 
-// The shift from link5 to link4 makes the links physical and changes nothing that can be felt at the joints.
+// The shift from link5 to link4 makes the links physically consistent and does not change the joint torques.
 TEST(FerMaker, MovesAsPublished) {
   const RobotDescription shifted = load_robot("fer_maker");
   RobotDescription published = shifted;
@@ -155,4 +155,4 @@ TEST(Kinematics, Ur5eFollowsItsDenavitHartenbergFigures) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::models_agreement_test

@@ -1,4 +1,4 @@
-// Who touches whom, in MuJoCo.
+// Which bodies touch each other in MuJoCo.
 #include <array>
 #include <cmath>
 #include <memory>
@@ -10,7 +10,7 @@
 #include "models/robot_description.hpp"
 #include "models/to_mjcf.hpp"
 
-namespace multipanda {
+namespace multipanda::models_contact_test {
 namespace {
 
 using Spec = std::unique_ptr<mjSpec, void (*)(mjSpec*)>;
@@ -158,7 +158,7 @@ TEST(Mjcf, IsARigidArmWithTorqueMotors) {
   }
 }
 
-// Both fingers go where the one actuator is told, mirrored.
+// Both fingers follow the single actuator, mirrored.
 TEST(Mjcf, MovableFingersFollowTheirActuator) {
   const RobotDescription fer = load_robot("fer");
   const Spec spec = parse(to_mjcf(fer, {.hand = true, .fingers = Fingers::movable}));
@@ -179,4 +179,4 @@ TEST(Mjcf, MovableFingersFollowTheirActuator) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::models_contact_test

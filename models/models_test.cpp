@@ -9,7 +9,6 @@
 #include <gtest/gtest.h>
 
 #include "models/arm_source.hpp"
-#include "models/checked_yaml.hpp"
 #include "models/export_list.hpp"
 #include "models/robot_description.hpp"
 #include "models/to_mjcf.hpp"
@@ -17,7 +16,7 @@
 #include "models/to_xacro.hpp"
 #include "models/xml_text.hpp"
 
-namespace multipanda {
+namespace multipanda::models_test {
 namespace {
 
 using testing::AllOf;
@@ -32,7 +31,7 @@ std::string content(const std::filesystem::path& file) {
   return text.str();
 }
 
-// What load_robot says of a copy of ur5e.yaml in which `from` was replaced by `to`.
+// The message of load_robot for a copy of ur5e.yaml in which `from` was replaced by `to`.
 std::string refusal_after(const std::string& from, const std::string& to) {
   std::string text = content(kUr5e);
   const auto at = text.find(from);
@@ -98,10 +97,10 @@ TEST(Robots, HaveThePublishedFigures) {
   EXPECT_FALSE(fer.position_based_velocity);
   EXPECT_EQ(fr3.friction->p1, fer.friction->p1);
   EXPECT_THAT(fr3.origin.at("joint_friction"), HasSubstr("Panda"));
-  const RobotDescription maker = load_robot("fer_maker");
-  EXPECT_EQ(maker.limits.q_min, fer.limits.q_min);
-  EXPECT_NE(maker.links[1].mass, fer.links[1].mass);
-  EXPECT_THAT(maker.origin.at("inertials"), HasSubstr("0.0105"));
+  const RobotDescription published = load_robot("fer_maker");
+  EXPECT_EQ(published.limits.q_min, fer.limits.q_min);
+  EXPECT_NE(published.links[1].mass, fer.links[1].mass);
+  EXPECT_THAT(published.origin.at("inertials"), HasSubstr("0.0105"));
 }
 
 TEST(Robots, ConsistOfPhysicalBodies) {
@@ -120,7 +119,7 @@ TEST(Robots, HandIsSymmetricallyMerged) {
   const HandDescription hand = *load_robot("fer").hand;
   const RigidBody rigid = rigid_hand(hand);
   EXPECT_DOUBLE_EQ(rigid.mass, 0.6544 + 2 * 0.0291);
-  // Both fingers together have their centre of mass on the hand's z axis.
+  // Both fingers together have their center of mass on the hand's z axis.
   const double z = (0.6544 * 0.020726 + 2 * 0.0291 * (0.0584 + 0.0219675)) / rigid.mass;
   EXPECT_LT((rigid.com - Vector3(0.6544 * -3.76e-05 / rigid.mass, 0.6544 * 0.0119128 / rigid.mass, z)).norm(),
             1e-15);
@@ -131,7 +130,7 @@ TEST(Robots, CapsulesAndPairs) {
   EXPECT_EQ(fer.capsules.size(), 10u);
   EXPECT_EQ(fer.hand->palm_capsules.size() + fer.hand->finger_capsules.size(), 2u);
   for (const auto& capsule : fer.capsules) EXPECT_GT(capsule.radius, 0);
-  EXPECT_TRUE(is_ignored_pair(fer, "link0", "link1"));  // neighbours
+  EXPECT_TRUE(is_ignored_pair(fer, "link0", "link1"));  // neighbors
   EXPECT_TRUE(is_ignored_pair(fer, "hand", "link7"));
   EXPECT_TRUE(is_ignored_pair(fer, "link3", "link1"));
   EXPECT_FALSE(is_ignored_pair(fer, "link0", "link5"));
@@ -164,34 +163,34 @@ TEST(Refusals, NameTheNearestRobot) {
     load_robot("fer_makr");
     FAIL() << "accepted";
   } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(), HasSubstr("Did you mean 'fer_maker'?"));
+    EXPECT_THAT(error.what(), HasSubstr("did you mean 'fer_maker'?"));
   }
   EXPECT_THROW(load_robot("./nothing.yaml"), std::invalid_argument);
 }
 
-TEST(Refusals, SayFileLineAndWhatWasExpected) {
+TEST(Refusals, NameFileLineAndExpectation) {
   EXPECT_EQ(refusal_after("title: UR5e", "title: UR5e"), "accepted");
   EXPECT_THAT(refusal_after("title: UR5e", "titel: UR5e"),
-              AllOf(HasSubstr("changed.yaml:3: "), HasSubstr("Did you mean 'title'?")));
+              AllOf(HasSubstr("changed.yaml:3: "), HasSubstr("did you mean 'title'?")));
   EXPECT_THAT(refusal_after("position_m: [0, 0, 0.1625]", "position_m: [0, 0]"),
-              HasSubstr("joints.joint1.position_m: expected 3 numbers, found 2"));
+              HasSubstr("joints: joint1: position_m: expected a list of 3 numbers [m], found a list of 2"));
   EXPECT_THAT(refusal_after("mass_kg: 3.761", "mass_kg: -3.761"),
-              AllOf(HasSubstr("inertials.link1.mass_kg"), HasSubstr("above 0")));
+              AllOf(HasSubstr("inertials: link1: mass_kg"), HasSubstr("above 0")));
   EXPECT_THAT(refusal_after("mass_kg: 3.761", "mass_kg: heavy"),
-              HasSubstr("expected a number, found 'heavy'"));
+              HasSubstr("expected a number [kg], above 0, found 'heavy'"));
   EXPECT_THAT(refusal_after("mass_kg: 3.761", "mass_kg: .nan"), HasSubstr("finite"));
   EXPECT_THAT(refusal_after("lower_rad: -3.1416", "lower_rad: -180"), HasSubstr("looks like degrees"));
   EXPECT_THAT(refusal_after("lower_rad: -3.1416", "lower_rad: 3.2"), HasSubstr("must be below"));
   EXPECT_THAT(refusal_after("xx: 0.0103, yy: 0.0103, zz: 0.0067", "xx: 0.0103, yy: 0.0103, zz: 0.0367"),
-              AllOf(HasSubstr("inertials.link1"), HasSubstr("no body of positive mass")));
+              AllOf(HasSubstr("inertials: link1"), HasSubstr("not physically consistent")));
   EXPECT_THAT(refusal_after("home_rad: [0,", "home_rad: [7,"), HasSubstr("outside the limits of joint1"));
-  EXPECT_THAT(refusal_after("[link4, link6]", "[link4, link9]"), HasSubstr("Did you mean"));
+  EXPECT_THAT(refusal_after("[link4, link6]", "[link4, link9]"), HasSubstr("did you mean"));
   EXPECT_THAT(refusal_after("jerk_rad_per_s3: [5000, ", "jerk_rad_per_s3: ["),
-              HasSubstr("expected 6 numbers"));
-  EXPECT_THAT(refusal_after("name: ur5e\n", "name: ur5e\nname: ur5e\n"), HasSubstr("stands twice"));
+              HasSubstr("a list of 6 numbers"));
+  EXPECT_THAT(refusal_after("name: ur5e\n", "name: ur5e\nname: ur5e\n"), HasSubstr("duplicate key 'name'"));
   EXPECT_THAT(refusal_after("name: ur5e\n", "name: ur5e\nbase: nowhere\n"), HasSubstr("there is no file"));
   EXPECT_THAT(refusal_after("name: ur5e\n", "name: ur5e\nbase: changed.yaml\n"), HasSubstr("its own base"));
-  EXPECT_THAT(refusal_after("name: ur5e\n", "name: [ur5e\n"), HasSubstr("not YAML"));
+  EXPECT_THAT(refusal_after("name: ur5e\n", "name: [ur5e\n"), HasSubstr("not readable as YAML"));
 }
 
 TEST(Texts, NumbersReadBackExactly) {
@@ -210,13 +209,13 @@ TEST(Texts, XmlIsEscapedAndClosed) {
   EXPECT_THROW(xml.close(), std::logic_error);
 }
 
-TEST(Texts, HandIsRefusedWhereThereIsNone) {
+TEST(Texts, RefuseAHandThatTheRobotDoesNotHave) {
   const RobotDescription robot = load_robot(kUr5e);
   EXPECT_THROW(to_urdf(robot, {.hand = true}), std::invalid_argument);
   EXPECT_THROW(to_mjcf(robot, {.hand = true}), std::invalid_argument);
 }
 
-TEST(Texts, MeshesTakeThePlaceOfPrimitives) {
+TEST(Texts, MeshesReplacePrimitives) {
   const RobotDescription fer = load_robot("fer");
   const std::string text = to_mjcf(fer, {.hand = true, .meshes = "some/folder"});
   EXPECT_THAT(text,
@@ -249,4 +248,4 @@ TEST(Generated, FilesAreUpToDate) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::models_test

@@ -55,7 +55,7 @@ std::vector<std::string> available_robots() {
 
 const std::map<std::string, Vector3>& shape_colors() {
   static const std::map<std::string, Vector3> colors{
-      {"white", {0.93, 0.94, 0.95}}, {"silver", {0.68, 0.70, 0.72}}, {"grey", {0.34, 0.36, 0.39}},
+      {"white", {0.93, 0.94, 0.95}}, {"silver", {0.68, 0.70, 0.72}}, {"gray", {0.34, 0.36, 0.39}},
       {"dark", {0.13, 0.14, 0.16}},  {"blue", {0.20, 0.52, 0.86}},   {"green", {0.20, 0.72, 0.45}}};
   return colors;
 }

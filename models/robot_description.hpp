@@ -11,12 +11,12 @@
 #include "core/types/spatial.hpp"
 #include "models/rigid_body.hpp"
 
-// What is known of one make of arm, as plain data read from one YAML file (docs/models.md has every key).
+// The data of one arm model, read from one YAML file (docs/models.md has every key).
 // The arm is a chain: link0 (base), joint1, link1, ... jointN, linkN, flange, and perhaps a hand on the
 // flange. Every joint is revolute and turns about the z axis of the link that it moves.
 namespace multipanda {
 
-// Pose of a frame in its parent, as the maker gives it.
+// Pose of a frame in its parent, as the manufacturer publishes it.
 struct Placement {
   Vector3 position = Vector3::Zero();  // [m]
   Vector3 rpy = Vector3::Zero();       // R = Rz(yaw) Ry(pitch) Rx(roll) [rad]
@@ -56,7 +56,7 @@ struct JointFriction {
   JointVector p3;  // [rad/s]
 };
 
-// Dry friction before a joint really slides (Dahl): its state follows the joint over a distance of some
+// Dry friction before a joint slides (Dahl): its state follows the joint over a distance of some
 // mrad,  z <- s sign(dq) + (z - s sign(dq)) exp(-|dq| dt / s),  and the torque is  amplitude z / s.
 struct PreslidingElement {
   double distance = 0.01;  // s [rad]
@@ -74,17 +74,17 @@ struct FrictionLaw {
   std::optional<JointFriction> sigmoid;
 };
 
-// What a joint's torque sensor shows: gain tau + offset, and white noise. Every vector (n x 1).
+// Output of a torque sensor: gain tau + offset, and white noise. Every vector (n x 1).
 struct TorqueSensor {
   JointVector gain;    // [1]
   JointVector offset;  // [N m]
   double noise = 0;    // standard deviation [N m]
 };
 
-// How commanded torque becomes torque.
+// Dynamics from commanded to actual torque.
 struct Actuation {
   double torque_bandwidth_hz = 0;  // first-order tracking; 0: perfect
-  double command_delay = 0;        // any fraction of the control period, too [s]
+  double command_delay = 0;        // not necessarily whole control periods [s]
 };
 
 // All points within `radius` of the segment from one point to the other, in the frame of `link`.
@@ -96,7 +96,7 @@ struct Capsule {
 
 enum class ShapeKind { capsule, cylinder, sphere, box };
 
-// A primitive for pictures; a box also serves as the finger's collision shape.
+// A primitive for visualization; a box is also the collision shape of a finger.
 struct Shape {
   ShapeKind kind = ShapeKind::box;
   std::string link;                                      // frame that it is given in
@@ -111,7 +111,7 @@ struct Shape {
 // one turned by pi about the hand's z axis.
 struct HandDescription {
   Placement mount;             // hand in the flange
-  Placement tcp;               // tool centre point in the hand
+  Placement tcp;               // tool center point in the hand
   Placement finger_mount;      // left finger's frame in the hand, fingers closed
   RigidBody body;              // without the fingers, in the hand's frame
   RigidBody finger;            // one finger, in its own frame
@@ -126,32 +126,33 @@ struct HandDescription {
 
 struct RobotDescription {
   std::string name;                           // as in scenes: "fer"
-  std::string title;                          // for people
+  std::string title;                          // for readers
   std::filesystem::path file;                 // where it was read
-  std::map<std::string, std::string> origin;  // per section: who published the figures, and what was changed
+  std::map<std::string, std::string> origin;  // per section: source of the values and changes to them
 
   std::vector<Placement> joints;         // joint i+1 in link i; (n)
-  std::vector<std::string> joint_names;  // what the URDF calls them, where one was imported; else empty
+  std::vector<std::string> joint_names;  // names in the URDF, if imported; otherwise empty
   Placement flange;                      // in the last link
   std::vector<RigidBody> links;          // (n + 1), link0 first
   JointLimits limits;
   std::optional<CartesianLimits> cartesian;
   std::optional<PositionBasedVelocity> position_based_velocity;
   std::optional<JointFriction> friction;  // between motor and torque sensor
-  // Of one arm rather than of its make, as identification finds it; none or empty: perfect, level, or as the
-  // scene's fidelity says. None of it is known to the arm's own controllers.
-  std::optional<FrictionLaw> link_friction;   // beyond the torque sensor: the sensor shows it
+  // Properties of an individual arm rather than of its model, as found by identification; none or empty:
+  // perfect, level, or as in the scene's fidelity. The arm's own controllers do not know any of it.
+  std::optional<FrictionLaw> link_friction;   // beyond the torque sensor, which measures it
   std::optional<TorqueSensor> torque_sensor;  // in place of the fidelity's noise on tau
   std::optional<Actuation> actuation;         // in place of the fidelity's bandwidth and delay
   JointVector motor_inertia;                  // seen at the joint, before the torque sensor [kg m^2] (n x 1)
-  Eigen::Vector2d base_tilt = Eigen::Vector2d::Zero();  // true base against B: Ry(second) Rx(first) [rad]
+  Eigen::Vector2d base_tilt = Eigen::Vector2d::Zero();  // true base in B: Ry(second) Rx(first) [rad]
   JointVector q_home;                                   // the `ready` configuration [rad]
 
-  std::vector<Capsule> capsules;                                   // of the links, not of the hand
-  std::vector<std::pair<std::string, std::string>> ignored_pairs;  // of links that never meet, or always
+  std::vector<Capsule> capsules;  // of the links, not of the hand
+  std::vector<std::pair<std::string, std::string>>
+      ignored_pairs;  // pairs of links that never touch, or always touch
 
   std::vector<Shape> visuals;                 // empty: the capsules are shown
-  std::map<std::string, std::string> meshes;  // link -> file below a folder of meshes, where one is installed
+  std::map<std::string, std::string> meshes;  // link -> file below a folder of meshes, if one is installed
   std::optional<HandDescription> hand;
 
   std::size_t joint_count() const { return joints.size(); }
@@ -160,8 +161,8 @@ struct RobotDescription {
 // The hand with both fingers closed as one rigid body, in the hand's frame.
 RigidBody rigid_hand(const HandDescription& hand);
 
-// Whether two links ("link0".."linkN", "hand") are never checked against each other: neighbours and
-// ignored_pairs. The hand's neighbour is the last link.
+// Whether two links ("link0".."linkN", "hand") are never checked against each other: neighbors and
+// ignored_pairs. The hand's neighbor is the last link.
 bool is_ignored_pair(const RobotDescription& robot, const std::string& a, const std::string& b);
 
 // Reads a robot by name ("fer": models/fer.yaml of the project, or of the folder in the environment variable
@@ -175,7 +176,7 @@ std::vector<std::string> available_robots();
 // Folder that holds the robots' files.
 std::filesystem::path models_folder();
 
-// Colours of the primitives: red, green, blue, each 0 to 1.
+// Colors of the primitives: red, green, blue, each 0 to 1.
 const std::map<std::string, Vector3>& shape_colors();
 
 }  // namespace multipanda

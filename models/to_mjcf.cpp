@@ -8,13 +8,13 @@
 namespace multipanda {
 namespace {
 
-// What the drive adds to the inertia of each finger [kg]: no figure is published; this one is that of a small
-// geared motor, and a closing finger stops at what it meets as softly as the real one.
+// Additional inertia of each finger due to its drive [kg]. No value is published; this one is that of a small
+// geared motor. With it a closing finger stops at an object as softly as the real finger.
 constexpr double kFingerArmature = 0.2;
 
 std::string rotation_of(const Placement& placement) { return exact(placement.pose().quaternion()); }
 
-// One arm being written: the text so far, and what every part needs.
+// Writes one arm: the text so far, and the data that every part needs.
 class ArmWriter {
  public:
   ArmWriter(const RobotDescription& robot, const MjcfOptions& options) : robot_(robot), options_(options) {
@@ -23,7 +23,7 @@ class ArmWriter {
 
   std::string write() {
     xml_.comment(robot_.title + ". Written from " + robot_.file.filename().string() +
-                 "; origin of the figures there.");
+                 "; see there for the sources of the values.");
     xml_.open("mujoco", {{"model", robot_.name}});
     xml_.leaf("compiler", {{"angle", "radian"}, {"autolimits", "true"}, {"balanceinertia", "false"}});
     write_assets();
@@ -134,7 +134,7 @@ class ArmWriter {
     return sum;
   }
 
-  // Opens the body of link i and leaves it open: the next link stands inside.
+  // Opens the body of link i and leaves it open: it contains the next link.
   void write_link(std::size_t i) {
     const std::string number = std::to_string(i);
     const std::string link = "link" + number;
@@ -179,7 +179,7 @@ class ArmWriter {
                          {"mesh", named("finger")},
                          {"pos", exact(X_HF.position)},
                          {"quat", exact(X_HF.quaternion())}},
-                        "grey");
+                        "gray");
         }
       }
     }
@@ -208,7 +208,7 @@ class ArmWriter {
                           {"type", "slide"},
                           {"axis", "0 1 0"},
                           {"range", "0 " + exact(hand.finger_travel)},
-                          {"solreflimit", "0.004 1"},  // stops of metal
+                          {"solreflimit", "0.004 1"},  // metal stops
                           {"solimplimit", "0.99 0.99 0.001"},
                           {"armature", exact(kFingerArmature)}});
       write_inertial(hand.finger);
@@ -222,8 +222,7 @@ class ArmWriter {
     }
   }
 
-  // Parent and child never touch in MuJoCo, except where the parent stands still: so every ignored pair is
-  // named.
+  // MuJoCo ignores contacts of parent and child only if the parent moves, so every ignored pair is named.
   void write_contacts() {
     std::vector<std::string> links;
     for (std::size_t i = 0; i <= robot_.joint_count(); ++i) links.push_back("link" + std::to_string(i));
@@ -235,7 +234,7 @@ class ArmWriter {
       }
     }
     if (movable()) {
-      exclude("left_finger", "right_finger");  // the ends of their joints keep them apart
+      exclude("left_finger", "right_finger");  // their joint limits keep them apart
       for (const std::string finger : {"left_finger", "right_finger"}) {
         for (const auto& link : links) {
           if (link == "hand" || is_ignored_pair(robot_, link, "hand")) exclude(link, finger);
@@ -252,7 +251,7 @@ class ArmWriter {
   void write_actuators() {
     if (movable()) {
       xml_.open("equality");
-      // As stiff as a rack and pinion: far below 0.1 mm of difference in any grasp.
+      // As stiff as a rack and pinion: a difference far below 0.1 mm in any grasp.
       xml_.leaf("joint", {{"name", named("fingers")},
                           {"joint1", named("finger_joint2")},
                           {"joint2", named("finger_joint1")},
@@ -267,8 +266,7 @@ class ArmWriter {
       xml_.leaf("motor", {{"name", joint}, {"joint", joint}, {"gear", "1"}});
     }
     if (movable() && options_.finger_servo) {
-      // Stiff enough for the maker's force within a few millimetres, damped well within what 1 ms steps
-      // allow.
+      // Stiff enough for the rated force within a few millimeters; the damping is stable with steps of 1 ms.
       xml_.leaf("position", {{"name", named("fingers")},
                              {"joint", named("finger_joint1")},
                              {"kp", "10000"},

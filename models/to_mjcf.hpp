@@ -7,10 +7,10 @@
 
 namespace multipanda {
 
-// Who touches whom in a scene: `type` says what a geom is, `affinity` what it touches; MuJoCo lets two geoms
-// touch if either touches the other. Links touch links of any arm, objects and the floor; link0 and link1
-// touch no floor, for the maker's capsules reach through it, and not each other, for they overlap. MuJoCo's
-// default (1, 1) counts as floor.
+// Which geoms of a scene collide: `type` is the kind of a geom, `affinity` the kinds that it touches; MuJoCo
+// lets two geoms touch if either touches the other. Links touch links of any arm, objects and the floor;
+// link0 and link1 do not touch the floor, because Franka's capsules reach through it, nor each other, because
+// they overlap. MuJoCo's default (1, 1) counts as floor.
 struct CollisionBits {
   int type = 0;
   int affinity = 0;
@@ -28,8 +28,9 @@ struct MjcfOptions {
   // `finger_joint1`, `finger_joint2`, coupled by the equality `fingers`, and the position actuator `fingers`,
   // control 0 (closed) to the travel [m]; collision boxes left_finger1..N, right_finger1..N.
   Fingers fingers = Fingers::locked;
-  // Friction beyond the torque sensor, as far as MJCF has words: viscous as damping, Stribeck and presliding
-  // amplitudes together as frictionloss. For other programs; our own plant simulates the whole law by itself.
+  // Friction beyond the torque sensor, as far as MJCF can express it: viscous as damping, Stribeck
+  // and presliding amplitudes together as frictionloss. For other programs; our own plant simulates
+  // the complete law.
   bool friction = false;
   bool finger_servo = true;      // false: no actuator `fingers`; the force on the finger joints is applied
   std::string prefix;            // put before every name
@@ -38,13 +39,13 @@ struct MjcfOptions {
 
 // MJCF of one arm: body link0 at the origin, joints and torque motors (gear 1, no limit of control)
 // joint1..jointN, sites `flange` and `hand_tcp`. Armature is the motors' inertia; damping and friction are
-// zero: what surrounds the rigid body is the business of the plant. Visible geoms are in group 2 and touch
+// zero: the plant simulates them. Visible geoms are in group 2 and touch
 // nothing, collision capsules are in group 3. No <option>: the scene sets time step and integrator. Throws
-// std::invalid_argument if a hand is asked for and the robot has none.
+// std::invalid_argument if a hand is requested and the robot has none.
 std::string to_mjcf(const RobotDescription& robot, const MjcfOptions& options = {});
 
 // Folder of the Panda's meshes of the Python package example-robot-data, if it is installed in the project's
-// environment; else empty.
+// environment; otherwise empty.
 std::filesystem::path installed_meshes();
 
 }  // namespace multipanda

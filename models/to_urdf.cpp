@@ -169,7 +169,7 @@ void write_colors(XmlText& xml) {
 std::string to_urdf(const RobotDescription& robot, const UrdfOptions& options) {
   XmlText xml;
   xml.comment(robot.title + ". Written from " + robot.file.filename().string() +
-              "; origin of the figures there.");
+              "; see there for the sources of the values.");
   xml.open("robot", {{"name", robot.name}});
   if (options.geometry) write_colors(xml);
   write_arm(xml, robot, options);

@@ -17,16 +17,16 @@ struct UrdfOptions {
   std::string flange = "flange";  // the flange's link; its joint is `<flange>_joint`
 };
 
-// An arm among others.
+// One of several arms.
 struct PlacedRobot {
   RobotDescription robot;
-  UrdfOptions options;  // the prefix is another for each
+  UrdfOptions options;  // each arm needs its own prefix
   Pose X_WB;            // its base in the world
 };
 
 // URDF of one arm: links link0..linkN, revolute joints joint1..jointN, then the fixed frame `flange`.
 // No joint friction or damping: controllers see the rigid body only. Numbers are exact.
-// Throws std::invalid_argument if a hand is asked for and the robot has none.
+// Throws std::invalid_argument if a hand is requested and the robot has none.
 std::string to_urdf(const RobotDescription& robot, const UrdfOptions& options = {});
 // URDF of several arms on the link `world`, each by a fixed joint `<prefix>base_joint` to its link0.
 std::string to_urdf(const std::string& name, const std::vector<PlacedRobot>& arms);

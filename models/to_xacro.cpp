@@ -12,12 +12,12 @@ const std::string kPrefix = "${prefix}";
 const std::string kOpen = "<?xml version=\"1.0\"?>\n<robot xmlns:xacro=\"http://www.ros.org/wiki/xacro\">\n";
 const std::string kClose = "</robot>\n";
 
-// What stands between the colours and the end of a URDF.
+// The part of a URDF between the colors and the end.
 std::string links_of(const std::string& urdf) {
   const auto first = urdf.find("  <link name=\"" + kPrefix + "link0\"");
   const auto end = urdf.rfind(kClose);
   if (first == std::string::npos || end == std::string::npos) {
-    throw std::logic_error("to_urdf writes something else than expected");
+    throw std::logic_error("unexpected format of to_urdf");
   }
   return urdf.substr(first, end - first);
 }
@@ -51,7 +51,7 @@ std::string to_xacro(const RobotDescription& robot) {
   std::string home;
   for (const double q : robot.q_home) home += (home.empty() ? "" : ", ") + exact(q);
   std::string text = kOpen + "  <!-- " + robot.title + ". Written by export_models from " +
-                     robot.file.filename().string() + "; origin of the figures there. -->\n" +
+                     robot.file.filename().string() + "; see there for the sources of the values. -->\n" +
                      "  <xacro:property name=\"" + robot.name + "_home\" value=\"${[" + home + "]}\"/>\n" +
                      "  <xacro:property name=\"" + robot.name + "_has_hand\" value=\"" +
                      (robot.hand ? "true" : "false") + "\"/>\n" + macro(robot.name + "_links", arm) +
@@ -59,7 +59,7 @@ std::string to_xacro(const RobotDescription& robot) {
   if (robot.hand) {
     options.hand = options.fingers = true;
     const std::string whole = links_of(to_urdf(robot, options));
-    if (whole.rfind(arm, 0) != 0) throw std::logic_error("the hand stands elsewhere than behind the arm");
+    if (whole.rfind(arm, 0) != 0) throw std::logic_error("expected the hand after the arm");
     text += macro(robot.name + "_hand", whole.substr(arm.size()));
     text += macro(robot.name + "_hand_ignored_pairs", ignored_pairs(robot, true));
   }

@@ -9,8 +9,8 @@
 #include <boost/property_tree/ptree.hpp>
 #include <boost/property_tree/xml_parser.hpp>
 
-#include "models/checked_yaml.hpp"
 #include "models/robot_description.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -21,7 +21,7 @@ using Xml = boost::property_tree::ptree;
   throw std::invalid_argument("URDF: " + (where.empty() ? "" : where + ": ") + why);
 }
 
-// An element, and where it stands, for messages.
+// An element and its place, for messages.
 struct Element {
   const Xml* xml;
   std::string where;
@@ -50,7 +50,7 @@ struct Element {
       double number = 0;
       const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
       if (error != std::errc() || end != word.data() + word.size() || !std::isfinite(number)) {
-        refuse(where, "'" + word + "' in " + name + "=\"" + value + "\" is no finite number");
+        refuse(where, "'" + word + "' in " + name + "=\"" + value + "\" is not a finite number");
       }
       result.push_back(number);
     }
@@ -86,7 +86,7 @@ RigidBody read_inertial(const Element& link) {
   if (!mass || !inertia) refuse(inertial->where, "expected <mass> and <inertia>");
   RigidBody body;
   body.mass = mass->number("value");
-  if (body.mass < 0) refuse(mass->where, "a mass below 0");
+  if (body.mass < 0) refuse(mass->where, "expected a mass of at least 0");
   const auto part = [&](const char* name) { return inertia->number(name); };
   body.inertia << part("ixx"), part("ixy"), part("ixz"), part("ixy"), part("iyy"), part("iyz"), part("ixz"),
       part("iyz"), part("izz");
@@ -100,7 +100,8 @@ UrdfJoint read_joint(const Element& element, const std::string& name) {
   joint.name = name;
   joint.type = element.text("type");
   if (std::find(kTypes.begin(), kTypes.end(), joint.type) == kTypes.end()) {
-    refuse(element.where, "there is no type '" + joint.type + "'." + suggestion(joint.type, kTypes));
+    refuse(element.where,
+           "unknown joint type '" + joint.type + "'" + name_hint(joint.type, kTypes, "there are none"));
   }
   const auto parent = element.find("parent"), child = element.find("child");
   if (!parent || !child) refuse(element.where, "expected <parent> and <child>");
@@ -109,7 +110,8 @@ UrdfJoint read_joint(const Element& element, const std::string& name) {
   joint.X_PC = read_origin(element);
   if (const auto axis = element.find("axis")) joint.axis = axis->vector3("xyz");
   if (joint.axis.norm() < 1e-9) {
-    if (joint.turns() || joint.type == "prismatic") refuse(element.where, "the axis has no direction");
+    if (joint.turns() || joint.type == "prismatic")
+      refuse(element.where, "expected an axis with a direction, found the zero vector");
     joint.axis = Vector3::UnitX();
   }
   joint.axis.normalize();
@@ -139,15 +141,15 @@ void check_tree(const UrdfTree& tree) {
       refuse(where, "the link '" + joint.child + "' already has a parent; a URDF is a tree");
     }
     if (joint.mimic && tree.joint(joint.mimic->joint) == nullptr) {
-      refuse(where, "it follows the joint '" + joint.mimic->joint + "', which does not exist." +
-                        suggestion(joint.mimic->joint, tree.joint_names()));
+      refuse(where, "it mimics the joint '" + joint.mimic->joint + "', which does not exist" +
+                        name_hint(joint.mimic->joint, tree.joint_names(), "there are none"));
     }
   }
   for (const auto& [link, body] : tree.links) {
     std::size_t steps = 0;
     for (const UrdfJoint* j = tree.parent_joint(link); j != nullptr; j = tree.parent_joint(j->parent)) {
       if (++steps > tree.joints.size())
-        refuse("link '" + link + "'", "it stands on itself; a URDF is a tree");
+        refuse("link '" + link + "'", "it is its own ancestor; a URDF is a tree");
     }
   }
 }
@@ -211,17 +213,18 @@ UrdfTree parse_urdf(const std::string& text) {
   tree.name = Element{&*root, "<robot>"}.text("name");
   for (const auto& [kind, xml] : *root) {
     if (kind != "link" && kind != "joint") continue;
-    // A ros2_control tag has joints of its own, but inside: these are the robot's.
+    // Joints of a ros2_control tag are one level deeper; these are those of the robot.
     const std::string name = Element{&xml, "<" + kind + ">"}.text("name");
     const Element element{&xml, kind + " '" + name + "'"};
     if (kind == "link") {
-      if (!tree.links.emplace(name, read_inertial(element)).second) refuse(element.where, "stands twice");
+      if (!tree.links.emplace(name, read_inertial(element)).second)
+        refuse(element.where, "duplicate name; remove one");
     } else {
-      if (tree.joint(name) != nullptr) refuse(element.where, "stands twice");
+      if (tree.joint(name) != nullptr) refuse(element.where, "duplicate name; remove one");
       tree.joints.push_back(read_joint(element, name));
     }
   }
-  if (tree.links.empty()) refuse("", "it has no link");
+  if (tree.links.empty()) refuse("", "expected at least one link");
   check_tree(tree);
   return tree;
 }

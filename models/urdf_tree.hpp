@@ -25,7 +25,7 @@ struct UrdfJoint {
   Pose X_PC;                        // child in parent at zero
   Vector3 axis = Vector3::UnitX();  // in the child's frame, unit length
   std::optional<double> lower,
-      upper;                       // [rad] or [m]; none: the file does not say, or the joint is continuous
+      upper;                       // [rad] or [m]; none: not in the file, or the joint is continuous
   std::optional<double> velocity;  // [rad/s] or [m/s]
   std::optional<double> effort;    // [N m] or [N]
   std::optional<UrdfMimic> mimic;
@@ -47,7 +47,7 @@ struct UrdfTree {
   std::vector<const UrdfJoint*> child_joints(const std::string& link) const;
 };
 
-// Throws std::invalid_argument: what is wrong, and in which link or joint. Also refuses a file that is no
+// Throws std::invalid_argument: what is wrong, and in which link or joint. Also refuses a file that is not a
 // tree: a link with two parents, a joint between links that do not exist, a loop.
 UrdfTree parse_urdf(const std::string& text);
 

@@ -69,7 +69,7 @@ bool same(const JointLimits& a, const JointLimits& b) {
          same(a.tau_rate_max, b.tau_rate_max);
 }
 
-// In quotes and escaped, whatever it is.
+// Quoted and escaped text.
 std::string quoted(const std::string& text) {
   YAML::Emitter emitter;
   emitter << YAML::DoubleQuoted << text;
@@ -125,14 +125,14 @@ std::string text_of(const Actuation& actuation) {
          "\n  command_delay_s: " + exact(actuation.command_delay) + "\n";
 }
 
-// `word`: what stands for a section that the base has and the robot has not.
+// `word`: the value of a section that the base has and the robot does not have.
 template <class T>
 std::string optional_section(const char* key, const std::optional<T>& section) {
   return std::string(key) + ":" + (section ? text_of(*section) : " none\n");
 }
 
-// How a file in `folder` names the base: robots of models/ by name, neighbours by their place from there,
-// others by their own.
+// How a file in `folder` names the base: robots of models/ by name, neighbors by their place from there,
+// others by their path.
 std::string name_of(const fs::path& base, const fs::path& folder) {
   const fs::path absolute = fs::weakly_canonical(base);
   const bool known = fs::weakly_canonical(models_folder()) == absolute.parent_path();
@@ -194,8 +194,8 @@ void check(const RobotDescription& robot, const RobotDescription& base) {
     refuse("it has " + std::to_string(robot.joint_count()) + " joints, its base " +
            std::to_string(base.joint_count()));
   }
-  if (!same(robot.limits, base.limits)) refuse("its limits are not those of its base");
-  if (!same(robot.hand, base.hand)) refuse("its hand is not that of its base");
+  if (!same(robot.limits, base.limits)) refuse("its limits differ from those of its base");
+  if (!same(robot.hand, base.hand)) refuse("its hand differs from that of its base");
 }
 
 }  // namespace
@@ -204,7 +204,7 @@ void write_robot(const RobotDescription& robot, const RobotDescription& base, co
   check(robot, base);
   const fs::path folder = file.has_parent_path() ? file.parent_path() : fs::path(".");
   fs::create_directories(folder);
-  // Beside the place where it will stand, since the base may be named from there.
+  // In the folder of the final file, because the base may be relative to it.
   const fs::path draft = folder / (file.filename().string() + "." + std::to_string(::getpid()));
   {
     std::ofstream out(draft, std::ios::binary);

@@ -69,7 +69,7 @@ void XmlText::leaf(std::string_view element, const Attributes& attributes) {
 }
 
 void XmlText::comment(const std::string& text) {
-  std::string safe = text;  // "--" may not stand in a comment
+  std::string safe = text;  // "--" is not allowed in a comment
   for (auto at = safe.find("--"); at != std::string::npos; at = safe.find("--", at))
     safe.replace(at, 2, "- -");
   text_.append(2 * open_.size(), ' ').append("<!-- ").append(safe).append(" -->\n");

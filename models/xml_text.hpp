@@ -14,7 +14,7 @@ std::string exact(double value);
 std::string exact(const Vector3& v);     // separated by blanks
 std::string exact(const Quaternion& q);  // w x y z
 
-// Puts XML together: indented, escaped, elements closed in order.
+// Writes XML: indented, escaped, elements closed in order.
 class XmlText {
  public:
   using Attributes = std::vector<std::pair<std::string_view, std::string>>;

@@ -1,11 +1,18 @@
 #include "runtime/backends.hpp"
 
 #include <algorithm>
+#include <array>
 #include <stdexcept>
 
 #include "backends/mujoco/mujoco_backend.hpp"
-#include "runtime/network_backends.hpp"
-#include "scene/names.hpp"
+#include "backends/pinocchio/pinocchio_backend.hpp"
+#include "backends/replay/replay_backend.hpp"
+#include "fci/client/fci_backend.hpp"
+#include "fci/client/from_scene.hpp"
+#include "runtime/mixed_backend.hpp"
+#include "runtime/virtual_backend.hpp"
+#include "scene/build.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -16,39 +23,161 @@ void check_addresses(const Scene& scene, const BackendOptions& options) {
   for (const auto& [name, address] : options.addresses) {
     if (std::find(names.begin(), names.end(), name) == names.end()) {
       throw std::invalid_argument("an address is given for arm '" + name +
-                                  "', which the scene does not have" +
+                                  "', but the scene has no such arm" +
                                   name_hint(name, names, "there are none"));
     }
-    if (options.arms == ArmsFrom::mujoco || options.arms == ArmsFrom::virtual_arms) {
-      throw std::invalid_argument(
-          "an address is given for arm '" + name +
-          "', but all arms of this run are simulated; leave it out, or say --backend fci");
+    if (options.kind != BackendKind::as_scene && options.kind != BackendKind::fci) {
+      throw std::invalid_argument("an address is given for arm '" + name +
+                                  "', but this run has no real arms; leave it out, or use --backend fci");
     }
   }
+}
+
+struct NamedBackend {
+  const char* name;
+  BackendKind kind;
+};
+constexpr std::array<NamedBackend, 5> kBackends{{{"mujoco", BackendKind::mujoco},
+                                                 {"fci", BackendKind::fci},
+                                                 {"virtual", BackendKind::virtual_arms},
+                                                 {"pinocchio", BackendKind::pinocchio},
+                                                 {"replay", BackendKind::replay}}};
+
+// Periods for which the laws are designed.
+constexpr double kShortestPeriod_s = 0.0005, kLongestPeriod_s = 0.005;
+
+// The scene's own choice, if the command line makes none.
+BackendOptions chosen(const Scene& scene, BackendOptions options) {
+  if (options.kind != BackendKind::as_scene || scene.backend.empty()) return options;
+  BackendOptions named = backend_named(scene.backend);
+  options.kind = named.kind;
+  options.type = std::move(named.type);
+  return options;
+}
+
+std::string describe(const Scene& scene) {
+  std::string text;
+  for (const auto& arm : scene.arms) {
+    text += (text.empty() ? "" : ", ") + arm.name + (arm.fci ? " fci " + arm.fci->address : " mujoco");
+  }
+  return text;
+}
+
+std::unique_ptr<Backend> make_virtual(const Scene& scene, const BackendOptions& options,
+                                      const BackendPace& pace) {
+  const VirtualPace clock = !pace.paced        ? VirtualPace::unpaced
+                            : options.lockstep ? VirtualPace::waiting
+                                               : VirtualPace::realtime;
+  return std::make_unique<VirtualBackend>(scene, clock, pace.report);
+}
+
+// The real arms through the control interface. The others, if there are any, are simulated in one world.
+std::unique_ptr<Backend> make_real(const Scene& scene, const BackendPace& pace) {
+  MixedBackend::Parts parts;
+  parts.lockstep = !pace.paced;
+  std::vector<fci::FciArmConfig> real;
+  Scene simulated = scene;
+  std::erase_if(simulated.arms, [](const SceneArm& arm) { return arm.fci.has_value(); });
+  for (ArmIndex i = 0; i < scene.arms.size(); ++i) {
+    const SceneArm& arm = scene.arms[i];
+    if (arm.fci) real.push_back(fci::fci_arm_config(arm, arm.fci->address));
+    (arm.fci ? parts.real_arms : parts.simulated_arms).push_back(i);
+  }
+  parts.real = std::make_unique<fci::FciBackend>(
+      std::move(real), fci::FciOptions{.lockstep = !pace.paced, .report = pace.report});
+  if (simulated.arms.empty()) return std::move(parts.real);
+  parts.simulated = std::make_unique<MujocoBackend>(simulated, MujocoOptions{.pace = Pace::unpaced});
+  return std::make_unique<MixedBackend>(std::move(parts));
+}
+
+std::unique_ptr<Backend> make_replay(const Scene& scene, const BackendOptions& options,
+                                     const BackendPace& pace) {
+  if (options.log.empty()) throw std::invalid_argument("the backend replay needs a log: add --log LOG");
+  std::vector<ReplayBackend::Arm> arms;
+  for (const auto& arm : scene.arms) {
+    const ArmConfig config = arm_config(arm);
+    arms.push_back({.name = arm.name, .frames = config.frames, .tool = config.tool, .load = config.load});
+  }
+  const auto log = std::filesystem::is_directory(options.log) ? options.log / "log.mcap" : options.log;
+  return std::make_unique<ReplayBackend>(log, std::move(arms), pace.paced, pace.report);
+}
+
+std::unique_ptr<Backend> make_from_library(const Scene& scene, const Registry& registry,
+                                           const std::string& name, const BackendPace& pace) {
+  const BackendType* type = registry.backend(name);
+  if (type == nullptr) {
+    std::vector<std::string> names = backend_names();
+    for (const auto& known : registry.backends()) names.push_back(known.name);
+    throw std::invalid_argument("there is no backend '" + name + "'" +
+                                name_hint(name, names, "there are none") +
+                                "; a library's backend needs its library in the scene's 'plugins'");
+  }
+  BackendSetup setup{.arms = {}, .paced = pace.paced, .report = pace.report};
+  for (const auto& arm : scene.arms) {
+    if (arm.collision || arm.joint_stiffness || arm.cartesian_stiffness) {
+      throw std::invalid_argument("the backend '" + name +
+                                  "' comes from a library and cannot set collision " +
+                                  "thresholds or stiffnesses; remove these keys of arm '" + arm.name + "'");
+    }
+    const ArmConfig config = arm_config(arm);
+    setup.arms.push_back({.name = arm.name,
+                          .model = build_arm_model(arm),
+                          .frames = config.frames,
+                          .tool = config.tool,
+                          .load = config.load,
+                          .q_start = arm.q_start});
+  }
+  auto backend = type->create(setup);
+  if (backend == nullptr || backend->arm_count() != scene.arms.size())
+    throw std::invalid_argument("the backend '" + name + "' does not have the arms of the scene");
+  const double period = backend->period();
+  if (!(period >= kShortestPeriod_s && period <= kLongestPeriod_s)) {
+    throw std::invalid_argument("the backend '" + name + "' has a period of " + std::to_string(period) +
+                                " s; expected 0.0005 to 0.005 s");
+  }
+  for (ArmIndex arm = 0; arm < backend->arm_count(); ++arm) {
+    if (backend->capabilities(arm).compensates_gravity) continue;
+    throw std::invalid_argument("the backend '" + name + "' does not compensate the gravity of arm '" +
+                                scene.arms[arm].name + "'; torques exclude gravity, so the arm would fall");
+  }
+  return backend;
 }
 
 }  // namespace
 
-std::string_view name_of(ArmsFrom arms) {
-  switch (arms) {
-    case ArmsFrom::scene:
-      return "scene";
-    case ArmsFrom::mujoco:
-      return "mujoco";
-    case ArmsFrom::fci:
-      return "fci";
-    case ArmsFrom::virtual_arms:
-      return "virtual";
-  }
-  return "";
+std::vector<std::string> backend_names() {
+  std::vector<std::string> names;
+  for (const auto& known : kBackends) names.emplace_back(known.name);
+  return names;
 }
 
-Scene with_arms_from(Scene scene, const BackendOptions& options) {
+std::string name_of(BackendKind kind) {
+  const auto known = std::ranges::find_if(kBackends, [&](const auto& each) { return kind == each.kind; });
+  return known != kBackends.end() ? known->name : std::string();
+}
+
+BackendOptions backend_named(const std::string& name) {
+  BackendOptions options;
+  if (name.empty()) return options;
+  const auto known = std::ranges::find_if(kBackends, [&](const auto& each) { return name == each.name; });
+  options.kind = known != kBackends.end() ? known->kind : BackendKind::from_library;
+  if (known == kBackends.end()) options.type = name;
+  return options;
+}
+
+bool is_simulated(const Scene& scene, const BackendOptions& options) {
+  return chosen(scene, options).kind != BackendKind::from_library &&
+         std::ranges::none_of(with_connections(scene, options).arms,
+                              [](const SceneArm& arm) { return arm.fci.has_value(); });
+}
+
+Scene with_connections(Scene scene, const BackendOptions& given) {
+  const BackendOptions options = chosen(scene, given);
   check_addresses(scene, options);
   for (ArmIndex i = 0; i < scene.arms.size(); ++i) {
     SceneArm& arm = scene.arms[i];
-    if (options.arms == ArmsFrom::mujoco || options.arms == ArmsFrom::virtual_arms) arm.fci.reset();
-    if (options.arms == ArmsFrom::fci && !arm.fci) {
+    if (options.kind != BackendKind::as_scene && options.kind != BackendKind::fci) arm.fci.reset();
+    if (options.kind == BackendKind::fci && !arm.fci) {
       arm.fci = FciConnection{.address = "127.0.0." + std::to_string(i + 1), .place = arm.place};
     }
     for (const auto& [name, address] : options.addresses) {
@@ -70,16 +199,27 @@ Scene with_arms_from(Scene scene, const BackendOptions& options) {
   return scene;
 }
 
-BackendSet make_backend(const Scene& scene, ArmsFrom arms, const BackendPace& pace) {
-  const bool none_real =
-      std::none_of(scene.arms.begin(), scene.arms.end(), [](const auto& arm) { return arm.fci.has_value(); });
-  if (none_real && arms != ArmsFrom::virtual_arms) {
-    const Pace clock = pace.paced ? Pace::realtime : Pace::unpaced;
-    return {.backend = std::make_unique<MujocoBackend>(scene, MujocoOptions{.pace = clock}),
-            .link = [](ArmIndex) { return std::optional<fci::ArmStatistics>(); },
-            .description = "mujoco"};
+BackendSet make_backend(const Scene& scene, const Registry& registry, const BackendOptions& given,
+                        const BackendPace& pace) {
+  const BackendOptions options = chosen(scene, given);
+  const Pace clock = pace.paced ? Pace::realtime : Pace::unpaced;
+  switch (options.kind) {
+    case BackendKind::virtual_arms:
+      return {make_virtual(scene, options, pace), "virtual"};
+    case BackendKind::pinocchio:
+      return {std::make_unique<PinocchioBackend>(scene, pace.paced), "pinocchio"};
+    case BackendKind::replay:
+      return {make_replay(scene, options, pace), "replay of " + options.log.string()};
+    case BackendKind::from_library:
+      return {make_from_library(scene, registry, options.type, pace), options.type};
+    case BackendKind::as_scene:
+    case BackendKind::mujoco:
+    case BackendKind::fci:
+      break;
   }
-  return make_network_backend(scene, arms, pace);
+  if (std::ranges::any_of(scene.arms, [](const auto& arm) { return arm.fci.has_value(); }))
+    return {make_real(scene, pace), describe(scene)};
+  return {std::make_unique<MujocoBackend>(scene, MujocoOptions{.pace = clock}), "mujoco"};
 }
 
 }  // namespace multipanda

@@ -1,63 +1,75 @@
 #pragma once
 
+#include <filesystem>
 #include <functional>
 #include <memory>
-#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
 
 #include "core/cycle/backend.hpp"
-#include "fci/client/arm_statistics.hpp"
+#include "core/modes/registry.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
 
-// Whose arms a run drives.
-enum class ArmsFrom : std::uint8_t {
-  scene,   // arms with the key `fci` are real, the others simulated
-  mujoco,  // all simulated, in this process
-  fci,     // all real, or virtual ones of another process
-  // All virtual, in this process: the scene behind virtual arms, driven through sockets, with everything of
-  // the control interface in between.
-  virtual_arms
+// What drives the arms of a run.
+enum class BackendKind : std::uint8_t {
+  as_scene,  // as the scene's key `backend` says; without it, arms with the key `fci` are real, the others
+             // simulated
+  mujoco,    // all arms are simulated in this process
+  fci,       // all arms are real, or virtual arms of another process
+  // The arms are virtual arms in this process. The run controls them through sockets
+  // and the complete control interface.
+  virtual_arms,
+  pinocchio,    // all arms are simulated without contact
+  replay,       // the states of a log; torques are computed and compared with the recorded ones
+  from_library  // a backend of a library that the scene names in `plugins`
 };
 
-std::string_view name_of(ArmsFrom arms);  // as on the command line: "virtual"
+// The names of the command line and of the scene's key, without those of libraries: "virtual".
+std::vector<std::string> backend_names();
 
 struct BackendOptions {
-  ArmsFrom arms = ArmsFrom::scene;
-  // By arm name; in place of what the scene says. An arm named here is real (with `scene` and `fci`).
+  BackendKind kind = BackendKind::as_scene;
+  // By arm name; in place of the scene's address. An arm named here is real (with `as_scene` and `fci`).
   std::vector<std::pair<std::string, std::string>> addresses;
   // `virtual_arms` of a paced run: a step begins every millisecond, but the arms' world waits for its
-  // commands, so that nothing is late for an arm however busy the computer is. An unpaced run's arms always
-  // wait.
+  // commands, so that no command is late on a busy computer. The arms of an unpaced run always wait.
   bool lockstep = false;
+  std::filesystem::path log;  // of `replay`: log.mcap, or the folder of a run
+  std::string type;           // of `from_library`: the name in the registry
 };
 
-// The scene with SceneArm::fci set for exactly the arms that are real. With `fci`, an arm without any address
-// gets a loopback one: 127.0.0.1 the first of the scene, 127.0.0.2 the second, ...
-// Throws std::invalid_argument: addresses of arms that are simulated or do not exist, two arms at one.
-Scene with_arms_from(Scene scene, const BackendOptions& options);
+// "mujoco", "fci", ...; empty: the choice of the scene or a library's backend.
+std::string name_of(BackendKind kind);
+// The options for a backend by name; a name that is not one of backend_names() means a library's backend.
+BackendOptions backend_named(const std::string& name);
+
+// Whether all arms are simulated in this program: false with real arms and with a library's backend.
+bool is_simulated(const Scene& scene, const BackendOptions& options);
+
+// The scene with SceneArm::fci set for exactly the arms that are real. With `fci`, an arm without an address
+// gets a loopback address: 127.0.0.1 the first of the scene, 127.0.0.2 the second, ... Throws
+// std::invalid_argument: addresses of arms that are simulated or do not exist, or one address for two arms.
+Scene with_connections(Scene scene, const BackendOptions& options);
 
 struct BackendSet {
   std::unique_ptr<Backend> backend;
-  // How the packets of an arm fare, any thread; nothing for simulated arms.
-  std::function<std::optional<fci::ArmStatistics>(ArmIndex)> link;
   std::string description;  // "mujoco", "left fci 172.16.0.2, right mujoco"
 };
 
 struct BackendPace {
   bool paced = true;
-  bool lockstep = false;  // as BackendOptions has it
-  // What a user should know and nobody asked for. From threads of the backend, one at a time.
-  std::function<void(const std::string&)> say;
+  // Sends the user a message. From threads of the backend, one call at a time.
+  std::function<void(const std::string&)> report;
 };
 
-// The backend of a scene that with_arms_from() has been through. Not paced: as fast as the loop runs; real
-// arms are then expected to be virtual ones in lock-step. Nothing is connected before Backend::start().
-// Throws std::invalid_argument (a scene that cannot be).
-BackendSet make_backend(const Scene& scene, ArmsFrom arms, const BackendPace& pace);
+// The backend of a scene from with_connections(). Unpaced: as fast as the loop runs; real arms are then
+// expected to be virtual ones in lock-step. Nothing is connected before Backend::start(). Throws
+// std::invalid_argument (impossible scene, unknown backend) or std::runtime_error (the log cannot be read).
+BackendSet make_backend(const Scene& scene, const Registry& registry, const BackendOptions& options,
+                        const BackendPace& pace);
 
 }  // namespace multipanda

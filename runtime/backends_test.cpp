@@ -1,4 +1,4 @@
-// The same scene on other backends: simulated, virtual behind the wire, both kinds mixed, one of them lost.
+// The same scene on other backends: simulated, virtual, both kinds mixed, and one of them lost.
 #include "runtime/backends.hpp"
 
 #include <cmath>
@@ -18,7 +18,7 @@
 #include "runtime/session.hpp"
 #include "scene/load.hpp"
 
-namespace multipanda {
+namespace multipanda::backends_test {
 namespace {
 
 using nlohmann::json;
@@ -53,7 +53,7 @@ const char* kMotion =
     "0.1, "
     "1.5, 0.6], duration_s: 0.6}}\n";
 
-// Loopback addresses that no other program of this moment has: the maker's ports, so no free ones.
+// Loopback addresses that other programs do not use: the ports are fixed by libfranka.
 std::string address(int arm) {
   const int id = static_cast<int>(getpid());
   return "127." + std::to_string(64 + (id >> 8) % 64) + "." + std::to_string(id % 256) + "." +
@@ -69,7 +69,7 @@ fci::VirtualArmOptions lockstep(std::size_t arms) {
   return options;
 }
 
-// What the records say, for whoever waits for it.
+// The newest records, for threads that wait for them.
 class Watch {
  public:
   void take(const CycleRecord& record) {
@@ -77,7 +77,7 @@ class Watch {
     last_ = record;
     changed_.notify_all();
   }
-  // The first record from now on of which `holds` is true; none within 20 s: the test fails.
+  // The first record from now on for which `holds` is true; the test fails if there is none within 20 s.
   template <typename Holds>
   CycleRecord wait(Holds holds) {
     std::unique_lock lock(mutex_);
@@ -119,67 +119,67 @@ double largest_difference(const Recorded& a, const Recorded& b, std::size_t arm_
   return largest;
 }
 
-TEST(ArmsFrom, SayWhoIsReal) {
+TEST(BackendKind, TellWhichArmsAreReal) {
   const Scene scene = two_arms("", ", fci: 172.16.0.7");
-  Scene as = with_arms_from(scene, {});
+  Scene as = with_connections(scene, {});
   EXPECT_FALSE(as.arms[0].fci);
   EXPECT_EQ(as.arms[1].fci->address, "172.16.0.7");
-  as = with_arms_from(scene, {.arms = ArmsFrom::scene, .addresses = {{"left", "10.0.0.1"}}});
+  as = with_connections(scene, {.kind = BackendKind::as_scene, .addresses = {{"left", "10.0.0.1"}}});
   EXPECT_EQ(as.arms[0].fci->address, "10.0.0.1");
-  as = with_arms_from(scene, {.arms = ArmsFrom::fci, .addresses = {}});
+  as = with_connections(scene, {.kind = BackendKind::fci, .addresses = {}});
   EXPECT_EQ(as.arms[0].fci->address, "127.0.0.1");
   EXPECT_EQ(as.arms[1].fci->address, "172.16.0.7");
-  for (const auto arms : {ArmsFrom::mujoco, ArmsFrom::virtual_arms}) {
-    as = with_arms_from(scene, {.arms = arms, .addresses = {}});
+  for (const auto arms : {BackendKind::mujoco, BackendKind::virtual_arms}) {
+    as = with_connections(scene, {.kind = arms, .addresses = {}});
     EXPECT_FALSE(as.arms[0].fci || as.arms[1].fci);
   }
 }
 
-TEST(ArmsFrom, RefusesAddressesThatCannotBe) {
+TEST(BackendKind, RefusesInvalidAddresses) {
   const auto refusal = [](const BackendOptions& options) {
     try {
-      (void)with_arms_from(two_arms(), options);
+      (void)with_connections(two_arms(), options);
     } catch (const std::invalid_argument& error) {
       return std::string(error.what());
     }
     return std::string();
   };
-  EXPECT_THAT(refusal({.arms = ArmsFrom::fci, .addresses = {{"lefd", "10.0.0.1"}}}),
+  EXPECT_THAT(refusal({.kind = BackendKind::fci, .addresses = {{"lefd", "10.0.0.1"}}}),
               HasSubstr("did you mean 'left'"));
-  EXPECT_THAT(refusal({.arms = ArmsFrom::mujoco, .addresses = {{"left", "10.0.0.1"}}}),
-              HasSubstr("all arms of this run are simulated"));
-  EXPECT_THAT(refusal({.arms = ArmsFrom::fci, .addresses = {{"left", "10.0.0.1"}, {"right", "10.0.0.1"}}}),
+  EXPECT_THAT(refusal({.kind = BackendKind::mujoco, .addresses = {{"left", "10.0.0.1"}}}),
+              HasSubstr("this run has no real arms"));
+  EXPECT_THAT(refusal({.kind = BackendKind::fci, .addresses = {{"left", "10.0.0.1"}, {"right", "10.0.0.1"}}}),
               HasSubstr("same address 10.0.0.1"));
-  EXPECT_THAT(refusal({.arms = ArmsFrom::fci, .addresses = {{"left", "127.0.0.2"}}}),
+  EXPECT_THAT(refusal({.kind = BackendKind::fci, .addresses = {{"left", "127.0.0.2"}}}),
               HasSubstr("same address 127.0.0.2"));
 }
 
-// The wire carries what the simulation says, so both runs move alike. What differs: states travel in single
-// precision (6e-8 rad at pi/2), and the controllets answer what they see. In a motion of 0.45 rad that makes
-// 1.3e-7 rad.
+// The interface carries the simulation's values, so both runs move alike. The difference: states are in
+// single precision (6e-8 rad at pi/2), and the controllets react to these states. In a motion of 0.45 rad
+// that makes 1.3e-7 rad.
 TEST(VirtualBackend, MovesLikeTheSimulation) {
   const Scene scene = two_arms(kMotion);
-  const Recorded direct = record(scene, {.arms = ArmsFrom::mujoco, .addresses = {}}, 1.0);
-  const Recorded wire = record(scene, {.arms = ArmsFrom::virtual_arms, .addresses = {}}, 1.0);
+  const Recorded direct = record(scene, {.kind = BackendKind::mujoco, .addresses = {}}, 1.0);
+  const Recorded wire = record(scene, {.kind = BackendKind::virtual_arms, .addresses = {}}, 1.0);
   EXPECT_THAT(wire.summary.faults(), ElementsAre());
   EXPECT_EQ(wire.summary.cycles, 1000u);
   EXPECT_EQ(wire.summary.backend, "virtual");
   for (std::size_t arm = 0; arm < 2; ++arm) {
     EXPECT_LT(largest_difference(direct, wire, arm, arm), 2e-6) << arm;  // [rad]
-    // It did move, or the comparison would say nothing.
+    // It moved; otherwise the comparison would be meaningless.
     EXPECT_GT(std::abs(wire.records.back().arms[arm].q[3] - wire.records.front().arms[arm].q[3]), 0.01);
     EXPECT_TRUE(wire.records.back().arms[arm].has_contact_truth);
   }
   // Lock-step: a second run is the same to the bit.
-  const Recorded again = record(scene, {.arms = ArmsFrom::virtual_arms, .addresses = {}}, 1.0);
+  const Recorded again = record(scene, {.kind = BackendKind::virtual_arms, .addresses = {}}, 1.0);
   EXPECT_EQ(largest_difference(wire, again, 0, 0), 0);
   EXPECT_EQ(largest_difference(wire, again, 1, 1), 0);
 }
 
 // In real time the arms would stop themselves after 20 periods without a command.
-TEST(VirtualBackend, AWorldThatWaitsMissesNothingOfALoopThatStalls) {
+TEST(VirtualBackend, AWorldInLockStepMissesNothingIfTheLoopStalls) {
   SessionOptions options{
-      .paced = true, .backend = {.arms = ArmsFrom::virtual_arms, .lockstep = true}, .duration_s = 0.3};
+      .paced = true, .backend = {.kind = BackendKind::virtual_arms, .lockstep = true}, .duration_s = 0.3};
   options.on_loop = [](const Tick& tick, const Backend&) {
     if (tick.cycle % 100 == 50) std::this_thread::sleep_for(std::chrono::milliseconds(60));
   };
@@ -190,7 +190,7 @@ TEST(VirtualBackend, AWorldThatWaitsMissesNothingOfALoopThatStalls) {
   const RunSummary summary = session.finish();
   EXPECT_THAT(summary.faults(), ElementsAre());
   EXPECT_EQ(summary.cycles, 300u);
-  EXPECT_GE(summary.elapsed_s, 0.29 + 3 * 0.059);  // by the clock, and three stalls that are not made good
+  EXPECT_GE(summary.elapsed_s, 0.29 + 3 * 0.059);  // by the clock, and three stalls that are not caught up
   EXPECT_GE(summary.overruns, 3u * 58);
   ASSERT_EQ(records.size(), 300u);
   for (std::size_t i = 1; i < records.size(); ++i) {
@@ -199,7 +199,7 @@ TEST(VirtualBackend, AWorldThatWaitsMissesNothingOfALoopThatStalls) {
   }
 }
 
-// What no arm tells is read past the wire, and the timeline's `place` happens when the loop says so.
+// Data that no arm reports are read directly, and the timeline's `place` happens in the loop's time.
 TEST(VirtualBackend, ShowsItsObjects) {
   const Scene scene = two_arms(
       "objects:\n  - {name: ball, shape: sphere, diameter_m: 0.1, fixed: false, mass_kg: 1, position_m: [2, "
@@ -207,7 +207,7 @@ TEST(VirtualBackend, ShowsItsObjects) {
       "5]}\n"
       "timeline:\n  - {at_s: 0.1, place: {object: ball, position_m: [2, 0, 8]}}\n");
   std::vector<std::pair<double, double>> heights;
-  SessionOptions options{.paced = false, .backend = {ArmsFrom::virtual_arms, {}}, .duration_s = 0.3};
+  SessionOptions options{.paced = false, .backend = {BackendKind::virtual_arms, {}}, .duration_s = 0.3};
   options.on_loop = [&](const Tick& tick, const Backend& backend) {
     const auto X_WO = simulation_of(backend)->object_pose("ball");
     if (X_WO) heights.emplace_back(tick.t.seconds(), X_WO->position.z());
@@ -231,18 +231,19 @@ TEST(MixedBackend, DrivesBothKinds) {
   there.timeline.clear();
   fci::VirtualArms world(there, lockstep(1));
   world.start();
-  const Recorded mixed = record(scene, {.arms = ArmsFrom::scene, .addresses = {{"right", address(0)}}}, 1.0);
+  const Recorded mixed =
+      record(scene, {.kind = BackendKind::as_scene, .addresses = {{"right", address(0)}}}, 1.0);
   EXPECT_THAT(mixed.summary.faults(), ElementsAre());
   EXPECT_EQ(mixed.summary.cycles, 1000u);
   EXPECT_THAT(mixed.summary.backend, HasSubstr("left mujoco, right fci 127."));
-  const Recorded direct = record(scene, {.arms = ArmsFrom::mujoco, .addresses = {}}, 1.0);
+  const Recorded direct = record(scene, {.kind = BackendKind::mujoco, .addresses = {}}, 1.0);
   EXPECT_EQ(largest_difference(direct, mixed, 0, 0), 0);  // nothing of it changed for the simulated arm
   EXPECT_LT(largest_difference(direct, mixed, 1, 1), 2e-6);
   EXPECT_TRUE(mixed.records.back().arms[0].has_contact_truth);
   EXPECT_FALSE(mixed.records.back().arms[1].has_contact_truth);
 }
 
-TEST(RealArms, OneIsRecoveredWhileTheOtherRunsOn) {
+TEST(RealArms, OneIsRecoveredWhileTheOtherContinues) {
   const Scene scene = two_arms();
   fci::VirtualArms world(scene, lockstep(2));
   world.start();
@@ -251,7 +252,7 @@ TEST(RealArms, OneIsRecoveredWhileTheOtherRunsOn) {
   Watch watch;
   SessionOptions options{
       .paced = false,
-      .backend = {.arms = ArmsFrom::fci, .addresses = {{"left", address(0)}, {"right", address(1)}}},
+      .backend = {.kind = BackendKind::fci, .addresses = {{"left", address(0)}, {"right", address(1)}}},
       .duration_s = 0.0,
       .socket = folder / "s.sock"};
   options.observer = [&watch](const CycleRecord& record) { watch.take(record); };
@@ -276,7 +277,7 @@ TEST(RealArms, OneIsRecoveredWhileTheOtherRunsOn) {
   EXPECT_EQ(lost.arms[0].owner, left_hold);
   EXPECT_EQ(lost.arms[1].owner, right_joints);
   const CycleRecord later = watch.wait([&](const CycleRecord& r) { return r.cycle > lost.cycle + 50; });
-  EXPECT_EQ(mode(later, 1), ArmMode::move);  // the other one runs on
+  EXPECT_EQ(mode(later, 1), ArmMode::move);  // the other one continues
   EXPECT_EQ(later.arms[1].owner, right_joints);
   EXPECT_EQ(later.arms[1].sequence - lost.arms[1].sequence, later.cycle - lost.cycle);
 
@@ -293,11 +294,11 @@ TEST(RealArms, OneIsRecoveredWhileTheOtherRunsOn) {
   std::filesystem::remove_all(folder);
 }
 
-TEST(RealArms, NobodyThereIsSaidAtOnce) {
+TEST(RealArms, AMissingArmIsReportedAtOnce) {
   Session session(
       two_arms(), registry(),
       {.paced = true,
-       .backend = {.arms = ArmsFrom::fci, .addresses = {{"left", address(8)}, {"right", address(9)}}},
+       .backend = {.kind = BackendKind::fci, .addresses = {{"left", address(8)}, {"right", address(9)}}},
        .duration_s = 1.0});
   session.start();
   try {
@@ -310,4 +311,4 @@ TEST(RealArms, NobodyThereIsSaidAtOnce) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::backends_test

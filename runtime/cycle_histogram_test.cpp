@@ -7,7 +7,7 @@
 
 #include <gtest/gtest.h>
 
-namespace multipanda {
+namespace multipanda::cycle_histogram_test {
 namespace {
 
 TEST(CycleHistogram, IsEmptyAtFirst) {
@@ -45,7 +45,7 @@ TEST(CycleHistogram, PercentilesAgreeWithSorting) {
   EXPECT_EQ(histogram.max(), all.back());
 }
 
-TEST(CycleHistogram, TakesWhatIsOutOfRange) {
+TEST(CycleHistogram, AcceptsValuesOutOfRange) {
   CycleHistogram histogram;
   histogram.add(-5);
   histogram.add(60'000'000'000);  // a minute
@@ -55,4 +55,4 @@ TEST(CycleHistogram, TakesWhatIsOutOfRange) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::cycle_histogram_test

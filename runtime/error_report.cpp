@@ -8,14 +8,14 @@
 
 #include "core/geometry/distance.hpp"
 #include "core/model/model_terms.hpp"
+#include "core/types/time.hpp"
 
 namespace multipanda {
 namespace {
 
 constexpr std::size_t kErrors = kArmErrorCount;
-constexpr double kPeriod_s = 0.001;
-constexpr double kSlow_us = 500;   // computing time beyond which the controllers themselves are to blame
-constexpr double kTooNear = 0.05;  // parts of an arm nearer than this are named [m]
+constexpr double kSlow_us = 500;   // computing time beyond which the controllers are the cause
+constexpr double kTooNear = 0.05;  // parts of an arm at a smaller distance are named [m]
 
 JointVector joints(const JointArray& values, std::size_t n) {
   JointVector result(static_cast<Eigen::Index>(n));
@@ -23,7 +23,7 @@ JointVector joints(const JointArray& values, std::size_t n) {
   return result;
 }
 
-// Keeps what exceeds its limit by most, or comes nearest to it.
+// Keeps the value that exceeds its limit most or is nearest to it.
 struct Worst {
   ReflexDetail detail;
   double share = -std::numeric_limits<double>::infinity();
@@ -34,7 +34,7 @@ struct Worst {
   }
 };
 
-// Everything about the arm's last state, computed once.
+// Quantities of the arm's last state, computed once.
 class Case {
  public:
   Case(std::span<const ArmCycle> cycles, const ArmErrorLimits& limits)
@@ -68,7 +68,7 @@ class Case {
     }
   }
 
-  // What the number alone does not say.
+  // Adds what the number does not show.
   std::string remark(ArmError error, const ReflexDetail& detail) const {
     switch (error) {
       case ArmError::self_collision_avoidance_violation:
@@ -76,14 +76,16 @@ class Case {
       case ArmError::joint_reflex:
       case ArmError::cartesian_reflex:
         if (!limits_.thresholds) {
-          return "The thresholds that the arm uses are not known here; 'collision:' in the scene sets them.";
+          return "The arm's thresholds are not known to this program; set them with 'collision:' in the "
+                 "scene.";
         }
         if (limits_.thresholds->acceleration)
           return "While the arm accelerates it uses the thresholds for acceleration.";
         return {};
       case ArmError::controller_torque_discontinuity:
         return detail && std::abs(detail.value) <= detail.limit * (1 + 1e-5)
-                   ? "What was sent kept the limit: commands were lost on the way, and the arm saw the steps "
+                   ? "The sent commands kept the limit: commands were lost on the way, and the arm saw the "
+                     "steps "
                      "of several "
                      "periods in one."
                    : "";
@@ -91,8 +93,8 @@ class Case {
         return who_was_late();
       default:
         return is_of_motion(error)
-                   ? "It is about commanded motion, and multipanda sends torques: another program, or "
-                     "the arm's own motion, raised it."
+                   ? "The error concerns commanded motion, but multipanda sends torques: another program or "
+                     "a motion of the arm itself caused it."
                    : "";
     }
   }
@@ -105,7 +107,7 @@ class Case {
     return periods == 0 ? 0 : std::min(1.0, static_cast<double>(answers) / static_cast<double>(periods));
   }
 
-  // Numbers of states that never came, or came too late to be answered.
+  // Numbers of states that were lost or came too late to be answered.
   std::uint64_t missed_in_row() const {
     std::uint64_t worst = 0, before = cycles_.front().arm.sequence;
     for (const auto& c : cycles_) {
@@ -158,7 +160,7 @@ class Case {
     return worst.detail;
   }
 
-  // Only pairs of the arm itself: what stands around is nothing that the arm knows of.
+  // Pairs of parts of the arm only: the arm does not know its surroundings.
   ReflexDetail self_collision(ArmError error) {
     ModelTerms& terms = model();
     const auto& shapes = limits_.model->collision_shapes();
@@ -222,7 +224,7 @@ class Case {
     return worst.detail;
   }
 
-  // The largest step between two commands that followed each other: the arm counts each as of one period.
+  // The largest step between two successive commands: the arm assumes one period between them.
   // The command of the last cycle came after the error.
   ReflexDetail torque_step(ArmError error) const {
     Worst worst;
@@ -232,7 +234,7 @@ class Case {
       if (before != nullptr) {
         for (std::size_t i = 0; i < n_; ++i) {
           const auto k = static_cast<Eigen::Index>(i);
-          const double rate = std::abs(c.arm.tau_cmd[i] - before->tau_cmd[i]) / kPeriod_s;
+          const double rate = std::abs(c.arm.tau_cmd[i] - before->tau_cmd[i]) / kArmPeriod;
           worst.see(error, k, rate, limits_.tau_rate_max[k], rate / limits_.tau_rate_max[k]);
         }
       }
@@ -241,7 +243,7 @@ class Case {
     return worst.detail;
   }
 
-  // Own code, this computer, or the way to the arm: what the times of the cycles say.
+  // The times of the cycles tell whether controllers, this computer or the network caused the error.
   std::string who_was_late() const {
     double slowest_us = 0, longest_ms = 0;
     std::size_t at = 0;
@@ -259,22 +261,23 @@ class Case {
     }
     if (silent >= 3) {
       return fmt::format(
-          "Other arms' packets came for {} cycles while this one's did not: the way to this arm is to "
-          "blame (cable, switch, its control unit).",
+          "Packets of other arms came for {} cycles while those of this arm did not: the cause is the "
+          "connection to "
+          "this arm (cable, switch, its control unit).",
           silent);
     }
     if (slowest_us > kSlow_us) {
       return fmt::format(
-          "A cycle took {:.0f} us to compute: the controllers, or what interrupted them, are to blame.",
+          "A cycle took {:.0f} us to compute: the cause is the controllers or an interruption of them.",
           slowest_us);
     }
     if (longest_ms > 2) {
       return fmt::format(
           "No cycle began for {:.1f} ms before cycle {}: this computer slept or the network was silent; "
-          "the doctor tells which.",
+          "'multipanda doctor' finds out which.",
           longest_ms, cycles_[at].cycle);
     }
-    return "Every state that came was answered in time: the commands were lost or late on their way to the "
+    return "Every received state was answered in time: the commands were lost or late on their way to the "
            "arm.";
   }
 
@@ -300,9 +303,9 @@ bool is_contact(ArmError error) {
   return error == ArmError::joint_reflex || error == ArmError::cartesian_reflex;
 }
 
-// A limit of zero is one that nobody published: then only the value is said.
+// A limit of zero is not published: then only the value is given.
 std::string sentence_of(ArmError error, const ReflexDetail& detail) {
-  if (!detail) return std::string(explain(error)) + " The records do not tell where and by how much.";
+  if (!detail) return std::string(explain(error)) + " The records do not show where and by how much.";
   std::string text = describe(detail);  // "What happened. (joint 4: value, limit x N m)"
   if (const auto at = text.find(". ("); at != std::string::npos)
     text = fmt::format("{}{}.", text.substr(0, at), text.substr(at + 1));
@@ -330,8 +333,8 @@ ErrorExplanation explain(std::uint64_t errors, std::span<const ArmCycle> cycles,
       result.cures.emplace_back(cure(error));
   }
   if (errors >> kErrors != 0) {
-    result.sentences.emplace_back("The arm reports an error that this program does not know.");
-    result.cures.emplace_back("look into the arm's own log");
+    result.sentences.emplace_back("The arm reports an error that is unknown to this program.");
+    result.cures.emplace_back("see the arm's own log");
   }
   result.cycles = cycles.size();
   result.answered = records.answered();

@@ -5,7 +5,7 @@
 #include <span>
 #include <string_view>
 
-#include "backends/arm/motion_limits.hpp"
+#include "backends/simulated_arm/motion_limits.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/model/arm_model.hpp"
 #include "core/record/cycle_record.hpp"
@@ -18,34 +18,34 @@ namespace multipanda {
 struct ArmCycle {
   std::uint64_t cycle = 0;
   LoopTime t;
-  double period_s = 0;        // since the cycle before
+  double period_s = 0;        // since the previous cycle
   std::int32_t total_ns = 0;  // computing time of the whole cycle
-  bool others_due = false;    // a packet of another arm had come
+  bool others_due = false;    // a packet of another arm had arrived
   ArmSample arm;
 };
 
-// What is known of an arm's limits when its errors are explained.
+// Limits of an arm, to explain its errors.
 struct ArmErrorLimits {
   std::size_t joint_count = 0;
   MotionLimits motion;
   JointVector tau_max;       // [N m] (n x 1)
   JointVector tau_rate_max;  // [N m/s] (n x 1)
-  // Of contact, as told to the arm; none: it has its own, which it does not tell.
+  // Contact thresholds sent to the arm; none: its own, which are unknown.
   std::optional<SetCollisionThresholds> thresholds;
   std::optional<double> power_max;      // [W]; none: not published
-  std::optional<double> self_distance;  // parts of the arm must keep apart [m]; none: not published
-  double velocity_margin = 1;           // the arm tolerates so many times its velocity limits
+  std::optional<double> self_distance;  // smallest distance of two parts of the arm [m]; none: not published
+  double velocity_margin = 1;           // factor on the velocity limits that the arm tolerates
   std::shared_ptr<const ArmModel> model;
   ArmFrames frames;
   Load tool, load;
 };
 
-// Pure: the errors (bit i: ArmError i) and the arm's last cycles, oldest first; the last is the one in which
-// the errors were first seen. What the records cannot tell is said to be unknown.
+// Explains errors (bit i: ArmError i) from the arm's last cycles, oldest first. The last cycle is the one in
+// which the errors were first seen. The explanation names what the records do not show.
 ErrorExplanation explain(std::uint64_t errors, std::span<const ArmCycle> cycles,
                          const ArmErrorLimits& limits);
 
-// What to do about an error, one sentence.
+// How to fix an error, one sentence.
 std::string_view cure(ArmError error);
 
 }  // namespace multipanda

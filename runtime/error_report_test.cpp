@@ -1,5 +1,5 @@
-// What is said of an arm's errors: from made-up records, and for simulated arms against what the arm itself
-// found (SimulatedArm::reflex_detail), which the explanation never sees.
+// Explanations of an arm's errors: from synthetic records, and for simulated arms compared with the arm's own
+// finding (SimulatedArm::reflex_detail), which the explanation does not use.
 #include "runtime/error_report.hpp"
 
 #include <cmath>
@@ -12,16 +12,16 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "backends/arm/from_scene.hpp"
-#include "backends/arm/simulated_arm.hpp"
 #include "backends/mujoco/mujoco_backend.hpp"
+#include "backends/simulated_arm/from_scene.hpp"
+#include "backends/simulated_arm/simulated_arm.hpp"
 #include "core/state/external_force.hpp"
 #include "runtime/reflex_watch.hpp"
 #include "runtime/session.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 
-namespace multipanda {
+namespace multipanda::error_report_test {
 namespace {
 
 using testing::HasSubstr;
@@ -36,8 +36,8 @@ const char* const kScene =
 
 void copy(const JointVector& from, JointArray& to) { std::copy_n(from.data(), from.size(), to.begin()); }
 
-// A simulated arm in free space as the loop sees it: what it measures is given, what it reports is recorded
-// as the loop would, with the loop's own estimate of forces.
+// A simulated arm in free space as the loop sees it: its reports are recorded as the loop would record them,
+// with the loop's own estimate of forces.
 class WatchedArm {
  public:
   WatchedArm()
@@ -115,7 +115,7 @@ void expect_agreement(const WatchedArm& watched, ArmError expected, double toler
   EXPECT_FALSE(why.cures.empty());
 }
 
-TEST(ErrorsOfSimulatedArms, MeasuredLimitsAsTheArmFoundThem) {
+TEST(ErrorsOfSimulatedArms, MeasuredLimitsAsDetectedByTheArm) {
   std::mt19937 random(11);
   for (int trial = 0; trial < 7; ++trial) {
     const auto joint = static_cast<Eigen::Index>(trial);
@@ -169,7 +169,7 @@ TEST(ErrorsOfSimulatedArms, ContactBeyondTheThresholds) {
     ASSERT_EQ(arm.arm_.apply(thresholds), ArmReply::done);
     arm.limits_.thresholds = thresholds;
     arm.stand(20);
-    // Something holds the hand against 25 N along an oblique direction: the links feel it.
+    // A force of 25 N acts on the hand along an oblique direction.
     arm.terms_.update(arm.q_, arm.zero());
     Vector6 F;
     F << 14, -9, 18, 0, 0, 0;
@@ -231,14 +231,14 @@ std::vector<ArmCycle> quiet_cycles(std::size_t count) {
   return cycles;
 }
 
-TEST(ErrorExplanations, EveryFlagHasASentenceACureAndItsPlaceInTheDocument) {
+TEST(ErrorExplanations, EveryFlagHasASentenceARemedyAndASectionInTheDocs) {
   std::ifstream file(std::string(MULTIPANDA_SOURCE_DIR) + "/docs/errors.md");
   std::stringstream text;
   text << file.rdbuf();
   const auto cycles = quiet_cycles(3);
   for (std::size_t i = 0; i < kArmErrorCount; ++i) {
     const auto error = static_cast<ArmError>(i);
-    // Without a model: errors that need one must not be asked about it here.
+    // Without a model: errors that need one are skipped here.
     if (error == ArmError::cartesian_velocity_violation ||
         error == ArmError::self_collision_avoidance_violation)
       continue;
@@ -261,11 +261,11 @@ TEST(ErrorExplanations, SeveralAtOnceAndUnknownOnes) {
                   error_bit(ArmError::communication_constraints_violation) | std::uint64_t{1} << 50,
               cycles, plain_limits());
   EXPECT_EQ(why.sentences.size(), 3u);
-  EXPECT_THAT(why.sentences[2], HasSubstr("does not know"));
+  EXPECT_THAT(why.sentences[2], HasSubstr("unknown to this program"));
   EXPECT_TRUE(explain(1, {}, plain_limits()).sentences.empty());
 }
 
-TEST(ErrorExplanations, HonestWhereTheLimitIsNotKnown) {
+TEST(ErrorExplanations, StateWhenTheLimitIsUnknown) {
   auto cycles = quiet_cycles(3);
   cycles.back().arm.has_tau_ext = true;
   cycles.back().arm.tau_ext[4] = -7.5;
@@ -273,11 +273,11 @@ TEST(ErrorExplanations, HonestWhereTheLimitIsNotKnown) {
   EXPECT_EQ(why.detail.index, 4);
   EXPECT_DOUBLE_EQ(why.detail.value, -7.5);
   EXPECT_THAT(why.sentences[0], HasSubstr("joint 5: -7.5"));
-  EXPECT_THAT(why.sentences[0], HasSubstr("not known here"));
+  EXPECT_THAT(why.sentences[0], HasSubstr("not known to this program"));
   EXPECT_THAT(why.sentences[0], testing::Not(HasSubstr("limit 0")));
 }
 
-TEST(ErrorExplanations, WhoWasLate) {
+TEST(ErrorExplanations, NameTheLateSide) {
   const std::uint64_t lost = error_bit(ArmError::communication_constraints_violation);
   struct Row {
     const char* what;
@@ -313,7 +313,7 @@ TEST(ErrorExplanations, WhoWasLate) {
            c[i].arm.sequence = i == 49 ? 149 : 139;
          }
        },
-       9, 41.0 / 50, "Other arms' packets came for 9 cycles"},
+       9, 41.0 / 50, "Packets of other arms came for 9 cycles"},
   };
   for (const auto& row : rows) {
     auto cycles = quiet_cycles(50);
@@ -338,7 +338,7 @@ TEST(ErrorExplanations, TorqueStepsThatWereNotSent) {
 
 TEST(ReflexInARun, IsExplainedWithAFileOfItsLastCycles) {
   Registry registry = Registry::with_builtins();
-  // 3 kg that the arm was not told of pull on joint 4 with more than its threshold.
+  // An undeclared load of 3 kg exceeds the threshold of joint 4.
   std::string text = std::string(kScene) + "duration_s: 1\n";
   const std::string arm = "model: fr3,";
   text.insert(text.find(arm) + arm.size(),
@@ -383,4 +383,4 @@ TEST(ReflexInARun, IsExplainedWithAFileOfItsLastCycles) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::error_report_test

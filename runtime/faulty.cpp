@@ -6,11 +6,21 @@
 namespace multipanda {
 namespace {
 
-enum Parameter : std::size_t { kAfter, kFault };
-enum class Fault : std::size_t { nan, infinity, implausible, exception, report };
-
 class Faulty final : public Controllet {
  public:
+  static ControlletDescriptor descriptor() {
+    return {.type = "faulty",
+            .doc = "Causes a fault some time after its start, to show how the safety stage reacts.",
+            .parameters = spec_table<kParameterCount>(
+                parameter_at<kAfter>({.name = "after_s",
+                                      .unit = "s",
+                                      .initial = {0.5},
+                                      .max = 1e6,
+                                      .doc = "Time from the start to the fault."}),
+                parameter_at<kFault>(choice_parameter(
+                    "fault", {"nan", "infinity", "implausible", "exception", "report"}, "Kind of fault.")))};
+  }
+
   LawResult start(ControlContext&) override {
     running_s_ = 0;
     return LawResult::ok;
@@ -32,7 +42,7 @@ class Faulty final : public Controllet {
         (*arm.tau)[0] = 1e9;
         return LawResult::ok;
       case Fault::exception:
-        throw std::runtime_error("faulty, as asked");
+        throw std::runtime_error("fault requested by the parameters");
       case Fault::report:
         break;
     }
@@ -40,27 +50,14 @@ class Faulty final : public Controllet {
   }
 
  private:
+  enum Parameter : std::size_t { kAfter, kFault, kParameterCount };
+  enum class Fault : std::size_t { nan, infinity, implausible, exception, report };
   static constexpr double kDamping = 0.1;  // [N m s/rad]; stable at 1 kHz on the lightest joint
   double running_s_ = 0;
 };
 
 }  // namespace
 
-ControlletType faulty_controllet() {
-  return {{.type = "faulty",
-           .doc = "Misbehaves on purpose some time after its start: shows what the safety stage does.",
-           .inputs = {},
-           .parameters = {{"after_s", "s", 1, {0.5}, 0, 1e6, "Time from its start to the fault."},
-                          {.name = "fault",
-                           .unit = "",
-                           .size = 1,
-                           .initial = {0},
-                           .min = 0,
-                           .max = 4,
-                           .doc = "What it does then.",
-                           .choices = {"nan", "infinity", "implausible", "exception", "report"}}},
-           .outputs = {}},
-          [](ArmModels) -> std::unique_ptr<Controllet> { return std::make_unique<Faulty>(); }};
-}
+ControlletType faulty_controllet() { return controllet_type<Faulty>(); }
 
 }  // namespace multipanda

@@ -4,8 +4,8 @@
 
 namespace multipanda {
 
-// "faulty": holds its arm by damping until `after_s` has passed, then misbehaves on purpose. For the demo and
-// for tests only; no scene of one's own should name it, and only the demo's registry knows it.
+// "faulty": holds its arm by damping until `after_s` has passed, then causes a fault on purpose. For the demo
+// and for tests; only the registry of the demo has it.
 ControlletType faulty_controllet();
 
 }  // namespace multipanda

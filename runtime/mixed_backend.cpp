@@ -2,14 +2,12 @@
 
 #include <stdexcept>
 
-#include "backends/arm/request_box.hpp"
-
 namespace multipanda {
 
 MixedBackend::MixedBackend(Parts parts) : parts_(std::move(parts)) {
   if (!parts_.real || !parts_.simulated || parts_.real->arm_count() != parts_.real_arms.size() ||
       parts_.simulated->arm_count() != parts_.simulated_arms.size()) {
-    throw std::invalid_argument("a mixed backend needs real and simulated arms, and a place for each");
+    throw std::invalid_argument("a mixed backend needs real and simulated arms, and an index for each");
   }
   places_.resize(parts_.real_arms.size() + parts_.simulated_arms.size());
   for (ArmIndex i = 0; i < parts_.real_arms.size(); ++i) places_.at(parts_.real_arms[i]) = {true, i};
@@ -17,6 +15,7 @@ MixedBackend::MixedBackend(Parts parts) : parts_(std::move(parts)) {
     places_.at(parts_.simulated_arms[i]) = {false, i};
   real_ = side_of(parts_.real_arms, *parts_.real);
   simulated_ = side_of(parts_.simulated_arms, *parts_.simulated);
+  view_ = simulation_of(*parts_.simulated);
 }
 
 MixedBackend::Side MixedBackend::side_of(const std::vector<ArmIndex>& arms, const Backend& part) {
@@ -43,8 +42,7 @@ ArmSet MixedBackend::Side::to_part(ArmSet due) const {
 
 Capabilities MixedBackend::capabilities(ArmIndex arm) const {
   const Place& place = places_[arm];
-  Capabilities can =
-      place.real ? parts_.real->capabilities(place.index) : parts_.simulated->capabilities(place.index);
+  Capabilities can = part_of(place).capabilities(place.index);
   can.lockstep = parts_.lockstep;
   return can;
 }
@@ -61,7 +59,7 @@ void MixedBackend::finish() {
 
 ArmSet MixedBackend::wait() { return parts_.lockstep ? wait_in_lockstep() : wait_in_real_time(); }
 
-// The simulated arms stand still while the virtual ones do.
+// The simulated arms pause while the virtual ones do.
 ArmSet MixedBackend::wait_in_lockstep() {
   const ArmSet real = parts_.real->wait();
   now_ = parts_.real->now();
@@ -71,7 +69,7 @@ ArmSet MixedBackend::wait_in_lockstep() {
 
 ArmSet MixedBackend::wait_in_real_time() {
   ArmSet due;
-  if (!begun_) {  // everybody's first state
+  if (!begun_) {  // the first state of every arm
     due = real_.to_scene(parts_.real->wait());
     begun_ = true;
     origin_ = host_now();
@@ -98,7 +96,7 @@ void MixedBackend::read(ArmSet due, std::span<ArmState> states) {
       ArmState& state = states[side->arms[i]];
       if (due.contains(side->arms[i])) {
         state = side->states[i];
-      } else if (side == &real_) {  // an arm that is lost says so without a packet
+      } else if (side == &real_) {  // a lost arm has no packet, but its mode changes
         state.mode = side->states[i].mode;
       }
     }
@@ -116,20 +114,33 @@ void MixedBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
 
 std::uint64_t MixedBackend::overruns() const { return parts_.real->overruns() + pacer_.overruns(); }
 
-std::future<ArmAnswer> MixedBackend::request(ArmIndex arm, ArmRequest request) {
-  if (std::holds_alternative<PauseSimulation>(request) || std::holds_alternative<StepSimulation>(request)) {
-    return RequestBox::refused("this run has real arms, which cannot be paused: stop them instead");
-  }
-  if (std::holds_alternative<PlaceObject>(request) || std::holds_alternative<ResetSimulation>(request)) {
-    return parts_.simulated->request(0, std::move(request));
-  }
+std::optional<ConnectionStatistics> MixedBackend::connection(ArmIndex arm) const {
+  const Place& place = places_[arm];
+  return part_of(place).connection(place.index);
+}
+
+template <typename Request>
+std::future<RequestAnswer> MixedBackend::ask_part(ArmIndex arm, Request request) {
   if (arm >= places_.size()) {
-    return RequestBox::refused("there is no arm " + std::to_string(arm) + ": the scene has " +
-                               std::to_string(places_.size()));
+    return refuse_request(no_such_arm(arm, places_.size()));
   }
   const Place& place = places_[arm];
-  return place.real ? parts_.real->request(place.index, std::move(request))
-                    : parts_.simulated->request(place.index, std::move(request));
+  return part_of(place).request(place.index, std::move(request));
+}
+
+std::future<RequestAnswer> MixedBackend::request(ArmIndex arm, ArmRequest request) {
+  return ask_part(arm, std::move(request));
+}
+
+std::future<RequestAnswer> MixedBackend::request(ArmIndex arm, GripperRequest request) {
+  return ask_part(arm, std::move(request));
+}
+
+std::future<RequestAnswer> MixedBackend::request(WorldRequest request) {
+  if (std::holds_alternative<PauseSimulation>(request) || std::holds_alternative<StepSimulation>(request)) {
+    return refuse_request("this run has real arms and cannot be paused: stop the arms instead");
+  }
+  return parts_.simulated->request(std::move(request));
 }
 
 }  // namespace multipanda

@@ -3,25 +3,24 @@
 #include <memory>
 #include <vector>
 
-#include "backends/mujoco/mujoco_backend.hpp"
 #include "backends/simulation_view.hpp"
+#include "core/cycle/backend.hpp"
 #include "core/rt/pacer.hpp"
-#include "fci/client/fci_backend.hpp"
 
 namespace multipanda {
 
 // Simulated and real arms of one scene in one loop.
 //
 // In real time a step comes with every packet of a real arm, and every millisecond with all simulated ones;
-// nobody waits for anybody, so that a real arm gets its torque as soon as without the others. In lock-step
+// no arm waits for another, so that a real arm gets its torque without delay. In lock-step
 // (virtual arms of another process) all arms step together, by the virtual arms' time.
 //
 // The simulated world holds the scene's objects and the simulated arms only: real arms do not touch them.
 class MixedBackend : public Backend, public SimulationView {
  public:
   struct Parts {
-    std::unique_ptr<fci::FciBackend> real;
-    std::unique_ptr<MujocoBackend> simulated;         // unpaced: this class gives the pace
+    std::unique_ptr<Backend> real;
+    std::unique_ptr<Backend> simulated;               // in lock-step, unpaced: this class gives the pace
     std::vector<ArmIndex> real_arms, simulated_arms;  // the scene's indices, in the parts' order
     bool lockstep = false;                            // as `real` was made
   };
@@ -37,12 +36,16 @@ class MixedBackend : public Backend, public SimulationView {
   void read(ArmSet due, std::span<ArmState> states) override;
   void write(ArmSet due, std::span<const ArmCommand> commands) override;
   std::uint64_t overruns() const override;  // real arms' packets lost, and milliseconds that were missed
-  // To the world (PlaceObject, ResetSimulation): the simulated part. It cannot be paused: real arms cannot.
-  std::future<ArmAnswer> request(ArmIndex arm, ArmRequest request) override;
+  // Requests to the world go to the simulated part. It cannot be paused, because real arms cannot.
+  std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request) override;
+  std::future<RequestAnswer> request(ArmIndex arm, GripperRequest request) override;
+  std::future<RequestAnswer> request(WorldRequest request) override;
 
-  std::string fault() const override { return parts_.simulated->fault(); }
+  std::optional<ConnectionStatistics> connection(ArmIndex arm) const override;
+
+  std::string fault() const override { return view_ != nullptr ? view_->fault() : ""; }
   std::optional<Pose> object_pose(const std::string& name) const override {
-    return parts_.simulated->object_pose(name);
+    return view_ != nullptr ? view_->object_pose(name) : std::nullopt;
   }
 
  private:
@@ -59,14 +62,19 @@ class MixedBackend : public Backend, public SimulationView {
     ArmSet to_part(ArmSet due) const;
   };
   static Side side_of(const std::vector<ArmIndex>& arms, const Backend& part);
+  template <typename Request>
+  std::future<RequestAnswer> ask_part(ArmIndex arm, Request request);
   ArmSet wait_in_lockstep();
   ArmSet wait_in_real_time();
 
+  Backend& part_of(const Place& place) const { return place.real ? *parts_.real : *parts_.simulated; }
+
   Parts parts_;
-  std::vector<Place> places_;  // of the scene's arms
+  const SimulationView* view_ = nullptr;  // of the simulated part
+  std::vector<Place> places_;             // of the scene's arms
   Side real_, simulated_;
   Pacer pacer_;
-  HostTime next_, origin_;  // of the simulated arms' grid
+  HostTime next_, origin_;  // the grid of the simulated arms
   LoopTime now_;
   bool begun_ = false;
 };

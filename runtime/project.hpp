@@ -4,8 +4,8 @@
 
 namespace multipanda {
 
-// Where multipanda's own files stand (config/, analysis/, .venv): the folder in the environment variable
-// MULTIPANDA_SHARE, else the one it was built from.
+// The folder with multipanda's own files (config/, report/, .venv): the environment variable
+// MULTIPANDA_SHARE, or the source folder of the build.
 std::filesystem::path project_root();
 
 }  // namespace multipanda

@@ -5,17 +5,16 @@
 #include <string>
 #include <vector>
 
-#include "backends/arm/arm_error.hpp"
+#include "device/arm_error.hpp"
 
 namespace multipanda {
 
-// Why an arm stopped itself, as far as the records tell.
+// Why an arm stopped itself, according to the records.
 struct ErrorExplanation {
-  ReflexDetail detail;  // of the first error with a number, limits before contacts; count_: none has one
-  std::vector<std::string> sentences;  // per error: what happened, which joint or axis, value and limit
+  ReflexDetail detail;  // of the first error with a number, limits before contacts; count_: no number
+  std::vector<std::string> sentences;  // per error: event, joint or axis, value and limit
   std::vector<std::string> cures;      // what to do next, per error
-  // Of the periods in these records, as seen by this computer: share that was answered, and the most in a
-  // row that were not.
+  // Periods in these records, as seen by this computer: number, answered share, longest run of misses.
   std::size_t cycles = 0;
   double answered = 0;
   std::uint64_t missed_in_row = 0;
@@ -28,11 +27,12 @@ struct ReflexReport {
   std::uint64_t cycle = 0;
   std::uint64_t errors = 0;  // bit i: ArmError i
   ErrorExplanation why;
-  std::filesystem::path file;  // the last cycles as a table; empty: could not be written
+  std::filesystem::path file;  // table of the last cycles; empty: not written
   std::string file_problem;    // why not
 
+  std::string reason() const;              // "joint_reflex: joint 4 ..."
   std::string headline() const;            // "arm 'left' stopped itself at 2.500 s: joint_reflex"
-  std::vector<std::string> lines() const;  // all of it, for people
+  std::vector<std::string> lines() const;  // the whole report, human-readable
 };
 
 }  // namespace multipanda

@@ -8,11 +8,12 @@
 #include <iterator>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
-#include "backends/arm/arm_settings.hpp"
-#include "backends/arm/measured_limits.hpp"
-#include "backends/arm/self_collision.hpp"
-#include "core/state/arm_words.hpp"
+#include "backends/simulated_arm/measured_limits.hpp"
+#include "backends/simulated_arm/self_collision.hpp"
+#include "core/state/arm_mode_name.hpp"
+#include "device/arm_settings.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda {
@@ -30,6 +31,11 @@ std::filesystem::path temporary_folder() {
 
 std::string ReflexReport::headline() const {
   return fmt::format("arm '{}' stopped itself at {:.3f} s: {}", arm, t_s, error_names(errors));
+}
+
+std::string ReflexReport::reason() const {
+  return fmt::format("{}{}{}", error_names(errors), why.sentences.empty() ? "" : ": ",
+                     fmt::join(why.sentences, " "));
 }
 
 std::vector<std::string> ReflexReport::lines() const {
@@ -87,7 +93,7 @@ std::vector<ReflexReport> ReflexWatch::take(const CycleRecord& record) {
   }
   for (std::size_t arm = 0; arm < arms; ++arm) {
     const std::uint64_t errors = record.arms[arm].errors;
-    // Errors that stay, and those that join a reflex, are part of the same story.
+    // Errors that persist or join a reflex belong to the same report.
     if (errors != 0 && errors_[arm] == 0) reports.push_back(report(arm, errors));
     errors_[arm] = errors;
   }
@@ -149,15 +155,9 @@ std::string to_csv(const std::vector<ArmCycle>& cycles, std::size_t joint_count)
     add(FMT_STRING(",F_K_W_{}"), axis);
   text += "\n";
   for (const auto& c : cycles) {
-    std::string errors;  // joined by '+'
-    for (std::size_t i = 0; i < kArmErrorCount; ++i) {
-      if ((c.arm.errors >> i & 1u) == 0) continue;
-      if (!errors.empty()) errors += '+';
-      errors += to_string(static_cast<ArmError>(i));
-    }
     add(FMT_STRING("{},{:.6f},{:.4f},{:.2f},{},{},{:.4f},{},{}"), c.cycle, c.t.seconds(), 1e3 * c.period_s,
         1e-3 * c.total_ns, c.arm.sequence, c.arm.due ? 1 : 0, 1e3 * c.arm.age_s,
-        to_string(static_cast<ArmMode>(c.arm.mode)), errors);
+        to_string(static_cast<ArmMode>(c.arm.mode)), error_names(c.arm.errors, "+"));
     for (const auto& column : kColumns) {
       const bool known = column.values != &ArmSample::tau_ext || c.arm.has_tau_ext;
       for (std::size_t i = 0; i < joint_count; ++i) {

@@ -10,18 +10,18 @@
 
 namespace multipanda {
 
-// Follows the records of a run and explains each arm that reports a new error. On the thread that takes the
+// Follows the records of a run and explains new errors of arms. For the thread that takes the
 // records, never on the loop's.
 class ReflexWatch {
  public:
-  static constexpr std::size_t kCycles = 50;  // that are kept and written
+  static constexpr std::size_t kCycles = 50;  // kept and written
 
-  // One element of `limits` per arm. `folder`: of the run; empty: a new one in the system's folder for
-  // temporary files, made when the first table is written.
+  // One element of `limits` per arm. `folder`: folder of the run; empty: a new temporary folder, made with
+  // the first table.
   ReflexWatch(RecordLayout layout, std::vector<ArmErrorLimits> limits, std::filesystem::path folder);
 
   void take(const Event& event);  // frames and loads that change
-  // The reports of the arms whose errors begin with this record; mostly none.
+  // Reports of the arms whose errors begin with this record.
   std::vector<ReflexReport> take(const CycleRecord& record);
 
  private:
@@ -38,7 +38,7 @@ class ReflexWatch {
   std::size_t files_ = 0;
 };
 
-// What the scene says of each arm's limits; for simulated arms also what only the simulation knows.
+// Limits of each arm from the scene, for simulated arms also those of the simulation.
 std::vector<ArmErrorLimits> error_limits(const Scene& scene,
                                          const std::vector<std::shared_ptr<const ArmModel>>& models,
                                          const std::vector<bool>& simulated);

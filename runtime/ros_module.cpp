@@ -22,9 +22,8 @@ void* ros_module_function(const char* name, const std::filesystem::path& module)
     throw std::runtime_error("--ros: multipanda was built without ROS 2 (there is no " + module.string() +
                              "): " + kCure);
   }
-  // Now and local: nothing is looked up later, and nothing of it is seen by the rest of the program. Deep:
-  // Fast DDS and the URDF reader bring libraries of one name in two versions (tinyxml2); each must find its
-  // own.
+  // RTLD_NOW and RTLD_LOCAL: symbols are resolved at once and stay hidden from the program. RTLD_DEEPBIND:
+  // Fast DDS and the URDF reader bring two versions of tinyxml2, and each must find its own.
   void* library = dlopen(module.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_DEEPBIND);
   if (library == nullptr) {
     const char* why = dlerror();
@@ -35,16 +34,16 @@ void* ros_module_function(const char* name, const std::filesystem::path& module)
   void* function = dlsym(library, name);
   if (version == nullptr || function == nullptr || version() != kRosModuleVersion) {
     throw std::runtime_error("--ros: " + module.string() +
-                             " is not of the same build as the program: build again");
+                             " does not belong to the same build as the program: build again");
   }
   return function;
 }
 
-MakeRunAdapter load_ros_adapter(RosWords words, const std::filesystem::path& module) {
-  const auto make = reinterpret_cast<RunAdapter* (*)(const RunWorld&, const RosWords&)>(
+MakeRunAdapter load_ros_adapter(RosArguments words, const std::filesystem::path& module) {
+  const auto make = reinterpret_cast<RunAdapter* (*)(const RunContext&, const RosArguments&)>(
       ros_module_function("multipanda_make_ros_adapter", module));
-  return [make, words = std::move(words)](const RunWorld& world) {
-    return std::unique_ptr<RunAdapter>(make(world, words));
+  return [make, words = std::move(words)](const RunContext& run) {
+    return std::unique_ptr<RunAdapter>(make(run, words));
   };
 }
 

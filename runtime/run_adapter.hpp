@@ -13,27 +13,27 @@
 
 namespace multipanda {
 
-// What a run shows of itself to whoever speaks for it. All of it outlives the adapter.
-struct RunWorld {
+// The parts of a run that an adapter uses. They outlive the adapter.
+struct RunContext {
   const Scene* scene = nullptr;
-  MultimodeController* modes = nullptr;  // the members for other threads than the loop's
+  MultimodeController* modes = nullptr;  // members for threads other than the loop's
   Backend* backend = nullptr;            // capabilities() and request()
   const RecordLayout* layout = nullptr;
   std::vector<std::shared_ptr<const ArmModel>> models;  // per arm
 };
 
-// Connects a run with the outside (ROS): takes its records and asks its controller and backend. Lives from
-// before the first cycle until after the last one; what it needs of threads it has itself.
+// Connects a run with other programs (ROS): receives its records and sends requests to its controller and
+// backend. It exists from before the first cycle until after the last one and owns the threads it needs.
 class RunAdapter {
  public:
   virtual ~RunAdapter() = default;
-  // Relay thread, in order, every one. Must not wait: the log comes behind.
+  // On the relay thread, for every record in order. Must not wait: the log comes afterwards.
   virtual void take(const CycleRecord& record) = 0;
   virtual void take(const Event& event) = 0;
-  // Loop's thread, between two steps: what only the world itself can tell. No allocation, no lock.
+  // On the loop's thread between two steps, to read the world. Must not allocate or lock.
   virtual void on_loop(const Tick&, const Backend&) {}
 };
 
-using MakeRunAdapter = std::function<std::unique_ptr<RunAdapter>(const RunWorld&)>;
+using MakeRunAdapter = std::function<std::unique_ptr<RunAdapter>(const RunContext&)>;
 
 }  // namespace multipanda

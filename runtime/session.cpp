@@ -4,15 +4,15 @@
 #include <chrono>
 
 #include "backends/simulation_view.hpp"
-#include "runtime/machine.hpp"
 #include "scene/build.hpp"
+#include "support/machine.hpp"
 
 namespace multipanda {
 namespace {
 
-constexpr std::size_t kLoopRing = 2048;  // cycles between loop and relay: two seconds of a stalled machine
+constexpr std::size_t kLoopRing = 2048;  // cycles between loop and relay: bridges a stall of two seconds
 constexpr std::size_t kLogRingBytes = 64u << 20;
-constexpr std::chrono::seconds kPatience{1};  // beyond the hold, for a world that stands still
+constexpr std::chrono::seconds kPatience{1};  // after the hold, in case the world is paused
 constexpr std::size_t kMargin = 64;           // cycles kept free in a ring by an unpaced loop
 
 std::size_t log_ring_cycles(const RecordLayout& layout) {
@@ -31,20 +31,14 @@ void sleep_us(int us) { std::this_thread::sleep_for(std::chrono::microseconds(us
 }  // namespace
 
 Session::Session(Scene scene, const Registry& registry, SessionOptions options)
-    : scene_(with_arms_from(std::move(scene), options.backend)),
+    : scene_(with_connections(std::move(scene), options.backend)),
       registry_(registry),
       options_(std::move(options)),
-      live_state_(scene_.arms.size()) {
+      latest_(scene_.arms.size()) {
   duration_s_ = options_.duration_s.value_or(scene_.duration_s);
   build();
   if (!options_.record.empty()) open_log();
-  if (!options_.socket.empty()) {
-    live_ = std::make_unique<LiveServer>(options_.socket, LiveWorld{.scene = scene_.name,
-                                                                    .modes = &modes(),
-                                                                    .backend = backend_.backend.get(),
-                                                                    .board = &live_state_,
-                                                                    .models = models_});
-  }
+  if (!options_.socket.empty()) open_socket();
   if (options_.make_adapter) {
     adapter_ = options_.make_adapter({.scene = &scene_,
                                       .modes = &modes(),
@@ -70,18 +64,39 @@ void Session::build() {
     tau_max.push_back(arm.safety.joints.tau_max);
   }
   if (options_.make_backend) {
-    backend_ = {.backend = options_.make_backend(scene_),
-                .link = [](ArmIndex) { return std::optional<fci::ArmStatistics>(); },
-                .description = "another"};
+    backend_ = {.backend = options_.make_backend(scene_), .description = "another"};
   } else {
-    const auto say = [this](const std::string& text) { board_->say(text); };  // not before start()
-    backend_ = make_backend(scene_, options_.backend.arms,
-                            {.paced = options_.paced, .lockstep = options_.backend.lockstep, .say = say});
+    // The monitor needs the cycle, which needs the backend: what the backend reports before is kept.
+    const auto report = [this](const std::string& text) {
+      const std::lock_guard lock(early_news_mutex_);
+      monitor_ ? monitor_->add_news(text) : early_news_.push_back(text);
+    };
+    backend_ = make_backend(scene_, registry_, options_.backend, {.paced = options_.paced, .report = report});
   }
   cycle_ = std::make_unique<ControlCycle>(std::move(config), registry_, *backend_.backend);
   modes().schedule(build_schedule(scene_, modes()));
   modes().activate_at_start(start_set(scene_, modes()));
-  board_ = std::make_unique<StatusBoard>(cycle_->layout(), std::move(tau_max));
+  const std::lock_guard lock(early_news_mutex_);
+  monitor_ = std::make_unique<RunMonitor>(
+      cycle_->layout(), std::move(tau_max),
+      [this](std::size_t arm, Intervention rule) { return cycle_->safety().counted(arm, rule); });
+  for (const auto& text : early_news_) monitor_->add_news(text);
+}
+
+void Session::open_socket() {
+  LiveInputContext context{.scene = scene_.name,
+                           .modes = &modes(),
+                           .backend = backend_.backend.get(),
+                           .latest = &latest_,
+                           .models = models_,
+                           .rotations = {}};
+  for (const auto& object : scene_.objects) context.rotations.emplace(object.name, object.X_WO.rotation);
+  try {
+    live_ = std::make_unique<LiveServer>(options_.socket, context);
+  } catch (const SocketTaken&) {
+    if (options_.second_socket.empty()) throw;
+    live_ = std::make_unique<LiveServer>(options_.second_socket, context);
+  }
 }
 
 void Session::open_log() {
@@ -123,20 +138,20 @@ void Session::start() {
   loop_ = std::thread([this] { run_loop(); });
 }
 
-// ------------------------------------------------------------------------------------------------ loop
-// thread
+// --- loop thread ---
 
 void Session::run_loop() {
-  ThreadSetup wish = options_.thread;
-  if (!options_.paced) wish.fifo_priority.reset();
-  setup_ = set_up_thread(wish);
+  ThreadSetup thread = options_.thread;
+  if (!options_.paced) thread.fifo_priority.reset();
+  setup_ = set_up_thread(thread);
   try {
     backend().start();
-    begun_ = host_now();
+    started_ = host_now();
     first_cycle_ = cycle_->data().tick.cycle;
     cycle_->run([this] { return keep_on(); });
     ended_ = host_now();
-    for (ArmIndex arm = 0; arm < backend().arm_count(); ++arm) links_at_end_.push_back(backend_.link(arm));
+    for (ArmIndex arm = 0; arm < backend().arm_count(); ++arm)
+      connections_at_end_.push_back(backend().connection(arm));
     backend().finish();
     if (const auto* simulation = simulation_of(backend());
         simulation != nullptr && !simulation->fault().empty()) {
@@ -151,8 +166,7 @@ void Session::run_loop() {
   end_changed_.notify_all();
 }
 
-// Between two steps. Everything that may end a run or let it wait is here, so that step() knows nothing of
-// it.
+// Called between two steps. All reasons to end or delay a run are handled here, outside of step().
 bool Session::keep_on() {
   const Tick& tick = cycle_->data().tick;
   if (tick.cycle == first_cycle_) return true;
@@ -165,7 +179,7 @@ bool Session::keep_on() {
 }
 
 bool Session::is_over(const Tick& tick) {
-  if (!closing_ && stop_asked_.load(std::memory_order_acquire)) {
+  if (!closing_ && stop_requested_.load(std::memory_order_acquire)) {
     closing_ = true;
     modes().stop(ArmSet::all(modes().arm_count()));
     const std::chrono::nanoseconds hold(LoopTime::from_seconds(options_.hold_s).ns);
@@ -174,8 +188,7 @@ bool Session::is_over(const Tick& tick) {
     end_ = RunEnd::stopped;
   }
   if (closing_) return tick.t >= close_at_ || host_now() >= close_by_;
-  const auto period =
-      std::chrono::nanoseconds(static_cast<std::int64_t>(backend().capabilities(0).period_s * 1e9 + 0.5));
+  const auto period = std::chrono::nanoseconds(static_cast<std::int64_t>(backend().period() * 1e9 + 0.5));
   if (duration_s_ > 0 &&
       (tick.t - first_) + period >= std::chrono::nanoseconds(LoopTime::from_seconds(duration_s_).ns)) {
     end_ = RunEnd::duration;
@@ -188,45 +201,42 @@ void Session::wait_for_room() {
   while (!has_room(*cycle_->record())) sleep_us(50);
 }
 
-// ----------------------------------------------------------------------------------------------- relay
-// thread
+// --- relay thread ---
 
 void Session::run_relay() {
   for (;;) {
     const bool last =
-        loop_ended_.load(std::memory_order_acquire);  // read before the rings, so that all is taken
+        loop_ended_.load(std::memory_order_acquire);  // read before the rings, so that none is missed
     const bool busy = relay();
-    board_->publish_if_due();
+    monitor_->publish_if_due();
     if (last && !busy) break;
     if (!busy) wait_for_records();
   }
-  board_->publish();
+  monitor_->publish();
 }
 
-// An adapter wants each record as it comes: the relay sleeps up to the time of the next one, then looks
-// often. Without, it may take several at once.
+// With an adapter the relay sleeps until the next record is expected and then polls often; without, it may
+// take several records at once.
 void Session::wait_for_records() {
   constexpr auto kLook = std::chrono::microseconds(100);
   if (!adapter_ || !options_.paced) return sleep_us(options_.paced ? 2000 : 200);
   const auto expected =
-      last_record_ +
-      std::chrono::nanoseconds(static_cast<std::int64_t>(backend().capabilities(0).period_s * 0.95e9));
+      last_record_ + std::chrono::nanoseconds(static_cast<std::int64_t>(backend().period() * 0.95e9));
   const auto now = host_now();
   std::this_thread::sleep_for(expected > now ? std::max<std::chrono::nanoseconds>(expected - now, kLook)
                                              : kLook);
 }
 
-// Takes what is there. Unpaced, a log that falls behind holds up the relay and thereby the loop; paced,
-// what finds no room is counted as lost. Events first: their cycle's record is the one before or after,
-// both orders occur in the log anyway.
+// Relays all available records. In an unpaced run a full log ring stops the relay and thereby the loop; in a
+// paced run the record is counted as lost. Events come first, but logs contain both orders.
 bool Session::relay() {
   RecordRing& ring = *cycle_->record();
   bool busy = false;
   while (const Event* event = ring.events.front()) {
     busy = true;
-    board_->take(*event);
+    monitor_->take(*event);
     reflexes_->take(*event);
-    if (live_) live_state_.take(*event);
+    if (live_) latest_.take(*event);
     if (adapter_) adapter_->take(*event);
     if (log_ring_) {
       while (!options_.paced && log_ring_->events.size() == log_ring_->events.capacity()) sleep_us(50);
@@ -234,13 +244,13 @@ bool Session::relay() {
     }
     ring.events.pop();
   }
-  for (int n = 0; n < 256; ++n) {  // then look for events again
+  for (int n = 0; n < 256; ++n) {  // then events again
     const CycleRecord* record = ring.ring.front();
     if (record == nullptr) break;
     busy = true;
-    board_->take(*record);
+    monitor_->take(*record);
+    if (live_) latest_.take(*record);
     explain_errors(*record);
-    if (live_) live_state_.take(*record);
     if (adapter_) adapter_->take(*record);
     if (options_.observer) options_.observer(*record);
     last_record_ = record->start;
@@ -250,7 +260,7 @@ bool Session::relay() {
     }
     ring.ring.pop();
   }
-  if (log_ring_) {  // what the loop itself could not leave is missing in the log, too
+  if (log_ring_) {  // records that the loop dropped are missing in the log, too
     const auto lost = ring.dropped_records.exchange(0), lost_events = ring.dropped_events.exchange(0);
     log_ring_->dropped_records += lost;
     log_ring_->dropped_events += lost_events;
@@ -258,16 +268,18 @@ bool Session::relay() {
   return busy;
 }
 
-// An arm that stopped itself is news at once, with all that is known of why.
+// Reports an arm that stopped itself at once, with its explanation.
 void Session::explain_errors(const CycleRecord& record) {
   for (auto& report : reflexes_->take(record)) {
-    for (const auto& line : report.lines()) board_->say(line);
+    for (ArmIndex arm = 0; arm < modes().arm_count(); ++arm) {
+      if (modes().arm_name(arm) == report.arm) latest_.take_stop_reason(arm, report.reason());
+    }
+    for (const auto& line : report.lines()) monitor_->add_news(line);
     reflex_reports_.push_back(std::move(report));
   }
 }
 
-// ------------------------------------------------------------------------------------------- the owner's
-// thread
+// --- the owner's thread ---
 
 bool Session::wait_for_end(double timeout_s) {
   std::unique_lock lock(end_mutex_);
@@ -276,10 +288,12 @@ bool Session::wait_for_end(double timeout_s) {
 }
 
 RunStatus Session::status() const {
-  RunStatus status = board_->status();
+  RunStatus status = monitor_->status();
   const bool over = loop_ended_.load(std::memory_order_acquire);
   for (ArmIndex arm = 0; arm < status.arms.size(); ++arm) {
-    status.arms[arm].link = over && arm < links_at_end_.size() ? links_at_end_[arm] : backend_.link(arm);
+    status.arms[arm].connection = over && arm < connections_at_end_.size()
+                                      ? connections_at_end_[arm]
+                                      : backend_.backend->connection(arm);
   }
   return status;
 }
@@ -297,7 +311,7 @@ RunSummary Session::finish() {
 RunSummary Session::summary() {
   RunSummary summary;
   const auto us = [](std::int64_t ns) { return static_cast<double>(ns) * 1e-3; };
-  const CycleHistogram& times = board_->cycle_times();
+  const CycleHistogram& times = monitor_->cycle_times();
   const Tick& tick = cycle_->data().tick;
   summary.scene = scene_.name;
   summary.backend = backend_.description;
@@ -305,22 +319,22 @@ RunSummary Session::summary() {
   summary.paced = options_.paced;
   summary.cycles = tick.cycle - first_cycle_;
   summary.overruns = backend_.backend->overruns();
-  if (summary.cycles > 0)
-    summary.time_s = seconds(tick.t - first_) + backend_.backend->capabilities(0).period_s;
-  summary.elapsed_s = seconds(ended_ - begun_);
+  if (summary.cycles > 0) summary.time_s = seconds(tick.t - first_) + backend_.backend->period();
+  summary.elapsed_s = seconds(ended_ - started_);
   summary.cycle_us = {.median = us(times.percentile(0.5)),
                       .p99 = us(times.percentile(0.99)),
                       .p999 = us(times.percentile(0.999)),
                       .worst = us(times.max())};
-  summary.switches = board_->switches();
+  summary.switches = monitor_->switches();
   for (ArmIndex arm = 0; arm < modes().arm_count(); ++arm) {
     for (std::size_t code = 1; code < static_cast<std::size_t>(Intervention::count_); ++code) {
       const auto rule = static_cast<Intervention>(code);
       const std::uint64_t count = cycle_->safety().counted(arm, rule);
       if (count == 0) continue;
       InterventionReport report{.arm = modes().arm_name(arm), .rule = rule, .count = count};
-      for (const auto& seen : board_->interventions()) {
+      for (const auto& seen : monitor_->interventions()) {
         if (seen.arm != report.arm || seen.rule != rule) continue;
+        report.episodes = seen.episodes;
         report.first_s = seen.first_s;
         report.controllet = seen.controllet;
       }

@@ -14,50 +14,51 @@
 #include "core/rt/thread_setup.hpp"
 #include "logs/recorder.hpp"
 #include "runtime/backends.hpp"
+#include "runtime/live_input/latest_state.hpp"
 #include "runtime/live_input/server.hpp"
-#include "runtime/live_input/state_board.hpp"
 #include "runtime/reflex_watch.hpp"
 #include "runtime/run_adapter.hpp"
-#include "runtime/status.hpp"
+#include "runtime/run_monitor.hpp"
 #include "runtime/summary.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
 
 struct SessionOptions {
-  bool paced = true;                 // to the wall clock; else as fast as possible
-  BackendOptions backend;            // whose arms; default: as the scene says
-  std::optional<double> duration_s;  // of the loop's time; default: the scene's; 0: until stopped
-  std::filesystem::path record;      // folder that gets a new folder with the log; empty: no log
-  ThreadSetup thread;                // asked for, never insisted on; unpaced runs never get SCHED_FIFO
-  double hold_s = 0.2;               // how long the arms are held before a stopped run ends
-  std::size_t ring_cycles = 0;       // records that may wait for the disk; 0: by their size
-  // Where live input is taken (docs/live_input.md); empty: nowhere. Its folder must exist.
+  bool paced = true;                 // in real time; otherwise as fast as possible
+  BackendOptions backend;            // kinds of arms; default: as in the scene
+  std::optional<double> duration_s;  // loop time; default: the scene's; 0: until stopped
+  std::filesystem::path record;      // folder in which a new folder with the log is created; empty: no log
+  ThreadSetup thread;                // requested, not required; unpaced runs never use SCHED_FIFO
+  double hold_s = 0.2;               // time in hold before a stopped run ends
+  std::size_t ring_cycles = 0;       // records that may wait for the disk; 0: chosen by their size
+  // Socket of live input (docs/live_input.md); empty: none. Its folder must exist.
   std::filesystem::path socket;
-  // Sees every record, in order, on the relay's thread: for tests and comparisons.
+  std::filesystem::path second_socket;  // taken if a live process has `socket`; empty: refused
+  // Called with every record in order on the relay thread, for tests and comparisons.
   std::function<void(const CycleRecord&)> observer;
-  // A way to speak to the run beside the socket (ROS); none: nullptr. Its records come within about 0.2 ms.
+  // Adapter next to the socket (ROS); may be empty. It receives records within about 0.2 ms.
   MakeRunAdapter make_adapter;
-  // Called between two steps on the loop's thread, to look at the world itself (a simulation's objects). What
-  // it does counts as the loop's own work; it must neither block nor throw.
+  // Called between two steps on the loop's thread, to read the world (objects of a simulation). It must
+  // neither block nor throw.
   std::function<void(const Tick&, const Backend&)> on_loop;
   std::uint64_t model_every = 10;  // cycles between two model summaries in the log
-  // Another world than `backend` names. Its loop time must advance by its own period per step.
+  // Replaces the backend. Its loop time must advance by its own period per step.
   std::function<std::unique_ptr<Backend>(const Scene&)> make_backend;
 };
 
 // One run of a scene: models, backend, control cycle, log, and the threads they need.
 //
 //   loop   steps the cycle, nothing else
-//   relay  takes the loop's records, keeps the status, hands them on to the recorder
+//   relay  takes the loop's records, updates the status, passes them to the recorder
 //   recorder (with a log)  writes them to disk
 //
-// Paced, the loop waits for nobody: what the disk cannot take in time is missing in the log, and the summary
-// says so. Unpaced, it waits between two steps until there is room, so that no record is lost.
+// A paced loop never waits: records that the disk is too slow for are missing in the log, and the summary
+// names them. An unpaced loop waits between two steps until there is room, so that no record is lost.
 class Session {
  public:
-  // Builds everything; nothing moves yet. Throws std::invalid_argument (a scene that cannot be), or
-  // std::runtime_error (models, plant, log folder or socket cannot be had). `registry` must live longer.
+  // Builds everything; nothing moves yet. Throws std::invalid_argument (invalid scene) or std::runtime_error
+  // (models, plant, log folder or socket not available). `registry` must outlive the session.
   Session(Scene scene, const Registry& registry, SessionOptions options);
   ~Session();  // stops
   Session(const Session&) = delete;
@@ -69,22 +70,24 @@ class Session {
   const std::vector<std::shared_ptr<const ArmModel>>& models() const { return models_; }
   MultimodeController& modes() { return cycle_->modes(); }               // requests while running
   const std::filesystem::path& directory() const { return directory_; }  // of this run; empty: no log
+  std::filesystem::path socket() const { return live_ ? live_->path() : std::filesystem::path(); }
 
   void start();
-  // All arms to hold, then the end. Any thread; more than once is once.
-  void stop() { stop_asked_.store(true, std::memory_order_release); }
+  // Holds all arms, then ends the run. Any thread; idempotent.
+  void stop() { stop_requested_.store(true, std::memory_order_release); }
   // True when the loop has ended, at the latest after `timeout_s`.
   bool wait_for_end(double timeout_s);
   RunStatus status() const;
-  // What drives the arms, in words: "mujoco", "left fci 172.16.0.2, right mujoco".
+  // Backends of the arms: "mujoco", or "left fci 172.16.0.2, right mujoco".
   const std::string& backend_description() const { return backend_.description; }
 
-  // Waits for the loop, closes the log. Rethrows what ended the loop, if it was an exception of the backend.
+  // Waits for the loop and closes the log. Rethrows an exception that ended the loop.
   RunSummary finish();
 
  private:
   void build();
   void open_log();
+  void open_socket();
   void run_loop();
   bool keep_on();
   bool is_over(const Tick& tick);
@@ -102,8 +105,10 @@ class Session {
   BackendSet backend_;
   std::unique_ptr<ControlCycle> cycle_;
   std::vector<std::shared_ptr<const ArmModel>> models_;
-  std::unique_ptr<StatusBoard> board_;
-  StateBoard live_state_;
+  std::mutex early_news_mutex_;
+  std::vector<std::string> early_news_;  // reported by the backend before the monitor existed
+  std::unique_ptr<RunMonitor> monitor_;
+  LatestState latest_;
 
   std::filesystem::path directory_, log_;
   std::unique_ptr<RecordRing> log_ring_;  // relay -> recorder
@@ -113,24 +118,24 @@ class Session {
   // Relay thread
   std::unique_ptr<ReflexWatch> reflexes_;
   std::vector<ReflexReport> reflex_reports_;
-  HostTime last_record_;  // when the newest one was taken over
+  HostTime last_record_;  // start of the newest record's cycle
 
   // Loop thread
   bool closing_ = false;
   LoopTime first_, close_at_;
-  HostTime close_by_;  // a world that stands still must not keep a stopped run alive
+  HostTime close_by_;  // ends a stopped run if the world is paused
   std::uint64_t first_cycle_ = 0;
   RunEnd end_ = RunEnd::backend;
   std::vector<SetupStep> setup_;
   std::exception_ptr failure_;
-  std::vector<std::optional<fci::ArmStatistics>> links_at_end_;  // before the backend let go
+  std::vector<std::optional<ConnectionStatistics>> connections_at_end_;  // before the backend was finished
   std::string problem_;
-  HostTime begun_, ended_;
+  HostTime started_, ended_;
 
   std::unique_ptr<LiveServer> live_;     // uses all of the above
   std::unique_ptr<RunAdapter> adapter_;  // as well
 
-  std::atomic<bool> stop_asked_{false}, loop_ended_{false};
+  std::atomic<bool> stop_requested_{false}, loop_ended_{false};
   std::mutex end_mutex_;
   std::condition_variable end_changed_;
   std::thread loop_, relay_;

@@ -12,7 +12,7 @@
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 
-namespace multipanda {
+namespace multipanda::session_test {
 namespace {
 
 using testing::ElementsAre;
@@ -47,7 +47,7 @@ class SessionTest : public testing::Test {
   const Registry registry_ = registry_with_faulty();
 };
 
-// A folder of its own that disappears with the test.
+// A separate folder that is removed after the test.
 class Folder {
  public:
   Folder() {
@@ -79,7 +79,7 @@ TEST_F(SessionTest, RunsExactlyItsDuration) {
   EXPECT_LE(summary.cycle_us.p999, summary.cycle_us.worst);
 }
 
-TEST_F(SessionTest, TheScenesDurationHoldsWhereNothingElseIsSaid) {
+TEST_F(SessionTest, TheScenesDurationIsTheDefault) {
   Session session(two_poses("duration_s: 0.05\n"), registry_, {.paced = false});
   session.start();
   EXPECT_EQ(session.finish().cycles, 50u);
@@ -111,7 +111,7 @@ TEST_F(SessionTest, AStopEndsInHold) {
   session.start();
   const RunSummary summary = session.finish();
   EXPECT_EQ(summary.end, RunEnd::stopped);
-  EXPECT_THAT(summary.faults(), ElementsAre());  // stopping when asked to is no failure
+  EXPECT_THAT(summary.faults(), ElementsAre());  // stopping on request is not a failure
   std::size_t held = 0;
   while (held < owners.size() &&
          owners[owners.size() - 1 - held] == std::pair<std::uint16_t, std::uint16_t>(0, 1))
@@ -121,7 +121,7 @@ TEST_F(SessionTest, AStopEndsInHold) {
   EXPECT_EQ(session.modes().stopped(), ArmSet::all(2));
 }
 
-// Wherever the arms stand: whatever begins there wants to stay there.
+// From any start configuration, a controllet first holds it.
 TEST_F(SessionTest, NothingJumpsAtTheStart) {
   const Scene two = two_poses();
   double moved = 0;
@@ -140,7 +140,7 @@ TEST_F(SessionTest, NothingJumpsAtTheStart) {
   EXPECT_LT(moved, 1e-4);
   ASSERT_FALSE(summary.switches.empty());
   EXPECT_EQ(summary.switches[0].cause, "start");
-  for (const auto& step : summary.switches[0].steps) EXPECT_LT(step.wanted_nm, 0.05) << step.arm;
+  for (const auto& step : summary.switches[0].steps) EXPECT_LT(step.requested_nm, 0.05) << step.arm;
 }
 
 TEST_F(SessionTest, TwoRunsAreBitByBitTheSame) {
@@ -198,7 +198,7 @@ TEST_P(FaultTest, IsSurvivedAndReported) {
   EXPECT_NEAR(summary.interventions[0].first_s, 0.1, 0.0015);
   ASSERT_EQ(summary.faults().size(), 1u);
   EXPECT_THAT(summary.faults()[0], HasSubstr("left_faulty"));
-  summary.wanted_interventions = {{"left", rule}};
+  summary.expected_interventions = {{"left", rule}};
   EXPECT_TRUE(summary.success());
 }
 
@@ -220,7 +220,7 @@ TEST_F(SessionTest, AnUnpacedLoopNeverAsksForFifo) {
   EXPECT_EQ(summary.thread[0].what, "affinity to core 0");
 }
 
-TEST_F(SessionTest, WhatCannotBeHadIsSaid) {
+TEST_F(SessionTest, MissingResourcesAreReported) {
   SessionOptions options{.paced = false, .duration_s = 0.01};
   options.thread = {.lock_memory = false, .fifo_priority = {}, .cpu = 1000};
   Session session(two_poses(), registry_, options);
@@ -232,7 +232,7 @@ TEST_F(SessionTest, WhatCannotBeHadIsSaid) {
   EXPECT_TRUE(summary.success());  // never fatal in simulation
 }
 
-TEST_F(SessionTest, ALogFolderThatCannotBeMadeIsRefusedBeforeAnythingMoves) {
+TEST_F(SessionTest, AnUnusableLogFolderIsRefusedBeforeAnythingMoves) {
   EXPECT_THROW(Session(two_poses(), registry_, {.paced = false, .record = "/proc/no/such"}),
                std::runtime_error);
 }
@@ -248,13 +248,14 @@ class Unreachable final : public Backend {
   LoopTime now() const override { return {}; }
   void read(ArmSet, std::span<ArmState>) override {}
   void write(ArmSet, std::span<const ArmCommand>) override {}
-  std::future<ArmAnswer> request(ArmIndex, ArmRequest) override { return {}; }
+  using Backend::request;
+  std::future<RequestAnswer> request(ArmIndex, ArmRequest) override { return {}; }
 
  private:
   std::size_t arms_;
 };
 
-TEST_F(SessionTest, AnUnreachableWorldIsSaid) {
+TEST_F(SessionTest, AnUnreachableWorldIsReported) {
   SessionOptions options;
   options.thread = {.lock_memory = false, .fifo_priority = {}, .cpu = {}};
   options.make_backend = [](const Scene& s) { return std::make_unique<Unreachable>(s.arms.size()); };
@@ -301,4 +302,4 @@ TEST_F(SessionTest, TheStatusFollowsTheRun) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::session_test

@@ -24,19 +24,19 @@ std::string_view to_string(RunEnd end) {
 std::vector<std::string> RunSummary::faults() const {
   std::vector<std::string> faults = problems;
   for (const auto& i : interventions) {
-    const bool wanted = std::find(wanted_interventions.begin(), wanted_interventions.end(),
-                                  std::pair(i.arm, i.rule)) != wanted_interventions.end();
-    if (i.takes_out() && !wanted) {
+    const bool expected = std::find(expected_interventions.begin(), expected_interventions.end(),
+                                    std::pair(i.arm, i.rule)) != expected_interventions.end();
+    if (i.deactivates() && !expected) {
       faults.push_back(fmt::format(
-          "arm '{}': {} took {} out at {:.3f} s", i.arm, to_string(i.rule),
+          "arm '{}': {} deactivated {} at {:.3f} s", i.arm, to_string(i.rule),
           i.controllet.empty() ? std::string("its controllet") : fmt::format("'{}'", i.controllet),
           i.first_s));
     }
   }
   for (const auto& reflex : reflexes) {
     const std::pair rule(reflex.arm, Intervention::arm_not_ready);
-    if (std::find(wanted_interventions.begin(), wanted_interventions.end(), rule) !=
-        wanted_interventions.end())
+    if (std::find(expected_interventions.begin(), expected_interventions.end(), rule) !=
+        expected_interventions.end())
       continue;
     faults.push_back(reflex.headline());
   }
@@ -65,7 +65,7 @@ std::string describe(const SwitchReport& change) {
 
 namespace {
 
-// JSON knows no NaN: what is not a number is null. Rounded, so that people can read it, too.
+// Rounded for readability; null if not finite, since JSON has no NaN.
 nlohmann::ordered_json number(double value, double step) {
   if (!std::isfinite(value)) return nullptr;
   return std::round(value / step) * step == 0
@@ -73,7 +73,7 @@ nlohmann::ordered_json number(double value, double step) {
              : std::stod(fmt::format("{:.10g}", std::round(value / step) * step));
 }
 
-// For programs: "torque not finite" is torque_not_finite.
+// "torque not finite" becomes torque_not_finite.
 std::string code(std::string_view text) {
   std::string word(text);
   std::replace(word.begin(), word.end(), ' ', '_');
@@ -86,9 +86,9 @@ nlohmann::ordered_json path_or_null(const std::filesystem::path& path) {
 }
 
 nlohmann::ordered_json to_json_value(const SwitchReport& s) {
-  nlohmann::ordered_json step_wanted = nlohmann::ordered_json::object(), step_sent = step_wanted;
+  nlohmann::ordered_json step_requested = nlohmann::ordered_json::object(), step_sent = step_requested;
   for (const auto& step : s.steps) {
-    step_wanted[step.arm] = number(step.wanted_nm, 1e-6);
+    step_requested[step.arm] = number(step.requested_nm, 1e-6);
     step_sent[step.arm] = number(step.sent_nm, 1e-6);
   }
   return {{"t_s", number(s.t.seconds(), 1e-6)},
@@ -101,15 +101,12 @@ nlohmann::ordered_json to_json_value(const SwitchReport& s) {
           {"kept", s.kept},
           {"waiting_us", number(s.waiting_us, 1e-3)},
           {"computing_us", number(s.computing_us, 1e-3)},
-          {"torque_step_wanted_nm", step_wanted},
+          {"torque_step_wanted_nm", step_requested},
           {"torque_step_nm", step_sent}};
 }
 
 nlohmann::ordered_json to_json_value(const ReflexReport& r) {
-  nlohmann::ordered_json names = nlohmann::ordered_json::array(), first = nullptr;
-  for (std::size_t i = 0; i < kArmErrorCount; ++i) {
-    if ((r.errors >> i & 1u) != 0) names.push_back(std::string(to_string(static_cast<ArmError>(i))));
-  }
+  nlohmann::ordered_json first = nullptr;
   if (r.why.detail) {
     first = {{"error", std::string(to_string(r.why.detail.error))},
              {"index", r.why.detail.index < 0 ? nlohmann::ordered_json(nullptr)
@@ -120,7 +117,7 @@ nlohmann::ordered_json to_json_value(const ReflexReport& r) {
   return {{"arm", r.arm},
           {"t_s", number(r.t_s, 1e-6)},
           {"cycle", r.cycle},
-          {"errors", std::move(names)},
+          {"errors", error_list(r.errors)},
           {"first", std::move(first)},
           {"explanation", r.why.sentences},
           {"next", r.why.cures},
@@ -155,6 +152,7 @@ std::string to_json(const RunSummary& summary) {
     json["interventions"].push_back({{"arm", i.arm},
                                      {"rule", code(to_string(i.rule))},
                                      {"count", i.count},
+                                     {"episodes", i.episodes},
                                      {"first_s", number(i.first_s, 1e-6)},
                                      {"controllet", i.controllet}});
   }

@@ -17,17 +17,18 @@ namespace multipanda {
 struct SwitchReport {
   struct Step {
     std::string arm;
-    double wanted_nm = 0, sent_nm = 0;  // largest joint: as computed, and after the rate limit
+    double requested_nm = 0,
+           sent_nm = 0;  // largest step of a joint: as computed, and as sent after the rate limit
   };
   LoopTime t;
   std::uint64_t cycle = 0;
-  std::string cause;  // "start", "timeline", "request", or the rule that took a controllet out
+  std::string cause;  // "start", "timeline", "request", or the rule that deactivated a controllet
   Verdict verdict = Verdict::accepted;
   std::vector<std::string> started, stopped, kept;
-  // On the computer's clock: request received to the cycle that took it; from there to the first torque out.
-  // 0 for what the loop did by itself.
+  // On the computer's clock: from the request to the cycle that accepted it; from there to the first torque
+  // sent. 0 for switches by the loop.
   double waiting_us = 0, computing_us = 0;
-  std::vector<Step> steps;  // of the arms that changed hands
+  std::vector<Step> steps;  // of the arms whose owner changed
 
   bool accepted() const { return verdict == Verdict::accepted; }
 };
@@ -35,12 +36,13 @@ struct SwitchReport {
 struct InterventionReport {
   std::string arm;
   Intervention rule = Intervention::none;
-  std::uint64_t count = 0;
-  double first_s = 0;      // loop time of the first one that was noted
-  std::string controllet;  // that it concerned then
+  std::uint64_t count = 0;     // cycles
+  std::uint64_t episodes = 0;  // runs of such cycles: as counted in logs and reports
+  double first_s = 0;          // loop time of the first one
+  std::string controllet;      // of the first one
 
-  // Cutting a torque, or stopping when asked to, is ordinary work; everything else takes a controllet out.
-  bool takes_out() const {
+  // Clamped torques and requested stops are ordinary; all other interventions deactivate the controllet.
+  bool deactivates() const {
     return rule != Intervention::torque_clamped && rule != Intervention::torque_rate_clamped &&
            rule != Intervention::stop_requested;
   }
@@ -50,41 +52,41 @@ struct InterventionReport {
 enum class RunEnd { duration, stopped, backend };
 std::string_view to_string(RunEnd end);
 
-// All about a run that is over.
+// Results of a finished run.
 struct RunSummary {
   struct CycleTimes {
     double median = 0, p99 = 0, p999 = 0, worst = 0;
   };
   std::string scene;
-  std::string backend;  // what drove the arms: "mujoco", "left fci 172.16.0.2, right mujoco"
+  std::string backend;  // backends of the arms: "mujoco", "left fci 172.16.0.2, right mujoco"
   RunEnd end = RunEnd::duration;
   bool paced = true;
   std::uint64_t cycles = 0, overruns = 0;
-  double time_s = 0;     // of the loop
-  double elapsed_s = 0;  // on the wall
+  double time_s = 0;     // loop time
+  double elapsed_s = 0;  // wall time
   CycleTimes cycle_us;
   std::vector<SwitchReport> switches;
   std::vector<InterventionReport> interventions;  // per arm and rule
-  std::vector<ReflexReport> reflexes;             // arms that stopped themselves, and why
-  std::uint64_t records_lost = 0;                 // cycles that are not in the log
-  std::vector<std::string> missing;               // what the log lacks, in words; empty: complete, or no log
+  std::vector<ReflexReport> reflexes;             // arms that stopped themselves
+  std::uint64_t records_lost = 0;                 // cycles missing in the log
+  std::vector<std::string> missing;               // human-readable; empty: complete, or no log
   std::filesystem::path log;                      // empty: none
   std::filesystem::path report;                   // empty: none
   std::vector<SetupStep> thread;
-  std::vector<std::string> problems;  // whatever else went wrong, in words
-  // Interventions that were wanted, as (arm, rule): a demonstration of faults is no failed run.
-  std::vector<std::pair<std::string, Intervention>> wanted_interventions;
+  std::vector<std::string> problems;  // other problems, human-readable
+  // Expected interventions as (arm, rule): a demonstration of faults does not fail because of them.
+  std::vector<std::pair<std::string, Intervention>> expected_interventions;
 
   double rate_hz() const { return elapsed_s > 0 ? static_cast<double>(cycles) / elapsed_s : 0; }
-  // A run that went as asked: no controllet was taken out, no switch refused, no log incomplete, no problem.
+  // No controllet was deactivated, no switch refused, the log is complete, and there was no other problem.
   bool success() const;
-  std::vector<std::string> faults() const;  // why not, one sentence each
+  std::vector<std::string> faults() const;  // reasons of a failure, one sentence each
 };
 
 // One object, as docs/command_line.md describes it.
 std::string to_json(const RunSummary& summary);
 
-// "3.000 s: left_joints takes over, left_impedance leaves", without the time.
+// "left_joints on, left_impedance off".
 std::string describe(const SwitchReport& change);
 
 }  // namespace multipanda

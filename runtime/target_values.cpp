@@ -6,7 +6,7 @@ namespace multipanda {
 
 void to_world(Quantity quantity, const Pose& X_WB, std::span<double> v) {
   if (quantity == Quantity::pose) {
-    // Turned as it is, not made a unit first: whether it is one is still to be checked.
+    // Rotated without normalization: the check for unit length comes later.
     const Quaternion q = X_WB.quaternion() * Quaternion(v[3], v[4], v[5], v[6]);
     const Vector3 p = X_WB * Vector3(v[0], v[1], v[2]);
     const double world[7] = {p.x(), p.y(), p.z(), q.w(), q.x(), q.y(), q.z()};

@@ -6,13 +6,13 @@
 #include "core/model/arm_model.hpp"
 #include "core/reference/target.hpp"
 
-// What every way into a run does with the values of a set-point before it is posted.
+// Checks and transformations of set-points before they are posted, for socket and ROS.
 namespace multipanda {
 
-// From a base's frame into the world's axes: poses are moved, twists and wrenches turned.
+// From a base frame to the world: poses are transformed, twists and wrenches rotated.
 void to_world(Quantity quantity, const Pose& X_WB, std::span<double> values);
 
-// The first joint that the values would send beyond its limits; nothing: none does.
+// The first joint whose value is outside its limits; none if all are inside.
 std::optional<std::size_t> joint_beyond_limit(const ArmModel& model, std::span<const double> q);
 
 }  // namespace multipanda

@@ -3,17 +3,16 @@
 #include <algorithm>
 #include <atomic>
 
-#include "backends/arm/request_box.hpp"
 #include "core/rt/pacer.hpp"
 #include "fci/client/fci_backend.hpp"
 #include "fci/client/from_scene.hpp"
-#include "fci/client/gripper_link.hpp"
+#include "fci/client/gripper_connection.hpp"
 #include "fci/server/virtual_arms.hpp"
 
 namespace multipanda {
 namespace {
 
-// The same arms as the scene's: fingers move only where it says so.
+// The arms of the scene; fingers move only if the scene says so.
 Scene as_written(Scene scene) {
   for (SceneArm& arm : scene.arms) {
     arm.fci.reset();
@@ -22,32 +21,40 @@ Scene as_written(Scene scene) {
   return scene;
 }
 
-// In lock-step both ends are in this process: one that is silent has no core, and its time will come.
+// In lock-step both ends are in this process: a silent one only waits for a processor.
 constexpr std::chrono::seconds kLockstepPatience{20};
 
 fci::VirtualArmOptions options_of(const Scene& scene, VirtualPace pace) {
   fci::VirtualArmOptions options;
-  // Free ports: any number of such worlds beside each other, and beside those of other programs.
+  // Free ports, so that several worlds can run on one computer.
   options.places.assign(scene.arms.size(),
                         {.address = "127.0.0.1", .port = 0, .gripper_port = 0, .vacuum_port = 0});
   options.pace = pace == VirtualPace::realtime ? fci::WorldPace::realtime : fci::WorldPace::lockstep;
   options.patience = kLockstepPatience;
-  options.idle_stands_still = true;  // the run begins where the scene does
+  options.idle_stands_still = true;  // the arms start in the scene's configuration
   return options;
 }
 
 }  // namespace
 
 struct VirtualBackend::Implementation {
-  Implementation(const Scene& wanted, VirtualPace wanted_pace, std::function<void(const std::string&)> voice)
-      : scene(as_written(wanted)),
-        pace(wanted_pace),
+  Implementation(const Scene& requested, VirtualPace requested_pace,
+                 std::function<void(const std::string&)> voice)
+      : scene(as_written(requested)),
+        pace(requested_pace),
         say(std::move(voice)),
         world(scene, options_of(scene, pace)),
         truth(world.view().make_snapshot()) {}
 
   const Scene scene;
   bool lockstep() const { return pace != VirtualPace::realtime; }
+
+  template <typename Request>
+  std::future<RequestAnswer> ask_client(ArmIndex arm, Request request) {
+    if (links.load(std::memory_order_acquire) == nullptr)
+      return refuse_request("the run has not started yet");
+    return client->request(arm, std::move(request));
+  }
 
   const VirtualPace pace;
   const std::function<void(const std::string&)> say;
@@ -78,8 +85,7 @@ Capabilities VirtualBackend::capabilities(ArmIndex arm) const {
           .has_external_torque = true,
           .has_contact_truth = true,
           .has_gripper = of.hand && of.movable_fingers.value_or(false),
-          .has_vacuum = of.vacuum,
-          .period_s = MujocoPlant::kPeriod};
+          .has_vacuum = of.vacuum};
 }
 
 void VirtualBackend::start() {
@@ -103,7 +109,7 @@ void VirtualBackend::start() {
     }
   }
   fci::FciOptions options{
-      .lockstep = self.lockstep(), .lockstep_wait_s = kLockstepPatience.count(), .say = self.say};
+      .lockstep = self.lockstep(), .lockstep_wait_s = kLockstepPatience.count(), .report = self.say};
   self.client = std::make_unique<fci::FciBackend>(std::move(arms), std::move(options));
   self.client->start();
   self.pacer.start();
@@ -115,8 +121,7 @@ void VirtualBackend::finish() {
   self_->world.stop();
 }
 
-// In real time the arms' packets come one after the other within microseconds, since they are of one world:
-// one step takes them all, as from MujocoBackend.
+// In real time the packets of one world arrive within microseconds. One step takes them all.
 ArmSet VirtualBackend::wait() {
   auto& self = *self_;
   ArmSet due = self.client->wait();
@@ -151,22 +156,23 @@ void VirtualBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
   self_->client->write(due, commands);
 }
 
-// Packets lost, and milliseconds that the world gave up, or that a loop whose world waits did.
+// Lost packets, and milliseconds that the world or the loop missed.
 std::uint64_t VirtualBackend::overruns() const {
   return (self_->client ? self_->client->overruns() : 0) + self_->world.world_statistics().overruns +
          (self_->pace == VirtualPace::waiting ? self_->pacer.overruns() : 0);
 }
 
-std::future<ArmAnswer> VirtualBackend::request(ArmIndex arm, ArmRequest request) {
-  const bool to_world =
-      std::holds_alternative<PlaceObject>(request) || std::holds_alternative<ResetSimulation>(request) ||
-      std::holds_alternative<PauseSimulation>(request) || std::holds_alternative<StepSimulation>(request) ||
-      std::holds_alternative<SetUserStop>(request);
-  if (to_world) return self_->world.request(arm, std::move(request));
-  if (self_->links.load(std::memory_order_acquire) == nullptr) {
-    return RequestBox::refused("the run has not begun yet");
-  }
-  return self_->client->request(arm, std::move(request));
+std::future<RequestAnswer> VirtualBackend::request(ArmIndex arm, ArmRequest request) {
+  if (std::holds_alternative<SetUserStop>(request)) return self_->world.request(arm, std::move(request));
+  return self_->ask_client(arm, std::move(request));
+}
+
+std::future<RequestAnswer> VirtualBackend::request(ArmIndex arm, GripperRequest request) {
+  return self_->ask_client(arm, std::move(request));
+}
+
+std::future<RequestAnswer> VirtualBackend::request(WorldRequest request) {
+  return self_->world.request(std::move(request));
 }
 
 std::string VirtualBackend::fault() const { return self_->world.fault(); }
@@ -178,9 +184,9 @@ std::optional<Pose> VirtualBackend::object_pose(const std::string& name) const {
   return self_->truth.X_WO[static_cast<std::size_t>(at - names.begin())];
 }
 
-fci::ArmStatistics VirtualBackend::statistics(ArmIndex arm) const {
-  const fci::FciBackend* links = self_->links.load(std::memory_order_acquire);
-  return links != nullptr ? links->statistics(arm) : fci::ArmStatistics{};
+std::optional<ConnectionStatistics> VirtualBackend::connection(ArmIndex arm) const {
+  const fci::FciBackend* client = self_->links.load(std::memory_order_acquire);
+  return client != nullptr ? client->connection(arm) : ConnectionStatistics{};
 }
 
 }  // namespace multipanda

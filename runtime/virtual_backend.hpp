@@ -6,20 +6,19 @@
 
 #include "backends/simulation_view.hpp"
 #include "core/cycle/backend.hpp"
-#include "fci/client/arm_statistics.hpp"
+#include "core/state/connection_statistics.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
 
 // A scene's arms as virtual arms in this process, driven through the control interface over loopback sockets:
-// the same world as MujocoBackend's, with the whole wire in between.
-//
-// What no arm tells but experiments want to know (contact wrenches, poses of objects) is read from the
-// virtual world itself, past the wire, and belongs to the very step that the arms' states are of.
+// the world of MujocoBackend behind the whole control interface.
+// Contact wrenches and poses of objects, which no arm reports, are read from the virtual world directly. They
+// belong to the same step as the arms' states.
 enum class VirtualPace : std::uint8_t {
-  realtime,  // the world goes by the wall clock, as real arms do: what is late for an arm is lost
+  realtime,  // the world follows the wall clock, as real arms do: late commands are lost
   waiting,   // a step every millisecond of the wall clock; the world waits for its commands (lock-step)
-  unpaced    // the same as fast as the loop runs
+  unpaced    // lock-step, as fast as the loop runs
 };
 
 class VirtualBackend : public Backend, public SimulationView {
@@ -38,13 +37,15 @@ class VirtualBackend : public Backend, public SimulationView {
   void read(ArmSet due, std::span<ArmState> states) override;
   void write(ArmSet due, std::span<const ArmCommand> commands) override;
   std::uint64_t overruns() const override;
-  // Those to the world (PlaceObject, ResetSimulation, SetUserStop) go to the virtual arms, past the wire.
-  std::future<ArmAnswer> request(ArmIndex arm, ArmRequest request) override;
+  // Requests to the world and SetUserStop go to the virtual arms directly, the others through the connection.
+  std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request) override;
+  std::future<RequestAnswer> request(ArmIndex arm, GripperRequest request) override;
+  std::future<RequestAnswer> request(WorldRequest request) override;
 
   std::string fault() const override;
   std::optional<Pose> object_pose(const std::string& name) const override;
 
-  fci::ArmStatistics statistics(ArmIndex arm) const;  // any thread
+  std::optional<ConnectionStatistics> connection(ArmIndex arm) const override;
 
  private:
   struct Implementation;

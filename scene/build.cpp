@@ -78,11 +78,11 @@ Request request_of(const TimelineEvent& event, const MultimodeController& contro
     request.target.period_s = event.period_s;
     request.target.cycles = event.cycles;
     request.target.ramp_s = event.ramp_s;
-    if (event.overtones.size() > kMaxOvertones) throw std::invalid_argument("too many overtones in an event");
+    if (event.overtones.size() > kMaxHarmonics) throw std::invalid_argument("too many overtones in an event");
     for (const auto& part : event.overtones) {
-      Overtone& overtone = request.target.overtones[request.target.overtone_count++];
-      std::copy(part.rise.begin(), part.rise.end(), overtone.rise.begin());
-      std::copy(part.sine.begin(), part.sine.end(), overtone.sine.begin());
+      HarmonicPart& harmonic = request.target.harmonics[request.target.harmonic_count++];
+      std::copy(part.rise.begin(), part.rise.end(), harmonic.rise.begin());
+      std::copy(part.sine.begin(), part.sine.end(), harmonic.sine.begin());
     }
   } else {
     request.kind = Request::Kind::set_target;
@@ -158,7 +158,7 @@ CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) 
 std::vector<ScheduledRequest> build_schedule(const Scene& scene, const MultimodeController& controller) {
   std::vector<ScheduledRequest> schedule;
   for (const auto& event : scene.timeline) {
-    if (event.what == TimelineEvent::What::place) continue;  // the simulation's own business
+    if (event.what == TimelineEvent::What::place) continue;  // carried out by the simulation
     ScheduledRequest scheduled;
     scheduled.at = LoopTime::from_seconds(event.at_s);
     if (event.what == TimelineEvent::What::stop) {

@@ -8,8 +8,8 @@
 #include "models/robot_description.hpp"
 #include "scene/scene.hpp"
 
-// From a checked scene to what the core is built from. Off the loop only. The objects of the world are the
-// plant's business (backends/).
+// Builds the inputs of the core from a checked scene. Off the loop only. The plant builds the objects of the
+// world (backends/).
 namespace multipanda {
 
 // multipanda's own controllets and features, and those of the libraries. Throws std::runtime_error
@@ -19,20 +19,20 @@ Registry build_registry(const std::vector<std::string>& plugins);
 // The robot of an arm: kinematics, inertials, limits, capsules, hand. Throws std::invalid_argument.
 RobotDescription robot_of(const SceneArm& arm);
 
-// What the simulated arm truly is: what plant_robot or plant_model say, else what its controllers believe.
+// The robot of the simulated arm: plant_robot, otherwise plant_model, otherwise the robot of its controllers.
 // Throws std::invalid_argument.
 RobotDescription plant_robot_of(const SceneArm& arm);
-// Where its base truly stands: X_WB, turned by the tilt of `plant`.
+// Pose of its base in the plant: X_WB, turned by the tilt of `plant`.
 Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant);
 
-// What the controllers know of the arm: links and hand; tool and declared load come with the ArmState
-// (arm_config). `limits` of the model are the maker's; the scene's are in SceneArm::safety.
+// The controllers' model of the arm: links and hand; tool and declared load come with the ArmState
+// (arm_config). `limits` are those of the model file; those of the scene are in SceneArm::safety.
 std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm);
 
-// Frames, tool and declared load that an arm starts with: what a backend puts into its ArmState.
+// Initial frames, tool and declared load of an arm; a backend puts them into its ArmState.
 struct ArmConfig {
-  ArmFrames frames;  // X_FE: the scene's, else the hand's tool centre point, else the flange
-  Load tool;         // beyond the hand, which belongs to the model
+  ArmFrames frames;  // X_FE: of the scene, otherwise the hand's tool center point, otherwise the flange
+  Load tool;         // in addition to the hand, which belongs to the model
   Load load;         // as declared to the controllers
 };
 ArmConfig arm_config(const SceneArm& arm);
@@ -40,11 +40,11 @@ ArmConfig arm_config(const SceneArm& arm);
 // Ready for ControlCycle. One arm model per arm is built.
 CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity = 0);
 
-// The scene's timeline for MultimodeController::schedule; `place` events are the backend's and left out.
+// The scene's timeline for MultimodeController::schedule; `place` events are left to the backend.
 // Throws std::invalid_argument if the controller was built from another scene.
 std::vector<ScheduledRequest> build_schedule(const Scene& scene, const MultimodeController& controller);
 
-// What runs from the first cycle on, for MultimodeController::activate_at_start.
+// Instances that run from the first cycle on, for MultimodeController::activate_at_start.
 InstanceSet start_set(const Scene& scene, const MultimodeController& controller);
 
 }  // namespace multipanda

@@ -7,10 +7,10 @@
 
 #include "scene/load.hpp"
 
-namespace multipanda {
+namespace multipanda::build_test {
 namespace {
 
-// Takes torques and does nothing: enough to build a cycle on.
+// Accepts torques and does nothing: enough to build a cycle.
 class StillBackend final : public Backend {
  public:
   explicit StillBackend(std::size_t arms) : arms_(arms) {}
@@ -20,7 +20,8 @@ class StillBackend final : public Backend {
   LoopTime now() const override { return {}; }
   void read(ArmSet, std::span<ArmState>) override {}
   void write(ArmSet, std::span<const ArmCommand>) override {}
-  std::future<ArmAnswer> request(ArmIndex, ArmRequest) override { return {}; }
+  using Backend::request;
+  std::future<RequestAnswer> request(ArmIndex, ArmRequest) override { return {}; }
 
  private:
   std::size_t arms_;
@@ -33,10 +34,9 @@ TEST(Build, TcpOfTheReadyPoseInTheWorld) {
     const ArmConfig config = arm_config(arm);
     terms.set_config(config.frames, config.tool, config.load);
     terms.update(arm.q_start, joint_constant(7, 0));
-    // Shoulder at 0.333 m; upper arm 0.316 m leans back by 45 degrees, its offset 0.0825 m forward; the
-    // forearm
-    // (-0.0825, 0.384) is then level, the wrist 0.088 m ahead, flange 0.107 m and hand 0.1034 m straight
-    // down.
+    // Shoulder at 0.333 m; upper arm 0.316 m leans back by 45 degrees, its offset 0.0825 m forward;
+    // the forearm (-0.0825, 0.384) is then level, the wrist 0.088 m ahead, flange 0.107 m and hand
+    // 0.1034 m straight down.
     const double c = std::sqrt(0.5);
     const double x = -0.316 * c + 0.0825 * c + 0.384 + 0.088,
                  z = 0.333 + 0.316 * c + 0.0825 * c + 0.0825 - 0.107 - 0.1034;
@@ -58,7 +58,7 @@ TEST(Build, WithoutHandTheFlangeIsTheEndEffector) {
   EXPECT_EQ(frames(", end_effector: {position_m: [0, 0, 0.3]}").X_FE.position.z(), 0.3);
 }
 
-TEST(Build, FrictionIsKnownWhereTheSceneSaysSo) {
+TEST(Build, UsesKnownFrictionOnlyWhenTheSceneDeclaresIt) {
   const Registry registry = Registry::with_builtins();
   const auto model = [&](const std::string& more) {
     return build_arm_model(parse_scene("arms:\n  - {name: left" + more + "}\n", "s.yaml", registry).arms[0]);
@@ -71,7 +71,7 @@ TEST(Build, FrictionIsKnownWhereTheSceneSaysSo) {
   EXPECT_EQ(knowing->known_friction()->p3[2], -0.046070);
 }
 
-TEST(Build, EveryShippedSceneMakesACycleWithItsSchedule) {
+TEST(Build, BuildsCycleAndScheduleOfEveryShippedScene) {
   for (const auto& name : available_scenes()) {
     const OpenedScene opened = open_scene(name);
     StillBackend backend(opened.scene.arms.size());
@@ -89,8 +89,8 @@ TEST(Build, EveryShippedSceneMakesACycleWithItsSchedule) {
   }
 }
 
-// What stands fixed is an obstacle, what is free is not; tools collide behind the last joint.
-TEST(Build, ControllersKnowWhatTheyMayNotTouch) {
+// Fixed objects are obstacles, free ones are not; tools collide behind the last joint.
+TEST(Build, ModelsHaveTheObstaclesOfTheScene) {
   const Registry registry = Registry::with_builtins();
   const Scene scene = parse_scene(
       "arms:\n"
@@ -125,7 +125,7 @@ TEST(Build, ControllersKnowWhatTheyMayNotTouch) {
   }
 }
 
-TEST(Build, ScheduleSaysWhatTheTimelineSays) {
+TEST(Build, ScheduleMatchesTheTimeline) {
   const Registry registry = Registry::with_builtins();
   const Scene scene = parse_scene(
       "arms:\n"
@@ -160,4 +160,4 @@ TEST(Build, ScheduleSaysWhatTheTimelineSays) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::build_test

@@ -7,13 +7,13 @@
 
 #include <yaml-cpp/yaml.h>
 
-#include "scene/fields.hpp"
-#include "scene/names.hpp"
+#include "config_file/text.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
 
-// What of a scene a hosted cycle is made of. The world, its objects and its time are somebody else's.
+// The keys of a scene that apply to a hosted cycle. The host owns the world and its time.
 const std::vector<std::string>& scene_keys() {
   static const std::vector<std::string> keys{"name",        "description", "arms",    "objects",
                                              "controllets", "active",      "plugins", "ros"};
@@ -50,7 +50,7 @@ YAML::Node node_of(const ParameterValue& value) {
   return std::visit([](const auto& v) { return scalar(v); }, value);
 }
 
-// A tree that keeps the order in which its branches came.
+// A tree that keeps the order of its branches.
 struct Tree {
   std::vector<std::pair<std::string, Tree>> branches;
   const ParameterValue* value = nullptr;
@@ -77,18 +77,19 @@ YAML::Node node_of(const Tree& tree) {
 void insert(Tree& root, const std::string& name, const ParameterValue& value) {
   Tree* at = &root;
   for (const auto& part : split(name)) {
-    if (at->value != nullptr) refuse(name, "'" + at->name + "' is a value already, it can have no parts");
+    if (at->value != nullptr)
+      refuse(name, "'" + at->name + "' already has a value; it cannot also have keys");
     at = &at->branch(part);
   }
-  if (!at->branches.empty()) refuse(name, "it has parts, it can be no value as well");
-  if (at->value != nullptr) refuse(name, "it is given twice");
+  if (!at->branches.empty()) refuse(name, "it has keys; it cannot also have a value");
+  if (at->value != nullptr) refuse(name, "duplicate parameter; remove one");
   at->value = &value;
   at->name = name;
 }
 
 std::string text(const Tree& tree, const std::string& name) {
   if (tree.value == nullptr || !std::holds_alternative<std::string>(*tree.value))
-    refuse(name, "expected a text");
+    refuse(name, "expected a string");
   return std::get<std::string>(*tree.value);
 }
 
@@ -123,12 +124,12 @@ void take_states(const std::vector<std::string>& states, const std::string& name
   const auto has = [&](const char* state) {
     return std::find(states.begin(), states.end(), state) != states.end();
   };
-  if (!has("position") || !has("velocity")) refuse(name, "position and velocity are needed");
+  if (!has("position") || !has("velocity")) refuse(name, "position and velocity are required");
   arm.has_effort = has("effort");
   arm.has_robot_state = has("robot_state");
 }
 
-// Takes the host's own keys out of an arm's.
+// Removes the keys of the host from those of an arm.
 HostedArm take_hosted(const std::string& name, Tree& tree) {
   HostedArm arm;
   arm.name = name;
@@ -156,7 +157,7 @@ HostedArm take_hosted(const std::string& name, Tree& tree) {
   return arm;
 }
 
-// The arms in the order of `names`; one of them may have no key at all.
+// Sorts the arms in the order of `names`; some may have no keys.
 void order_arms(Tree& arms, const std::vector<std::string>& names) {
   std::vector<std::pair<std::string, Tree>> ordered;
   for (const auto& name : names) {
@@ -199,7 +200,7 @@ ParameterScene scene_from_parameters(const FlatParameters& parameters,
   Tree& arms = root.branch("arms");
   if (named) order_arms(arms, names);
   if (arms.branches.empty()) {
-    throw std::invalid_argument("no arms: give the parameter 'arm_names', a list, or 'arms.<name>.model'");
+    throw std::invalid_argument("no arms; set the parameter 'arm_names' (a list) or 'arms.<name>.model'");
   }
   std::vector<std::string> models(arms.branches.size());
   for (auto& [name, branch] : arms.branches) {
@@ -207,11 +208,11 @@ ParameterScene scene_from_parameters(const FlatParameters& parameters,
     const Tree* model = branch.find("model");
     const std::string path = "arms." + name + ".model";
     if (model != nullptr && text(*model, path) == "robot_description") {
-      if (!model_of) refuse(path, "there is no robot description here: name a model");
+      if (!model_of) refuse(path, "there is no robot description here; expected the name of a model");
       models[scene.arms.size() - 1] = model_of(arm);
     } else if (!arm.base_link.empty() || !arm.tip_link.empty()) {
       refuse("arms." + name,
-             "base_link and tip_link are of the robot description; write 'model: robot_description' too");
+             "base_link and tip_link belong to a robot description; add 'model: robot_description'");
     }
   }
   if (const Tree* plugins = root.find("plugins")) scene.plugins = texts(*plugins, "plugins");
@@ -221,7 +222,7 @@ ParameterScene scene_from_parameters(const FlatParameters& parameters,
     if (models[i].empty()) continue;
     YAML::Node arm = document["arms"][scene.arms[i].name];
     arm["model"] = models[i];
-    if (!arm["hand"]) arm["hand"] = "false";  // it is among the description's links
+    if (!arm["hand"]) arm["hand"] = "false";  // the description already contains it
   }
   YAML::Emitter out;
   out << document;

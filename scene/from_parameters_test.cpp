@@ -4,9 +4,9 @@
 #include <gtest/gtest.h>
 
 #include "scene/load.hpp"
-#include "scene/test_scenes.hpp"
+#include "scene/testing/test_scenes.hpp"
 
-namespace multipanda {
+namespace multipanda::from_parameters_test {
 namespace {
 
 using testing::ElementsAre;
@@ -50,7 +50,7 @@ FlatParameters with(const std::string& name, ParameterValue value) {
   return parameters;
 }
 
-TEST(FromParameters, AreTheSceneThatAFileWouldSay) {
+TEST(FromParameters, GiveTheSameSceneAsAFile) {
   const ParameterScene parameters = scene_from_parameters(two_arms());
   const Scene scene = parse_scene(parameters.yaml, "parameters", registry());
   ASSERT_EQ(scene.arms.size(), 2u);
@@ -77,10 +77,10 @@ TEST(FromParameters, AreTheSceneThatAFileWouldSay) {
   EXPECT_THAT(scene.active, ElementsAre("pair"));
 }
 
-TEST(FromParameters, TheHostsOwnKeysAreTakenOut) {
+TEST(FromParameters, RemovesTheKeysOfTheHost) {
   const ParameterScene scene = scene_from_parameters(two_arms());
   ASSERT_EQ(scene.arms.size(), 2u);
-  EXPECT_EQ(scene.arms[0].gravity, HostedArm::Gravity::unsaid);
+  EXPECT_EQ(scene.arms[0].gravity, HostedArm::Gravity::unspecified);
   EXPECT_EQ(scene.arms[1].gravity, HostedArm::Gravity::robot);
   EXPECT_EQ(scene.arms[1].joints.size(), 7u);
   EXPECT_FALSE(scene.arms[1].forces_by_robot);
@@ -88,7 +88,7 @@ TEST(FromParameters, TheHostsOwnKeysAreTakenOut) {
   EXPECT_TRUE(scene.arms[1].has_effort && scene.arms[1].has_robot_state);
 }
 
-TEST(FromParameters, TheRobotDescriptionIsAskedFor) {
+TEST(FromParameters, AsksForTheRobotDescription) {
   FlatParameters parameters = with("arms.left.model", std::string("robot_description"));
   parameters.emplace_back("arms.left.tip_link", std::string("tool0"));
   const auto scene =
@@ -105,20 +105,20 @@ TEST(FromParameters, RefusalsNameTheParameter) {
               HasSubstr("'arms.left.gravity_compensation': found 'robots'; did you mean 'robot'?"));
   EXPECT_THAT(refusal(with("controllet.pair.type", std::string("duo"))),
               HasSubstr("did you mean 'controllets.pair.type'?"));
-  EXPECT_THAT(refusal(with("controllets.pair.type.x", 1.0)), HasSubstr("is a value already"));
+  EXPECT_THAT(refusal(with("controllets.pair.type.x", 1.0)), HasSubstr("already has a value"));
   EXPECT_THAT(refusal(with("controllets.pair.type", std::string("dou"))),
               HasSubstr("controllet 'pair': type"));
   EXPECT_THAT(refusal(with("arms.left.tip_link", std::string("x"))), HasSubstr("model: robot_description"));
   EXPECT_THAT(refusal({{"controllets.a.type", std::string("solo")}}), HasSubstr("no arms"));
   EXPECT_THAT(refusal(with("arms..model", std::string("fer"))), HasSubstr("between the dots"));
   EXPECT_THAT(refusal(with("arms.left.state_interfaces", std::vector<std::string>{"position"})),
-              HasSubstr("position and velocity are needed"));
+              HasSubstr("position and velocity are required"));
   EXPECT_THAT(refusal(with("arms.left.state_interfaces", std::vector<std::string>{"efort"})),
               HasSubstr("did you mean 'effort'?"));
   EXPECT_EQ(refusal(two_arms()), "none");
 }
 
-TEST(FromParameters, SceneFilesMayNameTheirItemsToo) {
+TEST(FromParameters, SceneFilesMayAlsoNameTheirItems) {
   const Scene scene = parse(
       "arms: {left: {}, right: {base: {position_m: [0, 1, 0]}}}\n"
       "objects: {table: {shape: box, size_m: [1, 1, 0.1]}}\n"
@@ -131,4 +131,4 @@ TEST(FromParameters, SceneFilesMayNameTheirItemsToo) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::from_parameters_test

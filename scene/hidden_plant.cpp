@@ -9,8 +9,8 @@
 namespace multipanda {
 namespace {
 
-constexpr double kMass = 0.10, kCentre = 0.010, kPayload = 1.0, kPayloadReach = 0.05;  // [1], [m], [kg], [m]
-constexpr double kPayloadRadius = 0.03;  // of the ball that it is [m]
+constexpr double kMass = 0.10, kCenter = 0.010, kPayload = 1.0, kPayloadReach = 0.05;  // [1], [m], [kg], [m]
+constexpr double kPayloadRadius = 0.03;  // radius of the payload, a ball [m]
 constexpr double kLeastFriction = 0.5, kMostFriction = 1.5;
 constexpr double kDelay = 0.003, kLeastBandwidth = 30, kMostBandwidth = 100, kTorqueNoise = 0.05;
 constexpr double kToolShift = 0.005, kToolTurn = 2 * std::numbers::pi / 180;
@@ -22,7 +22,7 @@ class Draw {
                         static_cast<std::uint32_t>(arm), 0x68696464u};
     random_.seed(words);
   }
-  // The standard leaves its distributions to the library; this is the same everywhere.
+  // The distributions of the standard library differ between implementations; this one does not.
   double between(double low, double high) {
     return low + (high - low) * static_cast<double>(random_() >> 11) * 0x1p-53;
   }
@@ -51,7 +51,7 @@ Vector3 rpy_of(const Matrix3& R) {
 RigidBody drawn_link(const RigidBody& nominal, Draw& draw) {
   for (;;) {
     const double factor = draw.between(1 - kMass, 1 + kMass);
-    const RigidBody body{nominal.mass * factor, nominal.com + draw.each_within(kCentre),
+    const RigidBody body{nominal.mass * factor, nominal.com + draw.each_within(kCenter),
                          nominal.inertia * factor};
     if (is_physical(body)) return body;
   }
@@ -80,7 +80,7 @@ RobotDescription draw_hidden_plant(const RobotDescription& nominal, std::uint64_
   robot.actuation = actuation;
   robot.torque_sensor = TorqueSensor{.gain = {}, .offset = {}, .noise = kTorqueNoise};
 
-  // Hand, tool and its shapes stand on the flange: moved with it, they are elsewhere than anybody believes.
+  // Hand, tool and its shapes move with the flange, away from their poses in the models.
   const Vector3 shift = draw.each_within(kToolShift), axis = draw.inside_ball(1).normalized();
   const Eigen::AngleAxisd turn(draw.between(-kToolTurn, kToolTurn), axis);
   const Pose X_LF = nominal.flange.pose();
@@ -92,8 +92,8 @@ RobotDescription draw_hidden_plant(const RobotDescription& nominal, std::uint64_
 void hide(Scene& scene, std::uint64_t seed) {
   const double stiction = scene.plant.stiction_nm;
   scene.plant = PlantFidelity::realistic();
-  // A real arm's noise is its own. With the scene's seed it would be that of the simulation it is compared
-  // with, sample by sample, and cancel.
+  // With the seed of the scene the noise would equal that of the simulation in comparisons, sample by sample,
+  // and cancel.
   scene.seed ^= 0x9E3779B97F4A7C15u * (seed + 1);
   scene.plant.stiction_nm = stiction;
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {

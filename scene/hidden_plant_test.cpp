@@ -1,4 +1,4 @@
-// Hidden plants: inside their ranges, physical, independent of each other, the same wherever they are drawn.
+// Hidden plants: inside their ranges, physical, independent of each other, and the same in every scene.
 #include "scene/hidden_plant.hpp"
 
 #include <filesystem>
@@ -12,7 +12,7 @@
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 
-namespace multipanda {
+namespace multipanda::hidden_plant_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -85,7 +85,7 @@ bool same(const RobotDescription& a, const RobotDescription& b) {
          a.actuation->command_delay == b.actuation->command_delay;
 }
 
-TEST(HiddenPlants, AreTheSameArmInEverySceneAndAnotherForEveryArmAndSeed) {
+TEST(HiddenPlants, DependOnArmAndSeedOnly) {
   const Registry registry = Registry::with_builtins();
   Scene one = load_scene("one_arm", registry), two = load_scene("two_arms", registry);
   const std::string text = two.text;
@@ -96,7 +96,7 @@ TEST(HiddenPlants, AreTheSameArmInEverySceneAndAnotherForEveryArmAndSeed) {
   Scene again = load_scene("two_arms", registry);
   hide(again, 8);
   EXPECT_FALSE(same(*two.arms[0].plant_robot, *again.arms[0].plant_robot));
-  // What the arm's controllers believe, and what is told of the scene, know nothing of it.
+  // The controllers' models and the scene's text do not contain it.
   EXPECT_EQ(two.text, text);
   EXPECT_EQ(robot_of(two.arms[0]).links[3].mass, load_robot(two.arms[0].model).links[3].mass);
   EXPECT_EQ(two.plant.name, "realistic");
@@ -104,13 +104,14 @@ TEST(HiddenPlants, AreTheSameArmInEverySceneAndAnotherForEveryArmAndSeed) {
   EXPECT_NE(two.seed, load_scene("two_arms", registry).seed);
 }
 
-// Whoever identifies must not be able to draw: only the virtual arms' program and tests include the header.
-TEST(HiddenPlants, AreOutOfReachOfWhoeverIdentifies) {
+// Identification must not be able to draw plants: only the virtual arms' program and tests include it.
+TEST(HiddenPlants, AreNotIncludedByIdentification) {
   const std::set<std::string> allowed{"scene/hidden_plant.cpp", "cli/virtual_arm.cpp"};
   const fs::path root = MULTIPANDA_SOURCE_DIR;
   int found = 0;
-  for (const char* folder : {"analysis", "backends", "cli", "core", "doctor", "experiments", "fci",
-                             "generators", "logs", "models", "ros", "runtime", "scene"}) {
+  for (const char* folder :
+       {"backends", "cli", "core", "device", "doctor", "experiments", "fci", "logs", "models",
+        "motion_generators", "report", "ros", "runtime", "scene", "support", "sysid"}) {
     for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
       const std::string name = entry.path().lexically_relative(root).generic_string();
       if (!name.ends_with(".cpp") && !name.ends_with(".hpp")) continue;
@@ -125,4 +126,4 @@ TEST(HiddenPlants, AreOutOfReachOfWhoeverIdentifies) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::hidden_plant_test

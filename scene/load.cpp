@@ -6,123 +6,56 @@
 #include <fstream>
 #include <sstream>
 
+#include "config_file/text.hpp"
 #include "scene/build.hpp"
 #include "scene/load_parts.hpp"
-#include "scene/names.hpp"
-#include "scene/schema.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kLargestFile = 1 << 20;  // [bytes] nobody writes more by hand
-
-// Line where a second YAML document begins, or 0. Found by hand: YAML::LoadAll never ends on some broken
-// texts.
-int second_document(const std::string& text) {
-  std::istringstream in(text);
-  std::string line;
-  bool content = false;
-  for (int number = 1; std::getline(in, line); ++number) {
-    if (line == "..." || line == "---" || line.starts_with("--- ")) {
-      if (content) return number;
-    } else {
-      content = content || (!line.empty() && line[0] != '#' && line[0] != '%');
-    }
-  }
-  return 0;
-}
-
-YAML::Node parse_yaml(const std::string& text, const std::string& file_name) try {
-  if (text.size() > kLargestFile)
-    throw SceneError({file_name, 0}, "larger than 1 MiB; this is no scene file");
-  const YAML::Node root = YAML::Load(text);  // the first document
-  if (!root.IsDefined() || root.IsNull()) {
-    throw SceneError({file_name, 1}, "empty; expected a mapping with at least the key 'arms'");
-  }
-  if (const int line = second_document(text); line > 0) {
-    throw SceneError({file_name, line}, "expected one YAML document, found a second one");
-  }
-  return root;
-} catch (const YAML::Exception& error) {
-  throw SceneError({file_name, error.mark.line + 1}, "not readable as YAML: " + error.msg);
-}
-
-// What yaml-cpp itself refuses later on (a node used as something that it is not) would be a gap in our own
-// checks; it must still be a refusal, not a crash.
-template <typename Work>
-auto guarded(const std::string& file_name, Work work) try {
-  return work();
-} catch (const YAML::Exception& error) {
-  throw SceneError({file_name, error.mark.line + 1}, error.msg);
-}
-
-SceneFile scene_file(const std::string& file_name) {
-  return {file_name, fs::path(file_name).parent_path().string()};
-}
-
-Mapping root_of(const SceneFile& file, const std::string& text) {
-  return {Entry(file, parse_yaml(text, file.name), 1, ""), schema::scene()};
-}
-
-std::string relative_to(const SceneFile& file, const std::string& path) {
-  return fs::path(path).is_absolute() ? path : (fs::path(file.folder) / path).lexically_normal().string();
-}
-
-std::vector<std::string> plugins_of(const Mapping& root) {
-  std::vector<std::string> paths;
-  for (const auto& item : root.text_items("plugins")) {
-    paths.push_back(relative_to(item.file(), item.node().Scalar()));
-    if (!fs::exists(paths.back())) item.refuse("there is no file " + paths.back() + "; build it first");
-  }
-  return paths;
+std::string plugin_path(const Node& item) {
+  std::string path = item.resolved(item.yaml().Scalar());
+  if (!fs::exists(path)) item.refuse("there is no file " + path + "; build it first");
+  return path;
 }
 
 std::string found_scene(const std::string& name) {
   const bool path = name.find('/') != std::string::npos || name.ends_with(".yaml") || name.ends_with(".yml");
   if (path) {
-    if (!fs::is_regular_file(name)) throw SceneError({name, 0}, "there is no such file");
+    if (fs::is_directory(name))
+      throw ConfigError({name, 0}, "this is a folder; expected a scene file inside it");
+    if (!fs::is_regular_file(name)) throw ConfigError({name, 0}, "there is no such file");
     return name;
   }
   const fs::path file = fs::path(scenes_folder()) / (name + ".yaml");
   if (!fs::is_regular_file(file)) {
-    throw SceneError({name, 0}, "there is no scene of this name in " + scenes_folder() +
-                                    name_hint(name, available_scenes(), "there are no scenes") +
-                                    " (a path needs a slash or the ending .yaml)");
+    throw ConfigError({name, 0}, "there is no scene of this name in " + scenes_folder() +
+                                     name_hint(name, available_scenes(), "there are no scenes") +
+                                     " (a path needs a slash or the ending .yaml)");
   }
   return file.string();
 }
 
-std::string read_file(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  if (!in) throw SceneError({path, 0}, "cannot be read");
-  return text.str();
+// The top level of a scene file, of which only `plugins` is read; other keys are ignored.
+std::vector<std::string> plugins_of(const Node& root) {
+  std::vector<std::string> paths;
+  if (!root.is_map()) return paths;
+  for (const auto& [key, value] : root.pairs()) {
+    if (key != "plugins") continue;
+    for (const auto& item : value.names(Key("plugins", ""))) paths.push_back(plugin_path(item));
+  }
+  return paths;
 }
 
-Scene read_scene(const Mapping& root, const std::string& text, const Registry& registry) {
+Scene read_scene(const Node& root, const std::string& text, const Registry& registry) {
   SceneReader reader(registry);
-  Scene& scene = reader.scene;
-  scene.text = text;
-  scene.path = root.self().file().name;
-  if (root.has("name")) {
-    scene.name = root.text("name");
-  } else {
-    scene.name = fs::path(scene.path).stem().string();
-  }
-  scene.description = root.text("description");
-  scene.seed = static_cast<std::uint64_t>(root.number("seed"));
-  scene.duration_s = root.number("duration_s");
-  scene.plugins = plugins_of(root);
-  read_plant(root, reader);
-  read_arms(root, reader);
-  read_objects(root, reader);
-  read_controllets(root, reader);
-  read_active(root, reader);
-  read_timeline(root, reader);
-  read_ros(root, reader);
+  Archive::read(root, reader);
+  reader.scene.text = text;
+  reader.scene.path = root.file();
+  if (reader.scene.name.empty()) reader.scene.name = fs::path(root.file()).stem().string();
   return std::move(reader.scene);
 }
 
@@ -145,35 +78,74 @@ std::vector<std::string> available_scenes() {
 }
 
 std::vector<std::string> scene_plugins(const std::string& text, const std::string& file_name) {
-  const SceneFile file = scene_file(file_name);
-  return guarded(file_name, [&] { return plugins_of(root_of(file, text)); });
+  return plugins_of(Node::parse(text, file_name));
 }
 
 Scene parse_scene(const std::string& text, const std::string& file_name, const Registry& registry) {
-  const SceneFile file = scene_file(file_name);
-  return guarded(file_name, [&] { return read_scene(root_of(file, text), text, registry); });
+  return read_scene(Node::parse(text, file_name), text, registry);
 }
 
 Scene load_scene(const std::string& path_or_bare_name, const Registry& registry) {
   const std::string path = found_scene(path_or_bare_name);
-  return parse_scene(read_file(path), path, registry);
+  return parse_scene(read_text(path), path, registry);
 }
 
 OpenedScene open_scene(const std::string& path_or_bare_name) {
   const std::string path = found_scene(path_or_bare_name);
-  const std::string text = read_file(path);
-  const SceneFile file = scene_file(path);
+  const std::string text = read_text(path);
+  const Node root = Node::parse(text, path);
   OpenedScene opened;
   try {
-    opened.registry = build_registry(scene_plugins(text, path));
-  } catch (const SceneError&) {
+    opened.registry = build_registry(plugins_of(root));
+  } catch (const ConfigError&) {
     throw;
   } catch (const std::exception& error) {
-    const Entry place = root_of(file, text).entry("plugins");
-    place.refuse(error.what());
+    root.key_of("plugins").called("plugins").refuse(error.what());
   }
-  opened.scene = parse_scene(text, path, opened.registry);
+  opened.scene = read_scene(root, text, opened.registry);
   return opened;
+}
+
+void visit(Archive& archive, SceneReader& reader) {
+  Scene& scene = reader.scene;
+  archive.about("Scene", "The top level of the file.");
+  archive(Key("name", "Name in logs and reports. Default: the name of the file.").identifier(), scene.name);
+  archive(Key("description", "Description for readers."), scene.description);
+  archive(Key("seed", "Seed of all random numbers: two unpaced runs with the same seed are identical.")
+              .within(0, 9007199254740992.0),
+          scene.seed);
+  archive(Key("duration_s", "Duration of a run; 0: until stopped.").within(0, kLongestTime),
+          scene.duration_s);
+  archive.section(Key("plant", "Simulation fidelity."), scene.plant, scene);
+  archive(Key("backend",
+              "What drives the arms: `mujoco`, `fci`, `virtual`, `pinocchio`, or a backend of a library in "
+              "`plugins`. "
+              "Default: arms with the key `fci` are real, the others simulated."),
+          scene.backend);
+  for (const auto& item : archive.names(Key(
+           "plugins", "Libraries with your own controllets, features and backends, relative to this file.")))
+    scene.plugins.push_back(plugin_path(item));
+  archive.list(Key("arms", "1 to 16 arms.").each("arm").required(), scene.arms, reader);
+  if (archive.reading() && (scene.arms.empty() || scene.arms.size() > kMaxArms)) {
+    archive.at("arms").refuse("expected 1 to " + std::to_string(kMaxArms) + " arms, found " +
+                              std::to_string(scene.arms.size()));
+  }
+  archive.list(Key("objects", "Surfaces and bodies.").each("object"), scene.objects, reader);
+  archive.list(
+      Key("controllets",
+          "Controllet instances. All are built before the first cycle; switches decide which of them run. "
+          "Every arm also has a built-in `<arm>_hold`, which runs when no other controllet owns the arm.")
+          .each("controllet"),
+      scene.controllets, reader);
+  if (scene.controllets.size() + reader.holds.size() > kMaxInstances) {
+    archive.at("controllets")
+        .refuse("expected at most " + std::to_string(kMaxInstances - scene.arms.size()) + " (" +
+                std::to_string(kMaxInstances) + " with the holds of the arms), found " +
+                std::to_string(scene.controllets.size()));
+  }
+  read_active(archive, reader);
+  read_timeline(archive, reader);
+  archive.section(Key("ros", "How `run --ros` shows the run in ROS 2."), scene.ros);
 }
 
 }  // namespace multipanda

@@ -5,10 +5,9 @@
 
 #include "core/modes/registry.hpp"
 #include "scene/scene.hpp"
-#include "scene/scene_error.hpp"
 
 // Scene files, read and checked (docs/scene_reference.md). Off the loop only. Everything here throws
-// SceneError: file, line, what was found, what was expected, the nearest valid name.
+// ConfigError: file, line, what was found, what was expected, the nearest valid name.
 namespace multipanda {
 
 // Reads a scene by bare name ("two_arms": config/scenes/two_arms.yaml of the project, or of the folder in the
@@ -16,17 +15,17 @@ namespace multipanda {
 // `registry` must already have the controllets of the scene's plugins; open_scene does both.
 Scene load_scene(const std::string& path_or_bare_name, const Registry& registry);
 
-// The same from text. `file_name` is what messages show; its folder is where relative paths start.
+// The same from text. Messages show `file_name`; relative paths start in its folder.
 Scene parse_scene(const std::string& text, const std::string& file_name, const Registry& registry);
 
-// A scene together with everything that can be named in it.
+// A scene together with the types that it can name.
 struct OpenedScene {
   Registry registry;  // multipanda's own and the plugins' controllets and features
   Scene scene;
 };
 OpenedScene open_scene(const std::string& path_or_bare_name);
 
-// Libraries that a scene asks for, as paths. They are all that is checked.
+// Paths of the libraries that a scene names. Other keys are not checked.
 std::vector<std::string> scene_plugins(const std::string& text, const std::string& file_name);
 
 // Bare names that load_scene knows, sorted.

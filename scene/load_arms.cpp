@@ -1,314 +1,391 @@
 #include <cmath>
 #include <filesystem>
-#include <tuple>
 
 #include <Eigen/Eigenvalues>
 
+#include "config_file/text.hpp"
+#include "models/load_parts.hpp"
 #include "scene/load_parts.hpp"
-#include "scene/names.hpp"
-#include "scene/schema.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
 
-JointVector joint_vector(const std::vector<double>& values) {
-  return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
-}
-
 std::string joint_name(Eigen::Index i) { return "joint" + std::to_string(i + 1); }
 
-Matrix3 read_inertia(const Mapping& mapping) {
-  const auto n = [&](const char* key) { return mapping.number(key); };
-  Matrix3 I;
-  I << n("xx"), n("xy"), n("xz"), n("xy"), n("yy"), n("yz"), n("xz"), n("yz"), n("zz");
+void check_inertia(const Archive& archive, const Matrix3& I) {
   const Vector3 moments = Eigen::SelfAdjointEigenSolver<Matrix3>(I, Eigen::EigenvaluesOnly).eigenvalues();
   const double slack = 1e-9 * moments.cwiseAbs().maxCoeff();
   if (moments[0] < -slack || moments[0] + moments[1] < moments[2] - slack) {
-    mapping.self().refuse(
-        "no rigid body has this inertia: expected principal moments of which each is at least 0 and at "
+    archive.self().refuse(
+        "inertia is not physically consistent: expected principal moments of which each is at least 0 and at "
         "most the sum of the other two, found " +
         number_text(moments[0]) + ", " + number_text(moments[1]) + ", " + number_text(moments[2]));
   }
-  return I;
 }
 
-Load read_load(const Mapping& arm, const std::string& key) {
-  Load load;
-  if (!arm.has(key)) return load;
-  const Mapping mapping = arm.section(key);
-  load.mass = mapping.number("mass_kg");
-  load.p_FC = mapping.vector3("com_m");
-  if (mapping.has("inertia_kg_m2")) load.inertia_C = read_inertia(mapping.section("inertia_kg_m2"));
-  if (load.mass == 0 && load.inertia_C != Matrix3::Zero()) {
-    mapping.self().refuse(
-        "a body without mass has no inertia; give mass_kg above 0, or leave inertia_kg_m2 out");
-  }
-  return load;
-}
-
-std::vector<ToolShape> read_tool_shapes(const Mapping& arm) {
-  std::vector<ToolShape> shapes;
-  for (const auto& item : arm.items("tool_shapes")) {
-    const std::string number = std::to_string(shapes.size() + 1);
-    Mapping mapping(item, schema::tool_shape());
-    mapping.rename(arm.self().what() + ": tool shape " + number);
-    ToolShape shape{.X_FS = read_pose(mapping), .place = mapping.self().place()};
-    std::tie(shape.shape, shape.size) = read_shape(mapping, {"size_m", "diameter_m"});
-    shapes.push_back(std::move(shape));
-  }
-  return shapes;
-}
-
-bool read_known_friction(const Mapping& arm, const RobotDescription& robot) {
-  if (arm.text("known_friction") == "none") return false;
-  if (!robot.friction) {
-    arm.entry("known_friction")
-        .refuse("the model " + in_quotes(robot.name) + " has no friction table; write 'none'");
-  }
-  return true;
-}
-
-// The robot that `key` names; `name`: as load_robot knows it from wherever the program runs.
-RobotDescription read_robot(const Mapping& arm, const char* key, std::string& name) {
-  const Entry entry = arm.entry(key);
-  name = arm.text(key);
+// The robot that `key` names; `name` becomes a name that load_robot finds from any working directory.
+RobotDescription read_robot(const Node& node, std::string& name) {
   const bool path = name.find('/') != std::string::npos || name.ends_with(".yaml");
-  if (path && std::filesystem::path(name).is_relative()) {
-    name = (std::filesystem::path(entry.file().folder) / name).lexically_normal().string();
+  if (path) {
+    name = node.resolved(name);
     if (name.find('/') == std::string::npos) name = "./" + name;
   }
   const auto known = available_robots();
-  if (!path && std::find(known.begin(), known.end(), name) == known.end()) {
-    entry.refuse("there is no robot model " + in_quotes(name) +
-                 name_hint(name, known, "there are no models"));
-  }
+  if (!path && std::find(known.begin(), known.end(), name) == known.end())
+    node.refuse("there is no robot model " + in_quotes(name) + name_hint(name, known, "there are no models"));
   try {
     return load_robot(name);
   } catch (const std::invalid_argument& error) {
-    entry.refuse(error.what());
+    node.refuse(error.what());
   }
 }
 
-// What the simulated arm truly is, where the scene says so.
-void read_plant_model(const Mapping& mapping, const RobotDescription& robot, SceneArm& arm) {
-  if (!mapping.has("plant_model")) return;
-  const RobotDescription plant = read_robot(mapping, "plant_model", arm.plant_model);
-  const Entry entry = mapping.entry("plant_model");
+void check_plant_model(const Archive& archive, const RobotDescription& robot, SceneArm& arm) {
+  const Node node = archive.at("plant_model");
+  const RobotDescription plant = read_robot(node, arm.plant_model);
   if (plant.joint_count() != robot.joint_count()) {
-    entry.refuse("the model " + in_quotes(arm.plant_model) + " has " + std::to_string(plant.joint_count()) +
-                 " joints, " + in_quotes(arm.model) + " has " + std::to_string(robot.joint_count()) +
-                 "; expected as many");
+    node.refuse("the model " + in_quotes(arm.plant_model) + " has " + std::to_string(plant.joint_count()) +
+                " joints; expected " + std::to_string(robot.joint_count()) + ", as many as " +
+                in_quotes(arm.model) + " has");
   }
-  if (arm.hand && !plant.hand) {
-    entry.refuse("the model " + in_quotes(arm.plant_model) + " has no hand; expected one, or 'hand: false'");
-  }
+  if (arm.hand && !plant.hand)
+    node.refuse("the model " + in_quotes(arm.plant_model) + " has no hand; expected one, or 'hand: false'");
 }
 
-void read_start(const Mapping& arm, const RobotDescription& robot, SceneArm& out) {
-  const Entry entry = arm.entry("start_rad");
-  if (entry.node().IsScalar()) {
-    if (!entry.is_word({"ready"})) {
-      entry.expected("'ready' or a list of " + std::to_string(robot.joint_count()) + " angles [rad]");
-    }
-    out.q_start = robot.q_home;
-    return;
-  }
-  out.q_start = joint_vector(arm.numbers("start_rad", robot.joint_count()));
+void check_hand(const Archive& archive, const RobotDescription& robot, const SceneArm& arm) {
+  if (arm.hand && !robot.hand)
+    archive.at("hand").refuse("the model " + in_quotes(arm.model) + " has no hand; write 'hand: false'");
+  if (archive.has("fingers") && !arm.hand)
+    archive.at("fingers").refuse("the arm has no hand; remove this line, or 'hand: false'");
+  if (arm.vacuum && arm.hand)
+    archive.at("vacuum").refuse("the vacuum gripper replaces the hand; add 'hand: false'");
+}
+
+void check_start(const Archive& archive, const RobotDescription& robot, const SceneArm& arm) {
+  if (!archive.has("start_rad") || archive.at("start_rad").is_scalar()) return;
   const auto& limits = robot.limits;
-  for (Eigen::Index i = 0; i < out.q_start.size(); ++i) {
-    if (out.q_start[i] >= limits.q_min[i] && out.q_start[i] <= limits.q_max[i]) continue;
-    entry.items()[static_cast<std::size_t>(i)].refuse(
-        "unreachable start: " + joint_name(i) + " of " + in_quotes(out.model) + " reaches from " +
-        number_text(limits.q_min[i]) + " to " + number_text(limits.q_max[i]) + " rad, found " +
-        number_text(out.q_start[i]));
+  for (Eigen::Index i = 0; i < arm.q_start.size(); ++i) {
+    if (arm.q_start[i] >= limits.q_min[i] && arm.q_start[i] <= limits.q_max[i]) continue;
+    archive.at("start_rad")
+        .items()[static_cast<std::size_t>(i)]
+        .refuse("unreachable start: " + joint_name(i) + " of " + in_quotes(arm.model) + " has the range " +
+                number_text(limits.q_min[i]) + " to " + number_text(limits.q_max[i]) + " rad, found " +
+                number_text(arm.q_start[i]));
   }
 }
 
-// One limit of the safety section. `sign` +1: the smaller is the tighter; -1: the larger is.
-void read_limit(const Mapping& safety, const std::string& key, double sign, JointVector& limit,
-                SceneArm& out) {
-  if (!safety.has(key)) return;
-  const Entry entry = safety.entry(key);
-  const Field& field = safety.field(key);
-  const bool allowed = safety.boolean("allow_looser_limits");
-  if (entry.node().IsScalar()) {  // a cap: never loosens
-    const double cap = entry.number(field);
-    if ((sign * (limit.array() - cap) <= 0).all()) {
-      entry.refuse("no joint is limited by " + number_text(cap) + " " + field.unit +
-                   ": the maker's own limits are tighter" +
-                   (allowed ? "; to loosen them, give one number per joint" : ""));
-    }
-    limit = sign > 0 ? JointVector(limit.cwiseMin(cap)) : JointVector(limit.cwiseMax(cap));
-    return;
-  }
-  const JointVector wanted = joint_vector(safety.numbers(key, static_cast<std::size_t>(limit.size())));
-  for (Eigen::Index i = 0; i < limit.size(); ++i) {
-    if (sign * (wanted[i] - limit[i]) <= 0) continue;
-    const std::string words = key + " of " + joint_name(i) + ": " + number_text(wanted[i]) + " " +
-                              field.unit + " is looser than the maker's " + number_text(limit[i]) + " " +
-                              field.unit;
-    if (!allowed) {
-      entry.items()[static_cast<std::size_t>(i)].refuse(
-          words + "; if that is meant, write 'allow_looser_limits: true' in this section");
-    }
-    out.loosened.push_back(words);
-  }
-  limit = wanted;
-}
-
-void read_safety(const Mapping& arm, const RobotDescription& robot, SceneArm& out) {
-  SafetyLimits& safety = out.safety;
-  safety.joints = {robot.limits.q_min,   robot.limits.q_max,   robot.limits.dq_max,
-                   robot.limits.ddq_max, robot.limits.tau_max, robot.limits.tau_rate_max};
-  const Mapping mapping = arm.section("safety");
-  read_limit(mapping, "torque_max_nm", 1, safety.joints.tau_max, out);
-  read_limit(mapping, "torque_rate_max_nm_per_s", 1, safety.joints.tau_rate_max, out);
-  read_limit(mapping, "velocity_max_rad_per_s", 1, safety.joints.dq_max, out);
-  read_limit(mapping, "position_min_rad", -1, safety.joints.q_min, out);
-  read_limit(mapping, "position_max_rad", 1, safety.joints.q_max, out);
-  for (Eigen::Index i = 0; i < safety.joints.q_min.size(); ++i) {
-    const double low = safety.joints.q_min[i], high = safety.joints.q_max[i];
-    if (low >= high) {
-      mapping.self().refuse(joint_name(i) + " has no room: position_min_rad " + number_text(low) +
-                            ", position_max_rad " + number_text(high));
-    }
-    if (out.q_start[i] < low || out.q_start[i] > high) {
-      mapping.self().refuse("unreachable start: " + joint_name(i) + " starts at " +
-                            number_text(out.q_start[i]) + " rad, this section allows " + number_text(low) +
-                            " to " + number_text(high));
-    }
-  }
-  const double usual_age = safety.max_state_age_s;
-  safety.max_state_age_s = mapping.number("max_state_age_s");
-  if (safety.max_state_age_s > usual_age) {
-    const std::string words = "max_state_age_s: " + number_text(safety.max_state_age_s) +
-                              " s is looser than the usual " + number_text(usual_age) + " s";
-    if (!mapping.boolean("allow_looser_limits")) {
-      mapping.entry("max_state_age_s")
-          .refuse(words + "; if that is meant, write 'allow_looser_limits: true'");
-    }
-    out.loosened.push_back(words);
-  }
-  const auto box = mapping.present({"workspace_min_m", "workspace_max_m"});
-  if (box.size() == 1) {
-    mapping.entry(box[0]).refuse("expected both workspace_min_m and workspace_max_m, found only one of them");
-  }
-  if (box.size() == 2) {
-    safety.workspace = WorkspaceBox{mapping.vector3(box[0]), mapping.vector3(box[1])};
-    if ((safety.workspace->max - safety.workspace->min).minCoeff() <= 0) {
-      mapping.entry(box[1]).refuse("expected each number above that of workspace_min_m; the box is empty");
-    }
-  }
-}
-
-void read_grippers(const Mapping& mapping, SceneArm& arm) {
-  if (mapping.has("fingers")) {
-    arm.movable_fingers = mapping.text("fingers") == "movable";
-    if (!arm.hand) mapping.entry("fingers").refuse("the arm has no hand; remove this line, or 'hand: false'");
-  }
-  arm.vacuum = mapping.boolean("vacuum");
-  if (arm.vacuum && arm.hand) {
-    mapping.entry("vacuum").refuse("the vacuum gripper takes the hand's place; write 'hand: false' too");
-  }
-}
-
-// Two arms of one robot may share their base (its torso): their first joints must not.
-void check_room(const Mapping& mapping, const RobotDescription& robot, const SceneReader& reader,
-                const SceneArm& arm) {
-  constexpr double kNearest = 0.1;  // [m] two bases that near each other would stand inside one another
+// Two arms of one robot may share their base (its torso), but not the place of their first joints.
+void check_distance(const Archive& archive, const RobotDescription& robot, const SceneReader& reader,
+                    const SceneArm& arm) {
+  constexpr double kNearest = 0.1;  // [m] between bases that do not collide
   const auto near = [](const Vector3& a, const Vector3& b) { return (a - b).norm() < kNearest; };
   for (std::size_t i = 0; i < reader.scene.arms.size(); ++i) {
     const SceneArm& other = reader.scene.arms[i];
     if (near(other.X_WB.position, arm.X_WB.position) &&
         near(other.X_WB * reader.robots[i].joints[0].position, arm.X_WB * robot.joints[0].position)) {
-      mapping.entry("base").refuse("stands inside arm '" + other.name + "'; expected bases at least " +
-                                   number_text(kNearest) + " m apart (base: {position_m: [x, y, z]})");
+      archive.at("base").refuse("stands inside arm '" + other.name + "'; expected bases at least " +
+                                number_text(kNearest) + " m apart (base: {position_m: [x, y, z]})");
     }
   }
 }
 
-SceneArm read_arm(Mapping mapping, SceneReader& reader) {
-  SceneArm arm;
-  arm.name = mapping.text("name");
-  arm.place = mapping.self().place();
-  for (const auto& other : reader.scene.arms) {
-    if (other.name == arm.name) {
-      mapping.entry("name").refuse("two arms are called " + in_quotes(arm.name) + ", the first in line " +
-                                   std::to_string(other.place.line));
+// One limit of the safety section. `sign` +1: the smaller is the tighter; -1: the larger is.
+void visit_limit(Archive& archive, Key key, double sign, JointVector& limit, bool loosen, SceneArm& arm) {
+  key.joints(static_cast<std::size_t>(limit.size())).or_one();
+  std::optional<JointVector> requested;
+  archive(key, requested);
+  if (!requested) return;
+  const Node node = archive.at(key.name);
+  if (node.is_scalar()) {  // a cap: never loosens
+    const double cap = (*requested)[0];
+    if ((sign * (limit.array() - cap) <= 0).all()) {
+      node.refuse("no joint is limited by " + number_text(cap) + " " + key.unit +
+                  ": the model's own limits are tighter" +
+                  (loosen ? "; to loosen them, give one number per joint" : ""));
+    }
+    limit = sign > 0 ? JointVector(limit.cwiseMin(cap)) : JointVector(limit.cwiseMax(cap));
+    return;
+  }
+  for (Eigen::Index i = 0; i < limit.size(); ++i) {
+    if (sign * ((*requested)[i] - limit[i]) <= 0) continue;
+    const std::string text = key.name + " of " + joint_name(i) + ": " + number_text((*requested)[i]) + " " +
+                             key.unit + " is looser than the model's " + number_text(limit[i]) + " " +
+                             key.unit;
+    if (!loosen) {
+      node.items()[static_cast<std::size_t>(i)].refuse(
+          text + "; if this is intended, write 'allow_looser_limits: true' in this section");
+    }
+    arm.loosened.push_back(text);
+  }
+  limit = *requested;
+}
+
+void check_ranges(const Archive& archive, const SafetyLimits& safety, const SceneArm& arm) {
+  for (Eigen::Index i = 0; i < safety.joints.q_min.size(); ++i) {
+    const double low = safety.joints.q_min[i], high = safety.joints.q_max[i];
+    if (low >= high) {
+      archive.self().refuse("empty position range for " + joint_name(i) + ": position_min_rad " +
+                            number_text(low) + ", position_max_rad " + number_text(high));
+    }
+    if (arm.q_start[i] < low || arm.q_start[i] > high) {
+      archive.self().refuse("unreachable start: " + joint_name(i) + " starts at " +
+                            number_text(arm.q_start[i]) + " rad, this section allows " + number_text(low) +
+                            " to " + number_text(high));
     }
   }
-  mapping.rename("arm '" + arm.name + "'");
-  const RobotDescription robot = read_robot(mapping, "model", arm.model);
-  arm.hand = mapping.boolean("hand");
-  if (arm.hand && !robot.hand) {
-    const bool asked = mapping.has("hand");
-    mapping.entry("hand").refuse("the model " + in_quotes(arm.model) + " has no hand; " +
-                                 (asked ? "expected 'hand: false'" : "write 'hand: false'"));
-  }
-  read_plant_model(mapping, robot, arm);
-  read_grippers(mapping, arm);
-  arm.X_WB = read_pose(mapping.section("base"));
-  check_room(mapping, robot, reader, arm);
-  read_start(mapping, robot, arm);
-  if (mapping.has("end_effector")) arm.X_FE = read_pose(mapping.section("end_effector"));
-  arm.X_EK = read_pose(mapping.section("stiffness_frame"));
-  arm.tool = read_load(mapping, "tool");
-  arm.load_declared = read_load(mapping, "load_declared");
-  arm.load_present = read_load(mapping, "load_present");
-  arm.tool_shapes = read_tool_shapes(mapping);
-  arm.known_friction = read_known_friction(mapping, robot);
-  read_safety(mapping, robot, arm);
-  read_arm_interface(mapping, robot, reader, arm);
-  reader.robots.push_back(robot);
-  return arm;
+}
+
+std::size_t joint_count_of(const std::optional<RobotDescription>& robot) {
+  return robot ? robot->joint_count() : 0;
 }
 
 }  // namespace
 
-Pose read_pose(const Mapping& mapping) {
-  const auto turns = mapping.present({"rpy_rad", "quaternion_wxyz"});
-  if (turns.size() == 2) {
-    mapping.entry("quaternion_wxyz").refuse("expected rpy_rad or quaternion_wxyz, found both");
+void visit(Archive& archive, Load& load) {
+  archive.about("Load", "A rigid body on the flange, in the flange's frame.");
+  archive(Key("mass_kg", "Mass.").within(0, 50).required(), load.mass);
+  archive(Key("com_m", "Center of mass in the flange.").within(-2, 2), load.p_FC);
+  archive.part(
+      Key("inertia_kg_m2", "About the center of mass, in the axes of the flange. Default: a point mass."),
+      [&](Archive& inner) {
+        visit_inertia(inner, load.inertia_C, false);
+        if (inner.reading()) check_inertia(inner, load.inertia_C);
+      });
+  if (archive.reading() && load.mass == 0 && load.inertia_C != Matrix3::Zero()) {
+    archive.self().refuse("a body without mass has no inertia; set mass_kg above 0, or remove inertia_kg_m2");
   }
-  Pose X;
-  X.position = mapping.vector3("position_m");
-  if (turns.size() == 1 && turns[0] == "quaternion_wxyz") {
-    const auto q = mapping.numbers("quaternion_wxyz");
-    const Quaternion turn(q[0], q[1], q[2], q[3]);
-    constexpr double kFarFromUnit = 1e-2;
-    if (std::abs(turn.norm() - 1) > kFarFromUnit) {
-      mapping.entry("quaternion_wxyz")
-          .refuse("expected a unit quaternion [w, x, y, z], found length " + number_text(turn.norm()));
-    }
-    X.rotation = turn.normalized().toRotationMatrix();
-  } else if (turns.size() == 1) {
-    X.rotation = rotation_from_rpy(mapping.vector3("rpy_rad"));
-  }
-  return X;
 }
 
-ArmIndex SceneReader::arm(const Entry& name) const {
+void visit(Archive& archive, ToolShape& shape) {
+  archive.about(
+      "Tool shape",
+      "A rigid shape in the frame F of the flange. In the simulation it collides with everything but "
+      "the last link and the hand. Collision avoidance uses it, too.");
+  visit_shape(archive, shape.shape, shape.size, {"box", "sphere"}, 2, "Type of the shape.");
+  visit_pose(archive, shape.X_FS, Key("position_m", "Center in the flange."));
+  if (archive.reading()) shape.place = archive.self().place();
+}
+
+void visit(Archive& archive, SafetyLimits& safety, SceneArm& arm) {
+  archive.about(
+      "Safety",
+      "Limits of one arm, tighter than those of its model. A list has one number per joint. A single number "
+      "caps every joint; lower limits of the model stay. Looser limits are refused unless "
+      "`allow_looser_limits` is true; they are then shown and logged.");
+  bool loosen = false;
+  archive(Key("allow_looser_limits", "Limits of this section may be looser than those of the model."),
+          loosen);
+  ArmLimits& joints = safety.joints;
+  visit_limit(archive, Key("torque_max_nm", "Largest commanded torque.").at_least(0), 1, joints.tau_max,
+              loosen, arm);
+  visit_limit(
+      archive,
+      Key("torque_rate_max_nm_per_s", "Largest rate of change of the commanded torque.").at_least(0.001), 1,
+      joints.tau_rate_max, loosen, arm);
+  visit_limit(archive,
+              Key("velocity_max_rad_per_s", "An arm that moves faster goes to hold.").at_least(0.001), 1,
+              joints.dq_max, loosen, arm);
+  visit_limit(archive, Key("position_min_rad", "An arm that moves outward below this goes to hold."), -1,
+              joints.q_min, loosen, arm);
+  visit_limit(archive, Key("position_max_rad", "An arm that moves outward above this goes to hold."), 1,
+              joints.q_max, loosen, arm);
+  std::optional<Vector3> low, high;
+  archive(Key("workspace_min_m",
+              "Lower corner, in the world, of a box that the end effector must not leave. Requires "
+              "`workspace_max_m`.")
+              .within(-kFarthest, kFarthest),
+          low);
+  archive(Key("workspace_max_m", "Upper corner of that box.").within(-kFarthest, kFarthest), high);
+  const double usual_age = safety.max_state_age_s;
+  archive(Key("max_state_age_s",
+              "An arm whose state is older goes to hold, with the other arms of its controllet. For an arm "
+              "that is the only one of its controllet the limit is 0.02 s.")
+              .within(kArmPeriod, 0.1),
+          safety.max_state_age_s);
+  if (!archive.reading()) return;
+  check_ranges(archive, safety, arm);
+  if (safety.max_state_age_s > usual_age) {
+    const std::string text = "max_state_age_s: " + number_text(safety.max_state_age_s) +
+                             " s is looser than the usual " + number_text(usual_age) + " s";
+    if (!loosen) {
+      archive.at("max_state_age_s")
+          .refuse(text + "; if this is intended, write 'allow_looser_limits: true' in this section");
+    }
+    arm.loosened.push_back(text);
+  }
+  if (low.has_value() != high.has_value()) {
+    archive.at(low ? "workspace_min_m" : "workspace_max_m")
+        .refuse("expected both workspace_min_m and workspace_max_m, found only one of them");
+  }
+  if (!low) return;
+  safety.workspace = WorkspaceBox{*low, *high};
+  if ((*high - *low).minCoeff() <= 0)
+    archive.at("workspace_max_m").refuse("the box is empty; expected numbers above those of workspace_min_m");
+}
+
+void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
+  archive.about("Arm",
+                "Frames are named in CONVENTIONS.md: W world, B base, F flange, E end effector, K stiffness "
+                "frame.");
+  archive(Key("name", "Unique name, for example `left`.").identifier().required(), arm.name);
+  if (archive.reading()) {
+    arm.place = archive.self().place();
+    for (const auto& other : reader.scene.arms) {
+      if (other.name == arm.name) {
+        archive.at("name").refuse("two arms have this name, the first in line " +
+                                  std::to_string(other.place.line));
+      }
+    }
+  }
+  archive(Key("model",
+              "A robot of models/ (`fer`, `fer_maker`, `fr3`), or the path of a model file, relative to this "
+              "file.")
+              .like(available_robots()),
+          arm.model);
+  std::optional<RobotDescription> robot;
+  if (archive.reading()) robot = read_robot(archive.at("model"), arm.model);
+  const std::size_t n = joint_count_of(robot);
+  archive(Key("plant_model",
+              "Model of the simulated arm, if it differs from the `model` that the controllers and the "
+              "simulated firmware use. It must have the same number of joints (docs/simulation.md).")
+              .like(available_robots()),
+          arm.plant_model);
+  archive(Key("hand", "The model's hand is on the flange."), arm.hand);
+  std::string fingers;
+  archive(Key("fingers",
+              "Fingers of the simulated hand. `locked`: closed and rigid; `movable`: a gripper that grasps "
+              "(docs/gripper.md). Default: locked; movable on virtual arms. The controllers' model "
+              "always has the rigid hand.")
+              .one_of({"locked", "movable"}),
+          fingers);
+  if (!fingers.empty()) arm.movable_fingers = fingers == "movable";
+  archive(
+      Key("vacuum",
+          "A vacuum gripper replaces the hand (`hand: false`). Suction acts at the end effector, along its "
+          "z axis."),
+      arm.vacuum);
+  if (robot) {
+    check_hand(archive, *robot, arm);
+    if (archive.has("plant_model")) check_plant_model(archive, *robot, arm);
+    arm.q_start = robot->q_home;
+  }
+  archive.section(Key("base", "X_WB: base in the world."), arm.X_WB);
+  if (robot) check_distance(archive, *robot, reader, arm);
+  archive(Key("start_rad",
+              "Joint positions of the simulated arm at the start; `ready`: those of the model. Controllets "
+              "always begin from the measured state.")
+              .joints(n)
+              .one_of({"ready"})
+              .otherwise("ready"),
+          arm.q_start);
+  if (robot) check_start(archive, *robot, arm);
+  archive.section(Key("end_effector",
+                      "X_FE (Franka's F_T_EE): end effector in the flange. Default: the tool center point of "
+                      "the hand; without a hand, the flange."),
+                  arm.X_FE);
+  archive.section(Key("stiffness_frame", "X_EK (Franka's EE_T_K): stiffness frame in the end effector."),
+                  arm.X_EK);
+  archive.section(Key("tool",
+                      "Rigid tool on the flange, in addition to the hand. Both the plant and the "
+                      "controllers' model include it."),
+                  arm.tool);
+  archive.section(Key("load_declared", "Payload that the controllers know."), arm.load_declared);
+  archive.section(Key("load_present",
+                      "Payload in the plant. Declare a payload that is present and known under both keys."),
+                  arm.load_present);
+  archive.list(Key("tool_shapes", "Collision geometry of the tool, without mass: its mass is in `tool`.")
+                   .each("tool shape"),
+               arm.tool_shapes);
+  std::string friction = "none";
+  archive(Key("known_friction",
+              "`model`: the controllers know the friction table of the model (feature "
+              "`friction_compensation`).")
+              .one_of({"none", "model"}),
+          friction);
+  arm.known_friction = friction == "model";
+  if (arm.known_friction && !robot->friction) {
+    archive.at("known_friction")
+        .refuse("the model " + in_quotes(robot->name) + " has no friction table; write 'none'");
+  }
+  if (robot) {
+    const JointLimits& own = robot->limits;
+    arm.safety.joints = {own.q_min, own.q_max, own.dq_max, own.ddq_max, own.tau_max, own.tau_rate_max};
+  }
+  archive.section(Key("safety", "Limits of the safety stage. Default: those of the model."), arm.safety, arm);
+  if (robot && !archive.has("safety")) check_ranges(archive, arm.safety, arm);
+  archive.section(
+      Key("fci",
+          "Connection to a real arm; the address alone may be written. The option `--backend` of a "
+          "run overrides it.")
+          .or_text(),
+      arm.fci, reader);
+  if (arm.fci && archive.at("fci").is_scalar()) {
+    arm.fci->address = archive.at("fci").yaml().Scalar();
+    arm.fci->place = archive.at("fci").place();
+    check_address(archive.at("fci"), *arm.fci, reader);
+  }
+  const RobotDescription& description = robot ? *robot : RobotDescription{};
+  archive.section(
+      Key("collision",
+          "Thresholds of contact and reflex, set on the arm at the start. Default: the arm keeps its own."),
+      arm.collision, description);
+  archive(
+      Key("joint_stiffness_nm_per_rad",
+          "Stiffness of the arm's internal joint controller, set at the start; controllets do not use it.")
+          .within(0, 14250)
+          .joints(n)
+          .or_one(),
+      arm.joint_stiffness);
+  archive(
+      Key("cartesian_stiffness",
+          "Stiffness of the arm's internal Cartesian controller (x, y, z, roll, pitch, yaw in K), set at the "
+          "start; controllets do not use it.")
+          .in("N/m, N m/rad")
+          .within(0, 3000),
+      arm.cartesian_stiffness);
+  if (!archive.reading()) return;
+  reader.holds.push_back({.name = arm.name + "_hold", .type = "hold", .arms = {reader.scene.arms.size()}});
+  reader.robots.push_back(std::move(*robot));
+}
+
+void visit(Archive& archive, Pose& X) {
+  archive.about("Pose", "A frame in its parent. Missing keys are zero.");
+  visit_pose(archive, X, Key("position_m", "Origin of the frame."));
+}
+
+void visit_pose(Archive& archive, Pose& X, Key position) {
+  std::optional<Vector3> rpy;
+  std::optional<std::array<double, 4>> wxyz;
+  archive(position.within(-kFarthest, kFarthest), X.position);
+  archive(
+      Key("rpy_rad",
+          "Roll, pitch, yaw about the fixed axes x, y, z: R = Rz(yaw) Ry(pitch) Rx(roll). `pi`, `-pi/2` and "
+          "`3*pi/4` are valid numbers."),
+      rpy);
+  archive(Key("quaternion_wxyz", "Unit quaternion, w first, in place of `rpy_rad`.").within(-1.01, 1.01),
+          wxyz);
+  if (!archive.reading()) return;
+  if (rpy && wxyz) archive.at("quaternion_wxyz").refuse("expected rpy_rad or quaternion_wxyz, found both");
+  if (rpy) X.rotation = rotation_from_rpy(*rpy);
+  if (!wxyz) return;
+  const Quaternion q((*wxyz)[0], (*wxyz)[1], (*wxyz)[2], (*wxyz)[3]);
+  constexpr double kFarFromUnit = 1e-2;
+  if (std::abs(q.norm() - 1) > kFarFromUnit) {
+    archive.at("quaternion_wxyz")
+        .refuse("expected a unit quaternion [w, x, y, z], found length " + number_text(q.norm()));
+  }
+  X.rotation = q.normalized().toRotationMatrix();
+}
+
+ArmIndex SceneReader::arm(const Node& name) const {
+  const std::string& requested = name.yaml().Scalar();
   std::vector<std::string> names;
   for (ArmIndex i = 0; i < scene.arms.size(); ++i) {
-    if (scene.arms[i].name == name.node().Scalar()) return i;
+    if (scene.arms[i].name == requested) return i;
     names.push_back(scene.arms[i].name);
   }
-  name.refuse("there is no arm " + in_quotes(name.node().Scalar()) +
-              name_hint(name.node().Scalar(), names, "there are none"));
-}
-
-void read_arms(const Mapping& root, SceneReader& reader) {
-  const auto items = root.items("arms");
-  if (items.empty() || items.size() > kMaxArms) {
-    root.entry("arms").refuse("expected 1 to " + std::to_string(kMaxArms) + " arms, found " +
-                              std::to_string(items.size()));
-  }
-  for (std::size_t i = 0; i < items.size(); ++i) {
-    const Entry item = items[i].as("arm " + std::to_string(i + 1));
-    reader.scene.arms.push_back(read_arm({item, schema::arm()}, reader));
-    const std::string hold = reader.scene.arms.back().name + "_hold";
-    reader.holds.push_back({.name = hold, .type = "hold", .arms = {i}});
-  }
+  name.refuse("there is no arm " + in_quotes(requested) + name_hint(requested, names, "there are none"));
 }
 
 }  // namespace multipanda

@@ -1,41 +1,42 @@
 #include <algorithm>
-#include <cmath>
+#include <set>
 #include <utility>
 
+#include "config_file/text.hpp"
 #include "core/features/friction_compensation.hpp"
 #include "scene/load_parts.hpp"
-#include "scene/names.hpp"
-#include "scene/schema.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
 
 std::vector<std::string> type_names(const Registry& registry) {
   std::vector<std::string> names;
-  for (const auto& type : registry.controllets()) names.push_back(type.statement.type);
+  for (const auto& type : registry.controllets()) names.push_back(type.descriptor.type);
   return names;
 }
 
 std::vector<std::string> feature_names(const Registry& registry) {
   std::vector<std::string> names;
-  for (const auto& type : registry.features()) names.push_back(type.statement.type);
+  for (const auto& type : registry.features()) names.push_back(type.descriptor.type);
   return names;
 }
 
-std::vector<std::string> parameter_names(const Statement& statement, const std::string& prefix = "") {
+std::vector<std::string> parameter_names(const ControlletDescriptor& descriptor,
+                                         const std::string& prefix = "") {
   std::vector<std::string> names;
-  for (const auto& parameter : statement.parameters) names.push_back(prefix + parameter.name);
+  for (const auto& parameter : descriptor.parameters) names.push_back(prefix + parameter.name);
   return names;
 }
 
-const ParameterSpec* find_spec(const Statement& statement, const std::string& name) {
-  const auto& specs = statement.parameters;
+const ParameterSpec* find_spec(const ControlletDescriptor& descriptor, const std::string& name) {
+  const auto& specs = descriptor.parameters;
   const auto it =
       std::find_if(specs.begin(), specs.end(), [&](const auto& spec) { return spec.name == name; });
   return it == specs.end() ? nullptr : &*it;
 }
 
-[[noreturn]] void refuse_parameter(const Entry& at, const std::string& owner, const std::string& name,
+[[noreturn]] void refuse_parameter(const Node& at, const std::string& owner, const std::string& name,
                                    const std::vector<std::string>& valid) {
   const auto meant = same_quantity(name, valid);
   at.refuse(owner + " has no parameter " + in_quotes(name) +
@@ -43,21 +44,21 @@ const ParameterSpec* find_spec(const Statement& statement, const std::string& na
                            : "; with its unit it is '" + joined(meant, "' or '") + "'"));
 }
 
-void read_feature_parameters(const FeatureType& feature, const Entry& values, SceneReader& reader,
+void read_feature_parameters(const FeatureType& feature, const Node& values, SceneReader& reader,
                              InstanceConfig& config) {
-  for (const auto& [name, value] : pairs_of(values)) {
-    const ParameterSpec* spec = find_spec(feature.statement, name);
+  for (const auto& [name, value] : values.pairs()) {
+    const ParameterSpec* spec = find_spec(feature.descriptor, name);
     if (spec == nullptr) {
-      refuse_parameter(value, "feature '" + feature.statement.type + "'", name,
-                       parameter_names(feature.statement));
+      refuse_parameter(value, "feature '" + feature.descriptor.type + "'", name,
+                       parameter_names(feature.descriptor));
     }
     config.parameters.push_back(
-        {feature.statement.type + "." + name, read_parameter(value, *spec, reader.joint_count(config))});
+        {feature.descriptor.type + "." + name, read_parameter(value, *spec, reader.joint_count(config))});
   }
 }
 
-void read_parameters(const Entry& values, SceneReader& reader, InstanceConfig& config) {
-  for (const auto& [name, value] : pairs_of(values)) {
+void read_parameters(const Node& values, SceneReader& reader, InstanceConfig& config) {
+  for (const auto& [name, value] : values.pairs()) {
     const FeatureType* feature = reader.registry.feature(name);
     if (feature != nullptr) {
       read_feature_parameters(*feature, value, reader, config);
@@ -66,116 +67,108 @@ void read_parameters(const Entry& values, SceneReader& reader, InstanceConfig& c
     const ParameterSpec& spec = find_parameter(reader, config, value, name);
     config.parameters.push_back({name, read_parameter(value, spec, reader.joint_count(config))});
   }
-  for (std::size_t i = 0; i < config.parameters.size(); ++i) {
-    for (std::size_t k = 0; k < i; ++k) {
-      if (config.parameters[i].name == config.parameters[k].name) {
-        values.refuse("parameter '" + config.parameters[i].name + "' is given twice, nested and with a dot");
-      }
-    }
+  std::set<std::string> seen;
+  for (const auto& parameter : config.parameters) {
+    if (!seen.insert(parameter.name).second)
+      values.refuse("duplicate parameter '" + parameter.name + "', nested and with a dot; remove one");
   }
 }
 
-void read_inputs(const Entry& inputs, const Statement& statement, InstanceConfig& config) {
-  for (const auto& [name, value] : pairs_of(inputs)) {
-    const auto it = std::find_if(statement.inputs.begin(), statement.inputs.end(),
-                                 [&, wanted = name](const auto& input) { return input.name == wanted; });
-    if (it == statement.inputs.end()) {
+template <typename Input>
+InputSpec overridden(const Node& node, const InputSpec& own) {
+  Input input{own};
+  Archive::read(node, input);
+  return input;
+}
+
+void read_inputs(const Node& inputs, const ControlletDescriptor& descriptor, InstanceConfig& config) {
+  for (const auto& [name, value] : inputs.pairs()) {
+    const auto own = std::find_if(descriptor.inputs.begin(), descriptor.inputs.end(),
+                                  [&, &sought = name](const auto& input) { return input.name == sought; });
+    if (own == descriptor.inputs.end()) {
       std::vector<std::string> valid;
-      for (const auto& input : statement.inputs) valid.push_back(input.name);
+      for (const auto& input : descriptor.inputs) valid.push_back(input.name);
       value.refuse("'" + config.type + "' has no input " + in_quotes(name) +
                    name_hint(name, valid, "it has none"));
     }
-    InputSpec spec = *it;
-    const bool pose = spec.quantity == Quantity::pose, joints = spec.quantity == Quantity::joints;
-    const Mapping mapping(value, pose     ? schema::pose_input()
-                                 : joints ? schema::joints_input()
-                                          : schema::other_input());
-    const std::string speed = pose ? "max_speed_m_per_s" : joints ? "max_speed_rad_per_s" : "max_rate_per_s";
-    if (mapping.has("timeout_s")) spec.timeout_s = mapping.number("timeout_s");
-    if (mapping.has(speed)) spec.max_speed = mapping.number(speed);
-    if (pose && mapping.has("max_angular_speed_rad_per_s")) {
-      spec.max_angular_speed = mapping.number("max_angular_speed_rad_per_s");
-    }
-    config.inputs.push_back(std::move(spec));
+    config.inputs.push_back(own->quantity == Quantity::pose     ? overridden<PoseInput>(value, *own)
+                            : own->quantity == Quantity::joints ? overridden<JointsInput>(value, *own)
+                                                                : overridden<OtherInput>(value, *own));
   }
 }
 
-void read_arm_list(const Mapping& mapping, const Statement& statement, const SceneReader& reader,
-                   InstanceConfig& config) {
-  for (const auto& name : mapping.text_items("arms")) {
+Key timeout_key() {
+  return Key("timeout_s", "A stream that is silent for longer is lost: its arms go to hold.")
+      .within(0.002, 60)
+      .no_default();
+}
+
+Key speed_key(const char* name, const char* doc) { return Key(name, doc).within(1e-4, 1e4).no_default(); }
+
+void check_arms(const Archive& archive, const std::vector<Node>& names,
+                const ControlletDescriptor& descriptor, const SceneReader& reader, InstanceConfig& config) {
+  for (const auto& name : names) {
     const ArmIndex arm = reader.arm(name);
-    if (std::find(config.arms.begin(), config.arms.end(), arm) != config.arms.end()) {
-      name.refuse("the arm " + in_quotes(name.node().Scalar()) + " is named twice");
-    }
+    if (std::find(config.arms.begin(), config.arms.end(), arm) != config.arms.end())
+      name.refuse("the arm " + in_quotes(name.yaml().Scalar()) + " is named twice; remove one");
     config.arms.push_back(arm);
   }
-  if (config.arms.size() != statement.arms) {
-    mapping.entry("arms").refuse("'" + config.type + "' owns " + std::to_string(statement.arms) +
-                                 (statement.arms == 1 ? " arm" : " arms") + ", found " +
-                                 std::to_string(config.arms.size()));
+  if (config.arms.size() != descriptor.arms) {
+    archive.at("arms").refuse("expected " + std::to_string(descriptor.arms) +
+                              (descriptor.arms == 1 ? " arm" : " arms") + ", which '" + config.type +
+                              "' owns, found " + std::to_string(config.arms.size()));
+  }
+}
+
+void check_features(const std::vector<Node>& names, const SceneReader& reader, InstanceConfig& config) {
+  for (const auto& name : names) {
+    check_feature(reader, config, name);
+    const std::string& feature = name.yaml().Scalar();
+    if (std::find(config.features.begin(), config.features.end(), feature) != config.features.end())
+      name.refuse("the feature " + in_quotes(feature) + " is named twice; remove one");
+    config.features.push_back(feature);
   }
 }
 
 // A scene may give an arm's built-in hold parameters and features by declaring it.
-void take_over_hold(const Mapping& mapping, const InstanceConfig& config, SceneReader& reader) {
+void replace_hold(const Archive& archive, const InstanceConfig& config, SceneReader& reader) {
   const auto hold = std::find_if(reader.holds.begin(), reader.holds.end(),
                                  [&](const auto& candidate) { return candidate.name == config.name; });
   if (hold == reader.holds.end()) return;
   if (config.type != "hold" || config.arms != hold->arms) {
-    mapping.entry("name").refuse("this name belongs to the built-in hold of arm '" +
-                                 reader.scene.arms[hold->arms[0]].name +
-                                 "'; expected type 'hold' and that arm, or another name");
+    archive.at("name").refuse("this name belongs to the built-in hold of arm '" +
+                              reader.scene.arms[hold->arms[0]].name +
+                              "'; expected type 'hold' and that arm, or another name");
   }
   reader.holds.erase(hold);
 }
 
-InstanceConfig read_controllet(Mapping mapping, SceneReader& reader) {
-  InstanceConfig config;
-  config.name = mapping.text("name");
-  mapping.rename("controllet '" + config.name + "'");
-  if (const auto it = reader.scene.controllet_places.find(config.name);
-      it != reader.scene.controllet_places.end()) {
-    mapping.entry("name").refuse("two controllets have this name, the first in line " +
-                                 std::to_string(it->second.line));
+const ControlletType& find_type(const Archive& archive, const std::string& type, const SceneReader& reader) {
+  const ControlletType* found = reader.registry.controllet(type);
+  if (found == nullptr) {
+    archive.at("type").refuse("there is no controllet type " + in_quotes(type) +
+                              name_hint(type, type_names(reader.registry), "there are none"));
   }
-  config.type = mapping.text("type");
-  const ControlletType* type = reader.registry.controllet(config.type);
-  if (type == nullptr) {
-    mapping.entry("type").refuse("there is no controllet type " + in_quotes(config.type) +
-                                 name_hint(config.type, type_names(reader.registry), "there are none"));
-  }
-  read_arm_list(mapping, type->statement, reader, config);
-  for (const auto& name : mapping.text_items("features")) {
-    check_feature(reader, config, name);
-    const std::string& feature = name.node().Scalar();
-    if (std::find(config.features.begin(), config.features.end(), feature) != config.features.end()) {
-      name.refuse("the feature " + in_quotes(feature) + " is named twice");
-    }
-    config.features.push_back(feature);
-  }
-  take_over_hold(mapping, config, reader);
-  if (mapping.has("parameters")) read_parameters(mapping.entry("parameters"), reader, config);
-  if (mapping.has("inputs")) read_inputs(mapping.entry("inputs"), type->statement, config);
-  reader.scene.controllet_places[config.name] = mapping.self().place();
-  return config;
+  return *found;
 }
 
-double read_choice(const Entry& value, const ParameterSpec& spec) {
-  Field field{.kind = FieldKind::choice, .choices = spec.choices};
-  const std::string name = value.text(field);
+double read_choice(const Node& value, const ParameterSpec& spec) {
+  Key key("", "");
+  key.kind = Key::Kind::choice;
+  const std::string name = value.text(key.one_of(spec.choices));
   return static_cast<double>(std::find(spec.choices.begin(), spec.choices.end(), name) -
                              spec.choices.begin());
 }
 
 }  // namespace
 
-const ParameterSpec& find_parameter(const SceneReader& reader, const InstanceConfig& instance,
-                                    const Entry& at, const std::string& name) {
-  const Statement& statement = reader.registry.controllet(instance.type)->statement;
+const ParameterSpec& find_parameter(const SceneReader& reader, const InstanceConfig& instance, const Node& at,
+                                    const std::string& name) {
+  const ControlletDescriptor& descriptor = reader.registry.controllet(instance.type)->descriptor;
   const std::size_t dot = name.find('.');
   if (dot == std::string::npos) {
-    if (const ParameterSpec* spec = find_spec(statement, name)) return *spec;
-    std::vector<std::string> valid = parameter_names(statement);
+    if (const ParameterSpec* spec = find_spec(descriptor, name)) return *spec;
+    std::vector<std::string> valid = parameter_names(descriptor);
     const auto features = feature_names(reader.registry);
     if (nearest_name(name, valid).empty() && same_quantity(name, valid).empty()) {
       valid.insert(valid.end(), features.begin(), features.end());  // perhaps a feature's mapping was meant
@@ -188,14 +181,14 @@ const ParameterSpec& find_parameter(const SceneReader& reader, const InstanceCon
     at.refuse("there is no feature " + in_quotes(feature_name) +
               name_hint(feature_name, feature_names(reader.registry), "there are none"));
   }
-  const ParameterSpec* spec = find_spec(feature->statement, parameter);
+  const ParameterSpec* spec = find_spec(feature->descriptor, parameter);
   if (spec == nullptr) {
-    refuse_parameter(at, "feature '" + feature_name + "'", parameter, parameter_names(feature->statement));
+    refuse_parameter(at, "feature '" + feature_name + "'", parameter, parameter_names(feature->descriptor));
   }
   return *spec;
 }
 
-std::vector<double> read_parameter(const Entry& value, const ParameterSpec& spec, std::size_t joint_count) {
+std::vector<double> read_parameter(const Node& value, const ParameterSpec& spec, std::size_t joint_count) {
   const std::size_t count = spec.size == ParameterSpec::kPerJoint ? joint_count : spec.size;
   const bool list = value.is_list();
   std::vector<double> values;
@@ -206,31 +199,31 @@ std::vector<double> read_parameter(const Entry& value, const ParameterSpec& spec
       values = {read_choice(value, spec)};
     }
   } else {
-    const Field field{.kind = FieldKind::number, .unit = spec.unit, .min = spec.min, .max = spec.max};
-    if (list && count == 1 && value.node().size() == 1) value.expected(expectation(field));
-    values = list ? value.numbers(field, count) : std::vector<double>{value.number(field)};
+    Key key("", "");
+    key.kind = Key::Kind::number;
+    key.in(spec.unit).within(spec.min, spec.max).size(count);
+    if (list && count == 1) value.expected(expectation(key));
+    values = list ? value.numbers(key) : std::vector<double>{value.number(key)};
   }
   if (values.size() == 1) values.resize(count, values[0]);
   if (values.size() != count) value.expected(std::to_string(count) + " values");
   return values;
 }
 
-void check_feature(const SceneReader& reader, const InstanceConfig& instance, const Entry& name) {
-  const std::string& feature = name.node().Scalar();
+void check_feature(const SceneReader& reader, const InstanceConfig& instance, const Node& name) {
+  const std::string& feature = name.yaml().Scalar();
   if (reader.registry.feature(feature) == nullptr) {
     name.refuse("there is no feature " + in_quotes(feature) +
                 name_hint(feature, feature_names(reader.registry), "there are none"));
   }
-  if (feature != friction_compensation_feature().statement.type) return;
+  if (feature != friction_compensation_feature().descriptor.type) return;
   for (const ArmIndex index : instance.arms) {
     const SceneArm& arm = reader.scene.arms[index];
     if (arm.known_friction) continue;
-    name.refuse("nothing is known of the joint friction of arm " + in_quotes(arm.name) +
-                "; give that arm 'known_friction: model', or leave the feature out");
+    name.refuse("the joint friction of arm " + in_quotes(arm.name) +
+                " is not known; add 'known_friction: model' to that arm, or remove the feature");
   }
 }
-
-SceneReader::SceneReader(const Registry& types) : registry(types) {}
 
 std::vector<std::string> SceneReader::instance_names() const {
   std::vector<std::string> names;
@@ -239,16 +232,16 @@ std::vector<std::string> SceneReader::instance_names() const {
   return names;
 }
 
-const InstanceConfig& SceneReader::instance(const Entry& name) const {
-  const std::string& wanted = name.node().Scalar();
+const InstanceConfig& SceneReader::instance(const Node& name) const {
+  const std::string& requested = name.yaml().Scalar();
   for (const auto& config : scene.controllets) {
-    if (config.name == wanted) return config;
+    if (config.name == requested) return config;
   }
   for (const auto& hold : holds) {
-    if (hold.name == wanted) return hold;
+    if (hold.name == requested) return hold;
   }
-  name.refuse("there is no controllet " + in_quotes(wanted) +
-              name_hint(wanted, instance_names(), "there are none"));
+  name.refuse("there is no controllet " + in_quotes(requested) +
+              name_hint(requested, instance_names(), "there are none"));
 }
 
 ArmSet arms_of(const InstanceConfig& instance) {
@@ -257,42 +250,88 @@ ArmSet arms_of(const InstanceConfig& instance) {
   return arms;
 }
 
-std::vector<const InstanceConfig*> read_owners(const SceneReader& reader, const std::vector<Entry>& names) {
+std::vector<const InstanceConfig*> read_owners(const SceneReader& reader, const std::vector<Node>& names) {
   std::vector<const InstanceConfig*> owners;
   for (const auto& name : names) {
     const InstanceConfig& config = reader.instance(name);
     for (const InstanceConfig* other : owners) {
-      if (other == &config) name.refuse("the controllet " + in_quotes(config.name) + " is named twice");
+      if (other == &config)
+        name.refuse("the controllet " + in_quotes(config.name) + " is named twice; remove one");
       const ArmSet both = arms_of(*other) & arms_of(config);
       if (both.empty()) continue;
       name.refuse("arm '" + reader.scene.arms[both.first()].name + "' would have two owners: '" +
-                  other->name + "' and '" + config.name + "'; expected at most one, leave one of them out");
+                  other->name + "' and '" + config.name + "'; remove one of them");
     }
     owners.push_back(&config);
   }
   return owners;
 }
 
-void read_controllets(const Mapping& root, SceneReader& reader) {
-  const auto items = root.items("controllets");
-  const std::size_t most = kMaxInstances - reader.scene.arms.size();
-  std::size_t number = 0;
-  for (const auto& item : items) {
-    Mapping mapping(item.as("controllet " + std::to_string(++number)), schema::controllet());
-    InstanceConfig config = read_controllet(std::move(mapping), reader);
-    reader.scene.controllets.push_back(std::move(config));
-  }
-  if (reader.scene.controllets.size() + reader.holds.size() > kMaxInstances) {
-    root.entry("controllets")
-        .refuse("expected at most " + std::to_string(most) + " (" + std::to_string(kMaxInstances) +
-                " with the arms' holds), found " + std::to_string(reader.scene.controllets.size()));
-  }
+void visit(Archive& archive, PoseInput& input) {
+  archive.about("Input (pose)", "Overrides of an input that carries a pose.");
+  archive(timeout_key(), input.timeout_s);
+  archive(speed_key("max_speed_m_per_s", "Largest speed of the set-point."), input.max_speed);
+  archive(speed_key("max_angular_speed_rad_per_s", "Largest angular speed of the set-point."),
+          input.max_angular_speed);
 }
 
-void read_active(const Mapping& root, SceneReader& reader) {
-  for (const InstanceConfig* owner : read_owners(reader, root.text_items("active"))) {
-    reader.scene.active.push_back(owner->name);
+void visit(Archive& archive, JointsInput& input) {
+  archive.about("Input (joints)", "Overrides of an input that carries joint positions.");
+  archive(timeout_key(), input.timeout_s);
+  archive(speed_key("max_speed_rad_per_s", "Largest speed of the set-point."), input.max_speed);
+}
+
+void visit(Archive& archive, OtherInput& input) {
+  archive.about("Input (twist, wrench, scalar)", "Overrides of any other input.");
+  archive(timeout_key(), input.timeout_s);
+  archive(speed_key("max_rate_per_s", "Largest change of each number, in its unit per second."),
+          input.max_speed);
+}
+
+void visit(Archive& archive, InstanceConfig& config, SceneReader& reader) {
+  archive.about(
+      "Controllet",
+      "One instance of a control law, bound to its arms. Its types, parameters and inputs are listed at "
+      "the end of this page.");
+  archive(Key("name", "Unique name, used by switches and references.").identifier().required(), config.name);
+  archive(Key("type", "Control law.").like(type_names(reader.registry)).required(), config.type);
+  const auto arms = archive.names(
+      Key("arms", "Names of the arms that it owns, in the order of its type: `left`, or `[left, right]`.")
+          .required());
+  const auto features = archive.names(
+      Key("features", "Features that are on from the start.").like(feature_names(reader.registry)));
+  const auto parameters = archive.open(
+      Key("parameters",
+          "Values of parameters, by name. A single number may replace a list of equal ones. Parameters of "
+          "features: `joint_limits: {range_rad: 0.1}` or `joint_limits.range_rad: 0.1`."));
+  Key inputs(
+      "inputs",
+      "Overrides of inputs, by name: `pose: {max_speed_m_per_s: 0.2}`. Default: the values of the type.");
+  if (!archive.reading()) {
+    inputs.parts = {Archive::describe<PoseInput>(), Archive::describe<JointsInput>(),
+                    Archive::describe<OtherInput>()};
   }
+  const auto overrides = archive.open(inputs);
+  if (!archive.reading()) return;
+  auto& places = reader.scene.controllet_places;
+  if (const auto it = places.find(config.name); it != places.end()) {
+    archive.at("name").refuse("two controllets have this name, the first in line " +
+                              std::to_string(it->second.line));
+  }
+  const ControlletDescriptor& descriptor = find_type(archive, config.type, reader).descriptor;
+  check_arms(archive, arms, descriptor, reader, config);
+  check_features(features, reader, config);
+  replace_hold(archive, config, reader);
+  if (parameters) read_parameters(*parameters, reader, config);
+  if (overrides) read_inputs(*overrides, descriptor, config);
+  places[config.name] = archive.self().place();
+}
+
+void read_active(Archive& archive, SceneReader& reader) {
+  const auto names = archive.names(
+      Key("active",
+          "Controllets that run from the first cycle on. At most one per arm; the other arms are held."));
+  for (const InstanceConfig* owner : read_owners(reader, names)) reader.scene.active.push_back(owner->name);
 }
 
 }  // namespace multipanda

@@ -1,5 +1,4 @@
-// Scene files with seeded damage: whatever the text, it is read or refused with a SceneError, and nothing
-// else happens.
+// Scene files with seeded damage: any text is read, or refused with a ConfigError; nothing else happens.
 #include <fstream>
 #include <random>
 #include <sstream>
@@ -8,7 +7,7 @@
 
 #include "scene/load.hpp"
 
-namespace multipanda {
+namespace multipanda::load_fuzz_test {
 namespace {
 
 std::string file_text(const std::string& name) {
@@ -61,14 +60,14 @@ TEST(LoadFuzz, DamagedFilesAreReadOrRefused) {
     try {
       (void)parse_scene(text, "fuzz.yaml", registry);
       ++read;
-    } catch (const SceneError& error) {
+    } catch (const ConfigError& error) {
       ++refused;
       EXPECT_EQ(std::string(error.what()).rfind("fuzz.yaml", 0), 0u) << error.what();
     } catch (const std::exception& error) {
-      FAIL() << "not a SceneError: " << error.what() << "\n" << text;
+      FAIL() << "not a ConfigError: " << error.what() << "\n" << text;
     }
   }
-  // Damage in a comment is harmless; but if nothing or everything were refused, the trial would be void.
+  // Damage in a comment is harmless; but if nothing or everything were refused, the test would be void.
   EXPECT_GT(read, 5u);
   EXPECT_GT(refused, 100u);
 }
@@ -76,7 +75,7 @@ TEST(LoadFuzz, DamagedFilesAreReadOrRefused) {
 TEST(LoadFuzz, HostileShapesAreRefused) {
   const Registry registry = Registry::with_builtins();
   const auto refused = [&](const std::string& text) {
-    EXPECT_THROW(parse_scene(text, "fuzz.yaml", registry), SceneError) << text.substr(0, 60);
+    EXPECT_THROW(parse_scene(text, "fuzz.yaml", registry), ConfigError) << text.substr(0, 60);
   };
   refused(std::string(100000, '['));
   refused("arms: &a [*a]\n");
@@ -88,4 +87,4 @@ TEST(LoadFuzz, HostileShapesAreRefused) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::load_fuzz_test

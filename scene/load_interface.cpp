@@ -3,58 +3,11 @@
 #include <cctype>
 #include <cstdlib>
 
+#include "config_file/text.hpp"
 #include "scene/load_parts.hpp"
-#include "scene/schema.hpp"
 
 namespace multipanda {
 namespace {
-
-// One number for all, or a list of `count`.
-Eigen::VectorXd numbers_or_one(const Mapping& mapping, const std::string& key, std::size_t count) {
-  const Entry entry = mapping.entry(key);
-  const auto size = static_cast<Eigen::Index>(count);
-  if (entry.node().IsScalar()) return Eigen::VectorXd::Constant(size, entry.number(mapping.field(key)));
-  const std::vector<double> values = mapping.numbers(key, count);
-  return Eigen::Map<const Eigen::VectorXd>(values.data(), size);
-}
-
-void check_order(const Mapping& mapping, const std::string& lower_key, const std::string& upper_key,
-                 const Eigen::VectorXd& lower, const Eigen::VectorXd& upper, const char* place) {
-  for (Eigen::Index i = 0; i < lower.size(); ++i) {
-    if (lower[i] <= upper[i]) continue;
-    mapping.entry(mapping.has(lower_key) ? lower_key : upper_key)
-        .refuse(std::string(place) + std::to_string(i + 1) + ": expected " + lower_key + " at most " +
-                upper_key + ", found " + number_text(lower[i]) + " and " + number_text(upper[i]));
-  }
-}
-
-// What is not written is as in `absent`; a lower threshold never above its upper one.
-ContactThresholds read_thresholds(const Mapping& mapping, std::size_t joint_count,
-                                  const ContactThresholds& absent) {
-  const auto value = [&](const std::string& key, std::size_t count, const Eigen::VectorXd& otherwise) {
-    return mapping.has(key) ? numbers_or_one(mapping, key, count) : otherwise;
-  };
-  ContactThresholds t;
-  t.torque_upper = value("torque_upper_nm", joint_count, absent.torque_upper);
-  t.torque_lower = value("torque_lower_nm", joint_count, absent.torque_lower.cwiseMin(t.torque_upper));
-  t.wrench_upper = value("wrench_upper", 6, absent.wrench_upper);
-  t.wrench_lower = value("wrench_lower", 6, absent.wrench_lower.cwiseMin(t.wrench_upper));
-  check_order(mapping, "torque_lower_nm", "torque_upper_nm", t.torque_lower, t.torque_upper, "joint");
-  check_order(mapping, "wrench_lower", "wrench_upper", t.wrench_lower, t.wrench_upper, "axis ");
-  return t;
-}
-
-SetCollisionThresholds read_collision(const Mapping& mapping, const RobotDescription& robot) {
-  const Vector6 wrench = Vector6::Constant(100);  // [N, N m]
-  const JointVector& torque = robot.limits.tau_max;
-  const std::size_t n = robot.joint_count();
-  SetCollisionThresholds out{.nominal = read_thresholds(mapping, n, {torque, torque, wrench, wrench}),
-                             .acceleration = {}};
-  if (mapping.has("acceleration")) {
-    out.acceleration = read_thresholds(mapping.section("acceleration"), n, out.nominal);
-  }
-  return out;
-}
 
 bool is_address(const std::string& text) {
   constexpr std::size_t kLongest = 253;  // of a host name
@@ -72,45 +25,101 @@ bool is_address(const std::string& text) {
          text.front() != '.';
 }
 
-FciConnection read_fci(const Mapping& arm, const SceneReader& reader) {
-  FciConnection fci;
-  const Entry entry = arm.entry("fci");
-  fci.place = entry.place();
-  std::optional<Mapping> mapping;
-  if (!entry.node().IsScalar()) mapping.emplace(entry, schema::fci());
-  const Entry address = mapping ? mapping->entry("address") : entry;
-  fci.address = address.node().IsScalar() ? address.node().Scalar() : "";
-  if (!is_address(fci.address)) address.expected("an IPv4 address or a host name, as 172.16.0.2");
-  for (const auto& other : reader.scene.arms) {
-    if (other.fci && other.fci->address == fci.address) {
-      address.refuse("arm '" + other.name + "' has the same address " + fci.address +
-                     "; every arm has its own");
-    }
+void check_order(const Archive& archive, const std::string& lower_key, const std::string& upper_key,
+                 const Eigen::VectorXd& lower, const Eigen::VectorXd& upper, const char* place) {
+  for (Eigen::Index i = 0; i < lower.size(); ++i) {
+    if (lower[i] <= upper[i]) continue;
+    archive.at(archive.has(lower_key) ? lower_key : upper_key)
+        .refuse(std::string(place) + std::to_string(i + 1) + ": expected " + lower_key + " at most " +
+                upper_key + ", found " + number_text(lower[i]) + " and " + number_text(upper[i]));
   }
-  if (!mapping) return fci;
-  const std::string version = mapping->text("version");
-  fci.version = version == "auto" ? 0 : std::atoi(version.c_str());
-  fci.gripper = mapping->boolean("gripper");
-  fci.vacuum = mapping->boolean("vacuum");
-  fci.low_pass_hz = mapping->number("low_pass_hz");
-  fci.rate_limit = mapping->boolean("rate_limit");
-  fci.check_model = mapping->boolean("check_model");
-  return fci;
+}
+
+// `t` holds the defaults; those of lower thresholds never exceed the upper ones.
+void visit_thresholds(Archive& archive, ContactThresholds& t) {
+  const auto n = static_cast<std::size_t>(t.torque_upper.size());
+  const auto torque = [&](const char* name, const char* doc, JointVector& value) {
+    archive(Key(name, doc).within(0.001, 1000).joints(n).or_one().no_default(), value);
+  };
+  const auto wrench = [&](const char* name, const char* doc, Vector6& value) {
+    archive(Key(name, doc).in("N, N m").within(0.001, 1000).or_one().no_default(), value);
+  };
+  const ContactThresholds absent = t;
+  torque("torque_lower_nm", "External torque above which a joint reports contact. Default: torque_upper_nm.",
+         t.torque_lower);
+  torque("torque_upper_nm",
+         "External torque above which the arm stops with a reflex. Default: the joint's largest torque.",
+         t.torque_upper);
+  wrench("wrench_lower",
+         "External force and torque at K (x, y, z, roll, pitch, yaw) above which contact is reported. "
+         "Default: wrench_upper.",
+         t.wrench_lower);
+  wrench("wrench_upper",
+         "External force and torque at K above which the arm stops with a reflex. Default: 100 each.",
+         t.wrench_upper);
+  if (!archive.reading()) return;
+  if (!archive.has("torque_lower_nm")) t.torque_lower = absent.torque_lower.cwiseMin(t.torque_upper);
+  if (!archive.has("wrench_lower")) t.wrench_lower = absent.wrench_lower.cwiseMin(t.wrench_upper);
+  check_order(archive, "torque_lower_nm", "torque_upper_nm", t.torque_lower, t.torque_upper, "joint");
+  check_order(archive, "wrench_lower", "wrench_upper", t.wrench_lower, t.wrench_upper, "axis ");
 }
 
 }  // namespace
 
-void read_arm_interface(const Mapping& arm, const RobotDescription& robot, const SceneReader& reader,
-                        SceneArm& out) {
-  if (arm.has("fci")) out.fci = read_fci(arm, reader);
-  if (arm.has("collision")) out.collision = read_collision(arm.section("collision"), robot);
-  if (arm.has("joint_stiffness_nm_per_rad")) {
-    out.joint_stiffness = JointVector(numbers_or_one(arm, "joint_stiffness_nm_per_rad", robot.joint_count()));
+void visit(Archive& archive, SetCollisionThresholds& collision, const RobotDescription& robot) {
+  archive.about(
+      "Collision",
+      "When the arm itself reports contact and when it stops, real or simulated. A list has one number "
+      "per joint or axis; a single number applies to all.");
+  const Vector6 wrench = Vector6::Constant(100);  // [N, N m]
+  collision.nominal = {robot.limits.tau_max, robot.limits.tau_max, wrench, wrench};
+  visit_thresholds(archive, collision.nominal);
+  ContactThresholds accelerating = collision.nominal;
+  archive.part(Key("acceleration", "Thresholds while the arm accelerates. Default: the same."),
+               [&](Archive& inner) {
+                 inner.about("Thresholds", "While the arm accelerates. Missing keys are as in Collision.");
+                 visit_thresholds(inner, accelerating);
+               });
+  if (archive.has("acceleration")) collision.acceleration = accelerating;
+}
+
+void check_address(const Node& address, const FciConnection& fci, const SceneReader& reader) {
+  if (!is_address(fci.address)) address.expected("an IPv4 address or a host name, for example 172.16.0.2");
+  for (const auto& other : reader.scene.arms) {
+    if (other.fci && other.fci->address == fci.address) {
+      address.refuse("arm '" + other.name + "' has the same address " + fci.address +
+                     "; expected an address of its own for every arm");
+    }
   }
-  if (arm.has("cartesian_stiffness")) {
-    const std::vector<double> k = arm.numbers("cartesian_stiffness", 6);
-    out.cartesian_stiffness = Eigen::Map<const Vector6>(k.data());
-  }
+}
+
+void visit(Archive& archive, FciConnection& fci, SceneReader& reader) {
+  archive.about("FCI",
+                "A real arm, reached over the Franka Control Interface. A virtual arm is reached in the same "
+                "way.");
+  archive(Key("address", "IPv4 address or host name. `fci: 172.16.0.2` is the short form."), fci.address);
+  std::string version = "auto";
+  archive(Key("version", "Version of the control interface; `auto`: the version of the arm.")
+              .one_of({"auto", "4", "5", "6", "7", "8", "9", "10"}),
+          version);
+  fci.version = version == "auto" ? 0 : std::atoi(version.c_str());
+  archive(Key("gripper", "Connect to the gripper of the hand. The arm also runs without one."), fci.gripper);
+  archive(Key("vacuum", "Connect to a vacuum gripper."), fci.vacuum);
+  archive(
+      Key("low_pass_hz", "Cutoff frequency of a low-pass on the commanded torques; 0: none.").within(0, 1000),
+      fci.low_pass_hz);
+  archive(Key("rate_limit",
+              "Keep commanded torques within the rate that the arm allows. The safety stage does so unless "
+              "it was "
+              "loosened."),
+          fci.rate_limit);
+  archive(
+      Key("check_model",
+          "Before the start, compare the robot model that the arm provides, if any, with the scene's model."),
+      fci.check_model);
+  if (!archive.reading()) return;
+  fci.place = archive.self().place();
+  check_address(archive.at("address"), fci, reader);
 }
 
 }  // namespace multipanda

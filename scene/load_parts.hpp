@@ -1,14 +1,20 @@
 #pragma once
 
+#include "config_file/archive.hpp"
+#include "core/types/time.hpp"
 #include "models/robot_description.hpp"
-#include "scene/mapping.hpp"
 #include "scene/scene.hpp"
 
-// The parts of load.cpp. Each reads its sections of the file and adds to the scene.
+// The parts of load.cpp: each structure declares its keys (config_file/archive.hpp) and checks its values.
 namespace multipanda {
 
+inline constexpr double kFarthest = 100;       // [m] nothing in a scene is farther away
+inline constexpr double kSmallest = 0.001;     // length [m], mass [kg]; physics engines fail below
+inline constexpr double kLongestTime = 86400;  // a day [s]
+
+// What is known while a scene is read.
 struct SceneReader {
-  explicit SceneReader(const Registry& types);
+  explicit SceneReader(const Registry& types) : registry(types) {}
 
   const Registry& registry;
   Scene scene;
@@ -16,42 +22,57 @@ struct SceneReader {
   std::vector<InstanceConfig> holds;     // built in, one per arm; without those that the scene declares
 
   // A declared controllet or a built-in hold, by name.
-  const InstanceConfig& instance(const Entry& name) const;
+  const InstanceConfig& instance(const Node& name) const;
   std::vector<std::string> instance_names() const;  // the holds last
-  ArmIndex arm(const Entry& name) const;
+  ArmIndex arm(const Node& name) const;
   std::size_t joint_count(const InstanceConfig& instance, std::size_t arm = 0) const {
     return robots[instance.arms[arm]].joint_count();
   }
 };
 
-void read_plant(const Mapping& root, SceneReader& reader);
-void read_arms(const Mapping& root, SceneReader& reader);
-void read_objects(const Mapping& root, SceneReader& reader);
-void read_controllets(const Mapping& root, SceneReader& reader);
-void read_active(const Mapping& root, SceneReader& reader);
-void read_timeline(const Mapping& root, SceneReader& reader);  // after read_active
-void read_ros(const Mapping& root, SceneReader& reader);
+// An input of a controllet as a scene overrides it.
+struct PoseInput : InputSpec {};
+struct JointsInput : InputSpec {};
+struct OtherInput : InputSpec {};
 
-// What is said of the arm itself and of the way to it: fci, collision, its own stiffness.
-void read_arm_interface(const Mapping& arm, const RobotDescription& robot, const SceneReader& reader,
-                        SceneArm& out);
+void visit(Archive& archive, SceneReader& reader);
+void visit(Archive& archive, PlantFidelity& plant, Scene& scene);
+void visit(Archive& archive, SceneArm& arm, SceneReader& reader);
+void visit(Archive& archive, Load& load);
+void visit(Archive& archive, ToolShape& shape);
+void visit(Archive& archive, SafetyLimits& safety, SceneArm& arm);
+void visit(Archive& archive, FciConnection& fci, SceneReader& reader);
+void visit(Archive& archive, SetCollisionThresholds& collision, const RobotDescription& robot);
+void visit(Archive& archive, SceneObject& object, SceneReader& reader);
+void visit(Archive& archive, SurfaceContact& contact);
+void visit(Archive& archive, InstanceConfig& controllet, SceneReader& reader);
+void visit(Archive& archive, PoseInput& input);
+void visit(Archive& archive, JointsInput& input);
+void visit(Archive& archive, OtherInput& input);
+void visit(Archive& archive, RosSection& ros);
+void visit(Archive& archive, RosSection::Rates& rates);
+void visit(Archive& archive, Pose& X);  // a section of its own
+void read_active(Archive& archive, SceneReader& reader);
+void read_timeline(Archive& archive, SceneReader& reader);  // after read_active
 
-Pose read_pose(const Mapping& mapping);  // position_m, rpy_rad, quaternion_wxyz
-// shape, and what gives the size of such a shape (SceneObject::size), by those of `size_keys` that it needs
-std::pair<ShapeType, Vector3> read_shape(const Mapping& mapping, const std::vector<std::string>& size_keys);
+// Keys of a pose inside another section: position_m, rpy_rad, quaternion_wxyz.
+void visit_pose(Archive& archive, Pose& X, Key position);
+// Keys of a shape and its size: `shapes` are those allowed here, no longer than `longest` [m].
+void visit_shape(Archive& archive, ShapeType& type, Vector3& size, const std::vector<std::string>& shapes,
+                 double longest, const std::string& shape_doc);
+// The address of an arm that is written without its section.
+void check_address(const Node& address, const FciConnection& fci, const SceneReader& reader);
 
-// A parameter's specification by its full name ("stiffness", "joint_limits.range_rad"); refuses an unknown
-// one.
-const ParameterSpec& find_parameter(const SceneReader& reader, const InstanceConfig& instance,
-                                    const Entry& at, const std::string& name);
+// A parameter's specification by its full name ("stiffness", "joint_limits.range_rad"); refuses an
+// unknown one.
+const ParameterSpec& find_parameter(const SceneReader& reader, const InstanceConfig& instance, const Node& at,
+                                    const std::string& name);
 // A value of it: checked, one number per place.
-std::vector<double> read_parameter(const Entry& value, const ParameterSpec& spec, std::size_t joint_count);
-// Refuses a feature that does not exist.
-// That there is a feature of this name, and that what it needs to know of its instance's arms is in the
-// scene.
-void check_feature(const SceneReader& reader, const InstanceConfig& instance, const Entry& name);
-// Refuses two of `names` owning the same arm. Returns their instances.
-std::vector<const InstanceConfig*> read_owners(const SceneReader& reader, const std::vector<Entry>& names);
+std::vector<double> read_parameter(const Node& value, const ParameterSpec& spec, std::size_t joint_count);
+// Refuses a feature that does not exist or needs data of the instance's arms that the scene lacks.
+void check_feature(const SceneReader& reader, const InstanceConfig& instance, const Node& name);
+// Refuses two of `names` that own the same arm. Returns their instances.
+std::vector<const InstanceConfig*> read_owners(const SceneReader& reader, const std::vector<Node>& names);
 ArmSet arms_of(const InstanceConfig& instance);
 
 }  // namespace multipanda

@@ -2,9 +2,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "scene/test_scenes.hpp"
+#include "scene/testing/test_scenes.hpp"
 
-namespace multipanda {
+namespace multipanda::load_refusals_test {
 namespace {
 
 // Lines 1 to 3: two arms. What a test adds begins in line 4.
@@ -40,7 +40,7 @@ TEST_P(Refused, NamesPlaceAndExpectation) {
   try {
     parse(refusal.text);
     FAIL() << "was read:\n" << refusal.text;
-  } catch (const SceneError& error) {
+  } catch (const ConfigError& error) {
     EXPECT_EQ(error.place().line, refusal.line) << error.what();
     if (refusal.line > 0) {
       EXPECT_THAT(error.what(), testing::StartsWith("s.yaml:" + std::to_string(refusal.line) + ": "));
@@ -58,7 +58,7 @@ std::string many_arms(int count) {
 }
 
 const std::vector<Refusal> kFile{
-    {"empty file", "", 1, {"empty", "'arms'"}},
+    {"empty file", "", 1, {"expected a mapping with the keys", "arms", "found nothing"}},
     {"yaml syntax", "arms:\n  - {name: left\nobjects: [\n", 3, {"not readable as YAML"}},
     {"tab", "arms:\n\t- name: left\n", 2, {"YAML"}},
     {"a list", "- 1\n", 1, {"expected a mapping", "arms"}},
@@ -71,7 +71,7 @@ const std::vector<Refusal> kFile{
     {"namespace of digits", kArms + "ros: {namespace: /1}\n", 4, {"no digit first"}},
     {"namespace of two slashes", kArms + "ros: {namespace: /a//b}\n", 4, {"'/cell_1'"}},
     {"time of the moon", kArms + "ros: {time: moon}\n", 4, {"simulation", "system", "found 'moon'"}},
-    {"doubled key", kArms + "seed: 1\nseed: 2\n", 5, {"'seed' stands twice", "line 4"}},
+    {"doubled key", kArms + "seed: 1\nseed: 2\n", 5, {"duplicate key 'seed'", "first in line 4; remove one"}},
     {"no arms", "name: x\n", 1, {"'arms' is missing"}},
     {"empty arms", "name: x\narms: []\n", 2, {"1 to 16 arms", "found 0"}},
     {"17 arms", many_arms(17), 2, {"1 to 16 arms", "found 17"}},
@@ -84,7 +84,7 @@ const std::vector<Refusal> kFile{
 const std::vector<Refusal> kArm{
     {"no name", "arms:\n  - {model: fer}\n", 2, {"arm 1", "'name' is missing"}},
     {"fci address", one_arm("fci: 172.16.0.300"), 3, {"an IPv4 address or a host name", "172.16.0.300"}},
-    {"fci list", one_arm("fci: {address: [1]}"), 3, {"fci: address", "IPv4 address", "a list of 1"}},
+    {"fci list", one_arm("fci: {address: [1]}"), 3, {"fci: address", "a string", "a list of 1"}},
     {"fci version", one_arm("fci: {version: 11}"), 3, {"'auto'", "found '11'"}},
     {"fci key", one_arm("fci: {adress: 172.16.0.2}"), 3, {"'adress'", "did you mean 'address'"}},
     {"fci twice",
@@ -108,7 +108,7 @@ const std::vector<Refusal> kArm{
     {"two names",
      "arms:\n  - {name: a}\n  - {name: a, base: {position_m: [1, 0, 0]}}\n",
      3,
-     {"two arms are called 'a'", "line 2"}},
+     {"arm 'a'", "two arms have this name", "line 2"}},
     {"same place", "arms:\n  - name: a\n  - name: b\n", 3, {"arm 'b'", "inside arm 'a'", "0.1 m"}},
     {"unknown model", one_arm("model: ferr"), 3, {"no robot model 'ferr'", "did you mean 'fer'"}},
     {"model file", one_arm("model: none/x.yaml"), 3, {"none/x.yaml"}},
@@ -122,7 +122,7 @@ const std::vector<Refusal> kArm{
     {"degrees", one_arm("base: {rpy_rad: [0, 0, 90]}"), 3, {"looks like degrees", "1.570796 rad"}},
     {"two numbers", one_arm("base: {position_m: [0, 0]}"), 3, {"3 numbers [m]", "a list of 2"}},
     {"text in list", one_arm("base: {position_m: [0, 0, up]}"), 3, {"a number [m]", "found 'up'"}},
-    {"unit in value", one_arm("base: {position_m: [0, 0, 1m]}"), 3, {"the key carries the unit"}},
+    {"unit in value", one_arm("base: {position_m: [0, 0, 1m]}"), 3, {"the key names the unit"}},
     {"decimal comma", one_arm("base: {position_m: [0, 0, '0,5']}"), 3, {"without quotes"}},
     {"nan", one_arm("base: {position_m: [0, 0, .nan]}"), 3, {"finite"}},
     {"inf", one_arm("base: {position_m: [0, 0, 1e999]}"), 3, {"finite"}},
@@ -132,7 +132,7 @@ const std::vector<Refusal> kArm{
     {"xyzw", one_arm("base: {quaternion_xyzw: [0, 0, 0, 1]}"), 3, {"'quaternion_wxyz'"}},
     {"no unit quaternion", one_arm("base: {quaternion_wxyz: [1, 1, 0, 0]}"), 3, {"unit quaternion", "1.41"}},
     {"start degrees", one_arm("start_rad: [0, -45, 0, -135, 0, 90, 45]"), 3, {"looks like degrees"}},
-    {"start word", one_arm("start_rad: home"), 3, {"'ready'", "7 angles [rad]"}},
+    {"start word", one_arm("start_rad: home"), 3, {"'ready'", "7 numbers [rad]"}},
     {"start short", one_arm("start_rad: [0, 0, 0]"), 3, {"7 numbers [rad]", "a list of 3"}},
     {"unreachable",
      one_arm("start_rad: [0, 0, 0, 0, 0, 1, 0]"),
@@ -143,7 +143,7 @@ const std::vector<Refusal> kArm{
     {"no body",
      one_arm("tool: {mass_kg: 1, inertia_kg_m2: {xx: 1, yy: 1, zz: 3}}"),
      3,
-     {"no rigid body", "1, 1, 3"}},
+     {"inertia is not physically consistent", "1, 1, 3"}},
     {"hand is yes", one_arm("hand: yes"), 3, {"true or false", "found 'yes'"}},
     {"looser torque",
      one_arm("safety: {torque_max_nm: [87, 87, 87, 90, 12, 12, 12]}"),
@@ -156,7 +156,10 @@ const std::vector<Refusal> kArm{
      3,
      {"position_min_rad of joint1", "looser"}},
     {"start outside safety", one_arm("safety: {position_max_rad: 0.5}"), 3, {"unreachable start: joint6"}},
-    {"no room", one_arm("safety: {position_min_rad: 1, position_max_rad: 0.5}"), 3, {"has no room"}},
+    {"no room",
+     one_arm("safety: {position_min_rad: 1, position_max_rad: 0.5}"),
+     3,
+     {"empty position range for joint1"}},
     {"half a box", one_arm("safety: {workspace_min_m: [0, 0, 0]}"), 3, {"both"}},
     {"empty box",
      one_arm("safety: {workspace_min_m: [0, 0, 0], workspace_max_m: [1, 0, 1]}"),
@@ -165,7 +168,7 @@ const std::vector<Refusal> kArm{
     {"tool shape",
      one_arm("tool_shapes: [{shape: cone, diameter_m: 0.1}]"),
      3,
-     {"arm 'left': tool shape 1: shape", "'sphere' or 'box'", "found 'cone'"}},
+     {"arm 'left': tool shape 1: shape", "'box' or 'sphere'", "found 'cone'"}},
     {"tool sphere with edges",
      one_arm("tool_shapes: [{shape: sphere, size_m: [1, 1, 1]}]"),
      3,
@@ -249,7 +252,7 @@ const std::vector<Refusal> kControl{
     {"too few arms",
      kArms + "controllets:\n  - {name: a, type: duo, arms: left}\n",
      5,
-     {"owns 2 arms, found 1"}},
+     {"expected 2 arms", "found 1"}},
     {"arm twice", kArms + "controllets:\n  - {name: a, type: duo, arms: [left, left]}\n", 5, {"named twice"}},
     {"two controllets",
      controllet("features: []") + "  - {name: a, type: solo, arms: left}\n",
@@ -289,7 +292,7 @@ const std::vector<Refusal> kControl{
     {"twice",
      controllet("parameters: {joint_limits: {range_rad: 0.1}, joint_limits.range_rad: 0.1}"),
      5,
-     {"given twice"}},
+     {"duplicate parameter 'joint_limits.range_rad'"}},
     {"input", controllet("inputs: {pos: {timeout_s: 1}}"), 5, {"no input 'pos'", "'pose'"}},
     {"input key", controllet("inputs: {pose: {max_speed: 1}}"), 5, {"'max_speed_m_per_s'"}},
     {"input unit", controllet("inputs: {joints: {max_speed_m_per_s: 1}}"), 5, {"'max_speed_rad_per_s'"}},
@@ -377,7 +380,7 @@ const std::vector<Refusal> kTimeline{
      timeline("at_s: 1, motion: {controllet: a, input: pose, overtones: [{}, {}, {}, {}, {}, {}, {}, {}], "
               "period_s: 2}"),
      10,
-     {"one too many", "at most 7"}},
+     {"at most 7"}},
     {"motion's ramp",
      timeline("at_s: 1, motion: {controllet: a, input: pose, sine: [0.1, 0, 0], period_s: 2, ramp_s: 3}"),
      10,
@@ -385,19 +388,19 @@ const std::vector<Refusal> kTimeline{
     {"idle",
      timeline("at_s: 1, reference: {controllet: b, input: gain, value: 1}"),
      10,
-     {"'b' does not run at that time"}},
+     {"'b' is not running at that time"}},
     {"displaced",
      kControllets + "timeline:\n  - {at_s: 2, reference: {controllet: a, input: gain, value: 1}}\n  - {at_s: "
                     "1, switch: {activate: [both]}}\n",
      10,
-     {"'a' does not run"}},
+     {"'a' is not running"}},
     {"stopped",
      kControllets + "timeline:\n  - {at_s: 1, stop: [left]}\n  - {at_s: 2, switch: {activate: [a]}}\n",
      11,
      {"arm 'left' is stopped", "resume"}},
 };
 
-// The feature is refused where the scene says nothing of the friction that it would compensate.
+// The feature is refused if the scene does not declare the friction that it would compensate.
 TEST(FrictionCompensationInAScene, NeedsAKnownFriction) {
   const Registry builtins = Registry::with_builtins();
   const auto text = [](const std::string& known, const std::string& more) {
@@ -413,7 +416,7 @@ TEST(FrictionCompensationInAScene, NeedsAKnownFriction) {
     try {
       parse_scene(scene, "s.yaml", builtins);
       FAIL() << "was read:\n" << scene;
-    } catch (const SceneError& error) {
+    } catch (const ConfigError& error) {
       EXPECT_EQ(error.place().line, line);
       EXPECT_THAT(error.what(), testing::HasSubstr("'left'"));
       EXPECT_THAT(error.what(), testing::HasSubstr("known_friction: model"));
@@ -428,4 +431,4 @@ INSTANTIATE_TEST_SUITE_P(Control, Refused, testing::ValuesIn(kControl));
 INSTANTIATE_TEST_SUITE_P(Timeline, Refused, testing::ValuesIn(kTimeline));
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::load_refusals_test

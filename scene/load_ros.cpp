@@ -20,37 +20,52 @@ bool is_namespace(const std::string& text) {
   return text.find("__") == std::string::npos;
 }
 
-RosSection::Rates read_rates(const Mapping& mapping) {
-  return {.joint_states = mapping.number("joint_states"),
-          .robot_state = mapping.number("robot_state"),
-          .model = mapping.number("model"),
-          .wrench = mapping.number("wrench"),
-          .tf = mapping.number("tf"),
-          .references = mapping.number("references"),
-          .outputs = mapping.number("outputs"),
-          .gripper = mapping.number("gripper"),
-          .object_poses = mapping.number("object_poses"),
-          .clock = mapping.number("clock"),
-          .loop_statistics = mapping.number("loop_statistics"),
-          .diagnostics = mapping.number("diagnostics")};
-}
-
 }  // namespace
 
-void read_ros(const Mapping& root, SceneReader& reader) {
-  const Mapping mapping = root.section("ros");
-  RosSection& ros = reader.scene.ros;
-  ros.node = mapping.text("node");
-  ros.name_space = mapping.text("namespace");
-  if (!is_namespace(ros.name_space)) {
-    mapping.entry("namespace")
-        .expected("'/' or a name as '/cell_1': a slash, then letters, digits and _, no digit first");
+void visit(Archive& archive, RosSection::Rates& rates) {
+  archive.about("ROS rates",
+                "How often each group of topics is published, in the time of the loop; 0: never. Topics are "
+                "published every n-th cycle: 1000 Hz is every cycle, 300 Hz becomes 333 Hz.");
+  const auto rate = [&](const char* name, double& value, const char* doc) {
+    archive(Key(name, doc).in("Hz").within(0, 1000), value);
+  };
+  rate("joint_states", rates.joint_states, "`joint_states` of all arms and fingers.");
+  rate("robot_state", rates.robot_state, "`<arm>/robot_state`, the complete state of the arm.");
+  rate("model", rates.model, "`<arm>/model`, mass matrix, Jacobian and poses.");
+  rate("wrench", rates.wrench, "`<arm>/wrench`, the wrench that the arm exerts on its environment.");
+  rate("tf", rates.tf, "`/tf`, poses of all links and frames.");
+  rate("references", rates.references, "Set-points that controllets follow.");
+  rate("outputs", rates.outputs, "Outputs of controllets.");
+  rate("gripper", rates.gripper, "`<arm>_gripper/joint_states`.");
+  rate("object_poses", rates.object_poses, "`simulation/object_poses`.");
+  rate("clock", rates.clock, "`/clock`, if stamps are in simulated time.");
+  rate("loop_statistics", rates.loop_statistics, "`~/loop_statistics`.");
+  rate("diagnostics", rates.diagnostics, "`/diagnostics`.");
+}
+
+void visit(Archive& archive, RosSection& ros) {
+  archive.about(
+      "ROS",
+      "How `run --ros` shows the run in ROS 2 ([ROS interfaces](ros_interfaces.md)). It has no effect "
+      "without `--ros`.");
+  archive(Key("node", "Name of the node; names that begin with `~/` are relative to it.").identifier(),
+          ros.node);
+  archive(
+      Key("namespace",
+          "Namespace of the node, for example `/cell_1`. It applies to all names but `/tf`, `/tf_static`, "
+          "`/clock` and `/diagnostics`."),
+      ros.name_space);
+  archive(
+      Key("time",
+          "Time of the stamps. `simulation`: that of the loop, from 0, published as `/clock`; `system`: that "
+          "of this computer. `automatic`: `simulation` if every arm is simulated, otherwise `system`.")
+          .one_of({"automatic", "simulation", "system"}),
+      ros.time);
+  archive.section(Key("rates_hz", "How often each group of topics is published."), ros.rates_hz);
+  if (archive.reading() && !is_namespace(ros.name_space)) {
+    archive.at("namespace")
+        .expected("'/' or a name like '/cell_1': a slash, then letters, digits and _, no digit first");
   }
-  const std::string time = mapping.text("time");
-  ros.time = time == "simulation" ? RosSection::Time::simulation
-             : time == "system"   ? RosSection::Time::system
-                                  : RosSection::Time::automatic;
-  ros.rates_hz = read_rates(mapping.section("rates_hz"));
 }
 
 }  // namespace multipanda

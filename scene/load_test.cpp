@@ -7,14 +7,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "scene/names.hpp"
 #include "scene/scene_reference.hpp"
-#include "scene/test_scenes.hpp"
+#include "scene/testing/test_scenes.hpp"
+#include "support/spelling.hpp"
 
-namespace multipanda {
+namespace multipanda::load_test {
 namespace {
 
-TEST(Load, DefaultsAreTheMakers) {
+TEST(Load, UsesTheDefaultsOfTheModel) {
   const Scene scene = parse("arms:\n  - name: left\n");
   EXPECT_EQ(scene.name, "s");
   EXPECT_EQ(scene.seed, 1u);
@@ -31,7 +31,7 @@ TEST(Load, DefaultsAreTheMakers) {
   EXPECT_EQ(arm.place.line, 2);
 }
 
-TEST(Load, HowARunShowsItselfInRos) {
+TEST(Load, ReadsTheRosSection) {
   const RosSection usual = parse("arms:\n  - name: left\n").ros;
   EXPECT_EQ(usual.node, "multipanda");
   EXPECT_EQ(usual.name_space, "/");
@@ -39,7 +39,7 @@ TEST(Load, HowARunShowsItselfInRos) {
   EXPECT_EQ(usual.rates_hz.joint_states, RosSection::Rates{}.joint_states);
   EXPECT_EQ(usual.rates_hz.diagnostics, RosSection::Rates{}.diagnostics);
 
-  // Every rate another number, so that none can stand for another.
+  // Every rate has a different value, so that none can be mistaken for another.
   const RosSection ros = parse(
                              "arms:\n  - name: left\n"
                              "ros:\n"
@@ -58,7 +58,7 @@ TEST(Load, HowARunShowsItselfInRos) {
       testing::ElementsAre(1000, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 0));
 }
 
-TEST(Load, WhatIsSaidOfTheArmItself) {
+TEST(Load, ReadsTheSettingsOfTheArmItself) {
   const Scene scene = parse(
       "arms:\n"
       "  - {name: left, fci: 172.16.0.3, base: {position_m: [0, 1, 0]}}\n"
@@ -97,7 +97,7 @@ TEST(Load, WhatIsSaidOfTheArmItself) {
   EXPECT_TRUE(third.vacuum);
 }
 
-TEST(Load, WhatIsWrittenArrives) {
+TEST(Load, ReadsWhatIsWritten) {
   const Scene scene = parse(
       "plant: {fidelity: realistic, noise_tau_nm: 0.1}\n"
       "arms:\n"
@@ -137,7 +137,7 @@ TEST(Load, WhatIsWrittenArrives) {
   EXPECT_EQ(arm.load_present.mass, 2);
   EXPECT_EQ(arm.load_present.inertia_C(1, 0), 0.1);
   EXPECT_EQ(arm.safety.joints.tau_max[0], 90);
-  EXPECT_EQ(arm.safety.joints.dq_max[0], 2.175);  // the maker's is below the cap
+  EXPECT_EQ(arm.safety.joints.dq_max[0], 2.175);  // the model's is below the cap
   EXPECT_EQ(arm.safety.joints.dq_max[6], 2.5);
   ASSERT_EQ(arm.loosened.size(), 1u);
   EXPECT_THAT(arm.loosened[0], testing::HasSubstr("joint1: 90 N m"));
@@ -160,7 +160,7 @@ TEST(Load, WhatIsWrittenArrives) {
   EXPECT_EQ(scene.timeline[2].what, TimelineEvent::What::stop);
 }
 
-TEST(Load, InteractionArrives) {
+TEST(Load, ReadsInteraction) {
   const Scene scene = parse(
       "plant: {noslip_iterations: 5, stiction_nm: 0.3}\n"
       "arms:\n"
@@ -247,25 +247,42 @@ TEST(Load, ReadsMotions) {
   EXPECT_THAT(scene.timeline[2].overtones[1].rise, testing::ElementsAre(0, 0, 0.1));
 }
 
-TEST(Load, ShippedScenesAreSound) {
+TEST(Load, ReadsEveryShippedScene) {
   const auto names = available_scenes();
   EXPECT_THAT(names, testing::IsSupersetOf({"one_arm", "two_arms", "two_arms_facing", "four_arms"}));
   for (const auto& name : names) {
     EXPECT_NO_THROW({ EXPECT_EQ(open_scene(name).scene.name, name); }) << name;
   }
-  EXPECT_THROW(open_scene("two_armss"), SceneError);
-  EXPECT_THROW(open_scene("none/two_arms.yaml"), SceneError);
+  EXPECT_THROW(open_scene("two_armss"), ConfigError);
+  EXPECT_THROW(open_scene("none/two_arms.yaml"), ConfigError);
 }
 
-TEST(Reference, CommittedPageIsWhatTheTablesSay) {
-  std::ifstream in(std::string(MULTIPANDA_SOURCE_DIR) + "/docs/scene_reference.md");
-  std::ostringstream text;
-  text << in.rdbuf();
-  EXPECT_TRUE(text.str() == scene_reference_markdown(Registry::with_builtins()))
-      << "docs/scene_reference.md is out of date: build the target scene_reference and commit the page";
+TEST(Reference, CommittedPageAndSchemaAreUpToDate) {
+  const auto committed = [](const std::string& file) {
+    std::ifstream in(std::string(MULTIPANDA_SOURCE_DIR) + "/" + file);
+    std::ostringstream text;
+    text << in.rdbuf();
+    return text.str();
+  };
+  const Registry registry = Registry::with_builtins();
+  const char* hint = " is out of date: build the target scene_reference and commit the file";
+  EXPECT_TRUE(committed("docs/scene_reference.md") == scene_reference_markdown(registry))
+      << "docs/scene_reference.md" << hint;
+  EXPECT_TRUE(committed("config/schemas/scene.json") == scene_json_schema(registry))
+      << "config/schemas/scene.json" << hint;
 }
 
-TEST(Names, DistanceCountsSlips) {
+TEST(Load, AliasesInNamedListsKeepTheirOwnNames) {
+  const Scene scene = parse(
+      "arms: {left: {}}\n"
+      "objects:\n"
+      "  first: &wall {shape: box, size_m: [1, 1, 1]}\n"
+      "  second: *wall\n");
+  EXPECT_EQ(scene.objects.at(0).name, "first");
+  EXPECT_EQ(scene.objects.at(1).name, "second");
+}
+
+TEST(Names, EditDistanceCountsEdits) {
   EXPECT_EQ(edit_distance("kitten", "sitting"), 3u);
   EXPECT_EQ(edit_distance("ab", "ba"), 1u);
   EXPECT_EQ(edit_distance("", "abc"), 3u);
@@ -274,4 +291,4 @@ TEST(Names, DistanceCountsSlips) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::load_test

@@ -1,10 +1,11 @@
 #include <algorithm>
+#include <functional>
 #include <set>
 
+#include "config_file/text.hpp"
 #include "core/reference/harmonic.hpp"
 #include "scene/load_parts.hpp"
-#include "scene/names.hpp"
-#include "scene/schema.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -29,94 +30,83 @@ const std::vector<ReferenceKeys>& reference_keys() {
   return table;
 }
 
-std::vector<double> pose_values(const Mapping& mapping) {
-  if (!mapping.has("position_m") || (!mapping.has("rpy_rad") && !mapping.has("quaternion_wxyz"))) {
-    mapping.self().refuse("a pose needs position_m [m] and rpy_rad [rad] or quaternion_wxyz");
+// Checks that the keys present are those of the input's quantity.
+void check_quantity(const Archive& archive, const InputSpec& input) {
+  const auto& table = reference_keys();
+  const auto own = std::find_if(table.begin(), table.end(),
+                                [&](const auto& row) { return row.quantity == input.quantity; });
+  const std::string carries = "input '" + input.name + "' carries a " +
+                              std::string(to_string(input.quantity)) + ": expected " + own->expected;
+  if (archive.present(own->keys).empty()) archive.self().refuse(carries);
+  for (const auto& row : table) {
+    const auto present = archive.present(row.keys);
+    if (&row != &*own && !present.empty()) archive.at(present[0]).refuse(carries);
   }
-  const Pose X = read_pose(mapping);
-  const Quaternion q = X.quaternion();
-  return {X.position.x(), X.position.y(), X.position.z(), q.w(), q.x(), q.y(), q.z()};
 }
 
-std::vector<double> reference_values(const Mapping& mapping, const InputSpec& input,
-                                     std::size_t joint_count) {
-  for (const auto& row : reference_keys()) {
-    const auto present = mapping.present(row.keys);
-    if (row.quantity == input.quantity && present.empty()) {
-      mapping.self().refuse("input '" + input.name + "' carries a " + std::string(to_string(row.quantity)) +
-                            ": expected " + row.expected);
-    }
-    if (row.quantity == input.quantity || present.empty()) continue;
-    const auto right = std::find_if(reference_keys().begin(), reference_keys().end(),
-                                    [&](const auto& r) { return r.quantity == input.quantity; });
-    mapping.entry(present[0])
-        .refuse("input '" + input.name + "' carries a " + std::string(to_string(input.quantity)) +
-                ": expected " + right->expected);
-  }
-  const auto pair = [&](const char* first, const char* second) {
-    std::vector<double> values(6, 0.0);
-    std::size_t offset = 0;
-    for (const char* key : {first, second}) {
-      const auto half = mapping.has(key) ? mapping.numbers(key, 3) : std::vector<double>(3, 0.0);
-      std::copy(half.begin(), half.end(), values.begin() + static_cast<std::ptrdiff_t>(offset));
-      offset += 3;
-    }
-    return values;
-  };
-  switch (input.quantity) {
-    case Quantity::pose:
-      return pose_values(mapping);
-    case Quantity::twist:
-      return pair("linear_m_per_s", "angular_rad_per_s");
-    case Quantity::wrench:
-      return pair("force_n", "torque_nm");
-    case Quantity::joints:
-      return mapping.numbers("q_rad", joint_count);
-    case Quantity::scalar:
-      break;
-  }
-  return {mapping.number("value")};
-}
-
-std::vector<double> motion_numbers(const Mapping& mapping, const std::string& key, std::size_t count) {
-  return mapping.has(key) ? mapping.numbers(key, count) : std::vector<double>(count, 0.0);
-}
-
-// Reads one event; `active_` follows what would run at its time, so that a reference to a controllet that is
-// not running is found here and not in the middle of a run.
+// The timeline, read in the order of the file. What depends on which controllets run then is checked in the
+// order of time: a reference to a controllet that is not running is found here, not during a run.
 class TimelineReader {
  public:
-  explicit TimelineReader(SceneReader& reader) : reader_(reader) {
-    for (const auto& name : reader.scene.active) active_.insert(name);
+  explicit TimelineReader(SceneReader& reader)
+      : reader_(reader), active_(reader.scene.active.begin(), reader.scene.active.end()) {}
+
+  void visit_event(Archive& archive) {
+    TimelineEvent event;
+    archive.about("Event", "One item of the timeline: a time and exactly one event.");
+    archive(Key("at_s",
+                "Time since the start, above 0: `active` and the values of the controllets define what holds "
+                "from "
+                "0 on.")
+                .within(kArmPeriod, kLongestTime)
+                .required(),
+            event.at_s);
+    Check check;
+    const auto part = [&](const char* name, const char* doc, auto read) {
+      archive.part(Key(name, doc), [&](Archive& inner) { check = (this->*read)(inner, event); });
+    };
+    part("switch", "Switches to other controllets.", &TimelineReader::visit_switch);
+    part("parameter", "Sets a parameter.", &TimelineReader::visit_parameter);
+    part("feature", "Switches a feature on or off.", &TimelineReader::visit_feature);
+    part("reference", "Sets a reference.", &TimelineReader::visit_reference);
+    part("motion", "Moves a reference along a sine or a circle.", &TimelineReader::visit_motion);
+    part("place", "Places an object (simulation only).", &TimelineReader::visit_place);
+    const auto stop = archive.names(Key("stop", "Arms that stop and hold until resumed.").one_of({"all"}));
+    const auto resume = archive.names(
+        Key("resume", "Arms that may move again; they are held until the next switch.").one_of({"all"}));
+    if (!archive.reading()) return;
+    event.place = archive.self().place();
+    const std::vector<std::string> kinds{"switch", "parameter", "feature", "reference",
+                                         "motion", "place",     "stop",    "resume"};
+    if (const auto present = archive.present(kinds); present.size() != 1) {
+      archive.self().refuse("expected exactly one of " + joined(kinds) + ", found " +
+                            (present.empty() ? "none" : joined(present, " and ")));
+    }
+    if (archive.has("stop")) check = read_arms(archive.at("stop"), stop, true, event);
+    if (archive.has("resume")) check = read_arms(archive.at("resume"), resume, false, event);
+    events_.emplace_back(std::move(event), std::move(check));
   }
 
-  TimelineEvent read(const Mapping& mapping) {
-    TimelineEvent event;
-    event.at_s = mapping.number("at_s");
-    event.place = mapping.self().place();
-    const auto what =
-        mapping.present({"switch", "parameter", "feature", "reference", "motion", "place", "stop", "resume"});
-    if (what.size() != 1) {
-      mapping.self().refuse(
-          "expected exactly one of switch, parameter, feature, reference, motion, place, stop, resume, "
-          "found " +
-          (what.empty() ? "none" : joined(what, " and ")));
+  // To be called once, after the last event.
+  std::vector<TimelineEvent> sorted() {
+    std::stable_sort(events_.begin(), events_.end(),
+                     [](const auto& a, const auto& b) { return a.first.at_s < b.first.at_s; });
+    std::vector<TimelineEvent> timeline;
+    for (auto& [event, check] : events_) {
+      if (check) check();
+      timeline.push_back(std::move(event));
     }
-    if (what[0] == "switch") read_switch(mapping.section("switch"), event);
-    if (what[0] == "parameter") read_set_parameter(mapping.section("parameter"), event);
-    if (what[0] == "feature") read_set_feature(mapping.section("feature"), event);
-    if (what[0] == "reference") read_reference(mapping.section("reference"), event);
-    if (what[0] == "motion") read_motion(mapping.section("motion"), event);
-    if (what[0] == "place") read_place(mapping.section("place"), event);
-    if (what[0] == "stop") read_arms(mapping, "stop", TimelineEvent::What::stop, event);
-    if (what[0] == "resume") read_arms(mapping, "resume", TimelineEvent::What::resume, event);
-    return event;
+    return timeline;
   }
 
  private:
-  const InstanceConfig& instance(const Mapping& mapping) {
-    (void)mapping.text("controllet");
-    return reader_.instance(mapping.entry("controllet"));
+  using What = TimelineEvent::What;
+  using Check = std::function<void()>;
+
+  // Null while describing.
+  const InstanceConfig* visit_instance(Archive& archive, TimelineEvent& event) {
+    archive(Key("controllet", "Name of the instance.").required(), event.controllet);
+    return archive.reading() ? &reader_.instance(archive.at("controllet")) : nullptr;
   }
 
   const InstanceConfig& config(const std::string& name) const {
@@ -132,94 +122,185 @@ class TimelineReader {
     std::erase_if(active_, [&](const auto& name) { return arms_of(config(name)).overlaps(arms); });
   }
 
-  void read_switch(const Mapping& mapping, TimelineEvent& event) {
-    event.what = TimelineEvent::What::switch_controllets;
-    const auto starting = read_owners(reader_, mapping.text_items("activate"));
-    for (const InstanceConfig* started : starting) {
-      const bool hold = started->name == reader_.scene.arms[started->arms[0]].name + "_hold";
-      if (const ArmSet stopped = arms_of(*started) & stopped_; !stopped.empty() && !hold) {
-        mapping.entry("activate")
-            .refuse("arm '" + reader_.scene.arms[stopped.first()].name +
-                    "' is stopped at that time; expected a 'resume' event before '" + started->name +
-                    "' takes it");
-      }
-      event.activate.push_back(started->name);
-    }
-    for (const auto& name : mapping.text_items("deactivate")) {
+  Check visit_switch(Archive& archive, TimelineEvent& event) {
+    event.what = What::switch_controllets;
+    archive.about("Switch");
+    const auto activate = archive.names(
+        Key("activate",
+            "Controllets that run afterwards. Previous owners of their arms stop; arms without an owner are "
+            "held."));
+    const auto deactivate = archive.names(Key("deactivate", "Controllets that stop."));
+    archive(Key("only", "`true`: all controllets that are not in `activate` stop."), event.only);
+    if (!archive.reading()) return {};
+    const auto starting = read_owners(reader_, activate);
+    for (const InstanceConfig* started : starting) event.activate.push_back(started->name);
+    for (const auto& name : deactivate) {
       const std::string& stopping = reader_.instance(name).name;
-      if (std::find(event.activate.begin(), event.activate.end(), stopping) != event.activate.end()) {
-        name.refuse(in_quotes(stopping) + " is in activate and in deactivate");
-      }
+      if (std::find(event.activate.begin(), event.activate.end(), stopping) != event.activate.end())
+        name.refuse(in_quotes(stopping) + " is in activate and in deactivate; remove one");
       event.deactivate.push_back(stopping);
     }
-    event.only = mapping.boolean("only");
     if (event.activate.empty() && event.deactivate.empty() && !event.only) {
-      mapping.self().refuse(
+      archive.self().refuse(
           "switches nothing; expected 'activate' or 'deactivate' with names of controllets");
     }
-    if (event.only) active_.clear();
-    for (const auto& name : event.deactivate) active_.erase(name);
-    for (const InstanceConfig* started : starting) release(arms_of(*started));
-    for (const auto& name : event.activate) active_.insert(name);
+    return [this, starting, place = archive.at("activate"), off = event.deactivate, only = event.only] {
+      for (const InstanceConfig* started : starting) check_resumed(*started, place);
+      if (only) active_.clear();
+      for (const auto& name : off) active_.erase(name);
+      for (const InstanceConfig* started : starting) release(arms_of(*started));
+      for (const InstanceConfig* started : starting) active_.insert(started->name);
+    };
   }
 
-  void read_set_parameter(const Mapping& mapping, TimelineEvent& event) {
-    event.what = TimelineEvent::What::set_parameter;
-    const InstanceConfig& target = instance(mapping);
-    event.controllet = target.name;
-    event.name = mapping.text("name");
-    const ParameterSpec& spec = find_parameter(reader_, target, mapping.entry("name"), event.name);
-    event.values = read_parameter(mapping.entry("value"), spec, reader_.joint_count(target));
+  void check_resumed(const InstanceConfig& started, const Node& place) const {
+    const bool hold = started.name == reader_.scene.arms[started.arms[0]].name + "_hold";
+    const ArmSet stopped = arms_of(started) & stopped_;
+    if (stopped.empty() || hold) return;
+    place.refuse("arm '" + reader_.scene.arms[stopped.first()].name +
+                 "' is stopped at that time; expected a 'resume' event before '" + started.name +
+                 "' controls it");
   }
 
-  void read_set_feature(const Mapping& mapping, TimelineEvent& event) {
-    event.what = TimelineEvent::What::set_feature;
-    const InstanceConfig& target = instance(mapping);
-    event.controllet = target.name;
-    event.name = mapping.text("name");
-    check_feature(reader_, target, mapping.entry("name"));
-    event.on = mapping.boolean("on");
+  Check visit_parameter(Archive& archive, TimelineEvent& event) {
+    event.what = What::set_parameter;
+    archive.about("Parameter");
+    const InstanceConfig* target = visit_instance(archive, event);
+    archive(Key("name", "Name of the parameter; of a feature `joint_limits.range_rad`.").required(),
+            event.name);
+    const auto value =
+        archive.open(Key("value", "As under `parameters`; approached within 0.2 s.").required());
+    if (!archive.reading()) return {};
+    const ParameterSpec& spec = find_parameter(reader_, *target, archive.at("name"), event.name);
+    event.values = read_parameter(*value, spec, reader_.joint_count(*target));
+    return {};
   }
 
-  void read_reference(const Mapping& mapping, TimelineEvent& event) {
-    event.what = TimelineEvent::What::set_reference;
-    const InputSpec& input = read_input(mapping, event);
-    const InstanceConfig& target = config(event.controllet);
-    event.values = reference_values(mapping, input, reader_.joint_count(target, input.arm));
-    event.duration_s = mapping.number("duration_s");
+  Check visit_feature(Archive& archive, TimelineEvent& event) {
+    event.what = What::set_feature;
+    archive.about("Feature");
+    const InstanceConfig* target = visit_instance(archive, event);
+    archive(Key("name", "Name of the feature.").required(), event.name);
+    archive(Key("on", "`false`: it is switched off."), event.on);
+    if (target != nullptr) check_feature(reader_, *target, archive.at("name"));
+    return {};
   }
 
-  void read_motion(const Mapping& mapping, TimelineEvent& event) {
-    event.what = TimelineEvent::What::set_motion;
-    const InputSpec& input = read_input(mapping, event);
+  Check visit_reference(Archive& archive, TimelineEvent& event) {
+    event.what = What::set_reference;
+    archive.about(
+        "Reference",
+        "A goal for an input of a running controllet, approached smoothly. The quantity of the input "
+        "decides which keys are valid. Poses, twists and wrenches are in the world unless the input "
+        "states otherwise.");
+    const InputSpec* input = visit_input(archive, event);
+    if (input != nullptr) check_quantity(archive, *input);
+    archive(Key("duration_s",
+                "Time of the approach; longer if the speed limit of the input requires it. 0: as fast as "
+                "that limit "
+                "allows.")
+                .within(0, 3600),
+            event.duration_s);
+    Pose X;
+    JointVector q;
+    Vector3 first = Vector3::Zero(), second = Vector3::Zero();
+    double value = 0;
+    const std::size_t n = input == nullptr ? 0 : reader_.joint_count(config(event.controllet), input->arm);
+    const auto half = [&](const char* name, const char* doc, Vector3& out) {
+      archive(Key(name, doc).no_default(), out);
+    };
+    visit_pose(archive, X,
+               Key("position_m", "Pose: position, with `rpy_rad` or `quaternion_wxyz`.").no_default());
+    archive(Key("q_rad", "Joints: one angle per joint.").joints(n), q);
+    half("force_n", "Wrench: force; zero if only a torque is given.", first);
+    half("torque_nm", "Wrench: torque; zero if only a force is given.", second);
+    half("linear_m_per_s", "Twist: velocity; zero if only an angular one is given.", first);
+    half("angular_rad_per_s", "Twist: angular velocity; zero if only a linear one is given.", second);
+    archive(Key("value", "Scalar: the number.").no_default(), value);
+    if (!archive.reading()) return {};
+    if (input->quantity == Quantity::pose) {
+      if (!archive.has("position_m") || archive.present({"rpy_rad", "quaternion_wxyz"}).empty())
+        archive.self().refuse("a pose needs position_m [m] and rpy_rad [rad] or quaternion_wxyz");
+      const Quaternion r = X.quaternion();
+      event.values = {X.position.x(), X.position.y(), X.position.z(), r.w(), r.x(), r.y(), r.z()};
+    } else if (input->quantity == Quantity::joints) {
+      event.values.assign(q.begin(), q.end());
+    } else if (input->quantity == Quantity::scalar) {
+      event.values = {value};
+    } else {
+      event.values = {first.x(), first.y(), first.z(), second.x(), second.y(), second.z()};
+    }
+    return running_check(archive, event);
+  }
+
+  Check visit_motion(Archive& archive, TimelineEvent& event) {
+    event.what = What::set_motion;
+    archive.about("Motion",
+                  "x(t) = x_0 + sine sin(theta) + rise (1 - cos(theta))/2, where x_0 is the set-point at the "
+                  "start and theta "
+                  "runs from 0 to 2 pi cycles. The motion begins and ends at rest and lasts period_s * "
+                  "cycles + ramp_s. A "
+                  "circle of radius r: `sine` is r along one axis, `rise` is 2 r towards the center.");
+    const InputSpec* input = visit_input(archive, event);
     const std::size_t count =
-        motion_count(input.quantity, reader_.joint_count(config(event.controllet), input.arm));
-    if (mapping.present({"sine", "rise", "overtones"}).empty()) {
-      mapping.self().refuse("moves nothing; expected 'sine' or 'rise' with " + std::to_string(count) +
+        input == nullptr
+            ? 0
+            : motion_count(input->quantity, reader_.joint_count(config(event.controllet), input->arm));
+    visit_amplitudes(
+        archive, count, event.sine, event.rise,
+        "Pose: x, y, z [m] (it keeps its orientation). Twist, wrench: 6 numbers. Joints: one per "
+        "joint [rad]. Scalar: one. Default: zero.");
+    archive.items(
+        Key("overtones",
+            "At most 7 further harmonics: the first is twice as fast, the next three times as fast, and "
+            "so on. Together they are a Fourier series per number.")
+            .each("overtone"),
+        [&](Archive& inner) {
+          inner.about("Overtone",
+                      "Adds sine sin(n theta) + rise (1 - cos(n theta))/2 to a motion, n = 2 for the "
+                      "first overtone.");
+          TimelineEvent::MotionPart overtone;
+          visit_amplitudes(inner, count, overtone.sine, overtone.rise, "As in the motion. Default: zero.");
+          if (!inner.reading()) return;
+          if (event.overtones.size() == kMaxHarmonics)
+            inner.self().refuse("expected at most " + std::to_string(kMaxHarmonics) + " overtones");
+          event.overtones.push_back(std::move(overtone));
+        });
+    archive(Key("period_s", "Period of theta at full rate.").within(0.01, kLongestTime).required(),
+            event.period_s);
+    event.ramp_s = 0.1;
+    archive(Key("cycles", "Number of periods.").within(0.1, 1e6), event.cycles);
+    archive(
+        Key("ramp_s", "Time in which the rate fades in and out; at most period_s * cycles.").within(0.1, 60),
+        event.ramp_s);
+    if (!archive.reading()) return {};
+    if (archive.present({"sine", "rise", "overtones"}).empty()) {
+      archive.self().refuse("moves nothing; expected 'sine' or 'rise' with " + std::to_string(count) +
                             " numbers");
     }
-    event.sine = motion_numbers(mapping, "sine", count);
-    event.rise = motion_numbers(mapping, "rise", count);
-    for (const auto& item : mapping.items("overtones")) {
-      const Mapping part(item, schema::overtone());
-      if (event.overtones.size() == kMaxOvertones) {
-        item.refuse("is one too many; expected at most " + std::to_string(kMaxOvertones) + " overtones");
-      }
-      event.overtones.push_back({motion_numbers(part, "sine", count), motion_numbers(part, "rise", count)});
-    }
-    event.period_s = mapping.number("period_s");
-    event.cycles = mapping.number("cycles");
-    event.ramp_s = mapping.number("ramp_s");
-    if (event.ramp_s > event.period_s * event.cycles) {
-      mapping.entry("ramp_s").expected("at most period_s * cycles");
-    }
+    if (event.ramp_s > event.period_s * event.cycles)
+      archive.at("ramp_s").expected("at most period_s * cycles");
+    check_speed(archive, event, *input, count);
+    return running_check(archive, event);
+  }
+
+  static void visit_amplitudes(Archive& archive, std::size_t count, std::vector<double>& sine,
+                               std::vector<double>& rise, const char* doc) {
+    sine.assign(count, 0);
+    rise.assign(count, 0);
+    archive(Key("sine", doc).within(-1e4, 1e4).size(count).no_default(), sine);
+    archive(Key("rise", "As `sine`. Default: zero.").within(-1e4, 1e4).size(count).no_default(), rise);
+  }
+
+  void check_speed(const Archive& archive, const TimelineEvent& event, const InputSpec& input,
+                   std::size_t count) const {
     Harmonic motion{.period_s = event.period_s};
     std::copy(event.sine.begin(), event.sine.end(), motion.sine.begin());
     std::copy(event.rise.begin(), event.rise.end(), motion.rise.begin());
     for (const auto& part : event.overtones) {
-      Overtone& overtone = motion.overtones[motion.overtone_count++];
-      std::copy(part.sine.begin(), part.sine.end(), overtone.sine.begin());
-      std::copy(part.rise.begin(), part.rise.end(), overtone.rise.begin());
+      HarmonicPart& harmonic = motion.harmonics[motion.harmonic_count++];
+      std::copy(part.sine.begin(), part.sine.end(), harmonic.sine.begin());
+      std::copy(part.rise.begin(), part.rise.end(), harmonic.rise.begin());
     }
     double fastest = 0;
     if (input.quantity == Quantity::pose) {
@@ -231,91 +312,94 @@ class TimelineReader {
     for (const auto& change : config(event.controllet).inputs) {
       if (change.name == input.name) allowed = change.max_speed;
     }
-    if (fastest > allowed) {
-      mapping.self().refuse("the motion is as fast as " + number_text(fastest) + " per second, input '" +
-                            input.name + "' allows " + number_text(allowed) +
-                            "; expected a longer period_s, or a higher limit under the controllet's inputs");
-    }
+    if (fastest <= allowed) return;
+    archive.self().refuse("the motion reaches " + number_text(fastest) + " per second, input '" + input.name +
+                          "' allows " + number_text(allowed) +
+                          "; expected a longer period_s, or a higher limit under the controllet's inputs");
   }
 
-  // The input that an event names, of a controllet that runs then.
-  const InputSpec& read_input(const Mapping& mapping, TimelineEvent& event) {
-    const InstanceConfig& target = instance(mapping);
-    event.controllet = target.name;
-    event.name = mapping.text("input");
-    const auto& inputs = reader_.registry.controllet(target.type)->statement.inputs;
+  // The input that an event names; null while describing.
+  const InputSpec* visit_input(Archive& archive, TimelineEvent& event) {
+    const InstanceConfig* target = visit_instance(archive, event);
+    archive(Key("input", "Name of the input.").required(), event.name);
+    if (target == nullptr) return nullptr;
+    const auto& inputs = reader_.registry.controllet(target->type)->descriptor.inputs;
     const auto input =
         std::find_if(inputs.begin(), inputs.end(), [&](const auto& spec) { return spec.name == event.name; });
     if (input == inputs.end()) {
       std::vector<std::string> valid;
       for (const auto& spec : inputs) valid.push_back(spec.name);
-      mapping.entry("input").refuse("'" + target.type + "' has no input " + in_quotes(event.name) +
-                                    name_hint(event.name, valid, "it has none"));
+      archive.at("input").refuse("'" + target->type + "' has no input " + in_quotes(event.name) +
+                                 name_hint(event.name, valid, "it has none"));
     }
-    if (!active_.contains(target.name)) {
-      mapping.entry("controllet")
-          .refuse("'" + target.name +
-                  "' does not run at that time; expected it in 'active' or a switch before");
-    }
-    return *input;
+    return &*input;
   }
 
-  void read_place(const Mapping& mapping, TimelineEvent& event) {
-    event.what = TimelineEvent::What::place;
-    event.object = mapping.text("object");
+  Check running_check(const Archive& archive, const TimelineEvent& event) const {
+    return [this, place = archive.at("controllet"), name = event.controllet] {
+      if (!active_.contains(name)) {
+        place.refuse("'" + name +
+                     "' is not running at that time; add it to 'active' or switch to it earlier");
+      }
+    };
+  }
+
+  Check visit_place(Archive& archive, TimelineEvent& event) {
+    event.what = What::place;
+    archive.about(
+        "Place",
+        "Places an object at rest: a free one, or a fixed one (a table disappears). Only the simulation "
+        "does so; real arms ignore it. If the object would penetrate another one, the run ends with an "
+        "error.");
+    archive(Key("object", "Name of the object.").required(), event.object);
+    visit_pose(archive, event.X_WO, Key("position_m", "Center of the object in the world.").required());
+    if (!archive.reading()) return {};
     std::vector<std::string> names;
     for (const auto& object : reader_.scene.objects) {
       names.push_back(object.name);
       if (object.name != event.object) continue;
-      event.X_WO = read_pose(mapping);
-      if (mapping.present({"rpy_rad", "quaternion_wxyz"}).empty()) event.X_WO.rotation = object.X_WO.rotation;
-      return;
+      if (archive.present({"rpy_rad", "quaternion_wxyz"}).empty()) event.X_WO.rotation = object.X_WO.rotation;
+      return {};
     }
-    mapping.entry("object").refuse("there is no object " + in_quotes(event.object) +
-                                   name_hint(event.object, names, "there are no objects"));
+    archive.at("object").refuse("there is no object " + in_quotes(event.object) +
+                                name_hint(event.object, names, "there are no objects"));
   }
 
-  void read_arms(const Mapping& mapping, const std::string& key, TimelineEvent::What what,
-                 TimelineEvent& event) {
-    event.what = what;
+  Check read_arms(const Node& place, const std::vector<Node>& names, bool stop, TimelineEvent& event) {
+    event.what = stop ? What::stop : What::resume;
     ArmSet arms;
-    if (!mapping.entry(key).is_word({"all"})) {
-      for (const auto& name : mapping.text_items(key)) {
-        arms |= ArmSet::of(reader_.arm(name));
-        event.arms.push_back(name.node().Scalar());
-      }
-      if (event.arms.empty()) mapping.entry(key).expected("'all' or a list of arms");
-    } else {
+    if (place.is_word({"all"})) {
       arms = ArmSet::all(reader_.scene.arms.size());
-    }
-    if (what == TimelineEvent::What::stop) {
-      release(arms);
-      stopped_ |= arms;
     } else {
-      stopped_ = stopped_ - arms;
+      for (const auto& name : names) {
+        arms |= ArmSet::of(reader_.arm(name));
+        event.arms.push_back(name.yaml().Scalar());
+      }
+      if (event.arms.empty()) place.expected("'all' or a list of arms");
     }
+    return [this, arms, stop] {
+      if (stop) release(arms);
+      stopped_ = stop ? stopped_ | arms : stopped_ - arms;
+    };
   }
 
   SceneReader& reader_;
-  std::set<std::string> active_;  // the built-in holds left out, unless named
+  std::vector<std::pair<TimelineEvent, Check>> events_;
+  std::set<std::string> active_;  // without the built-in holds, unless named
   ArmSet stopped_;
 };
 
 }  // namespace
 
-void read_timeline(const Mapping& root, SceneReader& reader) {
-  std::vector<std::pair<double, Mapping>> events;
-  std::size_t number = 0;
-  for (const auto& item : root.items("timeline")) {
-    Mapping mapping(item.as("event " + std::to_string(++number)), schema::event());
-    events.emplace_back(mapping.number("at_s"), mapping);
-  }
-  std::vector<std::size_t> order(events.size());
-  for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
-  std::stable_sort(order.begin(), order.end(),
-                   [&](auto a, auto b) { return events[a].first < events[b].first; });
+void read_timeline(Archive& archive, SceneReader& reader) {
   TimelineReader timeline(reader);
-  for (const std::size_t i : order) reader.scene.timeline.push_back(timeline.read(events[i].second));
+  archive.items(
+      Key("timeline",
+          "Events that the scene itself causes, each in an exact cycle. Events of the same time happen in "
+          "the order of the file.")
+          .each("event"),
+      [&](Archive& inner) { timeline.visit_event(inner); });
+  if (archive.reading()) reader.scene.timeline = timeline.sorted();
 }
 
 }  // namespace multipanda

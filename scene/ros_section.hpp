@@ -4,7 +4,7 @@
 
 namespace multipanda {
 
-// How a run shows itself in ROS 2 (`run --ros`); nothing of it matters to the arms.
+// How a run appears in ROS 2 (`run --ros`); it has no effect on the arms.
 struct RosSection {
   enum class Time { automatic, simulation, system };
 

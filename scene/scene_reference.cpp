@@ -1,51 +1,19 @@
 #include "scene/scene_reference.hpp"
 
-#include <cctype>
+#include <nlohmann/json.hpp>
 
-#include "scene/fields.hpp"
-#include "scene/names.hpp"
-#include "scene/schema.hpp"
+#include "config_file/json_schema.hpp"
+#include "config_file/reference_page.hpp"
+#include "config_file/text.hpp"
+#include "scene/load_parts.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
 
-std::string cell(std::string text) {
-  std::string escaped;
-  for (const char c : text) escaped += c == '|' ? "\\|" : std::string(1, c);
-  return escaped.empty() ? " " : escaped;
-}
-
-std::string anchor(const std::string& heading) {
-  std::string link = "#";
-  for (const char c : heading) {
-    if (c == ' ') link += '-';
-    if (std::isalnum(static_cast<unsigned char>(c)) != 0)
-      link += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  }
-  return link;
-}
-
-std::string code(const std::string& text) { return text.empty() ? "" : "`" + text + "`"; }
-
-std::string value_text(const Field& field) {
-  const std::string link =
-      field.section == nullptr ? "" : "[" + field.section->name + "](" + anchor(field.section->name) + ")";
-  if (field.kind == FieldKind::section) return link;
-  if (field.kind == FieldKind::sections) return "list of " + link;
-  if (field.kind == FieldKind::open) return "see there";
-  return expectation(field);
-}
-
-void write_section(const Section& section, std::string& out) {
-  out += "\n## " + section.name + "\n\n";
-  if (!section.doc.empty()) out += section.doc + "\n\n";
-  out += "| key | value | default | meaning |\n|---|---|---|---|\n";
-  for (const auto& field : section.fields) {
-    const bool empty_section = field.fallback == "{}" || field.fallback == "''";
-    const std::string absent = field.required ? "**required**" : empty_section ? "" : code(field.fallback);
-    out += "| " + code(field.key) + " | " + cell(value_text(field)) + " | " + cell(absent) + " | " +
-           cell(field.doc) + " |\n";
-  }
+std::shared_ptr<const Section> scene_section(const Registry& registry) {
+  SceneReader reader(registry);
+  return Archive::described([&](Archive& archive) { visit(archive, reader); }, true);
 }
 
 std::string size_text(std::size_t size) {
@@ -56,13 +24,12 @@ std::string size_text(std::size_t size) {
 
 std::string default_text(const ParameterSpec& spec) {
   if (!spec.choices.empty()) return spec.choices[static_cast<std::size_t>(spec.initial.at(0))];
-  std::string text;
-  // Defaults per joint are written for the largest arm; the first eight say enough.
+  if (spec.initial.size() == 1) return number_text(spec.initial[0]);
+  // Defaults per joint are written for the largest arm; the first eight are shown.
   constexpr std::size_t kShown = 8;
-  for (std::size_t i = 0; i < spec.initial.size() && i < kShown; ++i)
-    text += (i == 0 ? "" : ", ") + number_text(spec.initial[i]);
-  if (spec.initial.size() > kShown) text += ", ...";
-  return spec.initial.size() == 1 ? text : "[" + text + "]";
+  if (spec.initial.size() <= kShown) return list_text(spec.initial);
+  std::string text = list_text({spec.initial.begin(), spec.initial.begin() + kShown});
+  return text.replace(text.size() - 1, 1, ", ...]");
 }
 
 std::string range_text(const ParameterSpec& spec) {
@@ -73,31 +40,47 @@ std::string range_text(const ParameterSpec& spec) {
   return size.empty() ? text : size + ", each " + text;
 }
 
-void write_statement(const Statement& statement, bool controllet, std::string& out) {
-  out += "\n### " + statement.type + "\n\n" + statement.doc;
+void write_descriptor(const ControlletDescriptor& descriptor, bool controllet, std::string& out) {
+  out += "\n### " + descriptor.type + "\n\n" + descriptor.doc;
   if (controllet)
-    out += " Owns " + std::to_string(statement.arms) + (statement.arms == 1 ? " arm." : " arms.");
+    out += " Owns " + std::to_string(descriptor.arms) + (descriptor.arms == 1 ? " arm." : " arms.");
   out += "\n";
-  if (!statement.inputs.empty()) {
+  if (!descriptor.inputs.empty()) {
     out +=
         "\n| input | carries | frame | of arm | lost after | fastest | meaning "
         "|\n|---|---|---|---|---|---|---|\n";
-    for (const auto& input : statement.inputs) {
+    for (const auto& input : descriptor.inputs) {
       const bool pose = input.quantity == Quantity::pose, joints = input.quantity == Quantity::joints;
       std::string speed = number_text(input.max_speed) + (pose ? " m/s" : joints ? " rad/s" : " 1/s");
       if (pose) speed += ", " + number_text(input.max_angular_speed) + " rad/s";
-      out += "| " + code(input.name) + " | " + std::string(to_string(input.quantity)) + " | " +
-             cell(joints ? "" : input.frame) + " | " + std::to_string(input.arm + 1) + " | " +
-             number_text(input.timeout_s) + " s | " + speed + " | " + cell(input.doc) + " |\n";
+      out += "| " + code_text(input.name) + " | " + std::string(to_string(input.quantity)) + " | " +
+             table_cell(joints ? "" : input.frame) + " | " + std::to_string(input.arm + 1) + " | " +
+             number_text(input.timeout_s) + " s | " + speed + " | " + table_cell(input.doc) + " |\n";
     }
   }
-  if (!statement.parameters.empty()) {
+  if (!descriptor.parameters.empty()) {
     out += "\n| parameter | value | default | meaning |\n|---|---|---|---|\n";
-    for (const auto& spec : statement.parameters) {
-      out += "| " + code(spec.name) + " | " + cell(range_text(spec)) + " | " + code(default_text(spec)) +
-             " | " + cell(spec.doc) + " |\n";
+    for (const auto& spec : descriptor.parameters) {
+      out += "| " + code_text(spec.name) + " | " + table_cell(range_text(spec)) + " | " +
+             code_text(default_text(spec)) + " | " + table_cell(spec.doc) + " |\n";
     }
   }
+}
+
+nlohmann::ordered_json parameter_schema(const ParameterSpec& spec) {
+  nlohmann::ordered_json value{{"type", "number"}, {"minimum", spec.min}, {"maximum", spec.max}};
+  if (spec.unit == "rad" || spec.choices == std::vector<std::string>{"false", "true"})
+    value = {{"type", {"number", "string", "boolean"}}};
+  else if (!spec.choices.empty())
+    value = {{"enum", spec.choices}};
+  nlohmann::ordered_json schema;
+  if (spec.size == 1) {
+    schema = value;
+  } else {
+    schema["anyOf"] = {value, {{"type", "array"}, {"items", value}}};
+  }
+  schema["description"] = spec.doc + (spec.unit.empty() ? "" : " [" + spec.unit + "]");
+  return schema;
 }
 
 }  // namespace
@@ -105,18 +88,46 @@ void write_statement(const Statement& statement, bool controllet, std::string& o
 std::string scene_reference_markdown(const Registry& registry) {
   std::string out =
       "# Scene reference\n\n"
-      "Written by `multipanda docs scene` from the tables that read scenes; do not edit. Templates to start "
-      "from are in\n"
-      "`config/scenes/`. Keys carry their units; everything is SI. Angles are radians: a value beyond 2 pi "
-      "is refused as\n"
-      "degrees. Whatever does not fit is refused before anything moves, with file, line and what was "
-      "expected.\n";
-  for (const Section* section : schema::all()) write_section(*section, out);
+      "Generated by the build target `scene_reference` from the code that reads scenes; do not edit. "
+      "Templates are "
+      "in `config/scenes/`.\n"
+      "Editors with a YAML language server complete and check keys by `config/schemas/scene.json`, which the "
+      "first "
+      "line of the templates names.\n\n"
+      "Keys carry their units; everything is SI. Angles are in radians: a value beyond 2 pi is refused as "
+      "degrees. "
+      "An error is reported\n"
+      "before anything moves, with file, line and what was expected.\n";
+  out += reference_tables(*scene_section(registry));
   out += "\n## Controllet types\n";
-  for (const auto& type : registry.controllets()) write_statement(type.statement, true, out);
-  out += "\n## Features\n\nA feature adds its torque to whatever controllet it is switched on for.\n";
-  for (const auto& type : registry.features()) write_statement(type.statement, false, out);
+  for (const auto& type : registry.controllets()) write_descriptor(type.descriptor, true, out);
+  out += "\n## Features\n\nA feature adds its torque to that of the controllet that it is switched on for.\n";
+  for (const auto& type : registry.features()) write_descriptor(type.descriptor, false, out);
   return out;
+}
+
+std::string scene_json_schema(const Registry& registry) {
+  nlohmann::ordered_json schema = json_schema(*scene_section(registry), "multipanda scene");
+  nlohmann::ordered_json features = nlohmann::ordered_json::object();
+  for (const auto& feature : registry.features()) {
+    for (const auto& spec : feature.descriptor.parameters) {
+      features[feature.descriptor.type]["type"] = "object";
+      features[feature.descriptor.type]["properties"][spec.name] = parameter_schema(spec);
+      features[feature.descriptor.type + "." + spec.name] = parameter_schema(spec);
+    }
+  }
+  auto& rules = schema["definitions"]["Controllet"]["allOf"];
+  for (const auto& type : registry.controllets()) {
+    nlohmann::ordered_json parameters = features;
+    for (const auto& spec : type.descriptor.parameters) parameters[spec.name] = parameter_schema(spec);
+    rules.push_back(
+        {{"if", {{"properties", {{"type", {{"const", type.descriptor.type}}}}}}},
+         {"then",
+          {{"properties",
+            {{"parameters",
+              {{"type", "object"}, {"properties", parameters}, {"additionalProperties", false}}}}}}}});
+  }
+  return schema.dump(1, '\t') + "\n";
 }
 
 }  // namespace multipanda

@@ -1,15 +1,17 @@
-// Writes docs/scene_reference.md: scene_reference_tool FILE
+// Writes docs/scene_reference.md and config/schemas/scene.json: scene_reference_tool PAGE SCHEMA
 #include <fstream>
 #include <iostream>
 
 #include "scene/scene_reference.hpp"
 
 int main(int argc, char** argv) {
-  if (argc != 2) {
-    std::cerr << "usage: scene_reference_tool FILE\n";
+  if (argc != 3) {
+    std::cerr << "usage: scene_reference_tool PAGE SCHEMA\n";
     return 2;
   }
-  std::ofstream out(argv[1], std::ios::binary);
-  out << multipanda::scene_reference_markdown(multipanda::Registry::with_builtins());
-  return out.flush() ? 0 : 1;
+  const auto registry = multipanda::Registry::with_builtins();
+  std::ofstream page(argv[1], std::ios::binary), schema(argv[2], std::ios::binary);
+  page << multipanda::scene_reference_markdown(registry);
+  schema << multipanda::scene_json_schema(registry);
+  return page.flush() && schema.flush() ? 0 : 1;
 }

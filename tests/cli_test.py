@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The program as its users meet it: exit codes, --json, signals, messages, the demo. Needs the built program."""
+"""Tests the built program as users call it: exit codes, --json, signals, messages, the demo."""
 
 import json
 import os
@@ -15,17 +15,22 @@ import time
 import unittest
 
 PROGRAM = None
-PATIENCE = 240  # [s] for any call; only a hang reaches it
+PATIENCE = 240  # [s] for any call; only reached by a hang
 MAGIC = b"\x89MCAP0\r\n"
 
 
-def call(*words, timeout=PATIENCE, **environment):
-    return subprocess.run([PROGRAM, *map(str, words)], capture_output=True, text=True, timeout=timeout,
-                          env={**os.environ, **environment})
+def call(*arguments, timeout=PATIENCE, **environment):
+    return subprocess.run(
+        [PROGRAM, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        env={**os.environ, **environment},
+    )
 
 
 class Words(unittest.TestCase):
-    def test_help_has_examples_for_every_word(self):
+    def test_help_has_examples_for_every_command(self):
         text = call("--help")
         self.assertEqual(text.returncode, 0)
         words = re.findall(r"^  (\w+) {2,}\S", text.stdout.split("Subcommands:")[1], re.M)
@@ -35,7 +40,7 @@ class Words(unittest.TestCase):
             self.assertEqual(help_text.returncode, 0, word)
             self.assertIn("Examples:\n  multipanda", help_text.stdout, word)
 
-    def test_wrong_words_are_refused_with_the_nearest(self):
+    def test_invalid_arguments_are_refused_with_the_nearest(self):
         for words, expected in [
             (["rn", "two_arms"], "'run'"),
             (["run", "two_arm", "--fast"], "'two_arms'"),
@@ -45,33 +50,60 @@ class Words(unittest.TestCase):
             (["move", "two_arms", "home", "--arm", "lefd", "--fast"], "'left'"),
             (["run", "two_arms", "--address", "lefd=10.0.0.1"], "'left'"),
             (["run", "two_arms", "--backend", "virtual", "--address", "left=10.0.0.1"], "--backend fci"),
+            (["run", "two_arms", "--fast", "--backend", "pinochio"], "'pinocchio'"),
+            (["run", "two_arms", "--fast", "--backend", "replay"], "--log LOG"),
+            (["run", "two_arms", "--fast", "--log", "log.mcap"], "--backend replay"),
         ]:
             answer = call(*words)
             self.assertEqual(answer.returncode, 2, (words, answer))
             self.assertIn(expected, answer.stderr, words)
             self.assertEqual(answer.stdout, "", words)
 
-    def test_wrong_use(self):
-        for words in [[], ["run"], ["run", "two_arms", "--seconds", "-1"], ["run", "two_arms", "--report"],
-                      ["move", "one_arm", "90", "0", "0", "0", "0", "0", "0"], ["move", "one_arm", "0.1"],
-                      ["run", "two_arms", "--backend", "mujco"], ["experiment", "task-1", "--backend", "fci"],
-                      ["run", "two_arms", "--backend", "fci", "--address", "left"],
-                      ["run", "two_arms", "--backend", "fci", "--address", "left=1.2.3.4", "--address", "left=1.2.3.5"],
-                      ["export", "/nowhere", "--csv"], ["report", "/nowhere"], ["repair", "/nowhere"]]:
+    def test_invalid_usage(self):
+        for words in [
+            [],
+            ["run"],
+            ["run", "two_arms", "--seconds", "-1"],
+            ["run", "two_arms", "--report"],
+            ["move", "one_arm", "90", "0", "0", "0", "0", "0", "0"],
+            ["move", "one_arm", "0.1"],
+            ["run", "two_arms", "--backend", "mujco"],
+            ["experiment", "task-1", "--backend", "fci"],
+            ["run", "two_arms", "--backend", "fci", "--address", "left"],
+            ["run", "two_arms", "--backend", "fci", "--address", "left=1.2.3.4", "--address", "left=1.2.3.5"],
+            ["export", "/nowhere", "--csv"],
+            ["report", "/nowhere"],
+            ["repair", "/nowhere"],
+        ]:
             answer = call(*words)
             self.assertEqual(answer.returncode, 2, (words, answer))
             self.assertTrue(answer.stderr.strip(), words)
 
     def test_lists(self):
-        for words, expected in [(["list", "controllets"], ["hold", "cartesian_impedance"]),
-                                (["list", "features"], ["joint_limits"]), (["list", "models"], ["fer", "fr3"]),
-                                (["list", "scenes"], ["one_arm", "two_arms"]),
-                                (["list", "parameters", "joint_impedance"], ["stiffness_nm_per_rad", "default"])]:
+        for words, expected in [
+            (["list", "controllets"], ["hold", "cartesian_impedance"]),
+            (["list", "features"], ["joint_limits"]),
+            (["list", "models"], ["fer", "fr3"]),
+            (["list", "scenes"], ["one_arm", "two_arms"]),
+            (["list", "parameters", "joint_impedance"], ["stiffness_nm_per_rad", "default"]),
+        ]:
             answer = call(*words)
             self.assertEqual(answer.returncode, 0, answer.stderr)
             for text in expected:
                 self.assertIn(text, answer.stdout)
             self.assertNotIn("refused", answer.stdout)
+
+    def test_backends_by_name(self):
+        with tempfile.TemporaryDirectory() as folder:
+            recorded = call("run", "one_arm", "--seconds", "0.5", "--fast", "--json", "--record", folder)
+            self.assertEqual(recorded.returncode, 0, recorded.stderr)
+            log = json.loads(recorded.stdout)["log"]
+            replayed = call("run", "one_arm", "--fast", "--backend", "replay", "--log", log)
+            self.assertEqual(replayed.returncode, 0, replayed.stderr)
+            self.assertIn("largest difference from the recorded torques 0 N m", replayed.stdout + replayed.stderr)
+        for backend in ("pinocchio", "mujoco", "virtual"):
+            answer = call("run", "one_arm", "--seconds", "0.2", "--fast", "--backend", backend)
+            self.assertEqual(answer.returncode, 0, (backend, answer.stderr))
 
     def test_check_reads_every_scene_that_is_shipped(self):
         scenes = [line.split()[0] for line in call("list", "scenes").stdout.splitlines()]
@@ -90,7 +122,7 @@ class Words(unittest.TestCase):
                 self.assertEqual(answer.returncode, 2)
                 self.assertIn("wrong.yaml:4", answer.stderr)
                 self.assertIn("base", answer.stderr)
-            self.assertEqual([p.name for p in pathlib.Path(folder).iterdir()], ["wrong.yaml"])  # no run was begun
+            self.assertEqual([p.name for p in pathlib.Path(folder).iterdir()], ["wrong.yaml"])  # no run was started
 
 
 class Runs(unittest.TestCase):
@@ -117,7 +149,7 @@ class Runs(unittest.TestCase):
             self.assertGreater(len(exported.stdout.splitlines()), 5)
 
     def test_the_same_scene_gives_the_same_log_twice(self):
-        # Tables of states and commands; timing is the computer's.
+        # Tables of states and commands; timing depends on the computer.
         with tempfile.TemporaryDirectory() as folder:
             tables = []
             for name in ("a", "b"):
@@ -125,16 +157,25 @@ class Runs(unittest.TestCase):
                 self.assertEqual(run.returncode, 0, run.stderr)
                 out = f"{folder}/{name}_tables"
                 self.assertEqual(call("export", f"{folder}/{name}", "--csv", "--out", out).returncode, 0)
-                tables.append({p.name: p.read_bytes() for p in pathlib.Path(out).glob("*.csv")
-                               if re.search(r"(state|command)\.csv$", p.name)})
+                tables.append(
+                    {
+                        p.name: p.read_bytes()
+                        for p in pathlib.Path(out).glob("*.csv")
+                        if re.search(r"(state|command)\.csv$", p.name)
+                    }
+                )
             self.assertGreaterEqual(len(tables[0]), 4)
             self.assertEqual(tables[0], tables[1])
 
     def test_signals_end_in_hold_with_a_closed_log(self):
         for number in (signal.SIGINT, signal.SIGTERM):
             with tempfile.TemporaryDirectory() as folder:
-                process = subprocess.Popen([PROGRAM, "run", "one_arm", "--seconds", "1000", "--json", "--record", folder],
-                                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+                process = subprocess.Popen(
+                    [PROGRAM, "run", "one_arm", "--seconds", "1000", "--json", "--record", folder],
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.PIPE,
+                    text=True,
+                )
                 self.wait_for_line(process, " Hz ")  # it is running
                 process.send_signal(number)
                 out, err = process.communicate(timeout=PATIENCE)
@@ -147,10 +188,14 @@ class Runs(unittest.TestCase):
                 self.assertTrue(log.endswith(MAGIC))
 
     def test_a_second_signal_ends_at_once(self):
-        process = subprocess.Popen([PROGRAM, "run", "one_arm", "--seconds", "1000"], stdout=subprocess.PIPE,
-                                   stderr=subprocess.STDOUT, text=True)
+        process = subprocess.Popen(
+            [PROGRAM, "run", "one_arm", "--seconds", "1000"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
         self.wait_for_line(process, " Hz ", process.stdout)
-        os.kill(process.pid, signal.SIGSTOP)  # so that both are there before it can end by the first
+        os.kill(process.pid, signal.SIGSTOP)  # so that both signals are pending before it handles the first
         process.send_signal(signal.SIGINT)
         process.send_signal(signal.SIGTERM)
         os.kill(process.pid, signal.SIGCONT)
@@ -177,7 +222,7 @@ class Runs(unittest.TestCase):
         goal = ["0.3", "-0.5", "0.1", "-2.2", "-0.1", "1.8", "0.6"]
         moved = call("move", "two_arms", "--arm", "left", "--fast", "--json", "--speed", "0.2", *goal)
         self.assertEqual(moved.returncode, 0, moved.stderr)
-        self.assertIn("arm 'left' is there", moved.stderr)
+        self.assertIn("arm 'left' reached its goal", moved.stderr)
         self.assertNotIn("right", [i["arm"] for i in json.loads(moved.stdout)["interventions"]])
 
     def test_virtual_arms_run_the_same_scene(self):
@@ -195,18 +240,32 @@ class Runs(unittest.TestCase):
     def test_a_model_is_exported(self):
         with tempfile.TemporaryDirectory() as folder:
             own = pathlib.Path(folder) / "own.yaml"
-            own.write_text("name: own\ntitle: Own\nbase: fer\nmotor_inertia_kg_m2: [1, 1, 1, 1, 0.5, 0.5, 0.25]\n"
-                           "link_friction: {viscous_nm_s_per_rad: [1, 2, 3, 4, 5, 6, 7.5]}\n")
+            own.write_text(
+                "name: own\ntitle: Own\nbase: fer\nmotor_inertia_kg_m2: [1, 1, 1, 1, 0.5, 0.5, 0.25]\n"
+                "link_friction: {viscous_nm_s_per_rad: [1, 2, 3, 4, 5, 6, 7.5]}\n"
+            )
             answer = call("export", own, "--urdf", "--mjcf", "--hand", "--out", folder)
             self.assertEqual(answer.returncode, 0, answer.stderr)
             self.assertEqual(answer.stdout.split(), [f"{folder}/own_hand.urdf", f"{folder}/own_hand.xml"])
             self.assertIn('armature="0.25" damping="7.5"', pathlib.Path(folder, "own_hand.xml").read_text())
             self.assertIn('<robot name="own"', pathlib.Path(folder, "own_hand.urdf").read_text())
 
-    def test_hidden_plants_are_not_told(self):
-        # What is said is the same with and without; words that ask are unknown; only the states differ.
-        words = ["virtual-arm", "one_arm", "--ports", "0", "0", "0", "--seconds", "1", "--json", "--pace", "lockstep",
-                 "--idle-stands-still"]
+    def test_hidden_plants_are_not_revealed(self):
+        # The output is the same with and without hidden plants; only the states differ.
+        words = [
+            "virtual-arm",
+            "one_arm",
+            "--ports",
+            "0",
+            "0",
+            "0",
+            "--seconds",
+            "1",
+            "--json",
+            "--pace",
+            "lockstep",
+            "--idle-stands-still",
+        ]
         plain, hidden = call(*words), call(*words, "--hidden", "3")
         self.assertEqual(hidden.returncode, 0, hidden.stderr)
 
@@ -214,22 +273,41 @@ class Runs(unittest.TestCase):
             return re.sub(r"\d+", "N", answer.stdout + answer.stderr)
 
         self.assertEqual(said(plain), said(hidden))
-        asked = subprocess.run([PROGRAM, *words, "--hidden", "3"], input="plant left\nhidden\n", capture_output=True,
-                               text=True, timeout=PATIENCE)
-        self.assertEqual(asked.stderr.count("there is no word"), 2, asked.stderr)
+        asked = subprocess.run(
+            [PROGRAM, *words, "--hidden", "3"],
+            input="plant left\nhidden\n",
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+        )
+        self.assertEqual(asked.stderr.count("unknown command"), 2, asked.stderr)
 
-    def test_move_begins_where_a_real_arm_stands(self):
+    def test_move_begins_at_the_measured_position_of_a_real_arm(self):
         address = f"127.{64 + os.getpid() // 250 % 64}.{os.getpid() % 250}.77"
-        start = subprocess.Popen([PROGRAM, "virtual-arm", "one_arm", "--bind", f"arm={address}", "--pace", "lockstep",
-                                  "--idle-stands-still", "--json"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        start = subprocess.Popen(
+            [
+                PROGRAM,
+                "virtual-arm",
+                "one_arm",
+                "--bind",
+                f"arm={address}",
+                "--pace",
+                "lockstep",
+                "--idle-stands-still",
+                "--json",
+            ],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
         try:
             self.assertTrue(start.stdout.readline())  # listens
             to = ["--backend", "fci", "--address", f"arm={address}", "--fast", "--speed", "0.2", "--json"]
-            # Twice: the second one begins where the first one ended, not where the scene says.
+            # The second move begins where the first one ended, not at the scene's start.
             for goal in (["0.3", "-0.5", "0.1", "-2.2", "-0.1", "1.8", "0.6"], ["home"]):
                 moved = call("move", "one_arm", *to, *goal)
                 self.assertEqual(moved.returncode, 0, moved.stderr)
-                self.assertIn("arm 'arm' is there", moved.stderr)
+                self.assertIn("arm 'arm' reached its goal", moved.stderr)
                 self.assertIn(address, json.loads(moved.stdout)["backend"])
         finally:
             start.terminate()
@@ -238,26 +316,34 @@ class Runs(unittest.TestCase):
     def test_an_ignored_fault_fails(self):
         with tempfile.TemporaryDirectory() as folder:
             scene = pathlib.Path(folder) / "fall.yaml"
-            # The end effector leaves its box on the way to its goal: the safety stage takes the controllet out.
+            # The end effector leaves its workspace, and the safety stage deactivates the controllet.
             scene.write_text(
                 "arms:\n  - {name: left, safety: {workspace_min_m: [0, -0.2, 0.2], workspace_max_m: [0.4, 0.2, 0.9]}}\n"
                 "controllets:\n  - {name: pose, type: cartesian_impedance, arms: left}\n"
                 "active: [pose]\ntimeline:\n  - {at_s: 0.1, reference: {controllet: pose, input: pose, "
-                "position_m: [0.55, 0, 0.5], rpy_rad: [pi, 0, 0]}}\n")
+                "position_m: [0.55, 0, 0.5], rpy_rad: [pi, 0, 0]}}\n"
+            )
             answer = call("run", scene, "--fast", "--seconds", "4", "--json")
             self.assertEqual(answer.returncode, 1, answer.stderr)
             result = json.loads(answer.stdout)
             self.assertFalse(result["success"])
-            self.assertEqual([i["rule"] for i in result["interventions"] if "clamped" not in i["rule"]],
-                             ["workspace_limit"])
-            self.assertEqual(result["cycles"], 4000)  # it was held, not ended
+            self.assertEqual(
+                [i["rule"] for i in result["interventions"] if "clamped" not in i["rule"]], ["workspace_limit"]
+            )
+            self.assertEqual(result["cycles"], 4000)  # the arm was held and the run continued
+            lines = re.findall(r"^intervention: (\w+): ([\w ]+) in (\d+) cycle", answer.stderr, re.M)
+            self.assertEqual(len({(arm, rule) for arm, rule, _ in lines}), len(lines))  # one line per rule
+            self.assertEqual(
+                sorted((arm, rule.replace(" ", "_"), int(n)) for arm, rule, n in lines),
+                sorted((i["arm"], i["rule"], i["count"]) for i in result["interventions"]),
+            )
 
-    def test_a_terminal_gets_a_table_and_no_colour_where_none_is_wanted(self):
-        for no_colour in ("", "1"):
-            text = self.on_terminal("run", "two_arms", "--seconds", "2", NO_COLOR=no_colour)
-            self.assertIn("tracking error", text)
+    def test_a_terminal_gets_a_table_without_color_on_request(self):
+        for no_color in ("", "1"):
+            text = self.on_terminal("run", "two_arms", "--seconds", "2", NO_COLOR=no_color)
+            self.assertIn("limited", text)
             self.assertRegex(text, r"\x1b\[\d+A")  # redrawn in place
-            self.assertEqual("\x1b[1m" in text, no_colour == "")
+            self.assertEqual("\x1b[1m" in text, no_color == "")
             plain = re.sub(r"\x1b\[[0-9;]*[A-Za-z]", "", text)
             table = plain.split("100 %")[0]
             self.assertLessEqual(max(len(line) for line in re.split(r"[\r\n]+", table)), 100)
@@ -284,6 +370,124 @@ class Runs(unittest.TestCase):
         return text.decode()
 
 
+class LiveCommands(unittest.TestCase):
+    """A running scene and `multipanda ctl`, in a separate runtime folder."""
+
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.folder.cleanup)
+        self.environment = {"XDG_RUNTIME_DIR": self.folder.name}
+        self.runs = []
+
+    def tearDown(self):
+        for process in self.runs:
+            process.terminate()
+            process.communicate(timeout=PATIENCE)
+
+    def start(self, *arguments):
+        process = subprocess.Popen(
+            [PROGRAM, "run", *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, **self.environment},
+        )
+        self.runs.append(process)
+        return process
+
+    def socket(self, process):
+        for line in process.stdout:
+            if line.startswith("live input (multipanda ctl): "):
+                return line.split(": ", 1)[1].strip()
+        self.fail("no socket")
+
+    def ctl(self, *arguments):
+        return call("ctl", *arguments, **self.environment)
+
+    def test_a_run_without_its_timeline_takes_commands(self):
+        self.socket(self.start("two_arms", "--no-timeline"))
+        short = self.ctl("list").stdout
+        names = re.findall(r"^[* ] (\w+)", short, re.M)
+        self.assertLess(len(short.splitlines()), len(names) + 3)
+        joints = next(c for c in json.loads(self.ctl("list", "--json").stdout)["controllets"] if "joint" in c["type"])
+        full = self.ctl("list", joints["name"]).stdout
+        self.assertIn("stiffness_nm_per_rad", full)
+        self.assertNotIn("\n  " + next(n for n in names if n != joints["name"]) + " ", full)
+        self.assertEqual(self.ctl("list", joints["name"] + "x").returncode, 2)
+        for values in (["60,60,60,60,30,30,30"], ["60", "60", "60", "60", "30", "30", "30"]):
+            answer = self.ctl("parameter", joints["name"], "stiffness_nm_per_rad", *values)
+            self.assertEqual(answer.returncode, 0, answer.stderr)
+        answer = self.ctl("reference", joints["name"], joints["inputs"][0]["name"], "q_rad=0.1,0.2")
+        self.assertEqual(answer.returncode, 2)
+        self.assertIn("expected a list of 7 numbers, found a list of 2", answer.stderr)
+        arm = joints["arms"][0]
+        for value, note in (("on", ""), ("released", "use 'off'")):
+            answer = self.ctl("user-stop", arm, value)
+            self.assertEqual(answer.returncode, 0, answer.stderr)
+            self.assertIn(note, answer.stderr)
+        state = json.loads(self.ctl("state", "--json").stdout)["state"]
+        self.assertEqual([a["error_names"] for a in state["arms"]], [[], []])
+        self.assertGreater(state["cycle"], 0)
+
+    def test_objects_keep_their_orientation_and_a_missed_grasp_is_explained(self):
+        self.socket(self.start("grippers", "--no-timeline"))
+        answer = self.ctl("place", "box", "position_m=0.6,0.4,0.1")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        answer = self.ctl("gripper", "left", "grasp", "--width", "0.04")
+        self.assertEqual(answer.returncode, 1)
+        self.assertIn("nothing of that width was grasped", answer.stderr)
+
+    def test_two_runs_of_a_scene_have_sockets_of_their_own(self):
+        first, second = self.start("one_arm", "--no-timeline"), self.start("one_arm", "--no-timeline")
+        sockets = {self.socket(first), self.socket(second)}
+        self.assertEqual(len(sockets), 2)
+        for path in sockets:
+            self.assertEqual(self.ctl("--socket", path, "state").returncode, 0)
+
+    def test_every_command_of_ctl_has_an_example_of_its_own(self):
+        for name in re.findall(r"^  ([\w-]+) {2,}\S", call("ctl", "--help").stdout.split("Subcommands:")[1], re.M):
+            footer = call("ctl", name, "--help").stdout.split("Example")[1]
+            self.assertEqual(footer.count("multipanda"), 1, name)
+            self.assertIn(f"multipanda ctl {name}", footer)
+
+
+class Refusals(unittest.TestCase):
+    def test_a_folder_is_not_a_scene(self):
+        with tempfile.TemporaryDirectory() as folder:
+            answer = call("check", folder)
+            self.assertEqual(answer.returncode, 2)
+            self.assertIn("this is a folder", answer.stderr)
+
+    def test_an_event_after_the_end_is_named(self):
+        with tempfile.TemporaryDirectory() as folder:
+            scene = pathlib.Path(folder) / "late.yaml"
+            scene.write_text("duration_s: 2\narms: [{name: left}]\ntimeline: [{at_s: 5, stop: left}]\n")
+            self.assertIn("warning: the scene ends at 2 s", call("check", scene).stdout)
+
+    def test_a_refused_experiment_leaves_no_folder(self):
+        root = pathlib.Path(__file__).resolve().parent.parent
+        with tempfile.TemporaryDirectory() as folder:
+            file = pathlib.Path(folder) / "mine.yaml"
+            out = pathlib.Path(folder) / "out"
+            head = f"title: mine\nscene: {root}/experiments/scenes/task_1.yaml\n"
+            for text, expected in (
+                ("limits: [{metric: x_rsme_m, at_most: 1}]\n", "'x_rmse_m'"),
+                ("set: {controllets.joins.parameters.x: 1}\n", "leads nowhere"),
+                ("set: {duration_s: 0.2}\n", "the scene ends before this event"),
+            ):
+                file.write_text(head + text)
+                answer = call("experiment", file, "--fast", "--out", out)
+                self.assertEqual(answer.returncode, 2, answer.stderr)
+                self.assertIn(expected, answer.stderr)
+                self.assertEqual(list(out.iterdir()) if out.exists() else [], [])
+
+    def test_parameters_of_a_scene_are_listed_for_its_joints(self):
+        answer = call("list", "parameters", "joint_impedance", "--scene", "two_arms")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        for values in re.findall(r"default \[(.*)\]", answer.stdout):
+            self.assertEqual(len(values.split(",")), 7)
+
+
 class Demo(unittest.TestCase):
     def test_fast_demo(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -299,8 +503,10 @@ class Demo(unittest.TestCase):
                 self.assertIn(expected, started)
             kept = next(s for s in result["switches"] if s["started"] == ["left_joints"])["kept"]
             self.assertEqual(kept, ["right_pose"])
-            self.assertEqual([(i["arm"], i["rule"]) for i in result["interventions"] if "clamped" not in i["rule"]],
-                             [("left", "torque_not_finite")])
+            self.assertEqual(
+                [(i["arm"], i["rule"]) for i in result["interventions"] if "clamped" not in i["rule"]],
+                [("left", "torque_not_finite")],
+            )
             self.assertIn("bit by bit those of a run without it", answer.stderr)
             page = pathlib.Path(result["report"])
             self.assertGreater(page.stat().st_size, 10000)

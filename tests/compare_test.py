@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Runs `compare` as a user would, on synthetic files with known distances, and reads what it says and writes.
+"""Runs `compare` as a user would, on synthetic files with known distances, and checks its output and files.
 
-    compare_test.py PROGRAM
+compare_test.py PROGRAM
 """
 
 import json
@@ -18,7 +18,7 @@ PNG = b"\x89PNG"
 
 
 def write(path, late=0.0, offset=0.0, noise=0.0, seed=1, seconds=4.0, header=None, scale=1.0):
-    """A 2-joint arm that rests for 1 s and swings; `late` seconds later, with q3 `offset` rad off."""
+    """An arm that rests for 1 s and swings; delayed by `late` seconds, with `offset` rad on its last joint."""
     draw = random.Random(seed)
     lines = [header or "t,q1,q2,dq1,dq2,tau1,tau2"]
     for k in range(round(1000 * seconds)):
@@ -39,7 +39,12 @@ class Compare(unittest.TestCase):
         self.path = pathlib.Path(self.folder.name)
 
     def run_word(self, *words):
-        return subprocess.run([PROGRAM, "compare", *map(str, words), "--out", str(self.path / "page")], capture_output=True, text=True, timeout=240)
+        return subprocess.run(
+            [PROGRAM, "compare", *map(str, words), "--out", str(self.path / "page")],
+            capture_output=True,
+            text=True,
+            timeout=240,
+        )
 
     def test_repeats_json_and_page(self):
         for i in range(3):
@@ -53,11 +58,11 @@ class Compare(unittest.TestCase):
         for pair in arm["pairs"]:
             self.assertAlmostEqual(pair["lag_s"], 0.0155, delta=2e-5)
         q = arm["quantities"]["q"]
-        self.assertAlmostEqual(q["rmse"][1], 0.024, delta=1e-5)       # mean of 0.020, 0.024, 0.028
+        self.assertAlmostEqual(q["rmse"][1], 0.024, delta=1e-5)  # mean of 0.020, 0.024, 0.028
         self.assertAlmostEqual(q["rmse_spread_by_axis"][1], 0.004, delta=1e-5)
-        self.assertAlmostEqual(q["rmse_mean"], 0.012, delta=2e-5)     # joint 1 is not off
+        self.assertAlmostEqual(q["rmse_mean"], 0.012, delta=2e-5)  # joint 1 has no error
         tau = arm["quantities"]["tau"]
-        self.assertAlmostEqual(tau["rmse_mean"], 0.2, delta=0.01)     # the real log's noise alone
+        self.assertAlmostEqual(tau["rmse_mean"], 0.2, delta=0.01)  # only the real log's noise
         self.assertAlmostEqual(tau["noise_floor"], 0.2, delta=0.01)
         self.assertFalse(arm["quantities"]["F_EE"]["available"])
         page = self.path / "page"
@@ -66,7 +71,7 @@ class Compare(unittest.TestCase):
         for name in ("bars_arm.png", "q_arm.png", "tau_arm.png"):
             self.assertTrue((page / name).read_bytes().startswith(PNG), name)
 
-    def test_a_log_and_itself(self):
+    def test_a_log_compared_with_itself(self):
         log = write(self.path / "a.csv", noise=0.3)
         arm = json.loads(self.run_word(log, log, "--json").stdout)["arms"][0]
         self.assertEqual([q["max"] for q in arm["quantities"].values() if q["available"]], [0.0, 0.0, 0.0])
@@ -77,19 +82,21 @@ class Compare(unittest.TestCase):
         gate.write_text("q: {rmse: 0.03, max: 0.04}\n", encoding="utf-8")
         done = self.run_word(real, sim, "--gate", gate)
         self.assertEqual(done.returncode, 1)
-        self.assertIn("broken: q max is 0.05 rad at joint 2, above 0.04 rad", done.stdout)
+        self.assertIn("limit exceeded: q max is 0.05 rad at joint 2, above 0.04 rad", done.stdout)
         self.assertNotIn("q rmse", done.stdout)
         gate.write_text("q: {max: 0.06}\n", encoding="utf-8")
         self.assertEqual(self.run_word(real, sim, "--gate", gate).returncode, 0)
         gate.write_text("q: {max: 0.06}\nqq: {max: 1}\n", encoding="utf-8")
         done = self.run_word(real, sim, "--gate", gate)
         self.assertEqual(done.returncode, 2)
-        self.assertIn("gate.yaml:2: there is no quantity 'qq'", done.stderr)
+        self.assertIn("gate.yaml:2: unknown quantity 'qq'", done.stderr)
 
     def test_columns_and_refusals(self):
         good = write(self.path / "a.csv")
         own = write(self.path / "own.csv", header="stamp,p1,p2,v1,v2,e1,e2")
-        self.assertEqual(self.run_word(own, good, "--columns", "t=stamp,q=p{},dq=v{},tau=e{}").returncode, 2)  # the map is of both
+        self.assertEqual(
+            self.run_word(own, good, "--columns", "t=stamp,q=p{},dq=v{},tau=e{}").returncode, 2
+        )  # the map applies to both files
         self.assertEqual(self.run_word(own, own, "--columns", "t=stamp,q=p{},dq=v{},tau=e{}").returncode, 0)
         done = self.run_word(own, good)
         self.assertEqual(done.returncode, 2)

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Runs experiments as a user would, unpaced and with one repeat, and checks what comes out against their limits.
+"""Runs experiments as a user would, unpaced and with one repeat, and checks the results against their limits.
 
     experiments_test.py PROGRAM NAME...
 
-A seeded tenth of the variants with limits (at least one) of each; with MULTIPANDA_FULL in the environment all variants.
+Runs a seeded tenth of each experiment's variants with limits (at least one); with MULTIPANDA_FULL set, all variants.
 """
 
 import json
@@ -16,7 +16,9 @@ import tempfile
 
 
 def variants_of(program, name):
-    listed = json.loads(subprocess.run([program, "experiment", "list", "--json"], capture_output=True, check=True, text=True).stdout)
+    listed = json.loads(
+        subprocess.run([program, "experiment", "list", "--json"], capture_output=True, check=True, text=True).stdout
+    )
     return next(entry["variants"] for entry in listed if entry["name"] == name)
 
 
@@ -31,7 +33,19 @@ def chosen(program, name):
 def check(program, name):
     only = chosen(program, name)
     with tempfile.TemporaryDirectory() as folder:
-        words = [program, "experiment", name, "--fast", "--repeats", "1", "--json", "--out", folder, "--only", ",".join(only)]
+        words = [
+            program,
+            "experiment",
+            name,
+            "--fast",
+            "--repeats",
+            "1",
+            "--json",
+            "--out",
+            folder,
+            "--only",
+            ",".join(only),
+        ]
         done = subprocess.run(words, capture_output=True, text=True, timeout=900)
         faults = []
         try:
@@ -39,16 +53,23 @@ def check(program, name):
         except ValueError:
             return [f"{name}: no JSON on standard output (exit code {done.returncode}):\n{done.stderr}"]
         if {r["variant"] for r in results["runs"]} != set(only):
-            faults.append(f"{name}: asked for {only}, ran {sorted({r['variant'] for r in results['runs']})}")
-        for row in results["limits"]:  # judged again here, from the runs' own figures
-            mine = [r["metrics"].get(row["metric"]) for r in results["runs"]
-                    if (r["plant"], r["variant"]) == (row["plant"], row["variant"])]
-            held = all(x is not None and (x <= row["limit"] if row["bound"] == "at_most" else x >= row["limit"]) for x in mine)
+            faults.append(f"{name}: requested {only}, ran {sorted({r['variant'] for r in results['runs']})}")
+        for row in results["limits"]:  # checked again from the runs' own figures
+            mine = [
+                r["metrics"].get(row["metric"])
+                for r in results["runs"]
+                if (r["plant"], r["variant"]) == (row["plant"], row["variant"])
+            ]
+            held = all(
+                x is not None and (x <= row["limit"] if row["bound"] == "at_most" else x >= row["limit"]) for x in mine
+            )
             if not mine or held != row["passed"]:
-                faults.append(f"{name}: verdict on {row} does not follow from the figures {mine}")
+                faults.append(f"{name}: the result of {row} does not follow from the figures {mine}")
         faults += [f"{name}: {problem}" for problem in results["problems"]]
         if results["passed"] != (not results["problems"]) or (done.returncode == 0) != results["passed"]:
-            faults.append(f"{name}: exit code {done.returncode}, passed {results['passed']}, problems {results['problems']}")
+            faults.append(
+                f"{name}: exit code {done.returncode}, passed {results['passed']}, problems {results['problems']}"
+            )
         page = pathlib.Path(results["report"])
         if not page.is_file() or "data:image/png" not in page.read_text(encoding="utf-8"):
             faults.append(f"{name}: no page with pictures at {page}")

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Runs `fit` as a user would: a run is recorded, then replayed.
+"""Runs `fit` as a user would, on recorded runs.
 
-    fit_test.py PROGRAM
+fit_test.py PROGRAM
 """
 
 import json
@@ -36,7 +36,7 @@ class Fit(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
         told = json.loads(done.stdout)
         self.assertIn("pass  1: residual", done.stderr)
-        # Motion alone tells the sum of delay and lag: 1 ms and 1 / (2 pi 50 Hz).
+        # Motion determines only the sum of delay and lag: 1 ms and 1 / (2 pi 50 Hz).
         total = told["delay_s"] + 1 / (6.283185 * told["bandwidth_hz"])
         self.assertAlmostEqual(1e3 * total, 1 + 3.183, delta=0.3)
         self.assertAlmostEqual(told["torque_noise_nm"], 0.05, delta=0.003)
@@ -57,11 +57,13 @@ class Fit(unittest.TestCase):
     def test_refusals_say_what_is_missing(self):
         table = self.path / "measured.csv"
         names = ["t"] + [f"{kind}{j}" for kind in ("q", "dq", "tau") for j in range(1, 8)]
-        rows = "\n".join(",".join([f"{0.001 * k:.3f}"] + ["0.1"] * 7 + ["0.0"] * 7 + [f"{k % 7}"] * 7) for k in range(3000))
+        rows = "\n".join(
+            ",".join([f"{0.001 * k:.3f}"] + ["0.1"] * 7 + ["0.0"] * 7 + [f"{k % 7}"] * 7) for k in range(3000)
+        )
         table.write_text(",".join(names) + "\n" + rows + "\n", encoding="utf-8")
         done = call("fit", table)
         self.assertNotEqual(done.returncode, 0, done.stdout + done.stderr)
-        log = self.record(SCENES / "task_3.yaml", 0.6)  # before it touches
+        log = self.record(SCENES / "task_3.yaml", 0.6)  # before the contact
         done = call("fit", log, "--surface", "tabel")
         self.assertEqual(done.returncode, 2, done.stdout + done.stderr)
         self.assertIn("tabel", done.stderr)

@@ -1,5 +1,5 @@
-// Friction compensation over the `realistic` plant: friction of the robot model, 50 Hz torque tracking,
-// delay, noise.
+// Friction compensation over the `realistic` plant (friction of the robot model, 50 Hz torque tracking, delay
+// and noise).
 #include <cmath>
 #include <string>
 
@@ -10,12 +10,12 @@
 #include "runtime/session.hpp"
 #include "scene/load.hpp"
 
-namespace multipanda {
+namespace multipanda::friction_compensation_test {
 namespace {
 
 using testing::IsEmpty;
 
-// Two joints swing for 9 s, then the arm is left alone for 2 s.
+// Two joints swing for 9 s, then the arm rests for 2 s.
 std::string scene_text(const std::string& features) {
   return "arms:\n"
          "  - {name: left, model: fer, known_friction: model}\n"
@@ -31,9 +31,10 @@ std::string scene_text(const std::string& features) {
 
 struct Outcome {
   double error_rms = 0;       // of the joints that move, while they do [rad]
-  double compensation_j = 0;  // what the feature put in
-  double friction_j = 0;      // what the plant's friction took, from its table and the measured velocity
-  double rest_range = 0;      // largest way of a joint over it [rad]
+  double compensation_j = 0;  // energy that the feature supplied
+  double friction_j =
+      0;  // energy that the plant's friction dissipated, from its table and the measured velocity
+  double rest_range = 0;  // largest motion of a joint at rest [rad]
 };
 
 Outcome swing(const std::string& features) {
@@ -82,19 +83,19 @@ Outcome swing(const std::string& features) {
   return outcome;
 }
 
-TEST(FrictionCompensation, TracksBetterAndPutsInLessThanFrictionTakes) {
+TEST(FrictionCompensation, TracksBetterAndSuppliesLessThanFrictionDissipates) {
   const Outcome without = swing("[]"), with = swing("[friction_compensation]");
   EXPECT_LT(with.error_rms, 0.6 * without.error_rms);
   EXPECT_EQ(without.compensation_j, 0);
   EXPECT_GT(with.compensation_j, 0.3 * with.friction_j);
   EXPECT_LT(with.compensation_j, 0.85 * with.friction_j);  // the gain is 0.8
-  // No chatter: left alone, the joints rest as they do without it.
+  // No chatter: at rest, the joints move as little as without the feature.
   EXPECT_LT(with.rest_range, without.rest_range + 2e-4);
   RecordProperty("error_rms_without", std::to_string(without.error_rms));
   RecordProperty("error_rms_with", std::to_string(with.error_rms));
 }
 
-// The plant without friction: compensation would push, so the run is not even built.
+// On a plant without friction the compensation would drive the joints, so the cycle is not built.
 TEST(FrictionCompensation, IsRefusedWhereThereIsNoFriction) {
   const Registry registry = Registry::with_builtins();
   const Scene scene = parse_scene(scene_text("[friction_compensation]"), "friction.yaml", registry);
@@ -108,4 +109,4 @@ TEST(FrictionCompensation, IsRefusedWhereThereIsNoFriction) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::friction_compensation_test

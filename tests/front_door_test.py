@@ -1,6 +1,6 @@
-"""The script ./multipanda in a tree and on a machine made of fakes: PATH holds only what stands in one folder.
+"""Tests the script ./multipanda with fake programs: PATH contains a single folder of fakes.
 
-No network, no packages, no compiler: a fake notes that it was called, and does just enough for the next step.
+There is no network, package manager or compiler: a fake records its call and does just enough for the next step.
 """
 
 import os
@@ -20,23 +20,24 @@ FAKES = {
     "nproc": "echo 2",
     "id": "echo 0",
     "df": 'printf "Filesystem 1024-blocks Used Available\\nx 1 1 %s Capacity\\n" $((50000 * 1024))',
-    # Every package asked for is there, except those named in the file `missing`.
+    # Every requested package is installed, except those named in the file `missing`.
     "dpkg-query": 'for p; do grep -qsx -- "$p" "$STATE/missing" || printf "ii %s\\n" "$p"; done',
-    "apt-get": '''[ -e "$STATE/no_network" ] && { echo "Could not resolve host"; exit 100; }
-        case "$*" in *install*) rm -f "$STATE/missing" ;; esac''',
-    "cmake": '''echo "ccache in ${CCACHE_DIR:-its place}" >>"$STATE/calls"
+    "apt-get": """[ -e "$STATE/no_network" ] && { echo "Could not resolve host"; exit 100; }
+        case "$*" in *install*) rm -f "$STATE/missing" ;; esac""",
+    "cmake": """echo "ccache in ${CCACHE_DIR:-its place}" >>"$STATE/calls"
         [ -e "$STATE/broken_source" ] && { echo "x.cpp:1: error: no"; exit 1; }
         case "$*" in
           --build*) cp "$STATE/program" build/multipanda && chmod +x build/multipanda ;;
           *) touch build/build.ninja ;;
-        esac''',
+        esac""",
     "ctest": 'echo "ctest $* full=${MULTIPANDA_FULL:-0}"; exit 8',
-    "python3": '''case "$*" in
+    "python3": """case "$*" in
           *"-c import"*) echo "${FAKE_PYTHON:-311}" ;;
-          *"-m venv"*) d="${*: -1}"; rm -rf "$d"; mkdir -p "$d/bin" "$d/lib/python3.11/site-packages"; cp "$0" "$d/bin/python" ;;
+          *"-m venv"*) d="${*: -1}"; rm -rf "$d"
+                       mkdir -p "$d/bin" "$d/lib/python3.11/site-packages"; cp "$0" "$d/bin/python" ;;
           *"-m pip"*) [ -e "$STATE/kill_pip" ] && kill -9 $PPID
                       [ -e "$STATE/no_network" ] && exit 1; exit 0 ;;
-        esac''',
+        esac""",
 }
 
 
@@ -58,7 +59,7 @@ class FrontDoor(unittest.TestCase):
         self.release("debian", "12")
         self.program('printf "<%s>" "$@"')
 
-    # --- the machine ---
+    # --- Fakes ---
 
     def fake(self, name, body):
         path = self.bin / name
@@ -69,19 +70,31 @@ class FrontDoor(unittest.TestCase):
         (self.state / "os-release").write_text(f'ID={name}\nVERSION_ID="{version}"\n')
 
     def program(self, body):
-        (self.state / "program").write_text(f'#!{shutil.which("bash")}\n{body}\n')
+        (self.state / "program").write_text(f"#!{shutil.which('bash')}\n{body}\n")
 
     def mark(self, name, text=""):
         (self.state / name).write_text(text)
 
     def environment(self, **more):
-        return {"PATH": str(self.bin), "HOME": str(self.top / "home"), "MULTIPANDA_PYTHON": str(self.bin / "python3"),
-                "MULTIPANDA_OS_RELEASE": str(self.state / "os-release"), **more}
+        return {
+            "PATH": str(self.bin),
+            "HOME": str(self.top / "home"),
+            "MULTIPANDA_PYTHON": str(self.bin / "python3"),
+            "MULTIPANDA_OS_RELEASE": str(self.state / "os-release"),
+            **more,
+        }
 
     def call(self, *words, script=None, cwd=None, **environment):
         self.mark("calls")
-        return subprocess.run([str(script or self.tree / "multipanda"), *words], capture_output=True, text=True,
-                              env=self.environment(**environment), cwd=cwd or self.top, timeout=60, check=False)
+        return subprocess.run(
+            [str(script or self.tree / "multipanda"), *words],
+            capture_output=True,
+            text=True,
+            env=self.environment(**environment),
+            cwd=cwd or self.top,
+            timeout=60,
+            check=False,
+        )
 
     def calls(self, name):
         return [line for line in (self.state / "calls").read_text().splitlines() if line.startswith(name + " ")]
@@ -91,7 +104,7 @@ class FrontDoor(unittest.TestCase):
         self.assertEqual(result.returncode, 0, result.stderr)
 
     def assert_refused(self, result, *words):
-        """Ended badly, wrote nothing to standard output, and said why in its last line, the only one of its kind."""
+        """Checks that the call failed, printed nothing on standard output and gave one reason, in its last line."""
         self.assertNotEqual(result.returncode, 0)
         self.assertEqual(result.stdout, "")
         last = result.stderr.splitlines()[-1]
@@ -99,7 +112,7 @@ class FrontDoor(unittest.TestCase):
         for word in words:
             self.assertIn(word, last)
 
-    # --- set-up ---
+    # --- Set-up ---
 
     def test_bare_machine_is_set_up_once(self):
         self.mark("missing", "cmake\nlibosmesa6\n")
@@ -140,12 +153,12 @@ class FrontDoor(unittest.TestCase):
         self.assertEqual(result.returncode, 0, result.stderr)
         self.assertEqual((installs(), hook.exists(), self.calls("apt-get")), ([without], False, []))
         self.assertIn("-DMULTIPANDA_ROS=off", self.calls("cmake")[0])
-        self.call("run")  # keeps to it
+        self.call("run")  # remembers --no-ros
         self.assertEqual((installs(), self.calls("cmake")), ([], []))
         (self.tree / "requirements.txt").write_text((self.tree / "requirements.txt").read_text() + "# changed\n")
         self.call("run")
         self.assertEqual((installs(), hook.exists()), ([without], False))
-        self.set_up()  # takes it back
+        self.set_up()  # setup without --no-ros adds ROS again
         self.assertEqual((installs(), hook.exists()), ([without, with_ros], True))
         self.assertIn("libpython3-dev", self.calls("apt-get")[0])
         self.assertIn("-DMULTIPANDA_ROS=on", self.calls("cmake")[0])
@@ -153,17 +166,22 @@ class FrontDoor(unittest.TestCase):
         self.assertEqual(self.calls("python3"), [])
 
     def test_a_ros_of_the_shell_stays_out_of_set_up(self):
-        self.fake("cmake", FAKES["cmake"] + '\necho "prefix <${AMENT_PREFIX_PATH:-}> <${PYTHONPATH:-}>" >>"$STATE/calls"')
+        self.fake(
+            "cmake", FAKES["cmake"] + '\necho "prefix <${AMENT_PREFIX_PATH:-}> <${PYTHONPATH:-}>" >>"$STATE/calls"'
+        )
         self.program('echo "<${AMENT_PREFIX_PATH:-}>"')
         result = self.call("run", AMENT_PREFIX_PATH="/opt/ros/x", PYTHONPATH="/opt/ros/y")
-        self.assertEqual(result.stdout, "</opt/ros/x>\n")  # the program gets what the user has set
+        self.assertEqual(result.stdout, "</opt/ros/x>\n")  # the program gets the user's environment
         self.assertEqual(set(self.calls("prefix")), {"prefix <> <>"})
 
     def test_package_lists_are_fetched_only_after_a_failure(self):
         self.mark("missing", "cmake\n")
-        self.fake("apt-get", '''case "$*" in *update*) touch "$STATE/fetched" ;; esac
+        self.fake(
+            "apt-get",
+            """case "$*" in *update*) touch "$STATE/fetched" ;; esac
             [ -e "$STATE/fetched" ] || exit 100
-            case "$*" in *install*) rm -f "$STATE/missing" ;; esac''')
+            case "$*" in *install*) rm -f "$STATE/missing" ;; esac""",
+        )
         self.set_up()
         self.assertEqual([c.split()[3] for c in self.calls("apt-get")], ["install", "update", "install"])
 
@@ -175,18 +193,44 @@ class FrontDoor(unittest.TestCase):
         self.assertEqual(len(self.calls("sudo")), 1)
         self.assertEqual(len(self.calls("apt-get")), 1)
 
+    def test_a_command_builds_what_it_needs_and_no_more(self):
+        for arguments, targets in (
+            (["demo"], "multipanda"),
+            (["run", "x", "--ros"], "multipanda multipanda_ros multipanda_interfaces"),
+            (["bench"], "multipanda multipanda_bench"),
+        ):
+            self.call(*arguments)
+            built = [c.split("--target ")[1].split(" -j")[0] for c in self.calls("cmake") if "--build" in c]
+            self.assertEqual(built, [targets])
+            self.call(*arguments)
+            self.assertEqual(self.calls("cmake"), [])
+
+    def test_a_request_to_a_running_program_never_waits_for_a_build(self):
+        self.call("run", "x", "--ros")
+        time.sleep(0.02)
+        (self.tree / "core" / "x.cpp").touch()
+        self.call("ctl", "stop")
+        self.assertEqual(self.calls("cmake"), [])
+
+    def test_each_stage_says_how_long_it_took(self):
+        lines = self.call("setup").stderr.splitlines()
+        for stage in ("Python environment", "build"):
+            self.assertTrue(
+                any(line.startswith(f"multipanda: {stage}: ") and line.endswith(" s") for line in lines), lines
+            )
+
     def test_new_source_and_removed_source_are_built(self):
         self.set_up()
         source = self.tree / "core" / "x.cpp"
         for change in (source.touch, source.unlink):
-            time.sleep(0.02)  # file times tick in milliseconds
+            time.sleep(0.02)  # file times have a resolution of milliseconds
             change()
             self.set_up()
             self.assertEqual([c.split()[1] for c in self.calls("cmake")], ["--build"])
             self.set_up()
             self.assertEqual(self.calls("cmake"), [])
 
-    def test_what_a_run_leaves_behind_is_no_source(self):
+    def test_output_of_a_run_is_not_a_source(self):
         (self.tree / "runs").mkdir()
         self.set_up()
         time.sleep(0.02)
@@ -195,7 +239,7 @@ class FrontDoor(unittest.TestCase):
         self.set_up()
         self.assertEqual(self.calls("cmake"), [])
 
-    def test_broken_source_is_an_error_until_mended(self):
+    def test_broken_source_is_an_error_until_fixed(self):
         self.mark("broken_source")
         result = self.call("run")
         self.assert_refused(result, "build.log")
@@ -203,7 +247,7 @@ class FrontDoor(unittest.TestCase):
         (self.state / "broken_source").unlink()
         self.assertEqual(self.call("run").returncode, 0)
 
-    def test_changed_pins_and_a_moved_tree_make_the_environment_anew(self):
+    def test_changed_pins_and_a_moved_tree_recreate_the_environment(self):
         self.set_up()
         with open(self.tree / "requirements.txt", "a", encoding="utf-8") as pins:
             pins.write("# changed\n")
@@ -234,7 +278,7 @@ class FrontDoor(unittest.TestCase):
         self.assertEqual(self.call("setup", HOME="", CCACHE_DIR="/mine").returncode, 0)
         self.assertIn("ccache in /mine", self.calls("ccache"))
 
-    # --- one clear line ---
+    # --- Messages ---
 
     def test_another_machine_is_refused(self):
         for machine in ("Linux aarch64", "Darwin x86_64"):
@@ -263,7 +307,7 @@ class FrontDoor(unittest.TestCase):
         self.release("fedora", "42")
         self.mark("missing", "cmake\n")
         self.assert_refused(self.call("demo"), "fedora 42", "cmake")
-        self.mark("missing")  # nothing: somebody installed it by hand
+        self.mark("missing")  # nothing: installed by hand
         result = self.call("demo")
         self.assertEqual(result.returncode, 0)
         self.assertIn("warning: fedora 42 is untested", result.stderr)
@@ -271,18 +315,18 @@ class FrontDoor(unittest.TestCase):
     def test_no_network(self):
         self.mark("no_network")
         self.mark("missing", "cmake\n")
-        self.assert_refused(self.call("demo"), "no network", "packages.log")
+        self.assert_refused(self.call("demo"), "Check the network", "packages.log")
         (self.state / "missing").unlink()
-        self.assert_refused(self.call("demo"), "no network", "venv.log")
+        self.assert_refused(self.call("demo"), "Check the network", "venv.log")
         self.assertFalse((self.tree / ".venv/.complete").exists())
 
     def test_python_too_old_or_absent(self):
         self.assert_refused(self.call("demo", FAKE_PYTHON="309"), "older than 3.10")
         self.assert_refused(self.call("demo", MULTIPANDA_PYTHON="/nonexistent"), "/nonexistent", "MULTIPANDA_PYTHON")
 
-    # --- handing over ---
+    # --- Starting the program ---
 
-    def test_words_exit_code_and_output_are_the_programs(self):
+    def test_arguments_exit_code_and_output_are_the_programs(self):
         self.program('printf "<%s>" "$@"; exit 37')
         for _ in range(2):  # with and without set-up before it
             result = self.call("run", "a b", "", "*", "--json")
@@ -293,15 +337,20 @@ class FrontDoor(unittest.TestCase):
         self.program('trap "echo closed; exit 5" TERM INT\necho ready\nwhile :; do read -r -t 1 <> <(:); done')
         self.set_up()
         for number in (signal.SIGTERM, signal.SIGINT):
-            with subprocess.Popen([str(self.tree / "multipanda"), "run"], stdout=subprocess.PIPE, text=True,
-                                  env=self.environment(), start_new_session=True) as process:
+            with subprocess.Popen(
+                [str(self.tree / "multipanda"), "run"],
+                stdout=subprocess.PIPE,
+                text=True,
+                env=self.environment(),
+                start_new_session=True,
+            ) as process:
                 try:
                     self.assertEqual(process.stdout.readline(), "ready\n")
                     process.send_signal(number)  # to this one process, not to its group
                     self.assertEqual(process.communicate(timeout=10)[0], "closed\n")
                     self.assertEqual(process.returncode, 5)
                 finally:
-                    try:  # a script that did not hand over leaves a child behind
+                    try:  # without exec, the script would leave a child behind
                         os.killpg(process.pid, signal.SIGKILL)
                     except ProcessLookupError:
                         pass
@@ -342,7 +391,9 @@ class FrontDoor(unittest.TestCase):
     def test_test_says_why_something_was_skipped(self):
         log = "build/Testing/Temporary/LastTest.log"
         reason = "skipped: no such tool here, install it"
-        self.fake("ctest", f'mkdir -p {self.tree}/build/Testing/Temporary; printf "Output:\\n{reason}\\n" > {self.tree}/{log}')
+        self.fake(
+            "ctest", f'mkdir -p {self.tree}/build/Testing/Temporary; printf "Output:\\n{reason}\\n" > {self.tree}/{log}'
+        )
         result = self.call("test")
         self.assertEqual(result.returncode, 0)
         self.assertIn("multipanda: " + reason, result.stderr)

@@ -1,5 +1,5 @@
-// The loop as it runs: every controllet, every feature and every switch between them over MuJoCo, record ring
-// included. No heap call, no lock, no page fault after the first cycle.
+// Every controllet, every feature and every switch between them over MuJoCo, with the record ring: no heap
+// call, no lock and no page fault after the first cycle.
 #include <sys/mman.h>
 
 #include <gtest/gtest.h>
@@ -10,10 +10,10 @@
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 
-namespace multipanda {
+namespace multipanda::mujoco_guard_test {
 namespace {
 
-// One that has everything which a simulated arm can have beyond its make.
+// A model with every optional property of a simulated arm.
 std::shared_ptr<const RobotDescription> an_arm_of_its_own() {
   RobotDescription robot = load_robot("fer");
   FrictionLaw law;
@@ -43,12 +43,12 @@ TEST_F(MujocoGuard, EveryControlletFeatureAndSwitch) {
   Scene scene = load_scene("two_arms", registry);
   scene.plant = PlantFidelity::realistic();
   scene.timeline.clear();
-  for (auto& arm : scene.arms) arm.known_friction = true;  // a feature wants it
+  for (auto& arm : scene.arms) arm.known_friction = true;  // friction_compensation requires it
   scene.arms[0].plant_robot = an_arm_of_its_own();
   scene.controllets.clear();
   for (const auto& type : registry.controllets()) {
-    InstanceConfig config{.name = "a_" + type.statement.type, .type = type.statement.type};
-    for (ArmIndex arm = 0; arm < type.statement.arms; ++arm) config.arms.push_back(arm);
+    InstanceConfig config{.name = "a_" + type.descriptor.type, .type = type.descriptor.type};
+    for (ArmIndex arm = 0; arm < type.descriptor.arms; ++arm) config.arms.push_back(arm);
     scene.controllets.push_back(config);
   }
   ASSERT_GE(scene.controllets.size(), 6u);
@@ -77,7 +77,7 @@ TEST_F(MujocoGuard, EveryControlletFeatureAndSwitch) {
     ASSERT_TRUE(modes.poll(ticket, answer)) << during;
     ASSERT_EQ(answer.verdict, Verdict::accepted) << during;
   };
-  cycle.step(backend.wait());  // the first cycle may do what it likes
+  cycle.step(backend.wait());  // the first cycle may allocate
   for (const auto& to : scene.controllets) {
     const InstanceIndex i = modes.find(to.name);
     for (const auto& from : scene.controllets) {
@@ -93,13 +93,13 @@ TEST_F(MujocoGuard, EveryControlletFeatureAndSwitch) {
         step(100, to.name);
       }
     }
-    ASSERT_EQ(modes.owner(0), i) << to.name << " was taken out";
+    ASSERT_EQ(modes.owner(0), i) << to.name << " was deactivated";
   }
   EXPECT_EQ(cycle.record()->dropped_records.load(), 0u);
   backend.finish();
 }
 
-// Fingers that grasp, a cup that sucks, and both letting go.
+// Fingers and a suction cup grasp and release.
 TEST_F(MujocoGuard, Grippers) {
   const Registry registry = Registry::with_builtins();
   const Scene scene = load_scene("grippers", registry);
@@ -107,7 +107,7 @@ TEST_F(MujocoGuard, Grippers) {
   ControlCycle cycle(build_cycle_config(scene, 20000), registry, backend);
   backend.start();
   cycle.step(backend.wait());
-  const auto all_well = [&](const ArmRequest& left, const ArmRequest& right) {
+  const auto all_well = [&](const GripperRequest& left, const GripperRequest& right) {
     auto first = backend.request(0, left);
     auto second = backend.request(1, right);
     for (int k = 0; k < 3000; ++k) {
@@ -130,4 +130,4 @@ TEST_F(MujocoGuard, Grippers) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::mujoco_guard_test

@@ -1,21 +1,21 @@
-// The same controllets on robots of other makers, imported from their URDFs: each arm is sent to a pose and
-// must arrive, on bases off the origin, beside its fellow. Without the Python package example-robot-data:
-// skipped.
+// The same controllets on robots of other manufacturers, imported from their URDFs: each arm must reach a
+// pose, on a base away from the origin, next to its second arm. Skipped without the Python package
+// example-robot-data.
 #include <cmath>
 #include <sstream>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "config_file/node.hpp"
 #include "core/model/model_terms.hpp"
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/test_arm.hpp"
 #include "models/arm_source.hpp"
-#include "models/checked_yaml.hpp"
 #include "models/from_urdf.hpp"
 #include "runtime/session.hpp"
 #include "scene/load.hpp"
 
-namespace multipanda {
+namespace multipanda::other_robots_test {
 namespace {
 
 std::string model_file(const std::string& name) {
@@ -24,7 +24,7 @@ std::string model_file(const std::string& name) {
 
 bool is_installed(const std::string& name) {
   try {
-    (void)urdf_file(CheckedYaml::load(model_file(name)).at("urdf").text(), {});
+    (void)urdf_file(Node::load(model_file(name)).yaml()["urdf"].Scalar(), {});
     return true;
   } catch (const std::invalid_argument&) {
     return false;
@@ -67,7 +67,7 @@ TEST_P(OtherRobots, ArriveInCartesianImpedance) {
     ModelTerms& model = *models.back();
     const JointVector rest = joint_constant(robot.joint_count(), 0);
     const Pose start = model.X_WE();  // at home
-    // Somewhere that the arm reaches, at least 10 cm and 10 degrees away.
+    // A reachable pose, at least 10 cm and 10 degrees away.
     do {
       const JointVector q = robot.q_home + draw.joints(robot.joint_count(), 0.3);
       model.update(q.cwiseMax(robot.limits.q_min).cwiseMin(robot.limits.q_max), rest);
@@ -113,4 +113,4 @@ INSTANTIATE_TEST_SUITE_P(Imported, OtherRobots,
                          [](const auto& param) { return param.param[0]; });
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::other_robots_test

@@ -1,13 +1,17 @@
-"""The checks in tools/ find what they are for: each rule is broken once in a tree made for it."""
+"""The checks in tools/ find what they are for: each rule is violated once in a tree made for it."""
 
+import io
 import pathlib
 import sys
 import tempfile
 import unittest
+from unittest import mock
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "tools"))
-import check_core_includes  # noqa: E402
-import check_texts  # noqa: E402
+import check_layers
+import check_phrases
+import check_texts
+from layers import LAYERS
 
 
 class Tree(unittest.TestCase):
@@ -22,29 +26,41 @@ class Tree(unittest.TestCase):
         path.write_text(text)
 
 
-class CoreIncludes(Tree):
+class Layers(Tree):
     def faults(self, name, include):
         self.write(name, f"// first line\n#include {include}\n")
-        return check_core_includes.check(self.root)
+        return check_layers.check_includes(self.root)
 
-    def test_down_the_list_and_own_folder_are_allowed(self):
+    def test_own_folder_and_listed_layers_are_allowed(self):
         self.assertEqual(self.faults("core/cycle/a.cpp", '"core/types/b.hpp"'), [])
         self.assertEqual(self.faults("core/cycle/a.cpp", '"core/cycle/b.hpp"'), [])
         self.assertEqual(self.faults("core/cycle/a.cpp", "<vector>"), [])
+        self.assertEqual(self.faults("runtime/live_input/a.cpp", '"core/rt/b.hpp"'), [])
 
-    def test_each_step_up_the_list_is_refused(self):
-        order = check_core_includes.ORDER
-        for upper, lower in zip(order, order[1:]):
-            fault = check_core_includes.fault_of(f"core/{lower}/a.hpp", '"', f"core/{upper}/b.hpp")
-            self.assertIn(f"{lower} may not include {upper}", fault or "nothing")
+    def test_a_layer_that_is_not_listed_is_refused_for_every_pair(self):
+        for layer in LAYERS:
+            for other in LAYERS:
+                if layer.folder in ("tests", "core/testing") or check_layers.allowed(layer, other, layer.uses):
+                    continue
+                fault = check_layers.fault_of(f"{layer.folder}/a.hpp", '"', f"{other.folder}/b.hpp", self.root)
+                expected = "is test support" if other.folder == "core/testing" else "may not include"
+                self.assertIn(expected, fault or "nothing", f"{layer.folder} -> {other.folder}")
 
     def test_message_names_file_and_line(self):
         (fault,) = self.faults("core/types/a.hpp", '"core/cycle/b.hpp"')
         self.assertTrue(fault.startswith("core/types/a.hpp:2: "), fault)
 
-    def test_what_the_core_does_not_know(self):
-        for name in ("<mujoco/mujoco.h>", "<spdlog/spdlog.h>", "<iostream>", "<rcl/rcl.h>", "<sensor_msgs/msg/x.h>",
-                     '"backends/mujoco/x.hpp"', '"core/unknown/x.hpp"', '"spatial.hpp"'):
+    def test_core_includes_no_simulator_middleware_or_stream(self):
+        for name in (
+            "<mujoco/mujoco.h>",
+            "<spdlog/spdlog.h>",
+            "<iostream>",
+            "<rcl/rcl.h>",
+            "<sensor_msgs/msg/x.h>",
+            '"backends/mujoco/x.hpp"',
+            '"core/unknown/x.hpp"',
+            '"spatial.hpp"',
+        ):
             self.assertEqual(len(self.faults("core/rt/a.cpp", name)), 1, name)
 
     def test_pinocchio_stays_in_the_model(self):
@@ -54,13 +70,56 @@ class CoreIncludes(Tree):
         self.assertEqual(len(self.faults("core/cycle/c.cpp", "<pinocchio/fwd.hpp>")), 1)
         self.assertEqual(len(self.faults("core/cycle/c.cpp", '"core/model/pinocchio_model.hpp"')), 1)
 
+    def test_third_party_headers_stay_in_their_layers(self):
+        self.assertEqual(self.faults("scene/a.cpp", "<yaml-cpp/yaml.h>"), [])
+        self.assertEqual(len(self.faults("scene/a.cpp", "<CLI/CLI.hpp>")), 1)
+
     def test_tests_may_reach_up_but_not_out(self):
         self.assertEqual(self.faults("core/safety/a_test.cpp", '"core/cycle/b.hpp"'), [])
         self.assertEqual(len(self.faults("core/safety/a_test.cpp", "<mujoco/mujoco.h>")), 1)
 
-    def test_a_file_beside_the_folders_and_an_empty_core_are_faults(self):
-        self.assertEqual(len(check_core_includes.check(self.root)), 1)
+    def test_test_support_is_for_tests_only(self):
+        self.assertEqual(self.faults("scene/a_test.cpp", '"scene/testing/b.hpp"'), [])
+        self.assertEqual(len(self.faults("scene/a.cpp", '"scene/testing/b.hpp"')), 1)
+
+    def test_a_file_outside_the_known_folders_and_an_empty_tree_are_faults(self):
+        self.assertEqual(len(check_layers.check_includes(self.root)), 1)
         self.assertEqual(len(self.faults("core/stray.cpp", "<vector>")), 1)
+
+    def test_a_product_target_that_links_test_support_is_a_fault(self):
+        for name in ("scene/a.cpp", "scene/testing/fake.cpp", "scene/a_test.cpp"):
+            self.write(name, "")
+        cmake = (
+            "multipanda_library(fake SOURCES testing/fake.cpp)\n"
+            "multipanda_test(a_test SOURCES a_test.cpp DEPS fake)\n"
+            "multipanda_library(product SOURCES a.cpp DEPS core{})  # a comment (with parentheses)\n"
+        )
+        self.write("scene/CMakeLists.txt", cmake.format(""))
+        self.assertEqual(check_layers.check_links(self.root), [])
+        self.write("scene/CMakeLists.txt", cmake.format(" fake"))
+        self.assertEqual(
+            check_layers.check_links(self.root), ["scene/CMakeLists.txt:3: product links fake, which is test support"]
+        )
+
+    def test_a_source_file_that_no_target_compiles_is_a_fault(self):
+        self.write("scene/CMakeLists.txt", "multipanda_test(a_test SOURCES a_test.cpp)\n")
+        self.write("scene/a_test.cpp", "")
+        self.write("scene/b_test.cpp", "")
+        (fault,) = check_layers.check_links(self.root)
+        self.assertTrue(fault.startswith("scene/b_test.cpp:1: "), fault)
+
+    def test_the_table_has_no_cycle(self):
+        self.assertEqual(check_layers.check_table(), [])
+        table = [*LAYERS, LAYERS[0]._replace(folder="last"), LAYERS[0]._replace(folder="core/a", uses=("last", "b"))]
+        with mock.patch.object(check_layers, "LAYERS", table[::-1]):
+            self.assertTrue(check_layers.check_table())
+
+    def test_pages_that_show_an_old_table_are_faults(self):
+        for page in check_layers.PAGES:
+            self.write(page, f"{check_layers.BEGIN}\n| old |\n{check_layers.END}\n")
+        self.assertEqual(len(check_layers.check_pages(self.root)), len(check_layers.PAGES))
+        check_layers.write_pages(self.root)
+        self.assertEqual(check_layers.check_pages(self.root), [])
 
 
 class Texts(Tree):
@@ -76,6 +135,74 @@ class Texts(Tree):
 
     def test_an_empty_tree_is_a_fault(self):
         self.assertEqual(len(check_texts.check(self.root)), 1)
+
+    def test_a_link_must_lead_to_a_file_and_a_heading(self):
+        self.write("docs/b.md", "# Two words, and `code`\n")
+        self.write("docs/a.md", "[b](b.md) [c](b.md#two-words-and-code) [web](https://a.b/c) `[x](y)`\n")
+        self.assertEqual(check_texts.check(self.root), [])
+        self.write("docs/a.md", "\n[b](missing.md)\n[c](b.md#three)\n")
+        faults = check_texts.check(self.root)
+        self.assertEqual([f.split(": ")[0] for f in faults], ["docs/a.md:2", "docs/a.md:3"])
+
+
+class Phrases(Tree):
+    def faults(self, text, name="a.md"):
+        self.write(name, text)
+        return check_phrases.check(self.root)
+
+    def test_a_banned_phrase_is_found_with_its_line_and_a_better_one(self):
+        (fault,) = self.faults("fine\nread it an" + "ew\n")
+        self.assertEqual(fault, "a.md:2: 'anew': better: again")  # phrases: quoted
+
+    def test_each_rule_finds_its_phrase(self):
+        for text in (
+            "the maker's library",  # phrases: quoted
+            "it would else stop",  # phrases: quoted
+            "one behind the other",  # phrases: quoted
+            "output for people",  # phrases: quoted
+            "'x' is no number",  # phrases: quoted
+            "// Of the joints, the first",  # phrases: quoted
+            "Who has no arm gets one",  # phrases: quoted
+            "the wanted force",  # phrases: quoted
+            "the behaviour at the centre",  # phrases: quoted
+            "initialise and normalise",  # phrases: quoted
+            "a test rig",  # phrases: quoted
+        ):
+            self.assertTrue(self.faults(text), text)
+
+    def test_ordinary_sentences_pass(self):
+        for text in (
+            "there is no name for it",
+            "Who may command?",
+            "the list is no longer sorted",
+            "exercise, otherwise, promise, advertise, precise",
+            "the trigger of a rigid body",
+        ):
+            self.assertEqual(self.faults(text), [], text)
+
+    def test_names_in_code_are_not_texts(self):
+        self.assertEqual(self.faults("int rig = 1;\n", "a.cpp"), [])  # phrases: quoted
+        self.assertEqual(len(self.faults("int rig = 1;  // the rig\n", "a.cpp")), 1)  # phrases: quoted
+
+    def test_keys_of_scenes_keep_their_names(self):
+        text = "the over" + "tones of a motion\n"
+        self.assertEqual(self.faults(text, "scene/a.cpp"), [])
+        self.assertEqual(len(self.faults(text, "docs/a.md")), 1)
+
+    def test_a_last_line_of_one_word_and_a_broken_banner_are_faults(self):
+        long = "// " + "word " * 20
+        self.assertEqual(len(self.faults(f"{long}\n// end.\nint a;\n", "a.cpp")), 1)
+        self.assertEqual(self.faults(f"{long}\n// the end.\nint a;\n", "a.cpp"), [])
+        self.assertEqual(len(self.faults("// --- Title and\n// more ---\n", "a.cpp")), 1)
+        self.assertEqual(self.faults("// --- Title ---\n", "a.cpp"), [])
+
+    def test_only_strict_fails(self):
+        text = self.root / "a.md"
+        text.write_text("an" + "ew\n")
+        with mock.patch.object(check_phrases, "ROOT", self.root), mock.patch("sys.stdout", io.StringIO()):
+            for options, code in (([], 0), (["--strict"], 1)):
+                with mock.patch.object(sys, "argv", ["check_phrases.py", *options, str(text)]):
+                    self.assertEqual(check_phrases.main(), code)
 
 
 if __name__ == "__main__":

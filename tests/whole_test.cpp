@@ -12,7 +12,7 @@
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 
-namespace multipanda {
+namespace multipanda::whole_test {
 namespace {
 
 using testing::IsEmpty;
@@ -35,7 +35,7 @@ class WholeRun : public testing::Test {
   std::filesystem::path folder_;
 };
 
-// What ships must run: no controllet taken out, no switch refused, nothing touched at the start.
+// Shipped scenes must run without a deactivated controllet, a refused switch or a contact at the start.
 TEST_F(WholeRun, EveryShippedSceneRunsItsWholeTimeline) {
   ASSERT_GE(available_scenes().size(), 4u);
   for (const auto& name : available_scenes()) {
@@ -58,11 +58,11 @@ TEST_F(WholeRun, EveryShippedSceneRunsItsWholeTimeline) {
     EXPECT_THAT(summary.faults(), IsEmpty()) << name;
     EXPECT_THAT(summary.interventions, IsEmpty()) << name;
     EXPECT_FALSE(touched) << name;
-    EXPECT_GT(moved, 0.05) << name << ": nothing moved, so nothing was tried";
+    EXPECT_GT(moved, 0.05) << name << ": nothing moved, so the test is empty";
   }
 }
 
-// All messages of a log but those that time the computer.
+// All messages of a log except those with times of the computer.
 std::map<std::string, std::vector<std::vector<std::uint8_t>>> simulated_messages(
     const std::filesystem::path& log) {
   std::map<std::string, std::vector<std::vector<std::uint8_t>>> messages;
@@ -77,7 +77,7 @@ std::map<std::string, std::vector<std::vector<std::uint8_t>>> simulated_messages
 
 TEST_F(WholeRun, TheLogsOfTwoUnpacedRunsAreBitIdentical) {
   Scene scene = load_scene("two_arms", registry_);
-  scene.plant = PlantFidelity::realistic();  // with noise: the seed decides it
+  scene.plant = PlantFidelity::realistic();  // its noise depends on the seed
   std::map<std::string, std::vector<std::vector<std::uint8_t>>> logs[2];
   for (auto& log : logs) {
     const RunSummary summary = run(scene, {.paced = false, .duration_s = 6, .record = folder_});
@@ -134,8 +134,8 @@ TEST_F(WholeRun, FourArmsAtOneKilohertzLoseNoSample) {
   EXPECT_EQ(states, 4u);
 }
 
-// Nothing knows seven joints or Franka: an arm of another make with six, on the same controllets.
-TEST_F(WholeRun, ASixJointArmOfAnotherMakeReachesItsTarget) {
+// Controllets support other arms: an arm of another manufacturer with six joints.
+TEST_F(WholeRun, ASixJointArmOfAnotherManufacturerReachesItsTarget) {
   const std::string model = MULTIPANDA_SOURCE_DIR "/tests/models/ur5e.yaml";
   const Scene scene = parse_scene(
       "arms:\n"
@@ -162,4 +162,4 @@ TEST_F(WholeRun, ASixJointArmOfAnotherMakeReachesItsTarget) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::whole_test

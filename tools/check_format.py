@@ -1,45 +1,44 @@
 #!/usr/bin/env python3
-"""Checks the layout of C++ files with clang-format; ends with 1 on a fault, with 77 (skipped) without the right tool.
+"""Checks the layout of C++ files with clang-format, layout and rules of Python files with ruff; ends with 1 on a fault.
 
-Versions of clang-format differ in what they print, so only the one that the files were formatted with counts.
+Versions differ in what they print, so the pinned ones of .venv are used (requirements.txt). Run it with --fix to
+rewrite the files.
 """
 
-import re
-import shutil
+import pathlib
 import subprocess
 import sys
 
 from project_files import ROOT, project_files
 
-VERSION = 14
-SKIPPED = 77
+PROGRAMS = pathlib.Path(sys.prefix, "bin")
 
 
-def clang_format():
-    """The program of the right version, or None."""
-    for name in (f"clang-format-{VERSION}", "clang-format"):
-        program = shutil.which(name)
-        if program:
-            text = subprocess.run([program, "--version"], capture_output=True, text=True, check=False).stdout
-            found = re.search(r"version (\d+)", text)
-            if found and int(found.group(1)) == VERSION:
-                return program
-    return None
+def run(program, *arguments):
+    return subprocess.run([PROGRAMS / program, *arguments], cwd=ROOT, check=False).returncode == 0
 
 
 def main():
-    program = clang_format()
-    if program is None:
-        print(f"skipped: no clang-format {VERSION} (on Debian 12: ./multipanda setup --dev)")
-        return SKIPPED
-    files = project_files(ROOT, {".hpp", ".cpp"})
-    if not files:
-        print("no C++ file found, nothing would be checked")
+    fix = "--fix" in sys.argv
+    for program in ("clang-format", "ruff"):
+        if not (PROGRAMS / program).exists():
+            print(f"{PROGRAMS} has no {program}: run ./multipanda setup, then this check with .venv/bin/python")
+            return 1
+    cpp = [f for f in project_files(ROOT, {".hpp", ".cpp"}) if "vendored_interfaces" not in f.parts]
+    python = project_files(ROOT, {".py"})
+    if not cpp or not python:
+        print("no C++ or no Python file found, nothing would be checked")
         return 1
-    result = subprocess.run([program, "--dry-run", "-Werror", *map(str, files)], check=False)
-    if result.returncode:
-        print("mend it with: clang-format -i FILE")
-    return 1 if result.returncode else 0
+    good = [
+        run("clang-format", *(["-i"] if fix else ["--dry-run", "-Werror"]), *map(str, cpp)),
+        run("ruff", "format", *([] if fix else ["--check"]), "--force-exclude", *map(str, python)),
+        run("ruff", "check", "--force-exclude", *map(str, python)),
+    ]
+    if not all(good):
+        print("to rewrite the files: .venv/bin/python tools/check_format.py --fix")
+        return 1
+    print(f"{len(cpp)} C++ and {len(python)} Python files checked")
+    return 0
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 """Runs clang-tidy over source files: check_tidy.py BUILD_FOLDER [FILE...]; 77 (skipped) without the right tool.
 
-Without FILE it takes the stages of the core that are quick to parse. The others wait for a whole run by hand: one
-file with Pinocchio's headers takes a minute.
+Without FILE it checks the folders of the core that are quick to parse. One file with Pinocchio's headers takes a
+minute, so the others are checked by hand: name their files.
 """
 
 import concurrent.futures
+import json
 import os
 import pathlib
 import re
@@ -14,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 
+from compile_database import single_files
 from project_files import ROOT, project_files
 
 VERSION = 14
@@ -29,24 +31,45 @@ def main():
         return SKIPPED
     build = pathlib.Path(sys.argv[1])
     files = [pathlib.Path(name).resolve() for name in sys.argv[2:]] or [
-        p for p in project_files(ROOT, {".cpp"})
-        if p.parent.parent == ROOT / "core" and p.parent.name in QUICK and not p.stem.endswith("_test")]
-    known = (build / "compile_commands.json").read_text()
-    # gcc's precompiled headers are none of clang's: the files are read as they stand.
-    own = tempfile.TemporaryDirectory()
-    pathlib.Path(own.name, "compile_commands.json").write_text(
-        re.sub(r" -Winvalid-pch| -fpch-preprocess| -include [^ ]*cmake_pch\.hxx", "", known))
-    files = [f for f in files if str(f) in known]
+        p
+        for p in project_files(ROOT, {".cpp"})
+        if p.parent.parent == ROOT / "core" and p.parent.name in QUICK and not p.stem.endswith("_test")
+    ]
+    # gcc's precompiled headers mean nothing to clang: each file is read without them.
+    commands = {entry["file"]: entry for entry in single_files(build)}
+    files = [f for f in files if str(f) in commands]
     if not files:
-        print("no file of these is in the build, nothing would be checked")
+        print("none of these files is in the build, nothing would be checked")
         return 1
+    # Most of the time goes into other people's headers, so the files of a folder are read as one.
+    own = tempfile.TemporaryDirectory()
+    batches = []
+    for folder in sorted({f.parent for f in files}):
+        members = [f for f in files if f.parent == folder]
+        batch = pathlib.Path(own.name, f"{folder.name}_{len(batches)}.cpp")
+        batch.write_text("".join(f'#include "{f}"\n' for f in members))
+        entry = commands[str(members[0])]
+        command = entry["command"].replace(str(members[0]), str(batch))
+        batches.append({"directory": entry["directory"], "file": str(batch), "command": command})
+    pathlib.Path(own.name, "compile_commands.json").write_text(json.dumps(batches))
+    checked = re.search(r"HeaderFilterRegex: '\((.*)\)", (ROOT / ".clang-tidy").read_text()).group(1)
 
-    def tidy(file):
-        return subprocess.run([program, "--quiet", "-p", own.name, str(file)], capture_output=True, text=True, check=False)
+    def tidy(batch):
+        # gcc's own options mean nothing to clang, either.
+        options = [
+            "--quiet",
+            "--extra-arg=-Qunused-arguments",
+            "--checks=-bugprone-suspicious-include",
+            f"--config-file={ROOT / '.clang-tidy'}",
+        ]
+        options.append(f"--header-filter={ROOT}/({checked})/.*\\.[ch]pp$")
+        return subprocess.run(
+            [program, *options, "-p", own.name, batch["file"]], capture_output=True, text=True, check=False
+        )
 
     failed = False
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-        for file, result in zip(files, pool.map(tidy, files)):
+        for _batch, result in zip(batches, pool.map(tidy, batches)):
             if result.returncode:
                 failed = True
                 print(result.stdout)

@@ -1,6 +1,6 @@
 #!/bin/sh
 # Builds and runs the core's tests under one sanitizer: tools/sanitize.sh asan|ubsan|tsan
-# One at a time: address and undefined-behaviour checks together make Pinocchio's files seven times as slow to compile.
+# One at a time: address and undefined-behavior checks together make Pinocchio's files seven times as slow to compile.
 set -eu
 preset=$1
 cd "$(dirname "$0")/.."

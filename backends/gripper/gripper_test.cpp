@@ -1,11 +1,11 @@
-// Fingers and suction cups that hold things: forces, slip, widths, and the requests to them.
+// Fingers and suction cups that hold objects: forces, slip, widths, and the requests to them.
 #include <gtest/gtest.h>
 
-#include "backends/mujoco/test_scenes.hpp"
+#include "backends/mujoco/testing/test_scenes.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 
-namespace multipanda {
+namespace multipanda::gripper_test {
 namespace {
 
 using namespace test;
@@ -46,18 +46,19 @@ struct Rig {
     }
   }
 
-  std::future<ArmAnswer> ask(ArmRequest request) { return loop.backend.request(0, std::move(request)); }
-  // Runs until the answer is there; at most ten simulated seconds.
-  ArmAnswer wait(std::future<ArmAnswer> answer) {
+  std::future<RequestAnswer> ask(auto request) { return loop.backend.request(0, std::move(request)); }
+  // Runs until the answer arrives; at most ten simulated seconds.
+  RequestAnswer wait(std::future<RequestAnswer> answer) {
     const auto ready = [&] { return answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready; };
     for (int k = 0; k < 10000 && !ready(); ++k) step();
-    // The promise is kept by another thread, shortly after the loop has given the answer.
+    // Another thread fulfills the promise, shortly after the loop has answered.
     if (answer.wait_for(std::chrono::seconds(10)) != std::future_status::ready) return {false, "no answer"};
     return answer.get();
   }
-  ArmAnswer run(ArmRequest request) { return wait(ask(std::move(request))); }
+  RequestAnswer run(GripperRequest request) { return wait(ask(std::move(request))); }
+  RequestAnswer run(WorldRequest request) { return wait(loop.backend.request(std::move(request))); }
   const GripperState& gripper() const { return loop.state().gripper; }
-  // Of the same instant as MuJoCo's poses of objects.
+  // Pose at the same instant as MuJoCo's poses of objects.
   Pose X_WE() const { return loop.backend.world().X_WF(0) * loop.state().frames.X_FE; }
   Pose X_EO() const { return X_WE().inverse() * loop.backend.world().X_WO(1); }
 
@@ -137,7 +138,7 @@ struct SeededMotion {
   Vector6 phases;
 };
 
-// What the held box does to the hand: its weight and nothing of the squeeze.
+// The held box acts on the hand with its weight only, without the squeeze.
 void expect_only_weight(const Rig& rig, double mass) {
   const Vector3 F = rig.loop.state().F_K_W_true.force();
   EXPECT_LT((F - Vector3(0, 0, mass * kGravity)).norm(), 0.01 * mass * kGravity) << F.transpose();
@@ -148,7 +149,7 @@ TEST(Fingers, GraspedBoxIsLiftedAndHeldThroughMotion) {
   for (const double force : {15.0, 40.0, 70.0}) {
     Rig rig(grasp_scene({0.03, 0.04, 0.04}, 0.3, force == 40 ? 0.004 : 0, force == 70 ? turned : Pose{}));
     rig.steps(200);
-    const ArmAnswer answer = rig.run(GripperGrasp{.width = 0.04, .speed = 0.1, .force = force});
+    const RequestAnswer answer = rig.run(GripperGrasp{.width = 0.04, .speed = 0.1, .force = force});
     EXPECT_TRUE(answer.success) << answer.reason;
     EXPECT_TRUE(rig.gripper().grasped);
     EXPECT_FALSE(rig.gripper().moving);
@@ -168,7 +169,7 @@ TEST(Fingers, GraspedBoxIsLiftedAndHeldThroughMotion) {
       slip = std::max(slip, (rig.X_EO().position - X_EO.position).norm());
     }
     EXPECT_LT(slip, 1e-3);
-    EXPECT_EQ(rig.loop.state().mode, ArmMode::move);  // it has moved all the time
+    EXPECT_EQ(rig.loop.state().mode, ArmMode::move);  // it moved during the whole time
     EXPECT_TRUE(rig.gripper().grasped);
     // Without current the fingers hold nothing.
     EXPECT_TRUE(rig.run(GripperStop{}).success);
@@ -194,7 +195,7 @@ TEST(Fingers, MotionsEndAsTheyShould) {
       rig.run(GripperGrasp{.width = 0.03, .speed = 0.1, .force = 30, .tolerance_outer = 0.015}).success);
   EXPECT_TRUE(rig.run(GripperMove{.width = 0.07, .speed = 0.1}).success);
   EXPECT_NEAR(rig.gripper().width, 0.07, 5e-4);
-  // A move against the box stops there.
+  // A move against the box stops at the box.
   EXPECT_FALSE(rig.run(GripperMove{.width = 0.02, .speed = 0.1}).success);
   EXPECT_NEAR(rig.gripper().width, 0.04, 2e-3);
   // Gone is the box.
@@ -202,7 +203,7 @@ TEST(Fingers, MotionsEndAsTheyShould) {
   EXPECT_TRUE(rig.run(GripperHoming{}).success);
   EXPECT_NEAR(rig.gripper().max_width, 0.08, 3e-4);
   EXPECT_TRUE(rig.run(GripperMove{.width = 0.001, .speed = 5}).success);
-  // 8 cm at the 0.2 m/s that a hand has, not at 5 m/s
+  // 8 cm at the hand's 0.2 m/s, not at 5 m/s
   const int begin = static_cast<int>(rig.loop.state().sequence);
   EXPECT_TRUE(rig.run(GripperMove{.width = 0.08, .speed = 5}).success);
   EXPECT_GT(static_cast<int>(rig.loop.state().sequence) - begin, 380);
@@ -229,7 +230,7 @@ TEST(Fingers, StopResetAndNewMotionsAbort) {
   EXPECT_NE(unanswered.get().reason.find("not running"), std::string::npos);
 }
 
-TEST(Fingers, RequestsThatCannotBeMeantAreRefused) {
+TEST(Fingers, ImplausibleRequestsAreRefused) {
   Rig rig(grasp_scene());
   EXPECT_NE(rig.run(GripperMove{.width = -0.01}).reason.find("width"), std::string::npos);
   EXPECT_NE(rig.run(GripperMove{.width = 0.01, .speed = 0}).reason.find("speed"), std::string::npos);
@@ -238,8 +239,8 @@ TEST(Fingers, RequestsThatCannotBeMeantAreRefused) {
   EXPECT_NE(rig.run(VacuumStop{}).reason.find("no such gripper"), std::string::npos);
 }
 
-// Wherever the fingers stand, the arm's own model (fingers closed) carries it.
-TEST(Fingers, TheirPlaceIsNoLoadForTheArm) {
+// For any opening of the fingers, the arm's own model (fingers closed) compensates gravity.
+TEST(Fingers, TheirPositionDoesNotLoadTheArm) {
   Scene scene = grasp_scene();
   scene.objects.clear();
   Loop loop(scene);
@@ -277,7 +278,7 @@ TEST(Vacuum, PartIsLiftedHeldThroughMotionAndDropped) {
   Rig rig(vacuum_scene(0.003));
   EXPECT_TRUE(rig.loop.backend.capabilities(0).has_vacuum);
   rig.steps(100);
-  const ArmAnswer answer = rig.run(VacuumOn{.pressure_mbar = 600, .timeout_s = 2});
+  const RequestAnswer answer = rig.run(VacuumOn{.pressure_mbar = 600, .timeout_s = 2});
   EXPECT_TRUE(answer.success) << answer.reason;
   EXPECT_TRUE(rig.gripper().grasped);
   rig.lift(0.15);
@@ -301,7 +302,7 @@ TEST(Vacuum, PartIsLiftedHeldThroughMotionAndDropped) {
 
 TEST(Vacuum, TooFarAwayOrTooHeavyIsNotHeld) {
   Rig far(vacuum_scene(0.008));
-  const ArmAnswer answer = far.run(VacuumOn{.pressure_mbar = 600, .timeout_s = 0.3});
+  const RequestAnswer answer = far.run(VacuumOn{.pressure_mbar = 600, .timeout_s = 0.3});
   EXPECT_FALSE(answer.success);
   EXPECT_NE(answer.reason.find("vacuum"), std::string::npos) << answer.reason;
   // 40 mm at 100 mbar hold 12.6 N; 2 kg weigh 19.6 N.
@@ -316,7 +317,7 @@ TEST(Vacuum, TooFarAwayOrTooHeavyIsNotHeld) {
   expect_only_weight(strong, 2.0);
 }
 
-TEST(Vacuum, WithoutPumpThePartFallsAfterAWhile) {
+TEST(Vacuum, WithoutPumpThePartFallsEventually) {
   Rig rig(vacuum_scene(0.002));
   EXPECT_TRUE(rig.run(VacuumOn{.pressure_mbar = 600, .timeout_s = 2}).success);
   rig.lift(0.1);
@@ -327,7 +328,7 @@ TEST(Vacuum, WithoutPumpThePartFallsAfterAWhile) {
   EXPECT_FALSE(rig.run(GripperMove{.width = 0.02}).success);  // has no fingers
 }
 
-TEST(Vacuum, AHeldPartThatIsPlacedElsewhereIsHeldNoMore) {
+TEST(Vacuum, AHeldPartThatIsPlacedElsewhereIsReleased) {
   const Scene scene = vacuum_scene(0.002);
   Rig rig(scene);
   EXPECT_TRUE(rig.run(VacuumOn{.pressure_mbar = 600, .timeout_s = 2}).success);
@@ -341,14 +342,14 @@ TEST(Vacuum, AHeldPartThatIsPlacedElsewhereIsHeldNoMore) {
   EXPECT_LT(rig.loop.backend.world().X_WO(1).position.z(), 0.97);  // it falls
 }
 
-// The scene that users start from: both grippers reach what stands there.
-TEST(Grippers, TheirSceneIsAsItSays) {
+// The scene that users start from: both grippers reach the objects.
+TEST(Grippers, TheirSceneIsAsDescribed) {
   const Scene scene = load_scene("grippers", build_registry({}));
   Loop loop(scene);
   auto grasp = loop.backend.request(0, GripperGrasp{.width = 0.04, .force = 30});
   auto suction = loop.backend.request(1, VacuumOn{.pressure_mbar = 500, .timeout_s = 1});
   loop.steps(2000);
-  const ArmAnswer grasped = grasp.get(), held = suction.get();
+  const RequestAnswer grasped = grasp.get(), held = suction.get();
   EXPECT_TRUE(grasped.success) << grasped.reason;
   EXPECT_TRUE(held.success) << held.reason;
   EXPECT_TRUE(loop.state(0).gripper.grasped);
@@ -356,4 +357,4 @@ TEST(Grippers, TheirSceneIsAsItSays) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::gripper_test

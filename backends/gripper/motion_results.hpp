@@ -8,11 +8,11 @@ namespace multipanda {
 
 // How a motion of a gripper ended.
 enum class GripperResult : std::uint8_t {
-  none,          // there was no such motion, or it is forgotten
+  none,          // unknown or no longer stored
   running,       // not over yet
   success,       //
-  unsuccessful,  // over, but not as asked: nothing grasped, the width not reached, no vacuum in time
-  aborted        // by a stop, or by another motion
+  unsuccessful,  // ended without success: nothing grasped, width not reached, or no vacuum in time
+  aborted        // ended by a stop, or by another motion
 };
 
 // Results of the last motions, by ticket. Tickets count from 1.
@@ -20,13 +20,13 @@ class MotionResults {
  public:
   using Ticket = std::uint64_t;
 
-  // Begins a motion; the one that runs is aborted.
+  // Starts a motion and aborts the running one.
   Ticket begin() {
     end(GripperResult::aborted);
     at(++last_) = GripperResult::running;
     return last_;
   }
-  // The running motion is over; nothing if none runs.
+  // Ends the running motion, if any.
   void end(GripperResult result) {
     if (running()) at(last_) = result;
   }

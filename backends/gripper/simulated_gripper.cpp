@@ -6,17 +6,17 @@
 namespace multipanda {
 namespace {
 
-// Servo of one finger with its share of the drive (about 0.23 kg, models/to_mjcf.cpp): 35 Hz, damped well,
-// and within what steps of 1 ms allow.
+// Servo of one finger with its part of the drive (about 0.23 kg, models/to_mjcf.cpp): 35 Hz, well damped, and
+// stable with steps of 1 ms.
 constexpr double kStiffness = 10000;   // [N/m]
 constexpr double kDamping = 70;        // [N s/m]
 constexpr double kOffDamping = 20;     // of the drive without current [N s/m]
 constexpr double kAcceleration = 4.0;  // of the width [m/s^2]
 
 constexpr double kHomingSpeed = 0.1, kHomingForce = 20;  // [m/s, N]
-constexpr double kReached = 5e-4;                        // from the asked width [m]
-constexpr double kStill = 1e-3;                          // a slower width stands [m/s]
-constexpr double kStalled = 0.1;                         // fingers that stood that long go no further [s]
+constexpr double kReached = 5e-4;                        // from the requested width [m]
+constexpr double kStill = 1e-3;                          // below this rate the fingers are at rest [m/s]
+constexpr double kStalled = 0.1;                         // fingers at rest for this long are blocked [s]
 
 }  // namespace
 
@@ -60,7 +60,7 @@ SimulatedGripper::Ticket SimulatedGripper::start(const GripperMove& request) {
   return ticket;
 }
 
-// Closes whatever the width is; the width only judges.
+// Always closes; the width only decides success.
 SimulatedGripper::Ticket SimulatedGripper::start(const GripperGrasp& request) {
   const Ticket ticket = results_.begin();
   state_.grasped = false;
@@ -77,14 +77,14 @@ void SimulatedGripper::stop() {
   go(Drive::off, 0, 0, 0);
 }
 
-// The reference goes to the target with limited speed and acceleration, and waits for fingers that cannot
-// follow, no farther ahead than full force needs.
+// The reference moves to the target with limited speed and acceleration. It stays close enough to blocked
+// fingers that the servo gives at most full force.
 double SimulatedGripper::servo(double width, double rate, double dt) {
   if (drive_ == Drive::off) return -0.5 * kOffDamping * rate;
   const double distance = target_ - w_ref_;
-  const double wanted =
+  const double desired =
       std::copysign(std::min(speed_, std::sqrt(2 * kAcceleration * std::abs(distance))), distance);
-  v_ref_ += std::clamp(wanted - v_ref_, -kAcceleration * dt, kAcceleration * dt);
+  v_ref_ += std::clamp(desired - v_ref_, -kAcceleration * dt, kAcceleration * dt);
   if (std::abs(distance) <= std::abs(v_ref_) * dt || drive_ == Drive::hold) {
     w_ref_ = target_;
     v_ref_ = 0;
@@ -94,7 +94,7 @@ double SimulatedGripper::servo(double width, double rate, double dt) {
   const double lead = 2 * (limits_.force / kStiffness) + 1e-3;
   w_ref_ = std::clamp(w_ref_, width - lead, width + lead);
   const double force = 0.5 * (kStiffness * (w_ref_ - width) + kDamping * (v_ref_ - rate));
-  // A finger that presses does it with the asked force; whatever drives it open meets all that the motor has.
+  // A finger presses with the requested force and resists opening with the full force of the motor.
   const double most_opening = drive_ == Drive::press ? limits_.force : force_;
   blocked_ = w_ref_ == target_ || force <= -force_ || force >= most_opening;
   return std::clamp(force, -force_, most_opening);

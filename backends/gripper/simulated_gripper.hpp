@@ -9,28 +9,27 @@ namespace multipanda {
 struct GripperLimits {
   double width = 0.08;  // fully open [m]
   double speed = 0.2;   // of the width, most [m/s]
-  double force = 70;    // of each finger on what is between them, most [N]
+  double force = 70;    // largest force of each finger on the object between them [N]
 };
 
-// Behaviour of a parallel gripper whose two fingers are coupled: what its motor does for each request. No
-// wire, no clock, no physics: whoever owns the fingers calls step() once per control period with what they
-// do and applies the force that it gives. docs/gripper.md says what is simulated and what is not.
+// Behavior of a parallel gripper whose two fingers are coupled: the motor's force for each request. The owner
+// of the fingers calls step() once per control period with their motion and applies the returned force.
+// docs/gripper.md describes what is simulated.
 //
 // Width: between the fingers' pads. Speeds are the width's. Forces are those of each finger, and both press
 // equally: a grasp of 40 N squeezes with 40 N.
 //
-// One motion at a time; a new one aborts the one that runs. After a motion the fingers are held at the width
-// (homing, move) or go on pressing (grasp); after stop(), and after an abort by it, the motor is off: what
-// was held falls. Nothing allocates or locks.
+// One motion at a time; a new one aborts the running one. After a motion the fingers hold the width
+// (homing, move) or keep pressing (grasp). After stop() the motor is off and a held object falls. No
+// allocation, no lock.
 class SimulatedGripper {
  public:
   using Ticket = MotionResults::Ticket;
 
-  // width: where the fingers stand [m].
+  // width: the initial width [m].
   SimulatedGripper(const GripperLimits& limits, double width);
 
-  // Requests that passed check() (core/cycle/gripper_requests.hpp). Speed and force above the limits are
-  // limited.
+  // Requests that passed check() (core/cycle/requests.hpp). Speed and force are reduced to the limits.
   Ticket start(const GripperHoming& request);
   Ticket start(const GripperMove& request);
   Ticket start(const GripperGrasp& request);
@@ -45,7 +44,7 @@ class SimulatedGripper {
   const GripperState& state() const { return state_; }
   const GripperLimits& limits() const { return limits_; }
 
-  // As at construction; a motion that runs is aborted. Homing is kept.
+  // Resets to the state after construction, except homing; aborts the running motion.
   void reset(double width);
 
  private:
@@ -58,11 +57,11 @@ class SimulatedGripper {
   MotionResults results_;
   GripperState state_;
   Drive drive_ = Drive::hold;
-  GripperGrasp grasp_;  // the last one asked for
+  GripperGrasp grasp_;  // the last request
   double target_ = 0, speed_ = 0, force_ = 0;
   double w_ref_ = 0, v_ref_ = 0;  // what the servo follows [m, m/s]
-  bool blocked_ = false;          // the motor gives what it may, or the reference has arrived
-  double still_s_ = 0;            // how long the fingers have not moved although blocked [s]
+  bool blocked_ = false;          // full force, or the reference has reached the target
+  double still_s_ = 0;            // time at rest while blocked [s]
 };
 
 }  // namespace multipanda

@@ -10,10 +10,10 @@ namespace {
 constexpr double kPumpTime = 0.08;   // time constant of the pump on a sealed cup [s]
 constexpr double kLeakTime = 3.0;    // of a sealed cup without pump [s]
 constexpr double kVentTime = 0.01;   // of an open cup, and of blowing off [s]
-constexpr double kOpenMbar = 20;     // what the pump reaches with an open cup
-constexpr double kLetsGoMbar = 5;    // less holds nothing
-constexpr double kTearTime = 0.005;  // an overload that lasts that long tears the part off [s]
-constexpr double kInRange = 0.95;    // of the vacuum asked for
+constexpr double kOpenMbar = 20;     // that the pump reaches with an open cup
+constexpr double kLetsGoMbar = 5;    // below this vacuum nothing is held
+constexpr double kTearTime = 0.005;  // duration of an overload that detaches the part [s]
+constexpr double kInRange = 0.95;    // fraction of the requested vacuum
 constexpr double kPascal = 100;      // of a millibar
 
 std::string check_time(double timeout) {

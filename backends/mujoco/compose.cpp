@@ -37,8 +37,8 @@ void set_color(const std::array<double, 4>& rgba, float to[4]) {
   for (std::size_t i = 0; i < 4; ++i) to[i] = static_cast<float>(rgba[i]);
 }
 
-// Elliptic friction cones and implicit joint damping; everything of MuJoCo's that would act by itself (its
-// reset after a run-away) is off: the backend decides.
+// Elliptic friction cones and implicit joint damping; MuJoCo's own reset after a divergence is off: the
+// backend handles it.
 void set_options(mjSpec* spec, const WorldPhysics& physics) {
   spec->option.timestep = physics.timestep;
   spec->option.noslip_iterations = physics.noslip_iterations;
@@ -51,7 +51,7 @@ void set_options(mjSpec* spec, const WorldPhysics& physics) {
   spec->compiler.usethread = 0;
 }
 
-// Light, sky and, where the scene has no plane, a floor to look at. None of it touches anything.
+// Light, sky and, if the scene has no plane, a visible floor. None of them collides.
 void add_surroundings(mjSpec* spec, const std::vector<WorldArm>& arms, bool has_plane) {
   mjsBody* world = mjs_findBody(spec, "world");
 
@@ -123,8 +123,7 @@ void add_surroundings(mjSpec* spec, const std::vector<WorldArm>& arms, bool has_
   mjs_setString(floor->material, "floor");
 }
 
-// A point and a thin rod are bodies as well: arms take them as loads. MuJoCo takes them by their principal
-// moments only.
+// Point masses and thin rods are valid loads of an arm. MuJoCo needs their principal moments.
 void set_inertia(const Matrix3& I, mjsBody* body) {
   const Eigen::SelfAdjointEigenSolver<Matrix3> principal(I);
   const Vector3 moments = principal.eigenvalues();
@@ -144,7 +143,7 @@ void set_inertia(const Matrix3& I, mjsBody* body) {
   std::copy_n(bare.data(), 3, body->inertia);
 }
 
-// A rigid body on the flange; a ball shows how heavy it is.
+// A rigid body on the flange, drawn as a ball whose size shows the mass.
 void add_load(mjsBody* last_link, const mjsSite* flange, const char* name, const Load& load,
               const std::array<double, 4>& rgba) {
   if (load.mass <= 0) return;
@@ -171,7 +170,7 @@ void set_size(ShapeType shape, const Vector3& size, mjsGeom* geom) {
   switch (shape) {
     case ShapeType::plane:
       geom->type = mjGEOM_PLANE;
-      geom->size[0] = geom->size[1] = 0;  // drawn without end
+      geom->size[0] = geom->size[1] = 0;  // drawn infinitely large
       geom->size[2] = 0.05;
       break;
     case ShapeType::box:
@@ -191,7 +190,7 @@ void set_size(ShapeType shape, const Vector3& size, mjsGeom* geom) {
   }
 }
 
-// Which of the size's numbers a shape has.
+// Number of size values of a shape.
 std::vector<int> size_axes(ShapeType shape) {
   if (shape == ShapeType::plane) return {};
   if (shape == ShapeType::box) return {0, 1, 2};
@@ -204,7 +203,7 @@ void check_size(const std::string& whose, ShapeType shape, const Vector3& size) 
   }
 }
 
-// Shapes that touch, without mass, in a body of their own: what the last link never touches they may.
+// Collision shapes without mass, in a separate body, so that they may touch what the last link may not.
 void add_tool_shapes(mjsBody* last_link, const mjsSite* flange, const WorldArm& arm) {
   if (arm.tool_shapes.empty()) return;
   mjsBody* body = mjs_addBody(last_link, nullptr);
@@ -230,8 +229,8 @@ void add_tool_shapes(mjsBody* last_link, const mjsSite* flange, const WorldArm& 
 void add_arm(mjSpec* spec, const WorldArm& arm, const WorldPhysics& physics) {
   char error[1024] = "";
   const SpecPtr child(mj_parseXMLString(arm.mjcf.c_str(), nullptr, error, sizeof error));
-  if (!child) refuse("arm '" + arm.name + "'", std::string("MuJoCo cannot read its model: ") + error);
-  set_options(child.get(), physics);  // equal options: nothing to warn about
+  if (!child) refuse("arm '" + arm.name + "'", std::string("MuJoCo cannot load its model:  ") + error);
+  set_options(child.get(), physics);  // equal options avoid a warning
 
   const std::string last = "link" + std::to_string(arm.joint_count);
   mjsBody* last_link = mjs_findBody(child.get(), last.c_str());
@@ -247,7 +246,7 @@ void add_arm(mjSpec* spec, const WorldArm& arm, const WorldPhysics& physics) {
 
   mjsFrame* frame = mjs_addFrame(mjs_findBody(spec, "world"), nullptr);
   set_pose(arm.X_WB, frame->pos, frame->quat);
-  // A copy goes into the scene; otherwise attaching would move the child away.
+  // Attaches a copy; otherwise attaching would move the child.
   mjs_setDeepCopy(spec, 1);
   if (mjs_attach(frame->element, root->element, (arm.name + "/").c_str(), "") == nullptr) {
     refuse("arm '" + arm.name + "'", mjs_getError(spec));
@@ -268,12 +267,13 @@ void add_object(mjSpec* spec, const SceneObject& object) {
   set_size(object.shape, object.size, geom);
   if (object.shape == ShapeType::plane) mjs_setString(geom->material, "floor");
   if (!object.fixed) geom->mass = object.mass;
-  // Bases stand on fixed things, so link0 and link1 touch none of them.
+  // Bases are mounted on fixed objects, so link0 and link1 do not collide with these.
   const CollisionBits bits = object.fixed ? kFloorBits : kObjectBits;
   geom->contype = bits.type;
   geom->conaffinity = bits.affinity;
-  // The object's numbers rule its contacts with arms; between two objects MuJoCo mixes. Four dimensions:
-  // without torsional friction anything held by two points turns about the line between them.
+  // The object's values apply to its contacts with arms; between two objects MuJoCo mixes them.
+  // Four dimensions: without torsional friction an object held at two points would turn about the
+  // line between them.
   geom->priority = 1;
   geom->condim = object.friction > 0 ? 4 : 1;
   geom->friction[0] = object.friction;
@@ -317,7 +317,7 @@ mjModel* compose(const std::vector<WorldArm>& arms, const std::vector<SceneObjec
   add_cup_welds(spec.get(), arms, objects);
   mjModel* model = mj_compile(spec.get(), nullptr);
   if (model == nullptr)
-    throw std::invalid_argument(std::string("MuJoCo refuses the scene: ") + mjs_getError(spec.get()));
+    throw std::invalid_argument(std::string("MuJoCo cannot compile the scene:  ") + mjs_getError(spec.get()));
   set_surface_figures(model, arms, objects);
   return model;
 }

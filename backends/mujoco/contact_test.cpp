@@ -2,9 +2,9 @@
 
 #include <gtest/gtest.h>
 
-#include "backends/mujoco/test_scenes.hpp"
+#include "backends/mujoco/testing/test_scenes.hpp"
 
-namespace multipanda {
+namespace multipanda::contact_test {
 namespace {
 
 using namespace test;
@@ -28,9 +28,10 @@ SceneObject table(const Vector3& p, const Vector3& size) {
   return object;
 }
 
-// A ball is thrown at the hand from below: what the arm exerts on it in a period is its change of momentum
-// less its weight, and the moment about K its change of spin about its centre plus lever times force.
-TEST(Contact, TruthWrenchIsWhatStopsABall) {
+// A ball is thrown at the hand from below: the force that the arm exerts on it in a period is its change of
+// momentum less its weight; the moment about K is its change of angular momentum about its center plus lever
+// times force.
+TEST(Contact, TrueWrenchIsTheForceThatStopsABall) {
   for (const Pose& base : {pose(0, 0, 0), pose(0.4, -0.2, 0.1, 0.3, -0.2, 2.0)}) {
     SceneArm arm = arm_named("a", base);
     arm.X_FE = pose(0.02, -0.03, 0.05, 0.4, 0.1, 0.2);
@@ -74,7 +75,7 @@ TEST(Contact, TruthWrenchIsWhatStopsABall) {
   }
 }
 
-// Pressing on a table at rest: the commanded torque is J^T of what the arm exerts, and that points down.
+// Pressing on a table at rest: the commanded torque is J^T of the exerted force, which points down.
 TEST(Contact, PressingForceBalancesTheCommand) {
   for (const Pose& base : {pose(0, 0, 0), pose(0.2, 0.3, 0, 0, 0, 2.2)}) {
     SceneArm arm = arm_named("a", base);
@@ -86,7 +87,7 @@ TEST(Contact, PressingForceBalancesTheCommand) {
     Scene scene = scene_of({arm});
     scene.objects = {table({tip.x(), tip.y(), tip.z() - 0.07}, {0.3, 0.3, 0.1})};
     Loop loop(scene);
-    loop.unwatch();  // it hits the table with a law that limits no rate
+    loop.unwatch();  // it hits the table with a law without rate limit
     Vector6 push = Vector6::Zero();
     push[2] = -20;
     for (int k = 0; k < 4000; ++k) {
@@ -159,7 +160,7 @@ TEST(Contact, SameSeedSameBits) {
   EXPECT_NE(first, hash_run(scene, 5000, 0, 3));
 }
 
-TEST(Contact, ArmsThatTouchNothingCommonAreIndependent) {
+TEST(Contact, ArmsWithoutCommonContactAreIndependent) {
   Scene scene = scene_of({arm_named("a"), arm_named("b", pose(0, 2.5, 0))}, PlantFidelity::realistic());
   scene.objects = {table({3, 0, -0.05}, {1, 1, 0.1}), ball("ball", {3, 0, 0.1}, 0.1, 0.5)};
   EXPECT_EQ(hash_run(scene, 2000, 0, 3), hash_run(scene, 2000, 0, -5));
@@ -167,4 +168,4 @@ TEST(Contact, ArmsThatTouchNothingCommonAreIndependent) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::contact_test

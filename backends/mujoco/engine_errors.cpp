@@ -17,7 +17,7 @@ constexpr std::size_t kText = 512;
 thread_local std::jmp_buf* return_point = nullptr;
 thread_local std::array<char, kText> error_text{};
 std::atomic<std::uint64_t> warning_count{0};
-// Written by whoever wins the flag, so that a warning in the loop waits for nobody.
+// Written by the thread that gets the flag, so that a warning in the loop never waits.
 std::atomic_flag warning_text_busy = ATOMIC_FLAG_INIT;
 std::array<char, kText> warning_text{};
 
@@ -26,7 +26,7 @@ void copy_text(const char* from, std::array<char, kText>& to) {
   to[kText - 1] = '\0';
 }
 
-// MuJoCo is C: a jump passes over no destructor, an exception would pass through frames that cannot unwind.
+// MuJoCo is C: longjmp skips no destructors here; an exception would pass through frames that cannot unwind.
 void on_error(const char* message) {
   copy_text(message, error_text);
   if (return_point != nullptr) std::longjmp(*return_point, 1);

@@ -4,13 +4,13 @@
 #include <functional>
 #include <string>
 
-// MuJoCo reports errors through a handler of the whole process that must not return, and warnings through
-// one that by default writes a file. Here neither ends the process nor writes anything.
+// MuJoCo reports errors through a process-wide handler that must not return, and warnings through
+// one that by default writes a file. The handlers here neither end the process nor write a file.
 namespace multipanda {
 
-// Calls `work`; true if MuJoCo reported no error. After an error the text is in last_engine_error() of this
-// thread and the call was left where the error occurred: what it worked on is not to be used any more.
-// `work` must not own anything with a destructor on its stack.
+// Calls `work`; true if MuJoCo reported no error. After an error, last_engine_error() of this thread has the
+// text. The call was left where the error occurred: do not use its data any more. `work` must not own
+// anything with a destructor on its stack.
 bool without_engine_error(void (*work)(void*), void* argument);
 
 // The same for any callable, without allocating.
@@ -27,7 +27,7 @@ std::uint64_t engine_warnings();
 // Text of the last one, empty if none. Off the loop.
 std::string last_engine_warning();
 
-// Called by everything here that uses MuJoCo, before it does.
+// Must be called before any use of MuJoCo.
 void install_engine_handlers();
 
 }  // namespace multipanda

@@ -2,9 +2,9 @@
 
 #include <gtest/gtest.h>
 
-#include "backends/mujoco/test_scenes.hpp"
+#include "backends/mujoco/testing/test_scenes.hpp"
 
-namespace multipanda {
+namespace multipanda::fidelity_test {
 namespace {
 
 using namespace test;
@@ -23,7 +23,7 @@ TEST(Fidelity, StepResponseHasTheDelayAndBandwidthStated) {
   }
 }
 
-// The table, in another form of the same function: p1/2 (tanh(p2 (dq + p3) / 2) - tanh(p2 p3 / 2)).
+// The table's function in another form: p1/2 (tanh(p2 (dq + p3) / 2) - tanh(p2 p3 / 2)).
 TEST(Fidelity, FrictionFollowsTheTable) {
   const double p1[] = {0.54615, 0.87224, 0.64068, 1.2794, 0.83904, 0.30301, 0.56489};
   const double p2[] = {5.1181, 9.0657, 10.136, 5.5903, 8.3469, 17.133, 10.336};
@@ -50,7 +50,7 @@ TEST(Fidelity, FrictionFollowsTheTable) {
       const double bound = 0.5 * 0.1 * p1[i] * p2[i] * p2[i] * change * change + 1e-9;
       EXPECT_NEAR(friction[i], table(loop.state().dq[i]), bound) << i;
     }
-    // tau_J is what moves the links: M ddq + c + g.
+    // tau_J moves the links: M ddq + c + g.
     const JointVector moved = terms.M() * (loop.state().dq - dq) / 0.001 + terms.c() + terms.g();
     EXPECT_LT((moved - loop.state().tau_J).cwiseAbs().maxCoeff(), 1e-6);
   }
@@ -102,4 +102,4 @@ TEST(Fidelity, DelayMustBeWholePeriods) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::fidelity_test

@@ -1,11 +1,11 @@
-// Estimated forces against forces that are known.
+// Compares estimated forces with known forces.
 #include <complex>
 
 #include <gtest/gtest.h>
 
-#include "backends/mujoco/forces_rig.hpp"
+#include "backends/mujoco/testing/forces_rig.hpp"
 
-namespace multipanda {
+namespace multipanda::forces_test {
 namespace {
 
 using namespace test;
@@ -20,7 +20,7 @@ void expect_static(const WrenchError& error) {
   EXPECT_LT(error.torque.max, 0.01);
 }
 
-// Noise passes the observer, a bias would not be noise: over half a second next to nothing is left of it.
+// Noise passes the observer, but it has no bias: its mean over half a second is nearly zero.
 void expect_realistic(const WrenchError& error) {
   EXPECT_LT(error.force.bias, 0.25);
   EXPECT_LT(error.force.rms, 1.5);
@@ -35,7 +35,7 @@ TEST(Forces, PushesAtTheToolAreTheirReaction) {
   }
 }
 
-TEST(Forces, PayloadIsAForceOnlyWhereItWasNotDeclared) {
+TEST(Forces, PayloadIsAForceOnlyIfItWasNotDeclared) {
   for (const auto& [name, arm] : measured_arms()) {
     for (const bool declared : {false, true}) {
       SCOPED_TRACE(name + (declared ? ", declared" : ", not declared"));
@@ -44,7 +44,7 @@ TEST(Forces, PayloadIsAForceOnlyWhereItWasNotDeclared) {
   }
 }
 
-TEST(Forces, PressingAndSqueezingAreWhatTheContactsSay) {
+TEST(Forces, PressingAndSqueezingMatchTheContacts) {
   for (const auto& [name, arm] : measured_arms()) {
     SCOPED_TRACE(name);
     expect_static(error_pressing(arm, PlantFidelity::ideal()));
@@ -99,4 +99,4 @@ TEST(Forces, EstimateHasTheBandwidthAndLagStated) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::forces_test

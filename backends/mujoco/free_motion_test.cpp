@@ -1,8 +1,8 @@
 #include <gtest/gtest.h>
 
-#include "backends/mujoco/test_scenes.hpp"
+#include "backends/mujoco/testing/test_scenes.hpp"
 
-namespace multipanda {
+namespace multipanda::free_motion_test {
 namespace {
 
 using namespace test;
@@ -20,7 +20,7 @@ TEST(FreeMotion, ZeroTorqueLeavesArmsWhereTheyAre) {
 }
 
 // One step from a random state: the velocity changes by dt M^-1 (tau - c), with the terms of the controllers'
-// model, whatever way the base points.
+// model, for any orientation of the base.
 TEST(FreeMotion, AcceleratesAsTheModelSays) {
   std::mt19937 random(7);
   for (const Pose& base : kBases) {
@@ -69,7 +69,7 @@ TEST(FreeMotion, UndeclaredPayloadPullsAndDeclaredOneDoesNot) {
   EXPECT_LT((declared.state().q - arm.q_start).norm(), 1e-9);
 }
 
-// What an arm may be told to carry may also hang there: points and thin rods have singular inertias.
+// Valid declared loads are also valid loads of the plant: points and thin rods have singular inertias.
 TEST(FreeMotion, PayloadsWithoutExtentMoveAsTheirModel) {
   const Vector3 along = Vector3(1, 2, -1).normalized();
   for (const Matrix3& inertia : {Matrix3(Matrix3::Zero()), Matrix3(Vector3(0.01, 0, 0.01).asDiagonal()),
@@ -104,4 +104,4 @@ TEST(FreeMotion, SubstepsKeepThePeriod) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::free_motion_test

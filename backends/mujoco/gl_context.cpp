@@ -15,7 +15,7 @@ bool load(void* library, const char* name, Function& function) {
   return function != nullptr;
 }
 
-// The few names of EGL that are needed (Khronos EGL 1.5, EGL_MESA_platform_surfaceless), so that no header
+// The EGL names that are needed (Khronos EGL 1.5, EGL_MESA_platform_surfaceless), so that no header
 // has to be installed.
 class EglContext : public GlContext {
  public:
@@ -54,16 +54,16 @@ class EglContext : public GlContext {
       return fail(reason, "EGL has no display without a surface");
     }
     constexpr int kRenderableType = 0x3040, kOpenGlBit = 0x0008, kNone = 0x3038;
-    constexpr std::array wanted{kRenderableType, kOpenGlBit, kNone};
+    constexpr std::array requested{kRenderableType, kOpenGlBit, kNone};
     void* config = nullptr;
     int count = 0;
-    if (bind_api(kOpenGlApi) == 0 || choose_config(display_, wanted.data(), &config, 1, &count) == 0 ||
+    if (bind_api(kOpenGlApi) == 0 || choose_config(display_, requested.data(), &config, 1, &count) == 0 ||
         count == 0) {
       return fail(reason, "EGL offers no OpenGL");
     }
     context_ = create_context(display_, config, nullptr, nullptr);
-    if (context_ == nullptr || !make_current()) return fail(reason, "EGL gives no OpenGL context");
-    // MuJoCo looks OpenGL's functions up in the libraries visible to everyone.
+    if (context_ == nullptr || !make_current()) return fail(reason, "EGL cannot create an OpenGL context");
+    // MuJoCo looks up OpenGL's functions among the global symbols.
     dlopen("libEGL.so.1", RTLD_NOW | RTLD_GLOBAL);
     return true;
   }
@@ -109,14 +109,14 @@ class OsmesaContext : public GlContext {
     constexpr unsigned kRgba = 0x1908;
     context_ = create_context(kRgba, 24, 8, 8, nullptr);
     if (context_ == nullptr || !make_current()) {
-      reason = "OSMesa gives no OpenGL context";
+      reason = "OSMesa cannot create an OpenGL context";
       return false;
     }
     return true;
   }
 
  private:
-  static constexpr int kSize = 64;  // of the window nobody sees; pictures go to a buffer of their own
+  static constexpr int kSize = 64;  // of the invisible window; pictures use a buffer of their own
   unsigned char (*make_current_)(void*, void*, unsigned, int, int) = nullptr;
   void (*destroy_)(void*) = nullptr;
   void* context_ = nullptr;
@@ -127,9 +127,9 @@ class OsmesaContext : public GlContext {
 
 std::unique_ptr<GlContext> GlContext::create(std::string& reason) {
   std::string why_not_egl, why_not_osmesa;
-  // MULTIPANDA_GL=osmesa skips EGL, for machines whose EGL claims to work and does not.
-  const char* wish = std::getenv("MULTIPANDA_GL");
-  if (wish == nullptr || std::string(wish) != "osmesa") {
+  // MULTIPANDA_GL=osmesa skips EGL, for machines whose EGL is broken.
+  const char* choice = std::getenv("MULTIPANDA_GL");
+  if (choice == nullptr || std::string(choice) != "osmesa") {
     auto egl = std::make_unique<EglContext>();
     if (egl->open(why_not_egl)) return egl;
   } else {
@@ -137,7 +137,7 @@ std::unique_ptr<GlContext> GlContext::create(std::string& reason) {
   }
   auto osmesa = std::make_unique<OsmesaContext>();
   if (osmesa->open(why_not_osmesa)) return osmesa;
-  reason = "no picture: EGL: " + why_not_egl + "; OSMesa: " + why_not_osmesa +
+  reason = "cannot draw pictures: EGL: " + why_not_egl + "; OSMesa: " + why_not_osmesa +
            ". Install libegl1 and libegl-mesa0, or libosmesa6";
   return nullptr;
 }

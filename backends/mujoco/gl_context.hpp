@@ -5,15 +5,15 @@
 
 namespace multipanda {
 
-// An OpenGL context without a screen, from libraries that are loaded only when asked for: EGL without a
-// surface, else OSMesa. Belongs to the thread that made it current.
+// An OpenGL context without a screen, from libraries that are loaded on demand: EGL without a surface,
+// otherwise OSMesa. It belongs to the thread that made it current.
 class GlContext {
  public:
   virtual ~GlContext() = default;
   virtual bool make_current() = 0;
   virtual const char* name() const = 0;
 
-  // nullptr: neither works, `reason` says why and what to install.
+  // nullptr: neither works; `reason` gets the cause and what to install.
   static std::unique_ptr<GlContext> create(std::string& reason);
 };
 

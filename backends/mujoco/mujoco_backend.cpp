@@ -2,7 +2,8 @@
 
 #include <type_traits>
 
-#include "core/cycle/gripper_requests.hpp"
+#include "core/types/time.hpp"
+#include "device/arm_settings.hpp"
 
 namespace multipanda {
 namespace {
@@ -10,8 +11,8 @@ namespace {
 template <class Request, class... Kinds>
 constexpr bool kIsOneOf = (std::is_same_v<Request, Kinds> || ...);
 
-// Off the loop: why a request to a gripper cannot be meant, or nothing.
-std::string check_gripper(const ArmRequest& request) {
+// Off the loop: why the request is invalid, or an empty string.
+std::string check_gripper(const GripperRequest& request) {
   return std::visit(
       [](const auto& r) -> std::string {
         using Kind = std::decay_t<decltype(r)>;
@@ -37,8 +38,7 @@ Capabilities MujocoBackend::capabilities(ArmIndex arm) const {
           .has_external_torque = false,
           .has_contact_truth = true,
           .has_gripper = plant_.has_gripper(arm),
-          .has_vacuum = plant_.has_vacuum(arm),
-          .period_s = kPeriod};
+          .has_vacuum = plant_.has_vacuum(arm)};
 }
 
 void MujocoBackend::start() {
@@ -58,7 +58,7 @@ ArmSet MujocoBackend::wait() {
   return plant_.failed() ? ArmSet() : ArmSet::all(plant_.arm_count());
 }
 
-LoopTime MujocoBackend::now() const { return {plant_.periods() * 1'000'000}; }
+LoopTime MujocoBackend::now() const { return {plant_.periods() * kArmPeriodNs.count()}; }
 
 void MujocoBackend::read(ArmSet due, std::span<ArmState> states) {
   for (ArmIndex i = 0; i < plant_.arm_count(); ++i) {
@@ -88,8 +88,8 @@ void MujocoBackend::command(ArmIndex arm, const InterfaceCommand& command) {
   told_ |= ArmSet::of(arm);
 }
 
-// The period that the last write() began. It runs in wait(), so that a cycle's time is the loop's own and not
-// the engine's.
+// Carries out the period that the last write() started. It runs in wait(), so that the time of a cycle
+// excludes the engine.
 void MujocoBackend::advance() {
   if (!commanded_) return;
   commanded_ = false;
@@ -97,23 +97,32 @@ void MujocoBackend::advance() {
   if (steps_left_ > 0 && --steps_left_ == 0) requests_.answer(step_slot_, ArmReply::done);
 }
 
-std::future<ArmAnswer> MujocoBackend::request(ArmIndex arm, ArmRequest request) {
-  RequestBox::Posted posted{.arm = arm, .request = std::move(request)};
-  if (arm >= plant_.arm_count()) {
-    return RequestBox::refused("there is no arm " + std::to_string(arm) + ": the scene has " +
-                               std::to_string(plant_.arm_count()));
+std::future<RequestAnswer> MujocoBackend::request(ArmIndex arm, ArmRequest request) {
+  if (arm >= arm_count()) return refuse_request(no_such_arm(arm, arm_count()));
+  if (auto why = check_request(request, plant_.arm(arm).joint_count()); !why.empty())
+    return refuse_request(std::move(why));
+  return requests_.post({.arm = arm, .request = std::move(request)});
+}
+
+std::future<RequestAnswer> MujocoBackend::request(ArmIndex arm, GripperRequest request) {
+  if (arm >= arm_count()) return refuse_request(no_such_arm(arm, arm_count()));
+  if (auto why = check_gripper(request); !why.empty()) return refuse_request(std::move(why));
+  return requests_.post({.arm = arm, .request = std::move(request)});
+}
+
+std::future<RequestAnswer> MujocoBackend::request(WorldRequest request) {
+  RequestBox::Posted posted;
+  if (const auto* place = std::get_if<PlaceObject>(&request)) {
+    if (auto why = plant_.locate(*place, posted.object); !why.empty()) return refuse_request(std::move(why));
   }
-  if (auto why = SimulatedArm::check(posted.request, plant_.arm(arm).joint_count()); !why.empty()) {
-    return RequestBox::refused(std::move(why));
-  }
-  if (auto why = check_gripper(posted.request); !why.empty()) return RequestBox::refused(std::move(why));
-  if (auto why = plant_.locate(posted); !why.empty()) return RequestBox::refused(std::move(why));
+  posted.request = std::move(request);
   return requests_.post(std::move(posted));
 }
 
 void MujocoBackend::take_requests() {
   while (const auto* posted = requests_.front()) {
-    const auto* step = std::get_if<StepSimulation>(&posted->request);
+    const auto* of_world = std::get_if<WorldRequest>(&posted->request);
+    const auto* step = of_world != nullptr ? std::get_if<StepSimulation>(of_world) : nullptr;
     if (auto motion = begin_gripper_motion(*posted)) {
       motion->slot = requests_.defer();
       gripper_motions_.push_back(*motion);
@@ -129,6 +138,8 @@ void MujocoBackend::take_requests() {
 
 std::optional<MujocoBackend::GripperMotion> MujocoBackend::begin_gripper_motion(
     const RequestBox::Posted& posted) {
+  const auto* request = std::get_if<GripperRequest>(&posted.request);
+  if (request == nullptr) return std::nullopt;
   SimulatedGripper* gripper = plant_.gripper(posted.arm);
   SimulatedVacuum* vacuum = plant_.vacuum(posted.arm);
   return std::visit(
@@ -141,7 +152,7 @@ std::optional<MujocoBackend::GripperMotion> MujocoBackend::begin_gripper_motion(
         }
         return std::nullopt;
       },
-      posted.request);
+      *request);
 }
 
 void MujocoBackend::answer_gripper_motions() {
@@ -149,54 +160,56 @@ void MujocoBackend::answer_gripper_motions() {
     const GripperResult result = motion.vacuum ? plant_.vacuum(motion.arm)->result(motion.ticket)
                                                : plant_.gripper(motion.arm)->result(motion.ticket);
     if (result == GripperResult::running) return false;
+    const ArmReply failed = motion.vacuum ? ArmReply::vacuum_unsuccessful : ArmReply::gripper_unsuccessful;
     requests_.answer(motion.slot, result == GripperResult::success        ? ArmReply::done
-                                  : result == GripperResult::unsuccessful ? ArmReply::gripper_unsuccessful
+                                  : result == GripperResult::unsuccessful ? failed
                                                                           : ArmReply::gripper_aborted);
     return true;
   });
 }
 
 ArmReply MujocoBackend::apply(const RequestBox::Posted& posted) {
-  if (const auto* place = std::get_if<PlaceObject>(&posted.request)) {
+  if (const auto* of_world = std::get_if<WorldRequest>(&posted.request))
+    return apply_to_world(posted, *of_world);
+  if (const auto* of_gripper = std::get_if<GripperRequest>(&posted.request))
+    return apply_to_gripper(posted.arm, *of_gripper);
+  return plant_.arm(posted.arm).apply(std::get<ArmRequest>(posted.request));
+}
+
+ArmReply MujocoBackend::apply_to_world(const RequestBox::Posted& posted, const WorldRequest& request) {
+  if (const auto* place = std::get_if<PlaceObject>(&request)) {
     return plant_.world().place(posted.object, place->X_WO) ? ArmReply::done : ArmReply::would_penetrate;
   }
-  if (std::holds_alternative<ResetSimulation>(posted.request)) {
-    plant_.reset();
-    return ArmReply::done;
-  }
-  if (const auto* pause = std::get_if<PauseSimulation>(&posted.request)) {
+  if (const auto* pause = std::get_if<PauseSimulation>(&request)) {
     if (pause->paused && !paused_ && pace_ == Pace::unpaced) pacer_.start();
     paused_ = pause->paused;
-    if (!paused_ && steps_left_ > 0) {  // it runs anyway now
+    if (!paused_ && steps_left_ > 0) {  // the simulation runs again
       steps_left_ = 0;
       requests_.answer(step_slot_, ArmReply::done);
     }
     return ArmReply::done;
   }
-  if (const auto* step = std::get_if<StepSimulation>(&posted.request)) {
+  if (const auto* step = std::get_if<StepSimulation>(&request)) {
     if (step->periods == 0) return ArmReply::done;
     return paused_ ? ArmReply::still_stepping : ArmReply::not_paused;
   }
-  if (const bool of_vacuum = std::holds_alternative<VacuumStop>(posted.request);
-      of_vacuum || std::holds_alternative<GripperStop>(posted.request)) {
-    if (of_vacuum ? !plant_.has_vacuum(posted.arm) : !plant_.has_gripper(posted.arm)) {
-      return ArmReply::no_gripper;
-    }
-    if (of_vacuum) {
-      plant_.vacuum(posted.arm)->stop();
-    } else {
-      plant_.gripper(posted.arm)->stop();
-    }
+  plant_.reset();
+  return ArmReply::done;
+}
+
+// Handles stops. begin_gripper_motion() has started the motions of existing grippers.
+ArmReply MujocoBackend::apply_to_gripper(ArmIndex arm, const GripperRequest& request) {
+  SimulatedGripper* gripper = plant_.gripper(arm);
+  SimulatedVacuum* vacuum = plant_.vacuum(arm);
+  if (gripper != nullptr && std::holds_alternative<GripperStop>(request)) {
+    gripper->stop();
     return ArmReply::done;
   }
-  const bool to_gripper = std::visit(
-      [](const auto& r) {
-        return kIsOneOf<std::decay_t<decltype(r)>, GripperHoming, GripperMove, GripperGrasp, VacuumOn,
-                        VacuumDrop>;
-      },
-      posted.request);
-  if (to_gripper) return ArmReply::no_gripper;
-  return plant_.arm(posted.arm).apply(posted.request);
+  if (vacuum != nullptr && std::holds_alternative<VacuumStop>(request)) {
+    vacuum->stop();
+    return ArmReply::done;
+  }
+  return ArmReply::no_gripper;
 }
 
 }  // namespace multipanda

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "backends/arm/request_box.hpp"
 #include "backends/mujoco/plant.hpp"
+#include "backends/simulated_arm/request_box.hpp"
 #include "backends/simulation_view.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/rt/pacer.hpp"
@@ -16,7 +16,7 @@ namespace multipanda {
 enum class Pace : std::uint8_t {
   realtime,  // a step per millisecond of the wall clock
   unpaced,   // as fast as the loop runs
-  hosted     // whoever calls has a clock: wait() never sleeps, not even in a paused world
+  hosted     // the caller has a clock: wait() never sleeps, even while paused
 };
 
 struct MujocoOptions {
@@ -24,22 +24,21 @@ struct MujocoOptions {
   std::filesystem::path meshes;  // shown in pictures in place of the primitives; empty: primitives
 };
 
-// A scene in MuJoCo, in lock-step with the loop: the world stands still while the loop computes; after
-// write() the next wait() moves it on by one control period of 1 ms in `substeps` physics steps. All arms are
-// due in every cycle. docs/simulation.md says what is simulated and what is not.
+// A scene in MuJoCo, in lock-step with the loop: the world is paused while the loop computes; after
+// write() the next wait() advances it by one control period of 1 ms in `substeps` physics steps. All arms are
+// due in every cycle. docs/simulation.md describes what is simulated. See MujocoPlant for its determinism and
+// the timeline's `place` events.
 //
-// What is simulated, its determinism and the timeline's `place` events: MujocoPlant.
+// The next wait() takes requests. PlaceObject is refused if the object would penetrate another.
+// ResetSimulation resets everything except the loop time; the arms report `recovering` for one period, so
+// that the controllets are deactivated. During PauseSimulation the loop runs at the wall clock's pace with
+// the same states; commands are ignored and now() does not advance (dt is 0). StepSimulation advances a
+// paused world by a number of periods.
 //
-// Requests are taken at the next wait(). Beyond those to the arm: PlaceObject (a free object, at rest;
-// refused if it would stand in something), ResetSimulation (everything to the start; loop time goes on; the
-// arms report `recovering` for one period, so that the controllets let go), PauseSimulation (the loop goes on
-// at the wall clock's pace with the same states, commands are ignored, now() stands still: dt is 0),
-// StepSimulation (a paused world carries out so many commands more, then stands still again).
+// Requests to a gripper (GripperHoming, ... VacuumStop) get their answers when the motion is over.
 //
-// Requests to a gripper (GripperHoming, ... VacuumStop) are answered when the motion is over.
-//
-// If MuJoCo fails or its state runs away, the world stops, wait() returns nothing from then on and fault()
-// says why.
+// If MuJoCo fails or its state diverges, the world stops, wait() returns an empty set and fault()
+// returns the reason.
 class MujocoBackend : public Backend, public SimulationView {
  public:
   static constexpr double kPeriod = MujocoPlant::kPeriod;  // [s]
@@ -55,16 +54,18 @@ class MujocoBackend : public Backend, public SimulationView {
   LoopTime now() const override;
   void read(ArmSet due, std::span<ArmState> states) override;
   void write(ArmSet due, std::span<const ArmCommand> commands) override;
-  // For an arm whose motion is other than torque, before write(), which then leaves it alone.
+  // Commands an arm whose motion is not torque. Call it before write(), which then skips the arm.
   void command(ArmIndex arm, const InterfaceCommand& command);
   std::uint64_t overruns() const override { return pace_ == Pace::realtime ? pacer_.overruns() : 0; }
-  std::future<ArmAnswer> request(ArmIndex arm, ArmRequest request) override;
+  std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request) override;
+  std::future<RequestAnswer> request(ArmIndex arm, GripperRequest request) override;
+  std::future<RequestAnswer> request(WorldRequest request) override;
 
   bool failed() const { return plant_.failed(); }
   std::string fault() const override { return plant_.fault(); }
   std::optional<Pose> object_pose(const std::string& name) const override { return plant_.object_pose(name); }
 
-  // For pictures and tests; loop thread, or while the loop stands.
+  // For pictures and tests; from the loop thread, or while the loop is stopped.
   const World& world() const { return plant_.world(); }
   World& world() { return plant_.world(); }
   const SimulatedArm& arm(ArmIndex i) const { return plant_.arm(i); }
@@ -74,8 +75,10 @@ class MujocoBackend : public Backend, public SimulationView {
   void advance();
   void take_requests();
   ArmReply apply(const RequestBox::Posted& posted);
-  // The motion of a gripper that a request began; none: the request asks for no such motion, or there is no
-  // such gripper.
+  ArmReply apply_to_world(const RequestBox::Posted& posted, const WorldRequest& request);
+  ArmReply apply_to_gripper(ArmIndex arm, const GripperRequest& request);
+  // The gripper motion that a request started. None if the request is not a motion, or the arm has
+  // no such gripper.
   struct GripperMotion {
     std::size_t slot = 0;
     ArmIndex arm = 0;
@@ -89,7 +92,7 @@ class MujocoBackend : public Backend, public SimulationView {
   MujocoPlant plant_;
   Pacer pacer_;
   ArmSet told_;             // arms that command() was called for, in this period
-  bool commanded_ = false;  // a period's commands wait to be carried out
+  bool commanded_ = false;  // commands wait for the next period
   bool paused_ = false;
   std::uint32_t steps_left_ = 0;  // while paused: periods that a request asked for
   std::size_t step_slot_ = 0;     // of that request

@@ -38,7 +38,7 @@ Painter::Painter(const mjModel* model, PictureOptions options)
   Drawing& d = *drawing_;
   if (options_.width < 16 || options_.height < 16 || options_.width > model->vis.global.offwidth ||
       options_.height > model->vis.global.offheight) {
-    reason_ = "a picture has 16 x 16 to " + std::to_string(model->vis.global.offwidth) + " x " +
+    reason_ = "the picture size must be 16 x 16 to " + std::to_string(model->vis.global.offwidth) + " x " +
               std::to_string(model->vis.global.offheight) + " pixels";
     return;
   }
@@ -58,7 +58,7 @@ Painter::Painter(const mjModel* model, PictureOptions options)
     reason_ = std::string("no picture: ") + d.gl->name() + ": " + last_engine_error();
     return;
   }
-  // Group 2 is what is meant to be seen; group 3 what touches.
+  // Group 2: visible shapes; group 3: collision shapes.
   std::fill_n(d.visible.geomgroup, mjNGROUP, mjtByte{0});
   d.visible.geomgroup[0] = d.visible.geomgroup[1] = d.visible.geomgroup[2] = 1;
   d.visible.geomgroup[3] = options_.collision_shapes ? 1 : 0;
@@ -69,7 +69,7 @@ Painter::Painter(const mjModel* model, PictureOptions options)
 
 Painter::~Painter() = default;
 
-// Looks at the middle of everything but planes, from as far as it takes to see the sphere round each shape.
+// Looks at the center of all shapes except planes, from a distance that shows all of them.
 void Painter::frame_camera() {
   Drawing& d = *drawing_;
   constexpr double kRadians = std::numbers::pi / 180;
@@ -113,17 +113,17 @@ void Painter::frame_camera() {
 std::string Painter::paint(std::span<const double> qpos, const std::filesystem::path& png) {
   if (!works()) return reason_;
   if (static_cast<mjtSize>(qpos.size()) != model_->nq) {
-    return "the scene has " + std::to_string(model_->nq) + " positions, not " + std::to_string(qpos.size());
+    return "the scene has " + std::to_string(model_->nq) + "  positions, found " +
+           std::to_string(qpos.size());
   }
   Drawing& d = *drawing_;
-  if (!d.gl->make_current()) return std::string(d.gl->name()) + " does not take its context";
+  if (!d.gl->make_current()) return std::string(d.gl->name()) + " cannot use its context";
   pixels_.assign(3 * static_cast<std::size_t>(options_.width) * static_cast<std::size_t>(options_.height), 0);
   std::copy(qpos.begin(), qpos.end(), d.data->qpos);
   const bool drawn = without_engine_error([this, &d] {
     mj_forward(model_, d.data);
     frame_camera();
-    // The headlight is placed before the camera: without this it would stand where the last picture was
-    // taken.
+    // The headlight is placed before the camera: without this it would keep the position of the last picture.
     mjv_updateCamera(model_, d.data, &d.camera, &d.scene);
     mjv_updateScene(model_, d.data, &d.visible, nullptr, &d.camera, mjCAT_ALL, &d.scene);
     const mjrRect all{0, 0, options_.width, options_.height};

@@ -6,9 +6,9 @@
 
 #include <gtest/gtest.h>
 
-#include "backends/mujoco/test_scenes.hpp"
+#include "backends/mujoco/testing/test_scenes.hpp"
 
-namespace multipanda {
+namespace multipanda::picture_test {
 namespace {
 
 using namespace test;
@@ -44,7 +44,7 @@ TEST(Picture, ShowsArmsAndIsWrittenAsPng) {
   const std::set<std::uint8_t> shades(painter.pixels().begin(), painter.pixels().end());
   EXPECT_GT(shades.size(), 50u);
 
-  // Another configuration is another picture; the same one the same.
+  // A different configuration gives a different picture, and the same one the same picture.
   const auto first = painter.pixels();
   std::vector<double> moved(positions(backend).begin(), positions(backend).end());
   moved[static_cast<std::size_t>(backend.world().arm(0).qpos[0])] += 0.5;
@@ -59,7 +59,7 @@ TEST(Picture, ShowsArmsAndIsWrittenAsPng) {
   EXPECT_LT(differing(), 0.001);  // the renderer's threads may round differently
 }
 
-TEST(Picture, RefusesWhatDoesNotFit) {
+TEST(Picture, RefusesMismatchedInput) {
   MujocoBackend backend(scene_of({arm_named("a")}), {.pace = Pace::unpaced});
   Painter large(backend.world().model(), {.width = 5000});
   EXPECT_FALSE(large.works());
@@ -69,4 +69,4 @@ TEST(Picture, RefusesWhatDoesNotFit) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::picture_test

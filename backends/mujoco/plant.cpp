@@ -6,9 +6,9 @@
 #include <cstring>
 #include <stdexcept>
 
-#include "backends/arm/from_scene.hpp"
-#include "backends/arm/joint_friction.hpp"
 #include "backends/mujoco/engine_errors.hpp"
+#include "backends/simulated_arm/from_scene.hpp"
+#include "backends/simulated_arm/joint_friction.hpp"
 #include "models/to_mjcf.hpp"
 #include "scene/build.hpp"
 
@@ -47,7 +47,7 @@ std::optional<LinkFriction> link_friction_of(const RobotDescription& robot) {
   return LinkFriction(*robot.link_friction, robot.joint_count());
 }
 
-// What fingers hold would creep out of them without iterations of the contact solver against slip.
+// Iterations against slip keep held objects from creeping out of the fingers.
 constexpr std::size_t kNoslipOfFingers = 5;
 
 WorldPhysics world_physics(const Scene& scene, double timestep) {
@@ -71,7 +71,7 @@ MujocoPlant::MujocoPlant(const Scene& scene, const PlantOptions& options)
     const RobotDescription robot = plant_robot_of(scene.arms[i]);
     const JointVector zero = joint_constant(robot.joint_count(), 0);
     const JointVector& q_start = scene.arms[i].q_start;
-    arms_.push_back({.behaviour = SimulatedArm(simulated_arm_config(scene, i), q_start),
+    arms_.push_back({.behavior = SimulatedArm(simulated_arm_config(scene, i), q_start),
                      .friction = friction_of(scene, robot),
                      .link_friction = link_friction_of(robot),
                      .motor_inertia = robot.motor_inertia,
@@ -106,13 +106,13 @@ void MujocoPlant::advance() {
     if (!world_.step()) {
       fail(*last_engine_error() != '\0'
                ? last_engine_error()
-               : "the simulation ran away: positions or velocities beyond any sense");
+               : "the simulation diverged: positions or velocities are out of range");
       return;
     }
     for (ArmIndex i = 0; i < arms_.size(); ++i) observe(i, weight);
   }
   ++periods_;
-  for (auto& arm : arms_) arm.behaviour.measure(arm.measurement);
+  for (auto& arm : arms_) arm.behavior.measure(arm.measurement);
 }
 
 void MujocoPlant::plan_places(const Scene& scene) {
@@ -120,7 +120,8 @@ void MujocoPlant::plan_places(const Scene& scene) {
     if (event.what != TimelineEvent::What::place) continue;
     const auto object = world_.find_object(event.object);
     if (!object)
-      throw std::invalid_argument("the timeline places '" + event.object + "', which is no object");
+      throw std::invalid_argument("the timeline places '" + event.object +
+                                  "', but the scene has no such object");
     constexpr double kRounding = 1e-6;  // of a period
     const auto period = static_cast<std::int64_t>(std::ceil(event.at_s / kPeriod - kRounding));
     places_.push_back({.period = period, .object = *object, .X_WO = event.X_WO});
@@ -145,7 +146,7 @@ bool MujocoPlant::carry_out_places() {
     const PlannedPlace& place = places_[next_place_];
     if (world_.place(place.object, place.X_WO)) continue;
     std::array<char, 256> why{};
-    std::snprintf(why.data(), why.size(), "the timeline places '%s' inside something else",
+    std::snprintf(why.data(), why.size(), "the timeline places '%s' inside another object",
                   world_.objects()[place.object].name.c_str());
     fail(why.data());
     return false;
@@ -159,7 +160,7 @@ GripperState MujocoPlant::gripper_state(ArmIndex i) const {
   return arm.vacuum ? arm.vacuum->gripper_state() : GripperState{};
 }
 
-// What their motors and pumps do in this period, by what fingers and parts did up to now.
+// Motors and pumps of this period, from the current state of fingers and parts.
 void MujocoPlant::drive_grippers(ArmIndex i) {
   Arm& arm = arms_[i];
   if (arm.gripper) {
@@ -175,14 +176,14 @@ void MujocoPlant::drive_grippers(ArmIndex i) {
   }
 }
 
-// Motor torque less friction goes to the joints. Friction's slope can exceed what an explicit step of a light
-// joint stands, so it is split: D = tau_f'(dq) goes to MuJoCo as damping, which its integrator takes at the
+// Motor torque less friction goes to the joints. The slope of friction can make an explicit step of a light
+// joint unstable, so it is split: D = tau_f'(dq) goes to MuJoCo as damping, which its integrator takes at the
 // end of the step, the rest is applied: in effect tau_f(dq) + D (dq_after - dq).
 void MujocoPlant::drive(ArmIndex index, double dt) {
   Arm& arm = arms_[index];
   const World::ArmPlaces& places = world_.arm(index);
   world_.joints(index, arm.q, arm.dq);
-  arm.tau_motor = arm.behaviour.motor_torque(arm.q, arm.dq, dt);
+  arm.tau_motor = arm.behavior.motor_torque(arm.q, arm.dq, dt);
   if (arm.link_friction) arm.link_friction->begin(arm.dq, world_.joint_inertia(index), dt);
   for (std::size_t j = 0; j < places.dof.size(); ++j) {
     const auto i = static_cast<Eigen::Index>(j);
@@ -200,8 +201,8 @@ void MujocoPlant::drive(ArmIndex index, double dt) {
   }
 }
 
-// After a physics step: what the sensors saw of it. `weight`: the step's part of the period. Motors with
-// inertia J and friction stand before the torque sensor: tau_J = tau_motor - tau_f - J ddq.
+// Adds the sensors' view of a physics step. `weight`: the step's fraction of the period. Inertia J and
+// friction of the motors lie before the torque sensor: tau_J = tau_motor - tau_f - J ddq.
 void MujocoPlant::observe(ArmIndex index, double weight) {
   Arm& arm = arms_[index];
   PlantMeasurement& seen = arm.measurement;
@@ -218,29 +219,29 @@ void MujocoPlant::observe(ArmIndex index, double weight) {
     }
   }
   if (arm.link_friction) arm.link_friction->end(seen.dq, weight * kPeriod);
-  // Contacts belong to the step's beginning, and so does MuJoCo's pose of the flange.
-  const ArmFrames& frames = arm.behaviour.settings().frames;
+  // Contacts and MuJoCo's flange pose belong to the start of the step.
+  const ArmFrames& frames = arm.behavior.settings().frames;
   const Pose X_WK = world_.X_WF(index) * frames.X_FE * frames.X_EK;
   seen.F_K_W_true.vector += weight * world_.tip_wrench(index, X_WK.position).vector;
 }
 
 void MujocoPlant::fail(const char* why) {
   failed_ = true;
-  std::strncpy(fault_.data(), why, fault_.size() - 1);
+  const std::size_t size = std::min(std::strlen(why), fault_.size() - 1);
+  std::memcpy(fault_.data(), why, size);
+  fault_[size] = '\0';
 }
 
-std::string MujocoPlant::locate(RequestBox::Posted& posted) const {
-  const auto* place = std::get_if<PlaceObject>(&posted.request);
-  if (place == nullptr) return {};
-  const auto object = world_.find_object(place->object);
-  if (!object) return "there is no object '" + place->object + "' in the scene";
-  if (world_.objects()[*object].qpos < 0) {
-    return "object '" + place->object + "' is fixed: only free objects can be placed";
+std::string MujocoPlant::locate(const PlaceObject& place, std::size_t& object) const {
+  const auto found = world_.find_object(place.object);
+  if (!found) return "there is no object '" + place.object + "' in the scene";
+  if (world_.objects()[*found].qpos < 0) {
+    return "object '" + place.object + "' is fixed: only free objects can be placed";
   }
-  if (!SimulatedArm::check(SetFrames{place->X_WO, {}}, 0).empty()) {
+  if (!check_request(SetFrames{place.X_WO, {}}, 0).empty()) {
     return "X_WO must be a finite position and a rotation";
   }
-  posted.object = *object;
+  object = *found;
   return {};
 }
 
@@ -248,7 +249,7 @@ void MujocoPlant::reset() {
   if (!world_.reset()) return fail(last_engine_error());
   for (ArmIndex i = 0; i < arms_.size(); ++i) {
     Arm& arm = arms_[i];
-    arm.behaviour.reset(arm.q_start);
+    arm.behavior.reset(arm.q_start);
     arm.friction_explicit.setZero();
     arm.friction_slope.setZero();
     if (arm.link_friction) arm.link_friction->reset();
@@ -258,15 +259,15 @@ void MujocoPlant::reset() {
   }
 }
 
-// The first packet: at rest, the motors carry the arm.
+// The first packet: at rest, the motors support the arm.
 void MujocoPlant::measure_start(ArmIndex i) {
   Arm& arm = arms_[i];
   world_.joints(i, arm.q, arm.dq);
-  arm.tau_motor = arm.behaviour.motor_torque(arm.q, arm.dq, 0);
+  arm.tau_motor = arm.behavior.motor_torque(arm.q, arm.dq, 0);
   arm.measurement.tau_link.setZero();
   arm.measurement.F_K_W_true = {};
   observe(i, 1.0);
-  arm.behaviour.measure(arm.measurement);
+  arm.behavior.measure(arm.measurement);
 }
 
 }  // namespace multipanda

@@ -8,63 +8,64 @@
 #include <string>
 #include <vector>
 
-#include "backends/arm/link_friction.hpp"
-#include "backends/arm/request_box.hpp"
-#include "backends/arm/simulated_arm.hpp"
 #include "backends/gripper/simulated_gripper.hpp"
 #include "backends/gripper/simulated_vacuum.hpp"
 #include "backends/mujoco/world.hpp"
+#include "backends/simulated_arm/link_friction.hpp"
+#include "backends/simulated_arm/request_box.hpp"
+#include "backends/simulated_arm/simulated_arm.hpp"
 #include "core/types/arm_set.hpp"
+#include "core/types/time.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
 
 struct PlantOptions {
   std::filesystem::path meshes;  // shown in pictures in place of the primitives; empty: primitives
-  // The timeline's `place` events wait for begin_timeline(); else they count from the plant's beginning.
+  // The timeline's `place` events wait for begin_timeline(); otherwise their time counts from construction.
   bool timeline_waits = false;
 };
 
 // A scene with its arms, ready to be stepped by one control period of 1 ms: MuJoCo's rigid bodies, joint
-// friction, and every arm's own behaviour between its interface and its motors. It has no clock and no
-// thread; whoever owns it (MujocoBackend, the virtual arms of fci/server) gives the arms their commands and
-// calls advance(). docs/simulation.md says what is simulated and what is not.
+// friction, and every arm's own behavior between its interface and its motors. It has no clock and no thread:
+// its owner (MujocoBackend, or the virtual arms of fci/server) commands the arms and calls advance().
+// docs/simulation.md describes what is simulated.
 //
-// Deterministic: the same scene, seed and commands give the same bits, on the same machine and libraries.
+// Deterministic: on one machine with the same libraries, the same scene, seed and commands give
+// the same bits.
 //
-// Events `place` of the scene's timeline are carried out here, each at the beginning of the first period that
-// does not begin before its time; where the object would stand inside something the plant fails.
+// The plant carries out the timeline's `place` events, each at the start of the first period at or after its
+// time. It fails if the object would penetrate another.
 class MujocoPlant {
  public:
-  static constexpr double kPeriod = 0.001;  // [s]
+  static constexpr double kPeriod = kArmPeriod;  // [s]
 
   // Throws std::invalid_argument if the scene cannot be built.
   explicit MujocoPlant(const Scene& scene, const PlantOptions& options = {});
 
   std::size_t arm_count() const { return arms_.size(); }
-  SimulatedArm& arm(ArmIndex i) { return arms_[i].behaviour; }
-  const SimulatedArm& arm(ArmIndex i) const { return arms_[i].behaviour; }
-  // What hangs on the arm's flange and moves; nullptr: no such gripper. The plant steps it.
+  SimulatedArm& arm(ArmIndex i) { return arms_[i].behavior; }
+  const SimulatedArm& arm(ArmIndex i) const { return arms_[i].behavior; }
+  // The gripper on the arm's flange, stepped by the plant; nullptr: no such gripper.
   SimulatedGripper* gripper(ArmIndex i) { return arms_[i].gripper ? &*arms_[i].gripper : nullptr; }
   SimulatedVacuum* vacuum(ArmIndex i) { return arms_[i].vacuum ? &*arms_[i].vacuum : nullptr; }
   bool has_gripper(ArmIndex i) const { return arms_[i].gripper.has_value(); }
   bool has_vacuum(ArmIndex i) const { return arms_[i].vacuum.has_value(); }
   GripperState gripper_state(ArmIndex i) const;
-  // False: joint friction acts that nobody compensates.
+  // False: uncompensated joint friction acts.
   bool is_frictionless(ArmIndex i) const { return !arms_[i].friction && !arms_[i].link_friction; }
 
-  // One period, by the commands that the arms were given; then every arm has measured. No allocation, no
-  // lock. Nothing happens after a failure.
+  // Advances one period with the arms' commands and updates their measurements. No allocation, no lock. Does
+  // nothing after a failure.
   void advance();
   std::int64_t periods() const { return periods_; }  // carried out since construction
-  void reset();                                      // everything to the start; periods() goes on
-  // Any thread: finds the object that a PlaceObject names. Why it cannot be placed, or nothing.
-  std::string locate(RequestBox::Posted& posted) const;
-  // With timeline_waits: the timeline's time is 0 in the period that comes next. Once; later calls do
-  // nothing.
+  void reset();                                      // everything as at the start, except periods()
+  // Any thread: finds the object that `place` names. Returns why it cannot be placed, or an empty string.
+  std::string locate(const PlaceObject& place, std::size_t& object) const;
+  // With timeline_waits: sets the timeline's time to 0 in the next period. Later calls do nothing.
   void begin_timeline();
 
-  // A failed engine, a state that ran away, an impossible `place`: the plant stands still from then on.
+  // True after an engine error, a diverged state or an impossible `place`: the plant then stops.
   bool failed() const { return failed_; }
   const char* fault() const { return fault_.data(); }  // empty: none
 
@@ -74,7 +75,7 @@ class MujocoPlant {
 
  private:
   struct Arm {
-    SimulatedArm behaviour;
+    SimulatedArm behavior;
     std::optional<JointFriction> friction;      // between motors and torque sensors
     std::optional<LinkFriction> link_friction;  // beyond the sensors
     JointVector motor_inertia;                  // before the sensors; empty: none
@@ -82,13 +83,13 @@ class MujocoPlant {
     std::optional<SimulatedVacuum> vacuum;
     JointVector q_start;
     JointVector q, dq;      // of the plant
-    JointVector tau_motor;  // in the present physics step
+    JointVector tau_motor;  // in the current physics step
     // The former friction less its part that MuJoCo integrates implicitly, and that part's slope.
     JointVector friction_explicit, friction_slope;
-    PlantMeasurement measurement;  // of the present period
+    PlantMeasurement measurement;  // of the current period
   };
   struct PlannedPlace {
-    std::int64_t period = 0;  // at the beginning of which it happens
+    std::int64_t period = 0;  // the period at whose beginning it happens
     std::size_t object = 0;
     Pose X_WO;
   };

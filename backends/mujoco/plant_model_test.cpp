@@ -1,18 +1,17 @@
-// What the simulated arm truly is, where that is not what its controllers believe: against independent
-// formulas.
+// Checks the simulated arm against independent formulas where it differs from what its controllers assume.
 #include <filesystem>
 #include <fstream>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "backends/mujoco/test_scenes.hpp"
+#include "backends/mujoco/testing/test_scenes.hpp"
 #include "backends/pinocchio/pinocchio_backend.hpp"
 #include "models/write_robot.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 
-namespace multipanda {
+namespace multipanda::plant_model_test {
 namespace {
 
 using namespace test;
@@ -31,7 +30,7 @@ SceneArm arm_that_is(const RobotDescription& plant, bool hand = true) {
   return arm;
 }
 
-// Terms of the true arm, built apart from the backend's.
+// Terms of the true arm, built separately from the backend's.
 ModelTerms true_terms(const RobotDescription& plant, bool hand = true, const Pose& X_WB = {}) {
   return ModelTerms(std::make_shared<const ArmModel>(arm_model_source(plant, X_WB, hand)));
 }
@@ -58,8 +57,8 @@ JointVector sines(int k) {
   return tau;
 }
 
-// tau_J = M ddq + c + g + friction beyond the sensor, with the true arm's terms, in every period, whatever
-// motors have of friction and inertia.
+// tau_J = M ddq + c + g + friction beyond the sensor, with the true arm's terms, in every period, for any
+// motor friction and inertia.
 TEST(PlantModel, SensorShowsWhatMovesTheLinksAndTheFrictionBeyondIt) {
   RobotDescription plant = heavier(1.1);
   plant.motor_inertia = joints({0.4, 0.4, 0.3, 0.3, 0.1, 0.1, 0.05});
@@ -88,7 +87,7 @@ TEST(PlantModel, SensorShowsWhatMovesTheLinksAndTheFrictionBeyondIt) {
   EXPECT_GT(friction_most, 0.5);
 }
 
-// The motors' side: their torque less inertia and the plant's own friction table is what the sensor shows.
+// The motor side: the sensor shows the motor torque less inertia and the plant's own friction table.
 TEST(PlantModel, MotorsHaveInertiaAndTheirOwnFriction) {
   RobotDescription plant = load_robot("fer");
   plant.motor_inertia = joints({0.4, 0.4, 0.3, 0.3, 0.1, 0.1, 0.05});
@@ -175,15 +174,15 @@ TEST(PlantModel, PreslidingFollowsItsEquation) {
   }
   for (int i = 0; i < 7; ++i) {
     EXPECT_GT(range[i], law.presliding[0].amplitude[i]) << i;  // it really slid
-    // Light joints turn round within a few periods: the straight line of one such period is what differs.
+    // Light joints reverse within a few periods: only the linearization over such a period differs.
     const bool light = i >= 4;
     EXPECT_LT(std::sqrt(squares[i] / kSteps), (light ? 0.02 : 0.005) * range[i]) << i;
     EXPECT_LT(worst[i], (light ? 0.35 : 0.05) * range[i]) << i;
   }
 }
 
-// Far steeper than an explicit step of 1 ms stands.
-TEST(PlantModel, SteepFrictionStopsLightJointsWithoutTurningThemRound) {
+// Far steeper than an explicit step of 1 ms can integrate.
+TEST(PlantModel, SteepFrictionStopsLightJointsWithoutReversingThem) {
   RobotDescription plant = load_robot("fer");
   FrictionLaw law;
   law.stribeck = joint_constant(7, 0.5);
@@ -235,9 +234,10 @@ TEST(PlantModel, DelayMayBeAFractionOfAPeriod) {
     double tracked = 0;
     for (int k = 1; k <= 30; ++k) {
       loop.step();
-      const double wanted = k <= 2 ? 0 : k == 3 ? 0.7 : 1;
-      tracked = bandwidth == 0 ? wanted : wanted + (tracked - wanted) * std::exp(-2 * M_PI * bandwidth * dt);
-      EXPECT_NEAR(loop.state().tau_J_d[0], wanted, 1e-12) << k;
+      const double requested = k <= 2 ? 0 : k == 3 ? 0.7 : 1;
+      tracked = bandwidth == 0 ? requested
+                               : requested + (tracked - requested) * std::exp(-2 * M_PI * bandwidth * dt);
+      EXPECT_NEAR(loop.state().tau_J_d[0], requested, 1e-12) << k;
       EXPECT_NEAR(loop.state().tau_J[0], tracked, 1e-9) << k;
     }
   }
@@ -257,8 +257,8 @@ TEST(PlantModel, WholeDelayIsThatOfTheFidelity) {
   }
 }
 
-// The arm compensates gravity as if it stood straight; the first step shows the difference.
-TEST(PlantModel, TiltedBaseFallsByTheDifferenceOfGravity) {
+// The arm compensates gravity as if its base were level; the first step shows the difference.
+TEST(PlantModel, TiltedBaseFallsByTheGravityDifference) {
   RobotDescription plant = load_robot("fer");
   plant.base_tilt = {0.02, -0.03};
   const Pose X_WB = pose(0.3, -0.4, 0.2, 0, 0, 1.1);
@@ -306,7 +306,7 @@ TEST(PlantModel, BothEnginesAgree) {
   EXPECT_LT((a[0].tau_J - b[0].tau_J).norm(), 0.02);
 }
 
-TEST(PlantModel, ResetForgetsFrictionAndDelay) {
+TEST(PlantModel, ResetClearsFrictionAndDelay) {
   RobotDescription plant = heavier(1.05);
   FrictionLaw law;
   law.presliding = {{0.01, joint_constant(7, 0.5)}};
@@ -322,7 +322,7 @@ TEST(PlantModel, ResetForgetsFrictionAndDelay) {
   };
   const auto begin = [&] {
     loop.commands[0].tau_cmd.setZero();
-    auto answer = loop.backend.request(0, ResetSimulation{});
+    auto answer = loop.backend.request(ResetSimulation{});
     loop.steps(3);
     EXPECT_TRUE(answer.get().success);
   };
@@ -345,7 +345,7 @@ std::string refusal(const std::string& text) {
   return "accepted";
 }
 
-TEST(PlantModel, IsNamedByScenes) {
+TEST(PlantModel, CanBeNamedByScenes) {
   const RobotDescription nominal = load_robot("fer");
   RobotDescription plant = heavier(1.1);
   plant.name = "true_arm";
@@ -364,7 +364,7 @@ TEST(PlantModel, IsNamedByScenes) {
   loop.step();
   EXPECT_LT((loop.state().dq - dt * real.M().ldlt().solve(believed.g() - real.g())).norm(), 1e-8);
 
-  // As `model` the same file is what controllers know, too: nothing falls.
+  // As `model` the file also defines the controllers' model: nothing falls.
   const std::string known = "arms:\n  - name: a\n    model: plant_models/true_arm.yaml\n";
   Loop calm(parse_scene(known, MULTIPANDA_BINARY_DIR "/s.yaml", Registry::with_builtins()));
   calm.steps(100);
@@ -379,4 +379,4 @@ TEST(PlantModel, IsNamedByScenes) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::plant_model_test

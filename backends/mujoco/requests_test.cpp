@@ -4,21 +4,27 @@
 
 #include <gtest/gtest.h>
 
-#include "backends/mujoco/test_scenes.hpp"
+#include "backends/mujoco/testing/test_scenes.hpp"
 
-namespace multipanda {
+namespace multipanda::requests_test {
 namespace {
 
 using namespace test;
 
 // Runs the loop until the answer is there.
-ArmAnswer ask(Loop& loop, ArmRequest request, std::size_t arm = 0) {
-  auto future = loop.backend.request(arm, std::move(request));
+template <typename Request>
+RequestAnswer ask(Loop& loop, Request request, std::size_t arm = 0) {
+  std::future<RequestAnswer> future;
+  if constexpr (std::is_convertible_v<Request, WorldRequest>) {
+    future = loop.backend.request(WorldRequest(std::move(request)));
+  } else {
+    future = loop.backend.request(arm, std::move(request));
+  }
   while (future.wait_for(std::chrono::seconds(0)) != std::future_status::ready) loop.step();
   return future.get();
 }
 
-// In motion under a torque that would carry on, then `stop`: the arm must stop, hold, and forget the torque.
+// In motion under a constant torque, then `stop`: the arm must stop, hold, and discard the torque.
 void expect_brakes(Loop& loop, ArmMode mode) {
   EXPECT_EQ(loop.state().mode, mode);
   loop.steps(1500);
@@ -63,7 +69,7 @@ TEST(Modes, UserStopBrakesAndHolds) {
   EXPECT_EQ(loop.state().mode, ArmMode::move);
 }
 
-TEST(Modes, CommandThatIsNoTorqueIsRefused) {
+TEST(Modes, InvalidCommandIsRefused) {
   Loop loop(scene_of({arm_named("a")}));
   set_in_motion(loop);
   loop.commands[0].tau_cmd[3] = std::numeric_limits<double>::quiet_NaN();
@@ -77,7 +83,7 @@ TEST(Modes, CommandThatIsNoTorqueIsRefused) {
   loop.step();
   EXPECT_EQ(loop.state().mode, ArmMode::move);
   EXPECT_EQ(loop.state().errors, 0u);
-  const ArmAnswer again = ask(loop, RecoverFromError{});
+  const RequestAnswer again = ask(loop, RecoverFromError{});
   EXPECT_FALSE(again.success);
   EXPECT_NE(again.reason.find("nothing to recover"), std::string::npos);
 }
@@ -127,7 +133,7 @@ TEST(Requests, AnsweredToOtherThreads) {
   EXPECT_NEAR(loop.state(1).load.mass, 1.9, 1e-12);
 }
 
-TEST(Requests, NonsenseIsRefusedWithAReason) {
+TEST(Requests, InvalidRequestsAreRefusedWithAReason) {
   Loop loop(scene_of({arm_named("a")}));
   Load negative;
   negative.mass = -1;
@@ -141,7 +147,7 @@ TEST(Requests, NonsenseIsRefusedWithAReason) {
   EXPECT_FALSE(loop.backend.request(0, StopMotion{}).get().success);
 }
 
-TEST(Requests, ObjectsArePlacedWhereThereIsRoom) {
+TEST(Requests, ObjectsArePlacedInFreeSpace) {
   Scene scene = scene_of({arm_named("a")});
   SceneObject table, box;
   table.name = "table";
@@ -158,17 +164,17 @@ TEST(Requests, ObjectsArePlacedWhereThereIsRoom) {
   loop.steps(1000);
   EXPECT_NEAR(loop.backend.world().X_WO(1).position.x(), 2.2, 5e-3);
   EXPECT_NEAR(loop.backend.world().X_WO(1).position.z(), 0.6, 2e-3);
-  const ArmAnswer inside = ask(loop, PlaceObject{"box", pose(2, 0, 0.5)});
+  const RequestAnswer inside = ask(loop, PlaceObject{"box", pose(2, 0, 0.5)});
   EXPECT_FALSE(inside.success);
   EXPECT_NEAR(loop.backend.world().X_WO(1).position.x(), 2.2, 5e-3);
   EXPECT_FALSE(ask(loop, PlaceObject{"table", {}}).success);
 }
 
-TEST(Requests, ResetPutsEverythingBackAndTellsTheControllets) {
+TEST(Requests, ResetRestoresTheStartAndDeactivatesTheControllets) {
   Loop loop(scene_of({arm_named("a")}, PlantFidelity::realistic()));
   set_in_motion(loop);
   const auto sequence = loop.state().sequence;
-  auto future = loop.backend.request(0, ResetSimulation{});
+  auto future = loop.backend.request(ResetSimulation{});
   while (loop.state().mode == ArmMode::move) loop.step();
   EXPECT_TRUE(future.get().success);
   EXPECT_EQ(loop.state().mode, ArmMode::recovering);
@@ -198,7 +204,7 @@ TEST(Requests, PauseStopsTheWorldAndItsClock) {
   EXPECT_NE(loop.state().q, q);
 }
 
-TEST(Requests, APausedWorldTakesAsManyStepsAsAsked) {
+TEST(Requests, APausedWorldTakesTheRequestedSteps) {
   Loop loop(scene_of({arm_named("a")}));
   set_in_motion(loop);
   EXPECT_FALSE(ask(loop, StepSimulation{3}).success) << "it runs";
@@ -215,4 +221,4 @@ TEST(Requests, APausedWorldTakesAsManyStepsAsAsked) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::requests_test

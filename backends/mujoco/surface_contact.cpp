@@ -38,7 +38,8 @@ void add_surface_pairs(mjSpec* spec, const std::vector<WorldArm>& arms,
     mjs_setName(pair->element, pair_name(arm, shape, object).c_str());
     mjs_setString(pair->geomname1, (arm.name + "/" + tool_shape_name(shape)).c_str());
     mjs_setString(pair->geomname2, object.name.c_str());
-    // With torsional friction: without it anything held by two points turns about the line between them.
+    // With torsional friction: without it an object held at two points would turn about the
+    // line between them.
     pair->condim = object.friction > 0 ? 4 : 1;
     pair->friction[0] = pair->friction[1] = object.friction;
     pair->margin = pair->gap = 0;
@@ -67,7 +68,7 @@ void set_surface_figures(mjModel* model, const std::vector<WorldArm>& arms,
     mjtNum* solimp = model->pair_solimp + mjNIMP * pair;
     solref[0] = -K * scale;
     solref[1] = -B * scale;
-    along[0] = 0;  // nothing pulls back to where the contact began
+    along[0] = 0;  // no stiffness along the surface
     along[1] = -B_t * scale / model->opt.impratio;
     solimp[0] = solimp[1] = d;
     solimp[2] = 1e-3;

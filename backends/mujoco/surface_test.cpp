@@ -3,9 +3,9 @@
 
 #include <gtest/gtest.h>
 
-#include "backends/mujoco/test_scenes.hpp"
+#include "backends/mujoco/testing/test_scenes.hpp"
 
-namespace multipanda {
+namespace multipanda::surface_test {
 namespace {
 
 using namespace test;
@@ -23,7 +23,7 @@ SceneArm tool_arm(const ToolShape& shape, const Pose& X_WB = {}) {
   return arm;
 }
 
-// Where the base must stand for the flange of the ready arm to be at X_WF.
+// Where the base must be for the flange of the ready arm to be at X_WF.
 Pose base_for(const Pose& X_WF) {
   ModelTerms terms = terms_of(arm_named("any", {}, false));
   terms.update(ready(), joint_constant(7, 0));
@@ -41,7 +41,7 @@ SceneObject free_object(ShapeType shape, const Vector3& size, double mass, const
   return object;
 }
 
-// So heavy that nothing moves the arm (by more than what is measured and taken away).
+// So heavy that the arm does not move (by more than what is measured and subtracted).
 void make_immovable(Loop& loop) {
   mjModel* m = loop.backend.world().model();
   for (std::size_t a = 0; a < loop.backend.world().arm_count(); ++a) {
@@ -52,7 +52,7 @@ void make_immovable(Loop& loop) {
 constexpr double kWeight = 4 * 9.81;
 
 // A body of 4 kg lies on a pad that points upwards and does not move. Its weight and a known force push it
-// down; how deep it comes to lie is the contact's slope. A flat box lies on four points, a ball on one.
+// down; the depth gives the contact's stiffness. A flat box rests on four points, a ball on one.
 struct Lying {
   Lying(ShapeType shape, const SurfaceContact& contact)
       : thickness(shape == ShapeType::box ? 0.1 : 0.2), loop(scene(shape, thickness, contact)) {
@@ -98,7 +98,7 @@ TEST(Surface, DepthUnderAKnownForceIsItsStiffness) {
   }
 }
 
-// Overshoot of a damped oscillator that is let go: exp(-pi z / sqrt(1 - z^2)). The contact's own inertia adds
+// Overshoot of a damped oscillator after release: exp(-pi z / sqrt(1 - z^2)). The contact's own inertia adds
 // about a tenth to the 4 kg.
 TEST(Surface, BodyOf4KgSwingsWithTheDampingRatioGiven) {
   for (const double K : {1e3, 1e4, 1e5}) {
@@ -108,7 +108,7 @@ TEST(Surface, BodyOf4KgSwingsWithTheDampingRatioGiven) {
         const SurfaceContact contact{.stiffness_n_per_m = K, .damping_ratio = ratio};
         Lying lying(shape, contact);
         const double rest = lying.settled_depth(0);
-        const double pushed = 0.5 * kWeight;  // stays in touch when let go
+        const double pushed = 0.5 * kWeight;  // stays in contact after release
         const double start = lying.settled_depth(pushed) - rest;
         lying.push(0);
         double least = start;
@@ -224,8 +224,8 @@ TEST(Surface, SlidingDoesNotChatter) {
   }
 }
 
-// Two tools hold a body of 1 kg between them with 20 N each. Its weight drags at the pads: friction in the
-// solver gives way at f/B_t, and noslip_iterations stop that.
+// Two tools hold a body of 1 kg between them with 20 N each. Its weight loads the pads: the solver's friction
+// slips at f/B_t, and noslip_iterations prevent this.
 double slip_of_held_box(std::size_t noslip_iterations) {
   const double gap = 0.11;  // half the box and half a pad
   const Vector3 middle(0, 0, 1);
@@ -254,7 +254,7 @@ double slip_of_held_box(std::size_t noslip_iterations) {
       F -= (Vector6() << 120, 120, 120, 8, 8, 8).finished().cwiseProduct(terms[a].V_WE().vector);
       loop.commands[a].tau_cmd = terms[a].J_V_WE().transpose() * F - 0.3 * loop.state(a).dq;
     }
-    // Held up until the tools have closed.
+    // Supported until the tools have closed.
     if (k < 500) {
       loop.backend.world().data()->xfrc_applied[6 * loop.backend.world().objects()[0].body + 2] = 9.81;
     } else {
@@ -352,17 +352,17 @@ TEST(Place, TimelineMovesFixedAndFreeObjectsAtItsTime) {
   EXPECT_EQ(loop.backend.world().X_WO(0).position, Vector3(0, 0, -2));
   const Vector3 ball = loop.backend.world().X_WO(1).position;
   EXPECT_EQ(ball.y(), 2);
-  EXPECT_NEAR(ball.z(), 1 - 0.5 * 9.81 * 0.1 * 0.1, 2e-3);  // it falls from where it was put
+  EXPECT_NEAR(ball.z(), 1 - 0.5 * 9.81 * 0.1 * 0.1, 2e-3);  // it falls from where it was placed
 
-  // A reset puts the table back, and what has happened does not happen again.
-  auto answer = loop.backend.request(0, ResetSimulation{});
+  // A reset restores the table, and past events do not happen again.
+  auto answer = loop.backend.request(ResetSimulation{});
   loop.commands[0].tau_cmd.setZero();
   loop.steps(100);
   EXPECT_LT((loop.backend.world().X_WO(0).position - scene.objects[0].X_WO.position).norm(), 1e-12);
   EXPECT_TRUE(answer.get().success);
 }
 
-TEST(Place, IntoSomethingStopsTheWorldAndSaysSo) {
+TEST(Place, IntoAnObjectStopsTheWorldWithAReason) {
   Scene scene = vanishing(0.01);
   scene.timeline[0].X_WO = {Matrix3::Identity(), scene.objects[1].X_WO.position};
   Loop loop(scene);
@@ -396,4 +396,4 @@ TEST(ToolShapes, AreSeenInTheWorldAndRefusedInsideThings) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::surface_test

@@ -17,13 +17,6 @@ int find(const mjModel* m, mjtObj type, const std::string& name) {
   return id;
 }
 
-Eigen::Map<const Vector3> vector_at(const mjtNum* values) { return Eigen::Map<const Vector3>(values); }
-
-// MuJoCo's matrices are row-major.
-Matrix3 matrix_at(const mjtNum* values) {
-  return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(values);
-}
-
 std::string geom_name(const mjModel* m, int geom) {
   if (const char* name = mj_id2name(m, mjOBJ_GEOM, geom); name != nullptr && *name != '\0') return name;
   return mj_id2name(m, mjOBJ_BODY, m->geom_bodyid[geom]);
@@ -37,14 +30,14 @@ World::World(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& 
   find_places(arms, objects);
   for (const auto& arm : arms_) {
     for (const int dof : arm.dof) {
-      // Stiffer than MuJoCo's own, with which a joint at rest creeps by millimetres a second.
+      // Stiffer than MuJoCo's default, which lets a joint at rest creep.
       model_->dof_frictionloss[dof] = physics.stiction;
       model_->dof_solref[mjNREF * dof] = 0.002;
       model_->dof_solimp[mjNIMP * dof] = model_->dof_solimp[mjNIMP * dof + 1] = 0.99;
     }
   }
   if (!without_engine_error([this] { data_.reset(mj_makeData(model_.get())); }) || !data_) {
-    throw std::invalid_argument(std::string("MuJoCo cannot hold the scene: ") + last_engine_error());
+    throw std::invalid_argument(std::string("MuJoCo cannot allocate the scene:  ") + last_engine_error());
   }
   qpos_start_.assign(model_->qpos0, model_->qpos0 + model_->nq);
   for (std::size_t a = 0; a < arms.size(); ++a) {
@@ -56,7 +49,8 @@ World::World(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& 
       qpos_start_[static_cast<std::size_t>(finger)] = arms[a].fingers_start;
     }
   }
-  if (!reset()) throw std::invalid_argument(std::string("MuJoCo refuses the start: ") + last_engine_error());
+  if (!reset())
+    throw std::invalid_argument(std::string("MuJoCo cannot start the scene:  ") + last_engine_error());
   refuse_penetration();
 }
 
@@ -103,7 +97,7 @@ void World::refuse_penetration() const {
     if (contact.dist > -kPenetration) continue;
     char depth[32];
     std::snprintf(depth, sizeof depth, "%.1f", -1000 * contact.dist);
-    throw std::invalid_argument("at the start '" + geom_name(model_.get(), contact.geom[0]) + "' stands " +
+    throw std::invalid_argument("at the start '" + geom_name(model_.get(), contact.geom[0]) + "' is " +
                                 depth + " mm inside '" + geom_name(model_.get(), contact.geom[1]) +
                                 "': move one of them, or change the start configuration");
   }
@@ -155,7 +149,7 @@ Wrench World::tip_wrench(std::size_t arm, const Vector3& p_W) const {
     if (contact.geom[0] < 0 || contact.geom[1] < 0 || contact.efc_address < 0) continue;
     const int body0 = m->geom_bodyid[contact.geom[0]], body1 = m->geom_bodyid[contact.geom[1]];
     const int arm0 = arm_of_body(body0), arm1 = arm_of_body(body1);
-    if ((arm0 == self) == (arm1 == self)) continue;  // not ours, or with ourselves
+    if ((arm0 == self) == (arm1 == self)) continue;  // another arm's contact, or a self-contact
     if (!is_tip(arm0 == self ? body0 : body1)) continue;
     // MuJoCo's wrench acts on the second geom, in the contact's frame, whose axes are the matrix's rows.
     mjtNum local[6];
@@ -201,7 +195,7 @@ bool World::step() {
   return without_engine_error([this] { mj_step(model_.get(), data_.get()); }) && ran_away() == before;
 }
 
-// A fixed body stands where the model says, which MuJoCo reads anew in every step.
+// The model has the pose of a fixed body; MuJoCo reads it in every step.
 void World::set_place(const ObjectPlaces& object, const Pose& X_WO) {
   const bool fixed = object.qpos < 0;
   mjtNum* p = fixed ? model_->body_pos + 3 * object.body : data_->qpos + object.qpos;

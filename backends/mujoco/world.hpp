@@ -16,19 +16,19 @@
 
 namespace multipanda {
 
-// One arm as the world needs it.
+// One arm of the world.
 struct WorldArm {
   std::string name;
   std::string mjcf;  // of models/to_mjcf.hpp: body link0, joints joint1..N, site flange
   std::size_t joint_count = 0;
   Pose X_WB;
   JointVector q_start;
-  Load tool, payload;  // what really hangs on the flange, beyond the hand; mass 0: nothing
+  Load tool, payload;  // the actual loads on the flange, without the hand; mass 0: none
   std::vector<ToolShape> tool_shapes;
   std::size_t finger_boxes = 0;     // collision boxes of each finger
   bool has_fingers = false;         // joints finger_joint1 and 2, coupled
   double fingers_start = 0;         // opening of each finger at the start [m]
-  std::optional<Pose> X_FE_vacuum;  // a suction cup on the flange: its mouth, z outwards; it can hold objects
+  std::optional<Pose> X_FE_vacuum;  // opening of a suction cup on the flange, z outwards
 };
 
 struct WorldPhysics {
@@ -37,19 +37,17 @@ struct WorldPhysics {
   double stiction = 0;        // dry friction of every arm joint [N m]
 };
 
-// The physical world in MuJoCo: arms, what they carry, objects. Rigid bodies, contact and gravity only; how
-// an arm behaves is SimulatedArm's business. Names: everything of an arm is "<arm>/<name in its MJCF>",
-// tool and payload are "<arm>/tool" and "<arm>/payload", tool shapes "<arm>/tool_shape1" and so on, an
-// object's body and geom have the object's name.
-//
-// Construction throws std::invalid_argument if MuJoCo refuses the scene or if anything stands inside
-// something else at the start (names both and the depth). Afterwards no call allocates.
+// The physical world in MuJoCo: arms, their loads, and objects, with rigid bodies, contact and gravity.
+// SimulatedArm adds the behavior of an arm. Names: elements of an arm are "<arm>/<name in its MJCF>", tool
+// and payload are "<arm>/tool" and "<arm>/payload", tool shapes "<arm>/tool_shape1" and so on, an object's
+// body and geom have the object's name. The constructor throws std::invalid_argument if MuJoCo cannot compile
+// the scene or if bodies penetrate at the start (with names and depth). No later call allocates.
 class World {
  public:
   World(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects,
         const WorldPhysics& physics);
 
-  // Where MuJoCo keeps an arm's quantities; found by name.
+  // Addresses of an arm's quantities in MuJoCo.
   struct ArmPlaces {
     std::vector<int> qpos, dof;  // per joint
     int flange_site = -1;
@@ -82,9 +80,8 @@ class World {
   Pose X_WF(std::size_t arm) const;
   Pose X_WO(std::size_t object) const;
 
-  // What the arm's hand and tool (is_tip) exert on everything that is not of the same arm, at the instant of
-  // the last physics step or forward(), about the world point p_W, in world axes; an object held by the
-  // suction cup counts.
+  // The wrench that the arm's hand and tool (is_tip) exert on other bodies in the last physics step or
+  // forward(), about the world point p_W, in world axes. It includes an object held by the suction cup.
   Wrench tip_wrench(std::size_t arm, const Vector3& p_W) const;
 
   // --- hand with fingers that move ---
@@ -93,30 +90,30 @@ class World {
   };
   bool has_fingers(std::size_t arm) const { return arms_[arm].finger_dof[0] >= 0; }
   FingerState fingers(std::size_t arm) const;
-  void push_fingers(std::size_t arm, double force);  // on each from now on, above 0 opens [N]
+  void push_fingers(std::size_t arm, double force);  // force on each finger from now on, above 0 opens [N]
 
   // --- suction cup ---
   bool has_cup(std::size_t arm) const { return arms_[arm].X_FE_vacuum.has_value(); }
   // The free object whose surface is nearest to the cup, straight ahead and at most `reach` away [m].
   std::optional<std::size_t> object_at_cup(std::size_t arm, double reach) const;
-  // Holds an object as it now stands to the cup; lets the held one go.
+  // Holds an object at its current pose to the cup; releases the previous one.
   void hold(std::size_t arm, std::size_t object);
   void let_go(std::size_t arm);
   std::optional<std::size_t> held(std::size_t arm) const;
-  // What the cup exerts on the object that it holds, about the cup, in axes of the cup; zero: holds nothing.
+  // The wrench of the cup on the held object, about the cup, in its axes; zero without an object.
   Wrench cup_wrench(std::size_t arm) const;
 
-  // Dry friction of a joint in the last physics step: what it adds to the motor's torque [N m].
+  // Dry friction torque of a joint in the last physics step [N m].
   double stiction_torque(int dof) const;
 
-  // Everything as at the start; the clock of MuJoCo too. False: engine error.
+  // Resets everything to the start, including MuJoCo's clock. False: engine error.
   bool reset();
-  // Positions to contacts and forces, without moving on. False: engine error.
+  // Updates contacts and forces without a step. False: engine error.
   bool forward();
-  // One physics step. False: engine error, or positions, velocities or accelerations ran away.
+  // One physics step. False: engine error, or positions, velocities or accelerations diverged.
   bool step();
-  // Puts an object elsewhere, a free one at rest. False (and nothing changed): it would stand more than
-  // kPenetration in something.
+  // Moves a free object, at rest. False (nothing changed): it would penetrate another by
+  // more than kPenetration.
   bool place(std::size_t object, const Pose& X_WO);
   static constexpr double kPenetration = 1e-3;  // [m]
 

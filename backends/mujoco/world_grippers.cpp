@@ -6,23 +6,13 @@
 
 // Fingers and suction cups in the world.
 namespace multipanda {
-namespace {
-
-Eigen::Map<const Vector3> vector_at(const mjtNum* values) { return Eigen::Map<const Vector3>(values); }
-
-Matrix3 matrix_at(const mjtNum* values) {
-  return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(values);
-}
-
-}  // namespace
-
 std::string weld_name(const WorldArm& arm, const SceneObject& object) {
   return arm.name + "/cup on " + object.name;
 }
 
-// MuJoCo's constraints know nothing of the change of their own Jacobians: a held thing slips with the time
-// constant of friction times the centripetal acceleration, 3 mm/s with MuJoCo's 20 ms. So friction gets the
-// shortest time that steps of 1 ms allow, and iterations against slip (WorldPhysics) do the rest.
+// MuJoCo's constraints neglect the rate of their Jacobians: a held object slips with the time constant of
+// friction times the centripetal acceleration, 3 mm/s with MuJoCo's 20 ms. Friction therefore gets the
+// shortest time that steps of 1 ms allow, and iterations against slip (WorldPhysics) remove the remainder.
 void add_finger_pairs(mjSpec* spec, const std::vector<WorldArm>& arms,
                       const std::vector<SceneObject>& objects) {
   constexpr double kNormalTime = 0.005, kFrictionTime = 0.002;  // [s]
@@ -60,8 +50,8 @@ void add_cup_welds(mjSpec* spec, const std::vector<WorldArm>& arms, const std::v
       weld->active = 0;
       mjs_setString(weld->name1, (arm.name + "/link" + std::to_string(arm.joint_count)).c_str());
       mjs_setString(weld->name2, object.name.c_str());
-      weld->data[10] = 1;  // a twist counts as it is, in metres per radian
-      // A lip of rubber, stiff against what it carries: 0.1 mm under a kilogram.
+      weld->data[10] = 1;  // a twist counts as it is, in meters per radian
+      // A rubber lip: 0.1 mm deflection under one kilogram.
       weld->solref[0] = 0.005;
       weld->solimp[0] = weld->solimp[1] = 0.99;
     }
@@ -104,7 +94,7 @@ void World::push_fingers(std::size_t arm, double force) {
 
 Pose World::X_WV(std::size_t arm) const { return X_WF(arm) * *arms_[arm].X_FE_vacuum; }
 
-// Rays from a little behind the mouth: where the cup presses, the object's surface stands inside it.
+// Rays start behind the opening, because the object's surface lies inside a cup that presses.
 std::optional<std::size_t> World::object_at_cup(std::size_t arm, double reach) const {
   constexpr double kBehind = 0.02;  // [m]
   const Pose X_WV_cup = X_WV(arm);
@@ -139,8 +129,8 @@ void World::let_go(std::size_t arm) {
   }
 }
 
-// The weld keeps the point of the object that is now at the cup where it is in the last link, and the
-// orientation.
+// The weld keeps the object's orientation in the last link, and the place of its point that is now
+// at the cup.
 void World::hold(std::size_t arm, std::size_t object) {
   let_go(arm);
   const ArmPlaces& places = arms_[arm];

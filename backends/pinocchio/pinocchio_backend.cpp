@@ -4,8 +4,9 @@
 
 #include <Eigen/Cholesky>
 
-#include "backends/arm/from_scene.hpp"
-#include "backends/arm/joint_friction.hpp"
+#include "backends/simulated_arm/from_scene.hpp"
+#include "backends/simulated_arm/joint_friction.hpp"
+#include "core/types/time.hpp"
 #include "models/arm_source.hpp"
 #include "scene/build.hpp"
 
@@ -22,7 +23,7 @@ PinocchioBackend::PinocchioBackend(const Scene& scene, bool paced)
                                   "') is simulated by MuJoCo only");
     }
     const SimulatedArmConfig config = simulated_arm_config(scene, i);
-    arms_.push_back({.behaviour = SimulatedArm(config, arm.q_start),
+    arms_.push_back({.behavior = SimulatedArm(config, arm.q_start),
                      .plant = ModelTerms(std::make_shared<const ArmModel>(
                          arm_model_source(robot, plant_base_of(arm, robot), arm.hand))),
                      .friction = friction_of(scene, robot),
@@ -37,9 +38,7 @@ PinocchioBackend::PinocchioBackend(const Scene& scene, bool paced)
   }
 }
 
-Capabilities PinocchioBackend::capabilities(ArmIndex) const {
-  return {.simulated = true, .lockstep = true, .period_s = kArmPeriod};
-}
+Capabilities PinocchioBackend::capabilities(ArmIndex) const { return {.simulated = true, .lockstep = true}; }
 
 void PinocchioBackend::start() {
   requests_.open();
@@ -47,7 +46,7 @@ void PinocchioBackend::start() {
 }
 
 void PinocchioBackend::finish() {
-  for (auto& arm : arms_) arm.behaviour.stop_motion();
+  for (auto& arm : arms_) arm.behavior.stop_motion();
   requests_.close();
 }
 
@@ -60,7 +59,7 @@ ArmSet PinocchioBackend::wait() {
 
 void PinocchioBackend::read(ArmSet due, std::span<ArmState> states) {
   for (ArmIndex i = 0; i < arms_.size(); ++i) {
-    if (due.contains(i)) states[i] = arms_[i].behaviour.state();
+    if (due.contains(i)) states[i] = arms_[i].behavior.state();
   }
 }
 
@@ -68,9 +67,9 @@ void PinocchioBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
   if (paused_) return;
   for (ArmIndex i = 0; i < arms_.size(); ++i) {
     if (due.contains(i)) {
-      arms_[i].behaviour.take_command(commands[i].tau_cmd);
+      arms_[i].behavior.take_command(commands[i].tau_cmd);
     } else {
-      arms_[i].behaviour.miss_command();
+      arms_[i].behavior.miss_command();
     }
   }
   commanded_ = true;
@@ -104,7 +103,7 @@ PinocchioBackend::Rates PinocchioBackend::rates(Arm& arm, const JointVector& q, 
 }
 
 void PinocchioBackend::step(Arm& arm, double dt) {
-  const JointVector tau = arm.behaviour.motor_torque(arm.q, arm.dq, dt);
+  const JointVector tau = arm.behavior.motor_torque(arm.q, arm.dq, dt);
   const Rates k1 = rates(arm, arm.q, arm.dq, tau);
   const Rates k2 = rates(arm, arm.q + 0.5 * dt * k1.dq, arm.dq + 0.5 * dt * k1.ddq, tau);
   const Rates k3 = rates(arm, arm.q + 0.5 * dt * k2.dq, arm.dq + 0.5 * dt * k2.ddq, tau);
@@ -126,48 +125,55 @@ void PinocchioBackend::step(Arm& arm, double dt) {
 void PinocchioBackend::measure(Arm& arm) {
   arm.measurement.q = arm.q;
   arm.measurement.dq = arm.dq;
-  // Before the first period the motors carry the arm.
+  // Before the first period the motors support the arm.
   if (periods_ == 0 && !commanded_ && arm.measurement.tau_link.isZero()) {
-    arm.measurement.tau_link = arm.behaviour.motor_torque(arm.q, arm.dq, 0);
+    arm.measurement.tau_link = arm.behavior.motor_torque(arm.q, arm.dq, 0);
   }
-  arm.behaviour.measure(arm.measurement);
+  arm.behavior.measure(arm.measurement);
 }
 
-std::future<ArmAnswer> PinocchioBackend::request(ArmIndex arm, ArmRequest request) {
+std::future<RequestAnswer> PinocchioBackend::request(ArmIndex arm, ArmRequest request) {
   if (arm >= arms_.size()) {
-    return RequestBox::refused("there is no arm " + std::to_string(arm) + ": the scene has " +
-                               std::to_string(arms_.size()));
+    return refuse_request(no_such_arm(arm, arms_.size()));
   }
-  if (auto why = SimulatedArm::check(request, arms_[arm].behaviour.joint_count()); !why.empty()) {
-    return RequestBox::refused(std::move(why));
+  if (auto why = check_request(request, arms_[arm].behavior.joint_count()); !why.empty()) {
+    return refuse_request(std::move(why));
   }
   return requests_.post({.arm = arm, .request = std::move(request)});
 }
 
-void PinocchioBackend::take_requests() {
-  while (const auto* posted = requests_.front()) requests_.answer(apply(*posted));
+std::future<RequestAnswer> PinocchioBackend::request(WorldRequest request) {
+  return requests_.post({.request = std::move(request)});
 }
 
-ArmReply PinocchioBackend::apply(const RequestBox::Posted& posted) {
-  if (std::holds_alternative<PlaceObject>(posted.request)) return ArmReply::not_supported;
-  if (std::holds_alternative<ResetSimulation>(posted.request)) {
+void PinocchioBackend::take_requests() {
+  while (const auto* posted = requests_.front()) {
+    const auto* of_world = std::get_if<WorldRequest>(&posted->request);
+    requests_.answer(of_world != nullptr
+                         ? apply(*of_world)
+                         : arms_[posted->arm].behavior.apply(std::get<ArmRequest>(posted->request)));
+  }
+}
+
+ArmReply PinocchioBackend::apply(const WorldRequest& request) {
+  if (std::holds_alternative<ResetSimulation>(request)) {
     reset();
     return ArmReply::done;
   }
-  if (const auto* pause = std::get_if<PauseSimulation>(&posted.request)) {
+  if (const auto* pause = std::get_if<PauseSimulation>(&request)) {
     if (pause->paused && !paused_ && !paced_) pacer_.start();
     paused_ = pause->paused;
     return ArmReply::done;
   }
-  return arms_[posted.arm].behaviour.apply(posted.request);
+  return ArmReply::not_supported;
 }
 
 void PinocchioBackend::reset() {
   for (auto& arm : arms_) {
     arm.q = arm.q_start;
     arm.dq.setZero();
-    arm.behaviour.reset(arm.q_start);
-    arm.measurement.tau_link = arm.behaviour.motor_torque(arm.q, arm.dq, 0);
+    arm.behavior.reset(arm.q_start);
+    arm.measurement.tau_link = arm.behavior.motor_torque(arm.q, arm.dq, 0);
     measure(arm);
   }
 }

@@ -1,6 +1,8 @@
 #include "backends/replay/replay_backend.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cstdio>
 #include <map>
 #include <stdexcept>
 
@@ -27,13 +29,13 @@ Wrench wrench(const msg::Wrench& m) {
   return w;
 }
 
-Load load(double mass, const msg::Point& centre, const std::array<double, 6>& I) {
-  Load load{.mass = mass, .p_FC = {centre.x, centre.y, centre.z}};
+Load load(double mass, const msg::Point& center, const std::array<double, 6>& I) {
+  Load load{.mass = mass, .p_FC = {center.x, center.y, center.z}};
   load.inertia_C << I[0], I[1], I[2], I[1], I[3], I[4], I[2], I[4], I[5];
   return load;
 }
 
-// What one cycle of the log says, gathered from its messages.
+// The data of one cycle of the log, collected from its messages.
 struct Recorded {
   LoopTime t;
   std::map<std::string, msg::ArmState> states;
@@ -90,8 +92,9 @@ ArmState arm_state(const msg::ArmState& m) {
 
 }  // namespace
 
-ReplayBackend::ReplayBackend(const std::filesystem::path& log, std::vector<Arm> arms, bool paced)
-    : arms_(std::move(arms)), paced_(paced) {
+ReplayBackend::ReplayBackend(const std::filesystem::path& log, std::vector<Arm> arms, bool paced,
+                             std::function<void(const std::string&)> report)
+    : arms_(std::move(arms)), paced_(paced), report_(std::move(report)) {
   std::vector<std::uint32_t> version(arms_.size(), 0);
   std::vector<bool> seen(arms_.size(), false);
   for (auto& [number, recorded] : gather(log)) {
@@ -106,8 +109,8 @@ ReplayBackend::ReplayBackend(const std::filesystem::path& log, std::vector<Arm> 
       if (seen[i] && state.config_version != version[i] && config != recorded.configs.end()) {
         const auto& m = config->second;
         arm.frames = {pose(m.end_effector), pose(m.stiffness)};
-        arm.tool = load(m.tool_mass, m.tool_centre, m.tool_inertia);
-        arm.load = load(m.load_mass, m.load_centre, m.load_inertia);
+        arm.tool = load(m.tool_mass, m.tool_center, m.tool_inertia);
+        arm.load = load(m.load_mass, m.load_center, m.load_inertia);
       }
       seen[i] = true;
       version[i] = state.config_version;
@@ -132,6 +135,15 @@ ReplayBackend::ReplayBackend(const std::filesystem::path& log, std::vector<Arm> 
   }
   if (cycles_.empty())
     throw std::runtime_error(log.string() + ": no cycle has states and commands of every arm");
+}
+
+void ReplayBackend::finish() {
+  if (!report_) return;
+  std::array<char, 160> text{};
+  std::snprintf(text.data(), text.size(),
+                "replay: %zu commands, largest difference from the recorded torques %.3g N m", compared_,
+                largest_difference_);
+  report_(text.data());
 }
 
 Capabilities ReplayBackend::capabilities(ArmIndex arm) const {
@@ -165,16 +177,14 @@ void ReplayBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
   for (ArmIndex i = 0; i < arms_.size(); ++i) {
     if (!due.contains(i)) continue;
     const double difference = (commands[i].tau_cmd - cycle.commands[i]).lpNorm<Eigen::Infinity>();
-    // A comparison that NaN cannot pass by.
+    // A comparison that is false for NaN.
     if (!(difference <= largest_difference_)) largest_difference_ = difference;
     ++compared_;
   }
 }
 
-std::future<ArmAnswer> ReplayBackend::request(ArmIndex, ArmRequest) {
-  std::promise<ArmAnswer> answer;
-  answer.set_value({false, "a recording cannot be changed: this request needs a simulated or real arm"});
-  return answer.get_future();
+std::future<RequestAnswer> ReplayBackend::request(ArmIndex, ArmRequest) {
+  return refuse_request("a recording cannot be changed: this request needs a simulated or real arm");
 }
 
 }  // namespace multipanda

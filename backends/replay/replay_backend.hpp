@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -9,15 +10,16 @@
 
 namespace multipanda {
 
-// A log back in: delivers the recorded states of every arm, cycle by cycle, and keeps what the loop answers
-// beside what was answered then. A controller that is started as the recorded one gives the same commands.
+// Replays a log: delivers the recorded states of every arm, cycle by cycle, and compares the commands with
+// the recorded ones. A controller that starts as the recorded one gives the same commands.
 //
 // The whole log is read before the start (about 0.4 kB per arm and cycle). Requests are refused: a recording
 // cannot be changed.
 class ReplayBackend : public Backend {
  public:
   // One of the recorded arms; frames, tool and load as at the start of the run, later ones come from the log.
-  // (From the scene and not from the log's first ArmConfig: a quaternion does not give every bit back.)
+  // (From the scene and not from the log's first ArmConfig: converting a quaternion does not preserve every
+  // bit.)
   struct Arm {
     std::string name;
     ArmFrames frames;
@@ -26,20 +28,24 @@ class ReplayBackend : public Backend {
 
   // Arms in the order of the scene. `paced`: at 1 kHz instead of as fast as possible.
   // Throws std::runtime_error when the log cannot be read or has no states of one of the arms.
-  ReplayBackend(const std::filesystem::path& log, std::vector<Arm> arms, bool paced = false);
+  // `report` gets the result of the comparison after the run.
+  ReplayBackend(const std::filesystem::path& log, std::vector<Arm> arms, bool paced = false,
+                std::function<void(const std::string&)> report = {});
 
   std::size_t arm_count() const override { return arms_.size(); }
   Capabilities capabilities(ArmIndex arm) const override;
   void start() override { pacer_.start(); }
+  void finish() override;
   ArmSet wait() override;  // empty at the recording's end
   LoopTime now() const override { return cycles_[position_].t; }
   void read(ArmSet due, std::span<ArmState> states) override;
   void write(ArmSet due, std::span<const ArmCommand> commands) override;
-  std::future<ArmAnswer> request(ArmIndex arm, ArmRequest request) override;
+  using Backend::request;
+  std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request) override;
 
   // Cycles of the recording that have both a state and a command of every arm.
   std::size_t cycle_count() const { return cycles_.size(); }
-  // The largest difference of a joint's commanded torque between now and then, over the cycles so far [N m];
+  // The largest difference of a joint's commanded torque from the recorded one, over the cycles so far [N m];
   // 0: the same bits.
   double largest_difference() const { return largest_difference_; }
   std::size_t compared() const { return compared_; }  // commands compared so far
@@ -56,6 +62,7 @@ class ReplayBackend : public Backend {
   std::size_t position_ = 0;
   bool begun_ = false;
   bool paced_;
+  std::function<void(const std::string&)> report_;
   Pacer pacer_;
   double largest_difference_ = 0;
   std::size_t compared_ = 0;

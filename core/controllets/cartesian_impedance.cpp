@@ -5,15 +5,31 @@
 namespace multipanda {
 namespace {
 
-enum Input : std::size_t { kPose };
-enum Parameter : std::size_t { kPosture = kCartesianParameterCount, kGivenPosture };
-enum Posture : std::size_t { kAtStart, kHome, kGiven };
-
-// The null-space posture follows its choice no faster than this, so that choosing one makes no step.
-constexpr double kPostureSpeed = 0.5;  // [rad/s]
-
 class CartesianImpedance final : public Controllet {
  public:
+  static ControlletDescriptor descriptor() {
+    return {.type = "cartesian_impedance",
+            .doc =
+                "Cartesian impedance: the end effector is a spring and damper about its set-point, with a "
+                "soft posture in the null space.",
+            .inputs = spec_table<kInputCount>(input_at<kPose>(
+                {.name = "pose", .quantity = Quantity::pose, .doc = "Set-point X_WE, in the world frame."})),
+            .parameters = spec_table<kParameterCount>(
+                cartesian_parameters(),
+                parameter_at<kPosture>(choice_parameter(
+                    "nullspace_posture", {"at_start", "home", "given"},
+                    "Posture q_N: where the controllet started, the arm's home, or nullspace_posture_rad.")),
+                parameter_at<kGivenPosture>(
+                    {.name = "nullspace_posture_rad",
+                     .unit = "rad",
+                     .size = ParameterSpec::kPerJoint,
+                     .initial = {0.0},
+                     .min = -6.3,
+                     .max = 6.3,
+                     .doc = "q_N if nullspace_posture is 'given'; approached at 0.5 rad/s."})),
+            .outputs = spec_table<kCartesianOutputSize>(cartesian_outputs())};
+  }
+
   LawResult start(ControlContext& context) override {
     q_start_ = q_N_ = context.arms[0].q();
     return LawResult::ok;
@@ -34,6 +50,13 @@ class CartesianImpedance final : public Controllet {
   }
 
  private:
+  enum Input : std::size_t { kPose, kInputCount };
+  enum Parameter : std::size_t { kPosture = kCartesianParameterCount, kGivenPosture, kParameterCount };
+  enum Posture : std::size_t { kAtStart, kHome, kGiven };
+
+  // The null-space posture follows its choice no faster than this, so that a new choice causes no step.
+  static constexpr double kPostureSpeed = 0.5;  // [rad/s]
+
   JointVector posture(const ParameterSet& parameters, const OwnedArm& arm) const {
     switch (parameters.choice(kPosture)) {
       case kHome:
@@ -48,36 +71,8 @@ class CartesianImpedance final : public Controllet {
   JointVector q_start_, q_N_;
 };
 
-std::vector<ParameterSpec> parameters() {
-  auto specs = cartesian_parameters();
-  specs.push_back({"nullspace_posture",
-                   "",
-                   1,
-                   {0},
-                   0,
-                   2,
-                   "q_N: where the controllet started, the arm's home, or nullspace_posture_rad.",
-                   {"at_start", "home", "given"}});
-  specs.push_back({"nullspace_posture_rad",
-                   "rad",
-                   ParameterSpec::kPerJoint,
-                   {0.0},
-                   -6.3,
-                   6.3,
-                   "q_N where nullspace_posture is 'given'; approached at 0.5 rad/s."});
-  return specs;
-}
-
 }  // namespace
 
-ControlletType cartesian_impedance_controllet() {
-  return {
-      {.type = "cartesian_impedance",
-       .doc = "The end effector a spring and a damper towards its set-point; soft posture in the null space.",
-       .inputs = {{.name = "pose", .quantity = Quantity::pose, .doc = "X_WE set-point, in the world."}},
-       .parameters = parameters(),
-       .outputs = cartesian_outputs()},
-      [](ArmModels) -> std::unique_ptr<Controllet> { return std::make_unique<CartesianImpedance>(); }};
-}
+ControlletType cartesian_impedance_controllet() { return controllet_type<CartesianImpedance>(); }
 
 }  // namespace multipanda

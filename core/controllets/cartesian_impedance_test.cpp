@@ -1,14 +1,13 @@
 #include "core/controllets/cartesian_impedance.hpp"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <gtest/gtest.h>
 
 #include "core/controllets/cartesian_law.hpp"
-#include "core/test_support/controllet_rig.hpp"
-#include "core/test_support/plain_arm.hpp"
+#include "core/testing/controllet_rig.hpp"
+#include "core/testing/dense_algebra.hpp"
+#include "core/testing/plain_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::cartesian_impedance_test {
 namespace {
 
 using namespace test;
@@ -62,18 +61,13 @@ struct PlainLaw {
   VectorXd torque(const PlainArm& arm, const VectorXd& q, const VectorXd& dq, const VectorXd& q_N,
                   const Reference& target) const {
     const MatrixXd J = arm.jacobian(q), M = arm.mass(q);
-    const MatrixXd Lambda = (J * M.inverse() * J.transpose()).inverse();
-    const Eigen::EigenSolver<MatrixXd> modes(Lambda.inverse() * K.asDiagonal().toDenseMatrix());
-    const Eigen::MatrixXcd V = modes.eigenvectors();
-    const Eigen::VectorXcd roots = modes.eigenvalues().cwiseSqrt();
-    const MatrixXd D = 2 * zeta * Lambda * (V * roots.asDiagonal() * V.inverse()).real();
+    const MatrixXd Lambda = task_inertia(J, M);
+    const MatrixXd D = modal_damping(Lambda, K.asDiagonal(), zeta);
     VectorXd F = spring(K, target.pose(), arm.end_effector(q)) + D * (target.twist().vector - J * dq);
     if (feedforward) F += Lambda * target.acceleration().vector;
 
     const MatrixXd I = MatrixXd::Identity(q.size(), q.size());
-    const MatrixXd J_plus = J.transpose() * (J * J.transpose()).inverse();
-    const MatrixXd N = paper_projector ? MatrixXd((I - J_plus * J).transpose())
-                                       : MatrixXd(I - J.transpose() * Lambda * J * M.inverse());
+    const MatrixXd N = null_space_projector(J, paper_projector ? I : M);
     const VectorXd D_N = 2 * zeta * (K_N * M.diagonal().array()).sqrt();
     const VectorXd null = N * (K_N * (q_N - q) - D_N.asDiagonal() * N.transpose() * dq);
     return J.transpose() * F + null + arm.coriolis(q, dq);
@@ -117,16 +111,16 @@ TEST(CartesianImpedance, TorqueIsTheStatedLaw) {
   EXPECT_GE(checked, 16);
 }
 
-TEST(CartesianImpedance, AtRestOnTheSetPointNothing) {
+TEST(CartesianImpedance, IsZeroAtRestOnTheSetPoint) {
   Bench bench(7);
   ASSERT_EQ(bench.rig.start(), LawResult::ok);
   ASSERT_EQ(bench.rig.update(), LawResult::ok);
   EXPECT_NEAR(bench.rig.tau(0).norm(), 0, 1e-9);
 }
 
-// World and all moved by one rigid motion: the same torque. With axes of the end effector the stiffness may
-// be uneven; with axes of the world it may not, since they stay.
-TEST(CartesianImpedance, MovingTheWorldChangesNothing) {
+// The world is moved by one rigid motion: the same torque. With end-effector axes the stiffness may be
+// uneven; with world axes it may not, because these do not move.
+TEST(CartesianImpedance, IsInvariantToThePoseOfTheWorld) {
   Draw draw(52);
   for (const bool end_effector_axes : {true, false}) {
     const Pose X = draw.pose(2), X_WB = draw.pose(1);
@@ -175,9 +169,9 @@ TEST(CartesianImpedance, SpringIsTheGradientOfItsEnergyOverTheJoints) {
   }
 }
 
-// On the set-point and the posture, moving: what is left besides C dq is damping, and it takes energy out. In
-// singular poses too (five joints cannot move in six directions).
-TEST(CartesianImpedance, DampingNeverFeedsEnergy) {
+// On the set-point and the posture, moving: apart from C dq only damping remains, and it dissipates energy.
+// Also in singular poses (five joints cannot move in six directions).
+TEST(CartesianImpedance, DampingNeverSuppliesEnergy) {
   Draw draw(54);
   for (const std::size_t n : {std::size_t{5}, std::size_t{7}}) {
     for (int trial = 0; trial < 100; ++trial) {
@@ -208,8 +202,8 @@ TEST(CartesianImpedance, PostureDoesNotAccelerateTheEndEffector) {
     if (bench.rig.terms(0).task().floored) continue;
     ++checked;
     EXPECT_GT(bench.rig.tau(0).norm(), 1e-3);
-    const VectorXd acceleration =
-        bench.plain.jacobian(q) * bench.plain.mass(q).ldlt().solve(VectorXd(bench.rig.tau(0)));
+    const VectorXd ddq = inverse(bench.plain.mass(q)) * bench.rig.tau(0);
+    const VectorXd acceleration = bench.plain.jacobian(q) * ddq;
     EXPECT_NEAR(acceleration.norm(), 0, 1e-8);
   }
   EXPECT_GE(checked, 20);
@@ -272,7 +266,7 @@ TEST(CartesianImpedance, NotANumberIsAFault) {
   }
 }
 
-TEST(CartesianImpedance, YieldsToAPushByForceOverStiffness) {
+TEST(CartesianImpedance, DeflectsUnderAPushByForceOverStiffness) {
   for (const bool paper : {false, true}) {
     Bench bench(7);
     bench.rig.set("nullspace_stiffness_nm_per_rad", {paper ? 0.0 : 10.0});
@@ -291,7 +285,7 @@ TEST(CartesianImpedance, YieldsToAPushByForceOverStiffness) {
   }
 }
 
-TEST(CartesianImpedance, EnergyDoesNotGrowWhileTheTargetRests) {
+TEST(CartesianImpedance, EnergyDoesNotGrowWhileTheTargetIsAtRest) {
   Draw draw(57);
   Bench bench(7);
   bench.rig.set("damping_ratio", {0.2});
@@ -327,11 +321,11 @@ TEST(CartesianImpedance, PostureIsApproachedWithoutAStep) {
     EXPECT_LT((bench.rig.tau(0) - before).norm(), 0.05);
     before = bench.rig.tau(0);
   }
-  // It has arrived: the torque is that of a posture at zero.
+  // The posture has arrived: the torque is that of a posture at zero.
   const TaskSpace& task = bench.rig.terms(0).task();
   const JointVector expected = task.null_space_torque(bench.rig.terms(0).J_V_WE(), -10.0 * bent(7));
   EXPECT_NEAR((before - expected).norm(), 0, 1e-9);
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::cartesian_impedance_test

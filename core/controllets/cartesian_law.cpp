@@ -2,9 +2,8 @@
 
 #include <algorithm>
 
-#include <Eigen/Cholesky>
-
 #include "core/controllets/damping_design.hpp"
+#include "core/types/triangular.hpp"
 
 namespace multipanda {
 
@@ -40,16 +39,17 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
   if (gains.projector == Projector::dynamic) {
     const TaskSpace& task = arm.terms->task();
     const JointVector dq_null = task.null_space_velocity(J, arm.dq());
-    const JointVector wanted = spring - D.cwiseProduct(dq_null);
-    return task.null_space_torque(J, wanted);
+    const JointVector tau_desired = spring - D.cwiseProduct(dq_null);
+    return task.null_space_torque(J, tau_desired);
   }
-  // J^+ = J^T (J J^T + eps)^-1. Any eps > 0 keeps N within [0, I]; this one is far below what a regular pose
-  // has.
+  // J^+ = J^T (J J^T + eps)^-1. Any eps > 0 keeps N within [0, I]; this value is far below the eigenvalues of
+  // a regular pose.
   constexpr double kEps = 1e-9;
   const Matrix6 JJt = J.lazyProduct(J.transpose()) + kEps * Matrix6::Identity();
-  const Eigen::LLT<Matrix6> cholesky(JJt);
+  Matrix6 L;
+  cholesky_factor(JJt, L);
   const auto project = [&](const JointVector& x) -> JointVector {  // I - J^+ J is symmetric
-    const Vector6 y = cholesky.solve(Vector6(J.lazyProduct(x)));
+    const Vector6 y = cholesky_solve(L, Vector6(J.lazyProduct(x)));
     return x - J.transpose().lazyProduct(y);
   };
   const JointVector dq_null = project(arm.dq());
@@ -66,35 +66,40 @@ LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGa
   return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
 }
 
-std::vector<ParameterSpec> cartesian_parameters() {
-  return {
-      {"translational_stiffness_n_per_m", "N/m", 3, {400, 400, 400}, 0, 5000, "K_t along x, y, z."},
-      {"rotational_stiffness_nm_per_rad", "N m/rad", 3, {20, 20, 20}, 0, 300, "K_r about x, y, z."},
-      {"damping_ratio", "", 1, {1.0}, 0.1, 2, "zeta of every coupled mode, and of the null space."},
-      {"stiffness_axes",
-       "",
-       1,
-       {0},
-       0,
-       1,
-       "Axes in which both stiffnesses are given: the world's, or the set-point's end effector's.",
-       {"world", "end_effector"}},
-      switch_parameter("acceleration_feedforward", true, "Adds Lambda times the set-point's acceleration."),
-      {"nullspace_stiffness_nm_per_rad",
-       "N m/rad",
-       1,
-       {10.0},
-       0,
-       200,
-       "K_N of every joint towards the null-space posture."},
-      {"projector",
-       "",
-       1,
-       {0},
-       0,
-       1,
-       "Null-space projector: dynamically consistent, or the paper's pseudo-inverse.",
-       {"dynamic", "paper_pseudoinverse"}}};
+CartesianParameters cartesian_parameters() {
+  return {spec_table<kCartesianParameterCount>(
+      parameter_at<kTranslationalStiffness>({.name = "translational_stiffness_n_per_m",
+                                             .unit = "N/m",
+                                             .size = 3,
+                                             .initial = {400, 400, 400},
+                                             .max = 5000,
+                                             .doc = "Stiffness K_t along x, y, z."}),
+      parameter_at<kRotationalStiffness>({.name = "rotational_stiffness_nm_per_rad",
+                                          .unit = "N m/rad",
+                                          .size = 3,
+                                          .initial = {20, 20, 20},
+                                          .max = 300,
+                                          .doc = "Stiffness K_r about x, y, z."}),
+      parameter_at<kCartesianDampingRatio>(
+          {.name = "damping_ratio",
+           .initial = {1.0},
+           .min = 0.1,
+           .max = 2,
+           .doc = "Damping ratio zeta of every coupled mode, and of the null space."}),
+      parameter_at<kStiffnessAxes>(choice_parameter(
+          "stiffness_axes", {"world", "end_effector"},
+          "Axes of both stiffnesses: those of the world, or those of the set-point's end effector.")),
+      parameter_at<kAccelerationFeedforward>(switch_parameter(
+          "acceleration_feedforward", true, "Adds Lambda times the acceleration of the set-point.")),
+      parameter_at<kNullSpaceStiffness>(
+          {.name = "nullspace_stiffness_nm_per_rad",
+           .unit = "N m/rad",
+           .initial = {10.0},
+           .max = 200,
+           .doc = "Stiffness K_N of every joint towards the null-space posture."}),
+      parameter_at<kProjector>(choice_parameter(
+          "projector", {"dynamic", "paper_pseudoinverse"},
+          "Null-space projector: dynamically consistent, or the pseudo-inverse of the paper.")))};
 }
 
 ImpedanceGains impedance_gains(const ParameterSet& parameters) {
@@ -109,11 +114,12 @@ NullSpaceGains null_space_gains(const ParameterSet& parameters) {
           static_cast<Projector>(parameters.choice(kProjector))};
 }
 
-std::vector<OutputSpec> cartesian_outputs(const std::string& prefix) {
-  return {{prefix + "position_error_m", 3, "p_d - p, world axes."},
-          {prefix + "orientation_error_rad", 3, "log(R_d R^T), world axes."},
-          {prefix + "force_n", 3, "Force that the law asks for at E, world axes."},
-          {prefix + "moment_nm", 3, "Moment that the law asks for at E, world axes."}};
+CartesianOutputs cartesian_outputs(const std::string& prefix) {
+  return {spec_table<kCartesianOutputSize>(
+      output_at<0, 3>(prefix + "position_error_m", "p_d - p, world axes."),
+      output_at<3, 3>(prefix + "orientation_error_rad", "log(R_d R^T), world axes."),
+      output_at<6, 3>(prefix + "force_n", "Force commanded at E, world axes."),
+      output_at<9, 3>(prefix + "moment_nm", "Moment commanded at E, world axes."))};
 }
 
 void show(const TaskForce& force, std::span<double> outputs) {

@@ -5,17 +5,18 @@
 #include "core/controllets/controllet.hpp"
 #include "core/controllets/task_spring.hpp"
 
-// The Cartesian impedance of one arm, as every Cartesian controllet uses it. Loop thread, no allocation.
+// Cartesian impedance of one arm, shared by all Cartesian controllets. Loop thread, no allocation.
 namespace multipanda {
 
 enum class Projector : std::uint8_t {
   dynamic,             // N = I - J^T J_bar^T: the null-space torque does not accelerate the end effector
-  paper_pseudoinverse  // N = (I - J^+ J)^T, as the paper prints it: it does, by the coupling of M
+  paper_pseudoinverse  // N = (I - J^+ J)^T, as in the paper: accelerates the end effector through the
+                       // coupling of M
 };
 enum class StiffnessAxes : std::uint8_t {
   world,
-  end_effector  // of the set-point's end effector: they rest while the target does, so the spring stores
-                // energy
+  end_effector  // of the set-point's end effector: fixed while the target is, so that the spring is a
+                // potential
 };
 
 struct ImpedanceGains {
@@ -43,7 +44,7 @@ struct CartesianTarget {
   }
 };
 
-// What the law makes of one frame, given its inertia: world axes, at the frame's origin.
+// Forces of the law on one frame: world axes, at the origin of the frame.
 struct TaskForce {
   Vector6 error;   // pose_error(X_d, X)
   Vector6 spring;  // gradient part [N, N m]
@@ -54,18 +55,18 @@ struct TaskForce {
 TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& target, const Pose& X,
                           const Vector6& V, const Matrix6& Lambda);
 
-// tau_null = N (K_N (q_N - q) - D_N N^T dq), D_N = 2 zeta sqrt(K_N diag M). With N^T the damping cannot feed
-// energy in, whatever the projector (-D_N dq inside N can). Bounded in singular poses: the eigenvalues of N
-// stay within [0, 1]. `spring_share` scales the spring alone; D_N is that of the whole spring.
+// tau_null = N (K_N (q_N - q) - D_N N^T dq), D_N = 2 zeta sqrt(K_N diag M). With N^T, the damping is
+// dissipative for any projector; -D_N dq inside N is not. Bounded in singular poses: the eigenvalues of N
+// stay within [0, 1]. `spring_share` scales the spring only; D_N is designed for the full spring.
 JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N,
                               double spring_share = 1);
 
-// The whole law: tau = J^T F + tau_null + C dq. fault: the torque is not finite.
+// The complete law: tau = J^T F + tau_null + C dq. Returns fault if the torque is not finite.
 LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGains& null_space,
                                   const CartesianTarget& target, OwnedArm& arm, const JointVector& q_N,
                                   TaskForce& force);
 
-// --- statement parts that Cartesian controllets share, in this order ---
+// --- descriptor parts that Cartesian controllets share ---
 enum CartesianParameter : std::size_t {
   kTranslationalStiffness,
   kRotationalStiffness,
@@ -76,13 +77,15 @@ enum CartesianParameter : std::size_t {
   kProjector,
   kCartesianParameterCount
 };
-std::vector<ParameterSpec> cartesian_parameters();
+using CartesianParameters = SpecsAt<ParameterSpec, 0, kCartesianParameterCount>;
+CartesianParameters cartesian_parameters();
 ImpedanceGains impedance_gains(const ParameterSet& parameters);
 NullSpaceGains null_space_gains(const ParameterSet& parameters);
 
 // Outputs of one arm: error 3 + 3, wrench 3 + 3; `prefix` is "" or "first_".
 inline constexpr std::size_t kCartesianOutputSize = 12;
-std::vector<OutputSpec> cartesian_outputs(const std::string& prefix = "");
+using CartesianOutputs = SpecsAt<OutputSpec, 0, kCartesianOutputSize>;
+CartesianOutputs cartesian_outputs(const std::string& prefix = "");
 void show(const TaskForce& force, std::span<double> outputs);
 
 }  // namespace multipanda

@@ -7,7 +7,8 @@
 namespace multipanda {
 namespace {
 
-// The twist of a point at r = p_A - p_E on the body of E, then scaled (linear) and mapped (angular):
+// Maps the twist of E to the point at r = p_A - p_E on its body, then scales it (linear) and maps it
+// (angular):
 //   [scale I, 0; 0, map] [I, -skew(r); 0, I]
 Matrix6 block(double scale, const Matrix3& map, const Vector3& r) {
   Matrix6 L = Matrix6::Zero();

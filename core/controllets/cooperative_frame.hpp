@@ -1,10 +1,8 @@
 #pragma once
 
-#include "core/types/spatial.hpp"
+#include "core/model/coupled_modes.hpp"
 
 namespace multipanda {
-
-using Matrix12 = Eigen::Matrix<double, 12, 12>;
 
 // Cooperative coordinates of two hands that share a frame A. Each hand E_i carries A at a fixed offset
 // X_EiA, so both have an estimate X_WA_i = X_WEi X_EiA of it. With phi = log(R_2 R_1^T):
@@ -13,9 +11,9 @@ using Matrix12 = Eigen::Matrix<double, 12, 12>;
 // Rates: V_a the twist of A, V_r = [dp_r/dt; dphi/dt]. L is the Jacobian of these coordinates, not an
 // approximation for small phi:
 //   [V_a; V_r] = [L_a1 L_a2; L_r1 L_r2] [V_WE1; V_WE2]
-// so [F_1; F_2] = L^T [F_a; F_r] conserves power exactly. While the estimates nearly coincide phi is near 0,
-// whatever the hands' own orientations (facing each other: a half turn apart); the coordinates lose their
-// meaning towards |phi| = pi.
+// so [F_1; F_2] = L^T [F_a; F_r] conserves power exactly. While the estimates nearly coincide, phi is near 0
+// for any orientation of the hands, also if they face each other. The coordinates are meaningless near |phi|
+// = pi.
 struct CooperativeFrame {
   CooperativeFrame(const Pose& X_WE1, const Pose& X_E1A, const Pose& X_WE2, const Pose& X_E2A);
 
@@ -32,11 +30,12 @@ struct CooperativeFrame {
     return L_a2.transpose() * F_a + L_r2.transpose() * F_r;
   }
 
-  // What two hands of task inertia Lambda_1, Lambda_2 weigh in these coordinates: L^-T diag(Lambda_i) L^-1.
+  // Inertia in these coordinates of two hands with task inertias Lambda_1, Lambda_2: L^-T diag(Lambda_i)
+  // L^-1.
   Matrix12 inertia(const Matrix6& Lambda_1, const Matrix6& Lambda_2) const;
 
-  // Estimates of A that are turned apart by more than this have lost their meaning: something slipped or
-  // broke. A pose that is not finite does not hold together either.
+  // If the orientations of the two estimates of A differ by more than this, the object slipped or broke. A
+  // pose that is not finite is treated in the same way.
   static constexpr double kLargestRelativeAngle = 2.0;  // [rad]
   bool holds_together() const { return relative.tail<3>().norm() < kLargestRelativeAngle; }
 

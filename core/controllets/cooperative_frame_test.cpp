@@ -4,9 +4,9 @@
 
 #include <gtest/gtest.h>
 
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/test_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::cooperative_frame_test {
 namespace {
 
 using test::Draw;
@@ -25,7 +25,7 @@ struct Hands {
   }
 };
 
-// Two hands whose estimates of A differ by the given angle and a few centimetres.
+// Two hands whose estimates of A differ by the given angle and a few centimeters.
 Hands some_hands(Draw& draw, double angle) {
   Hands hands;
   hands.X_WE1 = draw.pose(1);
@@ -71,8 +71,8 @@ TEST(CooperativeFrame, ConservesPower) {
   }
 }
 
-// Hands that face each other are half a turn apart; A does not care, and nothing jumps as one of them turns
-// on.
+// Hands that face each other are half a turn apart. A does not depend on it, and nothing jumps when a hand
+// turns farther.
 TEST(CooperativeFrame, HandsFacingEachOther) {
   Draw draw(33);
   Hands hands;
@@ -106,4 +106,4 @@ TEST(CooperativeFrame, RelativeForceSqueezes) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::cooperative_frame_test

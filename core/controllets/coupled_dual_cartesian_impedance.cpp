@@ -10,17 +10,47 @@
 namespace multipanda {
 namespace {
 
-using Vector12 = Eigen::Matrix<double, 12, 1>;
-
-enum Input : std::size_t { kPose };
-enum Parameter : std::size_t {
-  kRelativeTranslational = kCartesianParameterCount,
-  kRelativeRotational,
-  kRelativeOffset
-};
-
 class CoupledDualCartesianImpedance final : public Controllet {
  public:
+  static ControlletDescriptor descriptor() {
+    return {
+        .type = "coupled_dual_cartesian_impedance",
+        .doc = "CDC: two hands move one shared frame and keep their pose relative to each other.",
+        .arms = 2,
+        .inputs = spec_table<kInputCount>(input_at<kPose>(
+            {.name = "pose",
+             .quantity = Quantity::pose,
+             .arm = 0,
+             .doc = "Set-point X_WA of the shared frame A, world frame; begins midway between "
+                    "the hands, with the axes of the world."})),
+        .parameters = spec_table<kParameterCount>(
+            cartesian_parameters(),
+            parameter_at<kRelativeTranslational>({.name = "relative_translational_stiffness_n_per_m",
+                                                  .unit = "N/m",
+                                                  .size = 3,
+                                                  .initial = {400, 400, 400},
+                                                  .max = 5000,
+                                                  .doc = "Stiffness between the hands along x, y, z."}),
+            parameter_at<kRelativeRotational>({.name = "relative_rotational_stiffness_nm_per_rad",
+                                               .unit = "N m/rad",
+                                               .size = 3,
+                                               .initial = {20, 20, 20},
+                                               .max = 300,
+                                               .doc = "Stiffness between the hands about x, y, z."}),
+            parameter_at<kRelativeOffset>(
+                {.name = "relative_offset_m",
+                 .unit = "m",
+                 .size = 3,
+                 .initial = {0.0},
+                 .min = -0.1,
+                 .max = 0.1,
+                 .doc =
+                     "Desired p_2 - p_1 of the two hands' estimates of A, axes of the set-point; a nonzero "
+                     "offset squeezes an object."})),
+        .outputs = spec_table<2 * kCartesianOutputSize>(
+            cartesian_outputs("absolute_"), group_at<kCartesianOutputSize>(cartesian_outputs("relative_")))};
+  }
+
   void start_references(ControlContext& context) override {
     const Pose& X_WE1 = context.arms[0].terms->X_WE();
     const Pose& X_WE2 = context.arms[1].terms->X_WE();
@@ -58,9 +88,9 @@ class CoupledDualCartesianImpedance final : public Controllet {
     const Vector3 p_r_d = target.X_W_d.rotation * parameters.vector3(kRelativeOffset);
     spring_between(K_r, p_r_d, frame, relative);
 
-    // Damping is designed for all twelve coordinates at once: turning A moves both hands with all their
-    // weight where the relative stiffness is high, and hardly any where it is low. Blocks of their own miss
-    // that.
+    // Damping is designed for all twelve coordinates together: a rotation of A moves the whole inertia of
+    // both hands if the relative stiffness is high, and little of it if it is low. Separate blocks ignore
+    // this coupling.
     const Matrix12 Lambda = frame.inertia(first.terms->task().Lambda, second.terms->task().Lambda);
     Matrix12 K = Matrix12::Zero();
     K.topLeftCorner<6, 6>() = K_a.matrix();
@@ -89,6 +119,15 @@ class CoupledDualCartesianImpedance final : public Controllet {
   }
 
  private:
+  enum Input : std::size_t { kPose, kInputCount };
+  enum Parameter : std::size_t {
+    kRelativeTranslational = kCartesianParameterCount,
+    kRelativeRotational,
+    kRelativeOffset,
+    kParameterCount
+  };
+  using Vector12 = Eigen::Matrix<double, 12, 1>;
+
   // Conjugate to V_r: minus the gradient of 1/2 p~_r^T K_t p~_r + 1/2 phi_s^T K_r phi_s.
   static void spring_between(const TaskStiffness& K, const Vector3& p_r_d, const CooperativeFrame& frame,
                              TaskForce& force) {
@@ -102,56 +141,10 @@ class CoupledDualCartesianImpedance final : public Controllet {
   std::array<JointVector, 2> q_N_;
 };
 
-std::vector<ParameterSpec> parameters() {
-  auto specs = cartesian_parameters();
-  specs.push_back({"relative_translational_stiffness_n_per_m",
-                   "N/m",
-                   3,
-                   {400, 400, 400},
-                   0,
-                   5000,
-                   "Between the hands, along x, y, z."});
-  specs.push_back({"relative_rotational_stiffness_nm_per_rad",
-                   "N m/rad",
-                   3,
-                   {20, 20, 20},
-                   0,
-                   300,
-                   "Between the hands, about x, y, z."});
-  specs.push_back(
-      {"relative_offset_m",
-       "m",
-       3,
-       {0.0},
-       -0.1,
-       0.1,
-       "Wanted p_2 - p_1 of the estimates of A, axes of the set-point: what squeezes an object."});
-  return specs;
-}
-
-std::vector<OutputSpec> outputs() {
-  auto specs = cartesian_outputs("absolute_");
-  for (auto& output : cartesian_outputs("relative_")) specs.push_back(std::move(output));
-  return specs;
-}
-
 }  // namespace
 
 ControlletType coupled_dual_cartesian_impedance_controllet() {
-  return {
-      {.type = "coupled_dual_cartesian_impedance",
-       .doc = "CDC: two hands move one shared frame and keep their relation to each other.",
-       .arms = 2,
-       .inputs = {{.name = "pose",
-                   .quantity = Quantity::pose,
-                   .arm = 0,
-                   .doc = "X_WA set-point of the shared frame A, world; begins midway between the hands with "
-                          "the world's axes."}},
-       .parameters = parameters(),
-       .outputs = outputs()},
-      [](ArmModels) -> std::unique_ptr<Controllet> {
-        return std::make_unique<CoupledDualCartesianImpedance>();
-      }};
+  return controllet_type<CoupledDualCartesianImpedance>();
 }
 
 }  // namespace multipanda

@@ -4,10 +4,11 @@
 
 #include "core/controllets/cooperative_frame.hpp"
 #include "core/controllets/task_spring.hpp"
-#include "core/test_support/controllet_rig.hpp"
-#include "core/test_support/plain_arm.hpp"
+#include "core/testing/controllet_rig.hpp"
+#include "core/testing/dense_algebra.hpp"
+#include "core/testing/plain_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::coupled_dual_cartesian_impedance_test {
 namespace {
 
 using namespace test;
@@ -90,7 +91,7 @@ TEST(CoupledDualCartesianImpedance, SpringsAreTheGradientOfTheirEnergy) {
   }
 }
 
-TEST(CoupledDualCartesianImpedance, DampingNeverFeedsEnergy) {
+TEST(CoupledDualCartesianImpedance, DampingNeverSuppliesEnergy) {
   Draw draw(72);
   for (int trial = 0; trial < 50; ++trial) {
     Bench bench;
@@ -107,15 +108,15 @@ TEST(CoupledDualCartesianImpedance, DampingNeverFeedsEnergy) {
   }
 }
 
-// With end-effector axes uneven stiffness may turn along; A begins with the world's axes, so the set-point is
-// put into both worlds by hand.
-TEST(CoupledDualCartesianImpedance, MovingTheWorldChangesNothing) {
+// With end-effector axes uneven stiffness may rotate along; A begins with the world's axes, so the set-point
+// is transformed explicitly.
+TEST(CoupledDualCartesianImpedance, IsInvariantToThePoseOfTheWorld) {
   const Pose X = Draw(73).pose(2);
   Bench here, there(X);
   for (auto* bench : {&here, &there}) {
     Draw draw(74);
     ASSERT_EQ(bench->rig.start(), LawResult::ok);
-    // The offsets X_EiA differ by the turn of A's axes; equal stiffness does not see it.
+    // The offsets X_EiA differ by the turn of A's axes; equal stiffness is not affected.
     const Pose A = bench->rig.input("pose").pose();
     const Matrix3 turn = bench == &here ? Matrix3(Matrix3::Identity()) : X.rotation;
     bench->rig.input("pose").start(Pose{turn * exp_rotation({0.3, -0.2, 0.4}) * turn.transpose() * A.rotation,
@@ -128,7 +129,7 @@ TEST(CoupledDualCartesianImpedance, MovingTheWorldChangesNothing) {
   EXPECT_NEAR((here.rig.tau(1) - there.rig.tau(1)).norm(), 0, 1e-8);
 }
 
-// Where A is and how the hands are pushed together are independent: an offset squeezes with equal and
+// The pose of A and the squeeze of the hands are independent: an offset squeezes with equal and
 // opposite forces, K times the offset.
 TEST(CoupledDualCartesianImpedance, OffsetSqueezesWithEqualAndOppositeForces) {
   Bench bench;
@@ -137,12 +138,12 @@ TEST(CoupledDualCartesianImpedance, OffsetSqueezesWithEqualAndOppositeForces) {
   ASSERT_EQ(bench.rig.start(), LawResult::ok);
   bench.rig.set("relative_offset_m", {0, 0.025, 0});
   ASSERT_EQ(bench.rig.update(), LawResult::ok);
-  // The wrench behind each torque, by least squares over the plain Jacobian.
+  // The wrench behind each torque, by least squares over the independent Jacobian.
   Vector3 force[2];
   for (int arm = 0; arm < 2; ++arm) {
     const Eigen::MatrixXd J = bench.plain[arm].jacobian(bent(arm == 0 ? 7 : 6));
     const VectorXd tau = bench.rig.tau(static_cast<std::size_t>(arm));
-    force[arm] = VectorXd(J.transpose().colPivHouseholderQr().solve(tau)).head(3);
+    force[arm] = least_squares(J.transpose(), tau).head(3);
   }
   EXPECT_NEAR((force[1] - Vector3(0, 20, 0)).norm(), 0, 1e-7);
   EXPECT_NEAR((force[0] + force[1]).norm(), 0, 1e-7);
@@ -167,11 +168,11 @@ TEST(CoupledDualCartesianImpedance, MovesTheSharedFrameAndKeepsTheHandsTogether)
   for (const double e : rig.output("absolute_orientation_error_rad")) EXPECT_NEAR(e, 0, 2e-3);
 }
 
-TEST(CoupledDualCartesianImpedance, FaultsWhereTheEstimatesContradictAndOnNotANumber) {
+TEST(CoupledDualCartesianImpedance, FaultsOnContradictingEstimatesAndNaN) {
   Bench bench;
   ASSERT_EQ(bench.rig.start(), LawResult::ok);
   JointVector q = bent(6);
-  q[5] += 2.5;  // the second hand turned away: the shared frame was lost
+  q[5] += 2.5;  // the second hand is turned away: the shared frame is lost
   bench.place(bent(7), q);
   EXPECT_EQ(bench.rig.update(), LawResult::fault);
   q[5] = std::nan("");
@@ -180,4 +181,4 @@ TEST(CoupledDualCartesianImpedance, FaultsWhereTheEstimatesContradictAndOnNotANu
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::coupled_dual_cartesian_impedance_test

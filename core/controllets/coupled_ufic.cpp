@@ -5,26 +5,25 @@
 #include <cmath>
 
 #include "core/controllets/cooperative_frame.hpp"
-#include "core/controllets/coupled_ufic_statement.hpp"
+#include "core/controllets/coupled_ufic_descriptor.hpp"
 #include "core/controllets/damping_design.hpp"
-#include "core/controllets/energy_book.hpp"
+#include "core/controllets/energy_balance.hpp"
 
-namespace multipanda {
+namespace multipanda::coupled_ufic {
 namespace {
 
-using namespace coupled_ufic;
 using Vector12 = Eigen::Matrix<double, 12, 1>;
 using Phase = GraspSequence::Phase;
 
 constexpr double kGravity = 9.81;  // [m/s^2]
 
-// All springs of the cooperative coordinates as they stood in a tick: their energy is what moving set-points
-// pay for. Along n the relative spring has a share of its own: a grasp takes it away.
+// The springs of the cooperative coordinates in one tick; the tank supplies their energy when set-points
+// move. Along n, the relative spring has its own share, which a grasp removes.
 struct Springs {
   TaskStiffness absolute{Matrix3::Zero(), Matrix3::Zero()};
   Matrix3 across = Matrix3::Zero();         // relative, without its part along n [N/m]
   Matrix3 relative_turn = Matrix3::Zero();  // [N m/rad]
-  double along = 0;                         // relative, along n, with its share [N/m]
+  double along = 0;                         // relative, along n, scaled by its share [N/m]
   Pose X_d;                                 // of A
   Vector3 p_r_d = Vector3::Zero();          // p_2 - p_1
   Vector3 n = Vector3::UnitY();
@@ -52,7 +51,9 @@ struct Springs {
 
 class CoupledUfic final : public Controllet {
  public:
-  // A: midway between the hands, the world's axes.
+  static ControlletDescriptor descriptor() { return coupled_ufic::descriptor(); }
+
+  // A begins midway between the hands, with the axes of the world.
   void start_references(ControlContext& context) override {
     const Pose& X_WE1 = context.arms[0].terms->X_WE();
     const Pose& X_WE2 = context.arms[1].terms->X_WE();
@@ -64,30 +65,28 @@ class CoupledUfic final : public Controllet {
 
   LawResult start(ControlContext& context) override {
     for (const OwnedArm& arm : context.arms) {
-      if (!arm.state->has_wrench_estimate) return LawResult::fault;  // blind: it would squeeze without end
+      if (!arm.state->has_wrench_estimate)
+        return LawResult::fault;  // without an estimate the squeeze has no feedback
     }
     p_r_start_ =
         context.arms[1].terms->X_WE().position - context.arms[0].terms->X_WE().position;  // axes of A
     const Vector3 given = context.parameters->vector3(kSqueezeDirection);
     const Vector3 line = given.norm() > 1e-6 ? given : p_r_start_;
-    if (!(line.norm() > 1e-6)) return LawResult::fault;  // hands in one point: no line between them
+    if (!(line.norm() > 1e-6))
+      return LawResult::fault;  // the hands coincide, so there is no line between them
     n_A_ = line.normalized();
     grasp_.start(n_A_.dot(p_r_start_));
     loop_.start();
     touched_ = false;
-    gamma_ = touch_distance_ = shift_ = shift_from_ = shift_to_ = integral_ = made_up_ = 0;
+    gamma_ = touch_distance_ = shift_ = shift_from_ = shift_to_ = integral_ = 0;
     shift_fade_.reset(true);
     affordable_ = 1;
     const Settings settings(*context.parameters);
-    force_tank_.start(context.parameters->number(kTankStart), settings.tanks);
-    impedance_tank_.start(context.parameters->number(kTankStart), settings.tanks);
-    alpha_f_ = force_tank_.valve(settings.tanks);
-    for (std::size_t i = 0; i < 2; ++i) {
-      q_N_[i] = context.arms[i].q();
-      book_[i].start(q_N_[i]);
-    }
+    balance_.start(context.arms, context.parameters->number(kTankStart), settings.tanks);
+    alpha_f_ = balance_.force.valve(settings.tanks);
+    for (std::size_t i = 0; i < 2; ++i) q_N_[i] = context.arms[i].q();
     springs_ = springs_now(settings, CartesianTarget::of(context.inputs[kPose]));
-    springs_.scale = impedance_tank_.valve(settings.tanks);
+    springs_.scale = balance_.impedance.valve(settings.tanks);
     springs_.energy = springs_.energy_at(frame_of(context));
     return LawResult::ok;
   }
@@ -101,7 +100,7 @@ class CoupledUfic final : public Controllet {
     const CartesianTarget target = CartesianTarget::of(context.inputs[kPose]);
     const double dt = context.dt;
 
-    settle_accounts(context, frame, settings);
+    update_energy_balance(context, frame, settings);
     if (!follow_grasp(context, frame, settings, target)) return LawResult::fault;
     const double set_point_work = move_springs(springs_now(settings, target), frame, settings, dt);
     const double s = springs_.scale;
@@ -120,10 +119,13 @@ class CoupledUfic final : public Controllet {
       feedforward += Lambda.leftCols<6>() * target.A_d.vector;
     }
     feedforward.head<3>() += carried(settings, target, frame, dt);
-    // D_z against the velocity takes energy; with the set-point's velocity it may give some.
+    // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
     feedforward.segment<3>(6) += settings.squeeze_damping * n.dot(Vector3(V_d.segment<3>(6))) * n;
     feedforward *= s;
-    affordable_ = affordable(feedforward.dot(V) * dt, dt, settings.tanks);
+    // No more power than would empty the tank within kEmptying: a fast set-point cannot overdraw it before
+    // its valve has closed.
+    constexpr double kEmptying = 0.05;  // [s]
+    affordable_ = balance_.impedance.affordable(feedforward.dot(V) * dt, dt / kEmptying, settings.tanks);
     feedforward *= affordable_;
 
     const double v_n = n.dot(Vector3(V.segment<3>(6)));
@@ -142,15 +144,15 @@ class CoupledUfic final : public Controllet {
                                    : frame.second_wrench(F.head<6>(), F.tail<6>());
         return J.transpose().lazyProduct(F_E);
       };
-      EnergyBook& book = book_[i];
-      book.open(kSpringPart, joints(spring));
-      book.open(kDampingPart, joints(damping));
-      book.open(kFeedforwardPart, joints(feedforward));
-      book.open(kNullSpacePart, null_space_torque(settings.null_space, arm, q_N_[i], s));
-      book.open(kCoriolisPart, arm.terms->c());
-      book.open(kForcePart, joints(force));
-      book.open(kForceDampingPart, joints(force_damping));
-      *arm.tau = book.sum();
+      EnergyBalance& balance = balance_.arm(i);
+      balance.open(kSpringPart, joints(spring));
+      balance.open(kDampingPart, joints(damping));
+      balance.open(kFeedforwardPart, joints(feedforward));
+      balance.open(kNullSpacePart, null_space_torque(settings.null_space, arm, q_N_[i], s));
+      balance.open(kCoriolisPart, arm.terms->c());
+      balance.open(kForcePart, joints(force));
+      balance.open(kForceDampingPart, joints(force_damping));
+      *arm.tau = balance.sum();
       if (!arm.tau->allFinite()) return LawResult::fault;
     }
     show(context, frame, command, set_point_work);
@@ -162,7 +164,7 @@ class CoupledUfic final : public Controllet {
     return {context.arms[0].terms->X_WE(), X_EA_[0], context.arms[1].terms->X_WE(), X_EA_[1]};
   }
 
-  // For the design of the damping, which stays the same in a grasp: all springs at their full share.
+  // Full stiffness of all springs, for the damping design, which does not change in a grasp.
   static Matrix12 stiffness(const Settings& settings, const CartesianTarget& target) {
     Matrix12 K = Matrix12::Zero();
     K.topLeftCorner<6, 6>() = settings.absolute.stiffness(target.X_W_d.rotation).matrix();
@@ -185,34 +187,22 @@ class CoupledUfic final : public Controllet {
     return next;
   }
 
-  // Work of the period just gone. What the impedance part gave, less what its springs lost, is the impedance
-  // tank's; so is the work of others (features, limits).
-  void settle_accounts(const ControlContext& context, const CooperativeFrame& frame,
-                       const Settings& settings) {
-    for (std::size_t i = 0; i < 2; ++i) {
-      book_[i].close(context.arms[i].q(), context.arms[i].state->tau_J_d);
-    }
-    const double now = springs_.energy_at(frame);
-    const double stored = springs_.scale * (now - springs_.energy);
-    springs_.energy = now;
-    impedance_tank_.give(stored + work(kSpringPart) + work(kDampingPart) + work(kFeedforwardPart) +
-                         work(kNullSpacePart) + work(kCoriolisPart) + book_[0].work_of_others() +
-                         book_[1].work_of_others());
-    force_tank_.give(work(kForcePart) + work(kForceDampingPart));
-    if (settings.valve_law == ValveLaw::paper) {
-      made_up_ += force_tank_.make_up(settings.tanks) + impedance_tank_.make_up(settings.tanks);
-    }
+  void update_energy_balance(const ControlContext& context, const CooperativeFrame& frame,
+                             const Settings& settings) {
+    const double energy = springs_.energy_at(frame);
+    const double stored = springs_.scale * (energy - springs_.energy);
+    springs_.energy = energy;
+    balance_.close(context.arms, stored, settings.valve_law, settings.tanks);
   }
-  double work(TorquePart part) const { return book_[0].work(part) + book_[1].work(part); }
 
-  // The springs go to new set-points, stiffness and valve; the tank pays for the energy they have more and
-  // takes what they have less. The valve depends on what is left after that, so both are found together:
-  // s = valve(T + s_before V_before - s V). Taken one after the other they would chase each other.
+  // Moves the springs to new set-points, stiffness and valve. The tank supplies the energy that they gain and
+  // receives the energy that they lose. The valve depends on the energy left after that, so both are solved
+  // together: s = valve(T + s_before V_before - s V). Updated in turn, they would oscillate.
   double move_springs(Springs next, const CooperativeFrame& frame, const Settings& settings, double dt) {
     const double before = springs_.scale * springs_.energy;
     next.energy = next.energy_at(frame);
     const auto valve_after = [&](double s) {
-      EnergyTank after = impedance_tank_;
+      EnergyTank after = balance_.impedance;
       after.give(s * next.energy - before);
       return after.valve(settings.tanks);
     };
@@ -227,33 +217,26 @@ class CoupledUfic final : public Controllet {
     next.scale = high;
     springs_ = next;
     const double work = next.scale * next.energy - before;
-    impedance_tank_.give(work);
+    balance_.impedance.give(work);
     return work;
   }
 
-  // The share of a work that a tick may take: no more power than would empty the tank within kEmptying. So a
-  // fast set-point cannot overdraw it before its valve has shut, and what is cut is cut gently.
-  double affordable(double work_j, double dt, const TankLimits& limits) const {
-    constexpr double kEmptying = 0.05;  // [s]
-    const double purse = dt / kEmptying * std::max(0.0, impedance_tank_.energy() - limits.min_j);
-    return work_j > purse ? purse / work_j : 1.0;
-  }
-
-  // Phases of the grasp; gamma and where A is held along n follow from the touch. False: not finite.
+  // Updates the phase of the grasp, gamma, and the position of A along n. Returns false if a force
+  // is not finite.
   bool follow_grasp(const ControlContext& context, const CooperativeFrame& frame, Settings settings,
                     const CartesianTarget& target) {
     const Vector3 n = target.X_W_d.rotation * n_A_;
     const Matrix3& R_d = target.X_W_d.rotation;
     settings.grasp.closing_stiffness = n.dot(settings.relative.stiffness(R_d).translation * n);
-    measured_ = {.wanted_n = context.inputs[kSqueeze].scalar(),
+    measured_ = {.requested_n = context.inputs[kSqueeze].scalar(),
                  .first_n = n.dot(Vector3(context.arms[0].state->F_K_W_est.force())),
                  .second_n = -n.dot(Vector3(context.arms[1].state->F_K_W_est.force())),
                  .distance_m = n.dot(Vector3(frame.relative.head<3>()))};
-    if (!std::isfinite(measured_.wanted_n + measured_.first_n + measured_.second_n)) return false;
+    if (!std::isfinite(measured_.requested_n + measured_.first_n + measured_.second_n)) return false;
     grasp_.update(measured_, settings.grasp, context.dt);
     if (grasp_.touched_now()) {
-      // The object is where it is: held there along n, not drawn to the set-point, which would press one hand
-      // more than the other.
+      // Hold the object along n where it is. Drawing it to the set-point would load one hand more
+      // than the other.
       shift_from_ = shift_;
       shift_to_ = n.dot(frame.X_WA.position - target.X_W_d.position);
       shift_fade_.reset(false);
@@ -263,16 +246,16 @@ class CoupledUfic final : public Controllet {
       touched_ = true;
       touch_distance_ = measured_.distance_m;
     }
-    // Down at once, up no faster than any fade.
+    // Decreases at once, increases no faster than a fade.
     const double rise = context.dt / Fade::kDuration;
     const double shape =
         touched_ ? contact_shape(measured_.distance_m - touch_distance_, settings.reach) : 0.0;
     gamma_ = std::min(shape, gamma_ + rise);
-    alpha_f_ = std::min(force_tank_.valve(settings.tanks), alpha_f_ + rise);
+    alpha_f_ = std::min(balance_.force.valve(settings.tanks), alpha_f_ + rise);
     return true;
   }
 
-  // F_f' along -n of the relative motion: what each hand is to press.
+  // F_f' along -n of the relative motion: the force of each hand.
   double squeeze(const Settings& settings, double v_n, double dt) {
     const double estimated = 0.5 * (measured_.first_n + measured_.second_n);
     const double w = grasp_.force_share();
@@ -280,13 +263,13 @@ class CoupledUfic final : public Controllet {
     return multipanda::force_share(settings.valve_law, gamma_, alpha_f_, -v_n) * f;
   }
 
-  // Declared weight with the set-point's acceleration, and the integral of the vertical error.
+  // Declared weight and acceleration of the object, plus the integral of the vertical error.
   Vector3 carried(const Settings& settings, const CartesianTarget& target, const CooperativeFrame& frame,
                   double dt) {
     const double held = grasp_.ramp();
     if (grasp_.phase() == Phase::grasp) {
       const double e_z = target.X_W_d.position.z() - frame.X_WA.position.z();
-      // What the tank cannot pay for must not pile up.
+      // Scaled by the fraction that the tank supplies, against windup.
       integral_ += settings.vertical_integral * held * springs_.scale * affordable_ * e_z * dt;
       integral_ = std::clamp(integral_, -settings.vertical_integral_limit, settings.vertical_integral_limit);
     } else {
@@ -313,23 +296,18 @@ class CoupledUfic final : public Controllet {
     out[kGamma] = gamma_;
     out[kAlphaForce] = alpha_f_;
     out[kAlphaImpedance] = springs_.scale - 1;
-    out[kForceTank] = force_tank_.energy();
-    out[kImpedanceTank] = impedance_tank_.energy();
+    out[kForceTank] = balance_.force.energy();
+    out[kImpedanceTank] = balance_.impedance.energy();
     double kinetic = 0;
     for (const OwnedArm& arm : context.arms) kinetic += 0.5 * arm.dq().dot(arm.terms->momentum());
     out[kStored] =
-        kinetic + springs_.scale * springs_.energy + force_tank_.energy() + impedance_tank_.energy();
+        kinetic + springs_.scale * springs_.energy + balance_.force.energy() + balance_.impedance.energy();
     out[kKinetic] = kinetic;
-    out[kSpringPower] = work(kSpringPart) * per_s;
-    out[kDampingPower] = work(kDampingPart) * per_s;
-    out[kFeedforwardPower] = work(kFeedforwardPart) * per_s;
-    out[kNullSpacePower] = work(kNullSpacePart) * per_s;
-    out[kCoriolisPower] = work(kCoriolisPart) * per_s;
-    out[kForcePower] = work(kForcePart) * per_s;
-    out[kForceDampingPower] = work(kForceDampingPart) * per_s;
+    static_assert(kSetPointPower - kSpringPower == kTorqueParts);
+    balance_.show_powers(out.subspan(kSpringPower), context.dt);
     out[kSetPointPower] = set_point_work * per_s;
-    out[kOtherPower] = (book_[0].work_of_others() + book_[1].work_of_others()) * per_s;
-    out[kMadeUp] = made_up_;
+    out[kOtherPower] = balance_.work_of_others() * per_s;
+    out[kCreated] = balance_.created();
     out[kDistance] = measured_.distance_m;
     out[kDistanceSet] = grasp_.distance_d();
     out[kVerticalForce] = vertical_;
@@ -345,7 +323,7 @@ class CoupledUfic final : public Controllet {
 
   std::array<Pose, 2> X_EA_;
   std::array<JointVector, 2> q_N_;
-  std::array<EnergyBook, 2> book_;
+  TankBalance balance_{2};
   Vector3 p_r_start_ = Vector3::Zero(), n_A_ = Vector3::UnitY();
   GraspSequence grasp_;
   GraspSequence::Measured measured_;
@@ -353,18 +331,17 @@ class CoupledUfic final : public Controllet {
   Fade shift_fade_;
   double shift_ = 0, shift_from_ = 0, shift_to_ = 0;  // of A's set-point along n [m]
   double integral_ = 0, vertical_ = 0;                // [N]
-  double affordable_ = 1;                             // share of the feed-forward in the last tick
+  double affordable_ = 1;                             // factor on the feed-forward in the last tick
   bool touched_ = false;
-  double touch_distance_ = 0, gamma_ = 0, alpha_f_ = 0, made_up_ = 0;
-  EnergyTank force_tank_, impedance_tank_;
+  double touch_distance_ = 0, gamma_ = 0, alpha_f_ = 0;
   Springs springs_;
 };
 
 }  // namespace
+}  // namespace multipanda::coupled_ufic
 
-ControlletType coupled_ufic_controllet() {
-  return {coupled_ufic::statement(),
-          [](ArmModels) -> std::unique_ptr<Controllet> { return std::make_unique<CoupledUfic>(); }};
-}
+namespace multipanda {
+
+ControlletType coupled_ufic_controllet() { return controllet_type<coupled_ufic::CoupledUfic>(); }
 
 }  // namespace multipanda

@@ -1,16 +1,15 @@
 #include "core/controllets/coupled_ufic.hpp"
 
-#include <Eigen/LU>
-#include <Eigen/QR>
 #include <gtest/gtest.h>
 
 #include "core/controllets/damping_design.hpp"
 #include "core/controllets/task_spring.hpp"
-#include "core/test_support/controllet_rig.hpp"
-#include "core/test_support/plain_arm.hpp"
+#include "core/testing/controllet_rig.hpp"
+#include "core/testing/dense_algebra.hpp"
+#include "core/testing/plain_arm.hpp"
 
-// By the recipe of the other laws; grasps over MuJoCo are in tests/interaction/.
-namespace multipanda {
+// Tested like the other laws; grasps in MuJoCo are in tests/interaction/.
+namespace multipanda::coupled_ufic_test {
 namespace {
 
 using namespace test;
@@ -33,13 +32,13 @@ struct Bench {
     rig.place(0, q_1, joint_constant(7, 0));
     rig.place(1, q_2, joint_constant(6, 0));
   }
-  void want(double squeeze) {
+  void request(double squeeze) {
     Target target;
     target.size = 1;
     target.values[0] = squeeze;
     rig.input("squeeze").set(target);
   }
-  // Both hands press by so much, along the line between them.
+  // Both hands press with this force, along the line between them.
   void feel(double first, double second) {
     rig.state(0).F_K_W_est.force() = first * n();
     rig.state(1).F_K_W_est.force() = -second * n();
@@ -50,27 +49,27 @@ struct Bench {
   void ticks(int count) {
     for (int i = 0; i < count; ++i) ASSERT_EQ(rig.tick(0.001), LawResult::ok);
   }
-  // Until the squeeze is whole; the hands are told of `force` each.
-  void grasp(double wanted, double force) {
+  // Runs until the squeeze is complete; each hand's estimate is `force`.
+  void grasp(double requested, double force) {
     ASSERT_EQ(rig.start(), LawResult::ok);
-    want(wanted);
+    request(requested);
     feel(force, force);
     ticks(3000);
     ASSERT_EQ(number("phase"), 2);
   }
   double number(std::string_view output) { return rig.output(output)[0]; }
-  // The wrench behind each torque, by least squares over the plain Jacobian.
+  // The wrench behind each torque, by least squares over the independent Jacobian.
   Vector6 wrench(std::size_t arm) {
     const MatrixXd J = plain[arm].jacobian(rig.state(arm).q);
-    return J.transpose().colPivHouseholderQr().solve(VectorXd(rig.tau(arm)));
+    return least_squares(J.transpose(), rig.tau(arm));
   }
   Pose X_WB[2];
   PlainArm plain[2];
   ControlletRig rig;
 };
 
-// Grasped, filters at rest, tanks full: the torque is the stated sum, with explicit inverses and with
-// coordinates written in their own way.
+// Grasped, filters at rest, tanks full: the torque is the stated sum, with explicit inverses and
+// independently written coordinates.
 TEST(CoupledUfic, TorqueIsTheStatedLaw) {
   Draw draw(91);
   for (int trial = 0; trial < 12; ++trial) {
@@ -97,7 +96,7 @@ TEST(CoupledUfic, TorqueIsTheStatedLaw) {
     const VectorXd dq[2] = {draw.joints(7, 0.4), draw.joints(6, 0.4)};
     bench.rig.place(0, q[0], dq[0]);
     bench.rig.place(1, q[1], dq[1]);
-    // The line of squeezing turns with the set-point, and the estimates with it.
+    // The squeezing direction rotates with the set-point, and so do the estimates.
     const Reference& pose = bench.rig.input("pose");
     const Matrix3 R_d = pose.pose().rotation;
     const Vector3 n = R_d * line.normalized();
@@ -113,7 +112,7 @@ TEST(CoupledUfic, TorqueIsTheStatedLaw) {
       E[i] = bench.plain[i].end_effector(q[i]);
       J[i] = bench.plain[i].jacobian(q[i]);
       M[i] = bench.plain[i].mass(q[i]);
-      Lambda.block(6 * i, 6 * i, 6, 6) = (J[i] * M[i].inverse() * J[i].transpose()).inverse();
+      Lambda.block(6 * i, 6 * i, 6, 6) = task_inertia(J[i], M[i]);
       V.segment(6 * i, 6) = J[i] * dq[i];
     }
     // L by differences of the coordinates themselves.
@@ -144,7 +143,7 @@ TEST(CoupledUfic, TorqueIsTheStatedLaw) {
           (relative_rotation(plus[0], plus[1]) - relative_rotation(minus[0], minus[1])) / (2 * h);
     }
     const VectorXd V_ar = L * V;
-    const MatrixXd L_inverse = L.inverse();
+    const MatrixXd L_inverse = inverse(L);
     const Eigen::Matrix<double, 12, 12> Lambda_ar = L_inverse.transpose() * Lambda * L_inverse;
     Eigen::Matrix<double, 12, 12> K = Eigen::Matrix<double, 12, 12>::Zero();
     K.diagonal() << 600, 600, 600, 20, 20, 20, 300, 300, 300, 15, 15, 15;
@@ -167,15 +166,13 @@ TEST(CoupledUfic, TorqueIsTheStatedLaw) {
     const VectorXd F_E = L.transpose() * F;
     for (std::size_t i = 0; i < 2; ++i) {
       const Eigen::Index joints = q[i].size();
-      const MatrixXd Lambda_i = Lambda.block(6 * i, 6 * i, 6, 6);
-      const MatrixXd N =
-          MatrixXd::Identity(joints, joints) - J[i].transpose() * Lambda_i * J[i] * M[i].inverse();
+      const MatrixXd N = null_space_projector(J[i], M[i]);
       const VectorXd D_N = 2 * (10 * M[i].diagonal().array()).sqrt();
       const VectorXd q_N = bent(static_cast<std::size_t>(joints));
       const VectorXd null = N * (10 * (q_N - q[i]) - D_N.asDiagonal() * N.transpose() * dq[i]);
       const VectorXd expected = J[i].transpose() * F_E.segment(6 * static_cast<Eigen::Index>(i), 6) + null +
                                 bench.plain[i].coriolis(q[i], dq[i]);
-      // gamma has left 1 where the hands were moved; the share of an incoming force is 1 all the same.
+      // gamma has left 1 where the hands were moved; the fraction of an incoming force is 1 all the same.
       if (v_n > 0.02) {
         EXPECT_NEAR((bench.rig.tau(i) - expected).norm(), 0, 2e-4 * (1 + expected.norm()))
             << "trial " << trial << " arm " << i;
@@ -193,7 +190,7 @@ TEST(CoupledUfic, TorqueIsTheStatedLaw) {
   }
 }
 
-TEST(CoupledUfic, AtRestWithNothingAskedForNothing) {
+TEST(CoupledUfic, IsZeroAtRestWithoutRequestedForce) {
   Bench bench;
   ASSERT_EQ(bench.rig.start(), LawResult::ok);
   bench.ticks(500);
@@ -219,8 +216,8 @@ TEST(CoupledUfic, SqueezeAndWeightAreForcesAtTheHands) {
   for (std::size_t i = 0; i < 2; ++i) EXPECT_NEAR((bench.wrench(i) - expected[i]).norm(), 0, 1e-6);
 }
 
-// What "coupled" means: pushing both hands the same way meets the absolute spring and leaves the squeeze as
-// it was; the squeeze does not care where the hands are (no stiffness), only how hard they press.
+// Meaning of "coupled": a push of both hands in one direction acts on the absolute spring and does not change
+// the squeeze; the squeeze does not depend on the hands' positions (no stiffness), only on their forces.
 TEST(CoupledUfic, CommonMotionMeetsTheSpringAndLeavesTheSqueeze) {
   Draw draw(92);
   for (int trial = 0; trial < 10; ++trial) {
@@ -302,14 +299,14 @@ TEST(CoupledUfic, SpringsAreTheGradientOfTheirEnergy) {
   }
 }
 
-// Without weight and integral nothing knows where the world is.
-TEST(CoupledUfic, MovingTheWorldChangesNothing) {
+// Without weight and integral the law does not depend on the pose of the world.
+TEST(CoupledUfic, IsInvariantToThePoseOfTheWorld) {
   const Pose X = Draw(94).pose(2);
   Bench here, there(X);
   for (auto* bench : {&here, &there}) {
     Draw draw(95);
     bench->grasp(12, 9);
-    // Offsets X_EiA differ by the turn of A's axes; equal stiffness does not see it.
+    // Offsets X_EiA differ by the turn of A's axes; equal stiffness is not affected.
     const Pose A = bench->rig.input("pose").pose();
     const Matrix3 turn = bench == &here ? Matrix3(Matrix3::Identity()) : X.rotation;
     bench->rig.input("pose").start(
@@ -324,14 +321,14 @@ TEST(CoupledUfic, MovingTheWorldChangesNothing) {
   EXPECT_NEAR((here.rig.tau(1) - there.rig.tau(1)).norm(), 0, 1e-7);
 }
 
-// Empty tanks: no spring, no squeeze; dampers stay.
-TEST(CoupledUfic, EmptyTanksLeaveDampingOnly) {
+// Empty tanks: no spring, no squeeze; only dampers.
+TEST(CoupledUfic, EmptyTanksLeaveOnlyDamping) {
   Draw draw(96);
   Bench bench;
   bench.rig.set("tank_start_j", {0});
   bench.rig.set("object_mass_kg", {1});
   ASSERT_EQ(bench.rig.start(), LawResult::ok);
-  bench.want(20);
+  bench.request(20);
   bench.feel(20, 20);
   const Pose start = bench.rig.input("pose").pose();
   bench.rig.input("pose").set(pose_target({start.rotation, start.position + Vector3(0.2, 0, 0)}, 1.0));
@@ -351,9 +348,9 @@ TEST(CoupledUfic, EmptyTanksLeaveDampingOnly) {
   }
 }
 
-// Whatever moves whatever: what the arms and the springs have more, the tanks have less. The arms are moved
-// by force of hand, so the work of the torques is known from their paths alone.
-TEST(CoupledUfic, TanksPayForAllThatGoesIn) {
+// For any motion: the energy that arms and springs gain, the tanks lose. The test prescribes the motion of
+// the arms, so the work of the torques follows from their paths alone.
+TEST(CoupledUfic, TanksSupplyAllEnergyThatGoesIn) {
   Draw draw(97);
   for (int trial = 0; trial < 10; ++trial) {
     Bench bench;
@@ -362,16 +359,16 @@ TEST(CoupledUfic, TanksPayForAllThatGoesIn) {
     bench.rig.set("object_mass_kg", {1});
     bench.rig.set("vertical_integral_n_per_m_s", {500});
     ASSERT_EQ(bench.rig.start(), LawResult::ok);
-    bench.want(15);
+    bench.request(15);
     bench.ticks(1);
-    const double begun = bench.number("force_tank_j") + bench.number("impedance_tank_j");
-    EXPECT_NEAR(begun, full ? 100 : 0.4, 1e-9);
+    const double initial = bench.number("force_tank_j") + bench.number("impedance_tank_j");
+    EXPECT_NEAR(initial, full ? 100 : 0.4, 1e-9);
     const Pose start = bench.rig.input("pose").pose();
     bench.rig.input("pose").set(
         pose_target({exp_rotation(draw.vector3(0.2)) * start.rotation, start.position + draw.vector3(0.2)}));
     const JointVector way[2] = {draw.joints(7, 0.05), draw.joints(6, 0.05)};
     JointVector q[2] = {bent(7), bent(6)}, tau[2] = {bench.rig.tau(0), bench.rig.tau(1)};
-    double into_arms = 0, traffic = 0, before = begun;
+    double into_arms = 0, traffic = 0, before = initial;
     for (int k = 1; k <= 3000; ++k) {
       const double t = 0.001 * k;
       for (std::size_t i = 0; i < 2; ++i) {
@@ -390,9 +387,9 @@ TEST(CoupledUfic, TanksPayForAllThatGoesIn) {
       }
       // stored_energy_j is kinetic + springs + tanks.
       const double stored = bench.number("stored_energy_j") - kinetic;
-      ASSERT_LE(into_arms + stored, begun + 1e-9) << "trial " << trial << " tick " << k;
+      ASSERT_LE(into_arms + stored, initial + 1e-9) << "trial " << trial << " tick " << k;
       if (full) {
-        ASSERT_NEAR(into_arms + stored, begun, 1e-6) << "trial " << trial << " tick " << k;
+        ASSERT_NEAR(into_arms + stored, initial, 1e-6) << "trial " << trial << " tick " << k;
       }
       const double tanks = bench.number("force_tank_j") + bench.number("impedance_tank_j");
       traffic += std::abs(tanks - before);
@@ -404,10 +401,10 @@ TEST(CoupledUfic, TanksPayForAllThatGoesIn) {
   }
 }
 
-TEST(CoupledUfic, TouchComesWithoutAStep) {
+TEST(CoupledUfic, ContactCausesNoStep) {
   Bench bench;
   ASSERT_EQ(bench.rig.start(), LawResult::ok);
-  bench.want(20);
+  bench.request(20);
   bench.ticks(400);
   JointVector before[2] = {bench.rig.tau(0), bench.rig.tau(1)};
   bench.feel(4, 3);
@@ -431,7 +428,7 @@ TEST(CoupledUfic, TouchComesWithoutAStep) {
   EXPECT_EQ(bench.number("force_command_n"), 0);
 }
 
-TEST(CoupledUfic, FaultsOnWhatIsNotANumberAndOnContradiction) {
+TEST(CoupledUfic, FaultsOnNaNAndContradictingEstimates) {
   for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity()}) {
     for (int where = 0; where < 5; ++where) {
       Bench bench;
@@ -444,7 +441,7 @@ TEST(CoupledUfic, FaultsOnWhatIsNotANumberAndOnContradiction) {
       if (where == 4) q[5] += 2.5;  // the second hand turned away
       bench.rig.place(1, q, dq);
       EXPECT_EQ(bench.rig.tick(0.001), LawResult::fault) << where;
-      // A new start from good numbers is a good one.
+      // A new start from valid numbers succeeds.
       bench.feel(0, 0);
       bench.place(bent(7), bent(6));
       ASSERT_EQ(bench.rig.start(), LawResult::ok);
@@ -462,4 +459,4 @@ TEST(CoupledUfic, WithoutAnEstimateItDoesNotStart) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::coupled_ufic_test

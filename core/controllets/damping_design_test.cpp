@@ -2,9 +2,10 @@
 
 #include <gtest/gtest.h>
 
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/dense_algebra.hpp"
+#include "core/testing/test_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::damping_design_test {
 namespace {
 
 using test::Draw;
@@ -24,9 +25,10 @@ std::vector<double> damping_ratios(const Eigen::MatrixXd& inertia, const Eigen::
   const Eigen::Index n = inertia.rows();
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(2 * n, 2 * n);
   A.topRightCorner(n, n).setIdentity();
-  A.bottomLeftCorner(n, n) = -inertia.inverse() * stiffness;
-  A.bottomRightCorner(n, n) = -inertia.inverse() * damping;
-  const Eigen::VectorXcd poles = Eigen::EigenSolver<Eigen::MatrixXd>(A, false).eigenvalues();
+  const Eigen::MatrixXd mobility = test::inverse(inertia);
+  A.bottomLeftCorner(n, n) = -mobility * stiffness;
+  A.bottomRightCorner(n, n) = -mobility * damping;
+  const Eigen::VectorXcd poles = test::eigenvalues(A);
   std::vector<double> ratios;
   for (Eigen::Index i = 0; i < poles.size(); ++i) ratios.push_back(-poles[i].real() / std::abs(poles[i]));
   return ratios;
@@ -61,9 +63,8 @@ TEST(DampingDesign, JointsOfAnyCount) {
   }
 }
 
-// Whatever the stiffness, also none along a direction: symmetric, no negative power, D Lambda^-1 D = 4 zeta^2
-// K.
-TEST(DampingDesign, NeverFeedsEnergyAndStandsZeroStiffness) {
+// For any stiffness, also zero along a direction: symmetric, no negative power, D Lambda^-1 D = 4 zeta^2 K.
+TEST(DampingDesign, NeverSuppliesEnergyAndAcceptsZeroStiffness) {
   Draw draw(13);
   for (int trial = 0; trial < 50; ++trial) {
     const Matrix6 Lambda = some_inertia(draw);
@@ -77,15 +78,16 @@ TEST(DampingDesign, NeverFeedsEnergyAndStandsZeroStiffness) {
       const Vector6 v = Vector6::NullaryExpr([&] { return draw.uniform(-1, 1); });
       EXPECT_GE(v.dot(D * v), -1e-9);
     }
-    EXPECT_NEAR((D * Lambda.inverse() * D - 4 * 1.3 * 1.3 * K).norm(), 0, 1e-6 * (1 + K.norm()));
+    const Matrix6 mobility = test::inverse(Lambda);
+    EXPECT_NEAR((D * mobility * D - 4 * 1.3 * 1.3 * K).norm(), 0, 1e-6 * (1 + K.norm()));
   }
 }
 
-TEST(DampingDesign, NotANumberStaysOne) {
+TEST(DampingDesign, NaNStaysNaN) {
   Matrix6 Lambda = Matrix6::Identity();
   Lambda(2, 2) = std::nan("");
   EXPECT_FALSE(task_damping(Lambda, Matrix6::Identity(), 1).allFinite());
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::damping_design_test

@@ -7,12 +7,47 @@
 namespace multipanda {
 namespace {
 
-enum Input : std::size_t { kCommonPose, kFirstPose, kSecondPose };
-enum Parameter : std::size_t { kGoals = kCartesianParameterCount, kOffset };
-enum Goals : std::size_t { kCommon, kSeparate };
-
 class DualCartesianImpedance final : public Controllet {
  public:
+  static ControlletDescriptor descriptor() {
+    return {
+        .type = "dual_cartesian_impedance",
+        .doc = "DC: two arms with independent Cartesian impedances, and one common set-point or one each.",
+        .arms = 2,
+        .inputs = spec_table<kInputCount>(
+            input_at<kCommonPose>({.name = "common_pose",
+                                   .quantity = Quantity::pose,
+                                   .arm = 0,
+                                   .doc =
+                                       "Common set-point of both hands, world frame; each hand is shifted by "
+                                       "offset_m. Ignored with separate goals."}),
+            input_at<kFirstPose>(
+                {.name = "first_pose",
+                 .quantity = Quantity::pose,
+                 .arm = 0,
+                 .doc = "Set-point X_WE of the first arm, world frame. Ignored with common goals."}),
+            input_at<kSecondPose>(
+                {.name = "second_pose",
+                 .quantity = Quantity::pose,
+                 .arm = 1,
+                 .doc = "Set-point X_WE of the second arm, world frame. Ignored with common goals."})),
+        .parameters = spec_table<kParameterCount>(
+            cartesian_parameters(),
+            parameter_at<kGoals>(
+                choice_parameter("goals", {"common", "separate"},
+                                 "Set-points from common_pose, or from first_pose and second_pose.")),
+            parameter_at<kOffset>({.name = "offset_m",
+                                   .unit = "m",
+                                   .size = 3,
+                                   .initial = {0, 0.15, 0},
+                                   .min = -1,
+                                   .max = 1,
+                                   .doc = "Added to the common position for the first arm and subtracted for "
+                                          "the second, world axes."})),
+        .outputs = spec_table<2 * kCartesianOutputSize>(
+            cartesian_outputs("first_"), group_at<kCartesianOutputSize>(cartesian_outputs("second_")))};
+  }
+
   // The common pose begins midway between the hands.
   void start_references(ControlContext& context) override {
     Controllet::start_references(context);
@@ -40,9 +75,9 @@ class DualCartesianImpedance final : public Controllet {
     const bool other_goals = parameters.choice(kGoals) != goals_;
     goals_ = parameters.choice(kGoals);
     for (std::size_t i = 0; i < 2; ++i) {
-      const CartesianTarget wanted = rule(context, i);
-      if (other_goals) blend_[i].capture(X_W_d_[i], wanted.X_W_d);
-      const CartesianTarget target = blend_[i].advance(wanted, context.dt);
+      const CartesianTarget requested = rule(context, i);
+      if (other_goals) blend_[i].capture(X_W_d_[i], requested.X_W_d);
+      const CartesianTarget target = blend_[i].advance(requested, context.dt);
       X_W_d_[i] = target.X_W_d;
       TaskForce force;
       if (cartesian_impedance_law(gains, null_space, target, context.arms[i], q_N_[i], force) !=
@@ -55,6 +90,10 @@ class DualCartesianImpedance final : public Controllet {
   }
 
  private:
+  enum Input : std::size_t { kCommonPose, kFirstPose, kSecondPose, kInputCount };
+  enum Parameter : std::size_t { kGoals = kCartesianParameterCount, kOffset, kParameterCount };
+  enum Goals : std::size_t { kCommon, kSeparate };
+
   CartesianTarget rule(const ControlContext& context, std::size_t arm) const {
     if (goals_ == kSeparate) return CartesianTarget::of(context.inputs[arm == 0 ? kFirstPose : kSecondPose]);
     CartesianTarget target = CartesianTarget::of(context.inputs[kCommonPose]);
@@ -65,60 +104,12 @@ class DualCartesianImpedance final : public Controllet {
 
   std::size_t goals_ = kCommon;
   std::array<JointVector, 2> q_N_;
-  std::array<Pose, 2> X_W_d_;  // set-points in force
+  std::array<Pose, 2> X_W_d_;  // current set-points
   std::array<SetPointBlend, 2> blend_;
 };
 
-std::vector<ParameterSpec> parameters() {
-  auto specs = cartesian_parameters();
-  specs.push_back({"goals",
-                   "",
-                   1,
-                   {0},
-                   0,
-                   1,
-                   "Set-points from common_pose, or from first_pose and second_pose.",
-                   {"common", "separate"}});
-  specs.push_back(
-      {"offset_m",
-       "m",
-       3,
-       {0, 0.15, 0},
-       -1,
-       1,
-       "Added to the common position for the first arm, taken from it for the second; world axes."});
-  return specs;
-}
-
-std::vector<OutputSpec> outputs() {
-  auto specs = cartesian_outputs("first_");
-  for (auto& output : cartesian_outputs("second_")) specs.push_back(std::move(output));
-  return specs;
-}
-
 }  // namespace
 
-ControlletType dual_cartesian_impedance_controllet() {
-  return {
-      {.type = "dual_cartesian_impedance",
-       .doc = "DC: two arms, two independent Cartesian impedances, one common set-point or one each.",
-       .arms = 2,
-       .inputs =
-           {{.name = "common_pose",
-             .quantity = Quantity::pose,
-             .arm = 0,
-             .doc = "Set-point of both hands, each shifted by offset_m; world. Ignored with separate goals."},
-            {.name = "first_pose",
-             .quantity = Quantity::pose,
-             .arm = 0,
-             .doc = "X_WE set-point of the first arm, world. Ignored with common goals."},
-            {.name = "second_pose",
-             .quantity = Quantity::pose,
-             .arm = 1,
-             .doc = "X_WE set-point of the second arm, world. Ignored with common goals."}},
-       .parameters = parameters(),
-       .outputs = outputs()},
-      [](ArmModels) -> std::unique_ptr<Controllet> { return std::make_unique<DualCartesianImpedance>(); }};
-}
+ControlletType dual_cartesian_impedance_controllet() { return controllet_type<DualCartesianImpedance>(); }
 
 }  // namespace multipanda

@@ -3,10 +3,10 @@
 #include <gtest/gtest.h>
 
 #include "core/controllets/cartesian_impedance.hpp"
-#include "core/test_support/controllet_rig.hpp"
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/controllet_rig.hpp"
+#include "core/testing/test_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::dual_cartesian_impedance_test {
 namespace {
 
 using namespace test;
@@ -24,7 +24,7 @@ struct Bench {
   ControlletRig rig;
 };
 
-// Each arm feels exactly what a Cartesian impedance of its own would give it.
+// Each arm gets exactly the torque of its own Cartesian impedance.
 TEST(DualCartesianImpedance, IsTwoIndependentImpedances) {
   Draw draw(61);
   Bench bench;
@@ -43,7 +43,7 @@ TEST(DualCartesianImpedance, IsTwoIndependentImpedances) {
     }
     EXPECT_GT(single.tau(0).norm(), 0.1);
     EXPECT_NEAR((bench.rig.tau(arm) - single.tau(0)).norm(), 0, 1e-12);
-    // The law may be the same and still be blind to a state: move.
+    // The laws must also agree in motion.
     const std::size_t n = bench.models[arm]->joint_count();
     const JointVector q = bent(n) + draw.joints(n, 0.2), dq = draw.joints(n, 0.4);
     single.place(0, q, dq);
@@ -73,7 +73,7 @@ TEST(DualCartesianImpedance, CommonTargetPlusAndMinusOffset) {
   const Pose X_d{draw.rotation(), Vector3(0.4, 0.1, 0.6)};
   bench.rig.input("common_pose").set(pose_target(X_d, 1));
   const Pose hands[2] = {bench.hand(0), bench.hand(1)};
-  // The arms are held still by the test, so what the outputs show is the set-point against the start.
+  // The test keeps the arms at rest, so the outputs show the set-point relative to the start.
   std::vector<double> before;
   for (int i = 0; i < 15000; ++i) {
     ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
@@ -82,11 +82,11 @@ TEST(DualCartesianImpedance, CommonTargetPlusAndMinusOffset) {
     before = error;
   }
   for (std::size_t arm = 0; arm < 2; ++arm) {
-    const Vector3 wanted = X_d.position + (arm == 0 ? offset : Vector3(-offset));
+    const Vector3 p_expected = X_d.position + (arm == 0 ? offset : Vector3(-offset));
     const auto p = bench.rig.output(arm == 0 ? "first_position_error_m" : "second_position_error_m");
     const auto r =
         bench.rig.output(arm == 0 ? "first_orientation_error_rad" : "second_orientation_error_rad");
-    const Vector6 expected = pose_error({X_d.rotation, wanted}, hands[arm]);
+    const Vector6 expected = pose_error({X_d.rotation, p_expected}, hands[arm]);
     for (int k = 0; k < 3; ++k) {
       EXPECT_NEAR(p[static_cast<std::size_t>(k)], expected[k], 1e-9);
       EXPECT_NEAR(r[static_cast<std::size_t>(k)], expected[3 + k], 1e-7);
@@ -122,4 +122,4 @@ TEST(DualCartesianImpedance, NotANumberOfEitherArmIsAFault) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::dual_cartesian_impedance_test

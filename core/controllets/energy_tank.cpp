@@ -13,7 +13,7 @@ void EnergyTank::start(double energy_j, const TankLimits& limits) {
 
 void EnergyTank::give(double work_j) {
   energy_ -= work_j;
-  // A full tank: the rest is dissipated. A tank above a lowered limit keeps what it has.
+  // A full tank dissipates the rest. A tank above a lowered limit keeps its energy.
   if (work_j < 0 && energy_ > max_) {
     const double kept = std::max(max_, energy_ + work_j);
     lost_ += energy_ - kept;
@@ -24,6 +24,11 @@ void EnergyTank::give(double work_j) {
 double EnergyTank::valve(const TankLimits& limits) const {
   const double u = std::clamp((energy_ - limits.min_j) / limits.closing_j, 0.0, 1.0);
   return u * u * (3.0 - 2.0 * u);
+}
+
+double EnergyTank::affordable(double work_j, double share, const TankLimits& limits) const {
+  const double available = share * std::max(0.0, energy_ - limits.min_j);
+  return work_j > available ? available / work_j : 1.0;
 }
 
 double EnergyTank::make_up(const TankLimits& limits) {

@@ -2,11 +2,11 @@
 
 #include <cstdint>
 
-// Energy tanks: what a control law may put into the arm and its surroundings beyond what it took out of them.
+// Energy tanks limit the net energy that a control law supplies to the arm and its environment.
 namespace multipanda {
 
 enum class ValveLaw : std::uint8_t {
-  passive,  // F_f' = gamma alpha_f F_f where it gives power, F_f where it takes power
+  passive,  // F_f' = gamma alpha_f F_f where it supplies power, F_f where it absorbs power
   paper     // F_f' = (gamma + alpha_f (1 - gamma)) F_f, as the paper prints it: not passive
 };
 
@@ -15,17 +15,20 @@ struct TankLimits {
   double closing_j = 0.1;  // the valve closes over this range above min_j
 };
 
-// A store of energy with a valve. Work given is taken out, work got back is put in; what does not fit below
-// max_j is lost. Booked exactly and never cut at min_j, since cutting would make energy: an overdraft shows
-// as an energy below min_j, with the valve shut. Loop thread.
+// A store of energy with a valve. Positive work empties it, negative work fills it; energy above max_j is
+// lost. The balance is exact and never clamped at min_j, since clamping would create energy: an overdraft
+// shows as an energy below min_j, with the valve closed. Loop thread.
 class EnergyTank {
  public:
-  void start(double energy_j, const TankLimits& limits);  // cut to the limits
+  void start(double energy_j, const TankLimits& limits);  // clamped to the limits
   void give(double work_j);                               // > 0: out of the tank; < 0: into it
   double energy() const { return energy_; }               // [J]
   // 0 at min_j and below, 1 at min_j + closing_j and above, smooth between.
   double valve(const TankLimits& limits) const;
-  // For the paper's tank: what is missing below min_j is made up from nothing. Gives how much [J].
+  // Factor in [0, 1] that keeps a work within `share` of the energy above min_j.
+  double affordable(double work_j, double share, const TankLimits& limits) const;
+  // For the paper's tank: refills it to min_j with energy that no source supplied. Returns the energy created
+  // [J].
   double make_up(const TankLimits& limits);
   double lost() const { return lost_; }  // overflow so far [J]
 
@@ -36,10 +39,9 @@ class EnergyTank {
 // gamma = exp(-|x - x_c|^2 / d_max^2); distance and d_max in [m].
 double contact_shape(double distance_m, double d_max_m);
 
-// The share of F_f that is let through. `speed_along` is the velocity along F_f [m/s]: positive where F_f
-// gives power. The passive law goes from gamma alpha_f to 1 over kIncomingSpeed of incoming motion, so that
-// the force has no step where the motion turns round; with F_f opposing the motion it takes energy whatever
-// its size.
+// The factor applied to F_f. `speed_along` is the velocity along F_f [m/s]: positive where F_f supplies
+// power. The passive law goes from gamma alpha_f to 1 over kIncomingSpeed of incoming motion, so that the
+// force has no step where the motion reverses; a force that opposes the motion dissipates energy.
 inline constexpr double kIncomingSpeed = 0.02;  // [m/s]
 double force_share(ValveLaw law, double gamma, double alpha_f, double speed_along);
 

@@ -9,16 +9,48 @@
 namespace multipanda {
 namespace {
 
-enum Input : std::size_t { kWrench };
-constexpr std::size_t kForceGroup = kCartesianParameterCount;
-enum Parameter : std::size_t { kApproachSpeed = kForceGroup + kForceParameterCount, kPressDirection, kReach };
-enum Output : std::size_t { kDesired, kEstimated, kCommand, kInContact, kGamma, kApproaching, kError };
-
 class Force final : public Controllet {
  public:
+  static ControlletDescriptor descriptor() {
+    ForceParameters force = force_parameters();
+    force[kTangentialGain].initial = {0};  // the tool does not slide; see the page of `force`
+    return {
+        .type = "force",
+        .doc =
+            "Approaches a surface slowly, then presses on it with a desired force; holds its pose across "
+            "the pressing direction.",
+        .inputs = spec_table<kInputCount>(input_at<kWrench>(wrench_input())),
+        .parameters = spec_table<kParameterCount>(
+            cartesian_parameters(), group_at<kForceGroup>(force),
+            parameter_at<kApproachSpeed>(
+                {.name = "approach_speed_m_per_s",
+                 .unit = "m/s",
+                 .initial = {0.02},
+                 .max = 0.2,
+                 .doc = "Speed of the set-point towards a surface. The impact force grows with it: "
+                        "v sqrt(stiffness x mass)."}),
+            parameter_at<kPressDirection>(press_direction_parameter()),
+            parameter_at<kReach>({.name = "d_max_m",
+                                  .unit = "m",
+                                  .initial = {0.02},
+                                  .min = 0.001,
+                                  .max = 1,
+                                  .doc = "Width of gamma: the force fades beyond the last contact."})),
+        .outputs = spec_table<kOutputCount>(
+            output_at<kDesired>("force_desired_n", "F_d along n."),
+            output_at<kEstimated>("force_estimated_n", "F_hat along n."),
+            output_at<kCommand>("force_command_n", "w gamma f: commanded force along n."),
+            output_at<kInContact>("in_contact", "1 while contact is detected, otherwise 0."),
+            output_at<kGamma>("gamma_f", "Fading factor beyond the last contact."),
+            output_at<kApproaching>("approaching", "1 while approaching a surface, otherwise 0."),
+            output_at<kError, 3>("position_error_m", "Deviation from the held pose, world axes."),
+            output_at<kError + 3, 3>("orientation_error_rad", "Deviation from the held pose, world axes."))};
+  }
+
   LawResult start(ControlContext& context) override {
     const OwnedArm& arm = context.arms[0];
-    if (!arm.state->has_wrench_estimate) return LawResult::fault;  // blind: it would press without end
+    if (!arm.state->has_wrench_estimate)
+      return LawResult::fault;  // without an estimate the force has no feedback
     q_N_ = arm.q();
     X_hold_ = arm.terms->X_WE();
     p_c_ = X_hold_.position;
@@ -44,7 +76,8 @@ class Force final : public Controllet {
     const Vector3 n = direction_.update(F_d, dt);
     const double desired = std::max(0.0, n.dot(F_d));
     const Vector3 F_hat = arm.state->F_K_W_est.force();
-    if (!F_d.allFinite() || !F_hat.allFinite()) return LawResult::fault;  // a clamp would hide it
+    if (!F_d.allFinite() || !F_hat.allFinite())
+      return LawResult::fault;  // a clamp would hide a value that is not finite
     const double estimated = n.dot(F_hat);
     const Vector3 p = terms.X_WE().position;
     watch_contact(estimated, settings.contact_threshold, p, n, dt);
@@ -55,7 +88,7 @@ class Force final : public Controllet {
     const double f = loop_.update(settings.gains, desired, estimated, gamma * w, dt);
     const double command = w * gamma * f;
 
-    // The set-point goes ahead along n while there is nothing to press on.
+    // Without contact, the set-point advances along n.
     const bool approaching = !pressing_ && desired > ForceDirection::kLeastForce;
     const double speed = parameters.number(kApproachSpeed) * approach_fade_.towards(approaching, dt);
     travel_ += speed * dt;
@@ -86,8 +119,27 @@ class Force final : public Controllet {
   }
 
  private:
-  // Pressing begins with the first contact. It ends when the tool has gone kLossDistance on without one: a
-  // bounce, or a desired force near zero, is no loss.
+  enum Input : std::size_t { kWrench, kInputCount };
+  static constexpr std::size_t kForceGroup = kCartesianParameterCount;
+  enum Parameter : std::size_t {
+    kApproachSpeed = kForceGroup + kForceParameterCount,
+    kPressDirection,
+    kReach,
+    kParameterCount
+  };
+  enum Output : std::size_t {
+    kDesired,
+    kEstimated,
+    kCommand,
+    kInContact,
+    kGamma,
+    kApproaching,
+    kError,
+    kOutputCount = kError + 6
+  };
+
+  // Pressing begins with the first contact. It ends when the tool has advanced by kLossDistance without
+  // contact, so that a bounce or a small desired force does not end it.
   void watch_contact(double estimated, double threshold, const Vector3& p, const Vector3& n, double dt) {
     static constexpr double kLossDistance = 0.005;  // [m]
     const bool contact = detector_.update(estimated, threshold, dt);
@@ -97,7 +149,7 @@ class Force final : public Controllet {
     } else if (pressing_ && n.dot(p - p_c_) > kLossDistance) {
       pressing_ = false;
     }
-    // Whenever pressing may end, the approach goes on from where the tool is.
+    // If pressing ends, the approach continues from the current position of the tool.
     if (pressing_) travel_ += pressing_fade_.value() * (n.dot(p - X_hold_.position) - travel_);
   }
 
@@ -113,40 +165,8 @@ class Force final : public Controllet {
   bool pressing_ = false;
 };
 
-std::vector<ParameterSpec> parameters() {
-  auto specs = cartesian_parameters();
-  for (auto& spec : force_parameters()) specs.push_back(std::move(spec));
-  specs[kForceGroup + kTangentialGain].initial = {0};  // nothing slides here; see the page of `force`
-  specs.push_back({"approach_speed_m_per_s",
-                   "m/s",
-                   1,
-                   {0.02},
-                   0,
-                   0.2,
-                   "Of the set-point towards a surface. The blow grows with it: v sqrt(stiffness x mass)."});
-  specs.push_back(press_direction_parameter());
-  specs.push_back(
-      {"d_max_m", "m", 1, {0.02}, 0.001, 1, "Width of gamma: the force fades beyond the last contact."});
-  return specs;
-}
-
 }  // namespace
 
-ControlletType force_controllet() {
-  return {
-      {.type = "force",
-       .doc = "Presses on a surface with a given force, which it looks for slowly; holds its pose across.",
-       .inputs = {wrench_input()},
-       .parameters = parameters(),
-       .outputs = {{"force_desired_n", 1, "F_d along n."},
-                   {"force_estimated_n", 1, "F_hat along n."},
-                   {"force_command_n", 1, "w gamma f: what the force part asks for along n."},
-                   {"in_contact", 1, "1 while the estimate says so."},
-                   {"gamma_f", 1, "Fading beyond the last contact."},
-                   {"approaching", 1, "1 while it looks for a surface."},
-                   {"position_error_m", 3, "From the pose held, world axes."},
-                   {"orientation_error_rad", 3, "From the pose held, world axes."}}},
-      [](ArmModels) -> std::unique_ptr<Controllet> { return std::make_unique<Force>(); }};
-}
+ControlletType force_controllet() { return controllet_type<Force>(); }
 
 }  // namespace multipanda

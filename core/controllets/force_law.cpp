@@ -50,7 +50,7 @@ double ForceLoop::update(const ForceGains& gains, double desired_n, double estim
   const double e = error_.update(desired_n - estimated_n, gains.error_cutoff_hz, dt);
   const double feedback = gains.proportional * e + gains.derivative_s * (e - before) / dt;
   const double grown = integral_ + gains.integral_per_s * weight * e * dt;
-  // Against the clamp the integral may only come back.
+  // While clamped, the integral may only decrease in magnitude.
   const bool clamped = desired_n + weight * (feedback + integral_) < 0;
   if (!clamped || grown > integral_) {
     integral_ = std::clamp(grown, -gains.integral_limit_n, gains.integral_limit_n);
@@ -59,35 +59,56 @@ double ForceLoop::update(const ForceGains& gains, double desired_n, double estim
   return std::max(0.0, desired_n + weight * (feedback + integral_));
 }
 
-std::vector<ParameterSpec> force_parameters() {
-  return {
-      {"force_proportional", "", 1, {0.1}, 0, 5, "P, on the force error."},
-      {"force_derivative_s", "s", 1, {0}, 0, 0.2, "D. With an observer in place of a sensor: 0."},
-      {"force_integral_per_s", "1/s", 1, {5}, 0, 50, "I: takes joint friction and offsets out."},
-      {"force_damping_n_s_per_m",
-       "N s/m",
-       1,
-       {100},
-       0,
-       300,
-       "D_z along the force, on top of the impedance's damping: bounces, and speed where a surface is gone."},
-      {"force_error_cutoff_hz", "Hz", 1, {10}, 1, 200, "Low-pass of the force error."},
-      {"force_integral_limit_n", "N", 1, {20}, 0, 100, "The integral part stays below."},
-      {"contact_threshold_n",
-       "N",
-       1,
-       {2},
-       0.5,
-       20,
-       "Estimated force that counts as contact; lost below half of it."},
-      {"tangential_gain",
-       "",
-       1,
-       {1},
-       0,
-       1,
-       "Share of the estimated force across the direction of pressing that is fed forward: friction."},
-      {"tangential_cutoff_hz", "Hz", 1, {3}, 0.1, 10, "Low-pass of that estimate; above 5 Hz it chatters."}};
+ForceParameters force_parameters() {
+  return {spec_table<kForceParameterCount>(
+      parameter_at<kForceProportional>(
+          {.name = "force_proportional", .initial = {0.1}, .max = 5, .doc = "Gain P on the force error."}),
+      parameter_at<kForceDerivative>({.name = "force_derivative_s",
+                                      .unit = "s",
+                                      .initial = {0},
+                                      .max = 0.2,
+                                      .doc = "Gain D; use 0 if the force is estimated and not measured."}),
+      parameter_at<kForceIntegral>({.name = "force_integral_per_s",
+                                    .unit = "1/s",
+                                    .initial = {5},
+                                    .max = 50,
+                                    .doc = "Gain I: removes joint friction and offsets."}),
+      parameter_at<kForceDamping>({.name = "force_damping_n_s_per_m",
+                                   .unit = "N s/m",
+                                   .initial = {100},
+                                   .max = 300,
+                                   .doc = "D_z along the force, in addition to the damping of the impedance: "
+                                          "reduces bounces, and the speed if a surface disappears."}),
+      parameter_at<kErrorCutoff>({.name = "force_error_cutoff_hz",
+                                  .unit = "Hz",
+                                  .initial = {10},
+                                  .min = 1,
+                                  .max = 200,
+                                  .doc = "Cut-off of the low-pass on the force error."}),
+      parameter_at<kIntegralLimit>({.name = "force_integral_limit_n",
+                                    .unit = "N",
+                                    .initial = {20},
+                                    .max = 100,
+                                    .doc = "Limit of the integral part."}),
+      parameter_at<kContactThreshold>(
+          {.name = "contact_threshold_n",
+           .unit = "N",
+           .initial = {2},
+           .min = 0.5,
+           .max = 20,
+           .doc = "Estimated force that counts as contact; contact is lost below half of it."}),
+      parameter_at<kTangentialGain>(
+          {.name = "tangential_gain",
+           .initial = {1},
+           .max = 1,
+           .doc = "Fraction of the estimated tangential force that is fed forward to compensate friction."}),
+      parameter_at<kTangentialCutoff>(
+          {.name = "tangential_cutoff_hz",
+           .unit = "Hz",
+           .initial = {3},
+           .min = 0.1,
+           .max = 10,
+           .doc = "Cut-off of the low-pass on that estimate; it chatters above 5 Hz."}))};
 }
 
 ForceSettings force_settings(const ParameterSet& parameters, std::size_t first) {
@@ -101,19 +122,18 @@ ForceSettings force_settings(const ParameterSet& parameters, std::size_t first) 
 }
 
 ParameterSpec press_direction_parameter() {
-  return {"press_direction",
-          "",
-          3,
-          {0, 0, -1},
-          -1,
-          1,
-          "Where to press from the start, world axes; the direction of F_d takes over above 0.5 N."};
+  return {.name = "press_direction",
+          .size = 3,
+          .initial = {0, 0, -1},
+          .min = -1,
+          .max = 1,
+          .doc = "Initial pressing direction, world axes; above 0.5 N the direction of F_d replaces it."};
 }
 
 InputSpec wrench_input() {
   return {.name = "wrench",
           .quantity = Quantity::wrench,
-          .doc = "F_d, what the arm is to exert, world axes; its force counts, its moment does not.",
+          .doc = "F_d, desired force that the arm exerts, world axes; the moment is ignored.",
           .max_speed = 60};
 }
 

@@ -3,18 +3,17 @@
 #include <numbers>
 #include <vector>
 
-#include "core/controllets/statement.hpp"
+#include "core/controllets/spec_table.hpp"
 #include "core/types/spatial.hpp"
 
-// The parts that every force controllet is made of: one force along one direction, its contact, and what
-// friction does across it. Signs: forces are what the ARM EXERTS on its surroundings, as F_d and the estimate
-// F_hat are. All of it runs in the loop's thread and never allocates; states begin at start(). Lengths of
-// time are the tick's own dt, so gains mean the same at any rate.
+// Building blocks of the force controllets: the force along one direction, its contact, and friction across
+// it. All forces, including F_d and the estimate F_hat, are those that the ARM EXERTS on its environment.
+// Everything runs in the loop's thread and never allocates; states begin at start(). Time steps are the dt of
+// the tick, so gains do not depend on the rate.
 //
 //   f = max(0, F_d + w (P e_f + D de_f/dt + I int w e_f dt)),   e = F_d - F_hat, e_f low-passed
-//
-// F_d is always fed forward. The clamp says that a tool cannot pull on a surface. w fades the feedback in
-// with the contact and out with its loss.
+// F_d is always fed forward. The clamp reflects that a tool cannot pull on a surface. w fades the feedback in
+// at contact and out at its loss.
 namespace multipanda {
 
 // First-order low-pass, exact for an input held over dt.
@@ -32,22 +31,23 @@ class LowPass {
   Value value_{};
 };
 
-// A weight between 0 and 1 that follows a yes or no along a smooth curve: steps of references make blows.
+// A weight between 0 and 1 that follows a switch along a smooth curve, because a step of a reference causes a
+// torque spike.
 class Fade {
  public:
   static constexpr double kDuration = 0.2;  // from one end to the other [s]
 
   void reset(bool on) { u_ = on ? 1 : 0; }
-  double towards(bool on, double dt);                          // moves on by dt, gives value()
+  double towards(bool on, double dt);                          // advances by dt and returns value()
   double value() const { return u_ * u_ * (3.0 - 2.0 * u_); }  // zero slope at both ends
 
  private:
   double u_ = 0;
 };
 
-// Yes while the tool presses: the estimate, low-passed, rose above the threshold and has not fallen below
-// half of it since. Never within kBlind of the start, where an estimate settles. Raw estimates or thresholds
-// below 1 N find contacts in the air.
+// Detects contact: the low-passed estimate rose above the threshold and has not fallen below half of it
+// since. There is no contact within kBlind of the start, while the estimate settles. Raw estimates, or
+// thresholds below 1 N, cause false contacts.
 class ContactDetector {
  public:
   static constexpr double kCutoff = 15;  // [Hz]
@@ -64,9 +64,9 @@ class ContactDetector {
   bool in_contact_ = false;
 };
 
-// The direction in which to press, unit length, world axes. It is that of F_d while that is above
-// kLeastForce, and stays where it was below; it turns no faster than kTurningSpeed, and never towards a force
-// that pulls back (more than a right angle away): such a force is a desired pressing force of 0.
+// The pressing direction, unit length, world axes. It follows F_d while F_d is above kLeastForce, otherwise
+// it does not change. It turns no faster than kTurningSpeed, and never towards a force that is more than a
+// right angle away: such a force is a desired pressing force of 0.
 class ForceDirection {
  public:
   static constexpr double kLeastForce = 0.5;    // [N]
@@ -83,18 +83,18 @@ class ForceDirection {
 
 struct ForceGains {
   double proportional = 0;      // P []
-  double derivative_s = 0;      // D [s]; 0 with an observer in place of a sensor
+  double derivative_s = 0;      // D [s]; 0 if the force is estimated
   double integral_per_s = 0;    // I [1/s]
   double error_cutoff_hz = 10;  // of e [Hz]
-  double integral_limit_n = 0;  // |I int e| stays below [N]
+  double integral_limit_n = 0;  // limit of |I int e| [N]
 };
 
 // The law above for one scalar force.
 class ForceLoop {
  public:
   void start();
-  // Desired and estimated force [N], `weight` w in 0 ... 1. The integral only grows with w, not against the
-  // clamp, and is forgotten with Fade::kDuration where there is no contact (w = 0). Gives f >= 0 [N].
+  // Returns f >= 0 [N] for the desired and estimated force [N] and the weight w in [0, 1]. The integral grows
+  // with w only and not while clamped. Without contact (w = 0) it decays with time constant Fade::kDuration.
   double update(const ForceGains& gains, double desired_n, double estimated_n, double weight, double dt);
   double integral() const { return integral_; }  // I int e dt [N]
 
@@ -103,7 +103,7 @@ class ForceLoop {
   double integral_ = 0;
 };
 
-// --- statement parts that force controllets share, in this order ---
+// --- descriptor parts that force controllets share ---
 enum ForceParameter : std::size_t {
   kForceProportional,
   kForceDerivative,
@@ -116,16 +116,17 @@ enum ForceParameter : std::size_t {
   kTangentialCutoff,
   kForceParameterCount
 };
-std::vector<ParameterSpec> force_parameters();
+using ForceParameters = SpecsAt<ParameterSpec, 0, kForceParameterCount>;
+ForceParameters force_parameters();
 ParameterSpec press_direction_parameter();
 InputSpec wrench_input();  // F_d
 
-// Their values; `first` is the index of the group's first parameter in the controllet's statement.
+// Their values; `first` is the index of the group's first parameter in the controllet's descriptor.
 struct ForceSettings {
   ForceGains gains;
-  double damping = 0;            // D_z, on top of the impedance's own, along the force [N s/m]
+  double damping = 0;            // D_z along the force, in addition to the impedance's damping [N s/m]
   double contact_threshold = 0;  // [N]
-  double tangential_gain = 0;    // share of the estimated force across that is fed forward
+  double tangential_gain = 0;    // fraction of the estimated tangential force that is fed forward
   double tangential_cutoff = 0;  // [Hz]
 };
 ForceSettings force_settings(const ParameterSet& parameters, std::size_t first);

@@ -3,14 +3,14 @@
 #include <gtest/gtest.h>
 
 #include "core/controllets/energy_tank.hpp"
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/test_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::force_law_test {
 namespace {
 
 using test::Draw;
 
-// A held input reaches 1 - 1/e after a time constant, whatever the ticks.
+// A held input reaches 1 - 1/e after a time constant, for any tick length.
 TEST(LowPass, ReachesAShareByItsTimeConstantAtAnyRate) {
   for (const double dt : {0.001, 0.0005, 0.004}) {
     LowPass<double> filter;
@@ -22,7 +22,7 @@ TEST(LowPass, ReachesAShareByItsTimeConstantAtAnyRate) {
   }
 }
 
-TEST(Fade, TakesItsTimeAndHasNoCorner) {
+TEST(Fade, TakesItsTimeAndIsSmooth) {
   Fade fade;
   fade.reset(false);
   double before = 0, steepest = 0;
@@ -102,7 +102,7 @@ TEST(ForceLoop, IsTheStatedLaw) {
 TEST(ForceLoop, NeverPullsAndDoesNotWindUp) {
   ForceLoop loop;
   loop.start();
-  // Pressed far harder than desired, for long: the command ends at 0 and comes back at once.
+  // Pressed far harder than desired, for long: the command ends at 0 and recovers at once.
   for (int i = 0; i < 5000; ++i) EXPECT_GE(loop.update(kGains, 2, 30, 1, 0.001), 0);
   EXPECT_EQ(loop.update(kGains, 2, 30, 1, 0.001), 0);
   EXPECT_GE(loop.integral(), -3);
@@ -110,12 +110,12 @@ TEST(ForceLoop, NeverPullsAndDoesNotWindUp) {
   loop.start();
   for (int i = 0; i < 5000; ++i) loop.update(kGains, 20, 0, 1, 0.001);
   EXPECT_NEAR(loop.integral(), 5, 1e-9);
-  // Contact gone: feed-forward only, and the integral is forgotten.
+  // Contact lost: feed-forward only, and the integral is reset.
   for (int i = 0; i < 2000; ++i) EXPECT_NEAR(loop.update(kGains, 20, 0, 0, 0.001), 20, 1e-12);
   EXPECT_LT(loop.integral(), 1e-3);
 }
 
-TEST(EnergyTank, BooksEveryJoule) {
+TEST(EnergyTank, AccountsForEveryJoule) {
   const TankLimits limits{.min_j = 0, .max_j = 1, .closing_j = 0.1};
   EnergyTank tank;
   tank.start(5, limits);
@@ -132,7 +132,7 @@ TEST(EnergyTank, BooksEveryJoule) {
   EXPECT_GT(tank.lost(), 0.1);
 }
 
-TEST(EnergyTank, ValveClosesSmoothlyAboveTheLeast) {
+TEST(EnergyTank, ValveClosesSmoothlyAboveTheMinimum) {
   const TankLimits limits{.min_j = 0.3, .max_j = 1, .closing_j = 0.1};
   EnergyTank tank;
   double before = 1;
@@ -175,4 +175,4 @@ TEST(ForceShare, FollowsItsLaw) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::force_law_test

@@ -22,15 +22,15 @@ double GraspSequence::ramp() const {
 void GraspSequence::update(const Measured& measured, const GraspSettings& settings, double dt) {
   first_.update(measured.first_n, settings.contact_threshold_n, dt);
   second_.update(measured.second_n, settings.contact_threshold_n, dt);
-  const bool wanted = measured.wanted_n > kLeastSqueeze;
-  const bool unwanted = measured.wanted_n < 0.5 * kLeastSqueeze;
+  const bool requested = measured.requested_n > kLeastSqueeze;
+  const bool released = measured.requested_n < 0.5 * kLeastSqueeze;
   touched_now_ = false;
   switch (phase_) {
     case Phase::rest:
-      if (wanted) phase_ = Phase::approach;
+      if (requested) phase_ = Phase::approach;
       break;
     case Phase::approach:
-      if (unwanted) phase_ = Phase::rest;
+      if (released) phase_ = Phase::rest;
       if (!both_touch()) break;
       phase_ = Phase::grasp;
       touched_now_ = true;
@@ -39,21 +39,21 @@ void GraspSequence::update(const Measured& measured, const GraspSettings& settin
       break;
     case Phase::grasp:
       apart_s_ = both_touch() ? 0 : apart_s_ + dt;
-      if (!unwanted && apart_s_ < kLossTime) break;
-      phase_ = unwanted ? Phase::rest : Phase::lost;
+      if (!released && apart_s_ < kLossTime) break;
+      phase_ = released ? Phase::rest : Phase::lost;
       distance_d_ = measured.distance_m;
       rate_ = 0;
-      to_open_ = unwanted ? settings.release_distance_m : 0;
+      to_open_ = released ? settings.release_distance_m : 0;
       break;
     case Phase::lost:
-      if (unwanted) phase_ = Phase::rest;
+      if (released) phase_ = Phase::rest;
       break;
   }
   const bool pressing = phase_ == Phase::grasp;
   force_.towards(pressing, dt);
   ramp_u_ = pressing ? std::min(1.0, ramp_u_ + dt / settings.ramp_s)
                      : std::max(0.0, ramp_u_ - dt / Fade::kDuration);
-  desired_ = at_touch_ + ramp() * (std::max(0.0, measured.wanted_n) - at_touch_);
+  desired_ = at_touch_ + ramp() * (std::max(0.0, measured.requested_n) - at_touch_);
 
   double aim = 0;
   if (phase_ == Phase::approach) aim = -settings.closing_speed;
@@ -61,8 +61,8 @@ void GraspSequence::update(const Measured& measured, const GraspSettings& settin
   move_set_point(aim, measured.distance_m, settings, dt);
 }
 
-// The set-point's speed goes to `aim_speed` over Fade::kDuration; it never leads so far that the spring would
-// push harder than kStrongestClosing.
+// The speed of the set-point approaches `aim_speed` over Fade::kDuration. Its lead is limited so that the
+// spring force stays below kStrongestClosing.
 void GraspSequence::move_set_point(double aim_speed, double distance, const GraspSettings& settings,
                                    double dt) {
   const double change = settings.closing_speed * dt / Fade::kDuration;

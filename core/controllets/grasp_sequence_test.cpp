@@ -4,12 +4,12 @@
 
 #include <gtest/gtest.h>
 
-namespace multipanda {
+namespace multipanda::grasp_sequence_test {
 namespace {
 
 using Phase = GraspSequence::Phase;
 
-// Two hands on springs that give way to a stiff object: only the numbers that the sequence sees.
+// Two hands on springs that give way to a stiff object: reduced to the numbers that the sequence uses.
 struct Bench {
   GraspSequence grasp;
   GraspSettings settings{.closing_stiffness = 400};
@@ -19,7 +19,7 @@ struct Bench {
   void ticks(int count) {
     for (int i = 0; i < count; ++i) grasp.update(now, settings, 0.001);
   }
-  // The hands follow the set-point down to an object 0.2 m wide and feel it as 10 kN/m.
+  // The hands follow the set-point down to an object 0.2 m wide with a stiffness of 10 kN/m.
   void follow(int count) {
     for (int i = 0; i < count; ++i) {
       grasp.update(now, settings, 0.001);
@@ -29,7 +29,7 @@ struct Bench {
   }
 };
 
-TEST(GraspSequence, NothingWantedNothingMoves) {
+TEST(GraspSequence, NoRequestNoMotion) {
   Bench bench;
   bench.ticks(1000);
   EXPECT_EQ(bench.grasp.phase(), Phase::rest);
@@ -43,7 +43,7 @@ TEST(GraspSequence, NothingWantedNothingMoves) {
 
 TEST(GraspSequence, ClosesAtItsSpeedUntilBothTouch) {
   Bench bench;
-  bench.now.wanted_n = 20;
+  bench.now.requested_n = 20;
   bench.ticks(1);
   EXPECT_EQ(bench.grasp.phase(), Phase::approach);
   double before = bench.grasp.distance_d(), rate_before = bench.grasp.distance_rate_d();
@@ -65,18 +65,18 @@ TEST(GraspSequence, ClosesAtItsSpeedUntilBothTouch) {
   EXPECT_EQ(bench.grasp.phase(), Phase::grasp);
 }
 
-// An object that does not move and is not felt: the spring leads by kStrongestClosing at most.
-TEST(GraspSequence, LeadsOnlySoFar) {
+// An object that neither moves nor is detected: the spring force stays below kStrongestClosing.
+TEST(GraspSequence, LimitsTheLeadOfTheSetPoint) {
   Bench bench;
-  bench.now.wanted_n = 20;
+  bench.now.requested_n = 20;
   bench.ticks(10000);
   EXPECT_EQ(bench.grasp.phase(), Phase::approach);
   EXPECT_NEAR(400 * (0.26 - bench.grasp.distance_d()), GraspSequence::kStrongestClosing, 1e-9);
 }
 
-TEST(GraspSequence, TheForceGrowsFromTheTouchToWhatIsWanted) {
+TEST(GraspSequence, TheForceGrowsFromContactToTheDesiredForce) {
   Bench bench;
-  bench.now.wanted_n = 20;
+  bench.now.requested_n = 20;
   double before = -1, share = 0;
   bool touched = false;
   for (int i = 0; i < 8000; ++i) {
@@ -102,14 +102,14 @@ TEST(GraspSequence, TheForceGrowsFromTheTouchToWhatIsWanted) {
   EXPECT_EQ(bench.grasp.desired_n(), 20);
   EXPECT_EQ(bench.grasp.ramp(), 1);
   EXPECT_EQ(bench.grasp.force_share(), 1);
-  bench.now.wanted_n = 30;  // follows what is asked for
+  bench.now.requested_n = 30;  // follows the requested force
   bench.ticks(1);
   EXPECT_EQ(bench.grasp.desired_n(), 30);
 }
 
-TEST(GraspSequence, ALostObjectIsNotSoughtAgain) {
+TEST(GraspSequence, ALostObjectIsNotApproachedAgain) {
   Bench bench;
-  bench.now.wanted_n = 20;
+  bench.now.requested_n = 20;
   bench.follow(8000);
   ASSERT_EQ(bench.grasp.phase(), Phase::grasp);
   bench.now.first_n = 0;
@@ -123,28 +123,28 @@ TEST(GraspSequence, ALostObjectIsNotSoughtAgain) {
   bench.now.first_n = 10;  // touched again by chance
   bench.ticks(1000);
   EXPECT_EQ(bench.grasp.phase(), Phase::lost);
-  bench.now.wanted_n = 0;
+  bench.now.requested_n = 0;
   bench.ticks(1);
   EXPECT_EQ(bench.grasp.phase(), Phase::rest);
-  bench.now.wanted_n = 20;
+  bench.now.requested_n = 20;
   bench.ticks(2);
   EXPECT_NE(bench.grasp.phase(), Phase::lost);
 }
 
-TEST(GraspSequence, LettingGoOpensTheHands) {
+TEST(GraspSequence, ReleasingOpensTheHands) {
   Bench bench;
-  bench.now.wanted_n = 20;
+  bench.now.requested_n = 20;
   bench.follow(8000);
-  bench.now.wanted_n = 0;
+  bench.now.requested_n = 0;
   const double closed = bench.now.distance_m;
   bench.ticks(1);
   EXPECT_EQ(bench.grasp.phase(), Phase::rest);
   bench.ticks(198);
-  EXPECT_NEAR(bench.grasp.distance_d(), closed, 1e-9);  // not before the force is gone
+  EXPECT_NEAR(bench.grasp.distance_d(), closed, 1e-9);  // not before the force has vanished
   bench.ticks(3000);
   EXPECT_NEAR(bench.grasp.distance_d(), closed + bench.settings.release_distance_m, 3e-3);
   EXPECT_NEAR(bench.grasp.distance_rate_d(), 0, 1e-12);
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::grasp_sequence_test

@@ -3,10 +3,19 @@
 namespace multipanda {
 namespace {
 
-enum Parameter : std::size_t { kDamping };
-
 class GravityCompensation final : public Controllet {
  public:
+  static ControlletDescriptor descriptor() {
+    return {.type = "gravity_compensation",
+            .doc = "Hand guiding: compensates gravity, so that the arm can be moved by hand.",
+            .parameters = spec_table<kParameterCount>(parameter_at<kDamping>(
+                {.name = "damping_nms_per_rad",
+                 .unit = "N m s/rad",
+                 .initial = {0.1},
+                 .max = 0.25,
+                 .doc = "Joint damping D; bounded so that the lightest joint stays stable at 1 kHz."}))};
+  }
+
   LawResult start(ControlContext&) override { return LawResult::ok; }
 
   LawResult update(ControlContext& context) override {
@@ -14,23 +23,13 @@ class GravityCompensation final : public Controllet {
     *arm.tau = arm.terms->c() - context.parameters->number(kDamping) * arm.dq();
     return LawResult::ok;
   }
+
+ private:
+  enum Parameter : std::size_t { kDamping, kParameterCount };
 };
 
 }  // namespace
 
-ControlletType gravity_compensation_controllet() {
-  return {{.type = "gravity_compensation",
-           .doc = "Hand guiding: the arm weighs nothing and can be moved by hand.",
-           .inputs = {},
-           .parameters = {{"damping_nms_per_rad",
-                           "N m s/rad",
-                           1,
-                           {0.1},
-                           0,
-                           0.25,
-                           "D of every joint; bounded so that the lightest joint stays stable at 1 kHz."}},
-           .outputs = {}},
-          [](ArmModels) -> std::unique_ptr<Controllet> { return std::make_unique<GravityCompensation>(); }};
-}
+ControlletType gravity_compensation_controllet() { return controllet_type<GravityCompensation>(); }
 
 }  // namespace multipanda

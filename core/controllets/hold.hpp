@@ -4,11 +4,11 @@
 
 namespace multipanda {
 
-// The safe default: every arm that nobody owns is held by it.
+// The safe default: holds every arm that has no other owner.
 //   tau = K (q_0 - q) - D dq + C dq
-// q_0 is the measured position at entry, kept within the joint limits; D is designed for damping ratio zeta
-// on the diagonal of M. Soft enough to be pushed by hand, stiff enough that 1 kg undeclared sinks less than 3
-// cm.
+// q_0 [rad] is the measured position at entry, clamped to the joint limits; K [N m/rad] is diagonal and D
+// gives every coupled mode the damping ratio zeta. Closed loop (exact model): M ddq + D dq + K (q - q_0) =
+// tau_ext. Soft enough to be pushed by hand; an undeclared load of 1 kg sinks less than 3 cm.
 ControlletType hold_controllet();
 
 }  // namespace multipanda

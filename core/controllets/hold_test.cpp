@@ -3,15 +3,15 @@
 #include <cmath>
 #include <numbers>
 
-#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
 #include "core/controllets/gravity_compensation.hpp"
-#include "core/test_support/controllet_rig.hpp"
-#include "core/test_support/plain_arm.hpp"
+#include "core/testing/controllet_rig.hpp"
+#include "core/testing/dense_algebra.hpp"
+#include "core/testing/plain_arm.hpp"
 #include "models/arm_source.hpp"
 
-namespace multipanda {
+namespace multipanda::hold_test {
 namespace {
 
 using namespace test;
@@ -34,17 +34,16 @@ TEST(Hold, TorqueIsTheStatedLaw) {
     rig.place(0, q, dq);
     ASSERT_EQ(rig.update(), LawResult::ok);
     // Modes of M x'' + D x' + K x: D = 2 zeta R sqrt(R^-1 K R^-1) R, R the symmetric root of M.
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> mass(Eigen::MatrixXd(plain.mass(q)));
-    const Eigen::MatrixXd R = mass.operatorSqrt(), R_inverse = mass.operatorInverseSqrt();
+    const Eigen::MatrixXd R = symmetric_square_root(plain.mass(q)), R_inverse = inverse(R);
     const Eigen::MatrixXd A = R_inverse * K.asDiagonal() * R_inverse;
-    const Eigen::MatrixXd D = 1.4 * R * Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(A).operatorSqrt() * R;
+    const Eigen::MatrixXd D = 1.4 * R * symmetric_square_root(A) * R;
     const Eigen::VectorXd expected = K.cwiseProduct(bent(7) - q) - D * dq + plain.coriolis(q, dq);
     EXPECT_NEAR((rig.tau(0) - expected).norm(), 0, 1e-6);
   }
 }
 
-// 1 kg that nobody declared, at the hand: it sinks less than 3 cm and stays.
-TEST(Hold, UndeclaredKilogramSinksLessThanThreeCentimetres) {
+// An undeclared load of 1 kg at the hand sinks less than 3 cm and stays there.
+TEST(Hold, UndeclaredKilogramSinksLessThanThreeCentimeters) {
   const auto model = panda();
   ControlletRig rig(hold_controllet(), {model});
   rig.place(0, model->q_home(), joint_constant(7, 0));
@@ -76,8 +75,8 @@ TEST(Hold, BringsAMovingArmToRest) {
   EXPECT_LT((rig.state(0).q - model->q_home()).norm(), 1e-3);
 }
 
-// Motors of 50 Hz behind a delay of a period, as the realistic plant has them: whatever the pose, the hold
-// does not swing itself up. The linearised loop, cycle by cycle; its eigenvalues stay inside the unit circle.
+// Motors of 50 Hz behind a delay of a period, as the realistic plant has them: the hold does not oscillate in
+// any pose. The linearized loop, cycle by cycle; its eigenvalues stay inside the unit circle.
 TEST(Hold, IsStableBehindMotorsThatLag) {
   Draw draw(84);
   const auto model = panda();
@@ -94,7 +93,7 @@ TEST(Hold, IsStableBehindMotorsThatLag) {
     if (trial == 0) q << -0.0738, -0.2, -0.149, -2.35, -0.047, 2.1, 0.5848;  // low before the base
     rig.place(0, q, joint_constant(7, 0));
     ASSERT_EQ(rig.start(), LawResult::ok);
-    const Eigen::MatrixXd M_inverse = Eigen::MatrixXd(rig.terms(0).M()).inverse();
+    const Eigen::MatrixXd M_inverse = inverse(rig.terms(0).M());
     Eigen::MatrixXd damping(7, 7), stiffness(7, 7);
     constexpr double kSmall = 1e-5;
     for (Eigen::Index i = 0; i < 7; ++i) {
@@ -108,7 +107,7 @@ TEST(Hold, IsStableBehindMotorsThatLag) {
       ASSERT_EQ(rig.update(), LawResult::ok);
       stiffness.col(i) = -rig.tau(0) / kSmall;
     }
-    Eigen::MatrixXd cycle(28, 28);  // of position, velocity, motor torque, torque under way
+    Eigen::MatrixXd cycle(28, 28);  // of position, velocity, motor torque, torque in the delay line
     for (Eigen::Index i = 0; i < 28; ++i) {
       Eigen::VectorXd x = Eigen::VectorXd::Unit(28, i);
       const Eigen::VectorXd command = -stiffness * x.segment(0, 7) - damping * x.segment(7, 7);
@@ -120,7 +119,7 @@ TEST(Hold, IsStableBehindMotorsThatLag) {
       x.segment(21, 7) = command;
       cycle.col(i) = x;
     }
-    EXPECT_LT(cycle.eigenvalues().cwiseAbs().maxCoeff(), 1.0) << q.transpose();
+    EXPECT_LT(eigenvalues(cycle).cwiseAbs().maxCoeff(), 1.0) << q.transpose();
   }
 }
 
@@ -140,4 +139,4 @@ TEST(GravityCompensation, GivesCoriolisAndALittleDamping) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::hold_test

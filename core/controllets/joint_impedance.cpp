@@ -5,13 +5,43 @@
 namespace multipanda {
 namespace {
 
-enum Input : std::size_t { kJoints };
-enum Parameter : std::size_t { kStiffness, kDampingRatio, kDampingDesign, kFeedforward, kDamping };
-enum DampingDesign : std::size_t { kCoupled, kDiagonal, kGiven };
-enum Output : std::size_t { kLargestError, kLargestTorque };
-
 class JointImpedance final : public Controllet {
  public:
+  static ControlletDescriptor descriptor() {
+    return {
+        .type = "joint_impedance",
+        .doc = "Joint impedance: each joint is a spring and damper about its set-point.",
+        .inputs = spec_table<kInputCount>(
+            input_at<kJoints>({.name = "joints", .quantity = Quantity::joints, .doc = "q_d [rad]."})),
+        .parameters = spec_table<kParameterCount>(
+            parameter_at<kStiffness>(
+                {.name = "stiffness_nm_per_rad",
+                 .unit = "N m/rad",
+                 .size = ParameterSpec::kPerJoint,
+                 .initial = {600, 600, 600, 600, 250, 150, 50, 50, 50, 50, 50, 50, 50, 50, 50, 50},
+                 .max = 1000,
+                 .doc = "Joint stiffness K."}),
+            parameter_at<kDampingRatio>({.name = "damping_ratio",
+                                         .initial = {1.0},
+                                         .min = 0.1,
+                                         .max = 2,
+                                         .doc = "Damping ratio zeta of every mode."}),
+            parameter_at<kDampingDesign>(choice_parameter("damping_design", {"coupled", "diagonal", "given"},
+                                                          "D from the full M and K, from the M_ii and K_i of "
+                                                          "each joint, or from damping_nms_per_rad.")),
+            parameter_at<kFeedforward>(switch_parameter("acceleration_feedforward", true, "Adds M ddq_d.")),
+            parameter_at<kDamping>(
+                {.name = "damping_nms_per_rad",
+                 .unit = "N m s/rad",
+                 .size = ParameterSpec::kPerJoint,
+                 .initial = {2, 2, 2, 1, 1, 1, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5},
+                 .max = 50,
+                 .doc = "Joint damping D if damping_design is 'given'."})),
+        .outputs = spec_table<kOutputCount>(
+            output_at<kLargestError>("largest_error_rad", "Largest |q_d - q| of all joints."),
+            output_at<kLargestTorque>("largest_torque_nm", "Largest |tau| of all joints."))};
+  }
+
   LawResult start(ControlContext&) override { return LawResult::ok; }
 
   LawResult update(ControlContext& context) override {
@@ -43,41 +73,23 @@ class JointImpedance final : public Controllet {
     context.outputs[kLargestTorque] = tau.lpNorm<Eigen::Infinity>();
     return LawResult::ok;
   }
+
+ private:
+  enum Input : std::size_t { kJoints, kInputCount };
+  enum Parameter : std::size_t {
+    kStiffness,
+    kDampingRatio,
+    kDampingDesign,
+    kFeedforward,
+    kDamping,
+    kParameterCount
+  };
+  enum Output : std::size_t { kLargestError, kLargestTorque, kOutputCount };
+  enum DampingDesign : std::size_t { kCoupled, kDiagonal };  // otherwise given
 };
 
 }  // namespace
 
-ControlletType joint_impedance_controllet() {
-  return {{.type = "joint_impedance",
-           .doc = "Every joint a spring and a damper towards its set-point.",
-           .inputs = {{.name = "joints", .quantity = Quantity::joints, .doc = "q_d [rad]."}},
-           .parameters = {{"stiffness_nm_per_rad",
-                           "N m/rad",
-                           ParameterSpec::kPerJoint,
-                           {600, 600, 600, 600, 250, 150, 50, 50, 50, 50, 50, 50, 50, 50, 50, 50},
-                           0,
-                           1000,
-                           "K, per joint."},
-                          {"damping_ratio", "", 1, {1.0}, 0.1, 2, "zeta of every mode."},
-                          {"damping_design",
-                           "",
-                           1,
-                           {0},
-                           0,
-                           2,
-                           "D from the full M and K, from each joint's own M_ii and K_i, or given.",
-                           {"coupled", "diagonal", "given"}},
-                          switch_parameter("acceleration_feedforward", true, "Adds M ddq_d."),
-                          {"damping_nms_per_rad",
-                           "N m s/rad",
-                           ParameterSpec::kPerJoint,
-                           {2, 2, 2, 1, 1, 1, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5},
-                           0,
-                           50,
-                           "D, per joint, where damping_design is 'given'."}},
-           .outputs = {{"largest_error_rad", 1, "Largest |q_d - q| of the joints."},
-                       {"largest_torque_nm", 1, "Largest |tau| of the joints."}}},
-          [](ArmModels) -> std::unique_ptr<Controllet> { return std::make_unique<JointImpedance>(); }};
-}
+ControlletType joint_impedance_controllet() { return controllet_type<JointImpedance>(); }
 
 }  // namespace multipanda

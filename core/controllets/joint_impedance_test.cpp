@@ -1,12 +1,12 @@
 #include "core/controllets/joint_impedance.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
-#include "core/test_support/controllet_rig.hpp"
-#include "core/test_support/plain_arm.hpp"
+#include "core/testing/controllet_rig.hpp"
+#include "core/testing/dense_algebra.hpp"
+#include "core/testing/plain_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::joint_impedance_test {
 namespace {
 
 using namespace test;
@@ -27,14 +27,6 @@ Target joints_target(const JointVector& q, double duration) {
   return target;
 }
 
-// D by the square root of M^-1 K from its (unsymmetric) eigenvectors.
-Eigen::MatrixXd expected_damping(const Eigen::MatrixXd& M, const Eigen::MatrixXd& K, double zeta) {
-  const Eigen::EigenSolver<Eigen::MatrixXd> modes(M.inverse() * K);
-  const Eigen::MatrixXcd V = modes.eigenvectors();
-  const Eigen::VectorXcd roots = modes.eigenvalues().cwiseSqrt();
-  return 2 * zeta * M * (V * roots.asDiagonal() * V.inverse()).real();
-}
-
 TEST(JointImpedance, TorqueIsTheStatedLaw) {
   Draw draw(41);
   for (const std::size_t n : {std::size_t{6}, std::size_t{7}}) {
@@ -49,7 +41,7 @@ TEST(JointImpedance, TorqueIsTheStatedLaw) {
       Reference& input = bench.rig.input("joints");
       input.set(joints_target(bent(n) + draw.joints(n, 0.3), 1.0));
       for (int i = 0; i < 300; ++i) ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
-      EXPECT_GT(input.joint_acceleration().norm(), 1e-3);  // mid-motion: every term is alive
+      EXPECT_GT(input.joint_acceleration().norm(), 1e-3);  // in motion: every term is nonzero
 
       const JointVector q = bent(n) + draw.joints(n, 0.5), dq = draw.joints(n, 0.7);
       bench.rig.place(0, q, dq);
@@ -58,7 +50,7 @@ TEST(JointImpedance, TorqueIsTheStatedLaw) {
       K << 600, 600, 600, 600, 250, 150, 50;
       K.conservativeResize(static_cast<Eigen::Index>(n));
       const Eigen::MatrixXd M = bench.plain.mass(q);
-      Eigen::MatrixXd D = expected_damping(M, K.asDiagonal(), 0.8);
+      Eigen::MatrixXd D = modal_damping(M, K.asDiagonal(), 0.8);
       if (design == 1) D = (1.6 * (K.array() * M.diagonal().array()).sqrt()).matrix().asDiagonal();
       if (design == 2) {
         D = Eigen::Map<const Eigen::VectorXd>(given.data(), static_cast<Eigen::Index>(n)).asDiagonal();
@@ -75,7 +67,7 @@ TEST(JointImpedance, TorqueIsTheStatedLaw) {
   }
 }
 
-TEST(JointImpedance, AtRestOnTheSetPointNothing) {
+TEST(JointImpedance, IsZeroAtRestOnTheSetPoint) {
   Bench bench(7);
   ASSERT_EQ(bench.rig.start(), LawResult::ok);
   ASSERT_EQ(bench.rig.update(), LawResult::ok);
@@ -121,7 +113,7 @@ TEST(JointImpedance, EnergyDoesNotGrowWhileTheSetPointRests) {
     const JointVector e = bent(7) - bench.rig.state(0).q;
     return bench.rig.kinetic_energy(0) + 0.5 * e.dot(K.asDiagonal() * e);
   };
-  // The torque is held for a millisecond, so the samples may creep up a little; the trend may not.
+  // The torque is held for a millisecond, so single samples may increase a little, but not the trend.
   const double start = energy();
   double before = start;
   for (int i = 0; i < 1000; ++i) {
@@ -147,4 +139,4 @@ TEST(JointImpedance, NotANumberIsAFault) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::joint_impedance_test

@@ -16,7 +16,7 @@ ParameterSet::ParameterSet(std::vector<ParameterSpec> specs, std::size_t joint_c
       throw std::invalid_argument("parameter '" + spec.name + "': 1 to " + std::to_string(kMaxParameterSize) +
                                   " numbers are supported, not " + std::to_string(entry.size));
     }
-    // A default list longer than the arm has joints is cut: defaults are written for the largest arm meant.
+    // Defaults are written for the largest arm; extra values are ignored.
     const bool one_for_all = spec.initial.size() == 1;
     if (!one_for_all && spec.initial.size() < entry.size) {
       throw std::invalid_argument("parameter '" + spec.name + "': " + std::to_string(entry.size) +

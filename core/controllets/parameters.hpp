@@ -15,36 +15,43 @@
 
 namespace multipanda {
 
-// What a controllet or feature says about one of its parameters. Adapters (YAML, socket, ROS, docs) are
-// generated from it.
+// Declares one parameter of a controllet or feature. Scene files, the socket, ROS and the docs use it.
 struct ParameterSpec {
   static constexpr std::size_t kPerJoint = 0;  // as `size`: one number per joint of the arm
 
-  std::string name;             // with its unit: "stiffness_n_per_m"
-  std::string unit;             // "N/m", "" for pure numbers
-  std::size_t size = 1;         // numbers, or kPerJoint
-  std::vector<double> initial;  // `size` numbers, or one for all
-  double min = 0, max = 0;      // bounds of each number
-  std::string doc;
+  std::string name = {};             // with its unit: "stiffness_n_per_m"
+  std::string unit = {};             // "N/m"; empty for pure numbers
+  std::size_t size = 1;              // count of numbers, or kPerJoint
+  std::vector<double> initial = {};  // `size` numbers, or one for all
+  double min = 0, max = 0;           // bounds of each number
+  std::string doc = {};
   // Names of the values 0, 1, 2, ... of a choice; {"false", "true"} for a switch. Empty: a plain number.
   std::vector<std::string> choices = {};
 };
 
+inline ParameterSpec choice_parameter(std::string name, std::vector<std::string> choices, std::string doc,
+                                      std::size_t initial = 0) {
+  const auto last = static_cast<double>(choices.size() - 1);
+  return {.name = std::move(name),
+          .initial = {static_cast<double>(initial)},
+          .max = last,
+          .doc = std::move(doc),
+          .choices = std::move(choices)};
+}
 inline ParameterSpec switch_parameter(std::string name, bool initial, std::string doc) {
-  return {std::move(name), "", 1, {initial ? 1.0 : 0.0}, 0, 1, std::move(doc), {"false", "true"}};
+  return choice_parameter(std::move(name), {"false", "true"}, std::move(doc), initial ? 1 : 0);
 }
 
-// The values of one instance's parameters. New values are approached linearly within kRamp, then taken
-// exactly, so that a stiffness set while running makes no step in torque; choices and switches change at
-// once.
+// The parameter values of one instance. A new value is approached linearly within kRamp, so that setting a
+// stiffness causes no torque step. Choices and switches change at once.
 class ParameterSet {
  public:
   static constexpr double kRamp = 0.2;  // [s]
 
-  // `joint_count` of the instance's first arm sizes per-joint parameters.
+  // `joint_count`, that of the instance's first arm, is the size of per-joint parameters.
   ParameterSet(std::vector<ParameterSpec> specs, std::size_t joint_count);
 
-  // --- before the loop, or any thread: fixed data ---
+  // --- any thread: fixed data ---
   std::size_t size() const { return specs_.size(); }
   const ParameterSpec& spec(std::size_t i) const { return specs_[i]; }
   std::size_t value_size(std::size_t i) const { return entries_[i].size; }
@@ -52,16 +59,17 @@ class ParameterSet {
   std::size_t find(std::string_view name) const;
   Verdict check(std::size_t i,
                 std::span<const double> values) const;  // wrong_size, not_finite, out_of_bounds
-  // The value aimed at. Any thread; allocates, so not the loop. While another thread sets it, single numbers
-  // may still be the old ones.
+  // The target value. Any thread except the loop's, since it allocates. While another thread sets it, some
+  // numbers may still be old.
   std::vector<double> target(std::size_t i) const;
 
-  // --- loop thread (or before the loop) ---
-  void set(std::size_t i, std::span<const double> values);      // checked values; approached within kRamp
+  // --- loop thread, or before the loop ---
+  void set(std::size_t i,
+           std::span<const double> values);  // values that passed check(); approached within kRamp
   void set_now(std::size_t i, std::span<const double> values);  // at once
   void advance(double dt);
-  void finish();  // ends all ramps at their goals: before a start, where there is nothing to keep smooth
-  // Changes whenever a current value does: caches of derived terms compare it.
+  void finish();  // ends all ramps at their goals; for a start, which needs no ramps
+  // Changes with any current value, so that caches of derived terms can compare it.
   std::uint32_t version() const { return version_; }
 
   double number(std::size_t i) const { return entries_[i].now[0]; }

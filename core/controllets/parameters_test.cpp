@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-namespace multipanda {
+namespace multipanda::parameters_test {
 namespace {
 
 ParameterSet some() {
@@ -53,7 +53,7 @@ TEST(Parameters, ANewGoalInTheMiddleOfARampMakesNoStep) {
   EXPECT_EQ(set.number(0), 3);
 }
 
-TEST(Parameters, ChoicesAndSwitchesSnap) {
+TEST(Parameters, ChoicesAndSwitchesChangeAtOnce) {
   ParameterSet set = some();
   set.set(2, one(2));
   EXPECT_EQ(set.choice(2), 2u);
@@ -87,4 +87,4 @@ TEST(Parameters, PerJointDefaultsAreCutToTheArm) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::parameters_test

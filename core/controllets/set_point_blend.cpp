@@ -8,8 +8,8 @@ void SetPointBlend::capture(const Pose& X_now, const Pose& X_rule) {
   const Vector6 deviation = pose_error(X_now, X_rule);
   p_dev_ = deviation.head<3>();
   r_dev_ = deviation.tail<3>();
-  duration_ = std::max({kShortest, QuinticSegment::duration_for(p_dev_.norm(), kSpeed),
-                        QuinticSegment::duration_for(r_dev_.norm(), kAngularSpeed)});
+  duration_ = std::max({kShortest, rest_to_rest_duration(p_dev_.norm(), kSpeed),
+                        rest_to_rest_duration(r_dev_.norm(), kAngularSpeed)});
   t_ = 0;
   released_ = false;
 }

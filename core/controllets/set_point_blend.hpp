@@ -4,18 +4,18 @@
 
 namespace multipanda {
 
-// Leads an arm from the set-point it has to the one a rule gives it, without a step. The difference between
-// the two is kept while the rule's set-point rests, so that nothing moves unasked, and taken away along a
-// quintic once that set-point moves for the first time. Loop thread.
+// Moves an arm from its current set-point to the set-point of a rule, without a step. The difference is kept
+// while the rule's set-point is at rest, so that the arm does not move by itself. It is removed along a
+// quintic once that set-point moves. Loop thread.
 //   p_d = p_rule + s p_dev,  R_d = exp(s r_dev) R_rule,  s from 1 to 0
 class SetPointBlend {
  public:
   static constexpr double kSpeed = 0.25, kAngularSpeed = 0.5;  // peaks [m/s], [rad/s]
   static constexpr double kShortest = 1.0;                     // [s]
 
-  // From now on: starts at X_now, whatever the rule says.
+  // Starts at X_now and captures its difference from the rule.
   void capture(const Pose& X_now, const Pose& X_rule);
-  // The blended set-point of this cycle; `rule` is taken as moving where its velocity is not zero.
+  // The blended set-point of this cycle; `rule` counts as moving if its velocity is not zero.
   CartesianTarget advance(const CartesianTarget& rule, double dt);
 
  private:

@@ -21,7 +21,7 @@ FadedRotation::FadedRotation(const Vector3& r) : value(r), dvalue_dr(Matrix3::Id
   const double theta = r.norm();
   const double beyond = theta - kFadeFrom;
   if (beyond <= 0) return;
-  // psi is a parabola there: slope 1 at kFadeFrom, 0 at pi.
+  // Beyond kFadeFrom psi is a parabola, with slope 1 at kFadeFrom and 0 at pi.
   constexpr double kRange = std::numbers::pi - kFadeFrom;
   const double psi = theta - 0.5 * beyond * beyond / kRange;
   const double slope = 1.0 - beyond / kRange;
@@ -49,7 +49,7 @@ Vector6 spring_wrench(const TaskStiffness& stiffness, const Vector6& error) {
 Matrix3 inverse_left_jacobian(const Vector3& r) {
   const double theta2 = r.squaredNorm();
   const Matrix3 S = skew(r);
-  // (1 - theta/2 cot(theta/2)) / theta^2; its series where the difference loses digits.
+  // (1 - theta/2 cot(theta/2)) / theta^2; a series where the difference loses digits.
   double a = 1.0 / 12.0 + theta2 / 720.0;
   if (theta2 > 1e-4) {
     const double half = 0.5 * std::sqrt(theta2);

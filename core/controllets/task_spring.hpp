@@ -2,7 +2,7 @@
 
 #include "core/types/spatial.hpp"
 
-// The spring of a task: a potential on poses, and the wrench that is exactly its gradient.
+// Task spring: a potential on poses, and the wrench that is exactly its gradient.
 namespace multipanda {
 
 // Stiffness of a translation and of a rotation, both symmetric and positive semi-definite, world axes.
@@ -16,9 +16,9 @@ struct TaskStiffness {
 };
 
 // A rotation vector r = theta n of at most half a turn, faded: r_s = psi(theta) n with psi = theta up to
-// kFadeFrom and psi'(pi) = 0. The shortest way turns round at theta = pi; the potential 1/2 r_s^T K r_s is
-// smooth there, so its torque is continuous (and vanishes along n at theta = pi: an unstable equilibrium, as
-// every continuous field of torques on the rotations has one).
+// kFadeFrom and psi'(pi) = 0. The shortest rotation reverses at theta = pi. The potential 1/2 r_s^T K r_s is
+// smooth there, so its torque is continuous. The torque along n vanishes at theta = pi: an unstable
+// equilibrium, which every continuous law has somewhere.
 struct FadedRotation {
   static constexpr double kFadeFrom = 5.0 / 6.0 * 3.14159265358979323846;  // 150 degrees
 

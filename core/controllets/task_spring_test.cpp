@@ -4,9 +4,9 @@
 
 #include <gtest/gtest.h>
 
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/test_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::task_spring_test {
 namespace {
 
 using test::Draw;
@@ -42,7 +42,7 @@ TEST(TaskSpring, IsMinusTheGradientOfItsEnergy) {
   }
 }
 
-TEST(TaskSpring, EqualStiffnessIsTheFamiliarLaw) {
+TEST(TaskSpring, EqualStiffnessGivesTheUsualLaw) {
   Draw draw(22);
   for (int trial = 0; trial < 100; ++trial) {
     const Eigen::AngleAxisd turn(draw.uniform(0, 2.6), unit(draw));
@@ -86,4 +86,4 @@ TEST(TaskSpring, InverseLeftJacobianInvertsIt) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::task_spring_test

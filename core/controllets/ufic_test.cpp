@@ -1,16 +1,16 @@
 #include "core/controllets/ufic.hpp"
 
-#include <Eigen/LU>
 #include <gtest/gtest.h>
 
 #include "core/controllets/damping_design.hpp"
 #include "core/controllets/force.hpp"
 #include "core/controllets/task_spring.hpp"
-#include "core/test_support/controllet_rig.hpp"
-#include "core/test_support/plain_arm.hpp"
+#include "core/testing/controllet_rig.hpp"
+#include "core/testing/dense_algebra.hpp"
+#include "core/testing/plain_arm.hpp"
 
-// `ufic` and `force` by the recipe of the other laws; closed loops over MuJoCo are in tests/interaction/.
-namespace multipanda {
+// `ufic` and `force`, tested like the other laws; closed loops with MuJoCo are in tests/interaction/.
+namespace multipanda::ufic_test {
 namespace {
 
 using namespace test;
@@ -78,7 +78,7 @@ TEST(Ufic, TorqueIsTheStatedLaw) {
 
     const Reference& pose = bench.rig.input("pose");
     const MatrixXd J = bench.plain.jacobian(q), M = bench.plain.mass(q);
-    const MatrixXd Lambda = (J * M.inverse() * J.transpose()).inverse();
+    const MatrixXd Lambda = task_inertia(J, M);
     VectorXd K(6);
     K << 400, 400, 400, 20, 20, 20;
     const Matrix6 D = task_damping(Lambda, Matrix6(K.asDiagonal()), 1);
@@ -89,7 +89,7 @@ TEST(Ufic, TorqueIsTheStatedLaw) {
     F += D * (pose.twist().vector - V) + Lambda * pose.acceleration().vector;
     const double v_n = n.dot(Vector3(V.head(3)) - Vector3(pose.twist().linear()));
     F.head(3) += n * (12 + 0.15 * (12 - 8) - 70 * v_n) + 0.8 * (F_hat - n.dot(F_hat) * n);
-    const MatrixXd N = MatrixXd::Identity(q.size(), q.size()) - J.transpose() * Lambda * J * M.inverse();
+    const MatrixXd N = null_space_projector(J, M);
     const VectorXd D_N = 2 * (10 * M.diagonal().array()).sqrt();
     const VectorXd null = N * (10 * (bent(joints) - q) - D_N.asDiagonal() * N.transpose() * dq);
     const VectorXd expected = J.transpose() * F + null + bench.plain.coriolis(q, dq);
@@ -98,16 +98,16 @@ TEST(Ufic, TorqueIsTheStatedLaw) {
   EXPECT_GE(checked, 8);
 }
 
-TEST(Ufic, AtRestWithNothingAskedForNothing) {
+TEST(Ufic, IsZeroAtRestWithoutRequestedForce) {
   for (const auto& type : {ufic_controllet(), force_controllet()}) {
     Bench bench(type);
     ASSERT_EQ(bench.rig.start(), LawResult::ok);
     bench.ticks(500);
-    EXPECT_NEAR(bench.rig.tau(0).norm(), 0, 1e-9) << type.statement.type;
+    EXPECT_NEAR(bench.rig.tau(0).norm(), 0, 1e-9) << type.descriptor.type;
   }
 }
 
-TEST(Ufic, MovingTheWorldChangesNothing) {
+TEST(Ufic, IsInvariantToThePoseOfTheWorld) {
   Draw draw(82);
   for (const auto& type : {ufic_controllet(), force_controllet()}) {
     const Pose X = draw.pose(2), X_WB = draw.pose(1);
@@ -118,7 +118,8 @@ TEST(Ufic, MovingTheWorldChangesNothing) {
       const Matrix3 R = bench == &here ? Matrix3(Matrix3::Identity()) : X.rotation;
       const Vector3 direction = R * n;
       bench->rig.set("press_direction", {direction.x(), direction.y(), direction.z()});
-      bench->rig.set("translational_stiffness_n_per_m", {400});  // uneven, world axes would matter
+      bench->rig.set("translational_stiffness_n_per_m",
+                     {400});  // with uneven stiffness, world axes would matter
       ASSERT_EQ(bench->rig.start(), LawResult::ok);
       bench->want(R * Vector3(10 * n));
       bench->feel(R * F_hat);
@@ -127,12 +128,12 @@ TEST(Ufic, MovingTheWorldChangesNothing) {
       bench->ticks(20);
     }
     EXPECT_GT(here.rig.tau(0).norm(), 1);
-    EXPECT_NEAR((here.rig.tau(0) - there.rig.tau(0)).norm(), 0, 1e-7) << type.statement.type;
+    EXPECT_NEAR((here.rig.tau(0) - there.rig.tau(0)).norm(), 0, 1e-7) << type.descriptor.type;
   }
 }
 
-// Empty tanks: no spring, no force outwards; dampers stay.
-TEST(Ufic, EmptyTanksLeaveDampingOnly) {
+// Empty tanks: no spring, no force outwards; only dampers.
+TEST(Ufic, EmptyTanksLeaveOnlyDamping) {
   Draw draw(83);
   Bench bench(ufic_controllet());
   bench.rig.set("tank_start_j", {0});
@@ -153,9 +154,9 @@ TEST(Ufic, EmptyTanksLeaveDampingOnly) {
   }
 }
 
-// Whatever moves whatever: what the arm and its spring have more, the tanks have less, to the last joule.
-// The arm is moved by force of hand, so the work of the torque is known from the path alone.
-TEST(Ufic, TanksPayForAllThatGoesIn) {
+// For any motion: the energy that the arm and its spring gain, the tanks lose exactly. The test prescribes
+// the motion of the arm, so the work of the torque follows from the path alone.
+TEST(Ufic, TanksSupplyAllEnergyThatGoesIn) {
   Draw draw(84);
   for (int trial = 0; trial < 10; ++trial) {
     Bench bench(ufic_controllet());
@@ -167,7 +168,7 @@ TEST(Ufic, TanksPayForAllThatGoesIn) {
     EXPECT_EQ(tanks, 0);  // shown from the first tick on
     bench.want({0, 0, -15});
     bench.ticks(1);
-    const double begun = bench.number("force_tank_j") + bench.number("impedance_tank_j");
+    const double initial = bench.number("force_tank_j") + bench.number("impedance_tank_j");
     const Pose start = bench.rig.input("pose").pose();
     bench.rig.input("pose").set(
         pose_target({exp_rotation(draw.vector3(0.3)) * start.rotation, start.position + draw.vector3(0.2)}));
@@ -190,12 +191,12 @@ TEST(Ufic, TanksPayForAllThatGoesIn) {
     const double spring =
         s * spring_energy(K, pose_error(bench.rig.input("pose").pose(), bench.plain.end_effector(q)));
     const double tank = bench.number("force_tank_j") + bench.number("impedance_tank_j");
-    EXPECT_LE(into_arm + spring + tank, begun + 1e-9) << trial;  // less what overflowed: nothing here
+    EXPECT_LE(into_arm + spring + tank, initial + 1e-9) << trial;  // less the overflow, which is zero here
     if (trial % 2 == 0) {
-      EXPECT_NEAR(into_arm + spring + tank, begun, 1e-6) << trial;
+      EXPECT_NEAR(into_arm + spring + tank, initial, 1e-6) << trial;
     }
     EXPECT_GT(std::abs(into_arm), 0.01);
-    // An overdraft is at most what a tick can take before the valve has shut.
+    // An overdraft is at most what a tick can take before the valve has closed.
     EXPECT_GT(bench.number("force_tank_j"), -0.02);
     EXPECT_GT(bench.number("impedance_tank_j"), -0.02);
   }
@@ -213,8 +214,8 @@ TEST(Ufic, NotANumberIsAFault) {
         if (where == 2) bench.feel({0, bad, 0});
         if (where == 3) bench.rig.input("wrench").start_constant(bad);
         bench.rig.place(0, q, dq);
-        EXPECT_EQ(bench.rig.tick(0.001), LawResult::fault) << type.statement.type << " " << where;
-        // A new start from good numbers is a good one.
+        EXPECT_EQ(bench.rig.tick(0.001), LawResult::fault) << type.descriptor.type << " " << where;
+        // A new start from valid numbers succeeds.
         bench.feel({0, 0, 0});
         bench.rig.place(0, bent(7), joint_constant(7, 0));
         ASSERT_EQ(bench.rig.start(), LawResult::ok);
@@ -228,12 +229,12 @@ TEST(Ufic, WithoutAnEstimateItDoesNotStart) {
   for (const auto& type : {ufic_controllet(), force_controllet()}) {
     Bench bench(type);
     bench.rig.state(0).has_wrench_estimate = false;
-    EXPECT_EQ(bench.rig.start(), LawResult::fault) << type.statement.type;
+    EXPECT_EQ(bench.rig.start(), LawResult::fault) << type.descriptor.type;
   }
 }
 
-// Everything that can change at once changes at once: the torque follows with a bounded rate.
-TEST(Ufic, ContactComesWithoutAStep) {
+// Everything that can change abruptly changes at the same time: the torque follows with a bounded rate.
+TEST(Ufic, ContactCausesNoStep) {
   for (const auto& type : {ufic_controllet(), force_controllet()}) {
     Bench bench(type);
     ASSERT_EQ(bench.rig.start(), LawResult::ok);
@@ -243,14 +244,15 @@ TEST(Ufic, ContactComesWithoutAStep) {
     bench.feel({0, 0, -10});
     for (int i = 0; i < 1000; ++i) {
       ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
-      EXPECT_LT((bench.rig.tau(0) - before).cwiseAbs().maxCoeff(), 0.3) << type.statement.type << " " << i;
+      EXPECT_LT((bench.rig.tau(0) - before).cwiseAbs().maxCoeff(), 0.3) << type.descriptor.type << " " << i;
       before = bench.rig.tau(0);
     }
     EXPECT_EQ(bench.number("in_contact"), 1);
   }
 }
 
-// Against an elastic wall with the arm's own equations of motion: the wall is found and pressed on.
+// Against an elastic wall with the arm's own equations of motion: the controllet finds the wall and presses
+// on it.
 TEST(Force, FindsAWallAndPresses) {
   Bench bench(force_controllet());
   bench.rig.set("approach_speed_m_per_s", {0.05});
@@ -273,7 +275,7 @@ TEST(Force, FindsAWallAndPresses) {
   EXPECT_LT(std::hypot(error[0], error[1]), 1e-3);
 }
 
-// Nothing to be found: it goes on at its speed, never faster.
+// No surface: it continues at its speed, never faster.
 TEST(Force, LooksForASurfaceSlowly) {
   Bench bench(force_controllet());
   ASSERT_EQ(bench.rig.start(), LawResult::ok);
@@ -288,4 +290,4 @@ TEST(Force, LooksForASurfaceSlowly) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::ufic_test

@@ -13,30 +13,30 @@
 
 namespace multipanda {
 
-// What a control cycle is made of. Everything is built before the first step.
+// Configuration of a control cycle. Everything is built before the first step.
 struct CycleConfig {
   struct Arm {
     std::string name;
     std::shared_ptr<const ArmModel> model;
     SafetyLimits safety;
   };
-  std::vector<Arm> arms;  // as many, in the same order, as the backend has
+  std::vector<Arm> arms;  // the arms of the backend, in its order
   std::vector<InstanceConfig> controllets;
-  std::vector<Obstacle> obstacles;  // what stands fixed in the world, for features that keep away from it
-  std::size_t record_capacity = 0;  // cycles that the writer may fall behind; 0: record nothing
+  std::vector<Obstacle> obstacles;  // fixed bodies of the world, for collision avoidance
+  std::size_t record_capacity = 0;  // cycles that the writer may lag behind; 0: no record
 };
 
-// Every millisecond: read every arm's state, compute its model terms once, let each active controllet compute
-// torques for the arms it owns, let its features add theirs, let safety have the last word, write.
+// Every millisecond: reads the state of every arm, runs the active controllets and their features, applies
+// the safety stage, and writes the torques. Model terms are computed on demand, at most once per cycle.
 class ControlCycle {
  public:
-  // Throws std::invalid_argument if arms, models and controllets do not fit together.
+  // Throws std::invalid_argument if arms, models and controllets do not match.
   ControlCycle(const CycleConfig& config, const Registry& registry, Backend& backend);
   ControlCycle(const ControlCycle&) = delete;
 
   // One step for the arms whose packet arrived. Loop thread.
   void step(ArmSet due) noexcept;
-  // Runs steps as the backend's clock demands until `keep_on` says no, or the backend ends. Loop thread.
+  // Runs steps on the backend's clock until `keep_on` returns false or the backend ends. Loop thread.
   template <typename KeepOn>
   void run(KeepOn keep_on) {
     while (keep_on()) {
@@ -59,12 +59,12 @@ class ControlCycle {
   void begin_torque(ArmIndex arm);
   void estimate_force(ArmIndex arm);
   void write();
-  void leave_record();
+  void record_cycle();
 
   Backend& backend_;
   CycleData data_;
   std::vector<ExternalForceObserver> observers_;  // one per arm
-  ArmSet observed_;                               // arms whose backend does not tell external torques itself
+  ArmSet observed_;                               // arms whose backend does not deliver external torques
   ArmSet commanded_;                              // arms that took commands at their last state
   SafetyStage safety_;
   std::unique_ptr<MultimodeController> modes_;

@@ -2,11 +2,11 @@
 
 #include <gtest/gtest.h>
 
-#include "core/test_support/test_laws.hpp"
-#include "core/test_support/test_world.hpp"
+#include "core/testing/test_laws.hpp"
+#include "core/testing/test_world.hpp"
 
-// Faults of controllets, features, states and packets; what is left in the record.
-namespace multipanda {
+// Faults of controllets, features, states and packets, and their records.
+namespace multipanda::control_cycle_test {
 namespace {
 
 using test::TestLoop;
@@ -15,7 +15,7 @@ using Kind = Request::Kind;
 std::vector<InstanceConfig> laws() {
   return {{.name = "s0", .type = "spring", .arms = {0}},
           {.name = "s1", .type = "spring", .arms = {1}},
-          {.name = "bad", .type = "saboteur", .arms = {1}},
+          {.name = "bad", .type = "broken", .arms = {1}},
           {.name = "p12", .type = "pair", .arms = {1, 2}},
           {.name = "f2", .type = "follow", .arms = {2}}};
 }
@@ -32,7 +32,7 @@ struct Sabotage {
 };
 class SabotageTest : public testing::TestWithParam<Sabotage> {};
 
-TEST_P(SabotageTest, IsTakenOutInTheSameCycleAndTheOthersDoNotNotice) {
+TEST_P(SabotageTest, IsDeactivatedInTheSameCycleAndTheOthersAreUnaffected) {
   TestLoop loop(3, laws(), test::test_registry(), 400), quiet(3, laws(), test::test_registry());
   for (TestLoop* l : {&loop, &quiet}) {
     l->modes().activate_at_start(l->set({"s0", "bad"}));
@@ -70,7 +70,7 @@ INSTANTIATE_TEST_SUITE_P(Faults, SabotageTest,
                                          Sabotage{5, Intervention::controllet_fault},
                                          Sabotage{6, Intervention::torque_implausible}));
 
-TEST(ControlCycle, AFeatureThatReturnsNanTakesItsControlletOut) {
+TEST(ControlCycle, AFeatureThatReturnsNanDeactivatesItsControllet) {
   TestLoop loop(3, laws(), test::test_registry());
   loop.modes().activate_at_start(loop.set({"p12"}));
   loop.steps(5);
@@ -90,7 +90,7 @@ TEST(ControlCycle, AFeatureThatReturnsNanTakesItsControlletOut) {
   EXPECT_EQ(loop.cycle.data().tau_feature[1].norm(), 0);
 }
 
-TEST(ControlCycle, ANanStateGoesToHoldWhichHoldsWhereTheArmComesBack) {
+TEST(ControlCycle, ANanStateLeadsToHoldAtTheNextValidPosition) {
   TestLoop loop(3, laws(), test::test_registry());
   loop.modes().activate_at_start(loop.set({"s0", "s1", "f2"}));
   loop.steps(10);
@@ -106,7 +106,7 @@ TEST(ControlCycle, ANanStateGoesToHoldWhichHoldsWhereTheArmComesBack) {
     ASSERT_TRUE(loop.world.torque(1).allFinite());
     loop.step();
   }
-  EXPECT_LT(loop.world.torque(1).norm(), 1e-9);  // without a measurement the arm carries itself
+  EXPECT_LT(loop.world.torque(1).norm(), 1e-9);  // without a measurement the arm only compensates gravity
   EXPECT_EQ(loop.activate({"s1"}).verdict, Verdict::arm_not_ready);
   broken = false;
   const JointVector back = loop.world.position(1);
@@ -115,6 +115,23 @@ TEST(ControlCycle, ANanStateGoesToHoldWhichHoldsWhereTheArmComesBack) {
   loop.world.set_velocity(1, joint_constant(7, 0.3));
   loop.steps(3000);
   EXPECT_LT((loop.world.position(1) - back).norm(), 0.01);  // it does hold
+}
+
+TEST(ControlCycle, AStateOfAnotherSizeCountsAsNotFinite) {
+  for (const Eigen::Index size : {0, 6, 8}) {
+    TestLoop loop(3, laws(), test::test_registry());
+    loop.modes().activate_at_start(loop.set({"s0", "s1", "f2"}));
+    loop.steps(10);
+    loop.world.tamper = [&](ArmIndex arm, std::uint64_t, ArmState& state) {
+      if (arm == 1) state.q = JointVector::Constant(size, 0.1);
+    };
+    loop.steps(20);
+    EXPECT_EQ(loop.modes().owner(1), loop.find("arm1_hold"));
+    EXPECT_EQ(loop.cycle.safety().counted(1, Intervention::state_not_finite), 1u);
+    EXPECT_EQ(loop.world.torque(1).size(), 7);
+    EXPECT_LT(loop.world.torque(1).norm(), 1e-9);
+    EXPECT_EQ(loop.modes().owner(0), loop.find("s0"));
+  }
 }
 
 TEST(ControlCycle, AnArmThatLeavesItsModeIsHeldAndRefused) {
@@ -132,8 +149,8 @@ TEST(ControlCycle, AnArmThatLeavesItsModeIsHeldAndRefused) {
   EXPECT_TRUE(loop.activate({"s1"}).accepted());
 }
 
-// After a reflex, and perhaps after somebody moved it by hand.
-TEST(ControlCycle, AnArmThatComesBackIsHeldWhereItStandsAndBeginsAtTheTorqueInUse) {
+// After a reflex, and possibly a motion by hand.
+TEST(ControlCycle, AnArmThatReturnsIsHeldAtItsPositionAndBeginsAtTheTorqueInUse) {
   TestLoop loop(1, {}, test::test_registry());
   bool away = false;
   double in_use = 0;
@@ -158,9 +175,9 @@ TEST(ControlCycle, AnArmThatComesBackIsHeldWhereItStandsAndBeginsAtTheTorqueInUs
   }
 }
 
-// Two arms whose packets come half a millisecond apart: the group ticks once per period, on its first arm's
+// Two arms whose packets arrive half a millisecond apart: the group ticks once per period, on its first arm's
 // packet; the second gets the same tick's torque on its own.
-TEST(ControlCycle, AGroupTicksOncePerPeriodWhenPacketsComeApart) {
+TEST(ControlCycle, AGroupTicksOncePerPeriodWhenPacketsArriveAtDifferentTimes) {
   TestLoop loop(3, laws(), test::test_registry());
   loop.steps(3);
   loop.world.start_s = 1;
@@ -184,7 +201,7 @@ TEST(ControlCycle, AGroupTicksOncePerPeriodWhenPacketsComeApart) {
   }
 }
 
-TEST(ControlCycle, LostPacketsHoldTheGroupAfterTwoMillisecondsAndNobodyElse) {
+TEST(ControlCycle, LostPacketsHoldOnlyTheGroupAfterTwoMilliseconds) {
   TestLoop loop(3, laws(), test::test_registry());
   loop.modes().activate_at_start(loop.set({"s0", "p12"}));
   loop.steps(10);
@@ -240,7 +257,8 @@ TEST(ControlCycle, TheFirstTorqueHasAWholePeriodOfTheRateLimit) {
     if (step == 0) state.tau_J_d[0] = 5;  // what the arm has in use when the loop begins
   };
   loop.step();
-  EXPECT_NEAR(loop.world.torque(0)[0], 4, 1e-12);  // towards hold's torque, near 0, by 1000 N m/s x 1 ms
+  EXPECT_NEAR(loop.world.torque(0)[0], 4,
+              1e-12);  // towards the torque of the hold, near 0, by 1000 N m/s x 1 ms
 }
 
 TEST(Record, HoldsWhatWasReadAndSent) {
@@ -274,7 +292,7 @@ TEST(Record, HoldsWhatWasReadAndSent) {
   EXPECT_EQ(record.dropped_records, 0u);
 }
 
-TEST(Record, OverflowIsCountedAndTheLoopGoesOn) {
+TEST(Record, OverflowIsCountedAndTheLoopContinues) {
   TestLoop loop(3, laws(), test::test_registry(), 10), free(3, laws(), test::test_registry());
   for (int k = 0; k < 50; ++k) {
     loop.step();
@@ -305,4 +323,4 @@ TEST(Record, LayoutNamesTheOutputsOfEveryInstance) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::control_cycle_test

@@ -10,8 +10,7 @@
 
 namespace multipanda {
 
-// Everything one cycle works on, one block per stage, one element per arm. Built once; the loop only fills
-// it.
+// The data of one cycle: one block per stage, one element per arm. Allocated once, before the loop.
 struct CycleData {
   explicit CycleData(std::span<const std::shared_ptr<const ArmModel>> models) {
     state.resize(models.size());
@@ -30,23 +29,23 @@ struct CycleData {
 
   // CLOCK
   Tick tick;          // this step's number, time and arms due
-  StageTimes stages;  // how long each stage took
+  StageTimes stages;  // duration of each stage
 
   // READ
-  std::vector<ArmState> state;  // what the backend delivered
+  std::vector<ArmState> state;  // from the backend
 
   // MODEL
-  std::vector<ModelTerms> terms;  // at that state, computed when somebody asks
+  std::vector<ModelTerms> terms;  // at that state, computed on demand
 
   // CONTROLLETS, FEATURES
-  std::vector<JointVector> tau_controllet;  // from the owner's law (n x 1) [N m]
-  std::vector<JointVector> tau_feature;     // what its features add (n x 1) [N m]
+  std::vector<JointVector> tau_controllet;  // from the owner's control law (n x 1) [N m]
+  std::vector<JointVector> tau_feature;     // from its features (n x 1) [N m]
 
   // SAFETY
   std::vector<JointVector> tau_cmd;  // within all limits (n x 1) [N m]
 
   // WRITE
-  std::vector<ArmCommand> command;  // what the backend gets
+  std::vector<ArmCommand> command;  // sent to the backend
 };
 
 }  // namespace multipanda

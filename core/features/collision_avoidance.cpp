@@ -9,14 +9,11 @@
 namespace multipanda {
 namespace {
 
-enum Parameter : std::size_t { kRange, kStiffness, kDamping };
-enum Output : std::size_t { kSmallest, kActive, kPotential, kLargestForce };
-
-constexpr double kNothingNear = 10;  // [m] shown where no pair is nearer
+constexpr double kNothingNear = 10;  // [m]; output if no pair is nearer
 
 // With x = 1 - d/r: F/(k r) = h(x) = x / (1 - x), V/(k r^2) = -x - ln(1 - x): a spring of stiffness k at the
-// edge of the range that hardens without limit towards contact. From x = kHard on it goes on along its
-// tangent, so that force and stiffness stay bounded, also where bodies overlap.
+// edge of the range that stiffens without limit towards contact. From x = kHard on it follows its tangent, so
+// that force and stiffness stay bounded even if bodies overlap.
 constexpr double kHard = 0.8;
 struct Wall {
   double force, potential, slope;  // h, its integral, its derivative
@@ -29,9 +26,43 @@ Wall wall(double x) {
 
 class CollisionAvoidance final : public Feature {
  public:
-  explicit CollisionAvoidance(const Surroundings& surroundings) : pairs_(surroundings) {
+  static ControlletDescriptor descriptor() {
+    return {.type = "collision_avoidance",
+            .doc =
+                "Pushes arms softly away from each other, from themselves and from fixed obstacles, below a "
+                "given "
+                "distance.",
+            .parameters = spec_table<kParameterCount>(
+                parameter_at<kRange>({.name = "range_m",
+                                      .unit = "m",
+                                      .initial = {0.05},
+                                      .min = 0.005,
+                                      .max = 0.3,
+                                      .doc = "Distance at which the repulsion begins."}),
+                parameter_at<kStiffness>(
+                    {.name = "stiffness_n_per_m",
+                     .unit = "N/m",
+                     .initial = {1000.0},
+                     .max = 20000,
+                     .doc = "Slope of the repulsive force of each pair at the edge of the range; it "
+                            "increases towards contact."}),
+                parameter_at<kDamping>(
+                    {.name = "damping_n_s_per_m",
+                     .unit = "N s/m",
+                     .initial = {150.0},
+                     .max = 1000,
+                     .doc = "Damping of an approach at contact; grows from zero at the edge of the range."})),
+            .outputs = spec_table<kOutputCount>(
+                output_at<kSmallest>("smallest_distance_m",
+                                     "Smallest distance of all checked pairs [m]; 10 if none is nearer."),
+                output_at<kActive>("active_pairs", "Number of pairs within the range."),
+                output_at<kPotential>("potential_j", "Repulsive potential of all pairs [J]."),
+                output_at<kLargestForce>("largest_force_n", "Largest repulsive force of a pair [N]."))};
+  }
+
+  explicit CollisionAvoidance(const FeatureContext& context) : pairs_(context) {
     slot_.fill(kNotOwn);
-    for (std::size_t i = 0; i < surroundings.own.size(); ++i) slot_[surroundings.own[i]] = i;
+    for (std::size_t i = 0; i < context.own.size(); ++i) slot_[context.own[i]] = i;
   }
 
   LawResult start(ControlContext&) override { return LawResult::ok; }
@@ -40,7 +71,7 @@ class CollisionAvoidance final : public Feature {
     const auto& parameters = *context.parameters;
     const double range = parameters.number(kRange);
     pairs_.place(context.scene_arms);
-    // The pair that was nearest a cycle ago is about the nearest now: a bound that spares most of the others.
+    // The nearest pair of the last cycle gives a bound that rules out most other pairs.
     double smallest = kNothingNear;
     if (pairs_.size() > 0) smallest = std::min(smallest, pairs_.closest(nearest_).distance);
     active_ = 0;
@@ -63,10 +94,12 @@ class CollisionAvoidance final : public Feature {
   }
 
  private:
+  enum Parameter : std::size_t { kRange, kStiffness, kDamping, kParameterCount };
+  enum Output : std::size_t { kSmallest, kActive, kPotential, kLargestForce, kOutputCount };
   static constexpr std::size_t kNotOwn = static_cast<std::size_t>(-1);
   using PointJacobian = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, kMaxJoints>;
 
-  // J^T n (n x 1): how fast a body's point moves along n per joint velocity. Empty: the body stands.
+  // J^T n (n x 1) of a point of a body: its velocity along n per joint velocity. Empty if the body is fixed.
   static JointVector along_normal(ControlContext& context, const CollisionPairs::Body& body,
                                   const Vector3& p_W, const Vector3& n) {
     if (body.joint < 0) return {};
@@ -108,35 +141,6 @@ class CollisionAvoidance final : public Feature {
 
 }  // namespace
 
-FeatureType collision_avoidance_feature() {
-  return {
-      {.type = "collision_avoidance",
-       .doc = "Pushes the arms apart from each other, from themselves and from fixed things of the scene, "
-              "softly from a given distance on.",
-       .inputs = {},
-       .parameters = {{"range_m", "m", 1, {0.05}, 0.005, 0.3, "Distance at which the repulsion begins."},
-                      {"stiffness_n_per_m",
-                       "N/m",
-                       1,
-                       {1000.0},
-                       0,
-                       20000,
-                       "Slope of the repulsive force at the edge of the range, of every pair; it hardens "
-                       "towards contact."},
-                      {"damping_n_s_per_m",
-                       "N s/m",
-                       1,
-                       {150.0},
-                       0,
-                       1000,
-                       "Damping of an approach, at contact; grows from zero at the range's edge."}},
-       .outputs = {{"smallest_distance_m", 1, "Of all pairs that are watched [m]; 10: none is nearer."},
-                   {"active_pairs", 1, "Pairs within the range."},
-                   {"potential_j", 1, "Repulsive potential of all pairs [J]."},
-                   {"largest_force_n", 1, "Largest repulsive force of one pair [N]."}}},
-      [](const Surroundings& surroundings) -> std::unique_ptr<Feature> {
-        return std::make_unique<CollisionAvoidance>(surroundings);
-      }};
-}
+FeatureType collision_avoidance_feature() { return feature_type<CollisionAvoidance>(); }
 
 }  // namespace multipanda

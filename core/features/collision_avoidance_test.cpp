@@ -6,11 +6,11 @@
 #include <gtest/gtest.h>
 
 #include "core/features/collision_pairs.hpp"
-#include "core/test_support/controllet_rig.hpp"
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/controllet_rig.hpp"
+#include "core/testing/test_arm.hpp"
 #include "models/arm_source.hpp"
 
-namespace multipanda {
+namespace multipanda::collision_avoidance_test {
 namespace {
 
 using namespace test;
@@ -58,12 +58,12 @@ std::vector<Obstacle> some_obstacles(const Pose& X = {}) {
       {"ball", ConvexShape::sphere({0, 0, 0}, 0.1), X * Pose{Matrix3::Identity(), {0.1, 0.5, 0.5}}}};
 }
 
-// Deeper than the thinnest hulls around the shapes' cores the cores overlap: distances are those of a
-// polytope then, near enough to be pushed out, not to differentiate.
+// Deeper than the thinnest hulls around the shapes' cores the cores overlap: distances are then those of a
+// polytope, accurate enough for repulsion, but not for differentiation.
 constexpr double kCoresApart = -0.025;
 
-// Of a torque, per newton of the largest force: what is left of the normal's error on curved bodies (the
-// can), at a lever of a metre.
+// Error of a torque per newton of the largest force: the normal's remaining error on curved bodies (the
+// cylinder), at a lever of a meter.
 constexpr double kNormalError = 3e-4;
 
 JointVector zero(std::size_t n) { return joint_constant(n, 0); }
@@ -170,7 +170,7 @@ TEST(CollisionAvoidance, SeesAllPairsOfTwoArmsWithHands) {
   EXPECT_GT(near, 30);
 }
 
-// The pairs of each arm with itself that its maker's description does not ignore: nothing to push at home.
+// The pairs of each arm with itself that its robot description does not ignore: nothing to push at home.
 TEST(CollisionAvoidance, NoTorqueInTheHomePose) {
   for (const std::string robot : {"fer", "fr3"}) {
     for (const bool hand : {true, false}) {
@@ -187,7 +187,7 @@ TEST(CollisionAvoidance, NoTorqueInTheHomePose) {
   }
 }
 
-TEST(CollisionAvoidance, TorqueDoesNotDependOnWhereTheWorldIs) {
+TEST(CollisionAvoidance, TorqueDoesNotDependOnThePoseOfTheWorld) {
   Draw draw(63);
   int near = 0;
   for (int trial = 0; trial < 40; ++trial) {
@@ -210,8 +210,7 @@ TEST(CollisionAvoidance, TorqueDoesNotDependOnWhereTheWorldIs) {
   EXPECT_GT(near, 3);
 }
 
-// What the damping adds takes energy out of both arms together, is nothing while the gap opens, and is linear
-// in the speed.
+// The damping dissipates energy of both arms together, is zero while the gap opens, and linear in the speed.
 TEST(CollisionAvoidance, DampsApproachOnly) {
   Draw draw(64);
   const Models models = made_up();
@@ -231,7 +230,7 @@ TEST(CollisionAvoidance, DampsApproachOnly) {
     };
     run(1, moving);
     run(2, faster);
-    // The potential's rate says whether the gap closes.
+    // The potential's rate shows whether the gap closes.
     const double rate = -(still[0].dot(dq[0]) + still[1].dot(dq[1]));
     const double power = moving[0].dot(dq[0]) + moving[1].dot(dq[1]);
     if (rate > 1e-9) {
@@ -253,8 +252,8 @@ TEST(CollisionAvoidance, DampsApproachOnly) {
   EXPECT_GT(opening, 10);
 }
 
-// An arm of another owner is looked at, not pushed; the own arm feels the same as if both were its own.
-TEST(CollisionAvoidance, LooksAtArmsOfOtherOwners) {
+// An arm of another owner is checked, but not pushed; the own arm gets the same torque as with one owner.
+TEST(CollisionAvoidance, ChecksArmsOfOtherOwners) {
   Draw draw(65);
   const Models models = made_up();
   ControlletRig both(collision_avoidance_feature(), models);
@@ -277,15 +276,15 @@ TEST(CollisionAvoidance, LooksAtArmsOfOtherOwners) {
   EXPECT_GT(near, 20);
 }
 
-TEST(CollisionAvoidance, AnArmWithoutShapesMeetsNothing) {
+TEST(CollisionAvoidance, AnArmWithoutShapesHasNoPairs) {
   ControlletRig rig(collision_avoidance_feature(), {TestArm::make().model()}, some_obstacles());
   ASSERT_EQ(rig.update(), LawResult::ok);
   EXPECT_TRUE(rig.tau(0).isZero(0));
   EXPECT_EQ(rig.output("smallest_distance_m")[0], 10);
 }
 
-// A state that is no number must not look like "nothing is near".
-TEST(CollisionAvoidance, NaNInAStateIsNotSilent) {
+// A NaN state must not look like "nothing is near".
+TEST(CollisionAvoidance, NaNInAStateIsAFault) {
   const Models models = made_up();
   ControlletRig rig(collision_avoidance_feature(), models, some_obstacles());
   JointVector q = zero(7);
@@ -296,4 +295,4 @@ TEST(CollisionAvoidance, NaNInAStateIsNotSilent) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::collision_avoidance_test

@@ -8,21 +8,21 @@ namespace multipanda {
 
 using Kind = ConvexShape::Kind;
 
-CollisionPairs::CollisionPairs(const Surroundings& surroundings) {
+CollisionPairs::CollisionPairs(const FeatureContext& context) {
   ArmSet own;
-  for (const ArmIndex arm : surroundings.own) own |= ArmSet::of(arm);
+  for (const ArmIndex arm : context.own) own |= ArmSet::of(arm);
   std::vector<std::size_t> first;  // body of each arm, then of the obstacles
-  for (ArmIndex arm = 0; arm < surroundings.arms.size(); ++arm) {
+  for (ArmIndex arm = 0; arm < context.arms.size(); ++arm) {
     first.push_back(bodies_.size());
-    const ArmModel& model = *surroundings.arms[arm];
+    const ArmModel& model = *context.arms[arm];
     for (const auto& part : model.collision_shapes()) {
       add(arm, part.joint, part.shape, part.joint < 0 ? model.X_WB() * part.X_JS : part.X_JS);
     }
   }
   first.push_back(bodies_.size());
-  for (const auto& obstacle : surroundings.obstacles) add(kNoArm, -1, obstacle.shape, obstacle.X_WO);
+  for (const auto& obstacle : context.obstacles) add(kNoArm, -1, obstacle.shape, obstacle.X_WO);
   if (bodies_.size() > std::numeric_limits<std::uint16_t>::max()) {
-    throw std::invalid_argument("collision avoidance counts at most 65535 shapes, the scene has " +
+    throw std::invalid_argument("collision avoidance supports at most 65535 shapes; the scene has " +
                                 std::to_string(bodies_.size()));
   }
 
@@ -31,20 +31,20 @@ CollisionPairs::CollisionPairs(const Surroundings& surroundings) {
     pairs_.push_back({static_cast<std::uint16_t>(a), static_cast<std::uint16_t>(b)});
     used[a] = used[b] = true;
   };
-  for (ArmIndex arm = 0; arm < surroundings.arms.size(); ++arm) {
+  for (ArmIndex arm = 0; arm < context.arms.size(); ++arm) {
     if (!own.contains(arm)) continue;
-    for (const auto& [a, b] : surroundings.arms[arm]->self_pairs()) pair(first[arm] + a, first[arm] + b);
-    for (ArmIndex other = 0; other < surroundings.arms.size(); ++other) {
-      if (other == arm || (own.contains(other) && other < arm)) continue;  // two own arms: once
+    for (const auto& [a, b] : context.arms[arm]->self_pairs()) pair(first[arm] + a, first[arm] + b);
+    for (ArmIndex other = 0; other < context.arms.size(); ++other) {
+      if (other == arm || (own.contains(other) && other < arm)) continue;  // count a pair of own arms once
       for (std::size_t a = first[arm]; a < first[arm + 1]; ++a) {
         for (std::size_t b = first[other]; b < first[other + 1]; ++b) {
-          // What the own arm cannot move is the other owner's business.
+          // The own arm cannot move this shape; the feature of the other arm handles the pair.
           const bool helps = bodies_[a].joint >= 0 || (own.contains(other) && bodies_[b].joint >= 0);
           if (helps) pair(a, b);
         }
       }
     }
-    const auto& parts = surroundings.arms[arm]->collision_shapes();
+    const auto& parts = context.arms[arm]->collision_shapes();
     for (std::size_t k = 0; k < parts.size(); ++k) {
       if (!parts[k].scene || parts[k].joint < 0) continue;
       for (std::size_t b = first.back(); b < bodies_.size(); ++b) pair(first[arm] + k, b);
@@ -63,7 +63,7 @@ void CollisionPairs::add(ArmIndex arm, int joint, const ConvexShape& shape, cons
   body.X_JS = X_JS;
   body.is_segment = shape.kind == Kind::capsule || shape.kind == Kind::sphere;
   body.half_space = shape.kind == Kind::half_space;
-  if (body.is_segment) {  // in the joint's frame at once: one transform less per cycle
+  if (body.is_segment) {  // store in the joint's frame, which saves a transform per cycle
     body.shape.p0 = X_JS * shape.p0;
     body.shape.p1 = X_JS * shape.p1;
     body.X_JS = {};
@@ -71,7 +71,7 @@ void CollisionPairs::add(ArmIndex arm, int joint, const ConvexShape& shape, cons
   body.sphere = bounding_sphere(body.shape);
   bodies_.push_back(body);
   spheres_.push_back({});
-  place(bodies_.size() - 1, Pose{});  // for good, if it does not move
+  place(bodies_.size() - 1, Pose{});  // final, if the body is fixed
 }
 
 void CollisionPairs::place(std::size_t i, const Pose& X_WJ) {
@@ -81,7 +81,7 @@ void CollisionPairs::place(std::size_t i, const Pose& X_WJ) {
   if (body.is_segment) {
     body.p0 = X_WJ * body.shape.p0;
     body.p1 = X_WJ * body.shape.p1;
-    sphere.centre = 0.5 * (body.p0 + body.p1);
+    sphere.center = 0.5 * (body.p0 + body.p1);
     body.X_WS = X_WJ;
     return;
   }
@@ -89,7 +89,7 @@ void CollisionPairs::place(std::size_t i, const Pose& X_WJ) {
   if (body.half_space) {
     sphere = {body.X_WS.rotation.col(2), -1, body.X_WS.rotation.col(2).dot(body.X_WS.position)};
   } else {
-    sphere.centre = body.X_WS * body.sphere.centre;
+    sphere.center = body.X_WS * body.sphere.center;
   }
 }
 

@@ -10,9 +10,9 @@
 
 namespace multipanda {
 
-// Every pair of shapes that concerns some arms of a scene (`own`), and how near its two shapes are:
+// The pairs of shapes that concern some arms of a scene (`own`), and their distances:
 //   - an own arm with itself: the pairs that its model names (ArmModel::self_pairs),
-//   - an own arm with any other arm, whoever owns that one: all but what cannot move on both sides,
+//   - an own arm with any other arm, of any owner: all pairs in which either shape can move,
 //   - an own arm's moving shapes with the obstacles.
 // Shapes are placed in the world once per cycle. Built before the loop; nothing allocates afterwards.
 class CollisionPairs {
@@ -21,9 +21,9 @@ class CollisionPairs {
   // A shape of an arm, or an obstacle.
   struct Body {
     ArmIndex arm = kNoArm;
-    int joint = -1;  // the body behind this joint carries it; -1: it does not move
+    int joint = -1;  // joint that moves it; -1: fixed
     ConvexShape shape;
-    Pose X_JS;                // in that joint's frame, of what does not move in the world; segments: identity
+    Pose X_JS;                // in the frame of that joint, or in the world if fixed; segments: identity
     BoundingSphere sphere;    // in the shape's frame
     bool is_segment = false;  // sphere or capsule
     bool half_space = false;
@@ -34,28 +34,28 @@ class CollisionPairs {
     std::uint16_t a = 0, b = 0;  // bodies
   };
 
-  // Throws std::invalid_argument if there are more shapes than it can count.
-  explicit CollisionPairs(const Surroundings& surroundings);
+  // Throws std::invalid_argument if there are more than 65535 shapes.
+  explicit CollisionPairs(const FeatureContext& context);
 
   std::size_t size() const { return pairs_.size(); }
   const Pair& pair(std::size_t i) const { return pairs_[i]; }
   const Body& body(std::size_t i) const { return bodies_[i]; }
 
-  // Takes the arms' poses of this cycle.
+  // Updates the poses of all shapes for this cycle.
   void place(std::span<OwnedArm> scene_arms);
-  // Not more than the pair's distance, at little cost: what is left between bounding spheres.
+  // A lower bound of the distance, from the bounding spheres.
   double at_least(std::size_t i) const {
     const Sphere &a = spheres_[pairs_[i].a], &b = spheres_[pairs_[i].b];
-    if (b.radius >= 0) return (a.centre - b.centre).norm() - a.radius - b.radius;
-    return b.centre.dot(a.centre) - b.offset - a.radius;
+    if (b.radius >= 0) return (a.center - b.center).norm() - a.radius - b.radius;
+    return b.center.dot(a.center) - b.offset - a.radius;
   }
   // Distance and closest points, in the world.
   Closest closest(std::size_t i) const;
 
  private:
-  // Bounding sphere in the world. Of a half space: radius -1, its normal as the centre.
+  // Bounding sphere in the world. For a half space: radius -1, and its normal as the center.
   struct Sphere {
-    Vector3 centre = Vector3::Zero();
+    Vector3 center = Vector3::Zero();
     double radius = 0;
     double offset = 0;  // half space: normal . p for the points of its plane
   };

@@ -2,6 +2,7 @@
 
 #include <memory>
 #include <string_view>
+#include <type_traits>
 
 #include "core/controllets/controllet.hpp"
 #include "core/geometry/obstacle.hpp"
@@ -9,31 +10,43 @@
 
 namespace multipanda {
 
-// Something that adds torque to whatever controllet owns the arms: collision avoidance, joint-limit
-// repulsion, ... One object per controllet instance and feature, built before the loop, switched on and off
-// at cycle boundaries. Same rules and thread as a Controllet; its context has its own parameters and outputs
-// and no inputs, and arms[i].tau holds what the features before it added: add to it.
+// Adds torque to the controllet that owns the arms: collision avoidance, joint-limit repulsion, ... There is
+// one object per controllet instance and feature, built before the loop and switched on and off at cycle
+// boundaries. Rules and thread are those of a Controllet. Its context has its own parameters and outputs and
+// no inputs. arms[i].tau holds the torque of the features before it: add to it.
 class Feature {
  public:
   virtual ~Feature() = default;
-  // Why start() refuses whatever the state is, in words for people; empty: nothing speaks against it. Known
-  // since the feature was built; any thread.
+  // Human-readable reason why start() refuses in any state; empty if it does not. Fixed by the constructor;
+  // any thread.
   virtual std::string_view refusal() const { return {}; }
   virtual LawResult start(ControlContext& context) = 0;   // in the cycle it is switched on
   virtual LawResult update(ControlContext& context) = 0;  // arms[i].tau += ...
 };
 
-// What a feature's factory gets: where it will live. Valid during the call; copy what you keep.
-struct Surroundings {
+// Argument of a feature's factory. Valid during the call only; copy what the feature keeps.
+struct FeatureContext {
   ArmModels arms;                       // of the whole scene
-  std::span<const ArmIndex> own;        // which of them context.arms are, in that order
-  std::span<const Obstacle> obstacles;  // what stands fixed in the world
-  ArmSet friction_compensated;          // arms whose backend compensates joint friction itself
+  std::span<const ArmIndex> own;        // indices of context.arms, in that order
+  std::span<const Obstacle> obstacles;  // fixed objects in the world
+  ArmSet friction_compensated;          // arms whose backend has no joint friction or compensates it
 };
 
 struct FeatureType {
-  Statement statement;  // `arms` is ignored: a feature serves any number
-  std::unique_ptr<Feature> (*create)(const Surroundings& surroundings) = nullptr;
+  ControlletDescriptor descriptor;  // `arms` is ignored: a feature serves any number
+  std::unique_ptr<Feature> (*create)(const FeatureContext& context) = nullptr;
 };
+
+// The type of a class with a static descriptor(). Its constructor takes the FeatureContext, or nothing.
+template <typename Law>
+FeatureType feature_type() {
+  return {Law::descriptor(), [](const FeatureContext& context) -> std::unique_ptr<Feature> {
+            if constexpr (std::is_constructible_v<Law, const FeatureContext&>) {
+              return std::make_unique<Law>(context);
+            } else {
+              return std::make_unique<Law>();
+            }
+          }};
+}
 
 }  // namespace multipanda

@@ -7,21 +7,38 @@
 namespace multipanda {
 namespace {
 
-enum Parameter : std::size_t { kGain, kFade };
-enum Output : std::size_t { kLargest, kPower };
-
 class FrictionCompensation final : public Feature {
  public:
-  explicit FrictionCompensation(const Surroundings& surroundings) {
-    for (const ArmIndex arm : surroundings.own) {
-      const ArmModel& model = *surroundings.arms[arm];
-      if (surroundings.friction_compensated.contains(arm)) {
+  static ControlletDescriptor descriptor() {
+    return {.type = "friction_compensation",
+            .doc = "Compensates the known joint friction of each arm, in the direction of motion.",
+            .parameters = spec_table<kParameterCount>(
+                parameter_at<kGain>({.name = "gain",
+                                     .initial = {0.8},
+                                     .max = 1,
+                                     .doc = "k: fraction of the known friction that is compensated."}),
+                parameter_at<kFade>(
+                    {.name = "fade_rad_per_s",
+                     .unit = "rad/s",
+                     .initial = {0.01},
+                     .max = 0.5,
+                     .doc = "v_0: joint velocity at which half of the compensation acts; none acts at "
+                            "rest."})),
+            .outputs = spec_table<kOutputCount>(
+                output_at<kLargest>("largest_torque_nm", "Largest joint torque of this cycle [N m]."),
+                output_at<kPower>("power_w", "Power of the compensation into the arms [W]."))};
+  }
+
+  explicit FrictionCompensation(const FeatureContext& context) {
+    for (const ArmIndex arm : context.own) {
+      const ArmModel& model = *context.arms[arm];
+      if (context.friction_compensated.contains(arm)) {
         refusal_ =
             "arm '" + model.name() +
-            "' meets no joint friction in this backend, or compensates it itself: leave the feature out";
+            "' has no joint friction in this backend, or the backend compensates it: remove the feature";
       } else if (!model.known_friction()) {
-        refusal_ = "nothing is known of the joint friction of arm '" + model.name() +
-                   "': give its scene entry 'known_friction: model', or leave the feature out";
+        refusal_ = "the joint friction of arm '" + model.name() +
+                   "' is unknown: add 'known_friction: model' to its scene entry, or remove the feature";
       } else {
         Table table{*model.known_friction(), model.known_friction()->p1};
         for (Eigen::Index i = 0; i < table.at_rest.size(); ++i) {
@@ -60,6 +77,9 @@ class FrictionCompensation final : public Feature {
   }
 
  private:
+  enum Parameter : std::size_t { kGain, kFade, kParameterCount };
+  enum Output : std::size_t { kLargest, kPower, kOutputCount };
+
   static double sigmoid(double x) { return 1 / (1 + std::exp(-x)); }
 
   struct Table {
@@ -72,24 +92,6 @@ class FrictionCompensation final : public Feature {
 
 }  // namespace
 
-FeatureType friction_compensation_feature() {
-  return {
-      {.type = "friction_compensation",
-       .doc = "Adds the joints' friction as far as it is known of the arm, in the direction of motion.",
-       .inputs = {},
-       .parameters = {{"gain", "", 1, {0.8}, 0, 1, "k: share of the known friction that is compensated."},
-                      {"fade_rad_per_s",
-                       "rad/s",
-                       1,
-                       {0.01},
-                       0,
-                       0.5,
-                       "v_0: at this velocity of a joint half of its compensation acts, at rest nothing."}},
-       .outputs = {{"largest_torque_nm", 1, "Largest torque of a joint in this cycle [N m]."},
-                   {"power_w", 1, "What the compensation puts into the arms [W]."}}},
-      [](const Surroundings& surroundings) -> std::unique_ptr<Feature> {
-        return std::make_unique<FrictionCompensation>(surroundings);
-      }};
-}
+FeatureType friction_compensation_feature() { return feature_type<FrictionCompensation>(); }
 
 }  // namespace multipanda

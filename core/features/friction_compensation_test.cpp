@@ -4,10 +4,10 @@
 
 #include <gtest/gtest.h>
 
-#include "core/test_support/controllet_rig.hpp"
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/controllet_rig.hpp"
+#include "core/testing/test_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::friction_compensation_test {
 namespace {
 
 using namespace test;
@@ -29,7 +29,7 @@ std::shared_ptr<const ArmModel> arm(bool known, const std::string& name = "test"
   return std::make_shared<const ArmModel>(std::move(source));
 }
 
-// The maker's form of the law, written with tanh: 1 / (1 + exp(-x)) = (1 + tanh(x / 2)) / 2.
+// Franka's form of the law, written with tanh: 1 / (1 + exp(-x)) = (1 + tanh(x / 2)) / 2.
 double friction(const JointFrictionTable& t, Eigen::Index i, double dq) {
   return 0.5 * t.p1[i] * (std::tanh(0.5 * t.p2[i] * (dq + t.p3[i])) - std::tanh(0.5 * t.p2[i] * t.p3[i]));
 }
@@ -50,7 +50,7 @@ TEST(FrictionCompensation, AddsItsShareOfTheKnownFrictionAndFadesAtRest) {
       const double true_one = friction(table, i, dq[i]);
       const double share = 0.7 / (1 + 0.02 * 0.02 / (dq[i] * dq[i]));
       EXPECT_NEAR(rig.tau(0)[i], share * true_one, 1e-12);
-      // In phase with the friction and never more than it: the two together take power.
+      // In phase with the friction and never larger: both together dissipate power.
       EXPECT_GE(rig.tau(0)[i] * dq[i], 0);
       EXPECT_LE(std::abs(rig.tau(0)[i]), std::abs(true_one) + 1e-15);
       power += rig.tau(0)[i] * dq[i];
@@ -63,7 +63,7 @@ TEST(FrictionCompensation, AddsItsShareOfTheKnownFrictionAndFadesAtRest) {
   EXPECT_EQ(rig.tau(0).norm(), 0);
 }
 
-// Velocity noise about rest gives no torque worth mentioning, so nothing chatters: at a tenth of the fade the
+// Velocity noise about rest gives negligible torque, so there is no chatter: at a tenth of the fade the
 // slope is a hundredth of what the table alone has.
 TEST(FrictionCompensation, IsFlatAtRest) {
   const JointFrictionTable table = some_table(7);
@@ -97,4 +97,4 @@ TEST(FrictionCompensation, IsRefusedWithItsReason) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::friction_compensation_test

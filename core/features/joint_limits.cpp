@@ -3,11 +3,32 @@
 namespace multipanda {
 namespace {
 
-enum Parameter : std::size_t { kRange, kStiffness, kDamping };
-enum Output : std::size_t { kLargest };
-
 class JointLimits final : public Feature {
  public:
+  static ControlletDescriptor descriptor() {
+    return {.type = "joint_limits",
+            .doc = "Pushes every joint softly back from its position limits, within a given range of them.",
+            .parameters = spec_table<kParameterCount>(
+                parameter_at<kRange>({.name = "range_rad",
+                                      .unit = "rad",
+                                      .initial = {0.1},
+                                      .min = 0.01,
+                                      .max = 0.5,
+                                      .doc = "Distance from a limit at which the repulsion begins."}),
+                parameter_at<kStiffness>({.name = "stiffness_nm_per_rad",
+                                          .unit = "N m/rad",
+                                          .initial = {40.0},
+                                          .max = 300,
+                                          .doc = "Slope of the repulsion within the range."}),
+                parameter_at<kDamping>({.name = "damping_nms_per_rad",
+                                        .unit = "N m s/rad",
+                                        .initial = {2.0},
+                                        .max = 20,
+                                        .doc = "Damping of outward motion at the limit."})),
+            .outputs = spec_table<kOutputCount>(
+                output_at<kLargest>("largest_torque_nm", "Largest repulsive torque of this cycle [N m]."))};
+  }
+
   LawResult start(ControlContext&) override { return LawResult::ok; }
 
   LawResult update(ControlContext& context) override {
@@ -31,33 +52,14 @@ class JointLimits final : public Feature {
     context.outputs[kLargest] = largest;
     return LawResult::ok;
   }
+
+ private:
+  enum Parameter : std::size_t { kRange, kStiffness, kDamping, kParameterCount };
+  enum Output : std::size_t { kLargest, kOutputCount };
 };
 
 }  // namespace
 
-FeatureType joint_limits_feature() {
-  return {
-      {.type = "joint_limits",
-       .doc = "Pushes every joint back from its position limits, softly from a given range on.",
-       .inputs = {},
-       .parameters =
-           {{"range_rad", "rad", 1, {0.1}, 0.01, 0.5, "Distance from a limit at which the repulsion begins."},
-            {"stiffness_nm_per_rad",
-             "N m/rad",
-             1,
-             {40.0},
-             0,
-             300,
-             "Slope of the repulsion inside the range."},
-            {"damping_nms_per_rad",
-             "N m s/rad",
-             1,
-             {2.0},
-             0,
-             20,
-             "Damping of outward motion, at the limit."}},
-       .outputs = {{"largest_torque_nm", 1, "Largest repulsive torque of this cycle [N m]."}}},
-      [](const Surroundings&) -> std::unique_ptr<Feature> { return std::make_unique<JointLimits>(); }};
-}
+FeatureType joint_limits_feature() { return feature_type<JointLimits>(); }
 
 }  // namespace multipanda

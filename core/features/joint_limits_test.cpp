@@ -2,10 +2,10 @@
 
 #include <gtest/gtest.h>
 
-#include "core/test_support/controllet_rig.hpp"
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/controllet_rig.hpp"
+#include "core/testing/test_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::joint_limits_test {
 namespace {
 
 using namespace test;
@@ -66,4 +66,4 @@ TEST(JointLimits, DampsOutwardMotionOnlyAndAddsToWhatIsThere) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::joint_limits_test

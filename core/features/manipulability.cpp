@@ -6,13 +6,35 @@
 namespace multipanda {
 namespace {
 
-enum Parameter : std::size_t { kGain, kThreshold, kDamping };
-enum Output : std::size_t { kSmallest, kPotential, kLargest };
-
-constexpr double kFade = 0.1;  // share of m_0 beyond it over which the damping fades
-
 class ManipulabilityFeature final : public Feature {
  public:
+  static ControlletDescriptor descriptor() {
+    return {
+        .type = "manipulability",
+        .doc = "Pushes arms softly away from singular poses, below a given manipulability.",
+        .parameters = spec_table<kParameterCount>(
+            parameter_at<kGain>({.name = "gain_nm",
+                                 .unit = "N m",
+                                 .initial = {10},
+                                 .max = 200,
+                                 .doc = "Gain k_m of the potential k_m (m - m_0)^2."}),
+            parameter_at<kThreshold>({.name = "threshold",
+                                      .initial = {0.1},
+                                      .min = 0.001,
+                                      .max = 1,
+                                      .doc = "m_0: manipulability below which the arm is pushed."}),
+            parameter_at<kDamping>({.name = "damping_nms_per_rad",
+                                    .unit = "N m s/rad",
+                                    .initial = {0.05},
+                                    .max = 2,
+                                    .doc = "Damping d of self-motions where the arm is pushed; 0 uses the "
+                                           "potential alone."})),
+        .outputs = spec_table<kOutputCount>(
+            output_at<kSmallest>("manipulability", "Smallest m of the arms."),
+            output_at<kPotential>("potential_j", "Potential V, summed over the arms [J]."),
+            output_at<kLargest>("largest_torque_nm", "Largest joint torque of this cycle [N m]."))};
+  }
+
   LawResult start(ControlContext&) override { return LawResult::ok; }
 
   LawResult update(ControlContext& context) override {
@@ -37,29 +59,15 @@ class ManipulabilityFeature final : public Feature {
     context.outputs[kLargest] = largest;
     return LawResult::ok;
   }
+
+ private:
+  enum Parameter : std::size_t { kGain, kThreshold, kDamping, kParameterCount };
+  enum Output : std::size_t { kSmallest, kPotential, kLargest, kOutputCount };
+  static constexpr double kFade = 0.1;  // fraction of m_0 above it over which the damping fades
 };
 
 }  // namespace
 
-FeatureType manipulability_feature() {
-  return {{.type = "manipulability",
-           .doc = "Pushes arms away from singular poses, softly from a given manipulability down.",
-           .inputs = {},
-           .parameters = {{"gain_nm", "N m", 1, {10}, 0, 200, "k_m: of the potential k_m (m - m_0)^2."},
-                          {"threshold", "", 1, {0.1}, 0.001, 1, "m_0: the push begins below it."},
-                          {"damping_nms_per_rad",
-                           "N m s/rad",
-                           1,
-                           {0.05},
-                           0,
-                           2,
-                           "d: of self-motions, where the push acts; 0: the potential alone."}},
-           .outputs = {{"manipulability", 1, "Smallest m of the arms."},
-                       {"potential_j", 1, "V, summed over the arms [J]."},
-                       {"largest_torque_nm", 1, "Largest torque of a joint in this cycle [N m]."}}},
-          [](const Surroundings&) -> std::unique_ptr<Feature> {
-            return std::make_unique<ManipulabilityFeature>();
-          }};
-}
+FeatureType manipulability_feature() { return feature_type<ManipulabilityFeature>(); }
 
 }  // namespace multipanda

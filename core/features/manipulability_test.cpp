@@ -3,28 +3,22 @@
 #include <cmath>
 #include <numbers>
 
-#include <Eigen/LU>
-#include <Eigen/SVD>
 #include <gtest/gtest.h>
 
 #include "core/controllets/cartesian_impedance.hpp"
-#include "core/test_support/controllet_rig.hpp"
-#include "core/test_support/plain_arm.hpp"
+#include "core/testing/controllet_rig.hpp"
+#include "core/testing/dense_algebra.hpp"
+#include "core/testing/plain_arm.hpp"
 #include "models/arm_source.hpp"
 
-namespace multipanda {
+namespace multipanda::manipulability_test {
 namespace {
 
 using namespace test;
 using Eigen::MatrixXd;
 
 // m from the singular values of a Jacobian, which no code under test computes.
-double volume(const MatrixXd& J) {
-  const Eigen::JacobiSVD<MatrixXd> svd(J);
-  double m = 1;
-  for (Eigen::Index i = 0; i < 6; ++i) m *= svd.singularValues()[i];
-  return m;
-}
+double volume(const MatrixXd& J) { return singular_values(J).prod(); }
 
 std::shared_ptr<const ArmModel> panda(const Pose& X_WB = {}) {
   return std::make_shared<const ArmModel>(arm_model_source(load_robot("fer"), X_WB, false));
@@ -95,7 +89,7 @@ TEST(Manipulability, TorqueIsTheGradientOfItsPotential) {
   EXPECT_TRUE(below && above);
 }
 
-// Damping takes energy, moves no hand, and is gone where the push is.
+// Damping dissipates energy, does not move the hand, and vanishes with the push.
 TEST(Manipulability, DampingActsOnSelfMotionsOnly) {
   Draw draw(13);
   const auto model = TestArm::make().model(draw.pose(0.3));
@@ -114,7 +108,7 @@ TEST(Manipulability, DampingActsOnSelfMotionsOnly) {
       }
       const JointVector damping = with.tau(0) - without.tau(0);
       const MatrixXd J = with.terms(0).J_V_WE();
-      const Eigen::VectorXd null = Eigen::FullPivLU<MatrixXd>(J).kernel().col(0).normalized();
+      const Eigen::VectorXd null = null_direction(J);
       const Eigen::VectorXd expected = threshold > 0.5 ? Eigen::VectorXd(-2 * null * null.dot(dq)) : 0 * null;
       EXPECT_NEAR((damping - expected).norm(), 0, 1e-6);
       taken += damping.dot(dq);
@@ -124,7 +118,7 @@ TEST(Manipulability, DampingActsOnSelfMotionsOnly) {
   }
 }
 
-// The law bounds itself: m falls to zero at a singular pose, its slope does not grow.
+// The law is bounded: m falls to zero at a singular pose, but its slope does not grow.
 TEST(Manipulability, IsFiniteAndBoundedAtSingularPoses) {
   Draw draw(14);
   const auto model = panda();
@@ -132,7 +126,7 @@ TEST(Manipulability, IsFiniteAndBoundedAtSingularPoses) {
   ModelTerms terms(model);
   int singular = 0;
   for (int trial = 0; trial < 500; ++trial) {
-    // Down the slope of m to where it is zero, as far as numbers go; then somewhere near.
+    // Along the slope of m to where it is zero within rounding; then to a nearby point.
     JointVector q = within_limits(*model, draw);
     for (int k = 0; k < 50; ++k) {
       terms.update(q, joint_constant(7, 0));
@@ -175,24 +169,23 @@ TEST(Manipulability, FiguresOfAPanda) {
 }
 
 // The self-motion manifold of a pose of E, traced from q in one direction: steps along the kernel of J, each
-// pulled back onto the pose. Largest m up to the first fall of more than `drop` below it.
+// corrected back to the pose. Largest m up to the first fall of more than `drop` below it.
 double best_along(ModelTerms& terms, const JointVector& start, double direction, double drop) {
   const JointVector still = joint_constant(7, 0);
   JointVector q = start;
   terms.update(q, still);
   const Pose X = terms.X_WE();
-  Eigen::VectorXd before =
-      Eigen::FullPivLU<MatrixXd>(terms.J_V_WE()).kernel().col(0).normalized() * direction;
+  Eigen::VectorXd before = null_direction(terms.J_V_WE()) * direction;
   double best = terms.manipulability();
   for (int k = 0; k < 2000; ++k) {
-    Eigen::VectorXd null = Eigen::JacobiSVD<MatrixXd>(terms.J_V_WE(), Eigen::ComputeFullV).matrixV().col(6);
+    Eigen::VectorXd null = null_direction(terms.J_V_WE());
     if (null.dot(before) < 0) null = -null;
     before = null;
     q += 0.005 * null;
     for (int pull = 0; pull < 3; ++pull) {
       terms.update(q, still);
       const MatrixXd J = terms.J_V_WE();
-      q += J.transpose() * (J * J.transpose()).inverse() * pose_error(X, terms.X_WE());
+      q += J.transpose() * (inverse(J * J.transpose()) * pose_error(X, terms.X_WE()));
     }
     terms.update(q, still);
     best = std::max(best, terms.manipulability());
@@ -223,7 +216,7 @@ double settled(const std::shared_ptr<const ArmModel>& model, const JointVector& 
   return arm.terms(0).manipulability();
 }
 
-// The elbow goes where m is m_0, or as large as the pose of the hand allows.
+// The elbow moves to where m is m_0, or as large as the pose of the hand allows.
 TEST(Manipulability, RisesToTheThresholdOrToItsMaximumOnTheSelfMotionManifold) {
   Draw draw(16);
   const auto model = panda(draw.pose(0.4));
@@ -239,7 +232,7 @@ TEST(Manipulability, RisesToTheThresholdOrToItsMaximumOnTheSelfMotionManifold) {
     if (best > 0.1 || m_start > 0.93 * best) continue;
     ++tried;
     EXPECT_NEAR(settled(model, q, 0.1, 10), best, 0.01 * best) << "from " << m_start;
-    // A push this near to its threshold is weak: 20 times the gain, or it takes an hour.
+    // A push so near to its threshold is weak: 20 times the gain keeps the test short.
     const double threshold = 0.5 * (m_start + best);
     EXPECT_GE(settled(model, q, threshold, 200), 0.99 * threshold) << "from " << m_start;  // free beyond it
   }
@@ -247,4 +240,4 @@ TEST(Manipulability, RisesToTheThresholdOrToItsMaximumOnTheSelfMotionManifold) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::manipulability_test

@@ -10,7 +10,7 @@ namespace {
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kTouching = 1e-10;  // cores nearer than this overlap [m]
 
-// A point of the difference A - B, and the points of A and B that it comes from.
+// A point of the Minkowski difference A - B, with its points of A and B.
 struct Vertex {
   Vector3 w, a, b;
 };
@@ -81,8 +81,8 @@ Nearest on_segment(const Simplex& s, std::size_t i, std::size_t j) {
   return n;
 }
 
-// Inside the triangle if the origin's foot has three positive areas, else on one of the edges. Slivers have
-// no area to speak of: their edges are enough.
+// Inside the triangle if the projection of the origin has three positive areas, otherwise on an edge. For
+// slivers, whose area is close to zero, the edges suffice.
 Nearest on_triangle(const Simplex& s, std::size_t i, std::size_t j, std::size_t k) {
   const Vector3 &p = s.vertex[i].w, &q = s.vertex[j].w, &r = s.vertex[k].w;
   const Vector3 normal = (q - p).cross(r - p);
@@ -95,7 +95,7 @@ Nearest on_triangle(const Simplex& s, std::size_t i, std::size_t j, std::size_t 
       n.weight[i] = at_p / sum;
       n.weight[j] = at_q / sum;
       n.weight[k] = at_r / sum;
-      // Along the normal, which is exact even where the weights are not.
+      // Along the normal, which is exact even if the weights are not.
       n.v = normal * (normal.dot(p) / area);
       n.square = n.v.squaredNorm();
       return n;
@@ -151,7 +151,7 @@ Vector3 across(const Vector3& a) {
   return a.cross(axis).normalized();
 }
 
-// Adds support points until the simplex has volume. False: the difference is flat; `normal` says how it lies.
+// Adds support points until the simplex has volume. False: the difference is flat, with this `normal`.
 bool raise_to_volume(const Difference& difference, Simplex& s, Vector3& normal) {
   constexpr double kFlat = 1e-9;  // [m]
   const auto add = [&](const Vector3& direction, auto&& apart) {
@@ -193,14 +193,14 @@ class Polytope {
   explicit Polytope(const Simplex& s) {
     for (std::size_t i = 0; i < 4; ++i) vertex_[i] = s.vertex[i];
     vertex_count_ = 4;
-    centre_ = 0.25 * (vertex_[0].w + vertex_[1].w + vertex_[2].w + vertex_[3].w);
+    center_ = 0.25 * (vertex_[0].w + vertex_[1].w + vertex_[2].w + vertex_[3].w);
     add_face(0, 1, 2);
     add_face(0, 1, 3);
     add_face(0, 2, 3);
     add_face(1, 2, 3);
   }
 
-  // The difference's boundary point nearest to the origin, which lies inside.
+  // The boundary point of the difference nearest to the origin, which lies inside.
   Closest way_out(const Difference& difference) {
     constexpr double kProgress = 1e-9;  // [m]
     Face best = nearest_face();
@@ -227,7 +227,7 @@ class Polytope {
     Index from, to;
   };
 
-  // Turned outwards by a point that is always inside.
+  // Orients the face outwards, using a point that is always inside.
   void add_face(Index i, Index j, Index k) {
     if (face_count_ == kFaces) return;
     Face face{{i, j, k}};
@@ -236,12 +236,12 @@ class Polytope {
     const double area = normal.norm();
     if (area > 0) {
       face.normal = normal / area;
-      if (face.normal.dot(p - centre_) < 0) {
+      if (face.normal.dot(p - center_) < 0) {
         face.normal = -face.normal;
         std::swap(face.v[1], face.v[2]);
       }
       face.offset = face.normal.dot(p);
-    }  // else: a sliver that is never the nearest
+    }  // otherwise a sliver, which is never the nearest face
     face_[face_count_++] = face;
   }
 
@@ -253,7 +253,7 @@ class Polytope {
     return best;
   }
 
-  // Replaces the faces that see the new vertex by faces from their rim to it.
+  // Replaces the faces that are visible from the new vertex by faces from their rim to it.
   bool expand(const Vertex& vertex) {
     std::array<Edge, 3 * kFaces> rim;
     std::size_t rim_size = 0, kept = 0;
@@ -282,7 +282,7 @@ class Polytope {
     return true;
   }
 
-  // A flat side of the difference is several triangles of one plane: the nearest point is in one of them.
+  // A flat side of the difference has several coplanar triangles; the nearest point is in one of them.
   Closest result(const Face& best) const {
     Simplex nearest_triangle;
     Nearest nearest;
@@ -302,14 +302,15 @@ class Polytope {
       closest.p_A += nearest.weight[k] * nearest_triangle.vertex[k].a;
       closest.p_B += nearest.weight[k] * nearest_triangle.vertex[k].b;
     }
-    closest.normal = -best.normal;  // A's deepest point lies along the face's normal: A leaves the other way
+    closest.normal =
+        -best.normal;  // A's deepest point lies along the normal of the face, so A moves the other way
     return closest;
   }
 
   std::array<Vertex, kVertices> vertex_;
   std::array<Face, kFaces> face_;
   std::size_t vertex_count_ = 0, face_count_ = 0;
-  Vector3 centre_ = Vector3::Zero();
+  Vector3 center_ = Vector3::Zero();
 };
 
 Closest overlap(const Difference& difference, Simplex s) {
@@ -343,7 +344,7 @@ Closest closest_cores(const ConvexShape& A, const ConvexShape& B, const Pose& X_
     larger.vertex[larger.size++] = next;
     Nearest better = nearest_to_origin(larger);
     if (better.square == 0 && larger.size == 4) return overlap(difference, larger);
-    if (better.square >= nearest.square) break;  // the limit of rounding
+    if (better.square >= nearest.square) break;  // rounding limit reached
     larger.keep(better);
     s = larger;
     nearest = better;

@@ -12,15 +12,16 @@ using Kind = ConvexShape::Kind;
 
 double to_unit(double t) { return std::clamp(t, 0.0, 1.0); }
 
-// Some direction perpendicular to `a`.
-Vector3 across(const Vector3& a) {
+// A direction perpendicular to `a`.
+Vector3 unit_across(const Vector3& a) {
   const Vector3 axis = std::abs(a.x()) < 0.6 * a.norm() ? Vector3(1, 0, 0) : Vector3(0, 1, 0);
   const Vector3 c = a.cross(axis);
   const double length = c.norm();
   return length > 0 ? Vector3(c / length) : Vector3(0, 0, 1);
 }
 
-// Bodies around cores whose closest points are a and b, `apart` from each other along `normal` (from b to a).
+// Closest points of bodies whose cores have the closest points a and b, at distance `apart` along `normal`
+// (from b to a).
 Closest swept(const Vector3& a, const Vector3& b, double apart, const Vector3& normal, double radius_a,
               double radius_b) {
   return {apart - radius_a - radius_b, a - radius_a * normal, b + radius_b * normal, normal};
@@ -42,8 +43,8 @@ Closest mirrored(const Closest& c) { return {c.distance, c.p_B, c.p_A, -c.normal
 
 }  // namespace
 
-// Minimises |a0 + s u - b0 - t v|^2 over the unit square: the free minimum in s, clamped; the best t for it;
-// where that is clamped, the best s again.
+// Minimizes |a0 + s u - b0 - t v|^2 over the unit square: takes the unconstrained minimum in s, clamped, and
+// the best t for it; if t is clamped, the best s for that.
 Closest closest_capsules(const Vector3& a0, const Vector3& a1, double radius_a, const Vector3& b0,
                          const Vector3& b1, double radius_b) {
   const Vector3 u = a1 - a0, v = b1 - b0, w = a0 - b0;
@@ -61,8 +62,9 @@ Closest closest_capsules(const Vector3& a0, const Vector3& a1, double radius_a, 
       s = to_unit((uv * vw - vv * uw) / determinant);
       finish(s, t);
     } else {
-      // Nearly parallel: the quotient says little. Begin at the middle of what the two share, so that the
-      // pair does not jump from end to end, and take the quotient or an end where it is truly nearer.
+      // If the segments are nearly parallel, the quotient is inaccurate. Start at the middle of their
+      // overlap, so that the pair does not jump from end to end. Take the quotient or an end only if
+      // it is nearer.
       const double from = -uw / uu, to = (uv - uw) / uu;  // b0, b1 along A
       s = 0.5 * (to_unit(from) + to_unit(to));
       finish(s, t);
@@ -85,13 +87,13 @@ Closest closest_capsules(const Vector3& a0, const Vector3& a1, double radius_a, 
   }
   const Vector3 a = a0 + s * u, b = b0 + t * v, gap = a - b;
   const double apart = gap.norm();
-  // Cores that cross: away along their common perpendicular, on the side of the middles.
+  // If the cores cross, separate them along their common perpendicular, on the side of their midpoints.
   constexpr double kCrossing = 1e-12;  // [m]
   if (apart > kCrossing) return swept(a, b, apart, gap / apart, radius_a, radius_b);
   Vector3 normal = u.cross(v);
   const double length = normal.norm();
-  normal =
-      length > 1e-12 * std::sqrt(uu * vv) && length > 0 ? Vector3(normal / length) : across(uu > vv ? u : v);
+  normal = length > 1e-12 * std::sqrt(uu * vv) && length > 0 ? Vector3(normal / length)
+                                                             : unit_across(uu > vv ? u : v);
   if (normal.dot(w + 0.5 * (u - v)) < 0) normal = -normal;
   return swept(a, b, apart, normal, radius_a, radius_b);
 }
@@ -112,7 +114,7 @@ Closest closest_points(const ConvexShape& A, const Pose& X_WA, const ConvexShape
   if (is_segment(A) && is_segment(B)) {
     return closest_capsules(X_WA * A.p0, X_WA * A.p1, A.radius, X_WB * B.p0, X_WB * B.p1, B.radius);
   }
-  // In A's frame: one transform per support point instead of two.
+  // In A's frame, each support point needs one transform instead of two.
   const Closest cores = closest_cores(A, B, X_WA.inverse() * X_WB);
   return swept(X_WA * cores.p_A, X_WA * cores.p_B, cores.distance, X_WA.rotation * cores.normal, A.radius,
                B.radius);

@@ -6,9 +6,9 @@
 #include <coal/shape/geometric_shapes.h>
 #include <gtest/gtest.h>
 
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/test_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::distance_test {
 namespace {
 
 using test::Draw;
@@ -16,7 +16,7 @@ using Kind = ConvexShape::Kind;
 
 coal::Transform3s transform(const Pose& X) { return {X.rotation, X.position}; }
 
-// A capsule as coal has it: along z about its own centre.
+// A capsule in coal's convention: along z about its own center.
 struct CoalCapsule {
   CoalCapsule(const Vector3& p0, const Vector3& p1, double radius) : shape(radius, (p1 - p0).norm()) {
     X = {Quaternion::FromTwoVectors(Vector3::UnitZ(), p1 - p0).toRotationMatrix(), 0.5 * (p0 + p1)};
@@ -35,7 +35,7 @@ double coal_distance(const coal::ShapeBase& a, const Pose& X_A, const coal::Shap
   return coal::distance(&a, transform(X_A), &b, transform(X_B), request, result);
 }
 
-// What holds for every result, wherever it came from.
+// Properties of every result.
 void expect_consistent(const Closest& c) {
   EXPECT_NEAR(c.normal.norm(), 1, 1e-12);
   EXPECT_LT((c.p_A - c.p_B - c.distance * c.normal).norm(), 1e-8) << c.distance;
@@ -49,7 +49,7 @@ struct Segment {
 
 enum class Lie { anywhere, parallel, touching, far, collinear, crossing };
 
-// Two segments that lie to each other as named, then moved together by a random rigid motion.
+// Two segments in the named relative position, moved together by a random rigid motion.
 std::pair<Segment, Segment> segments(Draw& draw, Lie lie, double radii) {
   const Vector3 along = direction(draw) * draw.uniform(0.02, 0.4);
   Segment a{Vector3::Zero(), along}, b;
@@ -99,8 +99,8 @@ TEST(CapsuleDistance, AgreesWithCoal) {
       const CoalCapsule ca(a.p0, a.p1, ra), cb(b.p0, b.p1, rb);
       const Closest c = closest_capsules(a.p0, a.p1, ra, b.p0, b.p1, rb);
       expect_consistent(c);
-      // Coal's own closed form of two capsules; where its segments meet, it stops at the radii, as we do. For
-      // nearly parallel ones it may be a little above the truth; ours is attained by the points it names.
+      // Coal's own closed form of two capsules; where its segments meet, it stops at the radii, as this one
+      // does. For nearly parallel ones it may be slightly too large; this result is attained by its points.
       const double theirs = coal_distance(ca.shape, ca.X, cb.shape, cb.X);
       if (lie == Lie::parallel) {
         EXPECT_LE(c.distance, theirs + 1e-9) << trial;
@@ -138,7 +138,7 @@ TEST(CapsuleDistance, SegmentsThatArePointsOrCross) {
     const Closest c = closest_capsules(a.p0, a.p1, 0.03, b.p0, b.p1, 0.02);
     expect_consistent(c);
     EXPECT_NEAR(c.distance, -0.05, 1e-9);
-    // The way out is across both.
+    // The separation is perpendicular to both.
     EXPECT_NEAR(c.normal.dot((a.p1 - a.p0).normalized()), 0, 1e-6);
     EXPECT_NEAR(c.normal.dot((b.p1 - b.p0).normalized()), 0, 1e-6);
 
@@ -186,7 +186,7 @@ TEST(HalfSpace, DistanceIsThatOfTheLowestPoint) {
 struct Twin {
   ConvexShape ours;
   std::shared_ptr<coal::ShapeBase> theirs;
-  Pose X_SC;  // coal's frame in ours
+  Pose X_SC;  // coal's frame in the frame of `ours`
 };
 
 Twin draw_twin(Draw& draw) {
@@ -226,7 +226,7 @@ TEST(ConvexDistance, AgreesWithCoalNearFarAndTouching) {
     const Pose X_WA = draw.pose(spread);
     Pose X_WB = draw.pose(spread);
     Closest c = closest_points(a.ours, X_WA, b.ours, X_WB);
-    if (trial % 3 == 0) {  // bring them to a hair's breadth
+    if (trial % 3 == 0) {  // bring them very close together
       const double gap = std::array{1e-3, 1e-6, 1e-8}[draw.index(3)];
       X_WB.position += (c.distance - gap) * c.normal;
       c = closest_points(a.ours, X_WA, b.ours, X_WB);
@@ -261,8 +261,8 @@ TEST(ConvexDistance, NormalSeparatesByTheDistance) {
   }
 }
 
-// Overlap: the way out found is a way out, and no other direction of many is shorter.
-TEST(ConvexDistance, OverlapIsTheShortestWayOut) {
+// Overlap: the translation found separates the bodies, and none of many other directions is shorter.
+TEST(ConvexDistance, OverlapIsTheShortestSeparation) {
   Draw draw(17);
   int deep = 0;
   for (int trial = 0; trial < 1500; ++trial) {
@@ -314,12 +314,12 @@ TEST(ConvexShape, BoundingSphereContainsTheShape) {
     for (int k = 0; k < 50; ++k) {
       const Vector3 n = direction(draw);
       const Vector3 p = a.ours.support(n) + a.ours.radius * n;
-      EXPECT_LE((p - sphere.centre).norm(), sphere.radius + 1e-12);
+      EXPECT_LE((p - sphere.center).norm(), sphere.radius + 1e-12);
     }
   }
 }
 
-TEST(ConvexShape, RefusesWhatIsNoShape) {
+TEST(ConvexShape, RefusesInvalidShapes) {
   EXPECT_THROW(ConvexShape::sphere({0, 0, 0}, -1), std::invalid_argument);
   EXPECT_THROW(ConvexShape::sphere({0, NAN, 0}, 1), std::invalid_argument);
   EXPECT_THROW(ConvexShape::box({1, INFINITY, 1}), std::invalid_argument);
@@ -330,4 +330,4 @@ TEST(ConvexShape, RefusesWhatIsNoShape) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::distance_test

@@ -6,7 +6,7 @@
 
 namespace multipanda {
 
-// Something that stands in the world and does not move: a table, a wall, a floor.
+// A fixed object in the world, such as a table, a wall or the floor.
 struct Obstacle {
   std::string name;
   ConvexShape shape;

@@ -11,8 +11,8 @@ namespace {
 
 void need_length(double value, const char* what) {
   if (std::isfinite(value) && value >= 0) return;
-  throw std::invalid_argument(std::string("shape: ").append(what) + " must be a length of 0 m or more, not " +
-                              std::to_string(value));
+  throw std::invalid_argument(std::string("shape: ").append(what) +
+                              " must be a length of at least 0 m, found " + std::to_string(value));
 }
 void need_finite(const Vector3& p, const char* what) {
   if (!p.allFinite()) throw std::invalid_argument(std::string("shape: ").append(what) + " must be finite");
@@ -20,12 +20,12 @@ void need_finite(const Vector3& p, const char* what) {
 
 }  // namespace
 
-ConvexShape ConvexShape::sphere(const Vector3& centre, double radius) {
-  need_finite(centre, "the centre");
+ConvexShape ConvexShape::sphere(const Vector3& center, double radius) {
+  need_finite(center, "the center");
   need_length(radius, "the radius");
   ConvexShape shape;
   shape.kind = Kind::sphere;
-  shape.p0 = shape.p1 = centre;
+  shape.p0 = shape.p1 = center;
   shape.radius = radius;
   return shape;
 }
@@ -118,7 +118,7 @@ BoundingSphere bounding_sphere(const ConvexShape& shape) {
     case Kind::cylinder:
       return {Vector3::Zero(), shape.half.norm() + shape.radius};
     case Kind::vertices: {
-      // About the middle of the extreme coordinates: near enough to the smallest one.
+      // Centered between the extreme coordinates; close enough to the smallest sphere.
       Vector3 low = shape.vertex[0], high = shape.vertex[0];
       for (std::size_t i = 1; i < shape.vertex_count; ++i) {
         low = low.cwiseMin(shape.vertex[i]);
@@ -126,7 +126,7 @@ BoundingSphere bounding_sphere(const ConvexShape& shape) {
       }
       BoundingSphere sphere{0.5 * (low + high), 0};
       for (std::size_t i = 0; i < shape.vertex_count; ++i) {
-        sphere.radius = std::max(sphere.radius, (shape.vertex[i] - sphere.centre).norm());
+        sphere.radius = std::max(sphere.radius, (shape.vertex[i] - sphere.center).norm());
       }
       sphere.radius += shape.radius;
       return sphere;

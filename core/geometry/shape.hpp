@@ -17,28 +17,28 @@ struct ConvexShape {
   enum class Kind : std::uint8_t { sphere, capsule, box, cylinder, vertices, half_space };
   Kind kind = Kind::sphere;
   double radius = 0;               // swept over the core; 0 for bodies with edges
-  Vector3 p0 = Vector3::Zero();    // sphere: centre; capsule: one end of the segment
+  Vector3 p0 = Vector3::Zero();    // sphere: center; capsule: one end of the segment
   Vector3 p1 = Vector3::Zero();    // capsule: the other end
   Vector3 half = Vector3::Zero();  // box: half edges; cylinder about z: (core radius, -, half length)
   std::uint8_t vertex_count = 0;   // vertices
   std::array<Vector3, kMaxShapeVertices> vertex{};
 
-  // Off the loop. Throw std::invalid_argument for lengths that are negative or not finite, too few (1) or too
-  // many (kMaxShapeVertices) vertices.
-  static ConvexShape sphere(const Vector3& centre, double radius);
+  // Not for the loop. Throw std::invalid_argument for lengths that are negative or not finite, and for fewer
+  // than 1 or more than kMaxShapeVertices vertices.
+  static ConvexShape sphere(const Vector3& center, double radius);
   static ConvexShape capsule(const Vector3& p0, const Vector3& p1, double radius);
-  static ConvexShape box(const Vector3& size, double radius = 0);  // full edge lengths, centred
-  static ConvexShape cylinder(double cylinder_radius, double length, double radius = 0);  // along z, centred
+  static ConvexShape box(const Vector3& size, double radius = 0);  // full edge lengths, centered
+  static ConvexShape cylinder(double cylinder_radius, double length, double radius = 0);  // along z, centered
   static ConvexShape hull(std::span<const Vector3> vertices, double radius = 0);
   static ConvexShape half_space();  // z <= 0
 
-  // The point of the core that lies farthest along `direction` (any length). Not for half_space.
+  // The point of the core farthest along `direction` (any length). Not for half_space.
   Vector3 support(const Vector3& direction) const;
 };
 
-// A sphere that contains a shape, in the shape's frame. A half space has an infinite one.
+// A sphere that contains a shape, in the frame of the shape. It is infinite for a half space.
 struct BoundingSphere {
-  Vector3 centre = Vector3::Zero();
+  Vector3 center = Vector3::Zero();
   double radius = 0;
 };
 BoundingSphere bounding_sphere(const ConvexShape& shape);

@@ -29,16 +29,15 @@ void check_collision_shapes(const ArmModelSource& source, std::size_t joint_coun
   for (const auto& part : shapes) {
     if (part.joint < -1 || part.joint >= static_cast<int>(joint_count)) {
       refuse(source.name, "collision shape '" + part.name + "' is at joint " + std::to_string(part.joint) +
-                              "; -1 (base) to " + std::to_string(joint_count - 1) + " exist");
+                              "; expected -1 (base) to " + std::to_string(joint_count - 1));
     }
     if (part.shape.kind == ConvexShape::Kind::half_space) {
-      refuse(source.name,
-             "collision shape '" + part.name + "' has no end: only obstacles can be half spaces");
+      refuse(source.name, "collision shape '" + part.name + "' is a half space; expected a bounded shape");
     }
   }
   for (const auto& [a, b] : source.self_pairs) {
     if (a >= shapes.size() || b >= shapes.size() || shapes[a].joint == shapes[b].joint) {
-      refuse(source.name, "a pair of collision shapes must name two that exist and move to each other");
+      refuse(source.name, "a pair of collision shapes must name two existing shapes on different links");
     }
   }
 }
@@ -59,23 +58,25 @@ ArmModel::ArmModel(ArmModelSource source)
   try {
     pinocchio::urdf::buildModelFromXML(source_.urdf, p.model);
   } catch (const std::exception& error) {
-    refuse(source_.name, std::string("the URDF cannot be read: ") + error.what());
+    refuse(source_.name, std::string("cannot read the URDF: ") + error.what());
   }
   if (p.model.nq != p.model.nv)
-    refuse(source_.name, "only joints with one position per velocity are supported");
+    refuse(source_.name,
+           "the URDF has a joint with several coordinates; expected revolute and prismatic joints");
   joint_count_ = static_cast<std::size_t>(p.model.nv);
   if (joint_count_ == 0 || joint_count_ > kMaxJoints) {
-    refuse(source_.name, "it has " + std::to_string(joint_count_) + " joints; 1 to " +
-                             std::to_string(kMaxJoints) + " are supported");
+    refuse(source_.name, "the URDF has " + std::to_string(joint_count_) + " joints; expected 1 to " +
+                             std::to_string(kMaxJoints));
   }
   for (pinocchio::JointIndex j = 1; j < p.model.joints.size(); ++j) {
-    if (p.model.parents[j] != j - 1) refuse(source_.name, "it branches; only a chain of joints is supported");
+    if (p.model.parents[j] != j - 1) refuse(source_.name, "the URDF branches; expected a chain of joints");
   }
-  if (!p.model.existFrame(source_.flange)) refuse(source_.name, "it has no link '" + source_.flange + "'");
+  if (!p.model.existFrame(source_.flange))
+    refuse(source_.name, "the URDF has no link '" + source_.flange + "'");
   p.flange = p.model.getFrameId(source_.flange);
   p.last_joint = p.model.joints.size() - 1;
   if (p.model.frames[p.flange].parentJoint != p.last_joint) {
-    refuse(source_.name, "link '" + source_.flange + "' is not behind the last joint");
+    refuse(source_.name, "flange link '" + source_.flange + "' must be behind the last joint");
   }
   p.X_JF = p.model.frames[p.flange].placement;
   const pinocchio::SE3 X_WB(source_.X_WB.rotation, source_.X_WB.position);

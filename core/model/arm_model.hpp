@@ -13,7 +13,7 @@
 
 namespace multipanda {
 
-// The maker's limits of one arm; every vector (n x 1).
+// The manufacturer's limits of one arm. Every vector is (n x 1).
 struct ArmLimits {
   JointVector q_min, q_max;  // [rad]
   JointVector dq_max;        // [rad/s]
@@ -22,41 +22,42 @@ struct ArmLimits {
   JointVector tau_rate_max;  // [N m/s]
 };
 
-// Friction of the joints as far as the controllers know it, every vector (n x 1):
-//   tau_f(dq) = p1 / (1 + exp(-p2 (dq + p3))) - p1 / (1 + exp(-p2 p3)), against the motion.
+// Joint friction as the controllers know it. Every vector is (n x 1):
+//   tau_f(dq) = p1 / (1 + exp(-p2 (dq + p3))) - p1 / (1 + exp(-p2 p3)), opposing the motion.
 struct JointFrictionTable {
   JointVector p1;  // [N m]
   JointVector p2;  // [s/rad]
   JointVector p3;  // [rad/s]
 };
 
-// A part of an arm that can collide, fixed to one of its bodies.
+// A part of an arm that can collide, fixed to one of its links.
 struct CollisionShape {
   std::string name;   // "link5", "hand", "tool"
-  int joint = -1;     // the body behind this joint, 0 to n-1; -1: the base
+  int joint = -1;     // the link behind this joint, 0 to n-1; -1: the base
   ConvexShape shape;  // not a half space
   Pose X_JS;          // the shape's frame in that joint's frame; for the base: in B
-  bool scene = true;  // is checked against obstacles; false for what stands on them
+  bool scene = true;  // checked against obstacles; false for parts that stand on them
 };
 
-// What ArmModel is built from. Nothing here knows how many joints an arm has or who made it.
+// The data that an ArmModel is built from. It fixes neither the joint count nor the manufacturer.
 struct ArmModelSource {
-  std::string name;    // for messages
+  std::string name;    // used in messages
   std::string urdf;    // text; fixed base; one root link
   std::string flange;  // link that the frames of ArmFrames refer to
-  Pose X_WB;           // base in the world
-  ArmLimits limits;    // position, velocity and effort limits left empty are taken from the URDF
+  Pose X_WB;           // pose of the base in the world
+  ArmLimits limits;    // empty position, velocity and effort limits come from the URDF
   JointVector q_home;  // a comfortable configuration [rad]; empty: middle of the joint ranges
   std::optional<JointFrictionTable> known_friction;
-  std::vector<CollisionShape> collision_shapes;                 // empty: the arm collides with nothing
-  std::vector<std::pair<std::size_t, std::size_t>> self_pairs;  // of them: checked against each other
+  std::vector<CollisionShape> collision_shapes;  // empty: no collision checks
+  std::vector<std::pair<std::size_t, std::size_t>>
+      self_pairs;  // indices of shapes that are checked against each other
 };
 
-// The fixed part of an arm's rigid-body model: shared by everyone, never changed after it was built.
-// Gravity is -9.81 m/s^2 along the world's z, wherever the base stands.
+// The fixed part of an arm's rigid-body model. Immutable, so threads may share it.
+// Gravity is -9.81 m/s^2 along the world's z, whatever the pose of the base.
 class ArmModel {
  public:
-  // Throws std::invalid_argument if the URDF cannot be used (says why).
+  // Throws std::invalid_argument with the reason if the URDF cannot be used.
   explicit ArmModel(ArmModelSource source);
   ~ArmModel();
   ArmModel(const ArmModel&) = delete;
@@ -70,10 +71,10 @@ class ArmModel {
   const std::string& urdf() const { return source_.urdf; }
   const std::vector<CollisionShape>& collision_shapes() const { return source_.collision_shapes; }
   const std::vector<std::pair<std::size_t, std::size_t>>& self_pairs() const { return source_.self_pairs; }
-  // What the controllers were told of friction; none unless the scene says so.
+  // The friction that the scene declares to the controllers, if any.
   const std::optional<JointFrictionTable>& known_friction() const { return source_.known_friction; }
 
-  struct Pinocchio;  // defined in core/model only, so that no other file pays for its headers
+  struct Pinocchio;  // defined in core/model only, so that no other file compiles its headers
   const Pinocchio& pinocchio() const { return *pinocchio_; }
 
  private:

@@ -3,8 +3,6 @@
 #include <array>
 #include <cmath>
 
-#include <Eigen/Cholesky>
-
 #include "core/types/capacity.hpp"
 #include "core/types/spatial.hpp"
 #include "core/types/triangular.hpp"
@@ -12,20 +10,21 @@
 namespace multipanda {
 namespace {
 
-constexpr double kRounding = 1e-12;  // eps; a singular value of 1e-6 is half rounded off
+constexpr double kRounding = 1e-12;  // eps; halves the inverse at a singular value of 1e-6
 
 }  // namespace
 
 void compute_manipulability(const Jacobian& J, Manipulability& result) {
   const Eigen::Index n = J.cols();
   const Matrix6 JJt = J.lazyProduct(J.transpose());
-  const Eigen::LLT<Matrix6> cholesky(JJt + kRounding * Matrix6::Identity());
+  Matrix6 L;
+  cholesky_factor<Matrix6>(JJt + kRounding * Matrix6::Identity(), L);
   double m = 1;
-  for (Eigen::Index i = 0; i < 6; ++i) m *= cholesky.matrixLLT()(i, i);
-  // With fewer than six joints, or at a singular pose, what is left is eps alone.
+  for (Eigen::Index i = 0; i < 6; ++i) m *= L(i, i);
+  // With fewer than six joints, or at a singular pose, only eps remains.
   result.value = m;
   Matrix6 half = Matrix6::Identity();  // L^-T
-  divide_by_transposed_lower(cholesky.matrixLLT(), half);
+  divide_by_transposed_lower(L, half);
   const Matrix6 inverse = half * half.transpose();
   result.J_dual.resize(6, n);
   result.J_dual.noalias() = inverse.lazyProduct(J);

@@ -1,23 +1,19 @@
 #include "core/model/model_terms.hpp"
 
-#include <array>
-
 #include <Eigen/LU>
-#include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/jacobian.hpp>
-#include <pinocchio/algorithm/rnea.hpp>
 
 #include "core/model/pinocchio_model.hpp"
 
 namespace multipanda {
 
-// Pinocchio's model is copied: its last inertia changes with tool and load, and each thread has its own.
+// Each instance has its own copy of Pinocchio's model, since tool and load change the last inertia.
 struct ModelTerms::Scratch {
   explicit Scratch(const ArmModel::Pinocchio& p)
       : model(p.model), data(model), bare(p.model.inertias[p.last_joint]), q(model.nq), dq(model.nv) {}
   pinocchio::Model model;
   pinocchio::Data data;
-  pinocchio::Inertia bare;  // of the last link without tool and load
+  pinocchio::Inertia bare;  // inertia of the last link without tool and load
   Eigen::VectorXd q, dq;    // Pinocchio's own vector type, allocated once
 };
 
@@ -53,14 +49,13 @@ void ModelTerms::set_config(const ArmFrames& frames, const Load& tool, const Loa
   const auto& p = model_->pinocchio();
   auto& last = scratch_->model.inertias[p.last_joint];
   last = scratch_->bare;
-  // Adding a massless body would divide by the zero mass where the link itself is massless.
+  // Adding a massless body to a massless link would divide by zero.
   if (tool.mass > 0) last += inertia_in_joint(p.X_JF, tool);
   if (load.mass > 0) last += inertia_in_joint(p.X_JF, load);
   done_ = 0;
 }
 
-// One sweep gives all joint poses and the joint Jacobian (world origin), which the frame Jacobian is taken
-// from.
+// One sweep gives all joint poses and the joint Jacobian at the world's origin.
 void ModelTerms::need_kinematics() {
   if (!first(kKinematics)) return;
   auto& s = *scratch_;
@@ -94,7 +89,7 @@ Pose ModelTerms::X_WJ(std::size_t joint) {
 const Jacobian& ModelTerms::J_V_WE() {
   if (!first(kJacobian)) return J_V_WE_;
   need_kinematics();
-  // Pinocchio's J holds the velocity at the world's origin; moving it to E: v_E = v_O + omega x p_WE.
+  // Pinocchio's J is the velocity at the world's origin. At E: v_E = v_O + omega x p_WE.
   const auto& J = scratch_->data.J;
   const Vector3& p = X_WE_.position;
   for (Eigen::Index i = 0; i < J_V_WE_.cols(); ++i) {
@@ -134,88 +129,87 @@ const Twist& ModelTerms::V_WE() {
   return V_WE_;
 }
 
+// The inertia of each link, and of each link with all links behind it, in world axes.
+void ModelTerms::need_inertias() {
+  if (!first(kInertias)) return;
+  need_kinematics();
+  auto& d = scratch_->data;
+  for (std::size_t i = joint_count(); i > 0; --i) {
+    d.oinertias[i] = d.oYcrb[i] = d.oMi[i].act(scratch_->model.inertias[i]);
+    if (i < joint_count()) d.oYcrb[i] += d.oYcrb[i + 1];
+  }
+}
+
+// With S_i the twist of joint i at unit speed and Y_i the inertia of link i and all links behind it, about
+// the world's origin: M_ij = S_i . Y_j S_j for i <= j, and g_i = -S_i . Y_i a_g.
 const JointMatrix& ModelTerms::M() {
   if (!first(kMass)) return M_;
-  auto& s = *scratch_;
-  pinocchio::crba(s.model, s.data, s.q, pinocchio::Convention::WORLD);
-  M_ = s.data.M;
-  M_.triangularView<Eigen::StrictlyLower>() = M_.transpose();  // Pinocchio fills the upper half
+  need_inertias();
+  const auto& d = scratch_->data;
+  for (Eigen::Index j = 0; j < q_.size(); ++j) {
+    const pinocchio::Motion S(d.J.col(j));
+    const Vector6 F = (d.oYcrb[static_cast<std::size_t>(j) + 1] * S).toVector();
+    for (Eigen::Index i = 0; i <= j; ++i) M_(i, j) = M_(j, i) = d.J.col(i).dot(F);
+  }
   return M_;
 }
 
 const JointVector& ModelTerms::g() {
-  if (first(kGravity))
-    g_ = pinocchio::computeGeneralizedGravity(scratch_->model, scratch_->data, scratch_->q);
+  if (!first(kGravity)) return g_;
+  need_inertias();
+  const auto& d = scratch_->data;
+  const Vector3 gravity = scratch_->model.gravity.linear();
+  for (Eigen::Index i = 0; i < q_.size(); ++i) {
+    const auto& Y = d.oYcrb[static_cast<std::size_t>(i) + 1];
+    const Vector3 weight = Y.mass() * gravity, S_v = d.J.col(i).head<3>(), S_w = d.J.col(i).tail<3>();
+    g_[i] = -S_v.dot(weight) - S_w.dot(Y.lever().cross(weight));
+  }
   return g_;
 }
 
-const JointVector& ModelTerms::c() {
-  if (first(kCoriolis)) {
-    // One sweep without gravity gives C dq alone: cheaper than the matrix C, and than (C dq + g) - g.
-    auto& s = *scratch_;
-    const auto gravity = s.model.gravity;
-    s.model.gravity.setZero();
-    c_ = pinocchio::nonLinearEffects(s.model, s.data, s.q, s.dq);
-    s.model.gravity = gravity;
-  }
-  return c_;
-}
-
-// With S_i the joints' axes as twists, v_i the links' velocities, h_i = I_i v_i their momenta and
-// H_i = sum of h_j over the links that joint i carries, all at the world's origin in world axes:
-//   p_i = S_i . H_i,   (C^T dq)_i = 1/2 dq^T (dM/dq_i) dq = (v_i x S_i) . H_i,   g_i = S_i . (-m a_g, -m c x
-//   a_g)
-// The middle one: turning joint i moves the links behind it with S_i, which changes their kinetic energy by
+// With v_i the velocity of link i, a_i the part of its acceleration that the joint speeds alone cause,
+// h_i = I_i v_i its momentum, f_i = I_i a_i + v_i x* h_i the force that this motion needs, and H_i, F_i the
+// sums of h_j, f_j over link i and all links behind it:
+//   p_i = S_i . H_i,   (C dq)_i = S_i . F_i,   (C^T dq)_i = 1/2 dq^T (dM/dq_i) dq = (v_i x S_i) . H_i.
+// The last one: turning joint i moves the links behind it with S_i, which changes their kinetic energy by
 // d/dq_i sum 1/2 v_j . I_j v_j with dv_j/dq_i = S_i x (v_j - v_i) and dI_j/dq_i = S_i x* I_j - I_j S_i x; the
 // terms in v_j cancel and -(S_i x v_i) . H_i is left.
-void ModelTerms::need_momentum() {
-  if (!first(kMomentum)) return;
-  need_kinematics();
-  auto& s = *scratch_;
-  const auto n = q_.size();
-  const auto& J = s.data.J;  // columns S_i, linear first
-  const Vector3 gravity = s.model.gravity.linear();
-  struct Spatial {
-    Vector3 linear, angular;  // at the world's origin: of a twist, a momentum or a wrench
-  };
-  std::array<Spatial, kMaxJoints> v, h, weight;  // velocity, momentum, weight of each link
-  Vector3 linear = Vector3::Zero(), angular = Vector3::Zero();
-  for (Eigen::Index i = 0; i < n; ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    linear += dq_[i] * J.col(i).head<3>();
-    angular += dq_[i] * J.col(i).tail<3>();
-    v[k] = {linear, angular};
-    const auto& X = s.data.oMi[k + 1];
-    const auto& body = s.model.inertias[k + 1];
-    const Vector3 c = X.rotation() * body.lever() + X.translation();
-    h[k].linear = body.mass() * (linear + angular.cross(c));
-    const Vector3 turning = X.rotation() * (body.inertia().matrix() * (X.rotation().transpose() * angular));
-    h[k].angular = c.cross(h[k].linear) + turning;
-    weight[k].linear = body.mass() * gravity;
-    weight[k].angular = c.cross(weight[k].linear);
+void ModelTerms::need_motion() {
+  if (!first(kMotion)) return;
+  g();
+  auto& d = scratch_->data;
+  pinocchio::Motion v = pinocchio::Motion::Zero(), a = v;
+  for (Eigen::Index i = 0; i < q_.size(); ++i) {
+    const auto k = static_cast<std::size_t>(i) + 1;
+    const pinocchio::Motion joint(dq_[i] * d.J.col(i));
+    a += v.cross(joint);
+    v += joint;
+    d.ov[k] = v;
+    d.oh[k] = d.oinertias[k] * v;
+    d.of[k] = d.oinertias[k] * a + v.cross(d.oh[k]);
   }
-  Spatial H{Vector3::Zero(), Vector3::Zero()}, G = H;
-  for (Eigen::Index i = n - 1; i >= 0; --i) {
-    const auto k = static_cast<std::size_t>(i);
-    H.linear += h[k].linear;
-    H.angular += h[k].angular;
-    G.linear += weight[k].linear;
-    G.angular += weight[k].angular;
-    const Vector3 S_v = J.col(i).head<3>(), S_w = J.col(i).tail<3>();
-    momentum_[i] = S_v.dot(H.linear) + S_w.dot(H.angular);
-    // v x S as twists: [w x S_v + v x S_w; w x S_w]
-    const Vector3& w = v[k].angular;
-    momentum_drift_[i] = (w.cross(S_v) + v[k].linear.cross(S_w)).dot(H.linear) + w.cross(S_w).dot(H.angular) +
-                         S_v.dot(G.linear) + S_w.dot(G.angular);
+  pinocchio::Force H = pinocchio::Force::Zero(), F = H;
+  for (Eigen::Index i = q_.size() - 1; i >= 0; --i) {
+    const auto k = static_cast<std::size_t>(i) + 1;
+    const pinocchio::Motion S(d.J.col(i));
+    H += d.oh[k];
+    F += d.of[k];
+    c_[i] = S.dot(F);
+    momentum_[i] = S.dot(H);
+    momentum_drift_[i] = d.ov[k].cross(S).dot(H) - g_[i];
   }
 }
 
+const JointVector& ModelTerms::c() {
+  need_motion();
+  return c_;
+}
 const JointVector& ModelTerms::momentum() {
-  need_momentum();
+  need_motion();
   return momentum_;
 }
 const JointVector& ModelTerms::momentum_drift() {
-  need_momentum();
+  need_motion();
   return momentum_drift_;
 }
 

@@ -10,20 +10,20 @@
 
 namespace multipanda {
 
-// The model of one arm at one state. Each term is computed at most once per update and only if somebody asks:
-// a hold that needs no Jacobian does not pay for one. References stay valid until the next update.
+// The model of one arm at one state. Each term is computed on demand, at most once per update. References
+// stay valid until the next update.
 //
-// All terms are in world axes; W the world, E the end effector, F the flange, K the stiffness frame. One
-// instance per thread; no call allocates after construction.
+// All terms are in world axes: W is the world, E the end effector, F the flange, K the stiffness frame. Use
+// one instance per thread. No call allocates after construction.
 class ModelTerms {
  public:
   explicit ModelTerms(std::shared_ptr<const ArmModel> model);
   ~ModelTerms();
   ModelTerms(ModelTerms&&) noexcept;
 
-  // Takes the measured state: q, dq, and, where config_version changed, frames, tool and load.
+  // Takes q and dq of the measured state, and its frames, tool and load if config_version changed.
   void update(const ArmState& state);
-  // The same from bare vectors, frames and loads as they are.
+  // The same from vectors. Frames and loads stay as they are.
   void update(const JointVector& q, const JointVector& dq);
   void set_config(const ArmFrames& frames, const Load& tool, const Load& load);
 
@@ -40,17 +40,16 @@ class ModelTerms {
   const Jacobian& J_V_WE();      // V_WE = J_V_WE dq, at E's origin, world axes (6 x n)
   const Twist& V_WE();           // [m/s, rad/s]
   Pose X_WJ(std::size_t joint);  // frame of joint 0..n-1
-  // Jacobian of a point fixed to the body behind joint `joint` (0..n-1), given in the world [m]; linear rows
-  // only.
+  // Linear rows of the Jacobian of a point fixed to the link behind joint `joint` (0..n-1). The point is
+  // given in the world [m].
   void point_jacobian(std::size_t joint, const Vector3& p_W,
                       Eigen::Ref<Eigen::Matrix<double, 3, Eigen::Dynamic>> J);
 
   // Dynamics, with tool and load
   const JointMatrix& M();  // mass matrix (n x n) [kg m^2]
   const JointVector& c();  // C(q, dq) dq (n x 1) [N m]
-  const JointVector& g();  // gravity torque: holds the arm still (n x 1) [N m]
-  // Generalised momentum p = M dq, and what changes it besides torques: dp/dt = tau + tau_on_arm + drift with
-  // drift = C^T dq - g. One sweep over the links gives both, without M or C.
+  const JointVector& g();  // gravity torque that holds the arm still (n x 1) [N m]
+  // Generalized momentum p = M dq and its drift: dp/dt = tau + tau_on_arm + drift, drift = C^T dq - g.
   const JointVector& momentum();        // (n x 1) [N m s]
   const JointVector& momentum_drift();  // (n x 1) [N m]
 
@@ -59,7 +58,7 @@ class ModelTerms {
   // Task space at E, world axes
   const TaskSpace& task();
   double manipulability();                       // sqrt(det(J J^T)), J = J_V_WE
-  const Manipulability& manipulability_terms();  // with its gradient, rounded at singular poses
+  const Manipulability& manipulability_terms();  // with its gradient, smoothed at singular poses
   const JointVector& manipulability_gradient() { return manipulability_terms().gradient; }  // (n x 1) [1/rad]
 
  private:
@@ -67,12 +66,12 @@ class ModelTerms {
     kKinematics = 1,
     kJacobian = 2,
     kTwist = 4,
-    kMass = 8,
-    kGravity = 16,
-    kCoriolis = 32,
-    kTask = 64,
-    kManipulability = 128,
-    kMomentum = 256,
+    kInertias = 8,
+    kMass = 16,
+    kGravity = 32,
+    kMotion = 64,
+    kTask = 128,
+    kManipulability = 256,
     kManipulabilityTerms = 512
   };
   bool first(Term term) {
@@ -81,13 +80,14 @@ class ModelTerms {
     return true;
   }
   void need_kinematics();
-  void need_momentum();
+  void need_inertias();
+  void need_motion();
 
   std::shared_ptr<const ArmModel> model_;
   struct Scratch;
   std::unique_ptr<Scratch> scratch_;
   std::uint32_t done_ = 0;
-  std::uint32_t config_version_ = 0xFFFFFFFF;  // none: the first state sets frames and loads
+  std::uint32_t config_version_ = 0xFFFFFFFF;  // the first state always sets frames and loads
   ArmFrames frames_;
 
   JointVector q_, dq_;

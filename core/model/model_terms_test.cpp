@@ -1,14 +1,14 @@
 #include "core/model/model_terms.hpp"
 
-#include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/dense_algebra.hpp"
+#include "core/testing/test_arm.hpp"
 
-// Everything is computed a second time from the arm's figures: poses by products of transforms, Jacobians by
-// differences of poses, M from the kinetic energy of the single bodies, c from differences of M, g from
-// differences of the potential energy.
-namespace multipanda {
+// The tests compute every term a second time from the arm's parameters: poses by products of transforms,
+// Jacobians by differences of poses, M from the kinetic energy of the links, c from differences of M, and g
+// from differences of the potential energy.
+namespace multipanda::model_terms_test {
 namespace {
 
 using test::Draw;
@@ -55,7 +55,7 @@ struct Case {
   struct Body {
     double mass;
     Matrix3 inertia;  // in the axes of the frame
-    Pose X;           // frame in the joint (or flange) frame, at the centre of mass
+    Pose X;           // frame in the joint (or flange) frame, at the center of mass
     std::size_t joint;
   };
   std::vector<Body> bodies() const {
@@ -148,7 +148,7 @@ TEST_P(ModelTermsTest, AgreesWithFirstPrinciples) {
     }
     EXPECT_LT((terms.c() - c).norm(), 1e-4 * (1 + c.norm()));
 
-    // p = M dq; its drift is dT/dq - dV/dq, the kinetic energy's gradient by differences once more.
+    // p = M dq. Its drift is dT/dq - dV/dq, with the gradient of the kinetic energy by differences.
     EXPECT_LT((terms.momentum() - M * dq).norm(), 1e-7 * (M * dq).norm());
     for (Eigen::Index i = 0; i < q.size(); ++i) {
       JointVector up = q, down = q;
@@ -163,7 +163,7 @@ TEST_P(ModelTermsTest, AgreesWithFirstPrinciples) {
   }
 }
 
-TEST_P(ModelTermsTest, PointJacobianIsThatOfAPointOnItsBody) {
+TEST_P(ModelTermsTest, PointJacobianMatchesDifferencesOfThePoint) {
   Draw draw(12);
   const Case setup = some_case(draw, GetParam());
   ModelTerms terms(setup.arm.model(setup.X_WB));
@@ -182,7 +182,7 @@ TEST_P(ModelTermsTest, PointJacobianIsThatOfAPointOnItsBody) {
   }
 }
 
-TEST_P(ModelTermsTest, AnyOrderOfAskingGivesTheSameBits) {
+TEST_P(ModelTermsTest, EveryOrderOfCallsGivesTheSameBits) {
   Draw draw(13);
   const Case setup = some_case(draw, GetParam());
   const auto model = setup.arm.model(setup.X_WB);
@@ -227,18 +227,18 @@ TEST_P(ModelTermsTest, AnyOrderOfAskingGivesTheSameBits) {
 
 INSTANTIATE_TEST_SUITE_P(Joints, ModelTermsTest, testing::Values(6, 7, 9));
 
-// Each term is computed once: a second question returns the same object, untouched. Proved by writing over
-// what the first question left (through a const_cast that only a test may do).
+// Each term is computed once: a second call returns the same object unchanged. The test overwrites the first
+// result through a const_cast and expects to read its own value.
 TEST(ModelTerms, EachTermIsComputedOncePerUpdate) {
   ModelTerms terms(TestArm::make().model());
   const JointVector q = joint_constant(7, 0.4), dq = joint_constant(7, 0.2);
   terms.update(q, dq);
-  const auto spoil = [](const auto& term) -> double& { return const_cast<double&>(*term.data()); };
+  const auto entry = [](const auto& term) -> double& { return const_cast<double&>(*term.data()); };
   for (const auto& term : {&ModelTerms::c, &ModelTerms::g}) {
-    spoil((terms.*term)()) = 1234;
+    entry((terms.*term)()) = 1234;
     EXPECT_EQ((terms.*term)()[0], 1234);
   }
-  spoil(terms.M()) = 1234;
+  entry(terms.M()) = 1234;
   EXPECT_EQ(terms.M()(0, 0), 1234);
   terms.update(q, dq);
   EXPECT_NE(terms.c()[0], 1234);
@@ -246,7 +246,7 @@ TEST(ModelTerms, EachTermIsComputedOncePerUpdate) {
   EXPECT_NE(terms.M()(0, 0), 1234);
 }
 
-TEST(ModelTerms, StateBringsFramesAndLoads) {
+TEST(ModelTerms, StateSetsFramesAndLoads) {
   Draw draw(14);
   const auto model = TestArm::make().model(draw.pose(1));
   ArmState state;
@@ -257,7 +257,7 @@ TEST(ModelTerms, StateBringsFramesAndLoads) {
   ModelTerms by_state(model), by_hand(model);
   by_hand.set_config(state.frames, state.tool, state.load);
   by_hand.update(state.q, state.dq);
-  by_state.update(state);  // the first state counts, whatever its version
+  by_state.update(state);  // the first state sets frames and loads, whatever its version
   EXPECT_EQ(by_state.X_WE().position, by_hand.X_WE().position);
   EXPECT_EQ(by_state.M(), by_hand.M());
   state.load = {};
@@ -275,20 +275,20 @@ TEST(ModelTerms, TaskSpaceIsKhatibsAndFlooredNearSingularities) {
     terms.update(q, 0 * q);
     const auto& task = terms.task();
     const Eigen::MatrixXd J = terms.J_V_WE(), M = terms.M();
-    const Eigen::MatrixXd A = J * M.inverse() * J.transpose();
+    const Eigen::MatrixXd A = J * test::inverse(M) * J.transpose();
     EXPECT_LT((task.mobility - A).norm(), 1e-8 * A.norm());
     if (task.floored) continue;
     ++exact;
     EXPECT_LT((task.Lambda * A - Matrix6::Identity()).norm(), 1e-6);
     const JointVector tau = draw.joints(7, 10);
     const JointVector null = task.null_space_torque(terms.J_V_WE(), tau);
-    EXPECT_LT((J * M.inverse() * Eigen::VectorXd(null)).norm(), 1e-8);
+    EXPECT_LT((J * test::inverse(M) * Eigen::VectorXd(null)).norm(), 1e-8);
     EXPECT_LT((J * Eigen::VectorXd(task.null_space_velocity(terms.J_V_WE(), tau))).norm(), 1e-8);
   }
   EXPECT_GT(exact, 10);
 }
 
-TEST(ArmModel, RefusesWhatItCannotUse) {
+TEST(ArmModel, RefusesInvalidSources) {
   ArmModelSource source;
   source.name = "bad";
   source.urdf = "<robot";
@@ -310,4 +310,4 @@ TEST(ArmModel, RefusesWhatItCannotUse) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::model_terms_test

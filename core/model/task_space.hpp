@@ -6,9 +6,9 @@
 namespace multipanda {
 
 // The operational space of one arm at E, world axes (Khatib 1987).
-// A = J M^-1 J^T is singular where the arm is; Lambda = A^-1 would reach 175 kg near the stretched elbow. So
-// the eigenvalues of A are floored (kMobilityFloor) and Lambda is the inverse of the floored A. Where no
-// eigenvalue is floored (all but singular poses) this is the exact inverse.
+// A = J M^-1 J^T is singular at singular poses. Lambda = A^-1 would reach 175 kg near the stretched elbow. So
+// the eigenvalues of A are raised to at least kMobilityFloor, and Lambda is the inverse of the result. Away
+// from singular poses no eigenvalue is raised and Lambda is the exact inverse.
 struct TaskSpace {
   static constexpr double kMobilityFloor = 0.02;  // [1/kg, 1/(kg m^2)]: no direction heavier than 50 kg
 
@@ -17,16 +17,17 @@ struct TaskSpace {
   JointBy6 J_bar;        // M^-1 J^T Lambda, dynamically consistent inverse (n x 6)
   bool floored = false;  // an eigenvalue of A was below the floor
 
-  // N x = x - J^T (J_bar^T x): the part of a joint torque that the task does not feel, (n x 1) [N m].
+  // N x = x - J^T (J_bar^T x): the part of a joint torque that exerts no force at E, (n x 1) [N m].
   JointVector null_space_torque(const Jacobian& J, const JointVector& tau) const;
   // N^T x = x - J_bar (J x): the part of a joint velocity that does not move the task, (n x 1).
   JointVector null_space_velocity(const Jacobian& J, const JointVector& dq) const;
 };
 
-// Inverse of the symmetric positive semi-definite A with its eigenvalues raised to kMobilityFloor. NaN: NaN.
+// Inverse of the symmetric positive semi-definite A with its eigenvalues raised to kMobilityFloor. If A is
+// not finite, neither is the result.
 Matrix6 floored_inverse(const Matrix6& A, bool& floored);
 
-// Fills `task` from J (6 x n) and M (n x n). No allocation. Loop thread.
+// Fills `task` from J (6 x n) and M (n x n). Does not allocate.
 void compute_task_space(const Jacobian& J, const JointMatrix& M, TaskSpace& task);
 
 }  // namespace multipanda

@@ -1,14 +1,13 @@
 #include "core/model/task_space.hpp"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <gtest/gtest.h>
 
 #include "core/model/model_terms.hpp"
-#include "core/test_support/controllet_rig.hpp"
-#include "core/test_support/plain_arm.hpp"
+#include "core/testing/controllet_rig.hpp"
+#include "core/testing/dense_algebra.hpp"
+#include "core/testing/plain_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::task_space_test {
 namespace {
 
 using namespace test;
@@ -25,22 +24,22 @@ TEST(TaskSpace, IsTheTextbookInverseInRegularPoses) {
     terms.update(q, joint_constant(n, 0));
     const TaskSpace& task = terms.task();
     const MatrixXd J = plain.jacobian(q), M = plain.mass(q);
-    const MatrixXd A = J * M.inverse() * J.transpose();
+    const MatrixXd A = J * inverse(M) * J.transpose();
     EXPECT_NEAR((task.mobility - A).norm(), 0, 1e-8 * A.norm());
-    const double smallest = A.selfadjointView<Eigen::Lower>().eigenvalues().minCoeff();
+    const double smallest = symmetric_eigenvalues(A).minCoeff();
     ASSERT_EQ(task.floored, smallest < TaskSpace::kMobilityFloor) << smallest;
     if (task.floored) continue;
     ++checked;
     EXPECT_NEAR((task.Lambda * A - MatrixXd::Identity(6, 6)).norm(), 0, 1e-8);
     EXPECT_NEAR((J * task.J_bar - MatrixXd::Identity(6, 6)).norm(), 0, 1e-8);
     const JointVector x = draw.joints(n, 1);
-    EXPECT_NEAR((J * M.inverse() * task.null_space_torque(terms.J_V_WE(), x)).norm(), 0, 1e-7);
+    EXPECT_NEAR((J * (inverse(M) * task.null_space_torque(terms.J_V_WE(), x))).norm(), 0, 1e-7);
     EXPECT_NEAR((J * task.null_space_velocity(terms.J_V_WE(), x)).norm(), 0, 1e-8);
   }
   EXPECT_GE(checked, 20);
 }
 
-// One law for every joint count, whether its size is known to the compiler or not.
+// The same law holds for every joint count, with a fixed or a dynamic size.
 TEST(TaskSpace, EveryJointCountFollowsTheSameLaw) {
   Draw draw(104);
   for (std::size_t n = 1; n <= kMaxJoints; ++n) {
@@ -51,22 +50,18 @@ TEST(TaskSpace, EveryJointCountFollowsTheSameLaw) {
       const MatrixXd M = half * half.transpose() + 0.5 * MatrixXd::Identity(size, size);
       TaskSpace task;
       compute_task_space(J, M, task);
-      const MatrixXd A = J * M.inverse() * J.transpose();
-      const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(A);
-      const MatrixXd Lambda =
-          eigen.eigenvectors() *
-          eigen.eigenvalues().cwiseMax(TaskSpace::kMobilityFloor).cwiseInverse().asDiagonal() *
-          eigen.eigenvectors().transpose();
+      const MatrixXd A = J * inverse(M) * J.transpose();
+      const MatrixXd Lambda = floored_symmetric_inverse(A, TaskSpace::kMobilityFloor);
       ASSERT_LT((task.mobility - A).norm(), 1e-10) << n;
       ASSERT_LT((task.Lambda - Lambda).norm(), 1e-8) << n;
       ASSERT_EQ(task.J_bar.rows(), size);
-      ASSERT_LT((task.J_bar - M.inverse() * J.transpose() * Lambda).norm(), 1e-7) << n;
+      ASSERT_LT((task.J_bar - inverse(M) * J.transpose() * Lambda).norm(), 1e-7) << n;
     }
   }
 }
 
-// Five joints: A has rank five. No direction is heavier than 1/floor, and N stays a contraction in the metric
-// of M^-1: the eigenvalues of N lie within [0, 1].
+// Five joints: A has rank five. No direction is heavier than 1/floor, and N remains a contraction in the
+// metric of M^-1: the eigenvalues of N lie within [0, 1].
 TEST(TaskSpace, SingularPosesStayBounded) {
   Draw draw(102);
   for (int trial = 0; trial < 30; ++trial) {
@@ -74,12 +69,12 @@ TEST(TaskSpace, SingularPosesStayBounded) {
     terms.update(draw.joints(5, 2), joint_constant(5, 0));
     const TaskSpace& task = terms.task();
     EXPECT_TRUE(task.floored);
-    const double largest = task.Lambda.selfadjointView<Eigen::Lower>().eigenvalues().maxCoeff();
+    const double largest = symmetric_eigenvalues(task.Lambda).maxCoeff();
     EXPECT_NEAR(largest, 1 / TaskSpace::kMobilityFloor, 1e-6);
     const MatrixXd J = terms.J_V_WE();
     const MatrixXd N = MatrixXd::Identity(5, 5) - J.transpose() * task.J_bar.transpose();
-    const auto eigenvalues = N.eigenvalues();
-    for (const auto& value : eigenvalues) {
+    const Eigen::VectorXcd values = eigenvalues(N);
+    for (const auto& value : values) {
       EXPECT_NEAR(value.imag(), 0, 1e-6);
       EXPECT_GE(value.real(), -1e-8);
       EXPECT_LE(value.real(), 1 + 1e-8);
@@ -87,7 +82,7 @@ TEST(TaskSpace, SingularPosesStayBounded) {
   }
 }
 
-// Both ways of inverting meet where the floor begins to act.
+// The two methods of inversion agree where the floor begins to act.
 TEST(TaskSpace, FloorActsWithoutAStep) {
   const Matrix3 R = Draw(103).rotation();
   Matrix6 Q = Matrix6::Identity();
@@ -107,4 +102,4 @@ TEST(TaskSpace, FloorActsWithoutAStep) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::task_space_test

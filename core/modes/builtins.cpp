@@ -1,4 +1,4 @@
-// The one list of what comes with multipanda: a new controllet or feature adds its line here.
+// All controllets and features of multipanda. Add a line here for a new one.
 #include "core/controllets/cartesian_impedance.hpp"
 #include "core/controllets/coupled_dual_cartesian_impedance.hpp"
 #include "core/controllets/coupled_ufic.hpp"

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "core/types/time.hpp"
+
 namespace multipanda {
 namespace {
 
@@ -14,9 +16,9 @@ const ControlletType& controllet_type(const InstanceConfig& config, const Regist
                                       const ArmBlocks& blocks) {
   const ControlletType* type = registry.controllet(config.type);
   if (type == nullptr) refuse(config.name, "there is no controllet type '" + config.type + "'");
-  if (config.arms.size() != type->statement.arms) {
-    refuse(config.name, "'" + config.type + "' owns " + std::to_string(type->statement.arms) + " arm(s), " +
-                            std::to_string(config.arms.size()) + " given");
+  if (config.arms.size() != type->descriptor.arms) {
+    refuse(config.name, "'" + config.type + "' needs " + std::to_string(type->descriptor.arms) +
+                            " arm(s), found " + std::to_string(config.arms.size()));
   }
   if (config.arms.empty()) refuse(config.name, "'" + config.type + "' owns no arm");
   for (const ArmIndex arm : config.arms) {
@@ -31,19 +33,16 @@ std::size_t total_size(const std::vector<OutputSpec>& outputs) {
   return n;
 }
 
-// The period of the first tick after a start, before one can be measured.
-constexpr double kNominalPeriod = 0.001;
-
 }  // namespace
 
 Instance::Instance(const InstanceConfig& config, const Registry& registry, const ArmBlocks& blocks)
     : name_(config.name),
-      statement_(controllet_type(config, registry, blocks).statement),
+      descriptor_(controllet_type(config, registry, blocks).descriptor),
       arm_list_(config.arms),
-      parameters_(statement_.parameters, blocks.terms[config.arms[0]].joint_count()) {
+      parameters_(descriptor_.parameters, blocks.terms[config.arms[0]].joint_count()) {
   std::vector<std::shared_ptr<const ArmModel>> models;
   for (const ArmIndex arm : arm_list_) {
-    if (arms_.contains(arm)) refuse(name_, "it names the same arm twice");
+    if (arms_.contains(arm)) refuse(name_, "the same arm is listed twice");
     arms_ |= ArmSet::of(arm);
     models.push_back(blocks.terms[arm].shared_model());
     law_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], &blocks.tau_controllet[arm]});
@@ -54,10 +53,10 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
     all_models.push_back(blocks.terms[arm].shared_model());
     scene_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], nullptr});
   }
-  const Surroundings surroundings{all_models, arm_list_, blocks.obstacles, blocks.friction_compensated};
+  const FeatureContext context{all_models, arm_list_, blocks.obstacles, blocks.friction_compensated};
   controllet_ = controllet_type(config, registry, blocks).create(models);
 
-  for (InputSpec input : statement_.inputs) {
+  for (InputSpec input : descriptor_.inputs) {
     for (const auto& change : config.inputs) {
       if (change.name != input.name) continue;
       input.timeout_s = change.timeout_s;
@@ -65,26 +64,26 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
       input.max_angular_speed = change.max_angular_speed;
     }
     if (input.arm >= models.size())
-      refuse(name_, "input '" + input.name + "' belongs to an arm it does not own");
+      refuse(name_, "input '" + input.name + "' refers to an arm that the controllet does not own");
     const std::size_t joint_count = models[input.arm]->joint_count();
     inputs_.emplace_back(std::move(input), joint_count);
   }
   for (const auto& change : config.inputs) {
     if (find_input(change.name) == inputs_.size()) refuse(name_, "it has no input '" + change.name + "'");
   }
-  parameter_names_.reserve(statement_.parameters.size());
-  for (const auto& parameter : statement_.parameters) parameter_names_.push_back(parameter.name);
+  parameter_names_.reserve(descriptor_.parameters.size());
+  for (const auto& parameter : descriptor_.parameters) parameter_names_.push_back(parameter.name);
 
-  law_output_count_ = total_size(statement_.outputs);
+  law_output_count_ = total_size(descriptor_.outputs);
   std::size_t output_count = law_output_count_;
   const std::size_t joints = models[0]->joint_count();
   for (const auto& type : registry.features()) {
-    features_.push_back({type.statement, type.create(surroundings),
-                         ParameterSet(type.statement.parameters, joints), output_count,
-                         total_size(type.statement.outputs)});
+    features_.push_back({type.descriptor, type.create(context),
+                         ParameterSet(type.descriptor.parameters, joints), output_count,
+                         total_size(type.descriptor.outputs)});
     output_count += features_.back().output_count;
-    for (const auto& parameter : type.statement.parameters) {
-      parameter_names_.push_back(type.statement.type + "." + parameter.name);
+    for (const auto& parameter : type.descriptor.parameters) {
+      parameter_names_.push_back(type.descriptor.type + "." + parameter.name);
     }
   }
   if (features_.size() > kMaxFeatures) refuse(name_, "too many features are registered");
@@ -102,7 +101,7 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
     const std::size_t i = find_parameter(value.name);
     if (i == parameter_count()) refuse(name_, "it has no parameter '" + value.name + "'");
     std::vector<double> values = value.values;
-    if (values.size() == 1) values.resize(parameter_size(i), values[0]);  // one number for all
+    if (values.size() == 1) values.resize(parameter_size(i), values[0]);  // one number for all elements
     const Verdict verdict = check_parameter(i, values);
     if (verdict != Verdict::accepted)
       refuse(name_, "parameter '" + value.name + "': " + std::string(to_string(verdict)));
@@ -156,7 +155,7 @@ void Instance::set_parameter(std::size_t i, std::span<const double> values, bool
 
 std::size_t Instance::find_feature(std::string_view type) const {
   const auto it = std::find_if(features_.begin(), features_.end(),
-                               [&](const auto& f) { return f.statement.type == type; });
+                               [&](const auto& f) { return f.descriptor.type == type; });
   return static_cast<std::size_t>(it - features_.begin());
 }
 std::size_t Instance::find_input(std::string_view name) const {
@@ -166,10 +165,10 @@ std::size_t Instance::find_input(std::string_view name) const {
 }
 
 std::vector<OutputSpec> Instance::output_specs() const {
-  std::vector<OutputSpec> specs = statement_.outputs;
+  std::vector<OutputSpec> specs = descriptor_.outputs;
   for (const auto& slot : features_) {
-    for (OutputSpec output : slot.statement.outputs) {
-      output.name = slot.statement.type + "." + output.name;
+    for (OutputSpec output : slot.descriptor.outputs) {
+      output.name = slot.descriptor.type + "." + output.name;
       specs.push_back(std::move(output));
     }
   }
@@ -190,8 +189,8 @@ ControlContext Instance::feature_context(FeatureSlot& slot, const Tick& tick) {
 
 LawResult Instance::start(const Tick& tick) try {
   served_ = {};
-  dt_ = kNominalPeriod;
-  last_tick_ = tick.t + std::chrono::nanoseconds(-1'000'000);
+  dt_ = kArmPeriod;
+  last_tick_ = tick.t + -kArmPeriodNs;
   parameters_.finish();
   ControlContext law = context(tick);
   controllet_->start_references(law);
@@ -244,7 +243,7 @@ Intervention Instance::update(const Tick& tick) try {
     input.advance(dt_, tick.t.seconds());
     if (input.stale()) return Intervention::reference_stale;
   }
-  // Sized anew: a law may have left a vector of another size behind.
+  // Resize: a law may have left a vector of another size.
   for (auto& arm : law_arms_) arm.tau->setZero(static_cast<Eigen::Index>(arm.model().joint_count()));
   ControlContext law = context(tick);
   return controllet_->update(law) == LawResult::ok ? Intervention::none : Intervention::controllet_fault;

@@ -10,10 +10,11 @@
 #include "core/modes/registry.hpp"
 #include "core/modes/request.hpp"
 #include "core/types/tick.hpp"
+#include "core/types/time.hpp"
 
 namespace multipanda {
 
-// What a scene says about one controllet instance.
+// Configuration of one controllet instance in a scene.
 struct InstanceConfig {
   struct Value {
     std::string name;  // "stiffness_n_per_m", or "joint_limits.range_rad" for a feature's parameter
@@ -27,12 +28,12 @@ struct InstanceConfig {
   std::vector<InputSpec> inputs;  // overrides of timeout and speed limits, by name; usually empty
 };
 
-// The blocks of one cycle that instances work on, one element per arm of the scene.
+// The data of one cycle that instances use, one element per arm of the scene.
 struct ArmBlocks {
   std::span<ArmState> states;
   std::span<ModelTerms> terms;
   std::span<JointVector> tau_controllet, tau_feature;
-  // What features may know of the world; used while instances are built.
+  // World data for features; used while instances are built.
   std::span<const Obstacle> obstacles = {};
   ArmSet friction_compensated = {};
 };
@@ -40,12 +41,12 @@ struct ArmBlocks {
 // One controllet with its parameters, references and features, bound to its arms. Built before the loop.
 class Instance {
  public:
-  // Throws std::invalid_argument on unknown type, feature or parameter, wrong number of arms, values out of
-  // bounds.
+  // Throws std::invalid_argument on unknown type, feature or parameter, wrong number of arms, values
+  // out of bounds.
   Instance(const InstanceConfig& config, const Registry& registry, const ArmBlocks& blocks);
 
   const std::string& name() const { return name_; }
-  const Statement& statement() const { return statement_; }
+  const ControlletDescriptor& descriptor() const { return descriptor_; }
   ArmSet arms() const { return arms_; }
   const std::vector<ArmIndex>& arm_list() const { return arm_list_; }
 
@@ -54,12 +55,12 @@ class Instance {
   const std::vector<std::string>& parameter_names() const { return parameter_names_; }
   std::size_t find_parameter(std::string_view name) const;  // parameter_count(): unknown
   const ParameterSpec& parameter_spec(std::size_t i) const;
-  std::vector<double> parameter(std::size_t i) const;  // value aimed at; any thread but the loop's
+  std::vector<double> parameter(std::size_t i) const;  // target value; any thread except the loop's
   std::size_t parameter_size(std::size_t i) const;
   Verdict check_parameter(std::size_t i, std::span<const double> values) const;
 
   std::size_t feature_count() const { return features_.size(); }
-  const Statement& feature_statement(std::size_t i) const { return features_[i].statement; }
+  const ControlletDescriptor& feature_descriptor(std::size_t i) const { return features_[i].descriptor; }
   std::size_t find_feature(std::string_view type) const;  // feature_count(): unknown
   std::string_view feature_refusal(std::size_t i) const { return features_[i].feature->refusal(); }
   bool feature_on(std::size_t i) const {
@@ -76,23 +77,24 @@ class Instance {
   std::vector<OutputSpec> output_specs() const;
 
   // --- loop thread ---
-  // `active`: does it run? Then parameters are approached and features start; else both are just noted.
+  // If `active`, parameters approach their values and features start; otherwise both are only stored.
   void set_parameter(std::size_t i, std::span<const double> values, bool active);
   LawResult set_feature(std::size_t i, bool on, bool active, const Tick& tick);
-  // References at the measured state, then controllet and features start. fault: refused (an exception
-  // counts).
+  // Starts the references at the measured state, then the controllet and its features. fault: refused,
+  // or an exception.
   LawResult start(const Tick& tick);
-  // Does this step begin a new tick of the group? The arms of a group deliver their packets apart; the group
-  // ticks on its first arm's packet, the others get that tick's torque on their own.
+  // Returns whether this step begins a new tick of the group. The arms of a group deliver their packets at
+  // different times. The group ticks on the packet of its first arm; each other arm receives the torque of
+  // that tick on its own packet.
   bool begins_tick(ArmSet due);
-  // Why it must not go on, or none. Fills tau_controllet of its arms.
+  // Returns the reason to deactivate it, or none. Fills tau_controllet of its arms.
   Intervention update(const Tick& tick);
   // Fills tau_feature of its arms.
   Intervention update_features(const Tick& tick);
 
  private:
   struct FeatureSlot {
-    Statement statement;
+    ControlletDescriptor descriptor;
     std::unique_ptr<Feature> feature;
     ParameterSet parameters;
     std::size_t output_offset = 0, output_count = 0;
@@ -104,7 +106,7 @@ class Instance {
   std::pair<const ParameterSet*, std::size_t> locate(std::size_t i) const;
 
   std::string name_;
-  Statement statement_;
+  ControlletDescriptor descriptor_;
   ArmSet arms_;
   std::vector<ArmIndex> arm_list_;
   std::unique_ptr<Controllet> controllet_;
@@ -116,9 +118,9 @@ class Instance {
   std::vector<double> outputs_;
   std::size_t law_output_count_ = 0;
   std::vector<OwnedArm> law_arms_, feature_arms_, scene_arms_;
-  ArmSet served_;  // arms that have had the present tick's torque
+  ArmSet served_;  // arms that received the torque of the current tick
   LoopTime last_tick_;
-  double dt_ = 0.001;  // of the present tick
+  double dt_ = kArmPeriod;  // of the current tick
 };
 
 }  // namespace multipanda

@@ -22,7 +22,7 @@ std::uint64_t Mailbox::post(std::span<const Request> requests) {
 const Mailbox::Posted* Mailbox::front() {
   const Posted* posted = ring_.front();
   if (posted == nullptr || in_batch()) return posted;
-  // The first of a batch says how many there are; take none before all have arrived.
+  // The first request of a batch has its size. Take none before all have arrived.
   batch_ = posted->request.batch;
   return ring_.size() < batch_ ? nullptr : posted;
 }
@@ -32,7 +32,7 @@ void Mailbox::pop() {
   if (++taken_of_batch_ == batch_) taken_of_batch_ = 0;
 }
 
-// Release on every word: whoever reads one of the new words (acquire) also sees that the old ticket is gone.
+// Release on every word: a reader of one of the new words (acquire) also sees the old ticket replaced.
 void Mailbox::answer(const Answer& answer) {
   std::array<std::uint64_t, kWords> words{};
   std::memcpy(words.data(), &answer, sizeof(Answer));
@@ -47,7 +47,8 @@ bool Mailbox::poll(std::uint64_t ticket, Answer& answer) const {
   if (ticket == 0 || slot.ticket.load(std::memory_order_acquire) != ticket) return false;
   std::array<std::uint64_t, kWords> words{};
   for (std::size_t i = 0; i < kWords; ++i) words[i] = slot.words[i].load(std::memory_order_acquire);
-  if (slot.ticket.load(std::memory_order_relaxed) != ticket) return false;  // overwritten while reading
+  if (slot.ticket.load(std::memory_order_relaxed) != ticket)
+    return false;  // it was overwritten during the read
   std::memcpy(static_cast<void*>(&answer), words.data(), sizeof(Answer));
   return true;
 }

@@ -11,18 +11,18 @@
 
 namespace multipanda {
 
-// Requests from any thread to the loop, answers back. Askers wait for each other (a mutex the loop never
-// touches), the loop waits for nobody: it takes what is there at a cycle boundary.
+// Passes requests from any thread to the loop, and answers back. Callers wait for each other (on a mutex that
+// the loop never locks). The loop never waits: it takes the queued requests at a cycle boundary.
 class Mailbox {
  public:
   static constexpr std::size_t kMaxBatch = 64;  // requests of one call
 
-  // --- any thread but the loop's ---
-  // Queues the requests so that the loop takes them in one cycle. Their tickets follow each other; returns
-  // that of the last one. 0: none given, more than kMaxBatch, or no room.
+  // --- any thread except the loop's ---
+  // Queues the requests so that the loop takes them in one cycle. Their tickets are consecutive; returns the
+  // last one. 0: no requests, more than kMaxBatch, or the queue is full.
   std::uint64_t post(std::span<const Request> requests);
-  // The answer, once the loop has given it. Kept for the last kAnswers tickets. `answer` is untouched if
-  // false.
+  // Returns the answer if the loop has given it. The last kAnswers answers are kept. `answer` is unchanged if
+  // the result is false.
   bool poll(std::uint64_t ticket, Answer& answer) const;
 
   // --- loop thread ---
@@ -31,16 +31,16 @@ class Mailbox {
     std::uint64_t ticket = 0;
     HostTime received;
   };
-  const Posted* front();                                 // nullptr: nothing, or a batch not yet whole
-  bool in_batch() const { return taken_of_batch_ > 0; }  // some of the front's batch were taken already
+  const Posted* front();                                 // nullptr: empty, or an incomplete batch
+  bool in_batch() const { return taken_of_batch_ > 0; }  // part of the front's batch has been taken
   void pop();
   void answer(const Answer& answer);
 
  private:
   static constexpr std::size_t kQueue = 256, kAnswers = 1024;
 
-  // An answer as words, each atomic, so that a reader that comes while the slot is overwritten sees a torn
-  // answer (and notices by the ticket) but never races.
+  // An answer as atomic words. A reader that reads while the slot is overwritten gets a torn answer, which it
+  // detects by the ticket, but there is no data race.
   static_assert(std::is_trivially_copyable_v<Answer>);
   static constexpr std::size_t kWords = (sizeof(Answer) + 7) / 8;
   struct Slot {

@@ -8,7 +8,7 @@
 
 #include <gtest/gtest.h>
 
-namespace multipanda {
+namespace multipanda::mailbox_test {
 namespace {
 
 TEST(Mailbox, TicketsCountAndBatchesAreBounded) {
@@ -47,9 +47,9 @@ TEST(Mailbox, AnswersAreKeptForTheirTicketOnly) {
   EXPECT_FALSE(box->poll(0, got));
 }
 
-// Askers post batches; the loop must see each one whole and in one go, and askers whole answers.
-// One round asks for fewer tickets than answers are kept, so that an asker that the scheduler forgets for a
-// while still finds its answer.
+// Callers post batches; the loop must see each batch complete and in one cycle, and callers must get complete
+// answers. One round uses fewer tickets than answers are kept, so that a caller that the scheduler delays
+// still finds its answer.
 void batches_stay_whole() {
   const auto box = std::make_unique<Mailbox>();
   constexpr int kThreads = 3, kBatches = 100;  // of 3 requests on average
@@ -99,11 +99,11 @@ void batches_stay_whole() {
   EXPECT_EQ(wrong, 0);
 }
 
-// Every hand-over waits for the scheduler: the whole series only where time was asked for.
+// Every hand-over waits for the scheduler: the whole series runs only on request.
 TEST(Mailbox, BatchesStayWholeAmongManyThreads) {
   const int rounds = std::getenv("MULTIPANDA_FULL") != nullptr ? 20 : 2;
   for (int round = 0; round < rounds && !HasFailure(); ++round) batches_stay_whole();
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::mailbox_test

@@ -7,7 +7,7 @@
 
 #include "core/modes/visit_bits.hpp"
 
-// What is built before the loop, and what other threads call. The loop's side is in multimode_loop.cpp.
+// Construction and the functions for other threads. The loop's part is in multimode_loop.cpp.
 namespace multipanda {
 namespace {
 
@@ -25,8 +25,8 @@ MultimodeController::MultimodeController(std::vector<std::string> arm_names,
       if (config.name == hold.name) hold = config;  // a scene may set its parameters and features
     }
     if (hold.type != "hold" || hold.arms != std::vector<ArmIndex>{arm}) {
-      throw std::invalid_argument("controllet '" + hold.name + "': this name belongs to the hold of arm '" +
-                                  arm_names_[arm] + "'");
+      throw std::invalid_argument("controllet '" + hold.name +
+                                  "': this name is reserved for the hold of arm '" + arm_names_[arm] + "'");
     }
     instances_.push_back(std::make_unique<Instance>(hold, registry, blocks));
   }
@@ -37,8 +37,9 @@ MultimodeController::MultimodeController(std::vector<std::string> arm_names,
     instances_.push_back(std::make_unique<Instance>(config, registry, blocks));
   }
   if (instances_.size() > kMaxInstances) {
-    throw std::invalid_argument("too many controllets: " + std::to_string(instances_.size()) + ", at most " +
-                                std::to_string(kMaxInstances) + " with the arms' holds");
+    throw std::invalid_argument("too many controllets: " + std::to_string(instances_.size()) +
+                                " with the arms' holds; at most " + std::to_string(kMaxInstances) +
+                                " are supported");
   }
   std::size_t offset = 0;
   for (const auto& instance : instances_) {
@@ -47,7 +48,7 @@ MultimodeController::MultimodeController(std::vector<std::string> arm_names,
   }
   last_mode_.fill(ArmMode::other);
   last_config_.fill(kNeverSeen);
-  // Long before the first cycle, so that the first torque gets a whole period of the rate limit.
+  // Well before the first cycle, so that the rate limit of the first torque covers a whole period.
   last_torque_.fill(LoopTime::from_seconds(-1));
   for (ArmIndex arm = 0; arm < arm_names_.size(); ++arm) owners_[arm] = hold_of(arm);
   pending_.resize(kAnswersPerStep);
@@ -58,7 +59,7 @@ void MultimodeController::schedule(std::vector<ScheduledRequest> requests) {
   std::stable_sort(schedule_.begin(), schedule_.end(),
                    [](const auto& a, const auto& b) { return a.at < b.at; });
   next_scheduled_ = 0;
-  // Even if all are due at once, each is taken to the cycle.
+  // Enough for all of them at once, so that each is taken in its cycle.
   pending_.resize(schedule_.size() + kAnswersPerStep);
 }
 
@@ -90,14 +91,14 @@ ArmSet MultimodeController::arms_of(InstanceSet set) const {
   return arms;
 }
 
-// Who runs after `request`, given who runs now: the activated ones, of the others those that share no arm
-// with them (and were not told to stop), and the holds of all arms that are then without an owner.
+// The instances that run after `request`: the activated ones, the active ones that share no arm with them and
+// are not deactivated, and the holds of all arms that then have no owner.
 SwitchPlan MultimodeController::plan(InstanceSet active, const Request& request) const {
-  const ArmSet wanted = arms_of(request.activate);
+  const ArmSet requested_arms = arms_of(request.activate);
   InstanceSet next = request.activate;
   const InstanceSet others = request.only ? 0 : active & ~request.deactivate & ~request.activate;
   for_each(others, [&](InstanceIndex i) {
-    if (!instances_[i]->arms().overlaps(wanted)) next |= bit(i);
+    if (!instances_[i]->arms().overlaps(requested_arms)) next |= bit(i);
   });
   for_each(ArmSet::all(arm_count()) - arms_of(next), [&](ArmIndex arm) { next |= bit(hold_of(arm)); });
   return {.start = next & ~active, .stop = active & ~next, .keep = active & next};
@@ -153,10 +154,10 @@ Answer MultimodeController::ask(std::span<const Request> requests, double timeou
   answer.received = host_now();
   answer.verdict = post(requests, ticket);
   if (!answer.accepted()) return answer;
-  const HostTime asked = answer.received;
+  const HostTime posted = answer.received;
   for (std::uint64_t part = ticket - requests.size() + 1; part <= ticket; ++part) {
     while (!mailbox_.poll(part, answer)) {
-      if (seconds(host_now() - asked) > timeout_s) {
+      if (seconds(host_now() - posted) > timeout_s) {
         answer.verdict = Verdict::timeout;
         return answer;
       }

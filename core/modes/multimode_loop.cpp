@@ -3,23 +3,21 @@
 #include "core/modes/multimode_controller.hpp"
 #include "core/modes/visit_bits.hpp"
 
-// The loop's side: the steps of a cycle, in their order. Nothing here allocates, locks, logs or throws.
+// The loop's part: the steps of a cycle, in order. Nothing here allocates, locks, logs or throws.
 namespace multipanda {
 namespace {
 
-// Zero in the arm's own size, whatever was left there.
+// Sets the torque to zero, with the arm's joint count.
 void clear(std::span<JointVector> torques, ArmIndex arm, std::size_t joint_count) {
   torques[arm].setZero(static_cast<Eigen::Index>(joint_count));
 }
-
-bool takes_commands(ArmMode mode) { return mode == ArmMode::idle || mode == ArmMode::move; }
 
 }  // namespace
 
 void MultimodeController::take_requests(const Tick& tick) {
   pending_count_ = 0;
   handed_over_ = {};
-  step_wanted_.fill(0);
+  step_requested_.fill(0);
   step_sent_.fill(0);
   for_each(ArmSet::all(arm_count()) - arms_of(active_), [&](ArmIndex arm) {  // only before the first cycle
     commit({.start = bit(hold_of(arm)), .stop = 0, .keep = 0});
@@ -40,7 +38,7 @@ void MultimodeController::take_requests(const Tick& tick) {
     apply(posted->request, posted->ticket, posted->received, tick);
     mailbox_.pop();
   }
-  take_stops(tick);  // after them, so that nothing taken at this boundary outlives a stop
+  take_stops(tick);  // last, so that a stop overrides all requests of this boundary
   take_waiting_starts(tick);
 }
 
@@ -55,7 +53,7 @@ void MultimodeController::give_up_starts(ArmSet arms) {
   });
 }
 
-// Last of all: what was decided at this boundary has ended the starts that it concerns.
+// After all other requests of this boundary, which may have canceled waiting starts.
 void MultimodeController::take_waiting_starts(const Tick& tick) {
   give_up_starts(stopped_);
   for_each(waiting_, [&](InstanceIndex i) {
@@ -130,7 +128,7 @@ void MultimodeController::apply(const Request& request, std::uint64_t ticket, Ho
         event.size = request.target.size;
         std::copy_n(request.target.values.begin(), request.target.size, event.values.begin());
         if (request.target.delivery ==
-            Delivery::motion) {  // rise, then sine; overtones show in the references
+            Delivery::motion) {  // rise, then sine; the harmonics are visible in the references
           std::copy_n(request.target.sine.begin(), request.target.size, event.values.begin() + event.size);
           event.size = static_cast<std::uint8_t>(2 * event.size);
         }
@@ -138,22 +136,22 @@ void MultimodeController::apply(const Request& request, std::uint64_t ticket, Ho
       case Request::Kind::resume:
         stopped_ = stopped_ - request.arms;
         stopped_shared_.store(stopped_.bits(), std::memory_order_release);
-        give_up_starts(request.arms);  // resuming starts nothing by itself
+        give_up_starts(request.arms);  // a resume starts nothing by itself
         event.kind = EventKind::resumed;
         event.arms = request.arms.bits();
         break;
     }
   }
   event.verdict = answer.verdict;
-  if (request.kind != Request::Kind::switch_controllets) emit(event, tick);  // switches are told by close()
+  if (request.kind != Request::Kind::switch_controllets) emit(event, tick);  // close() reports switches
   pending_[pending_count_++] = answer;
 }
 
-// Starts the new ones first: if one refuses, everything stays as it was.
+// Starts the new instances first: if one refuses, nothing changes.
 Verdict MultimodeController::apply_switch(const Request& request, Answer& answer, const Tick& tick) {
   answer.plan = plan(active_, request);
   const ArmSet moving = arms_of(answer.plan.start);
-  // What inspect() would take out in this very step is not started in the first place. A hold always may.
+  // Do not start an instance that inspect() would remove in the same step. A hold may always start.
   const InstanceSet holds = (InstanceSet{1} << arm_count()) - 1;
   bool ready = true;
   for_each(arms_of(answer.plan.start & ~holds), [&](ArmIndex arm) {
@@ -178,7 +176,7 @@ void MultimodeController::commit(const SwitchPlan& plan) {
   active_shared_.store(active_, std::memory_order_release);
 }
 
-// Takes an instance out; its arms are held from this very step on.
+// Deactivates an instance; its arms are held from this cycle on.
 void MultimodeController::evict(InstanceIndex instance, ArmIndex arm, const Finding& finding,
                                 const Tick& tick, bool update_holds) {
   if ((active_ & bit(instance)) == 0) return;
@@ -195,7 +193,8 @@ void MultimodeController::evict(InstanceIndex instance, ArmIndex arm, const Find
     if (instances_[i]->update(tick) != Intervention::none ||
         safety_.judge(held, blocks_.tau_controllet[held])) {
       clear(blocks_.tau_controllet, held,
-            blocks_.terms[held].joint_count());  // not even a hold can be computed: the arm carries itself
+            blocks_.terms[held]
+                .joint_count());  // a hold cannot be computed either; the arm compensates its own gravity
     }
     if (instances_[i]->update_features(tick) != Intervention::none ||
         safety_.judge(held, blocks_.tau_controllet[held], blocks_.tau_feature[held])) {
@@ -213,8 +212,8 @@ void MultimodeController::evict(InstanceIndex instance, ArmIndex arm, const Find
   emit(event, tick);
 }
 
-// Leaves an event when the arm itself changed its mode or configuration. An arm that comes back (from a
-// reflex, from being guided by hand) is held where it stands now, not where it was lost.
+// Emits an event if the arm changed its mode or configuration. An arm that returns, for example from a reflex
+// or from hand guiding, is held at its current position, not at its previous one.
 void MultimodeController::watch_arm(ArmIndex arm, const Tick& tick) {
   const ArmState& state = blocks_.states[arm];
   if (state.mode != last_mode_[arm]) {
@@ -275,7 +274,7 @@ void MultimodeController::run_controllets(const Tick& tick) {
     }
     if (finding) {
       if (i < arm_count()) {
-        // The hold itself: nothing below it but the arm's own gravity compensation.
+        // The hold itself failed; only the arm's own gravity compensation remains.
         clear(blocks_.tau_controllet, arm, blocks_.terms[arm].joint_count());
         safety_.count(arm, finding.rule);
       } else {
@@ -308,13 +307,13 @@ void MultimodeController::run_features(const Tick& tick) {
 
 void MultimodeController::limit(const Tick& tick, std::span<JointVector> tau_cmd) {
   for_each(tick.due, [&](ArmIndex arm) {
-    const JointVector wanted = blocks_.tau_controllet[arm] + blocks_.tau_feature[arm];
+    const JointVector tau_requested = blocks_.tau_controllet[arm] + blocks_.tau_feature[arm];
     const JointVector before = safety_.last_command(arm);
     Finding cut;
-    tau_cmd[arm] = safety_.limit(arm, wanted, seconds(tick.t - last_torque_[arm]), cut);
+    tau_cmd[arm] = safety_.limit(arm, tau_requested, seconds(tick.t - last_torque_[arm]), cut);
     last_torque_[arm] = tick.t;
     if (handed_over_.contains(arm)) {
-      step_wanted_[arm] = (wanted - before).lpNorm<Eigen::Infinity>();
+      step_requested_[arm] = (tau_requested - before).lpNorm<Eigen::Infinity>();
       step_sent_[arm] = (tau_cmd[arm] - before).lpNorm<Eigen::Infinity>();
     }
     if (cut && cut.rule != last_cut_[arm]) {
@@ -331,7 +330,7 @@ void MultimodeController::close(const Tick& tick) {
     Answer& answer = pending_[k];
     answer.first_torque = now;
     if (answer.kind == Request::Kind::switch_controllets) {
-      answer.step_wanted = step_wanted_;
+      answer.step_requested = step_requested_;
       answer.step_sent = step_sent_;
       Event event{.kind = answer.accepted() ? EventKind::switched : EventKind::switch_refused};
       event.verdict = answer.verdict;
@@ -345,7 +344,7 @@ void MultimodeController::close(const Tick& tick) {
       event.first_torque = now;
       event.size = static_cast<std::uint8_t>(2 * arm_count());
       for (ArmIndex arm = 0; arm < arm_count(); ++arm) {
-        event.values[2 * arm] = step_wanted_[arm];
+        event.values[2 * arm] = step_requested_[arm];
         event.values[2 * arm + 1] = step_sent_[arm];
       }
       emit(event, tick);

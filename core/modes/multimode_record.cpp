@@ -4,7 +4,7 @@
 #include "core/modes/multimode_controller.hpp"
 #include "core/modes/visit_bits.hpp"
 
-// What is left for the log: names before the loop; events, references and outputs in it.
+// Data for the log: names before the loop; events, references and outputs in it.
 namespace multipanda {
 
 RecordLayout MultimodeController::layout() const {
@@ -15,7 +15,7 @@ RecordLayout MultimodeController::layout() const {
   for (const auto& instance : instances_) {
     RecordLayout::Instance entry;
     entry.name = instance->name();
-    entry.type = instance->statement().type;
+    entry.type = instance->descriptor().type;
     entry.arms = instance->arms().bits();
     for (const auto& input : std::as_const(*instance).inputs()) {
       entry.inputs.push_back(
@@ -23,7 +23,7 @@ RecordLayout MultimodeController::layout() const {
     }
     entry.parameters = instance->parameter_names();
     for (std::size_t i = 0; i < instance->feature_count(); ++i) {
-      entry.features.push_back(instance->feature_statement(i).type);
+      entry.features.push_back(instance->feature_descriptor(i).type);
     }
     for (const auto& output : instance->output_specs()) {
       entry.outputs.push_back({output.name, layout.output_count, output.size});
@@ -35,7 +35,7 @@ RecordLayout MultimodeController::layout() const {
   return layout;
 }
 
-void MultimodeController::leave_record(CycleRecord& record) const {
+void MultimodeController::record_cycle(CycleRecord& record) const {
   record.reference_count = 0;
   std::fill(record.outputs.begin(), record.outputs.end(), std::numeric_limits<double>::quiet_NaN());
   for_each(active_, [&](InstanceIndex i) {

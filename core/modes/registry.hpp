@@ -6,33 +6,38 @@
 
 #include "core/controllets/controllet.hpp"
 #include "core/features/feature.hpp"
+#include "core/modes/backend_type.hpp"
 
 namespace multipanda {
 
-// The controllets and features that can be named. One explicit list, no self-registration: what is linked is
-// visible in one place. Filled before the loop; read-only afterwards.
+// The controllets, features and users' backends that a scene can name. The list is explicit, without
+// self-registration. It is filled before the loop and read-only afterwards.
 class Registry {
  public:
-  // Everything that comes with multipanda.
+  // All controllets and features of multipanda.
   static Registry with_builtins();
 
-  // Throws std::invalid_argument on a name that is taken.
+  // Throws std::invalid_argument if the name is taken.
   void add(ControlletType type);
   void add(FeatureType type);
+  void add(BackendType type);
 
   const ControlletType* controllet(std::string_view type) const;  // nullptr: unknown
   const FeatureType* feature(std::string_view type) const;
+  const BackendType* backend(std::string_view name) const;  // nullptr: unknown
   const std::vector<ControlletType>& controllets() const { return controllets_; }
   const std::vector<FeatureType>& features() const { return features_; }
+  const std::vector<BackendType>& backends() const { return backends_; }
 
-  // Loads a user's library (core/modes/plugin.hpp says what it exports) and adds its controllets and
-  // features. Throws std::runtime_error with the reason: not found, unresolved symbol, other version. Never
-  // unloaded.
+  // Loads a user's library (core/modes/plugin.hpp says what it exports) and adds its controllets,
+  // features and backends. Throws std::runtime_error with the reason: not found, unresolved symbol, other
+  // version. Never unloaded.
   void load_plugin(const std::string& path);
 
  private:
   std::vector<ControlletType> controllets_;
   std::vector<FeatureType> features_;
+  std::vector<BackendType> backends_;
 };
 
 }  // namespace multipanda

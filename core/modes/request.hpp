@@ -20,14 +20,14 @@ using InstanceSet = std::uint64_t;
 inline constexpr InstanceSet bit(InstanceIndex i) { return InstanceSet{1} << i; }
 static_assert(kMaxInstances <= 64);
 
-// What anyone may ask of the multimode controller. Plain data: it crosses threads by copying.
+// A request to the multimode controller. Plain data that is copied between threads.
 struct Request {
   enum class Kind : std::uint8_t { switch_controllets, set_parameter, set_feature, set_target, resume };
 
   Kind kind = Kind::switch_controllets;
 
-  // switch_controllets: these run afterwards; whoever owned their arms stops. With `only`, nothing else goes
-  // on. Arms that end up without an owner are held.
+  // switch_controllets: activates these; other owners of their arms stop. With `only`, all others stop, too.
+  // Arms without an owner are held.
   InstanceSet activate = 0, deactivate = 0;
   bool only = false;
 
@@ -39,26 +39,27 @@ struct Request {
   Target target;  // set_target
   ArmSet arms;    // resume
 
-  std::uint16_t batch = 1;  // requests of one call: taken in the same cycle (the first one says how many)
+  std::uint16_t batch = 1;  // number of requests of one call, taken in the same cycle; set in the first one
 };
 
-// What became of a switch, as bits.
+// Result of a switch, as instance bits.
 struct SwitchPlan {
   InstanceSet start = 0, stop = 0, keep = 0;
 };
 
-// The answer to a request, complete with the times of what happened.
+// The answer to a request, with the times of its steps.
 struct Answer {
   Request::Kind kind = Request::Kind::switch_controllets;
   Verdict verdict = Verdict::pending;
   std::uint64_t ticket = 0;
-  std::uint64_t cycle = 0;                 // that took it
-  LoopTime t;                              // of that cycle
-  HostTime received, taken, first_torque;  // asked; at the cycle boundary; after the first torque was written
-  SwitchPlan plan;                         // of a switch
+  std::uint64_t cycle = 0;  // in which it was taken
+  LoopTime t;               // of that cycle
+  HostTime received, taken,
+      first_torque;  // when requested; at the cycle boundary; after the first torque was written
+  SwitchPlan plan;   // of a switch
   // Switch: largest step of any joint at the hand-over, per arm [N m]: as computed, and as sent after the
   // rate limit.
-  std::array<double, kMaxArms> step_wanted{}, step_sent{};
+  std::array<double, kMaxArms> step_requested{}, step_sent{};
 
   bool accepted() const { return verdict == Verdict::accepted; }
 };

@@ -3,11 +3,11 @@
 
 #include <gtest/gtest.h>
 
-#include "core/test_support/test_laws.hpp"
-#include "core/test_support/test_world.hpp"
+#include "core/testing/test_laws.hpp"
+#include "core/testing/test_world.hpp"
 
 // Ownership, requests and answers, on a world of four arms.
-namespace multipanda {
+namespace multipanda::switching_test {
 namespace {
 
 using test::Draw;
@@ -49,7 +49,7 @@ TEST(Switching, FirstTorqueComesInTheCycleThatTakesTheRequest) {
   EXPECT_EQ(loop.ownership_fault(), "");
 }
 
-TEST(Switching, StepAtTheHandOverIsBoundedByTheRateLimitAndTold) {
+TEST(Switching, StepAtTheHandOverIsBoundedByTheRateLimitAndReported) {
   TestLoop loop(1,
                 {{.name = "f", .type = "follow", .arms = {0}}, {.name = "s", .type = "spring", .arms = {0}}},
                 test::test_registry());
@@ -65,10 +65,10 @@ TEST(Switching, StepAtTheHandOverIsBoundedByTheRateLimitAndTold) {
   const double sent = (loop.world.torque(0) - before).lpNorm<Eigen::Infinity>();
   EXPECT_NEAR(answer.step_sent[0], sent, 1e-12);
   EXPECT_LE(sent, 1.0 + 1e-12);  // 1000 N m/s for 1 ms
-  EXPECT_GE(answer.step_wanted[0], answer.step_sent[0]);
+  EXPECT_GE(answer.step_requested[0], answer.step_sent[0]);
 }
 
-TEST(Switching, TwoOwnersAreRefusedWholeAndNothingChanges) {
+TEST(Switching, TwoOwnersAreRefusedAndNothingChanges) {
   TestLoop loop(4, four_arms(), test::test_registry());
   loop.step();
   loop.activate({"s1"});
@@ -78,7 +78,7 @@ TEST(Switching, TwoOwnersAreRefusedWholeAndNothingChanges) {
   EXPECT_THROW(loop.modes().activate_at_start(loop.set({"p12", "p31"})), std::invalid_argument);
 }
 
-TEST(Switching, WhoRefusesToStartChangesNothingForAnybody) {
+TEST(Switching, ARefusedStartChangesNothing) {
   for (const char* bad : {"refuser", "thrower"}) {
     TestLoop loop(4, four_arms(), test::test_registry());
     loop.step();
@@ -121,14 +121,14 @@ TEST(Switching, StopHoldsUntilResumed) {
   loop.activate({"p12", "s0"});
   loop.modes().stop(ArmSet::of(1));
   loop.step();
-  // The pair loses its other arm, too; that one is not stopped. arm 0 goes on.
+  // The pair loses its other arm, too; that one is not stopped. arm 0 continues.
   EXPECT_EQ(loop.modes().active(), loop.set({"s0", "arm1_hold", "arm2_hold", "arm3_hold"}));
   EXPECT_EQ(loop.modes().stopped(), ArmSet::of(1));
   EXPECT_EQ(loop.cycle.safety().counted(1, Intervention::stop_requested), 1u);
   EXPECT_EQ(loop.activate({"p12"}).verdict, Verdict::arm_stopped);
   EXPECT_TRUE(loop.activate({"s2"}).accepted());
   EXPECT_TRUE(loop.ask({.kind = Kind::resume, .arms = ArmSet::of(1)}).accepted());
-  EXPECT_EQ(loop.modes().owner(1), loop.find("arm1_hold"));  // resuming starts nothing by itself
+  EXPECT_EQ(loop.modes().owner(1), loop.find("arm1_hold"));  // a resume starts nothing by itself
   EXPECT_TRUE(loop.activate({"p12"}).accepted());
   loop.modes().stop(ArmSet::all(4));
   loop.step();
@@ -154,15 +154,14 @@ TEST(Switching, FeaturesSwitchAtTheCycle) {
   EXPECT_EQ(loop.cycle.data().tau_feature[1].norm(), 0);
 }
 
-// Every feature on every controllet, on and off while running: taken at the next cycle, and its torque is
-// there, or gone, in that same cycle. The arms stand where features act: near a limit, moving, below the
-// threshold.
+// Every feature on every controllet, on and off while running: taken at the next cycle, and its torque begins
+// or ends in that same cycle. The arms are where features act: near a limit, moving, below a threshold.
 TEST(Switching, EveryFeatureOnEveryControlletActsFromTheNextCycleOn) {
   const Registry registry = Registry::with_builtins();
   std::vector<InstanceConfig> configs;
   for (const auto& type : registry.controllets()) {
-    InstanceConfig config{.name = "one_" + type.statement.type, .type = type.statement.type};
-    for (ArmIndex arm = 0; arm < type.statement.arms; ++arm) config.arms.push_back(arm);
+    InstanceConfig config{.name = "one_" + type.descriptor.type, .type = type.descriptor.type};
+    for (ArmIndex arm = 0; arm < type.descriptor.arms; ++arm) config.arms.push_back(arm);
     config.parameters = {{"joint_limits.range_rad", {0.5}}, {"manipulability.threshold", {1}}};
     configs.push_back(config);
   }
@@ -178,7 +177,7 @@ TEST(Switching, EveryFeatureOnEveryControlletActsFromTheNextCycleOn) {
     ASSERT_TRUE(loop.ask({.activate = bit(loop.find(config.name))}).accepted()) << config.name;
     const Instance& instance = loop.modes().instance(loop.find(config.name));
     for (std::size_t f = 0; f < instance.feature_count(); ++f) {
-      const std::string& feature = instance.feature_statement(f).type;
+      const std::string& feature = instance.feature_descriptor(f).type;
       for (const bool on : {true, false, true, false}) {
         for (const ArmIndex arm : config.arms) loop.world.set_velocity(arm, joint_constant(7, 0.02));
         const std::uint64_t before = loop.cycle.data().tick.cycle;
@@ -234,7 +233,7 @@ TEST(Switching, AskGivesTheFirstRefusalOfABatch) {
   EXPECT_EQ(answer.verdict, Verdict::start_refused);
 }
 
-TEST(Switching, ScheduledRequestsComeToTheCycle) {
+TEST(Switching, ScheduledRequestsAreExecutedInTheirCycle) {
   TestLoop loop(4, four_arms(), test::test_registry());
   std::vector<ScheduledRequest> timeline(3);
   timeline[0].at = LoopTime::from_seconds(0.020);
@@ -255,7 +254,7 @@ TEST(Switching, ScheduledRequestsComeToTheCycle) {
   EXPECT_EQ(loop.modes().stopped(), ArmSet::of(1));
 }
 
-TEST(Switching, ParametersOfWhatDoesNotRunAreSetAtOnce) {
+TEST(Switching, ParametersOfInactiveControlletsAreSetAtOnce) {
   TestLoop loop(2, {}, test::test_registry());
   loop.step();
   Instance& hold = loop.modes().instance(0);
@@ -266,7 +265,7 @@ TEST(Switching, ParametersOfWhatDoesNotRunAreSetAtOnce) {
   EXPECT_EQ(hold.parameter(ratio), std::vector<double>{0.5});
 }
 
-// What the kept arm gets, cycle by cycle, must not depend on what happens to the others.
+// The torques of the kept arm must not depend on the others in any cycle.
 std::vector<JointVector> torques_of_arm0(bool others_switch) {
   TestLoop loop(4, four_arms(), test::test_registry());
   loop.modes().activate_at_start(loop.set({"s0"}));
@@ -344,7 +343,7 @@ TEST(Switching, AThousandRandomRequestsFromManyThreads) {
   EXPECT_GT(refused, 50);
 }
 
-TEST(Instance, RefusesWhatDoesNotFit) {
+TEST(Instance, RefusesMismatchedInput) {
   const auto refused = [](InstanceConfig config) {
     EXPECT_THROW(TestLoop(2, {config}, test::test_registry()), std::invalid_argument) << config.name;
   };
@@ -353,8 +352,8 @@ TEST(Instance, RefusesWhatDoesNotFit) {
   refused({.name = "too few arms", .type = "pair", .arms = {0}});
   refused({.name = "arm twice", .type = "pair", .arms = {1, 1}});
   refused({.name = "feature", .type = "spring", .arms = {1}, .features = {"pull"}});
-  refused({.name = "parameter", .type = "saboteur", .arms = {1}, .parameters = {{"folt", {1}}}});
-  refused({.name = "choice", .type = "saboteur", .arms = {1}, .parameters = {{"fault", {1.5}}}});
+  refused({.name = "parameter", .type = "broken", .arms = {1}, .parameters = {{"folt", {1}}}});
+  refused({.name = "choice", .type = "broken", .arms = {1}, .parameters = {{"fault", {1.5}}}});
   refused({.name = "input", .type = "follow", .arms = {1}, .inputs = {{.name = "jonts"}}});
   refused({.name = "arm0_hold", .type = "spring", .arms = {0}});
   EXPECT_THROW(
@@ -365,4 +364,4 @@ TEST(Instance, RefusesWhatDoesNotFit) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::switching_test

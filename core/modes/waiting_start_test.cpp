@@ -2,11 +2,11 @@
 
 #include <gtest/gtest.h>
 
-#include "core/test_support/test_laws.hpp"
-#include "core/test_support/test_world.hpp"
+#include "core/testing/test_laws.hpp"
+#include "core/testing/test_world.hpp"
 
-// Starts that wait for their arms, on a world of four: what everybody else decides goes before them.
-namespace multipanda {
+// Starts that wait for their arms, on a world of four: every other decision takes precedence.
+namespace multipanda::waiting_start_test {
 namespace {
 
 using test::TestLoop;
@@ -18,7 +18,7 @@ std::vector<InstanceConfig> laws() {
           {.name = "f2", .type = "follow", .arms = {2}}, {.name = "refuser", .type = "refuser", .arms = {1}}};
 }
 
-TEST(WaitingStart, IsMadeOnceWhenAllItsArmsAreReady) {
+TEST(WaitingStart, IsExecutedOnceWhenAllItsArmsAreReady) {
   TestLoop loop(4, laws(), test::test_registry());
   loop.step();
   loop.modes().start_when_ready(loop.set({"s0", "p12"}));
@@ -36,7 +36,7 @@ TEST(WaitingStart, IsMadeOnceWhenAllItsArmsAreReady) {
   EXPECT_EQ(loop.modes().owner(1), loop.find("arm1_hold"));
 }
 
-TEST(WaitingStart, EndsWithWhateverElseIsDecided) {
+TEST(WaitingStart, IsCanceledByAnyOtherDecision) {
   using Act = std::function<void(TestLoop&)>;
   const auto asks = [](Request request) {
     return [request](TestLoop& loop) { EXPECT_TRUE(loop.ask(request).accepted()); };
@@ -51,7 +51,8 @@ TEST(WaitingStart, EndsWithWhateverElseIsDecided) {
       {"arm2_hold", [](TestLoop& loop) { loop.modes().stop(ArmSet::of(2)); }},
       {"arm2_hold", [](TestLoop& loop) { loop.modes().give_up_starts(ArmSet::of(1)); }}};
   for (std::size_t k = 0; k < ends.size(); ++k) {
-    for (const bool same_boundary : {false, true}) {  // the start could be made where the other is taken
+    for (const bool same_boundary :
+         {false, true}) {  // the start could be executed when the other request is taken
       TestLoop loop(4, laws(), test::test_registry());
       loop.step();
       loop.modes().start_when_ready(loop.set({"s3", "p12"}));
@@ -62,7 +63,7 @@ TEST(WaitingStart, EndsWithWhateverElseIsDecided) {
       loop.steps(3);
       EXPECT_EQ(loop.modes().owner(2), loop.find(ends[k].first)) << k << same_boundary;
       EXPECT_NE(loop.modes().owner(1), loop.find("p12")) << k << same_boundary;
-      const bool named = k == 3;  // `only` speaks of every arm
+      const bool named = k == 3;  // `only` concerns every arm
       EXPECT_EQ(loop.modes().owner(3), loop.find(named ? "arm3_hold" : "s3")) << k << same_boundary;
     }
   }
@@ -83,4 +84,4 @@ TEST(WaitingStart, TakesAnArmFromItsHoldOnly) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::waiting_start_test

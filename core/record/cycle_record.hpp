@@ -11,8 +11,8 @@
 #include "core/types/codes.hpp"
 #include "core/types/time.hpp"
 
-// What the loop leaves behind, one record per cycle and one event per happening: plain numbers in
-// preallocated slots. Names are given once (RecordLayout), text is made by whoever reads the other end.
+// Records of the loop: one per cycle, and one event per change, as plain numbers in preallocated slots. Names
+// are stored once (RecordLayout); the reader composes the text.
 namespace multipanda {
 
 using JointArray = std::array<double, kMaxJoints>;
@@ -25,14 +25,14 @@ struct ArmSample {
   std::uint64_t errors = 0;
   std::uint16_t owner = 0;  // instance index
   std::uint32_t config_version = 0;
-  std::uint64_t interventions = 0;  // so far, of this arm
-  bool due = false;                 // got a torque in this cycle
+  std::uint64_t interventions = 0;  // total of this arm
+  bool due = false;                 // received a torque in this cycle
   bool has_tau_ext = false, has_wrench_estimate = false, has_contact_truth = false;
   JointArray q{}, dq{}, tau_J{}, tau_J_d{}, tau_ext{};    // state (first joint_count used)
-  JointArray tau_controllet{}, tau_feature{}, tau_cmd{};  // command: law, features, what was sent
+  JointArray tau_controllet{}, tau_feature{}, tau_cmd{};  // command: law, features, torque sent
   std::array<double, 6> F_K_W_est{}, F_K_W_true{};
   double command_success_rate = 1;  // as the arm reports it, 0 to 1
-  // The gripper as it last reported; widths in [m]
+  // Last reported state of the gripper; widths in [m]
   bool has_gripper = false, gripper_grasped = false, gripper_moving = false;
   double gripper_width = 0, gripper_max_width = 0;
 };
@@ -53,8 +53,8 @@ struct StageTimes {
 struct CycleRecord {
   std::uint64_t cycle = 0;
   LoopTime t;
-  HostTime start;              // of the step, on this computer's clock
-  double period_s = 0;         // since the cycle before
+  HostTime start;              // of the cycle, on this computer's clock
+  double period_s = 0;         // since the previous cycle
   std::uint64_t overruns = 0;  // so far
   StageTimes stages;
   std::vector<ArmSample> arms;              // all arms of the scene
@@ -67,7 +67,7 @@ struct CycleRecord {
       : arms(arm_count), references(max_references), outputs(output_count) {}
 };
 
-// Something that happened at one cycle.
+// An event of one cycle.
 enum class EventKind : std::uint8_t {
   switched,  // instances started/stopped: one event per switch
   switch_refused,
@@ -77,7 +77,7 @@ enum class EventKind : std::uint8_t {
   target_set,     // index: input; values: target (goals only; streams are in the references)
   stopped,        // arms
   resumed,        // arms
-  // index: version; values: X_FE (7), X_EK (7), then of tool and load: mass, centre, inertia xx xy xz yy yz
+  // index: version; values: X_FE (7), X_EK (7), then of tool and load: mass, center, inertia xx xy xz yy yz
   // zz (10 each)
   arm_config,
   arm_mode,  // index: new mode
@@ -89,7 +89,7 @@ struct Event {
   Verdict verdict = Verdict::accepted;
   LoopTime t;
   std::uint64_t cycle = 0;
-  std::uint64_t ticket = 0;         // request it answers; 0: the loop's own doing
+  std::uint64_t ticket = 0;         // request that it answers; 0: caused by the loop itself
   std::uint16_t instance = 0xFFFF;  // 0xFFFF: none
   std::uint16_t arm = 0xFFFF;       // 0xFFFF: none
   std::uint16_t index = 0xFFFF;
@@ -101,7 +101,7 @@ struct Event {
   std::array<double, 34> values{};  // switched: torque step per arm [N m], largest joint
 };
 
-// The names behind the numbers; fixed before the loop starts.
+// Names of the recorded numbers; fixed before the loop starts.
 struct RecordLayout {
   struct Arm {
     std::string name;
@@ -128,7 +128,7 @@ struct RecordLayout {
   std::size_t max_references = 0;
 };
 
-// Loop -> writer. When the writer falls behind, records are dropped and counted, the loop goes on.
+// From the loop to the writer. If the writer falls behind, the loop drops records, counts them and continues.
 class RecordRing {
  public:
   RecordRing(const RecordLayout& layout, std::size_t capacity)

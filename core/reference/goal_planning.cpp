@@ -4,17 +4,17 @@
 
 #include "core/reference/reference.hpp"
 
-// Ways to a rest at a goal.
+// Plans motions that end at rest at a goal.
 namespace multipanda {
 namespace {
 
-// What a goal may cost: a third of what the arm's maker allows (13 m/s^2, 25 rad/s^2), two thirds for the
-// slowest joint (7.5 rad/s^2).
+// Acceleration limits of goals: a third of what the manufacturer allows (13 m/s^2, 25 rad/s^2), and two
+// thirds for the slowest joint (7.5 rad/s^2).
 constexpr double kGoalAcceleration = 4.0;         // [m/s^2]
 constexpr double kGoalAngularAcceleration = 8.0;  // [rad/s^2]
 constexpr double kGoalJointAcceleration = 5.0;    // [rad/s^2]
-constexpr double kAny = std::numeric_limits<double>::infinity();
-constexpr double kLonger = 1.2;  // by which a motion that would be too fast is stretched, several times
+constexpr double kNoLimit = std::numeric_limits<double>::infinity();
+constexpr double kLonger = 1.2;  // factor by which a motion that is too fast is stretched, repeatedly
 
 }  // namespace
 
@@ -28,35 +28,30 @@ Reference::Aim Reference::aim_at(const Target& target) const {
       aim.goal[i] = v[i];
       aim.goal[3 + i] = r[static_cast<Eigen::Index>(i)];
     }
-    aim.shortest_s =
-        std::max(QuinticSegment::duration_for((X.position - X_d_.position).norm(), spec_.max_speed),
-                 QuinticSegment::duration_for(r.norm(), spec_.max_angular_speed));
-    return aim;
+  } else {
+    std::copy_n(v.begin(), size_, aim.goal.begin());
   }
-  double farthest = 0;
-  for (std::size_t i = 0; i < size_; ++i) {
-    aim.goal[i] = v[i];
-    farthest = std::max(farthest, std::abs(v[i] - now_.position[i]));
-  }
-  aim.shortest_s = QuinticSegment::duration_for(farthest, spec_.max_speed);
+  QuinticSegment::Values way{};
+  for (std::size_t i = 0; i < coordinates(); ++i) way[i] = aim.goal[i] - now_.position[i];
+  aim.distance = magnitude(way);
+  aim.shortest_s = std::max(rest_to_rest_duration(aim.distance.linear, spec_.max_speed),
+                            rest_to_rest_duration(aim.distance.angular, spec_.max_angular_speed));
   return aim;
 }
 
 void Reference::plan_goal(const Target& target) {
   rebase();
   const Aim aim = aim_at(target);
-  QuinticSegment::Values way{};
-  for (std::size_t i = 0; i < coordinates(); ++i) way[i] = aim.goal[i] - now_.position[i];
-  const Magnitude distance = magnitude(way), limit = goal_acceleration();
-  const double gentle_s = std::max(QuinticSegment::duration_within(distance.linear, limit.linear),
-                                   QuinticSegment::duration_within(distance.angular, limit.angular));
+  const Magnitude limit = goal_acceleration();
+  const double gentle_s = std::max(rest_to_rest_duration(aim.distance.linear, kNoLimit, limit.linear),
+                                   rest_to_rest_duration(aim.distance.angular, kNoLimit, limit.angular));
   plan_rest(aim.goal, std::max({target.duration_s, aim.shortest_s, gentle_s}), limit);
 }
 
-// From the present motion to a rest at the goal. `duration_s` suits a start at rest; one in the wrong
-// direction has to turn back first and needs longer to stay within the speed and the acceleration (or the
-// present ones, where those are higher): goals that follow each other faster than they are reached would else
-// ask for torques that change faster than an arm's may.
+// From the current motion to rest at the goal. `duration_s` suits a start at rest. A start in the wrong
+// direction must reverse first and takes longer, so that speed and acceleration stay within their limits (or
+// their current values, if those are higher). Otherwise goals in quick succession would exceed the
+// torque-rate limit of an arm.
 void Reference::plan_rest(const QuinticSegment::Values& goal, double duration_s,
                           const Magnitude& acceleration) {
   const Magnitude present = magnitude(now_.acceleration);
@@ -75,7 +70,7 @@ void Reference::plan_rest(const QuinticSegment::Values& goal, double duration_s,
   moving_end_ = false;
 }
 
-// The planned segment's highest speed over the allowed one (or the present one, where that is higher).
+// Highest speed of the planned segment relative to the limit (or to the current speed, if that is higher).
 double Reference::peak_excess(std::size_t samples) const {
   const auto speeds = [&](const QuinticSegment::Sample& s) -> Magnitude {
     const Magnitude speed = magnitude(s.velocity);
@@ -96,8 +91,8 @@ double Reference::peak_excess(std::size_t samples) const {
 
 Reference::Magnitude Reference::goal_acceleration() const {
   if (spec_.quantity == Quantity::pose) return {kGoalAcceleration, kGoalAngularAcceleration};
-  if (spec_.quantity == Quantity::joints) return {kGoalJointAcceleration, kAny};
-  return {kAny, kAny};  // no mass follows a force or a number as it follows a place
+  if (spec_.quantity == Quantity::joints) return {kGoalJointAcceleration, kNoLimit};
+  return {kNoLimit, kNoLimit};  // forces and scalars do not accelerate a mass
 }
 
 Reference::Magnitude Reference::magnitude(const QuinticSegment::Values& v) const {
@@ -109,7 +104,7 @@ Reference::Magnitude Reference::magnitude(const QuinticSegment::Values& v) const
   return {largest, 0};
 }
 
-// The planned segment's highest acceleration over the allowed one.
+// Highest acceleration of the planned segment relative to the limit.
 double Reference::acceleration_excess(std::size_t samples, const Magnitude& allowed) const {
   double excess = 0;
   QuinticSegment::Sample at;

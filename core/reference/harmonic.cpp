@@ -5,30 +5,17 @@
 #include <numbers>
 
 namespace multipanda {
-namespace {
-
-// The fade s(u), its slope and its integral, u in [0, 1].
-struct Fade {
-  double value, slope, integral;
-};
-Fade fade(double u) {
-  const double u2 = u * u, u3 = u2 * u;
-  return {u3 * (10 + u * (6 * u - 15)), 30 * u2 * (1 - u) * (1 - u), u3 * u * (2.5 + u * (u - 3))};
-}
-
-}  // namespace
-
 double Harmonic::slope(std::size_t i, double theta) const {
   double slope = sine[i] * std::cos(theta) + 0.5 * rise[i] * std::sin(theta);
-  for (std::size_t k = 0; k < overtone_count; ++k) {
+  for (std::size_t k = 0; k < harmonic_count; ++k) {
     const double n = static_cast<double>(k + 2), s = std::sin(n * theta), c = std::cos(n * theta);
-    slope += n * (overtones[k].sine[i] * c + 0.5 * overtones[k].rise[i] * s);
+    slope += n * (harmonics[k].sine[i] * c + 0.5 * harmonics[k].rise[i] * s);
   }
   return slope;
 }
 
 double Harmonic::top_speed(std::size_t first, std::size_t count) const {
-  if (overtone_count > 0) return top_speed_of_series(first, count);
+  if (harmonic_count > 0) return top_speed_of_series(first, count);
   double ss = 0, rr = 0, sr = 0;
   for (std::size_t i = first; i < first + count; ++i) {
     ss += sine[i] * sine[i];
@@ -51,7 +38,7 @@ double Harmonic::top_speed_of_series(std::size_t first, std::size_t count) const
     for (std::size_t i = first; i < first + count; ++i) speed2 += std::pow(slope(i, theta), 2);
     fastest2 = std::max(fastest2, speed2);
   }
-  const double degree = static_cast<double>(overtone_count + 1);
+  const double degree = static_cast<double>(harmonic_count + 1);
   return std::sqrt(fastest2) / std::cos(std::numbers::pi * degree / kPoints) * 2 * std::numbers::pi /
          period_s;
 }
@@ -64,12 +51,12 @@ void Harmonic::add(double t, std::size_t size, QuinticSegment::Sample& out) cons
   if (from_end <= 0) {
     theta = omega * period_s * cycles;
   } else if (t < ramp_s) {
-    const Fade f = fade(t / ramp_s);
+    const MinimumJerkStep f = minimum_jerk_step(t / ramp_s);
     theta = omega * ramp_s * f.integral;
     rate = omega * f.value;
     gain = omega * f.slope / ramp_s;
   } else if (from_end < ramp_s) {
-    const Fade f = fade(from_end / ramp_s);
+    const MinimumJerkStep f = minimum_jerk_step(from_end / ramp_s);
     theta = omega * (period_s * cycles - ramp_s * f.integral);
     rate = omega * f.value;
     gain = -omega * f.slope / ramp_s;
@@ -88,8 +75,8 @@ void Harmonic::add(double t, std::size_t size, QuinticSegment::Sample& out) cons
     }
   };
   add_part(1, sine, rise);
-  for (std::size_t k = 0; k < overtone_count; ++k) {
-    add_part(static_cast<double>(k + 2), overtones[k].sine, overtones[k].rise);
+  for (std::size_t k = 0; k < harmonic_count; ++k) {
+    add_part(static_cast<double>(k + 2), harmonics[k].sine, harmonics[k].rise);
   }
 }
 

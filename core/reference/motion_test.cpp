@@ -4,9 +4,9 @@
 #include <gtest/gtest.h>
 
 #include "core/reference/reference.hpp"
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/test_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::motion_test {
 namespace {
 
 using test::Draw;
@@ -30,15 +30,14 @@ Target motion(std::size_t size, double period_s, double cycles, double ramp_s) {
   return target;
 }
 
-// On the circle all the way, at the speed of one turn per period between the ramps, back at the start at
-// rest.
+// On the circle throughout, one turn per period between the ramps, and at rest again at the start.
 TEST(Motion, OfAPoseIsACircle) {
   Draw draw(1);
   for (int k = 0; k < 10; ++k) {
     const Pose X_0 = draw.pose(1);
     const Matrix3 R = draw.rotation();
     const double radius = 0.1, period = 4, ramp = 0.7, cycles = 2;
-    const Vector3 outwards = R.col(0), ahead = R.col(1), centre = X_0.position - radius * outwards;
+    const Vector3 outwards = R.col(0), ahead = R.col(1), center = X_0.position - radius * outwards;
     Reference reference = pose_reference(X_0);
     Target circle = motion(3, period, cycles, ramp);
     for (std::size_t i = 0; i < 3; ++i) {
@@ -47,29 +46,28 @@ TEST(Motion, OfAPoseIsACircle) {
     }
     ASSERT_EQ(reference.post(circle), Verdict::accepted);
     const double total = period * cycles + ramp;
-    double travelled = 0;
+    double traveled = 0;
     Vector3 before = X_0.position;
     for (double t = kDt; t < total + 0.05; t += kDt) {
       reference.advance(kDt, t);
-      const Vector3 from_centre = reference.pose().position - centre;
-      ASSERT_NEAR(from_centre.norm(), radius, 1e-12);
-      ASSERT_NEAR(from_centre.dot(R.col(2)), 0, 1e-12);
+      const Vector3 from_center = reference.pose().position - center;
+      ASSERT_NEAR(from_center.norm(), radius, 1e-12);
+      ASSERT_NEAR(from_center.dot(R.col(2)), 0, 1e-12);
       ASSERT_LT((reference.pose().rotation - X_0.rotation).norm(), 1e-12);
       const double speed = reference.twist().linear().norm();
       if (t > ramp && t < total - ramp) {
         ASSERT_NEAR(speed, 2 * std::numbers::pi * radius / period, 1e-9);
       }
-      travelled += (reference.pose().position - before).norm();
+      traveled += (reference.pose().position - before).norm();
       before = reference.pose().position;
     }
-    EXPECT_NEAR(travelled, 2 * std::numbers::pi * radius * cycles, 1e-4);
+    EXPECT_NEAR(traveled, 2 * std::numbers::pi * radius * cycles, 1e-4);
     EXPECT_LT((reference.pose().position - X_0.position).norm(), 1e-9);
     EXPECT_LT(reference.twist().vector.norm(), 1e-12);
   }
 }
 
-// Whatever the set-point does when the motion begins, and whatever ends it: no jump in value, rate or
-// acceleration.
+// No jump in value, rate or acceleration, for any state at the start and any end of the motion.
 TEST(Motion, BeginsAndEndsWithoutJumps) {
   Draw draw(2);
   for (int k = 0; k < 20; ++k) {
@@ -125,7 +123,7 @@ TEST(Motion, OfAWrenchRisesAndFalls) {
 
 // A Fourier series per joint: each part is the same motion, n times as fast, so the sum of motions of one
 // part each is the whole. Begins and ends at rest where it began.
-TEST(Motion, WithOvertonesIsASeries) {
+TEST(Motion, WithHarmonicsIsAFourierSeries) {
   Draw draw(3);
   const auto joints_reference = [](double max_speed) {
     InputSpec spec{.name = "joints", .quantity = Quantity::joints};
@@ -135,7 +133,7 @@ TEST(Motion, WithOvertonesIsASeries) {
     return reference;
   };
   Target series = motion(7, 2, 3, 0.5);
-  series.overtone_count = 4;
+  series.harmonic_count = 4;
   const auto amplitudes = [&](auto& sines, auto& rises) {
     for (std::size_t i = 0; i < 7; ++i) {
       sines[i] = draw.uniform(-0.1, 0.1);
@@ -143,7 +141,7 @@ TEST(Motion, WithOvertonesIsASeries) {
     }
   };
   amplitudes(series.sine, series.values);
-  for (std::size_t k = 0; k < 4; ++k) amplitudes(series.overtones[k].sine, series.overtones[k].rise);
+  for (std::size_t k = 0; k < 4; ++k) amplitudes(series.harmonics[k].sine, series.harmonics[k].rise);
 
   Reference whole = joints_reference(10);
   whole.set(series);
@@ -161,24 +159,24 @@ TEST(Motion, WithOvertonesIsASeries) {
       double expected = 0.5 + series.sine[i] * std::sin(theta) + series.values[i] / 2 * (1 - std::cos(theta));
       for (std::size_t k = 0; k < 4; ++k) {
         const double angle = theta * static_cast<double>(k + 2);
-        expected += series.overtones[k].sine[i] * std::sin(angle) +
-                    series.overtones[k].rise[i] / 2 * (1 - std::cos(angle));
+        expected += series.harmonics[k].sine[i] * std::sin(angle) +
+                    series.harmonics[k].rise[i] / 2 * (1 - std::cos(angle));
       }
       ASSERT_NEAR(whole.joints()[static_cast<Eigen::Index>(i)], expected, 1e-12);
     }
   }
   EXPECT_LT((whole.joints() - JointVector::Constant(7, 0.5)).norm(), 1e-12);
   EXPECT_EQ(whole.joint_velocity().norm(), 0);
-  // Refused by its true top speed: not at the limit, but at one a hair above.
+  // Refused by its true top speed: not at the limit, but slightly above it.
   EXPECT_EQ(joints_reference(fastest * 0.999).check(series), Verdict::out_of_bounds);
   EXPECT_EQ(joints_reference(fastest * 1.001).check(series), Verdict::accepted);
-  series.overtones[3].rise[6] = std::nan("");
+  series.harmonics[3].rise[6] = std::nan("");
   EXPECT_EQ(whole.check(series), Verdict::not_finite);
-  series.overtone_count = kMaxOvertones + 1;
+  series.harmonic_count = kMaxHarmonics + 1;
   EXPECT_EQ(whole.check(series), Verdict::wrong_size);
 }
 
-TEST(Motion, IsRefusedWhereItCannotBe) {
+TEST(Motion, IsRefusedIfImpossible) {
   Reference reference = pose_reference({}, 0.5);
   Target circle = motion(3, 2, 1, 0.2);
   circle.sine[0] = 0.15;
@@ -201,4 +199,4 @@ TEST(Motion, IsRefusedWhereItCannotBe) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::motion_test

@@ -17,8 +17,8 @@ Harmonic harmonic_of(const Target& target) {
                   .ramp_s = std::max(target.ramp_s, Harmonic::kShortestRamp)};
   std::copy_n(target.values.begin(), target.size, motion.rise.begin());
   std::copy_n(target.sine.begin(), target.size, motion.sine.begin());
-  motion.overtone_count = target.overtone_count;
-  std::copy_n(target.overtones.begin(), target.overtone_count, motion.overtones.begin());
+  motion.harmonic_count = target.harmonic_count;
+  std::copy_n(target.harmonics.begin(), target.harmonic_count, motion.harmonics.begin());
   return motion;
 }
 
@@ -60,10 +60,10 @@ Verdict Reference::check_motion(const Target& target) const {
   for (std::size_t i = 0; i < size; ++i) {
     if (!std::isfinite(target.values[i]) || !std::isfinite(target.sine[i])) return Verdict::not_finite;
   }
-  if (target.overtone_count > kMaxOvertones) return Verdict::wrong_size;
-  for (std::size_t k = 0; k < target.overtone_count; ++k) {
+  if (target.harmonic_count > kMaxHarmonics) return Verdict::wrong_size;
+  for (std::size_t k = 0; k < target.harmonic_count; ++k) {
     for (std::size_t i = 0; i < size; ++i) {
-      if (!std::isfinite(target.overtones[k].sine[i]) || !std::isfinite(target.overtones[k].rise[i])) {
+      if (!std::isfinite(target.harmonics[k].sine[i]) || !std::isfinite(target.harmonics[k].rise[i])) {
         return Verdict::not_finite;
       }
     }
@@ -162,13 +162,15 @@ void Reference::take(const Target& target, double now_s) {
   last_ = target;
 }
 
-// A pose's segment starts anew at the present orientation, where the rotation vector is 0 and its rate is the
-// angular velocity itself.
+// Restarts the segment of a pose at the current orientation, where the rotation vector is 0 and its rate is
+// the angular velocity.
 void Reference::rebase() {
   t_ = 0;
   in_motion_ = false;
   if (spec_.quantity != Quantity::pose) return;
-  R_0_ = X_d_.quaternion().normalized().toRotationMatrix();  // else rounding adds up over millions of samples
+  R_0_ = X_d_.quaternion()
+             .normalized()
+             .toRotationMatrix();  // avoids accumulated rounding over millions of samples
   for (std::size_t i = 0; i < 3; ++i) {
     const auto k = static_cast<Eigen::Index>(i);
     now_.position[3 + i] = 0;
@@ -177,7 +179,7 @@ void Reference::rebase() {
   }
 }
 
-// What is still in motion brakes; the motion goes on top of that.
+// The current motion brakes; the new motion is added to it.
 void Reference::begin_motion(const Target& target) {
   plan_brake();
   motion_ = harmonic_of(target);
@@ -217,7 +219,7 @@ void Reference::publish_sample() {
     case Quantity::twist:
     case Quantity::wrench:
     case Quantity::scalar:
-      break;  // read straight from now_
+      break;  // read directly from now_
   }
 }
 

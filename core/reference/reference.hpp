@@ -5,40 +5,39 @@
 #include <string>
 
 #include "core/reference/harmonic.hpp"
-#include "core/reference/quintic.hpp"
 #include "core/reference/target.hpp"
 #include "core/rt/triple_buffer.hpp"
+#include "core/trajectory/quintic.hpp"
 #include "core/types/codes.hpp"
 #include "core/types/joints.hpp"
 
 namespace multipanda {
 
-// What a controllet says about one of its inputs.
+// Declares one input of a controllet.
 struct InputSpec {
   std::string name;  // "pose"; unique in the controllet
   Quantity quantity = Quantity::pose;
-  std::size_t arm = 0;          // which of the controllet's arms it belongs to (joint count, measured start)
-  std::string frame = "world";  // in which it is given, for adapters to check and transform
+  std::size_t arm = 0;  // index of the arm, among the controllet's arms, that gives joint count and start
+  std::string frame = "world";  // frame of the values, which adapters check and transform
   std::string doc;
-  double timeout_s = 0.1;          // a stream silent for longer is lost
-  double max_speed = 0.5;          // of the set-point: [m/s], [rad/s] for joints, [unit/s] for others
-  double max_angular_speed = 1.0;  // of a pose's rotation [rad/s]
+  double timeout_s = 0.1;  // a stream without samples for longer is lost
+  double max_speed = 0.5;  // speed limit of the set-point: [m/s], [rad/s] for joints, [unit/s] for others
+  double max_angular_speed = 1.0;  // speed limit of a pose's rotation [rad/s]
 };
 
-// The only way in for a set-point: takes targets from any thread, gives the loop a desired value that is
-// continuous in position, velocity and acceleration, whatever arrives. A target far away is approached at no
-// more than the input's speed, a near one within no less than a tenth of a second, a goal with no more than
-// 4 m/s^2, 8 rad/s^2 or, in joints, 5 rad/s^2 (or what is there when it comes): a goal a millimetre away, or
-// one that turns the last one back, must not become a blow. A goal that comes in the middle of a strong
-// acceleration may be approached up to a third faster for a moment: continuity goes first.
-//
-// Goals end at rest. A motion begins where the set-point is and ends at rest; one that would be faster than
-// the input allows is refused. A stream is followed one of its periods late: each sample is aimed at with the
-// velocity estimated from the series, so that a smooth series gives a smooth motion; a late sample is
-// bridged, silence brakes to a rest and is then reported as stale.
+// Takes targets from any thread and gives the loop a reference that is continuous in position, velocity and
+// acceleration, whatever arrives. Every set-point passes through it. A distant target is approached within
+// the speed limit of the input, a close one in at least 0.1 s. Goals also keep to 4 m/s^2, 8 rad/s^2 or, for
+// joints, 5 rad/s^2 (or the acceleration at their arrival, if higher), so that a goal nearby or one that
+// reverses the last one causes no torque spike. A goal that arrives during a strong acceleration may briefly
+// exceed the speed limit by up to a third, because continuity has priority. Goals end at rest. A motion
+// begins at the current set-point and ends at rest; a motion above the speed limit is refused. A stream is
+// followed with a delay of one of its periods: each sample is approached with the velocity estimated from the
+// series, so that a smooth series gives a smooth motion. A late sample is bridged. If the stream stops, the
+// reference brakes to rest and becomes stale.
 //
 // Poses: the position is a quintic per axis; the rotation is R(t) = exp(r(t)) R_0 with a quintic r(t) from 0
-// to log(R_goal R_0^T), so it takes the short way and its velocity at the start is exactly the one before.
+// to log(R_goal R_0^T), so it takes the shortest rotation and its velocity is continuous at the start.
 class Reference {
  public:
   Reference(InputSpec spec, std::size_t joint_count);
@@ -46,20 +45,20 @@ class Reference {
   const InputSpec& spec() const { return spec_; }
   std::size_t size() const { return size_; }
 
-  // --- any thread but the loop's; callers wait for each other, never for the loop ---
+  // --- any thread except the loop's; callers wait for each other, never for the loop ---
   // accepted, wrong_size, not_finite or out_of_bounds (a quaternion far from unit length; a motion that is
   // too fast, or whose ramp is longer than the motion).
   Verdict check(const Target& target) const;
   Verdict post(Target target);
 
   // --- loop thread ---
-  void start(const Pose& X_measured);  // begin here, at rest; older targets are forgotten
+  void start(const Pose& X_measured);  // begin here, at rest; discards older targets
   void start(const JointVector& measured);
   void start_constant(double value);  // twist, wrench, scalar: usually 0
   void set(const Target& target);     // a checked target from within the loop (scheduled)
-  // Takes what arrived and moves on by dt. `now_s` is the loop's time.
+  // Takes newly arrived targets and advances by dt. `now_s` is the time of the loop.
   void advance(double dt, double now_s);
-  bool stale() const { return stale_; }  // a stream fell silent
+  bool stale() const { return stale_; }  // a stream stopped
   bool streaming() const { return streaming_; }
 
   const Pose& pose() const { return X_d_; }
@@ -76,7 +75,7 @@ class Reference {
   void record(double* values, double* rates) const;
 
  private:
-  // To a rest: when a stream's next sample does not come, and at least for any goal.
+  // Duration of braking after a stream stops, and minimum duration of a goal.
   static constexpr double kBrakingTime = 0.1;  // [s]
 
   void take(const Target& target, double now_s);
@@ -86,7 +85,8 @@ class Reference {
   void begin_motion(const Target& target);
   void end_motion();
   Verdict check_motion(const Target& target) const;
-  struct Magnitude {  // of a pose's position and rotation; else `linear`: of the largest coordinate
+  struct Magnitude {  // of a pose: position and rotation; otherwise `linear` is that of the largest
+                      // coordinate
     double linear = 0, angular = 0;
   };
   static Vector3 rotation_of(const QuinticSegment::Values& pose) { return {pose[3], pose[4], pose[5]}; }
@@ -95,9 +95,10 @@ class Reference {
   void plan_rest(const QuinticSegment::Values& goal, double duration_s, const Magnitude& acceleration);
   double acceleration_excess(std::size_t samples, const Magnitude& allowed) const;
   double peak_excess(std::size_t samples) const;
-  struct Aim {  // where a segment is to end: in the segment's coordinates
+  struct Aim {  // end of a segment, in the coordinates of the segment
     QuinticSegment::Values goal{}, velocity{};
-    double shortest_s = 0;  // what the speed limits ask for
+    Magnitude distance;     // from the current set-point
+    double shortest_s = 0;  // duration that the speed limits require
   };
   Aim aim_at(const Target& target) const;
   Aim aim_past(const Target& target, const Aim& sample, double span, double ahead) const;
@@ -119,16 +120,16 @@ class Reference {
 
   QuinticSegment segment_;
   QuinticSegment::Sample now_;         // pose: position and rotation vector about R_0_
-  double t_ = 0;                       // in the segment [s]
+  double t_ = 0;                       // time in the segment [s]
   Matrix3 R_0_ = Matrix3::Identity();  // orientation at the segment's start
   bool streaming_ = false, stale_ = false;
   double last_arrival_s_ = 0;
-  double period_s_ = 0;      // of the stream, filtered; 0: not known yet
+  double period_s_ = 0;      // of the stream, filtered; 0: unknown
   Target last_;              // newest target of a stream
   bool moving_end_ = false;  // the segment ends with a velocity
   Harmonic motion_;          // added to the segment while it lasts
   bool in_motion_ = false;
-  double t_motion_ = 0;  // in the motion [s]
+  double t_motion_ = 0;  // time in the motion [s]
 
   Pose X_d_;
   Twist V_d_, A_d_;

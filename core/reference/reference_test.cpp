@@ -7,9 +7,9 @@
 
 #include <gtest/gtest.h>
 
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/test_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::reference_test {
 namespace {
 
 using test::Draw;
@@ -113,7 +113,7 @@ TEST(Reference, StartsAtRestWhereTheMeasurementIs) {
   Draw draw(2);
   Reference reference = pose_reference();
   const Pose X = draw.pose(1);
-  ASSERT_EQ(reference.post(pose_target(draw.pose(1))), Verdict::accepted);  // older than the start: forgotten
+  ASSERT_EQ(reference.post(pose_target(draw.pose(1))), Verdict::accepted);  // older than the start: discarded
   reference.start(X);
   for (int k = 0; k < 10; ++k) reference.advance(kDt, k * kDt);
   EXPECT_LT((reference.pose().position - X.position).norm(), 1e-15);
@@ -141,9 +141,9 @@ TEST(Reference, ReachesAGoalExactlyWithinTheSpeedLimits) {
   }
 }
 
-// Goals that follow each other before they are reached: the way turns back without haste, and short ways are
-// no kicks. (Sampled at a finite number of points, the limit is kept to some percent.)
-TEST(Reference, GoalsInMidMotionTurnGently) {
+// Goals that follow each other before they are reached: the set-point reverses smoothly, and short motions
+// cause no torque spike. (Sampled at a finite number of points, the limit is kept to some percent.)
+TEST(Reference, GoalsInMidMotionChangeItSmoothly) {
   Draw draw(4);
   for (int k = 0; k < 50; ++k) {
     Reference reference = pose_reference();
@@ -184,7 +184,7 @@ TEST(Reference, TakesTheRequestedTime) {
   ASSERT_EQ(reference.post(target), Verdict::accepted);
   Watch watch(reference);
   watch.steps(1000);
-  EXPECT_NEAR(reference.joints()[3], 0.05, 1e-12);  // half way at half time
+  EXPECT_NEAR(reference.joints()[3], 0.05, 1e-12);  // half of the way after half of the time
   watch.steps(1001);
   EXPECT_EQ(reference.joints()[3], 0.1);
 }
@@ -222,7 +222,7 @@ TEST(Reference, AGoalUnderTheMovingSetPointStopsItSmoothly) {
   EXPECT_EQ(reference.joints(), here);
 }
 
-TEST(Reference, ASmallGoalIsNoBlow) {
+TEST(Reference, ASmallGoalCausesNoTorqueSpike) {
   Reference reference = joint_reference();
   reference.start(joint_constant(7, 0));
   ASSERT_EQ(reference.post(joint_target(joint_constant(7, 0.001))), Verdict::accepted);
@@ -235,7 +235,7 @@ TEST(Reference, ASmallGoalIsNoBlow) {
   EXPECT_EQ(reference.joints()[0], 0.001);
 }
 
-TEST(Reference, RotatesTheShortWayWhateverTheQuaternionsSign) {
+TEST(Reference, TakesTheShorterRotationForEitherQuaternionSign) {
   const Matrix3 start = Eigen::AngleAxisd(0.2, Vector3::UnitZ()).toRotationMatrix();
   for (const double sign : {1.0, -1.0}) {
     for (const double angle : {0.5, 3.0, -3.0, 6.0}) {
@@ -245,13 +245,13 @@ TEST(Reference, RotatesTheShortWayWhateverTheQuaternionsSign) {
       Target target = pose_target(Pose{goal, Vector3::Zero()});
       for (std::size_t i = 3; i < 7; ++i) target.values[i] *= sign;
       ASSERT_EQ(reference.post(target), Verdict::accepted);
-      double travelled = 0;
+      double traveled = 0;
       for (int k = 0; k < 7000; ++k) {
         reference.advance(kDt, k * kDt);
-        travelled += reference.twist().angular().norm() * kDt;
+        traveled += reference.twist().angular().norm() * kDt;
       }
       const double shortest = std::min(std::abs(angle), 2 * std::numbers::pi - std::abs(angle));
-      EXPECT_NEAR(travelled, shortest, 1e-3);
+      EXPECT_NEAR(traveled, shortest, 1e-3);
       EXPECT_LT((reference.pose().rotation - goal).norm(), 1e-12);
     }
   }
@@ -344,7 +344,7 @@ TEST(Stream, ALateSampleIsBridgedAndSilenceIsStale) {
   EXPECT_EQ(reference.joint_velocity().norm(), 0);  // it came to a rest
 }
 
-// All joints near their speed at once: the limit is each joint's own, so nothing of the series is held back.
+// All joints near their speed at once: the limit is each joint's own, so no part of the series is delayed.
 TEST(Stream, ManyJointsNearTheirSpeedAreFollowedWithoutLag) {
   Reference reference = joint_reference();
   const auto series = [](double t) { return joint_constant(7, 0.3 * (1 - std::cos(1.6 * t))); };
@@ -378,7 +378,7 @@ TEST(Stream, AJumpInTheSeriesIsApproachedWithinTheSpeed) {
   EXPECT_NEAR(reference.joints()[0], 1, 1e-6);
 }
 
-TEST(Reference, RefusesWhatIsNoTarget) {
+TEST(Reference, RefusesInvalidTargets) {
   Reference reference = pose_reference();
   Target target = pose_target({});
   EXPECT_EQ(reference.post(target), Verdict::accepted);
@@ -422,4 +422,4 @@ TEST(Reference, IsPostedToFromManyThreads) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::reference_test

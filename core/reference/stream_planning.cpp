@@ -5,36 +5,36 @@
 #include "core/reference/reference.hpp"
 #include "core/types/rotation_rate.hpp"
 
-// Ways through a series of samples, and what happens when it ends.
+// Plans motions through the samples of a stream, and the stop at its end.
 namespace multipanda {
 namespace {
 
 // A stream is planned at least this far ahead, so that replanning every millisecond stays smooth.
 constexpr double kStreamHorizon = 0.005;
-// What a stream's unevenness may cost: a fraction of what the arms can do, so that the acceleration that a
-// law feeds forward stays small.
+// Acceleration limits for uneven streams: a fraction of the arms' limits, so that the acceleration that a law
+// feeds forward stays small.
 constexpr double kCatchUpAcceleration = 2.0;         // [m/s^2]
 constexpr double kCatchUpAngularAcceleration = 6.0;  // [rad/s^2]
 constexpr double kLongestHorizon = 0.25;             // [s]
-constexpr double kStreamExcess = 1.05;  // of the speed limit, to catch up with a stream that runs at it
-constexpr double kPeriodFilter = 0.1;   // share of a new measurement in the stream's period
-constexpr double kAny = std::numeric_limits<double>::infinity();
+constexpr double kStreamExcess = 1.05;  // factor on the speed limit, to catch up with a stream at the limit
+constexpr double kPeriodFilter = 0.1;   // weight of a new measurement in the stream's period
+constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
 }  // namespace
 
-// The new sample is to be passed one period from now, with the velocity of the series, and the motion is
-// planned on to the horizon behind it. Far off the series (it jumped, or just began) the sample is a goal:
-// speed limits first.
+// Passes the new sample one period from now, with the velocity of the series, and plans on to the horizon
+// behind it. If the sample is far away (after a jump or at the beginning), it is treated as a goal, because
+// speed limits have priority.
 void Reference::plan_stream(const Target& target, std::uint64_t steps, double elapsed_s) {
-  // Samples lost on the way leave a gap in time, not in the numbering.
+  // Lost samples leave a gap in time, not in the numbering.
   if (period_s_ > 0) steps = std::max(steps, static_cast<std::uint64_t>(std::llround(elapsed_s / period_s_)));
   const double measured = elapsed_s / static_cast<double>(steps);
   period_s_ = period_s_ > 0 ? period_s_ + kPeriodFilter * (measured - period_s_) : measured;
   rebase();
   const Aim sample = aim_at(target);
   const double span = static_cast<double>(steps) * period_s_;
-  // A sample that comes early or late is a small jump of the series: caught up with over a longer way rather
-  // than with force.
+  // An early or late sample is a small jump of the series. A longer horizon catches up with it
+  // at low acceleration.
   double horizon = std::max(kStreamHorizon, 1.5 * period_s_);
   for (;; horizon *= 1.5) {
     const Aim aim = aim_past(target, sample, span, horizon - period_s_);
@@ -42,15 +42,15 @@ void Reference::plan_stream(const Target& target, std::uint64_t steps, double el
     if (horizon > kLongestHorizon || gentle(8)) break;
   }
   moving_end_ = true;
-  if (peak_excess(8) > kStreamExcess) plan_rest(sample.goal, sample.shortest_s, {kAny, kAny});
+  if (peak_excess(8) > kStreamExcess) plan_rest(sample.goal, sample.shortest_s, {kUnlimited, kUnlimited});
 }
 
-// Where the series will be `ahead` seconds after the sample, and how fast.
+// Extrapolates the series to `ahead` seconds after the sample.
 Reference::Aim Reference::aim_past(const Target& target, const Aim& sample, double span, double ahead) const {
   Aim aim = sample;
   const bool pose = spec_.quantity == Quantity::pose;
   const std::size_t n = pose ? 3 : size_;
-  double speed2 = 0;  // of a pose's position as a whole, else of the fastest coordinate: as everywhere
+  double speed2 = 0;  // of a pose's position; otherwise of the fastest coordinate
   for (std::size_t i = 0; i < n; ++i) {
     aim.velocity[i] = (target.values[i] - last_.values[i]) / span;
     const double square = aim.velocity[i] * aim.velocity[i];
@@ -77,8 +77,8 @@ Reference::Aim Reference::aim_past(const Target& target, const Aim& sample, doub
   return aim;
 }
 
-// Does the planned segment keep to the acceleration for catching up (or to the present one, where that is
-// higher)?
+// Returns whether the planned segment keeps to the acceleration limits for catching up (or to the present
+// acceleration, if that is higher).
 bool Reference::gentle(std::size_t samples) const {
   if (spec_.quantity != Quantity::pose && spec_.quantity != Quantity::joints) return true;
   QuinticSegment::Sample s;
@@ -93,7 +93,7 @@ bool Reference::gentle(std::size_t samples) const {
   return true;
 }
 
-// From the present motion to a rest, where constant deceleration would end.
+// From the current motion to rest, at the end point of a constant deceleration.
 void Reference::plan_brake() {
   rebase();
   QuinticSegment::Values goal = now_.position;

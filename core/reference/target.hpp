@@ -9,8 +9,8 @@
 
 namespace multipanda {
 
-// What an input carries. Values of a Target, in this order, SI units, world axes unless the input says
-// otherwise:
+// Quantity of an input. Values of a Target, in this order, in SI units and world axes unless the input
+// declares another frame:
 //   pose    x y z [m], quaternion w x y z            7
 //   twist   vx vy vz [m/s], wx wy wz [rad/s]         6
 //   wrench  fx fy fz [N], mx my mz [N m]             6
@@ -19,35 +19,35 @@ namespace multipanda {
 enum class Quantity : std::uint8_t { pose, twist, wrench, joints, scalar };
 std::string_view to_string(Quantity quantity);
 std::size_t value_count(Quantity quantity, std::size_t joint_count);
-// Of a motion: as above, but a pose's motion moves its position only.
+// For a motion: as above, but the motion of a pose moves its position only.
 std::size_t motion_count(Quantity quantity, std::size_t joint_count);
 
 // How a target arrives.
-//   goal    sent once; approached smoothly; stays in force
+// goal sent once; approached smoothly; remains the target
 //   stream  one of a series; silence for longer than the input's timeout is a lost publisher
-//   motion  sent once; a motion to and fro or round from where the set-point is (core/reference/harmonic.hpp)
+// motion sent once; a periodic motion from the current set-point (core/reference/harmonic.hpp)
 enum class Delivery : std::uint8_t { goal, stream, motion };
 
-// A part of a motion that swings a whole number of times as fast as the motion's first part.
-inline constexpr std::size_t kMaxOvertones = 7;
-struct Overtone {
-  std::array<double, kMaxTargetValues> sine{}, rise{};  // as the first part's
+// A part of a motion at an integer multiple of its fundamental frequency.
+inline constexpr std::size_t kMaxHarmonics = 7;
+struct HarmonicPart {
+  std::array<double, kMaxTargetValues> sine{}, rise{};  // as for the fundamental
 };
 
-// One set-point from outside. Plain data, so that it crosses threads by copying.
+// A set-point from a sender. Plain data that is copied between threads.
 struct Target {
   std::uint64_t id = 0;  // counts the targets of one input; 0: none yet
   Delivery delivery = Delivery::goal;
   std::uint8_t size = 0;  // values used
   double duration_s =
-      0;  // to reach it; longer where the input's speed limit needs it. 0: as fast as that allows
-  std::array<double, kMaxTargetValues>
-      values{};  // of a motion: its rise; a pose's motion has 3, its position's
-  // Of a motion only
+      0;  // time to reach it; longer if the speed limit of the input requires it. 0: as fast as possible
+  std::array<double, kMaxTargetValues> values{};  // for a motion: its rise; 3 values (position) for a pose
+  // For a motion only
   std::array<double, kMaxTargetValues> sine{};
   double period_s = 0, cycles = 1, ramp_s = 0;
-  std::uint8_t overtone_count = 0;
-  std::array<Overtone, kMaxOvertones> overtones{};  // [0] twice as fast, [1] three times as fast, ...
+  std::uint8_t harmonic_count = 0;
+  std::array<HarmonicPart, kMaxHarmonics>
+      harmonics{};  // [0] at twice the frequency, [1] at three times the frequency, ...
 };
 
 Target pose_target(const Pose& X, double duration_s = 0, Delivery delivery = Delivery::goal);

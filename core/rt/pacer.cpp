@@ -18,7 +18,7 @@ void Pacer::wait() {
   timespec until{};
   until.tv_sec = release.ns / 1'000'000'000;
   until.tv_nsec = release.ns % 1'000'000'000;
-  // steady_clock is CLOCK_MONOTONIC on Linux; a signal wakes early, so sleep on.
+  // steady_clock is CLOCK_MONOTONIC on Linux. A signal wakes the thread early, so repeat the sleep.
   while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {
   }
   woke_at(host_now());

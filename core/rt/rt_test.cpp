@@ -9,7 +9,7 @@
 #include "core/rt/thread_setup.hpp"
 #include "core/rt/triple_buffer.hpp"
 
-namespace multipanda {
+namespace multipanda::rt_test {
 namespace {
 
 // A value that shows if it was torn.
@@ -28,7 +28,7 @@ struct Whole {
   }
 };
 
-TEST(TripleBuffer, GivesTheNewestOnce) {
+TEST(TripleBuffer, ReturnsTheNewestOnce) {
   TripleBuffer<int> buffer(7);
   EXPECT_EQ(buffer.value(), 7);
   EXPECT_FALSE(buffer.take());
@@ -41,7 +41,7 @@ TEST(TripleBuffer, GivesTheNewestOnce) {
   EXPECT_EQ(buffer.value(), 2);
 }
 
-TEST(TripleBuffer, TwoThreadsNeverTearNorGoBack) {
+TEST(TripleBuffer, TwoThreadsNeverSeeTornOrOldValues) {
   constexpr std::uint64_t kCount = 200'000;
   TripleBuffer<Whole> buffer;
   std::thread writer([&] {
@@ -154,4 +154,4 @@ TEST(ThreadSetup, EveryStepIsAnsweredWithAReasonIfNotDone) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::rt_test

@@ -6,15 +6,15 @@
 
 namespace multipanda {
 
-// Bounded queue from one thread to one other; slots are built once and reused in place, so that large records
-// are filled without a copy. Never waits: a full ring refuses, an empty one yields nothing.
+// Bounded queue from one thread to another. Slots are built once and reused in place, so that large records
+// are filled without a copy. It never waits: push fails on a full ring, and an empty ring returns nothing.
 template <typename T>
 class SpscRing {
  public:
   SpscRing(std::size_t capacity, const T& prototype) : slots_(capacity + 1, prototype) {}
   explicit SpscRing(std::size_t capacity) : SpscRing(capacity, T{}) {}
 
-  // Producer: a slot to fill, or nullptr when full; it becomes visible with push().
+  // Producer: a slot to fill, or nullptr if the ring is full. push() makes it visible.
   T* back() {
     const std::size_t head = head_.load(std::memory_order_relaxed);
     return next(head) == tail_.load(std::memory_order_acquire) ? nullptr : &slots_[head];
@@ -28,7 +28,7 @@ class SpscRing {
     return true;
   }
 
-  // Consumer: the oldest element, or nullptr when empty; it is given back with pop().
+  // Consumer: the oldest element, or nullptr if the ring is empty. pop() releases it.
   T* front() {
     const std::size_t tail = tail_.load(std::memory_order_relaxed);
     return tail == head_.load(std::memory_order_acquire) ? nullptr : &slots_[tail];

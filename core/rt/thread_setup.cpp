@@ -33,7 +33,7 @@ SetupStep pin_to(int cpu) {
   cpu_set_t cpus;
   CPU_ZERO(&cpus);
   const std::string what = "affinity to core " + std::to_string(cpu);
-  if (cpu < 0 || cpu >= CPU_SETSIZE) return {what, false, "there is no such core"};
+  if (cpu < 0 || cpu >= CPU_SETSIZE) return {what, false, "this core does not exist"};
   CPU_SET(static_cast<std::size_t>(cpu), &cpus);
   const int error = pthread_setaffinity_np(pthread_self(), sizeof(cpus), &cpus);
   if (error == 0) return {what, true, {}};
@@ -41,7 +41,7 @@ SetupStep pin_to(int cpu) {
           error_text(error) + ": this machine or container does not offer core " + std::to_string(cpu)};
 }
 
-// Touches the stack once, so that the loop's first deep call does not fault.
+// Touches the stack once, so that the first deep call of the loop causes no page fault.
 void prefault_stack() {
   constexpr std::size_t kBytes = std::size_t{256} * 1024;
   volatile unsigned char stack[kBytes];

@@ -6,8 +6,8 @@
 
 namespace multipanda {
 
-// One writer, one reader, newest value wins, neither ever waits. The writer owns one of three slots, the
-// reader another, the third lies between them and changes hands by one atomic exchange.
+// Passes the newest value from one writer to one reader; neither ever waits. The writer owns one of three
+// slots and the reader another. The third is exchanged atomically.
 template <typename T>
 class TripleBuffer {
  public:
@@ -20,7 +20,7 @@ class TripleBuffer {
         middle_.exchange(static_cast<std::uint8_t>(write_ | kFresh), std::memory_order_acq_rel) & kIndex);
   }
 
-  // Reader thread: true if `value()` changed to something newer.
+  // Reader thread: true if `value()` changed to a newer value.
   bool take() {
     if ((middle_.load(std::memory_order_relaxed) & kFresh) == 0) return false;
     read_ = static_cast<std::uint8_t>(middle_.exchange(read_, std::memory_order_acq_rel) & kIndex);

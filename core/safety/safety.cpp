@@ -6,7 +6,7 @@
 namespace multipanda {
 namespace {
 
-// Motion slower than this is not "outwards": noise at rest against a limit must not trip anything.
+// Slower motion does not count as outwards: noise at rest at a limit must not trigger an intervention.
 constexpr double kOutwardSpeed = 0.01;  // [rad/s], [m/s]
 
 Finding at_joint(Intervention rule, Eigen::Index joint, double value, double limit) {
@@ -24,7 +24,7 @@ SafetyStage::SafetyStage(std::vector<SafetyLimits> limits) : arms_(limits.size()
 
 Finding SafetyStage::inspect(std::size_t arm, const ArmState& state, ModelTerms& terms, bool alone) const {
   const SafetyLimits& limits = arms_[arm].limits;
-  if (state.mode != ArmMode::move && state.mode != ArmMode::idle) return {Intervention::arm_not_ready};
+  if (!takes_commands(state.mode)) return {Intervention::arm_not_ready};
   const double max_age =
       alone ? std::max(limits.max_silence_s, limits.max_state_age_s) : limits.max_state_age_s;
   if (state.age_s > max_age) {
@@ -90,14 +90,15 @@ void SafetyStage::set_last_command(std::size_t arm, const JointVector& tau) {
   }
 }
 
-const JointVector& SafetyStage::limit(std::size_t arm, const JointVector& wanted, double dt, Finding& cut) {
+const JointVector& SafetyStage::limit(std::size_t arm, const JointVector& requested, double dt,
+                                      Finding& cut) {
   Arm& a = arms_[arm];
   const double step_time = std::clamp(dt, 0.0, a.limits.period_s);
   bool clamped = false, rate_clamped = false;
   cut = {};
   for (Eigen::Index i = 0; i < a.tau_cmd.size(); ++i) {
     const double bound = a.limits.joints.tau_max[i];
-    const double w = std::isfinite(wanted[i]) ? wanted[i] : 0.0;
+    const double w = std::isfinite(requested[i]) ? requested[i] : 0.0;
     const double within = std::clamp(w, -bound, bound);
     const double step = a.limits.joints.tau_rate_max[i] * step_time;
     const double sent = std::clamp(within, a.tau_cmd[i] - step, a.tau_cmd[i] + step);

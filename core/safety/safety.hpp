@@ -9,62 +9,65 @@
 #include "core/model/model_terms.hpp"
 #include "core/state/arm_state.hpp"
 #include "core/types/codes.hpp"
+#include "core/types/time.hpp"
 
 namespace multipanda {
 
-// An axis-aligned box in the world that the end effector must not leave. [m]
+// An axis-aligned box in the world that the end effector must not leave [m].
 struct WorkspaceBox {
   Vector3 min, max;
 };
 
-// The limits of one arm; the maker's by default. A scene may tighten them; loosening is explicit and logged
-// by whoever reads the scene.
+// The limits of one arm; those of the manufacturer by default. A scene may tighten them. Looser limits need
+// an explicit key in the scene and are logged.
 struct SafetyLimits {
   ArmLimits joints;
   std::optional<WorkspaceBox> workspace;
-  double max_state_age_s = 0.002;  // older than this, an arm and the others of its controllet go to hold
-  // The same for an arm that its controllet owns alone: nothing is computed from its old state, for torques
-  // answer its own packets. As long as the arm itself waits before it gives up: 20 periods.
+  double max_state_age_s = 0.002;  // if a state is older, all arms of the controllet are held
+  // The same for the only arm of a controllet. Its torques are computed from its own packets only, so never
+  // from an old state. The default is 20 periods, after which the arm itself stops.
   double max_silence_s = 0.02;
-  double implausible_factor = 10.0;  // torque beyond this many times the limit is nonsense, not an effort
-  double period_s = 0.001;           // the arm's control period: a torque step counts over at most this
+  double implausible_factor = 10.0;  // a torque above this multiple of the limit is implausible
+  double period_s = kArmPeriod;      // control period; the rate limit covers at most this
 
   static SafetyLimits of(const ArmModel& model) { return {.joints = model.limits(), .workspace = {}}; }
 };
 
-// What a check found: nothing (`none`), or which rule, where, and by how much.
+// Result of a check: nothing (`none`), or the rule, the joint, and the values.
 struct Finding {
   Intervention rule = Intervention::none;
-  std::uint16_t joint = 0xFFFF;  // 0xFFFF: not about one joint
+  std::uint16_t joint = 0xFFFF;  // 0xFFFF: not specific to a joint
   double value = 0, limit = 0;
   explicit operator bool() const { return rule != Intervention::none; }
 };
 
-// The last hand before the wire, for all arms. Loop thread; counters may be read from any thread.
+// The last check before torques are sent, for all arms. Loop thread; counters may be read from any thread.
 class SafetyStage {
  public:
   explicit SafetyStage(std::vector<SafetyLimits> limits);
 
   const SafetyLimits& limits(std::size_t arm) const { return arms_[arm].limits; }
 
-  // May the arm's owner go on from this measurement? Position and workspace rules act on outward motion only,
-  // so that an arm beyond a limit can be led back. `alone`: the owner has no other arm.
+  // Checks whether the arm's owner may continue from this measurement. Position and workspace rules
+  // act on outward motion only, so that an arm beyond a limit can be moved back. `alone`: the owner
+  // has no other arm.
   Finding inspect(std::size_t arm, const ArmState& state, ModelTerms& terms, bool alone = false) const;
 
-  // Is this a torque at all? Non-finite or implausible torques take their author out.
-  // A vector of another size than the arm has joints is implausible.
+  // Checks a controllet's torque. Non-finite or implausible torques deactivate the controllet. A vector whose
+  // size is not the arm's joint count is implausible.
   Finding judge(std::size_t arm, const JointVector& tau) const;
   // The same for the sum of a controllet's torque and its features'.
   Finding judge(std::size_t arm, const JointVector& tau_controllet, const JointVector& tau_feature) const;
 
-  // The last word: brings `wanted` within the torque limit and the torque-rate limit (measured from the last
-  // command, over dt but at most one period). Counts what it cut; `cut` tells which rule acted first.
-  // Non-finite: towards zero.
-  const JointVector& limit(std::size_t arm, const JointVector& wanted, double dt, Finding& cut);
+  // Clamps `requested` to the torque limit and to the torque-rate limit (relative to the last command, over
+  // dt but at most one period). Counts each clamped torque; `cut` is the first rule that acted. Values that
+  // are not finite become zero.
+  const JointVector& limit(std::size_t arm, const JointVector& requested, double dt, Finding& cut);
 
-  // The command last given; the rate limit counts from it. At the start: what the arm has in use.
+  // The last command, to which the rate limit is relative. At the start it is the torque that
+  // the arm applies.
   const JointVector& last_command(std::size_t arm) const { return arms_[arm].tau_cmd; }
-  // What is not a number, or not one per joint, counts as zero.
+  // Values that are not finite count as zero, as does a vector of the wrong size.
   void set_last_command(std::size_t arm, const JointVector& tau);
 
   void count(std::size_t arm, Intervention rule) {

@@ -4,9 +4,9 @@
 
 #include <gtest/gtest.h>
 
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/test_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::safety_test {
 namespace {
 
 struct Rig {
@@ -39,7 +39,7 @@ TEST(Inspect, EachRule) {
   rig.state.age_s = 0.0021;
   EXPECT_EQ(rig.verdict(), Intervention::state_old);
   rig.terms.update(rig.state);
-  const SafetyStage stage({rig.limits});  // an arm alone is given the time that the arm itself waits
+  const SafetyStage stage({rig.limits});  // a single arm gets the time that the arm itself waits
   EXPECT_FALSE(stage.inspect(0, rig.state, rig.terms, true));
   rig.state.age_s = 0.0201;
   EXPECT_EQ(stage.inspect(0, rig.state, rig.terms, true).rule, Intervention::state_old);
@@ -111,11 +111,11 @@ TEST(Limit, RateIsPerSecondWhateverTheStep) {
   for (const double dt : {0.00025, 0.0005, 0.001}) {
     SafetyStage safety({rig.limits});
     Finding cut;
-    const JointVector wanted = joint_constant(7, 30);
+    const JointVector requested = joint_constant(7, 30);
     double t = 0;
     for (int k = 1; k * dt * 400 < 29; ++k) {
       t += dt;
-      const JointVector& tau = safety.limit(0, wanted, dt, cut);
+      const JointVector& tau = safety.limit(0, requested, dt, cut);
       ASSERT_NEAR(tau[2], 400 * t, 1e-9);
       ASSERT_EQ(cut.rule, Intervention::torque_rate_clamped);
     }
@@ -123,7 +123,7 @@ TEST(Limit, RateIsPerSecondWhateverTheStep) {
   }
 }
 
-TEST(Limit, ALongGapIsNoLicenceForALargeStep) {
+TEST(Limit, ALongGapIsNoLicenseForALargeStep) {
   Rig rig;
   SafetyStage safety({rig.limits});
   Finding cut;
@@ -139,8 +139,8 @@ TEST(Limit, TorqueStaysWithinItsLimit) {
   for (int k = 0; k < 5000; ++k) {
     Finding cut;
     const double dt = draw.uniform(0, 0.002);
-    const JointVector wanted = draw.joints(7, 300);
-    const JointVector tau = safety.limit(0, wanted, dt, cut);
+    const JointVector requested = draw.joints(7, 300);
+    const JointVector tau = safety.limit(0, requested, dt, cut);
     for (Eigen::Index i = 0; i < 7; ++i) {
       ASSERT_LE(std::abs(tau[i]), 80.0);
       ASSERT_LE(std::abs(tau[i] - last[i]), 1000 * std::min(dt, 0.001) + 1e-9);
@@ -155,14 +155,15 @@ TEST(Limit, NonFiniteGoesTowardsZero) {
   SafetyStage safety({rig.limits});
   safety.set_last_command(0, joint_constant(7, 10));
   Finding cut;
-  JointVector wanted = joint_constant(7, 10);
-  wanted[5] = std::nan("");
-  EXPECT_NEAR(safety.limit(0, wanted, 0.001, cut)[5], 9, 1e-12);
+  JointVector requested = joint_constant(7, 10);
+  requested[5] = std::nan("");
+  EXPECT_NEAR(safety.limit(0, requested, 0.001, cut)[5], 9, 1e-12);
   EXPECT_EQ(safety.last_command(0)[4], 10);
-  wanted[5] = 10;
-  safety.set_last_command(0, wanted * std::nan(""));  // the rate limit must not count from nonsense
-  EXPECT_NEAR(safety.limit(0, wanted, 0.001, cut)[5], 1, 1e-12);
+  requested[5] = 10;
+  safety.set_last_command(0,
+                          requested * std::nan(""));  // the rate limit must not start from an invalid value
+  EXPECT_NEAR(safety.limit(0, requested, 0.001, cut)[5], 1, 1e-12);
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::safety_test

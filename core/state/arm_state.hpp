@@ -6,11 +6,11 @@
 #include "core/types/spatial.hpp"
 #include "core/types/time.hpp"
 
-// What a backend delivers for one arm, once per cycle. Names and signs follow the arm's control interface
-// (CONVENTIONS.md): B is the arm's base, F the flange, E the end effector, K the stiffness frame.
+// Measurement that a backend delivers for one arm, once per cycle. Names and signs follow the arm's control
+// interface (CONVENTIONS.md): B is the arm's base, F the flange, E the end effector, K the stiffness frame.
 namespace multipanda {
 
-// disconnected: a real arm whose connection is lost; its state is the last one that came.
+// disconnected: the connection to a real arm is lost; its state is the last one received.
 enum class ArmMode : std::uint8_t {
   other,
   idle,
@@ -22,6 +22,9 @@ enum class ArmMode : std::uint8_t {
   disconnected
 };
 
+// The arm accepts torque commands; the first one starts its motion.
+constexpr bool takes_commands(ArmMode mode) { return mode == ArmMode::idle || mode == ArmMode::move; }
+
 // Frames that the user sets on the arm. Defaults: E = F, K = E.
 struct ArmFrames {
   Pose X_FE;  // end effector in the flange (F_T_EE)
@@ -31,42 +34,43 @@ struct ArmFrames {
 // A rigid body carried by the flange.
 struct Load {
   double mass = 0;                      // [kg]
-  Vector3 p_FC = Vector3::Zero();       // centre of mass in the flange [m]
-  Matrix3 inertia_C = Matrix3::Zero();  // about the centre of mass, axes of F [kg m^2]
+  Vector3 p_FC = Vector3::Zero();       // center of mass in the flange [m]
+  Matrix3 inertia_C = Matrix3::Zero();  // about the center of mass, axes of F [kg m^2]
 };
 
-// A parallel gripper or a vacuum gripper on the flange, as it last reported; slower than the arm.
+// State that a parallel or vacuum gripper on the flange last reported; updated more slowly than the arm.
 struct GripperState {
   bool present = false;
   double width = 0, max_width = 0;  // between the fingers; max_width is found by homing [m]
-  bool grasped = false;             // holds something of the width that the last grasp named, or by vacuum
-  bool moving = false;              // a request is being carried out
+  bool grasped = false;             // holds an object of the requested width, or by vacuum
+  bool moving = false;              // a request is in progress
 };
 
 struct ArmState {
   // Packet
   std::uint64_t sequence = 0;  // counts the arm's packets; 0: none yet
   RobotTime t_robot;           // the arm's own clock
-  HostTime t_host;             // when this computer took it
+  HostTime t_host;             // when this computer received it
   bool fresh = false;          // arrived for this cycle
-  double age_s = 0;            // since it was taken, at this cycle's start [s]
+  double age_s = 0;            // since it was received, at the start of this cycle [s]
 
   // Joints (n x 1)
   JointVector q;      // measured position [rad]
   JointVector dq;     // measured velocity [rad/s]
   JointVector tau_J;  // measured link-side torque, gravity included [N m]
 
-  // What the arm understood last
+  // Last command that the arm accepted
   JointVector tau_J_d;  // commanded torque in use, without gravity [N m]
 
-  // Forces: what the arm exerts on the environment. Sizes 0 / flags false where the backend cannot tell.
+  // Forces that the arm exerts on the environment. Sizes are 0 and flags false if the backend does not
+  // provide them.
   JointVector tau_ext_hat;  // estimated external joint torque [N m]
   bool has_wrench_estimate = false;
   Wrench F_K_W_est;  // estimated, about K, world axes
   bool has_contact_truth = false;
   Wrench F_K_W_true;  // from the simulator's contacts on the hand and tool, about K, world axes
 
-  // Configuration in force; `config_version` changes with it
+  // Current configuration; `config_version` changes with it
   std::uint32_t config_version = 0;
   ArmFrames frames;
   Load tool;  // end effector, as declared to the arm

@@ -2,12 +2,12 @@
 
 #include <numbers>
 
-#include <Eigen/Cholesky>
+#include "core/types/triangular.hpp"
 
 namespace multipanda {
 namespace {
 
-// Packets farther apart than this do not belong together: tau_J is the mean over one period only.
+// Packets farther apart than this are not combined, because tau_J is the mean over one period only.
 constexpr double kLongestGap = 0.02;  // [s]
 
 // A regular pose has eigenvalues of J J^T above 0.01, so this costs less than 1e-4 of a force there; in a
@@ -23,7 +23,7 @@ ExternalForceObserver::ExternalForceObserver(std::size_t joint_count, double ban
 
 void ExternalForceObserver::reset() {
   residual_.setZero();
-  begun_ = false;
+  started_ = false;
 }
 
 void ExternalForceObserver::update(const Model& model, ArmState& state) {
@@ -31,19 +31,19 @@ void ExternalForceObserver::update(const Model& model, ArmState& state) {
   const auto& [momentum, drift, J_V_WK] = model;
   const bool finite = momentum.allFinite() && drift.allFinite() && state.tau_J.allFinite();
   if (finite) {
-    // A load or frame that was declared between two packets changes p without any force.
-    const bool follows = begun_ && dt > 0 && dt <= kLongestGap && state.config_version == config_version_;
+    // A load or frame declared between two packets changes p without any force.
+    const bool follows = started_ && dt > 0 && dt <= kLongestGap && state.config_version == config_version_;
     if (follows) {
       const JointVector push = momentum - momentum_ - dt * (state.tau_J + 0.5 * (drift_ + drift));
       residual_ = (residual_ + rate_ * push) / (1 + rate_ * dt);
     }
-    if (!begun_ || dt != 0) {
+    if (!started_ || dt != 0) {
       momentum_ = momentum;
       drift_ = drift;
       t_ = state.t_robot;
       config_version_ = state.config_version;
     }
-    begun_ = true;
+    started_ = true;
   }
   state.tau_ext_hat = -residual_;
   if (!finite) return;
@@ -60,7 +60,9 @@ Wrench wrench_of(const Jacobian& J_V_WK, const JointVector& tau) {
     Jtau += tau[i] * column;
   }
   Wrench F;
-  F.vector = Eigen::LLT<Matrix6>(JJt).solve(Jtau);
+  Matrix6 L;
+  cholesky_factor(JJt, L);
+  F.vector = cholesky_solve(L, Jtau);
   return F;
 }
 

@@ -5,23 +5,23 @@
 
 namespace multipanda {
 
-// What an arm exerts on its environment, from its joint torque sensors and its model: for arms (and simulated
-// arms) that do not say it themselves. A momentum observer (De Luca, Mattone 2005): with p = M dq and
+// Estimates the wrench that an arm exerts on its environment from its joint torque sensors and its model, for
+// arms whose backend does not provide it. A momentum observer (De Luca, Mattone 2005): with p = M dq and
 //   dp/dt = tau_J + (C^T dq - g) + tau_on_arm
 // the residual r follows tau_on_arm as a first-order low-pass of `bandwidth_hz` without needing ddq:
 //   r_k = (r_k-1 + K (p_k - p_k-1 - dt (tau_J + mean(C^T dq - g)))) / (1 + K dt),   K = 2 pi bandwidth
-// (backward Euler: stable for any dt; tau_J is the mean over the period). Signs as the arm's own interface
-// has them: tau_ext_hat = -r = tau_J - model, F_hat = -F_on_arm; resting on a table gives F_hat_z < 0.
+// (backward Euler: stable for any dt; tau_J is the mean over the period). The signs are those of the arm's
+// own interface: tau_ext_hat = -r = tau_J - model, F_hat = -F_on_arm; resting on a table gives F_hat_z < 0.
 //
-// tau_J is measured behind gears and motor friction, so friction is no part of the estimate. A load that was
-// not declared is.
+// tau_J is measured behind gears and motor friction, so the estimate does not contain friction. It does
+// contain a load that was not declared.
 class ExternalForceObserver {
  public:
   static constexpr double kBandwidth = 30;  // [Hz]
 
   explicit ExternalForceObserver(std::size_t joint_count, double bandwidth_hz = kBandwidth);
 
-  // Forgets: no external torque, at rest in nothing.
+  // Resets the estimate to zero.
   void reset();
 
   // The model at the packet's state (core/model/model_terms.hpp).
@@ -37,15 +37,15 @@ class ExternalForceObserver {
  private:
   double rate_;                   // K [1/s]
   JointVector residual_;          // r [N m]
-  JointVector momentum_, drift_;  // of the packet before
-  RobotTime t_;                   // of the packet before
+  JointVector momentum_, drift_;  // of the previous packet
+  RobotTime t_;                   // of the previous packet
   std::uint32_t config_version_ = 0;
-  bool begun_ = false;
+  bool started_ = false;
 };
 
-// The wrench at K, world axes, whose joint torques J^T F come closest to tau: F = (J J^T + eps)^-1 J tau.
-// Exact for a force on the hand or tool in regular poses; eps bounds it in singular ones. A push on another
-// link is seen as some wrench at K.
+// The wrench at K, world axes, whose joint torques J^T F approximate tau best: F = (J J^T + eps)^-1 J tau.
+// Exact for a force on the hand or tool in regular poses; eps bounds it in singular ones. A force on another
+// link appears as a wrench at K.
 Wrench wrench_of(const Jacobian& J_V_WK, const JointVector& tau);
 
 }  // namespace multipanda

@@ -7,11 +7,11 @@
 #include <gtest/gtest.h>
 
 #include "core/model/model_terms.hpp"
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/test_arm.hpp"
 
 // The plant is integrated here, by M ddq = tau + J^T F_on_arm - c - g with Runge-Kutta steps: terms that the
 // observer does not use.
-namespace multipanda {
+namespace multipanda::external_force_test {
 namespace {
 
 using test::Draw;
@@ -27,7 +27,7 @@ struct Plant {
     return Eigen::LLT<Eigen::MatrixXd>(M).solve(Eigen::VectorXd(tau + push - terms.c() - terms.g()));
   }
 
-  // One period at constant torque; leaves what the sensors see.
+  // One period at constant torque; stores the sensors' values.
   void step(const JointVector& tau, double dt) {
     const JointVector k1 = acceleration(q, dq, tau);
     const JointVector k2 = acceleration(q + 0.5 * dt * dq, dq + 0.5 * dt * k1, tau);
@@ -61,7 +61,7 @@ Plant some_plant(std::uint32_t seed, std::size_t joints) {
   return plant;
 }
 
-// Held still against a constant push: the estimate is its opposite, at K, and gets there as a low-pass does.
+// Held still against a constant push: the estimate is its opposite, at K, and approaches it like a low-pass.
 TEST(ExternalForce, OfAPushOnAnArmAtRestIsItsReaction) {
   for (std::uint32_t seed = 1; seed <= 20; ++seed) {
     for (const std::size_t joints : {std::size_t{6}, std::size_t{7}}) {
@@ -76,7 +76,7 @@ TEST(ExternalForce, OfAPushOnAnArmAtRestIsItsReaction) {
       plant.terms.update(plant.state);
       const Jacobian J = plant.terms.J_V_WE();
       const JointVector push = J.transpose().lazyProduct(plant.F_on_arm.vector);
-      const JointVector tau = plant.terms.g() - push;  // what holds the arm still
+      const JointVector tau = plant.terms.g() - push;  // the torque that holds the arm at rest
       for (int k = 0; k <= 200; ++k) {
         plant.state.tau_J = tau;
         plant.state.t_robot.ns = 1'000'000 * k;
@@ -94,9 +94,9 @@ TEST(ExternalForce, OfAPushOnAnArmAtRestIsItsReaction) {
   }
 }
 
-// Driven through a wild motion, with and without a push that comes and goes: the residual follows the push's
+// Moved through a strong motion, with and without a push that comes and goes: the residual follows the push's
 // joint torques through the same low-pass, whatever the motion.
-TEST(ExternalForce, IsNotMovedByMotion) {
+TEST(ExternalForce, IsNotAffectedByMotion) {
   for (std::uint32_t seed = 1; seed <= 5; ++seed) {
     Draw draw(seed);
     Plant plant = some_plant(seed, 7);
@@ -125,7 +125,7 @@ TEST(ExternalForce, IsNotMovedByMotion) {
   }
 }
 
-TEST(ExternalForce, ADeclaredLoadIsNoForceAndItsDeclarationNoPush) {
+TEST(ExternalForce, ADeclaredLoadIsNoForceAndItsDeclarationCausesNone) {
   Draw draw(5);
   Plant plant = some_plant(5, 7);
   ExternalForceObserver observer(7);
@@ -184,4 +184,4 @@ TEST(ExternalForce, WrenchIsBoundedInSingularPoses) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::external_force_test

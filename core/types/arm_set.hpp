@@ -10,7 +10,7 @@ namespace multipanda {
 
 using ArmIndex = std::size_t;  // position of an arm in the scene, from 0
 
-// A set of arms as bits: which packets arrived, which arms a controllet owns.
+// A set of arms as bits, for example those whose packets arrived or those that a controllet owns.
 class ArmSet {
  public:
   constexpr ArmSet() = default;

@@ -2,8 +2,8 @@
 
 #include <cstddef>
 
-// Fixed capacities. They bound every container of the loop, so that nothing in it ever grows.
-// The joint count of an arm comes from its model; these are only the ceilings.
+// Fixed capacities. They bound every container of the loop, so that none ever grows. The joint count of an
+// arm comes from its model; these are upper limits.
 namespace multipanda {
 
 inline constexpr std::size_t kMaxJoints = 16;         // per arm

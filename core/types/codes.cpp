@@ -6,54 +6,73 @@
 namespace multipanda {
 namespace {
 
-constexpr std::array<std::string_view, static_cast<std::size_t>(Intervention::count_)> kInterventions = {
-    "none",
-    "torque not finite",
-    "torque implausible",
-    "controllet threw an exception",
-    "controllet reported a fault",
-    "reference stale",
-    "state not finite",
-    "state too old",
-    "joint position limit",
-    "joint velocity limit",
-    "workspace limit",
-    "arm not ready",
-    "torque clamped",
-    "torque rate clamped",
-    "stop requested"};
+struct Rule {
+  std::string_view text;
+  std::string_view unit;  // of value and limit; empty: none
+};
 
-constexpr std::array<std::string_view, static_cast<std::size_t>(Verdict::count_)> kVerdicts = {
-    "pending",
-    "accepted",
-    "unknown controllet",
-    "unknown arm",
-    "unknown feature",
-    "unknown parameter",
-    "unknown input",
-    "wrong number of values",
-    "value not finite",
-    "value out of bounds",
-    "two owners for one arm",
-    "arm is stopped: resume it first",
-    "arm is not ready for control",
-    "controllet is not active",
-    "controllet refused to start from the measured state",
-    "the active controllets changed in between: ask again",
-    "too many requests at once: ask again",
-    "the loop is not running",
-    "no answer from the loop in time"};
+constexpr std::array<Rule, static_cast<std::size_t>(Intervention::count_)> kInterventions{
+    {{"none", ""},
+     {"torque not finite", "N m"},
+     {"torque implausible", "N m"},
+     {"controllet threw an exception", ""},
+     {"controllet reported a fault", ""},
+     {"reference stale", "s"},
+     {"state not finite", ""},
+     {"state too old", "s"},
+     {"joint position limit", "rad"},
+     {"joint velocity limit", "rad/s"},
+     {"workspace limit", "m"},
+     {"arm not ready", ""},
+     {"torque clamped", "N m"},
+     {"torque rate clamped", "N m/s"},
+     {"stop requested", ""}}};
 
-template <typename Table>
-std::string_view look_up(const Table& table, std::size_t i) {
-  return i < table.size() ? table[i] : std::string_view("unknown code");
-}
+struct VerdictText {
+  std::string_view name, text;
+};
+constexpr std::array<VerdictText, static_cast<std::size_t>(Verdict::count_)> kVerdicts = {
+    {{"pending", "pending"},
+     {"accepted", "accepted"},
+     {"unknown_instance", "unknown controllet"},
+     {"unknown_arm", "unknown arm"},
+     {"unknown_feature", "unknown feature"},
+     {"unknown_parameter", "unknown parameter"},
+     {"unknown_input", "unknown input"},
+     {"wrong_size", "wrong number of values"},
+     {"not_finite", "value not finite"},
+     {"out_of_bounds", "value out of bounds"},
+     {"two_owners", "two owners for one arm"},
+     {"arm_stopped", "arm is stopped: resume it first"},
+     {"arm_not_ready", "arm is not ready for control"},
+     {"not_active", "controllet is not active"},
+     {"start_refused", "controllet refused to start from the measured state"},
+     {"superseded", "the active controllets changed in the meantime: try again"},
+     {"queue_full", "too many requests at once: try again"},
+     {"loop_not_running", "the loop is not running"},
+     {"timeout", "no answer from the loop in time"}}};
+static_assert(!kInterventions.back().text.empty() && !kVerdicts.back().text.empty(), "every code has a text");
 
 }  // namespace
 
 std::string_view to_string(Intervention code) {
-  return look_up(kInterventions, static_cast<std::size_t>(code));
+  const auto i = static_cast<std::size_t>(code);
+  return i < kInterventions.size() ? kInterventions[i].text : "unknown code";
 }
-std::string_view to_string(Verdict code) { return look_up(kVerdicts, static_cast<std::size_t>(code)); }
+
+std::string_view unit_of(Intervention code) {
+  const auto i = static_cast<std::size_t>(code);
+  return i < kInterventions.size() ? kInterventions[i].unit : "";
+}
+
+std::string_view to_string(Verdict code) {
+  const auto i = static_cast<std::size_t>(code);
+  return i < kVerdicts.size() ? kVerdicts[i].text : "unknown code";
+}
+
+std::string_view name_of(Verdict code) {
+  const auto i = static_cast<std::size_t>(code);
+  return i < kVerdicts.size() ? kVerdicts[i].name : "unknown";
+}
 
 }  // namespace multipanda

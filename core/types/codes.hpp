@@ -3,30 +3,32 @@
 #include <cstdint>
 #include <string_view>
 
-// Result codes: what the loop says in place of exceptions and strings. Each has its text, used off the loop.
+// Result codes, which the loop reports in place of exceptions and strings. Their texts are for use
+// off the loop.
 namespace multipanda {
 
-// Why an arm or a controllet instance was interfered with; counted, shown and logged.
+// A rule by which the safety stage intervenes on an arm or a controllet instance; counted, shown and logged.
+// "Removed": the controllet is deactivated and its arms are held.
 enum class Intervention : std::uint8_t {
   none,
-  torque_not_finite,     // a controllet or feature returned NaN or infinity: taken out
-  torque_implausible,    // finite, but beyond any sense: taken out
-  controllet_threw,      // an exception left update(): taken out
-  controllet_fault,      // update() returned LawResult::fault: taken out
-  reference_stale,       // a streaming publisher fell silent: arms to hold
-  state_not_finite,      // the backend delivered NaN or infinity: arm to hold
-  state_old,             // no packet of an arm of the group in time: group to hold
-  joint_position_limit,  // beyond a joint limit and moving outwards: to hold
-  joint_velocity_limit,  // too fast: to hold
-  workspace_limit,       // the end effector left its box outwards: to hold
-  arm_not_ready,         // the arm left its control mode (reflex, user stop, ...): to hold
-  torque_clamped,        // the torque limit cut the command
-  torque_rate_clamped,   // the torque-rate limit cut the command
-  stop_requested,        // someone asked for a stop: to hold until resumed
+  torque_not_finite,     // a controllet or feature returned NaN or infinity: removed
+  torque_implausible,    // finite, but far beyond any torque limit: removed
+  controllet_threw,      // an exception left update(): removed
+  controllet_fault,      // update() returned LawResult::fault: removed
+  reference_stale,       // a stream of set-points stopped: arms are held
+  state_not_finite,      // the backend delivered NaN or infinity: arm is held
+  state_old,             // no recent packet of an arm of the group: group is held
+  joint_position_limit,  // beyond a joint limit and moving outwards: arm is held
+  joint_velocity_limit,  // a joint exceeded its velocity limit: arm is held
+  workspace_limit,       // the end effector left its box, moving outwards: arm is held
+  arm_not_ready,         // the arm left its control mode (reflex, user stop, ...): arm is held
+  torque_clamped,        // the torque limit clamped the command
+  torque_rate_clamped,   // the torque-rate limit clamped the command
+  stop_requested,        // a stop was requested: arm is held until resumed
   count_                 // number of codes
 };
 
-// What became of a request.
+// Result of a request.
 enum class Verdict : std::uint8_t {
   pending,
   accepted,
@@ -43,14 +45,16 @@ enum class Verdict : std::uint8_t {
   arm_not_ready,  // the arm is not in its control mode
   not_active,     // the request needs a running controllet
   start_refused,  // the controllet's start() refused the measured state
-  superseded,     // the set of active controllets changed in between; ask again
-  queue_full,     // more requests than the loop takes in a cycle; ask again
+  superseded,     // the set of active controllets changed in the meantime; try again
+  queue_full,     // more requests than the loop takes in a cycle; try again
   loop_not_running,
   timeout,
   count_
 };
 
 std::string_view to_string(Intervention code);
+std::string_view unit_of(Intervention code);  // of its value and limit: "N m/s"; empty: it has none
 std::string_view to_string(Verdict code);
+std::string_view name_of(Verdict code);  // for programs: "two_owners"
 
 }  // namespace multipanda

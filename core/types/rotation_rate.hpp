@@ -7,8 +7,8 @@
 namespace multipanda {
 
 // dJ/dt dr of the left Jacobian J(r) = I + a S(r) + b S(r)^2, a = (1 - cos t)/t^2, b = (t - sin t)/t^3, t =
-// |r|: what the angular acceleration of exp_rotation(r) has beside J(r) ddr, in the parent frame. It vanishes
-// where r and dr are parallel, as in a motion from rest to rest.
+// |r|: the angular acceleration of exp_rotation(r), in the parent frame, is J(r) ddr plus this term. It
+// vanishes if r and dr are parallel, as in a motion from rest to rest.
 inline Vector3 left_jacobian_rate(const Vector3& r, const Vector3& dr) {
   const double t2 = r.squaredNorm(), t = std::sqrt(t2), s = r.dot(dr);  // s = t dt/dtime
   double b = 1.0 / 6 - t2 / 120;

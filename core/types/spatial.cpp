@@ -8,14 +8,14 @@ Matrix3 exp_rotation(const Vector3& r) {
   const double angle2 = r.squaredNorm();
   const double angle = std::sqrt(angle2);
   const Matrix3 S = skew(r);
-  // Series below 1e-4 rad: the closed form loses digits in (1 - cos)/angle^2.
+  // Uses a series below 1e-4 rad, where the closed form loses digits in (1 - cos)/angle^2.
   const double a = angle < 1e-4 ? 1.0 - angle2 / 6.0 : std::sin(angle) / angle;
   const double b = angle < 1e-4 ? 0.5 - angle2 / 24.0 : (1.0 - std::cos(angle)) / angle2;
   return Matrix3::Identity() + a * S + b * S * S;
 }
 
 Vector3 log_rotation(const Matrix3& R) {
-  // By the quaternion: well conditioned for every angle, pi included.
+  // The quaternion is well conditioned for every angle, pi included.
   Quaternion q(R);
   if (q.w() < 0) q.coeffs() = -q.coeffs();
   const double sine = q.vec().norm();

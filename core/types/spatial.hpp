@@ -56,8 +56,8 @@ inline Matrix3 skew(const Vector3& a) {
 // Rotation of angle |r| about r (the exponential map of SO(3)), r in [rad].
 Matrix3 exp_rotation(const Vector3& r);
 
-// The rotation vector r with exp_rotation(r) = R and |r| <= pi: the shortest way. At exactly pi one of the
-// two.
+// The rotation vector r with exp_rotation(r) = R and |r| <= pi: the shortest rotation. At exactly pi, one of
+// the two.
 Vector3 log_rotation(const Matrix3& R);
 
 // Left Jacobian of SO(3): omega (in the parent frame) = left_jacobian(r) * dr/dt for R = exp_rotation(r).

@@ -3,8 +3,8 @@
 #include <chrono>
 #include <cstdint>
 
-// Three clocks that must never be mixed, so they are three types.
-//   RobotTime: counted by one arm since its start; arms' clocks are not synchronised.
+// Three clocks that must never be mixed, as three types.
+//   RobotTime: counted by one arm since its start; arms' clocks are not synchronized.
 //   HostTime:  this computer's steady clock.
 //   LoopTime:  since the loop's start: simulated time in lock-step, host time otherwise.
 namespace multipanda {
@@ -34,6 +34,10 @@ inline HostTime host_now() {
               std::chrono::steady_clock::now().time_since_epoch())
               .count()};
 }
+
+// Period of the arm's control interface, on real and on simulated arms.
+inline constexpr std::chrono::nanoseconds kArmPeriodNs{1'000'000};
+inline constexpr double kArmPeriod = 0.001;  // [s]
 
 inline double seconds(std::chrono::nanoseconds d) { return static_cast<double>(d.count()) * 1e-9; }
 

@@ -4,13 +4,13 @@
 #include <Eigen/SVD>
 #include <gtest/gtest.h>
 
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/test_arm.hpp"
 #include "core/types/arm_set.hpp"
 #include "core/types/codes.hpp"
 #include "core/types/spatial.hpp"
 #include "core/types/time.hpp"
 
-namespace multipanda {
+namespace multipanda::types_test {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
@@ -83,7 +83,7 @@ TEST(Pose, ProductInverseAndError) {
   }
 }
 
-TEST(Wrench, ShiftedDoesTheSameWork) {
+TEST(Wrench, DoesTheSameWorkAfterAShift) {
   test::Draw draw(6);
   for (int i = 0; i < 100; ++i) {
     Wrench F_A;
@@ -133,4 +133,4 @@ TEST(Time, RoundsAndSubtracts) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::types_test

@@ -1,10 +1,10 @@
 #include <gtest/gtest.h>
 
 #include "core/modes/registry.hpp"
-#include "core/test_support/controllet_rig.hpp"
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/controllet_rig.hpp"
+#include "core/testing/test_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::own_controllet_test {
 namespace {
 
 using namespace test;
@@ -51,6 +51,24 @@ TEST(OwnControllet, PushesOutOfTheWallByStiffnessTimesDepth) {
   EXPECT_EQ(rig.start(), LawResult::fault);  // would begin deep in the wall
 }
 
+TEST(OwnFeature, DampsJointsAboveItsSpeedOnly) {
+  Registry registry;
+  registry.load_plugin(library("own_controllet"));
+  ControlletRig rig(*registry.feature("speed_damping"), {TestArm::make().model()});
+  JointVector dq = JointVector::Zero(7);
+  dq[1] = 0.5;
+  dq[4] = -1.5;
+  rig.set("speed_rad_per_s", {1.0});
+  rig.set("damping_nms_per_rad", {4.0});
+  rig.place(0, bent(7), dq);
+  ASSERT_EQ(rig.start(), LawResult::ok);
+  ASSERT_EQ(rig.update(), LawResult::ok);
+  JointVector expected = JointVector::Zero(7);
+  expected[4] = 2.0;  // 4 N m s/rad * 0.5 rad/s, against the motion
+  EXPECT_NEAR((rig.tau(0) - expected).norm(), 0, 1e-12);
+  EXPECT_NEAR(rig.output("largest_torque_nm")[0], 2.0, 1e-12);
+}
+
 TEST(OwnControllet, LibrariesThatDoNotFitAreRefusedWithTheReason) {
   EXPECT_NE(refusal(library("no_such_file")).find("no_such_file"), std::string::npos);
   EXPECT_NE(refusal(library("plugin_without_symbols")).find("MULTIPANDA_PLUGIN"), std::string::npos);
@@ -60,4 +78,4 @@ TEST(OwnControllet, LibrariesThatDoNotFitAreRefusedWithTheReason) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::own_controllet_test

@@ -1,6 +1,10 @@
-// What makes the library loadable: its controllets, by name, in one place.
+// Registers the controllets and features of the library.
 #include "core/modes/plugin.hpp"
 
+#include "speed_damping.hpp"
 #include "virtual_wall.hpp"
 
-MULTIPANDA_PLUGIN(registry) { registry.add(virtual_wall_controllet()); }
+MULTIPANDA_PLUGIN(registry) {
+  registry.add(virtual_wall_controllet());
+  registry.add(speed_damping_feature());
+}

@@ -1,4 +1,4 @@
-// For the test only: a library that says it was built for another interface.
+// For the test only: a library that reports another interface version.
 #include "core/modes/registry.hpp"
 
 extern "C" unsigned multipanda_plugin_version();

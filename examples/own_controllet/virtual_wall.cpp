@@ -4,24 +4,48 @@
 
 namespace {
 
-using multipanda::ControlContext;
-using multipanda::LawResult;
-using multipanda::Vector3;
+using namespace multipanda;
 
-// In the order of the lists in virtual_wall_controllet().
-enum Parameter : std::size_t { kNormal, kHeight, kStiffness, kDamping };
-enum Output : std::size_t { kDepth };
-
-class VirtualWall final : public multipanda::Controllet {
+class VirtualWall final : public Controllet {
  public:
+  static ControlletDescriptor descriptor() {
+    return {.type = "virtual_wall",
+            .doc = "Hand guiding that stops at a plane.",
+            .parameters = spec_table<kParameterCount>(
+                parameter_at<kNormal>({.name = "normal",
+                                       .size = 3,
+                                       .initial = {0, 0, 1},
+                                       .min = -1,
+                                       .max = 1,
+                                       .doc = "Normal n of the wall, world axes; any length."}),
+                parameter_at<kHeight>({.name = "height_m",
+                                       .unit = "m",
+                                       .initial = {0.2},
+                                       .min = -3,
+                                       .max = 3,
+                                       .doc = "Distance h of the wall from the origin."}),
+                parameter_at<kStiffness>({.name = "stiffness_n_per_m",
+                                          .unit = "N/m",
+                                          .initial = {1000.0},
+                                          .max = 3000,
+                                          .doc = "Stiffness k."}),
+                parameter_at<kDamping>({.name = "damping_ns_per_m",
+                                        .unit = "N s/m",
+                                        .initial = {30.0},
+                                        .max = 100,
+                                        .doc = "Damping b of inward motion."})),
+            .outputs = spec_table<kOutputCount>(
+                output_at<kDepth>("depth_m", "Depth of the end effector in the wall."))};
+  }
+
   LawResult start(ControlContext& context) override {
-    // Entering behind the wall would kick the arm: refuse, and say so by the verdict start_refused.
+    // Starting deep behind the wall would cause a torque spike. The request gets the verdict start_refused.
     return depth(context) > 0.01 ? LawResult::fault : LawResult::ok;
   }
 
   // Called every millisecond: no allocation, no lock, no log, no exception.
   LawResult update(ControlContext& context) override {
-    multipanda::OwnedArm& arm = context.arms[0];
+    OwnedArm& arm = context.arms[0];
     *arm.tau = arm.terms->c();
     const double d = depth(context);
     context.outputs[kDepth] = std::max(d, 0.0);
@@ -36,6 +60,10 @@ class VirtualWall final : public multipanda::Controllet {
   }
 
  private:
+  // Each entry of the descriptor names its enumerator: the compiler checks that the lists agree.
+  enum Parameter : std::size_t { kNormal, kHeight, kStiffness, kDamping, kParameterCount };
+  enum Output : std::size_t { kDepth, kOutputCount };
+
   static Vector3 normal(const ControlContext& context) {
     const Vector3 n = context.parameters->vector3(kNormal);
     return n.norm() > 1e-3 ? Vector3(n.normalized()) : Vector3(Vector3::UnitZ());
@@ -47,16 +75,4 @@ class VirtualWall final : public multipanda::Controllet {
 
 }  // namespace
 
-multipanda::ControlletType virtual_wall_controllet() {
-  return {{.type = "virtual_wall",
-           .doc = "Hand guiding that stops at a plane.",
-           .inputs = {},
-           .parameters = {{"normal", "", 3, {0, 0, 1}, -1, 1, "n: normal of the wall, world; any length."},
-                          {"height_m", "m", 1, {0.2}, -3, 3, "h: distance of the wall from the origin."},
-                          {"stiffness_n_per_m", "N/m", 1, {1000.0}, 0, 3000, "k."},
-                          {"damping_ns_per_m", "N s/m", 1, {30.0}, 0, 100, "b, inwards only."}},
-           .outputs = {{"depth_m", 1, "How deep the end effector is in the wall."}}},
-          [](multipanda::ArmModels) -> std::unique_ptr<multipanda::Controllet> {
-            return std::make_unique<VirtualWall>();
-          }};
-}
+multipanda::ControlletType virtual_wall_controllet() { return multipanda::controllet_type<VirtualWall>(); }

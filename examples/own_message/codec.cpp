@@ -1,6 +1,6 @@
-// Set-points in another message type than the usual one: a user's own, or here a
-// geometry_msgs/TransformStamped, as trackers send it. The codec only reads; topics, frames, checks, counters
-// and goals stay multipanda's.
+// Set-points in a message type other than the default: a user's own, or here a
+// geometry_msgs/TransformStamped, as trackers send it. The codec only reads the message; topics, frames,
+// checks, counters and goals stay multipanda's.
 #include <geometry_msgs/msg/transform_stamped.hpp>
 
 #include "core/modes/plugin.hpp"
@@ -12,7 +12,8 @@ using geometry_msgs::msg::TransformStamped;
 
 void values_of(const TransformStamped& message, multipanda::ros::InputValues& values) {
   if (message.child_frame_id != "goal") {
-    values.refusal = "the transform is of '" + message.child_frame_id.substr(0, 60) + "', expected 'goal'";
+    values.refusal =
+        "the transform's child frame is '" + message.child_frame_id.substr(0, 60) + "', expected 'goal'";
     return;
   }
   const auto& p = message.transform.translation;
@@ -23,7 +24,7 @@ void values_of(const TransformStamped& message, multipanda::ros::InputValues& va
 
 }  // namespace
 
-// A library of a scene's `plugins:` names its controllets, here none of its own.
+// A library in a scene's `plugins:` registers its controllets; this one has none.
 MULTIPANDA_PLUGIN(registry) { (void)registry; }
 
 MULTIPANDA_INPUT_CODECS(codecs) {

@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""The first five minutes with multipanda over ROS 2: watch an arm, switch its controllet, send it somewhere.
+"""First steps with multipanda over ROS 2: read an arm's state, switch its controllet, send it to a goal.
 
     ./multipanda run examples/ros/scene.yaml --ros &
     .venv/bin/python examples/ros/first_steps.py
 
-Nothing but rclpy and the message packages; with a ROS 2 installation any Python that has them will do.
+Needs only rclpy and the message packages; with a ROS 2 installation, any Python that has them works.
 """
+
 import sys
 import time
 
@@ -22,7 +23,10 @@ def until(node, done, what, seconds=20.0):
     end = time.monotonic() + seconds
     while not done():
         if time.monotonic() > end:
-            sys.exit(f"first_steps: waited {seconds:g} s for {what}; is `./multipanda run examples/ros/scene.yaml --ros` running?")
+            sys.exit(
+                f"first_steps: waited {seconds:g} s for {what}; "
+                "is `./multipanda run examples/ros/scene.yaml --ros` running?"
+            )
         rclpy.spin_once(node, timeout_sec=0.05)
 
 
@@ -30,14 +34,14 @@ def main():
     rclpy.init()
     node = Node("first_steps")
 
-    # 1. A topic: everything about the left arm, 100 times a second.
+    # 1. A topic: the left arm's complete state, 100 times a second.
     states = []
     node.create_subscription(RobotState, "left/robot_state", states.append, 10)
     until(node, lambda: states, "left/robot_state")
     at = states[-1].pose.position
     print(f"left hand at ({at.x:.3f}, {at.y:.3f}, {at.z:.3f}) m, owner {states[-1].owner}")
 
-    # 2. A service: Cartesian impedance takes the arm over, between two control cycles.
+    # 2. A service: Cartesian impedance takes over the arm, between two control cycles.
     switch = node.create_client(SwitchControllets, "/multipanda/switch_controllets")
     until(node, switch.service_is_ready, "the service switch_controllets")
     answer = switch.call_async(SwitchControllets.Request(activate=["left_cartesian"]))
@@ -45,13 +49,18 @@ def main():
     result = answer.result()
     if not result.accepted:
         sys.exit(f"first_steps: refused: {result.reason}")
-    print(f"switched: {result.started} instead of {result.stopped}; first torque {1e3 * result.total_s:.2f} ms after the request, "
-          f"step {max(result.torque_step, default=0.0):.2f} N m")
+    print(
+        f"switched: {result.started} instead of {result.stopped}; "
+        f"first torque {1e3 * result.total_s:.2f} ms after the request, "
+        f"step {max(result.torque_step, default=0.0):.2f} N m"
+    )
 
-    # 3. A goal: 10 cm higher, approached smoothly whatever the distance, and kept.
-    goals = node.create_publisher(PoseStamped, "/multipanda/left_cartesian/pose/goal",
-                                  QoSProfile(depth=1, reliability=QoSReliabilityPolicy.RELIABLE,
-                                             durability=QoSDurabilityPolicy.VOLATILE))
+    # 3. A goal: 10 cm higher, approached smoothly from any distance, and kept.
+    goals = node.create_publisher(
+        PoseStamped,
+        "/multipanda/left_cartesian/pose/goal",
+        QoSProfile(depth=1, reliability=QoSReliabilityPolicy.RELIABLE, durability=QoSDurabilityPolicy.VOLATILE),
+    )
     until(node, lambda: goals.get_subscription_count() > 0, "the input's topic")
     until(node, lambda: states[-1].owner == "left_cartesian", "the new owner in robot_state")
     goal = PoseStamped(pose=states[-1].pose)  # no frame_id: the input's own, here the world

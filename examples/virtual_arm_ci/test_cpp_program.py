@@ -1,4 +1,5 @@
-"""A C++ program against the virtual arm: started as a process, judged by its exit code."""
+"""A C++ program against the virtual arm: started as a process and checked by its exit code."""
+
 import os
 import subprocess
 
@@ -7,6 +8,8 @@ import pytest
 
 @pytest.mark.skipif("HOLD" not in os.environ, reason="HOLD names the built program")
 def test_the_program_holds_the_arm(arm):
-    run = subprocess.run([os.environ["HOLD"], arm.address, "2"], capture_output=True, text=True, timeout=120, check=False)
+    run = subprocess.run(
+        [os.environ["HOLD"], arm.address, "2"], capture_output=True, text=True, timeout=120, check=False
+    )
     assert run.returncode == 0, run.stderr
     assert "protocol version 10" in run.stdout

@@ -1,36 +1,37 @@
-"""What a user's tests look like: unmodified pylibfranka programs, and checks of what the arm did."""
+"""Example tests: unmodified pylibfranka programs, and checks of the arm's motion."""
+
 import numpy as np
 import pylibfranka as franka
 import pytest
 
 
 def connect(arm):
-    # kIgnore: a CI machine has no real-time kernel, and in lock-step none is needed.
+    # kIgnore: a CI machine has no real-time kernel, and lock-step does not need one.
     return franka.Robot(arm.address, franka.RealtimeConfig.kIgnore)
 
 
-# Soft, and softer where the joints move little mass.
+# Softer for joints that move little mass.
 STIFFNESS = np.array([100, 100, 100, 100, 30, 20, 10.0])  # [N m/rad]
 DAMPING = np.array([20, 20, 20, 20, 3, 2, 1.0])  # [N m s/rad]
 
 
 def spring(robot, goal, milliseconds):
-    """Leads the joints to `goal` by springs; the states of every period."""
+    """Moves the joints to `goal` by springs; returns the states of every period."""
     control = robot.start_torque_control()
     states = []
     tau = np.zeros(7)
     for k in range(milliseconds):
         state, _ = control.readOnce()
         states.append(state)
-        wanted = STIFFNESS * (goal - np.array(state.q)) - DAMPING * np.array(state.dq)
-        tau = tau + np.clip(wanted - tau, -0.9, 0.9)  # an arm takes 1000 N m/s at most
+        desired = STIFFNESS * (goal - np.array(state.q)) - DAMPING * np.array(state.dq)
+        tau = tau + np.clip(desired - tau, -0.9, 0.9)  # an arm accepts at most 1000 N m/s
         command = franka.Torques(list(tau))
         command.motion_finished = k == milliseconds - 1
         control.writeOnce(command)
     return states
 
 
-def test_the_arm_goes_where_it_is_led(arm):
+def test_the_arm_reaches_the_goal(arm):
     robot = connect(arm)
     start = np.array(robot.read_once().q)
     goal = start + [0.1, 0, 0, 0, 0, 0, -0.2]
@@ -38,15 +39,15 @@ def test_the_arm_goes_where_it_is_led(arm):
     assert np.abs(np.array(states[-1].q) - goal).max() < 0.01
 
 
-def test_the_arm_stays_where_it_is_held(arm):
+def test_the_arm_stays_at_the_start(arm):
     robot = connect(arm)
     start = np.array(robot.read_once().q)
     assert np.allclose(start, [0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4], atol=1e-6)
-    states = spring(robot, start, 500)  # gravity is the arm's own business
+    states = spring(robot, start, 500)  # the arm compensates gravity
     assert max(np.abs(np.array(state.q) - start).max() for state in states) < 1e-3
 
 
-def test_a_torque_that_jumps_stops_the_arm(arm):
+def test_a_torque_step_stops_the_arm(arm):
     robot = connect(arm)
     control = robot.start_torque_control()
     control.readOnce()
@@ -60,9 +61,9 @@ def test_a_torque_that_jumps_stops_the_arm(arm):
     assert robot.read_once().robot_mode == franka.RobotMode.Idle
 
 
-def test_forces_come_back(arm):
+def test_the_external_force_is_estimated(arm):
     robot = connect(arm)
     arm.tell("push arm 0 0 -15 1")  # 15 N downwards on the flange, for 1 s of the arm's time
     states = spring(robot, np.array(robot.read_once().q), 800)
-    # Pushed downwards, the arm pushes upwards on whatever pushes it.
+    # Pushed downwards, the arm exerts an upward force.
     assert states[-1].O_F_ext_hat_K[2] == pytest.approx(15, abs=2)

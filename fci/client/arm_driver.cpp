@@ -8,19 +8,18 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
-#include "fci/client/arm_words.hpp"
+#include "core/types/time.hpp"
+#include "fci/client/arm_state_text.hpp"
 
 namespace multipanda::fci {
 namespace {
-
-constexpr double kPeriod = 0.001;  // of the arm [s]
 
 struct WireMotion {
   ControllerMode controller{};
   MotionGeneratorMode generator{};
 };
 
-// How the arm's states show a motion of ours.
+// The modes that the arm's states show during a motion.
 WireMotion shown_as(ArmMotion motion) {
   switch (motion) {
     case ArmMotion::joint_position:
@@ -53,7 +52,7 @@ MotionRequest request_of(ArmMotion motion) {
           .dq_max = {}};
 }
 
-// Commands are taken: of our motion; of torque by either way of asking for it.
+// Whether the arm takes commands of `motion`. A torque motion may run with either generator.
 bool takes_commands(const RobotState& state, ArmMotion motion) {
   const auto generator = static_cast<MotionGeneratorMode>(state.motion_generator_mode);
   const WireMotion ours = shown_as(motion);
@@ -61,27 +60,6 @@ bool takes_commands(const RobotState& state, ArmMotion motion) {
   return motion != ArmMotion::none && is_mode(state, RobotMode::move) &&
          state.controller_mode == static_cast<std::uint8_t>(ours.controller) &&
          (generator == ours.generator || (torque && generator == MotionGeneratorMode::joint_velocity));
-}
-
-std::future<ArmAnswer> answered(ArmAnswer answer) {
-  std::promise<ArmAnswer> promise;
-  promise.set_value(std::move(answer));
-  return promise.get_future();
-}
-
-bool is_about_end_effector(const ArmRequest& request) {
-  return std::holds_alternative<GripperHoming>(request) || std::holds_alternative<GripperMove>(request) ||
-         std::holds_alternative<GripperGrasp>(request) || std::holds_alternative<GripperStop>(request) ||
-         std::holds_alternative<VacuumOn>(request) || std::holds_alternative<VacuumDrop>(request) ||
-         std::holds_alternative<VacuumStop>(request);
-}
-
-bool is_setting(const ArmRequest& request) {
-  return std::holds_alternative<SetLoad>(request) || std::holds_alternative<SetFrames>(request) ||
-         std::holds_alternative<SetJointStiffness>(request) ||
-         std::holds_alternative<SetCartesianStiffness>(request) ||
-         std::holds_alternative<SetCollisionThresholds>(request) ||
-         std::holds_alternative<SetGuidingMode>(request);
 }
 
 }  // namespace
@@ -95,11 +73,11 @@ ArmDriver::ArmDriver(FciArmConfig config, const FciOptions& options)
              .version = config_.version,
              .loop_reads_states = true}),
       end_effector_(config_.end_effector ? config_.end_effector() : nullptr),
-      wanted_(options.begin_torque ? ArmMotion::torque : ArmMotion::none),
-      handled_(wanted_.load()),
+      requested_motion_(options.begin_torque ? ArmMotion::torque : ArmMotion::none),
+      handled_motion_(requested_motion_.load()),
       wake_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
       packet_(config_.model->X_WB(), config_.hand) {
-  if (wake_ < 0) throw std::runtime_error("no eventfd for arm '" + config_.name + "' could be opened");
+  if (wake_ < 0) throw std::runtime_error("cannot open an eventfd for arm '" + config_.name + "'");
   thread_ = std::thread([this] { run(); });
 }
 
@@ -121,8 +99,7 @@ Capabilities ArmDriver::capabilities() const {
           .has_external_torque = true,
           .has_contact_truth = false,
           .has_gripper = end_effector_ != nullptr && !end_effector_->is_vacuum(),
-          .has_vacuum = end_effector_ != nullptr && end_effector_->is_vacuum(),
-          .period_s = kPeriod};
+          .has_vacuum = end_effector_ != nullptr && end_effector_->is_vacuum()};
 }
 
 ArmIdentity ArmDriver::identity() const {
@@ -130,9 +107,9 @@ ArmIdentity ArmDriver::identity() const {
   return identity_;
 }
 
-// ------------------------------------------------------------------------------------------------ commander
+// --- commander ---
 
-std::future<ArmAnswer> ArmDriver::post(Work work) {
+std::future<RequestAnswer> ArmDriver::post(Work work) {
   Task task{std::move(work), {}};
   auto future = task.promise.get_future();
   {
@@ -151,8 +128,9 @@ void ArmDriver::run() {
     eventfd_t count = 0;
     (void)::eventfd_read(wake_, &count);
     watch();
-    if (stop_wanted_.exchange(false, std::memory_order_acq_rel)) {
-      say("a command that is no torque was not sent, the motion is stopped: " + call("recover") + " goes on");
+    if (stop_requested_.exchange(false, std::memory_order_acq_rel)) {
+      notify("an invalid torque command was rejected and the motion was stopped: run " +
+             ctl_command("recover"));
       (void)guarded([this] { return stop(); });
     }
     change_motion();
@@ -171,16 +149,16 @@ bool ArmDriver::do_next_task() {
     if (tasks_.empty()) return false;
     task = std::move(tasks_.front());
     tasks_.pop_front();
-    if (ending_) task.work = [] { return ArmAnswer{false, "the backend is being closed"}; };
+    if (ending_) task.work = [] { return RequestAnswer{false, "the backend is being closed"}; };
   }
   task.promise.set_value(guarded(task.work));
   return true;
 }
 
-ArmAnswer ArmDriver::guarded(const Work& work) {
+RequestAnswer ArmDriver::guarded(const Work& work) {
   try {
     return work();
-  } catch (const LinkError& error) {
+  } catch (const ConnectionError& error) {
     if (error.is_fatal()) lost(error.what());
     return {false, error.what()};
   } catch (const std::exception& error) {
@@ -188,7 +166,7 @@ ArmAnswer ArmDriver::guarded(const Work& work) {
   }
 }
 
-// Between tasks: the end of a motion, the end of a connection.
+// Between tasks: handles the end of a motion or of the connection.
 void ArmDriver::watch() {
   if (!link_.is_connected()) return;
   try {
@@ -196,13 +174,13 @@ void ArmDriver::watch() {
     if (!end || phase() != Phase::running) return;
     enter(Phase::stopped);
     if (!end->text.empty()) {
-      // The state that shows why may come after the reply.
+      // The state with the reason may arrive after the reply.
       constexpr double kSoon = 0.05;  // [s]
       (void)link_.wait_for_state([](const RobotState& s) { return !is_mode(s, RobotMode::move); }, kSoon);
-      say(end->text + " " + error_list(link_.look()) + "and the arm holds itself; " + call("recover") +
-          " brings it back");
+      notify(end->text + " " + error_list(link_.look()) + "and the arm holds itself: run " +
+             ctl_command("recover"));
     }
-  } catch (const LinkError& error) {
+  } catch (const ConnectionError& error) {
     lost(error.what());
   }
 }
@@ -211,81 +189,82 @@ void ArmDriver::lost(const std::string& why) {
   const bool was_in_use = takes_part();
   link_.close();
   enter(Phase::offline);
-  if (was_in_use) say(why + ": " + call("reconnect"));
+  if (was_in_use) notify(why + ": " + ctl_command("reconnect"));
 }
 
-void ArmDriver::say(const std::string& text) const {
+void ArmDriver::notify(const std::string& text) const {
   const bool named = text.find("arm " + config_.name) != std::string::npos;
-  if (options_.say) options_.say(named ? text : "arm " + config_.name + ": " + text);
+  if (options_.report) options_.report(named ? text : "arm " + config_.name + ": " + text);
 }
 
 void ArmDriver::refuse(const std::string& text) const {
-  throw LinkError(LinkError::Kind::refused, "arm " + config_.name + ": " + text);
+  throw ConnectionError(ConnectionError::Kind::refused, "arm " + config_.name + ": " + text);
 }
 
-std::string ArmDriver::call(const char* word) const {
+std::string ArmDriver::ctl_command(const char* word) const {
   return std::string("`multipanda ctl ") + word + " " + config_.name + "`";
 }
 
-std::future<ArmAnswer> ArmDriver::prepare() {
+std::future<RequestAnswer> ArmDriver::prepare() {
   return post([this] {
     connect_and_configure();
-    return ArmAnswer{true, {}};
+    return RequestAnswer{true, {}};
   });
 }
 
-std::future<ArmAnswer> ArmDriver::begin() {
+std::future<RequestAnswer> ArmDriver::begin() {
   return post([this] {
-    start_wanted_motion();
-    return ArmAnswer{true, {}};
+    start_requested_motion();
+    return RequestAnswer{true, {}};
   });
 }
 
-std::future<ArmAnswer> ArmDriver::leave(bool finished) {
+std::future<RequestAnswer> ArmDriver::leave(bool finished) {
   return post([this, finished] {
     if (link_.is_connected() && link_.has_motion()) {
       constexpr double kEnd = 0.3;  // [s] for the reply to a motion that was finished in the loop
       try {
         (void)link_.wait_for_end(finished ? kEnd : 0);
-      } catch (const LinkError& error) {
-        if (error.kind() != LinkError::Kind::timeout) throw;
+      } catch (const ConnectionError& error) {
+        if (error.kind() != ConnectionError::Kind::timeout) throw;
         link_.stop();
       }
     }
     enter(Phase::offline);
     link_.close();
-    return ArmAnswer{true, {}};
+    return RequestAnswer{true, {}};
   });
 }
 
-std::future<ArmAnswer> ArmDriver::request(ArmRequest request) {
-  if (is_about_end_effector(request)) {
-    if (end_effector_ == nullptr) {
-      return answered({false, "arm " + config_.name + " has no gripper in this run: name one in the scene"});
-    }
-    if (!end_effector_connected_.load(std::memory_order_acquire)) {
-      return answered(
-          {false, "the gripper of arm " + config_.name + " is not connected: " + call("reconnect")});
-    }
-    return end_effector_->request(request);
+std::future<RequestAnswer> ArmDriver::request(GripperRequest request) {
+  if (end_effector_ == nullptr) {
+    return refuse_request("arm " + config_.name + " has no gripper in this run: add one to the scene");
   }
+  if (!end_effector_connected_.load(std::memory_order_acquire)) {
+    return refuse_request("the gripper of arm " + config_.name +
+                          " is not connected: " + ctl_command("reconnect"));
+  }
+  return end_effector_->request(request);
+}
+
+std::future<RequestAnswer> ArmDriver::request(ArmRequest request) {
   if (std::holds_alternative<RecoverFromError>(request)) return post([this] { return recover(); });
   if (std::holds_alternative<Reconnect>(request)) return post([this] { return reconnect(); });
   if (std::holds_alternative<StopMotion>(request)) return post([this] { return stop(); });
-  if (!is_setting(request)) {
-    return answered({false, "a real arm does not know this request: it is for simulated worlds"});
+  if (std::holds_alternative<SetUserStop>(request)) {
+    return refuse_request("a real arm does not support this request: it is for simulated arms");
   }
   return post([this, request = std::move(request)] {
-    if (!takes_part()) refuse("it is not connected: " + call("reconnect"));
+    if (!takes_part()) refuse("it is not connected: " + ctl_command("reconnect"));
     apply_beside_motion(request);
-    return ArmAnswer{true, {}};
+    return RequestAnswer{true, {}};
   });
 }
 
-// ------------------------------------------------------------------------------------ motion and recovery
+// --- motion and recovery ---
 
-void ArmDriver::start_wanted_motion() {
-  const ArmMotion motion = handled_ = wanted_.load(std::memory_order_acquire);
+void ArmDriver::start_requested_motion() {
+  const ArmMotion motion = handled_motion_ = requested_motion_.load(std::memory_order_acquire);
   motion_.store(motion, std::memory_order_release);
   if (motion == ArmMotion::none) {
     enter(Phase::stopped);
@@ -295,40 +274,41 @@ void ArmDriver::start_wanted_motion() {
   try {
     link_.start_motion(request_of(motion));
     link_.wait_until_running();
-  } catch (const LinkError& error) {
+  } catch (const ConnectionError& error) {
     if (!error.is_fatal()) enter(Phase::stopped);
     throw;
   }
   enter(Phase::running);
 }
 
-// The loop wants another motion than the one that was begun. An arm that is not ready for it gets it with its
-// recovery.
+// The loop requests another motion than the one that was started. If the arm is not ready, its recovery
+// starts the motion.
 void ArmDriver::change_motion() {
-  if (handled_ == wanted_.load(std::memory_order_acquire)) return;
-  handled_ = wanted_.load(std::memory_order_acquire);
+  if (handled_motion_ == requested_motion_.load(std::memory_order_acquire)) return;
+  handled_motion_ = requested_motion_.load(std::memory_order_acquire);
   if (!takes_part()) return;
   watch();
   const auto answer = guarded([this] {
     if (link_.is_connected() && link_.has_motion()) link_.stop();
     const RobotState& state = link_.look();
-    if (handled_ != ArmMotion::none && !is_mode(state, RobotMode::idle) && !is_mode(state, RobotMode::move)) {
+    if (handled_motion_ != ArmMotion::none && !is_mode(state, RobotMode::idle) &&
+        !is_mode(state, RobotMode::move)) {
       enter(Phase::stopped);
-      return ArmAnswer{false, config_.name + ": " + refusal_in_mode(config_.name, state)};
+      return RequestAnswer{false, config_.name + ": " + refusal_in_mode(config_.name, state)};
     }
-    start_wanted_motion();
-    return ArmAnswer{true, {}};
+    start_requested_motion();
+    return RequestAnswer{true, {}};
   });
-  if (!answer.success) say(answer.reason);
+  if (!answer.success) notify(answer.reason);
 }
 
-ArmAnswer ArmDriver::recover() {
-  if (!takes_part()) refuse("it is not connected: " + call("reconnect"));
+RequestAnswer ArmDriver::recover() {
+  if (!takes_part()) refuse("it is not connected: " + ctl_command("reconnect"));
   watch();
-  if (!takes_part()) refuse("its connection was lost just now: " + call("reconnect"));
+  if (!takes_part()) refuse("its connection has just been lost: " + ctl_command("reconnect"));
   const RobotState& state = link_.look();
   const bool rests = is_mode(state, RobotMode::idle) && error_list(state).empty() &&
-                     wanted_.load(std::memory_order_acquire) == ArmMotion::none;
+                     requested_motion_.load(std::memory_order_acquire) == ArmMotion::none;
   if (rests || (is_mode(state, RobotMode::move) && phase() == Phase::running)) {
     refuse("it has no error and was not stopped: there is nothing to recover from");
   }
@@ -340,36 +320,36 @@ ArmAnswer ArmDriver::recover() {
     enter(Phase::starting);
     try {
       link_.recover();
-    } catch (const LinkError& error) {
+    } catch (const ConnectionError& error) {
       if (!error.is_fatal()) enter(Phase::stopped);
       throw;
     }
   }
-  start_wanted_motion();
+  start_requested_motion();
   return {true, {}};
 }
 
-ArmAnswer ArmDriver::reconnect() {
+RequestAnswer ArmDriver::reconnect() {
   watch();
   const auto before = link_.statistics().received;
   if (takes_part() &&
       link_.wait_for_state([&](const RobotState&) { return link_.statistics().received != before; }, 0.1)) {
-    refuse("its connection stands: there is nothing to connect again");
+    refuse("it is connected: there is nothing to reconnect");
   }
   link_.close();
   connect_and_configure();
-  start_wanted_motion();
+  start_requested_motion();
   return {true, {}};
 }
 
-ArmAnswer ArmDriver::stop() {
-  if (!takes_part()) refuse("it is not connected: " + call("reconnect"));
+RequestAnswer ArmDriver::stop() {
+  if (!takes_part()) refuse("it is not connected: " + ctl_command("reconnect"));
   link_.stop();
   enter(Phase::stopped);
   return {true, {}};
 }
 
-// ----------------------------------------------------------------------------------------------------- loop
+// --- loop ---
 
 void ArmDriver::receive() noexcept {
   if (link_.receive()) unread_ = true;
@@ -385,8 +365,8 @@ ArmMode ArmDriver::mode(HostTime now) const noexcept {
     case RobotMode::move:
       return phase >= Phase::starting && takes_commands(newest(), motion()) ? ArmMode::move : ArmMode::other;
     case RobotMode::idle:
-      if (wanted_.load(std::memory_order_acquire) == ArmMotion::none) return ArmMode::idle;
-      if (wanted_.load(std::memory_order_acquire) != motion()) return ArmMode::recovering;
+      if (requested_motion_.load(std::memory_order_acquire) == ArmMotion::none) return ArmMode::idle;
+      if (requested_motion_.load(std::memory_order_acquire) != motion()) return ArmMode::recovering;
       return phase == Phase::starting || phase == Phase::preparing ? ArmMode::recovering : ArmMode::other;
     case RobotMode::guiding:
       return ArmMode::guiding;
@@ -414,8 +394,8 @@ void ArmDriver::fill(HostTime now, ArmState& state) noexcept {
   }
 }
 
-void ArmDriver::want(ArmMotion motion) noexcept {
-  wanted_.store(motion, std::memory_order_release);
+void ArmDriver::request_motion(ArmMotion motion) noexcept {
+  requested_motion_.store(motion, std::memory_order_release);
   (void)::eventfd_write(wake_, 1);
 }
 
@@ -429,16 +409,17 @@ void ArmDriver::command(const JointVector& tau_cmd) noexcept {
   if (motion() != ArmMotion::torque || refused_ || mode(link_.received_at()) != ArmMode::move) return;
   if (tau_cmd.size() != 7 || !tau_cmd.allFinite()) {
     refused_ = true;
-    stop_wanted_.store(true, std::memory_order_release);
+    stop_requested_.store(true, std::memory_order_release);
     (void)::eventfd_write(wake_, 1);
     return;
   }
-  // The torque in use: what was sent last, unless the arm shows that it has not got it.
+  // The torque in use: the last torque sent, unless the arm shows that it did not arrive.
   const RobotState& state = newest();
-  constexpr double kRounding = 1e-4;                 // [N m]: single precision of 87 N m is 4e-6
-  constexpr double kStep = (1000 - 1e-3) * kPeriod;  // the maker's limit, less its margin [N m]
-  const double gain =
-      config_.low_pass_hz > 0 ? kPeriod / (kPeriod + 1 / (2 * std::numbers::pi * config_.low_pass_hz)) : 1;
+  constexpr double kRounding = 1e-4;                    // [N m]: single precision of 87 N m is 4e-6
+  constexpr double kStep = (1000 - 1e-3) * kArmPeriod;  // Franka's limit, less its margin [N m]
+  const double gain = config_.low_pass_hz > 0
+                          ? kArmPeriod / (kArmPeriod + 1 / (2 * std::numbers::pi * config_.low_pass_hz))
+                          : 1;
   for (std::size_t i = 0; i < 7; ++i) {
     const double last = commanded_ ? sent_[i] : 0.0;
     const double shown = commanded_ ? state.tau_J_d[i] : 0.0;
@@ -458,7 +439,7 @@ void ArmDriver::command(const JointVector& tau_cmd) noexcept {
 void ArmDriver::command_finish() noexcept {
   if (motion() != ArmMotion::torque || mode(link_.received_at()) != ArmMode::move) return;
   command_.tau_J_d = commanded_ ? sent_ : std::array<double, 7>{};
-  ArmLink::mark_finished(link_.dialect(), false, command_);
+  ArmConnection::mark_finished(link_.dialect(), false, command_);
   (void)link_.send(command_);
 }
 

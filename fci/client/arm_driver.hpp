@@ -10,50 +10,51 @@
 #include <thread>
 
 #include "core/cycle/backend.hpp"
-#include "fci/client/arm_link.hpp"
+#include "fci/client/arm_connection.hpp"
 #include "fci/client/arm_packet.hpp"
 #include "fci/client/fci_backend.hpp"
 
 namespace multipanda::fci {
 
-// One arm of FciBackend: its connection, its commander (the thread that talks TCP), and what the loop knows
-// of it. Loop and commander share atomics and a triple buffer of states, nothing else.
+// One arm of FciBackend: its connection, its commander (the thread that uses TCP), and the loop's view of it.
+// Loop and commander share only atomics and a triple buffer of states.
 class ArmDriver {
  public:
   ArmDriver(FciArmConfig config, const FciOptions& options);
-  ~ArmDriver();  // closes after the request under way
+  ~ArmDriver();  // closes after the current request
   ArmDriver(const ArmDriver&) = delete;
 
   // --- any thread; carried out by the commander, in order ---
-  std::future<ArmAnswer> prepare();  // connect, check, tell the configuration
-  std::future<ArmAnswer> begin();    // torque control; the states will show it
-  std::future<ArmAnswer> leave(
+  std::future<RequestAnswer> prepare();  // connects, checks and configures the arm
+  std::future<RequestAnswer> begin();    // starts torque control
+  std::future<RequestAnswer> leave(
       bool finished);  // closes; a motion that still runs is stopped, at once unless it was finished
-  std::future<ArmAnswer> request(ArmRequest request);
+  std::future<RequestAnswer> request(ArmRequest request);
+  std::future<RequestAnswer> request(GripperRequest request);
 
   const FciArmConfig& config() const { return config_; }
   Capabilities capabilities() const;
-  ArmStatistics statistics() const { return link_.statistics(); }
+  ConnectionStatistics statistics() const { return link_.statistics(); }
   ArmIdentity identity() const;
 
   // --- loop ---
   int udp_file() const { return link_.udp_file(); }
   void receive() noexcept;
-  bool is_unread() const { return unread_; }  // a state that the loop has not had yet
+  bool is_unread() const { return unread_; }  // a state that the loop has not read yet
   void mark_read() { unread_ = false; }
   const RobotState& newest() const noexcept { return link_.newest(); }
-  // Has a connection that is set up: its states can be waited for.
+  // Whether the arm is connected and configured.
   bool takes_part() const { return phase() >= Phase::stopped; }
   ArmMode mode(HostTime now) const noexcept;
   void fill(HostTime now, ArmState& state) noexcept;
-  // Another kind of motion, from now on; none: the arm holds itself. The commander sees to it.
-  void want(ArmMotion motion) noexcept;
-  ArmMotion motion() const noexcept { return motion_.load(std::memory_order_acquire); }  // begun last
-  // The answer to newest() in a motion that is not torque. What it contains is the caller's.
+  // Requests another kind of motion; none: the arm holds itself. The commander starts it.
+  void request_motion(ArmMotion motion) noexcept;
+  ArmMotion motion() const noexcept { return motion_.load(std::memory_order_acquire); }  // started last
+  // Answers newest() in a motion that is not torque. The command is sent unchecked.
   void command(RobotCommand& command) noexcept;
-  // The answer to newest(), if the arm is in `move`. What is no torque is not sent: the motion is stopped.
+  // The answer to newest(), if the arm is in `move`. An invalid torque is not sent and stops the motion.
   void command(const JointVector& tau_cmd) noexcept;
-  // The same torque again, as the motion's last command.
+  // Sends the same torque again, as the last command of the motion.
   void command_finish() noexcept;
 
  private:
@@ -62,53 +63,53 @@ class ArmDriver {
     preparing,  // connected, not yet set up
     stopped,    // set up, no motion
     starting,   // a motion is being started
-    running     // the arm has agreed to a motion, and no end was reported
+    running     // the arm has accepted a motion, and its end was not reported
   };
-  using Work = std::function<ArmAnswer()>;
+  using Work = std::function<RequestAnswer()>;
   struct Task {
     Work work;
-    std::promise<ArmAnswer> promise;
+    std::promise<RequestAnswer> promise;
   };
   Phase phase() const { return phase_.load(std::memory_order_acquire); }
   void enter(Phase phase) { phase_.store(phase, std::memory_order_release); }
 
   // Commander
-  std::future<ArmAnswer> post(Work work);
+  std::future<RequestAnswer> post(Work work);
   void run();
   bool do_next_task();
   void watch();
-  ArmAnswer guarded(const Work& work);
+  RequestAnswer guarded(const Work& work);
   void lost(const std::string& why);
   void connect_and_configure();
   void connect_end_effector();
   void check_model();
   void configure();
   void check_end_effector(const RobotState& state);
-  void start_wanted_motion();
+  void start_requested_motion();
   void change_motion();
   void set_frames(const ArmFrames& frames);
   void set_load(const Load& load);
   void apply(const ArmRequest& request);
   void apply_beside_motion(const ArmRequest& request);
-  ArmAnswer recover();
-  ArmAnswer reconnect();
-  ArmAnswer stop();
-  void say(const std::string& text) const;
+  RequestAnswer recover();
+  RequestAnswer reconnect();
+  RequestAnswer stop();
+  void notify(const std::string& text) const;
   [[noreturn]] void refuse(const std::string& text) const;
-  std::string call(const char* word) const;  // "`multipanda ctl recover left`"
+  std::string ctl_command(const char* word) const;  // "`multipanda ctl recover left`"
 
   const FciArmConfig config_;
   const FciOptions& options_;
-  ArmLink link_;
+  ArmConnection link_;
   std::unique_ptr<EndEffector> end_effector_;
   std::atomic<bool> end_effector_connected_{false};
   std::atomic<Phase> phase_{Phase::offline};
-  std::atomic<bool> stop_wanted_{false};            // by the loop
-  std::atomic<ArmMotion> wanted_;                   // by the loop
-  std::atomic<ArmMotion> motion_{ArmMotion::none};  // begun last, by the commander
-  ArmMotion handled_;                               // commander: the last of wanted_ that it saw to
+  std::atomic<bool> stop_requested_{false};         // by the loop
+  std::atomic<ArmMotion> requested_motion_;         // by the loop
+  std::atomic<ArmMotion> motion_{ArmMotion::none};  // started last, by the commander
+  ArmMotion handled_motion_;                        // commander: the last request that it handled
 
-  mutable std::mutex mutex_;  // never the loop's
+  mutable std::mutex mutex_;  // never locked by the loop
   std::deque<Task> tasks_;
   ArmIdentity identity_;
   bool ending_ = false;
@@ -118,8 +119,8 @@ class ArmDriver {
   ArmPacket packet_;
   RobotCommand command_;
   bool unread_ = false;
-  bool commanded_ = false;  // torques were sent in the motion that runs
-  bool refused_ = false;    // a command was no torque; until the motion has ended
+  bool commanded_ = false;  // torques were sent in the running motion
+  bool refused_ = false;    // a torque was invalid; until the motion has ended
   std::array<double, 7> sent_{};
 
   std::thread thread_;

@@ -2,9 +2,9 @@
 #include <poll.h>
 #include <stdexcept>
 
-#include "fci/client/arm_link_ask.hpp"
+#include "fci/client/arm_connection_ask.hpp"
 
-// The motions of an arm's connection: begun, watched, ended.
+// Starts, monitors and ends motions.
 namespace multipanda::fci {
 namespace {
 
@@ -38,7 +38,7 @@ MoveGenerator wire_generator(MotionGenerator generator, const Dialect& dialect) 
     case MotionGenerator::idle:
       break;
   }
-  throw std::invalid_argument("a motion needs a generator; `none` for torques only");
+  throw std::invalid_argument("a motion needs a generator; use `none` for torque control");
 }
 
 bool is_idle(const RobotState& state) {
@@ -49,24 +49,24 @@ bool is_idle(const RobotState& state) {
 
 }  // namespace
 
-void ArmLink::start_motion(const MotionRequest& request) {
+void ArmConnection::start_motion(const MotionRequest& request) {
   if (dialect_ == nullptr || !is_connected()) {
-    refuse(LinkError::Kind::lost, "there is no connection: connect first");
+    refuse(ConnectionError::Kind::lost, "there is no connection: connect first");
   }
   MoveRequest move{.controller = wire_controller(request.controller),
                    .generator = wire_generator(request.generator, *dialect_)};
   if (request.generator == MotionGenerator::none && request.controller != ArmController::external) {
-    throw std::invalid_argument("a motion without generator needs the external controller: torques only");
+    throw std::invalid_argument("a motion without a generator needs the external controller");
   }
   if (request.asynchronous) {
     if (!dialect_->has_asynchronous_motion()) {
-      refuse(LinkError::Kind::refused, "asynchronous motion does not exist in version " +
-                                           std::to_string(version()) + " of the protocol");
+      refuse(ConnectionError::Kind::refused, "asynchronous motion is not available in version " +
+                                                 std::to_string(version()) + " of the protocol");
     }
     if (move.generator != MoveGenerator::joint_position ||
         move.controller != MoveController::joint_impedance || request.dq_max.size() != 7) {
       throw std::invalid_argument(
-          "asynchronous motion is of joint positions, by the arm's joint impedance, with seven largest "
+          "asynchronous motion needs joint positions, joint impedance and seven maximum "
           "velocities");
     }
     move.use_async_motion_generator = true;
@@ -85,16 +85,16 @@ void ArmLink::start_motion(const MotionRequest& request) {
   if (status == Status::not_possible) {
     why = refusal_in_mode(options_.name, seen_);
   } else if (status == Status::singular) {
-    why = "the arm stands in a singular pose (stretched or folded): move its joints away from there first";
+    why = "the arm is in a singular pose (stretched or folded): move its joints away from there first";
   } else if (status == Status::invalid_argument) {
-    why = "the arm does not know this combination of controller and generator";
+    why = "the arm does not support this combination of controller and generator";
   } else {
     why = text(status);
   }
-  refuse(LinkError::Kind::refused, "start a motion: " + why);
+  refuse(ConnectionError::Kind::refused, "start a motion: " + why);
 }
 
-void ArmLink::wait_until_running(double timeout_s) {
+void ArmConnection::wait_until_running(double timeout_s) {
   const HostTime begun = host_now();
   while (motion_) {
     if (seen_.motion_generator_mode == static_cast<std::uint8_t>(motion_->generator) &&
@@ -102,16 +102,17 @@ void ArmLink::wait_until_running(double timeout_s) {
       return;
     }
     if (const auto end = poll_motion()) {
-      refuse(LinkError::Kind::aborted, "the motion ended before it began: " + end->text);
+      refuse(ConnectionError::Kind::aborted, "the motion ended before it started: " + end->text);
     }
     const double left = timeout_s - seconds(host_now() - begun);
-    if (left <= 0) refuse(LinkError::Kind::timeout, "it agreed to a motion, but no state shows it");
+    if (left <= 0)
+      refuse(ConnectionError::Kind::timeout, "it accepted a motion, but its state does not show it");
     (void)look_for_state(std::min(left, 0.05));
   }
-  refuse(LinkError::Kind::aborted, "no motion was started");
+  refuse(ConnectionError::Kind::aborted, "no motion was started");
 }
 
-MotionOutcome ArmLink::outcome(Status status) const {
+MotionOutcome ArmConnection::outcome(Status status) const {
   MotionOutcome result{.status = status, .text = {}};
   switch (status) {
     case Status::success:
@@ -129,7 +130,7 @@ MotionOutcome ArmLink::outcome(Status status) const {
       result.text = "the user stop was pressed";
       break;
     case Status::input_error_aborted:
-      result.text = "a command was no command";
+      result.text = "a command was invalid";
       break;
     default:
       result.text = fci::text(status);
@@ -137,7 +138,7 @@ MotionOutcome ArmLink::outcome(Status status) const {
   return result;
 }
 
-std::optional<MotionOutcome> ArmLink::poll_motion() {
+std::optional<MotionOutcome> ArmConnection::poll_motion() {
   channel_.read_available();
   if (!motion_) return std::nullopt;
   const auto reply = channel_.take(motion_->command_id);
@@ -148,7 +149,7 @@ std::optional<MotionOutcome> ArmLink::poll_motion() {
   return outcome(status);
 }
 
-MotionOutcome ArmLink::wait_for_end(double timeout_s) {
+MotionOutcome ArmConnection::wait_for_end(double timeout_s) {
   const HostTime begun = host_now();
   while (motion_) {
     if (auto end = poll_motion()) return *end;
@@ -158,16 +159,17 @@ MotionOutcome ArmLink::wait_for_end(double timeout_s) {
     (void)::poll(&watched, 1, std::max(1, static_cast<int>(left * 1e3)));
   }
   if (!motion_) return {.status = Status::success, .text = {}};
-  refuse(LinkError::Kind::timeout, "the motion still runs: stop it");
+  refuse(ConnectionError::Kind::timeout, "the motion is still running: stop it");
 }
 
-void ArmLink::stop() {
+void ArmConnection::stop() {
   (void)ask(StopMoveRequest{}, "stop", options_.reply_timeout_s);
   (void)wait_for_state(is_idle);
   (void)poll_motion();
 }
 
-void ArmLink::mark_finished(const Dialect& dialect, bool has_generator, RobotCommand& command) noexcept {
+void ArmConnection::mark_finished(const Dialect& dialect, bool has_generator,
+                                  RobotCommand& command) noexcept {
   if (has_generator || dialect.torque_only_needs_generator()) {
     command.motion_generation_finished = true;
   } else {
@@ -175,9 +177,9 @@ void ArmLink::mark_finished(const Dialect& dialect, bool has_generator, RobotCom
   }
 }
 
-MotionOutcome ArmLink::finish(RobotCommand last, double timeout_s) {
+MotionOutcome ArmConnection::finish(RobotCommand last, double timeout_s) {
   if (options_.loop_reads_states || !motion_) {
-    refuse(LinkError::Kind::refused, "there is no motion to be finished from here");
+    refuse(ConnectionError::Kind::refused, "there is no running motion to finish");
   }
   const HostTime begun = host_now();
   mark_finished(*dialect_, motion_->generator != MotionGeneratorMode::none, last);

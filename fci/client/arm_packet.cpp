@@ -55,7 +55,7 @@ void ArmPacket::fill(const RobotState& packet, bool commanded, ArmState& state) 
   copy(packet.dq, state.dq);
   copy(packet.tau_J, state.tau_J);
   copy(packet.tau_J_d, state.tau_J_d);
-  if (!commanded) state.tau_J_d.setZero();  // a torque motion begins at zero, whatever the arm did before
+  if (!commanded) state.tau_J_d.setZero();  // a torque motion starts at zero
   copy(packet.tau_ext_hat_filtered, state.tau_ext_hat);
   state.has_wrench_estimate = true;
   state.F_K_W_est.force() = R_WB_ * Eigen::Map<const Vector3>(packet.O_F_ext_hat_K.data());

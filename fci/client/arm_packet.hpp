@@ -8,22 +8,23 @@
 
 namespace multipanda::fci {
 
-// One arm's packets as the loop's ArmState: the vendor map of CONVENTIONS.md. Forces are turned from the
-// base's axes into the world's.
+// One arm's packets as the loop's ArmState: the vendor map of CONVENTIONS.md. Forces are rotated from base
+// axes to world axes.
 class ArmPacket {
  public:
-  // `hand`: what the controllers' model contains behind the flange. ArmState::tool is what the arm declares
-  // beyond it, so that model and tool together are what the arm itself compensates; its mass may be negative
-  // where the arm declares less.
+  // `hand`: the load behind the flange in the controllers' model. ArmState::tool is the difference from the
+  // end effector that the arm declares, so that model and tool match what the arm compensates. Its mass is
+  // negative if the arm declares less.
   ArmPacket(const Pose& X_WB, const Load& hand) : R_WB_(X_WB.rotation), hand_(hand) {}
 
-  // Fills all but mode, gripper and host time. No allocation. `tau_J_d` counts only while torques are ours.
+  // Fills all but mode, gripper and host time. Does not allocate. `tau_J_d` is filled only during
+  // our torque motion.
   void fill(const RobotState& packet, bool commanded, ArmState& state) noexcept;
 
  private:
   Matrix3 R_WB_;
   Load hand_;
-  // The configuration last delivered, as it came
+  // The last configuration, as received
   struct Configuration {
     std::array<double, 16> F_T_EE{}, EE_T_K{};
     double m_ee = 0, m_load = 0;
@@ -38,12 +39,12 @@ class ArmPacket {
 };
 
 Pose pose_of(const std::array<double, 16>& column_major);
-// The nearest pose whose rotation is one: single precision leaves 1e-7 of something else.
+// The pose with the nearest orthonormal rotation; single precision deviates by 1e-7.
 Pose with_proper_rotation(const Pose& X);
-// The body that remains when `part` is taken from `whole`, both in the same frame. None where the masses are
-// equal.
+// The body that remains when `part` is taken from `whole`, both in the same frame. Massless if the
+// masses are equal.
 Load without(const Load& whole, const Load& part);
-// `a` and `b` glued together.
+// The rigid union of `a` and `b`.
 Load with(const Load& a, const Load& b);
 // End effector and payload as a packet declares them, in the flange.
 Load end_effector_of(const RobotState& packet);

@@ -1,16 +1,17 @@
 #include <cmath>
 
+#include "core/types/overloaded.hpp"
 #include "fci/client/arm_driver.hpp"
-#include "fci/client/arm_words.hpp"
+#include "fci/client/arm_state_text.hpp"
 #include "fci/client/model_check.hpp"
 
-// What an arm's commander does between connecting and the first motion: who is it, is it what the scene says,
-// and what it has to know.
+// The commander's work between connecting and the first motion: checks identity and model,
+// sends the configuration.
 namespace multipanda::fci {
 namespace {
 
 bool is_close(const Pose& a, const Pose& b) {
-  constexpr double kSame = 1e-5;  // single precision of some metres is 1e-7
+  constexpr double kSame = 1e-5;  // single precision of some meters is 1e-7
   return (a.rotation - b.rotation).cwiseAbs().maxCoeff() < kSame &&
          (a.position - b.position).cwiseAbs().maxCoeff() < kSame;
 }
@@ -69,36 +70,36 @@ void ArmDriver::connect_end_effector() {
   try {
     end_effector_->connect();
     end_effector_connected_.store(true, std::memory_order_release);
-  } catch (const std::exception& error) {  // an arm without its gripper is still an arm
+  } catch (const std::exception& error) {  // the arm works without its gripper
     end_effector_connected_.store(false, std::memory_order_release);
-    say(std::string(error.what()) + ": going on without it");
+    notify(std::string(error.what()) + ": the run continues without it");
   }
 }
 
 void ArmDriver::check_model() {
   std::string report;
   bool checked = false;
-  const ModelCheck wanted = config_.model_check.value_or(options_.model_check);
-  if (wanted == ModelCheck::off) {
-    report = "not compared, as asked";
+  const ModelCheck check = config_.model_check.value_or(options_.model_check);
+  if (check == ModelCheck::off) {
+    report = "not compared, as requested";
   } else if (!link_.dialect().has_model_text()) {
     report = "not compared: an arm of version " + std::to_string(link_.version()) +
-             " hands out its model as a program library only";
+             " provides its model only as a shared library";
   } else {
     const ModelComparison found = compare_models(link_.robot_model(), config_.hand, *config_.model);
     report = found.text();
     checked = true;
     if (!found.same_kinematics()) {
-      refuse("its own model has another geometry than the scene's (" + report +
-             "): name the right model in the scene (fer, fr3, ...)");
+      refuse("the geometry of its own model differs from the scene's (" + report +
+             "): set the right model in the scene (fer, fr3, ...)");
     }
     if (!found.same_dynamics()) {
-      if (wanted == ModelCheck::refuse) {
-        refuse("its own model has other masses than the scene's (" + report + ")");
+      if (check == ModelCheck::refuse) {
+        refuse("the masses of its own model differ from the scene's (" + report + ")");
       }
-      say("its own model differs from the scene's: " + report);
+      notify("its own model differs from the scene's: " + report);
     } else if (!found.limits.empty()) {
-      say("joint limits differ: " + found.limits);
+      notify("joint limits differ: " + found.limits);
     }
   }
   const std::lock_guard lock(mutex_);
@@ -107,11 +108,11 @@ void ArmDriver::check_model() {
 }
 
 void ArmDriver::configure() {
-  // A motion of a connection that was lost ends by itself, as an error.
+  // A motion of a lost connection ends by itself, with an error.
   (void)link_.wait_for_state([](const RobotState& s) { return !is_mode(s, RobotMode::move); });
   const RobotState& state = link_.look();
   if (is_mode(state, RobotMode::reflex)) {
-    say("was stopped by an error before " + error_list(state) + "and is recovered");
+    notify("an earlier error had stopped it " + error_list(state) + "and it is recovered now");
     link_.recover();
   }
   if (!is_mode(link_.look(), RobotMode::idle)) refuse(refusal_in_mode(config_.name, link_.last_state()));
@@ -123,7 +124,7 @@ void ArmDriver::configure() {
   if (config_.thresholds) link_.set_collision_behavior(to_request(*config_.thresholds));
 }
 
-// What the arm carries by its own settings must be what hangs there: it compensates its weight by them.
+// The end effector in the arm's settings must match the scene: the arm compensates its weight.
 void ArmDriver::check_end_effector(const RobotState& state) {
   const Load theirs = end_effector_of(state), ours = with(config_.hand, config_.tool);
   constexpr double kGrams = 0.02, kMoment = 0.003;  // [kg], [kg m]
@@ -131,11 +132,11 @@ void ArmDriver::check_end_effector(const RobotState& state) {
       (theirs.mass * theirs.p_FC - ours.mass * ours.p_FC).norm() <= kMoment) {
     return;
   }
-  say("its settings declare an end effector of " + grams(theirs.mass) + ", the scene one of " +
-      grams(ours.mass) +
-      " (or another centre of mass): the arm compensates what its settings say, and sinks or rises by the "
-      "rest. "
-      "Correct the end effector in the arm's web interface, or hand and tool in the scene");
+  notify("its settings declare an end effector of " + grams(theirs.mass) + ", the scene one of " +
+         grams(ours.mass) +
+         " (or another center of mass): the arm compensates the declared mass and sinks or rises by the "
+         "difference. "
+         "Correct the end effector in the arm's web interface, or hand and tool in the scene");
 }
 
 void ArmDriver::set_frames(const ArmFrames& frames) {
@@ -146,43 +147,44 @@ void ArmDriver::set_frames(const ArmFrames& frames) {
         return is_close(pose_of(s.F_T_EE), frames.X_FE) && is_close(pose_of(s.EE_T_K), frames.X_EK);
       })) {
     refuse(
-        "it agreed to new frames, but its state shows others: look at the end effector in its web interface");
+        "it accepted new frames, but its state shows different ones: check the end effector in its web "
+        "interface");
   }
 }
 
 void ArmDriver::set_load(const Load& load) {
   link_.set_load(load);
   if (!link_.wait_for_state([&](const RobotState& s) { return is_close(payload_of(s), load); })) {
-    refuse("it agreed to a load of " + grams(load.mass) + ", but its state shows " +
+    refuse("it accepted a load of " + grams(load.mass) + ", but its state shows " +
            grams(link_.last_state().m_load));
   }
 }
 
 void ArmDriver::apply(const ArmRequest& request) {
-  if (const auto* load = std::get_if<SetLoad>(&request)) {
-    set_load(load->load);
-  } else if (const auto* frames = std::get_if<SetFrames>(&request)) {
-    const RobotState& state = link_.look();
-    set_frames({frames->X_FE.value_or(pose_of(state.F_T_EE)), frames->X_EK.value_or(pose_of(state.EE_T_K))});
-  } else if (const auto* joints = std::get_if<SetJointStiffness>(&request)) {
-    link_.set_joint_impedance(to_array<7>(joints->stiffness));
-  } else if (const auto* cartesian = std::get_if<SetCartesianStiffness>(&request)) {
-    link_.set_cartesian_impedance(to_array<6>(cartesian->stiffness));
-  } else if (const auto* thresholds = std::get_if<SetCollisionThresholds>(&request)) {
-    link_.set_collision_behavior(to_request(*thresholds));
-  } else if (const auto* guiding = std::get_if<SetGuidingMode>(&request)) {
-    link_.set_guiding_mode(guiding->axes, guiding->elbow);
-  }
+  const auto set = Overloaded{
+      [this](const SetLoad& r) { set_load(r.load); },
+      [this](const SetFrames& r) {
+        const RobotState& state = link_.look();
+        set_frames({r.X_FE.value_or(pose_of(state.F_T_EE)), r.X_EK.value_or(pose_of(state.EE_T_K))});
+      },
+      [this](const SetJointStiffness& r) { link_.set_joint_impedance(to_array<7>(r.stiffness)); },
+      [this](const SetCartesianStiffness& r) { link_.set_cartesian_impedance(to_array<6>(r.stiffness)); },
+      [this](const SetCollisionThresholds& r) { link_.set_collision_behavior(to_request(r)); },
+      [this](const SetGuidingMode& r) { link_.set_guiding_mode(r.axes, r.elbow); },
+      // request() has handled these.
+      [](const RecoverFromError&) {}, [](const Reconnect&) {}, [](const StopMotion&) {},
+      [](const SetUserStop&) {}};
+  std::visit(set, request);
 }
 
-// Arms take settings while they rest. One that moves by torques and stands still is let go for a moment: it
-// holds itself meanwhile, and comes back into hold.
+// Arms accept settings only at rest. Torque control of an arm at rest is interrupted for the
+// setting: the arm holds itself meanwhile and is in hold afterwards.
 void ArmDriver::apply_beside_motion(const ArmRequest& request) {
   try {
     apply(request);
     return;
-  } catch (const LinkError& error) {
-    if (error.kind() != LinkError::Kind::refused || phase() != Phase::running) throw;
+  } catch (const ConnectionError& error) {
+    if (error.kind() != ConnectionError::Kind::refused || phase() != Phase::running) throw;
     constexpr double kStill = 0.02;  // [rad/s]
     const RobotState& state = link_.look();
     if (!is_mode(state, RobotMode::move) ||
@@ -194,7 +196,7 @@ void ArmDriver::apply_beside_motion(const ArmRequest& request) {
   link_.stop();
   enter(Phase::stopped);
   apply(request);
-  start_wanted_motion();
+  start_requested_motion();
 }
 
 }  // namespace multipanda::fci

@@ -6,20 +6,20 @@
 
 namespace multipanda::fci {
 
-// What hangs on the flange and has a connection of its own: a parallel gripper or a vacuum gripper. It owns
-// its socket and its thread; the arm's connection neither waits for it nor falls with it.
+// A parallel gripper or a vacuum gripper with a connection of its own. It owns its socket and its thread. The
+// arm's connection does not depend on it.
 class EndEffector {
  public:
   virtual ~EndEffector() = default;
 
-  // Off the loop. Throws std::runtime_error (address, port, why, what to do). Called again after a loss.
+  // Off the loop. Throws std::runtime_error with address, port, reason and remedy. Called again after a loss.
   virtual void connect() = 0;
   virtual bool is_vacuum() const = 0;
 
-  // Any thread; answered when the motion is over. A new motion ends the one that runs.
-  virtual std::future<ArmAnswer> request(const ArmRequest& request) = 0;
+  // Any thread; answered when the motion is over. A new motion ends the running one.
+  virtual std::future<RequestAnswer> request(const GripperRequest& request) = 0;
 
-  // Loop thread: as last reported. No lock, no allocation.
+  // Loop thread. The last reported state. No lock, no allocation.
   virtual multipanda::GripperState state() const noexcept = 0;
 };
 

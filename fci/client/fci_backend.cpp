@@ -7,16 +7,16 @@
 #include <poll.h>
 #include <stdexcept>
 
-#include "backends/arm/arm_settings.hpp"
+#include "device/arm_settings.hpp"
 #include "fci/client/arm_driver.hpp"
 
 namespace multipanda::fci {
 namespace {
 
-FciOptions with_one_voice(FciOptions options) {
-  if (!options.say) return options;
-  options.say = [voice = std::make_shared<std::mutex>(),
-                 say = std::move(options.say)](const std::string& text) {
+FciOptions serialize_messages(FciOptions options) {
+  if (!options.report) return options;
+  options.report = [voice = std::make_shared<std::mutex>(),
+                    say = std::move(options.report)](const std::string& text) {
     const std::lock_guard lock(*voice);
     say(text);
   };
@@ -27,13 +27,14 @@ void check(const FciArmConfig& arm) {
   const auto refuse = [&](const std::string& why) {
     throw std::invalid_argument("arm '" + arm.name + "': " + why);
   };
-  if (arm.model == nullptr) refuse("it has no model");
+  if (arm.model == nullptr) refuse("the model is missing");
   if (arm.model->joint_count() != 7) {
-    refuse("the control interface is for arms of seven joints, the model has " +
+    refuse("the control interface needs a model with seven joints, found " +
            std::to_string(arm.model->joint_count()));
   }
-  if (arm.address.empty()) refuse("it has no address");
-  if (!(arm.low_pass_hz >= 0) || arm.low_pass_hz > 1000) refuse("the low-pass must be 0 (none) to 1000 Hz");
+  if (arm.address.empty()) refuse("the address is missing");
+  if (!(arm.low_pass_hz >= 0) || arm.low_pass_hz > 1000)
+    refuse("the low-pass cutoff must be 0 (none) to 1000 Hz");
   std::string why = check_request(SetFrames{arm.frames.X_FE, arm.frames.X_EK}, 7);
   if (why.empty()) why = check_request(SetLoad{arm.load}, 7);
   if (why.empty() && arm.joint_stiffness) why = check_request(SetJointStiffness{*arm.joint_stiffness}, 7);
@@ -47,8 +48,8 @@ void check(const FciArmConfig& arm) {
 }  // namespace
 
 struct FciBackend::Implementation {
-  explicit Implementation(std::vector<FciArmConfig> configs, FciOptions wish)
-      : options(with_one_voice(std::move(wish))) {
+  explicit Implementation(std::vector<FciArmConfig> configs, FciOptions requested)
+      : options(serialize_messages(std::move(requested))) {
     if (configs.empty() || configs.size() > kMaxArms) {
       throw std::invalid_argument("1 to " + std::to_string(kMaxArms) + " arms, not " +
                                   std::to_string(configs.size()));
@@ -70,7 +71,7 @@ struct FciBackend::Implementation {
     }
     return set;
   }
-  // Sleeps until a datagram is there, or `deadline`.
+  // Sleeps until a datagram arrives or `deadline` has passed.
   void sleep_until(HostTime deadline) {
     const std::int64_t left = std::max<std::int64_t>(0, deadline.ns - host_now().ns);
     const timespec timeout{.tv_sec = left / 1'000'000'000, .tv_nsec = left % 1'000'000'000};
@@ -80,9 +81,9 @@ struct FciBackend::Implementation {
   ArmSet all_once(HostTime deadline);
   ArmSet deliver(ArmSet due);
   void advance_time(ArmSet due);
-  std::vector<ArmAnswer> wait_for(std::vector<std::future<ArmAnswer>> futures, bool beginning);
+  std::vector<RequestAnswer> wait_for(std::vector<std::future<RequestAnswer>> futures, bool beginning);
   void keep_alive(HostTime since);
-  [[noreturn]] void give_up(const std::vector<ArmAnswer>& answers);
+  [[noreturn]] void give_up(const std::vector<RequestAnswer>& answers);
 
   const FciOptions options;
   std::vector<std::unique_ptr<ArmDriver>> arms;
@@ -91,7 +92,7 @@ struct FciBackend::Implementation {
   bool first = true;      // no wait() yet
   HostTime begun, woken;  // first wait(), last wait() [this computer's time]
   LoopTime now;
-  std::uint64_t step_id = 0;  // lock-step: the arms' number of the present step
+  std::uint64_t step_id = 0;  // lock-step: the arms' number of the current step
 };
 
 namespace {
@@ -108,7 +109,9 @@ std::size_t FciBackend::arm_count() const { return self_->arms.size(); }
 Capabilities FciBackend::capabilities(ArmIndex arm) const { return self_->arms[arm]->capabilities(); }
 bool FciBackend::ended() const { return !self_->running; }
 LoopTime FciBackend::now() const { return self_->now; }
-ArmStatistics FciBackend::statistics(ArmIndex arm) const { return self_->arms[arm]->statistics(); }
+std::optional<ConnectionStatistics> FciBackend::connection(ArmIndex arm) const {
+  return self_->arms[arm]->statistics();
+}
 ArmIdentity FciBackend::identity(ArmIndex arm) const { return self_->arms[arm]->identity(); }
 
 std::uint64_t FciBackend::overruns() const {
@@ -117,26 +120,24 @@ std::uint64_t FciBackend::overruns() const {
   return lost;
 }
 
-std::future<ArmAnswer> FciBackend::request(ArmIndex arm, ArmRequest request) {
-  std::string why;
-  if (arm >= arm_count()) {
-    why = "there is no arm " + std::to_string(arm) + ": the run has " + std::to_string(arm_count());
-  } else {
-    why = check_request(request, 7);
-  }
-  if (why.empty()) return self_->arms[arm]->request(std::move(request));
-  std::promise<ArmAnswer> promise;
-  promise.set_value({false, why});
-  return promise.get_future();
+std::future<RequestAnswer> FciBackend::request(ArmIndex arm, ArmRequest request) {
+  if (arm >= arm_count()) return refuse_request(no_such_arm(arm, arm_count()));
+  if (auto why = check_request(request, 7); !why.empty()) return refuse_request(std::move(why));
+  return self_->arms[arm]->request(std::move(request));
 }
 
-// ----------------------------------------------------------------------------------------- start and finish
+std::future<RequestAnswer> FciBackend::request(ArmIndex arm, GripperRequest request) {
+  if (arm >= arm_count()) return refuse_request(no_such_arm(arm, arm_count()));
+  return self_->arms[arm]->request(std::move(request));
+}
+
+// --- start and finish ---
 
 // The loop's thread reads the arms' states while their commanders work.
-std::vector<ArmAnswer> FciBackend::Implementation::wait_for(std::vector<std::future<ArmAnswer>> futures,
-                                                            bool beginning) {
+std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
+    std::vector<std::future<RequestAnswer>> futures, bool beginning) {
   using std::chrono::seconds;
-  std::vector<ArmAnswer> answers(futures.size());
+  std::vector<RequestAnswer> answers(futures.size());
   const HostTime since = host_now();
   for (std::size_t i = 0; i < futures.size();) {
     if (futures[i].wait_for(seconds(0)) == std::future_status::ready) {
@@ -152,8 +153,8 @@ std::vector<ArmAnswer> FciBackend::Implementation::wait_for(std::vector<std::fut
   return answers;
 }
 
-// Arms that have begun already must not miss commands while others still begin: no torque, they float. In
-// lock-step their world waits for them, unless it has to go on for the others.
+// Arms whose motion runs must not miss commands while the others are still starting. They get zero torque. In
+// lock-step their world waits, unless it has to advance for the others.
 void FciBackend::Implementation::keep_alive(HostTime since) {
   constexpr double kPatience = 0.1;  // [s]
   if (options.lockstep && seconds(host_now() - since) < kPatience) return;
@@ -165,12 +166,12 @@ void FciBackend::Implementation::keep_alive(HostTime since) {
   }
 }
 
-void FciBackend::Implementation::give_up(const std::vector<ArmAnswer>& answers) {
-  std::vector<std::future<ArmAnswer>> leaving;
+void FciBackend::Implementation::give_up(const std::vector<RequestAnswer>& answers) {
+  std::vector<std::future<RequestAnswer>> leaving;
   for (const auto& arm : arms) leaving.push_back(arm->leave(false));
   (void)wait_for(std::move(leaving), false);
   std::string text;
-  for (const ArmAnswer& answer : answers) {
+  for (const RequestAnswer& answer : answers) {
     if (!answer.success) text += (text.empty() ? "" : "\n") + answer.reason;
   }
   throw std::runtime_error(text);
@@ -179,7 +180,7 @@ void FciBackend::Implementation::give_up(const std::vector<ArmAnswer>& answers) 
 void FciBackend::start() {
   auto& self = *self_;
   const auto on_all = [&self](auto&& what, bool beginning) {
-    std::vector<std::future<ArmAnswer>> futures;
+    std::vector<std::future<RequestAnswer>> futures;
     for (const auto& arm : self.arms) futures.push_back(what(*arm));
     auto answers = self.wait_for(std::move(futures), beginning);
     if (std::any_of(answers.begin(), answers.end(), [](const auto& a) { return !a.success; })) {
@@ -214,13 +215,13 @@ void FciBackend::finish() {
       arm->mark_read();
     }
   }
-  std::vector<std::future<ArmAnswer>> leaving;
+  std::vector<std::future<RequestAnswer>> leaving;
   for (const auto& arm : self.arms) leaving.push_back(arm->leave(true));
   (void)self.wait_for(std::move(leaving), false);
   self.running = false;
 }
 
-// ------------------------------------------------------------------------------------------------- the loop
+// --- the loop ---
 
 ArmSet FciBackend::wait() {
   auto& self = *self_;
@@ -244,7 +245,7 @@ ArmSet FciBackend::wait_until(HostTime deadline) {
   }
 }
 
-// A new state of every arm, or of those that have one at `deadline`.
+// Waits for a new state of every arm, at most until `deadline`.
 ArmSet FciBackend::Implementation::all_once(HostTime deadline) {
   while (true) {
     receive_all();
@@ -253,7 +254,7 @@ ArmSet FciBackend::Implementation::all_once(HostTime deadline) {
   }
 }
 
-// The states of one step of all arms that are connected: the same number on all.
+// Waits for the states of one step: the same number from all connected arms.
 constexpr double kSlice = 0.005;  // [s], of waiting in lock-step
 ArmSet FciBackend::Implementation::step_of_all(HostTime deadline) {
   const HostTime patience = later(host_now(), options.silence_s);
@@ -273,10 +274,10 @@ ArmSet FciBackend::Implementation::step_of_all(HostTime deadline) {
       complete = complete && arms[i]->is_unread() && arms[i]->newest().message_id == newest;
     }
     if (complete && !here.empty()) return here;
-    // A world in which nothing moves stands still, and is no fault.
+    // If no arm moves, the world may be paused.
     const HostTime until = moving ? deadline : patience;
     if (host_now() >= until) return unread() & here;
-    // In slices: that an arm was lost is its commander's word, and no datagram tells of it.
+    // In slices, because no datagram announces a lost arm.
     sleep_until(std::min(until, later(host_now(), kSlice)));
   }
 }
@@ -304,7 +305,7 @@ void FciBackend::Implementation::advance_time(ArmSet due) {
     now = {woken.ns - begun.ns};
     return;
   }
-  constexpr std::uint64_t kJump = 1000;  // another world's numbers, after a reconnection
+  constexpr std::uint64_t kJump = 1000;  // numbers of another world after a reconnection
   if (due.empty()) {
     now = now + (woken - before);
   } else {
@@ -331,9 +332,11 @@ void FciBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
   }
 }
 
-void FciBackend::want(ArmIndex arm, ArmMotion motion) noexcept { self_->arms[arm]->want(motion); }
+void FciBackend::request_motion(ArmIndex arm, ArmMotion motion) noexcept {
+  self_->arms[arm]->request_motion(motion);
+}
 
-bool FciBackend::runs(ArmIndex arm, ArmMotion motion) const noexcept {
+bool FciBackend::is_running(ArmIndex arm, ArmMotion motion) const noexcept {
   const ArmDriver& driver = *self_->arms[arm];
   return driver.motion() == motion && driver.mode(self_->woken) == ArmMode::move;
 }

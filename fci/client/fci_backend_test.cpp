@@ -1,4 +1,4 @@
-// Several arms in one loop, against puppets whose packets the test times itself.
+// Several arms in one loop, against fake arms whose packets the test sends.
 #include "fci/client/fci_backend.hpp"
 
 #include <cmath>
@@ -11,18 +11,18 @@
 #include "core/rt/guard/loop_guard.hpp"
 #include "fci/client/from_scene.hpp"
 #include "fci/client/model_check.hpp"
-#include "fci/client/puppet_arm.hpp"
+#include "fci/client/testing/fake_arm.hpp"
 #include "fci/model/model_urdf.hpp"
 #include "scene/build.hpp"
 
-namespace multipanda::fci {
+namespace multipanda::fci::fci_backend_test {
 namespace {
 
 using testing::HasSubstr;
 
 Scene two_arms() {
   Scene scene;
-  scene.name = "two puppets";
+  scene.name = "two fake arms";
   for (int i = 0; i < 2; ++i) {
     SceneArm arm;
     arm.name = i == 0 ? "left" : "right";
@@ -32,7 +32,7 @@ Scene two_arms() {
     const auto model = build_arm_model(arm);
     arm.q_start = model->q_home();
     arm.safety = SafetyLimits::of(*model);
-    arm.safety.max_state_age_s = 60;  // packets come when the test sends them; one test says otherwise
+    arm.safety.max_state_age_s = 60;  // packets arrive when the test sends them, except in one test
     scene.arms.push_back(arm);
   }
   scene.arms[0].load_declared = {.mass = 0.4, .p_FC = {0, 0, 0.1}};
@@ -48,10 +48,10 @@ class Backends : public testing::Test {
   Backends() {
     for (std::size_t i = 0; i < 2; ++i) {
       const auto& q = scene_.arms[i].q_start;
-      puppets_[i]->change([&](RobotState& s) { Eigen::Map<Eigen::Matrix<double, 7, 1>>(s.q.data()) = q; });
+      fakes_[i]->change([&](RobotState& s) { Eigen::Map<Eigen::Matrix<double, 7, 1>>(s.q.data()) = q; });
     }
     const Load hand = config(0).hand;
-    puppets_[0]->change([&](RobotState& s) {
+    fakes_[0]->change([&](RobotState& s) {
       s.m_ee = hand.mass;
       Eigen::Map<Vector3>(s.F_x_Cee.data()) = hand.p_FC;
       Eigen::Map<Matrix3>(s.I_ee.data()) = hand.inertia_C;
@@ -59,38 +59,38 @@ class Backends : public testing::Test {
   }
 
   FciArmConfig config(std::size_t i) {
-    FciArmConfig result = fci_arm_config(scene_.arms[i], puppets_[i]->address());
-    result.port = puppets_[i]->port();
+    FciArmConfig result = fci_arm_config(scene_.arms[i], fakes_[i]->address());
+    result.port = fakes_[i]->port();
     result.end_effector = {};
     return result;
   }
-  // Connected, in torque control, packets by the test from now on.
+  // Connected, in torque control; the test sends the packets from now on.
   void begin(FciOptions options = {}, std::vector<FciArmConfig> configs = {}) {
     options.model_check = ModelCheck::off;
-    options.say = [this](const std::string& text) { said_ += text + "\n"; };
+    options.report = [this](const std::string& text) { said_ += text + "\n"; };
     if (configs.empty()) configs = {config(0), config(1)};
     backend_ = std::make_unique<FciBackend>(std::move(configs), options);
     cycle_ = std::make_unique<ControlCycle>(build_cycle_config(scene_), registry_, *backend_);
     cycle_->modes().activate_at_start(active_);
     backend_->start();
-    for (auto& puppet : puppets_) puppet->set_automatic(false);
-    for (auto& puppet : puppets_) puppet->publish();
+    for (auto& fake : fakes_) fake->set_automatic(false);
+    for (auto& fake : fakes_) fake->publish();
     cycle_->step(backend_->wait());
-    for (auto& puppet : puppets_) (void)puppet->commands_waiting();
+    for (auto& fake : fakes_) (void)fake->commands_waiting();
   }
   void activate(const char* name) {
     ControlCycle plan(build_cycle_config(scene_), registry_,
                       *std::make_unique<FciBackend>(std::vector{config(0), config(1)}));
     active_ = bit(plan.modes().find(name));
   }
-  // The backend's turn with whatever is there.
+  // Runs the backend with the packets that have arrived.
   ArmSet step() {
     const ArmSet due = backend_->wait();
     cycle_->step(due);
     return due;
   }
-  // Steps until the answer is there.
-  ArmAnswer answer(std::future<ArmAnswer> future) {
+  // Steps until the answer arrives.
+  RequestAnswer answer(std::future<RequestAnswer> future) {
     while (future.wait_for(std::chrono::seconds(0)) != std::future_status::ready) step();
     return future.get();
   }
@@ -98,15 +98,15 @@ class Backends : public testing::Test {
 
   Scene scene_ = two_arms();
   Registry registry_ = Registry::with_builtins();
-  std::array<std::unique_ptr<PuppetArm>, 2> puppets_{std::make_unique<PuppetArm>(10, "127.0.0.1"),
-                                                     std::make_unique<PuppetArm>(5, "127.0.0.2")};
+  std::array<std::unique_ptr<FakeArm>, 2> fakes_{std::make_unique<FakeArm>(10, "127.0.0.1"),
+                                                 std::make_unique<FakeArm>(5, "127.0.0.2")};
   std::string said_;
   InstanceSet active_ = 0;
   std::unique_ptr<FciBackend> backend_;
   std::unique_ptr<ControlCycle> cycle_;
 };
 
-TEST_F(Backends, StartTellsEachArmWhatTheSceneSaysAndBeginsTorqueControl) {
+TEST_F(Backends, StartConfiguresEachArmFromTheSceneAndBeginsTorqueControl) {
   FciArmConfig left = config(0), right = config(1);
   right.joint_stiffness = JointVector::Constant(7, 1234);
   right.thresholds =
@@ -116,12 +116,12 @@ TEST_F(Backends, StartTellsEachArmWhatTheSceneSaysAndBeginsTorqueControl) {
   begin({}, {left, right});
   EXPECT_EQ(backend_->identity(0).version, 10);
   EXPECT_EQ(backend_->identity(1).version, 5);
-  EXPECT_EQ(puppets_[0]->last<SetLoadRequest>().m_load, 0.4);
-  EXPECT_EQ(puppets_[1]->last<SetEEToKRequest>().EE_T_K[14], 0.05);
-  EXPECT_EQ(puppets_[1]->last<SetJointImpedanceRequest>().K_theta[3], 1234);
-  EXPECT_EQ(puppets_[1]->last<SetCollisionBehaviorRequest>().upper_force_thresholds_acceleration[5], 40);
-  EXPECT_EQ(puppets_[0]->last<MoveRequest>().generator, MoveGenerator::none);
-  EXPECT_EQ(puppets_[1]->last<MoveRequest>().generator, MoveGenerator::joint_velocity);
+  EXPECT_EQ(fakes_[0]->last<SetLoadRequest>().m_load, 0.4);
+  EXPECT_EQ(fakes_[1]->last<SetEEToKRequest>().EE_T_K[14], 0.05);
+  EXPECT_EQ(fakes_[1]->last<SetJointImpedanceRequest>().K_theta[3], 1234);
+  EXPECT_EQ(fakes_[1]->last<SetCollisionBehaviorRequest>().upper_force_thresholds_acceleration[5], 40);
+  EXPECT_EQ(fakes_[0]->last<MoveRequest>().generator, MoveGenerator::none);
+  EXPECT_EQ(fakes_[1]->last<MoveRequest>().generator, MoveGenerator::joint_velocity);
   EXPECT_EQ(said_, "") << "nothing to complain about";
 
   const auto& states = cycle_->data().state;
@@ -140,8 +140,8 @@ TEST_F(Backends, StartTellsEachArmWhatTheSceneSaysAndBeginsTorqueControl) {
 }
 
 TEST_F(Backends, ForcesAreInWorldAxes) {
-  for (auto& puppet : puppets_) {
-    puppet->change([](RobotState& s) { s.O_F_ext_hat_K = {1, 2, 3, 4, 5, 6}; });
+  for (auto& fake : fakes_) {
+    fake->change([](RobotState& s) { s.O_F_ext_hat_K = {1, 2, 3, 4, 5, 6}; });
   }
   begin();
   for (ArmIndex i = 0; i < 2; ++i) {
@@ -156,18 +156,19 @@ TEST_F(Backends, AnArmIsDueWithItsPacketAndAnsweredInThatStep) {
   begin();
   for (int k = 0; k < 20; ++k) {
     const ArmIndex arm = static_cast<ArmIndex>(k % 3 == 0 ? 1 : 0);
-    const std::uint64_t id = puppets_[arm]->publish();
+    const std::uint64_t id = fakes_[arm]->publish();
     EXPECT_EQ(step(), ArmSet::of(arm));
-    const auto command = puppets_[arm]->command();
+    const auto command = fakes_[arm]->command();
     ASSERT_TRUE(command);
     EXPECT_EQ(command->message_id, id);
-    EXPECT_EQ(puppets_[1 - arm]->commands_waiting(), 0u);
+    EXPECT_EQ(fakes_[1 - arm]->commands_waiting(), 0u);
   }
-  EXPECT_GT(backend_->statistics(0).answer_delay_mean_s, 0);
-  RecordProperty("answer_delay_mean_us", static_cast<int>(1e6 * backend_->statistics(0).answer_delay_mean_s));
+  EXPECT_GT(backend_->connection(0)->answer_delay_mean_s, 0);
+  RecordProperty("answer_delay_mean_us",
+                 static_cast<int>(1e6 * backend_->connection(0)->answer_delay_mean_s));
 }
 
-// Packets half a period apart: the group computes with its first arm's packet, the other is given that tick's
+// Packets half a period apart: the group computes with its first arm's packet, the other gets that tick's
 // torque with its own packet.
 TEST_F(Backends, AGroupTicksOncePerPeriodAndServesEachArmWithItsOwnPacket) {
   activate("both");
@@ -175,16 +176,16 @@ TEST_F(Backends, AGroupTicksOncePerPeriodAndServesEachArmWithItsOwnPacket) {
   ASSERT_FALSE(is_held(0));
   for (int k = 0; k < 10; ++k) {
     // A wide swing of the second arm's q would change a torque that is computed again.
-    puppets_[1]->change([k](RobotState& s) { s.q[1] += 1e-4 * (k % 2 == 0 ? 1 : -1); });
-    puppets_[0]->publish();
+    fakes_[1]->change([k](RobotState& s) { s.q[1] += 1e-4 * (k % 2 == 0 ? 1 : -1); });
+    fakes_[0]->publish();
     ASSERT_EQ(step(), ArmSet::of(0));
     const JointVector of_tick = cycle_->data().tau_controllet[1];
-    puppets_[1]->publish();
+    fakes_[1]->publish();
     ASSERT_EQ(step(), ArmSet::of(1));
     ASSERT_EQ(cycle_->data().tau_controllet[1], of_tick) << "no second tick in this period";
-    const auto command = puppets_[1]->command();
+    const auto command = fakes_[1]->command();
     ASSERT_TRUE(command);
-    if (k > 5) {  // the start's rate limit is over
+    if (k > 5) {  // the rate limit of the start no longer acts
       for (std::size_t j = 0; j < 7; ++j) {
         EXPECT_NEAR(command->tau_J_d[j], of_tick[static_cast<Eigen::Index>(j)], 1e-9);
       }
@@ -198,19 +199,19 @@ TEST_F(Backends, AMemberThatFallsSilentSendsItsGroupToHold) {
   begin();
   int steps = 0;
   while (!is_held(0)) {
-    puppets_[0]->publish();
+    fakes_[0]->publish();
     step();
     ASSERT_LT(++steps, 100000);
   }
   EXPECT_TRUE(is_held(1));
   EXPECT_GT(cycle_->data().state[1].age_s, 0.002);
-  puppets_[0]->publish();
-  (void)puppets_[0]->commands_waiting();
+  fakes_[0]->publish();
+  (void)fakes_[0]->commands_waiting();
   step();
-  EXPECT_TRUE(puppets_[0]->command()) << "the arm that is there is held by torques";
+  EXPECT_TRUE(fakes_[0]->command()) << "the arm that is there is held by torques";
 }
 
-TEST_F(Backends, NobodyThereIsAnEmptyStepNotTheEnd) {
+TEST_F(Backends, SilentArmsGiveAnEmptyStepAndNotTheEnd) {
   begin();
   EXPECT_TRUE(step().empty());
   EXPECT_FALSE(backend_->ended());
@@ -220,26 +221,26 @@ TEST_F(Backends, NobodyThereIsAnEmptyStepNotTheEnd) {
   EXPECT_GE(cycle_->data().state[0].age_s, 0.02);
 }
 
-TEST_F(Backends, AReflexStopsItsArmOnlyAndRecoveryLeadsToHoldWhereTheArmStands) {
+TEST_F(Backends, AReflexStopsItsArmOnlyAndRecoveryLeadsToHoldAtTheCurrentPosition) {
   activate("left_joints");
   active_ |= bit(3);  // right_joints: after two holds and left_joints
   begin();
   ASSERT_FALSE(is_held(0) || is_held(1));
-  puppets_[0]->end_motion(Status::reflex_aborted, RobotMode::reflex, 6);
-  puppets_[1]->publish();
+  fakes_[0]->end_motion(Status::reflex_aborted, RobotMode::reflex, 6);
+  fakes_[1]->publish();
   while (cycle_->data().state[0].mode != ArmMode::reflex) step();
   EXPECT_EQ(cycle_->data().state[0].errors, std::uint64_t{1} << 6);
   EXPECT_TRUE(is_held(0));
   EXPECT_FALSE(is_held(1));
-  (void)puppets_[0]->commands_waiting();
-  puppets_[0]->publish();
+  (void)fakes_[0]->commands_waiting();
+  fakes_[0]->publish();
   step();
-  EXPECT_EQ(puppets_[0]->commands_waiting(), 0u) << "nothing is sent to an arm in reflex";
+  EXPECT_EQ(fakes_[0]->commands_waiting(), 0u) << "nothing is sent to an arm in reflex";
 
-  // Meanwhile somebody moves it by hand.
-  puppets_[0]->change([](RobotState& s) { s.q[0] += 0.5; });
-  for (auto& puppet : puppets_) puppet->set_automatic(true);
-  const ArmAnswer recovered = answer(backend_->request(0, RecoverFromError{}));
+  // Meanwhile a person moves it by hand.
+  fakes_[0]->change([](RobotState& s) { s.q[0] += 0.5; });
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  const RequestAnswer recovered = answer(backend_->request(0, RecoverFromError{}));
   EXPECT_TRUE(recovered.success) << recovered.reason;
   while (cycle_->data().state[0].mode != ArmMode::move) step();
   EXPECT_TRUE(is_held(0)) << "not back into what ran before";
@@ -248,39 +249,39 @@ TEST_F(Backends, AReflexStopsItsArmOnlyAndRecoveryLeadsToHoldWhereTheArmStands) 
   EXPECT_THAT(said_, HasSubstr("joint_reflex"));
   EXPECT_THAT(said_, HasSubstr("ctl recover left"));
 
-  const ArmAnswer again = answer(backend_->request(0, RecoverFromError{}));
+  const RequestAnswer again = answer(backend_->request(0, RecoverFromError{}));
   EXPECT_FALSE(again.success);
   EXPECT_THAT(again.reason, HasSubstr("nothing to recover"));
 }
 
-TEST_F(Backends, ALostConnectionIsReportedAndMadeAgainOnRequest) {
+TEST_F(Backends, ALostConnectionIsReportedAndRestoredOnRequest) {
   active_ = bit(2) | bit(3);
   begin();
-  puppets_[0]->hang_up();
+  fakes_[0]->hang_up();
   while (cycle_->data().state[0].mode != ArmMode::disconnected) {
-    puppets_[1]->publish();
+    fakes_[1]->publish();
     step();
   }
-  puppets_[1]->publish();
+  fakes_[1]->publish();
   EXPECT_EQ(step(), ArmSet::of(1));
   EXPECT_TRUE(is_held(0));
-  const ArmAnswer recover = answer(backend_->request(0, RecoverFromError{}));
+  const RequestAnswer recover = answer(backend_->request(0, RecoverFromError{}));
   EXPECT_FALSE(recover.success);
   EXPECT_THAT(recover.reason, HasSubstr("ctl reconnect left"));
   EXPECT_FALSE(backend_->ended());
 
-  for (auto& puppet : puppets_) puppet->set_automatic(true);
-  const ArmAnswer back = answer(backend_->request(0, Reconnect{}));
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  const RequestAnswer back = answer(backend_->request(0, Reconnect{}));
   EXPECT_TRUE(back.success) << back.reason;
   while (cycle_->data().state[0].mode != ArmMode::move) step();
   EXPECT_TRUE(is_held(0));
-  EXPECT_EQ(puppets_[0]->last<SetLoadRequest>().m_load, 0.4) << "told again";
+  EXPECT_EQ(fakes_[0]->last<SetLoadRequest>().m_load, 0.4) << "told again";
   EXPECT_FALSE(answer(backend_->request(0, Reconnect{})).success);
 }
 
-TEST_F(Backends, WhatIsNoTorqueIsNotSentAndStopsTheMotion) {
+TEST_F(Backends, InvalidTorquesAreNotSentAndStopTheMotion) {
   begin();
-  const std::uint64_t id = puppets_[0]->publish();
+  const std::uint64_t id = fakes_[0]->publish();
   while (backend_->wait() != ArmSet::of(0)) {
   }
   std::vector<ArmState> states(2);
@@ -291,14 +292,14 @@ TEST_F(Backends, WhatIsNoTorqueIsNotSentAndStopsTheMotion) {
   backend_->write(ArmSet::of(0), commands);
   while (states[0].mode == ArmMode::move) {
     (void)backend_->wait();
-    puppets_[0]->publish();
+    fakes_[0]->publish();
     backend_->read(ArmSet::of(0), states);
     commands[0].tau_cmd[3] = 0;
     backend_->write(ArmSet::of(0), commands);
   }
   EXPECT_EQ(states[0].mode, ArmMode::other);
-  EXPECT_NO_THROW((void)puppets_[0]->last<StopMoveRequest>());
-  EXPECT_EQ(puppets_[0]->commands_waiting(), 0u) << "nor anything after it";
+  EXPECT_NO_THROW((void)fakes_[0]->last<StopMoveRequest>());
+  EXPECT_EQ(fakes_[0]->commands_waiting(), 0u) << "nor anything after it";
 }
 
 TEST_F(Backends, RateLimitAndLowPassCountFromTheTorqueInUse) {
@@ -312,13 +313,13 @@ TEST_F(Backends, RateLimitAndLowPassCountFromTheTorqueInUse) {
   double expected = 0;
   for (int k = 1; k <= 3; ++k) {
     for (ArmIndex i = 0; i < 2; ++i) {
-      puppets_[i]->publish();
+      fakes_[i]->publish();
       ASSERT_EQ(backend_->wait(), ArmSet::of(i));
       backend_->read(ArmSet::of(i), states);
       backend_->write(ArmSet::of(i), commands);
-      const auto sent = puppets_[i]->command();
+      const auto sent = fakes_[i]->command();
       ASSERT_TRUE(sent);
-      // begin() has sent one command already; its torque is where these count from.
+      // begin() has sent one command already; these are counted from its torque.
       if (k == 1) {
         if (i == 1) expected = sent->tau_J_d[0];
       } else if (i == 1) {
@@ -327,22 +328,22 @@ TEST_F(Backends, RateLimitAndLowPassCountFromTheTorqueInUse) {
       } else if (k == 2) {
         EXPECT_NEAR(sent->tau_J_d[0] - states[0].tau_J_d[0], 0.999999, 1e-6);
       }
-      puppets_[i]->change([&](RobotState& s) { s.tau_J_d = sent->tau_J_d; });
+      fakes_[i]->change([&](RobotState& s) { s.tau_J_d = sent->tau_J_d; });
     }
   }
 }
 
-TEST_F(Backends, SettingsInMotionLetTheArmGoForAMoment) {
+TEST_F(Backends, SettingsInMotionInterruptTheMotion) {
   active_ = bit(2) | bit(3);
   begin();
-  for (auto& puppet : puppets_) puppet->set_automatic(true);
-  const ArmAnswer load = answer(backend_->request(0, SetLoad{{.mass = 0.9}}));
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  const RequestAnswer load = answer(backend_->request(0, SetLoad{{.mass = 0.9}}));
   EXPECT_TRUE(load.success) << load.reason;
-  EXPECT_EQ(puppets_[0]->last<SetLoadRequest>().m_load, 0.9);
+  EXPECT_EQ(fakes_[0]->last<SetLoadRequest>().m_load, 0.9);
   EXPECT_FALSE(is_held(1));
-  const ArmAnswer nonsense = answer(backend_->request(0, SetLoad{{.mass = -1}}));
+  const RequestAnswer nonsense = answer(backend_->request(0, SetLoad{{.mass = -1}}));
   EXPECT_FALSE(nonsense.success);
-  EXPECT_FALSE(answer(backend_->request(0, PlaceObject{})).success);
+  EXPECT_FALSE(answer(backend_->request(PlaceObject{})).success);
   EXPECT_FALSE(answer(backend_->request(0, GripperHoming{})).success);
   EXPECT_FALSE(answer(backend_->request(7, StopMotion{})).success);
   EXPECT_TRUE(answer(backend_->request(0, StopMotion{})).success);
@@ -351,9 +352,9 @@ TEST_F(Backends, SettingsInMotionLetTheArmGoForAMoment) {
   EXPECT_TRUE(answer(backend_->request(0, RecoverFromError{})).success) << "a stopped arm is brought back";
 }
 
-TEST_F(Backends, AnArmThatCannotBeHadIsNamedAndTheOthersAreLetGo) {
+TEST_F(Backends, AnUnavailableArmIsNamedAndTheOthersAreReleased) {
   FciArmConfig left = config(0), right = config(1);
-  puppets_[1]->answer(Command::set_ee_to_k, Status::invalid_argument);
+  fakes_[1]->answer(Command::set_ee_to_k, Status::invalid_argument);
   FciBackend backend({left, right}, {.model_check = ModelCheck::off});
   try {
     backend.start();
@@ -364,14 +365,14 @@ TEST_F(Backends, AnArmThatCannotBeHadIsNamedAndTheOthersAreLetGo) {
   }
   EXPECT_TRUE(backend.wait().empty());
   EXPECT_TRUE(backend.ended());
-  for (const auto& asked : puppets_[0]->asked()) EXPECT_NE(asked.command, Command::move);
+  for (const auto& asked : fakes_[0]->asked()) EXPECT_NE(asked.command, Command::move);
   EXPECT_THROW(FciBackend({}), std::invalid_argument);
   left.model = nullptr;
   EXPECT_THROW(FciBackend({left}), std::invalid_argument);
 }
 
-TEST_F(Backends, AnErrorFromBeforeIsRecoveredAtTheStartAndAButtonIsNot) {
-  puppets_[0]->change([](RobotState& s) {
+TEST_F(Backends, AnEarlierErrorIsRecoveredAtTheStartAndAUserStopIsNot) {
+  fakes_[0]->change([](RobotState& s) {
     s.robot_mode = static_cast<std::uint8_t>(RobotMode::reflex);
     s.errors[7] = 1;
   });
@@ -379,11 +380,11 @@ TEST_F(Backends, AnErrorFromBeforeIsRecoveredAtTheStartAndAButtonIsNot) {
   EXPECT_EQ(cycle_->data().state[0].mode, ArmMode::move);
   EXPECT_THAT(said_, HasSubstr("cartesian_reflex"));
   backend_->finish();
-  for (auto& puppet : puppets_) puppet->set_automatic(true);
+  for (auto& fake : fakes_) fake->set_automatic(true);
   for (const auto& [mode, cure] :
        {std::pair{RobotMode::user_stopped, "release the stop button"},
         std::pair{RobotMode::guiding, "guiding buttons"}, std::pair{RobotMode::other, "unlocked"}}) {
-    puppets_[1]->change([m = mode](RobotState& s) { s.robot_mode = static_cast<std::uint8_t>(m); });
+    fakes_[1]->change([m = mode](RobotState& s) { s.robot_mode = static_cast<std::uint8_t>(m); });
     try {
       backend_->start();
       FAIL();
@@ -394,29 +395,29 @@ TEST_F(Backends, AnErrorFromBeforeIsRecoveredAtTheStartAndAButtonIsNot) {
   }
 }
 
-TEST_F(Backends, AnEndEffectorThatTheArmDoesNotKnowOfIsReported) {
-  puppets_[0]->change([](RobotState& s) { s.m_ee = 0; });
+TEST_F(Backends, AnUndeclaredEndEffectorIsReported) {
+  fakes_[0]->change([](RobotState& s) { s.m_ee = 0; });
   begin();
   EXPECT_THAT(said_, HasSubstr("end effector of 0 g"));
-  // What the controllers reckon with is what the arm compensates: the model's hand is taken out again.
+  // The controllers' model matches what the arm compensates: the model's hand is subtracted.
   EXPECT_NEAR(cycle_->data().state[0].tool.mass, -config(0).hand.mass, 1e-6);
 }
 
 TEST_F(Backends, FinishEndsTheMotionsByTheirLastTorque) {
   begin();
   std::thread arms([this] {
-    for (auto& puppet : puppets_) {
-      puppet->publish();
-      const auto last = puppet->command();
+    for (auto& fake : fakes_) {
+      fake->publish();
+      const auto last = fake->command();
       ASSERT_TRUE(last);
       EXPECT_TRUE(last->torque_command_finished || last->motion_generation_finished);
-      puppet->end_motion(Status::success, RobotMode::idle);
+      fake->end_motion(Status::success, RobotMode::idle);
     }
   });
   backend_->finish();
   arms.join();
-  for (auto& puppet : puppets_) {
-    for (const auto& asked : puppet->asked()) EXPECT_NE(asked.command, Command::stop_move);
+  for (auto& fake : fakes_) {
+    for (const auto& asked : fake->asked()) EXPECT_NE(asked.command, Command::stop_move);
   }
   EXPECT_FALSE(backend_->request(0, RecoverFromError{}).get().success);
 }
@@ -426,7 +427,7 @@ TEST_F(Backends, TheLoopSideNeitherAllocatesNorLocks) {
   active_ = bit(2) | bit(3);
   begin();
   for (int k = 0; k < 300; ++k) {
-    for (auto& puppet : puppets_) puppet->publish(k % 7 == 0 ? 2 : 0);
+    for (auto& fake : fakes_) fake->publish(k % 7 == 0 ? 2 : 0);
     for (int i = 0; i < 2; ++i) {
       LoopGuard::arm();
       const ArmSet due = backend_->wait();
@@ -440,7 +441,7 @@ TEST_F(Backends, TheLoopSideNeitherAllocatesNorLocks) {
   EXPECT_GT(backend_->overruns(), 50u) << "what was left out is counted";
 }
 
-TEST(ModelCheck, KnowsAnotherArmFromTheSameOne) {
+TEST(ModelCheck, DistinguishesADifferentArmFromTheSameOne) {
   const Scene scene = two_arms();
   const FciArmConfig fr3 = fci_arm_config(scene.arms[0], "127.0.0.1"),
                      fer = fci_arm_config(scene.arms[1], "127.0.0.1");
@@ -467,4 +468,4 @@ TEST(ModelCheck, KnowsAnotherArmFromTheSameOne) {
 }
 
 }  // namespace
-}  // namespace multipanda::fci
+}  // namespace multipanda::fci::fci_backend_test

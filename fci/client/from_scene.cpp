@@ -1,6 +1,6 @@
 #include "fci/client/from_scene.hpp"
 
-#include "fci/client/gripper_link.hpp"
+#include "fci/client/gripper_connection.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::fci {
@@ -15,10 +15,10 @@ FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address) {
     const RigidBody hand = moved(rigid_hand(*robot.hand), robot.hand->mount.pose());
     config.hand = {hand.mass, hand.com, hand.inertia};
   }
-  const ArmConfig wanted = arm_config(arm);
-  config.frames = wanted.frames;
-  config.tool = wanted.tool;
-  config.load = wanted.load;
+  const ArmConfig requested = arm_config(arm);
+  config.frames = requested.frames;
+  config.tool = requested.tool;
+  config.load = requested.load;
   config.joint_stiffness = arm.joint_stiffness;
   config.cartesian_stiffness = arm.cartesian_stiffness;
   config.thresholds = arm.collision;

@@ -5,7 +5,7 @@
 
 namespace multipanda::fci {
 
-// What a scene says of an arm, for the arm at `address`: model, frames, tool, load. Throws
+// The scene's data of an arm, for the arm at `address`: model, frames, tool, load. Throws
 // std::invalid_argument.
 FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address);
 

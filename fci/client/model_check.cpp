@@ -11,7 +11,7 @@
 namespace multipanda::fci {
 namespace {
 
-// Makers and versions prefix their links: "link8", "fr3_link8".
+// Manufacturers and versions prefix their links: "link8", "fr3_link8".
 std::string flange_link(const std::string& urdf) {
   for (std::size_t at = urdf.find("<link"); at != std::string::npos; at = urdf.find("<link", at + 1)) {
     const std::size_t name = urdf.find("name=", at), end = urdf.find('>', at);
@@ -22,7 +22,7 @@ std::string flange_link(const std::string& urdf) {
     const std::string link = urdf.substr(name + 6, last - name - 6);
     if (link.ends_with("link8")) return link;
   }
-  throw std::invalid_argument("the arm's model has no link8, its flange");
+  throw std::invalid_argument("the arm's model has no link8 (the flange)");
 }
 
 }  // namespace
@@ -37,14 +37,14 @@ std::string ModelComparison::text() const {
 
 ModelComparison compare_models(const std::string& arm_urdf, const Load& hand, const ArmModel& ours) {
   ArmModelSource source;
-  source.name = "as the arm hands it out";
+  source.name = "model from the arm";
   source.urdf = arm_urdf;
   source.flange = flange_link(arm_urdf);
   source.X_WB = ours.X_WB();
   const auto theirs = std::make_shared<const ArmModel>(std::move(source));
   if (theirs->joint_count() != ours.joint_count()) {
     throw std::invalid_argument("the arm's model has " + std::to_string(theirs->joint_count()) +
-                                " joints, ours has " + std::to_string(ours.joint_count()));
+                                " joints, the scene's model has " + std::to_string(ours.joint_count()));
   }
   ModelTerms a(std::shared_ptr<const ArmModel>(&ours, [](const ArmModel*) {})), b(theirs);
   b.set_config({}, hand, {});
@@ -75,7 +75,8 @@ ModelComparison compare_models(const std::string& arm_urdf, const Load& hand, co
     result.q_min_rad = std::max(result.q_min_rad, below);
     result.q_max_rad = std::max(result.q_max_rad, above);
     std::array<char, 160> text{};
-    std::snprintf(text.data(), text.size(), "%sjoint%d: the arm allows %.4f to %.4f rad, ours %.4f to %.4f",
+    std::snprintf(text.data(), text.size(),
+                  "%sjoint%d: the arm allows %.4f to %.4f rad, the scene's model %.4f to %.4f",
                   result.limits.empty() ? "" : ", ", static_cast<int>(i) + 1, theirs->limits().q_min[i],
                   theirs->limits().q_max[i], ours.limits().q_min[i], ours.limits().q_max[i]);
     result.limits += text.data();

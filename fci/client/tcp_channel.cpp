@@ -19,7 +19,7 @@
 namespace multipanda::fci {
 namespace {
 
-// What is left of `timeout_s` since `begun`, in whole milliseconds for poll(), rounded up.
+// The rest of `timeout_s` since `begun`, in whole milliseconds for poll(), rounded up.
 int left_ms(HostTime begun, double timeout_s) {
   const double left = timeout_s - seconds(host_now() - begun);
   return left <= 0 ? 0 : static_cast<int>(std::ceil(left * 1e3));
@@ -37,9 +37,9 @@ in_addr resolve(const std::string& address, const std::string& who) {
   hints.ai_socktype = SOCK_STREAM;
   addrinfo* found = nullptr;
   if (const int error = ::getaddrinfo(address.c_str(), nullptr, &hints, &found); error != 0) {
-    throw LinkError(LinkError::Kind::unreachable,
-                    who + ": '" + address + "' is no address that can be found (" + ::gai_strerror(error) +
-                        "): write the arm's IPv4 address, as it stands in the arm's network settings");
+    throw ConnectionError(ConnectionError::Kind::unreachable,
+                          who + ": '" + address + "' cannot be resolved (" + ::gai_strerror(error) +
+                              "): write the arm's IPv4 address, as shown in the arm's network settings");
   }
   const in_addr result = reinterpret_cast<const sockaddr_in*>(found->ai_addr)->sin_addr;
   ::freeaddrinfo(found);
@@ -49,15 +49,14 @@ in_addr resolve(const std::string& address, const std::string& who) {
 std::string cure_for(int error) {
   switch (error) {
     case ECONNREFUSED:
-      return "connection refused: something is there, but no control interface. Is the FCI activated on the "
-             "arm, "
-             "or the virtual arm running?";
+      return "connection refused: the computer there has no control interface. Check that the FCI is "
+             "activated on the arm, or that the virtual arm is running";
     case ETIMEDOUT:
-      return "no answer: is the arm switched on, the cable plugged into the arm's controller, the address "
-             "right?";
+      return "no answer: check that the arm is switched on, the cable is plugged into the arm's controller, "
+             "and the address is correct";
     case EHOSTUNREACH:
     case ENETUNREACH:
-      return "no route there: does this computer have an address in the arm's network?";
+      return "no route to this address: check that this computer has an address in the arm's network";
     default:
       return std::strerror(error);
   }
@@ -65,9 +64,9 @@ std::string cure_for(int error) {
 
 }  // namespace
 
-void TcpChannel::fail(LinkError::Kind kind, const std::string& text) {
+void TcpChannel::fail(ConnectionError::Kind kind, const std::string& text) {
   close();
-  throw LinkError(kind, who_ + ": " + text);
+  throw ConnectionError(kind, who_ + ": " + text);
 }
 
 void TcpChannel::close() noexcept {
@@ -82,12 +81,12 @@ void TcpChannel::connect(const std::string& address, std::uint16_t port, double 
   next_id_ = 0;
   const in_addr ip = resolve(address, who_);
   const auto unreachable = [&](int error) {
-    fail(LinkError::Kind::unreachable,
+    fail(ConnectionError::Kind::unreachable,
          "no connection to " + address + " port " + std::to_string(port) + ": " + cure_for(error));
   };
   file_ = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
   if (file_ < 0) unreachable(errno);
-  // Requests are single messages: none must wait for the acknowledgement of another. Dead peers are noticed.
+  // No delay for single messages; keep-alive detects dead peers.
   const auto set = [this](int level, int name, int value) {
     (void)::setsockopt(file_, level, name, &value, sizeof(value));
   };
@@ -123,7 +122,7 @@ bool TcpChannel::wait_for(short events, double timeout_s) const {
 }
 
 void TcpChannel::send(std::span<const std::byte> message, double timeout_s) {
-  if (!is_open()) fail(LinkError::Kind::lost, "there is no connection: connect first");
+  if (!is_open()) fail(ConnectionError::Kind::lost, "there is no connection: connect first");
   const HostTime begun = host_now();
   std::size_t done = 0;
   while (done < message.size()) {
@@ -132,11 +131,12 @@ void TcpChannel::send(std::span<const std::byte> message, double timeout_s) {
       done += static_cast<std::size_t>(n);
     } else if (errno == EAGAIN) {
       if (!wait_for(POLLOUT, timeout_s - seconds(host_now() - begun))) {
-        fail(LinkError::Kind::timeout, "it takes no more requests: switch it off and on, then connect again");
+        fail(ConnectionError::Kind::timeout,
+             "it accepts no more requests: switch it off and on, then reconnect");
       }
     } else if (errno != EINTR) {
-      fail(LinkError::Kind::lost, std::string("the connection is lost (") + std::strerror(errno) +
-                                      "): check cable and arm, then reconnect");
+      fail(ConnectionError::Kind::lost, std::string("the connection is lost (") + std::strerror(errno) +
+                                            "): check cable and arm, then reconnect");
     }
   }
   ++next_id_;
@@ -150,20 +150,20 @@ void TcpChannel::read_available() {
       buffer_.insert(buffer_.end(), chunk.begin(), chunk.begin() + n);
       parse();
     } else if (n == 0) {
-      fail(LinkError::Kind::lost,
-           "the arm closed the connection: another program may have taken it, the FCI may have been "
+      fail(ConnectionError::Kind::lost,
+           "the arm closed the connection: another program may have taken it over, the FCI may have been "
            "deactivated, "
            "or the arm was switched off; then reconnect");
     } else if (errno == EAGAIN) {
       return;
     } else if (errno != EINTR) {
-      fail(LinkError::Kind::lost, std::string("the connection is lost (") + std::strerror(errno) +
-                                      "): check cable and arm, then reconnect");
+      fail(ConnectionError::Kind::lost, std::string("the connection is lost (") + std::strerror(errno) +
+                                            "): check cable and arm, then reconnect");
     }
   }
 }
 
-// Takes whole messages out of the buffer.
+// Extracts complete messages from the buffer.
 void TcpChannel::parse() {
   const std::size_t header_bytes = header_size(kind_);
   std::size_t at = 0;
@@ -172,8 +172,7 @@ void TcpChannel::parse() {
     const auto rest = std::span<const std::byte>(buffer_).subspan(at);
     if (decode(kind_, rest.first(header_bytes), header) != WireResult::ok || header.size < header_bytes ||
         header.size > kMaxMessage || replies_.size() >= kMaxReplies) {
-      fail(LinkError::Kind::protocol,
-           "it sent bytes that are no reply of the control interface: is it an arm?");
+      fail(ConnectionError::Kind::protocol, "it sent an invalid reply: check that the address is an arm's");
     }
     if (rest.size() < header.size) break;
     const auto payload = rest.subspan(header_bytes, header.size - header_bytes);
@@ -196,13 +195,14 @@ TcpChannel::Reply TcpChannel::wait(std::uint32_t command_id, double timeout_s, c
   const HostTime begun = host_now();
   while (true) {
     if (auto reply = take(command_id)) return std::move(*reply);
-    if (!is_open()) fail(LinkError::Kind::lost, "there is no connection: connect first");
+    if (!is_open()) fail(ConnectionError::Kind::lost, "there is no connection: connect first");
     read_available();
     if (auto reply = take(command_id)) return std::move(*reply);
     const double left = timeout_s - seconds(host_now() - begun);
     if (left <= 0 || !wait_for(POLLIN, left)) {
-      fail(LinkError::Kind::timeout, std::string("no answer to ") + what + " within " +
-                                         in_seconds(timeout_s) + ": the arm or the network hangs. Reconnect");
+      fail(ConnectionError::Kind::timeout, std::string("no answer to ") + what + " within " +
+                                               in_seconds(timeout_s) +
+                                               ": the arm or the network does not respond; reconnect");
     }
   }
 }

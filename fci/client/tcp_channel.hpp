@@ -8,15 +8,14 @@
 #include <string>
 #include <vector>
 
-#include "fci/client/link_error.hpp"
+#include "fci/client/connection_error.hpp"
 #include "fci/wire/commands.hpp"
 
 namespace multipanda::fci {
 
 // Requests and replies over one TCP connection: each request has a number, its reply repeats it, and replies
-// may come in any order, some requests getting two. Every wait has an end. One thread at a time; off the
-// loop. On every failure it throws LinkError, whose text begins with `who`; after one that is_fatal() it is
-// closed.
+// may come in any order; some requests get two. Every wait has a timeout. One thread at a time; off the loop.
+// Failures throw ConnectionError, whose text begins with `who`; a fatal one closes the channel.
 class TcpChannel {
  public:
   TcpChannel(HeaderKind kind, std::string who) : kind_(kind), who_(std::move(who)) {}
@@ -29,7 +28,7 @@ class TcpChannel {
   void close() noexcept;
   bool is_open() const { return file_ >= 0; }
   int file() const { return file_; }  // for poll(); -1: closed
-  // Of the other end, network byte order.
+  // Address of the other end, in network byte order.
   std::uint32_t peer_address() const { return peer_address_; }
 
   // The number that the next request must carry.
@@ -43,19 +42,19 @@ class TcpChannel {
   };
   // The oldest reply with this number. Waits for it.
   Reply wait(std::uint32_t command_id, double timeout_s, const char* what);
-  // The same, if it is there by now.
+  // The same without waiting; none: not yet received.
   std::optional<Reply> take(std::uint32_t command_id);
   // Reads what has arrived without waiting. Throws if the other end closed.
   void read_available();
 
  private:
-  [[noreturn]] void fail(LinkError::Kind kind, const std::string& text);
+  [[noreturn]] void fail(ConnectionError::Kind kind, const std::string& text);
   void parse();
   bool wait_for(short events, double timeout_s) const;
 
-  // No arm sends more; a size beyond is nonsense (a model library has some megabytes).
+  // Upper bound of a message (a model library has some megabytes).
   static constexpr std::uint32_t kMaxMessage = 64u << 20u;
-  static constexpr std::size_t kMaxReplies = 256;  // that nobody asked for
+  static constexpr std::size_t kMaxReplies = 256;  // unclaimed replies
 
   HeaderKind kind_;
   std::string who_;

@@ -11,7 +11,7 @@
 namespace multipanda::fci {
 namespace {
 
-// Only one thread writes a counter.
+// Each counter has a single writer.
 void add(std::atomic<std::uint64_t>& counter, std::uint64_t n) {
   counter.store(counter.load(std::memory_order_relaxed) + n, std::memory_order_relaxed);
 }
@@ -28,7 +28,7 @@ UdpPort::UdpPort() {
       ::getsockname(file_, reinterpret_cast<sockaddr*>(&any), &size) != 0) {
     const std::string why = std::strerror(errno);
     if (file_ >= 0) ::close(file_);
-    throw std::runtime_error("no UDP port for an arm's states could be opened: " + why);
+    throw std::runtime_error("cannot open a UDP port for an arm's states: " + why);
   }
   number_ = ntohs(any.sin_port);
 }
@@ -50,7 +50,7 @@ bool UdpPort::receive() noexcept {
     counters_.lost_in_a_row.store(0, std::memory_order_relaxed);
   }
   fresh_ = false;
-  // Bounded, so that a flood cannot hold the loop.
+  // Bounded, so that a flood cannot block the loop.
   constexpr int kMost = 64;
   for (int i = 0; i < kMost; ++i) {
     sockaddr_in from{};
@@ -78,7 +78,7 @@ void UdpPort::take(std::span<const std::byte> datagram, const sockaddr_in& from)
     add(counters_.foreign, 1);
     return;
   }
-  if (next.message_id <= last) {  // late or twice: a newer one was taken already
+  if (next.message_id <= last) {  // late or duplicate
     if (next.message_id < last && counters_.lost.load(std::memory_order_relaxed) > 0) {
       counters_.lost.store(counters_.lost.load(std::memory_order_relaxed) - 1, std::memory_order_relaxed);
       add(counters_.superseded, 1);
@@ -113,7 +113,7 @@ bool UdpPort::send(RobotCommand& command) noexcept {
   return taken;
 }
 
-ArmStatistics UdpPort::statistics() const {
+ConnectionStatistics UdpPort::statistics() const {
   const auto get = [](const auto& counter) { return counter.load(std::memory_order_relaxed); };
   const auto answers = get(counters_.sent) + get(counters_.not_sent);
   return {.received = get(counters_.received),

@@ -5,14 +5,14 @@
 #include <cstdint>
 #include <netinet/in.h>
 
+#include "core/state/connection_statistics.hpp"
 #include "core/types/time.hpp"
-#include "fci/client/arm_statistics.hpp"
 #include "fci/wire/state_layout.hpp"
 
 namespace multipanda::fci {
 
-// The datagrams of one arm: states in, commands out, on one socket that lives as long as the object, also
-// through reconnections. All of loop side: no allocation, no lock, no exception, never waits.
+// The datagrams of one arm: states in, commands out, on one socket that is kept through reconnections. The
+// loop's functions do not allocate, lock, throw or wait.
 class UdpPort {
  public:
   // Binds any free port. Throws std::runtime_error.
@@ -25,20 +25,20 @@ class UdpPort {
   std::uint16_t number() const { return number_; }
 
   // --- any thread ---
-  // From now on states of this arm (network byte order) in this dialect count, whatever their number;
+  // From now on states of this arm (network byte order) in this dialect are accepted, whatever their number;
   // nullptr: none. Takes effect at the next receive().
   void expect(const Dialect* dialect, std::uint32_t peer_address);
-  ArmStatistics statistics() const;
+  ConnectionStatistics statistics() const;
 
-  // --- one thread: the loop's, or whoever stands in for it ---
-  // Takes what has arrived; true: state() is newer than before.
+  // --- one thread: the loop's ---
+  // Receives datagrams; true: state() is newer than before.
   bool receive() noexcept;
   // The newest state; its message_id is 0 before the first one.
   const RobotState& state() const noexcept { return states_[newest_]; }
   HostTime received_at() const noexcept { return received_at_; }
   // States in a row that never came before state(), and the arm's clock between the two last states taken.
   std::uint64_t gap() const noexcept { return gap_; }
-  // Answers state(): `command` gets its number and goes where it came from.
+  // Answers state(): sends `command` with the number of the state.
   bool send(RobotCommand& command) noexcept;
 
  private:
@@ -67,7 +67,7 @@ class UdpPort {
   std::array<std::byte, 4096> buffer_;
   std::array<std::byte, kMaxCommandSize> command_;
 
-  // Written by the loop, read by anybody.
+  // Written by the loop, read by any thread.
   struct Counters {
     std::atomic<std::uint64_t> received{0}, lost{0}, lost_in_a_row{0}, lost_in_a_row_max{0}, superseded{0},
         foreign{0}, sent{0}, not_sent{0};

@@ -1,5 +1,5 @@
 // The backend for real arms on virtual ones in lock-step: the contract of core/cycle/backend.hpp, faults, and
-// the way back from them.
+// recovery from them.
 #include "fci/server/virtual_arms.hpp"
 
 #include <cmath>
@@ -16,7 +16,7 @@
 #include "fci/client/from_scene.hpp"
 #include "scene/build.hpp"
 
-namespace multipanda::fci {
+namespace multipanda::fci::virtual_arms_test {
 namespace {
 
 using testing::HasSubstr;
@@ -43,7 +43,7 @@ Scene two_arms() {
 }
 constexpr InstanceSet kLeftJoints = bit(2), kRightJoints = bit(3);  // after the two holds
 
-// Virtual arms and a backend that speaks to them.
+// Virtual arms and a backend that is connected to them.
 struct Rig {
   explicit Rig(int version = 0, WorldPace pace = WorldPace::lockstep)
       : world(std::make_unique<VirtualArms>(scene, options(pace))) {
@@ -55,9 +55,9 @@ struct Rig {
       configs[i].version = version;
       configs[i].end_effector = {};
     }
-    FciOptions wish{.lockstep = pace == WorldPace::lockstep};
-    wish.say = [this](const std::string& text) { said += text + "\n"; };
-    backend = std::make_unique<FciBackend>(configs, wish);
+    FciOptions fci_options{.lockstep = pace == WorldPace::lockstep};
+    fci_options.report = [this](const std::string& text) { said += text + "\n"; };
+    backend = std::make_unique<FciBackend>(configs, fci_options);
   }
   static VirtualArmOptions options(WorldPace pace) {
     VirtualArmOptions result{.pace = pace, .grippers = false, .idle_stands_still = true};
@@ -74,7 +74,7 @@ struct Rig {
     cycle->step(due);
     return due;
   }
-  ArmAnswer answer(std::future<ArmAnswer> future) {
+  RequestAnswer answer(std::future<RequestAnswer> future) {
     while (future.wait_for(std::chrono::seconds(0)) != std::future_status::ready) step();
     return future.get();
   }
@@ -89,7 +89,7 @@ struct Rig {
   std::unique_ptr<ControlCycle> cycle;
 };
 
-// Smooth torques that ask for some 1 rad/s^2 of every joint alone, reached within the rate limit.
+// Smooth torques that accelerate each joint alone by about 1 rad/s^2, reached within the rate limit.
 std::vector<ArmCommand> commands_at(const Scene& scene, int cycle) {
   static const std::vector<JointVector> amplitude = [&] {
     std::vector<JointVector> all;
@@ -139,7 +139,7 @@ TEST_P(Versions, KeepTheContractOfEveryBackend) {
       ASSERT_TRUE(s.q.allFinite() && s.dq.allFinite() && s.tau_J.allFinite());
       ASSERT_EQ(s.errors, 0u);
     }
-    // At first nothing: gravity is the arm's own business.
+    // Zero at first: the arm compensates gravity itself.
     const int since = k - 100;
     if (since == 0) {
       for (ArmIndex i = 0; i < 2; ++i) EXPECT_LT((states[i].q - q_0[i]).norm(), 1e-5);
@@ -155,7 +155,7 @@ TEST_P(Versions, KeepTheContractOfEveryBackend) {
   }
   for (ArmIndex i = 0; i < 2; ++i) {
     EXPECT_GT((states[i].q - q_0[i]).norm(), 1e-3) << "it moved";
-    EXPECT_EQ(rig.backend->statistics(i).lost, 0u);
+    EXPECT_EQ(rig.backend->connection(i)->lost, 0u);
     EXPECT_GT(states[i].command_success_rate, 0.99);
   }
   rig.backend->finish();
@@ -222,7 +222,7 @@ TEST(VirtualRig, TheArmsOwnModelIsChecked) {
     EXPECT_TRUE(rig.backend->capabilities(i).has_external_torque);
   }
   rig.backend->finish();
-  // The scene names the other make of arm: same lengths, other masses.
+  // The scene names the other arm model: same lengths, different masses.
   auto wrong = fci_arm_config(rig.scene.arms[1], rig.world->place(0).address);
   wrong.port = rig.world->place(0).port;
   wrong.end_effector = {};
@@ -235,7 +235,7 @@ TEST(VirtualRig, TheArmsOwnModelIsChecked) {
   }
 }
 
-TEST(VirtualRig, AReflexOfOneArmCostsTheOtherNoCycleAndEndsInHold) {
+TEST(VirtualRig, AReflexOfOneArmDoesNotAffectTheOtherAndEndsInHold) {
   Rig rig;
   rig.start_cycle(kLeftJoints | kRightJoints);
   for (int k = 0; k < 20; ++k) ASSERT_EQ(rig.step(), ArmSet::all(2));
@@ -285,7 +285,7 @@ TEST(VirtualRig, UserStopWaitsForItsRelease) {
   rig.backend->finish();
 }
 
-TEST(VirtualRig, AConnectionClosedByTheArmIsMadeAgain) {
+TEST(VirtualRig, AConnectionClosedByTheArmIsRestored) {
   Rig rig;
   rig.start_cycle(kLeftJoints | kRightJoints);
   for (int k = 0; k < 5; ++k) rig.step();
@@ -304,7 +304,7 @@ TEST(VirtualRig, AConnectionClosedByTheArmIsMadeAgain) {
   rig.backend->finish();
 }
 
-TEST(VirtualRig, AWorldThatEndsAndComesBackIsFoundAgain) {
+TEST(VirtualRig, AWorldThatEndsAndRestartsIsFoundAgain) {
   Rig rig;
   rig.start_cycle(kLeftJoints | kRightJoints);
   for (int k = 0; k < 5; ++k) rig.step();
@@ -327,7 +327,7 @@ TEST(VirtualRig, AWorldThatEndsAndComesBackIsFoundAgain) {
   rig.backend->finish();
 }
 
-TEST(VirtualRig, SettingsWhileMovingAreTakenAndSeen) {
+TEST(VirtualRig, SettingsWhileMovingAreAcceptedAndVisible) {
   Rig rig;
   rig.start_cycle(kRightJoints);
   for (int k = 0; k < 5; ++k) rig.step();
@@ -351,7 +351,7 @@ TEST(VirtualRig, InRealTimeLostPacketsAreCountedAndTheDelayIsTheComputingTime) {
   ASSERT_TRUE(rig.world->set_faults(0, {.loss = 0.1}));
   rig.start_cycle(0);
   for (int k = 0; k < 1000; ++k) rig.step();
-  const ArmStatistics left = rig.backend->statistics(0), right = rig.backend->statistics(1);
+  const ConnectionStatistics left = *rig.backend->connection(0), right = *rig.backend->connection(1);
   EXPECT_GT(left.lost, left.received / 50);
   EXPECT_GE(left.lost_in_a_row_max, 1u);
   EXPECT_LT(left.lost, left.received / 3);
@@ -363,4 +363,4 @@ TEST(VirtualRig, InRealTimeLostPacketsAreCountedAndTheDelayIsTheComputingTime) {
 }
 
 }  // namespace
-}  // namespace multipanda::fci
+}  // namespace multipanda::fci::virtual_arms_test

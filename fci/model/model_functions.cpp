@@ -1,7 +1,6 @@
-// The model library that a program asks for up to protocol version 9: 30 functions in plain C, loaded by the
-// maker's library on the program's computer. Its interface is given by that library's symbol names and
-// arguments; all of it is compiled without the standard library, so that it runs on any Linux of this
-// processor.
+// The model library that a program requests up to protocol version 9: 30 functions in plain C, loaded by
+// libfranka on the program's computer. Its interface is given by that library's symbol names and arguments.
+// It is compiled without the standard library, so that it runs on any Linux of this processor.
 //
 // Matrices at the interface are column-major. Frames: joints 1 to 7 (the link's frame), 8 the flange, 9 the
 // end effector. All quantities refer to the arm's base; inertia of hand and load comes as an argument.
@@ -17,7 +16,7 @@ constexpr int kJoints = ArmNumbers::kJoints;
 __attribute__((used, section(".data")))
 ArmNumbers patched_numbers = {{kMarker[0], kMarker[1], kMarker[2], kMarker[3]}, {}, {}, {}};
 
-// The compiler must not believe the zeros above: they are overwritten in the file.
+// The compiler must not assume the zeros above: they are overwritten in the file.
 const ArmNumbers& numbers() {
   const ArmNumbers* p = &patched_numbers;
   asm volatile("" : "+r"(p));
@@ -80,7 +79,7 @@ Placement from_interface(const double* column_major) {
           vector_of(column_major + 12)};
 }
 
-// `frame`: 1 to 9. Places of all joints on the way are left in `joints`, if wanted.
+// `frame`: 1 to 9. Places of all joints on the way are left in `joints`, if requested.
 Placement place(int frame, const double* q, const double* F_T_EE, Placement* joints = nullptr) {
   Placement X;
   for (int i = 0; i < kJoints && i < frame; ++i) {
@@ -120,15 +119,15 @@ void jacobian(int frame, const double* q, const double* F_T_EE, bool in_frame, d
   }
 }
 
-// What the flange carries, in the flange's axes.
+// The load on the flange, in the flange's axes.
 struct Carried {
   double mass;
   Vector com;
   Matrix inertia;  // about com
 };
 
-// Newton and Euler, out along the chain and back: torques for the given motion, with the base accelerating
-// against gravity [N m]. Every link's quantities are in its own axes.
+// Newton-Euler recursion, out along the chain and back: torques for the given motion, with the base
+// accelerating against gravity [N m]. Every link's quantities are in its own axes.
 void inverse_dynamics(const double* q, const double* dq, const double* ddq, Vector gravity,
                       const Carried& carried, double* tau) {
   Placement X[kJoints];
@@ -227,6 +226,6 @@ EXPORTED c_NE(const double* q, const double* dq, const double* I_load, double m_
 }
 
 EXPORTED g_NE(const double* q, const double* g_earth, double m_load, const double* F_x_Cload, double* out) {
-  // Inertia about the centre of mass does not matter at rest.
+  // Inertia about the center of mass does not matter at rest.
   inverse_dynamics(q, nullptr, nullptr, vector_of(g_earth), {m_load, vector_of(F_x_Cload), Matrix{}}, out);
 }

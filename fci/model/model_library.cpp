@@ -44,7 +44,7 @@ void put(const Vector3& v, double (&to)[3]) {
 ArmNumbers arm_numbers(const RobotDescription& robot) {
   if (robot.joint_count() != ArmNumbers::kJoints) {
     throw std::invalid_argument("robot '" + robot.name + "' has " + std::to_string(robot.joint_count()) +
-                                " joints, the arm's control interface is made for 7");
+                                " joints, the arm's control interface supports only 7");
   }
   ArmNumbers numbers{};
   std::copy(std::begin(kMarker), std::end(kMarker), numbers.marker);
@@ -71,7 +71,7 @@ std::vector<std::byte> model_library(const RobotDescription& robot) {
   const auto marker = std::as_bytes(std::span(kMarker));
   const auto place = std::search(library.begin(), library.end(), marker.begin(), marker.end());
   if (library.end() - place < static_cast<std::ptrdiff_t>(sizeof numbers))
-    throw std::logic_error("the model library was built without a place for the arm's numbers");
+    throw std::logic_error("the model library was built without the block for the arm's parameters");
   std::memcpy(&*place, &numbers, sizeof numbers);
   return library;
 }

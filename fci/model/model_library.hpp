@@ -8,13 +8,13 @@
 
 namespace multipanda::fci {
 
-// The shared library with this arm's model, for programs on x86-64 Linux: what an arm answers to
-// LoadModelLibrary. Links 1 to 7 and the flange; hand and load are what the state says (m_ee, m_load).
-// Empty where this program was built for another processor: an arm then answers Status::error.
-// Throws std::invalid_argument if the robot does not have seven joints.
+// The shared library with this arm's model, for programs on x86-64 Linux: the arm's answer to
+// LoadModelLibrary. Links 1 to 7 and the flange; hand and load come from the state (m_ee, m_load). Empty if
+// this program was built for another processor: an arm then answers Status::error. Throws
+// std::invalid_argument if the robot does not have seven joints.
 std::vector<std::byte> model_library(const RobotDescription& robot);
 
-// The numbers that go into it.
+// The numbers stored in it.
 ArmNumbers arm_numbers(const RobotDescription& robot);
 
 }  // namespace multipanda::fci

@@ -15,7 +15,7 @@
 #include "fci/model/model_urdf.hpp"
 #include "models/arm_source.hpp"
 
-namespace multipanda::fci {
+namespace multipanda::fci::model_test {
 namespace {
 
 using testing::HasSubstr;
@@ -34,7 +34,7 @@ class Random {
     for (Eigen::Index i = 0; i < 7; ++i) q[i] = between(-size, size);
     return q;
   }
-  // Somewhere in the flange, of any shape.
+  // A random body in the flange.
   Load load() {
     Matrix3 half;
     for (int i = 0; i < 3; ++i) half.col(i) = vector(0.1);
@@ -45,7 +45,7 @@ class Random {
   std::mt19937 engine_;
 };
 
-// A model library as a program has it: written to a file, loaded, every symbol found.
+// A model library as a program uses it: written to a file, loaded, every symbol found.
 class Library {
  public:
   explicit Library(const RobotDescription& robot) {
@@ -55,7 +55,7 @@ class Library {
     std::ofstream(name, std::ios::binary)
         .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
     close(file);
-    handle_ = dlopen(name.c_str(), RTLD_LAZY | RTLD_GLOBAL);  // as the maker's library loads it
+    handle_ = dlopen(name.c_str(), RTLD_LAZY | RTLD_GLOBAL);  // as libfranka loads it
     EXPECT_NE(handle_, nullptr) << dlerror();
     std::filesystem::remove(name);
   }
@@ -193,7 +193,7 @@ TEST_P(EveryRobot, LibrarysJacobiansAreItsPosesDerivatives) {
   }
 }
 
-TEST(Model, LibraryStandsAlone) {
+TEST(Model, LibraryHasNoDependencies) {
   SKIP_WITHOUT_LIBRARY();
   const auto bytes = model_library(load_robot("fer"));
   EXPECT_LT(bytes.size(), 100000u);
@@ -201,7 +201,7 @@ TEST(Model, LibraryStandsAlone) {
   EXPECT_EQ(text.find("libstdc++"), std::string_view::npos);
   EXPECT_EQ(text.find("libgcc"), std::string_view::npos);
   EXPECT_EQ(text.find("libasan"), std::string_view::npos);
-  // Two arms' models in one program do not mix.
+  // Two arms' models in one program are independent.
   const Library fer(load_robot("fer")), fr3(load_robot("fr3"));
   const double zero[9] = {};
   Eigen::Matrix<double, 7, 7> a, b;
@@ -211,7 +211,7 @@ TEST(Model, LibraryStandsAlone) {
   EXPECT_GT((a - b).norm(), 0.01);
 }
 
-// What the flange carries and the text together are the controllers' model with its hand.
+// The flange's load and the text together equal the controllers' model with its hand.
 TEST_P(EveryRobot, TextAndEndEffectorAgreeWithTheControllersModel) {
   if (!robot.hand) GTEST_SKIP() << "no hand";
   Random random(33);
@@ -247,7 +247,7 @@ TEST(Model, EndEffectorWithoutHand) {
   EXPECT_THROW(end_effector(bare, true, {}), std::invalid_argument);
 }
 
-// Reads the text as the maker's library does and takes its formula.
+// Reads the text as libfranka does and evaluates its formula.
 double highest_velocity(const std::string& urdf, int joint, double q) {
   const std::string text = urdf.substr(urdf.find("\"joint" + std::to_string(joint) + "\""),
                                        urdf.find("\"joint" + std::to_string(joint + 1)));
@@ -275,7 +275,7 @@ TEST(Model, TextLimitsVelocities) {
                 robot.limits.dq_max[joint - 1]);
 }
 
-TEST(Model, TextHasTheNamesThatTheMakersLibraryLooksFor) {
+TEST(Model, TextHasTheNamesThatLibfrankaRequires) {
   RobotDescription robot = load_robot("fr3");
   const std::string urdf = model_urdf(robot);
   EXPECT_THAT(urdf, HasSubstr("<robot name=\"fr3\""));
@@ -286,11 +286,11 @@ TEST(Model, TextHasTheNamesThatTheMakersLibraryLooksFor) {
   EXPECT_THAT(model_urdf(robot), HasSubstr("<robot name=\"arm_tmr_of_mine\""));
 }
 
-TEST(Model, RefusesArmsThatTheInterfaceHasNoRoomFor) {
+TEST(Model, RefusesArmsWithMoreThanSevenJoints) {
   const RobotDescription six = load_robot(kUr5e);
   EXPECT_THROW(model_urdf(six), std::invalid_argument);
   EXPECT_THROW(model_library(six), std::invalid_argument);
 }
 
 }  // namespace
-}  // namespace multipanda::fci
+}  // namespace multipanda::fci::model_test

@@ -45,10 +45,10 @@ void write_limits(XmlText& xml, const RobotDescription& robot, Eigen::Index j) {
 std::string model_urdf(const RobotDescription& robot) {
   if (robot.joint_count() != 7) {
     throw std::invalid_argument("robot '" + robot.name + "' has " + std::to_string(robot.joint_count()) +
-                                " joints, the arm's control interface is made for 7");
+                                " joints, the arm's control interface supports only 7");
   }
   XmlText xml;
-  // The maker's library takes names that begin so for a mobile robot, which has no arm's model.
+  // libfranka treats a name with this prefix as a mobile robot, which has no arm model.
   const bool mobile = robot.name.starts_with("tmr");
   xml.open("robot", {{"name", mobile ? "arm_" + robot.name : robot.name}});
   write_link(xml, "link0", robot.links[0]);

@@ -4,7 +4,7 @@
 
 namespace multipanda::fci {
 
-// The program that is connected.
+// The connected program.
 struct ArmPort::Client {
   Client(Accepted accepted, Poll& poll, Port& port)
       : stream(std::move(accepted.socket), accepted.peer, poll, port), since(host_now()) {}
@@ -14,7 +14,7 @@ struct ArmPort::Client {
   const Dialect* dialect = nullptr;  // none before Connect
   Socket udp;
   bool watches_udp = false;
-  bool closing = false;  // as soon as all is sent
+  bool closing = false;  // once everything is sent
 };
 
 }  // namespace multipanda::fci

@@ -3,32 +3,31 @@
 #include <sys/epoll.h>
 #include <sys/socket.h>
 
+#include "core/types/time.hpp"
 #include "fci/server/arm_client.hpp"
-#include "fci/server/request_words.hpp"
+#include "fci/server/wire_requests.hpp"
 
 namespace multipanda::fci {
 namespace {
 
-// Both replies to a Move carry the same id, and the maker's library forgets the second one if it arrives
-// before the first was taken. That it was, the program shows by its next word; a program that says nothing
-// more has taken it after this time.
+// Both replies to a Move carry the same id, and libfranka loses the second one if it arrives before the first
+// was read. The program's next message shows that it has read the first; without a message, it has read it
+// after this time.
 constexpr std::chrono::milliseconds kStartedIsRead{50};
 
-// A connection that does not say who it is holds the only place.
+// A connection without a Connect request occupies the only slot.
 constexpr std::chrono::seconds kHandshake{2};
-
-constexpr std::chrono::nanoseconds kPeriod{1'000'000};
 
 // For answers to the state before the last, in real time.
 constexpr std::chrono::microseconds kGrace{300};
 
-// States between two that a lagging program does not get.
+// States between two that are skipped for a lagging program.
 constexpr std::uint64_t kLeaveOutEvery = 100;
 
-// How long a program whose motion has ended waits in vain for the world to move on.
+// How long a program whose motion has ended waits for the world to advance.
 constexpr std::chrono::milliseconds kPartingPatience{5};
 
-// Floods: more waits for the next round, so that no program keeps the loop for itself.
+// Limits a flood of messages: the rest waits for the next round, so that no program blocks the loop.
 constexpr int kDatagramsPerRound = 64, kConnectionsPerRound = 8;
 
 bool is_finish(const RobotCommand& command) {
@@ -41,7 +40,7 @@ ArmPort::ArmPort(ArmPortConfig config, SimulatedArm& arm)
     : config_(std::move(config)), arm_(arm), out_(config_.seed), in_(config_.seed ^ 0x9E3779B97F4A7C15u) {
   if (arm.joint_count() != kWireJoints) {
     throw std::invalid_argument("arm '" + config_.name + "' has " + std::to_string(arm.joint_count()) +
-                                " joints: the control interface carries " + std::to_string(kWireJoints));
+                                " joints; the control interface supports " + std::to_string(kWireJoints));
   }
   motions_ended_ = arm.motions_ended();
 }
@@ -71,7 +70,7 @@ void ArmPort::accept() {
   for (int i = 0; i < kConnectionsPerRound; ++i) {
     auto accepted = accept_from(listener_);
     if (!accepted) return;
-    // A program that ends and one that begins may come in the same round.
+    // A disconnect and a new connection may arrive in the same round.
     if (client_ && client_->stream.peer_has_closed()) drop_client();
     if (client_ || frozen_ > 0) {
       counts_.refused.add();
@@ -91,7 +90,7 @@ void ArmPort::drop_client() {
   overtaken_.reset();
   stops_.count = recoveries_.count = 0;
   has_pending_ = answered_ = false;
-  // Nobody is there any more to tell the arm what to do.
+  // No program commands the arm any longer.
   arm_.stop_motion();
   motions_ended_ = arm_.motions_ended();
   motion_ = {};
@@ -99,14 +98,14 @@ void ArmPort::drop_client() {
 
 // --- UDP ---
 
-// In real time datagrams are fetched once per period; the loop is woken by them only where it sleeps for
-// their sake, or where the time of their arrival counts.
+// In real time datagrams are read once per period. They wake the loop only while it waits for them, or if
+// their arrival time counts.
 void ArmPort::watch_datagrams() {
   if (!client_ || !client_->udp) return;
-  const bool wanted = frozen_ == 0 && (config_.lockstep || !in_.is_clear());
-  if (wanted == client_->watches_udp) return;
-  client_->watches_udp = wanted;
-  if (wanted) {
+  const bool required = frozen_ == 0 && (config_.lockstep || !in_.is_clear());
+  if (required == client_->watches_udp) return;
+  client_->watches_udp = required;
+  if (required) {
     poll_->add(client_->udp.file(), EPOLLIN, *this);
   } else {
     poll_->remove(client_->udp.file());
@@ -115,7 +114,7 @@ void ArmPort::watch_datagrams() {
 
 void ArmPort::receive(HostTime now) {
   if (!client_ || !client_->udp || frozen_ > 0) return;
-  std::array<std::byte, kMaxCommandSize + 1> datagram;  // one byte more shows what is too long
+  std::array<std::byte, kMaxCommandSize + 1> datagram;  // one byte more, to detect messages that are too long
   for (int i = 0; i < kDatagramsPerRound; ++i) {
     std::int64_t arrived_ns = 0;
     const auto size = receive_stamped(client_->udp, datagram, config_.lockstep ? nullptr : &arrived_ns);
@@ -123,7 +122,7 @@ void ArmPort::receive(HostTime now) {
     const std::span<const std::byte> bytes(datagram.data(), static_cast<std::size_t>(size));
     if (config_.lockstep || in_.is_clear()) {
       take_datagram(bytes, std::chrono::nanoseconds(arrived_ns == 0 ? 0 : arrived_ns - published_ns_));
-      if (config_.lockstep && answered_) break;  // what came behind it is for the next round
+      if (config_.lockstep && answered_) break;  // later datagrams are for the next round
     } else if (!in_.put(bytes, now)) {
       counts_.commands_lost.add();
     }
@@ -142,11 +141,11 @@ void ArmPort::take_datagram(std::span<const std::byte> datagram, std::chrono::na
     counts_.bad_datagrams.add();
     return;
   }
-  // Of an earlier motion: programs repeat the last command until they see its effect.
+  // Commands of an earlier motion are ignored: programs repeat the last one until its effect is visible.
   const std::uint64_t id = received_.message_id;
   if (!motion_.runs || id < motion_.first_state) return;
   if (!motion_.asynchronous && motion_.commanded) {
-    if (id <= newest_command_) return;  // came twice
+    if (id <= newest_command_) return;  // a duplicate
     if (id + 1 < message_id_ || (id < message_id_ && after > kGrace)) {
       counts_.commands_late.add();
       return;
@@ -162,7 +161,7 @@ void ArmPort::take_datagram(std::span<const std::byte> datagram, std::chrono::na
   }
   if (stale && !has_pending_) stale_since_ = host_now();
   if (!stale) lagging_ = false;
-  // A program that lags on and on is taken as it is: to wait for the better answer would only slow it down.
+  // Accept a program that keeps lagging: waiting for the newer answer would only slow it down.
   answered_ = !stale || lagging_;
   motion_.commanded = true;
   pending_ = received_;
@@ -206,9 +205,8 @@ void ArmPort::publish() {
   answer_fate_ = AnswerFate::arrives;
   state_lost_ = false;
   if (!client_ || client_->dialect == nullptr) return;
-  // A program that drives two arms from one thread may have fallen one state behind with this arm, and would
-  // stay there: each time it reads this arm, an older state is there already. One state left out, and it is
-  // in step again.
+  // A program that drives two arms from one thread may be one state behind with this arm and would stay
+  // there, because an older state is always waiting. Skipping one state synchronizes it again.
   if (lagging_ && motion_.runs && message_id_ > left_out_ + kLeaveOutEvery) {
     left_out_ = message_id_;
     return;
@@ -226,8 +224,8 @@ void ArmPort::publish() {
   }
 }
 
-// Lock-step has no wall clock: latency is measured in periods, and as the world waits for every answer, it is
-// known beforehand which of them would have come in time.
+// Lock-step has no wall clock: latency is counted in periods. Because the world waits for every answer, it is
+// known which answers would have been in time.
 void ArmPort::publish_with_fates(std::span<const std::byte> bytes) {
   const FaultyLine::Fate way_out = out_.draw(), way_in = in_.draw();
   const auto overtaken = std::exchange(overtaken_, std::nullopt);
@@ -242,11 +240,11 @@ void ArmPort::publish_with_fates(std::span<const std::byte> bytes) {
     send_state(bytes);
     if (way_out.duplicated) send_state(bytes);
   }
-  // The one held back goes behind its successor; where that one is held back too, at least in their order.
+  // The delayed state follows its successor; if that one is delayed too, both keep their order.
   if (overtaken && !overtaken_) send_state({overtaken_bytes_.data(), *overtaken});
   if (way_in.lost) {
     answer_fate_ = AnswerFate::lost;
-  } else if (way_in.overtaken || way_out.delay + way_in.delay >= kPeriod) {
+  } else if (way_in.overtaken || way_out.delay + way_in.delay >= kArmPeriodNs) {
     answer_fate_ = AnswerFate::late;
   }
 }
@@ -281,7 +279,7 @@ std::optional<HostTime> ArmPort::next_due() const {
   return out && in ? std::min(*out, *in) : out ? out : in;
 }
 
-// A motion that has ended by whatever cause: its Move gets its second reply.
+// Sends the second reply of the Move whose motion has ended.
 void ArmPort::notice_end() {
   const auto ended = arm_.motions_ended();
   if (ended == motions_ended_) return;
@@ -312,10 +310,10 @@ void ArmPort::tell_end(HostTime now) {
   motion_.end.reset();
 }
 
-// In lock-step the end of a motion shows when the world moves, and that may wait for another arm's command. A
-// program that drives both, and can do one thing at a time, would wait for ever: while it waits for this
-// arm's end (interpreters with one lock do not even let its other threads run) it sends no command to the
-// other. So its end is told beforehand: the next state's number, the present measurements, the new condition.
+// In lock-step the end of a motion is visible when the world advances, which may need another arm's command.
+// A single-threaded program that drives both arms would wait forever: while it waits for this arm's end, it
+// sends no command to the other. So the end is published early: with the number of the next state, the
+// present measurements and the new mode.
 void ArmPort::part_early(HostTime now) {
   const auto due = tend_due();
   if (!due || now < *due) return;

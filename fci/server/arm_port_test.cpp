@@ -1,10 +1,10 @@
 // One virtual arm at its port: what a program sees, request by request and period by period. In lock-step, so
 // that every state and every answer is known.
-#include "backends/mujoco/test_scenes.hpp"
-#include "fci/server/test_program.hpp"
+#include "backends/mujoco/testing/test_scenes.hpp"
+#include "fci/server/testing/test_program.hpp"
 #include "fci/wire/error_flags.hpp"
 
-namespace multipanda::fci {
+namespace multipanda::fci::arm_port_test {
 namespace {
 
 using test::TestProgram;
@@ -32,7 +32,7 @@ class OneArm : public testing::Test {
   VirtualArms arms_;
 };
 
-TEST_F(OneArm, speaksEveryVersionFrom4To10AndNamesItsOwnToOthers) {
+TEST_F(OneArm, supportsVersions4To10AndOffersItsOwnToOthers) {
   const std::pair<std::uint16_t, std::size_t> sizes[] = {{4, 2341}, {5, 2373}, {6, 2373}, {7, 2373},
                                                          {8, 2373}, {9, 2373}, {10, 1377}};
   for (const auto& [version, size] : sizes) {
@@ -52,7 +52,7 @@ TEST_F(OneArm, speaksEveryVersionFrom4To10AndNamesItsOwnToOthers) {
   }
 }
 
-TEST_F(OneArm, hasOneProgramAtATime) {
+TEST_F(OneArm, servesOneProgramAtATime) {
   auto first = std::make_unique<TestProgram>(place());
   ASSERT_TRUE(first->connected());
   EXPECT_FALSE(TestProgram(place()).connected());
@@ -82,11 +82,11 @@ TEST_P(Versions, torqueMotionFromStartToFinish) {
   }
   EXPECT_EQ(state.control_command_success_rate, 1);
   EXPECT_EQ(counts().commands_used, used + 50);
-  // The finish is repeated until its effect shows, as the maker's library does.
+  // The finish is repeated until its effect is visible, as libfranka does.
   for (int i = 0; i < 100 && !is_idle(state); ++i) state = program.exchange(state, true);
   EXPECT_TRUE(is_idle(state));
   EXPECT_EQ(program.reply(program.move()), Status::success);
-  // What comes late of it does not touch the next motion.
+  // Late repetitions do not affect the next motion.
   program.command(program.torques(state, true));
   state = program.start_torques();
   for (int i = 0; i < 5; ++i) state = program.exchange(state);
@@ -174,7 +174,7 @@ TEST_F(OneArm, settersShowInTheStateAndAreRefusedInMotion) {
     EXPECT_NEAR(shown.EE_T_K[i], k.EE_T_K[i], 1e-6);
     EXPECT_NEAR(shown.NE_T_EE[i], ne.NE_T_EE[i], 1e-6);
   }
-  // F_T_EE = F_T_NE * NE_T_EE: the hand's tool centre point is 0.1034 m before the flange, E 0.1 m further.
+  // F_T_EE = F_T_NE * NE_T_EE: the hand's tool center point is 0.1034 m before the flange, E 0.1 m further.
   EXPECT_NEAR(shown.F_T_EE[14], 0.2034, 1e-6);
   EXPECT_NEAR(shown.m_ee, 0.73, 0.05);  // the hand
 
@@ -239,12 +239,13 @@ TEST_F(OneArm, lostAnswersStopTheArmAtTheTwentieth) {
   TestProgram program(place());
   RobotState state = program.start_torques();
   state = program.exchange(state);
-  ASSERT_TRUE(arms_.set_faults(0, {.latency_s = 0.0006}));  // each way: no answer comes within its period
+  // In each direction: no answer arrives within its period.
+  ASSERT_TRUE(arms_.set_faults(0, {.latency_s = 0.0006}));
   int periods = 0;
   while (in_mode(state, RobotMode::move) && ++periods < 100) state = program.exchange(state);
   EXPECT_TRUE(in_mode(state, RobotMode::reflex));
   EXPECT_EQ(error_bits(state.errors), error_bit(ArmError::communication_constraints_violation));
-  // The faults begin somewhere within the first exchanges; behind that it is 20 exactly.
+  // The faults begin within the first exchanges; after that it is exactly 20.
   EXPECT_EQ(counts().commands_missed, 20u);
   EXPECT_EQ(counts().commands_late, 20u);
   EXPECT_EQ(program.reply(program.move()), Status::reflex_aborted);
@@ -260,7 +261,7 @@ TEST_F(OneArm, lossDuplicatesAndReorderingAreSurvived) {
     do {
       state = program.read();
       ASSERT_GT(program.size(), 0u);
-    } while (state.message_id <= newest);  // as the maker's library: older ones are passed over
+    } while (state.message_id <= newest);  // as in libfranka: older ones are skipped
     newest = state.message_id;
     ASSERT_TRUE(in_mode(state, RobotMode::move));
   }
@@ -270,7 +271,7 @@ TEST_F(OneArm, lossDuplicatesAndReorderingAreSurvived) {
   EXPECT_LT(state.control_command_success_rate, 1.0);
 }
 
-TEST_F(OneArm, aProgramThatGoesAwayLeavesAnArmThatHolds) {
+TEST_F(OneArm, anArmHoldsAfterItsProgramDisconnects) {
   {
     TestProgram program(place());
     RobotState state = program.start_torques();
@@ -289,7 +290,7 @@ TEST_F(OneArm, aProgramThatGoesAwayLeavesAnArmThatHolds) {
   EXPECT_TRUE(in_mode(next.start_torques(), RobotMode::move));
 }
 
-TEST_F(OneArm, nonsenseEndsTheConnectionAndNothingElse) {
+TEST_F(OneArm, invalidMessagesEndOnlyTheConnection) {
   {
     TestProgram program(place());
     program.read();
@@ -323,4 +324,4 @@ TEST_F(OneArm, injectedFreezeAndClosing) {
 }
 
 }  // namespace
-}  // namespace multipanda::fci
+}  // namespace multipanda::fci::arm_port_test

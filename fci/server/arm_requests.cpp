@@ -2,20 +2,20 @@
 
 #include "fci/server/arm_client.hpp"
 #include "fci/server/arm_port.hpp"
-#include "fci/server/request_words.hpp"
+#include "fci/server/wire_requests.hpp"
 
 // Requests on an arm's TCP connection.
 namespace multipanda::fci {
 namespace {
 
-// Of one program in one round of the loop.
+// Limits for one program in one round of the loop.
 constexpr int kReadsPerRound = 4, kRequestsPerRound = 8;
 
 }  // namespace
 
 void ArmPort::read_requests() {
   for (int i = 0; i < kReadsPerRound && client_; ++i) {
-    // What is whole already goes first: the reader stays small.
+    // Serve complete messages first, so that the buffer stays small.
     if (serve_waiting()) return;
     if (!client_) return;
     const auto room = reader_.room();
@@ -27,7 +27,7 @@ void ArmPort::read_requests() {
   if (client_ && client_->stream.broken()) drop_client();
 }
 
-// True: there may be more to do in the next round.
+// True: more requests may be waiting.
 bool ArmPort::serve_waiting() {
   for (int i = 0; i < kRequestsPerRound; ++i) {
     if (client_->closing) return true;
@@ -48,7 +48,7 @@ bool ArmPort::serve_waiting() {
   return true;
 }
 
-// False: no request of the protocol, or not now; the connection ends.
+// False: an invalid request; the connection ends.
 bool ArmPort::serve(const Message& message) {
   if (client_->dialect == nullptr) return message.command == 0 && connect(message);
   const Dialect& dialect = *client_->dialect;
@@ -98,7 +98,7 @@ bool ArmPort::serve(const Message& message) {
       return take(SetLoadRequest{}, set);
     case Command::set_filters:
       return take(SetFiltersRequest{}, [&](const SetFiltersRequest& r) {
-        // Cut-off frequencies of filters that a simulated arm has no need of.
+        // Cut-off frequencies of filters that a simulated arm does not have.
         bool sound = !motion_.runs;
         for (const double f :
              {r.joint_position, r.joint_velocity, r.cartesian_position, r.cartesian_velocity, r.controller}) {
@@ -111,7 +111,7 @@ bool ArmPort::serve(const Message& message) {
       });
     case Command::get_cartesian_limit:
       return take(GetCartesianLimitRequest{}, [&](const auto&) {
-        CartesianLimit limit;  // a virtual wall that is not there
+        CartesianLimit limit;  // no virtual wall
         limit.object_frame = to_wire(Pose{});
         std::array<std::byte, kMaxPlainReplySize> bytes{};
         const std::size_t size = encode(dialect, limit, bytes);
@@ -145,7 +145,7 @@ bool ArmPort::connect(const Message& message) {
   if (decode_request(kDialects.back(), message.payload, request) != WireResult::ok) return false;
   const Dialect* spoken = dialect(request.version);
   std::array<std::byte, kMaxPlainReplySize> bytes{};
-  // An arm names its own version. Here that is the program's, if we speak it: it takes that for a match.
+  // A real arm reports its own version. This one reports the program's version if it is supported.
   const std::size_t size = encode_connect_reply(
       message.command_id, spoken != nullptr ? Status::success : Status::incompatible_version,
       spoken != nullptr ? spoken->version : kNewestVersion, bytes);
@@ -160,24 +160,24 @@ bool ArmPort::connect(const Message& message) {
   try {
     client_->udp = udp_between(config_.address, states_to);
   } catch (const std::system_error&) {
-    return false;  // this computer has no socket left for it
+    return false;  // no socket available
   }
   client_->dialect = spoken;
   counts_.clients.add();
   watch_datagrams();
-  if (config_.lockstep) publish();  // the program waits for a state, and the world may stand still
+  if (config_.lockstep) publish();  // the program waits for a state while the world may be paused
   return true;
 }
 
 void ArmPort::move(std::uint32_t command_id, const MoveRequest& request) {
-  // The program has read the first reply to its last Move, or it would not begin another one.
+  // The program has read the first reply to its last Move, otherwise it would not start another one.
   if (motion_.end) {
     reply(Command::move, motion_.command_id, *motion_.end);
     motion_.end.reset();
   }
   if (motion_.runs) return reply(Command::move, command_id, Status::not_possible);
-  const MotionRequest wanted = motion_request(request);
-  const MotionStart start = arm_.start_motion(wanted);
+  const MotionRequest requested = motion_request(request);
+  const MotionStart start = arm_.start_motion(requested);
   reply(Command::move, command_id, status_of(start));
   if (start != MotionStart::started) return;
   counts_.motions.add();
@@ -185,15 +185,15 @@ void ArmPort::move(std::uint32_t command_id, const MoveRequest& request) {
   motion_ = {.runs = true,
              .command_id = command_id,
              .first_state = message_id_ + 1,
-             .asynchronous = wanted.asynchronous,
+             .asynchronous = requested.asynchronous,
              .started = host_now()};
   has_pending_ = answered_ = silent_ = lagging_ = false;
   newest_command_ = left_out_ = 0;
   want_state();
 }
 
-// Always a success, also where nothing runs: the maker's library asks for it while it cleans up, and some of
-// its versions end the whole program if it is refused.
+// Always succeeds, even without a motion: libfranka requests it during cleanup, and some versions terminate
+// the program on a refusal.
 void ArmPort::stop_move(std::uint32_t command_id) {
   motion_.stop_requested = true;
   arm_.stop_motion();
@@ -201,7 +201,7 @@ void ArmPort::stop_move(std::uint32_t command_id) {
   if (!motion_.end || stops_.count == stops_.ids.size()) {
     return reply(Command::stop_move, command_id, Status::success);
   }
-  stops_.ids[stops_.count++] = command_id;  // after the end of the Move was told
+  stops_.ids[stops_.count++] = command_id;  // after the reply to the Move
   want_state();
 }
 
@@ -212,7 +212,7 @@ void ArmPort::recover(std::uint32_t command_id) {
   arm_.apply(RecoverFromError{});
   const ArmMode mode = arm_.mode();
   if (mode == ArmMode::idle || mode == ArmMode::recovering) {
-    // The program may move as soon as it has the answer, so the arm must be ready by then.
+    // The program may move as soon as it has the answer, so the arm must be ready first.
     recoveries_.ids[recoveries_.count++] = command_id;
     want_state();
     return;
@@ -222,7 +222,7 @@ void ArmPort::recover(std::uint32_t command_id) {
 
 Status ArmPort::apply(const std::optional<ArmRequest>& request) {
   if (motion_.runs) return Status::not_possible;
-  if (!request || !SimulatedArm::check(*request, kWireJoints).empty()) return Status::invalid_argument;
+  if (!request || !check_request(*request, kWireJoints).empty()) return Status::invalid_argument;
   return arm_.apply(*request) == ArmReply::done ? Status::success : Status::not_possible;
 }
 

@@ -7,16 +7,16 @@ namespace multipanda::fci {
 
 std::string check(const DatagramFaults& faults) {
   for (const double share : {faults.loss, faults.duplicate, faults.reorder}) {
-    if (!(share >= 0 && share <= 1)) return "loss, duplicate and reorder are shares from 0 to 1";
+    if (!(share >= 0 && share <= 1)) return "loss, duplicate and reorder must be between 0 and 1";
   }
   for (const double time : {faults.latency_s, faults.jitter_s}) {
-    if (!(time >= 0 && time <= 10)) return "latency and jitter are times from 0 to 10 s";
+    if (!(time >= 0 && time <= 10)) return "latency and jitter must be between 0 and 10 s";
   }
   return {};
 }
 
 FaultyLine::Fate FaultyLine::draw() {
-  // Always as many numbers, so that one fault's share does not move the others' fates.
+  // Always draws the same number of random values, so that the rate of one fault does not affect the others.
   std::array<double, 4> u{};
   for (double& value : u) value = static_cast<double>(random_() >> 11) * 0x1p-53;
   Fate fate;

@@ -13,21 +13,21 @@
 
 namespace multipanda::fci {
 
-// What a bad network does to datagrams, each way alike. All zero: nothing.
+// Network faults, the same in both directions. All zero: none.
 struct DatagramFaults {
   double latency_s = 0;  // of every datagram
   double jitter_s = 0;   // on top, evenly distributed from 0 to this
-  double loss = 0;       // share of datagrams that never arrive
+  double loss = 0;       // fraction of datagrams that never arrive
   double duplicate = 0;  // share that arrives twice
-  double reorder = 0;    // share that is overtaken by the next one
+  double reorder = 0;    // fraction that is overtaken by the next one
 
   bool any() const { return latency_s > 0 || jitter_s > 0 || loss > 0 || duplicate > 0 || reorder > 0; }
 };
 
-// Why `faults` cannot be meant, or nothing.
+// Why `faults` are invalid, or an empty string.
 std::string check(const DatagramFaults& faults);
 
-// One direction of a bad network. The same seed and number of datagrams meet the same fates. No allocation.
+// One direction of a bad network. The same seed drops and delays the same datagrams. No allocation.
 class FaultyLine {
  public:
   explicit FaultyLine(std::uint64_t seed) : random_(seed) {}
@@ -42,9 +42,9 @@ class FaultyLine {
   };
   Fate draw();  // of the next datagram
 
-  // A datagram enters at `now`. One that finds no room is lost. False: lost.
+  // Adds a datagram at `now`. False: lost, also if the buffer is full.
   bool put(std::span<const std::byte> datagram, HostTime now);
-  // Calls deliver(datagram) for those that are due at `now`, the earliest first.
+  // Calls deliver(datagram) for the datagrams due at `now`, the earliest first.
   template <typename Deliver>
   void deliver(HostTime now, Deliver deliver) {
     while (const Slot* slot = earliest(now)) {
@@ -53,11 +53,11 @@ class FaultyLine {
     }
   }
   std::optional<HostTime> next_due() const;
-  void clear();  // what is under way is lost
+  void clear();  // drops all datagrams in transit
 
  private:
   static constexpr std::size_t kSlots = 64, kLongest = 2400;
-  // What an overtaken datagram waits beyond the period of 1 ms, in which the next one goes.
+  // Delay of an overtaken datagram beyond the period of 1 ms.
   static constexpr std::chrono::nanoseconds kOvertaken{1'500'000};
   struct Slot {
     bool used = false;

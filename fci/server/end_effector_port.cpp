@@ -7,10 +7,10 @@
 namespace multipanda::fci {
 namespace {
 
-// A program that does not say which version it speaks gives way to the next one after this time.
-constexpr std::chrono::seconds kHandshake{2};
+// A program without a Connect request is replaced by the next one after this time.
+constexpr std::chrono::seconds kConnectPatience{2};
 
-constexpr int kConnectionsPerRound = 8;  // nobody keeps the arms' loop busy
+constexpr int kAcceptsPerRound = 8;  // limits the work of the arms' loop
 
 }  // namespace
 
@@ -51,12 +51,12 @@ void EndEffectorPort::ready(int file, std::uint32_t events) {
 }
 
 void EndEffectorPort::accept() {
-  for (int i = 0; i < kConnectionsPerRound; ++i) {
+  for (int i = 0; i < kAcceptsPerRound; ++i) {
     auto accepted = accept_from(listener_);
     if (!accepted) return;
-    // A program that ends and one that begins may come in the same round.
+    // A disconnect and a new connection may arrive in the same round.
     if (client_ && client_->stream.peer_has_closed()) client_.reset();
-    if (client_ && !client_->udp && host_now() - client_->since > kHandshake) client_.reset();
+    if (client_ && !client_->udp && host_now() - client_->since > kConnectPatience) client_.reset();
     if (client_) continue;  // refused: closed at once
     reader_.reset();
     pending_.reset();
@@ -65,7 +65,7 @@ void EndEffectorPort::accept() {
 }
 
 void EndEffectorPort::read_requests() {
-  constexpr int kMostPerRound = 16;  // nobody keeps the arms' loop busy
+  constexpr int kMostPerRound = 16;  // no client keeps the arms' loop busy
   bool fine = true;
   for (int i = 0; i < kMostPerRound && fine; ++i) {
     Message message;
@@ -101,15 +101,15 @@ bool EndEffectorPort::connect(const Message& message) {
   encode_gripper_connect_reply(message.command_id, speaks ? GripperStatus::success : GripperStatus::fail,
                                version(), bytes);
   client_->stream.send(bytes);
-  if (!speaks) return true;  // the program reads why, and leaves
+  if (!speaks) return true;  // the program reads the reason and disconnects
   sockaddr_in peer = client_->stream.peer();
   peer.sin_port = htons(request.udp_port);
   try {
     client_->udp = udp_between(address_, peer);
   } catch (const std::system_error&) {
-    return false;  // this computer has no socket left for it
+    return false;  // no socket available
   }
-  publish();  // the program waits for one
+  publish();  // the program waits for a state
   return true;
 }
 
@@ -117,7 +117,7 @@ bool EndEffectorPort::serve_request(const Message& message) {
   if (message.command == 0) return connect(message);
   if (!client_->udp) return false;
   const Served served = serve(message);
-  answer_finished();  // a motion that this one aborted is answered before it
+  answer_finished();  // answer the aborted motion first
   const Pending request{static_cast<std::uint16_t>(message.command), message.command_id, served.ticket};
   switch (served.what) {
     case Served::What::motion:
@@ -155,12 +155,13 @@ void EndEffectorPort::publish() {
   if (!client_ || !client_->udp) return;
   std::array<std::byte, 64> bytes{};
   const std::size_t size = encode_state(++message_id_, bytes);
-  ::send(client_->udp.file(), bytes.data(), size, MSG_DONTWAIT | MSG_NOSIGNAL);  // lost: the next one comes
+  ::send(client_->udp.file(), bytes.data(), size,
+         MSG_DONTWAIT | MSG_NOSIGNAL);  // a lost state is replaced by the next
   state_in_ = kStatePeriods;
 }
 
 void EndEffectorPort::stepped(std::int64_t) {
-  if (client_ && reader_.waiting() > 0) read_requests();  // what one round left
+  if (client_ && reader_.waiting() > 0) read_requests();  // requests left from the last round
   answer_finished();
   if (--state_in_ <= 0) publish();
 }

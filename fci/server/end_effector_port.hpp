@@ -13,10 +13,10 @@
 
 namespace multipanda::fci {
 
-// What the ports of the gripper and of the vacuum gripper have in common: one program at a time, requests by
-// TCP that are answered when the motion is over, states by UDP. A second program is refused while the first
-// is connected; one that does not keep to the protocol loses its connection. A motion goes on when its
-// program leaves.
+// Base of the ports of gripper and vacuum gripper: one program at a time, requests over TCP that are
+// answered when the motion is over, states over UDP. A second program is refused while the first is
+// connected. A program that violates the protocol loses its connection. A motion continues after its
+// program has disconnected.
 //
 // One thread; nothing blocks; stepped() does not allocate.
 class EndEffectorPort : public Port {
@@ -29,7 +29,7 @@ class EndEffectorPort : public Port {
   void ready(int file, std::uint32_t events) override;
   void stepped(std::int64_t period) override;
 
-  std::uint16_t port() const { return port_; }  // the one really listened on, after open()
+  std::uint16_t port() const { return port_; }  // the actual port, after open()
   bool has_client() const { return client_ != nullptr; }
   void close_connection();
 
@@ -37,7 +37,7 @@ class EndEffectorPort : public Port {
 
  protected:
   using Ticket = MotionResults::Ticket;
-  // What a request came to at once.
+  // Immediate result of a request.
   struct Served {
     enum class What : std::uint8_t { motion, done, refused, nonsense } what = What::nonsense;
     Ticket ticket = 0;
@@ -68,7 +68,7 @@ class EndEffectorPort : public Port {
   Socket listener_;
   FrameReader reader_;
   std::unique_ptr<Client> client_;
-  std::optional<Pending> pending_;  // a new motion ends the one that runs: never more than one
+  std::optional<Pending> pending_;  // at most one: a new motion ends the running one
   std::uint32_t message_id_ = 0;
   std::int64_t state_in_ = 0;  // periods until the next state
 };

@@ -1,11 +1,11 @@
 #include "fci/server/gripper_port.hpp"
 
-#include "core/cycle/gripper_requests.hpp"
+#include "core/cycle/requests.hpp"
 
 namespace multipanda::fci {
 namespace {
 
-constexpr std::uint16_t kTemperature = 30;  // [deg C] of a hand that does little
+constexpr std::uint16_t kTemperature = 30;  // [deg C] of an idle hand
 
 }  // namespace
 

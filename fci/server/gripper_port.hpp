@@ -5,7 +5,7 @@
 
 namespace multipanda::fci {
 
-// The parallel gripper of one virtual arm at its own port (1338), as the maker's hand has it.
+// The parallel gripper of one virtual arm at its own port (1338), like that of the Franka Hand.
 class GripperPort final : public EndEffectorPort {
  public:
   GripperPort(std::string name, std::string address, std::uint16_t port, SimulatedGripper& gripper)

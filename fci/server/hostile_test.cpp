@@ -1,5 +1,5 @@
-// Programs that mean no good, at the ports of running virtual arms: one arm is in a motion all the while, and
-// must not notice. Lock-step, so that the test does not depend on how fast this computer is.
+// Hostile programs at the ports of running virtual arms: one arm moves meanwhile and must not be affected.
+// Lock-step, so that the test does not depend on the speed of this computer.
 #include <arpa/inet.h>
 #include <atomic>
 #include <cstring>
@@ -15,7 +15,7 @@
 
 #include <gtest/gtest.h>
 
-#include "backends/mujoco/test_scenes.hpp"
+#include "backends/mujoco/testing/test_scenes.hpp"
 #include "fci/server/virtual_arms.hpp"
 #include "fci/wire/error_flags.hpp"
 #include "fci/wire/frame_reader.hpp"
@@ -23,11 +23,11 @@
 #include "fci/wire/state_layout.hpp"
 #include "fci/wire/vacuum.hpp"
 
-namespace multipanda::fci {
+namespace multipanda::fci::hostile_test {
 namespace {
 
 using Bytes = std::vector<std::byte>;
-constexpr int kPatienceMs = 10000;  // for an answer: far beyond what a sound server needs
+constexpr int kPatienceMs = 10000;  // for an answer: far longer than a working server needs
 
 int cases(int full) { return std::getenv("MULTIPANDA_FULL") != nullptr ? full : full / 10; }
 
@@ -60,12 +60,12 @@ class Wire {
     }
     return true;
   }
-  // With a reset instead of a farewell.
+  // With a reset instead of an orderly shutdown.
   void tear_off() const {
     const linger now{1, 0};
     ::setsockopt(file_, SOL_SOCKET, SO_LINGER, &now, sizeof now);
   }
-  // Until the other end has closed; false: it does not.
+  // Waits until the other end has closed; false: timeout.
   bool closes() const {
     std::array<std::byte, 4096> waste;
     while (wait_readable(file_, kPatienceMs))
@@ -78,7 +78,7 @@ class Wire {
   bool connected_ = false;
 };
 
-// A program at an arm's port, as far as these tests need one.
+// A minimal program at an arm's port.
 class Program {
  public:
   explicit Program(const ArmPlace& place, std::uint16_t version = kNewestVersion)
@@ -97,7 +97,7 @@ class Program {
   bool connected() const { return connected_; }
   const Dialect& d() const { return d_; }
   const Wire& wire() const { return wire_; }
-  const sockaddr_in& arm() const { return arm_; }  // where its states come from
+  const sockaddr_in& arm() const { return arm_; }  // the sender of its states
 
   template <class R>
   std::uint32_t send(const R& request) {
@@ -105,7 +105,7 @@ class Program {
     wire_.send(std::span(bytes).first(encode_request(d_, next_id_, request, bytes)));
     return next_id_++;
   }
-  // The next reply to `id`; others are passed over.
+  // The next reply to `id`; others are skipped.
   bool wait_reply(std::uint32_t id, Message& reply) {
     for (;;) {
       while (reader_.next(reply) == FrameReader::Next::message)
@@ -168,7 +168,7 @@ class Program {
 bool is_moving(const RobotState& s) { return s.robot_mode == static_cast<std::uint8_t>(RobotMode::move); }
 bool is_idle(const RobotState& s) { return s.robot_mode == static_cast<std::uint8_t>(RobotMode::idle); }
 
-// A motion by torques of zero from its beginning to its end, as any program would run it.
+// A complete motion with zero torques, as any program would run it.
 struct Motion {
   std::optional<Status> started, ended;
   std::uint64_t cycles = 0, errors = 0, gaps = 0;
@@ -220,7 +220,7 @@ class HostilePrograms : public testing::Test {
     return {.places = {any, any}, .pace = WorldPace::lockstep};
   }
 
-  // Runs `attack` while the victim moves; afterwards both arms must be well.
+  // Runs `attack` while the victim moves; afterwards both arms must work.
   void under_attack(const std::function<void()>& attack) {
     std::atomic<bool> over{false};
     std::promise<void> begun;
@@ -246,7 +246,7 @@ class HostilePrograms : public testing::Test {
     EXPECT_TRUE(arms_.running());
     EXPECT_FALSE(arms_.failed()) << arms_.fault();
 
-    // The port that was attacked serves the next program as if nothing had been.
+    // The attacked port serves the next program normally.
     auto program = arrive();
     ASSERT_TRUE(program);
     if (program->wait_for([](const RobotState& s) { return !is_moving(s); }))
@@ -257,7 +257,7 @@ class HostilePrograms : public testing::Test {
     EXPECT_EQ(motion.errors, 0u);
   }
 
-  // The attacked arm's port takes one program at a time; the one before may not be gone yet.
+  // The attacked arm's port takes one program at a time; the previous one may still be connected.
   std::unique_ptr<Program> arrive(std::uint16_t version = kNewestVersion) {
     for (int i = 0; i < 1000; ++i) {
       auto program = std::make_unique<Program>(place_, version);
@@ -391,7 +391,7 @@ TEST_F(HostilePrograms, NumbersThatAreNone) {
         move.maximum_velocity.fill(bad);
         EXPECT_EQ(program->ask(move), Status::invalid_argument) << bad;
       }
-      // A motion whose first or fiftieth command is no command
+      // A motion whose first or fiftieth command is not valid
       for (const int good : {0, 50}) {
         const std::uint32_t id = program->send(MoveRequest{});
         ASSERT_EQ(program->answer(Command::move, id), Status::motion_started);
@@ -423,7 +423,7 @@ TEST_F(HostilePrograms, RequestsWithoutEnd) {
       ASSERT_TRUE(program);
       RobotState state;
       ASSERT_TRUE(program->receive(state));
-      // Models asked for and never read: the server keeps a bounded part and gives up.
+      // Models requested and never read: the server keeps a bounded part and gives up.
       Bytes many;
       for (std::uint32_t k = 0; k < 500; ++k) {
         Bytes one(14);
@@ -447,7 +447,7 @@ TEST_F(HostilePrograms, ConnectionsThatSayNothing) {
       silent.push_back(std::make_unique<Wire>(place_, place_.port));
       silent.push_back(std::make_unique<Wire>(victim_place_, victim_place_.port));
     }
-    // The first one holds the arm's only place; it loses it after a while.
+    // The first one occupies the arm's only slot and loses it after a timeout.
     EXPECT_TRUE(silent.front()->closes());
     for (int i = 0; i < 40; i += 3) silent[static_cast<std::size_t>(i)]->tear_off();
   });
@@ -455,7 +455,7 @@ TEST_F(HostilePrograms, ConnectionsThatSayNothing) {
   EXPECT_GT(arms_.statistics(0).refused, 0u);
 }
 
-// A program that begins a motion and falls silent, or leaves: the others' world goes on.
+// A program that begins a motion and falls silent, or leaves: the world of the others continues.
 TEST_F(HostilePrograms, MotionsThatAreAbandoned) {
   under_attack([this] {
     RobotState state;
@@ -563,12 +563,12 @@ class HostileToHands : public HostilePrograms {
       wire.send(bytes);
       EXPECT_TRUE(wire.closes()) << size;
     }
-    // The first of those that say nothing holds the only place, until somebody else wants it for a while.
+    // The first silent connection keeps the only slot until another program has waited for a timeout.
     std::vector<std::unique_ptr<Wire>> silent;
     for (int i = 0; i < 20; ++i) silent.push_back(std::make_unique<Wire>(place, port));
     while (!wait_readable(silent.front()->file(), 20)) Wire(place, port);
     silent.clear();
-    // Requests without end, and nobody who reads the answers
+    // Endless requests whose answers are not read
     auto hand = arrive_at(place, port, version);
     ASSERT_TRUE(hand);
     Bytes many;
@@ -617,7 +617,7 @@ TEST_F(HostileToSuckers, Vacuum) {
   });
 }
 
-// Datagrams to the victim's own port at the server, from a stranger's socket.
+// Datagrams to the victim's own port at the server, from an unrelated socket.
 TEST_F(HostilePrograms, CommandsFromStrangers) {
   Program program(victim_place_);
   ASSERT_TRUE(program.connected());
@@ -649,4 +649,4 @@ TEST_F(HostilePrograms, CommandsFromStrangers) {
 }
 
 }  // namespace
-}  // namespace multipanda::fci
+}  // namespace multipanda::fci::hostile_test

@@ -9,8 +9,8 @@ namespace multipanda::fci {
 
 class Port;
 
-// The descriptors that the loop of the virtual arms waits for, and whose they are. One thread. Only add() may
-// allocate.
+// The descriptors that the loop of the virtual arms waits for, with their ports. One thread. Only
+// add() may allocate.
 class Poll {
  public:
   Poll();  // throws std::system_error
@@ -23,8 +23,8 @@ class Poll {
   void change(int file, std::uint32_t events);
   void remove(int file);  // before the descriptor is closed
 
-  // Hands what is ready to its ports; waits for it at most `timeout_ms` (-1: without end). How many were
-  // ready.
+  // Waits at most `timeout_ms` (-1: forever) and passes ready descriptors to their ports.
+  // Returns their count.
   int serve(int timeout_ms);
 
  private:
@@ -32,17 +32,17 @@ class Poll {
   std::vector<Port*> ports_;  // by descriptor; nullptr: none
 };
 
-// What listens inside the single-threaded loop of the virtual arms: the control port of an arm, its gripper,
-// the loop's own timer. All calls come from the loop's thread and none may block.
+// A part of the single-threaded loop of the virtual arms with descriptors: the control port of an arm, its
+// gripper, the loop's timer. All calls come from the loop's thread and must not block.
 class Port {
  public:
   virtual ~Port() = default;
-  // Binds, listens, and puts its descriptors into `poll`, which outlives it. Throws std::runtime_error: which
-  // address and port, and the cure.
+  // Binds, listens, and puts its descriptors into `poll`, which outlives it. Throws std::runtime_error with
+  // address, port and remedy.
   virtual void open(Poll& /*poll*/) {}
   // A descriptor of this port is ready; `events` as epoll has them.
   virtual void ready(int file, std::uint32_t events) = 0;
-  // The world has moved on by one period of 1 ms; `period` counts them. No allocation.
+  // The world has advanced by one period of 1 ms; `period` counts them. No allocation.
   virtual void stepped(std::int64_t /*period*/) {}
 };
 

@@ -31,7 +31,7 @@ Socket new_socket(int type) {
 std::string cure(int error) {
   switch (error) {
     case EADDRINUSE:
-      return "another program listens there: end it, or choose another address with --bind";
+      return "another program listens there: end it or choose another address with --bind";
     case EADDRNOTAVAIL:
       return "no network interface of this computer has that address: choose one of 127.0.0.1, 127.0.0.2, "
              "... or of 'ip address'";
@@ -61,7 +61,8 @@ sockaddr_in ipv4(const std::string& address, std::uint16_t port) {
   result.sin_family = AF_INET;
   result.sin_port = htons(port);
   if (inet_pton(AF_INET, address.c_str(), &result.sin_addr) != 1) {
-    throw std::invalid_argument("'" + address + "' is no IPv4 address; expected four numbers, as 127.0.0.1");
+    throw std::invalid_argument("'" + address +
+                                "' is not a valid IPv4 address; expected four numbers, such as 127.0.0.1");
   }
   return result;
 }
@@ -130,7 +131,7 @@ TcpStream::TcpStream(Socket socket, const sockaddr_in& peer, Poll& poll, Port& p
     : socket_(std::move(socket)), peer_(peer), poll_(poll), port_(port) {
   const int file = socket_.file();
   set(file, IPPROTO_TCP, TCP_NODELAY, 1);
-  // A client whose computer is gone is noticed within about 4 s, as the maker's library notices the arm.
+  // Detects a lost client computer within about 4 s, as libfranka detects a lost arm.
   set(file, SOL_SOCKET, SO_KEEPALIVE, 1);
   set(file, IPPROTO_TCP, TCP_KEEPIDLE, 1);
   set(file, IPPROTO_TCP, TCP_KEEPINTVL, 1);

@@ -12,7 +12,7 @@
 
 #include "fci/server/port.hpp"
 
-// Sockets of the virtual arms: never blocking, IPv4, as the maker's.
+// Sockets of the virtual arms: non-blocking, IPv4.
 namespace multipanda::fci {
 
 // Owns a descriptor; -1: none.
@@ -35,22 +35,22 @@ class Socket {
 sockaddr_in ipv4(const std::string& address, std::uint16_t port);
 bool is_loopback(const std::string& address);
 
-// A listening TCP socket. `what`: "arm left", for messages. Throws std::runtime_error: address, port, why,
-// what to do.
+// A listening TCP socket. `what`: "arm left", for messages. Throws std::runtime_error with address, port,
+// reason and remedy.
 Socket listen_on(const std::string& address, std::uint16_t port, std::string_view what);
-// The port that it listens on: another than asked for where that was 0.
+// The actual port; it differs from the requested one if that was 0.
 std::uint16_t port_of(const Socket& socket);
 
 // A UDP socket on `address`, a free port, connected to `peer`: datagrams of others never arrive.
 Socket udp_between(const std::string& address, const sockaddr_in& peer);
 
-// The next datagram, and when it reached this computer, on the clock of stamp_clock_ns(); `stamp_ns` nullptr:
-// not asked for. Its size, or -1: none. A socket of udp_between().
+// Receives the next datagram of a socket from udp_between(). Returns its size, or -1 if there is none.
+// `stamp_ns`, if not nullptr, gets the arrival time on the clock of stamp_clock_ns().
 std::ptrdiff_t receive_stamped(const Socket& socket, std::span<std::byte> into, std::int64_t* stamp_ns);
 std::int64_t stamp_clock_ns();
 
-// One client's TCP connection. What cannot go at once is kept, within a bound; the loop sends it when there
-// is room.
+// One client's TCP connection. Data that cannot be sent at once is kept, within a bound, and sent by
+// the loop later.
 class TcpStream {
  public:
   // `port` gets the events; the socket is in `poll` as long as this lives.
@@ -62,17 +62,17 @@ class TcpStream {
   int file() const { return socket_.file(); }
   const sockaddr_in& peer() const { return peer_; }
 
-  // Bytes received, at most `into`; 0: nothing now, or the end (broken()).
+  // Bytes received, at most `into`; 0: nothing available, or the end (broken()).
   std::size_t receive(std::span<std::byte> into);
-  // One message, whole, in one piece: programs read only when a whole header is there. Broken if more than
-  // kMostUnsent would wait: a client that does not read.
+  // Sends one message in one piece, because programs need a whole header at once. The stream is broken if
+  // more than kMostUnsent bytes would wait.
   void send(std::span<const std::byte> message, std::span<const std::byte> rest = {});
   void flush();  // on EPOLLOUT
   bool all_sent() const { return sent_ == out_.size(); }
-  // The other end is gone, or has closed without that its last bytes were read.
+  // Whether the other end is gone.
   bool broken() const { return broken_; }
   bool peer_has_closed() const;  // looks without reading
-  void watch(bool on);           // whether the loop is told of what arrives
+  void watch(bool on);           // whether the loop waits for data of this client
   static constexpr std::size_t kMostUnsent = 4u << 20;
 
  private:
@@ -86,7 +86,7 @@ class TcpStream {
   bool broken_ = false, watches_room_ = false;
 };
 
-// Takes a waiting client from a listening socket; none: nobody waits.
+// Takes a waiting client from a listening socket; none: no client waits.
 struct Accepted {
   Socket socket;
   sockaddr_in peer{};

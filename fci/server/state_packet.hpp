@@ -1,24 +1,23 @@
 #pragma once
 
-#include "backends/arm/simulated_arm.hpp"
+#include "backends/simulated_arm/simulated_arm.hpp"
 #include "fci/wire/robot_state.hpp"
 #include "models/rigid_body.hpp"
 
 namespace multipanda::fci {
 
-// What is fixed about an arm: its mounting, and what the configuration of its end effector says. Programs can
-// only change what follows that.
+// Fixed properties of an arm: mounting and configured end effector. Programs cannot change them.
 struct FixedConfig {
   Pose X_FNE;    // nominal end effector in the flange (F_T_NE)
   RigidBody ee;  // hand and tool, in the flange: the model that programs download ends at the flange
-  Vector3 gravity_B{0, 0, -9.81};  // in the base's axes; the maker sends this constant for upright arms
+  Vector3 gravity_B{0, 0, -9.81};  // in the base's axes; Franka sends this constant for upright arms
 };
 
-// Joints that the control interface has room for.
+// Joints of the control interface.
 inline constexpr std::size_t kWireJoints = 7;
 
-// An arm's present state in the words of the control interface. The arm must have kWireJoints joints. No
-// allocation.
+// An arm's current state as a packet of the control interface. The arm must have kWireJoints joints.
+// Does not allocate.
 void fill(RobotState& state, std::uint64_t message_id, const SimulatedArm& arm, const FixedConfig& config);
 
 // An arm whose motion has ended since it measured: modes and errors as they will be in its next state.

@@ -17,12 +17,13 @@ class Count {
   std::atomic<std::uint64_t> value_{0};
 };
 
-// What an arm's control port has seen since its start.
+// Counts of an arm's control port since its start.
 struct PortStatistics {
-  std::uint64_t clients = 0, refused = 0;  // programs that connected; that found another one connected
-  std::uint64_t motions = 0;               // begun
+  std::uint64_t clients = 0,
+                refused = 0;  // programs that connected; that were refused because another was connected
+  std::uint64_t motions = 0;  // started
   std::uint64_t states_sent = 0;
-  std::uint64_t states_lost = 0;        // by injected faults, or for want of room in the program's socket
+  std::uint64_t states_lost = 0;        // by injected faults, or because the program's socket was full
   std::uint64_t commands_received = 0;  // as datagrams
   std::uint64_t commands_used = 0;
   std::uint64_t commands_late = 0;    // came after the period of the state that they answer: dropped

@@ -12,7 +12,7 @@
 namespace multipanda::fci {
 namespace {
 
-// Virtual hands can grasp, if anybody is there to tell them.
+// Virtual hands have movable fingers if they have a port.
 Scene prepared(Scene scene, bool grippers) {
   for (SceneArm& arm : scene.arms) {
     if (arm.hand && grippers && !arm.movable_fingers) arm.movable_fingers = true;
@@ -95,7 +95,7 @@ void VirtualArms::listen() {
 }
 
 void VirtualArms::start() {
-  if (thread_.joinable()) throw std::logic_error("the virtual arms run already");
+  if (thread_.joinable()) throw std::logic_error("the virtual arms are already running");
   listen();
   requests_.open();
   running_ = true;
@@ -131,16 +131,24 @@ WorldStatistics VirtualArms::world_statistics() const {
 
 // --- words from other threads ---
 
-std::future<ArmAnswer> VirtualArms::request(ArmIndex arm, ArmRequest request) {
+std::future<RequestAnswer> VirtualArms::request(ArmIndex arm, ArmRequest request) {
   if (arm >= arm_count()) {
-    return RequestBox::refused("there is no arm " + std::to_string(arm) + ": the scene has " +
-                               std::to_string(arm_count()));
+    return refuse_request(no_such_arm(arm, arm_count()));
   }
-  if (auto why = SimulatedArm::check(request, kWireJoints); !why.empty()) {
-    return RequestBox::refused(std::move(why));
+  if (auto why = check_request(request, kWireJoints); !why.empty()) {
+    return refuse_request(std::move(why));
   }
-  RequestBox::Posted posted{.arm = arm, .request = std::move(request)};
-  if (auto why = plant_.locate(posted); !why.empty()) return RequestBox::refused(std::move(why));
+  auto answer = requests_.post({.arm = arm, .request = std::move(request)});
+  word_.call();
+  return answer;
+}
+
+std::future<RequestAnswer> VirtualArms::request(WorldRequest request) {
+  RequestBox::Posted posted;
+  if (const auto* place = std::get_if<PlaceObject>(&request)) {
+    if (auto why = plant_.locate(*place, posted.object); !why.empty()) return refuse_request(std::move(why));
+  }
+  posted.request = std::move(request);
   auto answer = requests_.post(std::move(posted));
   word_.call();
   return answer;

@@ -10,11 +10,11 @@
 #include <thread>
 #include <vector>
 
-#include "backends/arm/arm_error.hpp"
-#include "backends/arm/request_box.hpp"
 #include "backends/mujoco/plant.hpp"
+#include "backends/simulated_arm/request_box.hpp"
 #include "core/rt/spsc_ring.hpp"
 #include "core/rt/thread_setup.hpp"
+#include "device/arm_error.hpp"
 #include "fci/server/arm_port.hpp"
 #include "fci/server/datagram_faults.hpp"
 #include "fci/server/end_effector_port.hpp"
@@ -30,7 +30,7 @@ enum class WorldPace : std::uint8_t {
   lockstep   // the world waits for every moving arm's command
 };
 
-// Where an arm listens. Ports: 0 takes a free one; the maker's library knows only the defaults.
+// Where an arm listens. Ports: 0 takes a free one; libfranka knows only the defaults.
 struct ArmPlace {
   std::string address;
   std::uint16_t port = kArmPort, gripper_port = kGripperPort, vacuum_port = kVacuumPort;
@@ -43,37 +43,37 @@ struct VirtualArmOptions {
   bool grippers = true;     // of the hands and vacuum grippers in the scene, at their own ports
   DatagramFaults faults{};  // of every arm, from the start
   std::uint64_t seed = 1;   // of the faults
-  // Lock-step: while no arm moves the world stands still, and programs that only read get nothing new.
-  // Otherwise it goes on with the wall clock then.
+  // Lock-step: while no arm moves the world is paused, and programs that only read get nothing new.
+  // Otherwise it follows the wall clock.
   bool idle_stands_still = false;
-  // Lock-step: how long the command of an arm in a motion is waited for; then the period counts as missed.
+  // Lock-step: longest wait for the command of an arm in a motion; afterwards the period counts as missed.
   std::chrono::milliseconds patience{500};
-  std::optional<ThreadSetup> thread{};  // real-time scheduling of the loop; none: as it is
+  std::optional<ThreadSetup> thread{};  // real-time scheduling of the loop; none: unchanged
   std::filesystem::path meshes;
 };
 
 struct WorldStatistics {
   std::uint64_t periods = 0;
-  std::uint64_t overruns = 0;  // real time: milliseconds that the wall clock ran away by, given up
+  std::uint64_t overruns = 0;  // real time: milliseconds that were skipped
 };
 
-// A scene's arms as programs of the maker's library see real ones: each at its own address, all in one world.
-// docs/virtual_arm.md says what such an arm does like a real one and what it does not.
+// A scene's arms behind Franka's control interface: each at its own address, all in one world.
+// docs/virtual_arm.md describes the differences from real arms.
 //
-// One thread of its own serves all ports and moves the world; nothing in a period allocates, locks or waits
-// for a program. In lock-step the world moves when every arm in a motion has its command, or the options'
-// patience is over. A motion whose first command has not come holds up nobody; only where an idle world
-// stands still it is waited for, for kFirstPatience.
+// One thread serves all ports and advances the world; nothing in a period allocates, locks or waits
+// for a program. In lock-step the world advances when every arm in a motion has its command, or the options'
+// patience is over. A motion without a first command does not delay the world, except that an idle world
+// waits for it for kFirstPatience.
 class VirtualArms {
  public:
   static constexpr std::chrono::milliseconds kFirstPatience{500};
 
-  // Throws std::invalid_argument: scene or options that cannot be.
+  // Throws std::invalid_argument: invalid scene or options.
   explicit VirtualArms(Scene scene, VirtualArmOptions options = {});
   ~VirtualArms();
   VirtualArms(const VirtualArms&) = delete;
 
-  // Listens and begins. Throws std::runtime_error: an address that cannot be had, and why.
+  // Starts listening. Throws std::runtime_error: an address cannot be used, with the reason.
   void start();
   void stop();  // closes all connections; the arms cannot be started again
   bool running() const { return running_.load(); }
@@ -84,7 +84,7 @@ class VirtualArms {
   std::size_t arm_count() const { return names_.size(); }
   const std::vector<std::string>& names() const { return names_; }
   std::optional<ArmIndex> find(std::string_view name) const;
-  const ArmPlace& place(ArmIndex arm) const { return places_[arm]; }          // as listened on, after start()
+  const ArmPlace& place(ArmIndex arm) const { return places_[arm]; }  // the actual ports, after start()
   bool has_gripper(ArmIndex arm) const { return grippers_[arm] != nullptr; }  // listens for its programs
   bool has_vacuum(ArmIndex arm) const { return vacuums_[arm] != nullptr; }
   PortStatistics statistics(ArmIndex arm) const;
@@ -92,9 +92,10 @@ class VirtualArms {
   const VirtualWorldView& view() const { return view_; }
 
   // --- any thread; carried out between two periods ---
-  // SetUserStop, PlaceObject, ResetSimulation, and whatever a simulated arm can be asked.
-  std::future<ArmAnswer> request(ArmIndex arm, ArmRequest request);
-  // Of all that follow, false: too many at once, try again.
+  // Requests to a simulated arm; PlaceObject and ResetSimulation.
+  std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request);
+  std::future<RequestAnswer> request(WorldRequest request);
+  // All following functions return false if too many commands are waiting: try again.
   bool set_faults(ArmIndex arm, const DatagramFaults& faults);  // throws std::invalid_argument
   DatagramFaults faults(ArmIndex arm) const;
   bool press_guiding(ArmIndex arm, bool pressed);
@@ -148,7 +149,7 @@ class VirtualArms {
   std::vector<Push> pushes_;
   bool pushing_ = false;
   HostTime stepped_at_;
-  bool word_happened_ = false;  // the next state must show something that a word from outside changed
+  bool word_happened_ = false;  // the next state must show a change from outside
   HostTime word_at_;
   Count periods_, overruns_;
 

@@ -1,11 +1,11 @@
-// Several arms in one world, the world's truth, and words from other threads.
+// Several arms in one world, exact values of the simulation, and commands from other threads.
 #include "fci/server/virtual_arms.hpp"
 
-#include "backends/mujoco/test_scenes.hpp"
-#include "fci/server/control_words.hpp"
-#include "fci/server/test_program.hpp"
+#include "backends/mujoco/testing/test_scenes.hpp"
+#include "fci/server/fault_commands.hpp"
+#include "fci/server/testing/test_program.hpp"
 
-namespace multipanda::fci {
+namespace multipanda::fci::virtual_arms_test {
 namespace {
 
 using multipanda::test::arm_named;
@@ -64,7 +64,8 @@ TEST(VirtualArms, bothArmsMoveInTheSamePeriods) {
     EXPECT_EQ(arms.statistics(i).commands_used, 200u);
     EXPECT_EQ(arms.statistics(i).commands_missed, 0u);
   }
-  // The truth beside it: a free fall in semi-implicit steps, as MuJoCo saw it at the beginning of the last.
+  // The true value for comparison: a free fall in semi-implicit steps, as MuJoCo saw it at the beginning of
+  // the last.
   auto truth = arms.view().make_snapshot();
   ASSERT_TRUE(arms.view().read(l.message_id, truth));
   EXPECT_EQ(truth.message_id, l.message_id);
@@ -74,13 +75,13 @@ TEST(VirtualArms, bothArmsMoveInTheSamePeriods) {
   EXPECT_FALSE(arms.view().read(l.message_id + 1, truth));
 }
 
-// One program stops answering: its arm stops, the other one misses nothing.
+// One program stops answering: its arm stops, and the other one is not affected.
 TEST(VirtualArms, aSilentProgramStopsOnlyItsOwnArm) {
   VirtualArms arms(two_arms(), options(WorldPace::lockstep));
   arms.start();
   TestProgram left(arms.place(0)), right(arms.place(1));
   RobotState l = left.begin_torques();
-  RobotState r = right.start_torques();  // says no more after that
+  RobotState r = right.start_torques();  // stops answering after that
   l = left.step_in(l);
   for (int i = 0; i < 200; ++i) l = left.exchange(l);
   EXPECT_TRUE(in_mode(l, RobotMode::move));
@@ -90,8 +91,8 @@ TEST(VirtualArms, aSilentProgramStopsOnlyItsOwnArm) {
   EXPECT_EQ(arms.statistics(1).commands_missed, 20u);
 }
 
-// One thread, as programs of the maker's library do it: start, start, then read, read, write, write. The
-// second start has taken a state that the first arm's reading has not, but the program comes into step.
+// One thread, as libfranka programs do it: start, start, then read, read, write, write. The
+// second start has taken a state that the first arm's reading has not, but the program synchronizes.
 TEST(VirtualArms, oneThreadStartsOneArmAfterTheOther) {
   VirtualArms arms(two_arms(), options(WorldPace::lockstep));
   arms.start();
@@ -117,9 +118,9 @@ TEST(VirtualArms, oneThreadStartsOneArmAfterTheOther) {
   EXPECT_EQ(arms.statistics(1).commands_missed, 0u);
 }
 
-// A program that ends one arm's motion while it owes the other one an answer gets to see that end: nothing is
+// A program that ends one arm's motion before it answers the other one sees that end: nothing is
 // missed meanwhile.
-TEST(VirtualArms, anEndIsSeenBeforeTheOtherArmIsAnswered) {
+TEST(VirtualArms, theEndOfAMotionIsVisibleBeforeTheOtherArmIsAnswered) {
   VirtualArms arms(two_arms(), options(WorldPace::lockstep, true));
   arms.start();
   TestProgram left(arms.place(0)), right(arms.place(1));
@@ -157,7 +158,7 @@ TEST(VirtualArms, realTimeTakesCommandsOfTheLastState) {
   for (int i = 0; i < 300; ++i) {
     const RobotState next = program.exchange(state);
     ASSERT_GT(next.message_id, state.message_id);
-    if (!in_mode(next, RobotMode::move)) break;  // a computer so busy that 20 were missed
+    if (!in_mode(next, RobotMode::move)) break;  // the computer was so busy that 20 were missed
     state = next;
     ++used;
   }
@@ -168,7 +169,7 @@ TEST(VirtualArms, realTimeTakesCommandsOfTheLastState) {
   EXPECT_LE(counts.commands_used + counts.commands_late, counts.commands_received);
 }
 
-// 20 N pull the flange down: the arm holds against them, and says that it pulls up on the world.
+// 20 N pull the flange down: the arm resists and reports that it pulls the environment up.
 TEST(VirtualArms, aPushIsFelt) {
   VirtualArms arms(two_arms(), options(WorldPace::lockstep));
   arms.start();
@@ -182,7 +183,7 @@ TEST(VirtualArms, aPushIsFelt) {
   EXPECT_NEAR(force, 20, 1);
 }
 
-TEST(VirtualArms, controlWordsAnswerInOneLine) {
+TEST(VirtualArms, commandsAnswerInOneLine) {
   VirtualArms arms(two_arms(), options(WorldPace::lockstep));
   arms.start();
   TestProgram program(arms.place(0));
@@ -204,16 +205,16 @@ TEST(VirtualArms, controlWordsAnswerInOneLine) {
   EXPECT_NEAR(arms.faults(0).latency_s, 5e-4, 1e-12);
   EXPECT_EQ(arms.faults(1).loss, 0);
 
-  EXPECT_EQ(control(arms, "loss left 2"), "loss, duplicate and reorder are shares from 0 to 1");
+  EXPECT_EQ(control(arms, "loss left 2"), "loss, duplicate and reorder must be between 0 and 1");
   EXPECT_EQ(control(arms, "loss left much"), "expected a share, found 'much'");
   EXPECT_EQ(control(arms, "loss middle 0.1"), "there is no arm 'middle'; there are left, right");
-  EXPECT_EQ(control(arms, "jump left"), "there is no word 'jump'; 'help' lists them");
+  EXPECT_EQ(control(arms, "jump left"), "unknown command 'jump'; 'help' lists them");
   EXPECT_EQ(control(arms, "guide left"), "expected guide ARM on|off");
   EXPECT_EQ(control(arms, "reflex left tiredness"), "there is no error 'tiredness'; one is joint_reflex");
   EXPECT_EQ(control(arms, "help").find('\n'), std::string::npos);
 }
 
-TEST(VirtualArms, refusesWhatCannotBe) {
+TEST(VirtualArms, refusesInvalidOptions) {
   Scene scene = two_arms();
   VirtualArms first(scene, options(WorldPace::lockstep));
   first.start();
@@ -288,4 +289,4 @@ TEST(FaultyLine, delaysAndOvertakes) {
 }
 
 }  // namespace
-}  // namespace multipanda::fci
+}  // namespace multipanda::fci::virtual_arms_test

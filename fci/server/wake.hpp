@@ -25,7 +25,7 @@ class WakeTimer : public Port {
   bool armed_ = false;
 };
 
-// A word from another thread.
+// A wake-up from another thread.
 class WakeWord : public Port {
  public:
   WakeWord();  // throws std::system_error

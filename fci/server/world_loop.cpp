@@ -1,35 +1,34 @@
 #include <algorithm>
 #include <limits>
 
+#include "core/types/time.hpp"
 #include "fci/server/virtual_arms.hpp"
 
-// The loop of the virtual arms: when the world moves, and what happens in a period.
+// The loop of the virtual arms: when the world advances, and the work of a period.
 namespace multipanda::fci {
 namespace {
 
 using std::chrono::nanoseconds;
 
-constexpr nanoseconds kPeriod{1'000'000};
-
-// Real time: a period that begins late is followed by shorter ones until the wall clock is met again, but a
-// program has at least this long to answer. What cannot be made good for so long is given up.
+// Real time: after a late period, shorter ones follow until the wall clock is reached, but a program always
+// has at least this time to answer. A longer delay is skipped.
 constexpr nanoseconds kShortestPeriod{700'000};
 constexpr nanoseconds kMostBehind{100'000'000};
 
-// Lock-step: a program that is at it answers within microseconds, and sleeping and waking would cost as much
-// again. Beyond that the processor belongs to others.
+// Lock-step: an active program answers within microseconds, and sleeping would cost as much. After this time
+// the loop sleeps.
 constexpr nanoseconds kSpin{60'000};
 constexpr int kRoundsPerPoll = 32;  // how often the loop looks for requests while it spins
 
-// A program that did not answer once delays the others no longer for so long.
+// Shorter timeout for a program that has not answered before.
 constexpr nanoseconds kSilentPatience{20'000'000};
 
 constexpr HostTime kNever{std::numeric_limits<std::int64_t>::max()};
 
-// An answer to the state before the last is there: the program is at it, and the better one may follow.
+// After an answer to the state before the last, the newer answer may follow.
 constexpr nanoseconds kStalePatience{20'000'000};
 
-// While the world stands still, arms that begin together begin in the same period.
+// While the world is paused, motions that start together start in the same period.
 constexpr nanoseconds kTogether{20'000'000};
 
 }  // namespace
@@ -53,7 +52,7 @@ void VirtualArms::run() {
   running_ = false;
 }
 
-// One period of the world. The arms were given their commands by what their ports received.
+// One period of the world, with the commands that the ports have received.
 void VirtualArms::step() {
   take_words();
   word_happened_ = false;
@@ -82,7 +81,7 @@ void VirtualArms::tend(HostTime now) {
 // --- real time ---
 
 void VirtualArms::run_realtime() {
-  HostTime grid = host_now() + kPeriod, release = grid;
+  HostTime grid = host_now() + kArmPeriodNs, release = grid;
   while (!ending_ && !plant_.failed()) {
     HostTime wake = release;
     for (const auto& port : ports_) {
@@ -101,11 +100,11 @@ void VirtualArms::run_realtime() {
     for (auto& port : ports_) port->receive(now);
     step();
     tend(now);
-    grid = grid + kPeriod;
+    grid = grid + kArmPeriodNs;
     if (now - grid > kMostBehind) {
-      const auto given_up = (now - grid) / kPeriod;
+      const auto given_up = (now - grid) / kArmPeriodNs;
       overruns_.add(static_cast<std::uint64_t>(given_up));
-      grid = grid + given_up * kPeriod;
+      grid = grid + given_up * kArmPeriodNs;
     }
     release = std::max(grid, now + kShortestPeriod);
   }
@@ -115,7 +114,7 @@ void VirtualArms::run_realtime() {
 
 void VirtualArms::run_lockstep() {
   constexpr int kMostTrust = 8;
-  int rounds = 0, trust = kMostTrust;  // in programs that answer at once: how often they lately did
+  int rounds = 0, trust = kMostTrust;  // how often programs recently answered at once
   HostTime spin_until = host_now();
   while (!ending_ && !plant_.failed()) {
     if (++rounds >= kRoundsPerPoll) {
@@ -134,8 +133,8 @@ void VirtualArms::run_lockstep() {
     const HostTime due = step_due();
     if (due <= now) {
       if (now < spin_until && trust < kMostTrust) ++trust;
-      // While the world goes with the wall clock it makes good what a busy computer cost it.
-      const bool idle = due == stepped_at_ + kPeriod;
+      // A world that follows the wall clock catches up after a delay.
+      const bool idle = due == stepped_at_ + kArmPeriodNs;
       step();
       const HostTime stepped = host_now();
       stepped_at_ = idle ? std::max(due, stepped + -kMostBehind) : stepped;
@@ -145,7 +144,7 @@ void VirtualArms::run_lockstep() {
     }
     if (awaits && now < spin_until) continue;
     if (awaits && trust > 0) --trust;
-    // Nothing for the moment: sleep until something comes, or until the world goes on without it.
+    // Sleep until something arrives or the world has to advance.
     HostTime wake = due;
     for (const auto& port : ports_) wake = std::min(wake, port->tend_due().value_or(kNever));
     if (wake != kNever) timer_.ensure(wake);
@@ -156,7 +155,7 @@ void VirtualArms::run_lockstep() {
   }
 }
 
-// They finish what they were asked, whatever the arms do.
+// Grippers finish their motions independently of the arms.
 bool VirtualArms::grippers_move() const {
   for (ArmIndex i = 0; i < plant_.arm_count(); ++i) {
     if (plant_.gripper_state(i).moving) return true;
@@ -164,7 +163,7 @@ bool VirtualArms::grippers_move() const {
   return false;
 }
 
-// When the world moves on, if nothing is heard before.
+// Latest time at which the world advances.
 HostTime VirtualArms::step_due() const {
   bool moves = false, happened = word_happened_, others_may_join = false;
   HostTime happened_at = word_at_, hesitant_until{0}, silent_until{0};
@@ -188,7 +187,7 @@ HostTime VirtualArms::step_due() const {
         break;
       }
       case ArmPort::Awaits::first_command:
-        // The maker's library reads at least one more state before it sends anything.
+        // libfranka reads at least one more state before it sends a command.
         if (options_.idle_stands_still) {
           hesitant_until = std::max(hesitant_until, port->motion_shown_at() + kFirstPatience);
         }
@@ -201,7 +200,7 @@ HostTime VirtualArms::step_due() const {
   } else if (moves) {
     due = hesitant_until;
   } else if (!options_.idle_stands_still || hesitant_until.ns > 0 || grippers_move()) {
-    due = std::max(hesitant_until, stepped_at_ + kPeriod);
+    due = std::max(hesitant_until, stepped_at_ + kArmPeriodNs);
   }
   return std::max(due, silent_until);
 }
@@ -225,14 +224,14 @@ void VirtualArms::something_happened() {
 }
 
 ArmReply VirtualArms::apply(const RequestBox::Posted& posted) {
-  if (const auto* place = std::get_if<PlaceObject>(&posted.request)) {
+  const auto* of_world = std::get_if<WorldRequest>(&posted.request);
+  if (of_world == nullptr) return plant_.arm(posted.arm).apply(std::get<ArmRequest>(posted.request));
+  if (const auto* place = std::get_if<PlaceObject>(of_world)) {
     return plant_.world().place(posted.object, place->X_WO) ? ArmReply::done : ArmReply::would_penetrate;
   }
-  if (std::holds_alternative<ResetSimulation>(posted.request)) {
-    plant_.reset();
-    return ArmReply::done;
-  }
-  return plant_.arm(posted.arm).apply(posted.request);
+  if (!std::holds_alternative<ResetSimulation>(*of_world)) return ArmReply::not_supported;
+  plant_.reset();
+  return ArmReply::done;
 }
 
 void VirtualArms::carry_out(const Control& control) {
@@ -262,7 +261,7 @@ void VirtualArms::carry_out(const Control& control) {
   something_happened();
 }
 
-// A force on the flange. MuJoCo wants it at the centre of mass of the body, about which it has a moment.
+// A force on the flange. MuJoCo expects force and moment at the body's center of mass.
 void VirtualArms::apply_pushes() {
   pushing_ = false;
   World& world = plant_.world();

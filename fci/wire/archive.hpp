@@ -12,17 +12,18 @@
 #include <string_view>
 
 // A message is described once, by a function `carry(archive, message, dialect)` that names its fields in the
-// order of the wire. The archive decides what happens: bytes are written, read, counted, or a field is looked
-// for. So both ends, and the sizes and offsets checked at compile time, cannot differ from one another.
+// order of the wire. The archive decides the operation: write, read or count bytes, or find a field. So both
+// ends, and the sizes and offsets checked at compile time, always agree.
 //
-// The wire is little-endian and without padding. Numbers are doubles in memory; how wide they travel is the
-// archive's `single` (only the arm's state, from version 10 on). No archive allocates or throws.
+// The wire is little-endian and without padding. Numbers are doubles in memory; the archive's `single`
+// determines their width on the wire (only the arm's state, from version 10 on). Archives neither allocate
+// nor throw.
 namespace multipanda::fci {
 
 static_assert(std::endian::native == std::endian::little, "the wire is little-endian, and copied as it is");
 static_assert(std::numeric_limits<double>::is_iec559 && std::numeric_limits<float>::is_iec559);
 
-// How reading or writing bytes went.
+// Result of reading or writing bytes.
 enum class WireResult : std::uint8_t {
   ok,
   too_short,  // fewer bytes than the message has, or no room for it
@@ -78,7 +79,7 @@ class Writer {
   bool single_;
 };
 
-// Once a field was missing or wrong, the rest of the message is left as it was.
+// After a missing or invalid field, the rest of the message stays unchanged.
 class Reader {
  public:
   explicit Reader(std::span<const std::byte> from, bool single = false) : from_(from), single_(single) {}
@@ -143,13 +144,13 @@ class Reader {
   bool single_;
 };
 
-// Counts bytes, and says where the field of a given name begins.
+// Counts bytes, and finds the offset of the field with a given name.
 class Measure {
  public:
   static constexpr std::size_t kNowhere = static_cast<std::size_t>(-1);
 
-  constexpr explicit Measure(std::string_view wanted = {}, bool single = false)
-      : wanted_(wanted), number_(single ? sizeof(float) : sizeof(double)) {}
+  constexpr explicit Measure(std::string_view requested = {}, bool single = false)
+      : requested_(requested), number_(single ? sizeof(float) : sizeof(double)) {}
 
   template <std::integral T>
   constexpr void integer(std::string_view name, const T&) {
@@ -175,11 +176,11 @@ class Measure {
 
  private:
   constexpr void pass(std::string_view name, std::size_t bytes) {
-    if (name == wanted_) found_ = size_;
+    if (name == requested_) found_ = size_;
     size_ += bytes;
   }
 
-  std::string_view wanted_;
+  std::string_view requested_;
   std::size_t number_;
   std::size_t size_ = 0;
   std::size_t found_ = kNowhere;

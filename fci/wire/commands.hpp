@@ -10,7 +10,7 @@
 #include "fci/wire/archive.hpp"
 #include "fci/wire/versions.hpp"
 
-// Requests of the arm's TCP connection: which exist, and by which number each version knows them. A message
+// Requests of the arm's TCP connection, and their number in each version. A message
 // is a header and a payload; the reply repeats the header's command and command_id.
 namespace multipanda::fci {
 
@@ -35,7 +35,7 @@ inline constexpr std::size_t kCommandCount = 15;
 
 struct CommandInfo {
   Command command;
-  std::string_view name;                    // as the maker calls it
+  std::string_view name;                    // as Franka calls it
   std::int8_t id_v4, id_v6, id_v8, id_v10;  // from that version on; -1: not known
 };
 
@@ -87,7 +87,7 @@ static_assert([] {
   return true;
 }());
 
-// Headers: the arm's with a command of 32 bits, gripper and vacuum gripper with one of 16.
+// Headers: the arm's has a command of 32 bits, those of gripper and vacuum gripper one of 16.
 struct MessageHeader {
   std::uint32_t command = 0;
   std::uint32_t command_id = 0;  // counts up per connection
@@ -99,7 +99,7 @@ constexpr std::size_t header_size(HeaderKind kind) { return kind == HeaderKind::
 inline constexpr std::size_t kArmHeader = header_size(HeaderKind::arm);
 inline constexpr std::size_t kGripperHeader = header_size(HeaderKind::gripper);
 
-// Returns the header's size, or 0 where `to` is too small.
+// Returns the header's size, or 0 if `to` is too small.
 std::size_t encode(HeaderKind kind, const MessageHeader& header, std::span<std::byte> to);
 [[nodiscard]] WireResult decode(HeaderKind kind, std::span<const std::byte> from, MessageHeader& header);
 

@@ -6,11 +6,11 @@
 
 #include "fci/wire/robot_state.hpp"
 
-// The error flags of the state, `errors` and `reflex_reason`: the place in the array is the error's number.
+// The error flags of the state, `errors` and `reflex_reason`: the index in the array is the error's number.
 // Versions before 5 have the first 37 only.
 namespace multipanda::fci {
 
-// As the maker's library writes them into its exceptions.
+// Names as in libfranka's exceptions.
 inline constexpr std::array<std::string_view, kErrorCount> kErrorNames{
     "joint_position_limits_violation",
     "cartesian_position_limits_violation",
@@ -55,7 +55,7 @@ inline constexpr std::array<std::string_view, kErrorCount> kErrorNames{
     "base_acceleration_invalid_reading",
 };
 
-// One bit per error, bit i for error i: how the rest of the program holds them.
+// One bit per error, bit i for error i: the form that the rest of the program uses.
 using ErrorFlags = std::array<std::uint8_t, kErrorCount>;
 
 constexpr std::uint64_t error_bits(const ErrorFlags& flags) {

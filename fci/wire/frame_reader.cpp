@@ -21,7 +21,7 @@ std::span<std::byte> FrameReader::room() {
     end_ -= begin_;
     begin_ = 0;
   }
-  // Full: one incomplete message, unless the caller left whole ones uncollected.
+  // Full: one incomplete message, unless the caller did not collect complete ones.
   if (end_ == buffer_.size() && end_ < max_size_) buffer_.resize(std::min(2 * end_, max_size_));
   return std::span(buffer_).subspan(end_);
 }

@@ -6,16 +6,15 @@
 
 #include "fci/wire/commands.hpp"
 
-// Cuts a TCP byte stream into messages, however the bytes arrive, and whatever they are.
+// Splits a TCP byte stream into messages, for any bytes that arrive in pieces of any size.
 //
 //   const auto room = reader.room();                       // never empty once next() said `incomplete`
 //   const ssize_t n = recv(fd, room.data(), room.size(), 0);
 //   reader.received(n);
 //   while (reader.next(message) == FrameReader::Next::message) ...
 //
-// One thread. Memory is taken in the constructor (`reserve` bytes); above that it grows with the bytes that
-// have really arrived, never by what a header claims, and never beyond the larger of `reserve` and
-// `max_size`.
+// One thread. The constructor allocates `reserve` bytes. Above that, memory grows with the bytes that have
+// arrived, never with the size that a header claims, and never beyond the larger of `reserve` and `max_size`.
 namespace multipanda::fci {
 
 struct Message {
@@ -29,15 +28,15 @@ class FrameReader {
   enum class Next : std::uint8_t {
     message,     // one is there
     incomplete,  // more bytes are needed
-    bad_size,    // a header announces less than itself or more than max_size: where the next message would
-                 // begin is unknown. Stays so until reset().
+    bad_size,    // a header announces a size below its own or above max_size: the begin of the next
+                 // message is unknown. Stays so until reset().
   };
 
   // `max_size`: of a whole message [bytes].
   FrameReader(HeaderKind kind, std::size_t max_size, std::size_t reserve = 4096);
 
   std::span<std::byte> room();
-  void received(std::size_t bytes);  // at most as many as room() had
+  void received(std::size_t bytes);  // at most the size of room()
   Next next(Message& message);
   void reset();  // for a new connection
 

@@ -10,7 +10,7 @@
 #include "fci/wire/versions.hpp"
 
 // The gripper's connection (port kGripperPort): requests by TCP, answered when the motion is done; states by
-// UDP, no commands there. One version only. Its header is HeaderKind::gripper.
+// UDP, without commands. There is only one version. Its header is HeaderKind::gripper.
 namespace multipanda::fci {
 
 enum class GripperCommand : std::uint16_t { connect, homing, grasp, move, stop };
@@ -129,7 +129,7 @@ std::size_t encode_gripper_request(std::uint32_t command_id, const Request& requ
 // Whole replies of gripper and vacuum gripper; `command` is the request's number. 0: no room.
 std::size_t encode_gripper_reply(std::uint16_t command, std::uint32_t command_id, GripperStatus status,
                                  std::span<std::byte> to);
-// `status`: success, or fail where the version is another one.
+// `status`: success, or fail if the version is different.
 std::size_t encode_gripper_connect_reply(std::uint32_t command_id, GripperStatus status,
                                          std::uint16_t version, std::span<std::byte> to);
 [[nodiscard]] WireResult decode_gripper_reply(std::span<const std::byte> payload, GripperStatus& status);

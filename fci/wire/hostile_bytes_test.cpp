@@ -1,4 +1,4 @@
-// Bytes that nobody who means well would send. Seeded; a tenth of the cases unless MULTIPANDA_FULL is set.
+// Malformed input. Seeded; a tenth of the cases unless MULTIPANDA_FULL is set.
 #include <cstdlib>
 #include <cstring>
 #include <numeric>
@@ -8,12 +8,12 @@
 #include <gtest/gtest.h>
 
 #include "fci/wire/frame_reader.hpp"
-#include "fci/wire/fuzz_input.hpp"
 #include "fci/wire/requests.hpp"
 #include "fci/wire/state_layout.hpp"
+#include "fci/wire/testing/fuzz_input.hpp"
 #include "fci/wire/vacuum.hpp"
 
-namespace multipanda::fci {
+namespace multipanda::fci::hostile_bytes_test {
 namespace {
 
 using Bytes = std::vector<std::byte>;
@@ -27,7 +27,7 @@ void append(Bytes& stream, const Dialect& d, const R& request) {
   stream.insert(stream.end(), one.begin(), one.begin() + static_cast<std::ptrdiff_t>(size));
 }
 
-// What a program sends that means well: the two bytes of `survives`, then a few requests or one datagram.
+// Valid input: the two bytes of `survives`, then a few requests or one datagram.
 std::vector<Bytes> well_meant() {
   std::vector<Bytes> seeds;
   for (std::size_t i = 0; i < kDialects.size(); ++i) {
@@ -117,7 +117,7 @@ TEST(HostileBytes, Noise) {
   }
 }
 
-// However a stream is cut, the same messages come out.
+// A stream gives the same messages, however it is split.
 TEST(HostileBytes, EveryCutGivesTheSameMessages) {
   const Dialect& d = *dialect(10);
   Bytes stream;
@@ -144,7 +144,7 @@ TEST(HostileBytes, EveryCutGivesTheSameMessages) {
   }
 }
 
-// A header's claim takes no memory, and a wrong one stops the stream for good.
+// A header's claimed size allocates no memory, and an invalid one stops the stream permanently.
 TEST(HostileBytes, ClaimsTakeNoMemory) {
   for (const std::uint32_t size : {0u, 11u, 429u, 0x7fffffffu, 0xffffffffu}) {
     FrameReader reader(HeaderKind::arm, kMaxRequestSize);
@@ -170,4 +170,4 @@ TEST(HostileBytes, ClaimsTakeNoMemory) {
 }
 
 }  // namespace
-}  // namespace multipanda::fci
+}  // namespace multipanda::fci::hostile_bytes_test

@@ -9,9 +9,9 @@
 #include "fci/wire/robot_state.hpp"
 #include "fci/wire/statuses.hpp"
 
-// Payloads of the arm's requests and replies. Names, units and frames of the maker's library; matrices are
-// column-major. Numbers travel as doubles and are taken as they are: a value that is out of range or not
-// finite is for the receiver to refuse with Status::invalid_argument.
+// Payloads of the arm's requests and replies. Names, units and frames of libfranka; matrices are
+// column-major. Numbers are sent as doubles and are not checked: the receiver refuses a value that is out of
+// range or not finite with Status::invalid_argument.
 namespace multipanda::fci {
 
 // In a Move request; the state's enumerations differ (MotionGeneratorMode, ControllerMode).
@@ -32,7 +32,7 @@ constexpr MotionGeneratorMode published(MoveGenerator generator) {
   return static_cast<MotionGeneratorMode>(static_cast<std::uint32_t>(generator) + 1);
 }
 
-// The same in every version: it is what agrees on one.
+// The same in every version, because it negotiates the version.
 struct ConnectRequest {
   static constexpr Command kCommand = Command::connect;
   std::uint16_t version = kNewestVersion;
@@ -46,7 +46,7 @@ struct MoveRequest {
   };
   MoveController controller = MoveController::external;
   MoveGenerator generator = MoveGenerator::none;
-  // What the maker's library always sends: so much that it never matters.
+  // The values that libfranka always sends; they are too large to have an effect.
   Deviation maximum_path_deviation{10, 3.12, 6.283185307179586};
   Deviation maximum_goal_pose_deviation{10, 3.12, 6.283185307179586};
   bool use_async_motion_generator = false;
@@ -107,7 +107,7 @@ struct SetLoadRequest {
   static constexpr Command kCommand = Command::set_load;
   double m_load = 0;                  // [kg]
   std::array<double, 3> F_x_Cload{};  // [m], in the flange frame
-  std::array<double, 9> I_load{};     // [kg m^2], about the load's centre
+  std::array<double, 9> I_load{};     // [kg m^2], about the load's center
 };
 
 struct SetFiltersRequest {
@@ -133,7 +133,7 @@ struct GetRobotModelRequest {
   static constexpr Command kCommand = Command::get_robot_model;
 };
 
-// --- one description each, for both directions ---
+// --- one description per message, for both directions ---
 
 template <class A, class R>
 requires std::same_as<std::remove_const_t<R>, ConnectRequest>
@@ -276,7 +276,7 @@ inline constexpr std::size_t kMaxRequestSize = request_size<SetCollisionBehavior
 inline constexpr std::size_t kMaxPlainReplySize =
     kArmHeader + 1 + payload_size<CartesianLimit>(kDialects.front());
 
-// Payload to request. The payload must have exactly the request's size. On an error `request` is half read.
+// Payload to request. The payload must have exactly the request's size. On errors `request` is partly filled.
 template <class R>
 [[nodiscard]] WireResult decode_request(const Dialect& d, std::span<const std::byte> payload, R& request) {
   Reader a(payload);
@@ -299,8 +299,9 @@ std::size_t encode_request(const Dialect& d, std::uint32_t command_id_, const R&
 
 // --- replies ---
 
-// Header and status, 13 bytes; `more` bytes of the caller follow them: the text of GetRobotModel, the
-// library, a CartesianLimit. A status that the version cannot express becomes the nearest one. 0 as above.
+// Header and status, 13 bytes, followed by `more` bytes of the caller: the text of GetRobotModel, the
+// library, a CartesianLimit. A status that the version cannot express becomes the nearest one.
+// Returns 0 in the cases of encode_request().
 std::size_t encode_reply(const Dialect& d, Command command, std::uint32_t command_id, Status status,
                          std::span<std::byte> to, std::size_t more = 0);
 

@@ -3,10 +3,10 @@
 #include <array>
 #include <cstdint>
 
-// The arm's state as the control interface carries it, once per millisecond, in the maker's names: those who
-// look at packets know them. All numbers are doubles here, whatever the protocol version sends. Matrices are
-// column-major 4x4, I_* column-major 3x3; O is the arm's base; SI units; signs as in CONVENTIONS.md ("Vendor
-// map"). Which field stands where in which version: fci/wire/state_layout.hpp.
+// The arm's state as the control interface carries it, once per millisecond, with Franka's names. All numbers
+// are doubles here, whatever the protocol version sends. Matrices are column-major 4x4, I_* column-major 3x3;
+// O is the arm's base; SI units; signs as in CONVENTIONS.md ("Vendor map"). The layout of each version is in
+// fci/wire/state_layout.hpp.
 namespace multipanda::fci {
 
 inline constexpr std::size_t kErrorCount = 41;

@@ -63,7 +63,7 @@ constexpr void carry_state(Archive& a, State& s, const Dialect& d) {
   a.number("control_command_success_rate", s.control_command_success_rate);
 }
 
-// Commands travel as doubles in every version.
+// Commands are doubles in every version.
 template <class Archive, class Command>
 constexpr void carry_command(Archive& a, Command& c, const Dialect& d) {
   a.integer("message_id", c.message_id);
@@ -78,7 +78,7 @@ constexpr void carry_command(Archive& a, Command& c, const Dialect& d) {
   if (d.has_none_generator()) a.flag("torque_command_finished", c.torque_command_finished);
 }
 
-// Place of a field [bytes from the datagram's beginning]; Measure::kNowhere where the version lacks it.
+// Offset of a field [bytes from the start of the datagram]; Measure::kNowhere if the version lacks it.
 constexpr std::size_t state_offset(const Dialect& d, std::string_view field) {
   Measure a(field, d.is_single_precision());
   const RobotState s{};
@@ -110,8 +110,7 @@ constexpr std::size_t command_size(const Dialect& d) {
 inline constexpr std::size_t kMaxStateSize = state_size(kDialects[1]);
 inline constexpr std::size_t kMaxCommandSize = command_size(kDialects.back());
 
-// As the maker's library has it. What each version changed moves everything behind it: a few places are
-// enough.
+// As in libfranka. A change in one version shifts all later fields, so a few offsets are enough.
 static_assert(state_size(*dialect(4)) == 2341 && state_size(*dialect(5)) == 2373);
 static_assert(state_size(*dialect(6)) == 2373 && state_size(*dialect(7)) == 2373);
 static_assert(state_size(*dialect(8)) == 2373 && state_size(*dialect(9)) == 2373);
@@ -128,16 +127,16 @@ static_assert(state_offset(*dialect(10), "robot_mode") == 1372 &&
               state_offset(*dialect(5), "robot_mode") == 2364);
 static_assert(command_offset(*dialect(10), "tau_J_d") == 314);
 
-// Encoding needs room for the whole message and returns its size, or 0 where `to` is too small.
+// Encoding needs room for the whole message and returns its size, or 0 if `to` is too small.
 std::size_t encode(const Dialect& d, const RobotState& state, std::span<std::byte> to);
 std::size_t encode(const Dialect& d, const RobotCommand& command, std::span<std::byte> to);
 
-// Fields that the version lacks keep what `state` holds. A datagram may be longer than the state, as the
-// maker's library allows; modes outside their enumeration are a bad value. On an error `state` is half read.
+// Fields that the version lacks keep their values in `state`. A datagram may be longer than the state, as
+// libfranka allows; modes outside their enumeration are invalid. After an error `state` is partly filled.
 [[nodiscard]] WireResult decode(const Dialect& d, std::span<const std::byte> from, RobotState& state);
 
-// A command must have exactly its size. Numbers are taken as they are: one that is not finite is for the arm
-// to refuse. On an error `command` is half read.
+// A command must have exactly its size. Numbers are not checked: the arm refuses those that are not finite.
+// After an error `command` is partly filled.
 [[nodiscard]] WireResult decode(const Dialect& d, std::span<const std::byte> from, RobotCommand& command);
 
 }  // namespace multipanda::fci

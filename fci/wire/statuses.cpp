@@ -15,7 +15,7 @@ std::string_view text(Status status) {
     case Status::rejected_by_safety:
       return "rejected: a safety function is active";
     case Status::not_possible:
-      return "rejected: not possible in the arm's present mode";
+      return "rejected: not possible in the arm's current mode";
     case Status::singular:
       return "rejected: the motion would begin at a singular pose";
     case Status::invalid_argument:
@@ -31,7 +31,7 @@ std::string_view text(Status status) {
     case Status::manual_recovery_required:
       return "rejected: the arm must be moved by hand first";
     case Status::incompatible_version:
-      return "the arm speaks another version of the protocol";
+      return "the arm uses a different version of the protocol";
     case Status::error:
       return "the arm has no model for this computer";
   }

@@ -8,7 +8,7 @@
 #include "fci/wire/commands.hpp"
 
 // How a request was answered: one byte whose meaning depends on the request and the version. Here one
-// enumeration stands for all of them.
+// enumeration covers all of them.
 namespace multipanda::fci {
 
 enum class Status : std::uint8_t {
@@ -17,12 +17,12 @@ enum class Status : std::uint8_t {
   preempted,            // stopped on request
   preempted_by_safety,  // stopped by a safety function
   rejected_by_safety,   // a safety function is active
-  not_possible,         // not in the arm's present mode
+  not_possible,         // not in the arm's current mode
   singular,             // motion would begin at a singular pose
   invalid_argument,
   reflex_aborted,       // an error of the motion stopped it
   emergency_aborted,    // the user stop did
-  input_error_aborted,  // a command was no command
+  input_error_aborted,  // a command was not valid
   aborted,
   manual_recovery_required,  // the arm must be moved by hand first
   incompatible_version,      // of Connect
@@ -30,12 +30,12 @@ enum class Status : std::uint8_t {
 };
 inline constexpr std::size_t kStatusCount = 15;
 
-// Why, in words for a person. The first letter is small, no full stop.
+// Human-readable reason, in lower case and without a period.
 std::string_view text(Status status);
 
 namespace detail {
 
-// A status list: the byte is the place in it.
+// A list of statuses: the byte is the index.
 struct StatusList {
   std::array<Status, 12> values{};
   std::uint8_t count = 0;
@@ -104,15 +104,15 @@ constexpr std::optional<std::uint8_t> exact_status_byte(const Dialect& d, Comman
   return std::nullopt;
 }
 
-// Nothing: the byte is outside the enumeration, and the reply breaks the protocol.
+// Nothing: the byte is outside the enumeration, so the reply violates the protocol.
 constexpr std::optional<Status> status_of(const Dialect& d, Command command, std::uint8_t byte) {
   const detail::StatusList& list = detail::statuses(d, command);
   if (byte >= list.count) return std::nullopt;
   return list.values[byte];
 }
 
-// The byte for this status, or for the nearest one the reply can express: a refusal stays a refusal, an
-// ending an ending.
+// The byte for this status, or for the nearest one that the reply can express: a refusal remains a refusal,
+// and the end of a motion remains an end.
 constexpr std::uint8_t status_byte(const Dialect& d, Command command, Status status) {
   using enum Status;
   if (const auto byte = exact_status_byte(d, command, status)) return *byte;
@@ -128,7 +128,7 @@ constexpr std::uint8_t status_byte(const Dialect& d, Command command, Status sta
 enum class GripperStatus : std::uint16_t {
   success,       // done
   fail,          // could not be done
-  unsuccessful,  // done, but not with the wanted result: nothing grasped
+  unsuccessful,  // done, but not with the expected result: nothing grasped
   aborted,       // by Stop or another request
 };
 

@@ -4,12 +4,12 @@
 #include <cstddef>
 #include <cstdint>
 
-// The versions of the control interface's protocol, and what each changed on the wire. The version is agreed
-// once per connection (ConnectRequest), and everything after it is read and written by that version's
-// Dialect. docs/fci.md has the table of versions against library and robot releases.
+// The versions of the control interface's protocol, and what each changed on the wire. The version is
+// negotiated once per connection (ConnectRequest), and everything after it is read and written by that
+// version's Dialect. docs/fci.md has the table of versions against library and robot releases.
 namespace multipanda::fci {
 
-// The ports are fixed in the maker's library: arms on one host differ by address.
+// libfranka has fixed ports, so arms on one host need different addresses.
 inline constexpr std::uint16_t kArmPort = 1337, kGripperPort = 1338, kVacuumPort = 1339;
 
 inline constexpr std::uint16_t kOldestVersion = 4, kNewestVersion = 10;
@@ -29,15 +29,15 @@ struct Dialect {
   constexpr bool has_accelerometers() const { return version >= 10; }       // in the state
   constexpr bool has_asynchronous_motion() const { return version >= 10; }  // tail of the Move request
 
-  // The motion generator that runs beside a program that sends torques only. Up to version 9 the maker's
-  // library asks for joint velocities, all zero, and ends with motion_generation_finished.
+  // The motion generator of a program that sends torques only. Up to version 9 Franka's
+  // library requests joint velocities, all zero, and ends with motion_generation_finished.
   constexpr bool torque_only_needs_generator() const { return version <= 9; }
 };
 
 inline constexpr std::array<Dialect, kNewestVersion - kOldestVersion + 1> kDialects{
     {{4}, {5}, {6}, {7}, {8}, {9}, {10}}};
 
-// Null: a version that is not spoken here.
+// Null: a version that is not supported.
 constexpr const Dialect* dialect(std::uint16_t version) {
   if (version < kOldestVersion || version > kNewestVersion) return nullptr;
   return &kDialects[static_cast<std::size_t>(version - kOldestVersion)];

@@ -11,7 +11,7 @@
 #include "fci/wire/state_layout.hpp"
 #include "fci/wire/vacuum.hpp"
 
-namespace multipanda::fci {
+namespace multipanda::fci::wire_test {
 namespace {
 
 using testing::ElementsAreArray;
@@ -32,7 +32,7 @@ double* first(std::array<double, N>& values) {
   return values.data();
 }
 
-// Typed in from the published structures, not computed.
+// Literal numbers from the published structures, not computed.
 const Place kPlaces[] = {
     FIELD(O_T_EE, 16, 8, 8),
     FIELD(O_T_EE_d, 16, 72, 136),
@@ -78,7 +78,7 @@ const Place kPlaces[] = {
     FIELD(control_command_success_rate, 1, 1373, 2365),
 };
 
-// Every number its own value, exact as a float too.
+// Every number has a different value, exact also as a float.
 RobotState numbered_state() {
   RobotState s;
   s.message_id = 0x0102030405060708;
@@ -113,13 +113,13 @@ class EveryVersion : public testing::TestWithParam<std::uint16_t> {
 INSTANTIATE_TEST_SUITE_P(Wire, EveryVersion,
                          testing::Range<std::uint16_t>(kOldestVersion, kNewestVersion + 1));
 
-TEST(Wire, KnowsItsVersionsOnly) {
+TEST(Wire, KnowsOnlyItsVersions) {
   EXPECT_EQ(dialect(3), nullptr);
   EXPECT_EQ(dialect(11), nullptr);
   EXPECT_EQ(dialect(0xffff), nullptr);
 }
 
-TEST_P(EveryVersion, StateStandsWhereTheMakersStructureHasIt) {
+TEST_P(EveryVersion, StateHasTheOffsetsOfLibfranka) {
   RobotState s = numbered_state();
   std::array<std::byte, kMaxStateSize> bytes{};
   const std::size_t size = encode(d, s, bytes);
@@ -134,7 +134,7 @@ TEST_P(EveryVersion, StateStandsWhereTheMakersStructureHasIt) {
     if (v == 4) {
       if (place.name == "O_ddP_O") continue;
       if (at > 1872) at -= 24;
-      if (at > 2282) at -= 8;  // two times four flags less
+      if (at > 2282) at -= 8;  // twice four flags fewer
     }
     EXPECT_EQ(state_offset(d, place.name), at) << place.name;
     for (std::size_t i = 0; i < place.count; ++i)
@@ -151,7 +151,7 @@ TEST_P(EveryVersion, StateStandsWhereTheMakersStructureHasIt) {
   EXPECT_EQ(std::to_integer<int>(bytes[modes + 2 + 2 * flags]), 6);
 }
 
-TEST_P(EveryVersion, StateComesBack) {
+TEST_P(EveryVersion, StateSurvivesARoundTrip) {
   RobotState sent = numbered_state();
   std::array<std::byte, kMaxStateSize + 8> bytes{};
   const std::size_t size = encode(d, sent, bytes);
@@ -178,7 +178,7 @@ TEST_P(EveryVersion, StateComesBack) {
   EXPECT_EQ(decode(d, all.first(size), back), WireResult::bad_value);
 }
 
-TEST_P(EveryVersion, CommandStandsWhereTheMakersStructureHasIt) {
+TEST_P(EveryVersion, CommandHasTheOffsetsOfLibfranka) {
   RobotCommand c;
   c.message_id = 77;
   double next = 0;
@@ -225,7 +225,7 @@ TEST_P(EveryVersion, CommandStandsWhereTheMakersStructureHasIt) {
   EXPECT_TRUE(std::isnan(back.q_c[2]));
 }
 
-// A request filled with seeded bytes comes back as it was; one byte more or less is refused.
+// A request filled with seeded bytes survives a round trip; one byte more or less is refused.
 template <class R>
 void expect_round_trip(const Dialect& d, const R& request, const auto& same) {
   std::array<std::byte, kMaxRequestSize> bytes{};
@@ -252,7 +252,7 @@ void expect_round_trip(const Dialect& d, const R& request, const auto& same) {
   EXPECT_EQ(encode_request(d, 1, request, std::span(bytes).first(size - 1)), 0u);
 }
 
-TEST_P(EveryVersion, RequestsComeBack) {
+TEST_P(EveryVersion, RequestsSurviveARoundTrip) {
   const auto always = [](const auto&) { return true; };
   expect_round_trip(d, ConnectRequest{GetParam(), 50123},
                     [](const auto& r) { return r.version >= 4 && r.udp_port == 50123; });
@@ -294,7 +294,7 @@ TEST_P(EveryVersion, RequestsComeBack) {
   expect_round_trip(d, GetRobotModelRequest{}, always);
 }
 
-TEST_P(EveryVersion, RefusesEnumerationsItDoesNotHave) {
+TEST_P(EveryVersion, RefusesUndefinedEnumerators) {
   std::array<std::byte, kMaxRequestSize> bytes{};
   const std::size_t size = encode_request(d, 1, MoveRequest{}, bytes);
   MoveRequest move;
@@ -305,7 +305,7 @@ TEST_P(EveryVersion, RefusesEnumerationsItDoesNotHave) {
   EXPECT_EQ(decode_request(d, std::span(bytes).first(size).subspan(kArmHeader), move), WireResult::bad_value);
 }
 
-// Numbers of requests and replies, typed in.
+// Numbers of requests and replies, as literals.
 TEST(Wire, NumbersOfRequests) {
   const auto id = [](std::uint16_t v, Command c) {
     return static_cast<int>(command_id(*dialect(v), c).value_or(99));
@@ -330,7 +330,7 @@ TEST(Wire, NumbersOfRequests) {
   }
 }
 
-TEST_P(EveryVersion, StatusesComeBackOrBecomeTheNearest) {
+TEST_P(EveryVersion, StatusesSurviveARoundTripOrBecomeTheNearest) {
   for (const CommandInfo& command : kCommands) {
     std::set<std::uint8_t> seen;
     for (std::size_t i = 0; i < kStatusCount; ++i) {
@@ -417,7 +417,7 @@ TEST(Wire, ErrorFlags) {
   EXPECT_EQ(error_bits(error_flags(bits)), bits);
 }
 
-// The gripper's bytes, typed in.
+// The gripper's bytes, as literals.
 TEST(Wire, Gripper) {
   std::array<std::byte, kMaxGripperRequestSize> bytes{};
   ASSERT_EQ(encode_gripper_request(5, GripperGraspRequest{0.04, 0.005, 0.006, 0.1, 30}, bytes), 50u);
@@ -478,4 +478,4 @@ TEST(Wire, Vacuum) {
 }
 
 }  // namespace
-}  // namespace multipanda::fci
+}  // namespace multipanda::fci::wire_test

@@ -1,4 +1,5 @@
-// A run with its adapter, and clients beside it, over shared memory: what no test of the parts can see.
+// A run with its adapter and with clients, over shared memory. Covers what the tests of the
+// parts cannot.
 #include <algorithm>
 #include <cstdlib>
 #include <functional>
@@ -30,7 +31,7 @@
 #include "runtime/session.hpp"
 #include "scene/load.hpp"
 
-namespace multipanda::ros {
+namespace multipanda::ros::adapter_test {
 namespace {
 
 using namespace std::chrono_literals;
@@ -50,14 +51,14 @@ bool wait_for(const std::function<bool()>& condition, std::chrono::seconds deadl
   return true;
 }
 
-// Counts what the loop's thread does between two looks: a whole cycle, the adapter's share included.
+// Counts what the loop's thread does between two calls: a whole cycle, including the adapter's part.
 struct Counted {
   std::atomic<std::uint64_t> cycles{0}, heap{0}, locks{0};
-  void look() {  // loop's thread
+  void count_cycle() {  // loop's thread
     if (!kLoopGuardWorks) return;
     const LoopGuardCounts counts = LoopGuard::disarm();
-    const std::uint64_t seen = cycles.fetch_add(1, std::memory_order_relaxed);
-    if (seen > 10) {  // the first ones may do what they like
+    const std::uint64_t before = cycles.fetch_add(1, std::memory_order_relaxed);
+    if (before > 10) {  // the first cycles may allocate
       heap.fetch_add(counts.heap_calls, std::memory_order_relaxed);
       locks.fetch_add(counts.lock_calls, std::memory_order_relaxed);
     }
@@ -78,9 +79,9 @@ class Run : public testing::Test {
     registry = new Registry(std::move(opened.registry));
     SessionOptions options;
     options.duration_s = 0;
-    options.on_loop = [](const Tick&, const Backend&) { counted->look(); };
-    options.make_adapter = [](const RunWorld& world) {
-      return std::make_unique<RosAdapter>(world, RosOptions{});
+    options.on_loop = [](const Tick&, const Backend&) { counted->count_cycle(); };
+    options.make_adapter = [](const RunContext& run) {
+      return std::make_unique<RosAdapter>(run, RosOptions{});
     };
     session = new Session(std::move(opened.scene), *registry, std::move(options));
     session->start();
@@ -136,7 +137,7 @@ class Run : public testing::Test {
   static inline ClientSide* client;
 };
 
-TEST_F(Run, SwitchesAndSaysWhenAndWhyNot) {
+TEST_F(Run, SwitchesAndReportsTimesOrReasons) {
   ASSERT_TRUE(switch_to({"left_cartesian", "right_cartesian"}).accepted);
   const std::int64_t sent = host_now().ns;
   const auto both = switch_to({"dual"});
@@ -159,14 +160,14 @@ TEST_F(Run, SwitchesAndSaysWhenAndWhyNot) {
   EXPECT_THAT(switch_to({"duel"}).reason, HasSubstr("did you mean 'dual'?"));
   EXPECT_TRUE(session->modes().active() & bit(session->modes().find("dual"))) << "nothing was changed";
 
-  // By the name that users of the reference system know: exactly these.
+  // The service of multipanda_ros2: exactly these controllets run afterwards.
   const auto exactly = switch_to({"left_joint"}, "set_controllers");
   ASSERT_TRUE(exactly.accepted) << exactly.reason;
   EXPECT_THAT(exactly.stopped, ElementsAre("dual"));
   EXPECT_THAT(exactly.started, testing::UnorderedElementsAre("left_joint", "right_hold"));
 }
 
-TEST_F(Run, ListsWhatThereIs) {
+TEST_F(Run, ListsControlletsFeaturesAndArms) {
   ASSERT_TRUE(switch_to({"dual"}).accepted);
   const auto list = call<ListControllets>("list_controllets", ListControllets::Request());
   EXPECT_EQ(list.controllets.size(), session->modes().instance_count());
@@ -199,7 +200,7 @@ TEST_F(Run, ListsWhatThereIs) {
     EXPECT_EQ(feature.on, feature.name == "manipulability") << feature.name;
 }
 
-TEST_F(Run, FeaturesShowTheirOutputsWhileTheyAreOnOnly) {
+TEST_F(Run, FeaturesPublishOutputsOnlyWhileTheyAreOn) {
   ASSERT_TRUE(switch_to({"left_cartesian"}).accepted);
   std::atomic<int> of_law{0}, of_feature{0};
   const std::string left = "/multipanda/left_cartesian/";
@@ -223,7 +224,7 @@ TEST_F(Run, FeaturesShowTheirOutputsWhileTheyAreOnOnly) {
     ASSERT_TRUE(set(true));
     ASSERT_TRUE(next(of_feature, 20));
     ASSERT_TRUE(set(false));
-    ASSERT_TRUE(next(of_law, 10));  // what was under way has arrived
+    ASSERT_TRUE(next(of_law, 10));  // messages in flight have arrived
     const int before = of_feature;
     ASSERT_TRUE(next(of_law, 50));
     EXPECT_EQ(of_feature, before);
@@ -249,8 +250,9 @@ TEST_F(Run, StopsUntilResumed) {
   EXPECT_TRUE(switch_to({"left_cartesian"}).accepted);
 }
 
-// A stream moves the arm, and its set-point and outputs are seen; nonsense is refused and the arm then held.
-TEST_F(Run, FollowsStreamsAndRefusesNonsense) {
+// A stream moves the arm; its set-point and outputs are published. Invalid messages are refused, and the arm
+// is then held.
+TEST_F(Run, FollowsStreamsAndRefusesInvalidMessages) {
   ASSERT_TRUE(switch_to({"left_cartesian", "right_cartesian"}).accepted);
   std::atomic<double> z{0};
   std::string frame;
@@ -290,7 +292,7 @@ TEST_F(Run, FollowsStreamsAndRefusesNonsense) {
   EXPECT_TRUE(wait_for([&] { return z > z_goal + 0.005; }));
   EXPECT_TRUE(streaming());
   goal.pose.orientation.x = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_TRUE(wait_for([&] {  // only nonsense from now on: silence
+  EXPECT_TRUE(wait_for([&] {  // from now on only invalid messages, which count as silence
     stream.publish(goal);
     return session->modes().owner(0) != left;
   }));
@@ -348,8 +350,8 @@ TEST_F(Run, SetsParametersAllOrNone) {
                                    "right_joint.damping_ratio"));
 }
 
-// A dump of all parameters can be loaded again, however many there are.
-TEST_F(Run, TakesBackAllThatItTells) {
+// A dump of all parameters can be loaded again, whatever their number.
+TEST_F(Run, AcceptsADumpOfAllParameters) {
   using namespace rcl_interfaces::srv;
   GetParameters::Request get;
   get.names = call<ListParameters>("list_parameters", ListParameters::Request()).result.names;
@@ -367,22 +369,22 @@ TEST_F(Run, TakesBackAllThatItTells) {
     EXPECT_TRUE(results[i].successful) << get.names[i] << ": " << results[i].reason;
 }
 
-// After everything above: the loop's thread neither allocated nor locked, with the adapter beside it.
-TEST_F(Run, LeavesTheLoopAlone) {
+// After all the calls above, the loop's thread has neither allocated nor locked.
+TEST_F(Run, NeitherAllocatesNorLocksInTheLoop) {
   if (!kLoopGuardWorks) GTEST_SKIP() << "sanitizers replace malloc themselves";
-  const std::uint64_t begun = counted->cycles;
-  ASSERT_TRUE(wait_for([&] { return counted->cycles > begun + 1000; }));
+  const std::uint64_t first = counted->cycles;
+  ASSERT_TRUE(wait_for([&] { return counted->cycles > first + 1000; }));
   EXPECT_EQ(counted->heap.load(), 0u);
   EXPECT_EQ(counted->locks.load(), 0u);
 }
 
-// A library of the scene brings a codec: that input comes in its message type. Nothing of the run is left in
-// the graph when it ended.
-TEST(ARunWithACodec, TakesItsMessagesAndLeavesNothingBehind) {
+// A library of the scene brings a codec, so that input takes its own message type. After the end of the run
+// nothing of it remains in the graph.
+TEST(ARunWithACodec, TakesItsMessagesAndCleansUp) {
   using geometry_msgs::msg::TransformStamped;
   Context context;
   Node node(context, "watcher");
-  const auto seen = [&] {
+  const auto present = [&] {
     const auto others = node.other_nodes();
     return std::find(others.begin(), others.end(), "/multipanda") != others.end();
   };
@@ -396,14 +398,14 @@ TEST(ARunWithACodec, TakesItsMessagesAndLeavesNothingBehind) {
     SessionOptions options;
     options.duration_s = 0;
     RosAdapter* adapter = nullptr;
-    options.make_adapter = [&](const RunWorld& world) {
-      auto made = std::make_unique<RosAdapter>(world, RosOptions{});
+    options.make_adapter = [&](const RunContext& run) {
+      auto made = std::make_unique<RosAdapter>(run, RosOptions{});
       adapter = made.get();
       return made;
     };
     Session run(std::move(opened.scene), opened.registry, std::move(options));
     run.start();
-    ASSERT_TRUE(wait_for(seen));
+    ASSERT_TRUE(wait_for(present));
     Publisher<TransformStamped> goals(node, "/multipanda/cartesian/pose/goal", Qos::reliable(), {});
     ASSERT_TRUE(wait_for([&] { return goals.subscribers() > 0; }));
     const auto line = [&] {
@@ -415,7 +417,7 @@ TEST(ARunWithACodec, TakesItsMessagesAndLeavesNothingBehind) {
     goal.child_frame_id = "base";
     goals.publish(goal);
     ASSERT_TRUE(wait_for([&] { return line().level == Diagnostic::Level::warn; }));
-    EXPECT_THAT(line().message, HasSubstr("the transform is of 'base', expected 'goal'"));
+    EXPECT_THAT(line().message, HasSubstr("the transform's child frame is 'base', expected 'goal'"));
     goal.child_frame_id = "goal";
     goal.header.frame_id = "arm_link0";
     goal.transform.translation.x = 0.5;
@@ -427,8 +429,8 @@ TEST(ARunWithACodec, TakesItsMessagesAndLeavesNothingBehind) {
     run.stop();
     (void)run.finish();
   }
-  EXPECT_TRUE(wait_for([&] { return !seen(); }));
+  EXPECT_TRUE(wait_for([&] { return !present(); }));
 }
 
 }  // namespace
-}  // namespace multipanda::ros
+}  // namespace multipanda::ros::adapter_test

@@ -61,7 +61,7 @@ Row row_of(const EntityInfo& entity, const std::string& node, const Scene& scene
       row.group = "hold";
     }
   }
-  // What is said of the first arm is said of each.
+  // The first arm's description represents every arm.
   for (const auto& arm : scene.arms) {
     for (const char* begin : {"`", " "}) {
       for (const char* end : {"_", "/", "`"})
@@ -69,7 +69,7 @@ Row row_of(const EntityInfo& entity, const std::string& node, const Scene& scene
     }
   }
   replace_all(row.doc, "<arm>_link0, <arm>_link0", "<arm>_link0");
-  // Features show the same of themselves with every controllet.
+  // Features publish the same quantities with every controllet.
   for (const auto& feature : features) {
     if (row.name.starts_with("~/<instance>/" + feature + "/")) row.group = kFeatures;
   }
@@ -122,20 +122,19 @@ std::string interfaces_markdown(const std::vector<EntityInfo>& entities, const s
   }
   std::string out = "\n## The run and its arms\n" + tables(groups[""]);
   out +=
-      "\n## Controllets\n\nOf every instance of a type, whether it is active or not. `<instance>` is its "
-      "name in "
-      "the scene.\n";
+      "\n## Controllets\n\nEvery instance of a type has these interfaces, whether it is active or not. "
+      "`<instance>` is its name in the scene.\n";
   for (const auto& [type, rows] : groups) {
     if (!type.empty() && type != kFeatures) out += "\n### " + type + "\n" + tables(rows);
   }
-  out += "\n### Features, of any controllet\n" + tables(groups[kFeatures]);
+  out += "\n### Features of any controllet\n" + tables(groups[kFeatures]);
   return out;
 }
 
 std::string with_tables(const std::string& before, const std::string& tables) {
   const auto at = before.find(kMark);
   if (at == std::string::npos) {
-    throw std::invalid_argument(std::string("the page lost the line that ends what is written by hand: ") +
+    throw std::invalid_argument(std::string("the page lacks the line that ends its handwritten part: ") +
                                 kMark);
   }
   return before.substr(0, at) + kMark + tables;

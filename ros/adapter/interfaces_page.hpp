@@ -8,15 +8,14 @@
 
 namespace multipanda::ros {
 
-// Tables of what a run offers in ROS, as Markdown: made from the entities of a node that shows a run of
-// `scene`, with the scene's names put back to what they stand for (<arm>, <instance>). `node` as in
-// Node::full_name().
-// `features`: names of all types of features.
+// Returns tables of a run's ROS interfaces as Markdown. They list the entities of a node that serves a run of
+// `scene`, with the scene's names replaced by placeholders (<arm>, <instance>). `node`: as in
+// Node::full_name(). `features`: names of all feature types.
 std::string interfaces_markdown(const std::vector<EntityInfo>& entities, const std::string& node,
                                 const Scene& scene, const std::vector<std::string>& features);
 
-// The page: what stands by hand in `before` up to the mark, then the tables. Throws std::invalid_argument: no
-// mark.
+// Returns the page: the handwritten part of `before` up to the marker line, then the tables. Throws
+// std::invalid_argument if the marker is missing.
 std::string with_tables(const std::string& before, const std::string& tables);
 
 }  // namespace multipanda::ros

@@ -8,15 +8,15 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "ros/adapter/shown_run.hpp"
+#include "ros/adapter/scene_interfaces.hpp"
 
-namespace multipanda::ros {
+namespace multipanda::ros::interfaces_page_test {
 namespace {
 
 using testing::HasSubstr;
 using testing::Not;
 
-TEST(InterfacesPage, NamesOfTheSceneAreWhatTheyStandFor) {
+TEST(InterfacesPage, NamesOfTheSceneBecomePlaceholders) {
   Scene scene;
   scene.arms.resize(2);
   scene.arms[0].name = "left";
@@ -40,7 +40,7 @@ TEST(InterfacesPage, NamesOfTheSceneAreWhatTheyStandFor) {
   EXPECT_THAT(page, HasSubstr("| `<arm>_gripper/move` | A | moves |"));
   EXPECT_THAT(page, HasSubstr("### joint_impedance\n\n**Taken**"));
   EXPECT_THAT(page, HasSubstr("| `~/<instance>/joints` | J | q |   | follows |"));
-  EXPECT_THAT(page, HasSubstr("### Features, of any controllet\n\n**Published**"));
+  EXPECT_THAT(page, HasSubstr("### Features of any controllet\n\n**Published**"));
   EXPECT_THAT(page, HasSubstr("| `~/<instance>/joints_guard/torque` | F | q | 1 Hz | see <arm>/wrench |"));
   EXPECT_THAT(page, Not(HasSubstr("right")));
   EXPECT_THROW(with_tables("no mark", page), std::invalid_argument);
@@ -51,9 +51,9 @@ TEST(InterfacesPage, IsUpToDate) {
   std::ifstream in(MULTIPANDA_SOURCE_DIR "/docs/ros_interfaces.md");
   std::ostringstream page;
   page << in.rdbuf();
-  EXPECT_TRUE(with_tables(page.str(), tables_of_scene("two_arms")) == page.str())
+  EXPECT_TRUE(with_tables(page.str(), scene_interface_tables("two_arms")) == page.str())
       << "docs/ros_interfaces.md is out of date: build the target ros_interfaces and commit the page";
 }
 
 }  // namespace
-}  // namespace multipanda::ros
+}  // namespace multipanda::ros::interfaces_page_test

@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-// Names that several parts and their users share. Scene names are letters, digits and _, so they are names of
-// topics and frames as they stand.
+// Names that several parts and their users share. Scene names consist of letters, digits and _, so they are
+// valid in topics and frames.
 namespace multipanda::ros {
 
 // "left_joint1" ...

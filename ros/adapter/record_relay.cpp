@@ -8,7 +8,7 @@
 
 namespace multipanda::ros {
 
-RecordRelay::RecordRelay(const RecordLayout& layout, const Parts& parts,
+RecordRelay::RecordRelay(const RecordLayout& layout, const AdapterParts& parts,
                          std::function<void(const std::string&)> failed)
     : parts_(parts),
       failed_(std::move(failed)),
@@ -22,14 +22,14 @@ RecordRelay::~RecordRelay() {
   thread_.join();
 }
 
-// A futex by hand: one system call where the publisher's thread sleeps, none where it is busy. std::atomic's
-// wait() first yields the processor a few times; on a busy computer that gives away a tenth of a second.
+// A plain futex: one system call if the publisher's thread sleeps, none if it is busy. std::atomic::wait()
+// first yields the processor a few times, which costs up to a tenth of a second on a busy computer.
 void RecordRelay::wake() {
   posted_.fetch_add(1);
   if (waiting_.load()) syscall(SYS_futex, &posted_, FUTEX_WAKE_PRIVATE, 1, nullptr, nullptr, 0);
 }
 
-// Until more was posted than `seen`; sometimes for no reason.
+// Waits until more than `seen` was posted. May wake spuriously.
 void RecordRelay::wait(std::uint32_t seen) {
   static_assert(sizeof(posted_) == sizeof(seen) && decltype(posted_)::is_always_lock_free);
   waiting_.store(true);
@@ -48,10 +48,11 @@ void RecordRelay::take(const Event& event) {
 }
 
 void RecordRelay::run() {
-  pthread_setname_np(pthread_self(), "ros_publisher");  // so that its share of the computer can be seen
+  pthread_setname_np(pthread_self(), "ros_publisher");  // names the thread in top and /proc
   for (;;) {
     const std::uint32_t seen = posted_.load();
-    const bool last = stop_.load(std::memory_order_acquire);  // read before the rings, so that all is taken
+    // read before the rings, so that nothing is left in them
+    const bool last = stop_.load(std::memory_order_acquire);
     while (hand_on()) {
     }
     if (last) return;
@@ -78,7 +79,7 @@ bool RecordRelay::hand_on() {
   return busy;
 }
 
-// A part that fails must not take the others with it.
+// A part that throws must not affect the others.
 template <typename What>
 void RecordRelay::give(const What& what) {
   for (std::size_t i = 0; i < parts_.size(); ++i) {

@@ -6,34 +6,34 @@
 #include <thread>
 
 #include "core/record/cycle_record.hpp"
-#include "ros/adapter/part.hpp"
+#include "ros/adapter/adapter_part.hpp"
 
 namespace multipanda::ros {
 
-// From the thread that takes the loop's records to the parts of the adapter, which publish on a thread of
-// their own: a reader that is slow, or DDS, can never hold up the log, let alone the loop. Where the
-// publisher's thread falls behind, records are left out and counted.
+// Carries the loop's records to the parts of the adapter, which publish on a thread of their own. So neither
+// a slow reader nor the middleware can delay the log or the loop. If the publisher's thread falls behind,
+// records are dropped and counted.
 class RecordRelay {
  public:
-  static constexpr std::size_t kRecords = 100;  // that may wait: what is older is of no use to anybody
+  static constexpr std::size_t kRecords = 100;  // capacity; older records are of no use
 
-  // The parts outlive it. What they throw in take() is counted and told to `failed`, once per part.
-  RecordRelay(const RecordLayout& layout, const Parts& parts,
+  // The parts outlive the relay. Exceptions from take() are counted and passed to `failed`, once per part.
+  RecordRelay(const RecordLayout& layout, const AdapterParts& parts,
               std::function<void(const std::string&)> failed = nullptr);
-  ~RecordRelay();  // hands on what is there, then ends the thread
+  ~RecordRelay();  // delivers what is left, then ends the thread
   RecordRelay(const RecordRelay&) = delete;
 
-  // --- one thread; neither waits nor allocates ---
+  // Calls of one thread; they neither wait nor allocate.
   void take(const CycleRecord& record);
   void take(const Event& event);
 
-  // --- any thread ---
+  // Any thread.
   std::uint64_t dropped() const {  // records and events
     return ring_.dropped_records.load(std::memory_order_relaxed) +
            ring_.dropped_events.load(std::memory_order_relaxed);
   }
   std::uint64_t handed_on() const { return handed_on_.load(std::memory_order_acquire); }  // records
-  // Mean time of the publisher's thread on one record, all parts together, so far [s].
+  // Mean time that all parts together need for one record, so far [s].
   double mean_time_s() const;
 
  private:
@@ -44,12 +44,12 @@ class RecordRelay {
   void wake();
   void wait(std::uint32_t seen);
 
-  const Parts& parts_;
+  const AdapterParts& parts_;
   const std::function<void(const std::string&)> failed_;
-  std::vector<bool> has_failed_;  // of each part
+  std::vector<bool> has_failed_;  // one per part
   RecordRing ring_;
-  std::atomic<std::uint32_t> posted_{0};  // changes with everything posted; the thread waits on it
-  std::atomic<bool> waiting_{false};      // the thread is about to sleep, or sleeps
+  std::atomic<std::uint32_t> posted_{0};  // changes with every post; the thread waits on it
+  std::atomic<bool> waiting_{false};      // the thread sleeps or is about to sleep
   std::atomic<bool> stop_{false};
   std::atomic<std::uint64_t> handed_on_{0};
   std::atomic<std::int64_t> busy_ns_{0};

@@ -18,7 +18,7 @@ namespace {
 
 std::int64_t wall_minus_host_ns() {
   using std::chrono::nanoseconds, std::chrono::system_clock;
-  // The tightest of a few: a pause may come between the readings.
+  // Takes the reading with the shortest duration, since the thread may be interrupted between the clocks.
   std::int64_t best = 0, shortest = std::numeric_limits<std::int64_t>::max();
   for (int i = 0; i < 5; ++i) {
     const std::int64_t before = host_now().ns;
@@ -32,48 +32,48 @@ std::int64_t wall_minus_host_ns() {
   return best;
 }
 
-bool stamps_simulated(const RunWorld& world, const RosOptions& options) {
+bool stamps_simulated(const RunContext& run, const RosOptions& options) {
   if (options.time != RosSection::Time::automatic) return options.time == RosSection::Time::simulation;
-  for (ArmIndex a = 0; a < world.modes->arm_count(); ++a) {
-    if (!world.backend->capabilities(a).simulated) return false;
+  for (ArmIndex a = 0; a < run.modes->arm_count(); ++a) {
+    if (!run.backend->capabilities(a).simulated) return false;
   }
   return true;
 }
 
 std::vector<std::string> rcl_arguments(const RosOptions& options) {
   if (options.arguments.empty()) return {};
-  std::vector<std::string> words{"--ros-args"};
-  words.insert(words.end(), options.arguments.begin(), options.arguments.end());
-  return words;
+  std::vector<std::string> arguments{"--ros-args"};
+  arguments.insert(arguments.end(), options.arguments.begin(), options.arguments.end());
+  return arguments;
 }
 
 }  // namespace
 
-RosAdapter::RosAdapter(const RunWorld& world, RosOptions options) : options_(std::move(options)) {
+RosAdapter::RosAdapter(const RunContext& run, RosOptions options) : options_(std::move(options)) {
   context_ = std::make_unique<Context>(rcl_arguments(options_));
   node_ = std::make_unique<Node>(*context_, options_.node, options_.name_space);
-  build(world);
+  build(run);
 }
 
-RosAdapter::RosAdapter(const RunWorld& world, RosOptions options, rcl_node_t* borrowed)
+RosAdapter::RosAdapter(const RunContext& run, RosOptions options, rcl_node_t* borrowed)
     : options_(std::move(options)), node_(std::make_unique<Node>(borrowed)) {
-  build(world);
+  build(run);
 }
 
-void RosAdapter::build(const RunWorld& run) {
+void RosAdapter::build(const RunContext& run) {
   executor_ = std::make_unique<Executor>();
-  AdapterWorld world;
-  static_cast<RunWorld&>(world) = run;
-  world.context = context_.get();
-  world.node = node_.get();
-  world.executor = executor_.get();
-  world.options = &options_;
-  world.counters = &counters_;
-  world.stamps.simulated = stamps_simulated(run, options_);
-  world.stamps.wall_minus_host_ns = wall_minus_host_ns();
-  world.diagnostics = [this] { return diagnostics(); };
-  world.warn = [this](const std::string& topic, const std::string& text) { warn(topic, text); };
-  world_ = std::make_unique<AdapterWorld>(std::move(world));
+  AdapterContext context;
+  static_cast<RunContext&>(context) = run;
+  context.context = context_.get();
+  context.node = node_.get();
+  context.executor = executor_.get();
+  context.options = &options_;
+  context.counters = &counters_;
+  context.stamps.simulated = stamps_simulated(run, options_);
+  context.stamps.wall_minus_host_ns = wall_minus_host_ns();
+  context.diagnostics = [this] { return diagnostics(); };
+  context.warn = [this](const std::string& topic, const std::string& text) { warn(topic, text); };
+  run_ = std::make_unique<AdapterContext>(std::move(context));
   make_parts();
   executor_->on_failure([this](const std::string& source, const std::string& text) {
     {
@@ -88,10 +88,12 @@ void RosAdapter::build(const RunWorld& run) {
 }
 
 void RosAdapter::make_parts() {
-  const auto add = [this](Parts parts) { std::move(parts.begin(), parts.end(), std::back_inserter(parts_)); };
-  if (options_.controllets) add(make_controllets(*world_));
-  if (options_.arms || options_.motions) add(make_arms(*world_));
-  if (options_.state) add(make_state(*world_));
+  const auto add = [this](AdapterParts parts) {
+    std::move(parts.begin(), parts.end(), std::back_inserter(parts_));
+  };
+  if (options_.controllets) add(make_controllets(*run_));
+  if (options_.arms || options_.motions) add(make_arms(*run_));
+  if (options_.state) add(make_state(*run_));
   for (const auto& part : parts_) {
     if (part->needs_loop()) in_loop_.push_back(part.get());
   }
@@ -111,7 +113,7 @@ void RosAdapter::take(const CycleRecord& record) {
 void RosAdapter::take(const Event& event) { relay_->take(event); }
 
 void RosAdapter::on_loop(const Tick& tick, const Backend& backend) {
-  for (Part* part : in_loop_) part->on_loop(tick, backend);
+  for (AdapterPart* part : in_loop_) part->on_loop(tick, backend);
 }
 
 std::vector<Diagnostic> RosAdapter::diagnostics() const {
@@ -120,7 +122,7 @@ std::vector<Diagnostic> RosAdapter::diagnostics() const {
   if (const std::uint64_t failures = executor_->failures(); failures > 0) {
     const std::lock_guard lock(warn_mutex_);
     own.level = Diagnostic::Level::error;
-    own.message = fmt::format("{} failed, the newest of a kind: {}", failures, last_failure_);
+    own.message = fmt::format("{} callbacks failed, most recently {}", failures, last_failure_);
   }
   lines.push_back(std::move(own));
   for (const auto& part : parts_) {

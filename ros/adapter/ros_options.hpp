@@ -7,13 +7,13 @@
 
 namespace multipanda::ros {
 
-// How a run speaks ROS: the scene's section `ros:`, then what the command line and the host say.
+// ROS options of a run: the scene's section `ros:`, overridden by the command line and the host.
 struct RosOptions : RosSection {
   std::vector<std::string> arguments;  // for rcl, as after --ros-args: "-r", "joint_states:=arms" ...
-  // False on a node that has parameters of its own (ros2_control): then only ParameterTable is used.
+  // False on a node with parameter services of its own (ros2_control); then only ParameterTable is used.
   bool parameter_services = true;
-  // Which parts there are: whoever shares its node with another one leaves to that what it offers.
-  // `arms`: what the backend is asked (services, grippers); `motions`: what the arms' controllets are asked.
+  // Which parts exist; a run that shares its node leaves some to others. `arms`: requests to the backend
+  // (services, grippers). `motions`: actions that the arms' controllets carry out.
   bool controllets = true, arms = true, motions = true, state = true;
 };
 

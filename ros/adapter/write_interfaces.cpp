@@ -1,4 +1,4 @@
-// Writes the tables of docs/ros_interfaces.md anew: `ros_interfaces_tool PAGE`.
+// Updates the tables of docs/ros_interfaces.md: `ros_interfaces_tool PAGE`.
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
@@ -7,7 +7,7 @@
 #include <string>
 
 #include "ros/adapter/interfaces_page.hpp"
-#include "ros/adapter/shown_run.hpp"
+#include "ros/adapter/scene_interfaces.hpp"
 
 int main(int argc, char** argv) try {
   if (argc != 2) throw std::invalid_argument("usage: ros_interfaces_tool PAGE");
@@ -15,7 +15,7 @@ int main(int argc, char** argv) try {
   std::ostringstream before;
   before << in.rdbuf();
   const std::string page =
-      multipanda::ros::with_tables(before.str(), multipanda::ros::tables_of_scene("two_arms"));
+      multipanda::ros::with_tables(before.str(), multipanda::ros::scene_interface_tables("two_arms"));
   std::ofstream(argv[1]) << page;
   return EXIT_SUCCESS;
 } catch (const std::exception& error) {

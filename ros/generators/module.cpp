@@ -1,7 +1,7 @@
-#include "ros/generators/topic_link.hpp"
+#include "ros/generators/topic_channel.hpp"
 
-// What the program finds in libmultipanda_ros.so (runtime/ros_module.hpp).
-extern "C" __attribute__((visibility("default"))) multipanda::SetPointLink* multipanda_make_topic_link(
-    const multipanda::TopicWords& words) {
-  return new multipanda::ros::TopicLink(words);
+// Symbols that the program looks up in libmultipanda_ros.so (runtime/ros_module.hpp).
+extern "C" __attribute__((visibility("default"))) multipanda::SetPointChannel* multipanda_make_topic_link(
+    const multipanda::TopicArguments& arguments) {
+  return new multipanda::ros::TopicChannel(arguments);
 }

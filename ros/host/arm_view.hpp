@@ -10,30 +10,30 @@
 
 namespace multipanda::ros {
 
-// What multipanda's hardware knows of an arm, looked at through the value of its state interface
-// `<arm>/robot_state` or `<arm>/robot_model`: the address of a struct, checked for magic, version, sizes and
-// build. For controllers in the same process, in update(): what is shown is of the last read().
+// A view of multipanda's hardware data for one arm, for controllers in the same process. The value of the
+// state interface `<arm>/robot_state` or `<arm>/robot_model` is the address of a struct; the view checks its
+// magic, version, sizes and build. Use it in update(): it shows the data of the last read().
 //
-// Looking neither allocates nor locks; message functions reuse the memory of the message they are given.
+// Viewing neither allocates nor locks. Functions that fill messages reuse the message's memory.
 class __attribute__((visibility("default"))) ArmView {
  public:
   ArmView() = default;
-  // Nothing to see (false) where the value is no such address.
-  static ArmView behind(double interface_value) noexcept;
-  explicit operator bool() const noexcept { return window_ != nullptr; }
+  // Returns an empty view (false) if the value is not such an address.
+  static ArmView from_interface(double interface_value) noexcept;
+  explicit operator bool() const noexcept { return address_ != nullptr; }
 
-  // --- state; spans are valid until the next read() ---
+  // State. Spans are valid until the next read().
   std::size_t joint_count() const noexcept;
   std::span<const double> q() const noexcept;        // [rad]
   std::span<const double> dq() const noexcept;       // [rad/s]
-  std::span<const double> tau_J() const noexcept;    // gravity included [N m]
-  std::span<const double> tau_J_d() const noexcept;  // in use, without gravity [N m]
+  std::span<const double> tau_J() const noexcept;    // with gravity [N m]
+  std::span<const double> tau_J_d() const noexcept;  // command in use, without gravity [N m]
   std::uint64_t sequence() const noexcept;           // of the packet
   std::uint8_t mode() const noexcept;                // multipanda_msgs/RobotState MODE_*
   std::uint64_t errors() const noexcept;
   void state(multipanda_msgs::msg::RobotState& out) const;
 
-  // --- model at that state, tool and load included; matrices row-major ---
+  // Model at that state, including tool and load. Matrices are row-major.
   void mass(std::span<double> out) const noexcept;      // (n x n) [kg m^2]
   void coriolis(std::span<double> out) const noexcept;  // C dq (n) [N m]
   void gravity(std::span<double> out) const noexcept;   // (n) [N m]
@@ -42,7 +42,7 @@ class __attribute__((visibility("default"))) ArmView {
   void model(multipanda_msgs::msg::RobotModel& out) const;
 
  private:
-  const void* window_ = nullptr;
+  const void* address_ = nullptr;
 };
 
 }  // namespace multipanda::ros

@@ -10,37 +10,36 @@
 #include "models/robot_description.hpp"
 #include "ros/adapter/controllets/parameter_table.hpp"
 #include "ros/adapter/ros_adapter.hpp"
-#include "runtime/hosted/hosted_cycle.hpp"
-#include "runtime/request_words.hpp"
+#include "runtime/embedded/hosted_cycle.hpp"
+#include "runtime/request_text.hpp"
 #include "scene/build.hpp"
 #include "scene/from_parameters.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda::ros {
-namespace {
 
 static_assert(std::is_same_v<FlatParameters, multipanda::FlatParameters>);
 
-// A folder for the robot description as a model that scenes can name; gone with this object.
+// A folder with the robot description as a model that scenes can name. The destructor removes it.
 class DescriptionFolder {
  public:
   explicit DescriptionFolder(const std::string& urdf) : urdf_(urdf) {}
   ~DescriptionFolder() {
-    std::error_code gone;
-    if (!folder_.empty()) std::filesystem::remove_all(folder_, gone);
+    std::error_code ignored;
+    if (!folder_.empty()) std::filesystem::remove_all(folder_, ignored);
   }
   DescriptionFolder(const DescriptionFolder&) = delete;
 
   std::string model_of(const HostedArm& arm) {
     if (urdf_.empty()) {
       throw std::invalid_argument("parameter 'arms." + arm.name +
-                                  ".model': the node has no robot description; give the parameter "
+                                  ".model': the node has no robot description; set the parameter "
                                   "'robot_description', or name a model");
     }
     if (arm.base_link.empty() || arm.tip_link.empty()) {
       throw std::invalid_argument(
           "parameter 'arms." + arm.name +
-          ".model': robot_description needs 'base_link' and 'tip_link', the arm's ends");
+          ".model': robot_description also needs 'base_link' and 'tip_link', the ends of the arm");
     }
     if (folder_.empty()) make();
     const std::filesystem::path file = folder_ / (arm.name + ".yaml");
@@ -55,7 +54,8 @@ class DescriptionFolder {
  private:
   void make() {
     std::string pattern = (std::filesystem::temp_directory_path() / "multipanda-XXXXXX").string();
-    if (::mkdtemp(pattern.data()) == nullptr) throw std::runtime_error("no temporary folder at " + pattern);
+    if (::mkdtemp(pattern.data()) == nullptr)
+      throw std::runtime_error("cannot make a temporary folder in " + pattern);
     folder_ = pattern;
     std::ofstream out(folder_ / "robot.urdf");
     out << urdf_;
@@ -65,7 +65,9 @@ class DescriptionFolder {
   std::filesystem::path folder_;
 };
 
-// Around a controller_manager others publish these, unless a parameter says otherwise.
+namespace {
+
+// With a controller_manager, other nodes publish these, so they are off unless a parameter enables them.
 void leave_to_others(const FlatParameters& parameters, RosSection::Rates& rates) {
   const std::pair<const char*, double*> others[] = {{"joint_states", &rates.joint_states},
                                                     {"tf", &rates.tf},
@@ -73,9 +75,9 @@ void leave_to_others(const FlatParameters& parameters, RosSection::Rates& rates)
                                                     {"object_poses", &rates.object_poses}};
   for (const auto& [name, rate] : others) {
     const std::string key = std::string("ros.rates_hz.") + name;
-    const bool said =
+    const bool is_set =
         std::any_of(parameters.begin(), parameters.end(), [&](const auto& p) { return p.first == key; });
-    if (!said) *rate = 0;
+    if (!is_set) *rate = 0;
   }
 }
 
@@ -84,24 +86,24 @@ void leave_to_others(const FlatParameters& parameters, RosSection::Rates& rates)
 struct ControllerHost::Implementation {
   Implementation(const FlatParameters& parameters, const ControllerHostOptions& options)
       : description(options.robot_description) {
-    ParameterScene said =
+    ParameterScene given =
         scene_from_parameters(parameters, [this](const HostedArm& arm) { return description.model_of(arm); });
-    registry = build_registry(said.plugins);
-    const Scene scene = parse_scene(said.yaml, "parameters", registry);
-    for (ArmIndex i = 0; i < said.arms.size(); ++i) {
-      if (!said.arms[i].joints.empty() || said.arms[i].base_link.empty()) continue;
-      said.arms[i].joints = robot_of(scene.arms[i]).joint_names;  // as the robot description has them
+    registry = build_registry(given.plugins);
+    const Scene scene = parse_scene(given.yaml, "parameters", registry);
+    for (ArmIndex i = 0; i < given.arms.size(); ++i) {
+      if (!given.arms[i].joints.empty() || given.arms[i].base_link.empty()) continue;
+      given.arms[i].joints = robot_of(scene.arms[i]).joint_names;  // as the robot description names them
     }
-    arms = said.arms;
-    HostedOptions hosted{.arms = std::move(said.arms), .period_s = options.period_s, .make_adapter = {}};
+    arms = given.arms;
+    HostedOptions hosted{.arms = std::move(given.arms), .period_s = options.period_s, .make_adapter = {}};
     if (options.node != nullptr) {
-      hosted.make_adapter = [&](const RunWorld& world) {
-        RosOptions wish;
-        static_cast<RosSection&>(wish) = world.scene->ros;
-        wish.parameter_services = false;  // the node has its own
-        wish.arms = false;                // the hardware's node has them
-        leave_to_others(parameters, wish.rates_hz);
-        return std::make_unique<RosAdapter>(world, wish, options.node);
+      hosted.make_adapter = [&](const RunContext& run) {
+        RosOptions ros;
+        static_cast<RosSection&>(ros) = run.scene->ros;
+        ros.parameter_services = false;  // the node has its own
+        ros.arms = false;                // the hardware's node has them
+        leave_to_others(parameters, ros.rates_hz);
+        return std::make_unique<RosAdapter>(run, ros, options.node);
       };
     }
     cycle = std::make_unique<HostedCycle>(scene, registry, std::move(hosted));
@@ -121,7 +123,7 @@ struct ControllerHost::Implementation {
         if (arms[i].has_effort) state_names.push_back(joint + "/effort");
         command_names.push_back(joint + "/effort");
       }
-      place.window = state_names.size();
+      place.shared = state_names.size();
       if (arms[i].has_robot_state) state_names.push_back(arms[i].name + "/robot_state");
       places.push_back(place);
       cycle->signals(i).has_effort = arms[i].has_effort;
@@ -148,17 +150,17 @@ struct ControllerHost::Implementation {
                   commands.begin() + static_cast<std::ptrdiff_t>(places[i].first_command));
     }
   }
-  // The hardware takes its address back before it goes.
-  bool windows_stand() const noexcept {
+  // Returns whether the addresses are still valid. The hardware withdraws its address before it is destroyed.
+  bool addresses_valid() const noexcept {
     for (ArmIndex i = 0; i < places.size(); ++i) {
-      const ArmWindow* window = cycle->signals(i).window;
-      if (window != nullptr && states[places[i].window] != to_interface(window)) return false;
+      const SharedArmState* shared = cycle->signals(i).shared;
+      if (shared != nullptr && states[places[i].shared] != to_interface(shared)) return false;
     }
     return true;
   }
 
   struct Place {
-    std::size_t first_state = 0, first_command = 0, joints = 0, window = 0;
+    std::size_t first_state = 0, first_command = 0, joints = 0, shared = 0;
   };
   DescriptionFolder description;
   Registry registry;
@@ -183,8 +185,8 @@ std::string ControllerHost::activate() {
   auto& self = *self_;
   for (ArmIndex i = 0; i < self.arms.size(); ++i) {
     ArmSignals& signals = self.cycle->signals(i);
-    signals.window =
-        self.arms[i].has_robot_state ? window_behind(self.states[self.places[i].window]) : nullptr;
+    signals.shared =
+        self.arms[i].has_robot_state ? shared_arm_state(self.states[self.places[i].shared]) : nullptr;
   }
   self.take_states();
   if (std::string why = self.cycle->check(); !why.empty()) return why;
@@ -194,7 +196,7 @@ std::string ControllerHost::activate() {
 
 bool ControllerHost::update(double period_s) noexcept {
   auto& self = *self_;
-  if (!self.windows_stand()) {
+  if (!self.addresses_valid()) {
     std::fill(self.commands.begin(), self.commands.end(), 0.0);
     return false;
   }
@@ -207,8 +209,8 @@ bool ControllerHost::update(double period_s) noexcept {
 void ControllerHost::deactivate() noexcept {
   auto& self = *self_;
   if (!self.cycle->is_active()) return;
-  if (!self.windows_stand()) {  // their memory may be gone
-    for (ArmIndex i = 0; i < self.arms.size(); ++i) self.cycle->signals(i).window = nullptr;
+  if (!self.addresses_valid()) {  // the hardware's memory may be gone
+    for (ArmIndex i = 0; i < self.arms.size(); ++i) self.cycle->signals(i).shared = nullptr;
   }
   self.take_states();
   self.cycle->deactivate();

@@ -17,15 +17,16 @@ namespace multipanda::ros {
 struct ControllerHostOptions {
   double period_s = 0.001;        // of the host's loop
   std::string robot_description;  // URDF text, for arms with `model: robot_description`; may be empty
-  // The controller's own node, on which the adapter makes its interfaces; outlives the host. nullptr: none.
+  // Node of the controller, on which the adapter makes its interfaces. It outlives the host. nullptr:
+  // no interfaces.
   rcl_node_t* node = nullptr;
 };
 
-// The multimode controller for a ros2_control controller, behind numbers and texts: what the plugin needs and
-// nothing else, so that packages that host it see no header of the core.
+// The multimode controller for a ros2_control controller. The interface uses numbers and strings only, so
+// that packages that host it need no header of the core.
 class __attribute__((visibility("default"))) ControllerHost {
  public:
-  // Builds everything. Throws std::invalid_argument or std::runtime_error: what is wrong and the cure.
+  // Builds everything. Throws std::invalid_argument or std::runtime_error with the cause and the remedy.
   ControllerHost(const FlatParameters& parameters, const ControllerHostOptions& options);
   ~ControllerHost();
   ControllerHost(const ControllerHost&) = delete;
@@ -36,24 +37,24 @@ class __attribute__((visibility("default"))) ControllerHost {
   std::span<double> states();
   std::span<const double> commands() const;
 
-  // --- host's loop ---
-  // With states() filled. Not empty: why it may not begin; then nothing has begun.
+  // Host's loop.
+  // Call with states() filled. Returns an empty string, or the reason why nothing has started.
   std::string activate();
-  // Takes states(), leaves commands(). False: the hardware behind a robot_state is gone; then the commands
-  // are no torque.
+  // Reads states(), writes commands(). Returns false if the hardware behind a robot_state is gone; then the
+  // commands are not valid torques.
   bool update(double period_s) noexcept;
   void deactivate() noexcept;
 
-  // --- any thread but the loop's ---
+  // Any thread but the loop's.
   struct Parameter {
     rcl_interfaces::msg::ParameterDescriptor descriptor;
     rcl_interfaces::msg::ParameterValue value;
   };
   std::vector<Parameter> parameters() const;  // of controllets and features: "pose0.stiffness_n_per_m"
   bool has_parameter(const std::string& name) const;
-  // All or none, in one cycle. Empty: done; else why not.
+  // Sets all or none, in one cycle. Returns an empty string, or the reason for a refusal.
   std::string set_parameters(const std::vector<rcl_interfaces::msg::Parameter>& parameters);
-  std::vector<std::string> active() const;  // controllets that run, without the holds
+  std::vector<std::string> active() const;  // active controllets, without the holds
 
  private:
   struct Implementation;

@@ -3,8 +3,8 @@
 #include <stdexcept>
 
 #include "ros/adapter/ros_adapter.hpp"
-#include "runtime/hosted/hardware_parameters.hpp"
-#include "runtime/hosted/hardware_world.hpp"
+#include "runtime/embedded/hardware_parameters.hpp"
+#include "runtime/embedded/hardware_system.hpp"
 
 namespace multipanda::ros {
 namespace {
@@ -28,48 +28,48 @@ std::vector<HardwareHost::Number> plain(const std::vector<HardwareNumber>& numbe
 
 struct HardwareHost::Implementation {
   Extras extras;
-  std::unique_ptr<HardwareWorld> world;
+  std::unique_ptr<HardwareSystem> system;
   std::unique_ptr<RosAdapter> services;
 };
 
 HardwareHost::HardwareHost(Kind kind, const std::map<std::string, std::string>& parameters,
-                           std::function<void(const std::string&)> say)
+                           std::function<void(const std::string&)> report)
     : self_(std::make_unique<Implementation>()) {
   self_->extras.services = flag(parameters, "services", true);
   const bool real = kind == Kind::fci;
   const Scene scene = hardware_scene(parameters, real, {"services"});
-  self_->world =
-      std::make_unique<HardwareWorld>(scene, real ? real_arms(scene, std::move(say)) : mujoco_arms(scene));
+  self_->system = std::make_unique<HardwareSystem>(
+      scene, real ? real_arms(scene, std::move(report)) : mujoco_arms(scene));
 }
 
 HardwareHost::~HardwareHost() { self_->services.reset(); }
 
 const HardwareHost::Extras& HardwareHost::extras() const { return self_->extras; }
-std::vector<HardwareHost::Number> HardwareHost::states() const { return plain(self_->world->states()); }
-std::vector<HardwareHost::Number> HardwareHost::commands() const { return plain(self_->world->commands()); }
-void HardwareHost::connect() { self_->world->connect(); }
+std::vector<HardwareHost::Number> HardwareHost::states() const { return plain(self_->system->states()); }
+std::vector<HardwareHost::Number> HardwareHost::commands() const { return plain(self_->system->commands()); }
+void HardwareHost::connect() { self_->system->connect(); }
 void HardwareHost::disconnect() {
-  if (self_->world->is_connected()) self_->world->disconnect();
+  if (self_->system->is_connected()) self_->system->disconnect();
 }
 
 void HardwareHost::serve(rcl_node_t* node) {
   RosOptions options;
   options.parameter_services = options.controllets = options.state = options.motions = false;
-  self_->services = std::make_unique<RosAdapter>(self_->world->run_world(), options, node);
+  self_->services = std::make_unique<RosAdapter>(self_->system->run_context(), options, node);
 }
 void HardwareHost::stop_serving() { self_->services.reset(); }
 
 bool HardwareHost::prepare_switch(const std::vector<std::string>& start, const std::vector<std::string>& stop,
                                   std::string& why) const {
-  return self_->world->prepare_switch(start, stop, why);
+  return self_->system->prepare_switch(start, stop, why);
 }
 void HardwareHost::perform_switch(const std::vector<std::string>& start,
                                   const std::vector<std::string>& stop) noexcept {
-  self_->world->perform_switch(start, stop);
+  self_->system->perform_switch(start, stop);
 }
-void HardwareHost::deactivate() noexcept { self_->world->deactivate(); }
-bool HardwareHost::read() noexcept { return self_->world->read() == HardwareWorld::Result::ok; }
-bool HardwareHost::write() noexcept { return self_->world->write() == HardwareWorld::Result::ok; }
-std::string HardwareHost::fault() const { return self_->world->fault(); }
+void HardwareHost::deactivate() noexcept { self_->system->deactivate(); }
+bool HardwareHost::read() noexcept { return self_->system->read() == HardwareSystem::Result::ok; }
+bool HardwareHost::write() noexcept { return self_->system->write() == HardwareSystem::Result::ok; }
+std::string HardwareHost::fault() const { return self_->system->fault(); }
 
 }  // namespace multipanda::ros

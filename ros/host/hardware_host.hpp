@@ -10,46 +10,47 @@
 
 namespace multipanda::ros {
 
-// Hardware of ros2_control, behind numbers and texts: what the plugins need and nothing else.
-// docs/ros2_control.md says what the parameters and interfaces are.
+// Hardware for ros2_control. The interface uses numbers and strings only. docs/ros2_control.md describes
+// parameters and interfaces.
 class __attribute__((visibility("default"))) HardwareHost {
  public:
   enum class Kind : std::uint8_t { mujoco, fci };
-  // What the parameters say beside the scene.
+  // Parameters that are not part of the scene.
   struct Extras {
     bool services = true;  // parameter `services`
   };
 
-  // Builds everything, connects nothing. `say`: for the user, from other threads. Throws
-  // std::invalid_argument: which parameter, and the cure.
+  // Builds everything, connects to nothing. `report` receives messages for the user, from other threads.
+  // Throws std::invalid_argument with the parameter and the remedy.
   HardwareHost(Kind kind, const std::map<std::string, std::string>& parameters,
-               std::function<void(const std::string&)> say);
+               std::function<void(const std::string&)> report);
   ~HardwareHost();
   HardwareHost(const HardwareHost&) = delete;
 
   const Extras& extras() const;
   struct Number {
     std::string prefix, name;
-    double* value = nullptr;  // stays for the host's life
+    double* value = nullptr;  // valid for the host's life
   };
   std::vector<Number> states() const;
   std::vector<Number> commands() const;
 
-  // --- off the loop ---
-  void connect();  // throws std::runtime_error with the cure
+  // Off the loop.
+  void connect();  // throws std::runtime_error with the remedy
   void disconnect();
-  // Services of the arms (recover, set_load, ...; docs/ros_interfaces.md) on this node, which outlives them.
+  // Offers services of the arms (recover, set_load, ...; docs/ros_interfaces.md) on this node, which
+  // outlives them.
   void serve(rcl_node_t* node);
   void stop_serving();
-  // False: `why`. Nothing has changed.
+  // On failure returns false, sets `why` and changes nothing.
   bool prepare_switch(const std::vector<std::string>& start, const std::vector<std::string>& stop,
                       std::string& why) const;
 
-  // --- loop; nothing of it waits ---
+  // Loop; these functions do not wait.
   void perform_switch(const std::vector<std::string>& start, const std::vector<std::string>& stop) noexcept;
   void deactivate() noexcept;
-  bool read() noexcept;   // false: no arm is left; fault() says why
-  bool write() noexcept;  // the same
+  bool read() noexcept;   // false: no arm is left; fault() gives the reason
+  bool write() noexcept;  // as read()
   std::string fault() const;
 
  private:

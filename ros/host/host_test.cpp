@@ -1,5 +1,5 @@
-// What ros2_control plugins call, without ros2_control: a controller and hardware in one process, on ROS
-// nodes.
+// The calls of ros2_control plugins, without ros2_control: a controller and hardware in one process, on
+// ROS nodes.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -20,7 +20,7 @@
 #include "ros/host/hardware_host.hpp"
 #include "ros/rcl/rcl.hpp"
 
-namespace multipanda::ros {
+namespace multipanda::ros::host_test {
 namespace {
 
 using testing::Contains;
@@ -75,13 +75,13 @@ FlatParameters parameters() {
           {"update_rate", std::int64_t{1000}}};
 }
 
-TEST(Hosts, ControllerAndHardwareMeetThroughNumbersOnly) {
+TEST(Hosts, ControllerAndHardwareExchangeNumbersOnly) {
   HardwareHost hardware(HardwareHost::Kind::mujoco, {{"arm_names", "left"}}, {});
   ControllerHost controller(parameters(), {});
   EXPECT_EQ(controller.state_names().size(), 22u);
   EXPECT_EQ(controller.command_names().front(), "left_joint1/effort");
   Loop loop(hardware, controller);
-  EXPECT_THAT(controller.activate(), HasSubstr("gravity_compensation"));  // the hardware says nothing yet
+  EXPECT_THAT(controller.activate(), HasSubstr("gravity_compensation"));  // the hardware has not reported yet
   hardware.connect();
   std::string why;
   ASSERT_TRUE(hardware.prepare_switch(controller.command_names(), {}, why)) << why;
@@ -91,7 +91,7 @@ TEST(Hosts, ControllerAndHardwareMeetThroughNumbersOnly) {
   ASSERT_TRUE(loop.until([&] { return !controller.active().empty(); }));
   EXPECT_THAT(controller.active(), ElementsAre("joints"));
 
-  // Parameters of controllets: listed with bounds, set together or not at all.
+  // Parameters of controllets are listed with bounds, and set together or not at all.
   rcl_interfaces::msg::Parameter stiffness;
   for (const auto& parameter : controller.parameters()) {
     if (parameter.descriptor.name.starts_with("joints.stiffness")) {
@@ -117,10 +117,10 @@ TEST(Hosts, ControllerAndHardwareMeetThroughNumbersOnly) {
   EXPECT_EQ(set(100), "");
   EXPECT_THAT(set(-1), HasSubstr(stiffness.name));
 
-  // What the hardware knows, for other controllers.
+  // Other controllers can read the hardware's data.
   for (const auto& n : hardware.states()) {
     if (n.name != "robot_state") continue;
-    const ArmView arm = ArmView::behind(*n.value);
+    const ArmView arm = ArmView::from_interface(*n.value);
     ASSERT_TRUE(static_cast<bool>(arm));
     std::array<double, 49> M{};
     arm.mass(M);
@@ -133,10 +133,10 @@ TEST(Hosts, ControllerAndHardwareMeetThroughNumbersOnly) {
     multipanda_msgs::msg::RobotModel model;
     arm.model(model);
     EXPECT_EQ(model.jacobian.size(), 42u);
-    EXPECT_FALSE(static_cast<bool>(ArmView::behind(1.0)));
+    EXPECT_FALSE(static_cast<bool>(ArmView::from_interface(1.0)));
   }
 
-  // The hardware goes: no torque, and no look into its memory.
+  // Without the hardware there is no torque and no access to its memory.
   hardware.deactivate();
   hardware.disconnect();
   loop.take();
@@ -145,13 +145,13 @@ TEST(Hosts, ControllerAndHardwareMeetThroughNumbersOnly) {
   controller.deactivate();
 }
 
-// Torques that hold an arm which does not move, without the hardware's help: its gravity.
+// Torques that hold a still arm against gravity without the hardware's help.
 std::vector<double> holding_torques(const FlatParameters& arm, const ControllerHostOptions& options) {
-  FlatParameters said = parameters();
-  said.emplace_back("arms.left.gravity_compensation", std::string("controller"));
-  said.emplace_back("arms.left.state_interfaces", std::vector<std::string>{"position", "velocity"});
-  said.insert(said.end(), arm.begin(), arm.end());
-  ControllerHost controller(said, options);
+  FlatParameters given = parameters();
+  given.emplace_back("arms.left.gravity_compensation", std::string("controller"));
+  given.emplace_back("arms.left.state_interfaces", std::vector<std::string>{"position", "velocity"});
+  given.insert(given.end(), arm.begin(), arm.end());
+  ControllerHost controller(given, options);
   const double q[] = {0.1, -0.7, 0.2, -2.3, -0.3, 1.5, 0.8};
   for (std::size_t j = 0; j < 7; ++j) controller.states()[2 * j] = q[j];
   EXPECT_EQ(controller.activate(), "");
@@ -169,8 +169,8 @@ TEST(Hosts, ARobotDescriptionIsAModel) {
                                     {"arms.left.base_link", std::string("link0")},
                                     {"arms.left.tip_link", std::string("flange")}};
   const auto torques = holding_torques(described, options);
-  // The slope of the potential energy of the description's links, by differences of sum(m g z), computed
-  // apart.
+  // The expected torque is the slope of the potential energy of the description's links, by finite
+  // differences of sum(m g z), computed independently.
   EXPECT_THAT(torques,
               testing::Pointwise(testing::DoubleNear(1e-3),
                                  std::vector<double>{0, -3.6711, -3.4030, 18.5099, 0.3055, 1.4610, 0.0345}));
@@ -180,17 +180,17 @@ TEST(Hosts, ARobotDescriptionIsAModel) {
   FlatParameters all = parameters();
   all.insert(all.end(), described.begin(), described.end());
   EXPECT_EQ(ControllerHost(all, options).command_names().front(),
-            "joint1/effort");                                    // as the description says
+            "joint1/effort");                                    // as the description names it
   EXPECT_THROW(ControllerHost(all, {}), std::invalid_argument);  // there is none
 }
 
 TEST(Hosts, ControlletsOfAnotherLibraryRunInTheController) {
-  const FlatParameters said = {
+  const FlatParameters given = {
       {"arm_names", std::vector<std::string>{"left"}},        {"plugins", std::vector<std::string>{PLUGIN}},
       {"controllets.wall.type", std::string("virtual_wall")}, {"controllets.wall.arms", std::string("left")},
       {"controllets.wall.parameters.height_m", -1.0},         {"active", std::string("wall")}};
   HardwareHost hardware(HardwareHost::Kind::mujoco, {{"arm_names", "left"}}, {});
-  ControllerHost controller(said, {});
+  ControllerHost controller(given, {});
   hardware.connect();
   Loop loop(hardware, controller);
   hardware.perform_switch(controller.command_names(), {});
@@ -202,7 +202,7 @@ TEST(Hosts, ControlletsOfAnotherLibraryRunInTheController) {
   hardware.disconnect();
 }
 
-TEST(Hosts, RefusalsSayWhichParameter) {
+TEST(Hosts, RefusalsNameTheParameter) {
   FlatParameters wrong = parameters();
   wrong.emplace_back("controllets.pose.parameters.stifness", 3.0);
   try {
@@ -255,4 +255,4 @@ TEST(Hosts, ServicesOfControllerAndHardwareAnswerOnTheirNodes) {
 }
 
 }  // namespace
-}  // namespace multipanda::ros
+}  // namespace multipanda::ros::host_test

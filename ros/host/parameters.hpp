@@ -6,7 +6,7 @@
 #include <variant>
 #include <vector>
 
-// As in scene/from_parameters.hpp, whose include would bring the core's.
+// The same type as in scene/from_parameters.hpp, whose include would bring the core's headers.
 namespace multipanda::ros {
 
 using ParameterValue = std::variant<bool, std::int64_t, double, std::string, std::vector<bool>,

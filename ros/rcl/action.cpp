@@ -16,7 +16,7 @@ bool over(ActionGoals::Status status) {
          status == GoalStatus::STATUS_ABORTED;
 }
 
-// The life of a goal, as ROS 2 draws it (design article "Actions", goal states).
+// The state machine of a goal, from the ROS 2 design article "Actions".
 bool may_follow(ActionGoals::Status from, ActionGoals::Status to) {
   switch (to) {
     case GoalStatus::STATUS_EXECUTING:

@@ -15,7 +15,7 @@ namespace multipanda::ros {
 
 Uuid random_uuid();
 
-// Calls an action; for tests and our own nodes.
+// Calls an action. For tests and the project's own nodes.
 template <class A>
 class ActionClient {
   using SendGoal = typename A::Impl::SendGoalService;
@@ -48,7 +48,7 @@ class ActionClient {
     request.goal = goal;
     return send_goal_.call(request);
   }
-  // Comes when the goal is over; status as in action_msgs/msg/GoalStatus.
+  // Ready when the goal has ended; status as in action_msgs/msg/GoalStatus.
   std::future<typename GetResult::Response> result(const Uuid& id) {
     typename GetResult::Request request;
     request.goal_id.uuid = id;

@@ -22,17 +22,18 @@ using Uuid = std::array<std::uint8_t, 16>;
 
 struct GoalDecision {
   bool accepted = false;
-  std::string reason;  // why not; an action has no field for it: it goes to Callbacks::refused
+  // reason for a rejection; actions have no field for it, so it is passed to Callbacks::refused
+  std::string reason;
   static GoalDecision accept() { return {true, ""}; }
   static GoalDecision reject(std::string why) { return {false, std::move(why)}; }
 };
 
-// An action is three services (send_goal, cancel_goal, get_result) and two topics (feedback, status); this is
-// their state machine, without the types of one action. Any thread.
+// State machine of an action without its types. An action consists of three services (send_goal, cancel_goal,
+// get_result) and two topics (feedback, status). Any thread.
 class ActionGoals {
  public:
   using Status = std::int8_t;               // action_msgs/msg/GoalStatus
-  static constexpr std::size_t kKept = 32;  // goals that are over whose results are kept
+  static constexpr std::size_t kKept = 32;  // number of ended goals whose results are kept
 
   ActionGoals(Node& node, const std::string& name);
 
@@ -41,14 +42,14 @@ class ActionGoals {
     builtin_interfaces::msg::Time accepted;
     Status status = action_msgs::msg::GoalStatus::STATUS_UNKNOWN;
   };
-  bool add(const Uuid& id, builtin_interfaces::msg::Time& stamp);  // false: known already
+  bool add(const Uuid& id, builtin_interfaces::msg::Time& stamp);  // false: already known
   Status status(const Uuid& id) const;                             // STATUS_UNKNOWN: not known
   bool known(const Uuid& id) const;
-  // False: the goal is over, or may not become so.
+  // Returns false if the goal has ended or the transition is not allowed.
   bool change(const Uuid& id, Status status);
-  // Whom a cancel request means: one goal, all, or all accepted until a time.
+  // Returns the goals that a cancel request selects: one goal, all, or all accepted until a time.
   std::vector<Uuid> meant_by(const action_msgs::msg::GoalInfo& info) const;
-  // The oldest ones that are over and more than kKept: forgotten, and named.
+  // Removes the oldest ended goals beyond kKept and returns their ids.
   std::vector<Uuid> forget();
   bool any_running() const;
 
@@ -61,9 +62,9 @@ class ActionGoals {
 
 builtin_interfaces::msg::Time system_time();
 
-// An action. Goals live in shared pointers: whoever runs one keeps it and ends it by succeed(), abort() or
-// cancelled(); one that is given up without an end is aborted. Callbacks run on the executor's thread; the
-// goal's own functions may be called from any thread.
+// An action server. The owner of a goal's shared pointer ends it by succeed(), abort() or canceled(); a goal
+// whose owner drops it is aborted. Callbacks run on the executor's thread; the goal's own functions may be
+// called from any thread.
 template <class A>
 class ActionServer {
  public:
@@ -78,7 +79,7 @@ class ActionServer {
   using CancelGoal = action_msgs::srv::CancelGoal;
   using GoalStatus = action_msgs::msg::GoalStatus;
 
-  struct Shared {  // what goals need; outlived by none of its entities
+  struct Shared {  // data that goals need; outlives the server's entities
     Shared(Node& node, const std::string& name)
         : goals(node, name), feedback(node, name + "/_action/feedback", Qos::reliable(10), Doc{}) {}
     ActionGoals goals;
@@ -112,7 +113,7 @@ class ActionServer {
     ~Goal() { abort(Result()); }
     const Uuid& id() const { return id_; }
     const GoalMessage& message() const { return goal_; }
-    // Each only while the goal is not over; afterwards they do nothing.
+    // These functions do nothing after the goal has ended.
     void feedback(const Feedback& feedback) {
       if (!active()) return;
       FeedbackMessage message;
@@ -122,8 +123,8 @@ class ActionServer {
     }
     void succeed(const Result& result) { shared_->end(id_, GoalStatus::STATUS_SUCCEEDED, result); }
     void abort(const Result& result) { shared_->end(id_, GoalStatus::STATUS_ABORTED, result); }
-    // After a cancel request; at once from within on_cancel, too.
-    void cancelled(const Result& result) {
+    // After a cancel request; also directly from on_cancel.
+    void canceled(const Result& result) {
       shared_->goals.change(id_, GoalStatus::STATUS_CANCELING);
       shared_->end(id_, GoalStatus::STATUS_CANCELED, result);
     }
@@ -142,8 +143,9 @@ class ActionServer {
 
   struct Callbacks {
     std::function<GoalDecision(const GoalMessage&)> on_goal;
-    std::function<void(GoalPtr)> on_accepted;       // at once after it, from the same goal
-    std::function<bool(const GoalPtr&)> on_cancel;  // true: granted, and cancel_requested() from then on
+    std::function<void(GoalPtr)> on_accepted;  // directly after acceptance, with the same goal
+    // true: granted, and cancel_requested() returns true from then on
+    std::function<bool(const GoalPtr&)> on_cancel;
     std::function<void(const std::string& reason)> refused;  // may be empty
   };
 
@@ -196,7 +198,7 @@ class ActionServer {
       const auto found = running_.find(id);
       const auto goal = found == running_.end() ? nullptr : found->second.lock();
       if (!goal || !callbacks_.on_cancel(goal)) continue;
-      // Where it could stop on the spot, it is over by now.
+      // on_cancel may have ended the goal already.
       if (!shared_->goals.change(id, GoalStatus::STATUS_CANCELING) &&
           shared_->goals.status(id) != GoalStatus::STATUS_CANCELED)
         continue;
@@ -225,7 +227,7 @@ class ActionServer {
   Callbacks callbacks_;
   std::shared_ptr<Shared> shared_;
   std::map<Uuid, std::weak_ptr<Goal>> running_;  // executor's thread
-  Service<SendGoal> send_goal_;                  // these end before what they use
+  Service<SendGoal> send_goal_;                  // destroyed before what they use
   Service<CancelGoal> cancel_goal_;
   Service<GetResult> get_result_;
 };

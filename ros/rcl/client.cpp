@@ -15,7 +15,7 @@ ClientBase::ClientBase(Executor& executor, Node& node, const std::string& name,
   rcl_client_options_t options = rcl_client_get_default_options();
   options.qos.depth = kServiceDepth;
   check(rcl_client_init(&client_, node.handle(), type, name.c_str(), &options),
-        "making a client of the service \"" + name + "\"");
+        "creating a client of the service \"" + name + "\"");
 }
 
 ClientBase::~ClientBase() { disregard(rcl_client_fini(&client_, node_.handle())); }
@@ -33,7 +33,7 @@ void ClientBase::close() {
 
 bool ClientBase::ready() const {
   bool there = false;
-  if (rcl_service_server_is_available(node_.handle(), &client_, &there) != RCL_RET_OK) (void)take_rcl_words();
+  if (rcl_service_server_is_available(node_.handle(), &client_, &there) != RCL_RET_OK) (void)take_rcl_error();
   return there;
 }
 
@@ -58,7 +58,7 @@ bool ClientBase::take_any(std::int64_t& sequence, void* response) {
   rmw_request_id_t id{};
   const rcl_ret_t taken = rcl_take_response(&client_, &id, response);
   if (taken != RCL_RET_OK) {
-    if (taken != RCL_RET_CLIENT_TAKE_FAILED) (void)take_rcl_words();
+    if (taken != RCL_RET_CLIENT_TAKE_FAILED) (void)take_rcl_error();
     return false;
   }
   sequence = id.sequence_number;

@@ -16,8 +16,8 @@ namespace multipanda::ros {
 
 class ClientBase : public Incoming {
  public:
-  bool ready() const;  // the service is there
-  // Waits until it is, at most so long; false: it did not come. Not from a callback.
+  bool ready() const;  // whether the service is available
+  // Waits until the service is available; returns false after the timeout. Not from a callback.
   bool wait_until_ready(double timeout_s) const;
 
  protected:
@@ -35,7 +35,7 @@ class ClientBase : public Incoming {
   rcl_client_t client_;
 };
 
-// Calls a service. Futures without an answer are broken (std::future_error) when the client ends.
+// Calls a service. When the client is destroyed, pending futures throw std::future_error.
 template <class S>
 class Client : public ClientBase {
  public:
@@ -48,7 +48,7 @@ class Client : public ClientBase {
   }
   ~Client() override { close(); }
 
-  // Any thread. Throws RclError. The answer comes by the executor's thread: do not wait for it there.
+  // Any thread. Throws RclError. The executor's thread delivers the answer, so do not wait for it there.
   std::future<Response> call(const Request& request) {
     const std::lock_guard lock(mutex_);
     return waiting_[send(&request)].get_future();

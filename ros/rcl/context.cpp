@@ -21,15 +21,15 @@ bool keep_to_this_machine() {
     const char* value = std::getenv(name);
     if (value != nullptr && !std::string_view(value).empty()) return false;
   }
-  // Shared memory is all there is then, and SYSTEM_DEFAULT keeps rmw from adding sockets for its range.
-  // Another middleware than Fast DDS has its own way to stay.
+  // Shared memory is then the only transport, and SYSTEM_DEFAULT keeps rmw from adding sockets for a range.
+  // Other middlewares than Fast DDS need LOCALHOST.
   const char* middleware = std::getenv("RMW_IMPLEMENTATION");
   const bool fast_dds = middleware == nullptr || std::string_view(middleware).empty() ||
                         std::string_view(middleware).find("fastrtps") != std::string_view::npos;
   setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM", 1);
   setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", fast_dds ? "SYSTEM_DEFAULT" : "LOCALHOST", 1);
 #if defined(RCL_VERSION_MAJOR) && RCL_VERSION_MAJOR < 6
-  setenv("ROS_LOCALHOST_ONLY", "1", 1);  // Humble knows neither of the two
+  setenv("ROS_LOCALHOST_ONLY", "1", 1);  // Humble knows neither variable
 #endif
   return true;
 }
@@ -57,17 +57,17 @@ Context::Context(std::vector<std::string> arguments) : context_(rcl_get_zero_ini
   keep_to_this_machine();
   publish_in_background();
   ask_for_no_types();
-  arguments.insert(arguments.begin(), "multipanda");  // the program's name, as argv has it
-  std::vector<const char*> words;
-  for (const auto& argument : arguments) words.push_back(argument.c_str());
+  arguments.insert(arguments.begin(), "multipanda");  // the program's name, as in argv
+  std::vector<const char*> argv;
+  for (const auto& argument : arguments) argv.push_back(argument.c_str());
 
   rcl_init_options_t options = rcl_get_zero_initialized_init_options();
   check(rcl_init_options_init(&options, rcl_get_default_allocator()), "preparing ROS");
-  const rcl_ret_t begun = rcl_init(static_cast<int>(words.size()), words.data(), &options, &context_);
-  const std::string why = begun == RCL_RET_OK ? "" : take_rcl_words();
+  const rcl_ret_t result = rcl_init(static_cast<int>(argv.size()), argv.data(), &options, &context_);
+  const std::string why = result == RCL_RET_OK ? "" : take_rcl_error();
   disregard(rcl_init_options_fini(&options));
-  if (begun != RCL_RET_OK) throw RclError("starting ROS failed (" + std::to_string(begun) + "): " + why);
-  disregard(rcl_get_default_domain_id(&domain_));  // what rcl_init took from ROS_DOMAIN_ID
+  if (result != RCL_RET_OK) throw RclError("starting ROS failed (" + std::to_string(result) + "): " + why);
+  disregard(rcl_get_default_domain_id(&domain_));  // as rcl_init read it from ROS_DOMAIN_ID
   if (domain_ == RCL_DEFAULT_DOMAIN_ID) domain_ = 0;
 }
 

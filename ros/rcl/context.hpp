@@ -7,31 +7,31 @@
 
 namespace multipanda::ros {
 
-// Without any word about it in the environment, ROS 2 opens sockets on every network. Here the default stays
-// on this machine: unless one of FASTDDS_BUILTIN_TRANSPORTS, FASTDDS_DEFAULT_PROFILES_FILE,
-// FASTRTPS_DEFAULT_PROFILES_FILE, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_LOCALHOST_ONLY, ROS_STATIC_PEERS,
-// ROS_DISCOVERY_SERVER is set, sets FASTDDS_BUILTIN_TRANSPORTS=SHM and
-// ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT (LOCALHOST for another middleware than Fast DDS). True where
-// it did. Changes the environment: before other threads read it.
+// By default ROS 2 opens sockets on every network. This function makes the default stay on this machine: it
+// sets FASTDDS_BUILTIN_TRANSPORTS=SHM and ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT (LOCALHOST for another
+// middleware than Fast DDS). It does nothing if the environment has one of FASTDDS_BUILTIN_TRANSPORTS,
+// FASTDDS_DEFAULT_PROFILES_FILE, FASTRTPS_DEFAULT_PROFILES_FILE, ROS_AUTOMATIC_DISCOVERY_RANGE,
+// ROS_LOCALHOST_ONLY, ROS_STATIC_PEERS, ROS_DISCOVERY_SERVER. Returns whether it set the variables. Call
+// before other threads read the environment.
 bool keep_to_this_machine();
 
-// A process that is stopped (Ctrl-Z) can hold a lock of the shared memory it reads from, and holds up for up
-// to two seconds who writes to it: seen. So the middleware sends on a thread of its own, unless
-// RMW_FASTRTPS_PUBLICATION_MODE says otherwise. True where it was not set.
+// Makes the middleware send on its own thread, unless RMW_FASTRTPS_PUBLICATION_MODE is set. A process that is
+// stopped (Ctrl-Z) can hold a lock of the shared memory it reads from; writers were seen to block on it for
+// up to two seconds. Returns whether it set the variable.
 bool publish_in_background();
 
-// Fast DDS looks up types at other participants, which ROS 2 does not need, and a program that ends meanwhile
-// may crash in it: seen on short-lived nodes beside a busy run. So FASTDDS_DEFAULT_PROFILES_FILE names a
-// profile without that (fastdds_profile.xml), unless it or FASTRTPS_DEFAULT_PROFILES_FILE is set. True where
-// it was not set. After keep_to_this_machine(), which takes that variable for the user's word.
+// Disables Fast DDS' look-up of types at other participants, which ROS 2 does not need; programs that ended
+// during a look-up were seen to crash (short-lived nodes next to a busy run). Sets
+// FASTDDS_DEFAULT_PROFILES_FILE to a profile without it (fastdds_profile.xml), unless that or
+// FASTRTPS_DEFAULT_PROFILES_FILE is set. Returns whether it set the variable. Call after
+// keep_to_this_machine(), which respects that variable.
 bool ask_for_no_types();
 
-// ROS as one program uses it (rcl_init to rcl_shutdown). Outlives all that is made of it.
+// ROS as one program uses it (rcl_init to rcl_shutdown). Outlives every entity made with it.
 class Context {
  public:
-  // Keeps to this machine, publishes in the background and asks for no types, unless the environment says
-  // otherwise. `arguments` as on a command line, without the program's name: {"--ros-args", "-r", "a:=b"}.
-  // Throws RclError.
+  // Applies the three functions above. `arguments`: as on a command line without the program's name, for
+  // example {"--ros-args", "-r", "a:=b"}. Throws RclError.
   explicit Context(std::vector<std::string> arguments = {});
   ~Context();
   Context(const Context&) = delete;

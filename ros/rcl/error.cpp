@@ -4,10 +4,10 @@
 
 namespace multipanda::ros {
 
-std::string take_rcl_words() {
-  std::string words = rcl_error_is_set() ? rcl_get_error_string().str : "no more is known";
+std::string take_rcl_error() {
+  std::string text = rcl_error_is_set() ? rcl_get_error_string().str : "no further information";
   rcl_reset_error();
-  return words;
+  return text;
 }
 
 void disregard(rcl_ret_t result) {
@@ -16,11 +16,11 @@ void disregard(rcl_ret_t result) {
 
 void check(rcl_ret_t result, const std::string& what) {
   if (result == RCL_RET_OK) {
-    rcl_reset_error();  // some calls succeed and leave the error of a try behind, which the next one shouts
-                        // about
+    // some calls succeed and leave an error of an attempt behind, which the next call would print
+    rcl_reset_error();
     return;
   }
-  throw RclError(what + " failed (" + std::to_string(result) + "): " + take_rcl_words());
+  throw RclError(what + " failed (" + std::to_string(result) + "): " + take_rcl_error());
 }
 
 }  // namespace multipanda::ros

@@ -6,16 +6,16 @@
 
 namespace multipanda::ros {
 
-// A call of rcl failed: what was tried, and rcl's own words.
+// A failed call of rcl: the attempted operation and rcl's own message.
 struct RclError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
 // Throws RclError unless `result` is RCL_RET_OK; clears rcl's error state.
 void check(rcl_ret_t result, const std::string& what);
-// For clean-up, where nothing can be done about a failure any more: forgets it.
+// For cleanup code that cannot handle a failure: discards the error.
 void disregard(rcl_ret_t result);
-// rcl's words for the newest error of this thread, and clears them.
-std::string take_rcl_words();
+// Returns rcl's message for the newest error of this thread, and clears it.
+std::string take_rcl_error();
 
 }  // namespace multipanda::ros

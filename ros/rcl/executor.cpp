@@ -36,7 +36,7 @@ void Executor::stop() {
   }
   if (thread_.joinable()) thread_.join();
   running_.store(false);
-  // What these functions hold may have destructors of entities: outside of the lock.
+  // Destroyed outside of the lock: these functions may own entities with destructors.
   std::deque<std::function<void()>> posted;
   std::list<std::function<bool()>> polls, new_polls;
   const std::lock_guard lock(mutex_);
@@ -59,7 +59,7 @@ void Executor::remove_timer(TimerId id) {
   if (!on_own_thread()) turned_.wait(lock, [&] { return timer_running_ != id; });
   for (auto each = timers_.begin(); each != timers_.end(); ++each) {
     if (each->id != id) continue;
-    // A timer that takes itself away is still running: it goes when it has returned.
+    // A timer that removes itself is still running; it is destroyed after it has returned.
     if (timer_running_ == id)
       each->id = 0;
     else
@@ -97,7 +97,7 @@ void Executor::detach(Incoming& incoming) {
   incoming.attached_ = false;
   std::erase(ready_, &incoming);
   if (!on_own_thread()) turned_.wait(lock, [&] { return served_ != &incoming; });
-  if (served_ == &incoming) served_ = nullptr;  // ends itself, from its own callback: see serve()
+  if (served_ == &incoming) served_ = nullptr;  // the entity ends itself from its own callback: see serve()
 }
 
 void Executor::notify(Incoming& incoming) {
@@ -131,7 +131,7 @@ bool Executor::guarded(const std::function<void()>& function, const Incoming* so
   } catch (const std::exception& error) {
     what = error.what();
   } catch (...) {
-    what = "an exception of unknown kind";
+    what = "an exception of unknown type";
   }
   failures_.fetch_add(1, std::memory_order_relaxed);
   const std::string name = source != nullptr ? source->source() : kind;
@@ -143,7 +143,7 @@ void Executor::run_timers(std::unique_lock<std::mutex>& lock) {
   const auto now = Clock::now();
   for (auto timer = timers_.begin(); timer != timers_.end() && !stop_;) {
     if (timer->next <= now) {
-      // Turns missed by more than one period are left out.
+      // Skips periods that were missed by more than one.
       timer->next = std::max(timer->next + timer->period, now);
       timer_running_ = timer->id;
       lock.unlock();
@@ -169,13 +169,13 @@ void Executor::run_posted(std::unique_lock<std::mutex>& lock) {
 
 void Executor::run_polls(std::unique_lock<std::mutex>& lock) {
   polls_.splice(polls_.end(), new_polls_);
-  // Only this thread touches polls_, so the list may be walked without the lock.
+  // Only this thread touches polls_, so walking the list needs no lock.
   if (polls_.empty()) return;
   lock.unlock();
   std::size_t done = 0;
   for (auto poll = polls_.begin(); poll != polls_.end();) {
-    bool over = true;  // where it throws, too
-    guarded([&] { over = (*poll)(); }, nullptr, "a wait for an answer");
+    bool over = true;  // also if it throws
+    guarded([&] { over = (*poll)(); }, nullptr, "a function of poll_until()");
     if (over) {
       poll = polls_.erase(poll);
       ++done;
@@ -187,22 +187,22 @@ void Executor::run_polls(std::unique_lock<std::mutex>& lock) {
   poll_count_ -= done;
 }
 
-// Whoever had messages when this turn began gets one share of it.
+// Serves every entity that has messages when this turn starts, with at most kPerTurn messages each.
 void Executor::serve(std::unique_lock<std::mutex>& lock) {
   for (std::size_t count = ready_.size(); count > 0 && !ready_.empty() && !stop_; --count) {
     Incoming* incoming = ready_.front();
     ready_.pop_front();
-    // Before its messages are taken: what arrives from here on puts it in the row again.
+    // Cleared before taking messages, so that later arrivals queue the entity again.
     incoming->queued_ = false;
     served_ = incoming;
     bool more = true;
     for (std::size_t taken = 0; more && taken < kPerTurn && served_ == incoming && !stop_; ++taken) {
       lock.unlock();
-      // What throws has taken its message: there may be more.
+      // A callback that throws has taken its message; there may be more.
       guarded([&] { more = incoming->take(); }, incoming, "");
       lock.lock();
     }
-    // Nobody is served any more if a callback has ended its own entity: do not touch it.
+    // A callback may have ended its own entity, which must not be touched then.
     if (served_ == incoming && more && incoming->attached_ && !incoming->queued_) {
       incoming->queued_ = true;
       ready_.push_back(incoming);

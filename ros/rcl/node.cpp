@@ -12,12 +12,13 @@ namespace multipanda::ros {
 Node::Node(Context& context, const std::string& name, const std::string& name_space)
     : own_(rcl_get_zero_initialized_node()), node_(&own_) {
   rcl_node_options_t options = rcl_node_get_default_options();
-  options.enable_rosout = false;  // nothing here writes to rcl's log
+  options.enable_rosout = false;  // rcl's log is not used here
   const rcl_ret_t made = rcl_node_init(&own_, name.c_str(), name_space.c_str(), context.handle(), &options);
-  const std::string why = take_rcl_words();
+  const std::string why = take_rcl_error();
   disregard(rcl_node_options_fini(&options));
   if (made != RCL_RET_OK)
-    throw RclError("making the node \"" + name + "\" in the namespace \"" + name_space + "\" failed: " + why);
+    throw RclError("creating the node \"" + name + "\" in the namespace \"" + name_space +
+                   "\" failed: " + why);
 }
 
 Node::Node(rcl_node_t* borrowed) : own_(rcl_get_zero_initialized_node()), node_(borrowed) {}

@@ -12,10 +12,10 @@
 
 namespace multipanda::ros {
 
-// About one entity, for the generated list of interfaces. Nothing said: not listed.
+// Documentation of one entity, for the generated list of interfaces. Without a text it is not listed.
 struct Doc {
   std::string rate;  // "100 Hz", "on change", "on request", ...
-  std::string text;  // what it is for, units and frames
+  std::string text;  // purpose, units and frames
 };
 
 struct EntityInfo {
@@ -26,13 +26,12 @@ struct EntityInfo {
   std::string rate, doc;
 };
 
-// A node: the names under which entities are found. Outlives them. Any thread.
+// A node: resolves the names of entities. Outlives them. Any thread.
 class Node {
  public:
-  // Throws RclError, also for a name that ROS does not take.
+  // Throws RclError, also for names that ROS does not accept.
   Node(Context& context, const std::string& name, const std::string& name_space = "");
-  // A node of somebody else (rclcpp), who keeps it alive: entities are made in it, nothing else is done to
-  // it.
+  // Borrows a node, for example of rclcpp, that outlives this object. Only makes entities in it.
   explicit Node(rcl_node_t* borrowed);
   ~Node();
   Node(const Node&) = delete;
@@ -41,22 +40,22 @@ class Node {
   std::string name() const;
   std::string name_space() const;
   std::string full_name() const;  // "/multipanda"
-  // The name with namespace, "~" and remappings (--ros-args -r) applied, as others see it. Throws RclError
-  // for names that ROS does not take.
+  // Returns the name with namespace, "~" and remappings (--ros-args -r) applied, as other nodes see it.
+  // Throws RclError for names that ROS does not accept.
   std::string resolve(const std::string& name, bool service = false) const;
 
-  // What was made in this node so far, in order (with a text in its Doc).
+  // Returns the entities made in this node so far, in order (those with a text in their Doc).
   std::vector<EntityInfo> entities() const;
   void describe(EntityInfo info);
 
-  // Messages that the publishers of this node handed to the middleware, and that it did not take.
+  // Messages that this node's publishers passed to the middleware, and those that it rejected.
   std::uint64_t published() const { return published_.load(std::memory_order_relaxed); }
   std::uint64_t publish_failures() const { return publish_failures_.load(std::memory_order_relaxed); }
   void count_message(bool taken) {
     (taken ? published_ : publish_failures_).fetch_add(1, std::memory_order_relaxed);
   }
 
-  // Nodes that others run, and how many offer a topic: for tests of the graph.
+  // Other nodes, and the number of publishers and subscribers of a topic: for tests of the graph.
   std::vector<std::string> other_nodes() const;
   std::size_t publishers_of(const std::string& topic) const;
   std::size_t subscribers_of(const std::string& topic) const;

@@ -11,7 +11,7 @@ PublisherBase::PublisherBase(Node& node, const std::string& name, const rosidl_m
   options.qos = qos.profile();
   check(rcl_publisher_init(&publisher_, node.handle(), type, name.c_str(), &options),
         "publishing " + type_name + " on \"" + name + "\"");
-  if (!doc.text.empty()) node.describe({"publisher", topic(), type_name, qos.words(), doc.rate, doc.text});
+  if (!doc.text.empty()) node.describe({"publisher", topic(), type_name, qos.text(), doc.rate, doc.text});
 }
 
 PublisherBase::~PublisherBase() { disregard(rcl_publisher_fini(&publisher_, node_.handle())); }
@@ -20,7 +20,7 @@ std::string PublisherBase::topic() const { return rcl_publisher_get_topic_name(&
 
 std::size_t PublisherBase::subscribers() const {
   std::size_t count = 0;
-  if (rcl_publisher_get_subscription_count(&publisher_, &count) != RCL_RET_OK) (void)take_rcl_words();
+  if (rcl_publisher_get_subscription_count(&publisher_, &count) != RCL_RET_OK) (void)take_rcl_error();
   return count;
 }
 
@@ -29,7 +29,7 @@ void PublisherBase::publish_any(const void* message) {
   const bool taken = rcl_publish(&publisher_, message, nullptr) == RCL_RET_OK;
   node_.count_message(taken);
   if (taken) return;
-  (void)take_rcl_words();
+  (void)take_rcl_error();
   failures_.fetch_add(1, std::memory_order_relaxed);
 }
 

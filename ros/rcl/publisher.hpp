@@ -17,7 +17,7 @@ class PublisherBase {
   // Resolved name, with remappings.
   std::string topic() const;
   std::size_t subscribers() const;
-  // Messages that the middleware did not take so far.
+  // Number of messages that the middleware rejected.
   std::uint64_t failures() const { return failures_.load(std::memory_order_relaxed); }
 
  protected:
@@ -34,8 +34,8 @@ class PublisherBase {
   std::atomic<std::uint64_t> failures_{0};
 };
 
-// publish(): any thread, waits for no reader, throws nothing; what fails is counted. It serialises and copies
-// (some 10 us for a small message): never from the loop.
+// publish(): any thread; does not wait for readers and does not throw; failures are counted. Serializes and
+// copies the message (some 10 us for a small one), so never call it from the loop.
 template <class M>
 class Publisher : public PublisherBase {
  public:

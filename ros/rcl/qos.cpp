@@ -15,11 +15,11 @@ rmw_qos_profile_t Qos::profile() const {
   return profile;
 }
 
-std::string Qos::words() const {
-  std::string words = reliability == Reliability::reliable ? "reliable" : "best effort";
-  words += ", newest " + std::to_string(depth);
-  if (transient_local) words += ", kept for late comers";
-  return words;
+std::string Qos::text() const {
+  std::string text = reliability == Reliability::reliable ? "reliable" : "best effort";
+  text += ", newest " + std::to_string(depth);
+  if (transient_local) text += ", kept for late subscribers";
+  return text;
 }
 
 }  // namespace multipanda::ros

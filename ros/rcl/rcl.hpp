@@ -1,6 +1,6 @@
 #pragma once
 
-// ROS 2 on its C library, as far as it is needed here: one header for all of it.
+// A small C++ layer on rcl, the C library of ROS 2. One header for all of it.
 #include "ros/rcl/action_client.hpp"
 #include "ros/rcl/action_server.hpp"
 #include "ros/rcl/client.hpp"

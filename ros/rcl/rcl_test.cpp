@@ -20,7 +20,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-namespace multipanda::ros {
+namespace multipanda::ros::rcl_test {
 namespace {
 
 using namespace std::chrono_literals;
@@ -43,7 +43,7 @@ bool wait_for(const std::function<bool()>& condition, std::chrono::seconds deadl
   return true;
 }
 
-// Each process its own domain, on shared memory.
+// Each process uses its own domain, over shared memory.
 int domain() {
   static const bool chosen = [] {
     if (std::getenv("MULTIPANDA_TEST_DOMAIN") == nullptr)
@@ -67,7 +67,7 @@ struct Rcl : testing::Test {
   }
 };
 
-TEST(Environment, StaysOnThisMachineUnlessToldOtherwise) {
+TEST(Environment, StaysOnThisMachineByDefault) {
   const std::vector<std::string> all{"FASTDDS_BUILTIN_TRANSPORTS",
                                      "FASTDDS_DEFAULT_PROFILES_FILE",
                                      "FASTRTPS_DEFAULT_PROFILES_FILE",
@@ -82,10 +82,10 @@ TEST(Environment, StaysOnThisMachineUnlessToldOtherwise) {
   EXPECT_TRUE(keep_to_this_machine());
   EXPECT_STREQ(std::getenv("FASTDDS_BUILTIN_TRANSPORTS"), "SHM");
   EXPECT_STREQ(std::getenv("ROS_AUTOMATIC_DISCOVERY_RANGE"), "SYSTEM_DEFAULT");
-  EXPECT_FALSE(keep_to_this_machine()) << "its own words stand";
+  EXPECT_FALSE(keep_to_this_machine()) << "the environment takes precedence";
   for (const auto& name : all) {
     clear();
-    setenv(name.c_str(), "as the user said", 1);
+    setenv(name.c_str(), "as the user set it", 1);
     EXPECT_FALSE(keep_to_this_machine()) << name;
     for (const auto& each : all)
       EXPECT_EQ(std::getenv(each.c_str()) != nullptr, each == name) << name << ": " << each;
@@ -98,7 +98,7 @@ TEST(Environment, StaysOnThisMachineUnlessToldOtherwise) {
   clear();
 }
 
-TEST(Environment, WritersDoNotWaitForTheirReadersUnlessToldTo) {
+TEST(Environment, WritersDoNotWaitForReadersByDefault) {
   constexpr const char* kMode = "RMW_FASTRTPS_PUBLICATION_MODE";
   unsetenv(kMode);
   EXPECT_TRUE(publish_in_background());
@@ -109,7 +109,7 @@ TEST(Environment, WritersDoNotWaitForTheirReadersUnlessToldTo) {
   unsetenv(kMode);
 }
 
-TEST(Environment, NoTypesAreLookedUpUnlessAProfileIsNamed) {
+TEST(Environment, TypesAreNotLookedUpUnlessAProfileIsSet) {
   constexpr const char* kProfile = "FASTDDS_DEFAULT_PROFILES_FILE";
   constexpr const char* kOlder = "FASTRTPS_DEFAULT_PROFILES_FILE";
   unsetenv(kProfile);
@@ -117,19 +117,19 @@ TEST(Environment, NoTypesAreLookedUpUnlessAProfileIsNamed) {
   std::ifstream file(std::getenv(kProfile));
   const std::string profile(std::istreambuf_iterator<char>(file), {});
   EXPECT_THAT(profile, HasSubstr("<name>fastdds.type_propagation</name><value>disabled</value>"));
-  setenv(kProfile, "as the user said", 1);
+  setenv(kProfile, "as the user set it", 1);
   EXPECT_FALSE(ask_for_no_types());
-  EXPECT_STREQ(std::getenv(kProfile), "as the user said");
+  EXPECT_STREQ(std::getenv(kProfile), "as the user set it");
   unsetenv(kProfile);
-  setenv(kOlder, "as the user said", 1);
+  setenv(kOlder, "as the user set it", 1);
   EXPECT_FALSE(ask_for_no_types());
   EXPECT_EQ(std::getenv(kProfile), nullptr);
   unsetenv(kOlder);
 }
 
-TEST(Qualities, AreSaid) {
-  EXPECT_EQ(Qos::sensor().words(), "best effort, newest 5");
-  EXPECT_EQ(Qos::latched().words(), "reliable, newest 1, kept for late comers");
+TEST(Qos, DescribesItselfInText) {
+  EXPECT_EQ(Qos::sensor().text(), "best effort, newest 5");
+  EXPECT_EQ(Qos::latched().text(), "reliable, newest 1, kept for late subscribers");
   EXPECT_EQ(Qos::reliable(7).profile().depth, 7U);
 }
 
@@ -155,7 +155,7 @@ TEST_F(Rcl, NamesAreResolvedRemappedAndRefused) {
   EXPECT_THROW(Context({"--ros-args", "-r", "half of a rule"}), RclError);
 }
 
-TEST_F(Rcl, ReliableMessagesComeCompleteAndInOrderAndLateComersGetTheKeptOnes) {
+TEST_F(Rcl, ReliableMessagesArriveInOrderAndLateSubscribersGetTheKeptOnes) {
   Publisher<String> publisher(node, "~/words", Qos::reliable(500), kDoc);
   Publisher<String> latched(node, "~/kept", Qos::latched(2), kDoc);
   for (int i = 0; i < 5; ++i) {
@@ -201,7 +201,7 @@ TEST_F(Rcl, ReliableMessagesComeCompleteAndInOrderAndLateComersGetTheKeptOnes) {
   EXPECT_THAT(other.other_nodes(), ::testing::Contains("/here/served"));
 }
 
-TEST_F(Rcl, AnotherTypeOnTheTopicReachesNobody) {
+TEST_F(Rcl, MessagesOfAnotherTypeAreNotReceived) {
   std::atomic<int> taken{0};
   Subscription<JointState> joints(executor, node, "/mixed", Qos::sensor(), kDoc,
                                   [&](const JointState&) { ++taken; });
@@ -255,7 +255,7 @@ TEST_F(Rcl, ServicesAnswerAtOnceOrLaterFromAnyThreadAndNotAfterTheirEnd) {
   EXPECT_EQ(later.get().message, "later");
 
   service.reset();
-  held.at(1)(response);  // into nothing
+  held.at(1)(response);  // without a receiver
   EXPECT_TRUE(wait_for([&] { return !client->ready(); }));
   client.reset();
   EXPECT_THROW(broken.get(), std::future_error);
@@ -315,10 +315,10 @@ TEST(ExecutorAlone, PostsInOrderRepeatsTimersAndPollsUntilDone) {
   std::atomic<bool> again{false};
   executor.post([&] { again = true; });
   EXPECT_TRUE(wait_for([&] { return again.load(); }));
-  EXPECT_EQ(done, 6) << "what was posted before the last stop() is gone";
+  EXPECT_EQ(done, 6) << "functions posted before the last stop() are dropped";
 }
 
-// Messages without a middleware: as many as told, each noted in a common list.
+// Messages without a middleware: a given number, each noted in a common list.
 struct Inbox : Incoming {
   Inbox(Executor& executor, char name_, std::string& log_) : Incoming(executor), name(name_), log(log_) {
     begin();
@@ -341,7 +341,7 @@ struct Inbox : Incoming {
   std::atomic<int> waiting{0};
 };
 
-TEST(ExecutorAlone, AStormLeavesTheOthersTheirTurn) {
+TEST(ExecutorAlone, AFloodDoesNotStarveOtherEntities) {
   Executor executor;
   std::string log;
   Inbox storm(executor, 's', log), service(executor, 'x', log);
@@ -355,7 +355,7 @@ TEST(ExecutorAlone, AStormLeavesTheOthersTheirTurn) {
   EXPECT_EQ(log.size(), 1002U);
 }
 
-TEST(ExecutorAlone, ExceptionsOfCallbacksAreReportedOncePerSourceAndEndNothing) {
+TEST(ExecutorAlone, ExceptionsOfCallbacksAreReportedOncePerSourceAndDoNotStopIt) {
   Executor executor;
   std::vector<std::string> reports;
   executor.on_failure(
@@ -375,14 +375,14 @@ TEST(ExecutorAlone, ExceptionsOfCallbacksAreReportedOncePerSourceAndEndNothing) 
   ASSERT_TRUE(wait_for([&] { return ticks >= 3 && good.waiting == 0 && bad.waiting == 0; }));
   executor.stop();
   EXPECT_EQ(log, "!!!g");
-  EXPECT_THAT(reports, ::testing::UnorderedElementsAre("a posted function: posted",
-                                                       "inbox !: of this message", "a timer: timed",
-                                                       "a wait for an answer: an exception of unknown kind"));
+  EXPECT_THAT(reports, ::testing::UnorderedElementsAre(
+                           "a posted function: posted", "inbox !: of this message", "a timer: timed",
+                           "a function of poll_until(): an exception of unknown type"));
   EXPECT_EQ(executor.failures(), 2U + 3U + 1U + static_cast<unsigned>(ticks));
   EXPECT_EQ(executor.polling(), 0U);
 }
 
-TEST_F(Rcl, AStormOfMessagesLeavesServicesAnswered) {
+TEST_F(Rcl, ServicesAnswerDuringAFloodOfMessages) {
   std::atomic<std::uint64_t> taken{0};
   std::atomic<bool> storming{true};
   Subscription<String> subscription(executor, node, "~/storm", Qos::reliable(1000), kDoc,
@@ -405,7 +405,7 @@ TEST_F(Rcl, AStormOfMessagesLeavesServicesAnswered) {
   EXPECT_GT(taken, 0U);
 }
 
-TEST_F(Rcl, NothingIsCalledAfterTheEndWhateverComesIn) {
+TEST_F(Rcl, NoCallbackRunsAfterTheEnd) {
   Publisher<String> publisher(other, "/load", Qos::reliable(100), kDoc);
   std::atomic<bool> loading{true};
   std::thread load([&] {
@@ -424,7 +424,7 @@ TEST_F(Rcl, NothingIsCalledAfterTheEndWhateverComesIn) {
     subscription.reset();
     *alive = false;
     seen += here;
-    if (round % 3 == 2) {  // the executor may go first, too
+    if (round % 3 == 2) {  // the executor may also be destroyed first
       executor.stop();
       executor.start();
     }
@@ -483,7 +483,7 @@ struct ActionTest : Rcl {
   }
 };
 
-TEST_F(ActionTest, GoalsAreAcceptedFedBackAndSucceedOrAreRejected) {
+TEST_F(ActionTest, GoalsSucceedWithFeedbackOrAreRejected) {
   EXPECT_FALSE(now(client.send(random_uuid(), goal(0.1))).accepted);
   EXPECT_EQ(refused, "too wide");
   EXPECT_EQ(now(client.result(random_uuid())).status, GoalStatus::STATUS_UNKNOWN);
@@ -495,11 +495,11 @@ TEST_F(ActionTest, GoalsAreAcceptedFedBackAndSucceedOrAreRejected) {
                 width = feedback.current_width;
                 ++feedbacks;
               })).accepted);
-  EXPECT_FALSE(now(client.send(id, goal(0.03))).accepted) << "an id is used once";
+  EXPECT_FALSE(now(client.send(id, goal(0.03))).accepted) << "an id is accepted once";
   auto result = client.result(id);
   ASSERT_TRUE(wait_for([&] { return accepted == 1; }));
   EXPECT_TRUE(running->active());
-  ASSERT_TRUE(wait_for([&] {  // the feedback's reader may not be known yet
+  ASSERT_TRUE(wait_for([&] {  // the client's feedback subscription may not be discovered yet
     Move::Feedback feedback;
     feedback.current_width = 0.02;
     running->feedback(feedback);
@@ -513,13 +513,14 @@ TEST_F(ActionTest, GoalsAreAcceptedFedBackAndSucceedOrAreRejected) {
   const auto ended = now(std::move(result));
   EXPECT_EQ(ended.status, GoalStatus::STATUS_SUCCEEDED);
   EXPECT_TRUE(ended.result.success);
-  running->abort(Move::Result());  // it is over: nothing happens
-  EXPECT_EQ(now(client.result(id)).status, GoalStatus::STATUS_SUCCEEDED) << "can be asked for again";
+  running->abort(Move::Result());  // the goal has ended, so this does nothing
+  EXPECT_EQ(now(client.result(id)).status, GoalStatus::STATUS_SUCCEEDED)
+      << "results can be requested repeatedly";
   EXPECT_EQ(now(client.cancel(id)).return_code,
             action_msgs::srv::CancelGoal::Response::ERROR_GOAL_TERMINATED);
 }
 
-TEST_F(ActionTest, ANewGoalTakesTheOlderOnesPlaceAndCancelsAreGrantedOrNot) {
+TEST_F(ActionTest, ANewGoalPreemptsTheOlderOneAndCancelsMayBeRefused) {
   const Uuid first = random_uuid(), second = random_uuid(), third = random_uuid();
   ASSERT_TRUE(now(client.send(first, goal(0.03))).accepted);
   ASSERT_TRUE(now(client.send(second, goal(0.04, 0.0))).accepted);
@@ -528,21 +529,22 @@ TEST_F(ActionTest, ANewGoalTakesTheOlderOnesPlaceAndCancelsAreGrantedOrNot) {
   EXPECT_EQ(preempted.result.error, "preempted by a newer one");
 
   using Response = action_msgs::srv::CancelGoal::Response;
-  EXPECT_EQ(now(client.cancel(second)).return_code, Response::ERROR_REJECTED) << "speed 0 is not granted";
+  EXPECT_EQ(now(client.cancel(second)).return_code, Response::ERROR_REJECTED)
+      << "canceling is refused at speed 0";
   EXPECT_EQ(now(client.cancel(random_uuid())).return_code, Response::ERROR_UNKNOWN_GOAL_ID);
   ASSERT_TRUE(now(client.send(third, goal(0.05))).accepted);
   auto result = client.result(third);
-  const auto answer = now(client.cancel(Uuid{}));  // all that run
+  const auto answer = now(client.cancel(Uuid{}));  // all running goals
   EXPECT_EQ(answer.return_code, Response::ERROR_NONE);
   ASSERT_EQ(answer.goals_canceling.size(), 1U);
   EXPECT_EQ(answer.goals_canceling[0].goal_id.uuid, third);
   EXPECT_TRUE(running->cancel_requested());
   EXPECT_EQ(result.wait_for(0s), std::future_status::timeout) << "it brakes first";
-  running->cancelled(Move::Result());
+  running->canceled(Move::Result());
   EXPECT_EQ(now(std::move(result)).status, GoalStatus::STATUS_CANCELED);
   EXPECT_EQ(cancels, 2);
 
-  // Given up without an end
+  // Dropped without an end.
   const Uuid lost = random_uuid();
   ASSERT_TRUE(now(client.send(lost, goal(0.05))).accepted);
   ASSERT_TRUE(wait_for([&] { return accepted == 4; }));
@@ -553,7 +555,7 @@ TEST_F(ActionTest, ANewGoalTakesTheOlderOnesPlaceAndCancelsAreGrantedOrNot) {
   EXPECT_EQ(node.entities()[0].type, "multipanda_msgs/action/Move");
 }
 
-TEST_F(ActionTest, ResultsOfOldGoalsAreForgottenInTheEnd) {
+TEST_F(ActionTest, ResultsOfOldGoalsAreDropped) {
   std::vector<Uuid> ids;
   for (std::size_t i = 0; i < ActionGoals::kKept + 3; ++i) {
     ids.push_back(random_uuid());
@@ -564,8 +566,7 @@ TEST_F(ActionTest, ResultsOfOldGoalsAreForgottenInTheEnd) {
   EXPECT_EQ(now(client.result(ids[3])).status, GoalStatus::STATUS_ABORTED);
 }
 
-// Not a test of its own: the reader that the next one stops.
-TEST(Reader, DISABLED_Reads) {
+TEST(Reader, DISABLED_Reads) {  // not a test: the process that the next test starts and stops
   domain();
   Context context;
   Node node(context, "stuck_reader");
@@ -574,12 +575,12 @@ TEST(Reader, DISABLED_Reads) {
                                         [](const JointState&) {});
   executor.start();
   static volatile sig_atomic_t ended = 0;
-  ::signal(SIGTERM, [](int) { ended = 1; });  // it leaves in good order
+  ::signal(SIGTERM, [](int) { ended = 1; });  // exits cleanly
   const pid_t parent = ::getppid();
   while (ended == 0 && ::getppid() == parent) std::this_thread::sleep_for(5ms);
 }
 
-TEST_F(Rcl, AReaderThatIsStuckHoldsUpNoWriter) {
+TEST_F(Rcl, AStoppedReaderDoesNotBlockWriters) {
   std::vector<std::string> words{"/proc/self/exe", "--gtest_also_run_disabled_tests",
                                  "--gtest_filter=Reader.DISABLED_Reads"};
   std::vector<char*> arguments;
@@ -597,8 +598,8 @@ TEST_F(Rcl, AReaderThatIsStuckHoldsUpNoWriter) {
   const bool met = wait_for([&] { return publisher.subscribers() == 1; });
   ::kill(child, SIGSTOP);
 
-  // Far more than shared memory holds. A writer that waited for its reader would wait 100 ms for each
-  // message.
+  // Far more data than shared memory holds. A writer that waited for its reader would wait 100 ms for
+  // each message.
   JointState message;
   message.name.assign(100, "a_joint_with_a_name");
   message.position.assign(1000, 0.5);
@@ -652,4 +653,4 @@ TEST_F(Rcl, CostOfPublishingIsReported) {
 }
 
 }  // namespace
-}  // namespace multipanda::ros
+}  // namespace multipanda::ros::rcl_test

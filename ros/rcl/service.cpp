@@ -10,7 +10,7 @@ ServiceCore::ServiceCore(Node& node, const std::string& name, const rosidl_servi
   rcl_service_options_t options = rcl_service_get_default_options();
   options.qos.depth = kServiceDepth;
   check(rcl_service_init(&service_, node.handle(), type, name.c_str(), &options),
-        "offering the service \"" + name + "\"");
+        "creating the service \"" + name + "\"");
   open_ = true;
 }
 
@@ -19,14 +19,14 @@ ServiceCore::~ServiceCore() { close(); }
 bool ServiceCore::take(rmw_request_id_t& id, void* request) {
   const rcl_ret_t taken = rcl_take_request(&service_, &id, request);
   if (taken == RCL_RET_OK) return true;
-  if (taken != RCL_RET_SERVICE_TAKE_FAILED) (void)take_rcl_words();
+  if (taken != RCL_RET_SERVICE_TAKE_FAILED) (void)take_rcl_error();
   return false;
 }
 
 void ServiceCore::send(rmw_request_id_t id, void* response) {
   const std::lock_guard lock(mutex_);
-  // A client that is gone by now is no failure of ours.
-  if (open_ && rcl_send_response(&service_, &id, response) != RCL_RET_OK) (void)take_rcl_words();
+  // A client that has disappeared is not an error of the service.
+  if (open_ && rcl_send_response(&service_, &id, response) != RCL_RET_OK) (void)take_rcl_error();
 }
 
 void ServiceCore::close() {
@@ -58,10 +58,10 @@ void ServiceBase::open() {
 void ServiceBase::close() {
   try {
     core_->on_new(nullptr, nullptr);
-  } catch (const RclError&) {  // the context is gone: nothing will come
+  } catch (const RclError&) {  // the context is gone, so no request follows
   }
   end();
-  core_->close();  // replies that are held answer nothing from here on
+  core_->close();  // replies still held have no effect from here on
 }
 
 }  // namespace multipanda::ros

@@ -14,7 +14,7 @@
 
 namespace multipanda::ros {
 
-// The half of a service that replies keep alive: a reply after the service's end goes nowhere.
+// The part of a service that replies keep alive. A reply after the service's end has no effect.
 class ServiceCore {
  public:
   ServiceCore(Node& node, const std::string& name, const rosidl_service_type_support_t* type);
@@ -48,8 +48,8 @@ class ServiceBase : public Incoming {
   std::shared_ptr<ServiceCore> core_;
 };
 
-// The callback may reply at once, or keep the Reply and reply later, from any thread, once; a service that is
-// gone by then is no error. A callback that throws leaves the caller without an answer: catch.
+// The callback may reply at once, or keep the Reply and reply later, once, from any thread, even after the
+// service's end. A callback that throws leaves the caller without an answer, so catch exceptions.
 template <class S>
 class Service : public ServiceBase {
  public:

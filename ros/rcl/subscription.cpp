@@ -11,11 +11,11 @@ SubscriptionBase::SubscriptionBase(Executor& executor, Node& node, const std::st
   rcl_subscription_options_t options = rcl_subscription_get_default_options();
   options.qos = qos.profile();
   const rcl_ret_t made = rcl_subscription_init(&subscription_, node.handle(), type, name.c_str(), &options);
-  const std::string why = take_rcl_words();  // whatever a try that succeeded in the end left behind
+  const std::string why = take_rcl_error();  // error state that a successful call may have left behind
   disregard(rcl_subscription_options_fini(&options));
   if (made != RCL_RET_OK)
     throw RclError("subscribing to " + type_name + " on \"" + name + "\" failed: " + why);
-  if (!doc.text.empty()) node.describe({"subscription", topic(), type_name, qos.words(), doc.rate, doc.text});
+  if (!doc.text.empty()) node.describe({"subscription", topic(), type_name, qos.text(), doc.rate, doc.text});
 }
 
 SubscriptionBase::~SubscriptionBase() { disregard(rcl_subscription_fini(&subscription_, node_.handle())); }
@@ -36,7 +36,7 @@ std::string SubscriptionBase::topic() const { return rcl_subscription_get_topic_
 
 std::size_t SubscriptionBase::publishers() const {
   std::size_t count = 0;
-  if (rcl_subscription_get_publisher_count(&subscription_, &count) != RCL_RET_OK) (void)take_rcl_words();
+  if (rcl_subscription_get_publisher_count(&subscription_, &count) != RCL_RET_OK) (void)take_rcl_error();
   return count;
 }
 
@@ -44,7 +44,7 @@ bool SubscriptionBase::take_any(void* message) {
   rmw_message_info_t info = rmw_get_zero_initialized_message_info();
   const rcl_ret_t taken = rcl_take(&subscription_, message, &info, nullptr);
   if (taken == RCL_RET_OK) return true;
-  if (taken != RCL_RET_SUBSCRIPTION_TAKE_FAILED) (void)take_rcl_words();
+  if (taken != RCL_RET_SUBSCRIPTION_TAKE_FAILED) (void)take_rcl_error();
   return false;
 }
 

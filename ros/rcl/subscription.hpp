@@ -23,9 +23,9 @@ class SubscriptionBase : public Incoming {
                    const rosidl_message_type_support_t* type, const std::string& type_name, const Qos& qos,
                    const Doc& doc);
   ~SubscriptionBase() override;
-  void open();   // at the end of the last constructor
-  void close();  // at the begin of the first destructor
-  // False: nothing was there (or it could not be read, which is counted).
+  void open();   // call at the end of the most derived constructor
+  void close();  // call at the start of the most derived destructor
+  // Returns false if there was no message, or it could not be read (which is counted).
   bool take_any(void* message);
   std::string source() const override { return topic(); }
 
@@ -34,8 +34,8 @@ class SubscriptionBase : public Incoming {
   rcl_subscription_t subscription_;
 };
 
-// The callback gets every message that is there (as many as the depth keeps), on the executor's thread, none
-// after destruction. It must not throw for a bad message: nobody could answer.
+// The callback gets every available message (as many as the depth keeps) on the executor's thread, and none
+// after destruction. It must not throw for an invalid message, since there is no caller to answer.
 template <class M>
 class Subscription : public SubscriptionBase {
  public:
@@ -56,7 +56,7 @@ class Subscription : public SubscriptionBase {
   }
 
   std::function<void(const M&)> callback_;
-  M message_;  // used again, so that its sequences keep their memory
+  M message_;  // reused, so that its sequences keep their memory
 };
 
 }  // namespace multipanda::ros

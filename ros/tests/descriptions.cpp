@@ -18,13 +18,13 @@ constexpr Limits kLimits[kJoints] = {{-2.8973, 2.8973, 2.175, 87}, {-1.7628, 1.7
                                      {-2.8973, 2.8973, 2.61, 12},  {-0.0175, 3.7525, 2.61, 12},
                                      {-2.8973, 2.8973, 2.61, 12}};
 
-std::string flat(const std::vector<std::string>& words) {
+std::string flat(const std::vector<std::string>& items) {
   std::string text;
-  for (const auto& word : words) text += (text.empty() ? "" : " ") + word;
+  for (const auto& item : items) text += (text.empty() ? "" : " ") + item;
   return text;
 }
 
-// Side by side, too far apart to touch each other.
+// Side by side, out of each other's reach.
 std::string base(std::size_t arm) { return "[0, " + std::to_string(0.6 * static_cast<double>(arm)) + ", 0]"; }
 
 Component arms_of_this_project(const std::string& name, const std::string& plugin,
@@ -110,13 +110,13 @@ std::string robot(const std::vector<Component>& components) {
   return out.str();
 }
 
-std::string modelled_robot(const Component& component) {
+std::string modeled_robot(const Component& component) {
   std::ifstream file(MODEL_FILE);
   std::string model{std::istreambuf_iterator<char>(file), {}};
   const std::size_t begin = model.find("<robot"), body = model.find('>', begin) + 1,
                     end = model.find("</robot>");
   if (begin == std::string::npos || end == std::string::npos)
-    throw std::runtime_error("no URDF: " MODEL_FILE);
+    throw std::runtime_error("cannot read the URDF: " MODEL_FILE);
   model = model.substr(body, end - body);
   std::string text = "<?xml version=\"1.0\"?>\n<robot name=\"tested\">\n<link name=\"world\"/>\n";
   for (const auto& arm : component.arms) {

@@ -11,30 +11,29 @@ struct Component {
   std::string name, plugin;
   std::vector<std::string> arms;
   std::map<std::string, std::string> parameters;   // <param>s of the hardware
-  std::vector<std::string> commands = {"effort"};  // of every joint, where the plugin takes them from the tag
+  std::vector<std::string> commands = {"effort"};  // of every joint, for plugins that take them from the tag
   int joints = 7;                                  // of every arm
 };
 
-// Mock hardware of ros2_control itself: positions as given and never changing, efforts as commanded.
+// ros2_control's own mock hardware: given positions that never change, efforts as commanded.
 Component mock_component(const std::string& name, const std::vector<std::string>& arms);
-// Arms of this project, side by side and 0.6 m apart, in one world without anything else.
+// Arms of this project, side by side and 0.6 m apart, in one otherwise empty world.
 Component mujoco_component(const std::string& name, const std::vector<std::string>& arms);
 // The same arms behind sockets; `addresses`: one per arm.
 Component fci_component(const std::string& name, const std::vector<std::string>& arms,
                         const std::vector<std::string>& addresses);
 
-// A URDF with the arms' joints <arm>_joint1..7 on the link `world`, and the tags. Of the arm there is only
-// what a controller_manager needs: names and limits.
+// A URDF with the arms' joints <arm>_joint1..7 on the link `world`, and the tags. It has only what a
+// controller_manager needs of the arm: names and limits.
 std::string robot(const std::vector<Component>& components);
 
-// The same with the arms' masses and frames: the model `fer` of this project, one for each arm, all at one
-// place.
-std::string modelled_robot(const Component& component);
+// The same with the arms' masses and frames: the project's model `fer`, once per arm, all in one place.
+std::string modeled_robot(const Component& component);
 
-// The <ros2_control> of a component.
+// The <ros2_control> tag of a component.
 std::string tag(const Component& component);
 
-// Joints at which mock hardware stands, and simulated arms begin.
+// Joint positions of mock hardware, and of simulated arms at the start.
 const std::vector<double>& home();
 std::string joint_name(const std::string& arm, int number);  // from 1
 

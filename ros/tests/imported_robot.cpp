@@ -26,7 +26,7 @@ ImportedRobot::ImportedRobot(const std::string& file, const std::vector<Arm>& ar
   std::ifstream in(file);
   text_.assign(std::istreambuf_iterator<char>(in), {});
   urdf::Model model;
-  if (!model.initString(text_)) throw std::runtime_error("no URDF: " + file);
+  if (!model.initString(text_)) throw std::runtime_error("cannot read the URDF: " + file);
   const std::string open = "<ros2_control", close = "</ros2_control>";
   for (std::size_t at = text_.find(open); at != std::string::npos; at = text_.find(open))
     text_.erase(at, text_.find(close, at) + close.size() - at);

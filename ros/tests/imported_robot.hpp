@@ -13,20 +13,20 @@ class Model;
 
 namespace multipanda::ros2_control_tests {
 
-// Another maker's robot from its URDF. Its arms' joints get the names that this project's hardware gives
-// them, <arm>_joint1, ...; nothing else of the robot is changed.
+// A robot of another manufacturer, from its URDF. Its arms' joints get the names that this project's hardware
+// uses, <arm>_joint1, ...; everything else stays.
 class ImportedRobot {
  public:
   struct Arm {
     std::string name, base_link, tip_link;
   };
-  // Throws std::runtime_error if there is no such robot in the file.
+  // Throws std::runtime_error if the file has no such robot.
   ImportedRobot(const std::string& file, const std::vector<Arm>& arms);
 
   int joints(const std::string& arm) const { return static_cast<int>(chains_.at(arm).joints.size()); }
-  // The robot's description, with `component` in place of what it says of ros2_control.
+  // The robot's description, with `component` in place of its ros2_control tag.
   std::string description(const Component& component) const;
-  // The tip in the base at these joint positions, from the URDF's figures alone.
+  // Pose of the tip in the base at these joint positions, from the URDF's numbers alone.
   urdf::Pose tip(const std::string& arm, const std::vector<double>& q) const;
 
  private:
@@ -37,7 +37,7 @@ class ImportedRobot {
   };
   struct Chain {
     std::vector<Segment> segments;    // from the base on
-    std::vector<std::string> joints;  // that move, in the URDF's words
+    std::vector<std::string> joints;  // moving joints, with the URDF's names
   };
   static Chain chain(const urdf::Model& model, const Arm& arm);
 

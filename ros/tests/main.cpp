@@ -1,4 +1,4 @@
-// The controller and the hardware in a real controller_manager, whose loop is the test (managed_robot.hpp).
+// Controller and hardware in a real controller_manager, whose loop the test runs (managed_robot.hpp).
 #include <cstdlib>
 #include <rclcpp/rclcpp.hpp>
 #include <rcutils/logging.h>
@@ -8,7 +8,7 @@
 #include <gmock/gmock.h>
 
 int main(int argc, char** argv) {
-  // Nothing leaves this computer, and no other test hears it, however it was started.
+  // Keeps all traffic on this computer and apart from other tests.
   setenv("ROS_DOMAIN_ID", std::to_string(101 + getpid() % 100).c_str(), 1);
   setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM", 0);
   setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SYSTEM_DEFAULT", 0);

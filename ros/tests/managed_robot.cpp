@@ -16,7 +16,7 @@
 namespace multipanda::ros2_control_tests {
 namespace {
 
-// The newer lines answer with an optional, the older with the number.
+// Newer versions return an optional, older ones the number.
 template <class Interface>
 double number(const Interface& interface) {
   if constexpr (requires { interface.get_optional(); }) {
@@ -35,7 +35,7 @@ bool is_number(const Interface& interface) {
   }
 }
 
-// The clock of the manager's own loop; the newer lines have one apart.
+// The clock of the manager's loop; newer versions have a separate one.
 template <class Manager>
 rclcpp::Clock::SharedPtr loop_clock(Manager& manager) {
   if constexpr (requires { manager.get_trigger_clock(); }) {
@@ -73,7 +73,7 @@ controller_interface::return_type Probe::update(const rclcpp::Time&, const rclcp
 ManagedRobot::ManagedRobot(const std::string& urdf, const std::string& parameters) {
   std::string pattern = (std::filesystem::temp_directory_path() / "managed_robot_XXXXXX").string();
   const int file = mkstemp(pattern.data());
-  if (file < 0) throw std::runtime_error("no temporary file at " + pattern);
+  if (file < 0) throw std::runtime_error("cannot make a temporary file in " + pattern);
   close(file);
   parameter_file_ = pattern;
   std::ofstream(parameter_file_) << parameters;
@@ -103,7 +103,7 @@ ManagedRobot::ManagedRobot(const std::string& urdf, const std::string& parameter
 
 ManagedRobot::~ManagedRobot() {
   try {
-    manager_->shutdown_controllers();  // gives their nodes back to an executor that still runs
+    manager_->shutdown_controllers();  // returns their nodes to an executor that still runs
   } catch (const std::exception& error) {
     RCLCPP_WARN(manager_->get_logger(), "%s", error.what());
   }
@@ -128,8 +128,8 @@ void ManagedRobot::cycle() {
   set_clock();
   manager_->read(time_, period);
   if (fresh_) {
-    const auto patience = std::chrono::steady_clock::now() + std::chrono::milliseconds(500);
-    while (!fresh_() && std::chrono::steady_clock::now() < patience) {
+    const auto deadline = std::chrono::steady_clock::now() + std::chrono::milliseconds(500);
+    while (!fresh_() && std::chrono::steady_clock::now() < deadline) {
       std::this_thread::yield();
       manager_->read(time_, period);
     }
@@ -152,7 +152,7 @@ bool ManagedRobot::cycles_until(const std::function<bool()>& done, int limit) {
 }
 
 bool ManagedRobot::load(const std::string& controller) {
-  // Both wait for the loop to take the new list of controllers over.
+  // Both wait for the loop to take over the new list of controllers.
   return finish(std::async(std::launch::async, [this, controller] {
     return manager_->load_controller(controller) != nullptr &&
            manager_->configure_controller(controller) == controller_interface::return_type::OK;

@@ -14,7 +14,7 @@
 
 namespace multipanda::ros2_control_tests {
 
-// Reads every state interface there is; what a user would see of the hardware.
+// Reads every state interface, as a user would see the hardware.
 class Probe : public controller_interface::ControllerInterface {
  public:
   controller_interface::CallbackReturn on_init() override;
@@ -32,53 +32,53 @@ class Probe : public controller_interface::ControllerInterface {
   std::map<std::string, double> values_, worst_;
 };
 
-// A controller_manager whose loop is the test: nothing moves between two calls of cycles(), and nothing
-// sleeps. What waits for the loop (switching) is asked from another thread while this one goes through
-// cycles.
+// A controller_manager whose loop the test runs: nothing moves between two calls of cycles(), and
+// nothing sleeps. Requests that wait for the loop (switching) are sent from another thread while this
+// one runs cycles.
 class ManagedRobot {
  public:
   // `parameters`: text of a ROS parameter file, for the manager and all controllers.
   ManagedRobot(const std::string& urdf, const std::string& parameters);
   ~ManagedRobot();
 
-  // For hardware with a clock of its own: every cycle reads until `fresh`, which says whether there is
-  // something new. Gives up after 0.5 s, since arms may be silent.
+  // For hardware with its own clock: every cycle reads until `fresh` returns true, which means that there is
+  // new data. Gives up after 0.5 s, since arms may be silent.
   void pace(std::function<bool()> fresh) { fresh_ = std::move(fresh); }
   void cycles(int count);
-  // Goes through cycles until `done` or the limit; false: the limit.
+  // Runs cycles until `done` returns true or the limit is reached; then returns false.
   bool cycles_until(const std::function<bool()>& done, int limit);
 
-  bool load(const std::string& controller);  // and configure
-  // The same for a controller of the test's own.
+  bool load(const std::string& controller);  // and configures it
+  // As load(), for a controller of the test itself.
   bool add(const std::shared_ptr<controller_interface::ControllerInterface>& controller,
            const std::string& name);
-  // As by the service with STRICT. In one read-update-write of the loop.
+  // As the service with STRICT. Within one read-update-write of the loop.
   bool switch_to(const std::vector<std::string>& activate, const std::vector<std::string>& deactivate = {});
   bool unload(const std::string& controller);
   std::string state_of(const std::string& controller) const;  // "active", "inactive", ..., "" if not loaded
   std::string hardware_state(const std::string& component);   // by the manager's own service
   bool set_hardware_state(const std::string& component, const std::string& state);
 
-  // Waits for something asked from another thread (a service) by going through cycles.
+  // Waits for a request from another thread (a service) while it runs cycles.
   template <class Future>
   auto finish(Future answer) {
     cycles_until([&] { return answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready; },
-                 kPatience);
+                 kLimit);
     return answer.get();
   }
 
   Probe& probe() { return *probe_; }
   double value(const std::string& interface) const { return probe_->value(interface); }
   controller_manager::ControllerManager& manager() { return *manager_; }
-  std::shared_ptr<rclcpp::Node> user() { return user_; }  // a node of a user's, spun in a thread of its own
+  std::shared_ptr<rclcpp::Node> user() { return user_; }  // a user's node, spun in its own thread
   controller_interface::return_type last_update() const { return last_update_; }
   int failed_updates() const { return failed_updates_; }
 
  private:
-  static constexpr int kPatience = 2'000'000;  // cycles; whoever answers needs a few
+  static constexpr int kLimit = 2'000'000;  // number of cycles; the answer takes a few
 
   void cycle();
-  // Controllers are told what time has passed by the manager's clock, not by whoever calls its update().
+  // Controllers get the elapsed time from the manager's clock, not from the caller of its update().
   void set_clock();
 
   std::string parameter_file_;

@@ -1,5 +1,5 @@
-// The controller on robots of other makers, in a controller_manager with our MuJoCo hardware: it knows of
-// each only the robot description. Without the Python package example-robot-data: skipped.
+// The controller on robots of other manufacturers, in a controller_manager with our MuJoCo hardware. Only the
+// robot description tells it about the robot. Skipped without the Python package example-robot-data.
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -45,12 +45,12 @@ std::string listed(const std::vector<double>& values) {
   return "[" + text.str() + "]";
 }
 
-// A folder of files that is gone with it.
+// A folder of files, removed by the destructor.
 class Folder {
  public:
   Folder() {
     std::string pattern = (std::filesystem::temp_directory_path() / "other_robots_XXXXXX").string();
-    if (mkdtemp(pattern.data()) == nullptr) throw std::runtime_error("no folder " + pattern);
+    if (mkdtemp(pattern.data()) == nullptr) throw std::runtime_error("cannot make the folder " + pattern);
     path_ = pattern;
   }
   ~Folder() { std::filesystem::remove_all(path_); }

@@ -1,4 +1,4 @@
-// The controller and others on our hardware: the same tests on MuJoCo, and on virtual arms behind sockets.
+// Our controller and others on our hardware: the same tests on MuJoCo and on virtual arms behind sockets.
 #include <array>
 #include <cmath>
 #include <multipanda_msgs/srv/recover_from_error.hpp>
@@ -42,7 +42,7 @@ class OurHardware : public testing::TestWithParam<Plant> {
     if (arms_) pace_by_packets();
     robot_->managed.probe().reset_worst();
   }
-  // Arms behind sockets take a moment to begin a motion; controllets start then.
+  // Arms behind sockets take a moment to start a motion, and controllets start after that.
   void wait_for_motion(const std::vector<std::string>& arms = kArms) {
     for (const auto& arm : arms) {
       EXPECT_TRUE(managed().cycles_until([&] { return managed().value(arm + "/mode") == kMove; }, 20'000))
@@ -50,18 +50,18 @@ class OurHardware : public testing::TestWithParam<Plant> {
     }
     managed().cycles(50);
   }
-  // One cycle per state of the arms, so that time is theirs: their sequence numbers say when there is a new
-  // one.
+  // Runs one cycle per state of the arms, so that the arms' clock paces the test: a new sequence number means
+  // a new state.
   void pace_by_packets() {
     for (const auto& arm : kArms) {
-      seen_.emplace_back(ros::ArmView::behind(robot_->managed.value(arm + "/robot_state")), 0);
-      ASSERT_TRUE(static_cast<bool>(seen_.back().first)) << arm;
+      views_.emplace_back(ros::ArmView::from_interface(robot_->managed.value(arm + "/robot_state")), 0);
+      ASSERT_TRUE(static_cast<bool>(views_.back().first)) << arm;
     }
     robot_->managed.pace([this] {
-      for (const auto& [arm, sequence] : seen_) {
+      for (const auto& [arm, sequence] : views_) {
         if (arm.sequence() == sequence) return false;
       }
-      for (auto& [arm, sequence] : seen_) sequence = arm.sequence();
+      for (auto& [arm, sequence] : views_) sequence = arm.sequence();
       return true;
     });
   }
@@ -72,10 +72,10 @@ class OurHardware : public testing::TestWithParam<Plant> {
   ManagedRobot& managed() { return robot_->managed; }
   std::unique_ptr<VirtualArms> arms_;
   std::unique_ptr<Robot> robot_;
-  std::vector<std::pair<ros::ArmView, std::uint64_t>> seen_;
+  std::vector<std::pair<ros::ArmView, std::uint64_t>> views_;
 };
 
-TEST_P(OurHardware, HoldsThroughItsOwnAndTheControllersLife) {
+TEST_P(OurHardware, HoldsThroughLifeCyclesOfHardwareAndController) {
   begin();
   const auto left = robot_->where("left"), right = robot_->where("right");
   for (const int life : {1, 2}) {
@@ -101,7 +101,7 @@ TEST_P(OurHardware, HoldsThroughItsOwnAndTheControllersLife) {
   EXPECT_EQ(managed().failed_updates(), 0);
 }
 
-TEST_P(OurHardware, SwitchesByServiceBesideABroadcaster) {
+TEST_P(OurHardware, SwitchesByServiceWithABroadcaster) {
   begin();
   ASSERT_TRUE(managed().load("multimode"));
   ASSERT_TRUE(managed().load("joint_states"));
@@ -167,25 +167,25 @@ TEST_P(OurHardware, ForwardControllerDrivesTheOtherArm) {
   EXPECT_EQ(managed().state_of("multimode_left"), "active");
 }
 
-// Velocities of joints, then of the end effector; small enough to begin with a step (5 rad/s^2, 1 m/s^2).
+// Velocities of joints, then of the end effector, small enough to start with a step (5 rad/s^2, 1 m/s^2).
 TEST_P(OurHardware, VelocitiesDriveAnArm) {
   begin();
   ASSERT_TRUE(managed().load("turn_right"));
   ASSERT_TRUE(managed().load("shift_right"));
   ASSERT_TRUE(managed().switch_to({"turn_right"}));
   wait_for_motion({"right"});
-  managed().cycles(600);  // let in
+  managed().cycles(600);  // faded in
   std_msgs::msg::Float64MultiArray speeds;
   speeds.data = {0, 0, 0, 0, 0, 0, 0.005};
   const double joint7 = robot_->q("right", 7), joint1 = robot_->q("right", 1);
   const auto turning = robot_->send("/turn_right/commands", speeds);
   EXPECT_TRUE(managed().cycles_until([&] { return robot_->q("right", 7) > joint7 + 0.002; }, 20'000));
-  const double begun = robot_->q("right", 7);
+  const double before = robot_->q("right", 7);
   managed().cycles(2000);
-  EXPECT_NEAR(robot_->q("right", 7) - begun, 2 * 0.005, 2e-4);
+  EXPECT_NEAR(robot_->q("right", 7) - before, 2 * 0.005, 2e-4);
   EXPECT_NEAR(robot_->q("right", 1), joint1, 1e-3);
 
-  // An arm is driven by one kind of command at a time.
+  // Only one kind of command drives an arm at a time.
   EXPECT_FALSE(managed().switch_to({"shift_right"}));
   ASSERT_TRUE(managed().switch_to({"shift_right"}, {"turn_right"}));
   wait_for_motion({"right"});
@@ -195,15 +195,15 @@ TEST_P(OurHardware, VelocitiesDriveAnArm) {
   speeds.data = {0.001, 0, 0, 0, 0, 0};
   const auto shifting = robot_->send("/shift_right/commands", speeds);
   EXPECT_TRUE(managed().cycles_until([&] { return managed().value(x) > x_begin + 0.0005; }, 20'000));
-  const double x_begun = managed().value(x);
+  const double x_before = managed().value(x);
   managed().cycles(2000);
-  EXPECT_NEAR(managed().value(x) - x_begun, 2 * 0.001, 5e-5);
+  EXPECT_NEAR(managed().value(x) - x_before, 2 * 0.001, 5e-5);
   EXPECT_NEAR(managed().value(y), y_begin, 2e-4);
   EXPECT_EQ(managed().failed_updates(), 0);
 }
 
-// A controller of a user's own, which sees an arm through the semantic components.
-class Onlooker : public controller_interface::ControllerInterface {
+// A user's controller that reads an arm through the semantic components.
+class Observer : public controller_interface::ControllerInterface {
  public:
   controller_interface::CallbackReturn on_init() override {
     return controller_interface::CallbackReturn::SUCCESS;
@@ -228,11 +228,11 @@ class Onlooker : public controller_interface::ControllerInterface {
     return controller_interface::CallbackReturn::SUCCESS;
   }
   controller_interface::return_type update(const rclcpp::Time&, const rclcpp::Duration&) override {
-    seen = state_.get_values_as_message(state) && model_.get_values_as_message(model);
+    valid = state_.get_values_as_message(state) && model_.get_values_as_message(model);
     if (const auto arm = model_.get()) arm.mass(mass);
     return controller_interface::return_type::OK;
   }
-  bool seen = false;
+  bool valid = false;
   multipanda_msgs::msg::RobotState state;
   multipanda_msgs::msg::RobotModel model;
   std::array<double, 49> mass{};
@@ -244,22 +244,22 @@ class Onlooker : public controller_interface::ControllerInterface {
 
 TEST_P(OurHardware, AControllerSeesAnArmThroughSemanticComponents) {
   begin();
-  const auto onlooker = std::make_shared<Onlooker>();
-  ASSERT_TRUE(managed().add(onlooker, "onlooker"));
+  const auto observer = std::make_shared<Observer>();
+  ASSERT_TRUE(managed().add(observer, "onlooker"));
   ASSERT_TRUE(managed().load("multimode"));
   ASSERT_TRUE(managed().switch_to({"multimode", "onlooker"}));
   wait_for_motion();
   managed().cycles(100);
-  ASSERT_TRUE(onlooker->seen);
-  EXPECT_EQ(onlooker->state.mode, multipanda_msgs::msg::RobotState::MODE_MOVE);
+  ASSERT_TRUE(observer->valid);
+  EXPECT_EQ(observer->state.mode, multipanda_msgs::msg::RobotState::MODE_MOVE);
   for (int j = 1; j <= 7; ++j) {
-    EXPECT_EQ(onlooker->state.q.at(static_cast<std::size_t>(j - 1)), robot_->q("right", j));
+    EXPECT_EQ(observer->state.q.at(static_cast<std::size_t>(j - 1)), robot_->q("right", j));
   }
-  EXPECT_EQ(onlooker->model.jacobian.size(), 42u);
-  EXPECT_GT(onlooker->mass[0], 0.01);
-  EXPECT_DOUBLE_EQ(onlooker->mass[1], onlooker->mass[7]);
+  EXPECT_EQ(observer->model.jacobian.size(), 42u);
+  EXPECT_GT(observer->mass[0], 0.01);
+  EXPECT_DOUBLE_EQ(observer->mass[1], observer->mass[7]);
 
-  // The hardware goes: nothing to see, and no look into its memory.
+  // Without the hardware the view is empty and its memory is not accessed.
   ASSERT_TRUE(managed().switch_to({}, {"multimode", "onlooker"}));
   ASSERT_TRUE(managed().set_hardware_state("arms", "inactive"));
   ASSERT_TRUE(managed().set_hardware_state("arms", "unconfigured"));
@@ -267,8 +267,7 @@ TEST_P(OurHardware, AControllerSeesAnArmThroughSemanticComponents) {
   managed().cycles(10);
 }
 
-// Arm A under the multimode controller, arm B under a trajectory controller; then the other way round, in one
-// switch.
+// Arm A under the multimode controller and arm B under a trajectory controller; then swapped in one switch.
 TEST_P(OurHardware, MultimodeAndTrajectoryControllersSwapTheirArms) {
   begin();
   for (const char* name : {"multimode_left", "multimode_right", "trajectory_left", "trajectory_right"}) {
@@ -305,8 +304,9 @@ TEST_P(OurHardware, MultimodeAndTrajectoryControllersSwapTheirArms) {
   EXPECT_EQ(managed().failed_updates(), 0);
 }
 
-// One arm's stop button: the other arm, the controller and the component go on; afterwards it serves again.
-TEST_P(OurHardware, OneArmsFaultIsItsOwn) {
+// One arm's user stop: the other arm, the controller and the component continue; afterwards the arm can be
+// used again.
+TEST_P(OurHardware, OneArmsFaultDoesNotAffectTheOther) {
   begin();
   ASSERT_TRUE(managed().load("multimode"));
   ASSERT_TRUE(managed().switch_to({"multimode"}));
@@ -343,23 +343,23 @@ TEST_P(OurHardware, OneArmsFaultIsItsOwn) {
   EXPECT_LT(robot_->distance("left", left), 2e-3);
 }
 
-// Nobody answers any more, at any of the addresses: the component is in error, its controllers end. Once
-// somebody does, it is configured and activated again.
+// All addresses stop answering: the component is in error and its controllers end. When they answer again, it
+// is configured and activated again.
 class VirtualHardware : public OurHardware {};
 
-TEST_P(VirtualHardware, AComponentWithoutArmsIsInErrorAndComesBack) {
+TEST_P(VirtualHardware, AComponentWithoutArmsIsInErrorAndRecovers) {
   begin();
   ASSERT_TRUE(managed().load("multimode"));
   ASSERT_TRUE(managed().switch_to({"multimode"}));
   wait_for_motion();
   managed().pace({});
-  seen_.clear();
+  views_.clear();
   const auto addresses = arms_->addresses();
   arms_.reset();
   for (int i = 0; i < 200 && managed().hardware_state("arms") == "active"; ++i) managed().cycles(10);
   EXPECT_EQ(managed().hardware_state("arms"), "unconfigured");
   EXPECT_NE(managed().state_of("multimode"), "active");
-  EXPECT_FALSE(managed().set_hardware_state("arms", "active"));  // nobody is there yet
+  EXPECT_FALSE(managed().set_hardware_state("arms", "active"));  // no arm answers yet
 
   arms_ = std::make_unique<VirtualArms>(kArms, addresses);
   ASSERT_TRUE(managed().set_hardware_state("arms", "inactive"));

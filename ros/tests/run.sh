@@ -1,11 +1,11 @@
 #!/bin/bash
-# Builds the ros2_control packages of ros/ with colcon and runs their tests, on whatever ROS 2 with a controller_manager
-# there is. Exit code 77: there is none (ctest calls that skipped).
+# Builds the ros2_control packages of ros/ with colcon and runs their tests, on any ROS 2 with a controller_manager.
+# Exits with 77 if there is none (ctest reports "skipped").
 #
 #   ros/tests/run.sh BUILD_FOLDER
 #
-# Where it looks, in this order: MULTIPANDA_ROS2_PREFIX (a folder with setup.bash), the ROS 2 that is sourced
-# (AMENT_PREFIX_PATH), /opt/ros/*.
+# Looks in this order: MULTIPANDA_ROS2_PREFIX (a folder with setup.bash), the sourced ROS 2 (AMENT_PREFIX_PATH),
+# /opt/ros/*.
 set -u
 source_folder=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 build=${1:?usage: ros/tests/run.sh BUILD_FOLDER}
@@ -68,7 +68,7 @@ fi
 version=$(sed -n 's/.*<version>\(.*\)<\/version>.*/\1/p' "$found/share/controller_manager/package.xml" | head -1)
 say "building on $found (controller_manager $version)"
 
-# Nothing of these tests leaves this computer, and no two of them hear each other.
+# Keeps the traffic of these tests on this computer and apart from each other.
 export ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT FASTDDS_BUILTIN_TRANSPORTS=SHM
 export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-$((101 + $$ % 100))}
 export ROS_LOG_DIR=${ROS_LOG_DIR:-$build/log}
@@ -82,7 +82,7 @@ cd "$build" || exit 1
 colcon --log-base "$build/log" build --base-paths "${packages[@]}" --build-base "$build/build" --install-base \
   "$build/install" --merge-install --executor sequential --event-handlers console_direct- console_cohesion+ \
   --cmake-args -DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=ON ${MULTIPANDA_ROS2_CMAKE_ARGS:-} || exit 1
-# What needs the launch libraries of a ROS 2: every launch file is read.
+# Tests that need the launch libraries of a ROS 2: they read every launch file.
 set +u
 # shellcheck disable=SC1091
 . "$build/install/setup.bash"

@@ -7,7 +7,7 @@
 namespace multipanda::ros2_control_tests {
 namespace {
 
-// Two arms, each owned by one of its own multimode controller, by one for both, or by somebody else.
+// Two arms, each owned by a multimode controller of its own, by one for both, or by another controller.
 const char* const kParameters = R"(
 controller_manager:
   ros__parameters:
@@ -114,7 +114,7 @@ void Robot::send_trajectory(const std::string& controller, const std::string& ar
   for (int j = 1; j <= 7; ++j) message.joint_names.push_back(joint_name(arm, j));
   message.points.resize(1);
   message.points[0].positions = q_d;
-  // To rest: a quintic. Positions alone are a straight line, whose jump in velocity stops an arm.
+  // To rest: a quintic. Positions alone give a straight line, whose step in velocity stops an arm.
   message.points[0].velocities.assign(7, 0.0);
   message.points[0].accelerations.assign(7, 0.0);
   message.points[0].time_from_start.sec = seconds;

@@ -14,17 +14,17 @@
 
 namespace multipanda::ros2_control_tests {
 
-// Two arms, `left` and `right`: parameters of the manager and of controllers for them, alone, for both, of
-// this project and of others. `more`: keys of every arm of the controller `multimode`, in YAML.
+// Two arms, `left` and `right`: parameters of the manager and of its controllers, for one arm or both, from
+// this project and others. `more`: keys of every arm of the controller `multimode`, in YAML.
 std::string parameters(const std::string& more = "");
 
-// Hardware that is not ours has no robot_state: what it does about gravity must be said.
+// Other hardware has no robot_state, so the parameters must say how it compensates gravity.
 inline const char* const kForeign =
     "gravity_compensation: robot, state_interfaces: [position, velocity, effort]";
 
 inline const std::vector<std::string> kArms = {"left", "right"};
 
-// A managed robot in the words of the tests: where its arms are, what a user sends and calls.
+// A managed robot with operations for the tests: positions of the arms, and what a user sends and calls.
 class Robot {
  public:
   Robot(const Component& component, const std::string& text) : Robot(robot({component}), text) {}
@@ -48,7 +48,7 @@ class Robot {
         client->async_send_request(std::make_shared<typename Service::Request>(std::move(request))).share());
   }
 
-  // Sends until somebody listens, then `message` once.
+  // Waits for a subscriber, then sends `message` once.
   template <class Message>
   typename rclcpp::Publisher<Message>::SharedPtr send(const std::string& topic, const Message& message) {
     auto publisher = managed.user()->create_publisher<Message>(topic, rclcpp::QoS(10));
@@ -58,10 +58,10 @@ class Robot {
     return publisher;
   }
 
-  // A joint goal of our controller.
+  // Sends a joint goal to our controller.
   void send_joints(const std::string& topic, const std::string& arm, const std::vector<double>& q_d);
 
-  // To one point, where the arm rests, by a joint trajectory controller.
+  // Sends one point, to rest, to a joint trajectory controller.
   void send_trajectory(const std::string& controller, const std::string& arm, const std::vector<double>& q_d,
                        int seconds);
 

@@ -13,7 +13,7 @@
 namespace multipanda::ros2_control_tests {
 namespace {
 
-// Loopback addresses of this process alone: the arms' ports are fixed.
+// Loopback addresses of this process alone, since the arms' ports are fixed.
 std::string free_address(std::size_t number) {
   static std::size_t used = 0;
   const auto pid = static_cast<std::size_t>(getpid());
@@ -36,45 +36,45 @@ VirtualArms::VirtualArms(const std::vector<std::string>& names, std::vector<std:
     : addresses_(std::move(addresses)) {
   std::string pattern = (std::filesystem::temp_directory_path() / "virtual_arms_XXXXXX.yaml").string();
   const int file = mkstemps(pattern.data(), 5);
-  if (file < 0) throw std::runtime_error("no temporary file at " + pattern);
+  if (file < 0) throw std::runtime_error("cannot make a temporary file in " + pattern);
   close(file);
   scene_file_ = pattern;
   std::ofstream scene(scene_file_);
   scene << "name: tested\narms:\n";
-  std::vector<std::string> words = {program(), "virtual-arm", scene_file_, "--pace", "lockstep", "--json"};
+  std::vector<std::string> command = {program(), "virtual-arm", scene_file_, "--pace", "lockstep", "--json"};
   for (std::size_t i = 0; i < names.size(); ++i) {
     scene << "  - {name: " << names[i] << ", model: fer, base: {position_m: [0, "
           << 0.6 * static_cast<double>(i) << ", 0]}}\n";
     if (addresses_.size() <= i) addresses_.push_back(free_address(i));
-    words.insert(words.end(), {"--bind", names[i] + "=" + addresses_[i]});
+    command.insert(command.end(), {"--bind", names[i] + "=" + addresses_[i]});
   }
   scene.close();
 
-  int in[2], out[2], said[2];
-  if (pipe(in) != 0 || pipe(out) != 0 || pipe(said) != 0) throw std::runtime_error("no pipe");
+  int in[2], out[2], errors[2];
+  if (pipe(in) != 0 || pipe(out) != 0 || pipe(errors) != 0) throw std::runtime_error("cannot make a pipe");
   set_close_on_exec(in);
   set_close_on_exec(out);
-  set_close_on_exec(said);
+  set_close_on_exec(errors);
   std::vector<char*> arguments;
-  for (auto& word : words) arguments.push_back(word.data());
+  for (auto& argument : command) arguments.push_back(argument.data());
   arguments.push_back(nullptr);
   process_ = fork();
   if (process_ == 0) {
     dup2(in[0], 0);
     dup2(out[1], 1);
-    dup2(said[1], 2);
+    dup2(errors[1], 2);
     execv(arguments[0], arguments.data());
     _exit(127);
   }
   close(in[0]);
   close(out[1]);
-  close(said[1]);
+  close(errors[1]);
   in_ = in[1];
   out_ = out[0];
-  said_ = said[0];
+  errors_ = errors[0];
   const std::string first = line(out_);
   if (first.find("listening") == std::string::npos)
-    throw std::runtime_error("virtual-arm: " + first + line(said_));
+    throw std::runtime_error("virtual-arm: " + first + line(errors_));
 }
 
 VirtualArms::~VirtualArms() {
@@ -82,7 +82,7 @@ VirtualArms::~VirtualArms() {
     kill(process_, SIGTERM);
     waitpid(process_, nullptr, 0);
   }
-  for (const int end : {in_, out_, said_}) close(end);
+  for (const int end : {in_, out_, errors_}) close(end);
   std::filesystem::remove(scene_file_);
 }
 
@@ -93,12 +93,12 @@ std::string VirtualArms::line(int descriptor) {
   return text;
 }
 
-std::string VirtualArms::control(const std::string& words) {
-  const std::string text = words + "\n";
-  if (write(in_, text.data(), text.size()) != static_cast<ssize_t>(text.size())) return "not written";
-  // What it said before, about connections, comes first.
+std::string VirtualArms::control(const std::string& command) {
+  const std::string text = command + "\n";
+  if (write(in_, text.data(), text.size()) != static_cast<ssize_t>(text.size())) return "cannot write";
+  // Skips earlier output about connections.
   for (int i = 0; i < 100; ++i) {
-    const std::string answer = line(said_);
+    const std::string answer = line(errors_);
     if (answer.find("ok") != std::string::npos || answer.find("expected") != std::string::npos ||
         answer.empty()) {
       return answer;

@@ -6,17 +6,17 @@
 
 namespace multipanda::ros2_control_tests {
 
-// `multipanda virtual-arm` in lock-step, as a process of its own: two Pandas behind sockets of this computer.
+// `multipanda virtual-arm` in lock-step, as a separate process: two Pandas behind sockets of this computer.
 // Throws std::runtime_error if it does not start.
 class VirtualArms {
  public:
-  // `addresses`: where others have been before; empty: free ones.
+  // `addresses`: addresses used before; empty: free ones.
   explicit VirtualArms(const std::vector<std::string>& names, std::vector<std::string> addresses = {});
   ~VirtualArms();
   VirtualArms(const VirtualArms&) = delete;
   const std::vector<std::string>& addresses() const { return addresses_; }
-  // One line of words, as a person would type it; its answer.
-  std::string control(const std::string& words);
+  // Sends one command line and returns its answer.
+  std::string control(const std::string& command);
 
  private:
   std::string line(int descriptor);
@@ -24,10 +24,10 @@ class VirtualArms {
   std::vector<std::string> addresses_;
   std::string scene_file_;
   pid_t process_ = -1;
-  int in_ = -1, out_ = -1, said_ = -1;
+  int in_ = -1, out_ = -1, errors_ = -1;
 };
 
-// MULTIPANDA_PROGRAM; empty if it is not there.
+// Returns MULTIPANDA_PROGRAM; empty if it does not exist.
 std::string program();
 
 }  // namespace multipanda::ros2_control_tests

@@ -18,7 +18,7 @@ namespace {
 using nlohmann::json;
 
 constexpr std::size_t kLongestAnswer = 16 * 1024 * 1024;
-constexpr std::size_t kMostOthers = 4096;  // lines kept for next() while an answer is waited for
+constexpr std::size_t kMostOthers = 4096;  // lines kept for next() while ask() waits
 
 int connected(const std::filesystem::path& path, int type) {
   const int file = connect_to(path, type);
@@ -29,7 +29,7 @@ int connected(const std::filesystem::path& path, int type) {
 
 double now_s() { return host_now().seconds(); }
 
-// False: not before the deadline.
+// False after the deadline.
 bool wait_for(int file, short events, double deadline_s) {
   const double left = deadline_s - now_s();
   pollfd entry{file, events, 0};
@@ -72,7 +72,8 @@ void LiveClient::send(const json& request) {
   line_.send(to_line(request));
   for (line_.flush(); line_.unsent() > 0; line_.flush()) {
     if (line_.broken()) throw std::runtime_error("the run has ended");
-    if (!wait_for(line_.file(), POLLOUT, deadline)) throw std::runtime_error("the run takes no requests");
+    if (!wait_for(line_.file(), POLLOUT, deadline))
+      throw std::runtime_error("the run does not accept requests");
   }
 }
 
@@ -124,12 +125,12 @@ std::filesystem::path only_running_socket() {
   const auto sockets = running_sockets();
   if (sockets.size() == 1) return sockets.front();
   if (sockets.empty()) {
-    throw std::runtime_error("no scene is running (nobody listens in " + socket_folder().string() +
+    throw std::runtime_error("no scene is running (no socket in " + socket_folder().string() +
                              "): start one with `multipanda run SCENE`, or name its socket with --socket");
   }
   std::string names;
   for (const auto& socket : sockets) names += "\n  --socket " + socket.string();
-  throw std::runtime_error("several scenes are running: say which" + names);
+  throw std::runtime_error("several scenes are running; choose one:" + names);
 }
 
 }  // namespace multipanda

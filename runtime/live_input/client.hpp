@@ -11,11 +11,11 @@
 #include "runtime/live_input/line_connection.hpp"
 #include "runtime/live_input/stream_packet.hpp"
 
-// The other end of a LiveServer: for the command line and for programs that move arms. Blocking; one thread.
+// Client of a LiveServer, for the command line and for programs that move arms. Blocking; for one thread.
 namespace multipanda {
 
-// Publishes set-points for one input at up to 1 kHz. The values are those of a Target, in the frame that the
-// handshake named. When nothing is sent for the input's timeout_s the arms go to hold.
+// Publishes set-points for one input at up to 1 kHz. The values are those of a Target, in the frame named in
+// the handshake. If nothing is sent for the input's timeout_s, the arms go to hold.
 class ReferenceStream {
  public:
   ReferenceStream(const std::filesystem::path& path, std::uint32_t channel);  // throws std::runtime_error
@@ -23,11 +23,11 @@ class ReferenceStream {
   ReferenceStream(ReferenceStream&& other) noexcept;
   ReferenceStream& operator=(ReferenceStream&&) = delete;
 
-  // Never waits: false if the packet found no room (it is counted as lost at the other end) or the run is
-  // over. Throws std::invalid_argument for no values or more than kMaxTargetValues.
+  // Never waits. Returns false if the socket is full (the run counts the packet as lost) or the run is over.
+  // Throws std::invalid_argument for no values or more than kMaxTargetValues.
   bool send(std::span<const double> values, std::int64_t client_time_ns = 0);
   std::uint32_t channel() const { return channel_; }
-  std::uint64_t sent() const { return sequence_; }  // packets, the ones without room included
+  std::uint64_t sent() const { return sequence_; }  // packets, including those that found the socket full
 
  private:
   int file_ = -1;
@@ -37,13 +37,14 @@ class ReferenceStream {
 
 class LiveClient {
  public:
-  explicit LiveClient(const std::filesystem::path& socket);  // throws std::runtime_error: nobody listens
+  explicit LiveClient(const std::filesystem::path& socket);  // throws std::runtime_error if no run listens
 
   // Sends a request (without "id") and waits for its answer. Throws std::runtime_error if none comes.
   nlohmann::json ask(nlohmann::json request, double timeout_s = 10);
-  // Sends without waiting; for requests that are answered only when refused.
+  // Sends without waiting, for requests that are answered only if refused.
   void tell(const nlohmann::json& request);
-  // The next line that is no answer: streamed state, news of a channel. Throws std::runtime_error: none came.
+  // The next line that is not an answer: streamed state, news of a channel. Throws
+  // std::runtime_error on timeout.
   nlohmann::json next(double timeout_s);
 
   // `frame`: "world" or "<arm>_base"; empty: the input's own. Throws std::invalid_argument with the refusal.

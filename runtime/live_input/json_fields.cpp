@@ -2,16 +2,17 @@
 
 #include <algorithm>
 
-#include "scene/names.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
 
 constexpr std::size_t kQuoted = 60;  // characters of a wrong value that are repeated in a message
 
-// Nested values are named by their kind: dumping them recurses as deep as the sender likes.
+// Nested values are named by their kind: dumping them would recurse as deep as the sender chooses.
 std::string quoted(const nlohmann::json& value) {
-  if (value.is_structured()) return value.is_array() ? "a list" : "an object";
+  if (value.is_array()) return "a list of " + std::to_string(value.size());
+  if (value.is_object()) return "an object";
   std::string text = to_line(value);
   if (text.size() > kQuoted) text = text.substr(0, kQuoted) + "...";
   return text;
@@ -80,7 +81,8 @@ std::vector<double> JsonFields::numbers(const std::string& key, std::size_t coun
   if (!has(key) || !object_.at(key).is_array() || object_.at(key).size() != count) expected(key, expectation);
   std::vector<double> numbers;
   for (const auto& item : object_.at(key)) {
-    if (!item.is_number()) expected(key, expectation);
+    if (!item.is_number())
+      refuse("'" + key + "': expected " + expectation + ", found " + quoted(item) + " in the list");
     numbers.push_back(item.get<double>());
   }
   return numbers;

@@ -8,24 +8,24 @@
 
 namespace multipanda {
 
-// A request that is refused before it reaches the loop: a code for programs, words for people.
+// A request that is refused before it reaches the loop: a code and a human-readable reason.
 struct RequestRefused : std::runtime_error {
   RequestRefused(std::string code_, const std::string& reason)
       : std::runtime_error(reason), code(std::move(code_)) {}
   std::string code;  // "malformed", or the name of a Verdict
 };
 
-// Typed access to a JSON object; everything that is wrong is refused (RequestRefused) in words.
+// Typed access to a JSON object. Every fault throws RequestRefused with a reason.
 class JsonFields {
  public:
-  // `what` begins the messages: "switch". `object` must live longer.
+  // `what` is the prefix of the messages, such as "switch". `object` must outlive this.
   JsonFields(const nlohmann::json& object, std::string what);
 
-  // Refuses every key that is not in `keys`, with the nearest one that is.
+  // Refuses keys that are not in `keys`; the message has the nearest valid key.
   void allow(const std::vector<std::string>& keys) const;
   bool has(const std::string& key) const { return object_.contains(key); }
   std::string text(const std::string& key) const;
-  std::vector<std::string> texts(const std::string& key) const;  // a list, or one alone; absent: none
+  std::vector<std::string> texts(const std::string& key) const;  // a list or a single string; empty if absent
   double number(const std::string& key) const;
   double number(const std::string& key, double fallback) const;
   std::vector<double> numbers(const std::string& key, std::size_t count) const;
@@ -43,7 +43,7 @@ class JsonFields {
   std::string what_;
 };
 
-// One line: never throws, whatever text is inside.
+// One line. Never throws, not even for invalid UTF-8.
 std::string to_line(const nlohmann::json& json);
 
 }  // namespace multipanda

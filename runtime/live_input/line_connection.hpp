@@ -5,30 +5,30 @@
 
 namespace multipanda {
 
-// One end of a socket that carries lines. Owns the descriptor, which must not block. One thread.
+// One end of a socket that carries lines. Owns the descriptor, which must be non-blocking. For one thread.
 class LineConnection {
  public:
-  // `longest`: bytes of a line that is taken, without its end.
+  // `longest`: largest number of bytes of a line, without its end.
   LineConnection(int file, std::size_t longest) : file_(file), longest_(longest) {}
   ~LineConnection();
   LineConnection(const LineConnection&) = delete;
 
   int file() const { return file_; }
 
-  // Takes what has arrived, at most about one longest line.
+  // Reads the data that has arrived, at most about one longest line.
   void receive();
   struct Line {
     std::string text;
-    bool too_long = false;  // the rest is thrown away, up to its end
+    bool too_long = false;  // the rest of the line is dropped
   };
-  std::optional<Line> next();  // the next whole line; what stands before the end of the input counts as one
+  std::optional<Line> next();  // the next whole line; the rest before the end of the input counts as one
   bool has_line() const;
   bool input_ended() const { return input_ended_; }
 
-  void send(const std::string& line);  // adds the end of the line; kept until it can go
-  void flush();                        // as much as goes without waiting
+  void send(const std::string& line);  // adds the end of the line; kept until it can be sent
+  void flush();                        // sends as much as is possible without waiting
   std::size_t unsent() const { return out_.size() - sent_; }
-  bool broken() const { return broken_; }  // the other end is gone
+  bool broken() const { return broken_; }  // the other end has closed
 
  private:
   int file_;

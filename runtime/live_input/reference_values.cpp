@@ -62,12 +62,14 @@ std::vector<std::string> reference_keys() {
   return all;
 }
 
-Pose read_pose(const JsonFields& fields) {
-  if (!fields.has("position_m") || fields.has("rpy_rad") == fields.has("quaternion_wxyz")) {
+Pose read_pose(const JsonFields& fields, const std::optional<Matrix3>& rotation) {
+  const int orientations = fields.has("rpy_rad") + fields.has("quaternion_wxyz");
+  if (!fields.has("position_m") || orientations > 1 || (orientations == 0 && !rotation)) {
     fields.refuse(std::string("a pose needs ") + kPoseKeys);
   }
   const auto p = fields.numbers("position_m", 3);
   const Vector3 position(p[0], p[1], p[2]);
+  if (orientations == 0) return {*rotation, position};
   if (fields.has("rpy_rad")) {
     const auto a = fields.numbers("rpy_rad", 3);
     for (const double angle : a) {

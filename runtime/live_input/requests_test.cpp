@@ -4,11 +4,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "runtime/live_input/command_desk.hpp"
-#include "runtime/live_input/gripper_words.hpp"
-#include "runtime/live_input/live_rig.hpp"
+#include "device/arm_error.hpp"
+#include "runtime/live_input/backend_requests.hpp"
+#include "runtime/live_input/request_handler.hpp"
+#include "runtime/live_input/testing/live_fixture.hpp"
 
-namespace multipanda {
+namespace multipanda::requests_test {
 namespace {
 
 using nlohmann::json;
@@ -16,15 +17,15 @@ using testing::HasSubstr;
 
 class RequestsTest : public testing::Test {
  protected:
-  RequestsTest() : desk_(rig_.world()) { rig_.steps(1); }
+  RequestsTest() : handler_(fixture_.run()) { fixture_.steps(1); }
 
   // The answer after at most two cycles.
   json ask(const json& request) {
     try {
-      CommandDesk::Pending pending;
-      if (auto at_once = desk_.begin(request, pending)) return *at_once;
-      rig_.steps(2);
-      if (auto later = desk_.poll(pending)) return *later;
+      RequestHandler::Pending pending;
+      if (auto at_once = handler_.begin(request, pending)) return *at_once;
+      fixture_.steps(2);
+      if (auto later = handler_.poll(pending)) return *later;
       return {{"ok", false}, {"verdict", "nothing"}};
     } catch (const RequestRefused& refused) {
       return {{"ok", false}, {"verdict", refused.code}, {"reason", refused.what()}};
@@ -37,19 +38,21 @@ class RequestsTest : public testing::Test {
     EXPECT_EQ(answer.value("verdict", ""), verdict) << text;
     EXPECT_THAT(answer.value("reason", ""), HasSubstr(words)) << text;
   }
-  std::string owner(ArmIndex arm) { return rig_.loop.modes().instance(rig_.loop.modes().owner(arm)).name(); }
+  std::string owner(ArmIndex arm) {
+    return fixture_.loop.modes().instance(fixture_.loop.modes().owner(arm)).name();
+  }
   std::vector<double> set_point(const char* name) {
-    const Instance& instance = rig_.loop.modes().instance(rig_.loop.find(name));
+    const Instance& instance = fixture_.loop.modes().instance(fixture_.loop.find(name));
     std::array<double, kMaxTargetValues> values{}, rates{};
     instance.inputs()[0].record(values.data(), rates.data());
     return {values.begin(), values.begin() + static_cast<std::ptrdiff_t>(instance.inputs()[0].size())};
   }
 
-  test::LiveRig rig_;
-  CommandDesk desk_;
+  test::LiveFixture fixture_;
+  RequestHandler handler_;
 };
 
-TEST_F(RequestsTest, SwitchesAndSaysWhatAndWhen) {
+TEST_F(RequestsTest, SwitchesAndReportsWhatAndWhen) {
   const json answer = ask(R"({"do":"switch","activate":["pose0"]})");
   EXPECT_EQ(answer["ok"], true) << answer;
   EXPECT_EQ(answer["started"], json::array({"pose0"}));
@@ -66,7 +69,7 @@ TEST_F(RequestsTest, SwitchesAndSaysWhatAndWhen) {
   EXPECT_EQ(owner(0), "arm0_hold");
 }
 
-TEST_F(RequestsTest, RefusalsNameWhatWasMeant) {
+TEST_F(RequestsTest, RefusalsSuggestTheNearestName) {
   expect_refused(R"({"do":"switch","activate":["pose00"]})", "unknown_instance", "did you mean 'pose0'");
   expect_refused(R"({"do":"switch","activate":["pose0","both"]})", "two_owners", "arm 'arm0'");
   expect_refused(R"({"do":"switch"})", "malformed", "switches nothing");
@@ -97,12 +100,12 @@ TEST_F(RequestsTest, RefusalsNameWhatWasMeant) {
       "malformed", "no frame 'arm2_base'");
   expect_refused(
       R"({"do":"reference","controllet":"pose0","input":"pose","position_m":[0,0,0],"rpy_rad":[0,0,0]})",
-      "not_active", "'pose0' is not running");
-  expect_refused(R"({"do":"recover","arm":"arm0"})", "arm_refused", "takes no requests");
+      "not_active", "'pose0' is not active");
+  expect_refused(R"({"do":"recover","arm":"arm0"})", "arm_refused", "does not support requests");
 }
 
 TEST_F(RequestsTest, ParametersAndFeatures) {
-  const Instance& pose = rig_.loop.modes().instance(rig_.loop.find("pose0"));
+  const Instance& pose = fixture_.loop.modes().instance(fixture_.loop.find("pose0"));
   const std::size_t index = pose.find_parameter("translational_stiffness_n_per_m");
   ASSERT_LT(index, pose.parameter_count());
   EXPECT_EQ(
@@ -128,11 +131,11 @@ TEST_F(RequestsTest, ParametersAndFeatures) {
   EXPECT_FALSE(pose.feature_on(feature));
 }
 
-// The same point, once given in the world and once in the other arm's base, worked out by hand.
+// The same point, once given in the world and once in the other arm's base, computed by hand.
 TEST_F(RequestsTest, AReferenceInABaseIsMovedIntoTheWorld) {
   ASSERT_EQ(ask(R"({"do":"switch","activate":["pose0"]})")["ok"], true);
   const auto start = set_point("pose0");
-  // arm1 stands at (0.1, 0.6, 0.05), turned by rpy (0.2, -0.1, 0.7): test_world.cpp.
+  // arm1 is at (0.1, 0.6, 0.05), turned by rpy (0.2, -0.1, 0.7): test_world.cpp.
   const double cr = std::cos(0.2), sr = std::sin(0.2), cp = std::cos(-0.1), sp = std::sin(-0.1);
   const double cy = std::cos(0.7), sy = std::sin(0.7);
   const double R[3][3] = {{cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr},
@@ -152,7 +155,7 @@ TEST_F(RequestsTest, AReferenceInABaseIsMovedIntoTheWorld) {
                            {"rpy_rad", {0, 0, 0}},
                            {"duration_s", 0.2}});
   ASSERT_EQ(answer["ok"], true) << answer;
-  rig_.steps(6000);
+  fixture_.steps(6000);
   const auto reached = set_point("pose0");
   for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(reached[i], goal[i], 1e-9);
   // Turned as the base is: the first axis of the quaternion's matrix is the first column of R.
@@ -167,7 +170,7 @@ TEST_F(RequestsTest, JointsBeyondTheirLimitsAreRefused) {
   json request = {{"do", "reference"}, {"controllet", "joint0"}, {"input", "joints"}};
   const auto start = set_point("joint0");
   auto q = start;
-  q[2] = rig_.loop.models[0]->limits().q_max[2] + 0.01;
+  q[2] = fixture_.loop.models[0]->limits().q_max[2] + 0.01;
   request["q_rad"] = q;
   const json refused = ask(request);
   EXPECT_EQ(refused["verdict"], "out_of_bounds");
@@ -190,11 +193,11 @@ TEST_F(RequestsTest, StopHoldsUntilResumed) {
 }
 
 TEST_F(RequestsTest, TheStateIsTheWorlds) {
-  rig_.steps(5);
+  fixture_.steps(5);
   const json state = ask(R"({"do":"state"})")["state"];
   EXPECT_EQ(state["cycle"], 6);
   ASSERT_EQ(state["arms"].size(), 2u);
-  ModelTerms terms(rig_.loop.models[1]);
+  ModelTerms terms(fixture_.loop.models[1]);
   const json& arm = state["arms"][1];
   const auto q = arm["q_rad"].get<std::vector<double>>();
   ASSERT_EQ(q.size(), 7u);
@@ -205,9 +208,9 @@ TEST_F(RequestsTest, TheStateIsTheWorlds) {
   EXPECT_EQ(arm["mode"], "move");
 }
 
-TEST_F(RequestsTest, TheListSaysEverything) {
+TEST_F(RequestsTest, TheListIsComplete) {
   const json list = ask(R"({"do":"list"})");
-  EXPECT_EQ(list["scene"], "rig");
+  EXPECT_EQ(list["scene"], "fixture");
   EXPECT_EQ(list["arms"].size(), 2u);
   ASSERT_EQ(list["controllets"].size(), 6u);  // the holds included
   const json& pose = list["controllets"][2];
@@ -221,7 +224,7 @@ TEST_F(RequestsTest, TheListSaysEverything) {
 TEST_F(RequestsTest, ABinaryStreamAtOneKilohertz) {
   ASSERT_EQ(ask(R"({"do":"switch","activate":["joint0"]})")["ok"], true);
   StreamChannel channel =
-      desk_.open_channel(json::parse(R"({"do":"stream","controllet":"joint0","input":"joints"})"));
+      handler_.open_channel(json::parse(R"({"do":"stream","controllet":"joint0","input":"joints"})"));
   const auto start = set_point("joint0");
   constexpr std::size_t kSamples = 1000;
   StreamPacket packet{.channel = 1, .sequence = 0, .client_time_ns = 0, .count = 7, .values = {}};
@@ -233,9 +236,9 @@ TEST_F(RequestsTest, ABinaryStreamAtOneKilohertz) {
     ++packet.sequence;
     if (k == 500) packet.sequence += 3;  // three were lost
     packet.values[3] = sample(k);
-    desk_.deliver(packet, channel);
-    if (k == 600) desk_.deliver(packet, channel);  // the same once more
-    rig_.steps(1);
+    handler_.deliver(packet, channel);
+    if (k == 600) handler_.deliver(packet, channel);  // the same once more
+    fixture_.steps(1);
     if (k > 100) {
       EXPECT_NEAR(set_point("joint0")[3], sample(k), 2e-3) << k;
     }
@@ -245,39 +248,40 @@ TEST_F(RequestsTest, ABinaryStreamAtOneKilohertz) {
   EXPECT_EQ(channel.late, 1u);
   EXPECT_EQ(channel.refused, 0u);
   EXPECT_EQ(owner(0), "joint0");
-  rig_.steps(150);  // the input's timeout is 0.1 s
+  fixture_.steps(150);  // the input's timeout is 0.1 s
   EXPECT_EQ(owner(0), "arm0_hold");
   EXPECT_EQ(ask(R"({"do":"state"})")["state"]["arms"][0]["last_intervention"], "reference_stale");
   ++packet.sequence;
-  desk_.deliver(packet, channel);
+  handler_.deliver(packet, channel);
   EXPECT_EQ(channel.verdict, Verdict::not_active);
   EXPECT_EQ(channel.refused, 1u);
 }
 
-TEST_F(RequestsTest, AStreamTakesNoNonsense) {
+TEST_F(RequestsTest, AStreamRefusesInvalidSamples) {
   ASSERT_EQ(ask(R"({"do":"switch","activate":["joint0"]})")["ok"], true);
   StreamChannel channel =
-      desk_.open_channel(json::parse(R"({"do":"stream","controllet":"joint0","input":"joints"})"));
+      handler_.open_channel(json::parse(R"({"do":"stream","controllet":"joint0","input":"joints"})"));
   StreamPacket packet{.channel = 1, .sequence = 1, .client_time_ns = 0, .count = 6, .values = {}};
-  desk_.deliver(packet, channel);
+  handler_.deliver(packet, channel);
   EXPECT_EQ(channel.verdict, Verdict::wrong_size);
   packet = {.channel = 1, .sequence = 2, .client_time_ns = 0, .count = 7, .values = {}};
   packet.values[0] = std::nan("");
-  desk_.deliver(packet, channel);
+  handler_.deliver(packet, channel);
   EXPECT_EQ(channel.verdict, Verdict::not_finite);
   packet.sequence = 3;
   packet.values.fill(0);
   packet.values[0] = 100;
-  desk_.deliver(packet, channel);
+  handler_.deliver(packet, channel);
   EXPECT_EQ(channel.verdict, Verdict::out_of_bounds);
   EXPECT_EQ(channel.refused, 3u);
 }
 
-TEST_F(RequestsTest, GrippersAreAskedInWords) {
+TEST_F(RequestsTest, GrippersTakeNamedActions) {
   const auto read = [](const char* text, bool vacuum = false) {
     const json request = json::parse(text);
     const JsonFields fields(request, "gripper");
-    return vacuum ? read_vacuum_request(fields, {"do", "id"}) : read_gripper_request(fields, {"do", "id"});
+    return std::get<GripperRequest>(
+        read_backend_request(vacuum ? "vacuum" : "gripper", fields, {"do", "id"}));
   };
   EXPECT_TRUE(std::holds_alternative<GripperHoming>(read(R"({"action":"homing"})")));
   EXPECT_TRUE(std::holds_alternative<GripperStop>(read(R"({"action":"stop","arm":"arm0"})")));
@@ -305,18 +309,45 @@ TEST_F(RequestsTest, GrippersAreAskedInWords) {
   expect_refused(R"({"do":"gripper","arm":"arm9","action":"stop"})", "unknown_arm", "arm9");
   expect_refused(R"({"do":"vacuum","arm":"arm0","action":"on","timeout_s":-1})", "malformed", "timeout_s");
 
-  // In the state only where there is one.
-  EXPECT_FALSE(desk_.state()["arms"][0].contains("gripper"));
+  // In the state only if there is one.
+  EXPECT_FALSE(handler_.state()["arms"][0].contains("gripper"));
   CycleRecord record(2, 0, 0);
   record.cycle = 1;
   record.arms[1].has_gripper = record.arms[1].gripper_grasped = true;
   record.arms[1].gripper_width = 0.03;
-  rig_.board.take(record);
-  const json state = desk_.state();
+  fixture_.latest.take(record);
+  const json state = handler_.state();
   EXPECT_FALSE(state["arms"][0].contains("gripper"));
   EXPECT_EQ(state["arms"][1]["gripper"]["width_m"], 0.03);
   EXPECT_EQ(state["arms"][1]["gripper"]["grasped"], true);
 }
 
+TEST_F(RequestsTest, StateNamesErrorsAndTheReasonOfAStop) {
+  CycleRecord record(2, 0, 0);
+  record.cycle = 1;
+  record.arms[1].errors = std::uint64_t{1} << static_cast<unsigned>(ArmError::cartesian_reflex);
+  fixture_.latest.take(record);
+  fixture_.latest.take_stop_reason(1, "cartesian_reflex: force along z");
+  const json arms = handler_.state()["arms"];
+  EXPECT_EQ(arms[1]["errors"], record.arms[1].errors);
+  EXPECT_EQ(arms[1]["error_names"], json::array({"cartesian_reflex"}));
+  EXPECT_EQ(arms[1]["reason"], "cartesian_reflex: force along z");
+  EXPECT_EQ(arms[0]["error_names"], json::array());
+  EXPECT_FALSE(arms[0].contains("reason"));
+  record.arms[1].errors = 0;
+  fixture_.latest.take(record);
+  EXPECT_FALSE(handler_.state()["arms"][1].contains("reason"));
+}
+
+TEST_F(RequestsTest, MessagesOfListsNameWhatWasFound) {
+  expect_refused(R"({"do":"set_load","arm":"arm0","mass_kg":50.1})", "malformed", "0 to 50 kg");
+  // Both would let an arm press harder on a person.
+  expect_refused(R"({"do":"set_collision_thresholds","arm":"arm0"})", "malformed", "unknown request");
+  expect_refused(R"({"do":"set_load","arm":"arm0","mass_kg":0.5,"com_m":[0,1]})", "malformed",
+                 "expected a list of 3 numbers, found a list of 2");
+  expect_refused(R"({"do":"set_load","arm":"arm0","mass_kg":0.5,"com_m":[0,1,"x"]})", "malformed",
+                 "found \"x\" in the list");
+}
+
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::requests_test

@@ -12,7 +12,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr auto kPollPeriod = std::chrono::microseconds(500);  // while the loop owes an answer
+constexpr auto kPollPeriod = std::chrono::microseconds(500);  // while an answer of the loop is pending
 constexpr double kSlowest = 0.1, kFastest = 1000;             // of a subscription [Hz]
 
 json refusal(const std::string& code, const std::string& reason) {
@@ -23,14 +23,14 @@ json refusal(const std::string& code, const std::string& reason) {
 
 LiveServer::Publisher::~Publisher() { close(file); }
 
-LiveServer::LiveServer(const std::filesystem::path& path, LiveWorld world)
-    : claim_(std::filesystem::absolute(path)), desk_(std::move(world)) {
+LiveServer::LiveServer(const std::filesystem::path& path, LiveInputContext run)
+    : claim_(std::filesystem::absolute(path)), handler_(std::move(run)) {
   try {
     packets_ = listen_at(stream_path(claim_.path()), SOCK_SEQPACKET);
     lines_ = listen_at(claim_.path(), SOCK_STREAM);
     wake_ = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-    if (wake_ < 0) throw std::runtime_error("no eventfd can be had");
-    thread_ = std::thread([this] { run(); });
+    if (wake_ < 0) throw std::runtime_error("cannot open an eventfd");
+    thread_ = std::thread([this] { this->run(); });
   } catch (...) {
     for (const int file : {lines_, packets_, wake_}) {
       if (file >= 0) close(file);
@@ -66,7 +66,7 @@ void LiveServer::run() {
   }
 }
 
-// Until something arrives or is due, and takes what arrived.
+// Waits until something arrives or is due, and handles it.
 void LiveServer::wait() {
   std::vector<pollfd> files{{wake_, POLLIN, 0}, {lines_, POLLIN, 0}};
   constexpr std::size_t kFixed = 2;
@@ -89,7 +89,7 @@ void LiveServer::wait() {
   const timespec spec{.tv_sec = timeout.count() / 1'000'000'000, .tv_nsec = timeout.count() % 1'000'000'000};
   const std::size_t client_count = clients_.size();
   if (ppoll(files.data(), files.size(), &spec, nullptr) < 0) return;  // a signal
-  // Packets first, and looked for last: a packet sent before a request is always taken before it.
+  // Packets are handled before requests and polled last, so their order with requests is kept.
   const std::size_t known = publishers_.size();
   if (files.back().revents != 0) accept_publishers();
   std::size_t k = kFixed + client_count;
@@ -100,7 +100,7 @@ void LiveServer::wait() {
   k = kFixed;
   for (Client& client : clients_) {
     const short events = files[k++].revents;
-    // Both directions closed: what was asked before still counts, answers have nowhere to go.
+    // Both directions are closed: earlier requests still count, answers are dropped.
     const bool closed = (events & (POLLHUP | POLLERR)) != 0;
     if ((events & POLLIN) != 0 || closed || may_take(client)) serve(client, closed);
     client.gone = client.gone || closed;
@@ -130,13 +130,13 @@ void LiveServer::accept_publishers() {
     const int file = accept4(packets_, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
     if (file < 0) return;
     publishers_.emplace_back(file);
-    if (publishers_.size() > kMaxClients) publishers_.pop_back();  // it sees a closed socket
+    if (publishers_.size() > kMaxClients) publishers_.pop_back();  // the client sees a closed socket
   }
 }
 
-// `all`: the client left, take everything that it has sent.
+// `all`: the client has closed; handle everything that it has sent.
 void LiveServer::serve(Client& client, bool all) {
-  constexpr int kMostTurns = 64;  // a socket's buffer is smaller than as many longest lines
+  constexpr int kMostTurns = 64;  // a socket buffer holds fewer longest lines
   for (int turn = 0; turn < (all ? kMostTurns : 1); ++turn) {
     if (!client.line.input_ended()) client.line.receive();
     while (all || may_take(client)) {
@@ -168,14 +168,14 @@ void LiveServer::take_line(Client& client, const LineConnection::Line& line) {
       if (given.is_structured()) fields.expected("id", "a number or a text");
       id = given;
     }
-    if (take_connection_word(client, request, id)) return;
-    Begun begun{.id = id, .pending = {}};
-    if (auto at_once = desk_.begin(request, begun.pending)) {
-      // A stream's samples are many: one without an id is answered only where it is refused.
+    if (take_connection_request(client, request, id)) return;
+    Started started{.id = id, .pending = {}};
+    if (auto at_once = handler_.begin(request, started.pending)) {
+      // Samples of a stream without an id are answered only if refused.
       if (at_once->contains("streamed") && id.is_null()) return;
       answer(client, std::move(*at_once), id);
     } else {
-      client.requests.push_back(std::move(begun));
+      client.requests.push_back(std::move(started));
     }
   } catch (const RequestRefused& refused) {
     answer(client, refusal(refused.code, refused.what()), id);
@@ -186,8 +186,8 @@ void LiveServer::take_line(Client& client, const LineConnection::Line& line) {
   }
 }
 
-// What concerns the connection itself. False: some other request.
-bool LiveServer::take_connection_word(Client& client, const json& request, const json& id) {
+// Handles requests that concern the connection. Returns false for all others.
+bool LiveServer::take_connection_request(Client& client, const json& request, const json& id) {
   const JsonFields fields(request, "request");
   const std::string word = fields.text("do");
   const JsonFields named(request, word);
@@ -204,7 +204,7 @@ bool LiveServer::take_connection_word(Client& client, const json& request, const
     client.period = {};
     answer(client, {{"ok", true}}, id);
   } else if (word == "stream") {
-    Channel channel{.owner = &client, .stream = desk_.open_channel(request)};
+    Channel channel{.owner = &client, .stream = handler_.open_channel(request)};
     if (channels_.size() >= kMaxChannels) named.refuse("256 channels are open: end one first (stream_end)");
     const std::uint32_t number = next_channel_++;
     channels_.emplace(number, std::move(channel));
@@ -216,13 +216,13 @@ bool LiveServer::take_connection_word(Client& client, const json& request, const
       return entry.second.owner == &client && std::abs(entry.first - number) < 0.5;
     });
     if (found == channels_.end()) named.refuse("this connection has no such channel");
-    answer(client, {{"ok", true}, {"channel", desk_.describe(found->second.stream)}}, id);
+    answer(client, {{"ok", true}, {"channel", handler_.describe(found->second.stream)}}, id);
     channels_.erase(found);
   } else if (word == "channels") {
     named.allow({"id", "do"});
     json list = json::array();
     for (const auto& [number, channel] : channels_) {
-      json entry = desk_.describe(channel.stream);
+      json entry = handler_.describe(channel.stream);
       entry["channel"] = number;
       list.push_back(std::move(entry));
     }
@@ -235,7 +235,7 @@ bool LiveServer::take_connection_word(Client& client, const json& request, const
 
 void LiveServer::poll_requests(Client& client) {
   for (auto request = client.requests.begin(); request != client.requests.end();) {
-    auto done = desk_.poll(request->pending);
+    auto done = handler_.poll(request->pending);
     if (!done) {
       ++request;
       continue;
@@ -248,12 +248,12 @@ void LiveServer::poll_requests(Client& client) {
 void LiveServer::send_state(Client& client, Clock::time_point now) {
   if (client.period.count() == 0 || now < client.next_state) return;
   client.next_state = std::max(client.next_state + client.period, now);
-  if (client.line.unsent() > kMaxUnread) {  // it asked for more than it reads
+  if (client.line.unsent() > kMaxUnread) {  // it reads too slowly
     client.gone = true;
     dropped_.fetch_add(1, std::memory_order_relaxed);
     return;
   }
-  client.line.send(to_line({{"subscription", client.subscription}, {"state", desk_.state()}}));
+  client.line.send(to_line({{"subscription", client.subscription}, {"state", handler_.state()}}));
 }
 
 void LiveServer::take_packets(Publisher& publisher) {
@@ -285,12 +285,12 @@ void LiveServer::take_packet(const StreamPacket& packet) {
     return;
   }
   Channel& channel = found->second;
-  desk_.deliver(packet, channel.stream);
-  // Told once per change, and not at all to an owner that does not read.
-  if (channel.stream.verdict == channel.told || channel.owner->line.unsent() > kMaxAhead) return;
-  channel.told = channel.stream.verdict;
+  handler_.deliver(packet, channel.stream);
+  // Reported once per change, and not to an owner that does not read.
+  if (channel.stream.verdict == channel.reported || channel.owner->line.unsent() > kMaxAhead) return;
+  channel.reported = channel.stream.verdict;
   channel.owner->line.send(
-      to_line({{"channel", packet.channel}, {"stream", desk_.describe(channel.stream)}}));
+      to_line({{"channel", packet.channel}, {"stream", handler_.describe(channel.stream)}}));
 }
 
 }  // namespace multipanda

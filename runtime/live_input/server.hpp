@@ -9,28 +9,29 @@
 #include <thread>
 #include <vector>
 
-#include "runtime/live_input/command_desk.hpp"
 #include "runtime/live_input/line_connection.hpp"
+#include "runtime/live_input/request_handler.hpp"
 #include "runtime/live_input/socket_path.hpp"
 
 namespace multipanda {
 
-// Live input of a running scene (docs/live_input.md): a Unix socket that takes requests as JSON lines, and
-// one beside it that takes references as binary packets. One thread serves all clients; it waits for none of
-// them and the loop waits for nobody.
+// Live input of a running scene (docs/live_input.md): a Unix socket for requests as JSON lines, and one
+// next to it for references as binary packets. One thread serves all clients and never waits for one; the
+// loop never waits for this thread.
 class LiveServer {
  public:
   static constexpr std::size_t kLongestLine = 64 * 1024;  // of a request
   static constexpr std::size_t kMaxClients = 64;          // on each of the two sockets
   static constexpr std::size_t kMaxPending = 64;          // requests of one client; more wait in its socket
-  static constexpr std::size_t kMaxAhead = 64 * 1024;     // bytes of answers not read: its requests wait
-  static constexpr std::size_t kMaxUnread = 1024 * 1024;  // bytes of streamed state not read: dropped
+  static constexpr std::size_t kMaxAhead = 64 * 1024;     // bytes of unread answers; then its requests wait
+  static constexpr std::size_t kMaxUnread =
+      1024 * 1024;  // bytes of unread streamed state; then it is dropped
   static constexpr std::size_t kMaxChannels = 256;
 
-  // Listens from now on. The folder of `path` must exist. Throws SocketTaken (a live process has the path),
+  // Starts to listen. The folder of `path` must exist. Throws SocketTaken (a live process has the path),
   // std::invalid_argument (path too long), std::runtime_error (anything else).
-  LiveServer(const std::filesystem::path& path, LiveWorld world);
-  ~LiveServer();  // answers nothing more
+  LiveServer(const std::filesystem::path& path, LiveInputContext run);
+  ~LiveServer();  // closes all connections
   LiveServer(const LiveServer&) = delete;
 
   const std::filesystem::path& path() const { return claim_.path(); }
@@ -38,15 +39,15 @@ class LiveServer {
 
  private:
   using Clock = std::chrono::steady_clock;
-  struct Begun {
+  struct Started {
     nlohmann::json id;
-    CommandDesk::Pending pending;
+    RequestHandler::Pending pending;
   };
   struct Client {
     explicit Client(int file) : line(file, kLongestLine) {}
     LineConnection line;
-    std::list<Begun> requests;           // begun, not answered
-    std::chrono::nanoseconds period{0};  // of the state it subscribed to; 0: none
+    std::list<Started> requests;         // started, not answered
+    std::chrono::nanoseconds period{0};  // of its subscription to the state; 0: none
     Clock::time_point next_state;
     nlohmann::json subscription;  // its id
     bool gone = false;
@@ -54,7 +55,7 @@ class LiveServer {
   struct Channel {
     Client* owner = nullptr;
     StreamChannel stream;
-    Verdict told = Verdict::accepted;  // to its owner
+    Verdict reported = Verdict::accepted;  // to its owner
   };
   struct Publisher {
     explicit Publisher(int file_) : file(file_) {}
@@ -70,7 +71,7 @@ class LiveServer {
   void accept_publishers();
   void serve(Client& client, bool all);
   void take_line(Client& client, const LineConnection::Line& line);
-  bool take_connection_word(Client& client, const nlohmann::json& request, const nlohmann::json& id);
+  bool take_connection_request(Client& client, const nlohmann::json& request, const nlohmann::json& id);
   void poll_requests(Client& client);
   void send_state(Client& client, Clock::time_point now);
   void take_packets(Publisher& publisher);
@@ -79,13 +80,13 @@ class LiveServer {
   static void answer(Client& client, nlohmann::json answer, const nlohmann::json& id);
 
   SocketClaim claim_;
-  CommandDesk desk_;
+  RequestHandler handler_;
   int lines_ = -1, packets_ = -1, wake_ = -1;
   std::list<Client> clients_;
   std::list<Publisher> publishers_;
   std::map<std::uint32_t, Channel> channels_;
   std::uint32_t next_channel_ = 1;
-  std::uint64_t unreadable_ = 0;  // packets that are none, or of a channel that is not open
+  std::uint64_t unreadable_ = 0;  // invalid packets, or packets of channels that are not open
   std::atomic<std::uint64_t> dropped_{0};
   std::atomic<bool> ending_{false};
   std::thread thread_;

@@ -8,9 +8,9 @@
 #include <gtest/gtest.h>
 
 #include "runtime/live_input/client.hpp"
-#include "runtime/live_input/live_rig.hpp"
+#include "runtime/live_input/testing/live_fixture.hpp"
 
-namespace multipanda {
+namespace multipanda::server_test {
 namespace {
 
 using nlohmann::json;
@@ -18,15 +18,15 @@ using testing::HasSubstr;
 
 class ServerTest : public testing::Test {
  protected:
-  ServerTest() : server_(folder_ / "rig.sock", rig_.world()) {}
+  ServerTest() : server_(folder_ / "fixture.sock", fixture_.run()) {}
 
   test::PrivateFolder folder_;
-  test::LiveRig rig_;
+  test::LiveFixture fixture_;
   LiveServer server_;
 };
 
 TEST_F(ServerTest, AnswersByIdWhileTheLoopRuns) {
-  const test::Stepping stepping(rig_);
+  const test::Stepping stepping(fixture_);
   LiveClient client(server_.path());
   const json answer = client.ask({{"do", "switch"}, {"activate", {"pose0"}}});
   EXPECT_EQ(answer["ok"], true) << answer;
@@ -34,17 +34,17 @@ TEST_F(ServerTest, AnswersByIdWhileTheLoopRuns) {
   EXPECT_EQ(client.ask({{"do", "nonsense"}})["ok"], false);
 }
 
-// A request that the loop does not take keeps nobody else waiting.
+// A request that the loop does not take delays no other client.
 TEST_F(ServerTest, OneClientDoesNotWaitForAnother) {
   LiveClient waiting(server_.path()), quick(server_.path());
   waiting.tell({{"do", "switch"}, {"activate", {"pose0"}}, {"id", "w"}});  // nobody steps
   EXPECT_EQ(quick.ask({{"do", "list"}})["ok"], true);
-  rig_.steps(1);
+  fixture_.steps(1);
   const json late = waiting.next(10);
   EXPECT_EQ(late["id"], "w");
 }
 
-TEST_F(ServerTest, ARunThatStandsStillIsSaid) {
+TEST_F(ServerTest, AStalledRunIsReported) {
   LiveClient client(server_.path());
   const json answer = client.ask({{"do", "switch"}, {"activate", {"pose0"}}});
   EXPECT_EQ(answer["verdict"], "timeout");
@@ -52,7 +52,7 @@ TEST_F(ServerTest, ARunThatStandsStillIsSaid) {
 }
 
 TEST_F(ServerTest, ManyClientsAtOnce) {
-  const test::Stepping stepping(rig_);
+  const test::Stepping stepping(fixture_);
   std::vector<std::jthread> threads;
   std::atomic<int> good{0};
   for (int n = 0; n < 8; ++n) {
@@ -72,7 +72,7 @@ TEST_F(ServerTest, ManyClientsAtOnce) {
 }
 
 TEST_F(ServerTest, StreamsTheState) {
-  const test::Stepping stepping(rig_);
+  const test::Stepping stepping(fixture_);
   LiveClient client(server_.path());
   EXPECT_EQ(client.ask({{"do", "subscribe"}, {"rate_hz", 1000}})["ok"], true);
   std::int64_t last = -1;
@@ -88,7 +88,7 @@ TEST_F(ServerTest, StreamsTheState) {
 
 // It asked for a thousand states per second and reads none.
 TEST_F(ServerTest, AClientThatDoesNotReadIsDropped) {
-  rig_.steps(1);
+  fixture_.steps(1);
   LiveClient lazy(server_.path()), other(server_.path());
   lazy.tell({{"do", "subscribe"}, {"rate_hz", 1000}});
   const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
@@ -104,7 +104,7 @@ TEST_F(ServerTest, ManyRequestsInOnePieceAreAllAnswered) {
   for (int k = 0; k < 300; ++k) EXPECT_EQ(client.next(30)["id"], k);
 }
 
-TEST_F(ServerTest, WordsOfAClientThatLeftStillCount) {
+TEST_F(ServerTest, RequestsOfAClosedClientAreStillExecuted) {
   const int file = connect_to(server_.path(), SOCK_STREAM);
   ASSERT_GE(file, 0);
   const std::string text = R"({"do":"stop"})";  // not even the end of the line
@@ -112,11 +112,11 @@ TEST_F(ServerTest, WordsOfAClientThatLeftStillCount) {
   close(file);
   LiveClient other(server_.path());
   EXPECT_EQ(other.ask({{"do", "list"}})["ok"], true);  // served after it
-  rig_.steps(1);
-  EXPECT_EQ(rig_.loop.modes().stopped(), ArmSet::all(2));
+  fixture_.steps(1);
+  EXPECT_EQ(fixture_.loop.modes().stopped(), ArmSet::all(2));
 }
 
-TEST_F(ServerTest, LinesThatAreTooLongAreRefusedAndForgotten) {
+TEST_F(ServerTest, LinesThatAreTooLongAreRefusedAndDiscarded) {
   const int file = connect_to(server_.path(), SOCK_STREAM);
   LineConnection line(file, 1 << 20);
   line.send(std::string(200000, 'x'));
@@ -133,9 +133,9 @@ TEST_F(ServerTest, LinesThatAreTooLongAreRefusedAndForgotten) {
   EXPECT_EQ(answers[1]["id"], 7);
 }
 
-// Requests with random damage: every line is answered, nothing falls over, and the arms stay owned.
+// Requests with random damage: every line is answered, nothing crashes, and the arms keep their owners.
 TEST_F(ServerTest, DamagedRequestsAreAnsweredAndHarmless) {
-  const test::Stepping stepping(rig_);
+  const test::Stepping stepping(fixture_);
   const std::vector<std::string> good{
       R"({"do":"switch","activate":["pose0","pose1"],"only":true})",
       R"({"do":"reference","controllet":"pose0","input":"pose","position_m":[0.4,0,0.5],"quaternion_wxyz":[0,1,0,0],"stream":true})",
@@ -144,10 +144,10 @@ TEST_F(ServerTest, DamagedRequestsAreAnsweredAndHarmless) {
       R"({"do":"subscribe","rate_hz":1e-999})",
       R"({"do":"stream","controllet":"both","input":"left_pose","frame":"arm1_base"})",
       R"({"do":"set_load","arm":"arm0","mass_kg":1,"com_m":[0,0,0],"inertia_kg_m2":{"xx":1,"yy":1,"zz":1}})",
-      // No resume among them: it might lift the witness's stop at once.
+      // No resume among them: it might lift the observer's stop at once.
       R"({"do":"list"})", R"([[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[{"do":1}]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]])"};
   std::mt19937 random(20240);
-  LiveClient witness(server_.path());
+  LiveClient observer(server_.path());
   for (int round = 0; round < 20; ++round) {
     const int file = connect_to(server_.path(), SOCK_STREAM);
     ASSERT_GE(file, 0);
@@ -182,33 +182,33 @@ TEST_F(ServerTest, DamagedRequestsAreAnsweredAndHarmless) {
     }
     EXPECT_TRUE(ended);
   }
-  EXPECT_EQ(witness.ask({{"do", "state"}})["ok"], true);
-  EXPECT_EQ(witness.ask({{"do", "stop"}})["ok"], true);
+  EXPECT_EQ(observer.ask({{"do", "state"}})["ok"], true);
+  EXPECT_EQ(observer.ask({{"do", "stop"}})["ok"], true);
 }
 
 TEST_F(ServerTest, PacketsReachTheirInputInOrder) {
   LiveClient client(server_.path());
   client.tell({{"do", "switch"}, {"activate", {"joint0"}}, {"id", 0}});
   ASSERT_EQ(client.ask({{"do", "list"}})["ok"], true);  // by now the switch is with the loop
-  rig_.steps(1);
+  fixture_.steps(1);
   ASSERT_EQ(client.next(10)["ok"], true);
   ReferenceStream stream = client.open_stream("joint0", "joints");
-  const JointVector q = rig_.loop.models[0]->q_home();
+  const JointVector q = fixture_.loop.models[0]->q_home();
   constexpr std::size_t kPackets = 500;
   for (std::size_t k = 1; k <= kPackets; ++k) {  // one per cycle
     ASSERT_TRUE(stream.send({q.data(), 7}, static_cast<std::int64_t>(k)));
     const json channels = client.ask({{"do", "channels"}});
     ASSERT_EQ(channels["channels"][0]["received"], k);
-    rig_.steps(1);
+    fixture_.steps(1);
   }
   const json channel = client.ask({{"do", "channels"}})["channels"][0];
   EXPECT_EQ(channel["lost"], 0);
   EXPECT_EQ(channel["refused"], 0);
   EXPECT_EQ(channel["client_time_ns"], kPackets);
-  EXPECT_EQ(rig_.loop.modes().owner(0), rig_.loop.find("joint0"));
-  rig_.steps(150);
-  EXPECT_EQ(rig_.loop.modes().owner(0), rig_.loop.find("arm0_hold"));
-  // The publisher is told once that nobody takes its packets any more.
+  EXPECT_EQ(fixture_.loop.modes().owner(0), fixture_.loop.find("joint0"));
+  fixture_.steps(150);
+  EXPECT_EQ(fixture_.loop.modes().owner(0), fixture_.loop.find("arm0_hold"));
+  // The publisher is informed once that its packets are no longer accepted.
   for (int k = 0; k < 3; ++k) ASSERT_TRUE(stream.send({q.data(), 7}));
   ASSERT_EQ(client.ask({{"do", "channels"}})["channels"][0]["refused"], 3);
   const json news = client.next(10);
@@ -220,19 +220,19 @@ TEST_F(ServerTest, PacketsReachTheirInputInOrder) {
 }
 
 TEST_F(ServerTest, AChannelEndsWithItsOwner) {
-  LiveClient witness(server_.path());
+  LiveClient observer(server_.path());
   {
     LiveClient owner(server_.path());
     (void)owner.open_stream("joint0", "joints");
-    EXPECT_EQ(witness.ask({{"do", "channels"}})["channels"].size(), 1u);
+    EXPECT_EQ(observer.ask({{"do", "channels"}})["channels"].size(), 1u);
   }
-  (void)witness.ask(
+  (void)observer.ask(
       {{"do", "channels"}});  // the owner's end is seen in this turn of the server at the latest
-  EXPECT_EQ(witness.ask({{"do", "channels"}})["channels"].size(), 0u);
+  EXPECT_EQ(observer.ask({{"do", "channels"}})["channels"].size(), 0u);
 }
 
 TEST_F(ServerTest, TheSocketIsRefusedWhileItsOwnerLives) {
-  EXPECT_THROW(LiveServer(server_.path(), rig_.world()), SocketTaken);
+  EXPECT_THROW(LiveServer(server_.path(), fixture_.run()), SocketTaken);
   EXPECT_NO_THROW(LiveClient{server_.path()});
 }
 
@@ -246,4 +246,4 @@ TEST(LiveClientTest, WithoutARunItSaysWhatToDo) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::server_test

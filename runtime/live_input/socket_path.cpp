@@ -34,13 +34,13 @@ sockaddr_un address_of(const std::filesystem::path& path) {
   return address;
 }
 
-// A socket that a dead process left may go; nothing else may.
+// Removes the socket of a dead process, and nothing else.
 void remove_socket(const std::filesystem::path& path) {
   struct stat info {};
   if (lstat(path.c_str(), &info) != 0) return;
   if (!S_ISSOCK(info.st_mode)) {
     throw std::runtime_error("'" + path.string() +
-                             "' is there and is no socket: remove it, or choose another path");
+                             "' exists and is not a socket; remove it or choose another path");
   }
   (void)unlink(path.c_str());
 }
@@ -60,16 +60,16 @@ std::filesystem::path socket_folder() {
 
 void make_private_folder(const std::filesystem::path& folder) {
   if (mkdir(folder.c_str(), 0700) != 0 && errno != EEXIST) {
-    throw std::runtime_error("the folder " + folder.string() + " cannot be made: " + std::strerror(errno));
+    throw std::runtime_error("the folder " + folder.string() + " cannot be created: " + std::strerror(errno));
   }
   struct stat info {};
   if (lstat(folder.c_str(), &info) != 0 || !S_ISDIR(info.st_mode)) {
-    throw std::runtime_error(folder.string() + " is no folder: remove it");
+    throw std::runtime_error(folder.string() + " is not a folder; remove it");
   }
   if (info.st_uid != getuid() || (info.st_mode & 077) != 0) {
     throw std::runtime_error("the folder " + folder.string() +
-                             " must belong to this user and be closed to others (chmod 700): whoever may "
-                             "write there may move the arms");
+                             " must belong to this user and be closed to others (chmod 700): anyone with "
+                             "write access can move the arms");
   }
 }
 
@@ -100,15 +100,15 @@ SocketClaim::SocketClaim(std::filesystem::path path)
   for (;;) {
     lock_ = open(lock_path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
     if (lock_ < 0) {
-      throw std::runtime_error("no socket can be made at '" + path_.string() + "': " + std::strerror(errno));
+      throw std::runtime_error("cannot create a socket at '" + path_.string() + "': " + std::strerror(errno));
     }
     if (flock(lock_, LOCK_EX | LOCK_NB) != 0) {
       close(lock_);
       throw SocketTaken(
           "'" + path_.string() +
-          "' belongs to a running process: choose another path with --socket, or stop that run");
+          "' belongs to a running process; choose another path with --socket, or stop that run");
     }
-    // The owner before removes its lock file: what was locked must still be what stands at the path.
+    // The previous owner removes its lock file: check that the locked file is still the one at the path.
     struct stat locked {
     }, present{};
     if (fstat(lock_, &locked) == 0 && stat(lock_path_.c_str(), &present) == 0 &&
@@ -138,14 +138,14 @@ int listen_at(const std::filesystem::path& path, int type) {
   const sockaddr_un address = address_of(path);
   const int file = socket(AF_UNIX, type | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
   if (file < 0) fail("socket");
-  // The mode of an unbound socket is that of the file it gets: never open to others, not even for a moment.
+  // The mode of an unbound socket becomes that of its file: it is closed to others from the start.
   if (fchmod(file, 0600) != 0 ||
       bind(file, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0 ||
       listen(file, 16) != 0) {
     const int reason = errno;
     close(file);
     errno = reason;
-    fail("no socket can be made at '" + path.string() + "'");
+    fail("cannot create a socket at '" + path.string() + "'");
   }
   return file;
 }

@@ -9,9 +9,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "runtime/live_input/live_rig.hpp"
+#include "runtime/live_input/testing/live_fixture.hpp"
 
-namespace multipanda {
+namespace multipanda::socket_path_test {
 namespace {
 
 unsigned mode_of(const std::filesystem::path& path) {
@@ -41,7 +41,7 @@ TEST(SocketPathTest, TheSocketIsClosedToOthers) {
   close(file);
 }
 
-TEST(SocketPathTest, ALiveOwnerIsRespected) {
+TEST(SocketPathTest, ALiveOwnerKeepsItsSocket) {
   const test::PrivateFolder folder;
   {
     const SocketClaim claim(folder / "a.sock");
@@ -52,7 +52,7 @@ TEST(SocketPathTest, ALiveOwnerIsRespected) {
   EXPECT_TRUE(std::filesystem::is_empty(folder.path()));  // nothing is left behind
 }
 
-TEST(SocketPathTest, WhatADeadProcessLeftIsReplaced) {
+TEST(SocketPathTest, TheSocketOfADeadProcessIsReplaced) {
   const test::PrivateFolder folder;
   const auto path = folder / "a.sock";
   const pid_t child = fork();
@@ -80,11 +80,11 @@ TEST(SocketPathTest, OtherFilesAreNeverRemoved) {
   EXPECT_TRUE(std::filesystem::is_regular_file(path));
 }
 
-TEST(SocketPathTest, WhatCannotBeAnAddressIsSaid) {
+TEST(SocketPathTest, InvalidAddressesAreReported) {
   EXPECT_THROW(check_socket_path("/tmp/" + std::string(120, 'a')), std::invalid_argument);
   EXPECT_THROW(check_socket_path(""), std::invalid_argument);
   EXPECT_THROW(SocketClaim("/no/such/folder/a.sock"), std::runtime_error);
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::socket_path_test

@@ -9,7 +9,7 @@ namespace {
 constexpr std::array<std::uint8_t, 4> kMagic = {'M', 'P', 'R', 'S'};
 constexpr std::uint16_t kVersion = 1;
 
-// Byte by byte, so that neither the machine's order nor alignment matters.
+// Byte by byte, independent of the machine's byte order and alignment.
 template <std::unsigned_integral T>
 void put(StreamPacketBytes& bytes, std::size_t offset, T value) {
   for (std::size_t i = 0; i < sizeof(T); ++i) {

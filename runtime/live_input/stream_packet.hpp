@@ -13,9 +13,9 @@
 //        0  4 bytes  "MPRS"
 //        4  u16      version, 1
 //        6  u16      count of values, 1 to kMaxTargetValues
-//        8  u32      channel, as the handshake answered
+//        8  u32      channel from the answer of the handshake
 //       12  u32      0
-//       16  u64      sequence: of this channel, rising; gaps are counted as lost
+//       16  u64      sequence number of this channel, increasing; gaps count as lost
 //       24  i64      the publisher's own time [ns], any clock
 //       32  f64[]    values, in the order of Target
 namespace multipanda {
@@ -34,7 +34,7 @@ using StreamPacketBytes = std::array<std::uint8_t, kStreamPacketBytes>;
 
 // Returns the number of bytes used.
 std::size_t pack(const StreamPacket& packet, StreamPacketBytes& bytes);
-// Nothing: not a packet of this version, or cut off.
+// None if the packet is of another version or incomplete.
 std::optional<StreamPacket> unpack(std::span<const std::uint8_t> bytes);
 
 }  // namespace multipanda

@@ -6,10 +6,10 @@
 
 #include <gtest/gtest.h>
 
-namespace multipanda {
+namespace multipanda::stream_packet_test {
 namespace {
 
-TEST(StreamPacketTest, StandsAsDocumented) {
+TEST(StreamPacketTest, HasTheDocumentedLayout) {
   StreamPacket packet{.channel = 0x01020304, .sequence = 5, .client_time_ns = -2, .count = 2, .values = {}};
   packet.values[0] = 1.0;
   packet.values[1] = -2.0;
@@ -31,7 +31,7 @@ TEST(StreamPacketTest, StandsAsDocumented) {
   EXPECT_EQ(back->values, packet.values);
 }
 
-TEST(StreamPacketTest, WhatIsNoPacketIsRefused) {
+TEST(StreamPacketTest, InvalidPacketsAreRefused) {
   StreamPacketBytes bytes{};
   const std::size_t size =
       pack({.channel = 1, .sequence = 1, .client_time_ns = 0, .count = 7, .values = {}}, bytes);
@@ -44,7 +44,7 @@ TEST(StreamPacketTest, WhatIsNoPacketIsRefused) {
     EXPECT_FALSE(unpack(std::span(wrong).first(size))) << at;
   }
   std::mt19937 random(7);
-  for (int n = 0; n < 20000; ++n) {  // whatever comes: no crash, and nothing without the magic
+  for (int n = 0; n < 20000; ++n) {  // any input: no crash, and nothing is accepted without the magic
     StreamPacketBytes noise;
     for (auto& byte : noise) byte = static_cast<std::uint8_t>(random());
     EXPECT_FALSE(unpack(std::span(noise).first(random() % noise.size())));
@@ -52,4 +52,4 @@ TEST(StreamPacketTest, WhatIsNoPacketIsRefused) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::stream_packet_test

@@ -61,7 +61,7 @@ InstanceConfig controllet(const std::string& name, const std::string& type, std:
                           const std::vector<std::string>& inputs) {
   InstanceConfig config{.name = name, .type = type, .arms = std::move(arms)};
   config.features = {"collision_avoidance"};
-  // Fast enough for what is asked of it.
+  // The inputs' limits must not slow the approach.
   for (const auto& input : inputs) config.inputs.push_back({.name = input, .timeout_s = 1, .max_speed = 2});
   return config;
 }
@@ -75,7 +75,7 @@ SceneObject box(const std::string& name, const Vector3& size, const Pose& X_WO) 
   return object;
 }
 
-// Every distance that counts, from the shapes one by one.
+// The smallest distance of all checked pairs, from the shapes.
 class Ruler {
  public:
   Ruler(const std::vector<std::shared_ptr<const ArmModel>>& models, std::vector<Obstacle> obstacles)
@@ -120,7 +120,7 @@ class Ruler {
 
 Pose base(double x, double y, double yaw) { return {rotation_from_rpy({0, 0, yaw}), {x, y, 0}}; }
 
-// The hand goes down, more or less, to a table that stands slanted.
+// The hand moves down towards a tilted table.
 void table(Dice& dice, Approach& approach) {
   const double yaw = dice.uniform(-3, 3);
   approach.scene.arms = {franka("arm", base(0, 0, yaw), near_ready(dice, 0.2))};
@@ -158,7 +158,7 @@ void post(Dice& dice, Approach& approach) {
   approach.scene.controllets = {controllet("law", "joint_impedance", {0}, {"joints"})};
 }
 
-// The arm folds in joint space until it would be inside itself.
+// The arm folds in joint space until it would collide with itself.
 void self(Dice& dice, Approach& approach) {
   const Pose X_WB = base(0, 0, dice.uniform(-3, 3));
   const SceneArm upright = franka("arm", X_WB, near_ready(dice, 0));
@@ -173,7 +173,7 @@ void self(Dice& dice, Approach& approach) {
       inside[i] = dice.uniform(limits.q_min[i] + margin, limits.q_max[i] - margin);
     }
     if (distance(inside) > -0.03) continue;
-    // The first place of the way where the gap is that of the range, and where the arm stands in itself.
+    // The first points of the path where the gap equals the range, and where the arm collides with itself.
     const auto at = [&](double s) { return JointVector(start + s * (inside - start)); };
     constexpr double kStep = 1e-3;
     double near = 0, in = 0;
@@ -183,7 +183,7 @@ void self(Dice& dice, Approach& approach) {
     if (near < 0.1 || in >= 1) continue;
     const double slope = (distance(at(near - kStep)) - distance(at(near))) / kStep;
     if (slope < 0.1) continue;
-    // Not from farther than half a second before.
+    // Starts at most half a second before.
     const double rate = kSpeed / slope, from = std::max(0.0, near - 0.4 * rate);
     if ((rate * (inside - start)).cwiseQuotient(limits.dq_max).cwiseAbs().maxCoeff() > 0.7) continue;
     approach.scene.arms = {franka("arm", X_WB, at(from))};
@@ -191,10 +191,10 @@ void self(Dice& dice, Approach& approach) {
     approach.scene.controllets = {controllet("law", "joint_impedance", {0}, {"joints"})};
     return;
   }
-  throw std::logic_error("no arm was found that runs into itself");
+  throw std::logic_error("found no motion in which the arm collides with itself");
 }
 
-// Two hands meet, each at half the speed or one alone.
+// Two hands approach each other, each at half the speed, or one of them moves.
 void meeting(Dice& dice, Approach& approach) {
   const bool facing = dice.uniform(-1, 1) > 0;
   const Pose left = facing ? base(-0.45, dice.uniform(-0.05, 0.05), 0) : base(0, 0.26, 0);
@@ -205,14 +205,13 @@ void meeting(Dice& dice, Approach& approach) {
   const Vector3 q = end_effector(approach.scene.arms[1]).position;
   const Vector3 way = (q - p).normalized();
   const double share = std::array{0.0, 0.5, 0.5, 1.0}[static_cast<std::size_t>(dice.uniform(0, 3.999))];
-  // Hands are wide: the ends of the ways are a little apart or past each other.
+  // The paths end slightly before or behind each other, because hands are wide.
   const double length = (q - p).norm() - dice.uniform(-0.05, 0.05);
   approach.paths = {{.way = way, .length = share * length, .rate = share * kSpeed},
                     {.way = -way, .length = (1 - share) * length, .rate = (1 - share) * kSpeed}};
 }
 
-// True if an arm touches the scene, another arm or another part of itself; the hand's own fingers do not
-// count.
+// True if an arm touches the scene, another arm or another part of itself, except finger against finger.
 bool touches(const MujocoBackend& backend) {
   const mjModel* m = backend.world().model();
   const mjData* d = backend.world().data();
@@ -230,7 +229,7 @@ bool touches(const MujocoBackend& backend) {
   return false;
 }
 
-// Way covered at time t: the rate is reached within a tenth of a second, and left as quickly.
+// Distance covered at time t; the rate ramps up and down within a tenth of a second.
 double covered(double t, double length, double rate) {
   constexpr double kRamp = 0.1;
   if (rate <= 0) return 0;
@@ -291,7 +290,7 @@ Approach draw_touching(std::uint32_t seed, Outcome& without) {
           std::abs(without.speed - kSpeed) < 0.1) {
         return approach;
       }
-    } catch (const std::invalid_argument&) {  // begins inside something
+    } catch (const std::invalid_argument&) {  // starts in collision
     }
   }
   throw std::logic_error("no approach of seed " + std::to_string(seed) + " touches anything");
@@ -303,7 +302,7 @@ Outcome run(const Approach& approach, bool avoid) {
     for (auto& law : scene.controllets) law.features.clear();
   }
   MujocoBackend backend(scene, {.pace = Pace::unpaced});
-  // The arms would stop by themselves before they touch: here what matters is who touches without avoidance.
+  // Without this the arms' own checks would stop them before they touch.
   for (ArmIndex i = 0; i < backend.arm_count(); ++i) backend.arm(i).watch(false);
   CycleConfig config = build_cycle_config(scene);
   std::vector<std::shared_ptr<const ArmModel>> models;
@@ -315,7 +314,7 @@ Outcome run(const Approach& approach, bool avoid) {
   MultimodeController& modes = cycle.modes();
   modes.activate_at_start(start_set(scene, modes));
 
-  // The input that leads each arm.
+  // The input that moves each arm.
   std::vector<Reference*> inputs;
   for (const auto& law : scene.controllets) {
     for (auto& input : modes.instance(modes.find(law.name)).inputs()) {
@@ -357,10 +356,10 @@ Outcome run(const Approach& approach, bool avoid) {
     outcome.clearance = std::min(outcome.clearance, d);
     outcome.touched = outcome.touched || touches(backend);
     for (std::size_t i = 0; i < scene.arms.size(); ++i) {
-      const JointVector wanted = cycle.data().tau_controllet[i] + cycle.data().tau_feature[i];
+      const JointVector requested = cycle.data().tau_controllet[i] + cycle.data().tau_feature[i];
       outcome.torque_share =
           std::max(outcome.torque_share,
-                   wanted.cwiseQuotient(scene.arms[i].safety.joints.tau_max).cwiseAbs().maxCoeff());
+                   requested.cwiseQuotient(scene.arms[i].safety.joints.tau_max).cwiseAbs().maxCoeff());
     }
   }
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {

@@ -4,11 +4,11 @@
 
 #include <gtest/gtest.h>
 
-namespace multipanda::approach {
+namespace multipanda::approach::approach_test {
 namespace {
 
 // An approach that touches without collision avoidance keeps its distance with it. Approaches that would not
-// touch are drawn anew: they would prove nothing. All 50 with --full, else a tenth, one of each kind.
+// touch are drawn again. All 50 run with --full, otherwise a tenth, one of each kind.
 class Approaches : public testing::TestWithParam<std::uint32_t> {};
 
 TEST_P(Approaches, KeepTheirDistance) {
@@ -24,11 +24,11 @@ TEST_P(Approaches, KeepTheirDistance) {
   EXPECT_GE(with.clearance, 0.005) << to_string(approach.kind);
   EXPECT_FALSE(with.touched);
   EXPECT_NEAR(with.speed, approach.speed, 0.1);
-  EXPECT_LE(with.torque_share, 1) << "wanted torque over its limit";
+  EXPECT_LE(with.torque_share, 1) << "requested torque over its limit";
   EXPECT_EQ(with.torque_cut, 0u);
   EXPECT_EQ(with.taken_out, "");
 }
 INSTANTIATE_TEST_SUITE_P(Seeds, Approaches, testing::Range(0u, 50u));
 
 }  // namespace
-}  // namespace multipanda::approach
+}  // namespace multipanda::approach::approach_test

@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
-"""The bytes of our client against those of the maker's library, unmodified, for the same sequence of commands to the
-same arm in lock-step: bytes_test.py PROGRAM. Only the number of the program's own UDP port may differ, and where the arm's
-clock stands when a motion begins."""
+"""Compares the bytes of our client with those of unmodified libfranka for the same commands: bytes_test.py PROGRAM
+
+Both control the same arm in lock-step. Only the UDP port of the program and the arm's clock at the start of a motion
+may differ.
+"""
 
 import os
 import struct
@@ -58,9 +60,15 @@ def newest_library(address):
             control.writeOnce(command)
 
     joints, hand = franka.ControllerMode.JointImpedance, franka.ControllerMode.CartesianImpedance
-    # First of all, while the arm stands where the scene has it: these commands begin at what the state says.
-    motion(robot.start_joint_position_control(joints), lambda last, state, k: last or franka.JointPositions(list(state.q_d)))
-    motion(robot.start_cartesian_pose_control(hand), lambda last, state, k: last or franka.CartesianPose(list(state.O_T_EE_c)))
+    # These commands begin at the measured state, so they come first, with the arm at the scene's start.
+    motion(
+        robot.start_joint_position_control(joints),
+        lambda last, state, k: last or franka.JointPositions(list(state.q_d)),
+    )
+    motion(
+        robot.start_cartesian_pose_control(hand),
+        lambda last, state, k: last or franka.CartesianPose(list(state.O_T_EE_c)),
+    )
 
     set_all(robot, robot.set_K, robot.set_EE)
 
@@ -79,8 +87,14 @@ def newest_library(address):
     torque_cycles(control, 30, False)
     del control  # cancels
 
-    motion(robot.start_joint_velocity_control(joints), lambda _, state, k: franka.JointVelocities([0.0] * 6 + [velocity(k)]))
-    motion(robot.start_cartesian_velocity_control(hand), lambda _, state, k: franka.CartesianVelocities([0.0, 0, velocity(k) / 4, 0, 0, 0]))
+    motion(
+        robot.start_joint_velocity_control(joints),
+        lambda _, state, k: franka.JointVelocities([0.0] * 6 + [velocity(k)]),
+    )
+    motion(
+        robot.start_cartesian_velocity_control(hand),
+        lambda _, state, k: franka.CartesianVelocities([0.0, 0, velocity(k) / 4, 0, 0, 0]),
+    )
 
     control = robot.start_torque_control()
     try:
@@ -90,7 +104,7 @@ def newest_library(address):
         control.readOnce()
         control.writeOnce(franka.Torques([5.0] + [0.0] * 6))
         control.readOnce()
-        raise AssertionError("a torque that jumps was taken")
+        raise AssertionError("a torque step was accepted")
     except franka.ControlException:
         pass
     del control
@@ -103,7 +117,16 @@ def panda_library(address):
 
     robot = libfranka.Robot(address, libfranka.RealtimeConfig.kIgnore)
     set_all(robot, robot.set_k, robot.set_ee)
-    robot.set_collision_behavior(counted(10), counted(40), counted(20), counted(50), counted(10)[:6], counted(40)[:6], counted(20)[:6], counted(50)[:6])
+    robot.set_collision_behavior(
+        counted(10),
+        counted(40),
+        counted(20),
+        counted(50),
+        counted(10)[:6],
+        counted(40)[:6],
+        counted(20)[:6],
+        counted(50)[:6],
+    )
     robot.set_guiding_mode([True, False, True, False, True, False], True)
 
     class CutOff(Exception):
@@ -132,7 +155,7 @@ def panda_library(address):
         pass
     try:
         control(9, "jump")
-        raise AssertionError("a torque that jumps was taken")
+        raise AssertionError("a torque step was accepted")
     except RuntimeError as reflex:
         assert "controller_torque_discontinuity" in str(reflex), reflex
     robot.automatic_error_recovery()
@@ -141,8 +164,11 @@ def panda_library(address):
 class Bytes(unittest.TestCase):
     def record(self, scene, drive):
         arm_address, address = free_address(100), free_address(101)
-        with subprocess.Popen([PROGRAM, "serve", arm_address, str(scene)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as arm:
+        with subprocess.Popen(
+            [PROGRAM, "serve", arm_address, str(scene)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as arm:
             self.assertEqual(arm.stdout.readline().strip(), "listening")
+
             def step():
                 arm.stdin.write(".")
                 arm.stdin.flush()
@@ -154,24 +180,28 @@ class Bytes(unittest.TestCase):
         return relay
 
     def compare(self, scene, library, version):
-        # In a process of its own: the library keeps Python's lock while it waits, and the relay would stand still.
+        # In a separate process: the library holds Python's lock while it waits, which would stop the relay.
         own = [sys.executable, os.path.abspath(__file__), "drive", library.__name__]
         theirs = self.record(scene, lambda address: subprocess.run([*own, address], check=True, timeout=60))
-        ours = self.record(scene, lambda address: subprocess.run([PROGRAM, "drive", address, str(version)], check=True, timeout=60))
-        self.assertEqual([m[:2] for m in ours.messages()], [m[:2] for m in theirs.messages()], "requests and their numbers")
+        ours = self.record(
+            scene, lambda address: subprocess.run([PROGRAM, "drive", address, str(version)], check=True, timeout=60)
+        )
+        self.assertEqual(
+            [m[:2] for m in ours.messages()], [m[:2] for m in theirs.messages()], "requests and their numbers"
+        )
         for mine, other in zip(ours.messages(), theirs.messages()):
             self.assertEqual(mine, other)
         self.assertEqual([len(m) for m in ours.motions], [len(m) for m in theirs.motions], "commands of each motion")
         self.assertGreaterEqual(len(theirs.motions[0]), TORQUES)
         for i, motions in enumerate(zip(ours.motions, theirs.motions)):
-            # The arm's clock counts what happens between motions, too; in a motion both must answer the same states.
+            # The arm's clock also runs between motions; in a motion both must answer the same states.
             first = [struct.unpack_from("<Q", motion[0])[0] for motion in motions]
             for k, commands in enumerate(zip(*motions)):
                 answers = [struct.unpack_from("<Q", command)[0] - begin for command, begin in zip(commands, first)]
                 self.assertEqual(answers[0], answers[1], f"motion {i}: state that command {k} answers")
                 self.assertEqual(commands[0][8:], commands[1][8:], f"motion {i}, command {k}")
         count = sum(len(m) for m in theirs.motions)
-        print(f"version {version}: {len(theirs.messages())} requests, {count} commands, every byte the same")
+        print(f"version {version}: {len(theirs.messages())} requests, {count} commands, all bytes equal")
 
     def test_fr3(self):
         self.compare(HERE / "bytes_fr3.yaml", newest_library, 10)
@@ -185,7 +215,7 @@ if __name__ == "__main__":
         import panda_py  # noqa: F401
         import pylibfranka  # noqa: F401
     except ImportError as missing:
-        print(f"skipped: {missing}; ./multipanda setup installs the maker's libraries")
+        print(f"skipped: {missing}; ./multipanda setup installs the libraries")
         sys.exit(77)
     if sys.argv[1] == "drive":
         globals()[sys.argv[2]](sys.argv[3])

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Faults between a run and its virtual arms, for 1, 2 and 4 arms: faults_test.py PROGRAM
 
-`multipanda run --backend fci` against `multipanda virtual-arm`, two processes with the whole wire between them. Whatever
-happens to one arm: it is held, it never keeps its last torque, and the others miss no cycle. The worlds are in lock-step,
-so "no cycle" is a count; what a busy machine does to real time is shown by `multipanda doctor`, not here.
+`multipanda run --backend fci` controls `multipanda virtual-arm` in another process through the control interface. After
+any fault an arm is held and never keeps its last torque, and the other arms miss no cycle. The worlds are in lock-step,
+so missed cycles are counted independently of the load of the machine.
 """
 
 import json
@@ -18,18 +18,20 @@ import unittest
 
 import numpy as np
 import pylibfranka as franka
-
 from virtual_arms import VirtualArms
 
 PROGRAM = ""
 
 
 def scene_text(count):
-    """Arms in a row; the first two share a controllet where there are more than two: they fail together."""
+    """Arms in a row. With more than two arms the first two share a controllet and fail together."""
     lines = ["name: faults", "arms:"]
     names = [f"arm{i}" for i in range(count)]
     for i, name in enumerate(names):
-        lines.append(f"  - {{name: {name}, model: {['fer', 'fr3'][i % 2]}, hand: true, base: {{position_m: [0, {1.2 * i}, 0], rpy_rad: [0, 0, {0.3 * i}]}}, start_rad: ready}}")
+        lines.append(
+            f"  - {{name: {name}, model: {['fer', 'fr3'][i % 2]}, hand: true, start_rad: ready, "
+            f"base: {{position_m: [0, {1.2 * i}, 0], rpy_rad: [0, 0, {0.3 * i}]}}}}"
+        )
     lines += ["controllets:"]
     groups = [[name] for name in names] if count <= 2 else [names[:2]] + [[name] for name in names[2:]]
     for group in groups:
@@ -52,7 +54,9 @@ class World:
         self.scene = pathlib.Path(self.folder.name, "scene.yaml")
         self.scene.write_text(self.text)
         self.socket = pathlib.Path(self.folder.name, "run.sock")
-        self.arms = VirtualArms(PROGRAM, self.scene, self.names, "lockstep", ["--no-gripper", *self.options]).__enter__()
+        self.arms = VirtualArms(
+            PROGRAM, self.scene, self.names, "lockstep", ["--no-gripper", *self.options]
+        ).__enter__()
         try:
             return self.start_run()
         except BaseException:
@@ -60,16 +64,32 @@ class World:
             raise
 
     def start_run(self):
-        words = [PROGRAM, "run", str(self.scene), "--backend", "fci", "--fast", "--json", "--seconds", str(self.seconds), "--socket", str(self.socket)]
+        words = [
+            PROGRAM,
+            "run",
+            str(self.scene),
+            "--backend",
+            "fci",
+            "--fast",
+            "--json",
+            "--seconds",
+            str(self.seconds),
+            "--socket",
+            str(self.socket),
+        ]
         for name in self.names:
             words += ["--address", f"{name}={self.arms.address[name]}"]
         self.messages = open(pathlib.Path(self.folder.name, "run.txt"), "w+")
-        self.run = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=self.messages, text=True, cwd=self.folder.name)
+        self.run = subprocess.Popen(
+            words, stdout=subprocess.PIPE, stderr=self.messages, text=True, cwd=self.folder.name
+        )
         self.wait_for(lambda state: state["t_s"] > 0.2)
         return self
 
     def ctl(self, *words):
-        done = subprocess.run([PROGRAM, "ctl", "--socket", str(self.socket), "--json", *words], capture_output=True, text=True, timeout=30)
+        done = subprocess.run(
+            [PROGRAM, "ctl", "--socket", str(self.socket), "--json", *words], capture_output=True, text=True, timeout=30
+        )
         try:
             return json.loads(done.stdout.strip().splitlines()[-1])
         except (IndexError, ValueError):
@@ -89,7 +109,7 @@ class World:
                 pass
             if time.monotonic() > end or self.run.poll() is not None:
                 self.messages.seek(0)
-                raise AssertionError(f"never came: {json.dumps(state)[:1500]}\n{self.messages.read()[-2000:]}")
+                raise AssertionError(f"timed out: {json.dumps(state)[:1500]}\n{self.messages.read()[-2000:]}")
             time.sleep(0.02)
 
     def goes_on(self, seconds=0.5):
@@ -132,9 +152,11 @@ class FaultMatrix(unittest.TestCase):
         return [other for other in world.names if other not in group], group
 
     def held(self, world, name):
-        """The arm's group is held, the others' controllets run on, and time goes on."""
+        """Checks that the arm's group is held, the other controllets run and time advances."""
         others, group = self.others(world, name)
-        world.wait_for(lambda state: all(world.arm(state, member)["controllet"] == f"{member}_hold" for member in group))
+        world.wait_for(
+            lambda state: all(world.arm(state, member)["controllet"] == f"{member}_hold" for member in group)
+        )
         state = world.goes_on() if others else world.state()
         for other in others:
             self.assertTrue(world.arm(state, other)["controllet"].startswith("law_"), other)
@@ -144,24 +166,28 @@ class FaultMatrix(unittest.TestCase):
         for name in names:
             self.assertEqual(world.arms.ended["arms"][name]["commands_missed"], 0, name)
 
-    def test_reflex_recovery_and_the_way_back(self):
+    def test_recovery_from_a_reflex_ends_in_hold(self):
         for count in self.counts:
             with self.subTest(arms=count), World(count) as world:
                 name = world.names[-1]
-                self.assertFalse(world.ctl("recover", name)["ok"])  # nothing to recover from
+                self.assertFalse(world.ctl("recover", name)["ok"])  # no error to recover from
                 world.arms.control(f"reflex {name} cartesian_reflex")
                 self.held(world, name)
                 self.assertEqual(world.arm(world.state(), name)["mode"], "reflex")
                 self.assertTrue(world.ctl("recover", name)["ok"])
                 world.wait_for(lambda state: world.arm(state, name)["mode"] == "move")
                 world.goes_on(0.3)
-                self.assertEqual(world.owner(name), f"{name}_hold")  # never straight back
+                self.assertEqual(world.owner(name), f"{name}_hold")  # never back to the previous controllet
                 self.assertTrue(world.ctl("switch", f"law_{name}")["ok"])
                 world.goes_on(0.3)
                 self.assertEqual(world.owner(name), f"law_{name}")
                 summary = world.end()
                 others = [other for other in world.names if other != name]
-                taken_out = {i["arm"] for i in summary["interventions"] if not any(word in i["rule"] for word in ("stop", "rate", "clamp"))}
+                taken_out = {
+                    i["arm"]
+                    for i in summary["interventions"]
+                    if not any(word in i["rule"] for word in ("stop", "rate", "clamp"))
+                }
                 self.assertEqual(taken_out, {name}, summary["interventions"])
             self.no_cycle_missed(world, others)
 
@@ -178,11 +204,16 @@ class FaultMatrix(unittest.TestCase):
                 world.end()
             self.no_cycle_missed(world, self.others(world, name)[0])
 
-    def test_lost_doubled_and_overtaken_datagrams(self):
+    def test_lost_duplicated_and_reordered_datagrams(self):
         for count in self.counts:
-            # In lock-step each lost state of several arms costs a wait of wall-clock time, so there are few of them then.
+            # In lock-step with several arms each lost state costs a wait of wall-clock time, so only a few are lost.
             share = "0.02" if count == 1 else "0.004"
-            with self.subTest(arms=count), World(count, options=["--loss", share, "--duplicate", "0.05", "--reorder", share, "--seed", "5"]) as world:
+            with (
+                self.subTest(arms=count),
+                World(
+                    count, options=["--loss", share, "--duplicate", "0.05", "--reorder", share, "--seed", "5"]
+                ) as world,
+            ):
                 world.goes_on(3.0 if count == 1 else 0.5)
                 state = world.state()
                 for name in world.names:
@@ -191,7 +222,7 @@ class FaultMatrix(unittest.TestCase):
             for name in world.names:
                 self.assertGreater(world.arms.ended["arms"][name]["commands_lost"], 0)
 
-    def test_a_killed_program_leaves_no_torque_behind(self):
+    def test_arms_of_a_killed_program_brake(self):
         for count in self.counts:
             with self.subTest(arms=count), World(count) as world:
                 world.run.kill()
@@ -206,11 +237,11 @@ class FaultMatrix(unittest.TestCase):
                     np.testing.assert_allclose(state.q, first.q, atol=2e-2)
                     self.assertEqual(state.control_command_success_rate, 0.0)
 
-    def test_a_stopped_program_loses_its_arms_and_gets_them_back(self):
+    def test_a_suspended_program_loses_its_arms_and_recovers_them(self):
         for count in self.counts:
             with self.subTest(arms=count), World(count) as world:
                 world.run.send_signal(signal.SIGSTOP)
-                time.sleep(1.5)  # the world's patience, and twenty periods without a command
+                time.sleep(1.5)  # longer than the world waits, plus twenty periods without a command
                 world.run.send_signal(signal.SIGCONT)
                 for name in world.names:
                     world.wait_for(lambda state: world.arm(state, name)["controllet"] == f"{name}_hold")
@@ -220,7 +251,7 @@ class FaultMatrix(unittest.TestCase):
                 world.wait_for(lambda state: world.arm(state, name)["mode"] == "move")
                 world.end()
 
-    def test_killed_virtual_arms_end_in_a_run_that_still_answers(self):
+    def test_a_run_still_answers_after_its_virtual_arms_were_killed(self):
         for count in self.counts:
             with self.subTest(arms=count):
                 world = World(count).__enter__()

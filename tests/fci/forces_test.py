@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Forces that a program of the maker's library sees, on a plant without friction or noise: forces_test.py PROGRAM
+"""Checks the forces that a libfranka program receives, on a plant without friction or noise: forces_test.py PROGRAM
 
-What the arm really exerts at rest follows from statics alone: without gravity and friction in the torques,
-tau_d = J^T F. That is the yardstick here, independent of the arm's observer, its filter and the simulator's contacts.
+At rest the true force follows from statics: without gravity and friction in the torques, tau_d = J^T F. This reference
+is independent of the arm's observer, its filter and the simulator's contacts.
 """
 
 import os
@@ -11,8 +11,7 @@ import unittest
 
 import numpy as np
 import pylibfranka as franka
-
-from pylibfranka_test import connect, pose_of, spring, torque_loop
+from pylibfranka_test import connect, pose_of, spring
 from virtual_arms import HERE, VirtualArms
 
 PROGRAM = ""
@@ -24,7 +23,7 @@ def jacobian_of(model, state):
 
 class Pressing(unittest.TestCase):
     def press(self, robot, model, force, cycles):
-        """The maker's force example: F_d down the base's z, faded in; stiff across, damped; returns state and own wrench."""
+        """As libfranka's force example: presses along -z of the base. Returns state and exerted wrench."""
         first = robot.read_once()
         x_d = pose_of(first.O_T_EE)[:3, 3]
         rotation_d = pose_of(first.O_T_EE)[:3, :3]
@@ -35,7 +34,9 @@ class Pressing(unittest.TestCase):
             pose, dx = pose_of(state.O_T_EE), jacobian @ np.array(state.dq)
             error = pose[:3, :3] @ rotation_d.T
             turn = 0.5 * np.array([error[2, 1] - error[1, 2], error[0, 2] - error[2, 0], error[1, 0] - error[0, 1]])
-            wrench = np.concatenate([-500 * (pose[:3, 3] - x_d), -15 * turn]) - np.array([60, 60, 60, 0.7, 0.7, 0.7]) * dx
+            wrench = (
+                np.concatenate([-500 * (pose[:3, 3] - x_d), -15 * turn]) - np.array([60, 60, 60, 0.7, 0.7, 0.7]) * dx
+            )
             wrench[2] = -force * min(1.0, n / 1000) - 150 * dx[2]
             tau = jacobian.T @ wrench - 0.3 * np.array(state.dq) + np.array(model.coriolis(state))
             command = franka.Torques(list(tau))
@@ -56,15 +57,18 @@ class Pressing(unittest.TestCase):
                 error = np.array(state.O_F_ext_hat_K) - exerted
                 rotation = pose_of(state.O_T_EE)[:3, :3]
                 in_k = np.concatenate([rotation.T @ exerted[:3], rotation.T @ exerted[3:]])
-                print(f"\n  {force:.0f} N: wrench off by {np.abs(error[:3]).max():.4f} N, {np.abs(error[3:]).max():.4f} N m; "
-                      f"joints by {np.abs(np.array(state.tau_ext_hat_filtered) - jacobian.T @ exerted).max():.4f} N m", flush=True)
+                print(
+                    f"\n  {force:.0f} N: error {np.abs(error[:3]).max():.4f} N, {np.abs(error[3:]).max():.4f} N m; "
+                    f"joints by {np.abs(np.array(state.tau_ext_hat_filtered) - jacobian.T @ exerted).max():.4f} N m",
+                    flush=True,
+                )
                 np.testing.assert_allclose(error, np.zeros(6), atol=0.3)
                 np.testing.assert_allclose(state.K_F_ext_hat_K, in_k, atol=0.3)
                 np.testing.assert_allclose(state.tau_ext_hat_filtered, jacobian.T @ exerted, atol=0.1)
 
 
 class Thresholds(unittest.TestCase):
-    """An arm held by the program is pushed with a known force; thresholds just above and just below it decide."""
+    """Pushes an arm that the program holds with a known force, with thresholds just above and just below it."""
 
     @classmethod
     def setUpClass(cls):
@@ -76,11 +80,11 @@ class Thresholds(unittest.TestCase):
         cls.arms.__exit__()
 
     def pushed(self, torque, force, newtons):
-        """Thresholds {lower, upper}; the push is on the flange, along the world's z. Returns the last state or the exception."""
+        """Pushes the flange along z with thresholds (lower, upper). Returns the last state or the exception."""
         state = self.robot.read_once()
         if state.robot_mode == franka.RobotMode.Reflex:
             self.robot.automatic_error_recovery()
-        while self.robot.read_once().time.to_sec() < state.time.to_sec() + 1:  # an earlier push is over
+        while self.robot.read_once().time.to_sec() < state.time.to_sec() + 1:  # until an earlier push has ended
             pass
         self.robot.set_collision_behavior([torque[0]] * 7, [torque[1]] * 7, [force[0]] * 6, [force[1]] * 6)
         q = np.array(self.robot.read_once().q)
@@ -103,7 +107,7 @@ class Thresholds(unittest.TestCase):
             del control
             return self.robot.read_once(), contact, str(error)
 
-    def test_below_the_lower_threshold_nothing_is_said(self):
+    def test_below_the_lower_threshold_there_is_no_contact(self):
         _, contact, error = self.pushed((80, 80), (25, 100), 20)
         self.assertIsNone(error)
         self.assertFalse(contact[0].any() or contact[1].any())

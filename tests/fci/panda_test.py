@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A library on libfranka 0.9 (Panda, protocol 5), unmodified, against virtual arms: panda_test.py PROGRAM [TEST...]"""
+"""Tests unmodified panda-py (libfranka 0.9, protocol 5) with virtual arms: panda_test.py PROGRAM [TEST...]"""
 
 import math
 import os
@@ -12,7 +12,6 @@ from datetime import timedelta
 import numpy as np
 import panda_py
 from panda_py import controllers, libfranka
-
 from pylibfranka_test import pose_of
 from virtual_arms import HERE, VirtualArms
 
@@ -39,7 +38,7 @@ class Arms(unittest.TestCase):
         robot = self.robots[name]
         if robot.read_once().robot_mode == libfranka.RobotMode.kReflex:
             robot.automatic_error_recovery()
-        settled = robot.read_once().time.to_sec() + 0.3  # whatever the test before did to it
+        settled = robot.read_once().time.to_sec() + 0.3  # after the motion of the previous test
         robot.read(lambda state: state.time.to_sec() < settled)
         return robot
 
@@ -50,7 +49,9 @@ class Library(Arms):
         self.assertEqual(robot.server_version(), 5)
         state, model = robot.read_once(), robot.load_model()
         np.testing.assert_allclose(model.gravity(state), state.tau_J, atol=0.02)
-        np.testing.assert_allclose(pose_of(model.pose(libfranka.Frame.kEndEffector, state)), pose_of(state.O_T_EE), atol=1e-6)
+        np.testing.assert_allclose(
+            pose_of(model.pose(libfranka.Frame.kEndEffector, state)), pose_of(state.O_T_EE), atol=1e-6
+        )
         mass = np.array(model.mass(state)).reshape(7, 7)
         np.testing.assert_allclose(mass, mass.T, atol=1e-9)
         self.assertGreater(np.linalg.eigvalsh(mass)[0], 0)
@@ -84,7 +85,9 @@ class Library(Arms):
 
     def test_setters_and_recovery(self):
         robot = self.robot()
-        robot.set_collision_behavior([20.0] * 7, [20.0] * 7, [10.0] * 7, [80.0] * 7, [20.0] * 6, [20.0] * 6, [10.0] * 6, [100.0] * 6)
+        robot.set_collision_behavior(
+            [20.0] * 7, [20.0] * 7, [10.0] * 7, [80.0] * 7, [20.0] * 6, [20.0] * 6, [10.0] * 6, [100.0] * 6
+        )
         robot.set_collision_behavior([20.0] * 7, [80.0] * 7, [20.0] * 6, [100.0] * 6)
         robot.set_joint_impedance([3000.0, 3000, 3000, 2500, 2500, 2000, 2000])
         robot.set_cartesian_impedance([3000.0, 3000, 3000, 300, 300, 300])

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""The maker's own library (FR3, protocol 10), unmodified, against virtual arms: pylibfranka_test.py PROGRAM [TEST...]
+"""Tests unmodified pylibfranka (FR3, protocol 10) with virtual arms: pylibfranka_test.py PROGRAM [TEST...]
 
-Lock-step, so that no result depends on the machine's speed; the one loop in real time says how it went.
+Tests run in lock-step, so that no result depends on the machine's speed; one loop in real time prints its figures.
 """
 
 import math
@@ -12,7 +12,6 @@ import unittest
 
 import numpy as np
 import pylibfranka as franka
-
 from virtual_arms import HERE, VirtualArms
 
 PROGRAM = ""
@@ -29,7 +28,7 @@ def pose_of(values):
 
 
 def torque_loop(control, cycles, law):
-    """Runs `law(state, n)` for so many cycles and finishes; the last state."""
+    """Runs `law(state, n)` for the given number of cycles and finishes; returns the last state."""
     for n in range(cycles):
         state, period = control.readOnce()
         if n > 0:
@@ -45,7 +44,7 @@ def zero(_state, _n):
 
 
 def spring(q_d):
-    """A soft joint impedance towards q_d, damped, faded in over a quarter of a second."""
+    """A soft, damped joint impedance towards q_d, faded in over a quarter of a second."""
     k = np.array([100, 100, 100, 100, 50, 30, 10.0])
     d = np.array([20, 20, 20, 20, 10, 6, 2.0])
     return lambda state, n: list(min(1.0, n / 250) * (k * (q_d - np.array(state.q)) - d * np.array(state.dq)))
@@ -65,7 +64,7 @@ class Arms(unittest.TestCase):
         cls.arms.__exit__()
 
     def robot(self, name="fr3"):
-        """An arm without an error, whatever the test before left; one connection for the whole class."""
+        """Clears errors of the previous test; one connection serves the whole class."""
         if name not in self.robots:
             self.robots[name] = connect(self.arms.address[name])
         robot = self.robots[name]
@@ -75,25 +74,35 @@ class Arms(unittest.TestCase):
 
 
 class Reading(Arms):
-    def test_the_state_of_an_arm_at_rest_is_whole(self):
+    def test_the_state_of_an_arm_at_rest_is_complete(self):
         for name in self.names:
             robot = self.robot(name)
             state = robot.read_once()
             self.assertEqual(state.robot_mode, franka.RobotMode.Idle)
             self.assertFalse(state.current_errors)
-            np.testing.assert_allclose(state.q, [0, -math.pi / 4, 0, -3 * math.pi / 4, 0, math.pi / 2, math.pi / 4], atol=1e-3)
+            np.testing.assert_allclose(
+                state.q, [0, -math.pi / 4, 0, -3 * math.pi / 4, 0, math.pi / 2, math.pi / 4], atol=1e-3
+            )
             np.testing.assert_allclose(state.dq, np.zeros(7), atol=1e-3)
             np.testing.assert_allclose(state.q_d, state.q, atol=1e-3)
-            for pose in (state.O_T_EE, state.O_T_EE_d, state.O_T_EE_c, state.F_T_EE, state.EE_T_K, state.F_T_NE, state.NE_T_EE):
+            for pose in (
+                state.O_T_EE,
+                state.O_T_EE_d,
+                state.O_T_EE_c,
+                state.F_T_EE,
+                state.EE_T_K,
+                state.F_T_NE,
+                state.NE_T_EE,
+            ):
                 rotation = pose_of(pose)[:3, :3]
                 np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-6)
             np.testing.assert_allclose(state.O_T_EE_c, state.O_T_EE, atol=1e-3)
             np.testing.assert_allclose(state.tau_ext_hat_filtered, np.zeros(7), atol=0.05)
             np.testing.assert_allclose(state.O_F_ext_hat_K, np.zeros(6), atol=0.2)
-            self.assertAlmostEqual(state.m_ee, 0.7126, delta=0.05)  # hand and fingers, the maker's figures
+            self.assertAlmostEqual(state.m_ee, 0.7126, delta=0.05)  # hand and fingers, Franka's figures
             self.assertEqual(state.elbow[1], -1.0 if state.q[3] <= -0.467002423653011 else 1.0)
 
-    def test_time_goes_on_by_milliseconds(self):
+    def test_time_advances_by_milliseconds(self):
         robot = self.robot()
         first, second = robot.read_once(), robot.read_once()
         self.assertGreater(second.time.to_sec(), first.time.to_sec())
@@ -102,11 +111,11 @@ class Reading(Arms):
         robot = self.robot()
         with self.assertRaises(franka.NetworkException):
             connect(self.arms.address["fr3"])
-        robot.read_once()  # the first one does not notice
+        robot.read_once()  # the first program is not affected
 
 
 class ModelOfTheArm(Arms):
-    def test_gravity_carries_the_arm_at_rest(self):
+    def test_gravity_torque_equals_the_measured_torque_at_rest(self):
         for name in self.names:
             robot = self.robot(name)
             model, state = robot.load_model(), robot.read_once()
@@ -119,7 +128,9 @@ class ModelOfTheArm(Arms):
         states = []
         for n in range(600):
             state, _ = control.readOnce()
-            states.append((np.array(state.q), pose_of(state.O_T_EE)[:3, 3], np.array(model.zero_jacobian(state)).reshape(7, 6).T))
+            states.append(
+                (np.array(state.q), pose_of(state.O_T_EE)[:3, 3], np.array(model.zero_jacobian(state)).reshape(7, 6).T)
+            )
             speed = 0.3 * math.sin(math.pi * n / 600) ** 2
             command = franka.JointVelocities([speed, -speed, speed, speed, -speed, speed, speed])
             command.motion_finished = n == 599
@@ -128,7 +139,7 @@ class ModelOfTheArm(Arms):
             np.testing.assert_allclose(p1 - p0, 0.5 * (jacobian0 + jacobian1)[:3] @ (q1 - q0), atol=2e-6)
 
     def test_mass_matrix_and_kinetic_energy(self):
-        """Work of the torques on an arm that starts at rest is its kinetic energy: no gravity in the torques, no friction."""
+        """Without gravity and friction, the work of the torques on an arm from rest equals its kinetic energy."""
         robot = self.robot()
         model = robot.load_model()
         control = robot.start_torque_control()
@@ -138,7 +149,11 @@ class ModelOfTheArm(Arms):
             if last is not None:
                 work += float(tau @ (np.array(state.q) - last))
             last = np.array(state.q)
-            tau = np.array([2.0, -1.5, 1.0, 1.2, 0.4, 0.3, 0.02]) * math.sin(math.pi * n / 200) if n < 200 else np.zeros(7)
+            tau = (
+                np.array([2.0, -1.5, 1.0, 1.2, 0.4, 0.3, 0.02]) * math.sin(math.pi * n / 200)
+                if n < 200
+                else np.zeros(7)
+            )
             if n == 200:
                 mass = np.array(model.mass(state)).reshape(7, 7).T
                 energy, done = 0.5 * np.array(state.dq) @ mass @ np.array(state.dq), work
@@ -173,7 +188,7 @@ class TorqueControl(Arms):
         robot.stop()
         torque_loop(robot.start_torque_control(), 100, zero)
 
-    def test_a_jump_of_the_torque_is_a_reflex_and_recovery_ends_it(self):
+    def test_a_torque_step_is_a_reflex_and_recovery_clears_it(self):
         robot = self.robot()
         control = robot.start_torque_control()
         with self.assertRaises(franka.ControlException) as caught:
@@ -194,7 +209,7 @@ class TorqueControl(Arms):
         self.assertTrue(state.last_motion_errors.controller_torque_discontinuity)
         torque_loop(robot.start_torque_control(), 100, zero)
 
-    def test_a_rate_just_within_the_limit_is_none(self):
+    def test_a_rate_just_within_the_limit_is_accepted(self):
         robot = self.robot()
         control = robot.start_torque_control()
         for n in range(40):  # 0.999 N m per millisecond up to 9.99 and back; joint 1 barely moves in that time
@@ -218,7 +233,10 @@ class TorqueControl(Arms):
 
         state = torque_loop(control, seconds * 1000, step)
         took = time.monotonic() - began
-        print(f"\n  {seconds} s of torque control in lock-step: {took:.2f} s, {seconds / took:.1f} x real time (with this client's Python)", flush=True)
+        print(
+            f"\n  {seconds} s of torque control in lock-step: {took:.2f} s, {seconds / took:.1f} x real time (Python)",
+            flush=True,
+        )
         self.assertEqual(state.control_command_success_rate, 1.0)
         np.testing.assert_allclose(state.q, q, atol=1e-3)
 
@@ -239,8 +257,11 @@ class MotionGenerators(Arms):
             robot = self.robot(name)
             for mode in BOTH:
                 first, last = self.finish(
-                    robot.start_joint_position_control(mode), franka.JointPositions, 2001,
-                    lambda s, n: [q + 0.1 * (1 - math.cos(math.pi * n / 2000)) for q in s.q_d])
+                    robot.start_joint_position_control(mode),
+                    franka.JointPositions,
+                    2001,
+                    lambda s, n: [q + 0.1 * (1 - math.cos(math.pi * n / 2000)) for q in s.q_d],
+                )
                 np.testing.assert_allclose(np.array(last.q_d) - first.q_d, 0.2 * np.ones(7), atol=1e-5)
                 np.testing.assert_allclose(last.q, last.q_d, atol=5e-3)
 
@@ -249,9 +270,14 @@ class MotionGenerators(Arms):
             robot = self.robot(name)
             for mode in BOTH:
                 first, last = self.finish(
-                    robot.start_joint_velocity_control(mode), franka.JointVelocities, 2001,
-                    lambda s, n: [-0.1 * math.sin(math.pi * n / 2000) ** 2] * 7)
-                np.testing.assert_allclose(np.array(last.q_d) - first.q_d, -0.1 * np.ones(7), atol=1e-4)  # mean of sin^2: a half
+                    robot.start_joint_velocity_control(mode),
+                    franka.JointVelocities,
+                    2001,
+                    lambda s, n: [-0.1 * math.sin(math.pi * n / 2000) ** 2] * 7,
+                )
+                np.testing.assert_allclose(
+                    np.array(last.q_d) - first.q_d, -0.1 * np.ones(7), atol=1e-4
+                )  # mean of sin^2: a half
                 np.testing.assert_allclose(last.q, last.q_d, atol=5e-3)
 
     def test_cartesian_poses(self):
@@ -274,12 +300,15 @@ class MotionGenerators(Arms):
             robot = self.robot(name)
             for mode in BOTH:
                 first, last = self.finish(
-                    robot.start_cartesian_velocity_control(mode), franka.CartesianVelocities, 2001,
-                    lambda s, n: [0, 0, 0.1 * math.sin(math.pi * n / 2000) ** 2, 0, 0, 0])
+                    robot.start_cartesian_velocity_control(mode),
+                    franka.CartesianVelocities,
+                    2001,
+                    lambda s, n: [0, 0, 0.1 * math.sin(math.pi * n / 2000) ** 2, 0, 0, 0],
+                )
                 moved = pose_of(last.O_T_EE)[:3, 3] - pose_of(first.O_T_EE)[:3, 3]
                 np.testing.assert_allclose(moved, [0, 0, 0.1], atol=5e-3)
 
-    def test_a_jump_of_the_position_is_a_reflex(self):
+    def test_a_position_step_is_a_reflex(self):
         robot = self.robot()
         control = robot.start_joint_position_control(franka.ControllerMode.JointImpedance)
         with self.assertRaises(franka.ControlException) as caught:
@@ -295,9 +324,13 @@ class MotionGenerators(Arms):
         self.assertIsNone(made.error_message)
         handler = made.handler
         target = np.array(robot.read_once().q) + 0.1
-        self.assertTrue(handler.set_joint_position_target(franka.AsyncPositionControlHandler.JointPositionTarget(list(target))).was_successful)
+        self.assertTrue(
+            handler.set_joint_position_target(
+                franka.AsyncPositionControlHandler.JointPositionTarget(list(target))
+            ).was_successful
+        )
         seen = []
-        for _ in range(5000):  # five seconds of the world
+        for _ in range(5000):  # five seconds of simulated time
             state = robot.read_once()
             status = handler.get_target_feedback(state).status.name
             if not seen or seen[-1] != status:
@@ -310,7 +343,7 @@ class MotionGenerators(Arms):
 
 
 class Settings(Arms):
-    def test_what_is_set_is_shown(self):
+    def test_settings_appear_in_the_state(self):
         robot = self.robot()
         pose = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.01, -0.02, 0.03, 1]
         before = pose_of(robot.read_once().O_T_EE)
@@ -332,17 +365,20 @@ class Settings(Arms):
         robot.set_collision_behavior([20.0] * 7, [40.0] * 7, [20.0] * 6, [40.0] * 6)
         robot.set_collision_behavior([80.0] * 7, [80.0] * 7, [100.0] * 6, [100.0] * 6)
 
-    def test_what_cannot_be_is_refused(self):
+    def test_invalid_settings_are_refused(self):
         robot = self.robot()
-        for attempt in (lambda: robot.set_joint_impedance([-1.0] + [3000.0] * 6), lambda: robot.set_load(-1.0, [0.0] * 3, [0.0] * 9),
-                        lambda: robot.set_cartesian_impedance([3000, 3000, float("nan"), 300, 300, 300])):
+        for attempt in (
+            lambda: robot.set_joint_impedance([-1.0] + [3000.0] * 6),
+            lambda: robot.set_load(-1.0, [0.0] * 3, [0.0] * 9),
+            lambda: robot.set_cartesian_impedance([3000, 3000, float("nan"), 300, 300, 300]),
+        ):
             with self.assertRaises((franka.CommandException, ValueError)):
                 attempt()
 
 
 class TwoArmsAtOnce(Arms):
     def test_both_arms_of_one_world_in_one_process(self):
-        """One thread: this library's Python keeps the interpreter to itself while it waits for a state."""
+        """Uses one thread, because pylibfranka holds the interpreter's lock while it waits for a state."""
         cycles = 2000
         robots = [self.robot(name) for name in self.names]
         laws = [spring(np.array(robot.read_once().q) + 0.05) for robot in robots]
@@ -356,8 +392,8 @@ class TwoArmsAtOnce(Arms):
             np.testing.assert_allclose(state.q, goal, atol=0.02)
             self.assertEqual(state.control_command_success_rate, 1.0)
         times = [state.time.to_sec() for state in states]
-        self.assertEqual(times[0], times[1])  # the same instant of one world
-        del control, controls  # both motions are cancelled
+        self.assertEqual(times[0], times[1])  # the same instant of the world
+        del control, controls  # both motions are canceled
 
     def test_a_reflex_of_one_arm_leaves_the_other_moving(self):
         robots = [self.robot(name) for name in self.names]
@@ -365,7 +401,7 @@ class TwoArmsAtOnce(Arms):
         with self.assertRaises(franka.ControlException) as caught:
             for n in range(300):
                 for i, control in enumerate(controls):
-                    failing = i  # whose turn it is
+                    failing = i  # the arm that fails in this round
                     control.readOnce()
                     control.writeOnce(franka.Torques([5.0 if i == 1 and n == 200 else 0.0] + [0.0] * 6))
         self.assertEqual((failing, n), (1, 201))
@@ -380,7 +416,7 @@ class TwoArmsAtOnce(Arms):
 
 
 class HandAtWork(Arms):
-    def test_homing_move_and_grasp_of_air(self):
+    def test_homing_move_and_empty_grasp(self):
         for name in self.names:
             gripper = franka.Gripper(self.arms.address[name])
             self.assertTrue(gripper.homing())
@@ -431,7 +467,7 @@ class Faults(unittest.TestCase):
             arms.control("guide fr3 off")
             torque_loop(robot.start_torque_control(), 100, zero)
 
-    def test_a_program_that_sleeps_loses_its_arm(self):
+    def test_a_program_that_pauses_loses_its_arm(self):
         with VirtualArms(PROGRAM, SCENE, ["panda", "fr3"], "realtime") as arms:
             robot = connect(arms.address["fr3"])
             control = robot.start_torque_control()
@@ -448,7 +484,7 @@ class Faults(unittest.TestCase):
 
 class RealTime(unittest.TestCase):
     def test_ten_seconds(self):
-        """Whether a shared machine lets a program run is its own business: a lost arm is recovered and the loop goes on."""
+        """On a busy machine the arm may stop: the loop recovers it and continues."""
         with VirtualArms(PROGRAM, SCENE, ["panda", "fr3"], "realtime") as arms:
             robot = connect(arms.address["fr3"])
             q = np.array(robot.read_once().q)
@@ -466,7 +502,11 @@ class RealTime(unittest.TestCase):
                     del control
                     robot.automatic_error_recovery()
                     control = robot.start_torque_control()
-            print(f"\n  10 s in real time: {cycles} cycles, success rate median {np.median(rates[100:]):.2f}, lowest {min(rates[100:]):.2f}, lost {lost} times", flush=True)
+            print(
+                f"\n  10 s in real time: {cycles} cycles, success rate median {np.median(rates[100:]):.2f}, "
+                f"lowest {min(rates[100:]):.2f}, lost {lost} times",
+                flush=True,
+            )
             self.assertGreater(cycles, 5000)
             np.testing.assert_allclose(state.q, q, atol=5e-3)
 

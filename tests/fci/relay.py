@@ -1,4 +1,4 @@
-"""Stands between a program and an arm and keeps what the program says: TCP stream and UDP datagrams."""
+"""Forwards between a program and an arm and records what the program sends: TCP stream and UDP datagrams."""
 
 import selectors
 import socket
@@ -11,13 +11,14 @@ HEADER = struct.Struct("<III")  # command, command_id, size
 
 
 class Relay:
-    """with Relay(address, arm_address, on_motion) as relay: the arm is at `address` now; relay.tcp, relay.motions.
+    """with Relay(address, arm_address, on_motion) as relay: programs reach the arm at `address`.
 
-    The only change on the way is the UDP port in Connect: the program's own is replaced by the relay's, so that states
-    come here. `tcp` is kept as the program sent it, `motions` has the datagrams of each motion. Programs wait
-    for one more state when a motion has begun, and when a reflex has ended it: `on_motion` is called then, to get one."""
+    The relay changes only the UDP port in Connect, so that states arrive at the relay. `tcp` is the stream as sent by
+    the program, `motions` has the datagrams of each motion. Programs wait for one more state after a motion has begun
+    and after a reflex has ended it; the relay then calls `on_motion` to cause one.
+    """
 
-    ROBOT_MODE = {1377: 1372, 2373: 2364}  # place in the state, by its size
+    ROBOT_MODE = {1377: 1372, 2373: 2364}  # offset in the state, by its size
     MOVE, REFLEX = 2, 4
     SOON = 0.05
 
@@ -82,7 +83,11 @@ class Relay:
                         if not self.tcp:  # Connect: header, version, port
                             (program_port,) = struct.unpack_from("<H", data, HEADER.size + 2)
                             self.tcp += data
-                            data = data[: HEADER.size + 2] + struct.pack("<H", self.to_arm.getsockname()[1]) + data[HEADER.size + 4 :]
+                            data = (
+                                data[: HEADER.size + 2]
+                                + struct.pack("<H", self.to_arm.getsockname()[1])
+                                + data[HEADER.size + 4 :]
+                            )
                         else:
                             self.tcp += data
                     (arm if key.fileobj is program else program).sendall(data)
@@ -92,7 +97,7 @@ class Relay:
                 each.close()
 
     def messages(self):
-        """The TCP stream cut into (command, command_id, payload); of Connect without the port."""
+        """The TCP stream as a list of (command, command_id, payload); Connect without its port."""
         found, at = [], 0
         while at < len(self.tcp):
             command, number, size = HEADER.unpack_from(self.tcp, at)

@@ -1,4 +1,4 @@
-"""Virtual arms for tests: `multipanda virtual-arm` as a process of its own, at addresses that no other test uses."""
+"""Virtual arms for tests: `multipanda virtual-arm` in a separate process, at addresses that no other test uses."""
 
 import json
 import os
@@ -11,7 +11,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 
 
 def free_address(number):
-    """A loopback address of this process alone, which has a network of its own: the library knows only the arm's own ports."""
+    """A loopback address for this process only, because libfranka always uses the same ports."""
     assert number < 254
     pid = os.getpid()
     return f"127.{20 + pid // 256 % 40}.{pid % 256}.{number + 1}"
@@ -33,7 +33,9 @@ class VirtualArms:
         self.lines = queue.Queue()
 
     def __enter__(self):
-        self.process = subprocess.Popen(self.words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.process = subprocess.Popen(
+            self.words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
         self.reader = threading.Thread(target=self._read, daemon=True)
         self.reader.start()
         first = self.process.stdout.readline()
@@ -52,7 +54,7 @@ class VirtualArms:
         return lines
 
     def control(self, words):
-        """One line of words, as a person would type it; its answer."""
+        """Sends one command line to the program; returns its answer."""
         self.said()
         self.process.stdin.write(words + "\n")
         self.process.stdin.flush()
@@ -72,4 +74,6 @@ class VirtualArms:
             stream.close()
         lines = [line for line in out.splitlines() if line.startswith("{")]
         self.ended = json.loads(lines[-1])["ended"] if lines else None
-        assert self.process.returncode == expected, f"virtual-arm ended with {self.process.returncode}: {''.join(self.said())}"
+        assert self.process.returncode == expected, (
+            f"virtual-arm ended with {self.process.returncode}: {''.join(self.said())}"
+        )

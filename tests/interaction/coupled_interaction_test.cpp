@@ -4,8 +4,8 @@
 
 #include "tests/interaction/grasp_trial.hpp"
 
-// Task 5: the bounds are the acceptance figures, the measure is the plant's own contact force.
-namespace multipanda::grasp {
+// Task 5 against its acceptance limits, measured by the plant's true contact forces.
+namespace multipanda::grasp::coupled_interaction_test {
 namespace {
 
 Scene scene_on(const PlantFidelity& plant) {
@@ -50,18 +50,18 @@ TEST(CoupledInteraction, BoxIsGraspedAndLiftedOnTheRealisticPlant) {
   }
 }
 
-// What the arms have in common and what they have against each other are two things: a force on the box moves
-// both hands by F / K_a, as one body, and the squeeze stays what it is.
+// Absolute and relative motion are decoupled: a force on the box moves both hands by F / K_a, as one body,
+// and the squeeze does not change.
 TEST(CoupledInteraction, PushedBoxMovesAgainstTheAbsoluteSpringAndTheSqueezeStays) {
   Scene scene = scene_on(PlantFidelity::ideal());
-  set(scene, "vertical_integral_n_per_m_s", {0});  // it would bring the box back
+  set(scene, "vertical_integral_n_per_m_s", {0});  // the integral would move the box back
   set(scene, "translational_stiffness_n_per_m", {800, 300, 1200});
   const Vector3 stiffness(800, 300, 1200);
   for (const Vector3& force : {Vector3(0, 6, 0), Vector3(0, -6, 0), Vector3(5, 0, 0), Vector3(0, 0, -5)}) {
     const Pushed pushed = push_box(scene, force);
     ASSERT_TRUE(pushed.kept);
     const Vector3 expected = force.cwiseQuotient(stiffness);
-    // 3 % of the way: pads are elastic, too, and the posture's spring is felt a little.
+    // 3 %: the pads and the posture's spring are elastic, too.
     EXPECT_NEAR((pushed.box - expected).norm(), 0, 0.03 * expected.norm() + 2e-4) << force.transpose();
     for (std::size_t i = 0; i < 2; ++i) {
       EXPECT_NEAR((pushed.hand[i] - pushed.box).norm(), 0, 6e-4) << force.transpose() << " hand " << i;
@@ -73,7 +73,7 @@ TEST(CoupledInteraction, PushedBoxMovesAgainstTheAbsoluteSpringAndTheSqueezeStay
   }
 }
 
-// The paper's gains: 50 N/m per arm carry the box only where the springs have sunk by m g / K.
+// With the paper's 50 N/m per arm, the springs deflect by m g / K under the box.
 TEST(CoupledInteraction, WithThePapersGainsTheBoxSags) {
   Scene scene = scene_on(PlantFidelity::ideal());
   paper_gains(scene, false);
@@ -83,8 +83,8 @@ TEST(CoupledInteraction, WithThePapersGainsTheBoxSags) {
   EXPECT_NEAR(f.lift, 0.2 - 9.81 / 100, 0.005);
 }
 
-// Lifting 1 kg by 0.2 m takes 1.96 J. A tank with less lifts it as far as it can pay for, and holds it there.
-TEST(CoupledInteraction, ATankLiftsAsFarAsItCanPayFor) {
+// Lifting 1 kg by 0.2 m takes 1.96 J. With less energy in the tank, the arms lift it less and hold it.
+TEST(CoupledInteraction, TheTanksEnergyBoundsTheLift) {
   double before = 0;
   for (const double tank : {0.2, 0.5, 2.0, 100.0}) {
     Scene scene = scene_on(PlantFidelity::ideal());
@@ -102,13 +102,13 @@ TEST(CoupledInteraction, ATankLiftsAsFarAsItCanPayFor) {
   EXPECT_GT(before, 0.198);
 }
 
-TEST(CoupledInteraction, NoEnergyComesFromNowhereWhenTheBoxVanishes) {
+TEST(CoupledInteraction, NoEnergyIsCreatedWhenTheBoxVanishes) {
   for (const double tank : {0.2, 0.5, 2.0, 100.0}) {
     Scene scene = scene_on(PlantFidelity::ideal());
     set(scene, "tank_start_j", {tank});
     const Loss loss = box_vanishes(scene, 9.0);
     EXPECT_TRUE(loss.kept) << tank;
-    EXPECT_NEAR(loss.squeezed, 20, 1.5) << tank << ": it was not squeezed";
+    EXPECT_NEAR(loss.squeezed, 20, 1.5) << tank << ": the box was not squeezed";
     EXPECT_LE(loss.energy_excess, 0.0) << tank;
     EXPECT_LT(loss.energy_gain, 1e-3) << tank;
     EXPECT_LT(loss.speed, 0.3) << tank;
@@ -117,16 +117,16 @@ TEST(CoupledInteraction, NoEnergyComesFromNowhereWhenTheBoxVanishes) {
   }
 }
 
-TEST(CoupledInteraction, NoEnergyComesFromNowhereUnderIllTreatment) {
+TEST(CoupledInteraction, NoEnergyIsCreatedUnderDisturbances) {
   for (const double tank : {0.2, 0.5, 2.0, 100.0}) {
     Scene scene = scene_on(PlantFidelity::ideal());
     set(scene, "tank_start_j", {tank});
-    const grasp::Run result = ill_treated(scene, 7);
+    const grasp::Run result = disturbed(scene, 7);
     EXPECT_TRUE(result.kept && result.fault.empty()) << tank;
     EXPECT_LE(energy_excess(result, 1e-3), 0.0) << tank;
     EXPECT_LT(energy_gain(result), 1e-3) << tank;
     EXPECT_GT(result.samples.back().t, 12.9) << tank;
-    // Something did happen: the contacts moved a good part of a joule to and fro.
+    // The contacts exchanged a considerable energy, so the check is not empty.
     double traffic = 0, before = 0;
     for (const auto& s : result.samples) {
       traffic += std::abs(s.environment - before);
@@ -140,7 +140,7 @@ TEST(CoupledInteraction, NoEnergyComesFromNowhereUnderIllTreatment) {
   }
 }
 
-// The same measure finds what the printed valve law makes out of nothing: a check that can fail.
+// The same measure detects the energy that the paper's valve law creates, so the check can fail.
 TEST(CoupledInteraction, ThePrintedValveLawIsNotPassive) {
   Scene scene = scene_on(PlantFidelity::ideal());
   set(scene, "tank_start_j", {0.2});
@@ -149,4 +149,4 @@ TEST(CoupledInteraction, ThePrintedValveLawIsNotPassive) {
 }
 
 }  // namespace
-}  // namespace multipanda::grasp
+}  // namespace multipanda::grasp::coupled_interaction_test

@@ -8,7 +8,7 @@ namespace {
 constexpr double kTaskDuration = 10, kSettling = 1.5;  // [s]
 
 void lay(Scene& scene, const Surface& surface) {
-  SceneObject& object = table(scene);
+  SceneObject& object = interaction::object(scene, "table");
   object.friction = surface.friction;
   object.contact->stiffness_n_per_m = surface.stiffness;
   object.contact->damping_ratio = surface.damping_ratio;

@@ -4,116 +4,41 @@
 #include <cmath>
 #include <limits>
 #include <random>
-#include <stdexcept>
-
-#include "core/modes/registry.hpp"
-#include "scene/build.hpp"
-#include "scene/load.hpp"
-#include "tests/interaction/words.hpp"
 
 namespace multipanda::grasp {
 namespace {
 
 constexpr double kSettling = 3, kTask = 10;  // [s]
 
-const Registry& registry() {
-  static const Registry builtins = Registry::with_builtins();
-  return builtins;
-}
+SceneObject& box(Scene& scene) { return interaction::object(scene, "box"); }
 
 }  // namespace
 
-std::size_t Run::column(const std::string& output) const { return output_column(outputs, output); }
-
-Run run(const Scene& scene, const Meddle& each) {
-  MujocoBackend backend(scene, {.pace = Pace::unpaced});
-  CycleConfig config = build_cycle_config(scene);
-  std::vector<ModelTerms> terms;
-  for (const auto& arm : config.arms) terms.emplace_back(arm.model);
-  ControlCycle cycle(std::move(config), registry(), backend);
-  MultimodeController& modes = cycle.modes();
-  modes.schedule(build_schedule(scene, modes));
-  modes.activate_at_start(start_set(scene, modes));
-  const InstanceIndex index = modes.find(scene.controllets[0].name);
-  Instance& law = modes.instance(index);
-  const std::size_t pose = law.find_input("pose"), squeeze = law.find_input("squeeze");
-  const auto object = backend.world().find_object("box");
-
+Run run(const Scene& scene, const Disturbance& each) {
   Run run;
-  run.outputs = law.output_specs();
-  const auto steps = static_cast<std::size_t>(std::llround(scene.duration_s * 1000));
-  run.samples.reserve(steps);
-  backend.start();
-  std::array<JointVector, 2> tau_before, q_before;
-  double environment = 0;
-  for (std::size_t k = 0; k < steps; ++k) {
-    Sample s;
-    s.t = static_cast<double>(k) * 1e-3;
-    if (each) each(s.t, backend);
-    const ArmSet due = backend.wait();
-    if (due.empty()) {
-      run.fault = backend.fault();
-      break;
-    }
-    std::array<JointVector, 2> q, dq;
-    for (std::size_t i = 0; i < 2; ++i) {
-      q[i].resize(static_cast<Eigen::Index>(backend.world().arm(i).qpos.size()));
-      dq[i].resize(q[i].size());
-      backend.world().joints(i, q[i], dq[i]);
-    }
-    s.X_WO = backend.world().X_WO(*object);
-    cycle.step(due);
-    for (std::size_t i = 0; i < 2; ++i) {
-      const ArmState& state = cycle.data().state[i];
-      terms[i].set_config(state.frames, state.tool, state.load);
-      terms[i].update(q[i], dq[i]);
-      s.X_WE[i] = terms[i].X_WE();
-      s.kinetic += 0.5 * dq[i].dot(terms[i].M() * dq[i]);
-      // The truth is the mean over the period just gone, so its work is taken over that period's way.
-      if (k > 0) {
-        environment -= state.F_K_W_true.vector.dot(Vector6(terms[i].J_V_WK() * (q[i] - q_before[i])));
-      }
-      const JointVector tau = cycle.data().tau_controllet[i] + cycle.data().tau_feature[i];
-      if (k > 0) s.rate = std::max(s.rate, (tau - tau_before[i]).cwiseAbs().maxCoeff() / 1e-3);
-      tau_before[i] = tau;
-      q_before[i] = q[i];
-    }
+  const auto before = [&each](double t, MujocoBackend& backend, ControlCycle&) {
+    if (each) each(t, backend);
+  };
+  const auto add = [&run](interaction::PlantSample measured, const interaction::Loop& loop) {
+    Sample s{std::move(measured)};
+    const auto& states = loop.cycle.data().state;
+    s.X_WO = loop.backend.world().X_WO(*loop.backend.world().find_object("box"));
+    for (std::size_t i = 0; i < 2; ++i) s.X_WE[i] = loop.terms[i].X_WE();
     const Vector3 n = (s.X_WE[1].position - s.X_WE[0].position).normalized();
     for (std::size_t i = 0; i < 2; ++i) {
       const double sign = i == 0 ? 1 : -1;
-      s.push[i] = sign * n.dot(Vector3(cycle.data().state[i].F_K_W_true.force()));
-      s.push_est[i] = sign * n.dot(Vector3(cycle.data().state[i].F_K_W_est.force()));
+      s.push[i] = sign * n.dot(Vector3(states[i].F_K_W_true.force()));
+      s.push_est[i] = sign * n.dot(Vector3(states[i].F_K_W_est.force()));
     }
-    s.p_d = law.inputs()[pose].pose().position;
-    s.wanted = law.inputs()[squeeze].scalar();
-    s.environment = environment;
-    const auto outputs = law.outputs();
-    s.outputs.assign(outputs.begin(), outputs.end());
+    s.p_d = loop.law.inputs()[loop.law.find_input("pose")].pose().position;
+    s.squeeze_d = loop.law.inputs()[loop.law.find_input("squeeze")].scalar();
     run.samples.push_back(std::move(s));
-  }
-  for (ArmIndex i = 0; i < 2; ++i) {
-    run.interventions += cycle.safety().counted(i);
-    run.kept = run.kept && modes.owner(i) == index;
-  }
+  };
+  static_cast<interaction::Outcome&>(run) = interaction::run_closed_loop(scene, 0, before, add);
   return run;
 }
 
-Scene task() {
-  return load_scene(std::string(MULTIPANDA_SOURCE_DIR) + "/experiments/scenes/task_5.yaml", registry());
-}
-
-void set(Scene& scene, const std::string& parameter, std::vector<double> values) {
-  auto& parameters = scene.controllets[0].parameters;
-  std::erase_if(parameters, [&](const auto& value) { return value.name == parameter; });
-  parameters.push_back({parameter, std::move(values)});
-}
-
-SceneObject& box(Scene& scene) {
-  for (auto& object : scene.objects) {
-    if (object.name == "box") return object;
-  }
-  throw std::invalid_argument("no box in " + scene.name);
-}
+Scene task() { return interaction::task("task_5"); }
 
 void vary(Scene& scene, std::uint32_t seed) {
   std::mt19937 random(seed);
@@ -145,7 +70,7 @@ Figures figures(const Run& run) {
   figures.least = std::numeric_limits<double>::infinity();
   figures.most = -figures.least;
   const Sample* first = nullptr;
-  std::array<Vector3, 2> p_OC;  // the point of the box that lay under the middle of each pad
+  std::array<Vector3, 2> p_OC;  // the point of the box under the middle of each pad
   for (const auto& s : run.samples) {
     double& rate = s.t < from ? figures.rate_grasp : figures.rate_task;
     if (s.t > 0.3 && s.t < to) rate = std::max(rate, s.rate);
@@ -156,14 +81,14 @@ Figures figures(const Run& run) {
     }
     ++count;
     for (std::size_t i = 0; i < 2; ++i) {
-      const double e = s.push[i] - s.wanted;
+      const double e = s.push[i] - s.squeeze_d;
       sum[i] += e * e;
       figures.least = std::min(figures.least, s.push[i]);
       figures.most = std::max(figures.most, s.push[i]);
       const Vector3 moved = s.X_WE[i].inverse() * (s.X_WO * p_OC[i]);
       figures.slip = std::max(figures.slip, moved.head<2>().norm());  // z of E: out of the pad
     }
-    const double e = s.outputs[estimated] - s.wanted;
+    const double e = s.outputs[estimated] - s.squeeze_d;
     sum_estimate += e * e;
     figures.uneven = std::max(figures.uneven, std::abs(s.push[0] - s.push[1]));
     figures.tilt =
@@ -179,7 +104,7 @@ Figures figures(const Run& run) {
   return figures;
 }
 
-// Springs and tanks as the law has them, kinetic energy as the plant has it, less what the contacts put in.
+// Springs and tanks of the law, kinetic energy of the plant, minus the energy from the contacts.
 std::vector<double> energies(const Run& run) {
   const std::size_t stored = run.column("stored_energy_j"), kinetic = run.column("kinetic_energy_j");
   std::vector<double> energies;
@@ -227,7 +152,7 @@ void paper_gains(Scene& scene, bool its_force_gains) {
   set(scene, "squeeze_damping_n_s_per_m", {0});
 }
 
-Run ill_treated(Scene scene, std::uint32_t seed) {
+Run disturbed(Scene scene, std::uint32_t seed) {
   constexpr double kFrom = 6, kTo = 11;
   std::mt19937 random(seed);
   const auto draw = [&](double low, double high) {
@@ -267,7 +192,7 @@ Run ill_treated(Scene scene, std::uint32_t seed) {
 }
 
 Pushed push_box(Scene scene, const Vector3& force) {
-  // Held on the table's height, the table gone: nothing but the hands holds the box.
+  // The table is removed, so that only the hands hold the box.
   constexpr double kTableGone = 5.5, kPush = 6.5, kEnd = 11.5;
   std::erase_if(scene.timeline,
                 [](const auto& event) { return event.what == TimelineEvent::What::set_motion; });
@@ -281,7 +206,7 @@ Pushed push_box(Scene scene, const Vector3& force) {
   const Run result = run(scene, [&](double t, MujocoBackend& backend) {
     const World& world = backend.world();
     const int body = world.objects()[*world.find_object("box")].body;
-    // Comes over half a second, so that nothing swings.
+    // The force rises over half a second, so that nothing swings.
     const double share = std::clamp((t - kPush) / 0.5, 0.0, 1.0);
     for (int i = 0; i < 3; ++i) backend.world().data()->xfrc_applied[6 * body + i] = share * force[i];
   });
@@ -311,7 +236,7 @@ Pushed push_box(Scene scene, const Vector3& force) {
   }
   for (const auto& s : result.samples) {
     if (s.t < kPush) continue;
-    pushed.worst_mean = std::max(pushed.worst_mean, std::abs(0.5 * (s.push[0] + s.push[1]) - s.wanted));
+    pushed.worst_mean = std::max(pushed.worst_mean, std::abs(0.5 * (s.push[0] + s.push[1]) - s.squeeze_d));
   }
   return pushed;
 }

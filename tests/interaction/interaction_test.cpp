@@ -1,6 +1,5 @@
-// What force control has to reach, over the simulation, judged by the plant's own truth. The figures as
-// tables: the program interaction_figures. MULTIPANDA_FULL runs every case with five seeds, else a few cases
-// stand for all.
+// Limits of force control in simulation, measured by the plant's true forces. The program interaction_figures
+// prints the figures as tables. MULTIPANDA_FULL runs every case with five seeds; otherwise a few cases run.
 #include <cstdlib>
 
 #include <gtest/gtest.h>
@@ -8,7 +7,7 @@
 #include "tests/interaction/figures.hpp"
 #include "tests/interaction/passivity.hpp"
 
-namespace multipanda::trial {
+namespace multipanda::trial::interaction_test {
 namespace {
 
 bool full() { return std::getenv("MULTIPANDA_FULL") != nullptr; }
@@ -54,7 +53,7 @@ TEST(Interaction, Task4KeepsForceAndPath) {
     const bool realistic = plant.name == "realistic";
     for (const double friction : {0.1, 0.3, 0.5}) {
       for (const double stiffness : {1e3, 1e4, 1e5}) {
-        // The corners and the middle stand for all.
+        // Without --full only the corners and the middle run.
         if (!full() && (friction == 0.3) != (stiffness == 1e4)) continue;
         for (std::uint64_t seed = 1; seed <= (realistic ? seeds() : 1); ++seed) {
           const Surface surface{stiffness, 0.3, friction};
@@ -71,7 +70,7 @@ TEST(Interaction, Task4KeepsForceAndPath) {
   }
 }
 
-TEST(Interaction, StictionThatNobodyKnows) {
+TEST(Interaction, UnmodeledStictionKeepsTheForceWithinLimits) {
   PlantFidelity plant;
   plant.name = "stiction";
   plant.stiction_nm = 0.3;
@@ -86,7 +85,7 @@ TEST(Interaction, StictionThatNobodyKnows) {
   }
 }
 
-TEST(Interaction, ATableThatVanishes) {
+TEST(Interaction, SpeedStaysLowWhenTheTableVanishes) {
   const LossFigures light = loss_figures("task_4", 9.81), heavy = loss_figures("task_4", 30);
   EXPECT_TRUE(light.good && heavy.good);
   EXPECT_LE(light.speed, 0.15);
@@ -94,27 +93,28 @@ TEST(Interaction, ATableThatVanishes) {
   EXPECT_LE(heavy.speed, 0.25);
   EXPECT_LE(heavy.drop, 0.040);
   EXPECT_EQ(light.interventions + heavy.interventions, 0u);
-  // `force` goes back to its slow approach: 2 cm/s, and no leap before.
+  // `force` returns to its slow approach of 2 cm/s without a jump.
   const LossFigures search = loss_figures("task_3", 30);
   EXPECT_TRUE(search.good);
   EXPECT_LE(search.speed, 0.25);
   EXPECT_NEAR(search.drop, 0.02 * 3, 0.02);
-  // The valve of the paper with full tanks does not hold it: this is what gamma alone is for.
+  // The paper's valve with full tanks does not bound the drop; gamma does.
   const LossFigures paper = loss_figures("task_4", 30, [](Scene& scene) { set(scene, "valve_law", {1}); });
   EXPECT_GT(paper.drop, 0.040);
 }
 
 // Through contact loss, moving walls and jumping set-points, with tanks nearly empty and full.
-TEST(Interaction, StoredEnergyNeverExceedsWhatCameIn) {
+TEST(Interaction, StoredEnergyNeverExceedsItsInput) {
   const std::uint32_t rounds = full() ? 5 : 1;
   for (std::uint32_t seed = 1; seed <= rounds; ++seed) {
-    for (const Hostility hostility : kHostilities) {
+    for (const Disturbance disturbance : kDisturbances) {
       for (const double start : {0.2, 0.5, 2.0, 100.0}) {
-        if (!full() && hostility != Hostility::all && start != (hostility == Hostility::wall ? 0.2 : 2.0)) {
+        if (!full() && disturbance != Disturbance::all &&
+            start != (disturbance == Disturbance::wall ? 0.2 : 2.0)) {
           continue;
         }
-        const Passivity figures = passivity(hostility, start, false, seed);
-        const std::string what = std::string(name(hostility)) + ", tanks at " + std::to_string(start) +
+        const Passivity figures = passivity(disturbance, start, false, seed);
+        const std::string what = std::string(name(disturbance)) + ", tanks at " + std::to_string(start) +
                                  " J, seed " + std::to_string(seed);
         EXPECT_TRUE(figures.kept) << what;
         EXPECT_LE(figures.excess, 1e-9) << what;
@@ -128,12 +128,12 @@ TEST(Interaction, StoredEnergyNeverExceedsWhatCameIn) {
   }
 }
 
-// The same judge finds the paper's valve wanting: in contact an empty tank stops nothing.
-TEST(Interaction, ThePapersValveMakesEnergy) {
-  const Passivity figures = passivity(Hostility::jumps, 0.5, true, 1);
+// The same measure detects that the paper's valve is not passive: in contact an empty tank has no effect.
+TEST(Interaction, ThePapersValveCreatesEnergy) {
+  const Passivity figures = passivity(Disturbance::jumps, 0.5, true, 1);
   EXPECT_GT(figures.excess, 0.5);
   EXPECT_GT(figures.made_up, 0.5);
 }
 
 }  // namespace
-}  // namespace multipanda::trial
+}  // namespace multipanda::trial::interaction_test

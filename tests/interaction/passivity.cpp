@@ -2,17 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <random>
 
 namespace multipanda::trial {
 namespace {
 
-constexpr double kDuration = 8, kBegin = 2.5;  // [s]; before, the tool comes into contact
+constexpr double kDuration = 8, kBegin = 2.5;  // [s]; the tool comes into contact before kBegin
 
-// What is done to the arm, from the seed.
-class Hostile {
+// Disturbs the table and the set-points, by the seed.
+class Disturber {
  public:
-  Hostile(Hostility kind, std::uint32_t seed) : kind_(kind), random_(seed) {
+  Disturber(Disturbance kind, std::uint32_t seed) : kind_(kind), random_(seed) {
     phase_ = between(0, 2 * M_PI);
     rate_ = between(2, 4);
   }
@@ -22,20 +23,20 @@ class Hostile {
     mjModel* model = backend.world().model();
     const int body = mj_name2id(model, mjOBJ_BODY, "table");
     mjtNum* height = model->body_pos + 3 * body + 2;
-    if (!begun_) height_ = *height;
+    if (!started_) height_ = *height;
     double offset = 0;
-    if (kind_ == Hostility::wall || kind_ == Hostility::all) {
+    if (kind_ == Disturbance::wall || kind_ == Disturbance::all) {
       offset += 0.015 * (std::sin(rate_ * (t - kBegin) + phase_) - std::sin(phase_));
     }
-    if ((kind_ == Hostility::loss || kind_ == Hostility::all) && t > kBegin + 0.5) {
+    if ((kind_ == Disturbance::loss || kind_ == Disturbance::all) && t > kBegin + 0.5) {
       offset -= t < kBegin + 2 ? 2.0 : 0.03;
     }
     *height = height_ + offset;
-    if ((kind_ == Hostility::jumps || kind_ == Hostility::all) && t >= next_) {
+    if ((kind_ == Disturbance::jumps || kind_ == Disturbance::all) && t >= next_) {
       jump(cycle);
       next_ = t + between(0.2, 0.8);
     }
-    begun_ = true;
+    started_ = true;
   }
 
  private:
@@ -44,7 +45,7 @@ class Hostile {
   void jump(ControlCycle& cycle) {
     Instance& law = cycle.modes().instance(cycle.modes().find("wipe"));
     Reference& pose = law.inputs()[law.find_input("pose")];
-    if (!begun_) home_ = pose.pose();
+    if (!started_) home_ = pose.pose();
     Pose X = home_;
     X.position += Vector3(between(-0.05, 0.15), between(-0.15, 0.15), between(-0.02, 0.04));
     X.rotation = exp_rotation({between(-0.2, 0.2), between(-0.2, 0.2), between(-0.3, 0.3)}) * X.rotation;
@@ -55,41 +56,41 @@ class Hostile {
     law.inputs()[law.find_input("wrench")].post(force);
   }
 
-  Hostility kind_;
+  Disturbance kind_;
   std::mt19937 random_;
   double phase_, rate_, height_ = 0, next_ = 0;
-  bool begun_ = false;
+  bool started_ = false;
   Pose home_;
 };
 
 }  // namespace
 
-const char* name(Hostility hostility) {
-  switch (hostility) {
-    case Hostility::loss:
+const char* name(Disturbance disturbance) {
+  switch (disturbance) {
+    case Disturbance::loss:
       return "loss";
-    case Hostility::wall:
+    case Disturbance::wall:
       return "wall";
-    case Hostility::jumps:
+    case Disturbance::jumps:
       return "jumps";
-    case Hostility::all:
+    case Disturbance::all:
       break;
   }
   return "all";
 }
 
-Passivity passivity(Hostility hostility, double tank_start_j, bool paper_valve, std::uint32_t seed,
+Passivity passivity(Disturbance disturbance, double tank_start_j, bool paper_valve, std::uint32_t seed,
                     const PlantFidelity& plant) {
   Scene scene = task("task_4");
   scene.plant = plant;
   std::erase_if(scene.timeline,
                 [](const auto& event) { return event.what == TimelineEvent::What::set_motion; });
   for (auto& event : scene.timeline) {
-    if (event.name == "wrench" && hostility != Hostility::wall) event.values[2] = -30;
+    if (event.name == "wrench" && disturbance != Disturbance::wall) event.values[2] = -30;
   }
-  // Slower than the inputs' own limits, which lead the wrist beyond its velocity limit.
+  // At the inputs' own limits the wrist would exceed its velocity limit.
   const Registry registry = Registry::with_builtins();
-  for (InputSpec input : registry.controllet("ufic")->statement.inputs) {
+  for (InputSpec input : registry.controllet("ufic")->descriptor.inputs) {
     if (input.name != "pose") continue;
     input.max_speed = 0.3;
     input.max_angular_speed = 0.5;
@@ -97,10 +98,10 @@ Passivity passivity(Hostility hostility, double tank_start_j, bool paper_valve, 
   }
   set(scene, "tank_start_j", {tank_start_j});
   set(scene, "valve_law", {paper_valve ? 1.0 : 0.0});
-  Hostile hostile(hostility, seed);
+  Disturber disturber(disturbance, seed);
   const Run result = run(
       scene, {.duration_s = kDuration, .each = [&](double t, MujocoBackend& backend, ControlCycle& cycle) {
-                hostile(t, backend, cycle);
+                disturber(t, backend, cycle);
               }});
   const std::size_t alpha_i = result.column("alpha_i"), force_tank = result.column("force_tank_j"),
                     impedance_tank = result.column("impedance_tank_j"),

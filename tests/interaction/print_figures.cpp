@@ -1,19 +1,19 @@
-// Prints the figures of force control as tables: interaction_figures
-// [task_3|task_4|stiction|paper|loss|passivity ...] [parameter=number,number,...]. Without words all tables;
-// parameters are changes to try.
+// Prints the figures of force control as tables:
+//   interaction_figures [task_3|task_4|stiction|paper|loss|passivity ...] [PARAMETER=NUMBER,NUMBER,...]
+// Without a table it prints all of them. Each PARAMETER changes the law.
 #include <cstdio>
 
 #include "tests/interaction/figures.hpp"
 #include "tests/interaction/passivity.hpp"
-#include "tests/interaction/words.hpp"
+#include "tests/interaction/trial_arguments.hpp"
 
 using namespace multipanda;
 using namespace multipanda::trial;
 
 namespace {
 
-void apply(const Given& given, Scene& scene) {
-  for (const auto& [name, values] : given.parameters) set(scene, name, values);
+void apply(const TrialArguments& arguments, Scene& scene) {
+  for (const auto& [name, values] : arguments.parameters) set(scene, name, values);
 }
 
 void row(const std::string& what, const Surface& surface, const TaskFigures& f) {
@@ -30,14 +30,14 @@ void head(const char* title) {
 
 }  // namespace
 
-int main(int count, char** words) {
-  const Given given = read_words(count, words);
-  const auto change = [&](Scene& scene) { apply(given, scene); };
+int main(int argc, char** argv) {
+  const TrialArguments arguments = parse_arguments(argc, argv);
+  const auto change = [&](Scene& scene) { apply(arguments, scene); };
   PlantFidelity stiction = PlantFidelity::ideal();
   stiction.name = "stiction";
   stiction.stiction_nm = 0.3;
   const std::vector<PlantFidelity> plants{PlantFidelity::ideal(), PlantFidelity::realistic()};
-  if (given.wants("task_3")) {
+  if (arguments.has("task_3")) {
     head("Task 3: 0-30-0 N in 10 s");
     for (const auto& plant : plants) {
       for (const double zeta : {0.3, 0.05}) {
@@ -48,7 +48,7 @@ int main(int count, char** words) {
       }
     }
   }
-  if (given.wants("task_4")) {
+  if (arguments.has("task_4")) {
     head("Task 4: 9.81 N on a circle of 10 cm");
     for (const auto& plant : plants) {
       for (const double mu : {0.1, 0.3, 0.5}) {
@@ -63,7 +63,7 @@ int main(int count, char** words) {
       }
     }
   }
-  if (given.wants("stiction")) {
+  if (arguments.has("stiction")) {
     head("Stiction of 0.3 N m in every joint");
     for (const char* name : {"task_3", "task_4"}) {
       for (const double k : {1e3, 1e4, 1e5}) {
@@ -72,7 +72,7 @@ int main(int count, char** words) {
       }
     }
   }
-  if (given.wants("paper")) {
+  if (arguments.has("paper")) {
     head("Task 4 with the paper's preset");
     for (const auto& plant : plants) {
       for (const double mu : {0.1, 0.3, 0.5}) {
@@ -80,13 +80,13 @@ int main(int count, char** words) {
           const Surface surface{k, 0.3, mu};
           row(plant.name, surface, task_figures("task_4", plant, surface, [&](Scene& scene) {
                 paper_preset(scene);
-                apply(given, scene);
+                apply(arguments, scene);
               }));
         }
       }
     }
   }
-  if (given.wants("loss")) {
+  if (arguments.has("loss")) {
     std::printf("\nThe table vanishes\n%-8s %-8s %6s (%6s) | %8s %8s %5s\n", "task", "law", "N", "held N",
                 "m/s", "mm", "hits");
     const auto line = [](const char* name, const char* law, double force, const LossFigures& f) {
@@ -98,20 +98,20 @@ int main(int count, char** words) {
       line("task_4", "default", force, loss_figures("task_4", force, change));
       line("task_4", "paper", force, loss_figures("task_4", force, [&](Scene& scene) {
              paper_preset(scene);
-             apply(given, scene);
+             apply(arguments, scene);
            }));
       line("task_4", "valve", force, loss_figures("task_4", force, [&](Scene& scene) {
              set(scene, "valve_law", {1});  // the paper's valve alone
-             apply(given, scene);
+             apply(arguments, scene);
            }));
       line("task_3", "force", force, loss_figures("task_3", force, change));
     }
   }
-  if (given.wants("passivity")) {
+  if (arguments.has("passivity")) {
     std::printf(
-        "\nEnergy: most above start + what the contacts put in + 1 mJ/s\n%-9s %-6s %6s | %9s %9s | %9s "
+        "\nEnergy: largest excess over start + contacts + 1 mJ/s\n%-9s %-6s %6s | %9s %9s | %9s "
         "%9s | %6s %6s %9s\n",
-        "law", "run", "J", "excess J", "gain J", "least J", "made up J", "way m", "touch", "imbal. J");
+        "law", "run", "J", "excess J", "gain J", "least J", "made up J", "path m", "touch", "imbal. J");
     struct Case {
       const char* law;
       bool paper_valve;
@@ -120,12 +120,12 @@ int main(int count, char** words) {
     for (const Case& c :
          {Case{"passive", false, PlantFidelity::ideal()}, Case{"paper", true, PlantFidelity::ideal()},
           Case{"realistic", false, PlantFidelity::realistic()}}) {
-      for (const Hostility hostility : kHostilities) {
+      for (const Disturbance disturbance : kDisturbances) {
         for (const double start : {0.2, 0.5, 2.0, 100.0}) {
-          const Passivity p = passivity(hostility, start, c.paper_valve, 1, c.plant);
+          const Passivity p = passivity(disturbance, start, c.paper_valve, 1, c.plant);
           std::printf("%-9s %-6s %6.1f | %9.5f %9.5f | %9.4f %9.4f | %6.2f %6.2f %9.2g %s\n", c.law,
-                      name(hostility), start, p.excess, p.gain, p.least_tank, p.made_up, p.moved,
-                      p.contact_share, p.imbalance, p.kept ? "" : "LAW LOST THE ARM");
+                      name(disturbance), start, p.excess, p.gain, p.least_tank, p.made_up, p.moved,
+                      p.contact_share, p.imbalance, p.kept ? "" : "NOT KEPT");
           std::fflush(stdout);
         }
       }

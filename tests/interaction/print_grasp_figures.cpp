@@ -1,11 +1,11 @@
-// Prints the figures of task 5 as tables: grasp_figures [table ...] [parameter=number,number,...]
-// [trace=FILE]
-// [repeats=NUMBER] Tables: repeats, surfaces, paper, tanks, treated, gone. Without words all of them;
-// parameters are changes to try.
+// Prints the figures of task 5 as tables:
+//   grasp_figures [TABLE ...] [PARAMETER=NUMBER,NUMBER,...] [trace=FILE] [repeats=NUMBER]
+// Tables: repeats, surfaces, paper, push, tanks, disturbed, gone (default: all).
+// Each PARAMETER changes the law.
 #include <cstdio>
 
 #include "tests/interaction/grasp_trial.hpp"
-#include "tests/interaction/words.hpp"
+#include "tests/interaction/trial_arguments.hpp"
 
 using namespace multipanda;
 using namespace multipanda::grasp;
@@ -45,39 +45,39 @@ void write_trace(const std::string& file, const Run& result) {
 
 }  // namespace
 
-int main(int count, char** words) {
-  const Given given = read_words(count, words);
+int main(int argc, char** argv) {
+  const TrialArguments arguments = parse_arguments(argc, argv);
   const std::vector<PlantFidelity> plants{PlantFidelity::ideal(), PlantFidelity::realistic()};
   const auto scene_on = [&](const PlantFidelity& plant) {
     Scene scene = task();
     scene.plant = plant;
-    for (const auto& [name, values] : given.parameters) set(scene, name, values);
+    for (const auto& [name, values] : arguments.parameters) set(scene, name, values);
     return scene;
   };
-  if (given.wants("repeats")) {
+  if (arguments.has("repeats")) {
     head("Repeats");
     for (const auto& plant : plants) {
-      for (std::uint32_t seed = 1; seed <= given.repeats; ++seed) {
+      for (std::uint32_t seed = 1; seed <= arguments.repeats; ++seed) {
         Scene scene = scene_on(plant);
         vary(scene, seed);
         const Run result = run(scene);
         row(plant.name + " " + std::to_string(seed), result);
-        if (!given.trace.empty())
-          write_trace(given.trace + "." + plant.name + "." + std::to_string(seed), result);
+        if (!arguments.trace.empty())
+          write_trace(arguments.trace + "." + plant.name + "." + std::to_string(seed), result);
       }
     }
   }
-  if (given.wants("surfaces")) {
+  if (arguments.has("surfaces")) {
     head("Contact");
     for (const auto& plant : plants) {
       for (const double stiffness : {1e3, 1e4, 1e5}) {
         Scene scene = scene_on(plant);
-        box(scene).contact->stiffness_n_per_m = stiffness;
+        interaction::object(scene, "box").contact->stiffness_n_per_m = stiffness;
         row(plant.name + " " + std::to_string(static_cast<int>(stiffness)) + " N/m", run(scene));
       }
     }
   }
-  if (given.wants("paper")) {
+  if (arguments.has("paper")) {
     head("The paper's gains: 100 100 50 10 10 10 per arm, nothing fed forward");
     for (const auto& plant : plants) {
       for (const bool its_force_gains : {false, true}) {
@@ -87,13 +87,13 @@ int main(int count, char** words) {
       }
     }
   }
-  if (given.wants("stiction")) {
+  if (arguments.has("stiction")) {
     head("Dry friction of 0.3 N m in every joint, unknown to the controller");
     PlantFidelity plant = plants[0];
     plant.stiction_nm = 0.3;
     row("stiction", run(scene_on(plant)));
   }
-  if (given.wants("pushed")) {
+  if (arguments.has("pushed")) {
     std::printf("\nA force on the hanging box\n%-16s | %27s | %9s %9s | %8s %8s %9s\n", "N",
                 "box moves by mm", "F/K mm", "mm", "left N", "right N", "mean off");
     const Scene scene = scene_on(plants[0]);
@@ -110,7 +110,7 @@ int main(int count, char** words) {
                   1000 * p.box[axis], p.squeeze[0], p.squeeze[1], p.worst_mean);
     }
   }
-  if (given.wants("tanks")) {
+  if (arguments.has("tanks")) {
     head("Tanks");
     for (const double tank : {0.2, 0.5, 2.0, 100.0}) {
       Scene scene = scene_on(plants[0]);
@@ -123,17 +123,16 @@ int main(int count, char** words) {
                   energy_excess(result, 1e-3), energy_gain(result));
     }
   }
-  if (given.wants("treated")) {
-    std::printf(
-        "\nIll-treated: energy beyond start and environment, at 1e-3 W\n%-26s | %10s %10s %10s %10s %9s\n",
-        "", "excess J", "gain J", "least T_i", "least T_f", "rate");
+  if (arguments.has("disturbed")) {
+    std::printf("\nDisturbed: energy beyond start and contacts, at 1e-3 W\n%-26s | %10s %10s %10s %10s %9s\n",
+                "", "excess J", "gain J", "least T_i", "least T_f", "rate");
     for (const auto& plant : plants) {
       for (const double tank : {0.2, 0.5, 2.0, 100.0}) {
         Scene scene = scene_on(plant);
         set(scene, "tank_start_j", {tank});
-        const Run result = ill_treated(scene, 7);
-        if (!given.trace.empty())
-          write_trace(given.trace + ".treated." + plant.name + std::to_string(tank), result);
+        const Run result = disturbed(scene, 7);
+        if (!arguments.trace.empty())
+          write_trace(arguments.trace + ".disturbed." + plant.name + std::to_string(tank), result);
         double least_i = 1e9, least_f = 1e9, rate = 0;
         for (const auto& s : result.samples) {
           least_i = std::min(least_i, result.at(s, "impedance_tank_j"));
@@ -147,7 +146,7 @@ int main(int count, char** words) {
       }
     }
   }
-  if (given.wants("gone")) {
+  if (arguments.has("gone")) {
     std::printf("\nThe box vanishes at 9 s\n%-26s | %9s %9s %9s %9s %9s %9s\n", "", "speed m/s", "closed mm",
                 "excess J", "gain J", "rate", "hits");
     for (const bool paper_law : {false, true}) {

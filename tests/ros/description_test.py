@@ -1,5 +1,8 @@
-"""The ROS description, bringup and MoveIt packages: their xacros expanded, their files against each other and against the
-models. Needs xacro (PyPI), no ROS; launch files are tried where the package `launch` is installed."""
+"""Tests the ROS packages for description, bringup and MoveIt.
+
+Expands their xacros and compares their files with each other and with the models. Needs xacro (PyPI) but no ROS; tries
+launch files if the package `launch` is installed.
+"""
 
 import functools
 import importlib.util
@@ -17,7 +20,7 @@ import yaml
 try:
     import xacro
 except ImportError:
-    print("skipped: xacro is not installed: the ROS description is not expanded here")
+    print("skipped: xacro is not installed, which expands the ROS description")
     sys.exit(77)
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -26,8 +29,12 @@ URDF = ROS / "multipanda_description" / "urdf"
 sys.path.insert(0, str(ROS / "multipanda_bringup"))
 from multipanda_bringup import arms as bringup  # noqa: E402
 
-LAYOUTS = {"single": ["arm"], "dual": ["left", "right"], "mixed": ["left", "right"],
-           "four_arms": ["near_left", "near_right", "far_left", "far_right"]}
+LAYOUTS = {
+    "single": ["arm"],
+    "dual": ["left", "right"],
+    "mixed": ["left", "right"],
+    "four_arms": ["near_left", "near_right", "far_left", "far_right"],
+}
 
 
 @functools.cache
@@ -41,9 +48,13 @@ def numbers(text):
 
 def rotation(rpy):
     (a, b, c), (s, t, u) = np.cos(rpy), np.sin(rpy)
-    return np.array([[b * c, s * t * c - a * u, a * t * c + s * u],
-                     [b * u, s * t * u + a * c, a * t * u - s * c],
-                     [-t, s * b, a * b]])
+    return np.array(
+        [
+            [b * c, s * t * c - a * u, a * t * c + s * u],
+            [b * u, s * t * u + a * c, a * t * u - s * c],
+            [-t, s * b, a * b],
+        ]
+    )
 
 
 def pose(element):
@@ -56,7 +67,7 @@ def pose(element):
 
 
 class Robot:
-    """A URDF: poses of all links, and the mass matrix, by plain sums."""
+    """A URDF: poses of all links, and the mass matrix by plain sums."""
 
     def __init__(self, root):
         self.joints = {j.get("name"): j for j in root.findall("joint")}
@@ -65,7 +76,7 @@ class Robot:
         (self.root,) = set(self.links) - set(self.parent)
 
     def chain(self, link):
-        """Joints from the root to `link`."""
+        """Returns the joints from the root to `link`."""
         found = []
         while link != self.root:
             found.insert(0, self.parent[link])
@@ -92,7 +103,7 @@ class Robot:
         return X
 
     def kinetic_energy(self, q, dq, h=1e-6):
-        """Of all links; velocities by central differences of poses, an independent way to M."""
+        """Returns the kinetic energy of all links. Velocities are central differences of poses, independent of M."""
         energy = 0.0
         for name, link in self.links.items():
             inertial = link.find("inertial")
@@ -105,7 +116,9 @@ class Robot:
             S = (B[:3, :3] - A[:3, :3]) / (2 * h) @ ((A[:3, :3] + B[:3, :3]) / 2).T
             omega = np.array([S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]]) / 2
             i = inertial.find("inertia").attrib
-            I = np.array([[i["ixx"], i["ixy"], i["ixz"]], [i["ixy"], i["iyy"], i["iyz"]], [i["ixz"], i["iyz"], i["izz"]]], float)
+            I = np.array(
+                [[i["ixx"], i["ixy"], i["ixz"]], [i["ixy"], i["iyy"], i["iyz"]], [i["ixz"], i["iyz"], i["izz"]]], float
+            )
             R = self.pose(name, q)[:3, :3] @ X_LC[:3, :3]
             mass = float(inertial.find("mass").get("value"))
             energy += 0.5 * mass * v @ v + 0.5 * omega @ R @ I @ R.T @ omega
@@ -126,10 +139,19 @@ class Description(unittest.TestCase):
     def test_other_models_without_hand(self):
         rng = np.random.default_rng(6)
         for model in ("fr3", "fer_maker"):
-            robot = Robot(expand(URDF / "arms.urdf.xacro", arm_names="a b", models=f"fer {model}", hands="true false",
-                                 bases="[[0,0,0,0,0,0],[0.3,-1,0.5,0.4,-0.2,2]]"))
+            robot = Robot(
+                expand(
+                    URDF / "arms.urdf.xacro",
+                    arm_names="a b",
+                    models=f"fer {model}",
+                    hands="true false",
+                    bases="[[0,0,0,0,0,0],[0.3,-1,0.5,0.4,-0.2,2]]",
+                )
+            )
             self.assertNotIn("b_hand", robot.links)
-            self.compare(robot, Robot(ET.parse(ROOT / f"models/generated/{model}.urdf").getroot()), "b", rng, hand=False)
+            self.compare(
+                robot, Robot(ET.parse(ROOT / f"models/generated/{model}.urdf").getroot()), "b", rng, hand=False
+            )
 
     def compare(self, robot, model, name, rng, hand=True):
         joints = [f"joint{i}" for i in range(1, 8)]
@@ -145,7 +167,8 @@ class Description(unittest.TestCase):
             ours = {f"{name}_{j}": value for j, value in q.items()}
             for link, frame in frames:
                 np.testing.assert_allclose(robot.pose(f"{name}_{link}", ours), X_WB @ model.pose(frame, q), atol=1e-12)
-            # Palm and sliding fingers, closed, move like the model's rigid hand: kinetic energy of this arm alone.
+            # Palm and sliding fingers, closed, move like the model's rigid hand: compare the kinetic energy of this
+            # arm alone.
             energy = robot.kinetic_energy(ours, {f"{name}_{j}": value for j, value in dq.items()})
             self.assertGreater(energy, 0.01)
             self.assertAlmostEqual(energy, model.kinetic_energy(q, dq), delta=1e-6 * energy)
@@ -155,18 +178,24 @@ class Description(unittest.TestCase):
             root = expand(URDF / f"{layout}.urdf.xacro")
             urdf_joints = {j.get("name") for j in root.findall("joint")}
             kinds = {c.find("hardware/plugin").text: c for c in root.findall("ros2_control")}
-            expected = {"multipanda_hardware/MujocoSystem"} | ({"multipanda_hardware/FciSystem"} if layout == "mixed" else set())
+            expected = {"multipanda_hardware/MujocoSystem"} | (
+                {"multipanda_hardware/FciSystem"} if layout == "mixed" else set()
+            )
             self.assertEqual(set(kinds), expected)
             found = []
             for component in kinds.values():
                 params = {p.get("name"): "".join(p.itertext()) for p in component.findall("hardware/param")}
                 here = params["arm_names"].split()
                 found += here
-                self.assertEqual([j.get("name") for j in component.findall("joint")],
-                                 [f"{a}_joint{i}" for a in here for i in range(1, 8)])
+                self.assertEqual(
+                    [j.get("name") for j in component.findall("joint")],
+                    [f"{a}_joint{i}" for a in here for i in range(1, 8)],
+                )
                 for joint in component.findall("joint"):
                     self.assertIn(joint.get("name"), urdf_joints)
-                    self.assertEqual({i.get("name") for i in joint.findall("command_interface")}, {"position", "velocity", "effort"})
+                    self.assertEqual(
+                        {i.get("name") for i in joint.findall("command_interface")}, {"position", "velocity", "effort"}
+                    )
                 robot = Robot(root)
                 for arm in here:  # the hardware's base is the description's
                     X = np.eye(4)
@@ -175,7 +204,9 @@ class Description(unittest.TestCase):
                     np.testing.assert_allclose(robot.pose(f"{arm}_link0", {}), X, atol=1e-12)
                     simulated = "Mujoco" in component.find("hardware/plugin").text
                     self.assertEqual(f"arms.{arm}.fci" in params, not simulated)
-                    self.assertEqual(params.get(f"arms.{arm}.fingers"), "movable" if simulated else None)  # else no gripper
+                    self.assertEqual(
+                        params.get(f"arms.{arm}.fingers"), "movable" if simulated else None
+                    )  # otherwise no gripper
             self.assertEqual(sorted(found), sorted(names))
 
     def test_bases_of_launch_files_and_xacro_are_the_same(self):
@@ -196,8 +227,12 @@ def controllers_of(file, names, **more):
 
 
 class Bringup(unittest.TestCase):
-    FILES = {"one_arm.yaml": LAYOUTS["single"], "two_arms.yaml": LAYOUTS["dual"], "mixed.yaml": LAYOUTS["mixed"],
-             "four_arms.yaml": LAYOUTS["four_arms"]}
+    FILES = {
+        "one_arm.yaml": LAYOUTS["single"],
+        "two_arms.yaml": LAYOUTS["dual"],
+        "mixed.yaml": LAYOUTS["mixed"],
+        "four_arms.yaml": LAYOUTS["four_arms"],
+    }
 
     def test_every_controller_fits_the_description(self):
         for file, defaults in self.FILES.items():
@@ -220,8 +255,10 @@ class Bringup(unittest.TestCase):
                             owned += parameters.get("arm_names") or [name.removesuffix("_arm_controller")]
                     self.assertEqual(sorted(owned), sorted(names))  # each arm has one owner at the start
                     for name in names:  # for MoveIt
-                        self.assertEqual(data[f"{name}_arm_controller"]["ros__parameters"]["joints"],
-                                         [f"{name}_joint{i}" for i in range(1, 8)])
+                        self.assertEqual(
+                            data[f"{name}_arm_controller"]["ros__parameters"]["joints"],
+                            [f"{name}_joint{i}" for i in range(1, 8)],
+                        )
 
     def check_multimode(self, parameters, names):
         known = (ROOT / "docs/scene_reference.md").read_text()
@@ -235,17 +272,30 @@ class Bringup(unittest.TestCase):
         self.assertEqual(sorted(owners), sorted(parameters["arm_names"]))
 
     def test_arguments_are_checked(self):
-        for wrong in ({"arm_names": "a a"}, {"arm_names": ""}, {"arm_names": "a b", "models": "fer fer fer"},
-                      {"arm_names": "a", "hardware": "fci"}, {"arm_names": "a", "hardware": "gazebo"},
-                      {"arm_names": "a", "hands": "maybe"}, {"arm_names": "a", "bases": "[[1, 2]]"}, {"arm_names": "1a"}):
+        for wrong in (
+            {"arm_names": "a a"},
+            {"arm_names": ""},
+            {"arm_names": "a b", "models": "fer fer fer"},
+            {"arm_names": "a", "hardware": "fci"},
+            {"arm_names": "a", "hardware": "gazebo"},
+            {"arm_names": "a", "hands": "maybe"},
+            {"arm_names": "a", "bases": "[[1, 2]]"},
+            {"arm_names": "1a"},
+        ):
             with self.assertRaises(ValueError, msg=str(wrong)):
                 bringup.arms_from(**wrong)
         with self.assertRaises(ValueError):
             controllers_of("two_arms.yaml", ["a"])
 
     def test_arguments_reach_the_controller(self):
-        data, _, _ = controllers_of("two_arms.yaml", ["l", "r"], models="fr3", hands="true false", hardware="mock mujoco",
-                                    bases="[[1,2,3,0,0,1],[0,0,0,0,0,0]]")
+        data, _, _ = controllers_of(
+            "two_arms.yaml",
+            ["l", "r"],
+            models="fr3",
+            hands="true false",
+            hardware="mock mujoco",
+            bases="[[1,2,3,0,0,1],[0,0,0,0,0,0]]",
+        )
         arms = data["multimode_controller"]["ros__parameters"]["arms"]
         self.assertEqual(arms["l"]["base"], {"position_m": [1.0, 2.0, 3.0], "rpy_rad": [0.0, 0.0, 1.0]})
         self.assertEqual((arms["l"]["model"], arms["l"]["hand"], arms["r"]["hand"]), ("fr3", True, False))
@@ -260,9 +310,13 @@ class MoveIt(unittest.TestCase):
         return expand(self.CONFIG / "arms.srdf.xacro", description=str(URDF.parent), **mappings)
 
     def test_the_semantic_description_fits_the_description(self):
-        for names, hands in ((["arm"], ["true"]), (["left", "right"], ["true", "false"]), (["left", "right"], ["true", "true"])):
-            words = {"arm_names": " ".join(names), "hands": " ".join(hands)}
-            urdf, srdf = expand(URDF / "arms.urdf.xacro", **words), self.srdf(**words)
+        for names, hands in (
+            (["arm"], ["true"]),
+            (["left", "right"], ["true", "false"]),
+            (["left", "right"], ["true", "true"]),
+        ):
+            arguments = {"arm_names": " ".join(names), "hands": " ".join(hands)}
+            urdf, srdf = expand(URDF / "arms.urdf.xacro", **arguments), self.srdf(**arguments)
             self.assertEqual(urdf.get("name"), srdf.get("name"))
             robot = Robot(urdf)
             groups = {g.get("name"): g for g in srdf.findall("group")}
@@ -303,12 +357,16 @@ class MoveIt(unittest.TestCase):
         self.assertEqual(planned, {"left_arm", "right_arm", "both_arms"})
 
 
-@unittest.skipUnless(importlib.util.find_spec("launch") and importlib.util.find_spec("launch_ros"), "launch is not installed")
+@unittest.skipUnless(
+    importlib.util.find_spec("launch") and importlib.util.find_spec("launch_ros"), "launch is not installed"
+)
 class LaunchFiles(unittest.TestCase):
-    """Each file gives its nodes, with the packages found in the source tree."""
+    """Every file yields its nodes; packages are found in the source tree."""
 
     def setUp(self):
-        patch = unittest.mock.patch("ament_index_python.packages.get_package_share_directory", lambda package: str(ROS / package))
+        patch = unittest.mock.patch(
+            "ament_index_python.packages.get_package_share_directory", lambda package: str(ROS / package)
+        )
         patch.start()
         self.addCleanup(patch.stop)
 
@@ -324,7 +382,10 @@ class LaunchFiles(unittest.TestCase):
 
         def walk(entities):
             for entity in entities:
-                if isinstance(entity, (OpaqueFunction, IncludeLaunchDescription)) or entity.__class__.__name__ == "DeclareLaunchArgument":
+                if (
+                    isinstance(entity, (OpaqueFunction, IncludeLaunchDescription))
+                    or entity.__class__.__name__ == "DeclareLaunchArgument"
+                ):
                     yield from walk(entity.execute(context) or [])
                 elif hasattr(entity, "entities"):
                     yield from walk(entity.entities)
@@ -340,12 +401,18 @@ class LaunchFiles(unittest.TestCase):
         for layout, names in LAYOUTS.items():
             with self.subTest(layout=layout):
                 nodes = self.nodes(ROS / f"multipanda_bringup/launch/{layout}.launch.py")
-                self.assertEqual(self.executables(nodes), ["robot_state_publisher", "ros2_control_node", "spawner", "spawner",
-                                                           *(["relay"] * len(names))])
+                self.assertEqual(
+                    self.executables(nodes),
+                    ["robot_state_publisher", "ros2_control_node", "spawner", "spawner", *(["relay"] * len(names))],
+                )
 
     def test_arguments_pass_through_the_layouts(self):
-        nodes = self.nodes(ROS / "multipanda_bringup/launch/dual.launch.py", arm_names="a b", hardware="mock", rviz="true")
-        self.assertEqual(self.executables(nodes), ["robot_state_publisher", "ros2_control_node", "spawner", "spawner", "rviz2"])
+        nodes = self.nodes(
+            ROS / "multipanda_bringup/launch/dual.launch.py", arm_names="a b", hardware="mock", rviz="true"
+        )
+        self.assertEqual(
+            self.executables(nodes), ["robot_state_publisher", "ros2_control_node", "spawner", "spawner", "rviz2"]
+        )
         with self.assertRaises(ValueError):
             self.nodes(ROS / "multipanda_bringup/launch/single.launch.py", hardware="fci")
 

@@ -1,6 +1,7 @@
-"""What ROS takes of the machine: environment_test.py PROGRAM BUILD. No run needed.
+"""Tests ROS' requirements on the machine, without a run: environment_test.py PROGRAM BUILD.
 
-The program without ROS libraries, the module without foreign symbols, Python in .venv, interfaces equal to the public ones.
+The program links no ROS library, the module has no foreign symbols, Python in .venv works, and the interfaces equal the
+public ones.
 """
 
 import json
@@ -16,16 +17,25 @@ import unittest
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM, BUILD = (sys.argv.pop(1) for _ in range(2)) if len(sys.argv) > 2 else ("", "")
 ROS_LIBRARIES = re.compile(r"lib(rcl|rmw|rosidl|fastdds|fastcdr|tracetools|lttng|python)\S*")
-# Computed from the definitions that the packages' own repositories publish (control_msgs 6, tf2_msgs), fields and order.
-PUBLIC = {"tf2_msgs/msg/TFMessage": "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
-          "control_msgs/action/FollowJointTrajectory": "RIHS01_ff29901b2693f5deb847e96084a1c2cdb26e70b7c847be21859b70a55fb29cf0",
-          "control_msgs/action/GripperCommand": "RIHS01_e17c0e644eccf14bea84a0a93e0977182872c2eb7873ca6694900059b46dbc84"}
+# Computed from the definitions in the packages' own repositories (control_msgs 6, tf2_msgs): fields and order.
+PUBLIC = {
+    "tf2_msgs/msg/TFMessage": "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+    "control_msgs/action/FollowJointTrajectory": "RIHS01_ff29901b2693f5deb847e96084a1c2cdb26e70b7c847be21859b70a55fb29cf0",  # noqa: E501
+    "control_msgs/action/GripperCommand": "RIHS01_e17c0e644eccf14bea84a0a93e0977182872c2eb7873ca6694900059b46dbc84",
+}
 
 
-def output(*words, **environment):
-    # The variables that other tests of this session set are not meant here; the wheels' own mark neither.
+def output(*command, **environment):
+    # Removes the variables that other tests of this session set, and the mark of the wheels.
     clean = {k: v for k, v in os.environ.items() if not re.match(r"ROS_|RMW_|FAST|_ROS", k)}
-    result = subprocess.run([str(w) for w in words], capture_output=True, text=True, env={**clean, **environment}, timeout=60, check=False)
+    result = subprocess.run(
+        [str(part) for part in command],
+        capture_output=True,
+        text=True,
+        env={**clean, **environment},
+        timeout=60,
+        check=False,
+    )
     assert result.returncode == 0, result.stderr
     return result.stdout + result.stderr
 
@@ -37,26 +47,40 @@ class Environment(unittest.TestCase):
     def test_module_shows_nothing_but_its_entries(self):
         module = pathlib.Path(BUILD) / "libmultipanda_ros.so"
         self.assertIsNotNone(ROS_LIBRARIES.search(output("ldd", module)))  # the search does find them
-        shown = [line.split()[-1] for line in output("nm", "-D", "--defined-only", module).splitlines()]
-        self.assertTrue(shown)
-        self.assertEqual([name for name in shown if not name.startswith("multipanda_")
-                          and name not in ("__bss_start", "_edata", "_end")], [])  # the linker's own
+        symbols = [line.split()[-1] for line in output("nm", "-D", "--defined-only", module).splitlines()]
+        self.assertTrue(symbols)
+        self.assertEqual(
+            [
+                name
+                for name in symbols
+                if not name.startswith("multipanda_") and name not in ("__bss_start", "_edata", "_end")
+            ],
+            [],
+        )  # the linker's own
 
     def test_python_imports_the_messages_of_the_build(self):
-        words = "import rclpy, multipanda_msgs.srv, multipanda_msgs.action, control_msgs.action, tf2_msgs.msg; print(multipanda_msgs.__file__)"
+        program = (
+            "import rclpy, multipanda_msgs.srv, multipanda_msgs.action, control_msgs.action, tf2_msgs.msg;"
+            " print(multipanda_msgs.__file__)"
+        )
         path = {} if pathlib.Path(BUILD).resolve() == ROOT / "build" else {"PYTHONPATH": f"{BUILD}/python"}
-        found = output(ROOT / ".venv/bin/python", "-c", words, **path).strip()
+        found = output(ROOT / ".venv/bin/python", "-c", program, **path).strip()
         self.assertEqual(pathlib.Path(found).parents[1].resolve(), (pathlib.Path(BUILD) / "python").resolve())
 
     def local(self, **environment):
-        words = "import os; print(os.environ.get('FASTDDS_BUILTIN_TRANSPORTS'), os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE'))"
-        return output(ROOT / ".venv/bin/python", "-c", words, **environment).split()
+        program = (
+            "import os; print(os.environ.get('FASTDDS_BUILTIN_TRANSPORTS'),"
+            " os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE'))"
+        )
+        return output(ROOT / ".venv/bin/python", "-c", program, **environment).split()
 
     def test_python_keeps_to_this_machine_unless_told_otherwise(self):
         source = (ROOT / "ros/rcl/context.cpp").read_text()
         names = set(re.findall(r'"((?:FAST|ROS_|RMW_)\w+)"', source.split("keep_to_this_machine")[1].split("}) {")[0]))
         self.assertGreater(len(names), 5)
-        self.assertEqual(set(re.findall(r"(?:FAST|ROS_|RMW_)\w+", (ROOT / "ros/python/multipanda.pth").read_text())), names)
+        self.assertEqual(
+            set(re.findall(r"(?:FAST|ROS_|RMW_)\w+", (ROOT / "ros/python/multipanda.pth").read_text())), names
+        )
         self.assertEqual(self.local(), ["SHM", "SYSTEM_DEFAULT"])
         self.assertEqual(self.local(ROS_DOMAIN_ID="7", ROS_STATIC_PEERS=""), ["SHM", "SYSTEM_DEFAULT"])
         for name in names - {"FASTDDS_BUILTIN_TRANSPORTS", "ROS_AUTOMATIC_DISCOVERY_RANGE"}:
@@ -64,11 +88,11 @@ class Environment(unittest.TestCase):
         self.assertEqual(self.local(FASTDDS_BUILTIN_TRANSPORTS="UDPv4"), ["UDPv4", "None"])
         self.assertEqual(self.local(ROS_AUTOMATIC_DISCOVERY_RANGE="OFF"), ["None", "OFF"])
 
-    def test_python_without_a_build_is_whole(self):
+    def test_python_without_a_build_is_complete(self):
         with tempfile.TemporaryDirectory() as folder:
-            shutil.copy(ROOT / "ros/python/multipanda.pth", folder)  # ../../../../build is none from there
-            words = f"import site, sys; site.addsitedir({folder!r}); print(len(sys.path))"
-            self.assertTrue(output(ROOT / ".venv/bin/python", "-c", words).strip().isdigit())
+            shutil.copy(ROOT / "ros/python/multipanda.pth", folder)  # ../../../../build does not exist from there
+            program = f"import site, sys; site.addsitedir({folder!r}); print(len(sys.path))"
+            self.assertTrue(output(ROOT / ".venv/bin/python", "-c", program).strip().isdigit())
 
     def test_own_copies_of_public_interfaces_are_the_public_ones(self):
         files = list(pathlib.Path(BUILD).glob("ros/vendored_interfaces/*/rosidl_generator_type_description/*/*/*.json"))

@@ -1,4 +1,4 @@
-"""The example of the documentation as a user runs it, with names in a namespace as well: examples_test.py PROGRAM."""
+"""Runs the example of the documentation as a user does, also with names in a namespace: examples_test.py PROGRAM."""
 
 import signal
 import subprocess
@@ -22,30 +22,55 @@ class Examples(unittest.TestCase):
     def test_first_steps(self):
         domain = ros_run.own_domain(3)
         with ros_run.Run(PROGRAM, SCENE, "--seconds", "120", domain=domain) as run:
-            steps = subprocess.run([sys.executable, str(ros_run.ROOT / "examples/ros/first_steps.py")], capture_output=True, text=True,
-                                   env=ros_run.environment(domain), timeout=90, check=False)
-            self.assertEqual(steps.returncode, 0, steps.stderr + "".join(run.said))
+            steps = subprocess.run(
+                [sys.executable, str(ros_run.ROOT / "examples/ros/first_steps.py")],
+                capture_output=True,
+                text=True,
+                env=ros_run.environment(domain),
+                timeout=90,
+                check=False,
+            )
+            self.assertEqual(steps.returncode, 0, steps.stderr + "".join(run.output))
             for line in ("owner left_joint", "['left_cartesian'] instead of ['left_joint']", "arrived"):
                 self.assertIn(line, steps.stdout)
-            self.assertEqual(run.end(signal.SIGTERM), 0, "".join(run.said))
+            self.assertEqual(run.end(signal.SIGTERM), 0, "".join(run.output))
 
     def test_names(self):
         domain = ros_run.own_domain(4)
-        with ros_run.Run(PROGRAM, SCENE, "--seconds", "60", "--ros-namespace", "/cell", "--ros-node", "arms", "--ros-remap",
-                         "joint_states:=all_joints", domain=domain) as run:
+        with ros_run.Run(
+            PROGRAM,
+            SCENE,
+            "--seconds",
+            "60",
+            "--ros-namespace",
+            "/cell",
+            "--ros-node",
+            "arms",
+            "--ros-remap",
+            "joint_states:=all_joints",
+            domain=domain,
+        ) as run:
             client = ros_run.Client(domain)
             try:
-                ros_run.wait_for(lambda: "/cell/left/robot_state" in dict(client.node.get_topic_names_and_types()), "topics in the namespace")
+                ros_run.wait_for(
+                    lambda: "/cell/left/robot_state" in dict(client.node.get_topic_names_and_types()),
+                    "topics in the namespace",
+                )
 
                 def topics():
                     return {name for name, _ in client.node.get_topic_names_and_types()}
-                ros_run.wait_for(lambda: {"/cell/all_joints", "/cell/arms/events", "/tf"} <= topics(), f"the names, but {topics()}")
+
+                ros_run.wait_for(
+                    lambda: {"/cell/all_joints", "/cell/arms/events", "/tf"} <= topics(), f"the names, but {topics()}"
+                )
                 self.assertNotIn("/cell/joint_states", topics())
-                # Names of nodes travel on a topic of their own, so they may come after those of topics.
-                ros_run.wait_for(lambda: ("arms", "/cell") in client.node.get_node_names_and_namespaces(), "the node's name")
+                # Names of nodes travel on a topic of their own and may arrive after those of topics.
+                ros_run.wait_for(
+                    lambda: ("arms", "/cell") in client.node.get_node_names_and_namespaces(), "the node's name"
+                )
             finally:
                 client.close()
-            self.assertEqual(run.end(), 0, "".join(run.said))
+            self.assertEqual(run.end(), 0, "".join(run.output))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,7 @@
-"""Motion generators as nodes of their own: generators_test.py PROGRAM. Two hands round obstacles, and via points, by topics."""
+"""Motion generators as separate nodes: generators_test.py PROGRAM.
+
+Two hands around obstacles, and via points, by topics.
+"""
 
 import json
 import os
@@ -24,14 +27,15 @@ from geometry_msgs.msg import PoseStamped  # noqa: E402
 from multipanda_msgs.msg import RobotState  # noqa: E402
 from multipanda_msgs.srv import SwitchControllets  # noqa: E402
 
-# Generous timeouts: a loaded machine may let a publisher wait.
+# Generous timeouts, since a publisher may have to wait on a busy machine.
 SCENE = """\
 name: generators_test
 arms:
   - {name: left, start_rad: ready, base: {position_m: [0, 0.26, 0]}}
   - {name: right, start_rad: ready, base: {position_m: [0, -0.26, 0]}}
 controllets:
-  - {name: dual, type: dual_cartesian_impedance, arms: [left, right], parameters: {goals: separate, acceleration_feedforward: false},
+  - {name: dual, type: dual_cartesian_impedance, arms: [left, right],
+     parameters: {goals: separate, acceleration_feedforward: false},
      inputs: {first_pose: {timeout_s: 1}, second_pose: {timeout_s: 1}, common_pose: {timeout_s: 1}}}
   - {name: joints, type: joint_impedance, arms: left, inputs: {joints: {timeout_s: 1}}}
   - {name: pose, type: cartesian_impedance, arms: right, inputs: {pose: {timeout_s: 1}}}
@@ -45,7 +49,9 @@ tracks:
     joints_rad: [[0.1, -0.8, 0, -2.3, 0, 1.5, 0.8], [0, -0.7, 0.1, -2.2, 0, 1.6, 0.7]]
     publish: [{controllet: joints, input: joints}]
   - arm: right
-    poses: [{position_m: [0.4, -0.2, 0.5], rpy_rad: [pi, 0, 0]}, {position_m: [0.45, -0.25, 0.45], rpy_rad: [pi, 0, 0.3]}]
+    poses:
+      - {position_m: [0.4, -0.2, 0.5], rpy_rad: [pi, 0, 0]}
+      - {position_m: [0.45, -0.25, 0.45], rpy_rad: [pi, 0, 0.3]}
     publish: [{controllet: pose, input: pose}]
 """
 
@@ -66,17 +72,22 @@ class Generators(unittest.TestCase):
         for arm in ("left", "right"):
             cls.client.topic(RobotState, f"/{arm}/robot_state", best_effort=True).next(timeout=30)
 
-    def start(self, *words):
-        return subprocess.Popen([PROGRAM, *map(str, words), "--ros", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                                text=True, env=ros_run.environment(self.domain))
+    def start(self, *arguments):
+        return subprocess.Popen(
+            [PROGRAM, *map(str, arguments), "--ros", "--json"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=ros_run.environment(self.domain),
+        )
 
     def finish(self, process, code=0):
         output, errors = process.communicate(timeout=90)
         self.assertEqual(process.returncode, code, (output, errors))
         return (json.loads(output) if code == 0 else None), errors
 
-    def generate(self, *words, code=0):
-        return self.finish(self.start(*words), code)
+    def generate(self, *arguments, code=0):
+        return self.finish(self.start(*arguments), code)
 
     def state(self, arm):
         return self.client.topic(RobotState, f"/{arm}/robot_state", best_effort=True).next()
@@ -85,7 +96,7 @@ class Generators(unittest.TestCase):
         answer = self.client.call(SwitchControllets, "/multipanda/switch_controllets", activate=list(names))
         self.assertTrue(answer.accepted, answer.reason)
 
-    def test_1_refusals_say_what_there_is(self):
+    def test_1_refusals_list_the_valid_names(self):
         course = "generate", "circular-field", "two_hands"
         self.assertIn("dual", self.generate(*course, "--to", "left=duel.first_pose", code=2)[1])
         self.assertIn("first_pose", self.generate(*course, "--to", "left=dual.first_pos", code=2)[1])
@@ -98,20 +109,27 @@ class Generators(unittest.TestCase):
     def test_2_two_hands_at_once(self):
         self.switch("dual")
         before = {arm: self.state(arm).pose.position for arm in ("left", "right")}
-        heard = [self.client.topic(PoseStamped, f"/multipanda/dual/{name}_pose", best_effort=True) for name in ("first", "second")]
+        heard = [
+            self.client.topic(PoseStamped, f"/multipanda/dual/{name}_pose", best_effort=True)
+            for name in ("first", "second")
+        ]
         report, _ = self.generate("generate", "circular-field", "two_hands", "--seconds", "4")
         print(json.dumps(report))
         self.assertEqual(report["ended_by"], "duration")
         self.assertGreaterEqual(report["samples"] + report["missed"], 4000)
         self.assertGreaterEqual(report["clearance_m"], 0.02)
-        self.assertEqual([c["topic"] for c in report["channels"]], ["/multipanda/dual/first_pose", "/multipanda/dual/second_pose"])
+        self.assertEqual(
+            [c["topic"] for c in report["channels"]], ["/multipanda/dual/first_pose", "/multipanda/dual/second_pose"]
+        )
         for channel in report["channels"]:
-            self.assertEqual((channel["sent"], channel["failed"], channel["refused"]), (report["samples"], 0, 0), channel)
+            self.assertEqual(
+                (channel["sent"], channel["failed"], channel["refused"]), (report["samples"], 0, 0), channel
+            )
             self.assertGreater(channel["received"], 0.3 * channel["sent"], channel)  # the run reads the newest
         for topic in heard:
             self.assertGreater(topic.count, 100)
             self.assertEqual(topic.newest().header.frame_id, "world")
-        # The publisher is gone; its last pose is a goal, so that the controllet still runs after the timeout.
+        # The publisher has ended. Its last pose is a goal, so the controllet still runs after the timeout.
         time.sleep(1.5)
         for arm, position in before.items():
             now = self.state(arm)
@@ -134,17 +152,22 @@ class Generators(unittest.TestCase):
         self.assertEqual(report["ended_by"], "goals")
         self.assertEqual([t["passed"] for t in report["tracks"]], [2, 2])
         self.assertAlmostEqual(report["samples"] + report["missed"], 1000 * report["duration_s"], delta=2)
-        wanted = [0, -0.7, 0.1, -2.2, 0, 1.6, 0.7]
+        goal = [0, -0.7, 0.1, -2.2, 0, 1.6, 0.7]
 
         def there():
             left, right = self.state("left"), self.state("right").pose.position
-            return (max(abs(a - b) for a, b in zip(left.q, wanted)) < 0.02 and abs(right.x - 0.45) < 0.01
-                    and abs(right.y + 0.25) < 0.01 and abs(right.z - 0.45) < 0.01)
+            return (
+                max(abs(a - b) for a, b in zip(left.q, goal)) < 0.02
+                and abs(right.x - 0.45) < 0.01
+                and abs(right.y + 0.25) < 0.01
+                and abs(right.z - 0.45) < 0.01
+            )
+
         ros_run.wait_for(there, "both arms at their last via points", 10)
         time.sleep(1.5)  # longer than the timeout of the inputs
         self.assertEqual((self.state("left").owner, self.state("right").owner), ("joints", "pose"))
 
-    def test_5_a_controllet_that_does_not_run_takes_nothing(self):
+    def test_5_an_inactive_controllet_refuses_samples(self):
         self.switch("dual")
         process = self.start("via-points", self.via, "--seconds", "1")
         output, errors = process.communicate(timeout=60)
@@ -153,7 +176,7 @@ class Generators(unittest.TestCase):
 
     def test_6_nothing_was_interfered_with(self):
         self.assertEqual(self.run_.end(), 0)
-        # Ending stops the arms; a loaded machine makes streams uneven, whose torques may meet the limit of their rate.
+        # Ending stops the arms. On a busy machine streams are uneven and their torques may reach the rate limit.
         rules = {i["rule"] for i in self.run_.summary["interventions"]} - {"stop_requested", "torque_rate_clamped"}
         self.assertEqual(rules, set(), self.run_.summary["interventions"])
 

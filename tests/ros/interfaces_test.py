@@ -1,4 +1,4 @@
-"""All ROS interfaces of a run, as rclpy sees them: interfaces_test.py PROGRAM. Its tests share one run."""
+"""Tests all ROS interfaces of a run through rclpy: interfaces_test.py PROGRAM. Its tests share one run."""
 
 import pathlib
 import sys
@@ -21,16 +21,45 @@ from ros_case import RosCase  # noqa: E402
 from services_cases import ArmServices, ModeServices, Parameters, Simulation  # noqa: E402, F401
 from topics_cases import EXPECTED, Topics  # noqa: E402, F401
 
-SERVICES = [f"/multipanda/{name}" for name in ("list_arms", "list_controllets", "list_features", "switch_controllets", "set_features", "stop", "resume",
-                                               "set_parameters", "set_parameters_atomically", "describe_parameters")]
-SERVICES += [f"/{arm}/{name}" for arm in ("left", "right")
-             for name in ("recover", "set_user_stop", "set_load", "set_tool_frame", "set_stiffness_frame", "set_collision_behavior", "set_joint_stiffness",
-                          "set_cartesian_stiffness", "joint_via_motion/_action/send_goal", "cartesian_via_motion/_action/send_goal")]
-SERVICES += [f"/{arm}_gripper/{name}" for arm in ("left", "right")
-             for name in ("stop", *(f"{action}/_action/send_goal" for action in ("homing", "move", "grasp", "gripper_action")))]
+SERVICES = [
+    f"/multipanda/{name}"
+    for name in (
+        "list_arms",
+        "list_controllets",
+        "list_features",
+        "switch_controllets",
+        "set_features",
+        "stop",
+        "resume",
+        "set_parameters",
+        "set_parameters_atomically",
+        "describe_parameters",
+    )
+]
+SERVICES += [
+    f"/{arm}/{name}"
+    for arm in ("left", "right")
+    for name in (
+        "recover",
+        "set_user_stop",
+        "set_load",
+        "set_tool_frame",
+        "set_stiffness_frame",
+        "set_collision_behavior",
+        "set_joint_stiffness",
+        "set_cartesian_stiffness",
+        "joint_via_motion/_action/send_goal",
+        "cartesian_via_motion/_action/send_goal",
+    )
+]
+SERVICES += [
+    f"/{arm}_gripper/{name}"
+    for arm in ("left", "right")
+    for name in ("stop", *(f"{action}/_action/send_goal" for action in ("homing", "move", "grasp", "gripper_action")))
+]
 SERVICES += [f"/{arm}_arm_controller/follow_joint_trajectory/_action/send_goal" for arm in ("left", "right")]
 SERVICES += [f"/simulation/{name}" for name in ("pause", "step", "reset", "place_objects")]
-UP = 5 * 6  # [s]; 5 s is the claim, on a machine of its own (docs/benchmarks.md); here others may have the cores
+UP = 5 * 6  # [s]; the claim is 5 s on an idle machine (docs/benchmarks.md), and here others may use the cores
 
 
 def begin():
@@ -38,37 +67,44 @@ def begin():
     node, run = RosCase.client.node, RosCase.run_
 
     def missing():
-        found = {name for name, _ in node.get_topic_names_and_types()} | {name for name, _ in node.get_service_names_and_types()}
+        found = {name for name, _ in node.get_topic_names_and_types()} | {
+            name for name, _ in node.get_service_names_and_types()
+        }
         return sorted({*EXPECTED, *SERVICES} - found)
+
     while names := missing():
-        assert run.alive(), "".join(run.said)
+        assert run.alive(), "".join(run.output)
         assert time.monotonic() - run.started < UP, f"not up within {UP} s: {names}"
         time.sleep(0.01)
     from multipanda_msgs.srv import ListArms
+
     RosCase.client.call(ListArms, "/multipanda/list_arms")
     print(f"all interfaces up {time.monotonic() - run.started:.2f} s after the program was started", file=sys.stderr)
 
 
 def end():
-    """The run ends as asked, and leaves neither names in the graph nor files in shared memory."""
+    """Ends the run, and checks that it leaves neither names in the graph nor files in shared memory."""
     run, client = RosCase.run_, RosCase.client
     mapped = run.shared_memory()
     assert mapped, "the run used no shared memory"
-    # The tests provoked faults, so the run says that it failed (1); it must have ended by itself and on request.
-    assert run.end() in (0, 1), "".join(run.said)[-3000:]
+    # The tests caused faults, so the run reports failure (1); it must have ended by itself and on request.
+    assert run.end() in (0, 1), "".join(run.output)[-3000:]
     assert run.summary["ended_by"] == "stopped", run.summary
-    if run.summary["records_lost"]:  # nothing writes them here; who looks at them had no core for two seconds
-        print(f"{run.summary['records_lost']} cycles were seen by nobody", file=sys.stderr)
+    if run.summary["records_lost"]:  # nothing writes a log here; the relay had no core for two seconds
+        print(f"{run.summary['records_lost']} cycles were not relayed", file=sys.stderr)
 
     def names():
         return [name for name in client.node.get_node_names() if name != "client"]
+
     ros_run.wait_for(lambda: not names(), f"an empty graph, but {names()}")
     topics = {name for name, _ in client.node.get_topic_names_and_types() if client.node.count_publishers(name) > 0}
     assert topics <= {"/rosout", "/parameter_events", *client.publishers}, topics
     client.close()
-    # Ports of other domains are other people's.
+    # Ports of other domains belong to other users.
     ports = {f"fastdds_port{7400 + 250 * run.domain + k}" for k in range(250)}
-    left = {name for name in mapped if pathlib.Path("/dev/shm", name).exists() and (name in ports or "port" not in name)}
+    left = {
+        name for name in mapped if pathlib.Path("/dev/shm", name).exists() and (name in ports or "port" not in name)
+    }
     assert not left, f"left in shared memory: {sorted(left)}"
 
 

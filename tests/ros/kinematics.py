@@ -1,4 +1,4 @@
-"""Forward kinematics of a URDF, straight from its text: to check poses that were computed another way."""
+"""Forward kinematics of a URDF directly from its text, to check poses that were computed in another way."""
 
 import xml.etree.ElementTree as ET
 
@@ -7,9 +7,13 @@ import numpy as np
 
 def rpy(roll, pitch, yaw):
     cr, sr, cp, sp, cy, sy = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
-    return np.array([[cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-                     [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-                     [-sp, cp * sr, cp * cr]])
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
 
 
 def rotation(axis, angle):
@@ -26,9 +30,13 @@ def transform(R, p):
 
 def of_quaternion(q):
     w, x, y, z = q.w, q.x, q.y, q.z
-    return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                     [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def of_pose(pose):
@@ -41,7 +49,7 @@ def of_transform(message):
 
 
 class Robot:
-    """The links of a URDF at joint positions: link(name, {joint: position}) in the root."""
+    """The links of a URDF at joint positions: link(name, {joint: position}) is the pose in the root."""
 
     def __init__(self, text):
         numbers = lambda node, key, default: np.array([float(x) for x in (node.get(key) or default).split()])  # noqa: E731
@@ -54,8 +62,12 @@ class Robot:
             if origin is not None:
                 X = transform(rpy(*numbers(origin, "rpy", "0 0 0")), numbers(origin, "xyz", "0 0 0"))
             self.joints[joint.find("child").get("link")] = (
-                joint.find("parent").get("link"), joint.get("name"), joint.get("type"), X,
-                numbers(axis, "xyz", "1 0 0") if axis is not None else np.array([1.0, 0, 0]))
+                joint.find("parent").get("link"),
+                joint.get("name"),
+                joint.get("type"),
+                X,
+                numbers(axis, "xyz", "1 0 0") if axis is not None else np.array([1.0, 0, 0]),
+            )
 
     def link(self, name, positions):
         X = np.eye(4)

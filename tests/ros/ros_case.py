@@ -1,11 +1,10 @@
-"""What the tests of the ROS interfaces share: one run of tests/ros/scene.yaml and one client for all of them."""
+"""Shared by the tests of the ROS interfaces: one run of tests/ros/scene.yaml and one client for all of them."""
 
 import pathlib
 import unittest
 
-import numpy as np
-
 import kinematics
+import numpy as np
 import ros_run
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -19,24 +18,28 @@ class RosCase(unittest.TestCase):
     @classmethod
     def begin(cls, program):
         RosCase.program = program
-        RosCase.client = ros_run.Client(ros_run.own_domain())  # before the run, so that it sees it come up
-        RosCase.run_ = ros_run.Run(program, HERE / "scene.yaml", "--seconds", "600", domain=ros_run.own_domain()).__enter__()
+        RosCase.client = ros_run.Client(ros_run.own_domain())  # before the run, so that it sees the run come up
+        RosCase.run_ = ros_run.Run(
+            program, HERE / "scene.yaml", "--seconds", "600", domain=ros_run.own_domain()
+        ).__enter__()
 
     def setUp(self):
         from multipanda_msgs.srv import SwitchControllets
+
         if not self.run_.alive():
-            self.fail("the run has ended: " + "".join(self.run_.said))
+            self.fail("the run has ended: " + "".join(self.run_.output))
         begin = {"activate": ["left_pose", "right_pose"], "only": True}
         response = self.call(SwitchControllets, "/multipanda/switch_controllets", **begin)
-        if not response.accepted:  # whatever a test that failed has left, or a machine that was too slow for an arm
-            self.mend()
+        if not response.accepted:  # after a failed test, or a machine that was too slow for an arm
+            self.recover_all()
             response = self.call(SwitchControllets, "/multipanda/switch_controllets", **begin)
         self.assertTrue(response.accepted, response.reason)
 
-    def mend(self):
+    def recover_all(self):
         from multipanda_msgs.msg import RobotState
         from multipanda_msgs.srv import RecoverFromError, ResumeArms
         from std_srvs.srv import SetBool
+
         self.call(SetBool, "/simulation/pause", data=False)
         self.call(ResumeArms, "/multipanda/resume")
         for arm in ARMS:
@@ -45,19 +48,18 @@ class RosCase(unittest.TestCase):
                 self.call(RecoverFromError, f"/{arm}/recover")
             self.wait(lambda a=arm: self.states(a).newest().mode == RobotState.MODE_MOVE, f"{arm} ready")
 
-    # --- short words ---
+    def call(self, *arguments, **fields):
+        return self.client.call(*arguments, **fields)
 
-    def call(self, *words, **fields):
-        return self.client.call(*words, **fields)
+    def topic(self, *arguments, **options):
+        return self.client.topic(*arguments, **options)
 
-    def topic(self, *words, **options):
-        return self.client.topic(*words, **options)
-
-    def wait(self, *words, **options):
-        return ros_run.wait_for(*words, **options)
+    def wait(self, *arguments, **options):
+        return ros_run.wait_for(*arguments, **options)
 
     def switch(self, *activate, **more):
         from multipanda_msgs.srv import SwitchControllets
+
         return self.call(SwitchControllets, "/multipanda/switch_controllets", activate=list(activate), **more)
 
     def switched(self, *activate):
@@ -65,21 +67,23 @@ class RosCase(unittest.TestCase):
         self.assertTrue(response.accepted, response.reason)
 
     def state(self, arm):
-        """A robot state that was measured after this call: the second to come."""
+        """Returns a robot state that was measured after this call: the second to arrive."""
         return self.states(arm).next(3)
 
     def owned(self, arm, owner):
-        """Waits until the arm's state says so: it may come late where the client is busy."""
+        """Waits until the arm's state reports the owner, which may be late if the client is busy."""
         states = self.states(arm)
         return self.wait(lambda: (m := states.newest()) and m.owner == owner and m, f"{arm} owned by {owner}")
 
     def states(self, arm):
         from multipanda_msgs.msg import RobotState
+
         return self.topic(RobotState, f"/{arm}/robot_state")
 
     def statistics(self):
-        """Loop statistics of after this call."""
+        """Returns loop statistics from after this call."""
         from multipanda_msgs.msg import LoopStatistics
+
         return self.topic(LoopStatistics, "/multipanda/loop_statistics").next(2)
 
     def position(self, arm):
@@ -92,22 +96,24 @@ class RosCase(unittest.TestCase):
         def near():
             newest = states.newest()
             return newest and np.linalg.norm(kinematics.of_pose(newest.pose)[:3, 3] - position) < tolerance
+
         self.wait(near, f"{arm} at {position}, but at {self.position(arm)}", timeout=timeout)
 
-    def refused(self, response, *words):
-        """Refused with words for people that name what is meant."""
+    def refused(self, response, *expected):
+        """Checks that a request was refused with a human-readable reason that contains the expected texts."""
         accepted = response.accepted if hasattr(response, "accepted") else response.success
         text = next(getattr(response, key) for key in ("reason", "error", "message") if hasattr(response, key))
         self.assertFalse(accepted)
-        for word in words:
-            self.assertIn(word, text)
+        for part in expected:
+            self.assertIn(part, text)
 
     def base(self, arm):
-        """X_WB as the robot description has it."""
+        """Returns X_WB from the robot description."""
         return self.robot().link(f"{arm}_link0", {})
 
     def robot(self):
         from std_msgs.msg import String
+
         description = self.topic(String, "/robot_description", latched=True)
         self.wait(description.newest, "a robot description")
         return kinematics.Robot(description.newest().data)

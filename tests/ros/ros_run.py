@@ -1,4 +1,7 @@
-"""A run of the program with --ros and a client of it, for tests: own domain, shared memory only, nothing left behind."""
+"""A run of the program with --ros, and a client of it, for tests.
+
+Uses its own domain and shared memory only, and leaves nothing behind.
+"""
 
 import collections
 import json
@@ -15,28 +18,38 @@ SHARED_MEMORY = pathlib.Path("/dev/shm")
 
 
 def environment(domain):
-    """What keeps a test's ROS to itself."""
-    return {**os.environ, "ROS_DOMAIN_ID": str(domain), "FASTDDS_BUILTIN_TRANSPORTS": "SHM",
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
+    """Returns an environment that keeps a test's ROS apart from others."""
+    return {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(domain),
+        "FASTDDS_BUILTIN_TRANSPORTS": "SHM",
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
+    }
 
 
 def own_domain(number=0):
-    """A domain for this process: 1 to 100."""
+    """Returns a domain for this process: 1 to 100."""
     return 1 + (os.getpid() * 3 + number) % 100
 
 
 class Run:
-    """with Run(program, scene) as run: ...; afterwards run.summary is what the program said of the run."""
+    """with Run(program, scene) as run: ...; afterwards run.summary is the program's summary of the run."""
 
     def __init__(self, program, scene, *options, domain=None, ros=True):
-        self.words = [str(program), "run", str(scene), "--json", *(["--ros"] if ros else []), *options]
-        self.domain, self.summary, self.said = domain, None, []
+        self.command = [str(program), "run", str(scene), "--json", *(["--ros"] if ros else []), *options]
+        self.domain, self.summary, self.output = domain, None, []
 
     def __enter__(self):
         self.started = time.monotonic()
-        self.process = subprocess.Popen(self.words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                                        cwd=ROOT, env=environment(self.domain))
-        self.reader = threading.Thread(target=lambda: self.said.extend(self.process.stderr), daemon=True)
+        self.process = subprocess.Popen(
+            self.command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+            env=environment(self.domain),
+        )
+        self.reader = threading.Thread(target=lambda: self.output.extend(self.process.stderr), daemon=True)
         self.reader.start()
         return self
 
@@ -44,12 +57,12 @@ class Run:
         return self.process.poll() is None
 
     def shared_memory(self):
-        """The files of Fast DDS that the program has open."""
+        """Returns the files of Fast DDS that the program has open."""
         maps = pathlib.Path(f"/proc/{self.process.pid}/maps").read_text()
         return set(re.findall(r"/dev/shm/(fastdds_\S+)", maps))
 
     def end(self, number=signal.SIGINT):
-        """The exit code; a run that hangs is killed, and that is an error."""
+        """Returns the exit code. Kills a run that hangs, which is an error."""
         if self.alive():
             self.process.send_signal(number)
         try:
@@ -89,7 +102,7 @@ def wait_for(predicate, what, timeout=30.0):
 
 
 class Topic:
-    """The newest messages of a topic, with how many came in all."""
+    """The newest messages of a topic, and the number of all messages."""
 
     def __init__(self, node, message_type, name, qos, keep):
         self.messages, self.count, self.arrived = collections.deque(maxlen=keep), 0, None
@@ -105,15 +118,16 @@ class Topic:
         return self.messages[-1] if self.messages else None
 
     def next(self, count=1, timeout=30.0):
-        """The newest message once `count` more have come."""
+        """Returns the newest message once `count` more have arrived."""
         begin = self.count
         wait_for(lambda: self.count >= begin + count, f"{count} messages on {self.name}", timeout)
         return self.messages[-1]
 
     def wait(self, predicate, what, timeout=30.0):
-        """The first kept message for which predicate is true."""
-        return wait_for(lambda: next((m for m in list(self.messages) if predicate(m)), None), f"{what} on {self.name}",
-                        timeout)
+        """Returns the first kept message for which predicate is true."""
+        return wait_for(
+            lambda: next((m for m in list(self.messages) if predicate(m)), None), f"{what} on {self.name}", timeout
+        )
 
 
 class Client:
@@ -123,6 +137,7 @@ class Client:
         os.environ.update(environment(domain))
         import rclpy  # after the environment is set
         from rclpy.executors import SingleThreadedExecutor
+
         self.rclpy = rclpy
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=domain)
@@ -137,13 +152,13 @@ class Client:
     def _spin(self):
         try:
             self.executor.spin()
-        except Exception:  # rclpy's own threads meet what close() has taken away already
+        except Exception:  # rclpy's own threads use what close() has destroyed already
             if not self.closing:
                 raise
 
-    def made(self, make, *words, **options):
-        """What make() makes, made by the thread that spins: rclpy's executor must not meet half-made entities."""
-        future = self.executor.create_task(lambda: make(*words, **options))
+    def made(self, make, *arguments, **options):
+        """Calls make() in the spinning thread, since rclpy's executor must not see half-made entities."""
+        future = self.executor.create_task(lambda: make(*arguments, **options))
         wait_for(future.done, f"{make.__name__} in the spinning thread")
         return future.result()
 
@@ -157,8 +172,9 @@ class Client:
         self.rclpy.shutdown(context=self.context)
 
     def topic(self, message_type, name, latched=False, keep=200, best_effort=False):
-        """Reliable as rclpy's default; best_effort for what comes faster than Python reads it: nobody waits for it then."""
+        """Subscribes; best_effort is for messages faster than Python reads, so that no publisher waits."""
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
         key = name, latched
         if key not in self.topics:
             qos = QoSProfile(depth=max(keep, 50))
@@ -177,17 +193,18 @@ class Client:
 
     def publisher(self, message_type, name, best_effort=False):
         from rclpy.qos import QoSProfile, ReliabilityPolicy
+
         if name not in self.publishers:
             qos = QoSProfile(depth=10)
             if best_effort:
                 qos.reliability = ReliabilityPolicy.BEST_EFFORT
             publisher = self.made(self.node.create_publisher, message_type, name, qos)
             self.publishers[name] = publisher
-            wait_for(lambda: publisher.get_subscription_count() > 0, f"somebody who takes {name}")
+            wait_for(lambda: publisher.get_subscription_count() > 0, f"a subscriber of {name}")
         return self.publishers[name]
 
     def call(self, service_type, name, request=None, timeout=30.0, **fields):
-        """The response of a service."""
+        """Returns the response of a service."""
         if name not in self.services:
             self.services[name] = self.made(self.node.create_client, service_type, name)
             assert self.services[name].wait_for_service(timeout), f"there is no service {name}"
@@ -196,8 +213,9 @@ class Client:
         return future.result()
 
     def send_goal(self, action_type, name, goal, feedback=None, timeout=30.0):
-        """The handle of a goal that was sent."""
+        """Sends a goal and returns its handle."""
         from rclpy.action import ActionClient
+
         if name not in self.actions:
             self.actions[name] = self.made(ActionClient, self.node, action_type, name)
             assert self.actions[name].wait_for_server(timeout), f"there is no action {name}"
@@ -205,7 +223,7 @@ class Client:
         return wait_for(lambda: future.done() and future.result(), f"answer of {name}", timeout)
 
     def result(self, handle, timeout=60.0):
-        """(status, result) of a goal; status as action_msgs/GoalStatus."""
+        """Returns (status, result) of a goal; status as in action_msgs/GoalStatus."""
         future = handle.get_result_async()
         wait_for(future.done, "the goal's result", timeout)
         return future.result().status, future.result().result

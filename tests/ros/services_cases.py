@@ -1,20 +1,34 @@
-"""Every service and every parameter, with what they refuse."""
+"""Every service and every parameter, including their refusals."""
 
 import time
 
+import kinematics
 import numpy as np
-from multipanda_msgs.msg import ObjectPoses, RobotState, Switch
-from multipanda_msgs.srv import (ListArms, ListControllets, ListFeatures, PlaceObjects, RecoverFromError, ResumeArms,
-                                 SetCartesianStiffness, SetCollisionBehavior, SetFeatures, SetJointStiffness, SetLoad,
-                                 SetStiffnessFrame, SetToolFrame, StepSimulation, StopArms, SwitchControllets)
 from geometry_msgs.msg import Point, Pose, Quaternion
+from multipanda_msgs.msg import ObjectPoses, RobotState, Switch
+from multipanda_msgs.srv import (
+    ListArms,
+    ListControllets,
+    ListFeatures,
+    PlaceObjects,
+    RecoverFromError,
+    ResumeArms,
+    SetCartesianStiffness,
+    SetCollisionBehavior,
+    SetFeatures,
+    SetJointStiffness,
+    SetLoad,
+    SetStiffnessFrame,
+    SetToolFrame,
+    StepSimulation,
+    StopArms,
+    SwitchControllets,
+)
 from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters, SetParametersAtomically
+from ros_case import ARMS, RosCase, nanoseconds
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
-
-import kinematics
-from ros_case import ARMS, RosCase, nanoseconds
 
 NODE = "/multipanda"
 UNIT = Quaternion(w=1.0)
@@ -25,7 +39,9 @@ def number(name, value):
 
 
 def numbers(name, values):
-    return Parameter(name=name, value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=values))
+    return Parameter(
+        name=name, value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=values)
+    )
 
 
 def word(name, value):
@@ -36,16 +52,22 @@ class ModeServices(RosCase):
     def test_lists(self):
         arms = {a.name: a for a in self.call(ListArms, f"{NODE}/list_arms").arms}
         self.assertEqual(sorted(arms), sorted(ARMS))
-        self.assertEqual((arms["left"].owner, arms["left"].base_frame, arms["left"].has_gripper, arms["left"].period),
-                         ("left_pose", "left_link0", True, 0.001))
+        self.assertEqual(
+            (arms["left"].owner, arms["left"].base_frame, arms["left"].has_gripper, arms["left"].period),
+            ("left_pose", "left_link0", True, 0.001),
+        )
         infos = {c.name: c for c in self.call(ListControllets, f"{NODE}/list_controllets").controllets}
         self.assertEqual({name for name, info in infos.items() if info.active}, {"left_pose", "right_pose"})
         self.assertEqual(list(infos["dual"].arms), ["left", "right"])
         (pose,) = infos["left_pose"].inputs
-        self.assertEqual((pose.topic, pose.type, pose.frame, pose.timeout),
-                         (f"{NODE}/left_pose/pose", "geometry_msgs/msg/PoseStamped", "world", 2.0))
+        self.assertEqual(
+            (pose.topic, pose.type, pose.frame, pose.timeout),
+            (f"{NODE}/left_pose/pose", "geometry_msgs/msg/PoseStamped", "world", 2.0),
+        )
         self.assertEqual(sorted(pose.frames), ["left_link0", "right_link0", "world"])
-        self.assertEqual({c.name for c in self.call(ListControllets, f"{NODE}/get_controllers").controllets}, set(infos))
+        self.assertEqual(
+            {c.name for c in self.call(ListControllets, f"{NODE}/get_controllers").controllets}, set(infos)
+        )
         features = self.call(ListFeatures, f"{NODE}/list_features", instance="left_pose").features
         self.assertEqual([f.name for f in features if f.on], ["joint_limits"])
         everything = self.call(ListFeatures, f"{NODE}/list_features").features
@@ -57,8 +79,10 @@ class ModeServices(RosCase):
         response = self.switch("left_joint")
         end = time.monotonic_ns()
         self.assertTrue(response.accepted)
-        self.assertEqual((list(response.started), list(response.stopped), list(response.kept), list(response.arms)),
-                         (["left_joint"], ["left_pose"], ["right_pose"], ["left"]))
+        self.assertEqual(
+            (list(response.started), list(response.stopped), list(response.kept), list(response.arms)),
+            (["left_joint"], ["left_pose"], ["right_pose"], ["left"]),
+        )
         self.assertTrue(begin < response.first_torque_ns < end)  # one clock on this computer
         self.assertTrue(0 < response.computing_s < response.total_s <= (end - begin) * 1e-9)
         self.assertAlmostEqual(response.waiting_s + response.computing_s, response.total_s, delta=1e-6)
@@ -75,31 +99,39 @@ class ModeServices(RosCase):
 
     def test_refused_switches_change_nothing(self):
         switches = self.topic(Switch, f"{NODE}/switch_events", latched=True)
-        for request, verdict, words in [({"activate": ["left_pose", "dual"]}, "two_owners", ["'left_pose' and 'dual'", "left"]),
-                                        ({"activate": ["left_pos"]}, "unknown_instance", ["left_pos", "left_pose"]),
-                                        ({"activate": ["x" * 5000]}, "unknown_instance", ["xxx"]),
-                                        ({}, "malformed", ["activate"]),
-                                        ({"activate": ["dual"], "deactivate": ["dual"]}, "malformed", ["dual"])]:
+        for request, verdict, expected in [
+            ({"activate": ["left_pose", "dual"]}, "two_owners", ["'left_pose' and 'dual'", "left"]),
+            ({"activate": ["left_pos"]}, "unknown_instance", ["left_pos", "left_pose"]),
+            ({"activate": ["x" * 5000]}, "unknown_instance", ["xxx"]),
+            ({}, "malformed", ["activate"]),
+            ({"activate": ["dual"], "deactivate": ["dual"]}, "malformed", ["dual"]),
+        ]:
             response = self.call(SwitchControllets, f"{NODE}/switch_controllets", **request)
             self.assertEqual(response.verdict, verdict)
-            self.refused(response, *words)
+            self.refused(response, *expected)
             self.assertLess(len(response.reason), 500)
         self.assertEqual({self.state(arm).owner for arm in ARMS}, {"left_pose", "right_pose"})
         self.assertIsNotNone(switches.newest())
 
     def test_features(self):
         def on():
-            return {f.name for f in self.call(ListFeatures, f"{NODE}/list_features", instance="left_pose").features if f.on}
+            return {
+                f.name for f in self.call(ListFeatures, f"{NODE}/list_features", instance="left_pose").features if f.on
+            }
 
         def ask(features, values, instance="left_pose"):
             return self.call(SetFeatures, f"{NODE}/set_features", instance=instance, features=features, on=values)
+
         self.assertTrue(ask(["joint_limits"], [False]).accepted)
         self.assertEqual(on(), set())
         self.assertTrue(ask(["joint_limits", "manipulability"], [True, True]).accepted)
         self.assertEqual(on(), {"joint_limits", "manipulability"})
         self.assertTrue(ask(["manipulability"], [False]).accepted)
-        for response, verdict in [(ask(["joint_limit"], [True]), "unknown_feature"), (ask(["joint_limits"], []), "malformed"),
-                                  (ask(["joint_limits"], [True], "nobody"), "unknown_instance")]:
+        for response, verdict in [
+            (ask(["joint_limit"], [True]), "unknown_feature"),
+            (ask(["joint_limits"], []), "malformed"),
+            (ask(["joint_limits"], [True], "nobody"), "unknown_instance"),
+        ]:
             self.assertEqual((response.accepted, response.verdict), (False, verdict))
         self.assertEqual(on(), {"joint_limits"})
 
@@ -108,7 +140,7 @@ class ModeServices(RosCase):
         self.assertTrue(stopped.accepted)
         self.assertEqual(list(stopped.stopped), ["left"])
         self.assertTrue(self.owned("left", "left_hold").stopped)
-        self.assertEqual(self.state("right").owner, "right_pose")  # the other one goes on
+        self.assertEqual(self.state("right").owner, "right_pose")  # the other arm continues
         refused = self.switch("left_pose")
         self.assertEqual(refused.verdict, "arm_stopped")
         self.refused(refused, "left", "resume")
@@ -130,31 +162,47 @@ class Parameters(RosCase):
         return self.call(SetParameters, f"{NODE}/set_parameters", parameters=list(parameters)).results
 
     def set_all(self, *parameters):
-        return self.call(SetParametersAtomically, f"{NODE}/set_parameters_atomically", parameters=list(parameters)).result
+        return self.call(
+            SetParametersAtomically, f"{NODE}/set_parameters_atomically", parameters=list(parameters)
+        ).result
 
     def test_names_and_descriptors(self):
         names = self.call(ListParameters, f"{NODE}/list_parameters").result.names
-        info = next(c for c in self.call(ListControllets, f"{NODE}/list_controllets").controllets if c.name == "left_pose")
+        info = next(
+            c for c in self.call(ListControllets, f"{NODE}/list_controllets").controllets if c.name == "left_pose"
+        )
         self.assertLess(set(info.parameters), set(names))
         some = self.call(ListParameters, f"{NODE}/list_parameters", prefixes=["left_pose"]).result.names
         self.assertEqual(set(some), set(info.parameters))
         asked = [self.STIFFNESS, "left_pose.projector", "left_pose.damping_ratio", "left_pose.acceleration_feedforward"]
-        array, choice, one, switch = self.call(DescribeParameters, f"{NODE}/describe_parameters", names=asked).descriptors
-        self.assertEqual([d.type for d in (array, choice, one, switch)],
-                         [ParameterType.PARAMETER_DOUBLE_ARRAY, ParameterType.PARAMETER_STRING, ParameterType.PARAMETER_DOUBLE,
-                          ParameterType.PARAMETER_BOOL])
-        self.assertEqual((array.floating_point_range[0].from_value, array.floating_point_range[0].to_value), (0.0, 5000.0))
+        array, choice, one, switch = self.call(
+            DescribeParameters, f"{NODE}/describe_parameters", names=asked
+        ).descriptors
+        self.assertEqual(
+            [d.type for d in (array, choice, one, switch)],
+            [
+                ParameterType.PARAMETER_DOUBLE_ARRAY,
+                ParameterType.PARAMETER_STRING,
+                ParameterType.PARAMETER_DOUBLE,
+                ParameterType.PARAMETER_BOOL,
+            ],
+        )
+        self.assertEqual(
+            (array.floating_point_range[0].from_value, array.floating_point_range[0].to_value), (0.0, 5000.0)
+        )
         self.assertIn("N/m", array.additional_constraints)
         self.assertIn("paper_pseudoinverse", choice.additional_constraints)
         self.assertTrue(all(d.description for d in (array, choice, one, switch)))
 
-    def test_values_are_set_told_and_in_force(self):
+    def test_values_are_set_reported_and_in_force(self):
         events = self.topic(ParameterEvent, "/parameter_events")
         new = [500.0, 600.0, 700.0]
         (result,) = self.set(numbers(self.STIFFNESS, new))
         self.assertTrue(result.successful, result.reason)
         self.assertEqual(list(self.get(self.STIFFNESS)[0].double_array_value), new)
-        event = events.wait(lambda m: m.node == NODE and any(p.name == self.STIFFNESS for p in m.changed_parameters), "the change")
+        event = events.wait(
+            lambda m: m.node == NODE and any(p.name == self.STIFFNESS for p in m.changed_parameters), "the change"
+        )
         self.assertEqual(list(event.changed_parameters[0].value.double_array_value), new)
         self.assertTrue(self.set(number(self.STIFFNESS, 400.0))[0].successful)  # one number sets all
         self.assertEqual(list(self.get(self.STIFFNESS)[0].double_array_value), [400.0] * 3)
@@ -162,19 +210,21 @@ class Parameters(RosCase):
         self.assertEqual(self.get("left_pose.projector")[0].string_value, "paper_pseudoinverse")
         self.assertTrue(self.set(word("left_pose.projector", "dynamic"))[0].successful)
 
-    def test_bad_values_are_refused_in_words(self):
+    def test_bad_values_are_refused_with_reasons(self):
         before = list(self.get(self.STIFFNESS)[0].double_array_value)
-        for parameter, words in [(numbers(self.STIFFNESS, [1.0, 2.0, 6000.0]), ["5000"]),
-                                 (numbers(self.STIFFNESS, [1.0, float("nan"), 1.0]), []),
-                                 (numbers(self.STIFFNESS, [1.0, 2.0]), ["3"]),
-                                 (word(self.STIFFNESS, "stiff"), ["number"]),
-                                 (word("left_pose.projector", "paper"), ["dynamic", "paper_pseudoinverse"]),
-                                 (number("left_pose.stiffnes", 1.0), ["stiffnes"]),
-                                 (number("nobody.damping_ratio", 1.0), ["nobody"])]:
+        for parameter, expected in [
+            (numbers(self.STIFFNESS, [1.0, 2.0, 6000.0]), ["5000"]),
+            (numbers(self.STIFFNESS, [1.0, float("nan"), 1.0]), []),
+            (numbers(self.STIFFNESS, [1.0, 2.0]), ["3"]),
+            (word(self.STIFFNESS, "stiff"), ["number"]),
+            (word("left_pose.projector", "paper"), ["dynamic", "paper_pseudoinverse"]),
+            (number("left_pose.stiffnes", 1.0), ["stiffnes"]),
+            (number("nobody.damping_ratio", 1.0), ["nobody"]),
+        ]:
             (result,) = self.set(parameter)
             self.assertFalse(result.successful, parameter)
             self.assertTrue(result.reason)
-            for each in words:
+            for each in expected:
                 self.assertIn(each, result.reason)
         self.assertEqual(list(self.get(self.STIFFNESS)[0].double_array_value), before)
         self.assertEqual(self.get("nobody.x")[0].type, ParameterType.PARAMETER_NOT_SET)
@@ -187,7 +237,9 @@ class Parameters(RosCase):
         self.assertEqual(list(self.get(self.STIFFNESS)[0].double_array_value), [400.0] * 3)
         one, other = self.set(good, bad)  # each by itself
         self.assertEqual((one.successful, other.successful), (True, False))
-        self.assertTrue(self.set_all(numbers(self.STIFFNESS, [400.0] * 3), number("left_pose.damping_ratio", 1.0)).successful)
+        self.assertTrue(
+            self.set_all(numbers(self.STIFFNESS, [400.0] * 3), number("left_pose.damping_ratio", 1.0)).successful
+        )
         self.assertEqual(list(self.get(self.STIFFNESS)[0].double_array_value), [400.0] * 3)
 
 
@@ -198,22 +250,36 @@ class ArmServices(RosCase):
 
     def test_load(self):
         inertia = [0.01, 0.0, 0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 0.02]
-        response = self.call(SetLoad, "/left/set_load", mass=0.4, center_of_mass=[0.0, 0.01, 0.05], load_inertia=inertia)
+        response = self.call(
+            SetLoad, "/left/set_load", mass=0.4, center_of_mass=[0.0, 0.01, 0.05], load_inertia=inertia
+        )
         self.assertTrue(response.success, response.error)
-        self.changed("left", lambda s: abs(s.load.mass - 0.4) < 1e-12 and abs(s.load.centre.z - 0.05) < 1e-12, "the load in the state")
-        for fields in ({"mass": -1.0}, {"mass": 0.5, "center_of_mass": [float("nan")] * 3}, {"mass": 1.0, "load_inertia": [1.0, 0.5, *[0.0] * 7]}):
+        self.changed(
+            "left",
+            lambda s: abs(s.load.mass - 0.4) < 1e-12 and abs(s.load.center.z - 0.05) < 1e-12,
+            "the load in the state",
+        )
+        for fields in (
+            {"mass": -1.0},
+            {"mass": 0.5, "center_of_mass": [float("nan")] * 3},
+            {"mass": 1.0, "load_inertia": [1.0, 0.5, *[0.0] * 7]},
+        ):
             response = self.call(SetLoad, "/left/set_load", **fields)
             self.assertEqual((response.success, bool(response.error)), (False, True), fields)
         self.assertTrue(self.call(SetLoad, "/left_param_service_server/set_load", mass=0.0).success)  # the old name
         self.changed("left", lambda s: s.load.mass == 0, "no load in the state")
 
     def test_frames(self):
-        # Frames are set while nothing acts in them: a controller would take the new end effector for a jump of the arm.
+        # Frames are set while no controllet is active, since a controller would take a new end effector for a jump of
+        # the arm.
         self.assertTrue(self.switch(deactivate=["right_pose"]).accepted)
         version = self.state("right").config_version
         shifted = Pose(position=Point(z=0.1034), orientation=UNIT)
         before = self.state("right")
-        for service, name, part in ((SetToolFrame, "set_tool_frame", "end_effector"), (SetStiffnessFrame, "set_stiffness_frame", "stiffness")):
+        for service, name, part in (
+            (SetToolFrame, "set_tool_frame", "end_effector"),
+            (SetStiffnessFrame, "set_stiffness_frame", "stiffness"),
+        ):
             response = self.call(service, f"/right/{name}", pose=shifted)
             self.assertTrue(response.success, response.error)
             self.changed("right", lambda s, p=part: abs(getattr(s, p).position.z - 0.1034) < 1e-9, name)
@@ -223,22 +289,33 @@ class ArmServices(RosCase):
         self.assertGreater(self.state("right").config_version, version)
         self.assertTrue(self.call(SetToolFrame, "/right/set_tool_frame", pose=before.end_effector).success)
         self.assertTrue(self.call(SetStiffnessFrame, "/right/set_stiffness_frame", pose=before.stiffness).success)
-        self.changed("right", lambda s: s.end_effector == before.end_effector and s.stiffness == before.stiffness, "the frames of before")
+        self.changed(
+            "right",
+            lambda s: s.end_effector == before.end_effector and s.stiffness == before.stiffness,
+            "the earlier frames",
+        )
 
     def test_stiffness_and_thresholds(self):
-        for service, name, key, good in ((SetJointStiffness, "set_joint_stiffness", "joint_stiffness", [3000.0] * 7),
-                                         (SetCartesianStiffness, "set_cartesian_stiffness", "cartesian_stiffness", [1000.0] * 3 + [100.0] * 3)):
+        for service, name, key, good in (
+            (SetJointStiffness, "set_joint_stiffness", "joint_stiffness", [3000.0] * 7),
+            (SetCartesianStiffness, "set_cartesian_stiffness", "cartesian_stiffness", [1000.0] * 3 + [100.0] * 3),
+        ):
             response = self.call(service, f"/left/{name}", **{key: good})
             self.assertTrue(response.success or response.error, name)  # a simulated arm may have no such controller
             wrong = self.call(service, f"/left/{name}", **{key: [-1.0] * len(good)})
             self.assertFalse(wrong.success)
         self.refused(self.call(SetJointStiffness, "/left/set_joint_stiffness", joint_stiffness=[1.0] * 3), "7")
         torques, forces = [20.0] * 7, [20.0] * 6
-        thresholds = {f"{side}_{kind}_thresholds_nominal": [scale * v for v in values] for side, scale in (("lower", 1.0), ("upper", 4.0))
-                      for kind, values in (("torque", torques), ("force", forces))}
+        thresholds = {
+            f"{side}_{kind}_thresholds_nominal": [scale * v for v in values]
+            for side, scale in (("lower", 1.0), ("upper", 4.0))
+            for kind, values in (("torque", torques), ("force", forces))
+        }
         response = self.call(SetCollisionBehavior, "/left/set_collision_behavior", **thresholds)
         self.assertTrue(response.success or response.error)
-        self.refused(self.call(SetCollisionBehavior, "/left/set_collision_behavior", lower_torque_thresholds_nominal=[1.0]), "7")
+        self.refused(
+            self.call(SetCollisionBehavior, "/left/set_collision_behavior", lower_torque_thresholds_nominal=[1.0]), "7"
+        )
 
     def test_stop_button_and_recovery(self):
         self.refused(self.call(RecoverFromError, "/left/recover"))
@@ -255,7 +332,7 @@ class ArmServices(RosCase):
 
 class Simulation(RosCase):
     def test_pause_and_step(self):
-        clock = self.topic(Clock, "/clock", best_effort=True)  # 1 kHz: too much for Python to acknowledge
+        clock = self.topic(Clock, "/clock", best_effort=True)  # 1 kHz is too much for Python to acknowledge
         clock.next(5)
         self.addCleanup(self.call, SetBool, "/simulation/pause", data=False)
         self.assertTrue(self.call(SetBool, "/simulation/pause", data=True).success)
@@ -271,10 +348,12 @@ class Simulation(RosCase):
         self.client.forget(clock)
 
     def standing(self, clock):
-        """The time [ns] at which a clock stands: that of its newest messages, or none comes any more."""
+        """Returns the time [ns] at which the clock stopped: that of its newest message."""
+
         def stands():
             newest = [nanoseconds(m.clock) for m in list(clock.messages)[-20:]]
             return len(set(newest)) == 1 or time.monotonic() - clock.arrived > 0.5
+
         self.wait(stands, "a standing clock")
         return nanoseconds(clock.newest().clock)
 
@@ -282,21 +361,36 @@ class Simulation(RosCase):
         poses = self.topic(ObjectPoses, "/simulation/object_poses")
 
         def at(position):
-            return self.wait(lambda: poses.newest() and np.linalg.norm(kinematics.of_pose(poses.newest().poses[0])[:3, 3] - position) < 5e-3,
-                             f"the box at {position}")
+            return self.wait(
+                lambda: (
+                    poses.newest()
+                    and np.linalg.norm(kinematics.of_pose(poses.newest().poses[0])[:3, 3] - position) < 5e-3
+                ),
+                f"the box at {position}",
+            )
 
         def place(names, *targets, frame_id=""):
-            return self.call(PlaceObjects, "/simulation/place_objects", names=names, poses=list(targets), frame_id=frame_id)
+            return self.call(
+                PlaceObjects, "/simulation/place_objects", names=names, poses=list(targets), frame_id=frame_id
+            )
+
         self.assertTrue(place(["box"], Pose(position=Point(x=-0.65, y=0.03, z=0.33), orientation=UNIT)).success)
         at([-0.65, 0.03, 0.33])
         in_base = np.linalg.inv(self.base("left")) @ [-0.55, -0.03, 0.33, 1]
         x, y, z, _ = (float(v) for v in in_base)
-        self.assertTrue(place(["box"], Pose(position=Point(x=x, y=y, z=z), orientation=UNIT), frame_id="left_link0").success)
+        self.assertTrue(
+            place(["box"], Pose(position=Point(x=x, y=y, z=z), orientation=UNIT), frame_id="left_link0").success
+        )
         at([-0.55, -0.03, 0.33])
         somewhere = Pose(position=Point(z=1.0), orientation=UNIT)
-        for response, expected in [(place(["bx"], somewhere), "bx"), (place(["stand"], somewhere), "stand"), (place(["box"]), "pose"),
-                                   (place(["box"], somewhere, frame_id="moon"), "moon"), (place([]), "object"),
-                                   (place(["box"], Pose(position=Point(x=float("nan")), orientation=UNIT)), "finite")]:
+        for response, expected in [
+            (place(["bx"], somewhere), "bx"),
+            (place(["stand"], somewhere), "stand"),
+            (place(["box"]), "pose"),
+            (place(["box"], somewhere, frame_id="moon"), "moon"),
+            (place([]), "object"),
+            (place(["box"], Pose(position=Point(x=float("nan")), orientation=UNIT)), "finite"),
+        ]:
             self.refused(response, expected)
         reset = self.call(Trigger, "/simulation/reset")
         self.assertTrue(reset.success, reset.message)

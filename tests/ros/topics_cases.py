@@ -1,70 +1,99 @@
-"""Every topic: its type, its rate in the run's own time, and its content against what it must be by other means."""
+"""Every topic: its type, its rate in the run's own time, and its content, compared with independent computations."""
 
 import itertools
 import statistics
 
+import kinematics
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from multipanda_msgs.msg import Event, LoopStatistics, ObjectPoses, RobotModel, RobotState, Switch
 from multipanda_msgs.srv import ListArms, ListControllets, ListFeatures
+from ros_case import ARMS, RosCase, nanoseconds
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from tf2_msgs.msg import TFMessage
 
-import kinematics
-from ros_case import ARMS, RosCase, nanoseconds
-
-FIXED = {"/joint_states": "sensor_msgs/msg/JointState", "/tf": "tf2_msgs/msg/TFMessage", "/tf_static": "tf2_msgs/msg/TFMessage",
-         "/robot_description": "std_msgs/msg/String", "/clock": "rosgraph_msgs/msg/Clock",
-         "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray", "/simulation/object_poses": "multipanda_msgs/msg/ObjectPoses",
-         "/multipanda/loop_statistics": "multipanda_msgs/msg/LoopStatistics", "/multipanda/events": "multipanda_msgs/msg/Event",
-         "/multipanda/switch_events": "multipanda_msgs/msg/Switch", "/parameter_events": "rcl_interfaces/msg/ParameterEvent",
-         "/multipanda/left_pose/pose": "geometry_msgs/msg/PoseStamped", "/multipanda/left_pose/pose/goal": "geometry_msgs/msg/PoseStamped",
-         "/multipanda/left_pose/pose/reference": "geometry_msgs/msg/PoseStamped", "/multipanda/left_joint/joints": "sensor_msgs/msg/JointState",
-         "/multipanda/right_force/wrench": "geometry_msgs/msg/WrenchStamped"}
-PER_ARM = {"robot_state": "multipanda_msgs/msg/RobotState", "model": "multipanda_msgs/msg/RobotModel", "wrench": "geometry_msgs/msg/WrenchStamped"}
+FIXED = {
+    "/joint_states": "sensor_msgs/msg/JointState",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/robot_description": "std_msgs/msg/String",
+    "/clock": "rosgraph_msgs/msg/Clock",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/simulation/object_poses": "multipanda_msgs/msg/ObjectPoses",
+    "/multipanda/loop_statistics": "multipanda_msgs/msg/LoopStatistics",
+    "/multipanda/events": "multipanda_msgs/msg/Event",
+    "/multipanda/switch_events": "multipanda_msgs/msg/Switch",
+    "/parameter_events": "rcl_interfaces/msg/ParameterEvent",
+    "/multipanda/left_pose/pose": "geometry_msgs/msg/PoseStamped",
+    "/multipanda/left_pose/pose/goal": "geometry_msgs/msg/PoseStamped",
+    "/multipanda/left_pose/pose/reference": "geometry_msgs/msg/PoseStamped",
+    "/multipanda/left_joint/joints": "sensor_msgs/msg/JointState",
+    "/multipanda/right_force/wrench": "geometry_msgs/msg/WrenchStamped",
+}
+PER_ARM = {
+    "robot_state": "multipanda_msgs/msg/RobotState",
+    "model": "multipanda_msgs/msg/RobotModel",
+    "wrench": "geometry_msgs/msg/WrenchStamped",
+}
 FRAMES = [*(f"link{i}" for i in range(9)), "hand", "hand_tcp", "leftfinger", "rightfinger"]
 
 
-EXPECTED = {**FIXED, **{f"/{arm}/{name}": kind for arm in ARMS for name, kind in PER_ARM.items()},
-            **{f"/{arm}_gripper/joint_states": "sensor_msgs/msg/JointState" for arm in ARMS}}
+EXPECTED = {
+    **FIXED,
+    **{f"/{arm}/{name}": kind for arm in ARMS for name, kind in PER_ARM.items()},
+    **{f"/{arm}_gripper/joint_states": "sensor_msgs/msg/JointState" for arm in ARMS},
+}
 
 
 class Topics(RosCase):
     def test_all_are_there_with_their_types(self):
         expected = EXPECTED
         found = dict(self.client.node.get_topic_names_and_types())
-        self.assertEqual({name: found.get(name) for name in expected}, {name: [kind] for name, kind in expected.items()})
+        self.assertEqual(
+            {name: found.get(name) for name in expected}, {name: [kind] for name, kind in expected.items()}
+        )
 
     def test_rates_in_the_runs_own_time(self):
-        # A topic of rate r is every round(1000 / r)-th cycle of 1 ms of the run's own time: stamps are that far apart, to the
-        # nanosecond. A machine that lets the publisher or this client wait leaves messages out, and one of a cycle that was
-        # left out comes with the next; so what must hold anywhere is that ten in a row come without a gap once, that the
-        # usual step is this one, and that there are never more messages than cycles whose turn it is.
-        topics = {self.topic(kind, name): round(1000 / rate) * 1_000_000 for kind, name, rate in [
-            (JointState, "/joint_states", 100), (RobotState, "/left/robot_state", 100), (RobotModel, "/right/model", 50),
-            (WrenchStamped, "/left/wrench", 100), (PoseStamped, "/multipanda/left_pose/pose/reference", 100),
-            (ObjectPoses, "/simulation/object_poses", 30), (JointState, "/left_gripper/joint_states", 30)]}
+        # A topic of rate r is published every round(1000 / r)-th cycle of 1 ms of the run's own time: stamps are that
+        # far apart, to the nanosecond. If the machine delays the publisher or this client, messages are left out, and a
+        # message whose cycle was left out comes with the next one. So the test checks what holds everywhere: ten
+        # messages in a row come without a gap once, the most frequent step is this one, and there are never more
+        # messages than due cycles.
+        topics = {
+            self.topic(kind, name): round(1000 / rate) * 1_000_000
+            for kind, name, rate in [
+                (JointState, "/joint_states", 100),
+                (RobotState, "/left/robot_state", 100),
+                (RobotModel, "/right/model", 50),
+                (WrenchStamped, "/left/wrench", 100),
+                (PoseStamped, "/multipanda/left_pose/pose/reference", 100),
+                (ObjectPoses, "/simulation/object_poses", 30),
+                (JointState, "/left_gripper/joint_states", 30),
+            ]
+        }
 
-        before = {topic: topic.count for topic in topics}  # of a test that let the run stand, perhaps
+        before = {topic: topic.count for topic in topics}  # a previous test may have paused the run
 
         def steps_of(topic):
             fresh = topic.count - before[topic]
             return np.diff([nanoseconds(m.header.stamp) for m in list(topic.messages)[-fresh:]] if fresh > 0 else [])
 
-        def gapless(topic, wanted):
-            right = "".join("x" if step == wanted else "." for step in steps_of(topic))
+        def gapless(topic, gap):
+            right = "".join("x" if step == gap else "." for step in steps_of(topic))
             return "x" * 10 in right
-        for topic, wanted in topics.items():
+
+        for topic, gap in topics.items():
             topic.next(20)
-            self.wait(lambda t=topic, w=wanted: gapless(t, w), f"ten messages of {topic.name} {wanted * 1e-6:g} ms apart")
+            self.wait(lambda t=topic, w=gap: gapless(t, w), f"ten messages of {topic.name} {gap * 1e-6:g} ms apart")
             steps = steps_of(topic)
-            self.assertEqual(statistics.mode(steps), wanted, (topic.name, steps))
+            self.assertEqual(statistics.mode(steps), gap, (topic.name, steps))
             self.assertTrue(all(step > 0 and step % 1_000_000 == 0 for step in steps), (topic.name, steps))
-            self.assertGreater(sum(steps), (len(steps) - 1) * wanted, (topic.name, steps))
-        # At 1 kHz a reader in Python does not keep up, and must not be waited for: best effort, as the documentation advises.
+            self.assertGreater(sum(steps), (len(steps) - 1) * gap, (topic.name, steps))
+        # At 1 kHz a Python reader cannot keep up and must not block the publisher: best effort, as the
+        # documentation advises.
         clock = self.topic(Clock, "/clock", best_effort=True)
         clock.next(100)
         steps = np.diff([nanoseconds(m.clock) for m in list(clock.messages)[-100:]])
@@ -78,25 +107,41 @@ class Topics(RosCase):
         self.wait(fixed.newest, "fixed frames")
         tf.next(20)
 
-        def both():  # of one time: all transforms of a time are in one message
+        def both():  # with equal stamps: all transforms of a time are in one message
             positions = {nanoseconds(m.header.stamp): m for m in list(joint_states.messages)}
-            return next(((positions[t], m) for m in reversed(list(tf.messages))
-                         if (t := nanoseconds(m.transforms[0].header.stamp)) in positions), None)
+            return next(
+                (
+                    (positions[t], m)
+                    for m in reversed(list(tf.messages))
+                    if (t := nanoseconds(m.transforms[0].header.stamp)) in positions
+                ),
+                None,
+            )
+
         joints, moving = self.wait(both, "joints and frames of one time")
-        names = [f"{arm}_{name}" for arm in ARMS for name in [*(f"joint{i}" for i in range(1, 8)), "finger_joint1", "finger_joint2"]]
+        names = [
+            f"{arm}_{name}"
+            for arm in ARMS
+            for name in [*(f"joint{i}" for i in range(1, 8)), "finger_joint1", "finger_joint2"]
+        ]
         self.assertEqual(list(joints.name), names)
         q = dict(zip(joints.name, joints.position))
         parents = {t.child_frame_id: t for t in itertools.chain(moving.transforms, fixed.newest().transforms)}
-        self.assertEqual(len(parents), len(moving.transforms) + len(fixed.newest().transforms), "a frame has two parents")
+        self.assertEqual(
+            len(parents), len(moving.transforms) + len(fixed.newest().transforms), "a frame has two parents"
+        )
 
         def in_world(frame):
             X = np.eye(4)
             while frame != "world":
                 X, frame = kinematics.of_transform(parents[frame]) @ X, parents[frame].header.frame_id
             return X
+
         for arm in ARMS:
             for frame in FRAMES:
-                np.testing.assert_allclose(in_world(f"{arm}_{frame}"), robot.link(f"{arm}_{frame}", q), atol=1e-6, err_msg=f"{arm}_{frame}")
+                np.testing.assert_allclose(
+                    in_world(f"{arm}_{frame}"), robot.link(f"{arm}_{frame}", q), atol=1e-6, err_msg=f"{arm}_{frame}"
+                )
             np.testing.assert_allclose(in_world(f"{arm}_ee"), in_world(f"{arm}_hand_tcp"), atol=1e-9)  # the default
             np.testing.assert_allclose(in_world(f"{arm}_k"), in_world(f"{arm}_ee"), atol=1e-9)
 
@@ -109,10 +154,17 @@ class Topics(RosCase):
         states, models = self.states("left"), self.topic(RobotModel, "/left/model")
         goal.publish(target)
 
-        def both():  # of one cycle, while it moves
+        def both():  # of one cycle, while the arm moves
             by_cycle = {m.cycle: m for m in list(states.messages)}
-            return next(((by_cycle[m.cycle], m) for m in reversed(list(models.messages))
-                         if m.cycle in by_cycle and np.linalg.norm(by_cycle[m.cycle].dq) > 0.03), None)
+            return next(
+                (
+                    (by_cycle[m.cycle], m)
+                    for m in reversed(list(models.messages))
+                    if m.cycle in by_cycle and np.linalg.norm(by_cycle[m.cycle].dq) > 0.03
+                ),
+                None,
+            )
+
         state, model = self.wait(both, "state and model of one cycle of a moving arm")
         n = 7
         q, dq = np.array(state.q), np.array(state.dq)
@@ -120,10 +172,11 @@ class Topics(RosCase):
 
         def pose(positions):
             return robot.link("left_hand_tcp", {f"left_joint{i + 1}": x for i, x in enumerate(positions)})
+
         np.testing.assert_allclose(kinematics.of_pose(state.pose), pose(q), atol=1e-6)
         np.testing.assert_allclose(kinematics.of_pose(model.pose), pose(q), atol=1e-6)
         J = np.array(model.jacobian).reshape(6, n)
-        for k in range(n):  # columns by differences of the description's kinematics
+        for k in range(n):  # columns from differences of the description's kinematics
             step = np.eye(n)[k] * 1e-6
             up, down = pose(q + step), pose(q - step)
             turn = (up[:3, :3] @ down[:3, :3].T - np.eye(3)) / 2e-6
@@ -137,8 +190,10 @@ class Topics(RosCase):
         self.assertAlmostEqual(model.manipulability, np.sqrt(np.linalg.det(J @ J.T)), places=9)
         # tau_j is measured with gravity, commands are without it: at this small acceleration they agree roughly
         np.testing.assert_allclose(np.array(state.tau_j) - model.gravity, state.tau_cmd, atol=2.0)
-        self.assertEqual((state.arm, state.owner, state.mode, state.errors, state.stopped, state.due),
-                         ("left", "left_pose", RobotState.MODE_MOVE, 0, False, True))
+        self.assertEqual(
+            (state.arm, state.owner, state.mode, state.errors, state.stopped, state.due),
+            ("left", "left_pose", RobotState.MODE_MOVE, 0, False, True),
+        )
         np.testing.assert_allclose(np.array(state.tau_controllet) + state.tau_feature, state.tau_cmd, atol=1e-9)
         self.assertTrue(state.has_gripper)
         self.at("left", kinematics.of_pose(target.pose)[:3, 3])
@@ -150,13 +205,21 @@ class Topics(RosCase):
     def test_outputs_and_set_points_of_active_controllets_only(self):
         infos = {info.name: info for info in self.call(ListControllets, "/multipanda/list_controllets").controllets}
         kinds = {"std_msgs/msg/Float64": Float64, "std_msgs/msg/Float64MultiArray": Float64MultiArray}
-        off = {f.name for f in self.call(ListFeatures, "/multipanda/list_features", instance="left_pose").features if not f.on}
+        off = {
+            f.name
+            for f in self.call(ListFeatures, "/multipanda/list_features", instance="left_pose").features
+            if not f.on
+        }
 
-        def shown(output):  # ~/left_pose/OUTPUT, ~/left_pose/FEATURE/OUTPUT
+        def is_published(output):  # ~/left_pose/OUTPUT, ~/left_pose/FEATURE/OUTPUT
             return output.topic.split("/")[3] not in off
+
         outputs = infos["left_pose"].outputs
-        active = {o.topic: (self.topic(kinds[o.type], o.topic), o.size) for o in outputs if shown(o)}
-        asleep = [self.topic(kinds[o.type], o.topic) for o in [*infos["left_joint"].outputs, *(o for o in outputs if not shown(o))]]
+        active = {o.topic: (self.topic(kinds[o.type], o.topic), o.size) for o in outputs if is_published(o)}
+        asleep = [
+            self.topic(kinds[o.type], o.topic)
+            for o in [*infos["left_joint"].outputs, *(o for o in outputs if not is_published(o))]
+        ]
         self.assertTrue(active and off and len(asleep) > len(infos["left_joint"].outputs))
         for topic, size in active.values():
             topic.next(5)
@@ -187,13 +250,15 @@ class Topics(RosCase):
     def test_statistics_diagnostics_and_events(self):
         before, after = self.statistics(), self.statistics()
         self.assertIsInstance(after, LoopStatistics)
-        for low, middle, high in ((after.cycle_time_median, after.cycle_time_p99, after.cycle_time_worst),
-                                  (after.period_median, after.period_p99, after.period_worst)):
+        for low, middle, high in (
+            (after.cycle_time_median, after.cycle_time_p99, after.cycle_time_worst),
+            (after.period_median, after.period_p99, after.period_worst),
+        ):
             self.assertTrue(0 < low <= middle <= high)
         self.assertGreater(after.messages_published, before.messages_published)
         self.assertAlmostEqual(after.rate * after.window, after.cycles, delta=0.2 * after.cycles)
-        # A message fails where its topic's places are all being sent by a thread of the middleware that has lost its core, a
-        # moment of the machine; a writer that is set up wrongly fails at nearly every one.
+        # A message fails if a middleware thread without a core is still sending all places of the topic's history,
+        # which is rare; a writer that is set up wrongly fails at nearly every message.
         self.assertLessEqual(after.publish_failures, 0.01 * after.messages_published)
         status = self.topic(DiagnosticArray, "/diagnostics").next().status
         names = " ".join(s.name for s in status)

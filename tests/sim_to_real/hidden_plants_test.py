@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Tasks 1 to 5 on arms whose truth nobody told: is the refined simulation nearer to them?
+"""Checks that refinement improves the simulation of tasks 1 to 5 for arms with unknown plants.
 
-    hidden_plants_test.py PROGRAM                 seed 1, and task 4 of seed 2; with MULTIPANDA_FULL=1 twenty seeds of all
+    hidden_plants_test.py PROGRAM                 seed 1, and task 4 of seed 2; all of 20 seeds with MULTIPANDA_FULL=1
     hidden_plants_test.py PROGRAM --seeds 1 20 --table FILE.md
 
-Every seed draws the plants of virtual arms in another process (`virtual-arm --hidden SEED`); `refine` sees their logs.
-Task 4's force: RMSE after over before, median at most 0.5, worst at most 0.8. No figure of any task and arm grows by more
-than twice its spread over repeats.
+Every seed draws the plants of virtual arms in another process (`virtual-arm --hidden SEED`); `refine` uses only their
+logs. Limits: the ratio of task 4's force RMSE after and before refinement has a median of at most 0.5 and a worst value
+of at most 0.8. No figure of any task and arm grows by more than twice its spread over repeats.
 """
 
 import argparse
@@ -25,9 +25,20 @@ FULL = os.environ.get("MULTIPANDA_FULL") == "1"
 
 
 def refine(program, task, seed, folder):
-    """What `refine --json` says of one task and seed."""
-    words = [program, "refine", task, "--hidden", str(seed), "--repeats", str(REPEATS), "--no-page", "--json", "--out",
-             str(folder)]
+    """The result of `refine --json` for one task and seed."""
+    words = [
+        program,
+        "refine",
+        task,
+        "--hidden",
+        str(seed),
+        "--repeats",
+        str(REPEATS),
+        "--no-page",
+        "--json",
+        "--out",
+        str(folder),
+    ]
     if VARIANTS[task]:
         words += ["--variant", VARIANTS[task]]
     done = subprocess.run(words, capture_output=True, text=True, timeout=900, check=False)
@@ -49,13 +60,17 @@ def table(results):
     groups = {}
     for task, _, arm, change in changes_of(results):
         groups.setdefault((task, arm, change["name"], change["unit"]), []).append(change)
-    lines = ["| task | arm | quantity | before, median | after, median | after/before: median | worst | worse |",
-             "|---|---|---|---|---|---|---|---|"]
+    lines = [
+        "| task | arm | quantity | before, median | after, median | after/before: median | worst | worse |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
     for (task, arm, name, unit), changes in groups.items():
         ratios = [c["ratio"] for c in changes]
-        lines.append(f"| {task} | {arm} | {name} [{unit}] | {statistics.median(c['before'] for c in changes):.3g} | "
-                     f"{statistics.median(c['after'] for c in changes):.3g} | {statistics.median(ratios):.2f} | "
-                     f"{max(ratios):.2f} | {sum(c['worse'] for c in changes)} of {len(changes)} |")
+        lines.append(
+            f"| {task} | {arm} | {name} [{unit}] | {statistics.median(c['before'] for c in changes):.3g} | "
+            f"{statistics.median(c['after'] for c in changes):.3g} | {statistics.median(ratios):.2f} | "
+            f"{max(ratios):.2f} | {sum(c['worse'] for c in changes)} of {len(changes)} |"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -66,13 +81,17 @@ def verdicts(results):
     if not ratios:
         return [], []
     median, worst = statistics.median(ratios), max(ratios)
-    lines.append(f"task 4, force RMSE after/before: median {median:.3f} (at most {MEDIAN}), worst {worst:.3f} (at most {WORST})")
+    lines.append(
+        f"task 4, force RMSE after/before: median {median:.3f} (at most {MEDIAN}), worst {worst:.3f} (at most {WORST})"
+    )
     if median > MEDIAN or worst > WORST:
         failures.append(lines[-1])
     for task, seed, arm, change in changes_of(results):
         if change["worse"]:
-            text = (f"{task}, seed {seed}, {arm}: {change['name']} grew from {change['before']:.4g} to {change['after']:.4g} "
-                    f"{change['unit']}, spread {change['spread']:.3g}")
+            text = (
+                f"{task}, seed {seed}, {arm}: {change['name']} grew from {change['before']:.4g} "
+                f"to {change['after']:.4g} {change['unit']}, spread {change['spread']:.3g}"
+            )
             lines.append("worse: " + text)
             failures.append(text)
     return failures, lines
@@ -84,23 +103,27 @@ def main():
     parser.add_argument("--seeds", nargs=2, type=int, metavar=("FIRST", "LAST"))
     parser.add_argument("--tasks", nargs="+", default=list(VARIANTS))
     parser.add_argument("--table", type=pathlib.Path)
-    parser.add_argument("--results", type=pathlib.Path, help="JSON of everything, added to what is there")
+    parser.add_argument("--results", type=pathlib.Path, help="JSON file of all results; new ones are added")
     arguments = parser.parse_args()
     first, last = arguments.seeds or (1, 20 if FULL else 1)
-    wanted = [(task, seed) for seed in range(first, last + 1) for task in arguments.tasks]
+    jobs = [(task, seed) for seed in range(first, last + 1) for task in arguments.tasks]
     if not arguments.seeds and not FULL:
-        wanted.append(("task-4", 2))
+        jobs.append(("task-4", 2))
     results = {}
     if arguments.results and arguments.results.exists():
         results = {(r["task"], r["seed"]): r["result"] for r in json.loads(arguments.results.read_text())}
-    for task, seed in [job for job in wanted if job not in results]:
+    for task, seed in [job for job in jobs if job not in results]:
         with tempfile.TemporaryDirectory() as folder:
             results[task, seed] = refine(arguments.program, task, seed, folder)
-        forces = [f"{arm} {changes['F_EE']['ratio']:.2f}"
-                  for arm, changes in results[task, seed]["rounds"][-1]["changes"].items()]
+        forces = [
+            f"{arm} {changes['F_EE']['ratio']:.2f}"
+            for arm, changes in results[task, seed]["rounds"][-1]["changes"].items()
+        ]
         print(f"{task}, seed {seed}: force after/before {', '.join(forces)}", flush=True)
         if arguments.results:
-            arguments.results.write_text(json.dumps([{"task": t, "seed": s, "result": r} for (t, s), r in results.items()]))
+            arguments.results.write_text(
+                json.dumps([{"task": t, "seed": s, "result": r} for (t, s), r in results.items()])
+            )
     print(table(results))
     if arguments.table:
         arguments.table.write_text(table(results))

@@ -2,9 +2,9 @@
 
 #include "core/geometry/distance.hpp"
 #include "core/rt/guard/loop_guard.hpp"
-#include "core/test_support/test_arm.hpp"
+#include "core/testing/test_arm.hpp"
 
-namespace multipanda {
+namespace multipanda::geometry_guard_test {
 namespace {
 
 // Every kind of shape against every other, apart and overlapping: distances never allocate nor lock.
@@ -35,4 +35,4 @@ TEST(GeometryGuard, DistancesNeverAllocate) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::geometry_guard_test

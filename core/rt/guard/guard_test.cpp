@@ -5,13 +5,13 @@
 
 #include "core/model/task_space.hpp"
 #include "core/rt/guard/loop_guard.hpp"
-#include "core/test_support/test_laws.hpp"
-#include "core/test_support/test_world.hpp"
+#include "core/testing/test_laws.hpp"
+#include "core/testing/test_world.hpp"
 
-// Every controllet that comes with multipanda, with every feature, switched on and off and into each other,
-// under the guard: no heap, no lock, no page fault after the first cycle. Requests are scheduled or posted
-// outside the guarded part.
-namespace multipanda {
+// Every controllet that comes with multipanda, with every feature, switched on, off and to each other, under
+// the guard: no heap, no lock, no page fault after the first cycle. Requests are scheduled or posted outside
+// the guarded part.
+namespace multipanda::guard_test {
 namespace {
 
 using test::TestLoop;
@@ -77,8 +77,8 @@ TEST_F(GuardTest, EveryControlletWithEveryFeatureAndEverySwitch) {
   ASSERT_GE(registry.features().size(), 1u);
   std::vector<InstanceConfig> configs;
   for (const auto& type : registry.controllets()) {
-    InstanceConfig config{.name = "one_" + type.statement.type, .type = type.statement.type};
-    for (ArmIndex arm = 0; arm < type.statement.arms; ++arm) config.arms.push_back(arm);
+    InstanceConfig config{.name = "one_" + type.descriptor.type, .type = type.descriptor.type};
+    for (ArmIndex arm = 0; arm < type.descriptor.arms; ++arm) config.arms.push_back(arm);
     configs.push_back(config);
   }
   TestLoop loop(2, configs, registry, 20000);
@@ -94,7 +94,7 @@ TEST_F(GuardTest, EveryControlletWithEveryFeatureAndEverySwitch) {
     }
     Instance& instance = loop.modes().instance(i);
     for (std::size_t f = 0; f < instance.feature_count(); ++f) {
-      const std::string name = config.name + " + " + instance.feature_statement(f).type;
+      const std::string name = config.name + " + " + instance.feature_descriptor(f).type;
       for (const bool on : {true, false, true}) {
         post(loop,
              {.kind = Kind::set_feature, .instance = i, .index = static_cast<std::uint16_t>(f), .on = on});
@@ -121,11 +121,11 @@ TEST_F(GuardTest, EveryControlletWithEveryFeatureAndEverySwitch) {
   }
 }
 
-TEST_F(GuardTest, TakingOutWhatReturnsNonsense) {
+TEST_F(GuardTest, DeactivatingControlletsThatReturnNonsense) {
   for (const double fault :
-       {1.0, 3.0, 5.0, 6.0}) {  // a throw allocates in the C++ runtime: the thrower's doing
+       {1.0, 3.0, 5.0, 6.0}) {  // a throw allocates in the C++ runtime, which is the thrower's fault
     TestLoop loop(
-        2, {{.name = "bad", .type = "saboteur", .arms = {0}}, {.name = "p", .type = "pair", .arms = {0, 1}}},
+        2, {{.name = "bad", .type = "broken", .arms = {0}}, {.name = "p", .type = "pair", .arms = {0, 1}}},
         test::test_registry(), 100);
     loop.modes().activate_at_start(loop.set({"bad"}));
     loop.steps(3);
@@ -145,8 +145,8 @@ TEST_F(GuardTest, TakingOutWhatReturnsNonsense) {
   }
 }
 
-// The guard must see what happens inside a step, or the tests above prove nothing.
-TEST_F(GuardTest, AnAllocatingStepIsSeen) {
+// The guard must detect what happens inside a step; otherwise the tests above prove nothing.
+TEST_F(GuardTest, AnAllocatingStepIsDetected) {
   TestLoop loop(1, {}, test::test_registry());
   loop.steps(2);
   std::vector<double> growing;
@@ -157,4 +157,4 @@ TEST_F(GuardTest, AnAllocatingStepIsSeen) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::guard_test

@@ -17,7 +17,7 @@ struct ThreadCounts {
   bool armed;
   std::uint64_t heap, locks;
 };
-// initial-exec: reading it never allocates, not even in a thread's first malloc.
+// With initial-exec, reading it never allocates, even in the first malloc of a thread.
 thread_local ThreadCounts counts __attribute__((tls_model("initial-exec"))) = {false, 0, 0};
 
 std::uint64_t faults_so_far() {
@@ -52,7 +52,7 @@ void count_lock() {
   if (multipanda::counts.armed) ++multipanda::counts.locks;
 }
 
-// The function that would have been called without us. Looked up before main (see Primer): dlsym allocates.
+// The original function. It is looked up before main (see Primer), because dlsym allocates.
 template <typename Function>
 Function* real(const char* name) {
   return reinterpret_cast<Function*>(dlsym(RTLD_NEXT, name));
@@ -70,13 +70,13 @@ void* __libc_memalign(std::size_t, std::size_t);
 void* __libc_valloc(std::size_t);
 void* __libc_pvalloc(std::size_t);
 
-// Names and signatures are the C library's; its headers say noexcept (throw()), and so do these.
+// Names and signatures are those of the C library, including noexcept.
 void* malloc(std::size_t size) noexcept {
   count_heap();
   return __libc_malloc(size);
 }
 void free(void* p) noexcept {
-  if (p != nullptr) count_heap();  // Eigen frees null pointers; that returns at once and touches no heap
+  if (p != nullptr) count_heap();  // freeing a null pointer, as Eigen does, does not touch the heap
   __libc_free(p);
 }
 void* calloc(std::size_t n, std::size_t size) noexcept {
@@ -151,7 +151,7 @@ long syscall(long number, ...) noexcept {
 
 namespace {
 
-// Resolves every counted function before main, so that the first call in a loop does not enter the linker.
+// Resolves every counted function before main, so that the first call in a loop does not invoke the linker.
 struct Primer {
   Primer() {
     pthread_mutex_t m = PTHREAD_MUTEX_INITIALIZER;

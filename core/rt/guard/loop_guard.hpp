@@ -2,14 +2,13 @@
 
 #include <cstdint>
 
-// Counts what the loop must not do. Linked only into tests and benchmarks: it replaces malloc and its family
-// and the locking functions of the C library for the whole program, and counts on a thread between arm() and
-// disarm(). With a sanitizer (which replaces malloc itself) nothing is counted: see kLoopGuardWorks.
-//
-// Seen: heap calls of every library in the process (operator new included); mutexes, read-write locks,
-// condition variables and semaphores, also tried ones, and with them std::mutex, std::shared_mutex,
-// std::condition_variable; futex calls through syscall() (std::counting_semaphore, std::atomic::wait); page
-// faults. Not seen: a futex entered by machine code that is not in these functions.
+// Counts operations that the loop must not perform. It is linked only into tests and benchmarks. It replaces
+// malloc and its family and the locking functions of the C library in the whole program, and counts on a
+// thread between arm() and disarm(). With a sanitizer, which replaces malloc itself, nothing is counted: see
+// kLoopGuardWorks. It counts heap calls of every library in the process (operator new included); mutexes,
+// read-write locks, condition variables and semaphores (including try calls), and with them std::mutex,
+// std::shared_mutex and std::condition_variable; futex calls through syscall() (std::counting_semaphore,
+// std::atomic::wait); and page faults. It cannot detect a futex call by machine code outside these functions.
 namespace multipanda {
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || defined(MULTIPANDA_NO_LOOP_GUARD)
@@ -26,9 +25,9 @@ struct LoopGuardCounts {
 
 class LoopGuard {
  public:
-  // Begins counting on the calling thread, from zero.
+  // Starts counting on the calling thread, from zero.
   static void arm();
-  // Ends it; what happened in between.
+  // Stops counting and returns the counts since arm().
   static LoopGuardCounts disarm();
 };
 

@@ -16,10 +16,10 @@
 
 #include <gtest/gtest.h>
 
-namespace multipanda {
+namespace multipanda::loop_guard_test {
 namespace {
 
-// A guard that sees nothing would make every test under it green: each kind of offence must be seen.
+// A guard that detects nothing would let every test pass: each kind of violation must be detected.
 class LoopGuardTest : public testing::Test {
  protected:
   void SetUp() override {
@@ -109,7 +109,7 @@ TEST_F(LoopGuardTest, SeesSemaphores) {
 
 TEST_F(LoopGuardTest, SeesFutexes) {
   int word = 0;
-  // FUTEX_WAKE (1) of a word nobody waits for.
+  // FUTEX_WAKE (1) of a word without waiters.
   EXPECT_EQ(during([&] { syscall(SYS_futex, &word, 1, 1, nullptr, nullptr, 0); }).lock_calls, 1u);
 }
 
@@ -133,7 +133,7 @@ TEST_F(LoopGuardTest, CountsOnlyItsOwnThread) {
   EXPECT_EQ(before.heap_calls, 0u);
   std::thread other([] { sink = static_cast<int>(std::string(300, 'x').size()); });
   LoopGuard::arm();
-  // The other thread's allocation may come now or have come already; either way it is not ours.
+  // The other thread may allocate now or may have allocated already; it does not count for this thread.
   for (int i = 0; i < 1000; ++i) sink = sink + i;
   const auto counts = LoopGuard::disarm();
   other.join();
@@ -141,4 +141,4 @@ TEST_F(LoopGuardTest, CountsOnlyItsOwnThread) {
 }
 
 }  // namespace
-}  // namespace multipanda
+}  // namespace multipanda::loop_guard_test

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+#include <cmath>
 #include <cstddef>
 #include <multipanda_msgs/srv/set_cartesian_stiffness.hpp>
 #include <multipanda_msgs/srv/set_collision_behavior.hpp>
@@ -7,21 +9,89 @@
 #include <multipanda_msgs/srv/set_load.hpp>
 #include <multipanda_msgs/srv/set_stiffness_frame.hpp>
 #include <multipanda_msgs/srv/set_tool_frame.hpp>
+#include <span>
+#include <stdexcept>
+#include <string>
+
+#include <fmt/format.h>
 
 #include "core/cycle/backend.hpp"
 
-// What services ask of an arm of n joints, as the backend takes it. Here only what a message can get wrong
-// (sizes, quaternions); what an arm cannot take, the backend refuses itself. All throw std::invalid_argument.
+// Conversions of service messages to requests to an arm of n joints. They check what only a message can get
+// wrong (sizes, quaternions); the backend refuses what the arm does not accept. All throw
+// std::invalid_argument.
 namespace multipanda::ros {
 
-ArmRequest read_request(const multipanda_msgs::srv::SetLoad::Request& request, std::size_t n);
-ArmRequest read_request(const multipanda_msgs::srv::SetToolFrame::Request& request, std::size_t n);
-ArmRequest read_request(const multipanda_msgs::srv::SetStiffnessFrame::Request& request, std::size_t n);
-ArmRequest read_request(const multipanda_msgs::srv::SetCollisionBehavior::Request& request, std::size_t n);
-ArmRequest read_request(const multipanda_msgs::srv::SetJointStiffness::Request& request, std::size_t n);
-ArmRequest read_request(const multipanda_msgs::srv::SetCartesianStiffness::Request& request, std::size_t n);
+inline JointVector joint_values(std::span<const double> values, std::size_t n, const char* what) {
+  if (values.size() != n)
+    throw std::invalid_argument(
+        fmt::format("{}: expected {} values, one per joint, base first; found {}", what, n, values.size()));
+  return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(n));
+}
 
-// A pose of finite numbers whose quaternion has unit length within 1 %. `what` it is, for the refusal.
-Pose read_pose(const geometry_msgs::msg::Pose& pose, const std::string& what);
+inline Vector6 vector6(const std::array<double, 6>& values) {
+  return Eigen::Map<const Vector6>(values.data());
+}
+
+// Returns a pose of finite numbers, and accepts a quaternion whose length is 1 within 1 %. `what`: its name,
+// for the refusal.
+inline Pose read_pose(const geometry_msgs::msg::Pose& pose, const std::string& what) {
+  const Vector3 p(pose.position.x, pose.position.y, pose.position.z);
+  const Quaternion q(pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z);
+  if (!p.allFinite() || !q.coeffs().allFinite())
+    throw std::invalid_argument(what + ": a value is not finite");
+  if (std::abs(q.norm() - 1) > 0.01)
+    throw std::invalid_argument(
+        fmt::format("{}: expected a quaternion of length 1 (w = 1 for no rotation), its length is {:.4g}",
+                    what, q.norm()));
+  return Pose::from(p, q);
+}
+
+inline ArmRequest read_request(const multipanda_msgs::srv::SetLoad::Request& request, std::size_t /*n*/) {
+  SetLoad out;
+  out.load.mass = request.mass;
+  out.load.p_FC = Eigen::Map<const Vector3>(request.center_of_mass.data());
+  // Row-major and column-major are the same for a symmetric matrix; the backend refuses others.
+  out.load.inertia_C = Eigen::Map<const Matrix3>(request.load_inertia.data());
+  return out;
+}
+
+inline ArmRequest read_request(const multipanda_msgs::srv::SetToolFrame::Request& request,
+                               std::size_t /*n*/) {
+  return SetFrames{read_pose(request.pose, "X_FE"), {}};
+}
+
+inline ArmRequest read_request(const multipanda_msgs::srv::SetStiffnessFrame::Request& request,
+                               std::size_t /*n*/) {
+  return SetFrames{{}, read_pose(request.pose, "X_EK")};
+}
+
+inline ArmRequest read_request(const multipanda_msgs::srv::SetCollisionBehavior::Request& r, std::size_t n) {
+  SetCollisionThresholds out;
+  out.nominal = {
+      .torque_lower = joint_values(r.lower_torque_thresholds_nominal, n, "lower_torque_thresholds_nominal"),
+      .torque_upper = joint_values(r.upper_torque_thresholds_nominal, n, "upper_torque_thresholds_nominal"),
+      .wrench_lower = vector6(r.lower_force_thresholds_nominal),
+      .wrench_upper = vector6(r.upper_force_thresholds_nominal)};
+  if (!r.lower_torque_thresholds_acceleration.empty() || !r.upper_torque_thresholds_acceleration.empty()) {
+    out.acceleration = {.torque_lower = joint_values(r.lower_torque_thresholds_acceleration, n,
+                                                     "lower_torque_thresholds_acceleration"),
+                        .torque_upper = joint_values(r.upper_torque_thresholds_acceleration, n,
+                                                     "upper_torque_thresholds_acceleration"),
+                        .wrench_lower = vector6(r.lower_force_thresholds_acceleration),
+                        .wrench_upper = vector6(r.upper_force_thresholds_acceleration)};
+  }
+  return out;
+}
+
+inline ArmRequest read_request(const multipanda_msgs::srv::SetJointStiffness::Request& request,
+                               std::size_t n) {
+  return SetJointStiffness{joint_values(request.joint_stiffness, n, "joint_stiffness")};
+}
+
+inline ArmRequest read_request(const multipanda_msgs::srv::SetCartesianStiffness::Request& request,
+                               std::size_t /*n*/) {
+  return SetCartesianStiffness{vector6(request.cartesian_stiffness)};
+}
 
 }  // namespace multipanda::ros

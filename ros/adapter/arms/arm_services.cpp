@@ -6,17 +6,17 @@
 #include <stdexcept>
 
 #include "ros/adapter/arms/arm_requests.hpp"
-#include "ros/adapter/arms/ask_arm.hpp"
+#include "ros/adapter/arms/request_arm.hpp"
 #include "ros/rcl/rcl.hpp"
 
 namespace multipanda::ros {
 namespace {
 
-namespace srv = multipanda_msgs::srv;  // some of its names are the core's, too
+namespace srv = multipanda_msgs::srv;  // some of its names are also in the core
 
-// `error` of our own services, `message` of the standard ones.
+// Our own services have a field `error`, the standard ones `message`.
 template <class Response>
-void say(Response& response, const ArmAnswer& answer) {
+void set_result(Response& response, const RequestAnswer& answer) {
   response.success = answer.success;
   if constexpr (requires { response.error; }) {
     response.error = answer.reason;
@@ -30,39 +30,39 @@ void say(Response& response, const ArmAnswer& answer) {
 template <class S>
 void ArmServices::offer(const std::string& name, const std::string& alias, const std::string& doc,
                         std::function<ArmRequest(const typename S::Request&)> read) {
-  const AdapterWorld* world = &world_;
-  const auto callback = [world, arm = arm_, read](const typename S::Request& request, auto reply) {
-    const auto answered = [world, reply](const ArmAnswer& answer) {
+  const AdapterContext* run = &run_;
+  const auto callback = [run, arm = arm_, read](const typename S::Request& request, auto reply) {
+    const auto answered = [run, reply](const RequestAnswer& answer) {
       typename S::Response response;
-      say(response, answer);
-      count_request(*world, answer.success);
+      set_result(response, answer);
+      run->count_request(answer.success);
       reply(std::move(response));
     };
-    ArmRequest asked;
+    ArmRequest converted;
     try {
-      asked = read(request);
+      converted = read(request);
     } catch (const std::invalid_argument& error) {
       return answered({.success = false, .reason = error.what()});
     }
-    ask_arm(*world, arm, std::move(asked), kArmPatience, answered);
+    request_arm(*run, arm, std::move(converted), kArmTimeout, answered);
   };
-  const std::string full = world_.modes->arm_name(arm_) + "/" + name;
-  services_.push_back(
-      std::make_unique<Service<S>>(*world_.executor, *world_.node, full, Doc{"", doc}, callback));
+  const std::string full = run_.modes->arm_name(arm_) + "/" + name;
+  services_.push_back(std::make_unique<Service<S>>(*run_.executor, *run_.node, full, Doc{"", doc}, callback));
   if (alias.empty()) return;
-  services_.push_back(std::make_unique<Service<S>>(*world_.executor, *world_.node,
-                                                   world_.modes->arm_name(arm_) + "_" + alias,
+  services_.push_back(std::make_unique<Service<S>>(*run_.executor, *run_.node,
+                                                   run_.modes->arm_name(arm_) + "_" + alias,
                                                    Doc{"", "As " + full + "."}, callback));
 }
 
-ArmServices::ArmServices(const AdapterWorld& world, ArmIndex arm) : world_(world), arm_(arm) {
-  const std::size_t n = world.models[arm]->joint_count();
+ArmServices::ArmServices(const AdapterContext& run, ArmIndex arm) : run_(run), arm_(arm) {
+  const std::size_t n = run.models[arm]->joint_count();
   const auto reads = [n](const auto& request) { return read_request(request, n); };
-  offer<srv::RecoverFromError>("recover", "error_recovery_service_server/error_recovery",
-                               "Clears the arm's error; it is held afterwards, whatever ran before.",
-                               [](const auto&) { return RecoverFromError{}; });
+  offer<srv::RecoverFromError>(
+      "recover", "error_recovery_service_server/error_recovery",
+      "Clears the arm's error. The arm is held afterwards, whichever controllet was active.",
+      [](const auto&) { return RecoverFromError{}; });
   offer<srv::SetLoad>("set_load", "param_service_server/set_load",
-                      "Payload: mass [kg], centre of mass in the flange [m], inertia about it [kg m^2].",
+                      "Payload: mass [kg], center of mass in the flange [m], inertia about it [kg m^2].",
                       reads);
   offer<srv::SetToolFrame>("set_tool_frame", "param_service_server/set_tool_frame",
                            "End-effector frame in the flange, X_FE.", reads);
@@ -76,12 +76,12 @@ ArmServices::ArmServices(const AdapterWorld& world, ArmIndex arm) : world_(world
   offer<srv::SetCartesianStiffness>("set_cartesian_stiffness", "param_service_server/set_cartesian_stiffness",
                                     "Stiffness of the arm's own Cartesian controller, in K [N/m, N m/rad].",
                                     reads);
-  if (world.backend->capabilities(arm).simulated) {
+  if (run.backend->capabilities(arm).simulated) {
     offer<std_srvs::srv::SetBool>(
-        "set_user_stop", "", "Presses (true) or releases the simulated arm's stop button.",
+        "set_user_stop", "", "Presses (true) or releases (false) the simulated arm's user stop.",
         [](const auto& request) { return SetUserStop{static_cast<bool>(request.data)}; });
   } else {
-    offer<std_srvs::srv::Trigger>("reconnect", "", "Takes up the connection again after it was lost.",
+    offer<std_srvs::srv::Trigger>("reconnect", "", "Reconnects after a lost connection.",
                                   [](const auto&) { return Reconnect{}; });
   }
 }

@@ -6,13 +6,13 @@
 
 namespace multipanda::ros {
 
-Parts make_arms(const AdapterWorld& world) {
-  Parts parts;
-  for (ArmIndex arm = 0; arm < world.modes->arm_count(); ++arm) {
-    if (world.options->motions) parts.push_back(std::make_unique<MotionActions>(world, arm));
-    if (!world.options->arms) continue;
-    parts.push_back(std::make_unique<ArmServices>(world, arm));
-    if (world.backend->capabilities(arm).has_gripper) parts.push_back(std::make_unique<Gripper>(world, arm));
+AdapterParts make_arms(const AdapterContext& run) {
+  AdapterParts parts;
+  for (ArmIndex arm = 0; arm < run.modes->arm_count(); ++arm) {
+    if (run.options->motions) parts.push_back(std::make_unique<MotionActions>(run, arm));
+    if (!run.options->arms) continue;
+    parts.push_back(std::make_unique<ArmServices>(run, arm));
+    if (run.backend->capabilities(arm).has_gripper) parts.push_back(std::make_unique<Gripper>(run, arm));
   }
   return parts;
 }

@@ -1,10 +1,10 @@
 #pragma once
 
-#include "ros/adapter/part.hpp"
+#include "ros/adapter/adapter_part.hpp"
 
 namespace multipanda::ros {
 
-// What ROS offers of each arm: services, gripper, motions.
-Parts make_arms(const AdapterWorld& world);
+// Makes the parts for each arm: services, gripper, motions.
+AdapterParts make_arms(const AdapterContext& run);
 
 }  // namespace multipanda::ros

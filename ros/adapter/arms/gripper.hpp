@@ -11,22 +11,22 @@
 #include <std_srvs/srv/trigger.hpp>
 #include <string>
 
-#include "ros/adapter/part.hpp"
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/state/topic.hpp"
 #include "ros/rcl/rcl.hpp"
 
 namespace multipanda::ros {
 
-// What a GripperCommand asks for: with an effort above 0, closing is a grasp of whatever is met. Throws
+// Converts a GripperCommand: with an effort above 0, closing is a grasp of any object. Throws
 // std::invalid_argument.
-ArmRequest read_gripper_command(const control_msgs::action::GripperCommand::Goal& goal, double width,
-                                double max_width);
+GripperRequest read_gripper_command(const control_msgs::action::GripperCommand::Goal& goal, double width,
+                                    double max_width);
 
-// The gripper of one arm: actions under the names of the maker's packages. One motion at a time; a new goal,
-// of whatever action, ends the one that runs. Cancelling stops the fingers.
-class Gripper : public Part {
+// The gripper of one arm: actions with the names in Franka's packages. One motion at a time; a new goal of
+// any action ends the running one. Canceling stops the fingers.
+class Gripper : public AdapterPart {
  public:
-  Gripper(const AdapterWorld& world, ArmIndex arm);
+  Gripper(const AdapterContext& run, ArmIndex arm);
 
   void take(const CycleRecord& record) override;
 
@@ -40,7 +40,7 @@ class Gripper : public Part {
     double now = 0, max = 0;  // [m]
     bool grasped = false, moving = false;
   };
-  // The motion that runs, whichever action it is of.
+  // The running motion of any of the actions.
   struct Running {
     std::function<void(const Width&)> feedback;
     bool preempted = false;
@@ -49,17 +49,17 @@ class Gripper : public Part {
   template <class A>
   std::unique_ptr<ActionServer<A>> offer(
       const std::string& name, const std::string& doc,
-      std::function<ArmRequest(const typename A::Goal&)> read,
+      std::function<GripperRequest(const typename A::Goal&)> read,
       std::function<void(typename A::Feedback&, const Width&)> fill,
-      std::function<void(typename A::Result&, const typename A::Goal&, const Width&, const ArmAnswer&)>
+      std::function<void(typename A::Result&, const typename A::Goal&, const Width&, const RequestAnswer&)>
           conclude);
   Width width() const;
 
-  const AdapterWorld& world_;
+  const AdapterContext& run_;
   const ArmIndex arm_;
   const std::string prefix_;  // "left_gripper/"
   Topic<sensor_msgs::msg::JointState> joints_;
-  Every feedback_due_;
+  RateDivider feedback_due_;
 
   mutable std::mutex mutex_;
   Width width_;                       // of the newest record

@@ -8,7 +8,7 @@
 #include <fmt/format.h>
 
 #include "ros/adapter/arms/arm_requests.hpp"
-#include "ros/adapter/arms/ask_arm.hpp"
+#include "ros/adapter/arms/request_arm.hpp"
 #include "ros/adapter/arms/trajectory_goal.hpp"
 #include "ros/adapter/names.hpp"
 #include "ros/adapter/state/messages.hpp"
@@ -16,36 +16,36 @@
 namespace multipanda::ros {
 namespace {
 
-// For records of after the goal came; a simulation that stands still makes none.
+// For records from after the arrival of the goal; a paused simulation makes none.
 constexpr auto kReadyWithin = std::chrono::milliseconds(500);
 
 using FollowResult = control_msgs::action::FollowJointTrajectory::Result;
 
-int code_of(MotionEnd end) {
+int code_of(MotionResult end) {
   switch (end) {
-    case MotionEnd::reached:
+    case MotionResult::reached:
       return FollowResult::SUCCESSFUL;
-    case MotionEnd::path_tolerance:
-    case MotionEnd::lost:
+    case MotionResult::path_tolerance:
+    case MotionResult::lost:
       return FollowResult::PATH_TOLERANCE_VIOLATED;
-    case MotionEnd::goal_tolerance:
+    case MotionResult::goal_tolerance:
       return FollowResult::GOAL_TOLERANCE_VIOLATED;
     default:
       return FollowResult::INVALID_GOAL;
   }
 }
 
-void say(FollowResult& result, bool /*success*/, int code, const std::string& why) {
+void set_result(FollowResult& result, bool /*success*/, int code, const std::string& why) {
   result.error_code = code;
   result.error_string = why;
 }
 
-void say(auto& result, bool success, int /*code*/, const std::string& why) {
+void set_result(auto& result, bool success, int /*code*/, const std::string& why) {
   result.success = success;
   result.error = why;
 }
 
-std::vector<double> picked(const JointVector& values, const std::vector<std::size_t>& order) {
+std::vector<double> select(const JointVector& values, const std::vector<std::size_t>& order) {
   std::vector<double> out;
   for (const std::size_t j : order) out.push_back(values[static_cast<Eigen::Index>(j)]);
   return out;
@@ -53,7 +53,7 @@ std::vector<double> picked(const JointVector& values, const std::vector<std::siz
 
 }  // namespace
 
-// One goal of one action, for as long as it lasts.
+// A running goal of one action.
 template <class A>
 class MotionActions::Running : public MotionListener {
  public:
@@ -73,13 +73,13 @@ class MotionActions::Running : public MotionListener {
     if constexpr (std::is_same_v<A, Follow>) {
       feedback.header.stamp = to_time(actions_.now_ns_.load(std::memory_order_relaxed));
       feedback.joint_names = goal->message().trajectory.joint_names;
-      feedback.desired.positions = picked(now.desired.position, order_);
-      feedback.desired.velocities = picked(now.desired.velocity, order_);
-      feedback.desired.accelerations = picked(now.desired.acceleration, order_);
-      feedback.actual.positions = picked(now.q, order_);
-      feedback.actual.velocities = picked(now.dq, order_);
-      feedback.error.positions = picked(now.desired.position - now.q, order_);
-      feedback.error.velocities = picked(now.desired.velocity - now.dq, order_);
+      feedback.desired.positions = select(now.desired.position, order_);
+      feedback.desired.velocities = select(now.desired.velocity, order_);
+      feedback.desired.accelerations = select(now.desired.acceleration, order_);
+      feedback.actual.positions = select(now.q, order_);
+      feedback.actual.velocities = select(now.dq, order_);
+      feedback.error.positions = select(now.desired.position - now.q, order_);
+      feedback.error.velocities = select(now.desired.velocity - now.dq, order_);
       const auto at = std::chrono::nanoseconds(LoopTime::from_seconds(now.time_s).ns);
       for (auto* point : {&feedback.desired, &feedback.actual, &feedback.error}) {
         point->time_from_start.sec = static_cast<std::int32_t>(at.count() / 1'000'000'000);
@@ -92,28 +92,28 @@ class MotionActions::Running : public MotionListener {
     goal->feedback(feedback);
   }
 
-  void over(MotionEnd end, const std::string& why) override {
+  void over(MotionResult end, const std::string& why) override {
     typename A::Result result;
-    say(result, end == MotionEnd::reached, code_of(end), why);
-    count_request(actions_.world_, true);
-    if (end == MotionEnd::reached) return goal->succeed(result);
-    if (end == MotionEnd::cancelled) return goal->cancelled(result);
+    set_result(result, end == MotionResult::reached, code_of(end), why);
+    actions_.run_.count_request(true);
+    if (end == MotionResult::reached) return goal->succeed(result);
+    if (end == MotionResult::canceled) return goal->canceled(result);
     goal->abort(result);
   }
 
   void refuse(int code, const std::string& why) {
     typename A::Result result;
-    say(result, false, code, why);
-    count_request(actions_.world_, false);
+    set_result(result, false, code, why);
+    actions_.run_.count_request(false);
     goal->abort(result);
   }
 
   const Goal goal;
-  bool begun = false;  // executor's thread
+  bool started = false;  // executor's thread
 
  private:
   const MotionActions& actions_;
-  std::vector<std::size_t> order_;  // of the goal's joints in the arm
+  std::vector<std::size_t> order_;  // indices of the goal's joints in the arm
 };
 
 template <class A>
@@ -121,7 +121,7 @@ std::unique_ptr<ActionServer<A>> MotionActions::offer(
     const std::string& name, const std::string& doc, Quantity quantity,
     std::function<void(const typename A::Goal&, std::shared_ptr<MotionListener>)> begin) {
   using Goal = typename ActionServer<A>::GoalPtr;
-  // The newest goal's listener is all that a cancel can mean: older ones are over.
+  // A cancel concerns the newest goal's listener only: older goals have ended.
   auto newest = std::make_shared<std::weak_ptr<Running<A>>>();
   typename ActionServer<A>::Callbacks callbacks;
   callbacks.on_goal = [](const typename A::Goal&) { return GoalDecision::accept(); };
@@ -130,11 +130,11 @@ std::unique_ptr<ActionServer<A>> MotionActions::offer(
     *newest = running;
     const auto until = std::chrono::steady_clock::now() + kReadyWithin;
     const auto try_it = [this, running, quantity, begin, until, since = host_now()] {
-      if (!running->goal->active()) return true;  // cancelled meanwhile
+      if (!running->goal->active()) return true;  // canceled in the meantime
       if (!motion_.ready(quantity, since) && std::chrono::steady_clock::now() < until) return false;
       try {
         begin(running->goal->message(), running);
-        running->begun = true;
+        running->started = true;
       } catch (const TrajectoryRefused& refused) {
         running->refuse(refused.code, refused.what());
       } catch (const MotionRefused& refused) {
@@ -142,29 +142,29 @@ std::unique_ptr<ActionServer<A>> MotionActions::offer(
       }
       return true;
     };
-    if (!try_it()) world_.executor->poll_until(try_it);
+    if (!try_it()) run_.executor->poll_until(try_it);
   };
   callbacks.on_cancel = [this, newest](const Goal& goal) {
     const auto running = newest->lock();
     if (!running || running->goal != goal) return false;
-    if (running->begun) return motion_.cancel(*running);
-    running->over(MotionEnd::cancelled, "cancelled before it began");
+    if (running->started) return motion_.cancel(*running);
+    running->over(MotionResult::canceled, "canceled before it started");
     return true;
   };
-  return std::make_unique<ActionServer<A>>(*world_.executor, *world_.node, name, Doc{"", doc},
+  return std::make_unique<ActionServer<A>>(*run_.executor, *run_.node, name, Doc{"", doc},
                                            std::move(callbacks));
 }
 
-MotionActions::MotionActions(const AdapterWorld& world, ArmIndex arm)
-    : world_(world),
+MotionActions::MotionActions(const AdapterContext& run, ArmIndex arm)
+    : run_(run),
       arm_(arm),
-      joints_(joint_names(world.modes->arm_name(arm), world.models[arm]->joint_count())),
-      motion_(world, arm) {
-  const std::string& name = world.modes->arm_name(arm);
+      joints_(joint_names(run.modes->arm_name(arm), run.models[arm]->joint_count())),
+      motion_(run, arm) {
+  const std::string& name = run.modes->arm_name(arm);
   via_joints_ = offer<Joints>(
       name + "/joint_via_motion",
-      "Through joint positions without a stop, from rest to rest, by the active controllet that takes "
-      "joints.",
+      "Moves through joint positions without stopping, from rest to rest, by the active controllet that "
+      "takes joint positions.",
       Quantity::joints, [this](const Joints::Goal& goal, std::shared_ptr<MotionListener> listener) {
         std::vector<JointVector> via;
         for (const auto& each : goal.via_poses) {
@@ -178,20 +178,18 @@ MotionActions::MotionActions(const AdapterWorld& world, ArmIndex arm)
       });
   via_poses_ =
       offer<Poses>(name + "/cartesian_via_motion",
-                   "Through poses of the end effector without a stop, from rest to rest, by the active "
-                   "controllet that takes a "
-                   "pose.",
+                   "Moves through poses of the end effector without stopping, from rest to rest, by the "
+                   "active controllet that takes a pose.",
                    Quantity::pose, [this](const Poses::Goal& goal, std::shared_ptr<MotionListener> listener) {
                      motion_.through_poses(read_poses(goal), goal.velocity_scale, std::move(listener));
                    });
-  // Where the node is somebody else's (ros2_control), a trajectory controller of that name may stand beside
-  // it.
-  const std::string below = world_.options->parameter_services ? "" : "~/";
+  // On a node of ros2_control, a trajectory controller of that name may exist in addition to this one.
+  const std::string below = run_.options->parameter_services ? "" : "~/";
   follow_ = offer<Follow>(
       below + name + "_arm_controller/follow_joint_trajectory",
-      "Follows a trajectory of joints, as MoveIt sends it: all or some joints in any order; cubic or quintic "
-      "by the "
-      "velocities and accelerations given; by the active controllet that takes joints.",
+      "Follows a joint trajectory, for example of MoveIt: all or some joints in any order; cubic or quintic "
+      "pieces, according to the given velocities and accelerations; by the active controllet that takes "
+      "joint positions.",
       Quantity::joints, [this](const Follow::Goal& goal, std::shared_ptr<MotionListener> listener) {
         motion_.follow(read_trajectory(goal, joints_, now_ns_.load(std::memory_order_relaxed)),
                        std::move(listener));
@@ -199,12 +197,12 @@ MotionActions::MotionActions(const AdapterWorld& world, ArmIndex arm)
 }
 
 std::vector<ViaPose> MotionActions::read_poses(const Poses::Goal& goal) const {
-  Pose X_WR;  // the frame they are given in
-  if (goal.frame_id == base_frame(world_.modes->arm_name(arm_))) {
-    X_WR = world_.models[arm_]->X_WB();
+  Pose X_WR;  // frame of the poses
+  if (goal.frame_id == base_frame(run_.modes->arm_name(arm_))) {
+    X_WR = run_.models[arm_]->X_WB();
   } else if (!goal.frame_id.empty() && goal.frame_id != kWorldFrame) {
     throw MotionRefused(fmt::format("unknown frame '{}'; expected '{}' or '{}'", goal.frame_id, kWorldFrame,
-                                    base_frame(world_.modes->arm_name(arm_))));
+                                    base_frame(run_.modes->arm_name(arm_))));
   }
   std::vector<ViaPose> out;
   for (std::size_t i = 0; i < goal.via_poses.size(); ++i) {
@@ -223,7 +221,7 @@ std::vector<ViaPose> MotionActions::read_poses(const Poses::Goal& goal) const {
 }
 
 void MotionActions::take(const CycleRecord& record) {
-  now_ns_.store(world_.stamps.of(record), std::memory_order_relaxed);
+  now_ns_.store(run_.stamps.of(record), std::memory_order_relaxed);
   motion_.take(record);
 }
 

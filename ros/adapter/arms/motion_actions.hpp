@@ -10,17 +10,18 @@
 #include <string>
 #include <vector>
 
-#include "ros/adapter/arms/arm_motion.hpp"
-#include "ros/adapter/part.hpp"
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/rcl/rcl.hpp"
+#include "runtime/motion/arm_motion.hpp"
 
 namespace multipanda::ros {
 
-// The motions of one arm as actions. What is wrong with a goal is told in its result: a rejection has no
-// words. A new goal, of whatever action, takes over from the one that runs; cancelling brakes to rest.
-class MotionActions : public Part {
+// The motions of one arm as actions. A goal is always accepted, since a rejection carries no text; its
+// result has the reason of a failure. A new goal of any action takes over from the running one; canceling
+// brakes to rest.
+class MotionActions : public AdapterPart {
  public:
-  MotionActions(const AdapterWorld& world, ArmIndex arm);
+  MotionActions(const AdapterContext& run, ArmIndex arm);
 
   void take(const CycleRecord& record) override;
 
@@ -38,11 +39,11 @@ class MotionActions : public Part {
       std::function<void(const typename A::Goal&, std::shared_ptr<MotionListener>)> begin);
   std::vector<ViaPose> read_poses(const Poses::Goal& goal) const;
 
-  const AdapterWorld& world_;
+  const AdapterContext& run_;
   const ArmIndex arm_;
   const std::vector<std::string> joints_;
-  std::atomic<std::int64_t> now_ns_{0};  // of the stamps' clock
-  ArmMotion motion_;                     // goes after the servers: its listeners keep their goals
+  std::atomic<std::int64_t> now_ns_{0};  // on the clock of the stamps
+  ArmMotion motion_;                     // destroyed after the servers, since its listeners keep their goals
   std::unique_ptr<ActionServer<Joints>> via_joints_;
   std::unique_ptr<ActionServer<Poses>> via_poses_;
   std::unique_ptr<ActionServer<Follow>> follow_;

@@ -30,7 +30,8 @@ std::size_t index_of(const std::string& name, const std::vector<std::string>& jo
   return static_cast<std::size_t>(found - joints.begin());
 }
 
-// Of the goal's joints into the arm's; `rest` for the others. Empty where nothing was given.
+// Reorders values of the goal's joints to the arm's joints; other joints get `rest`. Empty if no values
+// are given.
 JointVector spread(const std::vector<double>& values, const std::vector<std::size_t>& order, std::size_t n,
                    double rest, const char* what, std::size_t point) {
   if (values.empty()) return {};
@@ -52,10 +53,10 @@ void read_tolerances(const auto& tolerances, const std::vector<std::string>& joi
     const auto j = static_cast<Eigen::Index>(index_of(each.name, joints));
     for (const double value : {each.position, each.velocity}) {
       if (std::isnan(value))
-        refuse(Result::INVALID_GOAL, fmt::format("the tolerance of '{}' is not a number", each.name));
+        refuse(Result::INVALID_GOAL, fmt::format("the tolerance of '{}' is not finite", each.name));
     }
     if (position.size() == 0) position = velocity = joint_constant(joints.size(), 0);
-    position[j] = std::max(0.0, each.position);  // 0: as usual here, none; -1: none
+    position[j] = std::max(0.0, each.position);  // 0: the default, which is no tolerance; -1: none
     velocity[j] = std::max(0.0, each.velocity);
   }
 }
@@ -68,7 +69,7 @@ TrajectoryGoal read_trajectory(const Action::Goal& goal, const std::vector<std::
   const std::size_t n = joints.size();
   if (!goal.multi_dof_trajectory.points.empty())
     refuse(Result::INVALID_GOAL,
-           "trajectories of frames (multi_dof_trajectory) cannot be followed: give joints");
+           "trajectories of frames (multi_dof_trajectory) are not supported; give a joint trajectory");
   if (trajectory.joint_names.empty())
     refuse(Result::INVALID_JOINTS,
            fmt::format("no joint is named; expected some of {}", fmt::join(joints, ", ")));
@@ -88,17 +89,17 @@ TrajectoryGoal read_trajectory(const Action::Goal& goal, const std::vector<std::
     to.time_s = to_seconds(point.time_from_start);
     if (to.time_s < 0 || to.time_s <= last)
       refuse(Result::INVALID_GOAL,
-             fmt::format("times must ascend: point {} is at {:.4g} s, the one before at {:.4g} s", i + 1,
+             fmt::format("times must increase: point {} is at {:.4g} s, the previous one at {:.4g} s", i + 1,
                          to.time_s, last));
     last = to.time_s;
     if (point.positions.empty())
       refuse(Result::INVALID_GOAL,
-             fmt::format("point {} has no positions; velocities alone do not do", i + 1));
+             fmt::format("point {} has no positions; velocities alone are not supported", i + 1));
     to.position = spread(point.positions, order, n, std::numeric_limits<double>::quiet_NaN(), "positions", i);
     to.velocity = spread(point.velocities, order, n, 0, "velocities", i);
     to.acceleration = spread(point.accelerations, order, n, 0, "accelerations", i);
   }
-  // It ends at rest: what comes after the last point is nobody's plan.
+  // The trajectory ends at rest, since nothing is planned after its last point.
   const TrajectoryPoint& end = out.points.back();
   if (end.velocity.size() > 0 && end.velocity.lpNorm<Eigen::Infinity>() > 1e-3)
     refuse(Result::INVALID_GOAL, "the last point's velocities must be 0");
@@ -115,7 +116,8 @@ TrajectoryGoal read_trajectory(const Action::Goal& goal, const std::vector<std::
     const double ahead = 1e-9 * static_cast<double>(stamp - now_ns);
     if (ahead < -kOldStamp)
       refuse(Result::OLD_HEADER_TIMESTAMP,
-             fmt::format("the trajectory was to begin {:.4g} s ago; a stamp of 0 begins at once", -ahead));
+             fmt::format("the trajectory should have started {:.4g} s ago; a stamp of 0 starts at once",
+                         -ahead));
     out.delay_s = std::max(0.0, ahead);
   }
   return out;

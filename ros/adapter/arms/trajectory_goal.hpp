@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "ros/adapter/arms/arm_motion.hpp"
+#include "runtime/motion/arm_motion.hpp"
 
 namespace multipanda::ros {
 
@@ -15,9 +15,9 @@ struct TrajectoryRefused : MotionRefused {
   int code;
 };
 
-// Reads a goal for an arm whose joints have these names: any order, all or some of them. `now_ns`: on the
-// clock of the header's stamp. A stamp of 0 begins at once, a later one then; one that is over by more than a
-// second is refused. Throws TrajectoryRefused.
+// Reads a goal for an arm whose joints have these names, in any order, all or some of them. `now_ns`: on the
+// clock of the header's stamp. A stamp of 0 starts at once, a later one at that time; one that is more than a
+// second old is refused. Throws TrajectoryRefused.
 TrajectoryGoal read_trajectory(const control_msgs::action::FollowJointTrajectory::Goal& goal,
                                const std::vector<std::string>& joints, std::int64_t now_ns);
 

@@ -10,7 +10,7 @@
 #include "ros/adapter/arms/gripper.hpp"
 #include "ros/adapter/names.hpp"
 
-namespace multipanda::ros {
+namespace multipanda::ros::trajectory_goal_test {
 namespace {
 
 using control_msgs::action::FollowJointTrajectory;
@@ -33,7 +33,7 @@ FollowJointTrajectory::Goal two_points() {
   return goal;
 }
 
-TEST(TrajectoryGoal, NamesMayComeInAnyOrderAndBeSome) {
+TEST(TrajectoryGoal, AcceptsSomeJointsInAnyOrder) {
   auto goal = two_points();
   auto& tolerance = goal.path_tolerance.emplace_back();
   tolerance.name = "left_joint2";
@@ -59,7 +59,7 @@ TEST(TrajectoryGoal, NamesMayComeInAnyOrderAndBeSome) {
   EXPECT_EQ(read.delay_s, 0);
 }
 
-TEST(TrajectoryGoal, StampsOfTheFutureWaitAndOldOnesAreRefused) {
+TEST(TrajectoryGoal, FutureStampsDelayAndOldOnesAreRefused) {
   auto goal = two_points();
   goal.trajectory.header.stamp.sec = 100;
   EXPECT_DOUBLE_EQ(read_trajectory(goal, kJoints, 99'250'000'000).delay_s, 0.75);
@@ -82,7 +82,7 @@ struct Bad {
 
 class Refusals : public testing::TestWithParam<Bad> {};
 
-TEST_P(Refusals, SayWhatWasExpected) {
+TEST_P(Refusals, StateWhatWasExpected) {
   auto goal = two_points();
   GetParam().spoil(goal);
   try {
@@ -110,7 +110,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Bad{"nan", [](Goal& g) { g.trajectory.points[0].velocities[0] = std::nan(""); },
                         Result::INVALID_GOAL, "not finite"},
                     Bad{"times", [](Goal& g) { g.trajectory.points[1].time_from_start.sec = 1; },
-                        Result::INVALID_GOAL, "ascend"},
+                        Result::INVALID_GOAL, "must increase"},
                     Bad{"no_positions", [](Goal& g) { g.trajectory.points[0].positions.clear(); },
                         Result::INVALID_GOAL, "no positions"},
                     Bad{"moving_end", [](Goal& g) { g.trajectory.points[1].velocities[0] = 0.2; },
@@ -124,11 +124,11 @@ INSTANTIATE_TEST_SUITE_P(
 TEST(GripperCommands, MoveOrGraspByEffortAndDirection) {
   GripperCommand::Goal goal;
   goal.command.position = 0.02;
-  const ArmRequest moves = read_gripper_command(goal, 0.08, 0.08);
+  const GripperRequest moves = read_gripper_command(goal, 0.08, 0.08);
   ASSERT_TRUE(std::holds_alternative<GripperMove>(moves));
   EXPECT_DOUBLE_EQ(std::get<GripperMove>(moves).width, 0.04);
   goal.command.max_effort = 30;
-  const ArmRequest closes = read_gripper_command(goal, 0.08, 0.08);
+  const GripperRequest closes = read_gripper_command(goal, 0.08, 0.08);
   ASSERT_TRUE(std::holds_alternative<GripperGrasp>(closes));
   EXPECT_DOUBLE_EQ(std::get<GripperGrasp>(closes).width, 0.04);
   EXPECT_DOUBLE_EQ(std::get<GripperGrasp>(closes).force, 30);
@@ -141,7 +141,7 @@ TEST(GripperCommands, MoveOrGraspByEffortAndDirection) {
   EXPECT_THROW(read_gripper_command(goal, 0.01, 0.08), std::invalid_argument);
 }
 
-TEST(ArmRequests, ReadWhatMessagesSayAndRefuseWhatTheyCannotMean) {
+TEST(ArmRequests, ConvertMessagesAndRefuseInvalidOnes) {
   multipanda_msgs::srv::SetJointStiffness::Request joints;
   joints.joint_stiffness = {1, 2, 3, 4, 5, 6, 7};
   EXPECT_EQ(std::get<SetJointStiffness>(read_request(joints, 7)).stiffness[6], 7);
@@ -186,4 +186,4 @@ TEST(ArmRequests, ReadWhatMessagesSayAndRefuseWhatTheyCannotMean) {
 }
 
 }  // namespace
-}  // namespace multipanda::ros
+}  // namespace multipanda::ros::trajectory_goal_test

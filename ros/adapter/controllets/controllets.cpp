@@ -3,17 +3,17 @@
 #include "ros/adapter/controllets/inputs.hpp"
 #include "ros/adapter/controllets/mode_services.hpp"
 #include "ros/adapter/controllets/parameter_services.hpp"
-#include "ros/adapter/controllets/shown_values.hpp"
+#include "ros/adapter/controllets/value_topics.hpp"
 
 namespace multipanda::ros {
 
-Parts make_controllets(const AdapterWorld& world) {
-  const auto codecs = codecs_of(world.scene->plugins);
-  Parts parts;
-  parts.push_back(std::make_unique<ModeServices>(world, codecs));
-  parts.push_back(std::make_unique<Inputs>(world, codecs));
-  parts.push_back(std::make_unique<ShownValues>(world, codecs));
-  if (world.options->parameter_services) parts.push_back(std::make_unique<ParameterServices>(world));
+AdapterParts make_controllets(const AdapterContext& run) {
+  const auto codecs = codecs_of(run.scene->plugins);
+  AdapterParts parts;
+  parts.push_back(std::make_unique<ModeServices>(run, codecs));
+  parts.push_back(std::make_unique<Inputs>(run, codecs));
+  parts.push_back(std::make_unique<ValueTopics>(run, codecs));
+  if (run.options->parameter_services) parts.push_back(std::make_unique<ParameterServices>(run));
   return parts;
 }
 

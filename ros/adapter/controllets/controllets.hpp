@@ -1,11 +1,11 @@
 #pragma once
 
-#include "ros/adapter/part.hpp"
+#include "ros/adapter/adapter_part.hpp"
 
 namespace multipanda::ros {
 
-// Everything that is generated from what controllets state: inputs, set-points followed, outputs, parameters,
-// and the services about what runs.
-Parts make_controllets(const AdapterWorld& world);
+// Makes the parts that follow from controllet descriptors: inputs, references, outputs, parameters, and the
+// services to list and switch controllets.
+AdapterParts make_controllets(const AdapterContext& run);
 
 }  // namespace multipanda::ros

@@ -1,5 +1,5 @@
-// What is generated from controllets' statements, without a ROS graph: messages to set-points, parameters,
-// answers.
+// What follows from controllet descriptors, without a ROS graph: conversion of messages to set-points,
+// parameters, answers.
 #include <cmath>
 #include <random>
 #include <rcl_interfaces/msg/parameter_type.hpp>
@@ -7,13 +7,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/test_support/test_world.hpp"
+#include "core/testing/test_world.hpp"
 #include "ros/adapter/controllets/input_port.hpp"
-#include "ros/adapter/controllets/mode_answers.hpp"
+#include "ros/adapter/controllets/mode_messages.hpp"
 #include "ros/adapter/controllets/parameter_table.hpp"
-#include "ros/adapter/every.hpp"
+#include "ros/adapter/rate_divider.hpp"
 
-namespace multipanda::ros {
+namespace multipanda::ros::controllets_test {
 namespace {
 
 using geometry_msgs::msg::PoseStamped;
@@ -35,19 +35,19 @@ InstanceConfig config(std::string name, std::string type, std::vector<ArmIndex> 
   return config;
 }
 
-// Two arms on rotated bases ("arm0", "arm1"), and what parts are given, without a node.
-struct Rig {
-  Rig()
+// Two arms on rotated bases ("arm0", "arm1"), and the context of adapter parts without a node.
+struct Fixture {
+  Fixture()
       : loop(2,
              {config("pose0", "cartesian_impedance", {0}), config("pose1", "cartesian_impedance", {1}),
               config("joint1", "joint_impedance", {1}), config("both", "dual_cartesian_impedance", {0, 1}),
               config("ufic0", "ufic", {0})},
              Registry::with_builtins(), 64) {
-    world.modes = &loop.modes();
-    world.backend = &loop.world;
-    world.models = loop.models;
-    world.counters = &counters;
-    world.warn = [this](const std::string&, const std::string& text) { warnings.push_back(text); };
+    run.modes = &loop.modes();
+    run.backend = &loop.world;
+    run.models = loop.models;
+    run.counters = &counters;
+    run.warn = [this](const std::string&, const std::string& text) { warnings.push_back(text); };
   }
   InputReader reader(Quantity quantity, std::size_t arm, std::string frame = "world") {
     InputSpec spec;
@@ -59,7 +59,7 @@ struct Rig {
 
   test::TestLoop loop;
   AdapterCounters counters;
-  AdapterWorld world;
+  AdapterContext run;
   std::vector<std::string> warnings;
 };
 
@@ -82,10 +82,10 @@ Pose pose_of(const Target& t) {
   return Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]));
 }
 
-// The same place said in the world and in each arm's base is the same set-point.
-TEST(Inputs, PosesComeInTheWorldOrInABase) {
-  Rig rig;
-  const InputReader reader = rig.reader(Quantity::pose, 0);
+// The same place given in the world and in each arm's base results in the same set-point.
+TEST(Inputs, PosesAreAcceptedInTheWorldOrInABase) {
+  Fixture fixture;
+  const InputReader reader = fixture.reader(Quantity::pose, 0);
   std::mt19937_64 random(1);
   std::uniform_real_distribution<double> draw(-1, 1);
   for (int i = 0; i < 20; ++i) {
@@ -94,8 +94,8 @@ TEST(Inputs, PosesComeInTheWorldOrInABase) {
     for (const auto& [frame, X_WF] :
          std::vector<std::pair<std::string, Pose>>{{"", {}},
                                                    {"world", {}},
-                                                   {"arm0_link0", rig.loop.models[0]->X_WB()},
-                                                   {"arm1_link0", rig.loop.models[1]->X_WB()}}) {
+                                                   {"arm0_link0", fixture.loop.models[0]->X_WB()},
+                                                   {"arm1_link0", fixture.loop.models[1]->X_WB()}}) {
       Target target;
       ASSERT_EQ(reader.read(pose_message(X_WF.inverse() * X_WE, frame), target), std::nullopt);
       EXPECT_EQ(target.size, 7);
@@ -106,14 +106,14 @@ TEST(Inputs, PosesComeInTheWorldOrInABase) {
   EXPECT_THAT(*reader.read(pose_message({}, "arm0_link8"), target),
               HasSubstr("there is no frame 'arm0_link8'"));
   EXPECT_THAT(reader.frames(), ElementsAre("world", "arm0_link0", "arm1_link0"));
-  // An input in a frame of its own takes no other.
-  EXPECT_THAT(*rig.reader(Quantity::pose, 0, "object").read(pose_message({}, "world"), target),
+  // An input with a frame of its own takes no other frame.
+  EXPECT_THAT(*fixture.reader(Quantity::pose, 0, "object").read(pose_message({}, "world"), target),
               HasSubstr("no frame 'world'"));
 }
 
-// Turned, not moved: the power of a wrench on a twist is the same however both are said.
-TEST(Inputs, TwistsAndWrenchesAreTurned) {
-  Rig rig;
+// Rotation preserves the power of a wrench on a twist.
+TEST(Inputs, TwistsAndWrenchesAreRotated) {
+  Fixture fixture;
   TwistStamped twist;
   WrenchStamped wrench;
   twist.header.frame_id = wrench.header.frame_id = "arm1_link0";
@@ -123,27 +123,27 @@ TEST(Inputs, TwistsAndWrenchesAreTurned) {
   wrench.wrench.force.y = 1;
   wrench.wrench.torque.z = 2;
   Target v, f;
-  ASSERT_EQ(rig.reader(Quantity::twist, 0).read(twist, v), std::nullopt);
-  ASSERT_EQ(rig.reader(Quantity::wrench, 0).read(wrench, f), std::nullopt);
+  ASSERT_EQ(fixture.reader(Quantity::twist, 0).read(twist, v), std::nullopt);
+  ASSERT_EQ(fixture.reader(Quantity::wrench, 0).read(wrench, f), std::nullopt);
   double power = 0;
   for (std::size_t i = 0; i < 6; ++i) power += v.values[i] * f.values[i];
   EXPECT_NEAR(power, 0.3 * 5 - 0.2 * 2, 1e-12);
-  const Matrix3& R = rig.loop.models[1]->X_WB().rotation;
-  EXPECT_GT(std::abs(R(0, 1)), 0.1) << "else nothing is turned";
+  const Matrix3& R = fixture.loop.models[1]->X_WB().rotation;
+  EXPECT_GT(std::abs(R(0, 1)), 0.1) << "otherwise nothing is rotated";
   for (int k = 0; k < 3; ++k)
     EXPECT_NEAR(f.values[static_cast<std::size_t>(k)], 5 * R(k, 0) + R(k, 1), 1e-12);
 }
 
-TEST(Inputs, JointsComeByNameInAnyOrder) {
-  Rig rig;
-  const InputReader reader = rig.reader(Quantity::joints, 1);
-  const JointVector& home = rig.loop.models[1]->q_home();
+TEST(Inputs, JointsAreAcceptedByNameInAnyOrder) {
+  Fixture fixture;
+  const InputReader reader = fixture.reader(Quantity::joints, 1);
+  const JointVector& home = fixture.loop.models[1]->q_home();
   JointState message;
   for (const int k : {3, 1, 7, 2, 6, 5, 4}) {
     message.name.push_back("arm1_joint" + std::to_string(k));
     message.position.push_back(home[k - 1]);
   }
-  message.name.insert(message.name.begin() + 2, {"arm0_joint1", "arm1_finger_joint1"});  // not ours
+  message.name.insert(message.name.begin() + 2, {"arm0_joint1", "arm1_finger_joint1"});  // of the other arm
   message.position.insert(message.position.begin() + 2, {9.0, 9.0});
   Target target;
   ASSERT_EQ(reader.read(message, target), std::nullopt);
@@ -171,74 +171,74 @@ TEST(Inputs, JointsComeByNameInAnyOrder) {
   EXPECT_THAT(*reader.read(plain, target), HasSubstr("'arm1_joint7': 100 rad is outside"));
 }
 
-TEST(Inputs, NumbersThatAreNoneAreRefused) {
-  Rig rig;
+TEST(Inputs, InvalidNumbersAreRefused) {
+  Fixture fixture;
   Target target;
   PoseStamped pose = pose_message({}, "");
   pose.pose.position.y = kNan;
-  EXPECT_THAT(*rig.reader(Quantity::pose, 0).read(pose, target), HasSubstr("not finite"));
+  EXPECT_THAT(*fixture.reader(Quantity::pose, 0).read(pose, target), HasSubstr("not finite"));
   pose = pose_message({}, "");
   pose.pose.orientation.w = 0;
-  EXPECT_THAT(*rig.reader(Quantity::pose, 0).read(pose, target), HasSubstr("length is 0"));
-  pose.pose.orientation.w = 1.005;  // rounding of others is no reason
-  EXPECT_EQ(rig.reader(Quantity::pose, 0).read(pose, target), std::nullopt);
+  EXPECT_THAT(*fixture.reader(Quantity::pose, 0).read(pose, target), HasSubstr("length is 0"));
+  pose.pose.orientation.w = 1.005;  // rounding errors of the sender are accepted
+  EXPECT_EQ(fixture.reader(Quantity::pose, 0).read(pose, target), std::nullopt);
   Float64 scalar;
   scalar.data = std::numeric_limits<double>::infinity();
-  EXPECT_THAT(*rig.reader(Quantity::scalar, 0).read(scalar, target), HasSubstr("not finite"));
-  EXPECT_THAT(*rig.reader(Quantity::twist, 0).read(std::vector<double>(5, 0.0), "", target),
+  EXPECT_THAT(*fixture.reader(Quantity::scalar, 0).read(scalar, target), HasSubstr("not finite"));
+  EXPECT_THAT(*fixture.reader(Quantity::twist, 0).read(std::vector<double>(5, 0.0), "", target),
               HasSubstr("5 values; expected 6"));
 }
 
-// Only what is accepted reaches the loop; the rest is counted, with its newest reason, and said.
-TEST(Inputs, RefusedMessagesAreCountedAndLeaveNoTrace) {
-  Rig rig;
-  rig.loop.steps(3);
-  InputPort port(rig.world, rig.loop.find("pose0"), 0);
-  const Reference& reference = rig.loop.modes().instance(rig.loop.find("pose0")).inputs()[0];
+// Only accepted messages reach the loop. Refused ones are counted, with the newest reason, and reported.
+TEST(Inputs, RefusedMessagesAreCountedAndDoNotReachTheLoop) {
+  Fixture fixture;
+  fixture.loop.steps(3);
+  InputPort port(fixture.run, fixture.loop.find("pose0"), 0);
+  const Reference& reference = fixture.loop.modes().instance(fixture.loop.find("pose0")).inputs()[0];
   for (int i = 0; i < 5; ++i) port.receive(pose_message({}, ""), Delivery::stream);
   EXPECT_EQ(port.counts().refused, 5u) << "it does not run";
-  EXPECT_THAT(port.counts().last_reason, HasSubstr("not running"));
-  EXPECT_EQ(rig.warnings.size(), 1u) << "ordinary: said once";
+  EXPECT_THAT(port.counts().last_reason, HasSubstr("not active"));
+  EXPECT_EQ(fixture.warnings.size(), 1u) << "reported once, since it is normal";
   EXPECT_EQ(port.diagnostic().level, Diagnostic::Level::ok);
 
-  ASSERT_TRUE(rig.loop.activate({"pose0"}).accepted());
-  rig.loop.step();
+  ASSERT_TRUE(fixture.loop.activate({"pose0"}).accepted());
+  fixture.loop.step();
   const Pose X_start = reference.pose();
   port.receive(pose_message(X_start, "nowhere"), Delivery::stream);
   PoseStamped not_a_number = pose_message(X_start, "");
   not_a_number.pose.orientation.z = kNan;
   port.receive(not_a_number, Delivery::goal);
-  rig.loop.steps(200);
+  fixture.loop.steps(200);
   EXPECT_EQ(port.counts().refused, 7u);
   EXPECT_EQ(port.diagnostic().level, Diagnostic::Level::warn);
   EXPECT_THAT(port.diagnostic().message, HasSubstr("not finite"));
   EXPECT_FALSE(reference.streaming());
   EXPECT_LT(pose_error(reference.pose(), X_start).norm(), 1e-12);
-  EXPECT_EQ(rig.loop.modes().owner(0), rig.loop.find("pose0")) << "it had no stream to lose";
+  EXPECT_EQ(fixture.loop.modes().owner(0), fixture.loop.find("pose0")) << "it had no stream to lose";
 
   Pose X_goal = X_start;
   X_goal.position.z() += 0.01;
   port.receive(pose_message(X_goal, "world"), Delivery::goal);
-  rig.loop.steps(1500);
+  fixture.loop.steps(1500);
   EXPECT_LT(pose_error(reference.pose(), X_goal).norm(), 1e-9);
   EXPECT_EQ(port.diagnostic().level, Diagnostic::Level::ok);
-  EXPECT_EQ(rig.counters.samples_accepted.load(), 1u);
-  EXPECT_EQ(rig.counters.samples_refused.load(), 7u);
+  EXPECT_EQ(fixture.counters.samples_accepted.load(), 1u);
+  EXPECT_EQ(fixture.counters.samples_refused.load(), 7u);
 
-  // A stream that goes on with nonsense is silence: the arm is held.
+  // A stream that consists of invalid messages counts as silence: the arm is held.
   for (int i = 0; i < 300; ++i) {
     PoseStamped next = pose_message(X_goal, i < 50 ? "" : "nowhere");
     port.receive(next, Delivery::stream);
-    rig.loop.step();
+    fixture.loop.step();
   }
-  EXPECT_EQ(rig.loop.modes().owner(0), rig.loop.find("arm0_hold"));
+  EXPECT_EQ(fixture.loop.modes().owner(0), fixture.loop.find("arm0_hold"));
 }
 
-TEST(Parameters, AreWhatStatementsSay) {
-  Rig rig;
-  const ParameterTable table(rig.loop.modes());
+TEST(Parameters, FollowDescriptors) {
+  Fixture fixture;
+  const ParameterTable table(fixture.loop.modes());
   const auto names = table.names();
-  const Instance& instance = rig.loop.modes().instance(rig.loop.find("joint1"));
+  const Instance& instance = fixture.loop.modes().instance(fixture.loop.find("joint1"));
   std::size_t count = 0;
   for (const auto& name : names) count += name.starts_with("joint1.") ? 1 : 0;
   EXPECT_EQ(count, instance.parameter_count());
@@ -247,7 +247,7 @@ TEST(Parameters, AreWhatStatementsSay) {
     EXPECT_NE(descriptor.type, Type::PARAMETER_NOT_SET) << name;
     EXPECT_FALSE(descriptor.description.empty()) << name;
     EXPECT_EQ(table.get(name).type, descriptor.type) << name;
-    std::string reason;  // what is read can be set
+    std::string reason;  // values that were read can be set
     rcl_interfaces::msg::Parameter parameter;
     parameter.name = name;
     parameter.value = table.get(name);
@@ -271,19 +271,19 @@ struct TableTest : testing::Test {
       v.double_value = value;
     });
   }
-  // The first parameter of an instance that a test of a kind can use.
-  std::string find(const std::function<bool(const ParameterSpec&)>& wanted) {
-    for (InstanceIndex i = 0; i < rig.loop.modes().instance_count(); ++i) {
-      const Instance& instance = rig.loop.modes().instance(i);
+  // The first parameter that satisfies a condition.
+  std::string find(const std::function<bool(const ParameterSpec&)>& matches) {
+    for (InstanceIndex i = 0; i < fixture.loop.modes().instance_count(); ++i) {
+      const Instance& instance = fixture.loop.modes().instance(i);
       for (std::size_t k = 0; k < instance.parameter_count(); ++k) {
-        if (wanted(instance.parameter_spec(k))) return instance.name() + "." + instance.parameter_names()[k];
+        if (matches(instance.parameter_spec(k))) return instance.name() + "." + instance.parameter_names()[k];
       }
     }
     ADD_FAILURE() << "no controllet has such a parameter";
     return "";
   }
-  Rig rig;
-  ParameterTable table{rig.loop.modes()};
+  Fixture fixture;
+  ParameterTable table{fixture.loop.modes()};
   std::string reason;
 };
 
@@ -321,7 +321,7 @@ TEST_F(TableTest, ChoicesAndSwitchesHaveNames) {
   })) << reason;
 }
 
-TEST_F(TableTest, NumbersKeepTheirBoundsAndSizes) {
+TEST_F(TableTest, NumbersHaveBoundsAndSizes) {
   const std::string joints = find([](const ParameterSpec& s) { return s.size == ParameterSpec::kPerJoint; });
   const auto descriptor = table.describe(joints);
   EXPECT_EQ(descriptor.type, Type::PARAMETER_DOUBLE_ARRAY);
@@ -329,7 +329,7 @@ TEST_F(TableTest, NumbersKeepTheirBoundsAndSizes) {
   ASSERT_EQ(descriptor.floating_point_range.size(), 1u);
   const double max = descriptor.floating_point_range[0].to_value;
   EXPECT_EQ(table.get(joints).double_array_value.size(), 7u);
-  const auto all = set_number(joints, max);  // one for all
+  const auto all = set_number(joints, max);  // one value for all joints
   ASSERT_TRUE(all) << reason;
   EXPECT_EQ(all->size, 7);
   EXPECT_EQ(all->values[6], max);
@@ -355,7 +355,7 @@ TEST_F(TableTest, NumbersKeepTheirBoundsAndSizes) {
 TEST_F(TableTest, ListsByPrefixAndDepth) {
   const auto all = table.list({}, 0);
   EXPECT_EQ(all.names.size(), table.names().size());
-  const auto own = table.list({"pose0"}, 1);  // not its features'
+  const auto own = table.list({"pose0"}, 1);  // without the parameters of its features
   ASSERT_FALSE(own.names.empty());
   for (const auto& name : own.names) {
     EXPECT_TRUE(name.starts_with("pose0."));
@@ -364,18 +364,18 @@ TEST_F(TableTest, ListsByPrefixAndDepth) {
   EXPECT_THAT(own.prefixes, ElementsAre("pose0"));
   EXPECT_GT(table.list({"pose0"}, 0).names.size(), own.names.size());
   EXPECT_TRUE(table.list({"pose"}, 0).names.empty()) << "a prefix is a whole name";
-  EXPECT_TRUE(table.list({}, 1).names.empty()) << "none is without an instance";
+  EXPECT_TRUE(table.list({}, 1).names.empty()) << "every parameter belongs to an instance";
 }
 
-// Set through the loop: the event says what the table then reads.
-TEST_F(TableTest, EventsSayWhatWasSet) {
-  rig.loop.step();
+// Set through the loop: the table reads what the event reports.
+TEST_F(TableTest, EventsReportWhatWasSet) {
+  fixture.loop.step();
   const std::string name = find([](const ParameterSpec& s) { return s.size == 3 || s.size == 6; });
   const auto request = set_number(name, table.describe(name).floating_point_range[0].from_value);
   ASSERT_TRUE(request) << reason;
-  RecordRing& ring = *rig.loop.cycle.record();
+  RecordRing& ring = *fixture.loop.cycle.record();
   while (ring.events.front() != nullptr) ring.events.pop();
-  ASSERT_TRUE(rig.loop.ask(*request).accepted());
+  ASSERT_TRUE(fixture.loop.ask(*request).accepted());
   const Event* event = ring.events.front();
   ASSERT_NE(event, nullptr);
   ASSERT_EQ(event->kind, EventKind::parameter_set);
@@ -383,10 +383,10 @@ TEST_F(TableTest, EventsSayWhatWasSet) {
   EXPECT_EQ(table.changed(*event).value, table.get(name));
 }
 
-TEST(ModeAnswers, SwitchesSayWhyAndWhen) {
-  Rig rig;
-  rig.loop.step();
-  MultimodeController& modes = rig.loop.modes();
+TEST(ModeMessages, SwitchResponsesHaveReasonsAndTimes) {
+  Fixture fixture;
+  fixture.loop.step();
+  MultimodeController& modes = fixture.loop.modes();
   Refused refused;
   multipanda_msgs::srv::SwitchControllets::Request asked;
   EXPECT_FALSE(switch_request(modes, asked, refused));
@@ -413,7 +413,7 @@ TEST(ModeAnswers, SwitchesSayWhyAndWhen) {
   asked.activate = {"pose0"};
   const HostTime received = host_now();
   request = switch_request(modes, asked, refused);
-  answer = rig.loop.ask(*request);
+  answer = fixture.loop.ask(*request);
   response = switch_response(modes, *request, answer, received);
   EXPECT_TRUE(response.accepted);
   EXPECT_EQ(response.verdict, "accepted");
@@ -428,9 +428,9 @@ TEST(ModeAnswers, SwitchesSayWhyAndWhen) {
   EXPECT_GT(response.waiting_s, 0);
 }
 
-TEST(ModeAnswers, FeaturesAndArmsByName) {
-  Rig rig;
-  const MultimodeController& modes = rig.loop.modes();
+TEST(ModeMessages, FeaturesAndArmsAreFoundByName) {
+  Fixture fixture;
+  const MultimodeController& modes = fixture.loop.modes();
   Refused refused;
   multipanda_msgs::srv::SetFeatures::Request asked;
   asked.instance = "pose0";
@@ -455,21 +455,21 @@ TEST(ModeAnswers, FeaturesAndArmsByName) {
   EXPECT_THAT(refused.reason, HasSubstr("there is no arm 'arm2'"));
 }
 
-TEST(Rates, ComeFromTheRecords) {
-  Every tenth(100, 0.001), each(5000, 0.001), never(0, 0.001);
+TEST(RateDivider, DividesTheRateOfRecords) {
+  RateDivider tenth(100, 0.001), each(5000, 0.001), never(0, 0.001);
   int tenths = 0, all = 0, none = 0;
   for (std::uint64_t cycle = 1; cycle <= 1000; ++cycle) {
-    if (cycle % 7 == 0) continue;  // dropped records only delay
+    if (cycle % 7 == 0) continue;  // dropped records only cause a delay
     tenths += tenth.due(cycle) ? 1 : 0;
     all += each.due(cycle) ? 1 : 0;
     none += never.due(cycle) ? 1 : 0;
   }
-  EXPECT_EQ(tenths, 101);  // the first record, then every turn of ten cycles
+  EXPECT_EQ(tenths, 101);  // the first record, then one in ten cycles
   EXPECT_EQ(all, 1000 - 142);
   EXPECT_EQ(none, 0);
-  EXPECT_EQ(tenth.words(0.001), "100 Hz");
-  EXPECT_EQ(each.words(0.001), "1000 Hz");
+  EXPECT_EQ(tenth.text(0.001), "100 Hz");
+  EXPECT_EQ(each.text(0.001), "1000 Hz");
 }
 
 }  // namespace
-}  // namespace multipanda::ros
+}  // namespace multipanda::ros::controllets_test

@@ -8,7 +8,7 @@ namespace multipanda::ros {
 std::vector<InputCodec> codecs_of(const std::vector<std::string>& plugins) {
   std::vector<InputCodec> codecs;
   for (const auto& path : plugins) {
-    // The registry has loaded it already, and it stays.
+    // The registry has loaded the library already and never unloads it.
     void* library = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
     if (library == nullptr) {
       const char* why = dlerror();
@@ -20,8 +20,8 @@ std::vector<InputCodec> codecs_of(const std::vector<std::string>& plugins) {
     if (version == nullptr || fill == nullptr) continue;
     if (version() != kCodecVersion) {
       throw std::runtime_error("plugin '" + path + "' has input codecs of version " +
-                               std::to_string(version()) + ", this program takes " +
-                               std::to_string(kCodecVersion) + ": build it again against these headers");
+                               std::to_string(version()) + ", this program expects " +
+                               std::to_string(kCodecVersion) + ": rebuild it against these headers");
     }
     fill(codecs);
   }

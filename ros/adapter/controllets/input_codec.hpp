@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-// For a controllet one of whose inputs comes in a message type of one's own. The library with the controllet
-// (core/modes/plugin.hpp) says how to read it, nothing else: topics, checks, frames and counters stay the
-// adapter's.
+// Lets an input of a controllet take a message type of the user's own. The library that brings the
+// controllet (core/modes/plugin.hpp) says how to read the message; topics, checks, frames and counters
+// stay the adapter's.
 //
 //   MULTIPANDA_INPUT_CODECS(codecs) {
 //     codecs.push_back(multipanda::ros::input_codec<my_msgs::msg::Wall>("virtual_wall", "wall",
@@ -19,11 +19,11 @@
 //   }
 namespace multipanda::ros {
 
-// What a message says.
+// The content of one message.
 struct InputValues {
   std::vector<double> numbers;  // in the order of Target (core/reference/target.hpp): pose x y z, w x y z ...
-  std::string frame;            // frame_id; "": the input's own
-  std::string refusal;          // why it cannot be taken; "": it can
+  std::string frame;            // frame_id; empty: the input's own frame
+  std::string refusal;          // reason for a refusal; empty: accepted
 };
 
 struct InputCodec {
@@ -31,7 +31,7 @@ struct InputCodec {
   std::string message_type;       // "my_msgs/msg/Wall"
   const rosidl_message_type_support_t* type_support = nullptr;
   std::function<std::shared_ptr<void>()> make_message;
-  // Executor's thread; anything it throws refuses the message.
+  // Runs in the executor's thread. An exception refuses the message.
   std::function<void(const void* message, InputValues& values)> read;
 };
 
@@ -48,10 +48,10 @@ InputCodec input_codec(std::string controllet, std::string input,
                       InputValues& values) { read(*static_cast<const M*>(message), values); }};
 }
 
-inline constexpr unsigned kCodecVersion = 1;  // raised whenever this header changes
+inline constexpr unsigned kCodecVersion = 1;  // increased with every change of this header
 
-// The codecs that the libraries of a scene bring. Libraries without any are ordinary. Throws
-// std::runtime_error for one that was made for another version.
+// Returns the codecs in the libraries of a scene; a library need not have any. Throws std::runtime_error for
+// a library built for another version.
 std::vector<InputCodec> codecs_of(const std::vector<std::string>& plugins);
 
 }  // namespace multipanda::ros

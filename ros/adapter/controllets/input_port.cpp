@@ -1,27 +1,27 @@
 #include "ros/adapter/controllets/input_port.hpp"
 
-#include "runtime/request_words.hpp"
+#include "runtime/request_text.hpp"
 
 namespace multipanda::ros {
 namespace {
 
-std::vector<NamedArm> named_arms(const AdapterWorld& world) {
+std::vector<NamedArm> named_arms(const AdapterContext& run) {
   std::vector<NamedArm> arms;
-  for (ArmIndex a = 0; a < world.modes->arm_count(); ++a)
-    arms.push_back({world.modes->arm_name(a), world.models[a]});
+  for (ArmIndex a = 0; a < run.modes->arm_count(); ++a)
+    arms.push_back({run.modes->arm_name(a), run.models[a]});
   return arms;
 }
 
 }  // namespace
 
-InputPort::InputPort(const AdapterWorld& world, InstanceIndex instance, std::size_t input)
-    : world_(world),
+InputPort::InputPort(const AdapterContext& run, InstanceIndex instance, std::size_t input)
+    : run_(run),
       instance_(instance),
       input_(static_cast<std::uint16_t>(input)),
-      reference_(&world.modes->instance(instance).inputs()[input]),
-      reader_(reference_->spec(), reference_->size(), named_arms(world),
-              world.modes->instance(instance).arm_list()[reference_->spec().arm]),
-      name_(world.modes->instance(instance).name() + "/" + reference_->spec().name) {}
+      reference_(&run.modes->instance(instance).inputs()[input]),
+      reader_(reference_->spec(), reference_->size(), named_arms(run),
+              run.modes->instance(instance).arm_list()[reference_->spec().arm]),
+      name_(run.modes->instance(instance).name() + "/" + reference_->spec().name) {}
 
 void InputPort::receive(const std::vector<double>& values, const std::string& frame, Delivery delivery) {
   Target target;
@@ -37,38 +37,37 @@ void InputPort::conclude(InputReader::Refusal refusal, const Target& target) {
   request.instance = instance_;
   request.index = input_;
   Verdict verdict = Verdict::not_active;
-  if ((world_.modes->active() & bit(instance_)) != 0) {
+  if ((run_.modes->active() & bit(instance_)) != 0) {
     if (target.delivery == Delivery::stream) {  // straight to the input: the loop takes the newest
       verdict = reference_->post(target);
     } else {
       request.target = target;
       std::uint64_t ticket = 0;
-      verdict = world_.modes->post(std::span(&request, 1), ticket);
+      verdict = run_.modes->post(std::span(&request, 1), ticket);
     }
   }
   if (verdict != Verdict::accepted)
-    return note(reason(*world_.modes, request, verdict), verdict == Verdict::not_active);
-  world_.counters->samples_accepted.fetch_add(1, std::memory_order_relaxed);
+    return note(reason(*run_.modes, request, verdict), verdict == Verdict::not_active);
+  run_.counters->samples_accepted.fetch_add(1, std::memory_order_relaxed);
   const std::lock_guard lock(mutex_);
   ++counts_.received;
   counts_.last_accepted = true;
 }
 
 void InputPort::note(std::string why, bool not_active) {
-  world_.counters->samples_refused.fetch_add(1, std::memory_order_relaxed);
-  bool news = false;
+  run_.counters->samples_refused.fetch_add(1, std::memory_order_relaxed);
+  bool is_new = false;
   {
     const std::lock_guard lock(mutex_);
     ++counts_.received;
     ++counts_.refused;
-    // Publishers that stream to a controllet while another one runs are ordinary: said once, then only
-    // counted.
-    news = !not_active || counts_.last_accepted || counts_.last_reason != why;
+    // It is normal that publishers stream to a controllet while another one runs: warn once, then only count.
+    is_new = !not_active || counts_.last_accepted || counts_.last_reason != why;
     counts_.last_accepted = false;
     counts_.last_not_active = not_active;
     counts_.last_reason = why;
   }
-  if (news) world_.warn(name_, "~/" + name_ + ": refused: " + why);
+  if (is_new) run_.warn(name_, "~/" + name_ + ": refused: " + why);
 }
 
 InputPort::Counts InputPort::counts() const {

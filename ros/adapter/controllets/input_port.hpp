@@ -5,26 +5,25 @@
 #include <optional>
 #include <string>
 
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/controllets/input_reader.hpp"
-#include "ros/adapter/part.hpp"
 
 namespace multipanda::ros {
 
-// Where messages for one input arrive, as streams and as goals: reads, posts, counts. A message that is
-// refused leaves no trace in the loop: a controllet whose stream consists of nothing else is held by its own
-// rule for silence.
+// Receives the messages for one input, streams and goals: reads, posts and counts them. A refused message
+// does not reach the loop, so a controllet whose stream consists of such messages is held by its timeout.
 class InputPort {
  public:
-  InputPort(const AdapterWorld& world, InstanceIndex instance, std::size_t input);
+  InputPort(const AdapterContext& run, InstanceIndex instance, std::size_t input);
 
   struct Counts {
     std::uint64_t received = 0, refused = 0;
     std::string last_reason;       // of the newest refusal; empty: none so far
-    bool last_accepted = true;     // the newest message
-    bool last_not_active = false;  // it was only that the controllet does not run
+    bool last_accepted = true;     // of the newest message
+    bool last_not_active = false;  // refused only because the controllet is not active
   };
 
-  // Executor's thread.
+  // Runs in the executor's thread.
   template <class M>
   void receive(const M& message, Delivery delivery) {
     Target target;
@@ -33,7 +32,7 @@ class InputPort {
     conclude(std::move(refusal), target);
   }
   void receive(const std::vector<double>& values, const std::string& frame, Delivery delivery);
-  void refuse(const std::string& why);  // a message that could not be read at all
+  void refuse(const std::string& why);  // for a message that cannot be read at all
 
   const std::string& name() const { return name_; }  // "pose0/pose"
   const InputSpec& spec() const { return reference_->spec(); }
@@ -45,7 +44,7 @@ class InputPort {
   void conclude(InputReader::Refusal refusal, const Target& target);
   void note(std::string reason, bool not_active);
 
-  const AdapterWorld& world_;
+  const AdapterContext& run_;
   InstanceIndex instance_;
   std::uint16_t input_;
   Reference* reference_;

@@ -7,12 +7,12 @@
 
 #include "ros/adapter/names.hpp"
 #include "runtime/target_values.hpp"
-#include "scene/names.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda::ros {
 namespace {
 
-// What anybody sends must not make a message of any length.
+// Limits the length of names from messages in a report.
 std::string shortened(const std::string& text) { return fmt::format("'{}'", text.substr(0, 60)); }
 
 bool has_frame(Quantity quantity) { return quantity != Quantity::joints && quantity != Quantity::scalar; }
@@ -80,7 +80,7 @@ InputReader::Refusal InputReader::read(const sensor_msgs::msg::JointState& messa
   if (names.empty()) return read(q, "", target);
   if (names.size() != q.size())
     return fmt::format("{} names with {} positions; expected one position per name", names.size(), q.size());
-  std::uint32_t found = 0;  // bits: joints of the arm
+  std::uint32_t found = 0;  // one bit per joint of the arm
   for (std::size_t i = 0; i < names.size(); ++i) {
     const auto joint = std::find(joints_.begin(), joints_.end(), names[i]);
     if (joint == joints_.end()) {
@@ -93,12 +93,12 @@ InputReader::Refusal InputReader::read(const sensor_msgs::msg::JointState& messa
                          name_hint(names[i], joints_, "there are none"));
     }
     const auto k = static_cast<std::size_t>(joint - joints_.begin());
-    if ((found >> k & 1u) != 0) return fmt::format("joint {} comes twice", shortened(names[i]));
+    if ((found >> k & 1u) != 0) return fmt::format("joint {} is named twice", shortened(names[i]));
     found |= 1u << k;
     target.values[k] = q[i];
   }
   for (std::size_t k = 0; k < joints_.size(); ++k) {
-    if ((found >> k & 1u) == 0) return fmt::format("joint '{}' is missing; all are needed", joints_[k]);
+    if ((found >> k & 1u) == 0) return fmt::format("joint '{}' is missing; expected all joints", joints_[k]);
   }
   target.size = static_cast<std::uint8_t>(joints_.size());
   return finish("", target);

@@ -16,34 +16,34 @@
 
 namespace multipanda::ros {
 
-// The arms of a run, as far as messages name them.
+// An arm of a run, as messages name it.
 struct NamedArm {
   std::string name;
   std::shared_ptr<const ArmModel> model;
 };
 
-// Turns messages into set-points of one input. Knows no ROS graph.
+// Turns messages into set-points of one input. Needs no ROS graph.
 //
-// Frames: "" is the input's own; "world" and every arm's "<arm>_link0" are taken where the input's own is
-// the world: poses are moved, twists and wrenches turned into its axes. Quantities without a frame ignore
-// the header's. Joints come in any order by name ("left_joint1"), or without names in the arm's order; those
-// of other arms may be there as well.
+// Frames: "" is the input's own frame. Inputs in the world frame also accept every arm's "<arm>_link0":
+// poses are transformed, twists and wrenches are rotated into the world's axes. Quantities without a frame
+// ignore the header's frame. Joints come in any order with names ("left_joint1"), or without names in the
+// arm's order; joints of other arms in the same message are ignored.
 class InputReader {
  public:
-  // `size`: of the input (Reference::size). `arm`: of `arms`, which the input belongs to.
+  // `size`: of the input (Reference::size). `arm`: index in `arms` of the arm that the input belongs to.
   InputReader(const InputSpec& spec, std::size_t size, std::vector<NamedArm> arms, std::size_t arm);
 
-  // Fills values and size of the target. What came back: nothing, or why it was refused.
+  // Fills values and size of the target. Returns nothing, or the reason for the refusal.
   using Refusal = std::optional<std::string>;
   Refusal read(const geometry_msgs::msg::PoseStamped& message, Target& target) const;
   Refusal read(const geometry_msgs::msg::TwistStamped& message, Target& target) const;
   Refusal read(const geometry_msgs::msg::WrenchStamped& message, Target& target) const;
   Refusal read(const sensor_msgs::msg::JointState& message, Target& target) const;
   Refusal read(const std_msgs::msg::Float64& message, Target& target) const;
-  // Values in the order of Target, in a frame by name: what a codec delivers.
+  // Takes values in the order of Target, in a named frame, as a codec delivers them.
   Refusal read(const std::vector<double>& values, const std::string& frame, Target& target) const;
 
-  std::vector<std::string> frames() const;  // every name it takes, without ""
+  std::vector<std::string> frames() const;  // all accepted names but ""
   const std::vector<std::string>& joints() const { return joints_; }
 
  private:
@@ -54,8 +54,8 @@ class InputReader {
   std::size_t size_;
   std::vector<NamedArm> arms_;
   std::size_t arm_;
-  std::vector<std::string> joints_;                                  // of the input's arm
-  std::vector<std::pair<std::string, std::optional<Pose>>> frames_;  // X_WB where it is not the input's own
+  std::vector<std::string> joints_;                                  // names of the joints of the input's arm
+  std::vector<std::pair<std::string, std::optional<Pose>>> frames_;  // X_WB if it is not the input's own
 };
 
 // "geometry_msgs/msg/PoseStamped"

@@ -5,22 +5,21 @@
 
 #include <fmt/format.h>
 
-#include "scene/names.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda::ros {
 namespace {
 
-// Of a stream only the newest matters; a goal must not be lost.
+// Only the newest message of a stream matters; a goal must not be lost.
 const Qos kStreamQos = Qos::sensor(1);
 const Qos kGoalQos = Qos::reliable(10);
 
-// A subscription of a type that only its codec knows.
+// A subscription whose message type only a codec knows.
 class CodecSubscription : public SubscriptionBase {
  public:
-  CodecSubscription(const AdapterWorld& world, const std::string& name, const Qos& qos, const Doc& doc,
+  CodecSubscription(const AdapterContext& run, const std::string& name, const Qos& qos, const Doc& doc,
                     const InputCodec& codec, InputPort& port, Delivery delivery)
-      : SubscriptionBase(*world.executor, *world.node, name, codec.type_support, codec.message_type, qos,
-                         doc),
+      : SubscriptionBase(*run.executor, *run.node, name, codec.type_support, codec.message_type, qos, doc),
         codec_(codec),
         port_(port),
         delivery_(delivery),
@@ -52,7 +51,7 @@ class CodecSubscription : public SubscriptionBase {
   std::shared_ptr<void> message_;
 };
 
-std::string unit_words(Quantity quantity) {
+std::string unit_text(Quantity quantity) {
   switch (quantity) {
     case Quantity::pose:
       return "[m, unit quaternion]";
@@ -71,7 +70,7 @@ std::string unit_words(Quantity quantity) {
 Doc doc_of(const InputPort& port, Delivery delivery) {
   const InputSpec& spec = port.spec();
   std::string text = spec.doc;
-  if (const auto unit = unit_words(spec.quantity); !unit.empty()) text += " " + unit;
+  if (const auto unit = unit_text(spec.quantity); !unit.empty()) text += " " + unit;
   if (const auto frames = port.reader().frames(); !frames.empty())
     text += "; frame_id: empty (" + spec.frame + ")" +
             (frames.size() > 1 ? ", " + joined(frames) : std::string());
@@ -84,53 +83,52 @@ Doc doc_of(const InputPort& port, Delivery delivery) {
 const InputCodec* codec_for(const std::vector<InputCodec>& codecs, const Instance& instance,
                             const InputSpec& input) {
   const auto found = std::find_if(codecs.begin(), codecs.end(), [&](const InputCodec& codec) {
-    return codec.controllet == instance.statement().type && codec.input == input.name;
+    return codec.controllet == instance.descriptor().type && codec.input == input.name;
   });
   return found == codecs.end() ? nullptr : &*found;
 }
 
-Inputs::Inputs(const AdapterWorld& world, const std::vector<InputCodec>& codecs) {
-  MultimodeController& modes = *world.modes;
+Inputs::Inputs(const AdapterContext& run, const std::vector<InputCodec>& codecs) {
+  MultimodeController& modes = *run.modes;
   for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
     for (std::size_t k = 0; k < modes.instance(i).inputs().size(); ++k) {
-      ports_.push_back(std::make_unique<InputPort>(world, i, k));
-      open(world, *ports_.back(), codec_for(codecs, modes.instance(i), ports_.back()->spec()));
+      ports_.push_back(std::make_unique<InputPort>(run, i, k));
+      open(run, *ports_.back(), codec_for(codecs, modes.instance(i), ports_.back()->spec()));
     }
   }
 }
 
-void Inputs::open(const AdapterWorld& world, InputPort& port, const InputCodec* codec) {
+void Inputs::open(const AdapterContext& run, InputPort& port, const InputCodec* codec) {
   if (codec != nullptr) {
     for (const Delivery delivery : {Delivery::stream, Delivery::goal}) {
       const bool goal = delivery == Delivery::goal;
       subscriptions_.push_back(std::make_unique<CodecSubscription>(
-          world, "~/" + port.name() + (goal ? "/goal" : ""), goal ? kGoalQos : kStreamQos,
+          run, "~/" + port.name() + (goal ? "/goal" : ""), goal ? kGoalQos : kStreamQos,
           doc_of(port, delivery), *codec, port, delivery));
     }
     return;
   }
   switch (port.spec().quantity) {
     case Quantity::pose:
-      return subscribe<geometry_msgs::msg::PoseStamped>(world, port);
+      return subscribe<geometry_msgs::msg::PoseStamped>(run, port);
     case Quantity::twist:
-      return subscribe<geometry_msgs::msg::TwistStamped>(world, port);
+      return subscribe<geometry_msgs::msg::TwistStamped>(run, port);
     case Quantity::wrench:
-      return subscribe<geometry_msgs::msg::WrenchStamped>(world, port);
+      return subscribe<geometry_msgs::msg::WrenchStamped>(run, port);
     case Quantity::joints:
-      return subscribe<sensor_msgs::msg::JointState>(world, port);
+      return subscribe<sensor_msgs::msg::JointState>(run, port);
     case Quantity::scalar:
-      return subscribe<std_msgs::msg::Float64>(world, port);
+      return subscribe<std_msgs::msg::Float64>(run, port);
   }
 }
 
 template <class M>
-void Inputs::subscribe(const AdapterWorld& world, InputPort& port) {
+void Inputs::subscribe(const AdapterContext& run, InputPort& port) {
   for (const Delivery delivery : {Delivery::stream, Delivery::goal}) {
     const bool goal = delivery == Delivery::goal;
     subscriptions_.push_back(std::make_unique<Subscription<M>>(
-        *world.executor, *world.node, "~/" + port.name() + (goal ? "/goal" : ""),
-        goal ? kGoalQos : kStreamQos, doc_of(port, delivery),
-        [&port, delivery](const M& message) { port.receive(message, delivery); }));
+        *run.executor, *run.node, "~/" + port.name() + (goal ? "/goal" : ""), goal ? kGoalQos : kStreamQos,
+        doc_of(port, delivery), [&port, delivery](const M& message) { port.receive(message, delivery); }));
   }
 }
 

@@ -9,26 +9,26 @@
 
 namespace multipanda::ros {
 
-// Every input of every controllet instance as two subscriptions:
-//   ~/<instance>/<input>        a stream: one of a series, silence is a lost publisher
+// Subscribes to two topics for each input of each controllet instance:
+//   ~/<instance>/<input>        a stream; the arm is held when it falls silent
 //   ~/<instance>/<input>/goal   sent once, approached smoothly, stays in force
-class Inputs : public Part {
+class Inputs : public AdapterPart {
  public:
   // Throws std::invalid_argument for a codec whose input does not exist.
-  Inputs(const AdapterWorld& world, const std::vector<InputCodec>& codecs);
+  Inputs(const AdapterContext& run, const std::vector<InputCodec>& codecs);
   std::vector<Diagnostic> diagnostics() const override;
   const std::vector<std::unique_ptr<InputPort>>& ports() const { return ports_; }
 
  private:
-  void open(const AdapterWorld& world, InputPort& port, const InputCodec* codec);
+  void open(const AdapterContext& run, InputPort& port, const InputCodec* codec);
   template <class M>
-  void subscribe(const AdapterWorld& world, InputPort& port);
+  void subscribe(const AdapterContext& run, InputPort& port);
 
   std::vector<std::unique_ptr<InputPort>> ports_;
-  std::vector<std::unique_ptr<Incoming>> subscriptions_;  // end before the ports
+  std::vector<std::unique_ptr<Incoming>> subscriptions_;  // destroyed before the ports
 };
 
-// The codec for an input, or nullptr.
+// Returns the codec of an input, or nullptr.
 const InputCodec* codec_for(const std::vector<InputCodec>& codecs, const Instance& instance,
                             const InputSpec& input);
 

@@ -1,10 +1,10 @@
 #include "ros/adapter/controllets/mode_services.hpp"
 
 #include "ros/adapter/controllets/inputs.hpp"
-#include "ros/adapter/controllets/loop_answers.hpp"
-#include "ros/adapter/controllets/mode_answers.hpp"
+#include "ros/adapter/controllets/loop_requests.hpp"
+#include "ros/adapter/controllets/mode_messages.hpp"
 #include "ros/adapter/names.hpp"
-#include "runtime/request_words.hpp"
+#include "runtime/request_text.hpp"
 
 namespace multipanda::ros {
 namespace {
@@ -15,9 +15,9 @@ using multipanda_msgs::srv::ResumeArms;
 using multipanda_msgs::srv::SetFeatures;
 using multipanda_msgs::srv::StopArms;
 
-constexpr double kPatience = 1.0;  // for a stop [s]
+constexpr double kStopTimeout = 1.0;  // for a stop [s]
 
-// Answers that need no loop.
+// Answers that do not need the loop.
 template <class S, class Make>
 auto at_once(Make make) {
   return [make](const typename S::Request& request, const typename Service<S>::Reply& reply) {
@@ -27,131 +27,127 @@ auto at_once(Make make) {
 
 }  // namespace
 
-ModeServices::ModeServices(const AdapterWorld& world, const std::vector<InputCodec>& codecs)
-    : world_(world), codecs_(codecs) {
+ModeServices::ModeServices(const AdapterContext& run, const std::vector<InputCodec>& codecs)
+    : run_(run), codecs_(codecs) {
   const auto serve = [&]<class S>(const std::string& name, const std::string& doc,
                                   typename Service<S>::Callback callback) {
-    services_.push_back(std::make_unique<Service<S>>(*world.executor, *world.node, "~/" + name,
+    services_.push_back(std::make_unique<Service<S>>(*run.executor, *run.node, "~/" + name,
                                                      Doc{"on request", doc}, std::move(callback)));
   };
   serve.template operator()<Switch>(
       "switch_controllets",
-      "changes which controllets run, at a cycle boundary; the first torque comes in the same cycle",
+      "Changes which controllets run, at a cycle boundary; the first torque comes in the same cycle.",
       [this](const Switch::Request& request, const auto& reply) { switch_controllets(request, reply); });
   serve.template operator()<Switch>("set_controllers",
-                                    "switch_controllets with only: true, by the name of the reference system",
+                                    "As switch_controllets with `only: true`; the name in multipanda_ros2.",
                                     [this](Switch::Request request, const auto& reply) {
                                       request.only = true;
                                       switch_controllets(std::move(request), reply);
                                     });
   for (const char* name : {"list_controllets", "get_controllers"}) {
-    serve.template operator()<List>(name, "all controllet instances: arms, inputs, outputs, parameters",
+    serve.template operator()<List>(name, "All controllet instances: arms, inputs, outputs, parameters.",
                                     at_once<List>([this](const auto&) { return list_controllets(); }));
   }
   serve.template operator()<ListFeatures>(
-      "list_features", "features of one instance, or of all",
+      "list_features", "Features of one instance, or of all.",
       at_once<ListFeatures>([this](const auto& request) { return list_features(request.instance); }));
-  serve.template operator()<ListArms>("list_arms", "all arms and what can be done with them",
+  serve.template operator()<ListArms>("list_arms", "All arms and their capabilities.",
                                       at_once<ListArms>([this](const auto&) { return list_arms(); }));
   serve.template operator()<SetFeatures>(
-      "set_features", "switches features of an instance, all in the same cycle",
+      "set_features", "Switches features of an instance, all in the same cycle.",
       [this](const SetFeatures::Request& request, const auto& reply) { set_features(request, reply); });
   serve.template operator()<StopArms>(
-      "stop", "holds arms from the next cycle on, until resumed; not a safety-rated stop",
+      "stop", "Holds arms from the next cycle on, until resumed. Not a safety-rated stop.",
       [this](const StopArms::Request& request, const auto& reply) { stop(request, reply); });
   serve.template operator()<ResumeArms>(
-      "resume", "ends a stop; the arms are held until a controllet is switched on",
+      "resume", "Ends a stop. The arms are held until a controllet is activated.",
       [this](const ResumeArms::Request& request, const auto& reply) { resume(request, reply); });
 }
 
-void ModeServices::count(bool accepted) {
-  world_.counters->requests.fetch_add(1, std::memory_order_relaxed);
-  if (!accepted) world_.counters->requests_refused.fetch_add(1, std::memory_order_relaxed);
-}
-
-void ModeServices::switch_controllets(Switch::Request asked, const Service<Switch>::Reply& reply) {
+void ModeServices::switch_controllets(Switch::Request message, const Service<Switch>::Reply& reply) {
   const HostTime received = host_now();
   Refused refused;
-  const auto request = switch_request(*world_.modes, asked, refused);
+  const auto request = switch_request(*run_.modes, message, refused);
   if (!request) {
-    count(false);
+    run_.count_request(false);
     return reply(refusal<Switch::Response>(refused));
   }
-  ask_loop(world_, {*request}, [this, request = *request, received, reply](const LoopAnswer& result) {
-    count(result.answer.accepted());
-    reply(switch_response(*world_.modes, request, result.answer, received));
+  request_loop(run_, {*request}, [this, request = *request, received, reply](const LoopAnswer& result) {
+    run_.count_request(result.answer.accepted());
+    reply(switch_response(*run_.modes, request, result.answer, received));
   });
 }
 
-void ModeServices::set_features(const SetFeatures::Request& asked, const Service<SetFeatures>::Reply& reply) {
+void ModeServices::set_features(const SetFeatures::Request& message,
+                                const Service<SetFeatures>::Reply& reply) {
   Refused refused;
-  const auto requests = feature_requests(*world_.modes, asked, refused);
+  const auto requests = feature_requests(*run_.modes, message, refused);
   if (!requests) {
-    count(false);
+    run_.count_request(false);
     return reply(refusal<SetFeatures::Response>(refused));
   }
-  ask_loop(world_, *requests, [this, requests = *requests, reply](const LoopAnswer& result) {
+  request_loop(run_, *requests, [this, requests = *requests, reply](const LoopAnswer& result) {
     SetFeatures::Response response;
     const std::size_t bad = result.first_refused();
     response.accepted = bad == requests.size();
     const Verdict verdict = response.accepted ? Verdict::accepted : result.verdicts[bad];
     response.verdict = name_of(verdict);
-    if (!response.accepted) response.reason = reason(*world_.modes, requests[bad], verdict);
+    if (!response.accepted) response.reason = reason(*run_.modes, requests[bad], verdict);
     response.cycle = result.answer.cycle;
-    count(response.accepted);
+    run_.count_request(response.accepted);
     reply(response);
   });
 }
 
-void ModeServices::stop(const StopArms::Request& asked, const Service<StopArms>::Reply& reply) {
+void ModeServices::stop(const StopArms::Request& message, const Service<StopArms>::Reply& reply) {
   const HostTime received = host_now();
   Refused refused;
-  const auto arms = arms_named(*world_.modes, asked.arms, refused);
+  const auto arms = arms_named(*run_.modes, message.arms, refused);
   if (!arms) {
-    count(false);
+    run_.count_request(false);
     return reply(refusal<StopArms::Response>(refused));
   }
-  MultimodeController* modes = world_.modes;
+  MultimodeController* modes = run_.modes;
   modes->stop(*arms);
-  world_.executor->poll_until([this, modes, arms = *arms, received, reply] {
+  run_.executor->poll_until([this, modes, arms = *arms, received, reply] {
     StopArms::Response response;
     response.total_s = seconds(host_now() - received);
     response.accepted = modes->stopped().contains(arms);
-    if (!response.accepted && response.total_s <= kPatience) return false;
+    if (!response.accepted && response.total_s <= kStopTimeout) return false;
     const Verdict verdict = response.accepted ? Verdict::accepted : Verdict::timeout;
     response.verdict = name_of(verdict);
     if (!response.accepted)
       response.reason =
-          "no cycle ran for 1 s (paused, or ended?); the arms stop at the next one, if it comes";
+          "no cycle ran for 1 s (is the run paused, or has it ended?); the arms stop at the next cycle";
     response.stopped = names_of(*modes, modes->stopped());
-    count(response.accepted);
+    run_.count_request(response.accepted);
     reply(response);
     return true;
   });
 }
 
-void ModeServices::resume(const ResumeArms::Request& asked, const Service<ResumeArms>::Reply& reply) {
+void ModeServices::resume(const ResumeArms::Request& message, const Service<ResumeArms>::Reply& reply) {
   Refused refused;
-  const auto arms = arms_named(*world_.modes, asked.arms, refused);
+  const auto arms = arms_named(*run_.modes, message.arms, refused);
   if (!arms) {
-    count(false);
+    run_.count_request(false);
     return reply(refusal<ResumeArms::Response>(refused));
   }
   Request request{.kind = Request::Kind::resume};
   request.arms = *arms;
-  ask_loop(world_, {request}, [this, request, reply](const LoopAnswer& result) {
+  request_loop(run_, {request}, [this, request, reply](const LoopAnswer& result) {
     ResumeArms::Response response;
     response.accepted = result.answer.accepted();
     response.verdict = name_of(result.answer.verdict);
-    if (!response.accepted) response.reason = reason(*world_.modes, request, result.answer.verdict);
+    if (!response.accepted) response.reason = reason(*run_.modes, request, result.answer.verdict);
     response.cycle = result.answer.cycle;
-    count(response.accepted);
+    run_.count_request(response.accepted);
     reply(response);
   });
 }
 
 ModeServices::List::Response ModeServices::list_controllets() const {
-  const MultimodeController& modes = *world_.modes;
+  const MultimodeController& modes = *run_.modes;
   List::Response response;
   for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
     const Instance& instance = modes.instance(i);
@@ -162,7 +158,7 @@ ModeServices::List::Response ModeServices::list_controllets() const {
       multipanda_msgs::msg::InputInfo input;
       input.name = spec.name;
       input.quantity = to_string(spec.quantity);
-      input.topic = world_.node->resolve(topic_of(instance.name(), spec.name));
+      input.topic = run_.node->resolve(topic_of(instance.name(), spec.name));
       input.type = codec != nullptr ? codec->message_type : message_type(spec.quantity);
       if (spec.quantity != Quantity::joints && spec.quantity != Quantity::scalar) {
         input.frame = spec.frame;
@@ -179,7 +175,7 @@ ModeServices::List::Response ModeServices::list_controllets() const {
     for (const auto& spec : instance.output_specs()) {
       multipanda_msgs::msg::OutputInfo output;
       output.name = spec.name;
-      output.topic = world_.node->resolve(topic_of(instance.name(), spec.name));
+      output.topic = run_.node->resolve(topic_of(instance.name(), spec.name));
       output.type = spec.size == 1 ? "std_msgs/msg/Float64" : "std_msgs/msg/Float64MultiArray";
       output.size = static_cast<std::uint32_t>(spec.size);
       output.doc = spec.doc;
@@ -191,7 +187,7 @@ ModeServices::List::Response ModeServices::list_controllets() const {
 }
 
 ListFeatures::Response ModeServices::list_features(const std::string& name) const {
-  const MultimodeController& modes = *world_.modes;
+  const MultimodeController& modes = *run_.modes;
   ListFeatures::Response response;
   for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
     const Instance& instance = modes.instance(i);
@@ -203,15 +199,15 @@ ListFeatures::Response ModeServices::list_features(const std::string& name) cons
 }
 
 ListArms::Response ModeServices::list_arms() const {
-  const MultimodeController& modes = *world_.modes;
+  const MultimodeController& modes = *run_.modes;
   ListArms::Response response;
   const ArmSet stopped = modes.stopped();
   for (ArmIndex a = 0; a < modes.arm_count(); ++a) {
-    const Capabilities can = world_.backend->capabilities(a);
+    const Capabilities can = run_.backend->capabilities(a);
     multipanda_msgs::msg::ArmInfo info;
     info.name = modes.arm_name(a);
-    info.model = world_.scene->arms[a].model;
-    info.joint_names = joint_names(info.name, world_.models[a]->joint_count());
+    info.model = run_.scene->arms[a].model;
+    info.joint_names = joint_names(info.name, run_.models[a]->joint_count());
     info.base_frame = base_frame(info.name);
     info.end_effector_frame = info.name + "_ee";
     const InstanceIndex owner = modes.owner(a);
@@ -223,7 +219,7 @@ ListArms::Response ModeServices::list_arms() const {
     info.has_contact_truth = can.has_contact_truth;
     info.has_gripper = can.has_gripper;
     info.has_vacuum = can.has_vacuum;
-    info.period = can.period_s;
+    info.period = run_.backend->period();
     response.arms.push_back(std::move(info));
   }
   return response;

@@ -12,19 +12,19 @@
 #include <multipanda_msgs/srv/switch_controllets.hpp>
 #include <vector>
 
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/controllets/input_codec.hpp"
-#include "ros/adapter/part.hpp"
 #include "ros/rcl/rcl.hpp"
 
 namespace multipanda::ros {
 
-// Services about what runs: ~/switch_controllets, ~/list_controllets, ~/list_features, ~/list_arms,
-// ~/set_features, ~/stop, ~/resume; ~/set_controllers (switches to exactly these) and ~/get_controllers are
-// names that users of multipanda_ros2 know. Answers come when the loop has answered.
-class ModeServices : public Part {
+// Services to list and switch controllets: ~/switch_controllets, ~/list_controllets, ~/list_features,
+// ~/list_arms, ~/set_features, ~/stop, ~/resume. ~/set_controllers (switches to exactly these) and
+// ~/get_controllers are the names in multipanda_ros2. A response is sent when the loop has answered.
+class ModeServices : public AdapterPart {
  public:
-  ModeServices(const AdapterWorld& world, const std::vector<InputCodec>& codecs);
-  void take(const CycleRecord& record) override;  // arms' modes, for the list
+  ModeServices(const AdapterContext& run, const std::vector<InputCodec>& codecs);
+  void take(const CycleRecord& record) override;  // for the modes in the list of arms
 
  private:
   using Switch = multipanda_msgs::srv::SwitchControllets;
@@ -39,12 +39,11 @@ class ModeServices : public Part {
   List::Response list_controllets() const;
   multipanda_msgs::srv::ListFeatures::Response list_features(const std::string& instance) const;
   multipanda_msgs::srv::ListArms::Response list_arms() const;
-  void count(bool accepted);
 
-  const AdapterWorld& world_;
+  const AdapterContext& run_;
   const std::vector<InputCodec> codecs_;
   std::array<std::atomic<std::uint8_t>, kMaxArms> modes_of_arms_{};
-  std::vector<std::unique_ptr<Incoming>> services_;  // end first
+  std::vector<std::unique_ptr<Incoming>> services_;  // destroyed first
 };
 
 }  // namespace multipanda::ros

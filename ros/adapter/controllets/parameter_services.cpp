@@ -5,9 +5,9 @@
 #include <fmt/format.h>
 
 #include "core/modes/mailbox.hpp"
-#include "ros/adapter/controllets/loop_answers.hpp"
-#include "runtime/request_words.hpp"
-#include "scene/names.hpp"
+#include "ros/adapter/controllets/loop_requests.hpp"
+#include "runtime/request_text.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda::ros {
 namespace {
@@ -16,7 +16,7 @@ using namespace rcl_interfaces::srv;
 using rcl_interfaces::msg::SetParametersResult;
 
 const Doc kDoc{"on request",
-               "parameters of the node: <instance>.<parameter>, <instance>.<feature>.<parameter>"};
+               "Parameters of the node: <instance>.<parameter>, <instance>.<feature>.<parameter>"};
 
 std::string problem_text(const std::vector<SetParametersResult>& results) {
   std::vector<std::string> reasons;
@@ -28,39 +28,39 @@ std::string problem_text(const std::vector<SetParametersResult>& results) {
 
 }  // namespace
 
-ParameterServices::ParameterServices(const AdapterWorld& world)
-    : world_(world),
-      table_(*world.modes),
-      events_(*world.node, "/parameter_events", Qos::reliable(1000),
-              {"on change", "parameters that changed, whoever changed them"}),
-      describe_(*world.executor, *world.node, "~/describe_parameters", kDoc,
+ParameterServices::ParameterServices(const AdapterContext& run)
+    : run_(run),
+      table_(*run.modes),
+      events_(*run.node, "/parameter_events", Qos::reliable(1000),
+              {"on change", "Parameter changes from any source."}),
+      describe_(*run.executor, *run.node, "~/describe_parameters", kDoc,
                 [this](const DescribeParameters::Request& request, const auto& reply) {
                   DescribeParameters::Response response;
                   for (const auto& name : request.names)
                     response.descriptors.push_back(table_.describe(name));
                   reply(std::move(response));
                 }),
-      get_(*world.executor, *world.node, "~/get_parameters", kDoc,
+      get_(*run.executor, *run.node, "~/get_parameters", kDoc,
            [this](const GetParameters::Request& request, const auto& reply) {
              GetParameters::Response response;
              for (const auto& name : request.names) response.values.push_back(table_.get(name));
              reply(std::move(response));
            }),
-      types_(*world.executor, *world.node, "~/get_parameter_types", kDoc,
+      types_(*run.executor, *run.node, "~/get_parameter_types", kDoc,
              [this](const GetParameterTypes::Request& request, const auto& reply) {
                GetParameterTypes::Response response;
                for (const auto& name : request.names) response.types.push_back(table_.describe(name).type);
                reply(std::move(response));
              }),
       list_(
-          *world.executor, *world.node, "~/list_parameters", kDoc,
+          *run.executor, *run.node, "~/list_parameters", kDoc,
           [this](const ListParameters::Request& request, const auto& reply) {
             ListParameters::Response response;
             response.result = table_.list({request.prefixes.begin(), request.prefixes.end()}, request.depth);
             reply(std::move(response));
           }),
-      set_(*world.executor, *world.node, "~/set_parameters",
-           {"on request", "sets each that is right; answered when the loop has it"},
+      set_(*run.executor, *run.node, "~/set_parameters",
+           {"on request", "Sets each valid value; responds after the loop has accepted it."},
            [this](const SetParameters::Request& request, const auto& reply) {
              set({request.parameters.begin(), request.parameters.end()}, false, [reply](Results results) {
                SetParameters::Response response;
@@ -68,8 +68,8 @@ ParameterServices::ParameterServices(const AdapterWorld& world)
                reply(std::move(response));
              });
            }),
-      set_atomically_(*world.executor, *world.node, "~/set_parameters_atomically",
-                      {"on request", "sets all in the same control cycle, or none"},
+      set_atomically_(*run.executor, *run.node, "~/set_parameters_atomically",
+                      {"on request", "Sets all in the same control cycle, or none."},
                       [this](const SetParametersAtomically::Request& request, const auto& reply) {
                         set({request.parameters.begin(), request.parameters.end()}, true,
                             [reply](const Results& results) {
@@ -85,9 +85,9 @@ ParameterServices::ParameterServices(const AdapterWorld& world)
 // One call on its way through the loop.
 struct ParameterServices::Job {
   Results results;
-  std::vector<Request> requests;   // what is right of it
+  std::vector<Request> requests;   // for the valid values
   std::vector<std::size_t> which;  // parameter of each request
-  std::size_t asked = 0;           // requests so far
+  std::size_t posted = 0;          // number of requests posted so far
   std::function<void(Results)> done;
 };
 
@@ -113,31 +113,31 @@ void ParameterServices::set(const std::vector<rcl_interfaces::msg::Parameter>& p
 }
 
 void ParameterServices::set_next(const std::shared_ptr<Job>& job) {
-  const std::size_t begin = job->asked;
+  const std::size_t begin = job->posted;
   const std::size_t count = std::min(job->requests.size() - begin, Mailbox::kMaxBatch);
   if (count == 0) return job->done(std::move(job->results));
   const auto first = job->requests.begin() + static_cast<std::ptrdiff_t>(begin);
-  ask_loop(world_, {first, first + static_cast<std::ptrdiff_t>(count)},
-           [this, job, begin, count](const LoopAnswer& answer) {
-             for (std::size_t k = 0; k < count; ++k) {
-               const Verdict verdict = answer.verdicts[k];
-               auto& result = job->results[job->which[begin + k]];
-               result.successful = verdict == Verdict::accepted;
-               if (verdict != Verdict::accepted)
-                 result.reason = reason(*world_.modes, job->requests[begin + k], verdict);
-             }
-             job->asked = begin + count;
-             set_next(job);
-           });
+  request_loop(run_, {first, first + static_cast<std::ptrdiff_t>(count)},
+               [this, job, begin, count](const LoopAnswer& answer) {
+                 for (std::size_t k = 0; k < count; ++k) {
+                   const Verdict verdict = answer.verdicts[k];
+                   auto& result = job->results[job->which[begin + k]];
+                   result.successful = verdict == Verdict::accepted;
+                   if (verdict != Verdict::accepted)
+                     result.reason = reason(*run_.modes, job->requests[begin + k], verdict);
+                 }
+                 job->posted = begin + count;
+                 set_next(job);
+               });
 }
 
 void ParameterServices::take(const Event& event) {
   if (event.kind != EventKind::parameter_set || event.verdict != Verdict::accepted) return;
   rcl_interfaces::msg::ParameterEvent message;
-  const std::int64_t ns = world_.stamps.at(event.t, host_now());
+  const std::int64_t ns = run_.stamps.at(event.t, host_now());
   message.stamp.sec = static_cast<std::int32_t>(ns / 1'000'000'000);
   message.stamp.nanosec = static_cast<std::uint32_t>(ns % 1'000'000'000);
-  message.node = world_.node->full_name();
+  message.node = run_.node->full_name();
   message.changed_parameters.push_back(table_.changed(event));
   events_.publish(message);
 }

@@ -10,30 +10,30 @@
 #include <rcl_interfaces/srv/set_parameters_atomically.hpp>
 #include <vector>
 
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/controllets/parameter_table.hpp"
-#include "ros/adapter/part.hpp"
 #include "ros/rcl/rcl.hpp"
 
 namespace multipanda::ros {
 
-// The parameter services of a node, as `ros2 param` and every client library know them, on a ParameterTable.
-// set_parameters sets what it can, one by one; set_parameters_atomically sets all or none, in the same cycle.
-// /parameter_events tells of every change, whoever made it.
-class ParameterServices : public Part {
+// The parameter services of a node, as `ros2 param` and every client library know them, for a ParameterTable.
+// set_parameters sets the valid values, one by one; set_parameters_atomically sets all or none, in the same
+// cycle. /parameter_events reports every change, whatever caused it.
+class ParameterServices : public AdapterPart {
  public:
-  explicit ParameterServices(const AdapterWorld& world);
+  explicit ParameterServices(const AdapterContext& run);
   void take(const Event& event) override;
 
  private:
   using Results = std::vector<rcl_interfaces::msg::SetParametersResult>;
-  // Posts what is right of it, then calls `done` on the executor's thread with one result per parameter.
-  // `all_or_none`: in one batch, and nothing is posted if one is wrong; else in as many batches as it takes.
+  // Posts the valid values, then calls `done` on the executor's thread with one result per parameter.
+  // `all_or_none`: posts one batch, and nothing if one value is invalid; otherwise as many batches as needed.
   void set(const std::vector<rcl_interfaces::msg::Parameter>& parameters, bool all_or_none,
            std::function<void(Results)> done);
   struct Job;
   void set_next(const std::shared_ptr<Job>& job);
 
-  const AdapterWorld& world_;
+  const AdapterContext& run_;
   ParameterTable table_;
   Publisher<rcl_interfaces::msg::ParameterEvent> events_;
   Service<rcl_interfaces::srv::DescribeParameters> describe_;

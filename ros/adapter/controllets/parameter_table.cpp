@@ -7,8 +7,8 @@
 
 #include <fmt/format.h>
 
-#include "runtime/request_words.hpp"
-#include "scene/names.hpp"
+#include "runtime/request_text.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda::ros {
 namespace {
@@ -25,7 +25,7 @@ std::uint8_t type_of(const ParameterSpec& spec, std::size_t size) {
   return size == 1 && spec.size == 1 ? Type::PARAMETER_DOUBLE : Type::PARAMETER_DOUBLE_ARRAY;
 }
 
-std::string type_words(std::uint8_t type) {
+std::string type_text(std::uint8_t type) {
   switch (type) {
     case Type::PARAMETER_NOT_SET:
       return "nothing";
@@ -125,7 +125,7 @@ ParameterTable::Value ParameterTable::value_of(const Place& place, const std::ve
 rcl_interfaces::msg::ListParametersResult ParameterTable::list(const std::vector<std::string>& prefixes,
                                                                std::uint64_t depth) const {
   rcl_interfaces::msg::ListParametersResult result;
-  const auto wanted = [&](const std::string& name) {
+  const auto matches = [&](const std::string& name) {
     if (prefixes.empty()) return depth == 0 || dots(name) < depth;
     return std::any_of(prefixes.begin(), prefixes.end(), [&](const std::string& prefix) {
       if (name == prefix) return true;
@@ -134,7 +134,7 @@ rcl_interfaces::msg::ListParametersResult ParameterTable::list(const std::vector
     });
   };
   for (auto& name : names()) {
-    if (!wanted(name)) continue;
+    if (!matches(name)) continue;
     const std::string prefix = name.substr(0, name.rfind('.'));
     if (std::find(result.prefixes.begin(), result.prefixes.end(), prefix) == result.prefixes.end())
       result.prefixes.push_back(prefix);
@@ -173,7 +173,7 @@ std::optional<std::vector<double>> ParameterTable::numbers_in(const Value& value
       break;
   }
   reason = name + ": expected " + (size == 1 ? "a number" : fmt::format("{} numbers", size)) + ", found " +
-           type_words(value.type);
+           type_text(value.type);
   return {};
 }
 

@@ -17,9 +17,9 @@ namespace multipanda::ros {
 // All parameters of all controllets and their features as ROS parameters:
 //   <instance>.<parameter>             "pose0.stiffness_n_per_m"
 //   <instance>.<feature>.<parameter>   "pose0.joint_limits.range_rad"
-// Numbers are doubles (integers are taken as well), vectors double arrays (one number means all of them),
-// switches bools, choices strings (their numbers from 0 are taken as well). Knows no node: whoever has one
-// declares or serves them. Any thread but the loop's.
+// Numbers are doubles (integers are accepted), vectors are double arrays (one number sets all elements),
+// switches are bools, choices are strings (their numbers from 0 are accepted). Needs no node; the caller
+// declares or serves the parameters. Any thread but the loop's.
 class ParameterTable {
  public:
   explicit ParameterTable(MultimodeController& modes) : modes_(&modes) {}
@@ -29,16 +29,17 @@ class ParameterTable {
 
   std::vector<std::string> names() const;
   bool has(std::string_view name) const { return find(name).has_value(); }
-  // Of names that do not exist: type PARAMETER_NOT_SET, as ROS does.
+  // Unknown names have the type PARAMETER_NOT_SET, as in ROS.
   Descriptor describe(const std::string& name) const;
   Value get(const std::string& name) const;
-  // As rcl_interfaces/srv/ListParameters says; depth 0: all below.
+  // As rcl_interfaces/srv/ListParameters; depth 0 lists all levels.
   rcl_interfaces::msg::ListParametersResult list(const std::vector<std::string>& prefixes,
                                                  std::uint64_t depth) const;
 
-  // The request that sets it, checked as far as that needs no loop; nothing: `reason` says why not.
+  // Returns the request that sets the parameter, after every check that does not need the loop. On failure
+  // returns nothing and fills `reason`.
   std::optional<Request> request(const rcl_interfaces::msg::Parameter& parameter, std::string& reason) const;
-  // What an event of the kind parameter_set set.
+  // Returns the parameter that an event of the kind parameter_set has set.
   rcl_interfaces::msg::Parameter changed(const Event& event) const;
 
  private:

@@ -9,24 +9,21 @@
 #include <std_msgs/msg/string.hpp>
 #include <vector>
 
-#include "ros/adapter/state/arms_view.hpp"
+#include "ros/adapter/state/arm_models.hpp"
 #include "ros/adapter/state/topic.hpp"
 #include "ros/adapter/state/transforms.hpp"
 
 namespace multipanda::ros {
 
-// The messages' content, apart from how it is sent. Each writes into a message that was used before.
-void fill_names(const std::vector<ArmsView::Arm>& arms, sensor_msgs::msg::JointState& out);
-void fill(const std::vector<ArmsView::Arm>& arms, const CycleRecord& record,
+// Fill joint_states: the names once, the values at every message.
+void fill_names(const std::vector<ArmModels::Arm>& arms, sensor_msgs::msg::JointState& out);
+void fill(const std::vector<ArmModels::Arm>& arms, const CycleRecord& record,
           sensor_msgs::msg::JointState& out);
-void fill(const ArmsView::Arm& arm, const ArmSample& sample, ModelTerms& terms,
-          multipanda_msgs::msg::RobotState& out);
-void fill(const ArmsView::Arm& arm, ModelTerms& terms, multipanda_msgs::msg::RobotModel& out);
 
-// joint_states, <arm>/robot_state, <arm>/model, <arm>/wrench, tf, robot_description.
-class ArmTopics : public Part {
+// Publishes joint_states, <arm>/robot_state, <arm>/model, <arm>/wrench, tf and robot_description.
+class ArmTopics : public AdapterPart {
  public:
-  explicit ArmTopics(const AdapterWorld& world);
+  explicit ArmTopics(const AdapterContext& run);
   void take(const CycleRecord& record) override;
   void take(const Event& event) override;
 
@@ -37,13 +34,13 @@ class ArmTopics : public Part {
     Topic<geometry_msgs::msg::WrenchStamped> wrench;
   };
 
-  const AdapterWorld& world_;
-  ArmsView view_;
+  const AdapterContext& run_;
+  ArmModels models_;
   Topic<sensor_msgs::msg::JointState> joint_states_;
   std::vector<std::unique_ptr<PerArm>> arms_;
   Transforms transforms_;
   std::optional<Publisher<std_msgs::msg::String>>
-      description_;  // none where the transforms are somebody else's
+      description_;  // none where another node publishes the transforms
 };
 
 }  // namespace multipanda::ros

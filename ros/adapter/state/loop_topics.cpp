@@ -4,15 +4,15 @@
 
 #include <fmt/format.h>
 
-#include "backends/arm/arm_error.hpp"
-#include "core/state/arm_words.hpp"
+#include "core/state/arm_mode_name.hpp"
+#include "device/arm_error.hpp"
 #include "ros/adapter/state/messages.hpp"
-#include "runtime/request_words.hpp"
+#include "runtime/request_text.hpp"
 
 namespace multipanda::ros {
 namespace {
 
-constexpr double kSilence_s = 0.5;  // without a record, the loop is thought to stand
+constexpr double kSilence_s = 0.5;  // without a record for this long, the loop counts as stopped
 
 std::string us(double s) { return fmt::format("{:.1f}", 1e6 * s); }
 
@@ -25,33 +25,31 @@ Diagnostic::Level level_of(const ArmSample& sample) {
 
 }  // namespace
 
-LoopTopics::LoopTopics(const AdapterWorld& world)
-    : world_(world),
-      words_(*world.layout),
-      every_(world.options->rates_hz.loop_statistics, period_of(world)),
-      every_window_(every_.off() ? 1 : 1000, period_of(world)),
-      switches_(*world.node, "~/switch_events", Qos::latched(50),
+LoopTopics::LoopTopics(const AdapterContext& run)
+    : run_(run),
+      text_(*run.layout),
+      every_(run.options->rates_hz.loop_statistics, period_of(run)),
+      every_window_(every_.off() ? 1 : 1000, period_of(run)),
+      switches_(*run.node, "~/switch_events", Qos::latched(50),
                 Doc{"on change", "Every change of the active controllets, and every refusal."}),
-      events_(
-          *world.node, "~/events", Qos::latched(50),
-          Doc{"on change",
-              "What else happened: interventions of the safety stage, parameters, goals, features, stops, "
-              "arms' modes and settings. Those who come late get the newest 50."}) {
-  newest_.arms.resize(world.layout->arms.size());
+      events_(*run.node, "~/events", Qos::latched(50),
+              Doc{"on change",
+                  "Other events: interventions of the safety stage, parameters, goals, features, stops, "
+                  "modes and settings of arms. Late subscribers get the newest 50."}) {
+  newest_.arms.resize(run.layout->arms.size());
   if (every_.off()) return;
-  statistics_.emplace(
-      *world.node, "~/loop_statistics", Qos::reliable(),
-      Doc{every_.words(period_of(world)),
-          "Rate, periods and work of the loop's cycles since the message before; overruns; how "
-          "publishing and taking in fare."});
+  statistics_.emplace(*run.node, "~/loop_statistics", Qos::reliable(),
+                      Doc{every_.text(period_of(run)),
+                          "Rate, period and cycle time of the loop since the previous message; overruns; "
+                          "counters of publishing and of inputs."});
 }
 
 void LoopTopics::take(const CycleRecord& record) {
   window_.add(record);
-  // The very first turn would be a window of one cycle.
-  const bool look = (every_.off() ? every_window_ : every_).due(record.cycle) && record.cycle > 1;
+  // Skips the first turn, whose window would be a single cycle.
+  const bool due = (every_.off() ? every_window_ : every_).due(record.cycle) && record.cycle > 1;
   std::optional<LoopWindow::Figures> figures;
-  if (look) figures = window_.look();
+  if (due) figures = window_.finish();
   {
     const std::lock_guard lock(mutex_);
     newest_.any = true;
@@ -64,7 +62,7 @@ void LoopTopics::take(const CycleRecord& record) {
 
 void LoopTopics::publish(const LoopWindow::Figures& figures, const CycleRecord& record) {
   multipanda_msgs::msg::LoopStatistics out;
-  out.stamp = to_time(world_.stamps.of(record));
+  out.stamp = to_time(run_.stamps.of(record));
   out.cycle = figures.cycle;
   out.window = figures.window_s;
   out.cycles = figures.cycles;
@@ -77,10 +75,10 @@ void LoopTopics::publish(const LoopWindow::Figures& figures, const CycleRecord& 
   out.cycle_time_worst = figures.cycle_time.worst;
   out.overruns = figures.overruns;
   out.overruns_window = figures.overruns_window;
-  const AdapterCounters& counters = *world_.counters;
+  const AdapterCounters& counters = *run_.counters;
   out.records_dropped = counters.records_dropped;
-  out.messages_published = world_.node->published();
-  out.publish_failures = world_.node->publish_failures();
+  out.messages_published = run_.node->published();
+  out.publish_failures = run_.node->publish_failures();
   out.samples_accepted = counters.samples_accepted;
   out.samples_refused = counters.samples_refused;
   out.requests = counters.requests;
@@ -92,13 +90,13 @@ void LoopTopics::take(const Event& event) {
   if (event.kind == EventKind::switched || event.kind == EventKind::switch_refused) {
     multipanda_msgs::msg::Switch out;
     out.stamp = to_time(event.t.ns);
-    words_.fill_switch(event, out);
+    text_.fill_switch(event, out);
     switches_.publish(out);
     return;
   }
   multipanda_msgs::msg::Event out;
   out.stamp = to_time(event.t.ns);
-  words_.fill(event, out);
+  text_.fill(event, out);
   events_.publish(out);
 }
 
@@ -120,7 +118,7 @@ Diagnostic LoopTopics::about_loop(const Newest& newest) const {
   const double silence = newest.any ? seconds(host_now() - newest.start) : 0;
   if (!newest.any) {
     line.level = Diagnostic::Level::warn;
-    line.message = "has not begun";
+    line.message = "has not started";
   } else if (silence > kSilence_s) {
     line.level = Diagnostic::Level::error;
     line.message = fmt::format("no cycle for {:.1f} s", silence);
@@ -144,13 +142,13 @@ Diagnostic LoopTopics::about_loop(const Newest& newest) const {
 
 Diagnostic LoopTopics::about_arm(std::size_t arm, const Newest& newest) const {
   const ArmSample& sample = newest.arms[arm];
-  Diagnostic line{.name = world_.layout->arms[arm].name};
+  Diagnostic line{.name = run_.layout->arms[arm].name};
   if (!newest.any) {
     line.level = Diagnostic::Level::warn;
-    line.message = "nothing is known of it yet";
+    line.message = "no state received yet";
     return line;
   }
-  const bool stopped = world_.modes->stopped().contains(static_cast<ArmIndex>(arm));
+  const bool stopped = run_.modes->stopped().contains(static_cast<ArmIndex>(arm));
   line.level = level_of(sample);
   line.message = std::string(to_string(static_cast<ArmMode>(sample.mode)));
   if (sample.errors != 0) line.message += ": " + error_names(sample.errors);
@@ -158,7 +156,7 @@ Diagnostic LoopTopics::about_arm(std::size_t arm, const Newest& newest) const {
     line.level = Diagnostic::Level::warn;
     line.message = "stopped: held until resumed";
   }
-  const auto& instances = world_.layout->instances;
+  const auto& instances = run_.layout->instances;
   line.values = {{"owner", sample.owner < instances.size() ? instances[sample.owner].name : ""},
                  {"mode", std::string(to_string(static_cast<ArmMode>(sample.mode)))},
                  {"errors", error_names(sample.errors)},
@@ -170,18 +168,18 @@ Diagnostic LoopTopics::about_arm(std::size_t arm, const Newest& newest) const {
 }
 
 Diagnostic LoopTopics::about_publishing() const {
-  const AdapterCounters& counters = *world_.counters;
+  const AdapterCounters& counters = *run_.counters;
   Diagnostic line{.name = "ros"};
-  const std::uint64_t dropped = counters.records_dropped, failed = world_.node->publish_failures();
+  const std::uint64_t dropped = counters.records_dropped, failed = run_.node->publish_failures();
   if (dropped > 0 || failed > 0) {
     line.level = Diagnostic::Level::warn;
-    line.message = fmt::format(
-        "{} cycles were not published in time, {} messages not taken by the middleware", dropped, failed);
+    line.message = fmt::format("{} cycles were not published in time, the middleware rejected {} messages",
+                               dropped, failed);
   } else {
     line.message = "all cycles were published in time";
   }
   line.values = {{"cycles dropped", std::to_string(dropped)},
-                 {"messages published", std::to_string(world_.node->published())},
+                 {"messages published", std::to_string(run_.node->published())},
                  {"publish failures", std::to_string(failed)},
                  {"samples accepted", std::to_string(counters.samples_accepted)},
                  {"samples refused", std::to_string(counters.samples_refused)},
@@ -190,30 +188,30 @@ Diagnostic LoopTopics::about_publishing() const {
   return line;
 }
 
-DiagnosticsTopic::DiagnosticsTopic(const AdapterWorld& world) : world_(world) {
-  const double rate = world.options->rates_hz.diagnostics;
+DiagnosticsTopic::DiagnosticsTopic(const AdapterContext& run) : run_(run) {
+  const double rate = run.options->rates_hz.diagnostics;
   if (rate <= 0) return;
-  publisher_.emplace(*world.node, "/diagnostics", Qos::reliable(),
+  publisher_.emplace(*run.node, "/diagnostics", Qos::reliable(),
                      Doc{fmt::format("{:.4g} Hz", rate),
-                         "The loop, each arm, publishing, each input: as diagnostic tools show it. In this "
-                         "computer's time."});
-  timer_ = world.executor->add_timer(std::chrono::nanoseconds(LoopTime::from_seconds(1 / rate).ns),
-                                     [this] { publish(); });
+                         "The loop, each arm, publishing and each input, for diagnostic tools. Stamped with "
+                         "this computer's time."});
+  timer_ = run.executor->add_timer(std::chrono::nanoseconds(LoopTime::from_seconds(1 / rate).ns),
+                                   [this] { publish(); });
 }
 
 DiagnosticsTopic::~DiagnosticsTopic() {
-  if (timer_) world_.executor->remove_timer(*timer_);
+  if (timer_) run_.executor->remove_timer(*timer_);
 }
 
 void DiagnosticsTopic::publish() {
   if (publisher_->subscribers() == 0) return;
   diagnostic_msgs::msg::DiagnosticArray out;
   out.header.stamp = system_time();
-  for (const Diagnostic& line : world_.diagnostics()) {
+  for (const Diagnostic& line : run_.diagnostics()) {
     auto& status = out.status.emplace_back();
     status.level = static_cast<unsigned char>(line.level);
-    status.name = world_.node->name() + ": " + line.name;
-    status.hardware_id = world_.scene->name;
+    status.name = run_.node->name() + ": " + line.name;
+    status.hardware_id = run_.scene->name;
     status.message = line.message;
     for (const auto& [key, value] : line.values) {
       auto& pair = status.values.emplace_back();

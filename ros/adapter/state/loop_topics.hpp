@@ -8,19 +8,19 @@
 #include <optional>
 #include <vector>
 
-#include "logs/event_words.hpp"
+#include "logs/event_text.hpp"
 #include "ros/adapter/state/loop_window.hpp"
 #include "ros/adapter/state/topic.hpp"
 
 namespace multipanda::ros {
 
-// ~/loop_statistics, ~/switch_events, ~/events.
-class LoopTopics : public Part {
+// Publishes ~/loop_statistics, ~/switch_events and ~/events.
+class LoopTopics : public AdapterPart {
  public:
-  explicit LoopTopics(const AdapterWorld& world);
+  explicit LoopTopics(const AdapterContext& run);
   void take(const CycleRecord& record) override;
   void take(const Event& event) override;
-  // The loop, each arm, publishing.
+  // The loop, each arm and publishing.
   std::vector<Diagnostic> diagnostics() const override;
 
  private:
@@ -35,10 +35,10 @@ class LoopTopics : public Part {
   Diagnostic about_publishing() const;
   void publish(const LoopWindow::Figures& figures, const CycleRecord& record);
 
-  const AdapterWorld& world_;
-  EventWords words_;
+  const AdapterContext& run_;
+  EventText text_;
   LoopWindow window_;
-  Every every_, every_window_;
+  RateDivider every_, every_window_;
   std::optional<Publisher<multipanda_msgs::msg::LoopStatistics>> statistics_;
   Publisher<multipanda_msgs::msg::Switch> switches_;
   Publisher<multipanda_msgs::msg::Event> events_;
@@ -46,15 +46,15 @@ class LoopTopics : public Part {
   Newest newest_;  // guarded by mutex_
 };
 
-// /diagnostics, on the wall clock's time: also while no record comes.
-class DiagnosticsTopic : public Part {
+// Publishes /diagnostics at a rate of the wall clock, also while no records come.
+class DiagnosticsTopic : public AdapterPart {
  public:
-  explicit DiagnosticsTopic(const AdapterWorld& world);
+  explicit DiagnosticsTopic(const AdapterContext& run);
   ~DiagnosticsTopic() override;
 
  private:
   void publish();
-  const AdapterWorld& world_;
+  const AdapterContext& run_;
   std::optional<Publisher<diagnostic_msgs::msg::DiagnosticArray>> publisher_;
   std::optional<Executor::TimerId> timer_;
 };

@@ -22,10 +22,10 @@ void LoopWindow::keep(std::vector<double>& values, double value) const {
 void LoopWindow::add(const CycleRecord& record) {
   if (!any_) {
     any_ = true;
-    first_cycle_ = record.cycle - 1;  // this one is the first of the window
+    first_cycle_ = record.cycle - 1;  // this is the first cycle of the window
     first_start_ = record.start;
     first_overruns_ = record.overruns;
-  } else if (record.cycle == last_cycle_ + 1) {  // else records are missing in between
+  } else if (record.cycle == last_cycle_ + 1) {  // otherwise records are missing in between
     keep(periods_, seconds(record.start - last_start_));
   }
   keep(cycle_times_, 1e-9 * record.stages.total);
@@ -35,7 +35,7 @@ void LoopWindow::add(const CycleRecord& record) {
   ++added_;
 }
 
-// Sorted positions by rounding up, so that the worst of less than a hundred is their 99th percentile.
+// Ranks are rounded up, so that for fewer than 100 values the worst is their 99th percentile.
 LoopWindow::Durations LoopWindow::durations(std::vector<double>& values) {
   if (values.empty()) {
     constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
@@ -51,7 +51,7 @@ LoopWindow::Durations LoopWindow::durations(std::vector<double>& values) {
   return {quantile(0.5), quantile(0.99), *std::max_element(values.begin(), values.end())};
 }
 
-LoopWindow::Figures LoopWindow::look() {
+LoopWindow::Figures LoopWindow::finish() {
   Figures figures;
   figures.window_s = seconds(last_start_ - first_start_);
   figures.cycle = last_cycle_;

@@ -7,10 +7,10 @@
 
 namespace multipanda::ros {
 
-// How the loop fared since the last look, by its records. One thread.
+// Timing of the loop since the last call of look(), from its records. One thread.
 class LoopWindow {
  public:
-  // Of so many cycles the times are kept; in a longer window the newest.
+  // Number of cycles whose times are kept; a longer window keeps the newest.
   static constexpr std::size_t kKept = 1 << 16;
 
   struct Durations {  // [s]; NaN: none
@@ -19,15 +19,15 @@ class LoopWindow {
   struct Figures {
     double window_s = 0;  // on the computer's clock
     std::uint64_t cycle = 0, cycles = 0;
-    double rate_hz = 0;    // 0: less than two cycles
-    Durations period;      // start of a cycle to the start of the next, on the computer's clock
+    double rate_hz = 0;    // 0: fewer than two cycles
+    Durations period;      // start of a cycle to start of the next, on the computer's clock
     Durations cycle_time;  // work of a cycle
     std::uint64_t overruns = 0, overruns_window = 0;
   };
 
   LoopWindow();
   void add(const CycleRecord& record);
-  Figures look();  // and begins a new window with the newest record
+  Figures finish();  // starts a new window with the newest record
 
  private:
   static Durations durations(std::vector<double>& values);
@@ -36,8 +36,8 @@ class LoopWindow {
   std::vector<double> periods_, cycle_times_;
   std::uint64_t added_ = 0;  // in this window
   bool any_ = false;
-  bool counts_first_ = true;                        // the very first window: its first cycle ends no interval
-  std::uint64_t first_cycle_ = 0, last_cycle_ = 0;  // the first is the last one of the window before
+  bool counts_first_ = true;                        // in the first window, the first cycle ends no period
+  std::uint64_t first_cycle_ = 0, last_cycle_ = 0;  // the first is the last one of the previous window
   HostTime first_start_, last_start_;
   std::uint64_t first_overruns_ = 0, last_overruns_ = 0;
 };

@@ -11,7 +11,7 @@
 #include "core/record/cycle_record.hpp"
 #include "core/types/spatial.hpp"
 
-// From the core's types to messages.
+// Conversions from the core's types to messages.
 namespace multipanda::ros {
 
 inline builtin_interfaces::msg::Time to_time(std::int64_t ns) {
@@ -43,12 +43,7 @@ inline void set_wrench(geometry_msgs::msg::Wrench& out, const std::array<double,
   set_vector(out.torque, F.data() + 3);
 }
 
-// The first `count`; the vector keeps its memory.
-inline void set_joints(std::vector<double>& out, const JointArray& joints, std::size_t count) {
-  out.assign(joints.begin(), joints.begin() + static_cast<std::ptrdiff_t>(count));
-}
-
-// Row by row; the vector keeps its memory.
+// Row-major. The vector keeps its memory.
 template <class Matrix>
 void set_matrix(std::vector<double>& out, const Matrix& matrix) {
   out.clear();

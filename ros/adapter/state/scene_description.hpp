@@ -6,9 +6,9 @@
 
 namespace multipanda::ros {
 
-// URDF of all arms of a scene on the link `world`, with shapes to see: links and joints with the arm's name
-// in front, the flange `<arm>_link8` (of seven joints), hands with sliding fingers. Objects are no part of
-// it.
+// Returns a URDF of all arms of a scene on the link `world`, with visual shapes. Names of links and joints
+// begin with the arm's name. Includes the flange `<arm>_link8` (for seven joints) and hands with sliding
+// fingers, but no objects.
 std::string scene_urdf(const Scene& scene);
 
 }  // namespace multipanda::ros

@@ -2,29 +2,28 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <future>
 #include <memory>
 #include <stdexcept>
-#include <tuple>
 
 #include <fmt/format.h>
 
+#include "ros/adapter/arms/arm_requests.hpp"
 #include "ros/adapter/names.hpp"
 #include "ros/adapter/state/topic.hpp"
 
 namespace multipanda::ros {
 namespace {
 
-constexpr double kPatience_s = 2;
+constexpr double kAnswerTimeout = 2;
 
-// Of the answers that are there; a request without one failed.
-std::vector<ArmAnswer> collected(std::vector<std::future<ArmAnswer>>& futures, double patience_s) {
-  std::vector<ArmAnswer> answers;
+// Collects the answers; a request without one counts as failed.
+std::vector<RequestAnswer> collected(std::vector<std::future<RequestAnswer>>& futures, double timeout_s) {
+  std::vector<RequestAnswer> answers;
   for (auto& future : futures) {
     if (future.wait_for(std::chrono::seconds(0)) != std::future_status::ready) {
       answers.push_back(
-          {.reason = fmt::format("no answer within {:.4g} s; is the loop running?", patience_s)});
+          {.reason = fmt::format("no answer within {:.4g} s; is the loop running?", timeout_s)});
       continue;
     }
     try {
@@ -45,7 +44,7 @@ std::vector<PlaceObject> placements(const multipanda_msgs::srv::PlaceObjects::Re
     throw std::invalid_argument(fmt::format("expected one pose per name, found {} names and {} poses",
                                             request.names.size(), request.poses.size()));
   }
-  Pose X_WR;  // the frame that the poses are given in
+  Pose X_WR;  // frame of the poses
   if (!request.frame_id.empty() && request.frame_id != kWorldFrame) {
     const auto base = std::find_if(bases.begin(), bases.end(),
                                    [&](const auto& each) { return each.first == request.frame_id; });
@@ -58,82 +57,72 @@ std::vector<PlaceObject> placements(const multipanda_msgs::srv::PlaceObjects::Re
   }
   std::vector<PlaceObject> places;
   for (std::size_t i = 0; i < request.names.size(); ++i) {
-    const auto& [p, q] = std::tie(request.poses[i].position, request.poses[i].orientation);
-    const Quaternion rotation(q.w, q.x, q.y, q.z);
-    const Vector3 position(p.x, p.y, p.z);
-    if (!position.allFinite() || std::abs(rotation.norm() - 1) > 0.01 || !rotation.coeffs().allFinite()) {
-      throw std::invalid_argument(
-          fmt::format("pose of '{}': expected finite numbers and a unit quaternion", request.names[i]));
-    }
-    places.push_back({request.names[i], X_WR * Pose::from(position, rotation)});
+    const Pose X_RO = read_pose(request.poses[i], "pose of '" + request.names[i] + "'");
+    places.push_back({request.names[i], X_WR * X_RO});
   }
   return places;
 }
 
-SimulationServices::SimulationServices(const AdapterWorld& world, ArmIndex simulated_arm)
-    : world_(world),
-      arm_(simulated_arm),
-      reset_(*world.executor, *world.node, "simulation/reset",
-             Doc{"", "The simulated world back to its start; loop time goes on, controllets let go."},
+SimulationServices::SimulationServices(const AdapterContext& run)
+    : run_(run),
+      reset_(*run.executor, *run.node, "simulation/reset",
+             Doc{"",
+                 "Resets the simulated world to its start. Loop time continues, and controllets release the "
+                 "arms."},
              [this](const auto&, auto reply) {
-               ask({ResetSimulation{}}, kPatience_s, [this, reply](const auto& answers) {
+               send({ResetSimulation{}}, kAnswerTimeout, [this, reply](const auto& answers) {
                  std_srvs::srv::Trigger::Response out;
                  out.success = answers[0].success;
                  out.message = answers[0].reason;
-                 count(out.success);
+                 run_.count_request(out.success);
                  reply(out);
                });
              }),
-      pause_(*world.executor, *world.node, "simulation/pause",
-             Doc{"", "`true`: the simulated world stands still, with its clock; `false`: goes on."},
+      pause_(*run.executor, *run.node, "simulation/pause",
+             Doc{"", "`true` pauses the simulated world and its clock; `false` continues."},
              [this](const auto& request, auto reply) {
-               ask({PauseSimulation{static_cast<bool>(request.data)}}, kPatience_s,
-                   [this, reply](const auto& answers) {
-                     std_srvs::srv::SetBool::Response out;
-                     out.success = answers[0].success;
-                     out.message = answers[0].reason;
-                     count(out.success);
-                     reply(out);
-                   });
+               send({PauseSimulation{static_cast<bool>(request.data)}}, kAnswerTimeout,
+                    [this, reply](const auto& answers) {
+                      std_srvs::srv::SetBool::Response out;
+                      out.success = answers[0].success;
+                      out.message = answers[0].reason;
+                      run_.count_request(out.success);
+                      reply(out);
+                    });
              }),
-      step_(*world.executor, *world.node, "simulation/step",
-            Doc{"", "A paused world goes on by so many control periods; answered when they are over."},
+      step_(*run.executor, *run.node, "simulation/step",
+            Doc{"", "Runs a paused world for a number of control periods; responds when they are over."},
             [this](const auto& request, auto reply) {
               if (request.periods == 0) {
                 multipanda_msgs::srv::StepSimulation::Response out;
-                out.error = "no period to go on by; expected at least 1";
-                count(false);
+                out.error = "the number of periods is 0; expected at least 1";
+                run_.count_request(false);
                 return reply(out);
               }
-              // Ten times what they take in real time.
-              const double patience = kPatience_s + 10 * request.periods * period_of(world_);
-              ask({StepSimulation{request.periods}}, patience, [this, reply](const auto& answers) {
+              // Ten times their duration in real time.
+              const double timeout_s = kAnswerTimeout + 10 * request.periods * period_of(run_);
+              send({StepSimulation{request.periods}}, timeout_s, [this, reply](const auto& answers) {
                 multipanda_msgs::srv::StepSimulation::Response out;
                 out.success = answers[0].success;
                 out.error = answers[0].reason;
-                count(out.success);
+                run_.count_request(out.success);
                 reply(out);
               });
             }),
-      place_(*world.executor, *world.node, "simulation/place_objects",
-             Doc{"", "Puts free objects somewhere, at rest; refused where they would stand in something."},
+      place_(*run.executor, *run.node, "simulation/place_objects",
+             Doc{"", "Places free objects, at rest. Refused where an object would intersect another one."},
              [this](const auto& request, auto reply) { place(request, reply); }) {}
 
-void SimulationServices::count(bool success) const {
-  world_.counters->requests.fetch_add(1, std::memory_order_relaxed);
-  if (!success) world_.counters->requests_refused.fetch_add(1, std::memory_order_relaxed);
-}
-
-void SimulationServices::ask(std::vector<ArmRequest> requests, double patience_s, Answered answered) {
-  auto futures = std::make_shared<std::vector<std::future<ArmAnswer>>>();
-  for (auto& request : requests) futures->push_back(world_.backend->request(arm_, std::move(request)));
-  const HostTime end = host_now() + std::chrono::nanoseconds(LoopTime::from_seconds(patience_s).ns);
-  world_.executor->poll_until([=] {
+void SimulationServices::send(std::vector<WorldRequest> requests, double timeout_s, Answered answered) {
+  auto futures = std::make_shared<std::vector<std::future<RequestAnswer>>>();
+  for (auto& request : requests) futures->push_back(run_.backend->request(std::move(request)));
+  const HostTime end = host_now() + std::chrono::nanoseconds(LoopTime::from_seconds(timeout_s).ns);
+  run_.executor->poll_until([=] {
     const bool all = std::all_of(futures->begin(), futures->end(), [](const auto& future) {
       return future.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
     });
     if (!all && host_now() < end) return false;
-    answered(collected(*futures, patience_s));
+    answered(collected(*futures, timeout_s));
     return true;
   });
 }
@@ -142,28 +131,28 @@ void SimulationServices::place(const multipanda_msgs::srv::PlaceObjects::Request
                                const Service<multipanda_msgs::srv::PlaceObjects>::Reply& reply) {
   multipanda_msgs::srv::PlaceObjects::Response out;
   out.placed.resize(request.names.size());
-  std::vector<ArmRequest> requests;
+  std::vector<WorldRequest> requests;
   try {
     std::vector<std::pair<std::string, Pose>> bases;
-    for (const auto& arm : world_.scene->arms) bases.emplace_back(base_frame(arm.name), arm.X_WB);
+    for (const auto& arm : run_.scene->arms) bases.emplace_back(base_frame(arm.name), arm.X_WB);
     for (auto& each : placements(request, bases)) requests.emplace_back(std::move(each));
   } catch (const std::invalid_argument& error) {
     out.error = error.what();
-    count(false);
+    run_.count_request(false);
     return reply(out);
   }
-  ask(std::move(requests), kPatience_s,
-      [this, out, reply, names = request.names](const std::vector<ArmAnswer>& answers) mutable {
-        out.success = true;
-        for (std::size_t i = 0; i < answers.size(); ++i) {
-          out.placed[i] = answers[i].success;
-          if (answers[i].success) continue;
-          out.success = false;
-          out.error += (out.error.empty() ? "" : "; ") + names[i] + ": " + answers[i].reason;
-        }
-        count(out.success);
-        reply(out);
-      });
+  send(std::move(requests), kAnswerTimeout,
+       [this, out, reply, names = request.names](const std::vector<RequestAnswer>& answers) mutable {
+         out.success = true;
+         for (std::size_t i = 0; i < answers.size(); ++i) {
+           out.placed[i] = answers[i].success;
+           if (answers[i].success) continue;
+           out.success = false;
+           out.error += (out.error.empty() ? "" : "; ") + names[i] + ": " + answers[i].reason;
+         }
+         run_.count_request(out.success);
+         reply(out);
+       });
 }
 
 }  // namespace multipanda::ros

@@ -7,20 +7,20 @@
 
 namespace multipanda::ros {
 
-Parts make_state(const AdapterWorld& world) {
-  Parts parts;
-  // The clock first: what is stamped with a time is not ahead of it.
-  if (world.stamps.simulated) parts.push_back(std::make_unique<ClockTopic>(world));
-  parts.push_back(std::make_unique<ArmTopics>(world));
-  for (std::size_t arm = 0; arm < world.layout->arms.size(); ++arm) {
+AdapterParts make_state(const AdapterContext& run) {
+  AdapterParts parts;
+  // The clock comes first, so that no stamp is ahead of it.
+  if (run.stamps.simulated) parts.push_back(std::make_unique<ClockTopic>(run));
+  parts.push_back(std::make_unique<ArmTopics>(run));
+  for (std::size_t arm = 0; arm < run.layout->arms.size(); ++arm) {
     const auto index = static_cast<ArmIndex>(arm);
-    if (!world.backend->capabilities(index).simulated) continue;
-    if (world.options->rates_hz.object_poses > 0) parts.push_back(std::make_unique<ObjectPosesTopic>(world));
-    parts.push_back(std::make_unique<SimulationServices>(world, index));
+    if (!run.backend->capabilities(index).simulated) continue;
+    if (run.options->rates_hz.object_poses > 0) parts.push_back(std::make_unique<ObjectPosesTopic>(run));
+    parts.push_back(std::make_unique<SimulationServices>(run));
     break;
   }
-  parts.push_back(std::make_unique<LoopTopics>(world));
-  parts.push_back(std::make_unique<DiagnosticsTopic>(world));
+  parts.push_back(std::make_unique<LoopTopics>(run));
+  parts.push_back(std::make_unique<DiagnosticsTopic>(run));
   return parts;
 }
 

@@ -1,11 +1,11 @@
 #pragma once
 
-#include "ros/adapter/part.hpp"
+#include "ros/adapter/adapter_part.hpp"
 
 namespace multipanda::ros {
 
-// What a run shows of its arms and its world: joint states, states, models, wrenches, tf, robot_description,
-// /clock, statistics, events, diagnostics; and the services of a simulated world.
-Parts make_state(const AdapterWorld& world);
+// Makes the parts that publish arms and world: joint states, states, models, wrenches, tf, robot_description,
+// /clock, statistics, events, diagnostics; and the services of a simulated run.
+AdapterParts make_state(const AdapterContext& run);
 
 }  // namespace multipanda::ros

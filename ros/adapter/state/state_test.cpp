@@ -1,5 +1,5 @@
-// What the adapter shows of arms and world: content against other ways to the same numbers, rates, and the
-// way of the records to it.
+// What the adapter publishes about arms and world: content compared with independent computations, rates, and
+// the relay of records.
 #include "ros/adapter/state/state.hpp"
 
 #include <atomic>
@@ -13,25 +13,26 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "models/two_engines.hpp"
+#include "models/testing/two_engines.hpp"
 #include "ros/adapter/record_relay.hpp"
+#include "ros/adapter/state/arm_messages.hpp"
 #include "ros/adapter/state/arm_topics.hpp"
 #include "ros/adapter/state/loop_topics.hpp"
 #include "ros/adapter/state/scene_description.hpp"
 #include "ros/adapter/state/simulation_services.hpp"
-#include "ros/adapter/state/state_rig.hpp"
+#include "ros/adapter/state/testing/state_fixture.hpp"
 #include "ros/adapter/state/world_topics.hpp"
 
-namespace multipanda::ros {
+namespace multipanda::ros::state_test {
 namespace {
 
-using test::StateRig;
+using test::StateFixture;
 using testing::Contains;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::Not;
 
-// Two arms on rotated bases, one with a hand and a frame of its own, one without.
+// Two arms on rotated bases, one with a hand and its own stiffness frame, one without.
 const std::string kArms =
     "arms:\n"
     "  - name: left\n"
@@ -40,8 +41,6 @@ const std::string kArms =
     "  - name: right\n"
     "    hand: false\n"
     "    base: {position_m: [-0.2, -0.7, 0.1], rpy_rad: [-0.6, 0.2, -2.0]}\n";
-
-// ------------------------------------------------------------------------------------------------- the relay
 
 RecordLayout small_layout() {
   RecordLayout layout;
@@ -55,7 +54,7 @@ CycleRecord numbered(std::uint64_t cycle) {
   return record;
 }
 
-struct Listener : Part {
+struct Listener : AdapterPart {
   std::function<void(std::uint64_t)> on_record;
   std::vector<std::uint64_t> cycles;
   std::size_t events = 0;
@@ -68,8 +67,8 @@ struct Listener : Part {
   void take(const Event&) override { ++events; }
 };
 
-TEST(RecordRelay, KeepsOrderAndCountsWhatFindsNoRoom) {
-  Parts parts;
+TEST(RecordRelay, KeepsOrderAndCountsDroppedRecords) {
+  AdapterParts parts;
   parts.push_back(std::make_unique<Listener>());
   parts.push_back(std::make_unique<Listener>());
   auto &first = static_cast<Listener&>(*parts[0]), &second = static_cast<Listener&>(*parts[1]);
@@ -82,7 +81,7 @@ TEST(RecordRelay, KeepsOrderAndCountsWhatFindsNoRoom) {
   {
     RecordRelay relay(small_layout(), parts);
     relay.take(numbered(1));
-    reached.wait();  // the publisher's thread hangs in the first record, which keeps its place in the ring
+    reached.wait();  // the publisher's thread blocks in the first record, which keeps its place in the ring
     constexpr std::size_t kTooMany = 40;
     for (std::uint64_t cycle = 2; cycle <= RecordRelay::kRecords + kTooMany; ++cycle)
       relay.take(numbered(cycle));
@@ -91,7 +90,7 @@ TEST(RecordRelay, KeepsOrderAndCountsWhatFindsNoRoom) {
     go_on.count_down();
     ASSERT_TRUE(test::wait_for([&] { return relay.handed_on() == RecordRelay::kRecords; }));
     relay.take(numbered(1000));
-    // The end hands on what is there.
+    // The destructor delivers what is left.
   }
   ASSERT_EQ(first.cycles.size(), RecordRelay::kRecords + 1);
   for (std::size_t i = 0; i < RecordRelay::kRecords; ++i) EXPECT_EQ(first.cycles[i], i + 1);
@@ -100,23 +99,20 @@ TEST(RecordRelay, KeepsOrderAndCountsWhatFindsNoRoom) {
   EXPECT_EQ(first.events, 1u);
 }
 
-TEST(RecordRelay, APartThatThrowsHarmsNoOther) {
-  Parts parts;
+TEST(RecordRelay, APartThatThrowsDoesNotAffectOthers) {
+  AdapterParts parts;
   parts.push_back(std::make_unique<Listener>());
   parts.push_back(std::make_unique<Listener>());
   auto &bad = static_cast<Listener&>(*parts[0]), &good = static_cast<Listener&>(*parts[1]);
   bad.on_record = [](std::uint64_t) { throw std::runtime_error("no room left"); };
-  std::vector<std::string> told;
+  std::vector<std::string> failures;
   {
-    RecordRelay relay(small_layout(), parts, [&](const std::string& text) { told.push_back(text); });
+    RecordRelay relay(small_layout(), parts, [&](const std::string& text) { failures.push_back(text); });
     for (std::uint64_t cycle = 1; cycle <= 20; ++cycle) relay.take(numbered(cycle));
   }
   EXPECT_EQ(good.cycles.size(), 20u);
-  EXPECT_THAT(told, ElementsAre("no room left"));  // once
+  EXPECT_THAT(failures, ElementsAre("no room left"));  // once
 }
-
-// --------------------------------------------------------------------------------------------- the
-// statistics
 
 TEST(LoopWindow, FiguresOfSyntheticRecords) {
   std::mt19937_64 random(7);
@@ -137,7 +133,7 @@ TEST(LoopWindow, FiguresOfSyntheticRecords) {
   };
   const auto expect = [](const LoopWindow::Durations& found, std::vector<double> values) {
     std::sort(values.begin(), values.end());
-    // The smallest value that at least that share of all does not exceed.
+    // The smallest value that is not exceeded by at least this fraction of all values.
     const auto share = [&](double of) {
       return *std::find_if(values.begin(), values.end(), [&](double v) {
         const auto below = std::upper_bound(values.begin(), values.end(), v) - values.begin();
@@ -152,7 +148,7 @@ TEST(LoopWindow, FiguresOfSyntheticRecords) {
   add(1, false);
   for (std::uint64_t cycle = 2; cycle <= 500; ++cycle) add(cycle, true);
   const std::int64_t begin = start;
-  LoopWindow::Figures figures = window.look();
+  LoopWindow::Figures figures = window.finish();
   EXPECT_EQ(figures.cycle, 500u);
   EXPECT_EQ(figures.cycles, 500u);
   EXPECT_EQ(figures.overruns, 5u);
@@ -160,13 +156,13 @@ TEST(LoopWindow, FiguresOfSyntheticRecords) {
   expect(figures.period, periods);
   expect(figures.cycle_time, works);
 
-  // The next window begins with the last cycle. Records 701 to 730 are missing: no period spans them.
+  // The next window begins with the last cycle. Records 701 to 730 are missing, so no period spans them.
   periods.clear();
   works.clear();
   for (std::uint64_t cycle = 501; cycle <= 700; ++cycle) add(cycle, true);
   add(731, false);
   for (std::uint64_t cycle = 732; cycle <= 1000; ++cycle) add(cycle, true);
-  figures = window.look();
+  figures = window.finish();
   EXPECT_EQ(figures.cycles, 500u);
   EXPECT_EQ(figures.overruns, 10u);
   EXPECT_EQ(figures.overruns_window, 5u);
@@ -176,15 +172,13 @@ TEST(LoopWindow, FiguresOfSyntheticRecords) {
   expect(figures.cycle_time, works);
 }
 
-TEST(LoopWindow, WithoutRecordsNothingIsMadeUp) {
+TEST(LoopWindow, HasNoFiguresWithoutRecords) {
   LoopWindow window;
-  const LoopWindow::Figures figures = window.look();
+  const LoopWindow::Figures figures = window.finish();
   EXPECT_EQ(figures.cycles, 0u);
   EXPECT_EQ(figures.rate_hz, 0);
   EXPECT_TRUE(std::isnan(figures.period.median) && std::isnan(figures.cycle_time.worst));
 }
-
-// ------------------------------------------------------------------------------------------------- the arms
 
 JointArray random_joints(std::mt19937_64& random, double most) {
   JointArray joints{};
@@ -194,9 +188,13 @@ JointArray random_joints(std::mt19937_64& random, double most) {
 
 struct Arms : testing::Test {
   explicit Arms(const std::string& text = kArms) : scene(parse_scene(text, "test.yaml", registry)) {
-    for (const auto& arm : scene.arms) world.models.push_back(build_arm_model(arm));
-    world.scene = &scene;
-    view.emplace(world);
+    for (const auto& arm : scene.arms) run.models.push_back(build_arm_model(arm));
+    run.scene = &scene;
+    view.emplace(run);
+  }
+  void fill_first(const CycleRecord& record, multipanda_msgs::msg::RobotState& state) {
+    const ArmModels::Arm& arm = view->arms()[0];
+    fill_state(record.arms[0], arm.frames, arm.tool, arm.load, view->terms(0), state);
   }
   CycleRecord random_record(std::mt19937_64& random) {
     CycleRecord record(scene.arms.size(), 0, 0);
@@ -211,8 +209,8 @@ struct Arms : testing::Test {
   }
   Registry registry = Registry::with_builtins();
   Scene scene;
-  RunWorld world;
-  std::optional<ArmsView> view;
+  RunContext run;
+  std::optional<ArmModels> view;
 };
 
 TEST_F(Arms, JointStatesNameAllJointsAndFingers) {
@@ -234,8 +232,8 @@ TEST_F(Arms, JointStatesNameAllJointsAndFingers) {
   ASSERT_EQ(message.position.size(), message.name.size());
 }
 
-// All frames of tf, put together from `world`, stand where Pinocchio has them by robot_description and
-// joint_states.
+// All frames of tf, chained from `world`, agree with Pinocchio's, computed from robot_description
+// and joint_states.
 TEST_F(Arms, TransformsAgreeWithTheRobotDescription) {
   std::mt19937_64 random(2);
   for (int trial = 0; trial < 3; ++trial) {
@@ -275,22 +273,22 @@ TEST_F(Arms, TransformsAgreeWithTheRobotDescription) {
       EXPECT_LT((X.position - terms.poses[i].position).norm(), 1e-12) << names[i];
       EXPECT_LT((X.rotation - terms.poses[i].rotation).norm(), 1e-12) << names[i];
     }
-    // The frames that are set stand where the model has them.
+    // The configured frames agree with the model.
     EXPECT_LT((placed["left_ee"].position - view->terms(0).X_WE().position).norm(), 1e-12);
     EXPECT_LT((placed["left_k"].position - view->terms(0).X_WK().position).norm(), 1e-12);
     EXPECT_LT((placed["left_k"].rotation - view->terms(0).X_WK().rotation).norm(), 1e-12);
     EXPECT_GT((placed["left_k"].position - placed["left_ee"].position).norm(), 0.03);
-    EXPECT_EQ(placed.size(), 1 + names.size() + 4);  // and no other
+    EXPECT_EQ(placed.size(), 1 + names.size() + 4);  // and there are no others
   }
 }
 
-// Standing on a turned base, an arm is the same arm: M stays, Jacobian and poses turn with it.
-TEST_F(Arms, ModelOfATurnedBaseIsTheModelTurned) {
+// On a rotated base M stays the same; Jacobian and poses rotate with the base.
+TEST_F(Arms, ModelOnARotatedBaseIsTheModelRotated) {
   std::mt19937_64 random(3);
   const CycleRecord record = random_record(random);
   view->take(record);
   multipanda_msgs::msg::RobotModel model;
-  fill(view->arms()[0], view->terms(0), model);
+  fill_model(view->terms(0), model);
 
   SceneArm upright = scene.arms[0];
   const Pose X_WB = upright.X_WB;
@@ -330,22 +328,22 @@ TEST_F(Arms, ModelOfATurnedBaseIsTheModelTurned) {
   expect_pose(model.stiffness, X_WB * terms.X_WK());
   EXPECT_NEAR(model.manipulability, terms.manipulability(), 1e-12);
 
-  // The state: twist in world axes, and only as many joints as there are.
+  // The state has its twist in world axes, and one value per joint.
   multipanda_msgs::msg::RobotState state;
-  fill(view->arms()[0], record.arms[0], view->terms(0), state);
+  fill_first(record, state);
   const Vector3 v = X_WB.rotation * terms.V_WE().linear();
   EXPECT_LT((Vector3(state.twist.linear.x, state.twist.linear.y, state.twist.linear.z) - v).norm(), 1e-12);
   EXPECT_EQ(state.q.size(), 7u);
-  EXPECT_TRUE(state.tau_ext.empty());  // the arm does not tell
+  EXPECT_TRUE(state.tau_ext.empty());  // the arm does not report it
   expect_pose(state.stiffness, scene.arms[0].X_EK);
 }
 
-TEST_F(Arms, SettingsFollowTheArmsOwnWord) {
+TEST_F(Arms, SettingsFollowTheArmsReport) {
   CycleRecord record(2, 0, 0);
   record.arms[0].errors = (1ull << 6) | (1ull << 25);
   view->take(record);
   multipanda_msgs::msg::RobotState state;
-  fill(view->arms()[0], record.arms[0], view->terms(0), state);
+  fill_first(record, state);
   EXPECT_THAT(state.error_names, ElementsAre("joint_reflex", "communication_constraints_violation"));
   const JointVector gravity_before = view->terms(0).g();
 
@@ -357,28 +355,25 @@ TEST_F(Arms, SettingsFollowTheArmsOwnWord) {
   std::copy(values.begin(), values.end(), event.values.begin());
   event.size = static_cast<std::uint8_t>(values.size());
   view->take(event);
-  fill(view->arms()[0], record.arms[0], view->terms(0), state);
+  fill_first(record, state);
   EXPECT_EQ(state.end_effector.position.z, 0.2);
   EXPECT_NEAR(std::abs(state.stiffness.orientation.x), 1, 1e-12);
   EXPECT_EQ(state.load.mass, 1.5);
-  EXPECT_EQ(state.load.centre.x, 0.02);
+  EXPECT_EQ(state.load.center.x, 0.02);
   EXPECT_THAT(state.load.inertia, ElementsAre(4, 0.1, 0.2, 5, 0.3, 6));
   EXPECT_THAT(state.tool.inertia, ElementsAre(1, 0, 0, 2, 0, 3));
-  EXPECT_GT((view->terms(0).g() - gravity_before).norm(), 0.5);  // and the model carries it
+  EXPECT_GT((view->terms(0).g() - gravity_before).norm(), 0.5);  // and the model carries the load
 
   record.arms[0].errors = 0;
-  fill(view->arms()[0], record.arms[0], view->terms(0), state);
+  fill_first(record, state);
   EXPECT_TRUE(state.error_names.empty());
 }
 
-// --------------------------------------------------------------------------------------- a simulated world
-// in ROS
-
-// Messages of a topic, as they come. Counts in the executor's thread.
+// Messages of a topic. The executor's thread counts them.
 template <class M>
-struct Heard {
-  Heard(StateRig& rig, Node& node, const std::string& name, const Qos& qos = Qos::reliable(2000))
-      : subscription(rig.executor(), node, name, qos, Doc{}, [this](const M& message) {
+struct Received {
+  Received(StateFixture& fixture, Node& node, const std::string& name, const Qos& qos = Qos::reliable(2000))
+      : subscription(fixture.executor(), node, name, qos, Doc{}, [this](const M& message) {
           const std::lock_guard lock(mutex);
           messages.push_back(message);
         }) {}
@@ -394,26 +389,27 @@ struct Heard {
 std::string with_rates(const std::string& rates) { return kArms + "ros: {rates_hz: {" + rates + "}}\n"; }
 
 TEST(State, EveryNthCycleIsPublishedAndStamped) {
-  StateRig rig(with_rates("joint_states: 250, tf: 100, clock: 1000, robot_state: 0, object_poses: 0"));
-  const Parts parts = make_state(rig.world());
-  Node listener(rig.context(), "listener");
-  Heard<sensor_msgs::msg::JointState> joints(rig, listener, "/joint_states");
-  Heard<tf2_msgs::msg::TFMessage> tf(rig, listener, "/tf"),
-      fixed(rig, listener, "/tf_static", Qos::latched());
-  Heard<rosgraph_msgs::msg::Clock> clock(rig, listener, "/clock");
-  Heard<std_msgs::msg::String> urdf(rig, listener, "/robot_description", Qos::latched());
-  rig.executor().start();
-  // A publisher knows of a reader when the first message has come; until then none may be counted.
+  StateFixture fixture(
+      with_rates("joint_states: 250, tf: 100, clock: 1000, robot_state: 0, object_poses: 0"));
+  const AdapterParts parts = make_state(fixture.run_context());
+  Node listener(fixture.context(), "listener");
+  Received<sensor_msgs::msg::JointState> joints(fixture, listener, "/joint_states");
+  Received<tf2_msgs::msg::TFMessage> tf(fixture, listener, "/tf"),
+      fixed(fixture, listener, "/tf_static", Qos::latched());
+  Received<rosgraph_msgs::msg::Clock> clock(fixture, listener, "/clock");
+  Received<std_msgs::msg::String> urdf(fixture, listener, "/robot_description", Qos::latched());
+  fixture.executor().start();
+  // A publisher has a subscriber only after discovery; messages are counted from the first one received.
   LoopTime newest;
   const auto run = [&](std::size_t cycles) {
-    rig.run(cycles, parts, [&](const CycleRecord& record) { newest = record.t; });
+    fixture.run(cycles, parts, [&](const CycleRecord& record) { newest = record.t; });
   };
   ASSERT_TRUE(test::wait_for([&] {
     run(20);
     return joints.count() > 0 && tf.count() > 0 && clock.count() > 0;
   }));
   ASSERT_TRUE(test::wait_for([&] { return fixed.count() > 0 && urdf.count() > 0; }));
-  // From here on so slowly that no message gives way to a newer one.
+  // From here on so slowly that no message is replaced by a newer one.
   const auto ns = [](const auto& stamp) { return stamp.sec * 1'000'000'000ll + stamp.nanosec; };
   const std::int64_t begin = newest.ns;
   const auto since = [&] {
@@ -430,7 +426,7 @@ TEST(State, EveryNthCycleIsPublishedAndStamped) {
     const std::lock_guard lock(clock.mutex);
     return ns(clock.messages.back().clock) == newest.ns;
   }));
-  rig.executor().stop();
+  fixture.executor().stop();
   EXPECT_EQ(since(), 100u);
   const std::size_t count = tf.messages.size();
   ASSERT_GT(count, 30u);
@@ -444,15 +440,16 @@ TEST(State, EveryNthCycleIsPublishedAndStamped) {
   ASSERT_EQ(fixed.messages.size(), 1u);
   EXPECT_EQ(fixed.messages[0].transforms.size(), 4u + 2);
   ASSERT_EQ(urdf.messages.size(), 1u);
-  EXPECT_EQ(urdf.messages[0].data, scene_urdf(rig.scene()));
-  for (const auto& entity : rig.node().entities()) EXPECT_THAT(entity.name, Not(HasSubstr("robot_state")));
+  EXPECT_EQ(urdf.messages[0].data, scene_urdf(fixture.scene()));
+  for (const auto& entity : fixture.node().entities())
+    EXPECT_THAT(entity.name, Not(HasSubstr("robot_state")));
 }
 
-// An arm on a turned base holds a payload that nobody declared to it: by its wrench topic it lifts it, with
-// the weight straight up in the world and the moment that the weight has about K.
-TEST(State, WrenchOfAWeightStandsUprightInTheWorld) {
+// An arm on a rotated base holds an undeclared payload. Its wrench topic must report the weight straight up
+// in the world, and the weight's moment about K.
+TEST(State, WrenchOfAWeightIsVerticalInTheWorld) {
   const double mass = 1.2;
-  StateRig rig(
+  StateFixture fixture(
       "arms:\n"
       "  - name: left\n"
       "    base: {position_m: [0, 0, 1], rpy_rad: [0.5, -0.4, 1.0]}\n"
@@ -460,30 +457,31 @@ TEST(State, WrenchOfAWeightStandsUprightInTheWorld) {
       "    load_present: {mass_kg: 1.2, com_m: [0.03, -0.02, 0.15], inertia_kg_m2: {xx: 0.001, yy: 0.001, "
       "zz: 0.001}}\n"
       "ros: {rates_hz: {wrench: 1000}}\n");
-  const Parts parts = make_state(rig.world());
-  Node listener(rig.context(), "listener");
-  Heard<geometry_msgs::msg::WrenchStamped> heard(rig, listener, "/left/wrench");
-  rig.executor().start();
+  const AdapterParts parts = make_state(fixture.run_context());
+  Node listener(fixture.context(), "listener");
+  Received<geometry_msgs::msg::WrenchStamped> received(fixture, listener, "/left/wrench");
+  fixture.executor().start();
   ArmSample sample;
-  rig.run(4000, {}, [&](const CycleRecord& record) { sample = record.arms[0]; });  // comes to rest
+  fixture.run(4000, {}, [&](const CycleRecord& record) { sample = record.arms[0]; });  // comes to rest
   ASSERT_TRUE(test::wait_for([&] {
-    rig.run(20, parts, [&](const CycleRecord& record) { sample = record.arms[0]; });
-    return heard.count() > 0;
+    fixture.run(20, parts, [&](const CycleRecord& record) { sample = record.arms[0]; });
+    return received.count() > 0;
   }));
-  rig.executor().stop();
+  fixture.executor().stop();
 
-  ModelTerms terms(rig.world().models[0]);
-  const ArmConfig config = arm_config(rig.scene().arms[0]);
+  ModelTerms terms(fixture.run_context().models[0]);
+  const ArmConfig config = arm_config(fixture.scene().arms[0]);
   terms.set_config(config.frames, config.tool, config.load);
   terms.update(JointVector(Eigen::Map<const Eigen::VectorXd>(sample.q.data(), 7)),
                JointVector(Eigen::Map<const Eigen::VectorXd>(sample.dq.data(), 7)));
   const Vector3 weight(0, 0, -9.81 * mass), p_WC = terms.X_WF() * Vector3(0.03, -0.02, 0.15);
-  const Vector3 moment = (p_WC - terms.X_WK().position).cross(-weight);  // of what the arm exerts, about K
-  const auto& wrench = heard.messages.back().wrench;
-  EXPECT_EQ(heard.messages.back().header.frame_id, "world");
+  // of the wrench that the arm exerts, about K
+  const Vector3 moment = (p_WC - terms.X_WK().position).cross(-weight);
+  const auto& wrench = received.messages.back().wrench;
+  EXPECT_EQ(received.messages.back().header.frame_id, "world");
   EXPECT_LT((Vector3(wrench.force.x, wrench.force.y, wrench.force.z) + weight).norm(), 0.02 * weight.norm());
   EXPECT_LT((Vector3(wrench.torque.x, wrench.torque.y, wrench.torque.z) - moment).norm(), 0.1);
-  EXPECT_GT(moment.norm(), 0.2);  // so that a moment about another point would be seen
+  EXPECT_GT(moment.norm(), 0.2);  // so that a moment about another point would be noticed
 }
 
 const std::string kBall =
@@ -492,39 +490,39 @@ const std::string kBall =
     "  - {name: ball, shape: sphere, diameter_m: 0.1, position_m: [0.5, 0, 1], fixed: false, mass_kg: 1}\n";
 
 TEST(State, ObjectsFallInTheirTopicAsInPhysics) {
-  StateRig rig("arms:\n  - name: left\n" + kBall + "ros: {rates_hz: {object_poses: 1000}}\n");
-  const Parts parts = make_state(rig.world());
-  Node listener(rig.context(), "listener");
-  Heard<multipanda_msgs::msg::ObjectPoses> heard(rig, listener, "/simulation/object_poses");
-  rig.executor().start();
+  StateFixture fixture("arms:\n  - name: left\n" + kBall + "ros: {rates_hz: {object_poses: 1000}}\n");
+  const AdapterParts parts = make_state(fixture.run_context());
+  Node listener(fixture.context(), "listener");
+  Received<multipanda_msgs::msg::ObjectPoses> received(fixture, listener, "/simulation/object_poses");
+  fixture.executor().start();
   ASSERT_TRUE(test::wait_for([&] {
-    rig.run(5, parts);
-    return heard.count() > 0;
+    fixture.run(5, parts);
+    return received.count() > 0;
   }));
-  (void)rig.backend().request(0, ResetSimulation{});
-  const std::size_t before = heard.count();
+  (void)fixture.backend().request(ResetSimulation{});
+  const std::size_t before = received.count();
   for (std::size_t cycles = 5; cycles <= 150; cycles += 5) {
-    rig.run(5, parts);
-    ASSERT_TRUE(test::wait_for([&] { return heard.count() + 5 >= before + cycles; }));
+    fixture.run(5, parts);
+    ASSERT_TRUE(test::wait_for([&] { return received.count() + 5 >= before + cycles; }));
   }
-  rig.executor().stop();
-  const auto& last = heard.messages.back();
+  fixture.executor().stop();
+  const auto& last = received.messages.back();
   EXPECT_THAT(last.names, ElementsAre("ball"));
   const double height = last.poses[0].position.z;
-  // How long it fell is known by the messages since it was back at its start.
-  std::size_t begin = heard.messages.size() - 1;
+  // The number of messages since the reset gives the duration of the fall.
+  std::size_t begin = received.messages.size() - 1;
   while (begin > 0 &&
-         heard.messages[begin - 1].poses[0].position.z >= heard.messages[begin].poses[0].position.z)
+         received.messages[begin - 1].poses[0].position.z >= received.messages[begin].poses[0].position.z)
     --begin;
   const auto time = [](const auto& stamp) { return stamp.sec + 1e-9 * stamp.nanosec; };
-  const double fallen = time(last.header.stamp) - time(heard.messages[begin].header.stamp);
+  const double fallen = time(last.header.stamp) - time(received.messages[begin].header.stamp);
   EXPECT_GT(fallen, 0.05);
   EXPECT_NEAR(height, 1 - 0.5 * 9.81 * fallen * fallen, 0.02);
 }
 
-TEST(State, DiagnosticsSayWhatIsWrong) {
-  StateRig rig(kArms);
-  LoopTopics loop(rig.world());
+TEST(State, DiagnosticsReportProblems) {
+  StateFixture fixture(kArms);
+  LoopTopics loop(fixture.run_context());
   const auto line = [&](const std::string& name) {
     for (const auto& each : loop.diagnostics()) {
       if (each.name == name) return each;
@@ -532,7 +530,7 @@ TEST(State, DiagnosticsSayWhatIsWrong) {
     return Diagnostic{.name = "missing"};
   };
   EXPECT_EQ(line("loop").level, Diagnostic::Level::warn);
-  EXPECT_EQ(line("loop").message, "has not begun");
+  EXPECT_EQ(line("loop").message, "has not started");
   CycleRecord record(2, 0, 0);
   record.cycle = 1;
   record.start = host_now();
@@ -553,31 +551,32 @@ TEST(State, DiagnosticsSayWhatIsWrong) {
   EXPECT_EQ(line("loop").level, Diagnostic::Level::error);
   EXPECT_THAT(line("loop").message, HasSubstr("no cycle for"));
   EXPECT_EQ(line("ros").level, Diagnostic::Level::ok);
-  rig.world().counters->records_dropped = 3;
+  fixture.run_context().counters->records_dropped = 3;
   EXPECT_EQ(line("ros").level, Diagnostic::Level::warn);
 }
 
 TEST(State, EventsAreNamed) {
-  StateRig rig(kArms +
-               "controllets:\n"
-               "  - {name: still, type: joint_impedance, arms: left}\n"
-               "timeline:\n"
-               "  - {at_s: 0.02, switch: {activate: [still]}}\n"
-               "  - {at_s: 0.03, stop: [left]}\n");
-  const Parts parts = make_state(rig.world());
-  Node listener(rig.context(), "listener");
-  rig.run(60, parts);
-  // Whoever comes late hears of them as well.
-  Heard<multipanda_msgs::msg::Switch> switches(rig, listener, "/multipanda/switch_events", Qos::latched(50));
-  Heard<multipanda_msgs::msg::Event> events(rig, listener, "/multipanda/events", Qos::latched(50));
-  rig.executor().start();
+  StateFixture fixture(kArms +
+                       "controllets:\n"
+                       "  - {name: still, type: joint_impedance, arms: left}\n"
+                       "timeline:\n"
+                       "  - {at_s: 0.02, switch: {activate: [still]}}\n"
+                       "  - {at_s: 0.03, stop: [left]}\n");
+  const AdapterParts parts = make_state(fixture.run_context());
+  Node listener(fixture.context(), "listener");
+  fixture.run(60, parts);
+  // Late subscribers receive them as well.
+  Received<multipanda_msgs::msg::Switch> switches(fixture, listener, "/multipanda/switch_events",
+                                                  Qos::latched(50));
+  Received<multipanda_msgs::msg::Event> events(fixture, listener, "/multipanda/events", Qos::latched(50));
+  fixture.executor().start();
   const auto stopped = [&] {
     const std::lock_guard lock(events.mutex);
     return std::any_of(events.messages.begin(), events.messages.end(),
                        [](const auto& event) { return event.kind == "stopped"; });
   };
   EXPECT_TRUE(test::wait_for([&] { return switches.count() >= 2 && stopped(); }));
-  rig.executor().stop();
+  fixture.executor().stop();
   const auto switched = std::find_if(switches.messages.begin(), switches.messages.end(),
                                      [](const auto& each) { return !each.started.empty(); });
   ASSERT_NE(switched, switches.messages.end());
@@ -593,10 +592,7 @@ TEST(State, EventsAreNamed) {
   }
 }
 
-// ------------------------------------------------------------------------------------------ services of the
-// world
-
-TEST(Placements, AreTurnedIntoTheWorldOrRefused) {
+TEST(Placements, AreTransformedToTheWorldOrRefused) {
   const Pose X_WB = Pose::from({1, 2, 3}, Quaternion(0.9, 0.1, -0.3, 0.2));
   multipanda_msgs::srv::PlaceObjects::Request request;
   request.frame_id = "left_link0";
@@ -624,31 +620,31 @@ TEST(Placements, AreTurnedIntoTheWorldOrRefused) {
   EXPECT_THAT(refusal(), HasSubstr("finite"));
   request.poses[0].position.y = 0;
   request.poses[0].orientation.w = 0.5;
-  EXPECT_THAT(refusal(), HasSubstr("unit quaternion"));
+  EXPECT_THAT(refusal(), HasSubstr("quaternion of length 1"));
   request.poses.clear();
   EXPECT_THAT(refusal(), HasSubstr("1 names and 0 poses"));
 }
 
-TEST(State, TheSimulatedWorldObeysItsServices) {
-  StateRig rig("arms:\n  - name: left\n" + kBall);
-  const Parts parts = make_state(rig.world());
-  Node listener(rig.context(), "listener");
-  Client<std_srvs::srv::SetBool> pause(rig.executor(), listener, "/simulation/pause");
-  Client<multipanda_msgs::srv::StepSimulation> step(rig.executor(), listener, "/simulation/step");
-  Client<multipanda_msgs::srv::PlaceObjects> place(rig.executor(), listener, "/simulation/place_objects");
-  Client<std_srvs::srv::Trigger> reset(rig.executor(), listener, "/simulation/reset");
-  rig.executor().start();
+TEST(State, ServicesControlTheSimulatedWorld) {
+  StateFixture fixture("arms:\n  - name: left\n" + kBall);
+  const AdapterParts parts = make_state(fixture.run_context());
+  Node listener(fixture.context(), "listener");
+  Client<std_srvs::srv::SetBool> pause(fixture.executor(), listener, "/simulation/pause");
+  Client<multipanda_msgs::srv::StepSimulation> step(fixture.executor(), listener, "/simulation/step");
+  Client<multipanda_msgs::srv::PlaceObjects> place(fixture.executor(), listener, "/simulation/place_objects");
+  Client<std_srvs::srv::Trigger> reset(fixture.executor(), listener, "/simulation/reset");
+  fixture.executor().start();
   ASSERT_TRUE(pause.wait_until_ready(20) && step.wait_until_ready(20) && place.wait_until_ready(20) &&
               reset.wait_until_ready(20));
   const auto answer_of = [&](auto& client, const auto& request) {
     auto answer = client.call(request);
     EXPECT_TRUE(test::wait_for([&] {
-      rig.run(2, parts);
+      fixture.run(2, parts);
       return answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
     }));
     return answer.get();
   };
-  const auto height = [&] { return rig.backend().object_pose("ball")->position.z(); };
+  const auto height = [&] { return fixture.backend().object_pose("ball")->position.z(); };
 
   multipanda_msgs::srv::PlaceObjects::Request there;
   there.names = {"ball", "cube"};
@@ -666,7 +662,7 @@ TEST(State, TheSimulatedWorldObeysItsServices) {
   on.data = true;
   EXPECT_TRUE(answer_of(pause, on).success);
   const double still = height();
-  rig.run(20, parts);
+  fixture.run(20, parts);
   EXPECT_EQ(height(), still);
   multipanda_msgs::srv::StepSimulation::Request steps;
   steps.periods = 10;
@@ -679,16 +675,16 @@ TEST(State, TheSimulatedWorldObeysItsServices) {
   EXPECT_FALSE(refused.error.empty());
   EXPECT_TRUE(answer_of(reset, std_srvs::srv::Trigger::Request{}).success);
   EXPECT_NEAR(height(), 1, 0.05);
-  EXPECT_EQ(rig.world().counters->requests, 6u);
-  EXPECT_EQ(rig.world().counters->requests_refused, 2u);
-  rig.executor().stop();
+  EXPECT_EQ(fixture.run_context().counters->requests, 6u);
+  EXPECT_EQ(fixture.run_context().counters->requests_refused, 2u);
+  fixture.executor().stop();
 }
 
-// Everything that is there is described, with its rate.
+// Every entity is described, with its rate.
 TEST(State, EveryEntityIsDocumented) {
-  StateRig rig(kArms + kBall);
-  const Parts parts = make_state(rig.world());
-  const auto entities = rig.node().entities();
+  StateFixture fixture(kArms + kBall);
+  const AdapterParts parts = make_state(fixture.run_context());
+  const auto entities = fixture.node().entities();
   EXPECT_GT(entities.size(), 15u);
   for (const auto& entity : entities) {
     EXPECT_FALSE(entity.type.empty() || entity.doc.empty()) << entity.name;
@@ -699,4 +695,4 @@ TEST(State, EveryEntityIsDocumented) {
 }
 
 }  // namespace
-}  // namespace multipanda::ros
+}  // namespace multipanda::ros::state_test

@@ -6,9 +6,9 @@
 namespace multipanda::ros {
 namespace {
 
-std::string link(const ArmsView::Arm& arm, std::size_t i) { return arm.prefix + "link" + std::to_string(i); }
-// The link after the last one that a joint moves: link8 of a seven-jointed arm.
-std::string flange(const ArmsView::Arm& arm) { return link(arm, arm.joint_count + 1); }
+std::string link(const ArmModels::Arm& arm, std::size_t i) { return arm.prefix + "link" + std::to_string(i); }
+// The link after the last moving joint: link8 of an arm with seven joints.
+std::string flange(const ArmModels::Arm& arm) { return link(arm, arm.joint_count + 1); }
 
 void set(const Placed& frame, const builtin_interfaces::msg::Time& stamp,
          geometry_msgs::msg::TransformStamped& out) {
@@ -20,7 +20,7 @@ void set(const Placed& frame, const builtin_interfaces::msg::Time& stamp,
 
 }  // namespace
 
-std::vector<Placed> fixed_frames(const ArmsView::Arm& arm, const Pose& X_WB) {
+std::vector<Placed> fixed_frames(const ArmModels::Arm& arm, const Pose& X_WB) {
   std::vector<Placed> frames{{kWorldFrame, link(arm, 0), X_WB},
                              {link(arm, arm.joint_count), flange(arm), arm.robot.flange.pose()}};
   if (arm.hand && arm.robot.hand) {
@@ -30,10 +30,10 @@ std::vector<Placed> fixed_frames(const ArmsView::Arm& arm, const Pose& X_WB) {
   return frames;
 }
 
-void moving_frames(const ArmsView::Arm& arm, const ArmSample& sample, ModelTerms& terms,
+void moving_frames(const ArmModels::Arm& arm, const ArmSample& sample, ModelTerms& terms,
                    std::vector<Placed>& out) {
   std::size_t at = 0;
-  // Names are made once; afterwards only poses change.
+  // Names are set once; afterwards only poses change.
   const auto put = [&](auto parent, auto child, const Pose& X) {
     if (at == out.size()) out.push_back({parent(), child(), X});
     out[at++].X = X;
@@ -59,26 +59,25 @@ void moving_frames(const ArmsView::Arm& arm, const ArmSample& sample, ModelTerms
   put([&] { return arm.prefix + "ee"; }, [&] { return arm.prefix + "k"; }, arm.frames.X_EK);
 }
 
-Transforms::Transforms(const AdapterWorld& world, const std::vector<ArmsView::Arm>& arms)
-    : moving_(
-          *world.node, "/tf", Qos::reliable(100), world.options->rates_hz.tf, period_of(world),
-          "Links of all arms from `<arm>_link0` on, fingers, and the frames that are set: `<arm>_ee` (end "
-          "effector) in the flange `<arm>_link8`, `<arm>_k` (stiffness) in `<arm>_ee`."),
-      fixed_(*world.node, "/tf_static", Qos::latched(),
+Transforms::Transforms(const AdapterContext& run, const std::vector<ArmModels::Arm>& arms)
+    : moving_(*run.node, "/tf", Qos::reliable(100), run.options->rates_hz.tf, period_of(run),
+              "Links of all arms from `<arm>_link0` on, fingers, and the configured frames: `<arm>_ee` (end "
+              "effector) in the flange `<arm>_link8`, `<arm>_k` (stiffness) in `<arm>_ee`."),
+      fixed_(*run.node, "/tf_static", Qos::latched(),
              Doc{"once", "Bases in `world`, the flange `<arm>_link8`, `<arm>_hand`, `<arm>_hand_tcp`."}),
       frames_(arms.size()) {
   tf2_msgs::msg::TFMessage message;
   for (std::size_t i = 0; i < arms.size(); ++i) {
-    for (const auto& frame : fixed_frames(arms[i], world.models[i]->X_WB())) {
+    for (const auto& frame : fixed_frames(arms[i], run.models[i]->X_WB())) {
       set(frame, builtin_interfaces::msg::Time(), message.transforms.emplace_back());
     }
   }
   fixed_.publish(message);
 }
 
-void Transforms::take(const CycleRecord& record, const builtin_interfaces::msg::Time& stamp, ArmsView& view) {
-  // Where time stands (a paused simulation), the same again would be refused by every listener, with a
-  // warning.
+void Transforms::take(const CycleRecord& record, const builtin_interfaces::msg::Time& stamp,
+                      ArmModels& view) {
+  // While time is stopped (paused simulation), listeners would reject repeated transforms with a warning.
   if (stamp == stamp_ || !moving_.due(record.cycle)) return;
   stamp_ = stamp;
   std::size_t at = 0;

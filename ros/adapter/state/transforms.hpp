@@ -6,34 +6,34 @@
 #include <utility>
 #include <vector>
 
-#include "ros/adapter/state/arms_view.hpp"
+#include "ros/adapter/state/arm_models.hpp"
 #include "ros/adapter/state/topic.hpp"
 
 namespace multipanda::ros {
 
-// A frame in its parent, by name.
+// A frame's pose in its parent, by name.
 struct Placed {
   std::string parent, child;
   Pose X;
 };
 
-// What never moves: world -> link0, the last link -> flange -> hand -> hand_tcp.
-std::vector<Placed> fixed_frames(const ArmsView::Arm& arm, const Pose& X_WB);
-// What moves: links by their joints, fingers, and the frames that users set: flange -> ee -> k. Always the
-// same frames in the same order; the names stay as they are once they were written.
-void moving_frames(const ArmsView::Arm& arm, const ArmSample& sample, ModelTerms& terms,
+// Fixed frames: world -> link0, last link -> flange -> hand -> hand_tcp.
+std::vector<Placed> fixed_frames(const ArmModels::Arm& arm, const Pose& X_WB);
+// Moving frames: links by their joints, fingers, and the frames that users set (flange -> ee -> k). Always
+// the same frames in the same order; names are written once.
+void moving_frames(const ArmModels::Arm& arm, const ArmSample& sample, ModelTerms& terms,
                    std::vector<Placed>& out);
 
 // /tf and /tf_static.
 class Transforms {
  public:
-  Transforms(const AdapterWorld& world, const std::vector<ArmsView::Arm>& arms);
-  void take(const CycleRecord& record, const builtin_interfaces::msg::Time& stamp, ArmsView& view);
+  Transforms(const AdapterContext& run, const std::vector<ArmModels::Arm>& arms);
+  void take(const CycleRecord& record, const builtin_interfaces::msg::Time& stamp, ArmModels& view);
 
  private:
   Topic<tf2_msgs::msg::TFMessage> moving_;
   Publisher<tf2_msgs::msg::TFMessage> fixed_;
-  std::vector<std::vector<Placed>> frames_;  // of each arm
+  std::vector<std::vector<Placed>> frames_;  // one list per arm
   builtin_interfaces::msg::Time stamp_;      // of the newest message
 };
 

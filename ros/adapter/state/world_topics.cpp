@@ -6,9 +6,9 @@
 
 namespace multipanda::ros {
 
-ClockTopic::ClockTopic(const AdapterWorld& world)
-    : clock_(*world.node, "/clock", Qos::reliable(1), world.options->rates_hz.clock, period_of(world),
-             "Simulated time: set `use_sim_time` in nodes that are to follow it.") {}
+ClockTopic::ClockTopic(const AdapterContext& run)
+    : clock_(*run.node, "/clock", Qos::reliable(1), run.options->rates_hz.clock, period_of(run),
+             "Simulated time. Set `use_sim_time` in nodes that should follow it.") {}
 
 void ClockTopic::take(const CycleRecord& record) {
   if (!clock_.due(record.cycle)) return;
@@ -28,14 +28,14 @@ std::vector<std::string> free_objects(const Scene& scene) {
 
 }  // namespace
 
-ObjectPosesTopic::ObjectPosesTopic(const AdapterWorld& world)
-    : world_(world),
-      names_(free_objects(*world.scene)),
-      every_(world.options->rates_hz.object_poses, period_of(world)),
-      seen_(names_.size()),
-      newest_(seen_),
-      publisher_(*world.node, "simulation/object_poses", Qos::reliable(),
-                 Doc{every_.words(period_of(world)), "Free objects of the simulated world."}) {
+ObjectPosesTopic::ObjectPosesTopic(const AdapterContext& run)
+    : run_(run),
+      names_(free_objects(*run.scene)),
+      every_(run.options->rates_hz.object_poses, period_of(run)),
+      snapshot_(names_.size()),
+      newest_(snapshot_),
+      publisher_(*run.node, "simulation/object_poses", Qos::reliable(),
+                 Doc{every_.text(period_of(run)), "Poses of the free objects of the simulated run."}) {
   message_.header.frame_id = kWorldFrame;
   message_.names = names_;
   message_.poses.resize(names_.size());
@@ -47,18 +47,18 @@ void ObjectPosesTopic::on_loop(const Tick& tick, const Backend& backend) {
   if (simulation == nullptr) return;
   for (std::size_t i = 0; i < names_.size(); ++i) {
     const std::optional<Pose> X_WO = simulation->object_pose(names_[i]);
-    if (!X_WO) return;  // it cannot tell now
-    seen_.X_WO[i] = *X_WO;
+    if (!X_WO) return;  // not available at this moment
+    snapshot_.X_WO[i] = *X_WO;
   }
-  seen_.tick = tick;
-  newest_.write(seen_);
+  snapshot_.tick = tick;
+  newest_.write(snapshot_);
 }
 
 void ObjectPosesTopic::take(const CycleRecord&) {
   if (!newest_.take() || publisher_.subscribers() == 0) return;
-  const Seen& seen = newest_.value();
-  message_.header.stamp = to_time(world_.stamps.at(seen.tick.t, seen.tick.start));
-  for (std::size_t i = 0; i < names_.size(); ++i) set_pose(message_.poses[i], seen.X_WO[i]);
+  const Snapshot& snapshot = newest_.value();
+  message_.header.stamp = to_time(run_.stamps.at(snapshot.tick.t, snapshot.tick.start));
+  for (std::size_t i = 0; i < names_.size(); ++i) set_pose(message_.poses[i], snapshot.X_WO[i]);
   publisher_.publish(message_);
 }
 

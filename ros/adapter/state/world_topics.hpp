@@ -11,39 +11,39 @@
 
 namespace multipanda::ros {
 
-// /clock, where stamps are simulated time.
-class ClockTopic : public Part {
+// Publishes /clock if stamps are simulated time.
+class ClockTopic : public AdapterPart {
  public:
-  explicit ClockTopic(const AdapterWorld& world);
+  explicit ClockTopic(const AdapterContext& run);
   void take(const CycleRecord& record) override;
 
  private:
   Topic<rosgraph_msgs::msg::Clock> clock_;
 };
 
-// simulation/object_poses: where the free objects of a simulated world are. The loop's thread looks, since
-// nobody else may while the world moves.
-class ObjectPosesTopic : public Part {
+// Publishes simulation/object_poses, the poses of free objects of a simulated world. The loop's thread reads
+// them, since no other thread may do so while the world moves.
+class ObjectPosesTopic : public AdapterPart {
  public:
-  explicit ObjectPosesTopic(const AdapterWorld& world);
+  explicit ObjectPosesTopic(const AdapterContext& run);
   void on_loop(const Tick& tick, const Backend& backend) override;
   bool needs_loop() const override { return true; }
   void take(const CycleRecord& record) override;
 
  private:
-  struct Seen {
-    Seen() = default;
-    explicit Seen(std::size_t objects) : X_WO(objects) {}
+  struct Snapshot {
+    Snapshot() = default;
+    explicit Snapshot(std::size_t objects) : X_WO(objects) {}
     Tick tick;
     std::vector<Pose> X_WO;
   };
-  const AdapterWorld& world_;
+  const AdapterContext& run_;
   std::vector<std::string> names_;
-  // Loop's thread
-  Every every_;
-  Seen seen_;
-  // From there to the publisher's thread
-  TripleBuffer<Seen> newest_;
+  // Loop's thread.
+  RateDivider every_;
+  Snapshot snapshot_;
+  // From the loop's thread to the publisher's.
+  TripleBuffer<Snapshot> newest_;
   Publisher<multipanda_msgs::msg::ObjectPoses> publisher_;
   multipanda_msgs::msg::ObjectPoses message_;
 };

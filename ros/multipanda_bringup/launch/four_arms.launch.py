@@ -1,4 +1,4 @@
-"""Two pairs of arms that face each other. Every argument of arms.launch.py may be given."""
+"""Starts two pairs of arms that face each other. Accepts every argument of arms.launch.py."""
 
 import os
 
@@ -12,6 +12,12 @@ DEFAULTS = {"arm_names": "near_left near_right far_left far_right"}
 
 def generate_launch_description():
     share = get_package_share_directory("multipanda_bringup")
-    declared = [DeclareLaunchArgument(name, default_value=value.format(share=share)) for name, value in DEFAULTS.items()]
-    return LaunchDescription([*declared, IncludeLaunchDescription(
-        PythonLaunchDescriptionSource(os.path.join(share, "launch", "arms.launch.py")))])
+    declared = [
+        DeclareLaunchArgument(name, default_value=value.format(share=share)) for name, value in DEFAULTS.items()
+    ]
+    return LaunchDescription(
+        [
+            *declared,
+            IncludeLaunchDescription(PythonLaunchDescriptionSource(os.path.join(share, "launch", "arms.launch.py"))),
+        ]
+    )

@@ -1,4 +1,7 @@
-"""A real arm beside a simulated one: the multimode controller owns the first, a trajectory controller the second. Every argument of arms.launch.py may be given."""
+"""Starts a real arm and a simulated one.
+
+The multimode controller owns the first, a trajectory controller the second. Accepts every argument of arms.launch.py.
+"""
 
 import os
 
@@ -17,6 +20,12 @@ DEFAULTS = {
 
 def generate_launch_description():
     share = get_package_share_directory("multipanda_bringup")
-    declared = [DeclareLaunchArgument(name, default_value=value.format(share=share)) for name, value in DEFAULTS.items()]
-    return LaunchDescription([*declared, IncludeLaunchDescription(
-        PythonLaunchDescriptionSource(os.path.join(share, "launch", "arms.launch.py")))])
+    declared = [
+        DeclareLaunchArgument(name, default_value=value.format(share=share)) for name, value in DEFAULTS.items()
+    ]
+    return LaunchDescription(
+        [
+            *declared,
+            IncludeLaunchDescription(PythonLaunchDescriptionSource(os.path.join(share, "launch", "arms.launch.py"))),
+        ]
+    )

@@ -1,5 +1,6 @@
-"""The stand-alone program with its ROS interfaces, instead of a controller manager: it publishes description, joint
-states and tf by itself.
+"""Starts the stand-alone program with ROS interfaces in place of a controller manager.
+
+It publishes description, joint states and tf itself.
 
     ros2 launch multipanda_bringup standalone.launch.py program:=/path/to/multipanda scene:=two_arms
 """
@@ -16,11 +17,22 @@ from launch_ros.actions import Node
 
 def generate_launch_description():
     rviz = os.path.join(get_package_share_directory("multipanda_description"), "rviz", "arms.rviz")
-    return LaunchDescription([
-        DeclareLaunchArgument("program", default_value="multipanda", description="the program, if it is not on PATH"),
-        DeclareLaunchArgument("scene", default_value="two_arms", description="name or file"),
-        DeclareLaunchArgument("rviz", default_value="false", description="show the arms"),
-        ExecuteProcess(cmd=[LaunchConfiguration("program"), "run", LaunchConfiguration("scene"), "--ros"], output="both"),
-        Node(package="rviz2", executable="rviz2", arguments=["-d", rviz], output="log",
-             condition=IfCondition(LaunchConfiguration("rviz"))),
-    ])
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                "program", default_value="multipanda", description="Path of the program (default: multipanda on PATH)"
+            ),
+            DeclareLaunchArgument("scene", default_value="two_arms", description="Scene name or file"),
+            DeclareLaunchArgument("rviz", default_value="false", description="Show the arms in rviz"),
+            ExecuteProcess(
+                cmd=[LaunchConfiguration("program"), "run", LaunchConfiguration("scene"), "--ros"], output="both"
+            ),
+            Node(
+                package="rviz2",
+                executable="rviz2",
+                arguments=["-d", rviz],
+                output="log",
+                condition=IfCondition(LaunchConfiguration("rviz")),
+            ),
+        ]
+    )

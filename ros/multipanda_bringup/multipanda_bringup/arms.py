@@ -1,6 +1,6 @@
-"""The arms that a launch file was asked for, and everything that follows from them: description and controllers.
+"""Converts arguments of a launch file to arms, and arms to descriptions and controllers.
 
-Knows no ROS: plain words in, plain data out.
+Does not use ROS: strings in, plain data out.
 """
 
 import math
@@ -11,8 +11,12 @@ import yaml
 
 KINDS = ("mujoco", "fci", "mock")
 PAIR = [[0.0, 0.26, 0.0, 0.0, 0.0, 0.0], [0.0, -0.26, 0.0, 0.0, 0.0, 0.0]]
-SQUARE = [[-0.4, 0.26, 0.0, 0.0, 0.0, 0.0], [-0.4, -0.26, 0.0, 0.0, 0.0, 0.0],
-          [0.4, 0.26, 0.0, 0.0, 0.0, math.pi], [0.4, -0.26, 0.0, 0.0, 0.0, math.pi]]
+SQUARE = [
+    [-0.4, 0.26, 0.0, 0.0, 0.0, 0.0],
+    [-0.4, -0.26, 0.0, 0.0, 0.0, 0.0],
+    [0.4, 0.26, 0.0, 0.0, 0.0, math.pi],
+    [0.4, -0.26, 0.0, 0.0, 0.0, math.pi],
+]
 
 
 @dataclass
@@ -21,24 +25,24 @@ class Arm:
     model: str
     hand: bool
     hardware: str  # one of KINDS
-    address: str   # of a real arm
-    base: list     # x, y, z [m], roll, pitch, yaw [rad] of <name>_link0 in the world
+    address: str  # of a real arm
+    base: list  # x, y, z [m], roll, pitch, yaw [rad] of <name>_link0 in the world
 
     def joints(self):
         return [f"{self.name}_joint{i}" for i in range(1, 8)]
 
 
-def _one_each(what, words, count):
-    items = words.split()
+def _one_each(what, text, count):
+    items = text.split()
     if len(items) == 1:
         items *= count
     if len(items) != count:
-        raise ValueError(f"{what}: expected one word, or one for each of the {count} arms; found '{words}'")
+        raise ValueError(f"{what}: expected one value, or one for each of the {count} arms; found '{text}'")
     return items
 
 
 def default_bases(count):
-    """As in arms.urdf.xacro."""
+    """The same as in arms.urdf.xacro."""
     if count == 2:
         return PAIR
     if count == 4:
@@ -47,36 +51,46 @@ def default_bases(count):
 
 
 def arms_from(arm_names, models="fer", hands="true", hardware="mujoco", addresses="none", bases=""):
-    """Arms from a launch file's arguments, which are texts. Raises ValueError: what was expected."""
+    """Returns the arms that a launch file's arguments name. Raises ValueError with what was expected."""
     names = arm_names.split()
     count = len(names)
     if count == 0 or len(set(names)) != count:
-        raise ValueError(f"arm_names: expected different names with blanks between them, found '{arm_names}'")
+        raise ValueError(f"arm_names: expected distinct names separated by spaces, found '{arm_names}'")
     places = yaml.safe_load(bases) if bases.strip() else None
     places = places or default_bases(count)
     if len(places) != count or any(not isinstance(p, list) or len(p) != 6 for p in places):
-        raise ValueError("bases: expected [[x, y, z, roll, pitch, yaw], ...] in m and rad, one for each arm")
+        raise ValueError("bases: expected [[x, y, z, roll, pitch, yaw], ...] in m and rad, one per arm")
     arms = []
     for i, name in enumerate(names):
         kind = _one_each("hardware", hardware, count)[i]
         hand = _one_each("hands", hands, count)[i].lower()
         address = _one_each("addresses", addresses, count)[i]
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
-            raise ValueError(f"arm_names: '{name}' is no name (a letter, then letters, digits or _)")
+            raise ValueError(f"arm_names: '{name}' is not a valid name (a letter, then letters, digits or _)")
         if kind not in KINDS:
             raise ValueError(f"hardware: expected {', '.join(KINDS)}, found '{kind}'")
         if hand not in ("true", "false"):
             raise ValueError(f"hands: expected true or false, found '{hand}'")
         if kind == "fci" and address == "none":
-            raise ValueError(f"addresses: the real arm '{name}' needs the address of its controller, "
-                             "for example addresses:=172.16.0.2")
-        arms.append(Arm(name, _one_each("models", models, count)[i], hand == "true", kind, address,
-                        [float(x) for x in places[i]]))
+            raise ValueError(
+                f"addresses: the real arm '{name}' needs the address of its controller, "
+                "for example addresses:=172.16.0.2"
+            )
+        arms.append(
+            Arm(
+                name,
+                _one_each("models", models, count)[i],
+                hand == "true",
+                kind,
+                address,
+                [float(x) for x in places[i]],
+            )
+        )
     return arms
 
 
 def description_mappings(arms, scene="", ros2_control=True):
-    """Arguments of arms.urdf.xacro."""
+    """Returns the arguments of arms.urdf.xacro."""
     return {
         "arm_names": " ".join(a.name for a in arms),
         "models": " ".join(a.model for a in arms),
@@ -90,12 +104,17 @@ def description_mappings(arms, scene="", ros2_control=True):
 
 
 def renamed(data, names):
-    """The same data for other arms: each old name, alone or followed by an underscore, becomes the new one."""
+    """Returns the data for other arms: each old name, alone or followed by an underscore, becomes the new one."""
     pattern = re.compile(r"(" + "|".join(map(re.escape, names)) + r")(?=_|$)")
 
     def word(text):
-        return text if text == "arm_names" else pattern.sub(lambda m: names[m.group(1)], text, count=1) \
-            if pattern.match(text) else text
+        return (
+            text
+            if text == "arm_names"
+            else pattern.sub(lambda m: names[m.group(1)], text, count=1)
+            if pattern.match(text)
+            else text
+        )
 
     def walk(item):
         if isinstance(item, dict):
@@ -108,13 +127,13 @@ def renamed(data, names):
 
 
 def controllers(data, arms):
-    """A controllers.yaml for these arms: (parameters, names that start, names that are loaded only).
+    """Reads a controllers.yaml for these arms: (parameters, names that start, names that are only loaded).
 
-    Its own arms, in their order, get the names of `arms`; the multimode controllers learn what their arms are.
+    Its own arms, in their order, get the names of `arms`; the multimode controllers get the arms' models.
     """
     its_own = data["controller_manager"]["ros__parameters"]["multipanda_arms"]
     if len(its_own) != len(arms):
-        raise ValueError(f"controllers_file: it is for {len(its_own)} arms ({' '.join(its_own)}), not {len(arms)}")
+        raise ValueError(f"controllers_file: is for {len(its_own)} arms ({' '.join(its_own)}), expected {len(arms)}")
     data = renamed(data, dict(zip(its_own, (a.name for a in arms))))
     manager = data["controller_manager"]["ros__parameters"]
     manager.pop("multipanda_arms")
@@ -128,16 +147,19 @@ def controllers(data, arms):
         parameters["arms"] = {}
         for name in parameters["arm_names"]:
             arm = known[name]
-            parameters["arms"][name] = {"model": arm.model, "hand": arm.hand,
-                                        "base": {"position_m": arm.base[:3], "rpy_rad": arm.base[3:]}}
-            if arm.hardware == "mock":  # which reports joints only
+            parameters["arms"][name] = {
+                "model": arm.model,
+                "hand": arm.hand,
+                "base": {"position_m": arm.base[:3], "rpy_rad": arm.base[3:]},
+            }
+            if arm.hardware == "mock":  # mock hardware reports joints only
                 parameters["arms"][name]["state_interfaces"] = ["position", "velocity", "effort"]
                 parameters["arms"][name]["gravity_compensation"] = "robot"
     return data, started, [name for name in names if name not in started]
 
 
 def moveit_parameters(data, arms):
-    """What move_group needs, from multipanda_moveit_config's arm.yaml."""
+    """Returns the parameters of move_group, from multipanda_moveit_config's arm.yaml."""
     kinematics, joint_limits, controller_map, planner_groups = {}, {}, {}, {}
     pipeline = data["planning"]["ompl"]
     for arm in arms:
@@ -145,8 +167,12 @@ def moveit_parameters(data, arms):
         kinematics.update(own["kinematics"])
         controller_map.update({name: dict(value, joints=arm.joints()) for name, value in own["controllers"].items()})
         if arm.hand and arm.hardware != "mock":
-            controller_map.update({name: dict(value, joints=[f"{arm.name}_finger_joint1"])
-                                   for name, value in own["hand_controllers"].items()})
+            controller_map.update(
+                {
+                    name: dict(value, joints=[f"{arm.name}_finger_joint1"])
+                    for name, value in own["hand_controllers"].items()
+                }
+            )
         for joint, acceleration in zip(arm.joints(), data["joint_accelerations"][arm.model]):
             joint_limits[joint] = {"has_acceleration_limits": True, "max_acceleration": acceleration}
         planner_groups[f"{arm.name}_arm"] = {"planner_configs": list(pipeline["planner_configs"])}

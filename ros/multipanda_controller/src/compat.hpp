@@ -1,7 +1,7 @@
 #pragma once
 
-// What differs between the lines of ros2_control: Humble (2), Jazzy (4), Kilted (5) and later. Nothing else
-// in this package asks for a version.
+// Differences between the versions of ros2_control: Humble (2), Jazzy (4), Kilted (5) and later. Only this
+// file of the package depends on the version.
 #include <controller_interface/controller_interface.hpp>
 #include <string>
 #include <type_traits>
@@ -9,7 +9,8 @@
 
 namespace multipanda_controller::compat {
 
-// A loaned state interface's number; false: another thread holds it just now, `value` stays.
+// Reads the number of a loaned state interface. Returns false, and leaves `value` unchanged, if another
+// thread holds it.
 template <class Interface>
 bool read(const Interface& interface, double& value) {
   if constexpr (requires { interface.get_optional(); }) {
@@ -22,7 +23,7 @@ bool read(const Interface& interface, double& value) {
   return true;
 }
 
-// Humble's answers nothing.
+// Humble's version returns nothing.
 template <class Interface>
 bool write(Interface& interface, double value) {
   if constexpr (std::is_void_v<decltype(interface.set_value(value))>) {
@@ -33,7 +34,7 @@ bool write(Interface& interface, double value) {
   }
 }
 
-// Empty where the line does not hand it to controllers.
+// Empty if the version does not pass it to controllers.
 template <class Controller>
 std::string robot_description(const Controller& controller) {
   if constexpr (requires { controller.get_robot_description(); }) {

@@ -39,7 +39,7 @@ multipanda::ros::ParameterValue value_of(const rclcpp::ParameterValue& value) {
 
 CallbackReturn MultimodeController::on_init() { return CallbackReturn::SUCCESS; }
 
-// As they were given to the node, declared or not.
+// All parameters given to the node, declared or not.
 FlatParameters MultimodeController::scene_parameters() {
   FlatParameters parameters;
   for (const auto& [name, value] : get_node()->get_node_parameters_interface()->get_parameter_overrides()) {
@@ -54,7 +54,7 @@ CallbackReturn MultimodeController::on_configure(const rclcpp_lifecycle::State&)
   try {
     if (compat::is_async(*this)) {
       throw std::invalid_argument(
-          "is_async: this controller shares its hardware's memory, it must be synchronous");
+          "is_async: not supported, since this controller shares memory with its hardware; set it to false");
     }
     multipanda::ros::ControllerHostOptions options;
     if (get_update_rate() > 0) options.period_s = 1.0 / get_update_rate();
@@ -78,20 +78,20 @@ CallbackReturn MultimodeController::on_configure(const rclcpp_lifecycle::State&)
   return CallbackReturn::SUCCESS;
 }
 
-// Dynamically typed, since only such parameters can be taken back; types and bounds are checked by the host.
+// Dynamically typed, since only such parameters can be undeclared. The host checks types and bounds.
 void MultimodeController::declare_parameters() {
-  const auto& given = get_node()->get_node_parameters_interface()->get_parameter_overrides();
+  const auto& overrides = get_node()->get_node_parameters_interface()->get_parameter_overrides();
   for (auto& parameter : host_->parameters()) {
     const std::string& name = parameter.descriptor.name;
     parameter.descriptor.dynamic_typing = true;
-    if (const auto it = given.find(name); it != given.end()) {
-      rcl_interfaces::msg::Parameter wanted;
-      wanted.name = name;
-      wanted.value = parameter.value = it->second.to_value_msg();
-      if (const std::string why = host_->set_parameters({wanted}); !why.empty())
+    if (const auto it = overrides.find(name); it != overrides.end()) {
+      rcl_interfaces::msg::Parameter requested;
+      requested.name = name;
+      requested.value = parameter.value = it->second.to_value_msg();
+      if (const std::string why = host_->set_parameters({requested}); !why.empty())
         throw std::invalid_argument(why);
     }
-    if (get_node()->has_parameter(name)) continue;  // declared by itself, as the older lines do
+    if (get_node()->has_parameter(name)) continue;  // older versions declare it themselves
     constexpr bool kIgnoreOverride = true;
     get_node()->declare_parameter(name, rclcpp::ParameterValue(parameter.value), parameter.descriptor,
                                   kIgnoreOverride);
@@ -122,11 +122,11 @@ controller_interface::InterfaceConfiguration MultimodeController::state_interfac
   return {controller_interface::interface_configuration_type::INDIVIDUAL, host_->state_names()};
 }
 
-// The interfaces are in the order in which they were asked for.
+// The interfaces come in the requested order.
 CallbackReturn MultimodeController::on_activate(const rclcpp_lifecycle::State&) {
   if (host_ == nullptr || state_interfaces_.size() != host_->states().size() ||
       command_interfaces_.size() != host_->commands().size()) {
-    RCLCPP_ERROR(get_node()->get_logger(), "not all interfaces that were asked for are here");
+    RCLCPP_ERROR(get_node()->get_logger(), "not all requested interfaces are available");
     return CallbackReturn::FAILURE;
   }
   std::fill(host_->states().begin(), host_->states().end(), std::numeric_limits<double>::quiet_NaN());
@@ -141,7 +141,7 @@ CallbackReturn MultimodeController::on_activate(const rclcpp_lifecycle::State&) 
 
 controller_interface::return_type MultimodeController::update(const rclcpp::Time&,
                                                               const rclcpp::Duration& period) {
-  (void)take_states();  // one that is held by another thread keeps its last value for this cycle
+  (void)take_states();  // an interface held by another thread keeps its last value for this cycle
   const bool stands = host_->update(period.seconds());
   leave_commands();
   return stands ? controller_interface::return_type::OK : controller_interface::return_type::ERROR;

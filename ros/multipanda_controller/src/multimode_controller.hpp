@@ -12,10 +12,10 @@ namespace multipanda_controller {
 
 using CallbackReturn = controller_interface::CallbackReturn;
 
-// multipanda's control cycle as a controller of ros2_control. Claims the efforts of its arms' joints, reads
-// their position, velocity, effort and, where the hardware offers it, all that it knows (<arm>/robot_state).
-// Topics, services and actions are on this controller's node (docs/ros_interfaces.md), parameters as
-// docs/ros2_control.md says. All it does is in ros/host/controller_host.hpp; here are only the calls.
+// multipanda's control cycle as a ros2_control controller. Claims the efforts of its arms' joints; reads
+// their position, velocity, effort and, if the hardware offers it, the arm's full state (<arm>/robot_state).
+// Its node carries topics, services and actions (docs/ros_interfaces.md) and the parameters of
+// docs/ros2_control.md. The work is done in ros/host/controller_host.hpp.
 class MultimodeController : public controller_interface::ControllerInterface {
  public:
   controller_interface::InterfaceConfiguration command_interface_configuration() const override;
@@ -39,8 +39,9 @@ class MultimodeController : public controller_interface::ControllerInterface {
   void release();
 
   std::unique_ptr<multipanda::ros::ControllerHost> host_;
-  std::mutex host_mutex_;              // never the loop's: users set parameters while the host is given up
-  std::vector<std::string> declared_;  // controllets' parameters on the node, until cleaned up
+  // never locked by the loop: users may set parameters while the host is destroyed
+  std::mutex host_mutex_;
+  std::vector<std::string> declared_;  // controllets' parameters on the node, until cleanup
   rclcpp_lifecycle::LifecycleNode::OnSetParametersCallbackHandle::SharedPtr on_set_;
   bool active_ = false;
 };

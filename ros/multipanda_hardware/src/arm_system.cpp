@@ -53,7 +53,7 @@ CallbackReturn ArmSystem::on_cleanup(const rclcpp_lifecycle::State&) {
   return CallbackReturn::SUCCESS;
 }
 
-// Everything is left safe; the component can be configured again.
+// Leaves the arms safe. The component can be configured again.
 CallbackReturn ArmSystem::on_error(const rclcpp_lifecycle::State&) {
   disconnect();
   return CallbackReturn::SUCCESS;

@@ -12,14 +12,14 @@ namespace multipanda_hardware {
 using CallbackReturn = hardware_interface::CallbackReturn;
 using hardware_interface::return_type;
 
-// Any number of arms as one component of ros2_control. All it does is in ros/host/hardware_host.hpp; here are
-// only the calls. configure connects, activate lets controllers claim, deactivate leaves every arm to hold
-// itself, cleanup disconnects. One arm's fault is told by its own interfaces; only if none is left the
-// component is in error.
+// Any number of arms as one ros2_control component. configure connects; activate lets controllers
+// claim interfaces; deactivate makes every arm hold itself; cleanup disconnects. An arm reports its
+// fault by its own interfaces. The component is in error only when no arm is left. The work is done
+// in ros/host/hardware_host.hpp.
 class ArmSystem : public hardware_interface::SystemInterface {
  public:
   explicit ArmSystem(multipanda::ros::HardwareHost::Kind kind) : kind_(kind) {}
-  ~ArmSystem() override { disconnect(); }  // a manager that ends may leave out the life cycle's last steps
+  ~ArmSystem() override { disconnect(); }  // a manager that ends may skip the last steps of the life cycle
 
   CallbackReturn on_init(const compat::InitArgument& argument) override;
   CallbackReturn on_configure(const rclcpp_lifecycle::State& previous) override;
@@ -47,7 +47,7 @@ class ArmSystem : public hardware_interface::SystemInterface {
   void disconnect();
 
   multipanda::ros::HardwareHost::Kind kind_;
-  rclcpp::Node::SharedPtr node_;  // of the arms' services, which the host has: outlives it
+  rclcpp::Node::SharedPtr node_;  // for the arms' services, which the host owns; outlives it
   std::unique_ptr<multipanda::ros::HardwareHost> host_;
 };
 

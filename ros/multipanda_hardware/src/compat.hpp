@@ -1,9 +1,9 @@
 #pragma once
 
-// What differs between the lines of ros2_control: Humble (2), Jazzy (4), Kilted (5) and later. Nothing else
-// in this package asks for a version.
+// Differences between the versions of ros2_control: Humble (2), Jazzy (4), Kilted (5) and later. Only this
+// file of the package depends on the version.
 
-// Headers of some lines use the first two without including them: the order matters.
+// Headers of some versions use the first two without including them, so the order matters.
 // clang-format off
 #include <cxxabi.h>
 #include <rclcpp/rclcpp.hpp>
@@ -21,8 +21,7 @@ using InitArgument = hardware_interface::HardwareInfo;
 }
 #endif
 
-// Interfaces that point at our numbers are exported by a function that all lines have and the newer ones
-// advise against.
+// All versions can export interfaces that point at our numbers, by a function that newer versions deprecate.
 #define MULTIPANDA_HARDWARE_BEGIN_DEPRECATED \
   _Pragma("GCC diagnostic push") _Pragma("GCC diagnostic ignored \"-Wdeprecated-declarations\"")
 #define MULTIPANDA_HARDWARE_END_DEPRECATED _Pragma("GCC diagnostic pop")

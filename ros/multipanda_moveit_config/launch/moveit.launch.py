@@ -1,6 +1,8 @@
-"""MoveIt's move_group for one or two arms that are already running: under ros2_control with their trajectory
-controllers active (`ros2 control switch_controllers --activate left_arm_controller ...`), or in the stand-alone program
-with a joint impedance active on each arm. Both serve <arm>_arm_controller/follow_joint_trajectory.
+"""Starts MoveIt's move_group for one or two arms that are already running.
+
+The arms run either under ros2_control with their trajectory controllers active
+(`ros2 control switch_controllers --activate left_arm_controller ...`), or in the stand-alone program with a joint
+impedance active on each arm. Both serve <arm>_arm_controller/follow_joint_trajectory.
 
     ros2 launch multipanda_bringup dual.launch.py
     ros2 launch multipanda_moveit_config moveit.launch.py arm_names:="left right" rviz:=true
@@ -15,16 +17,15 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-
 from multipanda_bringup.arms import arms_from, description_mappings, moveit_parameters
 
 ARGUMENTS = {
-    "arm_names": ("arm", "one or two names"),
-    "models": ("fer", "as in multipanda_bringup"),
-    "hands": ("true", "as in multipanda_bringup"),
-    "bases": ("", "as in multipanda_bringup"),
-    "use_sim_time": ("false", "true where all arms are simulated by the stand-alone program, which publishes /clock"),
-    "rviz": ("false", "with MoveIt's panel"),
+    "arm_names": ("arm", "One or two names"),
+    "models": ("fer", "As in multipanda_bringup"),
+    "hands": ("true", "As in multipanda_bringup"),
+    "bases": ("", "As in multipanda_bringup"),
+    "use_sim_time": ("false", "Use /clock; for arms that the stand-alone program simulates"),
+    "rviz": ("false", "Start rviz with MoveIt's panel"),
 }
 
 
@@ -35,26 +36,44 @@ def set_up(context):
     config = os.path.join(get_package_share_directory("multipanda_moveit_config"), "config")
     mappings = description_mappings(arms, ros2_control=False)
     urdf = xacro.process_file(os.path.join(description, "urdf", "arms.urdf.xacro"), mappings=mappings).toxml()
-    srdf = xacro.process_file(os.path.join(config, "arms.srdf.xacro"), mappings={
-        "description": description, **{name: mappings[name] for name in ("arm_names", "models", "hands")}}).toxml()
+    srdf = xacro.process_file(
+        os.path.join(config, "arms.srdf.xacro"),
+        mappings={"description": description, **{name: mappings[name] for name in ("arm_names", "models", "hands")}},
+    ).toxml()
     with open(os.path.join(config, "arm.yaml"), encoding="utf-8") as stream:
         parameters = moveit_parameters(yaml.safe_load(stream), arms)
-    if os.environ.get("ROS_DISTRO") == "humble":  # which wants one text, and knows only these
+    if os.environ.get("ROS_DISTRO") == "humble":  # Humble needs one string, and supports only these
         parameters["ompl"]["request_adapters"] = " ".join(
             "default_planner_request_adapters/" + name
-            for name in ("AddTimeOptimalParameterization", "ResolveConstraintFrames", "FixWorkspaceBounds",
-                         "FixStartStateBounds", "FixStartStateCollision", "FixStartStatePathConstraints"))
+            for name in (
+                "AddTimeOptimalParameterization",
+                "ResolveConstraintFrames",
+                "FixWorkspaceBounds",
+                "FixStartStateBounds",
+                "FixStartStateCollision",
+                "FixStartStatePathConstraints",
+            )
+        )
         parameters["ompl"].pop("response_adapters")
-    parameters.update(robot_description=urdf, robot_description_semantic=srdf,
-                      use_sim_time=given["use_sim_time"].lower() == "true")
+    parameters.update(
+        robot_description=urdf, robot_description_semantic=srdf, use_sim_time=given["use_sim_time"].lower() == "true"
+    )
     nodes = [Node(package="moveit_ros_move_group", executable="move_group", output="both", parameters=[parameters])]
     if given["rviz"].lower() == "true":
-        nodes.append(Node(package="rviz2", executable="rviz2", output="log", parameters=[parameters],
-                          arguments=["-d", os.path.join(config, "moveit.rviz")]))
+        nodes.append(
+            Node(
+                package="rviz2",
+                executable="rviz2",
+                output="log",
+                parameters=[parameters],
+                arguments=["-d", os.path.join(config, "moveit.rviz")],
+            )
+        )
     return nodes
 
 
 def generate_launch_description():
-    declared = [DeclareLaunchArgument(name, default_value=value, description=text)
-                for name, (value, text) in ARGUMENTS.items()]
+    declared = [
+        DeclareLaunchArgument(name, default_value=value, description=text) for name, (value, text) in ARGUMENTS.items()
+    ]
     return LaunchDescription([*declared, OpaqueFunction(function=set_up)])

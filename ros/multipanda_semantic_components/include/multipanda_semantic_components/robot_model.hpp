@@ -4,14 +4,13 @@
 
 namespace multipanda_semantic_components {
 
-// The arm's rigid-body model at its measured state, tool and load included: <arm>/robot_model. Computed when
-// asked for.
+// The arm's rigid-body model at its measured state, including tool and load: <arm>/robot_model. Computed
+// on demand.
 class RobotModel : public ArmInterface {
  public:
   explicit RobotModel(const std::string& arm) : ArmInterface(arm, "robot_model") {}
 
-  // Mass matrix, Coriolis and gravity torques, Jacobian, pose; nothing to see (false) as in
-  // RobotState::get().
+  // Mass matrix, Coriolis and gravity torques, Jacobian, pose. Empty (false) as in RobotState::get().
   multipanda::ros::ArmView get() const { return view(); }
   bool get_values_as_message(multipanda_msgs::msg::RobotModel& message) const {
     const auto arm = view();

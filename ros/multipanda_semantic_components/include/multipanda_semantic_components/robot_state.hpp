@@ -4,15 +4,15 @@
 
 namespace multipanda_semantic_components {
 
-// All that the hardware knows of an arm: <arm>/robot_state.
+// The hardware's data for an arm: <arm>/robot_state.
 class RobotState : public ArmInterface {
  public:
   explicit RobotState(const std::string& arm) : ArmInterface(arm, "robot_state") {}
 
-  // Of the last read(); nothing to see (false) where it is not multipanda's hardware, or it is gone.
+  // Data of the last read(). Empty (false) if the hardware is not multipanda's, or is gone.
   multipanda::ros::ArmView get() const { return view(); }
-  // Fills all that the hardware knows; header, arm, names and what a controller commands are the caller's.
-  // False: as above.
+  // Fills everything that the hardware knows. The caller sets header, arm, names and a controller's commands.
+  // Returns false as above.
   bool get_values_as_message(multipanda_msgs::msg::RobotState& message) const {
     const auto arm = view();
     if (arm) arm.state(message);

@@ -1,0 +1,60 @@
+#include "backends/simulated_arm/from_scene.hpp"
+
+#include <stdexcept>
+
+#include "scene/build.hpp"
+
+namespace multipanda {
+namespace {
+
+// Each arm has its own noise.
+std::uint64_t seed_of(std::uint64_t scene_seed, std::size_t arm) {
+  std::uint64_t z = scene_seed + 0x9E3779B97F4A7C15u * (arm + 1);  // SplitMix64
+  z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9u;
+  z = (z ^ z >> 27) * 0x94D049BB133111EBu;
+  return z ^ z >> 31;
+}
+
+}  // namespace
+
+SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm) {
+  const ArmConfig config = arm_config(scene.arms[arm]);
+  const RobotDescription robot = robot_of(scene.arms[arm]), plant = plant_robot_of(scene.arms[arm]);
+  return {.model = build_arm_model(scene.arms[arm]),
+          .frames = config.frames,
+          .tool = config.tool,
+          .load = config.load,
+          .plant = scene.plant,
+          .seed = seed_of(scene.seed, arm),
+          .period_s = kArmPeriod,
+          .thresholds = scene.arms[arm].collision,
+          .joint_stiffness = scene.arms[arm].joint_stiffness,
+          .cartesian_stiffness = scene.arms[arm].cartesian_stiffness,
+          .actuation = plant.actuation,
+          .torque_sensor = plant.torque_sensor,
+          .friction = friction_of(scene, robot),
+          .motion_limits = MotionLimits::of(robot)};
+}
+
+std::optional<JointFriction> friction_of(const Scene& scene, const RobotDescription& robot) {
+  if (!scene.plant.joint_friction) return std::nullopt;
+  if (!robot.friction) {
+    throw std::invalid_argument("plant '" + scene.plant.name + "' has joint friction, but robot '" +
+                                robot.name + "' has no friction table: switch joint friction off");
+  }
+  return robot.friction;
+}
+
+std::size_t checked_substeps(const Scene& scene) {
+  if (scene.substeps < 1 || scene.substeps > 100) {
+    throw std::invalid_argument("expected 1 to 100 physics substeps, found  " +
+                                std::to_string(scene.substeps));
+  }
+  if (scene.arms.empty() || scene.arms.size() > kMaxArms) {
+    throw std::invalid_argument("expected 1 to " + std::to_string(kMaxArms) + " arms, found " +
+                                std::to_string(scene.arms.size()));
+  }
+  return scene.substeps;
+}
+
+}  // namespace multipanda

@@ -1,0 +1,81 @@
+#include "backends/simulated_arm/measured_limits.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace multipanda {
+namespace {
+
+// Keeps the largest excess of one rule.
+struct Worst {
+  ReflexDetail detail;
+  double excess = 0;
+  void see(ArmError error, Eigen::Index index, double value, double limit, double by) {
+    if (!(by > excess)) return;
+    excess = by;
+    detail = {.error = error, .index = static_cast<std::int8_t>(index), .value = value, .limit = limit};
+  }
+};
+
+}  // namespace
+
+MeasuredLimits::MeasuredLimits(MotionLimits limits, const JointVector& tau_max,
+                               std::optional<WorkspaceBox> workspace)
+    : limits_(std::move(limits)),
+      tau_max_(tau_max),
+      workspace_(std::move(workspace)),
+      power_max_(kPowerShare * tau_max_.dot(limits_.dq_max)),
+      q_min_(limits_.q_min),
+      q_max_(limits_.q_max) {}
+
+void MeasuredLimits::stand_at(const JointVector& q) {
+  for (Eigen::Index i = 0; i < q.size(); ++i) {
+    q_min_[i] = q[i] < limits_.q_min[i] ? q[i] - kLeadBack : limits_.q_min[i];
+    q_max_[i] = q[i] > limits_.q_max[i] ? q[i] + kLeadBack : limits_.q_max[i];
+  }
+}
+
+ReflexDetail MeasuredLimits::check(const Measured& m) {
+  Worst worst;
+  for (Eigen::Index i = 0; i < m.q.size(); ++i) {
+    worst.see(ArmError::joint_position_limits_violation, i, m.q[i], q_max_[i], m.q[i] - q_max_[i]);
+    worst.see(ArmError::joint_position_limits_violation, i, m.q[i], q_min_[i], q_min_[i] - m.q[i]);
+    // Back inside: the limit applies again.
+    if (m.q[i] > limits_.q_min[i] && m.q[i] < limits_.q_max[i]) {
+      q_min_[i] = limits_.q_min[i];
+      q_max_[i] = limits_.q_max[i];
+    }
+  }
+  if (worst.detail) return worst.detail;
+  for (Eigen::Index i = 0; i < m.dq.size(); ++i) {
+    const double limit = kVelocityMargin * limits_.dq_max[i], speed = std::abs(m.dq[i]);
+    worst.see(ArmError::joint_velocity_violation, i, m.dq[i], limit, speed / limit - 1);
+  }
+  if (worst.detail) return worst.detail;
+  for (Eigen::Index i = 0; i < m.tau_J.size(); ++i) {
+    worst.see(ArmError::tau_j_range_violation, i, m.tau_J[i], tau_max_[i],
+              std::abs(m.tau_J[i]) / tau_max_[i] - 1);
+  }
+  if (worst.detail) return worst.detail;
+  const double power = m.tau_J.cwiseProduct(m.dq).cwiseAbs().sum();
+  worst.see(ArmError::power_limit_violation, -1, power, power_max_, power - power_max_);
+  if (worst.detail) return worst.detail;
+  for (Eigen::Index k = 0; workspace_ && k < 3; ++k) {
+    const double p = m.p_BE[k];
+    worst.see(ArmError::cartesian_position_limits_violation, k, p, workspace_->max[k],
+              p - workspace_->max[k]);
+    worst.see(ArmError::cartesian_position_limits_violation, k, p, workspace_->min[k],
+              workspace_->min[k] - p);
+  }
+  if (worst.detail || !m.cartesian_motion) return worst.detail;
+  // Of translation and of rotation as a whole: index 0 and 3.
+  const double linear = kVelocityMargin * limits_.cartesian.velocity;
+  const double angular = kVelocityMargin * limits_.cartesian.rotation_velocity;
+  const double v = m.V_BE.head<3>().norm(), w = m.V_BE.tail<3>().norm();
+  worst.see(ArmError::cartesian_velocity_violation, 0, v, linear, v / linear - 1);
+  worst.see(ArmError::cartesian_velocity_violation, 3, w, angular, w / angular - 1);
+  return worst.detail;
+}
+
+}  // namespace multipanda

@@ -1,0 +1,207 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "backends/simulated_arm/arm_reply.hpp"
+#include "backends/simulated_arm/command_checks.hpp"
+#include "backends/simulated_arm/contact_monitor.hpp"
+#include "backends/simulated_arm/desired_motion.hpp"
+#include "backends/simulated_arm/internal_controllers.hpp"
+#include "backends/simulated_arm/measured_limits.hpp"
+#include "backends/simulated_arm/self_collision.hpp"
+#include "core/cycle/backend.hpp"
+#include "core/model/model_terms.hpp"
+#include "core/state/arm_state.hpp"
+#include "core/types/time.hpp"
+#include "device/arm_error.hpp"
+#include "device/arm_interface.hpp"
+#include "device/arm_settings.hpp"
+#include "scene/scene.hpp"
+
+namespace multipanda {
+
+// How a simulated arm is set up before it runs.
+struct SimulatedArmConfig {
+  std::shared_ptr<const ArmModel> model;  // the arm's own model: it compensates gravity by it
+  ArmFrames frames;
+  Load tool;            // declared end effector (beyond what the model contains)
+  Load load;            // declared payload; an undeclared load is not compensated
+  PlantFidelity plant;  // torque tracking, delay, noise; friction belongs to the plant
+  std::uint64_t seed = 1;
+  double period_s = kArmPeriod;
+  // Set at the start; none: default_settings().
+  std::optional<SetCollisionThresholds> thresholds;
+  std::optional<JointVector> joint_stiffness;  // [N m/rad] (n x 1)
+  std::optional<Vector6> cartesian_stiffness;  // in K [N/m, N m/rad]
+  // Of this arm alone, in place of the fidelity's tracking, delay and noise on tau; none: as there.
+  std::optional<Actuation> actuation;
+  std::optional<TorqueSensor> torque_sensor;
+  std::optional<JointFriction> friction;  // of the joints: what the arm's own controllers know of it
+  MotionLimits motion_limits;             // of the control interface: MotionLimits::of(robot)
+  std::optional<WorkspaceBox> workspace;  // of the end effector's origin, in B; none: not watched
+};
+
+// What the arm's sensors measure at the end of a control period, before noise.
+struct PlantMeasurement {
+  JointVector q, dq;     // [rad, rad/s]
+  JointVector tau_link;  // mean torque on the links in the last period, gravity included [N m]
+  bool has_contact_truth = false;
+  Wrench F_K_W_true;  // mean over the last period, about K, world axes
+};
+
+// The arm's own behavior: everything between its control interface and its motors, for any simulator of its
+// body. Torques are commanded without gravity; the arm adds gravity from its own model, with the declared
+// tool and load. In one control period:
+//
+//   take_command (or miss_command)       once: checks, desired motion; torque -> delay line
+//   motor_torque(q, dq, dt)              once per physics step: -> torque tracking -> + gravity -> motors
+//   measure(...)                         once: sensors (+ noise), estimated forces, checks -> state()
+//
+// Modes: idle -(start_motion)-> move -(finished, stop_motion)-> idle; any -> user_stopped (button), reflex
+// (error), other (StopMotion request); idle -> guiding (buttons). Outside move the arm ignores commands,
+// brakes and holds the place where it came to rest; in guiding it gives way. From reflex and other only
+// RecoverFromError leads back, to idle; from user_stopped and guiding, the release of the button leads back.
+//
+// What raises an error: docs/simulation.md. An error ends the motion in the period in which it is found;
+// the next state shows mode, errors and reflex_reason together.
+//
+// All calls belong to the loop's thread, none allocates or locks, except constructor and check().
+class SimulatedArm {
+ public:
+  // q_start: where the arm is at rest (n x 1). Throws std::invalid_argument on sizes that do not fit.
+  SimulatedArm(SimulatedArmConfig config, const JointVector& q_start);
+
+  std::size_t joint_count() const { return model_.joint_count(); }
+  // Both as of the last measure() (and of apply(), as to mode and errors).
+  const ArmState& state() const { return state_; }
+  const InterfaceState& interface() const { return interface_; }
+  const ArmSettings& settings() const { return settings_; }
+  ArmMode mode() const;
+  std::uint64_t errors() const { return errors_; }  // active now; bit i: error i
+  // The first error of the last reflex; kept until the next motion begins.
+  const ReflexDetail& reflex_detail() const { return reflex_; }
+
+  // Back to the start: configuration, errors, noise, at rest in q. The clock and the packet counter continue.
+  // For one period the arm is `recovering` and takes no command, so that its controller notices.
+  void reset(const JointVector& q);
+
+  // --- Motions ---
+  // The next state shows it, if it was started. Commands are counted from the first one on.
+  MotionStart start_motion(const MotionRequest& request);
+  // Ends a motion as preempted: the arm brakes and holds. Nothing happens when none runs.
+  void stop_motion();
+  std::uint64_t motions_ended() const { return motions_ended_; }
+  MotionEnd motion_end() const { return motion_end_; }  // of the last that ended; none: there was none
+
+  // The command of this period, for the motion that runs; ignored when none does. An invalid command (NaN,
+  // infinity, wrong size) or one that violates a limit raises an error.
+  void take_command(const InterfaceCommand& command);
+  // The same for torques only [N m] (n x 1): an idle arm begins {external, none} by itself.
+  void take_command(const JointVector& tau_cmd);
+  // No command came: torque is held, desired motion extrapolated with constant acceleration; after
+  // kLostCommands in a row an error. Not in asynchronous motion, which needs none.
+  void miss_command();
+  static constexpr int kLostCommands = 20;
+
+  // --- The plant ---
+  // Torque of the motors on the joints for a physics step of dt, gravity compensation included [N m].
+  const JointVector& motor_torque(const JointVector& q, const JointVector& dq, double dt);
+  // Ends a period: fills state() and interface().
+  void measure(const PlantMeasurement& plant);
+
+  // --- Requests, buttons, faults ---
+  // A request that passed check_request().
+  ArmReply apply(const ArmRequest& request);
+  // The buttons for guiding by hand: pressed, an idle arm yields; a motion is ended as by the user stop.
+  void press_guiding(bool pressed);
+  // As if the arm had found this error now.
+  void raise(ArmError error) { raise(ReflexDetail{.error = error}); }
+  // For tests that move the plant where no real arm can go: measured limits, contacts and the torque rate are
+  // not checked. Invalid commands are still refused.
+  void watch(bool on) { watching_ = on; }
+
+ private:
+  void raise(const ReflexDetail& detail, MotionEnd how = MotionEnd::reflex);
+  bool take_torque(const JointVector& tau_cmd);
+  void follow(const InterfaceCommand* command);
+  void fail_command(MotionStep step);
+  void clear_errors();
+  void end_motion(MotionEnd how);
+  void publish_configuration();
+  void count_command(bool received);
+  void push_command(const JointVector& tau_cmd);
+  const JointVector& hold_torque(const JointVector& q, const JointVector& dq);
+  const JointVector& guided_torque(const JointVector& q, const JointVector& dq);
+  const JointVector& follow_torque();
+  void update_model(const JointVector& q, const JointVector& dq);
+  void sense(const PlantMeasurement& plant);
+  void watch_measurement();
+  void publish_condition();
+  void publish_interface();
+
+  SimulatedArmConfig config_;
+  ArmSettings settings_, start_settings_;
+  ModelTerms model_;
+  ArmState state_;
+  InterfaceState interface_;
+  // The conditions that determine the mode, strongest first.
+  bool user_stop_ = false;
+  std::uint64_t errors_ = 0;
+  bool stopped_ = false;  // by request, until recovered
+  int recovering_ = 0;    // measurements left until the arm takes commands again
+  bool guiding_ = false;  // buttons pressed
+  bool watching_ = true;
+
+  // The motion that runs
+  bool moving_ = false;
+  MotionRequest motion_;
+  bool commanded_ = false;  // its first command came
+  DesiredMotion desired_;
+  InternalControllers controllers_;
+  bool follow_due_ = false;  // the internal controller's torque of this period is not computed yet
+  std::uint64_t motions_ended_ = 0;
+  MotionEnd motion_end_ = MotionEnd::none;
+  ReflexDetail reflex_;
+  std::uint64_t reflex_reason_ = 0;
+
+  // Checks
+  TorqueRateCheck torque_rate_;
+  MeasuredLimits measured_limits_;
+  SelfCollision self_collision_;
+  ContactMonitor contact_;
+
+  // Torque path
+  struct Command {
+    bool valid = false;  // false: none came, the arm holds by itself
+    JointVector tau;
+  };
+  // A ring of as many commands as the delay has periods, a partial one counted as one. In the newest
+  // period only the share delay_fraction_ still uses the older of two commands, or the arm's own torque if
+  // there is none.
+  std::vector<Command> delay_line_;
+  double delay_fraction_ = 0, own_share_ = 0;
+  std::size_t delay_next_ = 0;
+  Command in_use_;
+  JointVector last_command_, tau_wanted_, tau_follow_, tau_tracked_, tau_motor_;
+  JointVector tau_shown_;  // by the torque sensors, before noise
+
+  // Holding by itself
+  JointVector q_hold_, tau_hold_;
+  std::uint32_t at_rest_ = 0;  // bit i: joint i has stopped and is held at q_hold_
+  bool hold_changed_ = true;   // q_hold_, or the frames, changed since the desired motion was set
+  Pose X_WE_guided_;           // where the buttons for guiding were pressed
+
+  // Commands of the last 100 periods, newest in bit 0 of the first word
+  std::uint64_t received_[2] = {0, 0};
+  int periods_in_move_ = 0, missing_in_row_ = 0;
+
+  std::mt19937_64 random_;
+  std::normal_distribution<double> normal_;
+};
+
+}  // namespace multipanda

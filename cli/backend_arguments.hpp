@@ -1,0 +1,25 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "cli/program.hpp"
+#include "runtime/backends.hpp"
+
+namespace multipanda::cli {
+
+// --backend, --log and --address of the commands that run arms.
+struct BackendArguments {
+  std::string backend;                 // empty: as the scene says
+  std::vector<std::string> addresses;  // "left=127.0.0.1"
+  std::string log;                     // of the backend replay
+};
+
+void add_backend_arguments(CLI::App* command, BackendArguments& arguments);
+// --backend with simulated arms only, for runs that start again from the scene: no --address.
+void add_simulation_arguments(CLI::App* command, BackendArguments& arguments);
+
+// Throws UsageError for invalid arguments or a combination that is not allowed.
+BackendOptions backend_options(const BackendArguments& arguments);
+
+}  // namespace multipanda::cli

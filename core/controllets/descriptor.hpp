@@ -1,0 +1,29 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "core/controllets/parameters.hpp"
+#include "core/reference/reference.hpp"
+
+namespace multipanda {
+
+// Declares one output of a controllet: numbers that are logged, plotted and published.
+struct OutputSpec {
+  std::string name;      // with its unit: "position_error_m"
+  std::size_t size = 1;  // numbers
+  std::string doc;
+};
+
+// Declares a controllet or feature, as data. Scene files, the socket, docs and ROS interfaces are generated
+// from it, so that a controllet contains no communication code.
+struct ControlletDescriptor {
+  std::string type;      // "cartesian_impedance"
+  std::string doc;       // one or two sentences
+  std::size_t arms = 1;  // number of arms that it owns
+  std::vector<InputSpec> inputs;
+  std::vector<ParameterSpec> parameters;
+  std::vector<OutputSpec> outputs;
+};
+
+}  // namespace multipanda

@@ -1,0 +1,106 @@
+#include "device/arm_settings.hpp"
+
+#include <cmath>
+
+#include <Eigen/Eigenvalues>
+
+#include "core/types/overloaded.hpp"
+
+namespace multipanda {
+namespace {
+
+// Upper bounds for any arm: larger values would make the simulation diverge.
+constexpr double kMostMass = 100, kMostLength = 10;  // [kg], [m]
+
+// Franka's ranges
+constexpr double kMostJointStiffness = 14250;  // [N m/rad]
+const Vector6 kMostCartesianStiffness = (Vector6() << 3000, 3000, 3000, 300, 300, 300).finished();
+
+std::string check_pose(const Pose& X, const char* name) {
+  if (X.position.allFinite() && X.position.norm() <= kMostLength && X.rotation.allFinite() &&
+      (X.rotation.transpose() * X.rotation).isIdentity(1e-6) && X.rotation.determinant() > 0) {
+    return {};
+  }
+  return std::string(name) + " must be a position within 10 m and a rotation";
+}
+
+std::string check_positive(const auto& values, std::size_t expected, const char* name) {
+  if (static_cast<std::size_t>(values.size()) != expected) {
+    return std::string(name) + ": expected " + std::to_string(expected) + " values, found " +
+           std::to_string(values.size());
+  }
+  if (!values.allFinite() || (values.array() < 0).any()) {
+    return std::string(name) + " must be finite and not negative";
+  }
+  return {};
+}
+
+}  // namespace
+
+ArmSettings default_settings(const ArmModel& model) {
+  const auto n = model.joint_count();
+  ArmSettings settings;
+  settings.joint_stiffness = joint_constant(n, 2000);
+  settings.cartesian_stiffness << 3000, 3000, 3000, 300, 300, 300;
+  ContactThresholds& limit = settings.thresholds.nominal;
+  limit.torque_lower = limit.torque_upper = model.limits().tau_max;
+  limit.wrench_lower = limit.wrench_upper = Vector6::Constant(100);
+  settings.guiding = {.axes = {true, true, true, true, true, true}, .elbow = true};
+  return settings;
+}
+
+std::string check_load(const Load& load) {
+  if (!std::isfinite(load.mass) || load.mass < 0) return "the load's mass must be 0 or more kilograms";
+  if (load.mass > kMostMass || load.p_FC.norm() > kMostLength)
+    return "the load is too large: at most 100 kg within 10 m of the flange";
+  if (!load.p_FC.allFinite() || !load.inertia_C.allFinite()) return "the load has a value that is not finite";
+  if ((load.inertia_C - load.inertia_C.transpose()).norm() > 1e-9) {
+    return "the load's inertia must be a symmetric matrix";
+  }
+  if (load.inertia_C.norm() > kMostMass * kMostLength * kMostLength) return "the load's inertia is too large";
+  const Vector3 principal = Eigen::SelfAdjointEigenSolver<Matrix3>(load.inertia_C).eigenvalues();
+  if (principal[0] < -1e-9 || principal[0] + principal[1] < principal[2] - 1e-9) {
+    return "the load's inertia is not physically consistent: principal moments must be positive and none may "
+           "exceed the sum of the others";
+  }
+  return {};
+}
+
+std::string check_request(const ArmRequest& request, std::size_t n) {
+  const auto first_of = [](std::initializer_list<std::string> reasons) {
+    for (const auto& reason : reasons) {
+      if (!reason.empty()) return reason;
+    }
+    return std::string{};
+  };
+  return std::visit(
+      Overloaded{[](const SetLoad& r) { return check_load(r.load); },
+                 [&](const SetFrames& r) {
+                   return first_of({r.X_FE ? check_pose(*r.X_FE, "X_FE") : std::string{},
+                                    r.X_EK ? check_pose(*r.X_EK, "X_EK") : std::string{}});
+                 },
+                 [&](const SetJointStiffness& r) {
+                   const auto why = check_positive(r.stiffness, n, "the joint stiffness");
+                   if (!why.empty() || (r.stiffness.array() <= kMostJointStiffness).all()) return why;
+                   return std::string("the joint stiffness must be at most 14250 N m/rad");
+                 },
+                 [](const SetCartesianStiffness& r) {
+                   const auto why = check_positive(r.stiffness, 6, "the Cartesian stiffness");
+                   if (!why.empty() || (r.stiffness.array() <= kMostCartesianStiffness.array()).all())
+                     return why;
+                   return std::string("the Cartesian stiffness must be at most 3000 N/m and 300 N m/rad");
+                 },
+                 [&](const SetCollisionThresholds& r) {
+                   const auto why = [&](const ContactThresholds& t) {
+                     return first_of({check_positive(t.torque_lower, n, "the lower torque thresholds"),
+                                      check_positive(t.torque_upper, n, "the upper torque thresholds"),
+                                      check_positive(t.wrench_lower, 6, "the lower wrench thresholds"),
+                                      check_positive(t.wrench_upper, 6, "the upper wrench thresholds")});
+                   };
+                   return first_of({why(r.nominal), r.acceleration ? why(*r.acceleration) : std::string{}});
+                 },
+                 [](const auto&) { return std::string{}; }},
+      request);
+}
+
+}  // namespace multipanda

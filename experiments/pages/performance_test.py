@@ -1,0 +1,305 @@
+#!/usr/bin/env python3
+"""The page of a performance experiment from cycles with known figures: verdicts, tables, plots, missing data."""
+
+import json
+import pathlib
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
+
+from experiments.pages import main, performance_metrics  # noqa: E402
+
+ARMS = ["left", "right"]
+COLUMNS = [
+    "t_s",
+    "process_percent",
+    "loop_percent",
+    "loop_waited_percent",
+    "generator_percent",
+    "others_percent",
+    "memory_mb",
+    "load_1min",
+]
+
+
+def write_cycles(file, count, seed, periods, control_us, pairs=None, single=False):
+    """`periods`: of delay; control_us: of the control function, ten times as long in each hundredth cycle;
+    `single`: states came over the wire, in single precision."""
+    random = np.random.default_rng(seed)
+    t = (np.arange(count) + 5) * 1_000_000
+    start = t + np.cumsum(random.integers(-1000, 1001, count))
+    factor = np.where(np.arange(count) % 100 == 7, 10.0, 1.0)
+    stages = np.outer(factor, control_us * np.array([0.3, 0.5, 0.15, 0.05, 0, 1]))
+    stages[:, 4] = 0.5
+    stages[:, 5] += 0.5
+    arrays = {
+        "cycle": np.arange(count) + 6,
+        "overruns": np.where(np.arange(count) < count // 2, 3, 5),
+        "t_ns": t,
+        "start_ns": start,
+        "stages_us": stages,
+        "whole_us": stages[:, 5] + 2,
+    }
+    for arm in ARMS:
+        sent = np.cumsum(random.normal(size=(count, 7)), axis=0)
+        used = np.zeros_like(sent)
+        used[1 + periods :] = sent[: count - 1 - periods]
+        if single:
+            used = used.astype(np.float32).astype(float)
+        arrays |= {
+            f"{arm}/sequence": np.arange(count) + 20,
+            f"{arm}/tau_cmd": sent,
+            f"{arm}/tau_J_d": used,
+            f"{arm}/tau_feature": np.zeros_like(sent) if pairs is None else np.ones_like(sent),
+        }
+    if pairs is not None:
+        arrays["dual/collision_avoidance.smallest_distance_m"] = np.full(count, 0.02)
+        arrays["dual/collision_avoidance.active_pairs"] = np.where(np.arange(count) < count // 4, pairs, 0).astype(
+            float
+        )
+    np.savez(file, **arrays)
+
+
+def switch(kind, late=0, waited_us=400.0):
+    return {
+        "kind": kind,
+        "to": "x",
+        "accepted": True,
+        "verdict": "accepted",
+        "cycles_late": late,
+        "received_to_taken_us": waited_us,
+        "taken_to_first_torque_us": 20.0,
+        "torque_step_nm": 1.5,
+    }
+
+
+def plan_in(folder, count=3000):
+    (folder / "data").mkdir()
+    plan = {
+        "name": "controller-performance",
+        "kind": "performance",
+        "title": "Speed",
+        "description": "d",
+        "seed": 1,
+        "plants": [],
+        "measure": None,
+        "settings": {},
+        "machine": {"processor": "p", "cores": "2", "memory_mb": "8000"},
+        "variants": [],
+        "vary": [],
+        "set": {},
+        "fast": True,
+        "repeats": 1,
+        "duration_s": count / 1000,
+        "load_before": 1.0,
+        "load_after": 2.0,
+        "limits": [
+            {"metric": "samples_missing", "at_most": {"": 0}, "at_least": {}, "variants": ["condition"]},
+            {"metric": "delay_error_us", "at_most": {"": 50}, "at_least": {}, "variants": ["condition", "delay_check"]},
+            {
+                "metric": "delay_by_sequence_error_us",
+                "at_most": {"": 0},
+                "at_least": {},
+                "variants": ["condition", "delay_check"],
+            },
+            {"metric": "switches_late", "at_most": {"": 0}, "at_least": {}, "variants": ["switching"]},
+            {"metric": "bystander_different", "at_most": {"": 0}, "at_least": {}, "variants": ["switching"]},
+        ],
+        "published": [{"metric": "control_us", "value": 25, "text": "the paper: <25"}],
+        "conditions": [{"name": "NF", "label": "plain"}, {"name": "CA", "label": "with feature"}],
+        "runs": [],
+        "delay_checks": [],
+        "switching": {
+            "trials": 3,
+            "bystander": "third",
+            "bystander_cycles": 500,
+            "bystander_different": 0,
+            "overruns": 0,
+            "faults": [],
+            "list": [switch("feature") for _ in range(3)] + [switch("controllet") for _ in range(3)],
+        },
+    }
+    for i, (name, control) in enumerate((("NF", 20.0), ("CA", 26.0))):
+        write_cycles(folder / "data" / f"{name}_1.npz", count, i, 1, control, pairs=4 if name == "CA" else None)
+        usage = [[0.3 * (k + 1), 12.0 + k, 9.0, 0.1, 5.0, 50.0, 60.0, 1.0] for k in range(10)]
+        plan["runs"].append(
+            {
+                "name": f"{name}_1",
+                "condition": name,
+                "repeat": 1,
+                "npz": f"data/{name}_1.npz",
+                "arms": ARMS,
+                "wanted_samples": count,
+                "samples": count,
+                "period_s": 0.001,
+                "plant": "realistic",
+                "command_delay_s": 0.001,
+                "generator_lasted": True,
+                "generator": {
+                    "rate_hz": 1000.0,
+                    "samples": 3000,
+                    "missed": 4,
+                    "late_us": {"median": 20.0, "p99": 100.0, "worst": 1000.0},
+                    "channels": [{"received": 3000, "lost": 0}],
+                    "ended_by": "stopped",
+                },
+                "usage_columns": COLUMNS,
+                "usage": usage,
+                "scene_text": "name: x",
+                "cycles": count,
+                "overruns": 2,
+                "faults": [],
+                "records_lost": 0,
+                "thread": [{"what": "SCHED_FIFO 80", "done": False, "reason": "not permitted"}],
+                "interventions": [],
+            }
+        )
+    for periods in (0, 3):
+        write_cycles(folder / "data" / f"delay_{periods}.npz", 2000, 50 + periods, periods, 20, single=periods == 3)
+        plan["delay_checks"].append(
+            {
+                "name": f"delay_{periods}",
+                "npz": f"data/delay_{periods}.npz",
+                "arms": ARMS,
+                "period_s": 0.001,
+                "command_delay_s": periods * 1e-3,
+                "faults": [],
+                "interventions": [],
+            }
+        )
+    return plan
+
+
+class Page(unittest.TestCase):
+    def made(self, change=lambda plan: None):
+        with tempfile.TemporaryDirectory() as name:
+            folder = pathlib.Path(name)
+            plan = plan_in(folder)
+            change(plan)
+            (folder / "plan.json").write_text(json.dumps(plan))
+            main.main([str(folder / "plan.json")])
+            results = json.loads((folder / "results.json").read_text())
+            self.pictures = sorted(p.name for p in folder.glob("*.png"))
+            return results, (folder / "report.html").read_text()
+
+    def test_figures_are_those_of_the_cycles(self):
+        results, html = self.made()
+        self.assertTrue(results["passed"], results["problems"])
+        self.assertEqual(
+            self.pictures, ["delays.png", "index.png", "stages.png", "switching.png", "tails.png", "usage.png"]
+        )
+        nf, ca = results["conditions"]["NF"], results["conditions"]["CA"]
+        self.assertAlmostEqual(nf["control_us"]["median"], 20)
+        self.assertAlmostEqual(nf["control_us"]["worst"], 200)
+        self.assertAlmostEqual(nf["control_us"]["mean"], 20 * 0.99 + 200 * 0.01)
+        self.assertAlmostEqual(nf["whole_us"]["median"], 22.5)
+        self.assertAlmostEqual(results["added_us"]["CA"], 6)
+        self.assertEqual(nf["cycles_lost"], 2)
+        self.assertLessEqual(nf["jitter_us"]["worst"], 1.0)
+        self.assertAlmostEqual(ca["features"]["three_pairs_share"], 0.25)
+        self.assertAlmostEqual(ca["features"]["control_three_pairs_us"]["median"], 26)
+        self.assertEqual(nf["features"]["acting_share"], 0)
+        for arm in ARMS:
+            self.assertEqual(len(nf["delay"][arm]["windows_ms"]), 3)
+            self.assertAlmostEqual(nf["delay"][arm]["correlation_ms"]["median"], 1, delta=0.01)
+            self.assertEqual(nf["delay"][arm]["sequence_ms"]["mean"], 1)
+        self.assertEqual([c["configured_ms"] for c in results["delay_checks"]], [0, 3])
+        self.assertAlmostEqual(nf["usage"]["process_percent"]["mean"], 16.5)
+        self.assertAlmostEqual(nf["usage"]["memory_percent"]["median"], 60 / 8000 * 100)
+        self.assertEqual(results["switching"]["controllet"]["in_the_next_cycle"], 3)
+        self.assertAlmostEqual(results["switching"]["controllet"]["received_to_first_torque_ms"]["mean"], 0.42)
+        self.assertIn("the paper: &lt;25", html)
+        self.assertIn("identical to the bit in all 500 cycles", html)
+        said = " ".join(results["disturbances"])
+        for part in (
+            "4 of 6004 cycles were lost",
+            "did not get SCHED_FIFO 80: not permitted",
+            "50 % of a core",
+            "missed 8 of",
+        ):
+            self.assertIn(part, said)
+
+    def test_a_delay_that_is_not_the_plants_fails(self):
+        def change(plan):
+            plan["runs"][0]["command_delay_s"] = 0.002
+
+        results, _ = self.made(change)
+        self.assertFalse(results["passed"])
+        self.assertEqual(
+            {r["metric"] for r in results["limits"] if not r["passed"]},
+            {"delay_error_us", "delay_by_sequence_error_us"},
+        )
+        self.assertTrue(
+            any(p.startswith("NF: delay by correlation, error 1000 µs") for p in results["problems"]),
+            results["problems"],
+        )
+
+    def test_over_sockets_real_time_is_measured_and_lock_step_is_judged(self):
+        def change(plan):
+            plan["backend"] = "virtual"
+            plan["runs"][0]["command_delay_s"] = 0.002  # a millisecond late in real time: no failure
+
+        results, _ = self.made(change)
+        self.assertTrue(results["passed"], results["problems"])
+        self.assertEqual(
+            {r["variant"] for r in results["limits"] if r["metric"] == "delay_error_us"}, {"delay_0", "delay_3"}
+        )
+
+        def late(plan):
+            change(plan)
+            plan["delay_checks"][1]["command_delay_s"] = 0.002
+
+        results, _ = self.made(late)
+        self.assertFalse(results["passed"])
+
+        def waiting(plan):
+            change(plan)
+            plan["pace"] = "lockstep"
+
+        results, html = self.made(waiting)
+        self.assertEqual(
+            {r["metric"] for r in results["limits"] if not r["passed"]},
+            {"delay_error_us", "delay_by_sequence_error_us"},
+        )
+        self.assertIn("The virtual arms run in lock-step", html)
+
+    def test_what_else_fails(self):
+        for change, expected in (
+            (lambda p: p["switching"]["list"][4].update(cycles_late=1), "switches later than the next cycle 1"),
+            (lambda p: p["switching"].update(bystander_different=7), "cycles in which the bystander differs 7"),
+            (lambda p: p["switching"].update(bystander_cycles=0), "bystander_different could not be measured"),
+            (lambda p: p["runs"][1].update(samples=2990), "cycles missing 10"),
+            (lambda p: p["runs"][1].update(faults=["left was stopped"]), "CA_1: left was stopped"),
+            (lambda p: p["runs"][0].update(generator_lasted=False), "NF_1: the motion generator ended before the run"),
+        ):
+            results, _ = self.made(change)
+            self.assertFalse(results["passed"], expected)
+            self.assertTrue(any(expected in p for p in results["problems"]), (expected, results["problems"]))
+
+    def test_without_switching_and_checks(self):
+        def change(plan):
+            plan.update(switching=None, delay_checks=[])
+
+        results, html = self.made(change)
+        self.assertTrue(results["passed"], results["problems"])
+        self.assertIsNone(results["switching"])
+        self.assertNotIn("Switching</h2>", html)
+        self.assertEqual(self.pictures, ["index.png", "stages.png", "tails.png", "usage.png"])
+
+
+class Spread(unittest.TestCase):
+    def test_rotations_of_known_angles(self):
+        f = performance_metrics.spread(np.arange(1, 1002))
+        np.testing.assert_allclose(
+            [f[k] for k in ("median", "mean", "p99", "p999", "worst", "count")], [501, 501, 991, 1000, 1001, 1001]
+        )
+        self.assertIsNone(performance_metrics.spread([]))
+        self.assertEqual(performance_metrics.spread([1, np.nan])["count"], 1)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,329 @@
+// One arm's connection against a fake arm whose answers the test sets.
+#include "fci/client/arm_connection.hpp"
+
+#include <random>
+#include <thread>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "fci/client/testing/fake_arm.hpp"
+
+namespace multipanda::fci::arm_connection_test {
+namespace {
+
+using testing::HasSubstr;
+
+ArmConnectionOptions options_for(const FakeArm& arm) {
+  return {.name = "left", .address = arm.address(), .port = arm.port(), .reply_timeout_s = 2};
+}
+
+// The message of the refusal.
+template <class Call>
+ConnectionError refusal(Call&& call) {
+  try {
+    call();
+  } catch (const ConnectionError& error) {
+    return error;
+  }
+  ADD_FAILURE() << "nothing was thrown";
+  return {ConnectionError::Kind::lost, ""};
+}
+
+class EveryVersion : public testing::TestWithParam<int> {};
+
+TEST_P(EveryVersion, IsDetectedAndUsedAutomatically) {
+  FakeArm arm(GetParam());
+  ArmConnection link(options_for(arm));
+  link.connect();
+  EXPECT_EQ(link.version(), GetParam());
+  EXPECT_GT(link.last_state().message_id, 0u);
+  EXPECT_EQ(arm.last<ConnectRequest>().version, GetParam());
+  EXPECT_NEAR(link.next_state().q[3], -2.356194490192345, 1e-6);
+}
+
+TEST_P(EveryVersion, TorquesOnlyBeginRunAndFinishAsThatVersionsLibraryDoes) {
+  FakeArm arm(GetParam());
+  ArmConnection link(options_for(arm));
+  link.connect();
+  link.start_motion({});
+  const auto move = arm.last<MoveRequest>();
+  EXPECT_EQ(move.controller, MoveController::external);
+  EXPECT_EQ(move.generator, GetParam() >= 10 ? MoveGenerator::none : MoveGenerator::joint_velocity);
+  EXPECT_EQ(move.maximum_path_deviation.translation, 10);
+  link.wait_until_running();
+  EXPECT_EQ(link.last_state().robot_mode, static_cast<int>(RobotMode::move));
+
+  RobotCommand torque;
+  torque.tau_J_d = {1, 2, 3, 4, 5, 6, 7};
+  const std::uint64_t id = link.newest().message_id;
+  ASSERT_TRUE(link.send(torque));
+  const auto got = arm.command();
+  ASSERT_TRUE(got);
+  EXPECT_EQ(got->message_id, id);
+  EXPECT_EQ(got->tau_J_d, torque.tau_J_d);
+  EXPECT_EQ(got->dq_c, (std::array<double, 7>{}));
+  EXPECT_FALSE(got->motion_generation_finished || got->torque_command_finished);
+
+  std::thread finisher([&arm] {
+    const auto last = arm.command();
+    ASSERT_TRUE(last);
+    EXPECT_EQ(last->tau_J_d[6], 7);
+    EXPECT_EQ(last->torque_command_finished, GetParam() >= 10);
+    EXPECT_EQ(last->motion_generation_finished, GetParam() < 10);
+    arm.end_motion(Status::success, RobotMode::idle);
+  });
+  const MotionOutcome end = link.finish(torque);
+  finisher.join();
+  EXPECT_EQ(end.status, Status::success);
+  EXPECT_FALSE(link.has_motion());
+}
+
+INSTANTIATE_TEST_SUITE_P(Protocol, EveryVersion, testing::Range(4, 11));
+
+TEST(ArmConnection, RefusesVersionsWithTheRemedy) {
+  FakeArm arm(5);
+  ArmConnectionOptions options = options_for(arm);
+  options.version = 10;
+  ArmConnection link(options);
+  const ConnectionError error = refusal([&] { link.connect(); });
+  EXPECT_EQ(error.kind(), ConnectionError::Kind::incompatible);
+  EXPECT_THAT(error.what(), HasSubstr("version 5"));
+  EXPECT_THAT(error.what(), HasSubstr("arm left"));
+  EXPECT_FALSE(link.is_connected());
+  options.version = 3;
+  EXPECT_THROW(ArmConnection{options}, std::invalid_argument);
+}
+
+TEST(ArmConnection, ReportsWhyTheArmIsNotReachable) {
+  std::uint16_t port = 0;
+  {
+    FakeArm gone(10);
+    port = gone.port();
+  }
+  ArmConnection link({.name = "left", .address = "127.0.0.1", .port = port});
+  ConnectionError error = refusal([&] { link.connect(); });
+  EXPECT_EQ(error.kind(), ConnectionError::Kind::unreachable);
+  EXPECT_THAT(error.what(), HasSubstr("FCI is activated"));
+  error = refusal([&] { link.stop(); });
+  EXPECT_THAT(error.what(), HasSubstr("connect first"));
+}
+
+TEST(ArmConnection, EverySettingArrivesUnchanged) {
+  std::mt19937_64 random(5);
+  std::uniform_real_distribution<double> any(1, 100);
+  const auto draw = [&](auto& values) {
+    for (auto& v : values) v = any(random);
+    return values;
+  };
+  for (const int version : {5, 10}) {
+    FakeArm arm(version);
+    ArmConnection link(options_for(arm));
+    link.connect();
+    std::array<double, 7> a{}, b{};
+    std::array<double, 6> c{}, d{};
+    link.set_collision_behavior(draw(a), draw(b), draw(c), draw(d));
+    const auto thresholds = arm.last<SetCollisionBehaviorRequest>();
+    EXPECT_EQ(thresholds.lower_torque_thresholds_acceleration, a);
+    EXPECT_EQ(thresholds.upper_torque_thresholds_nominal, b);
+    EXPECT_EQ(thresholds.lower_force_thresholds_nominal, c);
+    EXPECT_EQ(thresholds.upper_force_thresholds_acceleration, d);
+    link.set_joint_impedance(draw(a));
+    EXPECT_EQ(arm.last<SetJointImpedanceRequest>().K_theta, a);
+    link.set_cartesian_impedance(draw(c));
+    EXPECT_EQ(arm.last<SetCartesianImpedanceRequest>().K_x, c);
+    link.set_guiding_mode({true, false, true, false, false, true}, true);
+    const auto guiding = arm.last<SetGuidingModeRequest>();
+    EXPECT_EQ(guiding.guiding_mode, (std::array<std::uint8_t, 6>{1, 0, 1, 0, 0, 1}));
+    EXPECT_TRUE(guiding.nullspace);
+
+    const Pose X{rotation_from_rpy({0.3, -0.7, 1.9}), Vector3(0.1, 0.2, 0.3)};
+    link.set_EE(X);
+    const auto T = arm.last<SetNEToEERequest>().NE_T_EE;
+    EXPECT_EQ(T[4], X.rotation(0, 1)) << "column-major";
+    EXPECT_EQ(T[12], 0.1);
+    EXPECT_EQ(T[15], 1.0);
+    EXPECT_TRUE(link.wait_for_state([](const RobotState& s) { return s.F_T_EE[12] > 0.09; }));
+    link.set_K(X);
+    EXPECT_EQ(arm.last<SetEEToKRequest>().EE_T_K, T);
+    Load load{.mass = 1.5, .p_FC = {0.01, 0.02, 0.03}};
+    load.inertia_C << 1, 0.1, 0.2, 0.1, 2, 0.3, 0.2, 0.3, 2.5;
+    link.set_load(load);
+    const auto told = arm.last<SetLoadRequest>();
+    EXPECT_EQ(told.m_load, 1.5);
+    EXPECT_EQ(told.F_x_Cload, (std::array<double, 3>{0.01, 0.02, 0.03}));
+    EXPECT_EQ(told.I_load[5], 0.3);
+
+    if (version == 5) {
+      link.set_filters({10, 20, 30, 40, 50});
+      EXPECT_EQ(arm.last<SetFiltersRequest>().cartesian_velocity, 40);
+      const CartesianLimit wall = link.cartesian_limit(3);
+      EXPECT_EQ(arm.last<GetCartesianLimitRequest>().id, 3);
+      EXPECT_EQ(wall.object_p_max[1], 0.2);
+      EXPECT_TRUE(wall.object_activation);
+      arm.set_model("library");
+      EXPECT_EQ(link.model_library().size(), 7u);
+      EXPECT_THAT(refusal([&] { (void)link.robot_model(); }).what(),
+                  HasSubstr("is not available in version 5"));
+    } else {
+      arm.set_model("<robot/>");
+      EXPECT_EQ(link.robot_model(), "<robot/>");
+      EXPECT_EQ(refusal([&] { link.set_filters({}); }).kind(), ConnectionError::Kind::refused);
+      EXPECT_TRUE(link.is_connected()) << "nothing was sent";
+    }
+  }
+}
+
+TEST(ArmConnection, RefusalsNameModeAndRemedy) {
+  FakeArm arm(10);
+  ArmConnection link(options_for(arm));
+  link.connect();
+  arm.change([](RobotState& s) {
+    s.robot_mode = static_cast<std::uint8_t>(RobotMode::reflex);
+    s.errors[6] = 1;
+  });
+  ASSERT_TRUE(link.wait_for_state([](const RobotState& s) { return s.errors[6] != 0; }));
+  arm.answer(Command::move, Status::not_possible);
+  const ConnectionError error = refusal([&] { link.start_motion({}); });
+  EXPECT_THAT(error.what(), HasSubstr("mode reflex"));
+  EXPECT_THAT(error.what(), HasSubstr("joint_reflex"));
+  EXPECT_THAT(error.what(), HasSubstr("ctl recover left"));
+  EXPECT_FALSE(error.is_fatal());
+  arm.answer(Command::set_load, Status::invalid_argument);
+  EXPECT_THAT(refusal([&] { link.set_load({}); }).what(), HasSubstr("does not accept the values"));
+  arm.answer(Command::automatic_error_recovery, Status::manual_recovery_required);
+  EXPECT_THAT(refusal([&] { link.recover(); }).what(), HasSubstr("by hand"));
+  arm.answer(Command::automatic_error_recovery, Status::success);
+  link.recover();
+  EXPECT_EQ(link.last_state().robot_mode, static_cast<int>(RobotMode::idle));
+  arm.answer(Command::move, Status::singular);
+  EXPECT_THAT(refusal([&] { link.start_motion({}); }).what(), HasSubstr("singular"));
+}
+
+TEST(ArmConnection, EveryKindOfMotionIsRequestedByItsModes) {
+  FakeArm arm(10);
+  ArmConnection link(options_for(arm));
+  link.connect();
+  const std::pair<MotionGenerator, MotionGeneratorMode> generators[] = {
+      {MotionGenerator::joint_position, MotionGeneratorMode::joint_position},
+      {MotionGenerator::joint_velocity, MotionGeneratorMode::joint_velocity},
+      {MotionGenerator::cartesian_pose, MotionGeneratorMode::cartesian_position},
+      {MotionGenerator::cartesian_velocity, MotionGeneratorMode::cartesian_velocity}};
+  for (const auto controller :
+       {ArmController::joint_impedance, ArmController::cartesian_impedance, ArmController::external}) {
+    for (const auto& [generator, mode] : generators) {
+      link.start_motion({.controller = controller, .generator = generator});
+      link.wait_until_running();
+      EXPECT_EQ(link.last_state().motion_generator_mode, static_cast<int>(mode));
+      EXPECT_EQ(link.last_state().controller_mode, static_cast<int>(controller));
+      link.stop();
+      EXPECT_FALSE(link.has_motion()) << "the motion's own end was taken, too";
+    }
+  }
+  link.start_motion({.controller = ArmController::joint_impedance,
+                     .generator = MotionGenerator::joint_position,
+                     .asynchronous = true,
+                     .dq_max = JointVector::Constant(7, 0.5)});
+  const auto asynchronous = arm.last<MoveRequest>();
+  EXPECT_TRUE(asynchronous.use_async_motion_generator);
+  EXPECT_EQ(asynchronous.maximum_velocity[6], 0.5);
+  link.stop();
+  EXPECT_THROW(link.start_motion({.controller = ArmController::joint_impedance}), std::invalid_argument);
+  EXPECT_THROW(link.start_motion({.generator = MotionGenerator::idle}), std::invalid_argument);
+}
+
+TEST(ArmConnection, AMotionThatEndsByItselfIsReportedOnce) {
+  FakeArm arm(10);
+  ArmConnection link(options_for(arm));
+  link.connect();
+  link.start_motion({});
+  link.wait_until_running();
+  EXPECT_FALSE(link.poll_motion());
+  arm.end_motion(Status::reflex_aborted, RobotMode::reflex, 6);
+  const MotionOutcome end = link.wait_for_end(2);
+  EXPECT_EQ(end.status, Status::reflex_aborted);
+  EXPECT_FALSE(end.text.empty());
+  EXPECT_FALSE(link.poll_motion());
+}
+
+TEST(ArmConnection, RepliesMayComeInAnyOrder) {
+  FakeArm arm(10);
+  arm.answer_in_pairs();
+  TcpChannel channel(HeaderKind::arm, "arm left");
+  channel.connect(arm.address(), arm.port(), 1);
+  const auto ask = [&](const auto& request) {
+    std::array<std::byte, kMaxRequestSize> message;
+    const std::uint32_t id = channel.next_id();
+    const std::size_t size = encode_request(*dialect(10), id, request, message);
+    channel.send(std::span(message).first(size), 1);
+    return id;
+  };
+  const std::uint32_t first = ask(SetJointImpedanceRequest{}), second = ask(SetCartesianImpedanceRequest{});
+  EXPECT_EQ(second, first + 1);
+  EXPECT_EQ(channel.wait(first, 2, "the first").command,
+            command_id(*dialect(10), Command::set_joint_impedance));
+  EXPECT_EQ(channel.wait(second, 2, "the second").command_id, second);
+  EXPECT_FALSE(channel.take(first)) << "each reply once";
+}
+
+TEST(ArmConnection, SilenceGarbageAndDisconnectsEndTheConnectionWithAReason) {
+  FakeArm arm(10);
+  ArmConnectionOptions options = options_for(arm);
+  options.reply_timeout_s = 0.05;
+  ArmConnection link(options);
+  link.connect();
+  arm.withhold(Command::set_load);
+  ConnectionError error = refusal([&] { link.set_load({}); });
+  EXPECT_EQ(error.kind(), ConnectionError::Kind::timeout);
+  EXPECT_TRUE(error.is_fatal());
+  EXPECT_FALSE(link.is_connected());
+
+  link.connect();  // the same object again
+  arm.send_bytes(std::vector<std::byte>(64, std::byte{0xFF}));
+  error = refusal([&] {
+    while (true) (void)link.wait_for_end(0), (void)link.poll_motion();
+  });
+  EXPECT_EQ(error.kind(), ConnectionError::Kind::protocol);
+
+  link.connect();
+  arm.hang_up();
+  error = refusal([&] {
+    while (true) (void)link.poll_motion();
+  });
+  EXPECT_EQ(error.kind(), ConnectionError::Kind::lost);
+  EXPECT_THAT(error.what(), HasSubstr("reconnect"));
+}
+
+TEST(ArmConnection, CountsLostAndLateDatagrams) {
+  FakeArm arm(10);
+  arm.set_automatic(false);
+  ArmConnection link(options_for(arm));
+  link.connect();
+  const ConnectionStatistics start = link.statistics();
+  const std::uint64_t id = arm.publish();
+  EXPECT_EQ(link.next_state().message_id, id);
+  arm.publish(3);  // three lost
+  EXPECT_EQ(link.next_state().message_id, id + 4);
+  EXPECT_EQ(link.statistics().lost - start.lost, 3u);
+  EXPECT_EQ(link.statistics().lost_in_a_row, 3u);
+  // One of them was only late; a duplicated state is not new; the rest counts as foreign.
+  arm.publish_number(id + 2);
+  arm.publish_number(id + 4);
+  arm.send_datagram(std::vector<std::byte>(100), "127.0.0.1");
+  arm.send_datagram(std::vector<std::byte>(1377), "127.0.0.9");
+  EXPECT_EQ(arm.publish(), id + 5);
+  EXPECT_EQ(link.next_state().message_id, id + 5);
+  const ConnectionStatistics end = link.statistics();
+  EXPECT_EQ(end.lost - start.lost, 2u);
+  EXPECT_EQ(end.lost_in_a_row, 0u);
+  EXPECT_EQ(end.lost_in_a_row_max, 3u);
+  EXPECT_EQ(end.foreign - start.foreign, 2u);
+  // The newest state counts, whatever else is pending.
+  arm.publish();
+  arm.publish();
+  const std::uint64_t newest = arm.publish();
+  EXPECT_EQ(link.next_state().message_id, newest);
+}
+
+}  // namespace
+}  // namespace multipanda::fci::arm_connection_test

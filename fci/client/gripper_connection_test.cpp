@@ -1,0 +1,164 @@
+// Both gripper connections with both ports of virtual arms: whole motions over loopback, in simulated time.
+#include "fci/client/gripper_connection.hpp"
+
+#include <gtest/gtest.h>
+
+#include "fci/client/connection_error.hpp"
+#include "fci/client/end_effector_connection.hpp"
+#include "fci/server/virtual_arms.hpp"
+
+namespace multipanda::fci::gripper_connection_test {
+namespace {
+
+const Vector3 kCup(0, 0, 0.1);  // in the flange [m]
+
+Scene gripper_scene() {
+  Scene scene;
+  SceneArm hand, cup;
+  hand.name = "hand";
+  hand.model = "fr3";
+  hand.q_start = load_robot("fr3").q_home;
+  cup = hand;
+  cup.name = "cup";
+  cup.hand = false;
+  cup.vacuum = true;
+  cup.X_FE = Pose{Matrix3::Identity(), kCup};
+  cup.X_WB.position = {0, 2, 0};
+  scene.arms = {hand, cup};
+  return scene;
+}
+
+// The world of this scene at free ports of a separate address.
+struct Virtual {
+  explicit Virtual(const char* address, Scene scene = gripper_scene()) {
+    const ArmPlace any{.address = address, .port = 0, .gripper_port = 0, .vacuum_port = 0};
+    arms = std::make_unique<VirtualArms>(std::move(scene), VirtualArmOptions{.places = {any, any}});
+    arms->start();
+  }
+  std::unique_ptr<EndEffector> gripper() const {
+    auto link = gripper_link("hand", arms->place(0).address, arms->place(0).gripper_port);
+    link->connect();
+    return link;
+  }
+  std::unique_ptr<EndEffector> vacuum() const {
+    auto link = vacuum_link("cup", arms->place(1).address, arms->place(1).vacuum_port);
+    link->connect();
+    return link;
+  }
+  std::unique_ptr<VirtualArms> arms;
+};
+
+RequestAnswer wait(std::future<RequestAnswer> answer) {
+  if (answer.wait_for(std::chrono::seconds(30)) != std::future_status::ready) return {false, "no answer"};
+  return answer.get();
+}
+
+// The next state sent after this call.
+multipanda::GripperState next_state(const EndEffector& link) {
+  const auto& states = dynamic_cast<const EndEffectorConnection&>(link);
+  const std::uint32_t seen = states.state_number() + 1;  // one may be in flight
+  const HostTime begun = host_now();
+  while (states.state_number() <= seen && host_now() - begun < std::chrono::seconds(5)) {
+    std::this_thread::yield();
+  }
+  return link.state();
+}
+
+TEST(GripperLink, HomesMovesMissesAndGrasps) {
+  const Virtual world("127.1.60.1");
+  const auto link = world.gripper();
+  EXPECT_FALSE(link->is_vacuum());
+  EXPECT_EQ(next_state(*link).max_width, 0);
+  EXPECT_TRUE(wait(link->request(GripperHoming{})).success);
+  EXPECT_NEAR(next_state(*link).max_width, 0.08, 5e-4);
+  EXPECT_NEAR(link->state().width, 0.08, 1e-3);
+  EXPECT_TRUE(wait(link->request(GripperMove{.width = 0.03, .speed = 0.2})).success);
+  EXPECT_NEAR(next_state(*link).width, 0.03, 6e-4);
+  EXPECT_FALSE(link->state().moving);
+  // Farther than it opens, and a grasp without an object
+  EXPECT_FALSE(wait(link->request(GripperMove{.width = 0.1, .speed = 0.2})).success);
+  const RequestAnswer miss = wait(link->request(GripperGrasp{.width = 0.04, .speed = 0.2, .force = 20}));
+  EXPECT_FALSE(miss.success);
+  EXPECT_NE(miss.reason.find("nothing of that width"), std::string::npos) << miss.reason;
+  EXPECT_FALSE(next_state(*link).grasped);
+  // Both fingers touch: an object of width 0
+  EXPECT_TRUE(wait(link->request(GripperGrasp{.width = 0, .speed = 0.2, .force = 20})).success);
+  EXPECT_TRUE(next_state(*link).grasped);
+}
+
+TEST(GripperLink, StopAndNewMotionsAbortTheOneThatRuns) {
+  const Virtual world("127.1.60.2");
+  const auto link = world.gripper();
+  auto slow = link->request(GripperMove{.width = 0, .speed = 0.005});
+  auto homing = link->request(GripperHoming{});
+  const RequestAnswer replaced = wait(std::move(slow));
+  EXPECT_FALSE(replaced.success);
+  EXPECT_NE(replaced.reason.find("another motion"), std::string::npos) << replaced.reason;
+  EXPECT_TRUE(wait(link->request(GripperStop{})).success);
+  EXPECT_FALSE(wait(std::move(homing)).success);
+  EXPECT_TRUE(wait(link->request(GripperStop{})).success);  // nothing runs
+}
+
+TEST(GripperLink, ImplausibleRequestsAreRefusedOnBothEnds) {
+  const Virtual world("127.1.60.3");
+  const auto link = world.gripper();
+  EXPECT_NE(wait(link->request(GripperMove{.width = -1})).reason.find("width"), std::string::npos);
+  EXPECT_NE(wait(link->request(GripperGrasp{.width = 0.01, .speed = 0.1, .force = NAN})).reason.find("force"),
+            std::string::npos);
+  EXPECT_NE(wait(link->request(VacuumOn{})).reason.find("does not support"), std::string::npos);
+}
+
+TEST(GripperLink, LossIsReportedAndReconnectingHelps) {
+  auto world = std::make_unique<Virtual>("127.1.60.4");
+  const auto link = world->gripper();
+  const auto second = gripper_link("hand", "127.1.60.4", world->arms->place(0).gripper_port);
+  EXPECT_THROW(second->connect(), ConnectionError);  // one program at a time
+  auto running = link->request(GripperMove{.width = 0, .speed = 0.001});
+  link->connect();
+  const RequestAnswer lost = wait(std::move(running));
+  EXPECT_FALSE(lost.success);
+  EXPECT_TRUE(wait(link->request(GripperMove{.width = 0.05, .speed = 0.2})).success);
+  world.reset();
+  EXPECT_FALSE(wait(link->request(GripperMove{.width = 0.01, .speed = 0.2})).success);
+  EXPECT_FALSE(link->state().present);
+  EXPECT_THROW(link->connect(), ConnectionError);
+}
+
+TEST(VacuumLink, HoldsAndDropsAPart) {
+  Scene scene = gripper_scene();
+  // The flange of the ready configuration points down; the part is below the cup, 3 mm away.
+  SceneObject part;
+  part.name = "part";
+  part.fixed = false;
+  part.mass = 0.2;
+  part.size = {0.06, 0.06, 0.06};
+  SceneObject table = part;
+  table.name = "table";
+  table.fixed = true;
+  table.size = {0.3, 0.3, 0.1};
+  MujocoPlant plant(scene);
+  const Vector3 cup = plant.world().X_WF(1) * kCup;
+  part.X_WO.position = cup - Vector3(0, 0, 0.033);
+  table.X_WO.position = cup - Vector3(0, 0, 0.063 + 0.05);
+  scene.objects = {table, part};
+  const Virtual world("127.1.60.5", scene);
+  const auto link = world.vacuum();
+  EXPECT_TRUE(link->is_vacuum());
+  EXPECT_FALSE(next_state(*link).grasped);
+  EXPECT_TRUE(wait(link->request(VacuumOn{.pressure_mbar = 500, .timeout_s = 2})).success);
+  EXPECT_TRUE(next_state(*link).grasped);
+  EXPECT_TRUE(wait(link->request(VacuumDrop{.timeout_s = 2})).success);
+  EXPECT_FALSE(next_state(*link).grasped);
+  EXPECT_TRUE(wait(link->request(VacuumStop{})).success);
+  EXPECT_NE(wait(link->request(GripperHoming{})).reason.find("does not support"), std::string::npos);
+}
+
+TEST(VacuumLink, WithoutAPartThereIsNoVacuumInTime) {
+  const Virtual world("127.1.60.6");
+  const auto link = world.vacuum();
+  EXPECT_FALSE(wait(link->request(VacuumOn{.pressure_mbar = 500, .timeout_s = 0.2})).success);
+  EXPECT_FALSE(next_state(*link).grasped);
+}
+
+}  // namespace
+}  // namespace multipanda::fci::gripper_connection_test

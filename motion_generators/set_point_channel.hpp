@@ -1,0 +1,47 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "core/reference/target.hpp"
+#include "core/types/joints.hpp"
+
+namespace multipanda {
+
+// The channel from a generator to a run: its live-input socket (LiveInputChannel) or ROS topics. One thread.
+// Members throw std::invalid_argument if the run refuses a request (no such arm, controllet or input) and
+// std::runtime_error if the run does not answer.
+class SetPointChannel {
+ public:
+  struct Arm {
+    Pose X_WE;
+    JointVector q;  // (n x 1) [rad]
+  };
+  using Stream = std::size_t;  // numbered from 0
+
+  virtual ~SetPointChannel() = default;
+  // The current state of these arms.
+  virtual std::vector<Arm> arms(const std::vector<std::string>& names) = 0;
+  // Opens a stream of set-points to an input. Poses are in the world.
+  virtual Stream open(const std::string& controllet, const std::string& input, Quantity quantity) = 0;
+  // Sends the newest set-point, values as in a Target. Never waits or throws. Returns false if it
+  // was not delivered.
+  virtual bool send(Stream stream, std::span<const double> values, std::int64_t time_ns) = 0;
+  // Sends each stream's newest set-point as a goal, so that the end of the stream does not count as a lost
+  // publisher. Skips inputs whose controllet does not run.
+  virtual void rest() = 0;
+  // One object per stream, in order, with the delivery counts that this channel knows.
+  virtual nlohmann::json channels() = 0;
+};
+
+// A pose as a Target's values: x y z qw qx qy qz.
+inline std::vector<double> values_of(const Pose& X) {
+  const Quaternion q = X.quaternion();
+  return {X.position.x(), X.position.y(), X.position.z(), q.w(), q.x(), q.y(), q.z()};
+}
+
+}  // namespace multipanda

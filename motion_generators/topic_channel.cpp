@@ -1,0 +1,13 @@
+#include "motion_generators/topic_channel.hpp"
+
+#include "runtime/ros_module.hpp"
+
+namespace multipanda {
+
+std::unique_ptr<SetPointChannel> make_topic_link(const TopicArguments& arguments) {
+  const auto make = reinterpret_cast<SetPointChannel* (*)(const TopicArguments&)>(
+      ros_module_function("multipanda_make_topic_link"));
+  return std::unique_ptr<SetPointChannel>(make(arguments));
+}
+
+}  // namespace multipanda

@@ -1,0 +1,39 @@
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "core/controllets/controllet.hpp"
+
+namespace multipanda {
+
+struct ReportOptions {
+  std::filesystem::path directory;  // for the page and its plots; empty: next to the log
+  bool pictures = true;             // of the scene, rebuilt from the log
+  std::size_t max_pictures = 4;     // at the start, at switches, in the middle, at the end
+  bool keep_data = false;           // keep the data files of the page: report_data.npz, .json
+  std::vector<ControlletType>
+      controllets;  // types that the scene may name beyond the built-in ones and the plug-ins'
+  std::map<std::string, std::string>
+      info;  // additions to the log's description of the run, such as the thread set-up
+};
+
+struct ReportResult {
+  std::filesystem::path page;                   // DIRECTORY/report.html
+  std::vector<std::filesystem::path> pictures;  // of the scene
+  bool repaired = false;                        // the log had no footer and got one
+  std::vector<std::string> notes;               // what is missing or failed, also on the page; human-readable
+};
+
+// Makes the report of one run: a self-contained page, and its plots. `log_or_directory` is a log or the
+// folder of a run with its log.mcap. A log without a footer is repaired first. If that fails, or the log
+// still seems to be written, the report covers its complete part.
+//
+// Runs report/report.py (see PageScript). Takes seconds; off the loop only. On SIGINT, SIGTERM and SIGHUP it
+// removes its data files and ends the program. Throws std::runtime_error with the reason and what to do.
+ReportResult make_report(const std::filesystem::path& log_or_directory, const ReportOptions& options = {});
+
+}  // namespace multipanda

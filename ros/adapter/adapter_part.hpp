@@ -1,0 +1,88 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/record/cycle_record.hpp"
+#include "core/types/tick.hpp"
+#include "core/types/time.hpp"
+#include "ros/adapter/ros_options.hpp"
+#include "runtime/run_adapter.hpp"
+
+namespace multipanda::ros {
+
+class Context;
+class Node;
+class Executor;
+
+// One line of /diagnostics.
+struct Diagnostic {
+  enum class Level : std::uint8_t { ok = 0, warn = 1, error = 2 };  // as diagnostic_msgs/DiagnosticStatus
+  std::string name;                                                 // "pose0/pose"
+  Level level = Level::ok;
+  std::string message;
+  std::vector<std::pair<std::string, std::string>> values;
+};
+
+// Time stamps of this run's messages [ns]: simulated time, or the wall clock.
+struct Stamps {
+  bool simulated = false;
+  std::int64_t wall_minus_host_ns = 0;  // measured once, at the start
+
+  std::int64_t of(const CycleRecord& record) const { return at(record.t, record.start); }
+  std::int64_t at(LoopTime t, HostTime host) const { return simulated ? t.ns : host.ns + wall_minus_host_ns; }
+};
+
+// Counters that all parts share, for loop statistics.
+struct AdapterCounters {
+  std::atomic<std::uint64_t> samples_accepted{0}, samples_refused{0};  // messages to inputs
+  std::atomic<std::uint64_t> requests{0}, requests_refused{0};         // services and actions
+  // before they reached the publisher's thread
+  std::atomic<std::uint64_t> records_dropped{0};
+};
+
+// What every part of the adapter works with. References stay valid for the part's life.
+struct AdapterContext : RunContext {
+  Context* context = nullptr;
+  Node* node = nullptr;
+  Executor* executor = nullptr;
+  const RosOptions* options = nullptr;
+  Stamps stamps;
+  AdapterCounters* counters = nullptr;
+  // Diagnostics of all parts. Any thread, once all parts exist.
+  std::function<std::vector<Diagnostic>()> diagnostics;
+  // Warns the user, at most once a second per `topic`. Any thread but the loop's.
+  std::function<void(const std::string& topic, const std::string& text)> warn;
+
+  // Counts an answered service call or action goal. Any thread.
+  void count_request(bool success) const {
+    counters->requests.fetch_add(1, std::memory_order_relaxed);
+    if (!success) counters->requests_refused.fetch_add(1, std::memory_order_relaxed);
+  }
+};
+
+// A part of the adapter. Its constructor creates its ROS entities. Their callbacks run on the executor's
+// thread, take() on the publisher's thread; a part guards the data that both use. Neither thread ever waits
+// for the loop.
+class AdapterPart {
+ public:
+  virtual ~AdapterPart() = default;
+  // Publisher's thread, in order. Receives every record that found room in the adapter's ring: few are
+  // missing, none is repeated.
+  virtual void take(const CycleRecord&) {}
+  virtual void take(const Event&) {}
+  // Loop's thread, between two steps, for data that only the physics world has. No allocation, no lock.
+  // Called only if needs_loop() returns true, which the adapter asks once before the first step.
+  virtual void on_loop(const Tick&, const Backend&) {}
+  virtual bool needs_loop() const { return false; }
+  virtual std::vector<Diagnostic> diagnostics() const { return {}; }  // any thread
+};
+
+using AdapterParts = std::vector<std::unique_ptr<AdapterPart>>;
+
+}  // namespace multipanda::ros

@@ -1,0 +1,55 @@
+#include "ros/adapter/arms/request_arm.hpp"
+
+#include <chrono>
+#include <future>
+#include <memory>
+
+#include <fmt/format.h>
+
+#include "ros/rcl/executor.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+template <typename Request>
+void send(const AdapterContext& run, ArmIndex arm, Request request, double timeout_s,
+          std::function<void(const RequestAnswer&)> answered) {
+  std::shared_ptr<std::future<RequestAnswer>> future;
+  try {
+    future = std::make_shared<std::future<RequestAnswer>>(run.backend->request(arm, std::move(request)));
+  } catch (const std::exception& error) {
+    return answered({.success = false, .reason = error.what()});
+  }
+  const HostTime end = host_now() + std::chrono::nanoseconds(LoopTime::from_seconds(timeout_s).ns);
+  run.executor->poll_until([=, answered = std::move(answered)] {
+    if (future->wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
+      RequestAnswer answer;
+      try {
+        answer = future->get();
+      } catch (const std::exception&) {  // a broken promise
+        answer.reason = "the backend did not answer";
+      }
+      answered(answer);
+      return true;
+    }
+    if (host_now() < end) return false;
+    answered({.success = false,
+              .reason = fmt::format("the arm did not answer within {:.0f} s; is the run still active?",
+                                    timeout_s)});
+    return true;
+  });
+}
+
+}  // namespace
+
+void request_arm(const AdapterContext& run, ArmIndex arm, ArmRequest request, double timeout_s,
+                 std::function<void(const RequestAnswer&)> answered) {
+  send(run, arm, std::move(request), timeout_s, std::move(answered));
+}
+
+void request_arm(const AdapterContext& run, ArmIndex arm, GripperRequest request, double timeout_s,
+                 std::function<void(const RequestAnswer&)> answered) {
+  send(run, arm, std::move(request), timeout_s, std::move(answered));
+}
+
+}  // namespace multipanda::ros

@@ -1,0 +1,40 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <string>
+
+#include <fmt/format.h>
+
+namespace multipanda::ros {
+
+// Divides the loop's rate: true on every n-th cycle, for a rate in Hz of the loop's time.
+class RateDivider {
+ public:
+  // A rate above the loop's means every cycle; 0 means never.
+  RateDivider(double rate_hz, double period_s)
+      : cycles_(rate_hz > 0 ? std::max<std::uint64_t>(
+                                  1, static_cast<std::uint64_t>(std::lround(1 / (rate_hz * period_s))))
+                            : 0) {}
+
+  bool off() const { return cycles_ == 0; }
+  // Returns whether a message is due at this cycle: at the first record, then at the multiples of n, so that
+  // topics of one rate carry the same stamps. Dropped records only delay it.
+  bool due(std::uint64_t cycle) {
+    if (off() || (started_ && cycle / cycles_ <= turn_)) return false;
+    turn_ = cycle / cycles_;
+    started_ = true;
+    return true;
+  }
+  // For lists of interfaces, for example "100 Hz".
+  std::string text(double period_s) const {
+    return off() ? "off" : fmt::format("{:.4g} Hz", 1 / (static_cast<double>(cycles_) * period_s));
+  }
+
+ private:
+  std::uint64_t cycles_, turn_ = 0;
+  bool started_ = false;
+};
+
+}  // namespace multipanda::ros

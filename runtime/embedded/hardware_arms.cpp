@@ -1,0 +1,169 @@
+#include "runtime/embedded/hardware_arms.hpp"
+
+#include <algorithm>
+
+#include "backends/mujoco/mujoco_backend.hpp"
+#include "fci/client/fci_backend.hpp"
+#include "fci/client/from_scene.hpp"
+
+namespace multipanda {
+namespace {
+
+using Transform = Eigen::Map<Eigen::Matrix4d>;
+
+void put(const Pose& X, std::array<double, 16>& column_major) {
+  Transform T(column_major.data());
+  T.setIdentity();
+  T.block<3, 3>(0, 0) = X.rotation;
+  T.block<3, 1>(0, 3) = X.position;
+}
+
+MotionRequest motion_of(ArmDrive drive) {
+  const bool joints = drive == ArmDrive::joint_position || drive == ArmDrive::joint_velocity;
+  return {.controller = joints ? ArmController::joint_impedance : ArmController::cartesian_impedance,
+          .generator = generator_of(drive),
+          .asynchronous = false,
+          .dq_max = {}};
+}
+
+class MujocoArms final : public HardwareArms {
+ public:
+  explicit MujocoArms(const Scene& scene) : backend_(scene, {.pace = Pace::hosted, .meshes = {}}) {}
+
+  Backend& backend() override { return backend_; }
+  void connect() override { backend_.start(); }
+  void disconnect() override { backend_.finish(); }
+  ArmSet update() noexcept override { return backend_.wait(); }
+  void set_drive(ArmIndex arm, ArmDrive) noexcept override { backend_.arm(arm).stop_motion(); }
+
+  bool is_driven(ArmIndex arm, ArmDrive drive) noexcept override {
+    SimulatedArm& behavior = backend_.arm(arm);
+    if (behavior.mode() == ArmMode::move) return behavior.interface().generator == generator_of(drive);
+    if (behavior.mode() == ArmMode::idle) (void)behavior.start_motion(motion_of(drive));
+    return false;  // the next state reports it
+  }
+  Desired desired(ArmIndex arm) const noexcept override {
+    const InterfaceState& state = backend_.arm(arm).interface();
+    Desired desired;
+    std::copy(state.q_d.begin(), state.q_d.end(), desired.q_d.begin());
+    put(state.X_BE_d, desired.O_T_EE_d);
+    return desired;
+  }
+  void command(ArmIndex arm, const InterfaceCommand& command) noexcept override {
+    backend_.command(arm, command);
+  }
+  void stop(ArmIndex arm) noexcept override { backend_.arm(arm).stop_motion(); }
+  void write(ArmSet effort, std::span<const ArmCommand> commands) noexcept override {
+    backend_.write(effort, commands);
+  }
+  bool failed() const noexcept override { return backend_.failed(); }
+  std::string fault() const override { return backend_.fault(); }
+
+ private:
+  MujocoBackend backend_;
+};
+
+fci::ArmMotion fci_motion(ArmDrive drive) {
+  switch (drive) {
+    case ArmDrive::none:
+      break;
+    case ArmDrive::effort:
+      return fci::ArmMotion::torque;
+    case ArmDrive::joint_position:
+      return fci::ArmMotion::joint_position;
+    case ArmDrive::joint_velocity:
+      return fci::ArmMotion::joint_velocity;
+    case ArmDrive::cartesian_pose:
+      return fci::ArmMotion::cartesian_pose;
+    case ArmDrive::cartesian_velocity:
+      return fci::ArmMotion::cartesian_velocity;
+  }
+  return fci::ArmMotion::none;
+}
+
+std::vector<fci::FciArmConfig> fci_arms(const Scene& scene) {
+  std::vector<fci::FciArmConfig> arms;
+  for (const auto& arm : scene.arms) {
+    if (!arm.fci) throw std::invalid_argument("arm '" + arm.name + "' has no address (robot_ip, or fci)");
+    arms.push_back(fci::fci_arm_config(arm, arm.fci->address));
+  }
+  return arms;
+}
+
+class RealArms final : public HardwareArms {
+ public:
+  RealArms(const Scene& scene, std::function<void(const std::string&)> report)
+      : backend_(fci_arms(scene), {.begin_torque = false, .report = std::move(report)}) {}
+
+  Backend& backend() override { return backend_; }
+  void connect() override { backend_.start(); }
+  void disconnect() override { backend_.finish(); }
+  // Reads once per write; a caller that reads repeatedly before it writes answers all packets that came.
+  ArmSet update() noexcept override {
+    const ArmSet fresh = backend_.wait_until(HostTime{});
+    due_ |= fresh;
+    return fresh;
+  }
+  void set_drive(ArmIndex arm, ArmDrive drive) noexcept override {
+    backend_.request_motion(arm, fci_motion(drive));
+  }
+  bool is_driven(ArmIndex arm, ArmDrive drive) noexcept override {
+    return backend_.is_running(arm, fci_motion(drive)) && due_.contains(arm);
+  }
+  Desired desired(ArmIndex arm) const noexcept override {
+    Desired desired;
+    const fci::RobotState& state = backend_.packet(arm);
+    std::copy(state.q_d.begin(), state.q_d.end(), desired.q_d.begin());
+    desired.O_T_EE_d = state.O_T_EE_d;
+    return desired;
+  }
+  void command(ArmIndex arm, const InterfaceCommand& command) noexcept override {
+    fci::RobotCommand wire;
+    if (command.q_c.size() == 7) std::copy(command.q_c.begin(), command.q_c.end(), wire.q_c.begin());
+    if (command.dq_c.size() == 7) std::copy(command.dq_c.begin(), command.dq_c.end(), wire.dq_c.begin());
+    wire.O_T_EE_c = command.O_T_EE_c;
+    std::copy(command.O_dP_EE_c.begin(), command.O_dP_EE_c.end(), wire.O_dP_EE_c.begin());
+    backend_.command(arm, wire);
+  }
+  void stop(ArmIndex arm) noexcept override { backend_.request_motion(arm, fci::ArmMotion::none); }
+  void write(ArmSet effort, std::span<const ArmCommand> commands) noexcept override {
+    backend_.write(effort & due_, commands);
+    due_ = {};
+  }
+
+ private:
+  fci::FciBackend backend_;
+  ArmSet due_;
+};
+
+}  // namespace
+
+const char* name_of(ArmDrive drive) {
+  static constexpr std::array<const char*, kArmDrives> kNames{
+      "none", "effort", "position", "velocity", "Cartesian position", "Cartesian velocity"};
+  return kNames[static_cast<std::size_t>(drive)];
+}
+
+MotionGenerator generator_of(ArmDrive drive) {
+  switch (drive) {
+    case ArmDrive::joint_position:
+      return MotionGenerator::joint_position;
+    case ArmDrive::joint_velocity:
+      return MotionGenerator::joint_velocity;
+    case ArmDrive::cartesian_pose:
+      return MotionGenerator::cartesian_pose;
+    case ArmDrive::cartesian_velocity:
+      return MotionGenerator::cartesian_velocity;
+    case ArmDrive::none:
+    case ArmDrive::effort:
+      break;
+  }
+  return MotionGenerator::none;
+}
+
+std::unique_ptr<HardwareArms> mujoco_arms(const Scene& scene) { return std::make_unique<MujocoArms>(scene); }
+std::unique_ptr<HardwareArms> real_arms(const Scene& scene, std::function<void(const std::string&)> report) {
+  return std::make_unique<RealArms>(scene, std::move(report));
+}
+
+}  // namespace multipanda

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "core/cycle/backend.hpp"
+#include "device/arm_interface.hpp"
+#include "scene/scene.hpp"
+
+namespace multipanda {
+
+// What drives an arm of a hardware component: the kind of command interfaces that a controller claimed.
+enum class ArmDrive : std::uint8_t {
+  none,  // no controller: the arm holds itself
+  effort,
+  joint_position,
+  joint_velocity,
+  cartesian_pose,
+  cartesian_velocity
+};
+inline constexpr std::size_t kArmDrives = 6;
+const char* name_of(ArmDrive drive);
+MotionGenerator generator_of(ArmDrive drive);
+
+// The arms behind a hardware component: a Backend, plus motions other than torques. Loop thread unless said
+// otherwise; noexcept functions neither allocate, lock nor wait.
+class HardwareArms {
+ public:
+  virtual ~HardwareArms() = default;
+  virtual Backend& backend() = 0;
+  const Backend& backend() const { return const_cast<HardwareArms*>(this)->backend(); }
+
+  // Off the loop. connect() throws std::runtime_error with the remedy.
+  virtual void connect() = 0;
+  virtual void disconnect() = 0;
+
+  // Takes what has arrived, without waiting. Returns the arms that have a new state.
+  virtual ArmSet update() noexcept = 0;
+  // Selects what drives the arm from now on. Simulated arms: at once; real arms: by their own thread.
+  virtual void set_drive(ArmIndex arm, ArmDrive drive) noexcept = 0;
+  // Once per write(), for drives other than effort and none: returns whether the arm takes commands of
+  // this drive.
+  virtual bool is_driven(ArmIndex arm, ArmDrive drive) noexcept = 0;
+  // The arm's own desired motion.
+  struct Desired {
+    std::array<double, kMaxJoints> q_d{};
+    std::array<double, 16> O_T_EE_d{};  // X_BE_d, column-major
+  };
+  virtual Desired desired(ArmIndex arm) const noexcept = 0;
+  virtual void command(ArmIndex arm, const InterfaceCommand& command) noexcept = 0;
+  // Stops the arm after a command that is not finite.
+  virtual void stop(ArmIndex arm) noexcept = 0;
+  // Sends the torques of the arms in `effort`; this completes the period's commands.
+  virtual void write(ArmSet effort, std::span<const ArmCommand> commands) noexcept = 0;
+  virtual bool failed() const noexcept { return false; }  // no further cycle is possible
+  virtual std::string fault() const { return {}; }        // its reason
+};
+
+// Arms in MuJoCo, which advance by 1 ms per update(). Throws std::invalid_argument.
+std::unique_ptr<HardwareArms> mujoco_arms(const Scene& scene);
+// Real arms, or virtual ones behind the same protocol. `report` receives unsolicited messages, from threads
+// of the arms.
+std::unique_ptr<HardwareArms> real_arms(const Scene& scene, std::function<void(const std::string&)> report);
+
+}  // namespace multipanda

@@ -1,0 +1,139 @@
+#pragma once
+
+#include <array>
+#include <bitset>
+#include <deque>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/cycle/control_cycle.hpp"
+#include "runtime/embedded/command_join.hpp"
+#include "runtime/embedded/hardware_arms.hpp"
+#include "runtime/embedded/shared_arm_state.hpp"
+#include "runtime/run_adapter.hpp"
+
+namespace multipanda {
+
+// A number that a hardware component exports, for example "left_joint1" "position". Its address stays the
+// same for the system's life.
+struct HardwareNumber {
+  std::string prefix, name;
+  double* value = nullptr;
+  std::string full_name() const { return prefix + "/" + name; }
+};
+
+// A ros2_control hardware component without ROS: any number of simulated or real arms, their numbers, and
+// which kind of command drives which arm. docs/ros2_control.md lists the interfaces.
+//
+//   off the loop   constructor, connect(), disconnect(), prepare_switch()
+//   host's loop    activate(), deactivate(), perform_switch(), read(), write(): no allocation, lock or wait
+//
+// One complete kind of command drives an arm at a time: all joints' efforts, positions or velocities, or
+// all numbers of a Cartesian pose or velocity. An arm without a claim holds itself. One arm's fault does not
+// affect the others. After its recovery (a request to the backend), torques are accepted at once, positions
+// once they are near, velocities once they were zero (CommandJoin).
+class HardwareSystem {
+ public:
+  // Ignores the scene's controllets. Throws std::invalid_argument.
+  HardwareSystem(Scene scene, std::unique_ptr<HardwareArms> arms);
+  ~HardwareSystem();
+  HardwareSystem(const HardwareSystem&) = delete;
+
+  const std::vector<HardwareNumber>& states() const { return states_; }
+  const std::vector<HardwareNumber>& commands() const { return commands_; }
+  const Scene& scene() const { return scene_; }
+  std::size_t arm_count() const { return arms_.size(); }
+
+  // Throws std::runtime_error with the remedy. States are available afterwards.
+  void connect();
+  void disconnect();
+  bool is_connected() const { return connected_; }
+
+  // Returns whether `stop` can be released and `start` be claimed (full names; those of other components are
+  // ignored). Otherwise sets `why`. Changes nothing else.
+  bool prepare_switch(const std::vector<std::string>& start, const std::vector<std::string>& stop,
+                      std::string& why) const;
+  // Performs a prepared switch: changes what drives the arms; the commands start at the current positions.
+  void perform_switch(const std::vector<std::string>& start, const std::vector<std::string>& stop) noexcept;
+  // Releases all arms.
+  void deactivate() noexcept;
+
+  enum class Result : std::uint8_t {
+    ok,
+    lost  // no arm is left: all connections are lost, or the simulation failed (fault())
+  };
+  Result read() noexcept;
+  Result write() noexcept;
+  std::string fault() const;
+
+  ArmDrive drive(ArmIndex arm) const { return arms_[arm].drive; }
+  const ArmState& state(ArmIndex arm) const { return arms_[arm].shared.state; }
+  Backend& backend() { return hardware_->backend(); }
+
+  // For services on the hardware's own node: requests go to the backend. The context's controller never runs
+  // and has only the arms' holds.
+  RunContext run_context();
+
+ private:
+  static constexpr std::size_t kPose = 16, kTwist = 6;
+  // Command interfaces of one arm, in this order: effort, position, velocity of each joint, pose, twist.
+  using Claims = std::bitset<3 * kMaxJoints + kPose + kTwist>;
+  struct Arm {
+    std::string name;
+    std::size_t joints = 0;
+    std::shared_ptr<const ArmModel> model;
+    std::unique_ptr<ModelTerms> terms;
+    SharedArmState shared;
+
+    // States
+    std::array<double, kMaxJoints> q{}, dq{}, tau{};
+    std::array<double, kPose> pose{};
+    std::array<double, kTwist> twist{};
+    double shared_value = 0, mode = 0, error = 0, success_rate = 0, following = 0;
+
+    // Commands
+    std::array<double, kMaxJoints> effort_c{}, position_c{}, velocity_c{};
+    std::array<double, kPose> pose_c{};
+    std::array<double, kTwist> twist_c{};
+
+    Claims claims;
+    ArmDrive drive = ArmDrive::none;
+    CommandJoin join;
+    bool was_driven = false;  // its commands went to the arm in the last write()
+    bool has_driven = false;  // they did so once since the drive was selected
+    bool had_fault = false;   // since the drive was selected
+    InterfaceCommand command;
+  };
+  struct Place {
+    ArmIndex arm = 0;
+    std::size_t bit = 0;
+  };
+  void list_numbers(ArmIndex arm);
+  void add_command(ArmIndex arm, std::size_t bit, std::string prefix, std::string name, double* value);
+  const Place* find(const std::string& full_name) const;
+  void change(const std::vector<std::string>& names, bool claimed, std::vector<Claims>& claims) const;
+  // Finds the drive for these claims; returns false if no kind is complete.
+  bool drive_of(const Arm& arm, const Claims& claims, ArmDrive& drive) const;
+  void publish(Arm& arm);
+  void seed(ArmIndex index);
+  void drive_arm(ArmIndex index);
+  bool fault_free() const noexcept { return !hardware_->failed(); }
+
+  Scene scene_;
+  std::unique_ptr<HardwareArms> hardware_;
+  std::deque<Arm> arms_;
+  std::vector<HardwareNumber> states_, commands_;
+  std::map<std::string, Place, std::less<>> places_;
+  std::vector<ArmState> read_;
+  std::vector<ArmCommand> torques_;
+  bool connected_ = false;
+
+  // For run_context(), built on demand.
+  std::unique_ptr<Registry> registry_;
+  std::unique_ptr<ControlCycle> resting_;
+};
+
+}  // namespace multipanda

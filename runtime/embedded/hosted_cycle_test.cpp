@@ -1,0 +1,188 @@
+// A cycle in another program's loop, on robots that offer only position, velocity and effort.
+#include "runtime/embedded/hosted_cycle.hpp"
+
+#include <cmath>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/rt/guard/loop_guard.hpp"
+#include "runtime/embedded/testing/signal_fixture.hpp"
+
+namespace multipanda::hosted_cycle_test {
+namespace {
+
+using test::builtins;
+using test::eventually;
+using test::Fixture;
+using test::Gravity;
+using test::kJoints;
+using test::scene_of;
+using testing::HasSubstr;
+
+TEST(HostedCycle, HoldsAndControlsRobotsWithAndWithoutTheirOwnGravityCompensation) {
+  for (const bool effort : {true, false}) {
+    Fixture fixture(kJoints, effort);
+    const JointVector start[2] = {fixture.robots[0].q, fixture.robots[1].q};
+    fixture.cycle->activate();
+    ASSERT_TRUE(fixture.start());
+    for (int i = 0; i < 500; ++i) ASSERT_TRUE(fixture.step());
+    for (ArmIndex i = 0; i < 2; ++i) {  // held where it was measured, whichever side compensates gravity
+      EXPECT_LT((fixture.robots[i].q - start[i]).lpNorm<Eigen::Infinity>(), 2e-4) << i << effort;
+    }
+    // A goal is reached, according to the joints.
+    Instance& joints = fixture.cycle->modes().instance(fixture.cycle->modes().find("left_joints"));
+    Target target;
+    target.size = 7;
+    const JointVector goal = start[0] + joint_constant(7, 0.1);
+    std::copy(goal.begin(), goal.end(), target.values.begin());
+    ASSERT_EQ(joints.inputs()[0].post(target), Verdict::accepted);
+    for (int i = 0; i < 3000; ++i) fixture.step();
+    EXPECT_LT((fixture.robots[0].q - goal).lpNorm<Eigen::Infinity>(), 1e-3) << effort;
+    EXPECT_TRUE(fixture.runs("right_pose"));
+    // At rest the external torque is zero up to integration errors.
+    const ArmState& state = fixture.cycle->data().state[0];
+    EXPECT_LT(state.tau_ext_hat.lpNorm<Eigen::Infinity>(), 0.05) << effort;
+  }
+}
+
+TEST(HostedCycle, RefusesAmbiguousParameters) {
+  Fixture fixture(kJoints, true, {Gravity::unspecified, Gravity::robot});
+  EXPECT_THAT(fixture.cycle->check(), HasSubstr("arms.left.gravity_compensation"));
+  Fixture silent;
+  EXPECT_EQ(silent.cycle->check(), "");
+  silent.cycle->signals(1).velocity[3] = NAN;
+  EXPECT_THAT(silent.cycle->check(), HasSubstr("right_joint4"));
+  HostedOptions options;
+  options.arms = {{.name = "left", .joints = {"a", "b"}}, {.name = "right"}};
+  EXPECT_THROW(HostedCycle(scene_of(kJoints), builtins(), options), std::invalid_argument);
+  options.arms = {{.name = "left"}};
+  EXPECT_THROW(HostedCycle(scene_of(kJoints), builtins(), options), std::invalid_argument);
+}
+
+TEST(HostedCycle, DeactivationLeavesGravityAndActivationStartsFromTheMeasuredState) {
+  Fixture fixture;
+  fixture.cycle->activate();
+  ASSERT_TRUE(fixture.start());
+  for (int i = 0; i < 20; ++i) fixture.step();
+  for (int round = 0; round < 3; ++round) {
+    fixture.take_in();
+    fixture.cycle->deactivate();
+    EXPECT_LT((fixture.command(0) - fixture.gravity(0)).norm(), 1e-9);
+    EXPECT_EQ(fixture.command(1).norm(), 0.0);
+    // Another controller moves the arms while the cycle is inactive.
+    for (ArmIndex i = 0; i < 2; ++i) {
+      fixture.robots[i].q += joint_constant(7, round == 1 ? -0.15 : 0.15);
+      fixture.robots[i].dq.setZero();
+    }
+    const JointVector there[2] = {fixture.robots[0].q, fixture.robots[1].q};
+    fixture.take_in();
+    fixture.cycle->activate();
+    fixture.cycle->step(0.001);
+    // The first torque has no contribution of a controllet or of earlier torques.
+    EXPECT_FALSE(fixture.runs("left_joints"));
+    EXPECT_LT((fixture.command(0) - fixture.gravity(0)).lpNorm<Eigen::Infinity>(), 1e-9);
+    EXPECT_EQ(fixture.command(1).norm(), 0.0);
+    fixture.move();
+    ASSERT_TRUE(fixture.start()) << round;
+    for (int i = 0; i < 300; ++i) fixture.step();
+    for (ArmIndex i = 0; i < 2; ++i) {
+      EXPECT_LT((fixture.robots[i].q - there[i]).lpNorm<Eigen::Infinity>(), 1e-3) << round << i;
+    }
+  }
+}
+
+TEST(HostedCycle, SilentJointsGoToHoldThenToNoTorque) {
+  Fixture fixture;
+  fixture.cycle->activate();
+  ASSERT_TRUE(fixture.start());
+  fixture.take_in();
+  fixture.cycle->signals(0).position[2] = NAN;
+  const JointVector before = fixture.command(0);
+  for (int i = 0; i < 15; ++i) fixture.cycle->step(0.001);
+  EXPECT_EQ(fixture.command(0), before);  // one lost packet does not release the arm
+  for (int i = 0; i < 10; ++i) fixture.cycle->step(0.001);
+  EXPECT_FALSE(fixture.runs("left_joints"));
+  EXPECT_TRUE(fixture.runs("right_pose"));
+  fixture.robots[0].terms.update(fixture.robots[0].q, fixture.robots[0].dq);
+  EXPECT_LT((fixture.command(0) - fixture.gravity(0)).lpNorm<Eigen::Infinity>(), 1e-2);
+}
+
+TEST(HostedCycle, KeepsLoadsAndFramesAndRefusesOtherRequests) {
+  Fixture fixture;
+  fixture.cycle->activate();
+  ASSERT_TRUE(fixture.start());
+  const JointVector before = fixture.command(0);
+  Load load;
+  load.mass = 2;
+  load.p_FC = {0.1, 0, 0.1};
+  ASSERT_TRUE(fixture.cycle->backend().request(0, SetLoad{load}).get().success);
+  fixture.step();
+  EXPECT_GT((fixture.command(0) - before).norm(), 1.0);  // its weight is compensated from the next step on
+  EXPECT_EQ(fixture.cycle->data().state[0].load.mass, 2);
+  EXPECT_FALSE(fixture.cycle->backend().request(0, RecoverFromError{}).get().success);
+  EXPECT_FALSE(fixture.cycle->backend().request(9, SetLoad{load}).get().success);
+  load.mass = -1;
+  EXPECT_FALSE(fixture.cycle->backend().request(0, SetLoad{load}).get().success);
+}
+
+TEST(HostedCycle, TheAdapterGetsEveryRecordInOrder) {
+  Fixture fixture;
+  fixture.cycle->activate();
+  ASSERT_TRUE(fixture.start());
+  const std::uint64_t cycles = fixture.cycle->data().tick.cycle;
+  ASSERT_TRUE(eventually([&] {
+    const std::lock_guard lock(fixture.counting->mutex);
+    return fixture.counting->cycles.size() == cycles;
+  }));
+  for (std::size_t i = 0; i < cycles; ++i) ASSERT_EQ(fixture.counting->cycles[i], i + 1);
+  EXPECT_THAT(fixture.counting->events, testing::Contains(testing::Field(&Event::kind, EventKind::arm_mode)));
+}
+
+TEST(HostedCycle, AcceptsIrregularPeriods) {
+  Fixture fixture;
+  fixture.cycle->activate();
+  for (const double period : {0.0, -1.0, static_cast<double>(NAN)}) fixture.cycle->step(period);
+  EXPECT_NEAR(fixture.cycle->data().tick.t.seconds(), 0.003, 1e-9);
+  fixture.cycle->step(0.004);
+  EXPECT_NEAR(fixture.cycle->data().tick.dt, 0.004, 1e-9);
+  EXPECT_EQ(fixture.cycle->backend().overruns(), 3u);
+}
+
+TEST(HostedCycle, NeitherAllocatesNorLocks) {
+  if (!kLoopGuardWorks) GTEST_SKIP() << "sanitizers replace malloc themselves";
+  Fixture fixture;
+  fixture.cycle->activate();
+  ASSERT_TRUE(fixture.start());
+  LoopGuard::arm();
+  for (int round = 0; round < 3; ++round) {
+    for (int i = 0; i < 50; ++i) fixture.cycle->step(0.001);
+    fixture.cycle->deactivate();
+    fixture.cycle->activate();
+  }
+  const LoopGuardCounts counts = LoopGuard::disarm();
+  EXPECT_EQ(counts.heap_calls, 0u);
+  EXPECT_EQ(counts.lock_calls, 0u);
+}
+
+TEST(SharedArmState, OnlyAStructOfThisBuildIsAccepted) {
+  SharedArmState shared;
+  EXPECT_EQ(shared_arm_state(to_interface(&shared)), &shared);
+  for (const double value :
+       {0.0, 1.0, -1.0, static_cast<double>(NAN), static_cast<double>(INFINITY), 1e-300}) {
+    EXPECT_EQ(shared_arm_state(value), nullptr) << value;
+  }
+  shared.version = 2;
+  EXPECT_EQ(shared_arm_state(to_interface(&shared)), nullptr);
+  shared = SharedArmState{};
+  shared.size += 8;
+  EXPECT_EQ(shared_arm_state(to_interface(&shared)), nullptr);
+  shared = SharedArmState{};
+  shared.build[0] = 'x';
+  EXPECT_EQ(shared_arm_state(to_interface(&shared)), nullptr);
+  alignas(8) std::array<char, sizeof(SharedArmState)> other{};  // another struct
+  EXPECT_EQ(shared_arm_state(to_interface(reinterpret_cast<const SharedArmState*>(other.data()))), nullptr);
+}
+
+}  // namespace
+}  // namespace multipanda::hosted_cycle_test

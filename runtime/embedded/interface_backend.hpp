@@ -1,0 +1,126 @@
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <future>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "core/cycle/backend.hpp"
+#include "core/model/model_terms.hpp"
+#include "core/rt/triple_buffer.hpp"
+#include "core/types/capacity.hpp"
+#include "runtime/embedded/shared_arm_state.hpp"
+#include "scene/build.hpp"
+#include "scene/from_parameters.hpp"
+
+namespace multipanda {
+
+// Input and output numbers of one arm, joint by joint, first to last. The host fills the inputs before a step
+// and reads the command after it.
+struct ArmSignals {
+  std::array<double, kMaxJoints> position{};  // [rad]
+  std::array<double, kMaxJoints> velocity{};  // [rad/s]
+  std::array<double, kMaxJoints> effort{};    // measured, gravity included [N m]; used with has_effort
+  bool has_effort = false;
+  // The hardware's complete state; nullptr: none. Changes only while the cycle is inactive.
+  const SharedArmState* shared = nullptr;
+  std::array<double, kMaxJoints> effort_command{};  // [N m]
+};
+
+// A Backend for arms that are accessed as plain numbers, for a cycle hosted by ros2_control.
+//
+// An arm with a shared state has everything that its hardware offers: frames, loads, forces, errors,
+// requests. An arm without one has position and velocity, and effort if available: it always takes commands,
+// its frames and loads are those set here, and without effort its measured torque is assumed to equal the
+// commanded one. Its state is due in every step in which all its numbers are finite.
+//
+// Torques are sent without gravity if the robot compensates it, otherwise with it (HostedArm::Gravity),
+// and limited to the joints' largest efforts. An arm that is not due keeps its command for max_silence_s,
+// then gets only gravity. No call of the loop allocates, locks or throws.
+class InterfaceBackend : public Backend {
+ public:
+  struct Arm {
+    HostedArm host;
+    std::shared_ptr<const ArmModel> model;
+    ArmConfig config;
+    SafetyLimits safety;
+  };
+  InterfaceBackend(std::vector<Arm> arms, double period_s);
+  ~InterfaceBackend() override;
+
+  ArmSignals& signals(ArmIndex arm) { return arms_[arm]->signals; }
+  const ArmSignals& signals(ArmIndex arm) const { return arms_[arm]->signals; }
+
+  // Host's loop.
+  // Returns the reason why it cannot start, or an empty string. Call when the signals hold shared states and
+  // first values.
+  std::string check() const;
+  // Starts an activation: every arm is `recovering` up to and including its first state, and earlier data
+  // are ignored.
+  void begin();
+  // Before a step: advances time and returns the arms that are due.
+  ArmSet advance(double period_s);
+  // Writes commands that leave the arms safe without a controller: gravity if the cycle compensates it,
+  // otherwise zero.
+  void leave();
+
+  std::size_t arm_count() const override { return arms_.size(); }
+  Capabilities capabilities(ArmIndex arm) const override;
+  double period() const override { return period_s_; }
+  ArmSet wait() override { return {}; }  // the host calls the cycle's step() itself
+  bool ended() const override { return false; }
+  LoopTime now() const override { return now_; }
+  void read(ArmSet due, std::span<ArmState> states) override;
+  void write(ArmSet due, std::span<const ArmCommand> commands) override;
+  std::uint64_t overruns() const override { return overruns_.load(std::memory_order_relaxed); }
+  std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request) override;
+  std::future<RequestAnswer> request(ArmIndex arm, GripperRequest request) override;
+  std::future<RequestAnswer> request(WorldRequest request) override;
+
+ private:
+  struct Configuration {
+    ArmConfig config;
+    std::uint32_t version = 1;
+  };
+  struct PlainArm {
+    explicit PlainArm(Arm arm);
+    Arm arm;
+    ArmSignals signals;
+    ModelTerms terms;                     // for gravity
+    JointVector tau_cmd;                  // of the last step, without gravity
+    Configuration requested;              // guarded by the backend's mutex_
+    TripleBuffer<Configuration> updates;  // from requests to the loop
+    Configuration configuration;          // loop's thread
+    std::uint64_t sequence = 0;
+    std::uint64_t last_sequence = 0;
+    RobotTime last_robot_time;
+    std::uint32_t activations = 0;  // counts activations; a new one is a new configuration
+    bool recovering = false;        // no state since the activation
+    double silent_s = 0;
+    bool takes_commands = false;                              // according to its state
+    std::atomic<const SharedArmState*> requests_to{nullptr};  // while active, for senders of requests
+    std::size_t joints() const { return arm.model->joint_count(); }
+    bool adds_gravity() const {
+      if (signals.shared != nullptr) return !signals.shared->capabilities.compensates_gravity;
+      return arm.host.gravity == HostedArm::Gravity::cycle;
+    }
+    bool is_finite() const;
+  };
+  void read_plain(PlainArm& arm, ArmState& state) const;
+  static void send(PlainArm& arm, bool with_torque);
+  RequestAnswer configure(PlainArm& arm, const ArmRequest& request);
+  // Returns nullptr if the arm's hardware has no backend.
+  const SharedArmState* shared_backend(ArmIndex arm) const;
+
+  std::vector<std::unique_ptr<PlainArm>> arms_;
+  double period_s_;
+  double dt_ = 0;  // of this step
+  LoopTime now_;
+  std::atomic<std::uint64_t> overruns_{0};
+  std::mutex mutex_;  // threads that send requests only
+};
+
+}  // namespace multipanda

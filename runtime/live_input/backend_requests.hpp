@@ -1,0 +1,25 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/cycle/requests.hpp"
+#include "core/record/cycle_record.hpp"
+#include "runtime/live_input/json_fields.hpp"
+
+namespace multipanda {
+
+// Every name of core/cycle/requests.hpp, each once: "set_load", "gripper", "pause", ...
+std::vector<std::string> backend_request_names();
+
+// The request `name` from its JSON fields. Allowed are the request's own keys, `common_keys`, and "arm"
+// unless the request is for the world. Throws RequestRefused.
+BackendRequest read_backend_request(const std::string& name, const JsonFields& fields,
+                                    std::vector<std::string> common_keys);
+
+// The state of a gripper: {"width_m": ..., "max_width_m": ..., "grasped": ..., "moving":
+// ...}.
+nlohmann::json gripper_state(const ArmSample& sample);
+
+}  // namespace multipanda

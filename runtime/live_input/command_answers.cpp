@@ -1,0 +1,167 @@
+#include "core/state/arm_mode_name.hpp"
+#include "device/arm_error.hpp"
+#include "runtime/live_input/backend_requests.hpp"
+#include "runtime/live_input/reference_values.hpp"
+#include "runtime/live_input/request_handler.hpp"
+#include "runtime/request_text.hpp"
+
+// Answers of the request handler: results, refusals, the list of controllets, the state.
+namespace multipanda {
+namespace {
+
+using nlohmann::json;
+
+json array_of(const JointArray& values, std::size_t count) {
+  json list = json::array();
+  for (std::size_t i = 0; i < count; ++i) list.push_back(values[i]);
+  return list;
+}
+
+double milliseconds(HostTime from, HostTime to) { return seconds(to - from) * 1e3; }
+
+}  // namespace
+
+json RequestHandler::refusal(Verdict verdict, const std::string& why) const {
+  return {{"ok", false}, {"verdict", name_of(verdict)}, {"reason", why}};
+}
+
+json RequestHandler::answer_of(const Answer& answer, const Request& request) const {
+  json out = answer.accepted() ? json{{"ok", true}, {"verdict", "accepted"}}
+                               : refusal(answer.verdict, reason(*run_.modes, request, answer.verdict));
+  out["cycle"] = answer.cycle;
+  out["t_s"] = answer.t.seconds();
+  out["times_ms"] = {{"received_to_taken", milliseconds(answer.received, answer.taken)},
+                     {"taken_to_first_torque", milliseconds(answer.taken, answer.first_torque)},
+                     {"received_to_first_torque", milliseconds(answer.received, answer.first_torque)}};
+  if (answer.kind != Request::Kind::switch_controllets || !answer.accepted()) return out;
+  out["started"] = names_of(*run_.modes, answer.plan.start);
+  out["stopped"] = names_of(*run_.modes, answer.plan.stop);
+  out["kept"] = names_of(*run_.modes, answer.plan.keep);
+  json& steps = out["torque_steps"] = json::array();
+  for (ArmIndex a = 0; a < run_.modes->arm_count(); ++a) {
+    bool handed_over = false;
+    for (InstanceIndex i = 0; i < run_.modes->instance_count(); ++i) {
+      handed_over =
+          handed_over || ((answer.plan.start & bit(i)) != 0 && run_.modes->instance(i).arms().contains(a));
+    }
+    if (!handed_over) continue;
+    steps.push_back({{"arm", run_.modes->arm_name(a)},
+                     {"wanted_nm", answer.step_requested[a]},
+                     {"sent_nm", answer.step_sent[a]}});
+  }
+  return out;
+}
+
+json RequestHandler::describe(const StreamChannel& channel) const {
+  const Instance& target = run_.modes->instance(channel.instance);
+  return {{"controllet", target.name()},
+          {"input", target.inputs()[channel.input].spec().name},
+          {"received", channel.received},
+          {"lost", channel.lost},
+          {"late", channel.late},
+          {"refused", channel.refused},
+          {"sequence", channel.last},
+          {"client_time_ns", channel.client_time_ns},
+          {"verdict", name_of(channel.verdict)}};
+}
+
+json RequestHandler::list() const {
+  const MultimodeController& modes = *run_.modes;
+  const InstanceSet active = modes.active();
+  json arms = json::array(), controllets = json::array();
+  for (ArmIndex a = 0; a < modes.arm_count(); ++a) {
+    const ArmModel& model = *run_.models[a];
+    const Quaternion q = model.X_WB().quaternion();
+    const Vector3& p = model.X_WB().position;
+    arms.push_back({{"name", modes.arm_name(a)},
+                    {"joints", model.joint_count()},
+                    {"base_position_m", {p.x(), p.y(), p.z()}},
+                    {"base_quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}}});
+  }
+  for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
+    const Instance& instance = modes.instance(i);
+    json inputs = json::array(), parameters = json::array(), features = json::array();
+    for (const Reference& input : instance.inputs()) {
+      const InputSpec& spec = input.spec();
+      inputs.push_back({{"name", spec.name},
+                        {"quantity", to_string(spec.quantity)},
+                        {"keys", keys_of(spec.quantity)},
+                        {"values", input.size()},
+                        {"frame", spec.frame},
+                        {"arm", modes.arm_name(instance.arm_list()[spec.arm])},
+                        {"timeout_s", spec.timeout_s},
+                        {"doc", spec.doc}});
+    }
+    for (std::size_t k = 0; k < instance.parameter_count(); ++k) {
+      const ParameterSpec& spec = instance.parameter_spec(k);
+      json parameter = {
+          {"name", instance.parameter_names()[k]}, {"value", instance.parameter(k)}, {"doc", spec.doc}};
+      if (spec.choices.empty()) {
+        parameter.update({{"unit", spec.unit}, {"min", spec.min}, {"max", spec.max}});
+      } else {
+        const auto chosen = static_cast<std::size_t>(instance.parameter(k)[0] + 0.5);
+        parameter.update({{"choices", spec.choices}, {"value", spec.choices.at(chosen)}});
+      }
+      parameters.push_back(std::move(parameter));
+    }
+    for (std::size_t k = 0; k < instance.feature_count(); ++k) {
+      features.push_back({{"name", instance.feature_descriptor(k).type}, {"on", instance.feature_on(k)}});
+    }
+    json names = json::array();
+    for (const ArmIndex a : instance.arm_list()) names.push_back(modes.arm_name(a));
+    controllets.push_back({{"name", instance.name()},
+                           {"type", instance.descriptor().type},
+                           {"arms", names},
+                           {"active", (active & bit(i)) != 0},
+                           {"inputs", inputs},
+                           {"parameters", parameters},
+                           {"features", features}});
+  }
+  return {{"ok", true}, {"scene", run_.scene}, {"arms", arms}, {"controllets", controllets}};
+}
+
+json RequestHandler::state() {
+  const MultimodeController& modes = *run_.modes;
+  run_.latest->copy(snapshot_);
+  json arms = json::array();
+  const ArmSet stopped = modes.stopped();
+  for (ArmIndex a = 0; a < modes.arm_count() && snapshot_.cycle != 0; ++a) {
+    const auto& [sample, frames, last_intervention, stop_reason] = snapshot_.arms[a];
+    const std::size_t n = run_.models[a]->joint_count();
+    terms_[a].set_config(frames, {}, {});
+    const Eigen::Map<const Eigen::VectorXd> q(sample.q.data(), static_cast<Eigen::Index>(n));
+    const Eigen::Map<const Eigen::VectorXd> dq(sample.dq.data(), static_cast<Eigen::Index>(n));
+    terms_[a].update(q, dq);
+    const Pose& X_WE = terms_[a].X_WE();
+    const Quaternion r = X_WE.quaternion();
+    json arm = {
+        {"arm", modes.arm_name(a)},
+        {"controllet", sample.owner < modes.instance_count() ? modes.instance(sample.owner).name() : ""},
+        {"mode", to_string(static_cast<ArmMode>(sample.mode))},
+        {"stopped", stopped.contains(a)},
+        {"q_rad", array_of(sample.q, n)},
+        {"dq_rad_per_s", array_of(sample.dq, n)},
+        {"tau_J_nm", array_of(sample.tau_J, n)},
+        {"tau_cmd_nm", array_of(sample.tau_cmd, n)},
+        {"position_m", {X_WE.position.x(), X_WE.position.y(), X_WE.position.z()}},
+        {"quaternion_wxyz", {r.w(), r.x(), r.y(), r.z()}},
+        {"age_s", sample.age_s},
+        {"errors", sample.errors},
+        {"error_names", error_list(sample.errors)},
+        {"interventions", sample.interventions},
+        {"last_intervention", last_intervention}};
+    if (!stop_reason.empty()) arm["reason"] = stop_reason;
+    if (sample.has_wrench_estimate) arm["wrench_n_nm"] = sample.F_K_W_est;
+    if (sample.has_gripper) arm["gripper"] = gripper_state(sample);
+    arms.push_back(std::move(arm));
+  }
+  return {{"scene", run_.scene},
+          {"cycle", snapshot_.cycle},
+          {"t_s", snapshot_.t.seconds()},
+          {"rate_hz", snapshot_.rate_hz},
+          {"cycle_us", snapshot_.cycle_us},
+          {"overruns", snapshot_.overruns},
+          {"arms", arms}};
+}
+
+}  // namespace multipanda

@@ -1,0 +1,62 @@
+#include "runtime/live_input/latest_state.hpp"
+
+#include <algorithm>
+
+#include "core/types/codes.hpp"
+
+namespace multipanda {
+
+LatestState::LatestState(std::size_t arm_count) { newest_.arms.resize(arm_count); }
+
+void LatestState::take(const CycleRecord& record) {
+  constexpr auto kWindow = std::chrono::milliseconds(500);
+  const std::lock_guard lock(mutex_);
+  if (newest_.cycle == 0) {
+    window_begin_ = Clock::now();
+    window_cycle_ = record.cycle;
+  }
+  newest_.cycle = record.cycle;
+  newest_.t = record.t;
+  newest_.overruns = record.overruns;
+  newest_.cycle_us = static_cast<double>(record.stages.total) * 1e-3;
+  for (std::size_t arm = 0; arm < newest_.arms.size(); ++arm) {
+    newest_.arms[arm].sample = record.arms[arm];
+    if (record.arms[arm].errors == 0) newest_.arms[arm].stop_reason.clear();
+  }
+  const auto window = Clock::now() - window_begin_;
+  if (window < kWindow) return;
+  newest_.rate_hz =
+      static_cast<double>(record.cycle - window_cycle_) / std::chrono::duration<double>(window).count();
+  window_begin_ += window;
+  window_cycle_ = record.cycle;
+}
+
+void LatestState::take(const Event& event) {
+  if (event.arm >= newest_.arms.size()) return;
+  const std::lock_guard lock(mutex_);
+  Arm& arm = newest_.arms[event.arm];
+  if (event.kind == EventKind::intervention) {  // as the summary of a run writes it
+    arm.last_intervention = to_string(event.intervention);
+    std::replace(arm.last_intervention.begin(), arm.last_intervention.end(), ' ', '_');
+  }
+  if (event.kind == EventKind::arm_config) {
+    const auto pose = [&](std::size_t at) {
+      const auto& v = event.values;
+      return Pose::from({v[at], v[at + 1], v[at + 2]},
+                        Quaternion(v[at + 3], v[at + 4], v[at + 5], v[at + 6]));
+    };
+    arm.frames = {pose(0), pose(7)};
+  }
+}
+
+void LatestState::take_stop_reason(std::size_t arm, std::string reason) {
+  const std::lock_guard lock(mutex_);
+  newest_.arms.at(arm).stop_reason = std::move(reason);
+}
+
+void LatestState::copy(Snapshot& snapshot) const {
+  const std::lock_guard lock(mutex_);
+  snapshot = newest_;
+}
+
+}  // namespace multipanda

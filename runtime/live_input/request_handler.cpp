@@ -1,0 +1,355 @@
+#include "runtime/live_input/request_handler.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "runtime/live_input/backend_requests.hpp"
+#include "runtime/live_input/reference_values.hpp"
+#include "runtime/request_text.hpp"
+#include "support/spelling.hpp"
+
+namespace multipanda {
+namespace {
+
+using nlohmann::json;
+
+constexpr double kPatience = 1.0;         // for the loop's answer [s]
+constexpr double kArmPatience = 5.0;      // for a backend's answer [s]
+constexpr double kGripperPatience = 600;  // for the end of a gripper's motion [s]
+constexpr double kLongest = 86400;        // of a motion [s]
+
+// Adds the keys that every request may have.
+std::vector<std::string> with_common(std::vector<std::string> keys) {
+  keys.insert(keys.end(), {"id", "do"});
+  return keys;
+}
+
+const std::vector<std::string> kLoopRequests = {"switch", "feature", "parameter", "reference",
+                                                "stop",   "resume",  "list",      "state"};
+const std::vector<std::string> kConnectionRequests = {"subscribe", "unsubscribe", "stream", "stream_end",
+                                                      "channels"};
+
+std::vector<std::string> all_requests() {
+  std::vector<std::string> words;
+  const auto backend = backend_request_names();
+  for (const auto* list : {&kLoopRequests, &backend, &kConnectionRequests}) {
+    words.insert(words.end(), list->begin(), list->end());
+  }
+  return words;
+}
+
+}  // namespace
+
+RequestHandler::RequestHandler(LiveInputContext run) : run_(std::move(run)) {
+  for (const auto& model : run_.models) terms_.emplace_back(model);
+}
+
+std::optional<json> RequestHandler::begin(const json& request, Pending& pending) {
+  const JsonFields fields(request, "request");
+  const std::string word = fields.text("do");
+  const JsonFields named(request, word);
+  pending.received = host_now();
+  if (word == "switch") return begin_switch(named, pending);
+  if (word == "feature") return begin_feature(named, pending);
+  if (word == "parameter") return begin_parameter(named, pending);
+  if (word == "reference") return begin_reference(named, pending);
+  if (word == "stop") {
+    named.allow(with_common({"arms"}));
+    pending.stopping = arms_in(named);
+    run_.modes->stop(pending.stopping);
+    return {};
+  }
+  if (word == "resume") {
+    named.allow(with_common({"arms"}));
+    Request resume{.kind = Request::Kind::resume};
+    resume.arms = arms_in(named);
+    return post(resume, pending);
+  }
+  if (word == "list" || word == "state") {
+    named.allow(with_common({}));
+    return word == "list" ? list() : json{{"ok", true}, {"state", state()}};
+  }
+  if (const auto names = backend_request_names(); std::ranges::find(names, word) != names.end()) {
+    begin_backend_request(word, named, pending);
+    return {};
+  }
+  fields.refuse("unknown request '" + word.substr(0, 60) + "'" +
+                name_hint(word, all_requests(), "there are none"));
+}
+
+std::optional<json> RequestHandler::begin_switch(const JsonFields& fields, Pending& pending) {
+  fields.allow(with_common({"activate", "deactivate", "only"}));
+  Request request{.kind = Request::Kind::switch_controllets};
+  for (const auto& name : fields.texts("activate")) request.activate |= bit(instance(name));
+  for (const auto& name : fields.texts("deactivate")) request.deactivate |= bit(instance(name));
+  request.only = fields.boolean("only", false);
+  if (request.activate == 0 && request.deactivate == 0 && !request.only) {
+    fields.refuse("switches nothing; expected 'activate' or 'deactivate' with names of controllets");
+  }
+  if (const InstanceSet both = request.activate & request.deactivate; both != 0) {
+    fields.refuse("'" + names_of(*run_.modes, both).front() + "' is in activate and in deactivate");
+  }
+  return post(request, pending);
+}
+
+std::optional<json> RequestHandler::begin_feature(const JsonFields& fields, Pending& pending) {
+  fields.allow(with_common({"controllet", "name", "on"}));
+  Request request{.kind = Request::Kind::set_feature};
+  request.instance = instance_in(fields);
+  const Instance& target = run_.modes->instance(request.instance);
+  const std::string name = fields.text("name");
+  const std::size_t index = target.find_feature(name);
+  if (index == target.feature_count()) {
+    throw RequestRefused("unknown_feature", no_such_feature(target, name));
+  }
+  request.index = static_cast<std::uint16_t>(index);
+  request.on = fields.boolean("on", true);
+  return post(request, pending);
+}
+
+std::optional<json> RequestHandler::begin_parameter(const JsonFields& fields, Pending& pending) {
+  fields.allow(with_common({"controllet", "name", "value"}));
+  Request request{.kind = Request::Kind::set_parameter};
+  request.instance = instance_in(fields);
+  const Instance& target = run_.modes->instance(request.instance);
+  const std::string name = fields.text("name");
+  const std::size_t index = target.find_parameter(name);
+  if (index == target.parameter_count()) {
+    throw RequestRefused("unknown_parameter", no_such_parameter(target, name));
+  }
+  request.index = static_cast<std::uint16_t>(index);
+  const ParameterSpec& spec = target.parameter_spec(index);
+  const std::size_t size = target.parameter_size(index);
+  const json& value = fields.at("value");
+  request.size = static_cast<std::uint8_t>(size);
+  if (!spec.choices.empty()) {  // by name; true and false are names as well
+    const std::string word = value.is_boolean()  ? (value.get<bool>() ? "true" : "false")
+                             : value.is_string() ? value.get<std::string>()
+                                                 : std::string();
+    const auto choice = std::find(spec.choices.begin(), spec.choices.end(), word);
+    if (choice == spec.choices.end()) fields.expected("value", joined(spec.choices, " or "));
+    request.values[0] = static_cast<double>(choice - spec.choices.begin());
+  } else if (value.is_number()) {  // one value for all
+    std::fill_n(request.values.begin(), size, value.get<double>());
+  } else if (size == 1) {
+    fields.expected("value", "a number");
+  } else {
+    const auto numbers = fields.numbers("value", size);
+    std::copy(numbers.begin(), numbers.end(), request.values.begin());
+  }
+  return post(request, pending);
+}
+
+RequestHandler::Address RequestHandler::address_in(const JsonFields& fields) const {
+  Address address{.instance = instance_in(fields), .input = 0, .X_WB = {}};
+  const Instance& target = run_.modes->instance(address.instance);
+  const std::string name = fields.text("input");
+  const std::size_t index = target.find_input(name);
+  if (index == target.inputs().size()) {
+    std::vector<std::string> valid;
+    for (const auto& input : target.inputs()) valid.push_back(input.spec().name);
+    throw RequestRefused("unknown_input", "'" + target.name() + "' has no input '" + name + "'" +
+                                              name_hint(name, valid, "it has none"));
+  }
+  address.input = static_cast<std::uint16_t>(index);
+  const InputSpec& spec = target.inputs()[index].spec();
+  if (!fields.has("frame")) return address;
+  const std::string frame = fields.text("frame");
+  if (spec.quantity == Quantity::joints || spec.quantity == Quantity::scalar) {
+    fields.refuse("a " + std::string(to_string(spec.quantity)) + " input has no frame; leave 'frame' out");
+  }
+  if (frame == spec.frame) return address;
+  std::vector<std::string> valid{spec.frame};
+  for (ArmIndex a = 0; spec.frame == "world" && a < run_.modes->arm_count(); ++a) {
+    valid.push_back(run_.modes->arm_name(a) + "_base");
+    if (frame == valid.back()) address.X_WB = run_.models[a]->X_WB();
+  }
+  if (!address.X_WB)
+    fields.refuse("there is no frame '" + frame + "'" + name_hint(frame, valid, "there is none"));
+  return address;
+}
+
+std::optional<json> RequestHandler::begin_reference(const JsonFields& fields, Pending& pending) {
+  std::vector<std::string> keys = {"controllet", "input", "frame", "duration_s", "stream"};
+  for (const auto& key : reference_keys()) keys.push_back(key);
+  fields.allow(with_common(keys));
+  const Address address = address_in(fields);
+  Instance& target = run_.modes->instance(address.instance);
+  Reference& input = target.inputs()[address.input];
+  std::vector<double> values = read_reference(fields, input.spec(), input.size());
+  if (input.spec().quantity == Quantity::joints) {
+    const ArmModel& model = model_of(address.instance, input.spec());
+    if (const auto joint = joint_beyond_limit(model, values)) {
+      const auto k = static_cast<Eigen::Index>(*joint);
+      throw RequestRefused("out_of_bounds", "joint " + std::to_string(*joint + 1) + ": " +
+                                                json(values[*joint]).dump() + " rad is outside of " +
+                                                json(model.limits().q_min[k]).dump() + " to " +
+                                                json(model.limits().q_max[k]).dump() + " rad");
+    }
+  }
+  if (address.X_WB) to_world(input.spec().quantity, *address.X_WB, values);
+  Request request{.kind = Request::Kind::set_target};
+  request.instance = address.instance;
+  request.index = address.input;
+  Target& set_point = request.target;
+  set_point.size = static_cast<std::uint8_t>(values.size());
+  std::copy(values.begin(), values.end(), set_point.values.begin());
+  set_point.duration_s = fields.number("duration_s", 0);
+  if (!(set_point.duration_s >= 0 && set_point.duration_s <= kLongest))
+    fields.expected("duration_s", "0 to 86400 seconds");
+  if (!fields.boolean("stream", false)) return post(request, pending);
+  // A stream goes directly to the input, which uses the newest sample at the next cycle.
+  set_point.delivery = Delivery::stream;
+  Verdict verdict = Verdict::not_active;
+  if ((run_.modes->active() & bit(address.instance)) != 0) verdict = input.post(set_point);
+  if (verdict != Verdict::accepted) return refusal(verdict, reason(*run_.modes, request, verdict));
+  return json{{"ok", true}, {"streamed", true}};
+}
+
+void RequestHandler::begin_backend_request(const std::string& name, const JsonFields& fields,
+                                           Pending& pending) {
+  BackendRequest request = read_backend_request(name, fields, with_common({}));
+  if (auto* of_world = std::get_if<WorldRequest>(&request)) {
+    auto* place = std::get_if<PlaceObject>(of_world);
+    if (place != nullptr && !fields.has("rpy_rad") && !fields.has("quaternion_wxyz")) {
+      // Without an orientation the object keeps the one of the scene; the backend refuses unknown objects.
+      const auto known = run_.rotations.find(place->object);
+      if (known != run_.rotations.end()) place->X_WO.rotation = known->second;
+    }
+    constexpr double kSlowestStep = 10 * kArmPeriod;
+    if (const auto* step = std::get_if<StepSimulation>(of_world))
+      pending.patience_s = kSlowestStep * step->periods;
+    pending.answer = run_.backend->request(std::move(*of_world));
+    return;
+  }
+  const ArmIndex target = arm(fields.text("arm"));
+  if (auto* of_gripper = std::get_if<GripperRequest>(&request)) {
+    pending.patience_s = kGripperPatience;
+    pending.answer = run_.backend->request(target, std::move(*of_gripper));
+  } else {
+    auto& of_arm = std::get<ArmRequest>(request);
+    // A payload declared too heavy makes the arm push upwards.
+    constexpr double kMostMass = 50;  // [kg]
+    if (const auto* load = std::get_if<SetLoad>(&of_arm); load != nullptr && load->load.mass > kMostMass)
+      fields.expected("mass_kg", "a mass of 0 to 50 kg");
+    pending.answer = run_.backend->request(target, std::move(of_arm));
+  }
+}
+
+std::optional<json> RequestHandler::post(const Request& request, Pending& pending) {
+  pending.request = request;
+  const Verdict verdict = run_.modes->post(std::span(&request, 1), pending.ticket);
+  if (verdict == Verdict::accepted) return {};
+  return refusal(verdict, reason(*run_.modes, request, verdict));
+}
+
+std::optional<json> RequestHandler::poll(Pending& pending) {
+  const double waited = seconds(host_now() - pending.received);
+  if (pending.ticket != 0) {
+    Answer answer;
+    if (run_.modes->poll(pending.ticket, answer)) return answer_of(answer, pending.request);
+    if (waited <= kPatience) return {};
+    return refusal(Verdict::timeout, reason(*run_.modes, pending.request, Verdict::timeout));
+  }
+  if (pending.answer.valid()) {
+    if (pending.answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
+      try {
+        const RequestAnswer answer = pending.answer.get();
+        if (answer.success) return json{{"ok", true}};
+        return json{{"ok", false}, {"verdict", "arm_refused"}, {"reason", answer.reason}};
+      } catch (const std::future_error&) {
+        return json{{"ok", false}, {"verdict", "arm_refused"}, {"reason", "the backend did not answer"}};
+      }
+    }
+    const double patience = std::max(kArmPatience, pending.patience_s);
+    if (waited <= patience) return {};
+    return refusal(Verdict::timeout,
+                   "the arm did not answer within " + std::to_string(std::lround(patience)) + " s");
+  }
+  if (run_.modes->stopped().contains(pending.stopping)) {
+    return json{{"ok", true},
+                {"stopped", names_of(*run_.modes, pending.stopping)},
+                {"stopped_after_ms", waited * 1e3}};
+  }
+  if (waited <= kPatience) return {};
+  return refusal(Verdict::timeout,
+                 "no cycle ran for 1 s: the simulation may be paused, or the run may have ended; the arms "
+                 "stop at the next cycle");
+}
+
+// --- streams ---
+
+StreamChannel RequestHandler::open_channel(const json& request) const {
+  const JsonFields fields(request, "stream");
+  fields.allow(with_common({"controllet", "input", "frame"}));
+  const Address address = address_in(fields);
+  StreamChannel channel;
+  channel.instance = address.instance;
+  channel.input = address.input;
+  channel.X_WB = address.X_WB;
+  return channel;
+}
+
+void RequestHandler::deliver(const StreamPacket& packet, StreamChannel& channel) {
+  if (channel.received > 0 && packet.sequence <= channel.last) {
+    ++channel.late;
+    return;
+  }
+  if (channel.received > 0) channel.lost += packet.sequence - channel.last - 1;
+  channel.last = packet.sequence;
+  channel.client_time_ns = packet.client_time_ns;
+  ++channel.received;
+  Reference& input = run_.modes->instance(channel.instance).inputs()[channel.input];
+  Target target;
+  target.delivery = Delivery::stream;
+  target.size = static_cast<std::uint8_t>(packet.count);
+  target.values = packet.values;
+  const std::span<double> values(target.values.data(), packet.count);
+  const bool active = (run_.modes->active() & bit(channel.instance)) != 0;
+  channel.verdict = active ? input.check(target) : Verdict::not_active;
+  if (channel.verdict == Verdict::accepted && input.spec().quantity == Quantity::joints &&
+      joint_beyond_limit(model_of(channel.instance, input.spec()), values)) {
+    channel.verdict = Verdict::out_of_bounds;
+  }
+  if (channel.verdict == Verdict::accepted) {
+    if (channel.X_WB) to_world(input.spec().quantity, *channel.X_WB, values);
+    channel.verdict = input.post(target);
+  }
+  if (channel.verdict != Verdict::accepted) ++channel.refused;
+}
+
+// --- names ---
+
+InstanceIndex RequestHandler::instance(const std::string& name) const {
+  const InstanceIndex index = run_.modes->find(name);
+  if (index != kNoInstance) return index;
+  throw RequestRefused("unknown_instance", no_such_controllet(*run_.modes, name));
+}
+
+InstanceIndex RequestHandler::instance_in(const JsonFields& fields) const {
+  return instance(fields.text("controllet"));
+}
+
+ArmIndex RequestHandler::arm(const std::string& name) const {
+  for (ArmIndex a = 0; a < run_.modes->arm_count(); ++a) {
+    if (run_.modes->arm_name(a) == name) return a;
+  }
+  throw RequestRefused("unknown_arm", no_such_arm(*run_.modes, name));
+}
+
+ArmSet RequestHandler::arms_in(const JsonFields& fields) const {
+  const auto names = fields.texts("arms");
+  if (!fields.has("arms") || names == std::vector<std::string>{"all"})
+    return ArmSet::all(run_.modes->arm_count());
+  if (names.empty()) fields.expected("arms", "names of arms, or \"all\"");
+  ArmSet arms;
+  for (const auto& name : names) arms |= ArmSet::of(arm(name));
+  return arms;
+}
+
+const ArmModel& RequestHandler::model_of(InstanceIndex i, const InputSpec& input) const {
+  return *run_.models[run_.modes->instance(i).arm_list()[input.arm]];
+}
+
+}  // namespace multipanda

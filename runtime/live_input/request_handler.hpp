@@ -1,0 +1,102 @@
+#pragma once
+
+#include <future>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "core/cycle/backend.hpp"
+#include "core/modes/multimode_controller.hpp"
+#include "runtime/live_input/json_fields.hpp"
+#include "runtime/live_input/latest_state.hpp"
+#include "runtime/live_input/stream_packet.hpp"
+
+namespace multipanda {
+
+// The parts of a run that live input uses. They must outlive the server.
+struct LiveInputContext {
+  std::string scene;
+  MultimodeController* modes = nullptr;
+  Backend* backend = nullptr;
+  const LatestState* latest = nullptr;
+  std::vector<std::shared_ptr<const ArmModel>> models;  // per arm
+  std::map<std::string, Matrix3> rotations;             // of the scene's objects: default of placements
+};
+
+// Destination and counts of one binary stream.
+struct StreamChannel {
+  InstanceIndex instance = kNoInstance;
+  std::uint16_t input = 0;
+  std::optional<Pose> X_WB;            // pose of the base in whose frame the values are; none: world
+  std::uint64_t last = 0;              // sequence
+  std::uint64_t received = 0;          // packets
+  std::uint64_t lost = 0;              // gaps in the sequence
+  std::uint64_t late = 0;              // out of order: ignored
+  std::uint64_t refused = 0;           // not taken
+  std::int64_t client_time_ns = 0;     // of the newest
+  Verdict verdict = Verdict::pending;  // of the newest
+};
+
+// Translates JSON requests (docs/live_input.md) to requests of the core and their answers back to JSON. It
+// never waits: a request to the loop or an arm is started by begin() and answered by poll(). For one thread.
+class RequestHandler {
+ public:
+  explicit RequestHandler(LiveInputContext run);
+
+  // A request that was started and is not answered yet.
+  struct Pending {
+    HostTime received;
+    std::uint64_t ticket = 0;           // of the mailbox
+    Request request;                    // what the ticket is for
+    std::future<RequestAnswer> answer;  // of the backend
+    double patience_s = 0;              // for the backend's answer, if it takes longer than usual
+    ArmSet stopping;                    // arms of a stop request
+  };
+
+  // The answer, or nothing if the request is pending. Throws RequestRefused.
+  std::optional<nlohmann::json> begin(const nlohmann::json& request, Pending& pending);
+  // The answer, once it is available or too late.
+  std::optional<nlohmann::json> poll(Pending& pending);
+
+  // --- streams ---
+  StreamChannel open_channel(const nlohmann::json& request) const;  // throws RequestRefused
+  void deliver(const StreamPacket& packet, StreamChannel& channel);
+  nlohmann::json describe(const StreamChannel& channel) const;
+
+  // --- contents and state of the run ---
+  nlohmann::json list() const;
+  nlohmann::json state();
+
+ private:
+  struct Address {
+    InstanceIndex instance;
+    std::uint16_t input;
+    std::optional<Pose> X_WB;
+  };
+
+  std::optional<nlohmann::json> begin_switch(const JsonFields& fields, Pending& pending);
+  std::optional<nlohmann::json> begin_feature(const JsonFields& fields, Pending& pending);
+  std::optional<nlohmann::json> begin_parameter(const JsonFields& fields, Pending& pending);
+  std::optional<nlohmann::json> begin_reference(const JsonFields& fields, Pending& pending);
+  std::optional<nlohmann::json> post(const Request& request, Pending& pending);
+  void begin_backend_request(const std::string& name, const JsonFields& fields, Pending& pending);
+
+  InstanceIndex instance(const std::string& name) const;
+  InstanceIndex instance_in(const JsonFields& fields) const;
+  ArmIndex arm(const std::string& name) const;
+  ArmSet arms_in(const JsonFields& fields) const;  // "arms": all where absent
+  Address address_in(const JsonFields& fields) const;
+  const ArmModel& model_of(InstanceIndex i, const InputSpec& input) const;
+  nlohmann::json answer_of(const Answer& answer, const Request& request) const;
+  nlohmann::json refusal(Verdict verdict, const std::string& reason) const;
+
+  LiveInputContext run_;
+  LatestState::Snapshot snapshot_;
+  std::vector<ModelTerms> terms_;
+};
+
+}  // namespace multipanda

@@ -1,0 +1,75 @@
+#pragma once
+
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "sysid/comparison/align.hpp"
+
+// Distance between a simulation and a measurement, for one arm and all repeats of a task (docs/compare.md).
+namespace multipanda {
+
+struct CompareOptions : AlignOptions {
+  double rest_s = 2.0;  // noise floor: at most this much of the real log's first rest is used [s]
+};
+
+// One quantity over all pairs of repeats.
+struct QuantityFigures {
+  std::string name, what, unit;
+  std::vector<std::string> axes;  // "1".."7", or "x", "y", "z"
+  std::string missing;            // why there are no figures; empty: there are figures
+  Eigen::MatrixXd rmse, max;      // root of the mean square, and largest absolute error (pairs x axes)
+  Eigen::VectorXd noise;          // standard deviation at rest (axes), mean over repeats; empty: no rest
+  double paper = 0;               // largest value in the paper; 0: none
+
+  bool available() const { return missing.empty(); }
+  // The single figure per quantity that the paper's bars show: RMSE, mean over axes, then over repeats.
+  double mean() const;
+  double spread() const;   // standard deviation over repeats of the mean over axes; 0 for a single repeat
+  double largest() const;  // absolute error on any axis in any repeat
+  std::optional<double> noise_floor() const;  // mean over axes
+  Eigen::VectorXd axis_mean() const;          // over repeats (axes)
+  Eigen::VectorXd axis_spread() const;        // over repeats (axes)
+};
+
+struct Comparison {
+  std::string arm;                          // empty: the logs do not name it
+  std::vector<QuantityFigures> quantities;  // in the order of quantities()
+  struct Pair {
+    std::string real, sim;
+    double lag_s = 0, correlation = 0, from_s = 0, to_s = 0;  // from, to: since the real log's start
+    std::optional<double> measured_lag_s;                     // see AlignedPair
+    std::string aligned_by;
+  };
+  std::vector<Pair> pairs;
+  double low_pass_hz = 0;  // of the series compared; 0: as measured
+  double rest_s = 0;  // duration of the rest behind the noise floor, the shortest of the repeats; 0: no rest
+  std::vector<std::string> warnings;
+
+  // Throws std::invalid_argument for an unknown quantity.
+  const QuantityFigures& at(const std::string& name) const;
+};
+
+// Compares repeat i of the real logs with repeat i of the simulated ones. A single log is compared with each
+// log of the other side. Throws LogRefused (see align), and std::invalid_argument if there are no logs.
+Comparison compare(std::span<const MeasuredLog> real, std::span<const MeasuredLog> sim,
+                   const CompareOptions& options = {});
+
+// Change of a quantity between two comparisons, before and after the simulation was changed.
+struct QuantityChange {
+  std::string name, unit;
+  double before = 0, after = 0;  // QuantityFigures::mean
+  double spread = 0;             // the larger of the two spreads over repeats
+  double ratio = 0;              // after / before; 1 where both are 0
+  bool worse = false;            // after - before > 2 spread (and more than rounding)
+};
+// One entry for each quantity that both comparisons have.
+std::vector<QuantityChange> change(const Comparison& before, const Comparison& after);
+
+nlohmann::ordered_json to_json(const Comparison& comparison);
+nlohmann::ordered_json to_json(const std::vector<QuantityChange>& changes);
+
+}  // namespace multipanda

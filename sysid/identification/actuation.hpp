@@ -1,0 +1,53 @@
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "models/robot_description.hpp"
+#include "sysid/measured/measured_log.hpp"
+
+// How an arm turns commanded torque into torque at its joints, from logs that hold both: delay, bandwidth,
+// friction between motor and torque sensor, sensor noise. For each joint and period of the control interface
+// (docs/simulation.md):
+//   u_k = (1 - f) tau_cmd[k-D] + f tau_cmd[k-D-1]        delay of D + f periods: mean of the held command
+//   x_k = x_(k-1) + (1 - exp(-2 pi bandwidth dt)) (u_k - x_(k-1))                first-order tracking
+//   tau_J[k+1] = x_k + g(q_k) - scale tau_f(dq_(k+1)) - I_m ddq + offset + noise
+// g comes from the arm's own model, tau_f from the prior's sigmoid table. Masses, payload and contact do not
+// occur, because the links are behind the sensor.
+namespace multipanda {
+
+struct ActuationOptions {
+  double longest_delay = 0.010;                          // [s]
+  double lowest_bandwidth = 5, highest_bandwidth = 500;  // [Hz]; above: perfect
+  double settle =
+      0.1;  // start of every unbroken stretch that is not used, since earlier commands are unknown [s]
+};
+
+// Results. The true value lies within value +- half95 with a probability of 95 %.
+struct ActuationFit {
+  Actuation actuation;
+  double delay_half95 = 0, bandwidth_half95 = 0;  // [s, Hz]; bandwidth 0 (perfect): 0
+  JointVector friction_scale,
+      friction_scale_half95;  // of the prior's table (n x 1); empty: the prior has no table
+  JointVector offset;         // of the torque sensor [N m] (n x 1)
+  double noise = 0;           // of the torque sensor, white [N m]
+  JointVector rms;            // residual [N m] (n x 1)
+  std::size_t samples = 0;    // rows used
+  std::vector<std::string> warnings;
+};
+
+// Least squares over all logs: a grid over delay and bandwidth with everything else in closed form, then
+// Gauss-Newton. The intervals allow for residuals that are correlated over up to 0.1 s. Any thread; 10 s of
+// data take about a second. Throws LogRefused if there is no commanded torque, no gravity from the arm's own
+// model, no stretch of 0.2 s without a gap, or if the torque does not follow the commands.
+ActuationFit fit_actuation(std::span<const MeasuredLog> logs, const RobotDescription& prior,
+                           const ActuationOptions& options = {});
+
+// Writes the fit into the robot: actuation, friction table, noise of the torque sensor.
+void apply(const ActuationFit& fit, RobotDescription& robot);
+
+// The torque x that the motors make from the commands, per row k as above (N x n); `tau_cmd` has no gaps.
+Eigen::MatrixXd tracked_torque(const Eigen::MatrixXd& tau_cmd, const Actuation& actuation, double period);
+
+}  // namespace multipanda

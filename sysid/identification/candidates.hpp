@@ -1,0 +1,42 @@
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "sysid/identification/consistent_fit.hpp"
+
+namespace multipanda {
+
+// Candidate models: friction laws from none to six Dahl elements between 1 and 300 mrad, each alone, with
+// tilt, and with tilt and gains. Families are ordered by their number of coefficients.
+struct Candidates {
+  std::vector<FrictionPart> parts;  // of all families together
+  std::vector<Family> families;
+};
+
+// `table`: the robot has a friction table, whose shape is then a candidate. `requested`: only these; empty:
+// all. Throws std::invalid_argument listing the known names.
+Candidates candidates(bool table, const std::vector<std::string>& requested = {});
+// Families for a body at the flange of a known arm.
+Candidates payload_candidates();
+
+std::size_t coefficient_count(const Family& family, std::size_t joints);
+
+// Root mean square of the residuals on the blocks left out, per joint, for every family.
+struct CrossValidation {
+  std::vector<Eigen::VectorXd> rmse;  // per family (n) [N m]
+  std::vector<double> mean;           // over joints
+  std::size_t chosen = 0;
+  Fit fit;  // of the chosen family, all blocks
+};
+
+// Blocked cross-validation: every block is predicted by a fit to all others. `alone` has the same blocks,
+// each as a separate file (equations_of with `restart`); these are predicted. The choice is the family with
+// the fewest coefficients whose mean is within 3 % or 0.003 N m of the best eligible one. `choose` false: the
+// last family.
+CrossValidation cross_validate(std::span<const Equations> blocks, std::span<const Equations> alone,
+                               const FitProblem& problem, const Candidates& candidates, bool choose,
+                               unsigned threads);
+
+}  // namespace multipanda

@@ -1,0 +1,128 @@
+#include "sysid/identification/equations.hpp"
+
+#include <Eigen/QR>
+
+#include "sysid/identification/arm_regressor.hpp"
+
+namespace multipanda {
+namespace {
+
+using Eigen::Index;
+
+// R of the rows, or the rows themselves if there are fewer than columns.
+Eigen::MatrixXd compressed(Eigen::MatrixXd A) {
+  if (A.rows() <= A.cols()) return A;
+  const Eigen::HouseholderQR<Eigen::Ref<Eigen::MatrixXd>> qr(A);
+  return A.topRows(A.cols()).template triangularView<Eigen::Upper>();
+}
+
+void append(JointEquations& to, const Eigen::MatrixXd& A, Index rows) {
+  Eigen::MatrixXd both(to.R.rows() + A.rows(), A.cols());
+  both << to.R, A;
+  to.R = compressed(std::move(both));
+  to.rows += rows;
+}
+
+}  // namespace
+
+std::vector<Eigen::MatrixXd> kept_friction(const FilteredLog& log, const std::vector<FrictionPart>& parts,
+                                           const std::optional<JointFriction>& table) {
+  std::vector<Eigen::MatrixXd> out;
+  for (const FrictionPart& part : parts) {
+    const Eigen::MatrixXd column = friction_column(part, log.dq, log.ddq, table, kProtocolStep);
+    // A constant passes the filter unchanged, and accelerations already passed a narrower one.
+    const bool as_is = part.kind == FrictionKind::offset || part.kind == FrictionKind::acceleration;
+    out.push_back(log.kept_rows(as_is ? column : protocol_filter(column)));
+  }
+  return out;
+}
+
+std::vector<Eigen::MatrixXd> restarted_friction(const FilteredLog& log, Index begin, Index end,
+                                                const std::vector<FrictionPart>& parts,
+                                                const std::optional<JointFriction>& table) {
+  constexpr Index kBefore = 200;  // samples that the protocol leaves out at both ends of a file
+  FilteredLog alone;
+  if (begin < end) {
+    const Index first = std::max<Index>(0, log.kept[static_cast<std::size_t>(begin)] - kBefore);
+    const Index last = std::min(log.t.size(), log.kept[static_cast<std::size_t>(end - 1)] + kBefore);
+    alone.t = log.t.segment(first, last - first);
+    alone.dq = log.dq.middleRows(first, last - first);
+    alone.ddq = log.ddq.middleRows(first, last - first);
+    for (Index i = begin; i < end; ++i) alone.kept.push_back(log.kept[static_cast<std::size_t>(i)] - first);
+  } else {
+    alone.dq.resize(0, log.dq.cols());
+    alone.ddq = alone.dq;
+  }
+  return kept_friction(alone, parts, table);
+}
+
+std::vector<Equations> equations_of(std::span<const FilteredLog> logs, const EquationSource& source,
+                                    std::size_t blocks, bool restart) {
+  ArmRegressor regressor(*source.robot);
+  const Index n = regressor.joints(), parts = static_cast<Index>(source.parts.size());
+  const Eigen::Matrix<double, 3, 2> directions = tilt_directions(source.gravity_B);
+  std::vector<Equations> out(blocks, Equations(static_cast<std::size_t>(n)));
+  for (Equations& block : out) {
+    for (Index j = 0; j < n; ++j) {
+      block[static_cast<std::size_t>(j)].R.resize(0, 30 * (n - j) + parts + 1);
+    }
+  }
+  for (const FilteredLog& log : logs) {
+    const auto count = static_cast<Index>(log.kept.size());
+    std::vector<Eigen::MatrixXd> friction;  // of the rows from `origin` on
+    if (!restart) friction = kept_friction(log, source.parts, source.robot->friction);
+    for (std::size_t b = 0; b < blocks; ++b) {
+      const Index begin = count * static_cast<Index>(b) / static_cast<Index>(blocks);
+      const Index end = count * static_cast<Index>(b + 1) / static_cast<Index>(blocks);
+      const Index origin = restart ? begin : 0;
+      if (restart) friction = restarted_friction(log, begin, end, source.parts, source.robot->friction);
+      constexpr Index kAtOnce = 1000;  // rows held uncompressed
+      for (Index from = begin; from < end; from += kAtOnce) {
+        const Index rows = std::min(kAtOnce, end - from);
+        std::vector<Eigen::MatrixXd> A;
+        for (Index j = 0; j < n; ++j) A.emplace_back(rows, 30 * (n - j) + parts + 1);
+        for (Index i = 0; i < rows; ++i) {
+          const Index at = log.kept[static_cast<std::size_t>(from + i)];
+          const Eigen::VectorXd q = log.q.row(at), dq = log.dq.row(at), ddq = log.ddq.row(at);
+          for (int what = 0; what < 3; ++what) {
+            const Eigen::MatrixXd& Y = what == 0 ? regressor.at(q, dq, ddq, source.gravity_B)
+                                                 : regressor.of_field(q, directions.col(what - 1));
+            for (Index j = 0; j < n; ++j) {
+              const Index width = 10 * (n - j);
+              A[static_cast<std::size_t>(j)].row(i).segment(what * width, width) = Y.row(j).tail(width);
+            }
+          }
+          for (Index j = 0; j < n; ++j) {
+            auto row = A[static_cast<std::size_t>(j)].row(i);
+            for (Index p = 0; p < parts; ++p) {
+              row[30 * (n - j) + p] = friction[static_cast<std::size_t>(p)](from + i - origin, j);
+            }
+            row[row.size() - 1] = log.tau(at, j);
+          }
+        }
+        for (std::size_t j = 0; j < A.size(); ++j) append(out[b][j], A[j], rows);
+      }
+    }
+  }
+  return out;
+}
+
+Equations stacked(std::span<const Equations> parts, const std::function<bool(std::size_t)>& requested) {
+  Equations out(parts.front().size());
+  for (std::size_t j = 0; j < out.size(); ++j) {
+    Index rows = 0;
+    for (std::size_t b = 0; b < parts.size(); ++b) rows += requested(b) ? parts[b][j].R.rows() : 0;
+    Eigen::MatrixXd all(rows, parts.front()[j].R.cols());
+    rows = 0;
+    for (std::size_t b = 0; b < parts.size(); ++b) {
+      if (!requested(b)) continue;
+      all.middleRows(rows, parts[b][j].R.rows()) = parts[b][j].R;
+      rows += parts[b][j].R.rows();
+      out[j].rows += parts[b][j].rows;
+    }
+    out[j].R = compressed(std::move(all));
+  }
+  return out;
+}
+
+}  // namespace multipanda

@@ -1,0 +1,93 @@
+#pragma once
+
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "models/robot_description.hpp"
+#include "sysid/identification/linear_fit.hpp"
+#include "sysid/measured/measured_log.hpp"
+
+// From logs to the model of one arm: inertial parameters of physically possible bodies, friction beyond the
+// torque sensor, gains and offsets of the sensor, tilt of the base (docs/identification.md has the method).
+namespace multipanda {
+
+struct IdentifyOptions {
+  bool payload = false;               // the prior describes the arm; only a body at the flange is identified
+  bool hand = false;                  // the prior's hand is on the flange
+  std::optional<RigidBody> tool;      // known body in the flange's frame, in addition to the hand
+  Vector3 gravity_B{0, 0, -9.81};     // in the base, for its assumed mounting [m/s^2]
+  std::vector<std::string> families;  // only these candidates (family_names()); empty: all
+  bool choose = true;                 // false: the last of `families`, without cross-validation
+  std::size_t folds = 6;              // blocks of cross-validation; the last third of them is held out
+  double prior_weight = 1e-3;         // of the distance to the prior (lambda)
+  unsigned threads = 2;
+};
+
+// One candidate in the blocked cross-validation.
+struct FamilyScore {
+  std::string name;
+  std::size_t coefficients = 0;  // in addition to the inertial parameters
+  JointVector rmse;              // on the blocks left out [N m] (n x 1)
+  double mean = 0;               // over joints
+  bool eligible = true;          // false: only for comparison
+  bool chosen = false;
+};
+
+// Train and test by time: a part of every log is fitted, the rest is predicted as a separate log.
+struct TimeCut {
+  double from = 0, to = 0;            // fraction of the time that is fitted; the rest is the test
+  JointVector rmse_train, rmse_test;  // [N m] (n x 1)
+};
+
+// Another model's prediction of the same data by the same protocol.
+struct ModelBeside {
+  std::string name;
+  JointVector rmse;  // [N m] (n x 1)
+  double mean = 0;
+};
+
+// Measured and predicted torque at the protocol's samples, for pages.
+struct ResidualSeries {
+  std::string source;
+  Eigen::VectorXd t;                           // [s] (N)
+  Eigen::MatrixXd measured, predicted, prior;  // [N m] (N x n)
+};
+
+struct Identification {
+  RobotDescription robot;            // the prior with what was found; fitted to all data
+  std::optional<RigidBody> payload;  // in the flange's frame; the last link of `robot` contains it too
+  double payload_mass_half95 = 0;    // [kg]
+  double payload_com_half95 = 0;     // along the worst axis of the last link [m]
+
+  std::string family;               // chosen
+  std::vector<FamilyScore> scores;  // simplest first
+  std::vector<TimeCut> cuts;        // the chosen family, fitted to a part of every log and tested on the rest
+  JointVector rmse_train;           // of the first cut, on the fitted part [N m] (n x 1)
+  JointVector rmse_heldout;         // of the first cut, on the rest
+  JointVector rmse_all;             // of `robot` on all data that it was fitted to
+  bool consistent = false;          // every moving link has a positive definite pseudo-inertia
+  bool dissipative = false;         // no friction amplitude is negative
+  std::vector<bool> prior_consistent;  // per moving link, of the prior as given
+
+  LinearFit linear;  // base parameters and coefficients with intervals
+  std::vector<ModelBeside> beside;
+  std::vector<ResidualSeries> series;
+  double seconds_used = 0;  // of data
+  std::vector<std::string> warnings;
+};
+
+// Any thread; takes seconds. Throws LogRefused for data that are too short or not exciting (with the
+// condition number), and for another robot than `prior` (joint count, positions outside its range, torques
+// that it does not explain). Throws std::invalid_argument for an unknown family, and for a hand that the
+// prior does not have.
+Identification identify(std::span<const MeasuredLog> logs, const RobotDescription& prior,
+                        const IdentifyOptions& options = {});
+
+// Names that IdentifyOptions::families accepts, simplest first.
+std::vector<std::string> family_names();
+
+}  // namespace multipanda

@@ -1,0 +1,144 @@
+#include "sysid/refine/arm_runs.hpp"
+
+#include <algorithm>
+#include <fstream>
+#include <mutex>
+#include <stdexcept>
+#include <thread>
+
+#include <fmt/format.h>
+
+#include "runtime/session.hpp"
+#include "scene/build.hpp"
+#include "scene/load.hpp"
+#include "sysid/refine/arm_process.hpp"
+
+namespace multipanda {
+namespace {
+
+namespace fs = std::filesystem;
+
+void write_text(const fs::path& file, const std::string& text) {
+  std::ofstream out(file);
+  out << text;
+  out.close();
+  if (!out) throw std::runtime_error("cannot write " + file.string());
+}
+
+class Runner {
+ public:
+  Runner(const std::vector<ArmRun>& runs, const RunSettings& settings,
+         const std::function<void(const ArmRunResult&)>& finished)
+      : runs_(runs), settings_(settings), finished_(finished), done_(runs.size()) {}
+
+  std::vector<ArmRunResult> run() {
+    const bool real = !settings_.target.addresses.empty();
+    const std::size_t workers = real ? 1 : std::clamp<std::size_t>(settings_.workers, 1, runs_.size());
+    {
+      std::vector<std::jthread> threads;
+      for (std::size_t i = 1; i < workers; ++i) threads.emplace_back([this] { work(); });
+      work();
+    }
+    if (failure_) std::rethrow_exception(failure_);
+    std::vector<ArmRunResult> results;
+    for (auto& result : done_) {
+      if (result) results.push_back(std::move(*result));
+    }
+    return results;
+  }
+
+ private:
+  bool stopped() const { return settings_.stop != nullptr && settings_.stop->load(); }
+
+  void work() {
+    for (;;) {
+      const std::size_t index = next_.fetch_add(1);
+      if (index >= runs_.size() || stopped()) return;
+      try {
+        ArmRunResult result = run_one(runs_[index]);
+        const std::lock_guard lock(mutex_);
+        if (finished_) finished_(result);
+        done_[index] = std::move(result);
+      } catch (...) {
+        const std::lock_guard lock(mutex_);
+        if (!failure_) failure_ = std::current_exception();
+        next_ = runs_.size();
+      }
+    }
+  }
+
+  ArmRunResult run_one(const ArmRun& run) {
+    const fs::path scratch = settings_.logs / (run.name + ".part");
+    fs::create_directories(scratch);
+    const Registry registry = build_registry(scene_plugins(run.scene, settings_.scene_path));
+    Scene scene = parse_scene(run.scene, settings_.scene_path, registry);
+    SessionOptions options{.paced = false, .record = scratch};
+    // Simulated arms also run behind virtual ones, so that the arm itself estimates forces on both sides.
+    options.backend.kind = BackendKind::virtual_arms;
+    std::optional<ArmProcess> process;
+    const RefineTarget& target = settings_.target;
+    if (run.on_target && target.hidden) {
+      ArmProcess::Options process_options{.program = settings_.program,
+                                          .scene = scratch / "scene.yaml",
+                                          .hidden = *target.hidden,
+                                          .messages = scratch / "arms.txt"};
+      write_text(process_options.scene, run.scene);
+      const auto places = free_addresses(scene.arms.size());
+      for (std::size_t i = 0; i < scene.arms.size(); ++i) {
+        process_options.addresses.emplace_back(scene.arms[i].name, places[i]);
+      }
+      process.emplace(process_options);
+      options.backend = {.kind = BackendKind::fci, .addresses = process_options.addresses};
+    } else if (run.on_target && !target.addresses.empty()) {
+      options.backend = {.kind = BackendKind::fci, .addresses = target.addresses};
+      options.paced = true;
+    } else if (run.on_target) {
+      for (auto& arm : scene.arms) {
+        if (const auto known = target.known.find(arm.name); known != target.known.end()) {
+          arm.plant_model = known->second;
+        }
+      }
+    }
+    Session session(std::move(scene), registry, std::move(options));
+    session.start();
+    while (!session.wait_for_end(0.1)) {
+      if (stopped()) session.stop();
+    }
+    const RunSummary summary = session.finish();
+    ArmRunResult result{.name = run.name,
+                        .log = settings_.logs / (run.name + ".mcap"),
+                        .faults = summary.faults(),
+                        .time_s = summary.time_s,
+                        .elapsed_s = summary.elapsed_s};
+    fs::rename(summary.log, result.log);
+    process.reset();
+    fs::remove_all(scratch);
+    return result;
+  }
+
+  const std::vector<ArmRun>& runs_;
+  const RunSettings& settings_;
+  const std::function<void(const ArmRunResult&)>& finished_;
+  std::vector<std::optional<ArmRunResult>> done_;
+  std::atomic<std::size_t> next_{0};
+  std::mutex mutex_;
+  std::exception_ptr failure_;
+};
+
+}  // namespace
+
+std::string RefineTarget::words() const {
+  if (hidden) return fmt::format("virtual arms of another process, hidden plants of seed {}", *hidden);
+  if (!known.empty()) return "virtual arms of this process, known plants";
+  std::string text = "real arms";
+  for (const auto& [arm, address] : addresses) text += fmt::format(", {} at {}", arm, address);
+  return text;
+}
+
+std::vector<ArmRunResult> run_all(const std::vector<ArmRun>& runs, const RunSettings& settings,
+                                  const std::function<void(const ArmRunResult&)>& finished) {
+  if (runs.empty()) return {};
+  return Runner(runs, settings, finished).run();
+}
+
+}  // namespace multipanda
