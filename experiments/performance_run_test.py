@@ -174,7 +174,8 @@ class OverRos(Whole, unittest.TestCase):
     def look_at_channel(self, name, generator, channel):
         """The number of samples read depends on the machine; the delays show that the run follows."""
         self.assertEqual(channel["sent"], generator["samples"], (name, generator))
-        self.assertTrue(0 < channel["received"] <= channel["sent"], (name, generator))
+        # The goal that ends the course is received, too; a quick machine misses no sample before it.
+        self.assertTrue(0 < channel["received"] <= channel["sent"] + 1, (name, generator))
 
     def look_at_bystander(self, switching):
         """The arms begin after a varying number of periods, so the two runs are not bit-identical."""
