@@ -49,6 +49,17 @@ ArmSettings default_settings(const ArmModel& model) {
   return settings;
 }
 
+SetCollisionThresholds careful_thresholds(const ArmModel& model) {
+  const auto n = model.joint_count();
+  const JointVector& most = model.limits().tau_max;
+  SetCollisionThresholds set;
+  set.nominal.torque_lower = most.cwiseMin(joint_constant(n, 20));
+  set.nominal.torque_upper = most.cwiseMin(joint_constant(n, 40));
+  set.nominal.wrench_lower << 20, 20, 20, 10, 10, 10;
+  set.nominal.wrench_upper << 80, 80, 80, 25, 25, 25;
+  return set;
+}
+
 std::string check_load(const Load& load) {
   if (!std::isfinite(load.mass) || load.mass < 0) return "the load's mass must be 0 or more kilograms";
   if (load.mass > kMostMass || load.p_FC.norm() > kMostLength)
