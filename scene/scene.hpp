@@ -59,6 +59,8 @@ struct FciConnection {
   double low_pass_hz = 0;              // of commanded torques; 0: none
   bool rate_limit = false;             // commanded torques are kept within the arm's rate
   bool check_model = true;  // compare the robot model that the arm provides with the scene's at the start
+  bool recover_at_start = false;           // clear a reflex of the arm without being asked
+  bool keep_collision_thresholds = false;  // without the arm's key `collision`: those of an earlier program
   SourcePlace place;
 };
 

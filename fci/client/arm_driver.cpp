@@ -71,12 +71,13 @@ ArmDriver::ArmDriver(FciArmConfig config, const FciOptions& options)
              .address = config_.address,
              .port = config_.port,
              .version = config_.version,
+             .state_timeout_s = options.state_timeout_s,
              .loop_reads_states = true}),
       end_effector_(config_.end_effector ? config_.end_effector() : nullptr),
       requested_motion_(options.begin_torque ? ArmMotion::torque : ArmMotion::none),
       handled_motion_(requested_motion_.load()),
       wake_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
-      packet_(config_.model->X_WB(), config_.hand) {
+      packet_(config_.model->X_WB(), config_.hand_declared.value_or(config_.hand)) {
   if (wake_ < 0) throw std::runtime_error("cannot open an eventfd for arm '" + config_.name + "'");
   thread_ = std::thread([this] { run(); });
 }
@@ -214,7 +215,7 @@ std::future<RequestAnswer> ArmDriver::prepare() {
 
 std::future<RequestAnswer> ArmDriver::begin() {
   return post([this] {
-    start_requested_motion();
+    if (configured_) start_requested_motion();  // an arm found in a reflex begins when it is recovered
     return RequestAnswer{true, {}};
   });
 }
@@ -266,12 +267,13 @@ std::future<RequestAnswer> ArmDriver::request(ArmRequest request) {
 void ArmDriver::start_requested_motion() {
   const ArmMotion motion = handled_motion_ = requested_motion_.load(std::memory_order_acquire);
   motion_.store(motion, std::memory_order_release);
-  if (motion == ArmMotion::none) {
-    enter(Phase::stopped);
-    return;
-  }
   enter(Phase::starting);
   try {
+    if (!configured_ && !(configured_ = configure())) refuse(in_reflex(link_.look()));
+    if (motion == ArmMotion::none) {
+      enter(Phase::stopped);
+      return;
+    }
     link_.start_motion(request_of(motion));
     link_.wait_until_running();
   } catch (const ConnectionError& error) {
@@ -307,7 +309,7 @@ RequestAnswer ArmDriver::recover() {
   watch();
   if (!takes_part()) refuse("its connection has just been lost: " + ctl_command("reconnect"));
   const RobotState& state = link_.look();
-  const bool rests = is_mode(state, RobotMode::idle) && error_list(state).empty() &&
+  const bool rests = configured_ && is_mode(state, RobotMode::idle) && error_list(state).empty() &&
                      requested_motion_.load(std::memory_order_acquire) == ArmMotion::none;
   if (rests || (is_mode(state, RobotMode::move) && phase() == Phase::running)) {
     refuse("it has no error and was not stopped: there is nothing to recover from");
@@ -338,6 +340,7 @@ RequestAnswer ArmDriver::reconnect() {
   }
   link_.close();
   connect_and_configure();
+  if (!configured_) refuse(in_reflex(link_.look()));
   start_requested_motion();
   return {true, {}};
 }

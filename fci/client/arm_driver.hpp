@@ -83,7 +83,9 @@ class ArmDriver {
   void connect_and_configure();
   void connect_end_effector();
   void check_model();
-  void configure();
+  bool configure();
+  void send_configuration();
+  std::string in_reflex(const RobotState& state) const;
   void check_end_effector(const RobotState& state);
   void start_requested_motion();
   void change_motion();
@@ -108,6 +110,7 @@ class ArmDriver {
   std::atomic<ArmMotion> requested_motion_;         // by the loop
   std::atomic<ArmMotion> motion_{ArmMotion::none};  // started last, by the commander
   ArmMotion handled_motion_;                        // commander: the last request that it handled
+  bool configured_ = false;  // commander: false in a reflex that was found when connecting
 
   mutable std::mutex mutex_;  // never locked by the loop
   std::deque<Task> tasks_;

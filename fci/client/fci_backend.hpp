@@ -34,6 +34,8 @@ struct FciArmConfig {
   // The load that `model` contains behind the flange (the hand, fingers closed). The arm must declare it,
   // together with `tool`, as its end effector. In the flange.
   Load hand;
+  // The same hand as the arm declares it; none: `hand`.
+  std::optional<Load> hand_declared;
 
   // Sent to the arm at the start and after each reconnection, and checked in its state. The end effector's
   // mass can only be set in the arm's settings: a difference is reported.
@@ -50,6 +52,10 @@ struct FciArmConfig {
   double low_pass_hz = 0;  // first order, on the torque; 0: none
 
   std::optional<ModelCheck> model_check;  // overrides FciOptions
+
+  // True: an arm that is in a reflex when it is connected is recovered without being asked. Otherwise it
+  // stays as it is, and RecoverFromError sets it up.
+  bool recover_at_start = false;
 
   // Creates the gripper; empty: none. Called off the loop, once.
   std::function<std::unique_ptr<EndEffector>()> end_effector;
@@ -74,6 +80,7 @@ struct FciOptions {
   bool lockstep = false;
   double silence_s = 0.02;       // wait() returns an empty set after so long without a packet
   double lost_after_s = 1.0;     // an arm that is silent for so long counts as disconnected
+  double state_timeout_s = 1.0;  // how long a request waits for a state that shows its effect
   double lockstep_wait_s = 2.0;  // in lock-step: how long the slowest arm is waited for
   ModelCheck model_check = ModelCheck::report;
   // Messages for the user: warnings at the start, a lost connection, the end of a motion.

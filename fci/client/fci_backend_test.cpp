@@ -9,6 +9,7 @@
 
 #include "core/cycle/control_cycle.hpp"
 #include "core/rt/guard/loop_guard.hpp"
+#include "device/arm_settings.hpp"
 #include "fci/client/from_scene.hpp"
 #include "fci/client/model_check.hpp"
 #include "fci/client/testing/fake_arm.hpp"
@@ -50,7 +51,7 @@ class Backends : public testing::Test {
       const auto& q = scene_.arms[i].q_start;
       fakes_[i]->change([&](RobotState& s) { Eigen::Map<Eigen::Matrix<double, 7, 1>>(s.q.data()) = q; });
     }
-    const Load hand = config(0).hand;
+    const Load hand = config(0).hand_declared.value();
     fakes_[0]->change([&](RobotState& s) {
       s.m_ee = hand.mass;
       Eigen::Map<Vector3>(s.F_x_Cee.data()) = hand.p_FC;
@@ -67,6 +68,7 @@ class Backends : public testing::Test {
   // Connected, in torque control; the test sends the packets from now on.
   void begin(FciOptions options = {}, std::vector<FciArmConfig> configs = {}) {
     options.model_check = ModelCheck::off;
+    options.state_timeout_s = options.lost_after_s = 20;  // the whole machine may stand still for seconds
     options.report = [this](const std::string& text) { said_ += text + "\n"; };
     if (configs.empty()) configs = {config(0), config(1)};
     backend_ = std::make_unique<FciBackend>(std::move(configs), options);
@@ -371,12 +373,51 @@ TEST_F(Backends, AnUnavailableArmIsNamedAndTheOthersAreReleased) {
   EXPECT_THROW(FciBackend({left}), std::invalid_argument);
 }
 
-TEST_F(Backends, AnEarlierErrorIsRecoveredAtTheStartAndAUserStopIsNot) {
-  fakes_[0]->change([](RobotState& s) {
+void put_in_reflex(FakeArm& fake) {
+  fake.change([](RobotState& s) {
     s.robot_mode = static_cast<std::uint8_t>(RobotMode::reflex);
     s.errors[7] = 1;
   });
+}
+
+// It may have stopped on a person.
+TEST_F(Backends, AnArmFoundInAReflexStaysSoUntilItIsRecoveredOnRequest) {
+  put_in_reflex(*fakes_[0]);
   begin();
+  EXPECT_EQ(cycle_->data().state[0].mode, ArmMode::reflex);
+  EXPECT_EQ(cycle_->data().state[1].mode, ArmMode::move) << "the other arm runs";
+  EXPECT_THAT(said_, HasSubstr("cartesian_reflex"));
+  EXPECT_THAT(said_, HasSubstr("ctl recover left"));
+  for (const auto& asked : fakes_[0]->asked()) {
+    EXPECT_NE(asked.command, Command::automatic_error_recovery);
+    EXPECT_NE(asked.command, Command::move);
+    EXPECT_NE(asked.command, Command::set_load);
+  }
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  const RequestAnswer recovered = answer(backend_->request(0, RecoverFromError{}));
+  EXPECT_TRUE(recovered.success) << recovered.reason;
+  while (cycle_->data().state[0].mode != ArmMode::move) step();
+  EXPECT_EQ(fakes_[0]->last<SetLoadRequest>().m_load, 0.4) << "set up now";
+  EXPECT_NO_THROW((void)fakes_[0]->last<SetCollisionBehaviorRequest>());
+
+  // The same after a lost connection.
+  fakes_[0]->hang_up();
+  while (cycle_->data().state[0].mode != ArmMode::disconnected) step();
+  put_in_reflex(*fakes_[0]);
+  const RequestAnswer back = answer(backend_->request(0, Reconnect{}));
+  EXPECT_FALSE(back.success);
+  EXPECT_THAT(back.reason, HasSubstr("ctl recover left"));
+  while (cycle_->data().state[0].mode != ArmMode::reflex) step();
+  const RequestAnswer again = answer(backend_->request(0, RecoverFromError{}));
+  EXPECT_TRUE(again.success) << again.reason;
+  while (cycle_->data().state[0].mode != ArmMode::move) step();
+}
+
+TEST_F(Backends, AnEarlierErrorIsRecoveredAtTheStartIfTheSceneAsksAndAUserStopIsNot) {
+  put_in_reflex(*fakes_[0]);
+  FciArmConfig left = config(0);
+  left.recover_at_start = true;
+  begin({}, {left, config(1)});
   EXPECT_EQ(cycle_->data().state[0].mode, ArmMode::move);
   EXPECT_THAT(said_, HasSubstr("cartesian_reflex"));
   backend_->finish();
@@ -400,7 +441,77 @@ TEST_F(Backends, AnUndeclaredEndEffectorIsReported) {
   begin();
   EXPECT_THAT(said_, HasSubstr("end effector of 0 g"));
   // The controllers' model matches what the arm compensates: the model's hand is subtracted.
-  EXPECT_NEAR(cycle_->data().state[0].tool.mass, -config(0).hand.mass, 1e-6);
+  EXPECT_NEAR(cycle_->data().state[0].tool.mass, -config(0).hand_declared->mass, 1e-6);
+}
+
+// 0.73 kg at [-0.01, 0, 0.03] m are the manufacturer's figures for its hand, whose parts weigh 0.7126 kg.
+TEST_F(Backends, TheHandByEitherFiguresIsNothingToReport) {
+  for (const Load& hand : {config(0).hand, Load{.mass = 0.73, .p_FC = {-0.01, 0, 0.03}}}) {
+    said_.clear();
+    fakes_[0]->change([&](RobotState& s) {
+      s.m_ee = hand.mass;
+      Eigen::Map<Vector3>(s.F_x_Cee.data()) = hand.p_FC;
+    });
+    begin();
+    EXPECT_EQ(said_, "");
+    EXPECT_LT(std::abs(cycle_->data().state[0].tool.mass), 0.02);
+    backend_->finish();
+    for (auto& fake : fakes_) fake->set_automatic(true);
+  }
+  // 100 g more weigh 0.84 N m on the shoulder of an outstretched arm.
+  fakes_[0]->change([&](RobotState& s) { s.m_ee = 0.83; });
+  begin();
+  EXPECT_THAT(said_, HasSubstr("end effector of 830 g"));
+  EXPECT_THAT(said_, HasSubstr(" N m at a joint"));
+}
+
+TEST_F(Backends, ArmsGetCarefulThresholdsUnlessTheSceneNamesOthersOrKeepsThem) {
+  scene_.arms[1].fci = FciConnection{};
+  scene_.arms[1].fci->keep_collision_thresholds = true;
+  begin();
+  const auto set = fakes_[0]->last<SetCollisionBehaviorRequest>();
+  EXPECT_EQ(set.upper_force_thresholds_nominal, (std::array<double, 6>{80, 80, 80, 25, 25, 25}));
+  EXPECT_EQ(set.upper_force_thresholds_acceleration, set.upper_force_thresholds_nominal);
+  EXPECT_EQ(set.upper_torque_thresholds_nominal, (std::array<double, 7>{40, 40, 40, 40, 12, 12, 12}));
+  EXPECT_EQ(set.lower_torque_thresholds_nominal, (std::array<double, 7>{20, 20, 20, 20, 12, 12, 12}));
+  EXPECT_THROW((void)fakes_[1]->last<SetCollisionBehaviorRequest>(), std::runtime_error);
+  // Named ones.
+  scene_.arms[1].collision = default_settings(*build_arm_model(scene_.arms[1])).thresholds;
+  EXPECT_EQ(config(1).thresholds->nominal.wrench_upper, Vector6::Constant(100));
+}
+
+// Arms round the entries of rotations: their 45 degrees are 0.7071, not 0.70710678.
+TEST_F(Backends, FramesThatTheArmRoundsAreTheOnesThatWereSent) {
+  const auto rounded = [](const Pose& X) {
+    std::array<double, 16> T{};
+    for (Eigen::Index k = 0; k < 9; ++k) {
+      T[static_cast<std::size_t>(4 * (k / 3) + k % 3)] = std::round(1e4 * X.rotation(k % 3, k / 3)) * 1e-4;
+    }
+    for (Eigen::Index k = 0; k < 3; ++k) T[static_cast<std::size_t>(12 + k)] = X.position[k];
+    T[15] = 1;
+    return T;
+  };
+  const Pose X_FE = arm_config(scene_.arms[0]).frames.X_FE;
+  fakes_[0]->change([&](RobotState& s) { s.F_T_NE = rounded(X_FE); });
+  begin();
+  EXPECT_EQ(cycle_->data().state[0].mode, ArmMode::move) << said_;
+  const auto sent = fakes_[0]->last<SetNEToEERequest>().NE_T_EE;
+  const std::array<double, 16> identity{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+  for (std::size_t k = 0; k < 16; ++k) EXPECT_NEAR(sent[k], identity[k], 1e-8) << "of single precision only";
+  EXPECT_LT(pose_error(cycle_->data().state[0].frames.X_FE, X_FE).norm(), 1e-6);
+}
+
+TEST_F(Backends, ARefusedSettingLeavesTheArmInTorqueControl) {
+  begin();
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  // Refused in motion, and refused again at rest.
+  fakes_[0]->answer(Command::set_joint_impedance, Status::not_possible);
+  const RequestAnswer refused =
+      answer(backend_->request(0, SetJointStiffness{JointVector::Constant(7, 1000)}));
+  EXPECT_FALSE(refused.success);
+  EXPECT_NO_THROW((void)fakes_[0]->last<StopMoveRequest>());
+  for (int k = 0; k < 1000 && cycle_->data().state[0].mode != ArmMode::move; ++k) step();
+  EXPECT_EQ(cycle_->data().state[0].mode, ArmMode::move);
 }
 
 TEST_F(Backends, FinishEndsTheMotionsByTheirLastTorque) {
