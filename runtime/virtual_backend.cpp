@@ -85,7 +85,10 @@ Capabilities VirtualBackend::capabilities(ArmIndex arm) const {
           .has_external_torque = true,
           .has_contact_truth = true,
           .has_gripper = of.hand && of.movable_fingers.value_or(false),
-          .has_vacuum = of.vacuum};
+          .has_vacuum = of.vacuum,
+          .every_command_arrives = self_->lockstep(),
+          .own_clock = !self_->lockstep(),
+          .torque_rate_max = fci::kTorqueRateMax};
 }
 
 void VirtualBackend::start() {
