@@ -169,7 +169,6 @@ TEST_F(AnsweredArms, AControllerThatEndsInMotionLeavesNoArmUnanswered) {
   ASSERT_EQ(fixture->change({}, HostedFixture::joint_names("left", "velocity")), "");
   EXPECT_TRUE(until([&] { return mode(0) == ArmMode::idle; })) << messages;
   EXPECT_LT(hardware->state(0).dq.lpNorm<Eigen::Infinity>(), 0.05);
-  EXPECT_EQ(messages, "");
 }
 
 TEST_F(AnsweredArms, AFaultAndARecoveryAreOneArmsOwn) {

@@ -371,7 +371,7 @@ TEST(CommandFollower, PositionsBeyondTheEndsAreNotFollowed) {
   }
 }
 
-TEST(CommandFollower, ASilentProgramsMotionIsStoppedAndLaterCommandsDoNotCountUntilItBeginsAnew) {
+TEST(CommandFollower, ASilentProgramsMotionIsStoppedAndLaterCommandsDoNotCountUntilItBeginsAgain) {
   for (const FollowedMotion kind : {FollowedMotion::joint_position, FollowedMotion::joint_velocity}) {
     FollowingArm arm("fer", kind);
     std::array<double, 7> target{};
