@@ -14,7 +14,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kPatience = 1.0;         // for the loop's answer [s]
+constexpr double kPatience = MultimodeController::kPatience;  // for the loop's answer [s]
 constexpr double kArmPatience = 5.0;      // for a backend's answer [s]
 constexpr double kGripperPatience = 600;  // for the end of a gripper's motion [s]
 constexpr double kLongest = 86400;        // of a motion [s]
@@ -250,7 +250,11 @@ std::optional<json> RequestHandler::poll(Pending& pending) {
     Answer answer;
     if (run_.modes->poll(pending.ticket, answer)) return answer_of(answer, pending.request);
     if (waited <= kPatience) return {};
-    return refusal(Verdict::timeout, reason(*run_.modes, pending.request, Verdict::timeout));
+    // Only what the loop can no longer take may be called refused.
+    if (run_.modes->withdraw(pending.ticket))
+      return refusal(Verdict::timeout, reason(*run_.modes, pending.request, Verdict::timeout));
+    if (waited <= kPatience + MultimodeController::kAnswerPatience) return {};
+    return refusal(Verdict::pending, reason(*run_.modes, pending.request, Verdict::pending));
   }
   if (pending.answer.valid()) {
     if (pending.answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {

@@ -69,6 +69,30 @@ TEST_F(RequestsTest, SwitchesAndReportsWhatAndWhen) {
   EXPECT_EQ(owner(0), "arm0_hold");
 }
 
+// The asker is told "timeout" when the loop can no longer take the request, and only then.
+TEST_F(RequestsTest, ATimedOutRequestIsNotExecutedLater) {
+  const json activate = json::parse(R"({"do":"switch","activate":["pose0"]})");
+  constexpr std::int64_t kTwoSeconds = 2'000'000'000;
+  RequestHandler::Pending given_up, taken;
+  ASSERT_FALSE(handler_.begin(activate, given_up));
+  given_up.received.ns -= kTwoSeconds;
+  const auto answer = handler_.poll(given_up);
+  ASSERT_TRUE(answer);
+  EXPECT_EQ((*answer)["verdict"], "timeout");
+  EXPECT_THAT((*answer)["reason"].get<std::string>(), HasSubstr("will not be executed"));
+  fixture_.steps(5);
+  EXPECT_EQ(owner(0), "arm0_hold");
+
+  // Answered by the loop at the last moment: its answer counts, however late the asker looks.
+  ASSERT_FALSE(handler_.begin(activate, taken));
+  fixture_.steps(1);
+  taken.received.ns -= kTwoSeconds;
+  const auto late = handler_.poll(taken);
+  ASSERT_TRUE(late);
+  EXPECT_EQ((*late)["ok"], true);
+  EXPECT_EQ(owner(0), "pose0");
+}
+
 TEST_F(RequestsTest, RefusalsSuggestTheNearestName) {
   expect_refused(R"({"do":"switch","activate":["pose00"]})", "unknown_instance", "did you mean 'pose0'");
   expect_refused(R"({"do":"switch","activate":["pose0","both"]})", "two_owners", "arm 'arm0'");
