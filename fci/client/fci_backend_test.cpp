@@ -1,8 +1,10 @@
 // Several arms in one loop, against fake arms whose packets the test sends.
 #include "fci/client/fci_backend.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
+#include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -170,8 +172,8 @@ TEST_F(Backends, AnArmIsDueWithItsPacketAndAnsweredInThatStep) {
                  static_cast<int>(1e6 * backend_->connection(0)->answer_delay_mean_s));
 }
 
-// Packets half a period apart: the group computes with its first arm's packet, the other gets that tick's
-// torque with its own packet.
+// Packets less than half a period apart: the group computes with its first arm's packet, the other gets that
+// tick's torque with its own packet. If the machine took longer, it ticks again.
 TEST_F(Backends, AGroupTicksOncePerPeriodAndServesEachArmWithItsOwnPacket) {
   activate("both");
   begin();
@@ -182,8 +184,10 @@ TEST_F(Backends, AGroupTicksOncePerPeriodAndServesEachArmWithItsOwnPacket) {
     fakes_[0]->publish();
     ASSERT_EQ(step(), ArmSet::of(0));
     const JointVector of_tick = cycle_->data().tau_controllet[1];
+    const LoopTime ticked = cycle_->data().tick.t;
     fakes_[1]->publish();
     ASSERT_EQ(step(), ArmSet::of(1));
+    if (seconds(cycle_->data().tick.t - ticked) > 0.0005) continue;
     ASSERT_EQ(cycle_->data().tau_controllet[1], of_tick) << "no second tick in this period";
     const auto command = fakes_[1]->command();
     ASSERT_TRUE(command);
@@ -304,9 +308,43 @@ TEST_F(Backends, InvalidTorquesAreNotSentAndStopTheMotion) {
   EXPECT_EQ(fakes_[0]->commands_waiting(), 0u) << "nor anything after it";
 }
 
+// An arm that keeps its own torque: 1 to 19 answers are lost in a row, at full slew. The answers are those
+// that the log holds, and none is more than a step of 1 ms from the torque in use.
+TEST_F(Backends, LostAnswersAreNoDiscontinuityAndTheLogHoldsWhatWasSent) {
+  activate("left_joints");
+  begin();
+  std::array<double, 7> in_use{};
+  const auto period = [&](bool arrives) {
+    fakes_[0]->change([&](RobotState& s) { s.tau_J_d = in_use; });
+    fakes_[0]->publish();
+    ASSERT_EQ(step(), ArmSet::of(0));
+    const auto command = fakes_[0]->command();
+    ASSERT_TRUE(command);
+    for (std::size_t j = 0; j < 7; ++j) {
+      EXPECT_EQ(command->tau_J_d[j], cycle_->data().tau_cmd[0][static_cast<Eigen::Index>(j)]);
+      if (arrives) {
+        ASSERT_LE(std::abs(command->tau_J_d[j] - in_use[j]), 1.0 + 1e-5);
+      }
+    }
+    if (arrives) in_use = command->tau_J_d;
+  };
+  for (int k = 0; k < 5; ++k) period(true);
+  double sign = 1;
+  for (int lost = 1; lost <= 19; ++lost) {
+    sign = -sign;
+    fakes_[0]->change([&](RobotState& s) { s.q[1] += sign * 0.1; });  // pushed: the spring pulls by 60 N m
+    for (int k = 0; k < 8; ++k) period(true);
+    for (int k = 0; k < lost; ++k) period(false);
+    for (int k = 0; k < 8; ++k) period(true);
+  }
+  EXPECT_FALSE(is_held(0));
+  EXPECT_GT(cycle_->safety().counted(0, Intervention::torque_rate_clamped), 100u) << "it was at full slew";
+}
+
+// Torques that come from no control cycle are limited here.
 TEST_F(Backends, RateLimitAndLowPassCountFromTheTorqueInUse) {
   FciArmConfig limited = config(0), smooth = config(1);
-  limited.limit_rate = true;
+  limited.limit_rate = smooth.limit_rate = true;
   smooth.low_pass_hz = 100;
   begin({}, {limited, smooth});
   std::vector<ArmState> states(2);
@@ -512,6 +550,76 @@ TEST_F(Backends, ARefusedSettingLeavesTheArmInTorqueControl) {
   EXPECT_NO_THROW((void)fakes_[0]->last<StopMoveRequest>());
   for (int k = 0; k < 1000 && cycle_->data().state[0].mode != ArmMode::move; ++k) step();
   EXPECT_EQ(cycle_->data().state[0].mode, ArmMode::move);
+}
+
+// While one arm takes too long to begin, the one that has begun is held, not left to float; then the start is
+// given up.
+TEST_F(Backends, AnArmThatHasBegunIsHeldUntilTheOthersBeginOrTheStartIsGivenUp) {
+  fakes_[0]->change([](RobotState& s) { s.dq.fill(0.2); });
+  fakes_[1]->withhold(Command::move);
+  std::thread right([&] {  // released when the left arm is stopped, so that the test need not wait for it
+    const auto stopped = [&] {
+      const auto all = fakes_[0]->asked();
+      return std::any_of(all.begin(), all.end(),
+                         [](const auto& a) { return a.command == Command::stop_move; });
+    };
+    const HostTime since = host_now();
+    while (!stopped() && seconds(host_now() - since) < 20) std::this_thread::yield();
+    fakes_[1]->hang_up();
+  });
+  FciBackend backend({config(0), config(1)}, {.longest_wait_packets = 30, .model_check = ModelCheck::off});
+  try {
+    backend.start();
+    ADD_FAILURE() << "it began without the right arm";
+  } catch (const std::runtime_error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("arm right did not begin"));
+    EXPECT_THAT(error.what(), testing::Not(HasSubstr("arm left")));
+  }
+  right.join();
+  // The arm reports no torque in use, so each answer is at most one step from zero, against the motion.
+  const auto answer = fakes_[0]->command();
+  ASSERT_TRUE(answer);
+  for (std::size_t j = 0; j < 7; ++j) {
+    EXPECT_LT(answer->tau_J_d[j], -0.01) << j;
+    EXPECT_GE(answer->tau_J_d[j], -1.0) << j;
+  }
+  EXPECT_GE(fakes_[0]->commands_waiting(), 29u);
+}
+
+// At the end the arm is held until it has left its motion: the last torque alone would push it on.
+TEST_F(Backends, FinishHoldsTheArmUntilItHasLeftItsMotion) {
+  begin();
+  std::vector<RobotCommand> answers;
+  std::thread arms([&] {
+    fakes_[1]->end_motion(Status::success, RobotMode::idle);
+    fakes_[0]->change([](RobotState& s) { s.dq.fill(0.3); });
+    for (int k = 0; k < 16; ++k) {
+      fakes_[0]->publish();
+      const auto answer = fakes_[0]->command();
+      ASSERT_TRUE(answer);
+      answers.push_back(*answer);
+      fakes_[0]->change([&](RobotState& s) { s.tau_J_d = answer->tau_J_d; });
+      if (k == 8) {  // it was stopped, but is away from where it was
+        fakes_[0]->change([](RobotState& s) {
+          s.dq.fill(0);
+          s.q[3] -= 0.2;
+        });
+      }
+    }
+    fakes_[0]->end_motion(Status::success, RobotMode::idle);
+  });
+  backend_->finish();
+  arms.join();
+  ASSERT_EQ(answers.size(), 16u);
+  for (std::size_t k = 1; k < answers.size(); ++k) {
+    EXPECT_TRUE(answers[k].torque_command_finished);
+    for (std::size_t j = 0; j < 7; ++j) {
+      EXPECT_LE(std::abs(answers[k].tau_J_d[j] - answers[k - 1].tau_J_d[j]), 1 + 1e-5);
+    }
+  }
+  for (std::size_t j = 0; j < 7; ++j) EXPECT_LT(answers[8].tau_J_d[j], -0.02) << "damped";
+  EXPECT_LT(answers[8].tau_J_d[0], answers[0].tau_J_d[0] - 5);
+  EXPECT_GT(answers[15].tau_J_d[3], answers[8].tau_J_d[3] + 5) << "pulled back";
 }
 
 TEST_F(Backends, FinishEndsTheMotionsByTheirLastTorque) {

@@ -36,7 +36,6 @@ FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address) {
   if (arm.fci) {
     config.version = arm.fci->version;
     config.low_pass_hz = arm.fci->low_pass_hz;
-    config.limit_rate = arm.fci->rate_limit;
     config.recover_at_start = arm.fci->recover_at_start;
     if (!arm.fci->check_model) config.model_check = ModelCheck::off;
   }
