@@ -29,6 +29,16 @@ Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant);
 // (arm_config). `limits` are those of the model file; those of the scene are in SceneArm::safety.
 std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm);
 
+// The same with the limits that the scene tightens: for the controllers, so that holds, features and checks
+// of goals keep to them. The plant and the arm's own checks keep those of the model file. Position limits
+// that the scene loosens stay those of the model.
+std::shared_ptr<const ArmModel> build_controller_model(const SceneArm& arm);
+
+// What the motors of real arms are assumed to add to each joint's inertia, as long as a model file states
+// none: the armature of the Panda in MuJoCo's model collection (mujoco_menagerie, 0.1 kg m^2 for every
+// joint). Identified values would replace it.
+inline constexpr double kAssumedMotorInertia = 0.1;  // [kg m^2]
+
 // Initial frames, tool and declared load of an arm; a backend puts them into its ArmState.
 struct ArmConfig {
   ArmFrames frames;  // X_FE: of the scene, otherwise the hand's tool center point, otherwise the flange
@@ -37,7 +47,7 @@ struct ArmConfig {
 };
 ArmConfig arm_config(const SceneArm& arm);
 
-// Ready for ControlCycle. One arm model per arm is built.
+// Ready for ControlCycle. One model per arm is built (build_controller_model).
 CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity = 0);
 
 // The scene's timeline for MultimodeController::schedule; `place` events are left to the backend.

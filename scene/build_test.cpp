@@ -95,6 +95,72 @@ TEST(Build, ModelsHaveTheObstaclesOfTheScene) {
   const Scene scene = parse_scene(
       "arms:\n"
       "  - {name: a, tool_shapes: [{shape: sphere, diameter_m: 0.04, position_m: [0, 0, 0.2]},\n"
+// Holds, features and checks of goals read the limits of the controllers' model; the plant keeps its own.
+TEST(Build, TightenedLimitsReachTheControllers) {
+  const Registry registry = Registry::with_builtins();
+  const Scene scene = parse_scene(
+      "arms:\n"
+      "  - name: left\n"
+      "    safety: {position_max_rad: [1, 1, 1, -1, 1, 2.5, 1], velocity_max_rad_per_s: 1.0}\n",
+      "s.yaml", registry);
+  const CycleConfig config = build_cycle_config(scene);
+  const ArmLimits& controllers = config.arms[0].model->limits();
+  const auto plant = build_arm_model(scene.arms[0]);
+  EXPECT_EQ(controllers.q_max[3], -1);
+  EXPECT_EQ(controllers.q_max[6], 1);
+  EXPECT_EQ(controllers.dq_max[0], 1);
+  EXPECT_EQ(controllers.q_min, plant->limits().q_min);
+  EXPECT_EQ(controllers.tau_max, plant->limits().tau_max);
+  EXPECT_EQ(plant->limits().q_max[3], -0.0698);
+  EXPECT_EQ(plant->limits().dq_max[0], 2.175);
+}
+
+TEST(Build, LoosenedPositionLimitsStayThoseOfTheModel) {
+  const Registry registry = Registry::with_builtins();
+  const Scene scene = parse_scene(
+      "arms:\n"
+      "  - name: left\n"
+      "    safety: {position_max_rad: [3, 3, 3, 0, 3, 4, 3], allow_looser_limits: true}\n",
+      "s.yaml", registry);
+  EXPECT_EQ(build_cycle_config(scene).arms[0].model->limits().q_max, load_robot("fer").limits.q_max);
+}
+
+// The damping of the manufacturer's joint impedance example suits arms with motors: it is accepted on real
+// arms, refused where the plant is known to have none, and the refusal says so.
+TEST(Build, DampingIsBoundedByTheInertiaOfTheArm) {
+  const Registry registry = Registry::with_builtins();
+  const auto refusal = [&](const std::string& more) -> std::string {
+    const Scene scene = parse_scene(
+        "arms:\n"
+        "  - {name: left, hand: true" +
+            more +
+            "}\n"
+            "controllets:\n"
+            "  - name: a\n"
+            "    type: joint_impedance\n"
+            "    arms: left\n"
+            "    parameters: {damping_design: given, stiffness_nm_per_rad: [600, 600, 600, 600, 250, 150, "
+            "50],\n"
+            "                 damping_nms_per_rad: [50, 50, 50, 50, 30, 25, 15]}\n",
+        "s.yaml", registry);
+    StillBackend backend(1);
+    try {
+      const ControlCycle cycle(build_cycle_config(scene), registry, backend);
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return {};
+  };
+  EXPECT_EQ(refusal(", fci: 172.16.0.2"), "");
+  EXPECT_EQ(refusal(", model: fr3, fci: 172.16.0.2"), "");
+  for (const std::string arm : {"", ", fci: 127.0.0.1", ", model: fr3"}) {
+    const std::string why = refusal(arm);
+    EXPECT_NE(why.find("'damping_nms_per_rad' of joint"), std::string::npos) << why;
+    EXPECT_NE(why.find("no motor inertia"), std::string::npos) << why;
+    EXPECT_NE(why.find("N m s/rad"), std::string::npos) << why;
+  }
+}
+
       "                            {shape: box, size_m: [0.06, 0.04, 0.02], position_m: [0, 0, 0.1]}]}\n"
       "  - {name: b, hand: false, base: {position_m: [0, 1, 0]}}\n"
       "objects:\n"

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
@@ -51,6 +52,10 @@ struct ArmModelSource {
   std::vector<CollisionShape> collision_shapes;  // empty: no collision checks
   std::vector<std::pair<std::size_t, std::size_t>>
       self_pairs;  // indices of shapes that are checked against each other
+  // The heaviest payload that may be declared, hand and tool not counted [kg]; none: no bound is known.
+  std::optional<double> largest_load = {};
+  JointVector motor_inertia = {};  // seen at the joint [kg m^2] (n x 1); empty: none, or not known
+  Load tool = {};  // what the flange carries from the start, for bounds before the first state
 };
 
 // The fixed part of an arm's rigid-body model. Immutable, so threads may share it.
@@ -74,6 +79,12 @@ class ArmModel {
   // The friction that the scene declares to the controllers, if any.
   const std::optional<JointFrictionTable>& known_friction() const { return source_.known_friction; }
 
+  const JointVector& motor_inertia() const { return source_.motor_inertia; }  // empty: none
+  // The least inertia that a torque of one joint accelerates in any pose, with tool and motor, the other
+  // joints free (n x 1) [kg m^2]. Computed at the first call; any thread except the loop's.
+  const JointVector& least_inertia() const;
+  // The heaviest payload that may be declared to this arm [kg]; none: no bound is known.
+  const std::optional<double>& largest_load() const { return source_.largest_load; }
   struct Pinocchio;  // defined in core/model only, so that no other file compiles its headers
   const Pinocchio& pinocchio() const { return *pinocchio_; }
 
@@ -81,9 +92,15 @@ class ArmModel {
   ArmModelSource source_;
   std::size_t joint_count_ = 0;
   std::unique_ptr<Pinocchio> pinocchio_;
+  struct LeastInertia {
+    std::once_flag once;
+    JointVector inertia;
+  };
+
 };
 
 // (n x 1) vector filled with `value`.
+  std::unique_ptr<LeastInertia> least_ = std::make_unique<LeastInertia>();
 JointVector joint_constant(std::size_t n, double value);
 
 }  // namespace multipanda
