@@ -109,9 +109,9 @@ void visit(Archive& archive, FciConnection& fci, SceneReader& reader) {
       Key("low_pass_hz", "Cutoff frequency of a low-pass on the commanded torques; 0: none.").within(0, 1000),
       fci.low_pass_hz);
   archive(Key("rate_limit",
-              "Keep commanded torques within the rate that the arm allows. The safety stage does so unless "
-              "it was "
-              "loosened."),
+              "Without effect, accepted for one release: the safety stage keeps the rate that the arm "
+              "allows, counted "
+              "from the torque in use."),
           fci.rate_limit);
   archive(
       Key("check_model",
