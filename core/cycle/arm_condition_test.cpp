@@ -86,6 +86,22 @@ TEST(TorqueInUse, AfterLostAnswersTheCommandIsOneStepFromWhatTheArmUses) {
   }
 }
 
+TEST(TorqueInUse, MayBeUnknown) {
+  TestLoop loop(1, {{.name = "f", .type = "follow", .arms = {0}}}, test::test_registry());
+  loop.modes().activate_at_start(loop.set({"f"}));
+  const JointVector away = loop.world.position(0) - joint_constant(7, 1.5);
+  loop.world.tamper = [&](ArmIndex, std::uint64_t step, ArmState& state) {
+    state.tau_J_d.resize(0);
+    if (step > 0) state.q = away;
+    state.dq.setZero();
+  };
+  loop.step();
+  for (int k = 1; k <= 25; ++k) {
+    loop.step();
+    ASSERT_NEAR(loop.world.torque(0)[2], k, 1e-9);
+  }
+}
+
 TEST(TorqueInUse, WhereEveryCommandArrivesALaggingMotorDoesNotCount) {
   struct Lagging final : Backend {
     explicit Lagging(Backend& arms_) : arms(arms_) {}

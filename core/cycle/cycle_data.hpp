@@ -21,7 +21,7 @@ struct CycleData {
       const JointVector zero = joint_constant(models[i]->joint_count(), 0);
       terms.emplace_back(models[i]);
       state[i].q = models[i]->q_home();
-      state[i].dq = state[i].tau_J = state[i].tau_J_d = zero;
+      state[i].dq = state[i].tau_J = zero;  // tau_J_d stays empty if the backend does not know it
       tau_controllet.push_back(zero);
       tau_feature.push_back(zero);
       tau_cmd.push_back(zero);
