@@ -88,6 +88,7 @@ FollowerLimits FollowerLimits::of(const RobotDescription& robot) {
 void CommandFollower::begin(FollowedMotion motion) {
   motion_ = motion;
   begun_ = false;
+  unknown_ = 0;
   axes_ = {};
   resume();
 }
@@ -109,31 +110,55 @@ bool CommandFollower::is_at_rest() const {
                      [](const AxisState& axis) { return std::abs(axis.v) < 1e-3 && std::abs(axis.a) < 0.5; });
 }
 
-// The arm goes on from the motion that it publishes. If that is the command sent last, its exact value
-// counts; if commands were lost, the arm has extrapolated.
+// Whether the arm goes on from the command sent last: its packet shows that one, or an earlier one, so that
+// the last is on its way. Otherwise commands were lost, and the arm has extrapolated.
+bool CommandFollower::shows_sent(const DesiredMotionState& desired) {
+  if (!begun_) return false;
+  for (std::size_t age = 0; age < sent_.size(); ++age) {
+    const auto& sent = sent_[age];
+    const bool shown = motion_ == FollowedMotion::joint_position   ? echoes(sent, desired.q_d, joints_)
+                       : motion_ == FollowedMotion::joint_velocity ? echoes(sent, desired.dq_d, joints_)
+                       : motion_ == FollowedMotion::cartesian_pose ? echoes(sent, desired.O_T_EE_c, 16)
+                                                                   : echoes(sent, desired.O_dP_EE_c, 6);
+    if (!shown) continue;
+    // A command that differs from its neighbors shows the arm's lag. An older one where none is to be
+    // expected is the extrapolation of a constant motion.
+    if (lag_known_ && static_cast<int>(age) > lag_) break;
+    if (!lag_known_ && age + 1 < sent_.size() && !echoes(sent, sent_[age + 1], sent.size())) {
+      lag_ = static_cast<int>(age);
+      lag_known_ = true;
+    }
+    unknown_ = 0;
+    return true;
+  }
+  // Where packets show commands later, the next command was sent before the loss could be seen.
+  if (++unknown_ <= lag_) return true;
+  unknown_ = 0;
+  return false;
+}
+
+// The motion that the next command continues: exactly the one sent, or what the arm publishes, continued with
+// its acceleration until the packet that the command answers.
 void CommandFollower::take_base(const DesiredMotionState& desired) {
-  switch (motion_) {
-    case FollowedMotion::joint_position:
-    case FollowedMotion::joint_velocity: {
-      const bool positions = motion_ == FollowedMotion::joint_position;
-      const bool echoed = begun_ && echoes(sent_, positions ? desired.q_d : desired.dq_d, joints_);
-      for (std::size_t i = 0; i < joints_; ++i) {
-        if (!echoed) axes_[i] = {desired.q_d[i], desired.dq_d[i], desired.ddq_d[i]};
-        if (!positions) axes_[i].x = desired.q_d[i];
-      }
-      break;
+  const bool known = shows_sent(desired);
+  if (motion_ == FollowedMotion::joint_velocity) {
+    for (std::size_t i = 0; i < joints_; ++i) axes_[i].x = desired.q_d[i];
+  }
+  if (known) return;
+  if (!is_cartesian()) {
+    for (std::size_t i = 0; i < joints_; ++i) axes_[i] = {desired.q_d[i], desired.dq_d[i], desired.ddq_d[i]};
+  } else {
+    rotation_ = rotation_of(desired.O_T_EE_c);
+    for (std::size_t i = 0; i < 6; ++i) {
+      axes_[i] = {i < 3 ? desired.O_T_EE_c[12 + i] : 0, desired.O_dP_EE_c[i], desired.O_ddP_EE_c[i]};
     }
-    case FollowedMotion::cartesian_pose:
-    case FollowedMotion::cartesian_velocity: {
-      const bool poses = motion_ == FollowedMotion::cartesian_pose;
-      if (begun_ && (poses ? echoes(sent_, desired.O_T_EE_c, 16) : echoes(sent_, desired.O_dP_EE_c, 6)))
-        break;
-      rotation_ = rotation_of(desired.O_T_EE_c);
-      for (std::size_t i = 0; i < 6; ++i) {
-        axes_[i] = {i < 3 ? desired.O_T_EE_c[12 + i] : 0, desired.O_dP_EE_c[i], desired.O_ddP_EE_c[i]};
-      }
-      break;
+  }
+  for (int k = 0; k < lag_; ++k) {
+    for (std::size_t i = 0; i < axes(); ++i) {
+      axes_[i].v += kArmPeriod * axes_[i].a;
+      axes_[i].x += kArmPeriod * axes_[i].v;
     }
+    if (is_cartesian()) turn();
   }
 }
 
@@ -149,6 +174,7 @@ void CommandFollower::step(const DesiredMotionState& desired, InterfaceCommand& 
     follow_joints(track_.place());
   }
   send(command);
+  if (!begun_) sent_.fill(sent_.front());
   begun_ = true;
 }
 
@@ -195,31 +221,37 @@ void CommandFollower::follow_pose(const SampleTrack::Place& place) {
   }
 }
 
+// The rotation moves for a period.
+void CommandFollower::turn() {
+  const Vector3 w(axes_[3].v, axes_[4].v, axes_[5].v);
+  rotation_ = Quaternion(Matrix3(exp_rotation(kArmPeriod * w) * rotation_)).normalized().toRotationMatrix();
+}
+
 void CommandFollower::send(InterfaceCommand& command) {
+  std::rotate(sent_.begin(), sent_.end() - 1, sent_.end());
+  auto& sent = sent_.front();
   switch (motion_) {
     case FollowedMotion::joint_position:
     case FollowedMotion::joint_velocity:
       for (std::size_t i = 0; i < joints_; ++i) {
         const bool positions = motion_ == FollowedMotion::joint_position;
-        sent_[i] = positions ? axes_[i].x : axes_[i].v;
-        (positions ? command.q_c : command.dq_c)[static_cast<Eigen::Index>(i)] = sent_[i];
+        sent[i] = positions ? axes_[i].x : axes_[i].v;
+        (positions ? command.q_c : command.dq_c)[static_cast<Eigen::Index>(i)] = sent[i];
       }
       break;
     case FollowedMotion::cartesian_pose: {
-      const Vector3 w(axes_[3].v, axes_[4].v, axes_[5].v);
-      rotation_ =
-          Quaternion(Matrix3(exp_rotation(kArmPeriod * w) * rotation_)).normalized().toRotationMatrix();
-      Eigen::Map<Eigen::Matrix4d> T(sent_.data());
+      turn();
+      Eigen::Map<Eigen::Matrix4d> T(sent.data());
       T.setIdentity();
       T.topLeftCorner<3, 3>() = rotation_;
       T.topRightCorner<3, 1>() << axes_[0].x, axes_[1].x, axes_[2].x;
-      command.O_T_EE_c = sent_;
+      command.O_T_EE_c = sent;
       break;
     }
     case FollowedMotion::cartesian_velocity:
       for (std::size_t i = 0; i < 6; ++i) {
-        sent_[i] = axes_[i].v;
-        command.O_dP_EE_c[static_cast<Eigen::Index>(i)] = sent_[i];
+        sent[i] = axes_[i].v;
+        command.O_dP_EE_c[static_cast<Eigen::Index>(i)] = sent[i];
       }
       break;
   }

@@ -76,9 +76,11 @@ class CommandFollower {
 
  private:
   void take_base(const DesiredMotionState& desired);
+  bool shows_sent(const DesiredMotionState& desired);
   void follow_joints(const SampleTrack::Place& place);
   void follow_pose(const SampleTrack::Place& place);
   void halt();
+  void turn();
   void send(InterfaceCommand& command);
   std::size_t axes() const { return is_cartesian() ? 6 : joints_; }
   bool is_cartesian() const { return motion_ >= FollowedMotion::cartesian_pose; }
@@ -95,7 +97,11 @@ class CommandFollower {
   int silent_ = 0;                            // periods since the newest command
   std::array<AxisState, kMaxJoints> axes_{};  // joints, or the axes of the base: position, rotation
   Matrix3 rotation_ = Matrix3::Identity();
-  std::array<double, 16> sent_{};
+  // The commands sent last, newest first, and how many packets later the arm shows one.
+  std::array<std::array<double, 16>, 3> sent_{};
+  int lag_ = 0;
+  bool lag_known_ = false;  // seen in motion; it is the arm's, not the motion's
+  int unknown_ = 0;         // packets in a row that show none of them
 };
 
 }  // namespace multipanda

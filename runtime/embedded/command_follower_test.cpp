@@ -65,6 +65,7 @@ struct FollowingArm {
     command.q_c = command.dq_c = q;
     command.dq_c.setZero();
     begin_kind = kind;
+    shown_ = published();
   }
 
   DesiredMotionState published() const {
@@ -87,7 +88,10 @@ struct FollowingArm {
 
   // One period; false after a violation.
   bool answer(bool lost) {
-    follower.step(published(), command);
+    // Some arms' packets may show a command one packet later.
+    const DesiredMotionState now = published();
+    follower.step(late_by_one ? shown_ : now, command);
+    shown_ = now;
     return take(lost ? nullptr : &command);
   }
   bool take(const InterfaceCommand* sent) {
@@ -111,6 +115,8 @@ struct FollowingArm {
   CommandFollower follower;
   InterfaceCommand command;
   FollowedMotion begin_kind{};
+  bool late_by_one = false;
+  DesiredMotionState shown_;
   int periods = 0;
   std::optional<std::string> reflex;
 };
@@ -176,6 +182,7 @@ struct Trial {
   std::string robot = "fer";
   double speed = 0.4;  // of the joints' limits; Cartesian [m/s, rad/s]
   ClocksConfig clocks;
+  bool late_by_one = false;
 };
 
 // Runs a program's motion; returns the arm and how far it was from the program's motion, one delay ago.
@@ -186,6 +193,7 @@ struct Outcome {
 };
 Outcome follow(const Trial& trial, double seconds, bool unfiltered = false) {
   FollowingArm arm(trial.robot, trial.kind);
+  arm.late_by_one = trial.late_by_one;
   Program program(arm, trial.speed, trial.clocks.seed), truth(arm, trial.speed, trial.clocks.seed);
   TwoClocks clocks(trial.clocks);
   std::array<double, 16> computed{}, written{};
@@ -256,6 +264,17 @@ TEST_P(FollowedMotions, NoReflexOverPhasesDriftsJitterStallsAndLosses) {
     EXPECT_GT(outcome.fastest, 0.05);  // it moved
   }
 }
+// Nobody publishes whether a packet shows the answer to the one before, or that to the one before that.
+TEST_P(FollowedMotions, NoReflexOnAnArmThatShowsCommandsOnePacketLater) {
+  for (Trial trial : trials(GetParam())) {
+    trial.late_by_one = true;
+    trial.clocks.loss /= 10;
+    const Outcome outcome = follow(trial, 4);
+    EXPECT_FALSE(outcome.reflex) << trial.robot << ", jitter " << trial.clocks.jitter_ns << " ns, "
+                                 << trial.clocks.drift_ppm << " ppm: " << *outcome.reflex;
+  }
+}
+
 std::string name_of_motion(const testing::TestParamInfo<FollowedMotion>& info) {
   const char* const names[] = {"JointPosition", "JointVelocity", "Pose", "Twist"};
   return names[static_cast<std::size_t>(info.param)];
