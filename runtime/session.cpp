@@ -4,6 +4,7 @@
 #include <chrono>
 
 #include "backends/simulation_view.hpp"
+#include "runtime/target_values.hpp"
 #include "scene/build.hpp"
 #include "support/machine.hpp"
 
@@ -74,7 +75,11 @@ void Session::build() {
     backend_ = make_backend(scene_, registry_, options_.backend, {.paced = options_.paced, .report = report});
   }
   cycle_ = std::make_unique<ControlCycle>(std::move(config), registry_, *backend_.backend);
-  modes().schedule(build_schedule(scene_, modes()));
+  auto timeline = build_schedule(scene_, modes());
+  std::vector<Pose> X_FE;
+  for (const auto& arm : scene_.arms) X_FE.push_back(arm_config(arm).frames.X_FE);
+  check_reach(timeline, modes(), models_, X_FE);
+  modes().schedule(std::move(timeline));
   modes().activate_at_start(start_set(scene_, modes()));
   const std::lock_guard lock(early_news_mutex_);
   monitor_ = std::make_unique<RunMonitor>(

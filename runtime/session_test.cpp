@@ -264,6 +264,27 @@ TEST_F(SessionTest, AnUnreachableWorldIsReported) {
   EXPECT_THROW((void)session.finish(), std::runtime_error);
 }
 
+// Refused when the run is built, so that `check` refuses it, too.
+TEST(SessionTimeline, AGoalOutOfReachIsRefused) {
+  const Registry registry = Registry::with_builtins();
+  const auto scene = [&](const char* x) {
+    return parse_scene("arms:\n  - {name: arm}\ncontrollets:\n  - {name: pose, type: cartesian_impedance, arms: arm}\n"
+                       "active: [pose]\ntimeline:\n  - {at_s: 1.5, reference: {controllet: pose, input: pose, "
+                       "position_m: [" + std::string(x) + ", 0, 0.4], rpy_rad: [pi, 0, 0]}}\n",
+                       "test.yaml", registry);
+  };
+  for (const char* far : {"2", "5"}) {
+    try {
+      const Session session(scene(far), registry, {.paced = false});
+      ADD_FAILURE() << "accepted " << far << " m";
+    } catch (const std::invalid_argument& error) {
+      EXPECT_NE(std::string(error.what()).find("timeline at 1.5 s, 'pose'"), std::string::npos) << error.what();
+      EXPECT_NE(std::string(error.what()).find("out of reach"), std::string::npos) << error.what();
+    }
+  }
+  EXPECT_NO_THROW(Session(scene("0.5"), registry, {.paced = false}));
+}
+
 // A backend that fails while the arms are in motion: they are still left as at any end.
 class FailsInMotion final : public Backend {
  public:

@@ -189,6 +189,13 @@ std::optional<json> RequestHandler::begin_reference(const JsonFields& fields, Pe
     }
   }
   if (address.X_WB) to_world(input.spec().quantity, *address.X_WB, values);
+  if (is_end_effector_pose(target, input.spec())) {
+    const ArmIndex arm = target.arm_list()[input.spec().arm];
+    run_.latest->copy(snapshot_);
+    const Pose X_FE = snapshot_.cycle != 0 ? snapshot_.arms[arm].frames.X_FE : Pose();
+    const std::string why = beyond_reach(run_.models[arm], X_FE, {values[0], values[1], values[2]});
+    if (snapshot_.cycle != 0 && !why.empty()) throw RequestRefused("out_of_bounds", why);
+  }
   Request request{.kind = Request::Kind::set_target};
   request.instance = address.instance;
   request.index = address.input;
