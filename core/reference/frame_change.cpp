@@ -22,7 +22,7 @@ void move_along(const Pose& X, Pose& X_d, Twist& V, Twist& A) {
 
 void Reference::carry(const Pose& X) {
   if (spec_.quantity != Quantity::pose) return;
-  // Of the segment alone: a motion on top of it moves the position only, in axes of the world, and stays.
+  // The segment is carried alone: a motion on top of it moves only the position, in world axes, and stays.
   QuinticSegment::Sample base, end;
   segment_.evaluate(t_, base);
   segment_.evaluate(std::max(t_, segment_.duration()), end);

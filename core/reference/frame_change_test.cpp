@@ -59,8 +59,7 @@ TEST(FrameChange, CarriesPoseVelocityAccelerationAndGoal) {
   }
 }
 
-// Continuous up to the velocity, within the speed limits of the input, wherever in the motion the change
-// comes.
+// Position and velocity are continuous, within the speed limits of the input, at any moment of the motion.
 TEST(FrameChange, IsContinuousInMidMotion) {
   Draw draw(32);
   for (int trial = 0; trial < 20; ++trial) {
