@@ -337,7 +337,7 @@ class RealTimeArm : public testing::Test {
   static Scene scene() { return multipanda::test::scene_of({multipanda::test::arm_named("left")}); }
 };
 
-// Back in a torque motion, if the machine was so slow that the arm stopped for want of commands.
+// Back in a torque motion, if the machine was so slow that the arm stopped without commands.
 RobotState in_torque_motion(TestProgram& program, const RobotState& state) {
   if (in_mode(state, RobotMode::move)) return state;
   if (in_mode(state, RobotMode::reflex)) {
