@@ -110,6 +110,7 @@ class MultimodeController {
   void take_stops(const Tick& tick);
   void take_waiting_starts(const Tick& tick);
   void watch_arm(ArmIndex arm, const Tick& tick);
+  void report_hold(ArmIndex arm, const Finding& finding, const Tick& tick);
   void emit(Event event, const Tick& tick);
   void emit_finding(EventKind kind, ArmIndex arm, InstanceIndex instance, const Finding& finding,
                     const Tick& tick);
@@ -142,6 +143,7 @@ class MultimodeController {
   std::size_t pending_count_ = 0;
   ArmSet handed_over_;  // arms that changed owner in this step
   std::array<double, kMaxArms> step_requested_{}, step_sent_{};
+  std::array<Intervention, kMaxArms> hold_fault_{};  // that was reported of the arm's hold
   std::array<Intervention, kMaxArms> last_cut_{};  // to log the start of an episode only
   std::array<LoopTime, kMaxArms>
       last_torque_{};  // time of the last torque of each arm, to which its rate limit is relative

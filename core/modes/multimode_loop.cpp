@@ -181,7 +181,10 @@ Verdict MultimodeController::apply_switch(const Request& request, Answer& answer
 void MultimodeController::commit(const SwitchPlan& plan) {
   active_ = (active_ & ~plan.stop) | plan.start;
   for_each(plan.start, [&](InstanceIndex i) {
-    for_each(instances_[i]->arms(), [&](ArmIndex arm) { owners_[arm].store(i, std::memory_order_release); });
+    for_each(instances_[i]->arms(), [&](ArmIndex arm) {
+      owners_[arm].store(i, std::memory_order_release);
+      hold_fault_[arm] = Intervention::none;
+    });
   });
   active_shared_.store(active_, std::memory_order_release);
 }
@@ -269,6 +272,16 @@ void MultimodeController::inspect(const Tick& tick) {
   });
 }
 
+// The hold itself failed: only the arm's own gravity compensation remains. Nobody needs to hear this of an
+// arm that takes no commands, for example in a reflex.
+void MultimodeController::report_hold(ArmIndex arm, const Finding& finding, const Tick& tick) {
+  if (!blocks_.conditions[arm].usable) return;
+  safety_.count(arm, finding.rule);
+  if (hold_fault_[arm] == finding.rule) return;
+  hold_fault_[arm] = finding.rule;
+  emit_finding(EventKind::intervention, arm, hold_of(arm), finding, tick);
+}
+
 void MultimodeController::run_controllets(const Tick& tick) {
   ticking_ = 0;
   for_each(active_, [&](InstanceIndex i) {
@@ -286,9 +299,8 @@ void MultimodeController::run_controllets(const Tick& tick) {
     }
     if (finding) {
       if (i < arm_count()) {
-        // The hold itself failed; only the arm's own gravity compensation remains.
         clear(blocks_.tau_controllet, arm, blocks_.terms[arm].joint_count());
-        safety_.count(arm, finding.rule);
+        report_hold(arm, finding, tick);
       } else {
         evict(i, arm, finding, tick, true);
       }
@@ -310,7 +322,7 @@ void MultimodeController::run_features(const Tick& tick) {
     if (!finding) return;
     if (i < arm_count()) {
       clear(blocks_.tau_feature, arm, blocks_.terms[arm].joint_count());
-      safety_.count(arm, finding.rule);
+      report_hold(arm, finding, tick);
     } else {
       evict(i, arm, finding, tick, true);
     }
