@@ -1,8 +1,8 @@
 #include "runtime/backends.hpp"
 
 #include <algorithm>
-#include <array>
 #include <arpa/inet.h>
+#include <array>
 #include <stdexcept>
 
 #include "backends/mujoco/mujoco_backend.hpp"

@@ -161,8 +161,8 @@ TEST(BackendKind, RefusesInvalidAddresses) {
 // An arm that does not wait for the run would be without commands whenever the run waits.
 TEST(RealArms, AreNotRunAsFastAsPossible) {
   const auto refusal = [](const char* address, bool paced) -> std::string {
-    const Scene scene = with_connections(
-        two_arms(), {.kind = BackendKind::as_scene, .addresses = {{"right", address}}});
+    const Scene scene =
+        with_connections(two_arms(), {.kind = BackendKind::as_scene, .addresses = {{"right", address}}});
     try {
       (void)make_backend(scene, registry(), {.kind = BackendKind::as_scene}, {.paced = paced, .report = {}});
     } catch (const std::invalid_argument& error) {
@@ -171,8 +171,8 @@ TEST(RealArms, AreNotRunAsFastAsPossible) {
     return "";
   };
   for (const char* address : {"172.16.0.2", "128.0.0.1", "12.7.0.1", "arm.example", "127.arm.example"}) {
-    EXPECT_THAT(refusal(address, false), testing::AllOf(HasSubstr("'right'"), HasSubstr(address),
-                                                        HasSubstr("Leave --fast out")));
+    EXPECT_THAT(refusal(address, false),
+                testing::AllOf(HasSubstr("'right'"), HasSubstr(address), HasSubstr("Leave --fast out")));
   }
   EXPECT_EQ(refusal("127.0.0.2", false), "");
   EXPECT_EQ(refusal("127.255.9.1", false), "");

@@ -268,17 +268,20 @@ TEST_F(SessionTest, AnUnreachableWorldIsReported) {
 TEST(SessionTimeline, AGoalOutOfReachIsRefused) {
   const Registry registry = Registry::with_builtins();
   const auto scene = [&](const char* x) {
-    return parse_scene("arms:\n  - {name: arm}\ncontrollets:\n  - {name: pose, type: cartesian_impedance, arms: arm}\n"
-                       "active: [pose]\ntimeline:\n  - {at_s: 1.5, reference: {controllet: pose, input: pose, "
-                       "position_m: [" + std::string(x) + ", 0, 0.4], rpy_rad: [pi, 0, 0]}}\n",
-                       "test.yaml", registry);
+    return parse_scene(
+        "arms:\n  - {name: arm}\ncontrollets:\n  - {name: pose, type: cartesian_impedance, arms: arm}\n"
+        "active: [pose]\ntimeline:\n  - {at_s: 1.5, reference: {controllet: pose, input: pose, "
+        "position_m: [" +
+            std::string(x) + ", 0, 0.4], rpy_rad: [pi, 0, 0]}}\n",
+        "test.yaml", registry);
   };
   for (const char* far : {"2", "5"}) {
     try {
       const Session session(scene(far), registry, {.paced = false});
       ADD_FAILURE() << "accepted " << far << " m";
     } catch (const std::invalid_argument& error) {
-      EXPECT_NE(std::string(error.what()).find("timeline at 1.5 s, 'pose'"), std::string::npos) << error.what();
+      EXPECT_NE(std::string(error.what()).find("timeline at 1.5 s, 'pose'"), std::string::npos)
+          << error.what();
       EXPECT_NE(std::string(error.what()).find("out of reach"), std::string::npos) << error.what();
     }
   }

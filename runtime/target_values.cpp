@@ -40,13 +40,13 @@ std::string beyond_reach(const std::shared_ptr<const ArmModel>& model, const Pos
   terms.update(model->q_home(), JointVector::Zero(model->q_home().size()));
   const std::size_t n = model->joint_count();
   double reach = (terms.X_WE().position - terms.X_WJ(n - 1).position).norm();
-  for (std::size_t i = 1; i < n; ++i)
-    reach += (terms.X_WJ(i).position - terms.X_WJ(i - 1).position).norm();
+  for (std::size_t i = 1; i < n; ++i) reach += (terms.X_WJ(i).position - terms.X_WJ(i - 1).position).norm();
   const double distance = (p_WE - terms.X_WJ(0).position).norm();
   if (distance <= reach) return {};
-  return fmt::format("out of reach: {:.3f} m from the first joint of arm '{}', whose end effector reaches {:.3f} m "
-                     "at most",
-                     distance, model->name(), reach);
+  return fmt::format(
+      "out of reach: {:.3f} m from the first joint of arm '{}', whose end effector reaches {:.3f} m "
+      "at most",
+      distance, model->name(), reach);
 }
 
 bool is_end_effector_pose(const Instance& instance, const InputSpec& input) {

@@ -7,7 +7,8 @@
 #include "core/testing/test_laws.hpp"
 #include "core/testing/test_world.hpp"
 
-// Requests end with their asker's patience: whoever was told that a request was not executed is right for ever.
+// Requests end with their asker's patience: whoever was told that a request was not executed is right for
+// ever.
 namespace multipanda::request_expiry_test {
 namespace {
 

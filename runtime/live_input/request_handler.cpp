@@ -15,9 +15,9 @@ namespace {
 using nlohmann::json;
 
 constexpr double kPatience = MultimodeController::kPatience;  // for the loop's answer [s]
-constexpr double kArmPatience = 5.0;      // for a backend's answer [s]
-constexpr double kGripperPatience = 600;  // for the end of a gripper's motion [s]
-constexpr double kLongest = 86400;        // of a motion [s]
+constexpr double kArmPatience = 5.0;                          // for a backend's answer [s]
+constexpr double kGripperPatience = 600;                      // for the end of a gripper's motion [s]
+constexpr double kLongest = 86400;                            // of a motion [s]
 
 // Adds the keys that every request may have.
 std::vector<std::string> with_common(std::vector<std::string> keys) {

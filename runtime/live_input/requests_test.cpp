@@ -74,8 +74,11 @@ TEST_F(RequestsTest, GoalsOutOfReachAreRefused) {
   EXPECT_EQ(ask(R"({"do":"switch","activate":["pose0"]})")["ok"], true);
   const Vector3 p_WB = fixture_.loop.models[0]->X_WB().position;
   const auto goal = [&](double distance) {
-    return json{{"do", "reference"}, {"controllet", "pose0"}, {"input", "pose"},
-                {"position_m", {p_WB.x() + distance, p_WB.y(), p_WB.z()}}, {"rpy_rad", {3.1, 0, 0}}};
+    return json{{"do", "reference"},
+                {"controllet", "pose0"},
+                {"input", "pose"},
+                {"position_m", {p_WB.x() + distance, p_WB.y(), p_WB.z()}},
+                {"rpy_rad", {3.1, 0, 0}}};
   };
   fixture_.steps(3);
   for (const double far : {2.0, 5.0}) {
