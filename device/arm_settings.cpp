@@ -1,6 +1,8 @@
 #include "device/arm_settings.hpp"
 
+#include <array>
 #include <cmath>
+#include <cstdio>
 
 #include <Eigen/Eigenvalues>
 
@@ -75,6 +77,19 @@ std::string check_load(const Load& load) {
            "exceed the sum of the others";
   }
   return {};
+}
+
+std::string check_request(const ArmRequest& request, const ArmModel& model) {
+  if (auto why = check_request(request, model.joint_count()); !why.empty()) return why;
+  const auto* set = std::get_if<SetLoad>(&request);
+  if (set == nullptr || !model.largest_load() || set->load.mass <= *model.largest_load()) return {};
+  std::array<char, 256> text;
+  std::snprintf(
+      text.data(), text.size(),
+      "a payload of %.4g kg is too heavy for arm '%s': at most %.4g kg beside hand and tool; if it can "
+      "carry more, set 'largest_load_kg' of the arm in the scene",
+      set->load.mass, model.name().c_str(), *model.largest_load());
+  return text.data();
 }
 
 std::string check_request(const ArmRequest& request, std::size_t n) {

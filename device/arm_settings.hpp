@@ -32,5 +32,8 @@ SetCollisionThresholds careful_thresholds(const ArmModel& model);
 std::string check_load(const Load& load);
 // Why a request to an arm of `joint_count` joints is invalid, or an empty string.
 std::string check_request(const ArmRequest& request, std::size_t joint_count);
+// The same for an arm of that model, whose largest load a payload may not exceed: the arm would push upwards
+// with the weight of what it does not carry.
+std::string check_request(const ArmRequest& request, const ArmModel& model);
 
 }  // namespace multipanda

@@ -115,6 +115,15 @@ Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant) {
   return X_WB;
 }
 
+double fixed_load(const SceneArm& arm, const RobotDescription& robot) {
+  return arm.tool.mass + (arm.hand && robot.hand ? rigid_hand(*robot.hand).mass : 0);
+}
+
+double largest_payload(const SceneArm& arm, const RobotDescription& robot) {
+  const auto& most = arm.largest_load ? arm.largest_load : robot.rated_payload;
+  return most ? std::max(0.0, *most - fixed_load(arm, robot)) : 0;
+}
+
 namespace {
 
 // Behind a loopback address there is a virtual arm, whose motors are those of its model file.
@@ -146,6 +155,7 @@ ArmModelSource model_source(const SceneArm& arm) {
     source.known_friction = JointFrictionTable{robot.friction->p1, robot.friction->p2, robot.friction->p3};
   }
   source.tool = arm.tool;
+  source.largest_load = largest_payload(arm, robot);
   source.motor_inertia = motor_inertia_of(arm, robot);
   return source;
 }

@@ -25,6 +25,11 @@ RobotDescription plant_robot_of(const SceneArm& arm);
 // Pose of its base in the plant: X_WB, turned by the tilt of `plant`.
 Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant);
 
+// Masses that count towards the largest load: of hand and tool, and what remains for a declared payload [kg].
+// Nothing remains if neither the scene nor the model says what the arm may carry.
+double fixed_load(const SceneArm& arm, const RobotDescription& robot);
+double largest_payload(const SceneArm& arm, const RobotDescription& robot);
+
 // The controllers' model of the arm: links and hand; tool and declared load come with the ArmState
 // (arm_config). `limits` are those of the model file; those of the scene are in SceneArm::safety.
 std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm);
