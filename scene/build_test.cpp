@@ -58,6 +58,30 @@ TEST(Build, WithoutHandTheFlangeIsTheEndEffector) {
   EXPECT_EQ(frames(", end_effector: {position_m: [0, 0, 0.3]}").X_FE.position.z(), 0.3);
 }
 
+// What a request may declare as payload: 3 kg less hand (0.6544 + 2 x 0.0291 kg) and tool, or what the scene says.
+TEST(Build, LargestLoadIsWhatTheModelIsRatedFor) {
+  const Registry registry = Registry::with_builtins();
+  const auto arm = [&](const std::string& more) {
+    return parse_scene("arms:\n  - {name: left" + more + "}\n", "s.yaml", registry).arms[0];
+  };
+  const auto most = [&](const std::string& more) { return build_arm_model(arm(more))->largest_load().value(); };
+  for (const char* model : {"fer", "fer_maker", "fr3", "fr3v2"}) {
+    EXPECT_NEAR(most(std::string(", model: ") + model), 3 - 0.7126, 1e-12);
+    EXPECT_EQ(most(std::string(", hand: false, model: ") + model), 3);
+  }
+  EXPECT_NEAR(most(", tool: {mass_kg: 1.5}"), 3 - 0.7126 - 1.5, 1e-12);
+  EXPECT_NEAR(most(", largest_load_kg: 5"), 5 - 0.7126, 1e-12);
+  EXPECT_EQ(arm(", largest_load_kg: 2").loosened.size(), 0u);
+  ASSERT_EQ(arm(", largest_load_kg: 5").loosened.size(), 1u);
+  EXPECT_EQ(arm(", largest_load_kg: 5").loosened[0], "largest_load_kg: 5 kg, the model is rated for 3 kg");
+  // A model without a rating carries nothing until the scene says what it can.
+  const std::string ur = ", hand: false, model: " MULTIPANDA_SOURCE_DIR "/tests/models/ur5e.yaml";
+  EXPECT_EQ(most(ur), 0);
+  EXPECT_EQ(most(ur + ", largest_load_kg: 5"), 5);
+  EXPECT_THROW(arm(ur + ", load_declared: {mass_kg: 1}"), std::invalid_argument);
+  EXPECT_EQ(arm(ur + ", largest_load_kg: 5, load_declared: {mass_kg: 1}").load_declared.mass, 1);
+}
+
 TEST(Build, UsesKnownFrictionOnlyWhenTheSceneDeclaresIt) {
   const Registry registry = Registry::with_builtins();
   const auto model = [&](const std::string& more) {
@@ -71,30 +95,6 @@ TEST(Build, UsesKnownFrictionOnlyWhenTheSceneDeclaresIt) {
   EXPECT_EQ(knowing->known_friction()->p3[2], -0.046070);
 }
 
-TEST(Build, BuildsCycleAndScheduleOfEveryShippedScene) {
-  for (const auto& name : available_scenes()) {
-    const OpenedScene opened = open_scene(name);
-    StillBackend backend(opened.scene.arms.size());
-    ControlCycle cycle(build_cycle_config(opened.scene), opened.registry, backend);
-    const auto schedule = build_schedule(opened.scene, cycle.modes());
-    auto timeline = opened.scene.timeline;
-    std::erase_if(timeline, [](const auto& event) { return event.what == TimelineEvent::What::place; });
-    ASSERT_EQ(schedule.size(), timeline.size()) << name;
-    const InstanceSet start = start_set(opened.scene, cycle.modes());
-    EXPECT_EQ(static_cast<std::size_t>(std::popcount(start)), opened.scene.active.size()) << name;
-    EXPECT_NO_THROW(cycle.modes().activate_at_start(start)) << name;
-    for (std::size_t i = 0; i < schedule.size(); ++i) {
-      EXPECT_NEAR(schedule[i].at.seconds(), timeline[i].at_s, 1e-9);
-    }
-  }
-}
-
-// Fixed objects are obstacles, free ones are not; tools collide behind the last joint.
-TEST(Build, ModelsHaveTheObstaclesOfTheScene) {
-  const Registry registry = Registry::with_builtins();
-  const Scene scene = parse_scene(
-      "arms:\n"
-      "  - {name: a, tool_shapes: [{shape: sphere, diameter_m: 0.04, position_m: [0, 0, 0.2]},\n"
 // Holds, features and checks of goals read the limits of the controllers' model; the plant keeps its own.
 TEST(Build, TightenedLimitsReachTheControllers) {
   const Registry registry = Registry::with_builtins();
@@ -161,6 +161,30 @@ TEST(Build, DampingIsBoundedByTheInertiaOfTheArm) {
   }
 }
 
+TEST(Build, BuildsCycleAndScheduleOfEveryShippedScene) {
+  for (const auto& name : available_scenes()) {
+    const OpenedScene opened = open_scene(name);
+    StillBackend backend(opened.scene.arms.size());
+    ControlCycle cycle(build_cycle_config(opened.scene), opened.registry, backend);
+    const auto schedule = build_schedule(opened.scene, cycle.modes());
+    auto timeline = opened.scene.timeline;
+    std::erase_if(timeline, [](const auto& event) { return event.what == TimelineEvent::What::place; });
+    ASSERT_EQ(schedule.size(), timeline.size()) << name;
+    const InstanceSet start = start_set(opened.scene, cycle.modes());
+    EXPECT_EQ(static_cast<std::size_t>(std::popcount(start)), opened.scene.active.size()) << name;
+    EXPECT_NO_THROW(cycle.modes().activate_at_start(start)) << name;
+    for (std::size_t i = 0; i < schedule.size(); ++i) {
+      EXPECT_NEAR(schedule[i].at.seconds(), timeline[i].at_s, 1e-9);
+    }
+  }
+}
+
+// Fixed objects are obstacles, free ones are not; tools collide behind the last joint.
+TEST(Build, ModelsHaveTheObstaclesOfTheScene) {
+  const Registry registry = Registry::with_builtins();
+  const Scene scene = parse_scene(
+      "arms:\n"
+      "  - {name: a, tool_shapes: [{shape: sphere, diameter_m: 0.04, position_m: [0, 0, 0.2]},\n"
       "                            {shape: box, size_m: [0.06, 0.04, 0.02], position_m: [0, 0, 0.1]}]}\n"
       "  - {name: b, hand: false, base: {position_m: [0, 1, 0]}}\n"
       "objects:\n"
