@@ -261,7 +261,7 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
     }
   }
   archive(Key("model",
-              "A robot of models/ (`fer`, `fer_maker`, `fr3`), or the path of a model file, relative to this "
+              "A robot of models/ (`fer`, `fer_maker`, `fr3`, `fr3v2`), or the path of a model file, relative to this "
               "file.")
               .like(available_robots()),
           arm.model);

@@ -11,18 +11,13 @@ namespace {
 // limits of torque and rate never act, and nothing swings by a millimeter. All 200 goals run with --full,
 // otherwise a tenth.
 TEST(Quiet, GoalsWithinTheRange) {
-  const bool full = std::getenv("MULTIPANDA_FULL") != nullptr, all = std::getenv("QUIET_PRINT") != nullptr;
+  const bool full = std::getenv("MULTIPANDA_FULL") != nullptr;
   constexpr std::uint32_t kGoals = 200;
   int pushed = 0, count = 0;
   for (std::uint32_t k = 0; k < (full ? kGoals : kGoals / 10); ++k) {
     const std::uint32_t seed = full ? k : 7 * k;  // all places, plants, robots and tilts
     const Goal goal = draw(seed);
     const Outcome outcome = run(goal);
-    if (all) {
-      std::printf("%3u %-32s swing %7.3f mm, %6lu %s, off %5.1f mm, %5.1f N\n", seed, goal.name.c_str(),
-                  1e3 * outcome.swing, static_cast<unsigned long>(outcome.interventions), outcome.first.c_str(),
-                  1e3 * outcome.offset, outcome.force);
-    }
     EXPECT_LT(outcome.swing, 1e-3) << seed << " " << goal.name;
     EXPECT_EQ(outcome.interventions, 0u) << seed << " " << goal.name << ": " << outcome.first;
     pushed += outcome.force > 0.5;
