@@ -115,7 +115,8 @@ TEST(Robots, HaveThePublishedFigures) {
 }
 
 TEST(Robots, ConsistOfPhysicalBodies) {
-  for (const std::string& name : {std::string("fer"), std::string("fer_maker"), std::string("fr3"), std::string("fr3v2"), kUr5e}) {
+  for (const std::string& name :
+       {std::string("fer"), std::string("fer_maker"), std::string("fr3"), std::string("fr3v2"), kUr5e}) {
     const RobotDescription robot = load_robot(name);
     ASSERT_EQ(robot.links.size(), robot.joint_count() + 1);
     for (const auto& link : robot.links) EXPECT_GT(smallest_pseudo_inertia(link), 0) << name;

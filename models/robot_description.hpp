@@ -138,7 +138,7 @@ struct RobotDescription {
   JointVector motor_inertia;                  // seen at the joint, before the torque sensor [kg m^2] (n x 1)
   Eigen::Vector2d base_tilt = Eigen::Vector2d::Zero();  // true base in B: Ry(second) Rx(first) [rad]
   std::optional<double> rated_payload;  // everything that the flange may carry, hand and tool included [kg]
-  JointVector q_home;                                   // the `ready` configuration [rad]
+  JointVector q_home;                   // the `ready` configuration [rad]
 
   std::vector<Capsule> capsules;  // of the links, not of the hand
   std::vector<std::pair<std::string, std::string>>

@@ -182,7 +182,8 @@ std::string whole_text(const RobotDescription& robot, const RobotDescription& ba
   }
   if (robot.base_tilt != base.base_tilt) text += "base_tilt_rad: " + list(robot.base_tilt) + "\n";
   if (robot.rated_payload != base.rated_payload) {
-    text += "rated_payload_kg: " + (robot.rated_payload ? exact(*robot.rated_payload) : std::string("none")) + "\n";
+    text += "rated_payload_kg: " + (robot.rated_payload ? exact(*robot.rated_payload) : std::string("none")) +
+            "\n";
   }
   if (!same(robot.q_home, base.q_home)) text += "home_rad: " + list(robot.q_home) + "\n";
   return text;

@@ -58,13 +58,15 @@ TEST(Build, WithoutHandTheFlangeIsTheEndEffector) {
   EXPECT_EQ(frames(", end_effector: {position_m: [0, 0, 0.3]}").X_FE.position.z(), 0.3);
 }
 
-// What a request may declare as payload: 3 kg less hand (0.6544 + 2 x 0.0291 kg) and tool, or what the scene says.
+// Largest declared payload: 3 kg less hand (0.6544 + 2 x 0.0291 kg) and tool, or the scene's own limit.
 TEST(Build, LargestLoadIsWhatTheModelIsRatedFor) {
   const Registry registry = Registry::with_builtins();
   const auto arm = [&](const std::string& more) {
     return parse_scene("arms:\n  - {name: left" + more + "}\n", "s.yaml", registry).arms[0];
   };
-  const auto most = [&](const std::string& more) { return build_arm_model(arm(more))->largest_load().value(); };
+  const auto most = [&](const std::string& more) {
+    return build_arm_model(arm(more))->largest_load().value();
+  };
   for (const char* model : {"fer", "fer_maker", "fr3", "fr3v2"}) {
     EXPECT_NEAR(most(std::string(", model: ") + model), 3 - 0.7126, 1e-12);
     EXPECT_EQ(most(std::string(", hand: false, model: ") + model), 3);

@@ -137,8 +137,9 @@ class CollisionAvoidance final : public Feature {
     double force = stiffness * range * w.force;
     if (opening < 0) {
       const bool itself = a.arm == b.arm && to_a.size() > 0 && to_b.size() > 0;
-      const double mobility = itself ? mobility_along(context, a.arm, to_a - to_b)
-                                     : mobility_along(context, a.arm, to_a) + mobility_along(context, b.arm, to_b);
+      const double mobility =
+          itself ? mobility_along(context, a.arm, to_a - to_b)
+                 : mobility_along(context, a.arm, to_a) + mobility_along(context, b.arm, to_b);
       const double most = mobility > 0 ? kDampingRate / mobility : 0;
       force -= std::min(parameters.number(kDamping), most) * std::min(x, 1.0) * opening;
     }
@@ -177,7 +178,7 @@ class CollisionAvoidance final : public Feature {
   }
 
   CollisionPairs pairs_;
-  std::array<std::size_t, kMaxArms> slot_;  // of each arm in context.arms
+  std::array<std::size_t, kMaxArms> slot_;    // of each arm in context.arms
   std::array<JointMatrix, kMaxArms> factor_;  // of each arm's mass matrix, lower half
   ArmSet factored_;                           // arms whose factor is this cycle's
   std::size_t nearest_ = 0;

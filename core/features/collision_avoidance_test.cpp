@@ -218,12 +218,13 @@ TEST(CollisionAvoidance, TorqueDoesNotDependOnThePoseOfTheWorld) {
 // The distance at which a pair has that force.
 double distance_of(double force) {
   double near = -1, far = kRange;
-  for (int round = 0; round < 80; ++round) (pair_force(0.5 * (near + far)) > force ? near : far) = 0.5 * (near + far);
+  for (int round = 0; round < 80; ++round)
+    (pair_force(0.5 * (near + far)) > force ? near : far) = 0.5 * (near + far);
   return far;
 }
 
-// The damping dissipates energy of both arms together, is zero while the gap opens, and linear in the speed. It
-// is bounded by the mass that both arms' points have along the normal.
+// The damping dissipates energy of both arms together, is zero while the gap opens, and linear in the speed.
+// It is bounded by the mass that both arms' points have along the normal.
 TEST(CollisionAvoidance, DampsApproachOnly) {
   Draw draw(64);
   const Models models = made_up();

@@ -53,8 +53,8 @@ Vector3 nearest_of_core(const ConvexShape& B, const Vector3& p) {
   }
 }
 
-// A straight core and any other one. The derivative along the core, n . half + 2 e x, grows with x: its zero, or
-// an end.
+// A straight core and any other one. The derivative along the core, n . half + 2 e x, grows with x: its zero,
+// or an end.
 Closest segment_to_core(const Core& A, double radius_a, const ConvexShape& B, const Pose& X_WB,
                         const Closest& exact) {
   const Pose X_BW = X_WB.inverse();
@@ -116,7 +116,9 @@ Closest box_to_half_space(const ConvexShape& A, const Pose& X_WA, const Pose& X_
 }
 
 bool straight(const ConvexShape& shape) { return shape.kind == Kind::capsule; }
-bool point_like(const ConvexShape& shape) { return shape.kind == Kind::capsule || shape.kind == Kind::sphere; }
+bool point_like(const ConvexShape& shape) {
+  return shape.kind == Kind::capsule || shape.kind == Kind::sphere;
+}
 
 Closest with_bodies_swapped(const Closest& c) { return {c.distance, c.p_B, c.p_A, -c.normal}; }
 
@@ -175,7 +177,8 @@ Closest smooth_points(const ConvexShape& A, const Pose& X_WA, const ConvexShape&
     }
     return A.kind == Kind::box ? box_to_half_space(A, X_WA, X_WB) : exact;
   }
-  if (A.kind == Kind::half_space) return with_bodies_swapped(smooth_points(B, X_WB, A, X_WA, with_bodies_swapped(exact)));
+  if (A.kind == Kind::half_space)
+    return with_bodies_swapped(smooth_points(B, X_WB, A, X_WA, with_bodies_swapped(exact)));
   if (!(core_gap(exact, A.radius, B.radius) > kSmoothCores)) return exact;
   if (point_like(A) && point_like(B)) {
     const Vector3 a0 = X_WA * A.p0, a1 = straight(A) ? Vector3(X_WA * A.p1) : a0;

@@ -72,7 +72,8 @@ TEST(SmoothDistance, IsTheMinimumOfItsDefinition) {
         const double exact = pair.exact().distance;
         const Closest smooth = pair.smooth();
         const double searched = test::smooth_reference(pair.A, pair.X_WA, pair.B, pair.X_WB);
-        ASSERT_NEAR(smooth.distance, searched, 1e-7) << static_cast<int>(a) << " " << static_cast<int>(b) << " " << trial;
+        ASSERT_NEAR(smooth.distance, searched, 1e-7)
+            << static_cast<int>(a) << " " << static_cast<int>(b) << " " << trial;
         ASSERT_LE(smooth.distance, exact + 1e-8);
         ASSERT_GE(smooth.distance, exact - 3 * kEven);
         ASSERT_NEAR(smooth.normal.norm(), 1, 1e-9);
@@ -89,7 +90,8 @@ TEST(SmoothDistance, ChangesAsItsPointsMove) {
   Draw draw(142);
   for (const Kind b : {Kind::capsule, Kind::half_space, Kind::box, Kind::vertices, Kind::sphere}) {
     for (int trial = 0; trial < 60; ++trial) {
-      const Near pair = some_pair(draw, trial % 4 == 0 ? Kind::box : Kind::capsule, b, draw.uniform(0.005, 0.05));
+      const Near pair =
+          some_pair(draw, trial % 4 == 0 ? Kind::box : Kind::capsule, b, draw.uniform(0.005, 0.05));
       if (pair.A.kind == Kind::box && b != Kind::half_space && b != Kind::capsule) continue;
       const Closest c = pair.smooth();
       const Vector3 v = draw.vector3(1), w = draw.vector3(3);
@@ -106,8 +108,8 @@ TEST(SmoothDistance, ChangesAsItsPointsMove) {
   }
 }
 
-// A capsule rocks above a plane, a box and another capsule. Its closest point jumps from end to end; the smooth
-// one moves by at most h (h / 2e) per radian, and the distance changes nowhere faster.
+// A capsule rocks above a plane, a box and another capsule. Its closest point jumps from end to end; the
+// smooth one moves by at most h (h / 2e) per radian, and the distance changes nowhere faster.
 TEST(SmoothDistance, PointsMoveContinuously) {
   Draw draw(143);
   constexpr double h = 0.05, step = 1e-4;

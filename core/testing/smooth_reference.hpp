@@ -23,7 +23,8 @@ inline double preference(double half_length, double x) {
   return std::min(kEven, half_length / 4) * (x * x - 1);
 }
 
-inline double smooth_reference(const ConvexShape& A, const Pose& X_WA, const ConvexShape& B, const Pose& X_WB) {
+inline double smooth_reference(const ConvexShape& A, const Pose& X_WA, const ConvexShape& B,
+                               const Pose& X_WB) {
   using Kind = ConvexShape::Kind;
   const auto swap = [&] { return smooth_reference(B, X_WB, A, X_WA); };
   const auto plain = [](const ConvexShape& a, const Pose& X_a, const ConvexShape& b, const Pose& X_b) {

@@ -27,7 +27,8 @@ class Dice {
   std::mt19937 engine_;
 };
 
-SceneArm franka(const std::string& name, const std::string& model, const Pose& X_WB, Dice& dice, double spread) {
+SceneArm franka(const std::string& name, const std::string& model, const Pose& X_WB, Dice& dice,
+                double spread) {
   SceneArm arm;
   arm.name = name;
   arm.model = model;
@@ -114,8 +115,8 @@ void between_walls(Goal& goal, const std::string& model, bool flat, Dice& dice) 
   goal.X_goal = {hand_down(arm, 0, flat, dice), X_WS * to};
 }
 
-// Largest peak to peak of any coordinate about its own straight line: on the realistic plant, friction lets arms creep
-// to rest for many seconds, which is no oscillation.
+// Largest peak to peak of any coordinate about its own straight line: on the realistic plant, friction lets
+// arms creep to rest for many seconds, which is no oscillation.
 double swing_of(const std::vector<Eigen::Matrix<double, 9, 1>>& points) {
   const auto n = static_cast<double>(points.size());
   Eigen::Matrix<double, 9, 1> mean, slope, low, high;
@@ -151,8 +152,8 @@ Goal draw(std::uint32_t seed) {
   const std::string model = fr3 ? "fr3" : "fer";
   const std::array builders{over_table, beside_an_arm, between_walls};
   builders[seed % kPlaces](goal, model, flat, dice);
-  goal.name = std::string(std::array{"table", "beside", "walls"}[seed % kPlaces]) + ", " + goal.scene.plant.name +
-              ", " + model + (flat ? ", flat" : "");
+  goal.name = std::string(std::array{"table", "beside", "walls"}[seed % kPlaces]) + ", " +
+              goal.scene.plant.name + ", " + model + (flat ? ", flat" : "");
   InstanceConfig law{.name = "law", .type = "cartesian_impedance", .arms = {0}};
   law.features = {"collision_avoidance"};
   goal.scene.controllets = {law};

@@ -23,7 +23,8 @@ Goal draw(std::uint32_t seed);
 struct Outcome {
   std::uint64_t interventions = 0;  // of any kind, both arms
   std::string first;                // the first kind, if any
-  double swing = 0;   // in the last second: largest peak to peak of the hand's middle and sides about their drift [m]
+  double swing =
+      0;  // in the last second: largest peak to peak of the hand's middle and sides about their drift [m]
   double offset = 0;  // of the end effector from its goal at the end [m]
   double force = 0;   // largest of a pair at the end [N]
 };
