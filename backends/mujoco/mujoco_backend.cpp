@@ -38,8 +38,7 @@ Capabilities MujocoBackend::capabilities(ArmIndex arm) const {
           .has_external_torque = false,
           .has_contact_truth = true,
           .has_gripper = plant_.has_gripper(arm),
-          .has_vacuum = plant_.has_vacuum(arm),
-          .every_command_arrives = true};
+          .has_vacuum = plant_.has_vacuum(arm)};
 }
 
 void MujocoBackend::start() {
@@ -100,7 +99,7 @@ void MujocoBackend::advance() {
 
 std::future<RequestAnswer> MujocoBackend::request(ArmIndex arm, ArmRequest request) {
   if (arm >= arm_count()) return refuse_request(no_such_arm(arm, arm_count()));
-  if (auto why = check_request(request, plant_.arm(arm).model()); !why.empty())
+  if (auto why = check_request(request, plant_.arm(arm).joint_count()); !why.empty())
     return refuse_request(std::move(why));
   return requests_.post({.arm = arm, .request = std::move(request)});
 }

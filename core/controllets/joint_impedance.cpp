@@ -1,6 +1,5 @@
 #include "core/controllets/joint_impedance.hpp"
 
-#include "core/controllets/bearable_damping.hpp"
 #include "core/controllets/damping_design.hpp"
 
 namespace multipanda {
@@ -8,8 +7,6 @@ namespace {
 
 class JointImpedance final : public Controllet {
  public:
-  explicit JointImpedance(ArmModels arms) : model_(arms[0]) {}
-
   static ControlletDescriptor descriptor() {
     return {
         .type = "joint_impedance",
@@ -39,15 +36,10 @@ class JointImpedance final : public Controllet {
                  .size = ParameterSpec::kPerJoint,
                  .initial = {2, 2, 2, 1, 1, 1, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5},
                  .max = 50,
-                 .doc = "Joint damping D if damping_design is 'given'; at most what the inertia of the "
-                        "joint bears at 1 kHz."})),
+                 .doc = "Joint damping D if damping_design is 'given'."})),
         .outputs = spec_table<kOutputCount>(
             output_at<kLargestError>("largest_error_rad", "Largest |q_d - q| of all joints."),
             output_at<kLargestTorque>("largest_torque_nm", "Largest |tau| of all joints."))};
-  }
-
-  void bound_parameters(ParameterSet& parameters) const override {
-    bound_damping(*model_, kDamping, parameters);
   }
 
   LawResult start(ControlContext&) override { return LawResult::ok; }
@@ -94,8 +86,6 @@ class JointImpedance final : public Controllet {
   };
   enum Output : std::size_t { kLargestError, kLargestTorque, kOutputCount };
   enum DampingDesign : std::size_t { kCoupled, kDiagonal };  // otherwise given
-
-  std::shared_ptr<const ArmModel> model_;
 };
 
 }  // namespace

@@ -23,7 +23,6 @@ struct ArmConnectionOptions {
   std::uint16_t port = kArmPort;
   int version = 0;  // of the protocol, 4 to 10; 0: the newest that the arm supports
   double connect_timeout_s = 1;
-  double state_timeout_s = 1;      // of every wait for a state
   double reply_timeout_s = 3;      // of every request but the next two
   double recovery_timeout_s = 15;  // the brakes may have to open
   double model_timeout_s = 10;
@@ -50,8 +49,7 @@ class ArmConnection {
   explicit ArmConnection(ArmConnectionOptions options);
 
   // --- connection ---
-  // Connects, agrees on a version and waits for the first state. A version that the arm offered is tried
-  // first the next time.
+  // Connects, agrees on a version and waits for the first state.
   void connect();
   void close() noexcept;
   bool is_connected() const { return channel_.is_open(); }
@@ -60,14 +58,12 @@ class ArmConnection {
   const std::string& name() const { return options_.name; }
 
   // --- states, for the requests' thread ---
-  // Waits for a state newer than the last one seen here. Throws after `timeout_s`; none, here and below:
-  // ArmConnectionOptions::state_timeout_s.
-  const RobotState& next_state(std::optional<double> timeout_s = {});
+  // Waits for a state newer than the last one seen here. Throws after `timeout_s`.
+  const RobotState& next_state(double timeout_s = 1);
   const RobotState& last_state() const { return seen_; }
   const RobotState& look();  // the newest state, without waiting; message_id 0: none yet
   // Waits until a state meets the condition; false: timeout.
-  bool wait_for_state(const std::function<bool(const RobotState&)>& condition,
-                      std::optional<double> timeout_s = {});
+  bool wait_for_state(const std::function<bool(const RobotState&)>& condition, double timeout_s = 1);
 
   // --- settings; most arms take them only while no motion runs ---
   // Thresholds [N m], [N, N m]: the arm reports contact above the lower ones and stops above the upper ones.
@@ -96,7 +92,7 @@ class ArmConnection {
   // only, in every version. Throws std::invalid_argument for an unknown combination.
   void start_motion(const MotionRequest& request);
   // Waits until a state shows the started motion; throws if the motion ended before.
-  void wait_until_running(std::optional<double> timeout_s = {});
+  void wait_until_running(double timeout_s = 1);
   bool has_motion() const {
     return motion_.has_value();
   }  // a motion was started and its end is not yet known
@@ -134,7 +130,6 @@ class ArmConnection {
   Status status_of_reply(Command command, const TcpChannel::Reply& reply, std::span<const std::byte>& rest);
   [[noreturn]] void refuse(ConnectionError::Kind kind, const std::string& text) const;
   bool try_version(int version, int& offered);
-  bool try_offered_version(int version, int& offered);
   bool look_for_state(double timeout_s);
   MotionOutcome outcome(Status status) const;
 
@@ -142,7 +137,6 @@ class ArmConnection {
   TcpChannel channel_;
   UdpPort port_;
   const Dialect* dialect_ = nullptr;
-  int spoken_version_ = 0;           // by the arm in an earlier connection; 0: not known
   TripleBuffer<RobotState> copies_;  // loop -> requests
   RobotState seen_;                  // by the requests' thread
 

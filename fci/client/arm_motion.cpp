@@ -94,9 +94,8 @@ void ArmConnection::start_motion(const MotionRequest& request) {
   refuse(ConnectionError::Kind::refused, "start a motion: " + why);
 }
 
-void ArmConnection::wait_until_running(std::optional<double> timeout_s) {
+void ArmConnection::wait_until_running(double timeout_s) {
   const HostTime begun = host_now();
-  const double longest = timeout_s.value_or(options_.state_timeout_s);
   while (motion_) {
     if (seen_.motion_generator_mode == static_cast<std::uint8_t>(motion_->generator) &&
         seen_.controller_mode == static_cast<std::uint8_t>(motion_->controller)) {
@@ -105,7 +104,7 @@ void ArmConnection::wait_until_running(std::optional<double> timeout_s) {
     if (const auto end = poll_motion()) {
       refuse(ConnectionError::Kind::aborted, "the motion ended before it started: " + end->text);
     }
-    const double left = longest - seconds(host_now() - begun);
+    const double left = timeout_s - seconds(host_now() - begun);
     if (left <= 0)
       refuse(ConnectionError::Kind::timeout, "it accepted a motion, but its state does not show it");
     (void)look_for_state(std::min(left, 0.05));
@@ -167,9 +166,6 @@ void ArmConnection::stop() {
   (void)ask(StopMoveRequest{}, "stop", options_.reply_timeout_s);
   (void)wait_for_state(is_idle);
   (void)poll_motion();
-  if (!motion_) return;
-  channel_.forget(motion_->command_id);  // its end may be reported later, or never
-  motion_.reset();
 }
 
 void ArmConnection::mark_finished(const Dialect& dialect, bool has_generator,

@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
 """Tests unmodified pylibfranka (FR3, protocol 10) with virtual arms: pylibfranka_test.py PROGRAM [TEST...]
 
-Tests run in lock-step, so that no result depends on the machine's speed. Those in real time expect that the machine
-stands still for a while: the arm then stops, is recovered, and the loop continues.
+Tests run in lock-step, so that no result depends on the machine's speed; one loop in real time prints its figures.
 """
 
 import math
@@ -13,7 +12,7 @@ import unittest
 
 import numpy as np
 import pylibfranka as franka
-from virtual_arms import HERE, PATIENCE_S, VirtualArms
+from virtual_arms import HERE, VirtualArms
 
 PROGRAM = ""
 SCENE = HERE / "two_generations.yaml"
@@ -22,18 +21,6 @@ BOTH = [franka.ControllerMode.JointImpedance, franka.ControllerMode.CartesianImp
 
 def connect(address):
     return franka.Robot(address, franka.RealtimeConfig.kIgnore)
-
-
-def connect_patiently(address):
-    """libfranka waits 1 s for a state: a machine that stood still for longer deserves another try."""
-    give_up = time.monotonic() + PATIENCE_S
-    while True:
-        try:
-            return connect(address)
-        except franka.NetworkException:
-            if time.monotonic() > give_up:
-                raise
-            time.sleep(0.1)
 
 
 def pose_of(values):
@@ -108,13 +95,11 @@ class Reading(Arms):
                 state.NE_T_EE,
             ):
                 rotation = pose_of(pose)[:3, :3]
-                np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=5e-5)  # frames are rounded
+                np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-6)
             np.testing.assert_allclose(state.O_T_EE_c, state.O_T_EE, atol=1e-3)
             np.testing.assert_allclose(state.tau_ext_hat_filtered, np.zeros(7), atol=0.05)
             np.testing.assert_allclose(state.O_F_ext_hat_K, np.zeros(6), atol=0.2)
-            self.assertAlmostEqual(state.m_ee, 0.73, places=6)  # as arms declare the hand
-            np.testing.assert_allclose(state.F_x_Cee, [-0.01, 0, 0.03], atol=1e-7)
-            self.assertAlmostEqual(state.F_T_NE[0], 0.7071, places=6)
+            self.assertAlmostEqual(state.m_ee, 0.7126, delta=0.05)  # hand and fingers, Franka's figures
             self.assertEqual(state.elbow[1], -1.0 if state.q[3] <= -0.467002423653011 else 1.0)
 
     def test_time_advances_by_milliseconds(self):
@@ -134,8 +119,7 @@ class ModelOfTheArm(Arms):
         for name in self.names:
             robot = self.robot(name)
             model, state = robot.load_model(), robot.read_once()
-            # The declared hand (0.73 kg) and the mounted one (0.7126 kg, 14 g m apart) differ by up to 0.29 N m.
-            np.testing.assert_allclose(model.gravity(state), state.tau_J, atol=0.3)
+            np.testing.assert_allclose(model.gravity(state), state.tau_J, atol=0.02)
 
     def test_jacobian_is_the_derivative_of_the_pose(self):
         robot = self.robot()
@@ -178,7 +162,7 @@ class ModelOfTheArm(Arms):
             control.writeOnce(command)
         np.testing.assert_allclose(mass, mass.T, atol=1e-9)
         self.assertGreater(energy, 0.05)
-        self.assertAlmostEqual(energy, done, delta=0.04 * energy)  # the declared hand is not the mounted one
+        self.assertAlmostEqual(energy, done, delta=0.02 * energy)
 
 
 class TorqueControl(Arms):
@@ -457,7 +441,7 @@ class Faults(unittest.TestCase):
         arms.process.kill()
         began = time.monotonic()
         with self.assertRaises((franka.NetworkException, franka.ControlException)):
-            while time.monotonic() - began < PATIENCE_S:
+            while time.monotonic() - began < 10:
                 control.readOnce()
                 control.writeOnce(franka.Torques([0.0] * 7))
         arms.close(expected=-9)
@@ -484,15 +468,14 @@ class Faults(unittest.TestCase):
             torque_loop(robot.start_torque_control(), 100, zero)
 
     def test_a_program_that_pauses_loses_its_arm(self):
-        """It pauses again and again: in one of the pauses the arms' process may itself get no time."""
         with VirtualArms(PROGRAM, SCENE, ["panda", "fr3"], "realtime") as arms:
-            robot = connect_patiently(arms.address["fr3"])
+            robot = connect(arms.address["fr3"])
             control = robot.start_torque_control()
             with self.assertRaises(franka.ControlException) as caught:
-                for n in range(20000):
+                for n in range(2000):
                     control.readOnce()
                     control.writeOnce(franka.Torques([0.0] * 7))
-                    if n % 200 == 199:
+                    if n == 200:
                         time.sleep(0.05)
             self.assertIn("communication_constraints_violation", str(caught.exception))
             del control
@@ -500,43 +483,32 @@ class Faults(unittest.TestCase):
 
 
 class RealTime(unittest.TestCase):
-    """What a loop that was late, or received nothing for a while, meets; nothing else may stop it."""
-
-    CYCLES = 5000
-
-    def test_five_thousand_cycles(self):
+    def test_ten_seconds(self):
+        """On a busy machine the arm may stop: the loop recovers it and continues."""
         with VirtualArms(PROGRAM, SCENE, ["panda", "fr3"], "realtime") as arms:
-            robot = connect_patiently(arms.address["fr3"])
+            robot = connect(arms.address["fr3"])
             q = np.array(robot.read_once().q)
-            law, cycles, since_start, rates, lost, state = spring(q), 0, 0, [], 0, None
-            control, began = None, time.monotonic()
-            give_up = began + 4 * PATIENCE_S
-            while cycles < self.CYCLES and time.monotonic() < give_up:
+            law, cycles, rates, lost = spring(q), 0, [], 0
+            control, began = robot.start_torque_control(), time.monotonic()
+            while time.monotonic() - began < 10:
                 try:
-                    if control is None:
-                        if robot.read_once().robot_mode == franka.RobotMode.Reflex:
-                            robot.automatic_error_recovery()
-                        control, since_start = robot.start_torque_control(), 0
                     state, _ = control.readOnce()
-                    control.writeOnce(franka.Torques(law(state, since_start)))  # fades in after every start
-                    cycles, since_start = cycles + 1, since_start + 1
+                    control.writeOnce(franka.Torques(law(state, cycles)))
+                    cycles += 1
                     rates.append(state.control_command_success_rate)
                 except franka.ControlException as error:
-                    # After answers that came too late the next one may also be too far from the last that arrived.
-                    reasons = ["communication_constraints_violation", "controller_torque_discontinuity"]
-                    self.assertTrue(any(reason in str(error) for reason in reasons), str(error))
-                    lost, control = lost + 1, None
-                except franka.NetworkException:
-                    lost, control, robot = lost + 1, None, None
-                    robot = connect_patiently(arms.address["fr3"])
+                    self.assertIn("communication_constraints_violation", str(error))
+                    lost += 1
+                    del control
+                    robot.automatic_error_recovery()
+                    control = robot.start_torque_control()
             print(
-                f"\n  {cycles} cycles in real time in {time.monotonic() - began:.1f} s, success rate median "
-                f"{np.median(rates[100:]):.2f}, lowest {min(rates[100:]):.2f}, lost {lost} times",
+                f"\n  10 s in real time: {cycles} cycles, success rate median {np.median(rates[100:]):.2f}, "
+                f"lowest {min(rates[100:]):.2f}, lost {lost} times",
                 flush=True,
             )
-            self.assertEqual(cycles, self.CYCLES)
-            np.testing.assert_allclose(state.q, q, atol=1e-2)
-            del control
+            self.assertGreater(cycles, 5000)
+            np.testing.assert_allclose(state.q, q, atol=5e-3)
 
 
 if __name__ == "__main__":
