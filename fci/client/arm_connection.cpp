@@ -67,13 +67,12 @@ void ArmConnection::connect() {
     }
   }
   try {
-    (void)next_state(1);
+    (void)next_state();
   } catch (const ConnectionError&) {
     close();
-    refuse(
-        ConnectionError::Kind::timeout,
-        "it accepted the connection, but sent no state for 1 s: check that no firewall blocks UDP to port " +
-            std::to_string(port_.number()) + " of this computer");
+    refuse(ConnectionError::Kind::timeout, "it accepted the connection, but sent no state in time: check that "
+                                           "no firewall blocks UDP to port " +
+                                               std::to_string(port_.number()) + " of this computer");
   }
 }
 
@@ -142,19 +141,20 @@ const RobotState& ArmConnection::look() {
   return seen_;
 }
 
-const RobotState& ArmConnection::next_state(double timeout_s) {
-  if (!look_for_state(timeout_s)) {
+const RobotState& ArmConnection::next_state(std::optional<double> timeout_s) {
+  if (!look_for_state(timeout_s.value_or(options_.state_timeout_s))) {
     refuse(ConnectionError::Kind::timeout, "no state arrived: check cable and arm, then reconnect");
   }
   return seen_;
 }
 
 bool ArmConnection::wait_for_state(const std::function<bool(const RobotState&)>& condition,
-                                   double timeout_s) {
+                                   std::optional<double> timeout_s) {
   const HostTime begun = host_now();
+  const double longest = timeout_s.value_or(options_.state_timeout_s);
   if (seen_.message_id != 0 && condition(seen_)) return true;
   while (true) {
-    const double left = timeout_s - seconds(host_now() - begun);
+    const double left = longest - seconds(host_now() - begun);
     if (left <= 0 || !look_for_state(left)) return false;
     if (condition(seen_)) return true;
   }

@@ -23,6 +23,7 @@ struct ArmConnectionOptions {
   std::uint16_t port = kArmPort;
   int version = 0;  // of the protocol, 4 to 10; 0: the newest that the arm supports
   double connect_timeout_s = 1;
+  double state_timeout_s = 1;      // of every wait for a state
   double reply_timeout_s = 3;      // of every request but the next two
   double recovery_timeout_s = 15;  // the brakes may have to open
   double model_timeout_s = 10;
@@ -58,12 +59,14 @@ class ArmConnection {
   const std::string& name() const { return options_.name; }
 
   // --- states, for the requests' thread ---
-  // Waits for a state newer than the last one seen here. Throws after `timeout_s`.
-  const RobotState& next_state(double timeout_s = 1);
+  // Waits for a state newer than the last one seen here. Throws after `timeout_s`; none, here and below:
+  // ArmConnectionOptions::state_timeout_s.
+  const RobotState& next_state(std::optional<double> timeout_s = {});
   const RobotState& last_state() const { return seen_; }
   const RobotState& look();  // the newest state, without waiting; message_id 0: none yet
   // Waits until a state meets the condition; false: timeout.
-  bool wait_for_state(const std::function<bool(const RobotState&)>& condition, double timeout_s = 1);
+  bool wait_for_state(const std::function<bool(const RobotState&)>& condition,
+                      std::optional<double> timeout_s = {});
 
   // --- settings; most arms take them only while no motion runs ---
   // Thresholds [N m], [N, N m]: the arm reports contact above the lower ones and stops above the upper ones.
@@ -92,7 +95,7 @@ class ArmConnection {
   // only, in every version. Throws std::invalid_argument for an unknown combination.
   void start_motion(const MotionRequest& request);
   // Waits until a state shows the started motion; throws if the motion ended before.
-  void wait_until_running(double timeout_s = 1);
+  void wait_until_running(std::optional<double> timeout_s = {});
   bool has_motion() const {
     return motion_.has_value();
   }  // a motion was started and its end is not yet known

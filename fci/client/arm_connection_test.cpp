@@ -14,8 +14,18 @@ namespace {
 
 using testing::HasSubstr;
 
+// Waits that succeed early cost nothing; the whole machine may stand still for seconds.
+constexpr double kPatience = 20;
+
 ArmConnectionOptions options_for(const FakeArm& arm) {
-  return {.name = "left", .address = arm.address(), .port = arm.port(), .reply_timeout_s = 2};
+  return {.name = "left",
+          .address = arm.address(),
+          .port = arm.port(),
+          .connect_timeout_s = kPatience,
+          .state_timeout_s = kPatience,
+          .reply_timeout_s = kPatience,
+          .recovery_timeout_s = kPatience,
+          .model_timeout_s = kPatience};
 }
 
 // The message of the refusal.
@@ -73,7 +83,7 @@ TEST_P(EveryVersion, TorquesOnlyBeginRunAndFinishAsThatVersionsLibraryDoes) {
     EXPECT_EQ(last->motion_generation_finished, GetParam() < 10);
     arm.end_motion(Status::success, RobotMode::idle);
   });
-  const MotionOutcome end = link.finish(torque);
+  const MotionOutcome end = link.finish(torque, kPatience);
   finisher.join();
   EXPECT_EQ(end.status, Status::success);
   EXPECT_FALSE(link.has_motion());
@@ -240,7 +250,7 @@ TEST(ArmConnection, AMotionThatEndsByItselfIsReportedOnce) {
   link.wait_until_running();
   EXPECT_FALSE(link.poll_motion());
   arm.end_motion(Status::reflex_aborted, RobotMode::reflex, 6);
-  const MotionOutcome end = link.wait_for_end(2);
+  const MotionOutcome end = link.wait_for_end(kPatience);
   EXPECT_EQ(end.status, Status::reflex_aborted);
   EXPECT_FALSE(end.text.empty());
   EXPECT_FALSE(link.poll_motion());

@@ -94,8 +94,9 @@ void ArmConnection::start_motion(const MotionRequest& request) {
   refuse(ConnectionError::Kind::refused, "start a motion: " + why);
 }
 
-void ArmConnection::wait_until_running(double timeout_s) {
+void ArmConnection::wait_until_running(std::optional<double> timeout_s) {
   const HostTime begun = host_now();
+  const double longest = timeout_s.value_or(options_.state_timeout_s);
   while (motion_) {
     if (seen_.motion_generator_mode == static_cast<std::uint8_t>(motion_->generator) &&
         seen_.controller_mode == static_cast<std::uint8_t>(motion_->controller)) {
@@ -104,7 +105,7 @@ void ArmConnection::wait_until_running(double timeout_s) {
     if (const auto end = poll_motion()) {
       refuse(ConnectionError::Kind::aborted, "the motion ended before it started: " + end->text);
     }
-    const double left = timeout_s - seconds(host_now() - begun);
+    const double left = longest - seconds(host_now() - begun);
     if (left <= 0)
       refuse(ConnectionError::Kind::timeout, "it accepted a motion, but its state does not show it");
     (void)look_for_state(std::min(left, 0.05));

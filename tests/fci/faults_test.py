@@ -18,7 +18,7 @@ import unittest
 
 import numpy as np
 import pylibfranka as franka
-from virtual_arms import VirtualArms
+from virtual_arms import PATIENCE_S, VirtualArms
 
 PROGRAM = ""
 
@@ -88,7 +88,10 @@ class World:
 
     def ctl(self, *words):
         done = subprocess.run(
-            [PROGRAM, "ctl", "--socket", str(self.socket), "--json", *words], capture_output=True, text=True, timeout=30
+            [PROGRAM, "ctl", "--socket", str(self.socket), "--json", *words],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
         )
         try:
             return json.loads(done.stdout.strip().splitlines()[-1])
@@ -98,7 +101,7 @@ class World:
     def state(self):
         return self.ctl("state").get("state", {})
 
-    def wait_for(self, holds, timeout=20):
+    def wait_for(self, holds, timeout=2 * PATIENCE_S):
         end = time.monotonic() + timeout
         while True:
             state = self.state()
@@ -125,7 +128,7 @@ class World:
 
     def end(self):
         self.run.send_signal(signal.SIGINT)
-        out, _ = self.run.communicate(timeout=30)
+        out, _ = self.run.communicate(timeout=PATIENCE_S)
         return json.loads(out)
 
     def __exit__(self, *_):
@@ -241,7 +244,7 @@ class FaultMatrix(unittest.TestCase):
         for count in self.counts:
             with self.subTest(arms=count), World(count) as world:
                 world.run.send_signal(signal.SIGSTOP)
-                time.sleep(1.5)  # longer than the world waits, plus twenty periods without a command
+                time.sleep(3)  # longer than the world waits, plus twenty periods without a command
                 world.run.send_signal(signal.SIGCONT)
                 for name in world.names:
                     world.wait_for(lambda state: world.arm(state, name)["controllet"] == f"{name}_hold")

@@ -13,7 +13,7 @@ import numpy as np
 import panda_py
 from panda_py import controllers, libfranka
 from pylibfranka_test import pose_of
-from virtual_arms import HERE, VirtualArms
+from virtual_arms import HERE, PATIENCE_S, VirtualArms
 
 PROGRAM = ""
 SCENE = HERE / "two_generations.yaml"
@@ -96,7 +96,7 @@ class Library(Arms):
         self.assertAlmostEqual(robot.read_once().m_load, 0.3)
         robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
         self.arms.control("reflex panda cartesian_reflex")
-        deadline = time.monotonic() + 5
+        deadline = time.monotonic() + PATIENCE_S
         while robot.read_once().robot_mode != libfranka.RobotMode.kReflex and time.monotonic() < deadline:
             pass
         self.assertTrue(robot.read_once().current_errors.cartesian_reflex)

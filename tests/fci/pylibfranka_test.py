@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Tests unmodified pylibfranka (FR3, protocol 10) with virtual arms: pylibfranka_test.py PROGRAM [TEST...]
 
-Tests run in lock-step, so that no result depends on the machine's speed; one loop in real time prints its figures.
+Tests run in lock-step, so that no result depends on the machine's speed. Those in real time expect that the machine
+stands still for a while: the arm then stops, is recovered, and the loop continues.
 """
 
 import math
@@ -12,7 +13,7 @@ import unittest
 
 import numpy as np
 import pylibfranka as franka
-from virtual_arms import HERE, VirtualArms
+from virtual_arms import HERE, PATIENCE_S, VirtualArms
 
 PROGRAM = ""
 SCENE = HERE / "two_generations.yaml"
@@ -21,6 +22,18 @@ BOTH = [franka.ControllerMode.JointImpedance, franka.ControllerMode.CartesianImp
 
 def connect(address):
     return franka.Robot(address, franka.RealtimeConfig.kIgnore)
+
+
+def connect_patiently(address):
+    """libfranka waits 1 s for a state: a machine that stood still for longer deserves another try."""
+    give_up = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return connect(address)
+        except franka.NetworkException:
+            if time.monotonic() > give_up:
+                raise
+            time.sleep(0.1)
 
 
 def pose_of(values):
@@ -441,7 +454,7 @@ class Faults(unittest.TestCase):
         arms.process.kill()
         began = time.monotonic()
         with self.assertRaises((franka.NetworkException, franka.ControlException)):
-            while time.monotonic() - began < 10:
+            while time.monotonic() - began < PATIENCE_S:
                 control.readOnce()
                 control.writeOnce(franka.Torques([0.0] * 7))
         arms.close(expected=-9)
@@ -468,14 +481,15 @@ class Faults(unittest.TestCase):
             torque_loop(robot.start_torque_control(), 100, zero)
 
     def test_a_program_that_pauses_loses_its_arm(self):
+        """It pauses again and again: in one of the pauses the arms' process may itself get no time."""
         with VirtualArms(PROGRAM, SCENE, ["panda", "fr3"], "realtime") as arms:
-            robot = connect(arms.address["fr3"])
+            robot = connect_patiently(arms.address["fr3"])
             control = robot.start_torque_control()
             with self.assertRaises(franka.ControlException) as caught:
-                for n in range(2000):
+                for n in range(20000):
                     control.readOnce()
                     control.writeOnce(franka.Torques([0.0] * 7))
-                    if n == 200:
+                    if n % 200 == 199:
                         time.sleep(0.05)
             self.assertIn("communication_constraints_violation", str(caught.exception))
             del control
@@ -483,32 +497,43 @@ class Faults(unittest.TestCase):
 
 
 class RealTime(unittest.TestCase):
-    def test_ten_seconds(self):
-        """On a busy machine the arm may stop: the loop recovers it and continues."""
+    """What a loop that was late, or received nothing for a while, meets; nothing else may stop it."""
+
+    CYCLES = 5000
+
+    def test_five_thousand_cycles(self):
         with VirtualArms(PROGRAM, SCENE, ["panda", "fr3"], "realtime") as arms:
-            robot = connect(arms.address["fr3"])
+            robot = connect_patiently(arms.address["fr3"])
             q = np.array(robot.read_once().q)
-            law, cycles, rates, lost = spring(q), 0, [], 0
-            control, began = robot.start_torque_control(), time.monotonic()
-            while time.monotonic() - began < 10:
+            law, cycles, since_start, rates, lost, state = spring(q), 0, 0, [], 0, None
+            control, began = None, time.monotonic()
+            give_up = began + 4 * PATIENCE_S
+            while cycles < self.CYCLES and time.monotonic() < give_up:
                 try:
+                    if control is None:
+                        if robot.read_once().robot_mode == franka.RobotMode.Reflex:
+                            robot.automatic_error_recovery()
+                        control, since_start = robot.start_torque_control(), 0
                     state, _ = control.readOnce()
-                    control.writeOnce(franka.Torques(law(state, cycles)))
-                    cycles += 1
+                    control.writeOnce(franka.Torques(law(state, since_start)))  # fades in after every start
+                    cycles, since_start = cycles + 1, since_start + 1
                     rates.append(state.control_command_success_rate)
                 except franka.ControlException as error:
-                    self.assertIn("communication_constraints_violation", str(error))
-                    lost += 1
-                    del control
-                    robot.automatic_error_recovery()
-                    control = robot.start_torque_control()
+                    # After answers that came too late the next one may also be too far from the last that arrived.
+                    reasons = ["communication_constraints_violation", "controller_torque_discontinuity"]
+                    self.assertTrue(any(reason in str(error) for reason in reasons), str(error))
+                    lost, control = lost + 1, None
+                except franka.NetworkException:
+                    lost, control, robot = lost + 1, None, None
+                    robot = connect_patiently(arms.address["fr3"])
             print(
-                f"\n  10 s in real time: {cycles} cycles, success rate median {np.median(rates[100:]):.2f}, "
-                f"lowest {min(rates[100:]):.2f}, lost {lost} times",
+                f"\n  {cycles} cycles in real time in {time.monotonic() - began:.1f} s, success rate median "
+                f"{np.median(rates[100:]):.2f}, lowest {min(rates[100:]):.2f}, lost {lost} times",
                 flush=True,
             )
-            self.assertGreater(cycles, 5000)
-            np.testing.assert_allclose(state.q, q, atol=5e-3)
+            self.assertEqual(cycles, self.CYCLES)
+            np.testing.assert_allclose(state.q, q, atol=1e-2)
+            del control
 
 
 if __name__ == "__main__":

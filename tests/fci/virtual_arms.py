@@ -9,6 +9,9 @@ import threading
 
 HERE = pathlib.Path(__file__).resolve().parent
 
+# Waits that succeed early cost nothing; the whole machine may stand still for seconds.
+PATIENCE_S = 30
+
 
 def free_address(number):
     """A loopback address for this process only, because libfranka always uses the same ports."""
@@ -58,7 +61,7 @@ class VirtualArms:
         self.said()
         self.process.stdin.write(words + "\n")
         self.process.stdin.flush()
-        answer = self.lines.get(timeout=5).strip()
+        answer = self.lines.get(timeout=PATIENCE_S).strip()
         assert "ok" in answer.split(), f"{words}: {answer}"
         return answer
 
@@ -68,8 +71,8 @@ class VirtualArms:
     def close(self, expected=0):
         self.process.terminate()
         out = self.process.stdout.read()
-        self.process.wait(10)
-        self.reader.join(5)
+        self.process.wait(PATIENCE_S)
+        self.reader.join(PATIENCE_S)
         for stream in (self.process.stdin, self.process.stdout, self.process.stderr):
             stream.close()
         lines = [line for line in out.splitlines() if line.startswith("{")]

@@ -78,8 +78,10 @@ void FakeArm::run() {
         {{.fd = listen_, .events = POLLIN, .revents = 0}, {.fd = client, .events = POLLIN, .revents = 0}}};
     (void)::poll(watched.data(), watched.size(), 1);
     const std::lock_guard lock(mutex_);
-    if (watched[0].revents != 0) accept_client();
-    if (client_ >= 0 && client_ == client && watched[1].revents != 0) {
+    // A new connection may get the descriptor of the one that it replaces, whose event is then void.
+    if (watched[0].revents != 0) {
+      accept_client();
+    } else if (client_ >= 0 && client_ == client && watched[1].revents != 0) {
       std::array<std::byte, 4096> chunk;
       const ssize_t n = ::recv(client_, chunk.data(), chunk.size(), MSG_DONTWAIT);
       if (n <= 0) {

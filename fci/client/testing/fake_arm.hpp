@@ -63,7 +63,7 @@ class FakeArm {
   std::uint64_t publish(std::uint64_t skip = 0);  // one state; its number. `skip`: numbers left out
   void publish_number(std::uint64_t id);          // out of order, or twice
   void send_datagram(const std::vector<std::byte>& datagram, const char* from_address);
-  std::optional<RobotCommand> command(double timeout_s = 2);  // the next that came
+  std::optional<RobotCommand> command(double timeout_s = 20);  // the next that came
   std::size_t commands_waiting();                             // without waiting
 
  private:
