@@ -70,9 +70,10 @@ void ArmConnection::connect() {
     (void)next_state();
   } catch (const ConnectionError&) {
     close();
-    refuse(ConnectionError::Kind::timeout, "it accepted the connection, but sent no state in time: check that "
-                                           "no firewall blocks UDP to port " +
-                                               std::to_string(port_.number()) + " of this computer");
+    refuse(ConnectionError::Kind::timeout,
+           "it accepted the connection, but sent no state in time: check that "
+           "no firewall blocks UDP to port " +
+               std::to_string(port_.number()) + " of this computer");
   }
 }
 
