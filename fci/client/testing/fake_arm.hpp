@@ -64,7 +64,7 @@ class FakeArm {
   void publish_number(std::uint64_t id);          // out of order, or twice
   void send_datagram(const std::vector<std::byte>& datagram, const char* from_address);
   std::optional<RobotCommand> command(double timeout_s = 20);  // the next that came
-  std::size_t commands_waiting();                             // without waiting
+  std::size_t commands_waiting();                              // without waiting
 
  private:
   void run();
