@@ -1,7 +1,9 @@
 #include "fci/client/arm_connection.hpp"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <cstdio>
 #include <poll.h>
 #include <stdexcept>
 #include <thread>
@@ -70,10 +72,12 @@ void ArmConnection::connect() {
     (void)next_state();
   } catch (const ConnectionError&) {
     close();
-    refuse(ConnectionError::Kind::timeout,
-           "it accepted the connection, but sent no state in time: check that "
-           "no firewall blocks UDP to port " +
-               std::to_string(port_.number()) + " of this computer");
+    std::array<char, 32> waited;
+    std::snprintf(waited.data(), waited.size(), "%g s", options_.state_timeout_s);
+    refuse(ConnectionError::Kind::timeout, std::string("it accepted the connection, but sent no state for ") +
+                                               waited.data() +
+                                               ": check that no firewall blocks UDP to port " +
+                                               std::to_string(port_.number()) + " of this computer");
   }
 }
 

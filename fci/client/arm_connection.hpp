@@ -23,7 +23,7 @@ struct ArmConnectionOptions {
   std::uint16_t port = kArmPort;
   int version = 0;  // of the protocol, 4 to 10; 0: the newest that the arm supports
   double connect_timeout_s = 1;
-  double state_timeout_s = 1;      // of every wait for a state
+  double state_timeout_s = 1;      // of a wait for a state, unless the call gives its own
   double reply_timeout_s = 3;      // of every request but the next two
   double recovery_timeout_s = 15;  // the brakes may have to open
   double model_timeout_s = 10;
@@ -59,8 +59,8 @@ class ArmConnection {
   const std::string& name() const { return options_.name; }
 
   // --- states, for the requests' thread ---
-  // Waits for a state newer than the last one seen here. Throws after `timeout_s`; none, here and below:
-  // ArmConnectionOptions::state_timeout_s.
+  // Waits for a state newer than the last one seen here. Throws after `timeout_s`. Here and below, the
+  // default is ArmConnectionOptions::state_timeout_s.
   const RobotState& next_state(std::optional<double> timeout_s = {});
   const RobotState& last_state() const { return seen_; }
   const RobotState& look();  // the newest state, without waiting; message_id 0: none yet

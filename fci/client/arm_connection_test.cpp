@@ -304,6 +304,26 @@ TEST(ArmConnection, SilenceGarbageAndDisconnectsEndTheConnectionWithAReason) {
   EXPECT_THAT(error.what(), HasSubstr("reconnect"));
 }
 
+TEST(ArmConnection, WaitsForAStateAsLongAsItsOptionsSay) {
+  FakeArm arm(10);
+  arm.set_automatic(false);  // one state per answer, none by itself
+  ArmConnectionOptions options = options_for(arm);
+  options.state_timeout_s = 0.05;
+  ArmConnection link(options);
+  while (!link.is_connected()) {  // on a machine that stands still, the first state may be late, too
+    try {
+      link.connect();
+    } catch (const ConnectionError& late) {
+      ASSERT_THAT(late.what(), HasSubstr("no state for 0.05 s"));
+    }
+  }
+  const ConnectionError error = refusal([&] { (void)link.next_state(); });
+  EXPECT_EQ(error.kind(), ConnectionError::Kind::timeout);
+  EXPECT_FALSE(link.wait_for_state([](const RobotState&) { return false; }));
+  const std::uint64_t id = arm.publish();
+  EXPECT_EQ(link.next_state(kPatience).message_id, id);  // the call's own time comes first
+}
+
 TEST(ArmConnection, CountsLostAndLateDatagrams) {
   FakeArm arm(10);
   arm.set_automatic(false);
