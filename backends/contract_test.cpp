@@ -223,6 +223,7 @@ TEST_P(Contract, RequestsAreAnsweredWithReasons) {
   backend_->start();
   auto unknown_arm = backend_->request(7, RecoverFromError{});
   auto nonsense = backend_->request(0, SetLoad{{.mass = -1}});
+  auto heavy = backend_->request(0, SetLoad{{.mass = 50}});  // above the rated payload
   auto load = backend_->request(0, SetLoad{{.mass = 0.5, .p_FC = {0, 0, 0.1}}});
   auto never_taken = backend_->request(1, RecoverFromError{});
   for (int k = 0; k < 3; ++k) {
@@ -230,7 +231,7 @@ TEST_P(Contract, RequestsAreAnsweredWithReasons) {
     write(k);
   }
   backend_->finish();
-  for (auto* answer : {&unknown_arm, &nonsense, &never_taken}) {
+  for (auto* answer : {&unknown_arm, &nonsense, &heavy, &never_taken}) {
     const RequestAnswer a = answer->get();
     EXPECT_FALSE(a.success);
     EXPECT_GT(a.reason.size(), 10u);

@@ -24,7 +24,9 @@ class SmoothMotion final : public Backend {
                const std::vector<ArmConfig>& configs, Pace pace = Pace::unpaced);
 
   std::size_t arm_count() const override { return arms_.size(); }
-  Capabilities capabilities(ArmIndex) const override { return {.simulated = true, .lockstep = true}; }
+  Capabilities capabilities(ArmIndex) const override {
+    return {.simulated = true, .lockstep = true, .every_command_arrives = true};
+  }
   void start() override { pacer_.start(); }
   ArmSet wait() override;
   LoopTime now() const override { return now_; }

@@ -425,7 +425,8 @@ void add_ctl(Program& program) {
   });
 
   ctl.arm("recover", "Clear the error of an arm; it is held until a controllet is activated");
-  ctl.arm("reconnect", "Connect to a real arm again after its connection was lost, then recover it");
+  ctl.arm("reconnect",
+          "Connect to a real arm again after its connection was lost; a reflex stays until `recover`");
   CLI::App* user_stop =
       ctl.add("user-stop", "Simulation: press or release the stop button of an arm", "left on");
   text(user_stop, "arm", o->name, "Name of the arm");

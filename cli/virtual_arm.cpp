@@ -1,5 +1,6 @@
 #include <atomic>
 #include <cerrno>
+#include <limits>
 #include <poll.h>
 #include <string>
 #include <sys/eventfd.h>
@@ -29,7 +30,8 @@ constexpr int kPriority = 75;
 
 struct VirtualArmArguments {
   std::string scene, pace = "realtime";
-  std::vector<std::string> bind;
+  std::vector<std::string> bind, phase_us, drift_ppm;
+  bool strict = false;
   std::vector<int> ports;
   double latency_us = 0, jitter_us = 0;
   fci::DatagramFaults faults;
@@ -39,24 +41,60 @@ struct VirtualArmArguments {
   bool no_gripper = false, real_time_thread = false, idle_stands_still = false, json = false;
 };
 
-// --bind ARM=ADDRESS
-std::vector<fci::ArmPlace> places_of(const VirtualArmArguments& arguments, const Scene& scene) {
+// The arm and the text of an argument `--OPTION ARM=TEXT`.
+std::pair<std::size_t, std::string> of_arm(const char* option, const char* what, const std::string& argument,
+                                           const Scene& scene) {
   std::vector<std::string> names;
   for (const auto& arm : scene.arms) names.push_back(arm.name);
-  std::vector<fci::ArmPlace> places(names.size());
+  const std::size_t equals = argument.find('=');
+  if (equals == std::string::npos || equals == 0 || equals + 1 == argument.size()) {
+    throw UsageError(fmt::format("virtual-arm: expected {} ARM={}, found '{}'", option, what, argument));
+  }
+  const std::string name = argument.substr(0, equals);
+  const auto found = std::find(names.begin(), names.end(), name);
+  if (found == names.end()) {
+    throw UsageError(
+        fmt::format("virtual-arm: the scene has no arm '{}'{}", name, name_hint(name, names, "it has none")));
+  }
+  return {static_cast<std::size_t>(found - names.begin()), argument.substr(equals + 1)};
+}
+
+// --phase-us ARM=NUMBER, --drift-ppm ARM=NUMBER
+std::vector<fci::ClockOffset> clocks_of(const VirtualArmArguments& arguments, const Scene& scene) {
+  if (arguments.phase_us.empty() && arguments.drift_ppm.empty()) return {};
+  std::vector<fci::ClockOffset> clocks(scene.arms.size());
+  const auto number = [&](const char* option, const std::string& argument, double low, double high) {
+    const auto [arm, text] = of_arm(option, "NUMBER", argument, scene);
+    std::size_t used = 0;
+    double value = std::numeric_limits<double>::quiet_NaN();
+    try {
+      value = std::stod(text, &used);
+    } catch (const std::exception&) {
+    }
+    if (used != text.size() || !(value >= low && value <= high)) {
+      throw UsageError(fmt::format("virtual-arm: {}: expected a number from {} to {}, found '{}'", option,
+                                   low, high, text));
+    }
+    return std::pair{arm, value};
+  };
+  for (const auto& argument : arguments.phase_us) {
+    const auto [arm, value] = number("--phase-us", argument, 0, 1000);
+    clocks[arm].phase_s = 1e-6 * value;
+  }
+  for (const auto& argument : arguments.drift_ppm) {
+    const auto [arm, value] = number("--drift-ppm", argument, -10000, 10000);
+    clocks[arm].drift_ppm = value;
+  }
+  return clocks;
+}
+
+// --bind ARM=ADDRESS
+std::vector<fci::ArmPlace> places_of(const VirtualArmArguments& arguments, const Scene& scene) {
+  std::vector<fci::ArmPlace> places(scene.arms.size());
   for (const auto& argument : arguments.bind) {
-    const std::size_t equals = argument.find('=');
-    if (equals == std::string::npos || equals == 0 || equals + 1 == argument.size()) {
-      throw UsageError(fmt::format("virtual-arm: expected --bind ARM=ADDRESS, found '{}'", argument));
-    }
-    const std::string name = argument.substr(0, equals);
-    const auto found = std::find(names.begin(), names.end(), name);
-    if (found == names.end()) {
-      throw UsageError(fmt::format("virtual-arm: the scene has no arm '{}'{}", name,
-                                   name_hint(name, names, "it has none")));
-    }
-    places[static_cast<std::size_t>(found - names.begin())].address = argument.substr(equals + 1);
-    fci::is_loopback(argument.substr(equals + 1));  // refuses an invalid address
+    const auto [arm, address] = of_arm("--bind", "ADDRESS", argument, scene);
+    places[arm].address = address;
+    fci::is_loopback(address);  // refuses an invalid address
   }
   if (!arguments.ports.empty()) {
     for (auto& place : places) {
@@ -158,6 +196,11 @@ int run(const VirtualArmArguments& arguments) {
   options.faults.latency_s = 1e-6 * arguments.latency_us;
   options.faults.jitter_s = 1e-6 * arguments.jitter_us;
   options.seed = arguments.seed;
+  options.strict = arguments.strict;
+  options.clocks = clocks_of(arguments, opened.scene);
+  if (!options.clocks.empty() && options.pace == fci::WorldPace::lockstep) {
+    throw UsageError("virtual-arm: --phase-us and --drift-ppm need --pace realtime");
+  }
   options.idle_stands_still = arguments.idle_stands_still;
   if (arguments.real_time_thread) {
     if (options.pace == fci::WorldPace::lockstep) {
@@ -255,6 +298,16 @@ void add_virtual_arm(Program& program) {
       ->add_option("--reorder", arguments->faults.reorder,
                    "Fraction of datagrams that are overtaken by the next one (default 0)")
       ->check(CLI::Range(0.0, 1.0));
+  command->add_flag("--strict", arguments->strict,
+                    "Drop answers that are late, as a real arm does; without it some lateness is tolerated");
+  command
+      ->add_option("--phase-us", arguments->phase_us,
+                   "How much later than the world's steps an arm sends its states [us], 0 to 1000")
+      ->type_name("ARM=NUMBER");
+  command
+      ->add_option("--drift-ppm", arguments->drift_ppm,
+                   "How much faster than this computer's an arm's clock runs [ppm]; negative: slower")
+      ->type_name("ARM=NUMBER");
   command->add_option("--seed", arguments->seed, "Random seed of the injected faults (default 1)");
   command
       ->add_option("--hidden", arguments->hidden,

@@ -1,6 +1,8 @@
 #include "device/arm_settings.hpp"
 
+#include <array>
 #include <cmath>
+#include <cstdio>
 
 #include <Eigen/Eigenvalues>
 
@@ -49,6 +51,17 @@ ArmSettings default_settings(const ArmModel& model) {
   return settings;
 }
 
+SetCollisionThresholds careful_thresholds(const ArmModel& model) {
+  const auto n = model.joint_count();
+  const JointVector& most = model.limits().tau_max;
+  SetCollisionThresholds set;
+  set.nominal.torque_lower = most.cwiseMin(joint_constant(n, 20));
+  set.nominal.torque_upper = most.cwiseMin(joint_constant(n, 40));
+  set.nominal.wrench_lower << 20, 20, 20, 10, 10, 10;
+  set.nominal.wrench_upper << 80, 80, 80, 25, 25, 25;
+  return set;
+}
+
 std::string check_load(const Load& load) {
   if (!std::isfinite(load.mass) || load.mass < 0) return "the load's mass must be 0 or more kilograms";
   if (load.mass > kMostMass || load.p_FC.norm() > kMostLength)
@@ -64,6 +77,19 @@ std::string check_load(const Load& load) {
            "exceed the sum of the others";
   }
   return {};
+}
+
+std::string check_request(const ArmRequest& request, const ArmModel& model) {
+  if (auto why = check_request(request, model.joint_count()); !why.empty()) return why;
+  const auto* set = std::get_if<SetLoad>(&request);
+  if (set == nullptr || !model.largest_load() || set->load.mass <= *model.largest_load()) return {};
+  std::array<char, 256> text;
+  std::snprintf(
+      text.data(), text.size(),
+      "a payload of %.4g kg is too heavy for arm '%s': at most %.4g kg beside hand and tool; if it can "
+      "carry more, set 'largest_load_kg' of the arm in the scene",
+      set->load.mass, model.name().c_str(), *model.largest_load());
+  return text.data();
 }
 
 std::string check_request(const ArmRequest& request, std::size_t n) {

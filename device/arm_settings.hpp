@@ -22,9 +22,18 @@ struct ArmSettings {
 // in all axes.
 ArmSettings default_settings(const ArmModel& model);
 
+// Thresholds for a real arm whose scene names none; those that an earlier program left may be anything up to
+// the arm's own strength. The figures are ours: the arm stops at 80 N and 25 N m in K, far below 280 N, the
+// transient limit of ISO/TS 15066 for hand and fingers, and at 40 N m in a joint (60 N at 0.65 m) or its
+// largest torque. Contact is reported from 20 N m and 20 N on, as libfranka's examples do.
+SetCollisionThresholds careful_thresholds(const ArmModel& model);
+
 // Why the load is invalid, or an empty string.
 std::string check_load(const Load& load);
 // Why a request to an arm of `joint_count` joints is invalid, or an empty string.
 std::string check_request(const ArmRequest& request, std::size_t joint_count);
+// The same for an arm of that model, whose largest load a payload may not exceed: the arm would push upwards
+// with the weight of what it does not carry.
+std::string check_request(const ArmRequest& request, const ArmModel& model);
 
 }  // namespace multipanda

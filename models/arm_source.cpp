@@ -53,6 +53,7 @@ ArmModelSource arm_model_source(const RobotDescription& robot, const Pose& X_WB,
   source.limits.ddq_max = robot.limits.ddq_max;
   source.limits.tau_max = robot.limits.tau_max;
   source.limits.tau_rate_max = robot.limits.tau_rate_max;
+  source.limits.velocity_by_position = robot.position_based_velocity;
   source.q_home = robot.q_home;
   add_collision_shapes(robot, hand, source);
   return source;

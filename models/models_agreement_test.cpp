@@ -88,7 +88,7 @@ TEST_P(MovableHand, HeldClosedWeighsTheSameAsTheRigidOne) {
 INSTANTIATE_TEST_SUITE_P(Robots, Agreement,
                          testing::Values(Case{"fer", false}, Case{"fer", true}, Case{"fer_maker", false},
                                          Case{"fer_maker", true}, Case{"fr3", false}, Case{"fr3", true},
-                                         Case{"ur5e", false}),
+                                         Case{"fr3v2", false}, Case{"fr3v2", true}, Case{"ur5e", false}),
                          [](const auto& param) {
                            return std::string(param.param.robot) + (param.param.hand ? "_hand" : "");
                          });

@@ -61,7 +61,7 @@ double smallest_pseudo_inertia(const RigidBody& body) {
 }
 
 TEST(Robots, AreFoundByName) {
-  EXPECT_THAT(available_robots(), testing::ElementsAre("fer", "fer_maker", "fr3"));
+  EXPECT_THAT(available_robots(), testing::ElementsAre("fer", "fer_maker", "fr3", "fr3v2"));
   for (const auto& name : available_robots()) {
     const RobotDescription robot = load_robot(name);
     EXPECT_EQ(robot.name, name);
@@ -96,6 +96,17 @@ TEST(Robots, HaveThePublishedFigures) {
   EXPECT_EQ(fr3.position_based_velocity->q_max[5], 4.6216);
   EXPECT_FALSE(fer.position_based_velocity);
   EXPECT_EQ(fr3.friction->p1, fer.friction->p1);
+  const RobotDescription second = load_robot("fr3v2");
+  EXPECT_EQ(second.links[0].mass, 3.85);
+  EXPECT_EQ(second.links[2].com.y(), -0.168509);
+  EXPECT_EQ(second.links[4].inertia(0, 1), -0.003749);  // xy
+  EXPECT_EQ(second.links[5].inertia(1, 2), -0.004734);  // yz
+  EXPECT_EQ(second.links[7].inertia(2, 2), 0.000702);   // zz
+  EXPECT_EQ(second.limits.q_max, fr3.limits.q_max);
+  EXPECT_EQ(second.position_based_velocity->offset, fr3.position_based_velocity->offset);
+  EXPECT_EQ(second.name, "fr3v2");
+  for (const auto& robot : {fer, fr3, second}) EXPECT_EQ(robot.rated_payload, 3.0) << robot.name;
+  EXPECT_THAT(fer.origin.at("rated_payload_kg"), HasSubstr("data sheets"));
   EXPECT_THAT(fr3.origin.at("joint_friction"), HasSubstr("Panda"));
   const RobotDescription published = load_robot("fer_maker");
   EXPECT_EQ(published.limits.q_min, fer.limits.q_min);
@@ -104,7 +115,8 @@ TEST(Robots, HaveThePublishedFigures) {
 }
 
 TEST(Robots, ConsistOfPhysicalBodies) {
-  for (const std::string& name : {std::string("fer"), std::string("fer_maker"), std::string("fr3"), kUr5e}) {
+  for (const std::string& name :
+       {std::string("fer"), std::string("fer_maker"), std::string("fr3"), std::string("fr3v2"), kUr5e}) {
     const RobotDescription robot = load_robot(name);
     ASSERT_EQ(robot.links.size(), robot.joint_count() + 1);
     for (const auto& link : robot.links) EXPECT_GT(smallest_pseudo_inertia(link), 0) << name;
@@ -240,9 +252,9 @@ void expect_up_to_date(const std::filesystem::path& folder,
 }
 
 TEST(Generated, FilesAreUpToDate) {
-  EXPECT_EQ(exported_models().size(), 12u);
+  EXPECT_EQ(exported_models().size(), 16u);
   expect_up_to_date(MULTIPANDA_SOURCE_DIR "/models/generated", exported_models());
-  EXPECT_EQ(exported_descriptions().size(), 4u);
+  EXPECT_EQ(exported_descriptions().size(), 5u);
   expect_up_to_date(MULTIPANDA_SOURCE_DIR "/ros/multipanda_description/urdf/generated",
                     exported_descriptions());
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/types/joints.hpp"
+#include "core/types/position_based_velocity.hpp"
 #include "core/types/spatial.hpp"
 #include "models/rigid_body.hpp"
 
@@ -38,15 +39,6 @@ struct CartesianLimits {
   double velocity = 0, acceleration = 0, jerk = 0;
   double rotation_velocity = 0, rotation_acceleration = 0, rotation_jerk = 0;
   double elbow_velocity = 0, elbow_acceleration = 0, elbow_jerk = 0;  // 0: not given
-};
-
-// What the control interface allows where it ties a joint's velocity to its position: towards an end of the
-// range, at the distance d from it, at most min(dq_max, max(0, sqrt(2 deceleration d) - offset)). The ends
-// are the interface's own and may lie beyond JointLimits. Every vector (n x 1).
-struct PositionBasedVelocity {
-  JointVector q_min, q_max;  // [rad]
-  JointVector offset;        // [rad/s]
-  JointVector deceleration;  // [rad/s^2]
 };
 
 // tau_f(dq) = p1 / (1 + exp(-p2 (dq + p3))) - p1 / (1 + exp(-p2 p3)), per joint; acts against the motion.
@@ -145,7 +137,8 @@ struct RobotDescription {
   std::optional<Actuation> actuation;         // in place of the fidelity's bandwidth and delay
   JointVector motor_inertia;                  // seen at the joint, before the torque sensor [kg m^2] (n x 1)
   Eigen::Vector2d base_tilt = Eigen::Vector2d::Zero();  // true base in B: Ry(second) Rx(first) [rad]
-  JointVector q_home;                                   // the `ready` configuration [rad]
+  std::optional<double> rated_payload;  // everything that the flange may carry, hand and tool included [kg]
+  JointVector q_home;                   // the `ready` configuration [rad]
 
   std::vector<Capsule> capsules;  // of the links, not of the hand
   std::vector<std::pair<std::string, std::string>>

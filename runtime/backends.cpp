@@ -1,6 +1,7 @@
 #include "runtime/backends.hpp"
 
 #include <algorithm>
+#include <arpa/inet.h>
 #include <array>
 #include <stdexcept>
 
@@ -71,8 +72,29 @@ std::unique_ptr<Backend> make_virtual(const Scene& scene, const BackendOptions& 
   return std::make_unique<VirtualBackend>(scene, clock, pace.report);
 }
 
+// Whether only virtual arms can be at this address: it does not leave this computer.
+bool is_on_this_computer(const std::string& address) {
+  in_addr parsed{};
+  constexpr std::uint32_t kLoopbackNet = 127;
+  return address == "localhost" ||
+         (inet_pton(AF_INET, address.c_str(), &parsed) == 1 && ntohl(parsed.s_addr) >> 24 == kLoopbackNet);
+}
+
+// A run without pacing waits for the slowest arm and for the disk, without real-time scheduling. An arm that
+// has a clock of its own would be left without commands meanwhile.
+void check_that_arms_wait(const Scene& scene) {
+  for (const auto& arm : scene.arms) {
+    if (!arm.fci || is_on_this_computer(arm.fci->address)) continue;
+    throw std::invalid_argument("arm '" + arm.name + "' is at " + arm.fci->address +
+                                ", and a run that is as fast as possible cannot control a real arm: the arm "
+                                "does not wait for it. Leave --fast out; virtual arms that wait "
+                                "(virtual-arm --pace lockstep) are expected on this computer, at 127.x.y.z");
+  }
+}
+
 // The real arms through the control interface. The others, if there are any, are simulated in one world.
 std::unique_ptr<Backend> make_real(const Scene& scene, const BackendPace& pace) {
+  if (!pace.paced) check_that_arms_wait(scene);
   MixedBackend::Parts parts;
   parts.lockstep = !pace.paced;
   std::vector<fci::FciArmConfig> real;

@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <mutex>
+#include <sched.h>
 #include <unistd.h>
 
 #include <gmock/gmock.h>
@@ -157,6 +158,56 @@ TEST(BackendKind, RefusesInvalidAddresses) {
 // The interface carries the simulation's values, so both runs move alike. The difference: states are in
 // single precision (6e-8 rad at pi/2), and the controllets react to these states. In a motion of 0.45 rad
 // that makes 1.3e-7 rad.
+// An arm that does not wait for the run would be without commands whenever the run waits.
+TEST(RealArms, AreNotRunAsFastAsPossible) {
+  const auto refusal = [](const char* address, bool paced) -> std::string {
+    const Scene scene =
+        with_connections(two_arms(), {.kind = BackendKind::as_scene, .addresses = {{"right", address}}});
+    try {
+      (void)make_backend(scene, registry(), {.kind = BackendKind::as_scene}, {.paced = paced, .report = {}});
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return "";
+  };
+  for (const char* address : {"172.16.0.2", "128.0.0.1", "12.7.0.1", "arm.example", "127.arm.example"}) {
+    EXPECT_THAT(refusal(address, false),
+                testing::AllOf(HasSubstr("'right'"), HasSubstr(address), HasSubstr("Leave --fast out")));
+  }
+  EXPECT_EQ(refusal("127.0.0.2", false), "");
+  EXPECT_EQ(refusal("127.255.9.1", false), "");
+  EXPECT_EQ(refusal("172.16.0.2", true), "");
+}
+
+// The loop alone is scheduled in real time and pinned; the arms' world and the client's helpers are not.
+TEST(VirtualBackend, ItsThreadsAreOrdinary) {
+  cpu_set_t allowed;
+  ASSERT_EQ(sched_getaffinity(0, sizeof(allowed), &allowed), 0);
+  if (CPU_COUNT(&allowed) < 2) GTEST_SKIP() << "one core only: all threads are pinned to it";
+  int core = 0;
+  while (!CPU_ISSET(core, &allowed)) ++core;
+  SessionOptions options{.backend = {.kind = BackendKind::virtual_arms, .lockstep = true}, .duration_s = 60};
+  options.thread.cpu = core;
+  Session session(two_arms(), registry(), std::move(options));
+  session.start();
+  while (session.status().cycles == 0 && !session.wait_for_end(0.01)) {
+  }
+  int pinned = 0, real_time = 0, threads = 0;
+  for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
+    const pid_t id = std::stoi(task.path().filename().string());
+    cpu_set_t cpus;
+    if (sched_getaffinity(id, sizeof(cpus), &cpus) != 0) continue;
+    ++threads;
+    pinned += CPU_COUNT(&cpus) == 1;
+    real_time += (sched_getscheduler(id) & ~SCHED_RESET_ON_FORK) == SCHED_FIFO;
+  }
+  session.stop();
+  (void)session.finish();
+  EXPECT_GE(threads, 4);
+  EXPECT_EQ(pinned, 1);
+  EXPECT_LE(real_time, 1);  // none where the machine does not allow it
+}
+
 TEST(VirtualBackend, MovesLikeTheSimulation) {
   const Scene scene = two_arms(kMotion);
   const Recorded direct = record(scene, {.kind = BackendKind::mujoco, .addresses = {}}, 1.0);

@@ -13,7 +13,8 @@ constexpr std::array<const char*, kArmErrorCount> kCures{{
     /* 2 */
     "move the parts of the arm away from each other by hand and recover; add the feature collision_avoidance",
     /* 3 */
-    "slow down the motion: lower stiffness or slower set-points; the feature joint_limits damps near the "
+    "slow down the motion: lower stiffness or slower set-points; if a joint oscillated, lower its damping: "
+    "damping x 1 ms must stay below half of the joint's inertia; the feature joint_limits damps near the "
     "limits",
     /* 4 */ "slow down the set-point of the hand, or lower the stiffness",
     /* 5 */ "end the other program's force controller, then recover",

@@ -66,7 +66,11 @@ std::string reason(const MultimodeController& modes, const Request& request, Ver
       break;
     case Verdict::out_of_bounds:
       if (set && request.kind == Request::Kind::set_parameter) {
-        const ParameterSpec& spec = modes.instance(request.instance).parameter_spec(request.index);
+        const Instance& target = modes.instance(request.instance);
+        const std::string why =
+            target.bound_text(request.index, std::span(request.values).first(request.size));
+        if (!why.empty()) return why;
+        const ParameterSpec& spec = target.parameter_spec(request.index);
         return quoted(spec.name) + " must be " + shortest(spec.min) + " to " + shortest(spec.max) +
                (spec.unit.empty() ? "" : " " + spec.unit);
       }
@@ -82,8 +86,10 @@ std::string reason(const MultimodeController& modes, const Request& request, Ver
       return std::string(to_string(verdict)) + " (" + joined(names_of(modes, request.activate)) +
              "); nothing was changed; 'state' shows the modes of the arms, 'recover' clears an error";
     case Verdict::timeout:
-      return "the loop did not accept the request within 1 s: the simulation may be paused, or the run may "
-             "have ended";
+      return "the loop did not take the request within 1 s, and it will not be executed: the arms may not be "
+             "connected yet, the simulation may be paused, or the run may have ended";
+    case Verdict::pending:
+      return "the loop took the request, but its answer was lost: look at 'state' before asking again";
     default:
       break;
   }

@@ -4,6 +4,7 @@
 #include <chrono>
 
 #include "backends/simulation_view.hpp"
+#include "runtime/target_values.hpp"
 #include "scene/build.hpp"
 #include "support/machine.hpp"
 
@@ -74,7 +75,11 @@ void Session::build() {
     backend_ = make_backend(scene_, registry_, options_.backend, {.paced = options_.paced, .report = report});
   }
   cycle_ = std::make_unique<ControlCycle>(std::move(config), registry_, *backend_.backend);
-  modes().schedule(build_schedule(scene_, modes()));
+  auto timeline = build_schedule(scene_, modes());
+  std::vector<Pose> X_FE;
+  for (const auto& arm : scene_.arms) X_FE.push_back(arm_config(arm).frames.X_FE);
+  check_reach(timeline, modes(), models_, X_FE);
+  modes().schedule(std::move(timeline));
   modes().activate_at_start(start_set(scene_, modes()));
   const std::lock_guard lock(early_news_mutex_);
   monitor_ = std::make_unique<RunMonitor>(
@@ -144,14 +149,17 @@ void Session::run_loop() {
   ThreadSetup thread = options_.thread;
   if (!options_.paced) thread.fifo_priority.reset();
   setup_ = set_up_thread(thread);
+  bool runs = false;
   try {
     backend().start();
+    runs = true;
     started_ = host_now();
     first_cycle_ = cycle_->data().tick.cycle;
     cycle_->run([this] { return keep_on(); });
     ended_ = host_now();
     for (ArmIndex arm = 0; arm < backend().arm_count(); ++arm)
       connections_at_end_.push_back(backend().connection(arm));
+    runs = false;
     backend().finish();
     if (const auto* simulation = simulation_of(backend());
         simulation != nullptr && !simulation->fault().empty()) {
@@ -160,10 +168,20 @@ void Session::run_loop() {
   } catch (...) {
     failure_ = std::current_exception();
     if (ended_ == HostTime{}) ended_ = host_now();
+    if (runs) leave_arms_safe();
   }
   loop_ended_.store(true, std::memory_order_release);
   const std::lock_guard lock(end_mutex_);
   end_changed_.notify_all();
+}
+
+// After an exception, which a second one must not hide.
+void Session::leave_arms_safe() noexcept {
+  try {
+    backend().finish();
+  } catch (...) {
+    monitor_->add_news("the arms could not be left in order after a failure: stop them by hand");
+  }
 }
 
 // Called between two steps. All reasons to end or delay a run are handled here, outside of step().

@@ -89,6 +89,7 @@ class Session {
   void open_log();
   void open_socket();
   void run_loop();
+  void leave_arms_safe() noexcept;
   bool keep_on();
   bool is_over(const Tick& tick);
   void wait_for_room();

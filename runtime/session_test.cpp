@@ -264,6 +264,81 @@ TEST_F(SessionTest, AnUnreachableWorldIsReported) {
   EXPECT_THROW((void)session.finish(), std::runtime_error);
 }
 
+// Refused when the run is built, so that `check` refuses it, too.
+TEST(SessionTimeline, AGoalOutOfReachIsRefused) {
+  const Registry registry = Registry::with_builtins();
+  const auto scene = [&](const char* x) {
+    return parse_scene(
+        "arms:\n  - {name: arm}\ncontrollets:\n  - {name: pose, type: cartesian_impedance, arms: arm}\n"
+        "active: [pose]\ntimeline:\n  - {at_s: 1.5, reference: {controllet: pose, input: pose, "
+        "position_m: [" +
+            std::string(x) + ", 0, 0.4], rpy_rad: [pi, 0, 0]}}\n",
+        "test.yaml", registry);
+  };
+  for (const char* far : {"2", "5"}) {
+    try {
+      const Session session(scene(far), registry, {.paced = false});
+      ADD_FAILURE() << "accepted " << far << " m";
+    } catch (const std::invalid_argument& error) {
+      EXPECT_NE(std::string(error.what()).find("timeline at 1.5 s, 'pose'"), std::string::npos)
+          << error.what();
+      EXPECT_NE(std::string(error.what()).find("out of reach"), std::string::npos) << error.what();
+    }
+  }
+  EXPECT_NO_THROW(Session(scene("0.5"), registry, {.paced = false}));
+}
+
+// A backend that fails while the arms are in motion: they are still left as at any end.
+class FailsInMotion final : public Backend {
+ public:
+  FailsInMotion(std::unique_ptr<Backend> arms, int& finished, bool fails_again)
+      : arms_(std::move(arms)), finished_(finished), fails_again_(fails_again) {}
+  std::size_t arm_count() const override { return arms_->arm_count(); }
+  Capabilities capabilities(ArmIndex arm) const override { return arms_->capabilities(arm); }
+  void start() override { arms_->start(); }
+  void finish() override {
+    ++finished_;
+    arms_->finish();
+    if (fails_again_) throw std::runtime_error("and again");
+  }
+  ArmSet wait() override {
+    if (++steps_ == 50) throw std::runtime_error("out of memory");
+    return arms_->wait();
+  }
+  LoopTime now() const override { return arms_->now(); }
+  void read(ArmSet due, std::span<ArmState> states) override { arms_->read(due, states); }
+  void write(ArmSet due, std::span<const ArmCommand> commands) override { arms_->write(due, commands); }
+  using Backend::request;
+  std::future<RequestAnswer> request(ArmIndex, ArmRequest) override { return {}; }
+
+ private:
+  std::unique_ptr<Backend> arms_;
+  int& finished_;
+  bool fails_again_;
+  int steps_ = 0;
+};
+
+TEST_F(SessionTest, AfterAFailureInMotionTheArmsAreLeftAsAtAnyEnd) {
+  for (const bool fails_again : {false, true}) {
+    int finished = 0;
+    SessionOptions options{.paced = false, .duration_s = 0.2};
+    options.make_backend = [&](const Scene& s) {
+      return std::make_unique<FailsInMotion>(
+          make_backend(s, registry_, {.kind = BackendKind::mujoco}, {.paced = false}).backend, finished,
+          fails_again);
+    };
+    Session session(two_poses(), registry_, options);
+    session.start();
+    try {
+      (void)session.finish();
+      FAIL();
+    } catch (const std::runtime_error& error) {
+      EXPECT_THAT(error.what(), HasSubstr("out of memory"));
+    }
+    EXPECT_EQ(finished, 1);
+  }
+}
+
 TEST_F(SessionTest, TheSummaryIsOneJsonObject) {
   Session session(two_poses("timeline:\n  - {at_s: 0.02, switch: {deactivate: [left_pose]}}\n"), registry_,
                   {.paced = false, .duration_s = 0.05});

@@ -26,7 +26,11 @@ std::vector<std::string> RunSummary::faults() const {
   for (const auto& i : interventions) {
     const bool expected = std::find(expected_interventions.begin(), expected_interventions.end(),
                                     std::pair(i.arm, i.rule)) != expected_interventions.end();
-    if (i.deactivates() && !expected) {
+    if (i.deactivates() && !expected && i.controllet == i.arm + "_hold") {
+      // Nothing comes after a hold: its arm had its gravity compensation only.
+      faults.push_back(fmt::format("arm '{}': {}: its hold had no torque in {} cycle{}, first at {:.3f} s",
+                                   i.arm, to_string(i.rule), i.count, i.count == 1 ? "" : "s", i.first_s));
+    } else if (i.deactivates() && !expected) {
       faults.push_back(fmt::format(
           "arm '{}': {} deactivated {} at {:.3f} s", i.arm, to_string(i.rule),
           i.controllet.empty() ? std::string("its controllet") : fmt::format("'{}'", i.controllet),

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <atomic>
+#include <sched.h>
+#include <unistd.h>
 
 #include "core/rt/pacer.hpp"
 #include "fci/client/fci_backend.hpp"
@@ -34,6 +36,26 @@ fci::VirtualArmOptions options_of(const Scene& scene, VirtualPace pace) {
   options.idle_stands_still = true;  // the arms start in the scene's configuration
   return options;
 }
+
+// While it exists, threads that the calling one starts may run on every core of the process; the calling one
+// itself stays where it was afterwards.
+class OnEveryCore {
+ public:
+  OnEveryCore() {
+    cpu_set_t all;  // of the process' first thread
+    if (sched_getaffinity(0, sizeof(own_), &own_) != 0 || sched_getaffinity(getpid(), sizeof(all), &all) != 0)
+      return;
+    changed_ = sched_setaffinity(0, sizeof(all), &all) == 0;
+  }
+  ~OnEveryCore() {
+    if (changed_) (void)sched_setaffinity(0, sizeof(own_), &own_);
+  }
+  OnEveryCore(const OnEveryCore&) = delete;
+
+ private:
+  cpu_set_t own_{};
+  bool changed_ = false;
+};
 
 }  // namespace
 
@@ -85,11 +107,15 @@ Capabilities VirtualBackend::capabilities(ArmIndex arm) const {
           .has_external_torque = true,
           .has_contact_truth = true,
           .has_gripper = of.hand && of.movable_fingers.value_or(false),
-          .has_vacuum = of.vacuum};
+          .has_vacuum = of.vacuum,
+          .every_command_arrives = self_->lockstep(),
+          .own_clock = !self_->lockstep(),
+          .torque_rate_max = fci::kTorqueRateMax};
 }
 
 void VirtualBackend::start() {
   auto& self = *self_;
+  const OnEveryCore threads;  // the arms' world and its clients do not share the loop's core
   self.world.start();
   std::vector<fci::FciArmConfig> arms;
   for (ArmIndex i = 0; i < self.scene.arms.size(); ++i) {

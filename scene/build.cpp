@@ -115,7 +115,34 @@ Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant) {
   return X_WB;
 }
 
-std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm) {
+double fixed_load(const SceneArm& arm, const RobotDescription& robot) {
+  return arm.tool.mass + (arm.hand && robot.hand ? rigid_hand(*robot.hand).mass : 0);
+}
+
+double largest_payload(const SceneArm& arm, const RobotDescription& robot) {
+  const auto& most = arm.largest_load ? arm.largest_load : robot.rated_payload;
+  return most ? std::max(0.0, *most - fixed_load(arm, robot)) : 0;
+}
+
+namespace {
+
+// Behind a loopback address there is a virtual arm, whose motors are those of its model file.
+bool is_physical(const SceneArm& arm) {
+  if (!arm.fci) return false;
+  const std::string& address = arm.fci->address;
+  return !address.starts_with("127.") && address != "localhost" && address != "::1";
+}
+
+JointVector motor_inertia_of(const SceneArm& arm, const RobotDescription& robot) {
+  if (!is_physical(arm)) {
+    const RobotDescription plant = plant_robot_of(arm);
+    return plant.joint_count() == robot.joint_count() ? plant.motor_inertia : JointVector();
+  }
+  if (robot.motor_inertia.size() > 0) return robot.motor_inertia;
+  return joint_constant(robot.joint_count(), kAssumedMotorInertia);
+}
+
+ArmModelSource model_source(const SceneArm& arm) {
   const RobotDescription robot = robot_of(arm);
   ArmModelSource source = arm_model_source(robot, arm.X_WB, arm.hand);
   source.name = arm.name;
@@ -126,6 +153,28 @@ std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm) {
                                   "' has no friction table");
     }
     source.known_friction = JointFrictionTable{robot.friction->p1, robot.friction->p2, robot.friction->p3};
+  }
+  source.tool = arm.tool;
+  source.largest_load = largest_payload(arm, robot);
+  source.motor_inertia = motor_inertia_of(arm, robot);
+  return source;
+}
+
+}  // namespace
+
+std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm) {
+  return std::make_shared<const ArmModel>(model_source(arm));
+}
+
+std::shared_ptr<const ArmModel> build_controller_model(const SceneArm& arm) {
+  ArmModelSource source = model_source(arm);
+  ArmLimits& own = source.limits;
+  const ArmLimits& scene = arm.safety.joints;
+  if (scene.q_min.size() == own.q_min.size()) {
+    own.q_min = own.q_min.cwiseMax(scene.q_min).eval();
+    own.q_max = own.q_max.cwiseMin(scene.q_max).eval();
+    own.dq_max = own.dq_max.cwiseMin(scene.dq_max).eval();
+    own.ddq_max = own.ddq_max.cwiseMin(scene.ddq_max).eval();
   }
   return std::make_shared<const ArmModel>(std::move(source));
 }
@@ -148,7 +197,8 @@ ArmConfig arm_config(const SceneArm& arm) {
 
 CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) {
   CycleConfig config;
-  for (const auto& arm : scene.arms) config.arms.push_back({arm.name, build_arm_model(arm), arm.safety});
+  for (const auto& arm : scene.arms)
+    config.arms.push_back({arm.name, build_controller_model(arm), arm.safety});
   config.controllets = scene.controllets;
   config.obstacles = fixed_obstacles(scene.objects);
   config.record_capacity = record_capacity;

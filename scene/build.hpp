@@ -25,9 +25,24 @@ RobotDescription plant_robot_of(const SceneArm& arm);
 // Pose of its base in the plant: X_WB, turned by the tilt of `plant`.
 Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant);
 
+// Masses that count towards the largest load: of hand and tool, and what remains for a declared payload [kg].
+// Nothing remains if neither the scene nor the model says what the arm may carry.
+double fixed_load(const SceneArm& arm, const RobotDescription& robot);
+double largest_payload(const SceneArm& arm, const RobotDescription& robot);
+
 // The controllers' model of the arm: links and hand; tool and declared load come with the ArmState
 // (arm_config). `limits` are those of the model file; those of the scene are in SceneArm::safety.
 std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm);
+
+// The same with the limits that the scene tightens: for the controllers, so that holds, features and checks
+// of goals keep to them. The plant and the arm's own checks keep those of the model file. Position limits
+// that the scene loosens stay those of the model.
+std::shared_ptr<const ArmModel> build_controller_model(const SceneArm& arm);
+
+// What the motors of real arms are assumed to add to each joint's inertia, as long as a model file states
+// none: the armature of the Panda in MuJoCo's model collection (mujoco_menagerie, 0.1 kg m^2 for every
+// joint). Identified values would replace it.
+inline constexpr double kAssumedMotorInertia = 0.1;  // [kg m^2]
 
 // Initial frames, tool and declared load of an arm; a backend puts them into its ArmState.
 struct ArmConfig {
@@ -37,7 +52,7 @@ struct ArmConfig {
 };
 ArmConfig arm_config(const SceneArm& arm);
 
-// Ready for ControlCycle. One arm model per arm is built.
+// Ready for ControlCycle. One model per arm is built (build_controller_model).
 CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity = 0);
 
 // The scene's timeline for MultimodeController::schedule; `place` events are left to the backend.

@@ -58,6 +58,32 @@ TEST(Build, WithoutHandTheFlangeIsTheEndEffector) {
   EXPECT_EQ(frames(", end_effector: {position_m: [0, 0, 0.3]}").X_FE.position.z(), 0.3);
 }
 
+// Largest declared payload: 3 kg less hand (0.6544 + 2 x 0.0291 kg) and tool, or the scene's own limit.
+TEST(Build, LargestLoadIsWhatTheModelIsRatedFor) {
+  const Registry registry = Registry::with_builtins();
+  const auto arm = [&](const std::string& more) {
+    return parse_scene("arms:\n  - {name: left" + more + "}\n", "s.yaml", registry).arms[0];
+  };
+  const auto most = [&](const std::string& more) {
+    return build_arm_model(arm(more))->largest_load().value();
+  };
+  for (const char* model : {"fer", "fer_maker", "fr3", "fr3v2"}) {
+    EXPECT_NEAR(most(std::string(", model: ") + model), 3 - 0.7126, 1e-12);
+    EXPECT_EQ(most(std::string(", hand: false, model: ") + model), 3);
+  }
+  EXPECT_NEAR(most(", tool: {mass_kg: 1.5}"), 3 - 0.7126 - 1.5, 1e-12);
+  EXPECT_NEAR(most(", largest_load_kg: 5"), 5 - 0.7126, 1e-12);
+  EXPECT_EQ(arm(", largest_load_kg: 2").loosened.size(), 0u);
+  ASSERT_EQ(arm(", largest_load_kg: 5").loosened.size(), 1u);
+  EXPECT_EQ(arm(", largest_load_kg: 5").loosened[0], "largest_load_kg: 5 kg, the model is rated for 3 kg");
+  // A model without a rating carries nothing until the scene says what it can.
+  const std::string ur = ", hand: false, model: " MULTIPANDA_SOURCE_DIR "/tests/models/ur5e.yaml";
+  EXPECT_EQ(most(ur), 0);
+  EXPECT_EQ(most(ur + ", largest_load_kg: 5"), 5);
+  EXPECT_THROW(arm(ur + ", load_declared: {mass_kg: 1}"), std::invalid_argument);
+  EXPECT_EQ(arm(ur + ", largest_load_kg: 5, load_declared: {mass_kg: 1}").load_declared.mass, 1);
+}
+
 TEST(Build, UsesKnownFrictionOnlyWhenTheSceneDeclaresIt) {
   const Registry registry = Registry::with_builtins();
   const auto model = [&](const std::string& more) {
@@ -69,6 +95,72 @@ TEST(Build, UsesKnownFrictionOnlyWhenTheSceneDeclaresIt) {
   EXPECT_EQ(knowing->known_friction()->p1[3], 1.2794);
   EXPECT_EQ(knowing->known_friction()->p2[0], 5.1181);
   EXPECT_EQ(knowing->known_friction()->p3[2], -0.046070);
+}
+
+// Holds, features and checks of goals read the limits of the controllers' model; the plant keeps its own.
+TEST(Build, TightenedLimitsReachTheControllers) {
+  const Registry registry = Registry::with_builtins();
+  const Scene scene = parse_scene(
+      "arms:\n"
+      "  - name: left\n"
+      "    safety: {position_max_rad: [1, 1, 1, -1, 1, 2.5, 1], velocity_max_rad_per_s: 1.0}\n",
+      "s.yaml", registry);
+  const CycleConfig config = build_cycle_config(scene);
+  const ArmLimits& controllers = config.arms[0].model->limits();
+  const auto plant = build_arm_model(scene.arms[0]);
+  EXPECT_EQ(controllers.q_max[3], -1);
+  EXPECT_EQ(controllers.q_max[6], 1);
+  EXPECT_EQ(controllers.dq_max[0], 1);
+  EXPECT_EQ(controllers.q_min, plant->limits().q_min);
+  EXPECT_EQ(controllers.tau_max, plant->limits().tau_max);
+  EXPECT_EQ(plant->limits().q_max[3], -0.0698);
+  EXPECT_EQ(plant->limits().dq_max[0], 2.175);
+}
+
+TEST(Build, LoosenedPositionLimitsStayThoseOfTheModel) {
+  const Registry registry = Registry::with_builtins();
+  const Scene scene = parse_scene(
+      "arms:\n"
+      "  - name: left\n"
+      "    safety: {position_max_rad: [3, 3, 3, 0, 3, 4, 3], allow_looser_limits: true}\n",
+      "s.yaml", registry);
+  EXPECT_EQ(build_cycle_config(scene).arms[0].model->limits().q_max, load_robot("fer").limits.q_max);
+}
+
+// The damping of the manufacturer's joint impedance example suits arms with motors: it is accepted on real
+// arms, refused where the plant is known to have none, and the refusal says so.
+TEST(Build, DampingIsBoundedByTheInertiaOfTheArm) {
+  const Registry registry = Registry::with_builtins();
+  const auto refusal = [&](const std::string& more) -> std::string {
+    const Scene scene = parse_scene(
+        "arms:\n"
+        "  - {name: left, hand: true" +
+            more +
+            "}\n"
+            "controllets:\n"
+            "  - name: a\n"
+            "    type: joint_impedance\n"
+            "    arms: left\n"
+            "    parameters: {damping_design: given, stiffness_nm_per_rad: [600, 600, 600, 600, 250, 150, "
+            "50],\n"
+            "                 damping_nms_per_rad: [50, 50, 50, 50, 30, 25, 15]}\n",
+        "s.yaml", registry);
+    StillBackend backend(1);
+    try {
+      const ControlCycle cycle(build_cycle_config(scene), registry, backend);
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return {};
+  };
+  EXPECT_EQ(refusal(", fci: 172.16.0.2"), "");
+  EXPECT_EQ(refusal(", model: fr3, fci: 172.16.0.2"), "");
+  for (const std::string arm : {"", ", fci: 127.0.0.1", ", model: fr3"}) {
+    const std::string why = refusal(arm);
+    EXPECT_NE(why.find("'damping_nms_per_rad' of joint"), std::string::npos) << why;
+    EXPECT_NE(why.find("no motor inertia"), std::string::npos) << why;
+    EXPECT_NE(why.find("N m s/rad"), std::string::npos) << why;
+  }
 }
 
 TEST(Build, BuildsCycleAndScheduleOfEveryShippedScene) {

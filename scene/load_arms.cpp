@@ -5,6 +5,7 @@
 
 #include "config_file/text.hpp"
 #include "models/load_parts.hpp"
+#include "scene/build.hpp"
 #include "scene/load_parts.hpp"
 #include "support/spelling.hpp"
 
@@ -136,6 +137,29 @@ void check_ranges(const Archive& archive, const SafetyLimits& safety, const Scen
   }
 }
 
+void check_load(const Archive& archive, const RobotDescription& robot, SceneArm& arm) {
+  const auto& rated = robot.rated_payload;
+  if (arm.largest_load && (!rated || *arm.largest_load > *rated)) {
+    arm.loosened.push_back(
+        "largest_load_kg: " + number_text(*arm.largest_load) + " kg, " +
+        (rated ? "the model is rated for " + number_text(*rated) + " kg" : "the model has no rating"));
+  }
+  const double payload = arm.load_declared.mass, fixed = fixed_load(arm, robot);
+  const auto most = arm.largest_load ? arm.largest_load : rated;
+  if (!most && payload > 0) {
+    archive.at("load_declared")
+        .refuse(
+            "the model " + in_quotes(robot.name) +
+            " has no 'rated_payload_kg': what it can carry is not known; add 'largest_load_kg' to this arm");
+  }
+  if (!most || payload + arm.tool.mass == 0 || fixed + payload <= *most) return;
+  archive.at(archive.has("load_declared") ? "load_declared" : "tool")
+      .refuse("too heavy: hand, tool and payload are " + number_text(fixed + payload) +
+              " kg, expected at most " + number_text(*most) +
+              " kg; if the arm can carry them, write 'largest_load_kg: " +
+              number_text(std::ceil(fixed + payload)) + "' in this arm");
+}
+
 std::size_t joint_count_of(const std::optional<RobotDescription>& robot) {
   return robot ? robot->joint_count() : 0;
 }
@@ -239,7 +263,8 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
     }
   }
   archive(Key("model",
-              "A robot of models/ (`fer`, `fer_maker`, `fr3`), or the path of a model file, relative to this "
+              "A robot of models/ (`fer`, `fer_maker`, `fr3`, `fr3v2`), or the path of a model file, "
+              "relative to this "
               "file.")
               .like(available_robots()),
           arm.model);
@@ -294,6 +319,14 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
   archive.section(Key("load_present",
                       "Payload in the plant. Declare a payload that is present and known under both keys."),
                   arm.load_present);
+  archive(
+      Key("largest_load_kg",
+          "Mass that the flange may carry by this scene and by requests: hand, tool and declared payload. "
+          "Default: `rated_payload_kg` of the model. More than that is shown and logged; a model without a "
+          "rating needs it before a payload may be declared.")
+          .within(0, 100),
+      arm.largest_load);
+  if (robot) check_load(archive, *robot, arm);
   archive.list(Key("tool_shapes", "Collision geometry of the tool, without mass: its mass is in `tool`.")
                    .each("tool shape"),
                arm.tool_shapes);
@@ -310,7 +343,13 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
   }
   if (robot) {
     const JointLimits& own = robot->limits;
-    arm.safety.joints = {own.q_min, own.q_max, own.dq_max, own.ddq_max, own.tau_max, own.tau_rate_max};
+    arm.safety.joints = {own.q_min,
+                         own.q_max,
+                         own.dq_max,
+                         own.ddq_max,
+                         own.tau_max,
+                         own.tau_rate_max,
+                         robot->position_based_velocity};
   }
   archive.section(Key("safety", "Limits of the safety stage. Default: those of the model."), arm.safety, arm);
   if (robot && !archive.has("safety")) check_ranges(archive, arm.safety, arm);

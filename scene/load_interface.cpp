@@ -109,14 +109,22 @@ void visit(Archive& archive, FciConnection& fci, SceneReader& reader) {
       Key("low_pass_hz", "Cutoff frequency of a low-pass on the commanded torques; 0: none.").within(0, 1000),
       fci.low_pass_hz);
   archive(Key("rate_limit",
-              "Keep commanded torques within the rate that the arm allows. The safety stage does so unless "
-              "it was "
-              "loosened."),
+              "Without effect, accepted for one release: the safety stage keeps the rate that the arm "
+              "allows, counted "
+              "from the torque in use."),
           fci.rate_limit);
   archive(
       Key("check_model",
           "Before the start, compare the robot model that the arm provides, if any, with the scene's model."),
       fci.check_model);
+  archive(Key("recover_at_start",
+              "Clear a reflex in which the arm is found at the start or at a reconnection. Otherwise `ctl "
+              "recover` does."),
+          fci.recover_at_start);
+  archive(Key("keep_collision_thresholds",
+              "Without the arm's key `collision`, leave the thresholds that an earlier program has set. "
+              "Otherwise the arm gets careful ones: 80 N, 25 N m, and 40 N m or less per joint."),
+          fci.keep_collision_thresholds);
   if (!archive.reading()) return;
   fci.place = archive.self().place();
   check_address(archive.at("address"), fci, reader);

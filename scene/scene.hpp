@@ -57,8 +57,10 @@ struct FciConnection {
   bool gripper = true;                 // connect to the hand's gripper, if there is one
   bool vacuum = false;                 // connect to a vacuum gripper
   double low_pass_hz = 0;              // of commanded torques; 0: none
-  bool rate_limit = false;             // commanded torques are kept within the arm's rate
+  bool rate_limit = false;             // without effect, for one release
   bool check_model = true;  // compare the robot model that the arm provides with the scene's at the start
+  bool recover_at_start = false;           // clear a reflex of the arm without being asked
+  bool keep_collision_thresholds = false;  // without the arm's key `collision`: those of an earlier program
   SourcePlace place;
 };
 
@@ -82,6 +84,8 @@ struct SceneArm {
   Load tool;           // rigid tool on the flange in addition to the hand: in plant and controllers
   Load load_declared;  // payload that the controllers know
   Load load_present;   // payload in the plant
+  // Everything that the flange may carry, hand and tool included [kg]; none: the model's rated payload.
+  std::optional<double> largest_load;
   std::vector<ToolShape> tool_shapes;
   bool known_friction = false;       // controllers know the model's friction table
   std::optional<FciConnection> fci;  // a real arm; none: simulated, unless an option of the run overrides it

@@ -5,14 +5,19 @@ There is no network, package manager or compiler: a fake records its call and do
 
 import os
 import pathlib
+import re
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 import unittest
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "tools"))
+import pin_hashes
+
 REAL_TOOLS = "bash env readlink dirname sha256sum awk cat find mkdir rm mv cp chmod touch flock grep tail sed".split()
 
 FAKES = {
@@ -164,6 +169,34 @@ class FrontDoor(unittest.TestCase):
         self.assertIn("-DMULTIPANDA_ROS=on", self.calls("cmake")[0])
         self.set_up()
         self.assertEqual(self.calls("python3"), [])
+
+    def test_every_package_is_installed_by_its_hash(self):
+        for version in ("310", "311"):
+            shutil.rmtree(self.tree / ".venv", ignore_errors=True)
+            self.assertEqual(self.call("setup", FAKE_PYTHON=version).returncode, 0)
+            fetched = [c for c in self.calls("python3") if re.search(r"-m pip .*\b(install|download)\b", c)]
+            self.assertEqual(len(fetched), 3 if version == "310" else 2)
+            for call in fetched:
+                self.assertIn("--require-hashes", call)
+                # A package built from source must not fetch a builder without a hash.
+                self.assertTrue("--only-binary=:all:" in call or "--no-build-isolation" in call, call)
+        # Python 3.10 gets MuJoCo's library from another Python's wheel: the same pin, without its marker.
+        lines = (self.tree / "build/wheels/mujoco.txt").read_text().splitlines()
+        self.assertRegex(lines[0], r"^mujoco-core==[\d.]+ *\\$")
+        (pin,) = [
+            p for p in pin_hashes.read((ROOT / "requirements.txt").read_text()) if p.text.startswith("mujoco-core==")
+        ]
+        self.assertGreaterEqual(len(pin.hashes), 3)
+        self.assertEqual(sorted(re.findall("[0-9a-f]{64}", "\n".join(lines))), sorted(pin.hashes))
+
+    def test_a_package_that_is_not_the_tested_file_is_named_as_such(self):
+        self.fake(
+            "python3",
+            FAKES["python3"].replace(
+                "exit 0 ;;", 'echo "THESE PACKAGES DO NOT MATCH THE HASHES FROM THE REQUIREMENTS FILE"; exit 1 ;;'
+            ),
+        )
+        self.assert_refused(self.call("setup"), "requirements.txt", "hash", "pip config list")
 
     def test_a_ros_of_the_shell_stays_out_of_set_up(self):
         self.fake(

@@ -2,6 +2,7 @@
 
 import io
 import pathlib
+import subprocess
 import sys
 import tempfile
 import unittest
@@ -11,6 +12,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "tools")
 import check_layers
 import check_phrases
 import check_texts
+import pin_hashes
 from layers import LAYERS
 
 
@@ -143,6 +145,119 @@ class Texts(Tree):
         self.write("docs/a.md", "\n[b](missing.md)\n[c](b.md#three)\n")
         faults = check_texts.check(self.root)
         self.assertEqual([f.split(": ")[0] for f in faults], ["docs/a.md:2", "docs/a.md:3"])
+
+
+class Pins(unittest.TestCase):
+    """Hashes of Python packages. 'a' * 64 stands for the hash of a file."""
+
+    GOOD = f"# a comment\nnumpy==2.4.6; python_version >= '3.11' \\\n    --hash=sha256:{'a' * 64}\n"
+
+    def test_every_package_of_the_project_has_a_version_and_a_hash(self):
+        for path in pin_hashes.FILES:
+            text = path.read_text()
+            self.assertEqual(pin_hashes.faults(text), [], path.name)
+            self.assertGreater(len(list(filter(pin_hashes.is_pin, pin_hashes.read(text)))), 50, path.name)
+
+    def test_a_line_without_version_or_hash_is_found_with_its_line(self):
+        self.assertEqual(pin_hashes.faults(self.GOOD), [])
+        for text, line, word in (
+            ("numpy==2.4.6\n", 1, "no hash"),
+            ("# first\nnumpy==2.4.6; python_version < '3.11'\n", 2, "no hash"),
+            (f"numpy>=2.4.6 --hash=sha256:{'a' * 64}\n", 1, "no exact version"),
+            ("numpy\n", 1, "no exact version"),
+            (f"numpy==2.4.6 --hash=md5:{'a' * 32}\n", 1, "no exact version"),
+            (self.GOOD + self.GOOD.replace("numpy", "NumPy"), 5, "twice"),
+        ):
+            (fault,) = pin_hashes.faults(text)
+            self.assertTrue(fault.startswith(f"{line}: "), fault)
+            self.assertIn(word, fault)
+        self.assertEqual(len(pin_hashes.faults("# nothing\n")), 1)
+
+    def test_hashes_of_each_python_are_written_and_old_ones_replaced(self):
+        asked = []
+
+        def offered(name, version, python, source):
+            asked.append((name, version, python, source))
+            return set() if python == "3.13" else {python[-1] * 64, "f" * 64}
+
+        text, missing = pin_hashes.renew("--no-binary empy\n" + self.GOOD + "empy==4.2.1\n", offered)
+        self.assertEqual(missing, [])  # a Python that no supported distribution has may lack a file
+        self.assertEqual(
+            asked,
+            [("numpy", "2.4.6", p, False) for p in ("3.11", "3.12", "3.13")]
+            + [("empy", "4.2.1", p, True) for p in ("3.10", "3.11", "3.12", "3.13")],
+        )
+        option, comment, numpy, empy = pin_hashes.read(text)
+        self.assertEqual((option.text, comment.text), ("--no-binary empy", "# a comment"))
+        self.assertEqual(numpy.text, "numpy==2.4.6; python_version >= '3.11'")
+        self.assertEqual(numpy.hashes, ("1" * 64, "2" * 64, "f" * 64))
+        self.assertEqual(empy.hashes, ("0" * 64, "1" * 64, "2" * 64, "f" * 64))
+        self.assertEqual(pin_hashes.renew(text, offered)[0], text)
+
+    def test_a_version_without_a_file_for_a_supported_python_is_a_fault(self):
+        _, missing = pin_hashes.renew(self.GOOD, lambda name, version, python, source: set())
+        self.assertEqual([fault.split(": ")[0] for fault in missing], ["2", "2"])
+
+
+class Promises(Tree):
+    HEAD = "| promise | proved by |\n|---|---|\n"
+
+    def faults(self, rows, head=HEAD):
+        self.write("core/a_test.cpp", "TEST(Stop, Holds) {}\nTEST_P(Limit, IsKept) {}\nTEST(Stop, DISABLED_Old) {}\n")
+        self.write("tests/b_test.py", "class Door(Base):\n    def test_is_shut(self):\n        pass\n")
+        self.write("docs/promises.md", head + rows)
+        return check_texts.check(self.root)
+
+    def test_named_tests_must_exist(self):
+        self.assertEqual(
+            self.faults("| it holds | `Stop.Holds`, `Limit.IsKept` |\n| shut | `Door.test_is_shut` |\n"), []
+        )
+        for name in ("Stop.Hold", "Limit.Holds", "Stop.Old", "Door.test_is_open", "Holds"):
+            (fault,) = self.faults(f"| it holds | `{name}` |\n")
+            self.assertTrue(fault.startswith("docs/promises.md:3: "), fault)
+            self.assertIn(name, fault)
+
+    def test_a_promise_without_a_test_and_a_page_without_promises_are_faults(self):
+        (fault,) = self.faults("| it holds | `Stop.Holds` |\n| it flies | sure |\n")
+        self.assertTrue(fault.startswith("docs/promises.md:4: "), fault)
+        self.assertEqual(len(self.faults("| it holds | `None.Here` |\n", head="| a | b |\n|---|---|\n")), 1)
+
+    def test_the_page_of_the_project_is_checked(self):
+        text = (check_texts.ROOT / check_texts.PROMISES).read_text()
+        self.assertGreater(text.count("\n| "), 30)
+        self.assertEqual(check_texts.check_promises(check_texts.ROOT), [])
+
+
+class Ros2Control(Tree):
+    """ros/tests/run.sh with a ROS 2 and tools that do nothing but end with a code."""
+
+    def run_script(self, description, colcon=0):
+        prefix, build = self.root / "ros", self.root / "build"
+        self.write("ros/setup.bash", f"export AMENT_PREFIX_PATH={prefix}\n")
+        self.write("ros/share/controller_manager/package.xml", "<version>1.2.3</version>\n")
+        self.write("build/install/setup.bash", "")
+        for name, code in (
+            ("colcon", f'case "$*" in *" test "*) exit {colcon} ;; esac'),
+            ("python3", f"exit {description}"),
+        ):
+            self.write(f"bin/{name}", f"#!/bin/sh\n{code}\n")
+            (self.root / "bin" / name).chmod(0o755)
+        script = pathlib.Path(__file__).resolve().parent.parent / "ros/tests/run.sh"
+        environment = {"PATH": f"{self.root}/bin:/usr/bin:/bin", "MULTIPANDA_ROS2_PREFIX": str(prefix)}
+        result = subprocess.run([script, build], env=environment, capture_output=True, text=True, check=False)
+        return result.returncode, result.stdout
+
+    def test_descriptions_that_were_not_checked_are_reported_as_skipped(self):
+        code, text = self.run_script(description=77)
+        self.assertEqual(code, 77)
+        self.assertRegex(text, r"(?m)^skipped: the robot descriptions .* xacro")
+        self.assertNotIn("built and tested", text)
+
+    def test_what_failed_is_a_failure_and_what_passed_passes(self):
+        self.assertEqual(self.run_script(description=0)[0], 0)
+        self.assertEqual(self.run_script(description=1)[0], 1)
+        self.assertEqual(self.run_script(description=77, colcon=1)[0], 1)
+        self.assertEqual(self.run_script(description=0, colcon=1)[0], 1)
 
 
 class Phrases(Tree):

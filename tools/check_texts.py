@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Checks paths in the project's texts; prints file:line for each fault, ends with 1 if there is one.
 
-A path of somebody's machine works for its author only. A link of a page must lead to a file, and to a heading of it.
+A path of somebody's machine works for its author only. A link of a page must lead to a file, and to a heading of it. A
+promise of docs/promises.md must name tests, and the sources must have them.
 """
 
 import pathlib
@@ -52,6 +53,51 @@ def check_links(root):
     return faults
 
 
+PROMISES = pathlib.Path("docs/promises.md")
+GTEST = re.compile(r"^\s*(?:TYPED_)?TEST(?:_F|_P)?\(\s*(\w+)\s*,\s*(\w+)\s*\)", re.M)
+
+
+def tests_in_sources(root):
+    """Names of all tests: Suite.Name in C++, Class.test_name in Python."""
+    found = set()
+    for path in project_files(root, {".cpp", ".py"}):
+        text = path.read_text(encoding="utf-8")
+        if path.suffix == ".cpp":
+            found |= {f"{suite}.{name}" for suite, name in GTEST.findall(text)}
+            continue
+        for body in re.split(r"^(?=class )", text, flags=re.M)[1:]:
+            suite = re.match(r"class (\w+)", body).group(1)
+            found |= {f"{suite}.{name}" for name in re.findall(r"^    def (test_\w+)\(", body, re.M)}
+    return found
+
+
+def check_promises(root):
+    """Every row of a table with the column 'proved by' names at least one test, and each exists."""
+    if not (root / PROMISES).exists():
+        return []
+    faults, rows, column, existing = [], 0, None, tests_in_sources(root)
+    for number, line in enumerate((root / PROMISES).read_text(encoding="utf-8").splitlines(), 1):
+        cells = [cell.strip() for cell in line.strip().strip("|").split("|")] if line.startswith("|") else []
+        if not cells or set(line) <= set("|-: "):
+            column = column if cells else None
+            continue
+        if "proved by" in cells:
+            column = cells.index("proved by")
+            continue
+        if column is None:
+            continue
+        rows += 1
+        names = re.findall(r"`([^`]+)`", cells[column]) if column < len(cells) else []
+        if not names:
+            faults.append(f"{PROMISES}:{number}: a promise without a test: '{cells[0]}'")
+        faults += [
+            f"{PROMISES}:{number}: names the test {name}, which no source file has"
+            for name in names
+            if name not in existing
+        ]
+    return faults or ([] if rows else [f"{PROMISES}:1: no row with the column 'proved by', nothing would be checked"])
+
+
 def check(root):
     faults = []
     files = project_files(root)
@@ -65,10 +111,10 @@ def check(root):
             match = FORBIDDEN.search(line)
             if match:
                 faults.append(f"{path.relative_to(root)}:{number}: names '{match.group()}', a path of one machine only")
-    return faults + check_links(root)
+    return faults + check_links(root) + check_promises(root)
 
 
 if __name__ == "__main__":
     found = check(pathlib.Path(sys.argv[1]).resolve() if len(sys.argv) > 1 else ROOT)
-    print("\n".join(found) or "no machine-specific paths, and every link is valid")
+    print("\n".join(found) or "no machine-specific paths, every link is valid and every promise has its tests")
     sys.exit(1 if found else 0)

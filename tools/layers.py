@@ -117,8 +117,8 @@ LAYERS = [
     layer(
         "runtime/embedded",
         "a cycle that another program's loop drives",
-        "support core device scene backends/mujoco fci/client runtime",
-        "fci/server",
+        "support core device models scene backends/mujoco fci/client runtime",
+        "backends/simulated_arm fci/server",
     ),
     layer(
         "runtime/motion",

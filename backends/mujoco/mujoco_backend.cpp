@@ -38,7 +38,8 @@ Capabilities MujocoBackend::capabilities(ArmIndex arm) const {
           .has_external_torque = false,
           .has_contact_truth = true,
           .has_gripper = plant_.has_gripper(arm),
-          .has_vacuum = plant_.has_vacuum(arm)};
+          .has_vacuum = plant_.has_vacuum(arm),
+          .every_command_arrives = true};
 }
 
 void MujocoBackend::start() {
@@ -99,7 +100,7 @@ void MujocoBackend::advance() {
 
 std::future<RequestAnswer> MujocoBackend::request(ArmIndex arm, ArmRequest request) {
   if (arm >= arm_count()) return refuse_request(no_such_arm(arm, arm_count()));
-  if (auto why = check_request(request, plant_.arm(arm).joint_count()); !why.empty())
+  if (auto why = check_request(request, plant_.arm(arm).model()); !why.empty())
     return refuse_request(std::move(why));
   return requests_.post({.arm = arm, .request = std::move(request)});
 }

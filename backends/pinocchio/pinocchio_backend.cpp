@@ -38,7 +38,9 @@ PinocchioBackend::PinocchioBackend(const Scene& scene, bool paced)
   }
 }
 
-Capabilities PinocchioBackend::capabilities(ArmIndex) const { return {.simulated = true, .lockstep = true}; }
+Capabilities PinocchioBackend::capabilities(ArmIndex) const {
+  return {.simulated = true, .lockstep = true, .every_command_arrives = true};
+}
 
 void PinocchioBackend::start() {
   requests_.open();
@@ -136,7 +138,7 @@ std::future<RequestAnswer> PinocchioBackend::request(ArmIndex arm, ArmRequest re
   if (arm >= arms_.size()) {
     return refuse_request(no_such_arm(arm, arms_.size()));
   }
-  if (auto why = check_request(request, arms_[arm].behavior.joint_count()); !why.empty()) {
+  if (auto why = check_request(request, arms_[arm].behavior.model()); !why.empty()) {
     return refuse_request(std::move(why));
   }
   return requests_.post({.arm = arm, .request = std::move(request)});

@@ -151,7 +151,8 @@ Capabilities ReplayBackend::capabilities(ArmIndex arm) const {
   return {.simulated = true,
           .lockstep = true,
           .has_external_torque = first.tau_ext_hat.size() > 0,
-          .has_contact_truth = first.has_contact_truth};
+          .has_contact_truth = first.has_contact_truth,
+          .every_command_arrives = true};
 }
 
 ArmSet ReplayBackend::wait() {

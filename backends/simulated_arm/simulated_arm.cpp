@@ -176,6 +176,7 @@ void SimulatedArm::end_motion(MotionEnd how) {
     ++motions_ended_;
     motion_end_ = how;
     at_rest_ = 0;
+    braking_s_ = 0;
     hold_changed_ = true;
   }
   moving_ = commanded_ = false;
@@ -342,6 +343,7 @@ void SimulatedArm::press_guiding(bool pressed) {
   if (pressed) X_WE_guided_ = model_.X_WE();
   guiding_ = pressed;
   at_rest_ = 0;  // released: it stays at its current position
+  braking_s_ = 0;
   hold_changed_ = true;
 }
 

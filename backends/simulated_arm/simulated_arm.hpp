@@ -77,6 +77,7 @@ class SimulatedArm {
   SimulatedArm(SimulatedArmConfig config, const JointVector& q_start);
 
   std::size_t joint_count() const { return model_.joint_count(); }
+  const ArmModel& model() const { return model_.model(); }
   // Both as of the last measure() (and of apply(), as to mode and errors).
   const ArmState& state() const { return state_; }
   const InterfaceState& interface() const { return interface_; }
@@ -107,6 +108,8 @@ class SimulatedArm {
   // kLostCommands in a row an error. Not in asynchronous motion, which needs none.
   void miss_command();
   static constexpr int kLostCommands = 20;
+  // The commanded torque that acts from now on; nullptr: the arm's own.
+  const JointVector* torque_in_use() const { return moving_ && in_use_.valid ? &in_use_.tau : nullptr; }
 
   // --- The plant ---
   // Torque of the motors on the joints for a physics step of dt, gravity compensation included [N m].
@@ -193,6 +196,7 @@ class SimulatedArm {
   // Holding by itself
   JointVector q_hold_, tau_hold_;
   std::uint32_t at_rest_ = 0;  // bit i: joint i has stopped and is held at q_hold_
+  double braking_s_ = 0;       // since at_rest_ was cleared
   bool hold_changed_ = true;   // q_hold_, or the frames, changed since the desired motion was set
   Pose X_WE_guided_;           // where the buttons for guiding were pressed
 

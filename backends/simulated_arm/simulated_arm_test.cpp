@@ -158,6 +158,26 @@ TEST(Motions, WhatEndsAMotionBrakesAndHolds) {
   EXPECT_LT((rig.q - place).norm(), 1e-5);
 }
 
+// A load that the arm does not know: damping alone would let the joint creep for ever.
+TEST(Motions, ABrakingJointComesToRestAgainstAnUnknownLoad) {
+  ArmRig rig("fr3", Draw(5).pose(1));
+  rig.hold_by_torque(rig.q, 50);
+  rig.tau_on_arm = rig.zero();
+  rig.tau_on_arm[5] = 0.5;
+  rig.body.update(rig.q, rig.dq);
+  const double pull = rig.body.M().llt().solve(rig.tau_on_arm)[5];  // [rad/s^2]
+  ASSERT_GT(pull / 120, 0.03) << "faster than a joint that counts as stopped, by damping of 120/s alone";
+  const double q_stop = rig.q[5];
+  rig.arm.stop_motion();
+  rig.steps(2000);
+  const JointVector held = rig.q;
+  EXPECT_LT(std::abs(held[5] - q_stop), 0.7 * pull / 120)
+      << "half a second of creeping, and the spring's way";
+  rig.steps(20000);
+  EXPECT_LT((rig.q - held).cwiseAbs().maxCoeff(), 1e-5);
+  EXPECT_LT(rig.dq.cwiseAbs().maxCoeff(), 1e-5);
+}
+
 TEST(Motions, GuidingYieldsAndAcceptsNoMotion) {
   ArmRig rig("fr3", Draw(6).pose(1));
   rig.arm.press_guiding(true);

@@ -11,6 +11,9 @@ namespace {
 // other by the mass matrix, so that light and heavy joints are equally stable at any control period.
 constexpr double kHoldFrequency = 60.0;  // [rad/s]
 constexpr double kRestVelocity = 0.02;   // a joint slower than this has stopped [rad/s]
+// A load that the arm does not know keeps a braked joint creeping: after this time it is held where it is.
+// Braking from the greatest speed takes a fifth of it.
+constexpr double kLongestBraking = 0.5;  // [s]
 
 // While the arm is guided by hand: damping of every joint, and the stiffness that holds the locked axes of
 // the end effector (critically damped for about 5 kg and 0.1 kg m^2).
@@ -26,6 +29,7 @@ void SimulatedArm::update_model(const JointVector& q, const JointVector& dq) {
 }
 
 // tau = M (w^2 (q_hold - q) - 2 w dq) + c; a joint that still moves is only braked, and held where it stops.
+// Whatever is missing to its weight then pulls it away by a few thousandths of a radian.
 const JointVector& SimulatedArm::hold_torque(const JointVector& q, const JointVector& dq) {
   const auto& limit = config_.model->limits().tau_max;
   JointVector acceleration = -2 * kHoldFrequency * dq;
@@ -34,7 +38,7 @@ const JointVector& SimulatedArm::hold_torque(const JointVector& q, const JointVe
     if ((at_rest_ & bit) == 0) {
       q_hold_[i] = q[i];
       hold_changed_ = true;
-      if (std::abs(dq[i]) < kRestVelocity) at_rest_ |= bit;
+      if (std::abs(dq[i]) < kRestVelocity || braking_s_ >= kLongestBraking) at_rest_ |= bit;
     }
     acceleration[i] += kHoldFrequency * kHoldFrequency * (q_hold_[i] - q[i]);
   }
@@ -93,6 +97,7 @@ const JointVector& SimulatedArm::follow_torque() {
 
 const JointVector& SimulatedArm::motor_torque(const JointVector& q, const JointVector& dq, double dt) {
   update_model(q, dq);
+  if (!moving_) braking_s_ += dt;
   if (mode() == ArmMode::guiding) {
     tau_wanted_ = guided_torque(q, dq);
   } else if (moving_ && motion_.controller != ArmController::external) {

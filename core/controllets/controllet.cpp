@@ -21,4 +21,10 @@ void Controllet::start_references(ControlContext& context) {
   }
 }
 
+void Controllet::end_effector_moved(ControlContext& context, std::size_t arm, const Pose& X) {
+  for (auto& input : context.inputs) {
+    if (input.spec().arm == arm) input.carry(X);  // of other quantities than poses, nothing
+  }
+}
+
 }  // namespace multipanda

@@ -53,6 +53,15 @@ class Controllet {
   // Sets the references at the start. By default each input begins at the measured state (pose of E, joint
   // positions, zero otherwise). Override it for an input with another meaning, such as a shared frame.
   virtual void start_references(ControlContext& context);
+
+  // The end effector of `arm` was redefined while this controllet runs: it is now X away from the old one,
+  // E_new = E_old X. The model in the context already has the new one. Moves set-points along, so that the
+  // arm is not asked to move. By default all pose inputs of that arm; override it for poses that the law
+  // keeps itself.
+  virtual void end_effector_moved(ControlContext& context, std::size_t arm, const Pose& X);
+
+  // Lowers upper bounds of parameters to what these arms bear. Before the loop, once.
+  virtual void bound_parameters(ParameterSet& /*parameters*/) const {}
 };
 
 // Argument of a controllet's factory: the models of its arms, in the order of the scene file.

@@ -6,6 +6,7 @@
 #include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/cooperative_frame.hpp"
 #include "core/controllets/damping_design.hpp"
+#include "core/controllets/offset_reference.hpp"
 
 namespace multipanda {
 namespace {
@@ -46,7 +47,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
                  .max = 0.1,
                  .doc =
                      "Desired p_2 - p_1 of the two hands' estimates of A, axes of the set-point; a nonzero "
-                     "offset squeezes an object."})),
+                     "offset squeezes an object. Approached from 0 at half the speed limit of pose."})),
         .outputs = spec_table<2 * kCartesianOutputSize>(
             cartesian_outputs("absolute_"), group_at<kCartesianOutputSize>(cartesian_outputs("relative_")))};
   }
@@ -62,7 +63,13 @@ class CoupledDualCartesianImpedance final : public Controllet {
 
   LawResult start(ControlContext& context) override {
     for (std::size_t i = 0; i < 2; ++i) q_N_[i] = context.arms[i].q();
+    offset_.start(Vector3::Zero());  // where the hands are
     return LawResult::ok;
+  }
+
+  // A stays where it is, at another place in the hand.
+  void end_effector_moved(ControlContext& /*context*/, std::size_t arm, const Pose& X) override {
+    X_EA_[arm] = X.inverse() * X_EA_[arm];
   }
 
   LawResult update(ControlContext& context) override {
@@ -85,7 +92,9 @@ class CoupledDualCartesianImpedance final : public Controllet {
     TaskForce absolute, relative;
     absolute.error = pose_error(target.X_W_d, frame.X_WA);
     absolute.spring = spring_wrench(K_a, absolute.error);
-    const Vector3 p_r_d = target.X_W_d.rotation * parameters.vector3(kRelativeOffset);
+    offset_.advance(parameters.goal_vector3(kRelativeOffset), context.inputs[kPose].spec().max_speed,
+                    context.dt);
+    const Vector3 p_r_d = target.X_W_d.rotation * offset_.position();
     spring_between(K_r, p_r_d, frame, relative);
 
     // Damping is designed for all twelve coordinates together: a rotation of A moves the whole inertia of
@@ -98,6 +107,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
     Vector12 velocity_error;
     velocity_error << target.V_d.vector - frame.absolute_velocity(V_1, V_2),
         -frame.relative_velocity(V_1, V_2);
+    velocity_error.segment<3>(6) += target.X_W_d.rotation * offset_.velocity();
     velocity_error.segment<3>(6) += target.V_d.angular().cross(p_r_d);  // the offset turns with A
     Vector12 force = coupled_damping(Lambda, K, gains.damping_ratio) * velocity_error;
     if (gains.acceleration_feedforward) force += Lambda.leftCols<6>() * target.A_d.vector;
@@ -139,6 +149,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
 
   std::array<Pose, 2> X_EA_;
   std::array<JointVector, 2> q_N_;
+  OffsetReference offset_;
 };
 
 }  // namespace

@@ -129,7 +129,8 @@ class CoupledUfic final : public Controllet {
     feedforward *= affordable_;
 
     const double v_n = n.dot(Vector3(V.segment<3>(6)));
-    const double command = squeeze(settings, v_n, dt);
+    const Matrix3 D_r = D.block<3, 3>(6, 6);
+    const double command = squeeze(settings, v_n, n.dot(D_r * n), dt);
     Vector12 force = Vector12::Zero(), force_damping = Vector12::Zero();
     force.segment<3>(6) = -command * n;
     force_damping.segment<3>(6) = -settings.squeeze_damping * v_n * n;
@@ -157,6 +158,11 @@ class CoupledUfic final : public Controllet {
     }
     show(context, frame, command, set_point_work);
     return LawResult::ok;
+  }
+
+  // A stays where it is, at another place in the hand.
+  void end_effector_moved(ControlContext& /*context*/, std::size_t arm, const Pose& X) override {
+    X_EA_[arm] = X.inverse() * X_EA_[arm];
   }
 
  private:
@@ -255,12 +261,15 @@ class CoupledUfic final : public Controllet {
     return true;
   }
 
-  // F_f' along -n of the relative motion: the force of each hand.
-  double squeeze(const Settings& settings, double v_n, double dt) {
+  // F_f' along -n of the relative motion: the force of each hand. The valve never damps more than `damping`,
+  // what the impedance itself does along n.
+  double squeeze(const Settings& settings, double v_n, double damping, double dt) {
     const double estimated = 0.5 * (measured_.first_n + measured_.second_n);
     const double w = grasp_.force_share();
     const double f = w * loop_.update(settings.force, grasp_.desired_n(), estimated, w, dt);
-    return multipanda::force_share(settings.valve_law, gamma_, alpha_f_, -v_n) * f;
+    return multipanda::force_share(settings.valve_law, gamma_, alpha_f_, -v_n,
+                                   incoming_speed_for(f, gamma_, alpha_f_, damping)) *
+           f;
   }
 
   // Declared weight and acceleration of the object, plus the integral of the vertical error.

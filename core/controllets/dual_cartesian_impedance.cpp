@@ -2,6 +2,7 @@
 
 #include <array>
 
+#include "core/controllets/offset_reference.hpp"
 #include "core/controllets/set_point_blend.hpp"
 
 namespace multipanda {
@@ -43,7 +44,8 @@ class DualCartesianImpedance final : public Controllet {
                                    .min = -1,
                                    .max = 1,
                                    .doc = "Added to the common position for the first arm and subtracted for "
-                                          "the second, world axes."})),
+                                          "the second, world axes; a change is approached at half the speed "
+                                          "limit of common_pose."})),
         .outputs = spec_table<2 * kCartesianOutputSize>(
             cartesian_outputs("first_"), group_at<kCartesianOutputSize>(cartesian_outputs("second_")))};
   }
@@ -60,10 +62,12 @@ class DualCartesianImpedance final : public Controllet {
 
   LawResult start(ControlContext& context) override {
     goals_ = context.parameters->choice(kGoals);
+    offset_.start(context.parameters->goal_vector3(kOffset));
     for (std::size_t i = 0; i < 2; ++i) {
       q_N_[i] = context.arms[i].q();
       X_W_d_[i] = context.arms[i].terms->X_WE();
       blend_[i].capture(X_W_d_[i], rule(context, i).X_W_d);
+      shift_[i].clear();
     }
     return LawResult::ok;
   }
@@ -74,10 +78,20 @@ class DualCartesianImpedance final : public Controllet {
     const NullSpaceGains null_space = null_space_gains(parameters);
     const bool other_goals = parameters.choice(kGoals) != goals_;
     goals_ = parameters.choice(kGoals);
+    offset_.advance(parameters.goal_vector3(kOffset), context.inputs[kCommonPose].spec().max_speed,
+                    context.dt);
     for (std::size_t i = 0; i < 2; ++i) {
       const CartesianTarget requested = rule(context, i);
-      if (other_goals) blend_[i].capture(X_W_d_[i], requested.X_W_d);
-      const CartesianTarget target = blend_[i].advance(requested, context.dt);
+      if (other_goals) {
+        blend_[i].capture(X_W_d_[i], requested.X_W_d);
+        shift_[i].clear();
+      }
+      CartesianTarget target = shift_[i].advance(blend_[i].advance(requested, context.dt), context.dt);
+      if (goals_ == kCommon) {  // its motion does not remove a difference from the common set-point
+        const double side = i == 0 ? 1 : -1;
+        target.V_d.linear() += side * offset_.velocity();
+        target.A_d.linear() += side * offset_.acceleration();
+      }
       X_W_d_[i] = target.X_W_d;
       TaskForce force;
       if (cartesian_impedance_law(gains, null_space, target, context.arms[i], q_N_[i], force) !=
@@ -89,6 +103,16 @@ class DualCartesianImpedance final : public Controllet {
     return LawResult::ok;
   }
 
+  // A hand's own set-point is carried along. The common one is neither hand's, so it stays.
+  void end_effector_moved(ControlContext& context, std::size_t arm, const Pose& X) override {
+    if (goals_ == kSeparate && blend_[arm].over()) {
+      context.inputs[arm == 0 ? kFirstPose : kSecondPose].carry(X);
+    } else {
+      shift_[arm].add(X);
+    }
+    X_W_d_[arm] = X_W_d_[arm] * X;
+  }
+
  private:
   enum Input : std::size_t { kCommonPose, kFirstPose, kSecondPose, kInputCount };
   enum Parameter : std::size_t { kGoals = kCartesianParameterCount, kOffset, kParameterCount };
@@ -97,15 +121,17 @@ class DualCartesianImpedance final : public Controllet {
   CartesianTarget rule(const ControlContext& context, std::size_t arm) const {
     if (goals_ == kSeparate) return CartesianTarget::of(context.inputs[arm == 0 ? kFirstPose : kSecondPose]);
     CartesianTarget target = CartesianTarget::of(context.inputs[kCommonPose]);
-    const Vector3 offset = context.parameters->vector3(kOffset);
-    target.X_W_d.position += arm == 0 ? offset : Vector3(-offset);
+    const double side = arm == 0 ? 1 : -1;
+    target.X_W_d.position += side * offset_.position();
     return target;
   }
 
   std::size_t goals_ = kCommon;
+  OffsetReference offset_;
   std::array<JointVector, 2> q_N_;
   std::array<Pose, 2> X_W_d_;  // current set-points
   std::array<SetPointBlend, 2> blend_;
+  std::array<SetPointShift, 2> shift_;
 };
 
 }  // namespace

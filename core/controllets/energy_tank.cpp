@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace multipanda {
 
@@ -42,10 +43,17 @@ double contact_shape(double distance_m, double d_max_m) {
   return std::exp(-s * s);
 }
 
-double force_share(ValveLaw law, double gamma, double alpha_f, double speed_along) {
+double incoming_speed_for(double force_n, double gamma, double alpha_f, double damping) {
+  constexpr double kSteepest = 1.5;  // of the smooth step
+  const double rise = kSteepest * std::abs(force_n) * (1.0 - gamma * alpha_f);
+  if (rise <= kIncomingSpeed * damping) return kIncomingSpeed;
+  return damping > 0 ? rise / damping : std::numeric_limits<double>::infinity();
+}
+
+double force_share(ValveLaw law, double gamma, double alpha_f, double speed_along, double incoming_speed) {
   if (law == ValveLaw::paper) return gamma + alpha_f * (1.0 - gamma);
   const double open = gamma * alpha_f;
-  const double u = std::clamp(-speed_along / kIncomingSpeed, 0.0, 1.0);
+  const double u = std::clamp(-speed_along / incoming_speed, 0.0, 1.0);
   return open + (1.0 - open) * u * u * (3.0 - 2.0 * u);
 }
 

@@ -40,9 +40,15 @@ class EnergyTank {
 double contact_shape(double distance_m, double d_max_m);
 
 // The factor applied to F_f. `speed_along` is the velocity along F_f [m/s]: positive where F_f supplies
-// power. The passive law goes from gamma alpha_f to 1 over kIncomingSpeed of incoming motion, so that the
+// power. The passive law goes from gamma alpha_f to 1 over `incoming_speed` of incoming motion, so that the
 // force has no step where the motion reverses; a force that opposes the motion dissipates energy.
 inline constexpr double kIncomingSpeed = 0.02;  // [m/s]
-double force_share(ValveLaw law, double gamma, double alpha_f, double speed_along);
+double force_share(ValveLaw law, double gamma, double alpha_f, double speed_along,
+                   double incoming_speed = kIncomingSpeed);
+
+// The incoming speed over which that share is a damper of at most `damping` [N s/m] for a force [N]: in free
+// air 30 N over kIncomingSpeed would be one of 2250 N s/m on one side only, which chatters. At least
+// kIncomingSpeed; infinite without damping.
+double incoming_speed_for(double force_n, double gamma, double alpha_f, double damping);
 
 }  // namespace multipanda

@@ -118,6 +118,12 @@ class Force final : public Controllet {
     return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
   }
 
+  void end_effector_moved(ControlContext& context, std::size_t /*arm*/, const Pose& X) override {
+    const Pose& X_WE = context.arms[0].terms->X_WE();
+    p_c_ += X_WE.position - (X_WE * X.inverse()).position;
+    X_hold_ = X_hold_ * X;
+  }
+
  private:
   enum Input : std::size_t { kWrench, kInputCount };
   static constexpr std::size_t kForceGroup = kCartesianParameterCount;

@@ -174,5 +174,32 @@ TEST(ForceShare, FollowsItsLaw) {
   }
 }
 
+// Wherever the share rises, the force changes no faster with the velocity than the given damper would.
+TEST(ForceShare, IsNoStifferADamperThanAllowed) {
+  for (const double force : {0.5, 5.0, 30.0, 60.0}) {
+    for (const double open : {0.0, 0.4, 1.0}) {
+      for (const double damping : {20.0, 70.0, 400.0}) {
+        const double width = incoming_speed_for(force, open, 1.0, damping);
+        EXPECT_GE(width, kIncomingSpeed);
+        constexpr double kStep = 1e-5;
+        double steepest = 0;
+        for (double v = 0; v > -1.2 * width; v -= width / 400) {
+          const double slope = (force_share(ValveLaw::passive, open, 1.0, v - kStep, width) -
+                                force_share(ValveLaw::passive, open, 1.0, v, width)) /
+                               kStep;
+          steepest = std::max(steepest, force * slope);
+        }
+        EXPECT_LT(steepest, 1.001 * damping + 1e-9);
+        if (open < 1 && width > kIncomingSpeed) {
+          EXPECT_GT(steepest, 0.98 * damping);  // not slower than needed
+        }
+      }
+    }
+  }
+  // Without any damping the force never exceeds gamma alpha of itself.
+  const double width = incoming_speed_for(30, 0.2, 0.5, 0);
+  EXPECT_NEAR(force_share(ValveLaw::passive, 0.2, 0.5, -1, width), 0.1, 1e-12);
+}
+
 }  // namespace
 }  // namespace multipanda::force_law_test

@@ -1,6 +1,10 @@
 #include "core/controllets/hold.hpp"
 
-#include "core/controllets/damping_design.hpp"
+#include <algorithm>
+#include <array>
+
+#include "core/model/coupled_modes.hpp"
+#include "core/types/triangular.hpp"
 
 namespace multipanda {
 namespace {
@@ -11,18 +15,19 @@ class Hold final : public Controllet {
     return {.type = "hold",
             .doc = "Holds one arm where it is: a soft, damped joint spring. The safe default of every arm.",
             .parameters = spec_table<kParameterCount>(
-                parameter_at<kStiffness>(
-                    {.name = "stiffness_nm_per_rad",
-                     .unit = "N m/rad",
-                     .size = ParameterSpec::kPerJoint,
-                     .initial = {300, 300, 300, 300, 120, 80, 40, 40, 40, 40, 40, 40, 40, 40, 40, 40},
-                     .max = 1000,
-                     .doc = "Joint stiffness K."}),
+                parameter_at<kStiffness>({.name = "stiffness_nm_per_rad",
+                                          .unit = "N m/rad",
+                                          .size = ParameterSpec::kPerJoint,
+                                          .initial = {kUsualStiffness.begin(), kUsualStiffness.end()},
+                                          .min = 20,
+                                          .max = 1000,
+                                          .doc = "Joint stiffness K. A stopped arm takes no change."}),
                 parameter_at<kDampingRatio>({.name = "damping_ratio",
                                              .initial = {1.0},
-                                             .min = 0.1,
+                                             .min = 0.5,
                                              .max = 2,
-                                             .doc = "Damping ratio zeta of every coupled mode."}))};
+                                             .doc = "Damping ratio zeta of every coupled mode; damping is "
+                                                    "never designed for less than the default stiffness."}))};
   }
 
   LawResult start(ControlContext& context) override {
@@ -36,29 +41,65 @@ class Hold final : public Controllet {
     enter(arm);
     if (!entered_)
       return LawResult::ok;  // no usable measurement yet: zero torque, the arm compensates its gravity
+    const double reach = kReturnSpeed * context.dt;
+    q_0_ += (q_end_ - q_0_).cwiseMax(-reach).cwiseMin(reach);
     const auto K = context.parameters->values(kStiffness);
     JointVector stiffness = arm.q();
-    for (Eigen::Index i = 0; i < stiffness.size(); ++i) stiffness[i] = K[static_cast<std::size_t>(i)];
-    // Use the coupled inertia and not its diagonal: with a bent elbow, joints that move against each other
-    // have a tenth of it, and damping designed for the diagonal makes them oscillate if the motors lag by a
-    // few milliseconds.
-    const JointMatrix D = joint_damping(arm.terms->M(), stiffness, context.parameters->number(kDampingRatio));
-    *arm.tau = stiffness.cwiseProduct(q_0_ - arm.q()) - D.lazyProduct(arm.dq()) + arm.terms->c();
+    JointVector design = stiffness;
+    for (Eigen::Index i = 0; i < stiffness.size(); ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      stiffness[i] = K[k];
+      design[i] = std::max(K[k], kUsualStiffness[k]);
+    }
+    *arm.tau = torque(arm, stiffness, design, context.parameters->number(kDampingRatio)) + arm.terms->c();
     return LawResult::ok;
   }
 
  private:
   enum Parameter : std::size_t { kStiffness, kDampingRatio, kParameterCount };
 
+  // K (q_0 - q) - D dq in the modes of the coupled inertia, and not of its diagonal: with a bent elbow,
+  // joints that move against each other have a tenth of it. A mode faster than kFastestMode gets the
+  // stiffness and at most the damping of one at kFastestMode, because it would oscillate if the motors lag by
+  // a few milliseconds (50 Hz and 3 ms bear 110 rad/s).
+  JointVector torque(const OwnedArm& arm, const JointVector& stiffness, const JointVector& design,
+                     double zeta) const {
+    const CoupledModes<JointMatrix> modes(arm.terms->M(), JointMatrix(design.asDiagonal()));
+    const JointVector omega = modes.k.cwiseSqrt();
+    const JointMatrix Q = modes.L.lazyProduct(modes.U);
+    const JointVector d = (2.0 * zeta * omega).cwiseMin(2.0 * kFastestMode);
+    const JointMatrix D = (Q * d.asDiagonal()).lazyProduct(Q.transpose());
+    const JointVector error = q_0_ - arm.q(), damping = D.lazyProduct(arm.dq());
+    if (omega.maxCoeff() <= kFastestMode) return stiffness.cwiseProduct(error) - damping;
+    // P^T K P with P = Q^-T S Q^T, S the share of each mode that stays.
+    const JointVector share = kFastestMode * omega.cwiseMax(kFastestMode).cwiseInverse();
+    const JointVector in_modes = share.cwiseProduct(JointVector(Q.transpose().lazyProduct(error)));
+    JointRow row = modes.U.lazyProduct(in_modes).transpose();
+    divide_by_lower(modes.L, row);  // L^-T U S Q^T e
+    row = stiffness.cwiseProduct(row.transpose()).transpose().eval();
+    divide_by_transposed_lower(modes.L, row);
+    const JointVector back = modes.U.transpose().lazyProduct(row.transpose());
+    return Q.lazyProduct(JointVector(share.cwiseProduct(back))) - damping;
+  }
+  using JointRow = Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor, 1, kMaxJoints>;
+  static constexpr double kFastestMode = 100;  // [rad/s]
+
+  // At which a joint beyond its limits is brought back to them: a stiffness times the whole distance would
+  // throw it.
+  static constexpr double kReturnSpeed = 0.1;  // [rad/s]
+  static constexpr std::array<double, kMaxJoints> kUsualStiffness = {300, 300, 300, 300, 120, 80, 40, 40,
+                                                                     40,  40,  40,  40,  40,  40, 40, 40};
+
   // A hold often starts because a measurement is invalid. It holds the first valid one.
   void enter(const OwnedArm& arm) {
     if (entered_ || !arm.q().allFinite()) return;
     const auto& limits = arm.model().limits();
-    q_0_ = arm.q().cwiseMax(limits.q_min).cwiseMin(limits.q_max);
+    q_0_ = arm.q();
+    q_end_ = q_0_.cwiseMax(limits.q_min).cwiseMin(limits.q_max);
     entered_ = true;
   }
 
-  JointVector q_0_;
+  JointVector q_0_, q_end_;
   bool entered_ = false;
 };
 

@@ -1,5 +1,6 @@
 #include "core/controllets/joint_impedance.hpp"
 
+#include "core/controllets/bearable_damping.hpp"
 #include "core/controllets/damping_design.hpp"
 
 namespace multipanda {
@@ -7,6 +8,8 @@ namespace {
 
 class JointImpedance final : public Controllet {
  public:
+  explicit JointImpedance(ArmModels arms) : model_(arms[0]) {}
+
   static ControlletDescriptor descriptor() {
     return {
         .type = "joint_impedance",
@@ -36,10 +39,15 @@ class JointImpedance final : public Controllet {
                  .size = ParameterSpec::kPerJoint,
                  .initial = {2, 2, 2, 1, 1, 1, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5},
                  .max = 50,
-                 .doc = "Joint damping D if damping_design is 'given'."})),
+                 .doc = "Joint damping D if damping_design is 'given'; at most what the inertia of the "
+                        "joint bears at 1 kHz."})),
         .outputs = spec_table<kOutputCount>(
             output_at<kLargestError>("largest_error_rad", "Largest |q_d - q| of all joints."),
             output_at<kLargestTorque>("largest_torque_nm", "Largest |tau| of all joints."))};
+  }
+
+  void bound_parameters(ParameterSet& parameters) const override {
+    bound_damping(*model_, kDamping, parameters);
   }
 
   LawResult start(ControlContext&) override { return LawResult::ok; }
@@ -86,6 +94,8 @@ class JointImpedance final : public Controllet {
   };
   enum Output : std::size_t { kLargestError, kLargestTorque, kOutputCount };
   enum DampingDesign : std::size_t { kCoupled, kDiagonal };  // otherwise given
+
+  std::shared_ptr<const ArmModel> model_;
 };
 
 }  // namespace

@@ -23,6 +23,7 @@ ParameterSet::ParameterSet(std::vector<ParameterSpec> specs, std::size_t joint_c
                                   " initial values expected, " + std::to_string(spec.initial.size()) +
                                   " given");
     }
+    entry.max.fill(spec.max);
     for (std::size_t k = 0; k < entry.size; ++k) {
       entry.now[k] = spec.initial[one_for_all ? 0 : k];
       entry.goal[k].store(entry.now[k], std::memory_order_relaxed);
@@ -41,15 +42,27 @@ std::size_t ParameterSet::find(std::string_view name) const {
 
 Verdict ParameterSet::check(std::size_t i, std::span<const double> values) const {
   if (values.size() != entries_[i].size) return Verdict::wrong_size;
-  for (const double v : values) {
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    const double v = values[k];
     if (!std::isfinite(v)) return Verdict::not_finite;
-    if (v < specs_[i].min || v > specs_[i].max) return Verdict::out_of_bounds;
+    if (v < specs_[i].min || v > entries_[i].max[k]) return Verdict::out_of_bounds;
     const auto& choices = specs_[i].choices;
     if (!choices.empty() && (v != std::floor(v) || v < 0 || v >= static_cast<double>(choices.size()))) {
       return Verdict::out_of_bounds;
     }
   }
   return Verdict::accepted;
+}
+
+void ParameterSet::lower_max(std::size_t i, std::span<const double> max, std::string reason) {
+  auto& entry = entries_[i];
+  for (std::size_t k = 0; k < entry.size && k < max.size(); ++k) {
+    if (!(max[k] < entry.max[k])) continue;
+    entry.max[k] = std::max(max[k], specs_[i].min);
+    entry.now[k] = std::min(entry.now[k], entry.max[k]);
+    entry.goal[k].store(entry.now[k], std::memory_order_relaxed);
+    entry.bound_reason = reason;
+  }
 }
 
 void ParameterSet::set_now(std::size_t i, std::span<const double> values) {

@@ -59,9 +59,18 @@ class ParameterSet {
   std::size_t find(std::string_view name) const;
   Verdict check(std::size_t i,
                 std::span<const double> values) const;  // wrong_size, not_finite, out_of_bounds
+  // Upper bound of number k: the spec's, or the lower one of this arm.
+  double max(std::size_t i, std::size_t k) const { return entries_[i].max[k]; }
+  // Why an arm has lower bounds than the spec; empty if it has not.
+  const std::string& bound_reason(std::size_t i) const { return entries_[i].bound_reason; }
   // The target value. Any thread except the loop's, since it allocates. While another thread sets it, some
   // numbers may still be old.
   std::vector<double> target(std::size_t i) const;
+
+  // --- before the loop ---
+  // Lowers the upper bound of each number, for what this arm bears. An initial value above it is lowered,
+  // too. Never raises a bound.
+  void lower_max(std::size_t i, std::span<const double> max, std::string reason);
 
   // --- loop thread, or before the loop ---
   void set(std::size_t i,
@@ -78,6 +87,11 @@ class ParameterSet {
     return static_cast<std::size_t>(std::lround(entries_[i].now[0]));
   }
   std::span<const double> values(std::size_t i) const { return {entries_[i].now.data(), entries_[i].size}; }
+  // The value that a ramp approaches.
+  Vector3 goal_vector3(std::size_t i) const {
+    const auto at = [&](std::size_t k) { return entries_[i].goal[k].load(std::memory_order_relaxed); };
+    return {at(0), at(1), at(2)};
+  }
   Vector3 vector3(std::size_t i) const { return Eigen::Map<const Vector3>(entries_[i].now.data()); }
   Vector6 vector6(std::size_t i) const { return Eigen::Map<const Vector6>(entries_[i].now.data()); }
   JointVector joints(std::size_t i) const {
@@ -88,9 +102,10 @@ class ParameterSet {
  private:
   struct Entry {
     std::size_t size = 1;
-    std::array<double, kMaxParameterSize> now{}, rate{};
+    std::array<double, kMaxParameterSize> now{}, rate{}, max{};
     std::array<std::atomic<double>, kMaxParameterSize> goal{};  // written by the loop only
     double remaining_s = 0;
+    std::string bound_reason;
   };
   void arrive(Entry& entry);
 

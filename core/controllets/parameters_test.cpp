@@ -17,6 +17,19 @@ ParameterSet some() {
 }
 std::array<double, 1> one(double v) { return {v}; }
 
+TEST(Parameters, BoundsOfAnArmAreLowerThanTheSpecs) {
+  ParameterSet set = some();
+  set.lower_max(1, std::vector<double>{20, 1.5, 5, 5, 5, 5, -3}, "it bears no more");
+  EXPECT_EQ(set.max(1, 0), 10);      // never raised
+  EXPECT_EQ(set.max(1, 6), 0);       // nor below the lower bound
+  EXPECT_EQ(set.values(1)[1], 1.5);  // the initial value was 2
+  EXPECT_EQ(set.target(1), (std::vector<double>{1, 1.5, 3, 4, 5, 5, 0}));
+  EXPECT_EQ(set.bound_reason(1), "it bears no more");
+  EXPECT_EQ(set.bound_reason(0), "");
+  EXPECT_EQ(set.check(1, std::vector<double>{10, 1.5, 5, 5, 5, 5, 0}), Verdict::accepted);
+  EXPECT_EQ(set.check(1, std::vector<double>{10, 1.6, 5, 5, 5, 5, 0}), Verdict::out_of_bounds);
+}
+
 TEST(Parameters, RampLinearlyAndArriveExactly) {
   ParameterSet set = some();
   set.set(0, one(6));

@@ -15,12 +15,30 @@ class SetPointBlend {
 
   // Starts at X_now and captures its difference from the rule.
   void capture(const Pose& X_now, const Pose& X_rule);
+  // Nothing of the difference is left, or there was none.
+  bool over() const { return t_ >= duration_ || (p_dev_.norm() < 1e-6 && r_dev_.norm() < 1e-6); }
   // The blended set-point of this cycle; `rule` counts as moving if its velocity is not zero.
   CartesianTarget advance(const CartesianTarget& rule, double dt);
 
  private:
   Vector3 p_dev_ = Vector3::Zero(), r_dev_ = Vector3::Zero();
   double duration_ = kShortest, t_ = 0;
+  bool released_ = true;
+};
+
+// Set-points of a hand whose end effector was redefined, from a rule that does not know it: E_new = E_old X.
+// X is kept while the rule is at rest, so that the arm does not move by itself, and fades once it moves; the
+// new end effector then goes where the rule says. Loop thread.
+//   X_W_d = X_rule {exp(s r), s p},  X = {exp(r), p},  s from 1 to 0
+class SetPointShift {
+ public:
+  void clear() { *this = {}; }
+  void add(const Pose& X);
+  CartesianTarget advance(const CartesianTarget& rule, double dt);
+
+ private:
+  Vector3 p_ = Vector3::Zero(), r_ = Vector3::Zero();
+  double duration_ = 0, t_ = 0;
   bool released_ = true;
 };
 

@@ -155,8 +155,9 @@ class Ufic final : public Controllet {
     const Vector3 F_hat = arm.state->F_K_W_est.force(), v = V.head<3>();
     if (!F_d.allFinite() || !F_hat.allFinite())
       return LawResult::fault;  // a clamp would hide a value that is not finite
+    const Matrix3 D_t = D.topLeftCorner<3, 3>();
     const ForcePart force = force_part(settings, law, parameters.number(kReach), F_d, F_hat,
-                                       terms.X_WE().position, v, context.dt);
+                                       terms.X_WE().position, v, D_t, context.dt);
     const Vector3 n = direction_.n();
     // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
     feedforward.head<3>() += s * settings.damping * n.dot(Vector3(target.V_d.linear())) * n;
@@ -182,6 +183,19 @@ class Ufic final : public Controllet {
 
     show(context, force, error, set_point_work, arm);
     return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
+  }
+
+  // The spring's energy changes a little, because its error is that of another point: the tank supplies it.
+  void end_effector_moved(ControlContext& context, std::size_t arm, const Pose& X) override {
+    Controllet::end_effector_moved(context, arm, X);
+    const Pose& X_WE = context.arms[0].terms->X_WE();
+    const Pose X_WE_old = X_WE * X.inverse();
+    p_c_ += X_WE.position - X_WE_old.position;
+    const double moved = spring_.energy_at(X_WE_old) - spring_.energy;  // stored in the last period
+    spring_.X_d = spring_.X_d * X;
+    const double energy = spring_.energy_at(X_WE);
+    balance_.impedance.give(spring_.scale * (energy - moved - spring_.energy));
+    spring_.energy = energy - moved;
   }
 
  private:
@@ -256,7 +270,8 @@ class Ufic final : public Controllet {
   }
 
   ForcePart force_part(const ForceSettings& settings, ValveLaw law, double reach, const Vector3& F_d,
-                       const Vector3& F_hat, const Vector3& p, const Vector3& v, double dt) {
+                       const Vector3& F_hat, const Vector3& p, const Vector3& v, const Matrix3& D_t,
+                       double dt) {
     ForcePart part;
     const Vector3 n = direction_.update(F_d, dt);
     part.desired = std::max(0.0, n.dot(F_d));
@@ -274,8 +289,14 @@ class Ufic final : public Controllet {
     const Vector3 F_t = settings.tangential_gain * w *
                         direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
     const double size = F_t.norm();
-    part.command = force_share(law, gamma_, alpha_f_, n.dot(v)) * f;
-    part.across = force_share(law, gamma_, alpha_f_, size > 1e-9 ? F_t.dot(v) / size : 0.0) * F_t;
+    // The valve never damps more than the impedance itself does along the force.
+    const auto share = [&](const Vector3& direction, double force) {
+      const double damping = direction.dot(D_t * direction);
+      return force_share(law, gamma_, alpha_f_, direction.dot(v),
+                         incoming_speed_for(force, gamma_, alpha_f_, damping));
+    };
+    part.command = share(n, f) * f;
+    part.across = size > 1e-9 ? Vector3(share(F_t / size, size) * F_t) : Vector3(Vector3::Zero());
     part.F = n * part.command + part.across;
     return part;
   }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <optional>
 #include <span>
 
@@ -21,11 +22,18 @@ struct Capabilities {
   bool has_contact_truth = false;     // delivers the simulator's own contact wrench
   bool has_gripper = false;           // knows the requests to a parallel gripper
   bool has_vacuum = false;            // knows the requests to a vacuum gripper
+  // No command is lost or late. ArmState::tau_J_d then need not be the last one: a simulated motor lags.
+  bool every_command_arrives = false;
+  bool own_clock = false;         // its packets come at its own instants, whatever the other arms do
+  double torque_low_pass_hz = 0;  // its torque is to be filtered before the last limit; 0: not
+  // A greater torque rate makes the arm stop itself, whatever its limits say. [N m/s]
+  double torque_rate_max = std::numeric_limits<double>::infinity();
 };
 
 // The command to one arm in one step.
 struct ArmCommand {
   JointVector tau_cmd;  // without gravity and friction [N m] (n x 1)
+  bool usable = true;   // the arm takes it, by its last state
 };
 
 // Arms behind one contract: simulated, real or recorded. backends/contract_test.cpp tests the contract.

@@ -11,9 +11,17 @@ std::vector<std::shared_ptr<const ArmModel>> models_of(const CycleConfig& config
   return models;
 }
 
-std::vector<SafetyLimits> limits_of(const CycleConfig& config) {
+// With what the backend says of its arms.
+std::vector<SafetyLimits> limits_of(const CycleConfig& config, const Backend& backend) {
   std::vector<SafetyLimits> limits;
-  for (const auto& arm : config.arms) limits.push_back(arm.safety);
+  for (ArmIndex arm = 0; arm < config.arms.size(); ++arm) {
+    SafetyLimits& of_arm = limits.emplace_back(config.arms[arm].safety);
+    if (arm >= backend.arm_count()) continue;  // refused below
+    const Capabilities can = backend.capabilities(arm);
+    if (can.own_clock) of_arm.own_clock_slack_s = 2.5 * of_arm.period_s;
+    of_arm.low_pass_hz = can.torque_low_pass_hz;
+    of_arm.joints.tau_rate_max = of_arm.joints.tau_rate_max.cwiseMin(can.torque_rate_max);
+  }
   return limits;
 }
 
@@ -26,7 +34,7 @@ std::vector<std::string> names_of(const CycleConfig& config) {
 }  // namespace
 
 ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, Backend& backend)
-    : backend_(backend), data_(models_of(config)), safety_(limits_of(config)) {
+    : backend_(backend), data_(models_of(config)), safety_(limits_of(config, backend)) {
   if (config.arms.empty() || config.arms.size() > kMaxArms) {
     throw std::invalid_argument("1 to " + std::to_string(kMaxArms) + " arms are supported, not " +
                                 std::to_string(config.arms.size()));
@@ -43,8 +51,8 @@ ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, 
   for (ArmIndex arm = 0; arm < config.arms.size(); ++arm) {
     if (backend.capabilities(arm).compensates_friction) friction_compensated |= ArmSet::of(arm);
   }
-  const ArmBlocks blocks{data_.state,       data_.terms,      data_.tau_controllet,
-                         data_.tau_feature, config.obstacles, friction_compensated};
+  const ArmBlocks blocks{data_.state,      data_.terms,          data_.tau_controllet, data_.tau_feature,
+                         config.obstacles, friction_compensated, data_.condition};
   modes_ =
       std::make_unique<MultimodeController>(names_of(config), config.controllets, registry, blocks, safety_);
   layout_ = modes_->layout();

@@ -46,6 +46,7 @@ void ControlCycle::read(ArmSet due) {
   tick.start = host_now();
   tick.t = backend_.now();
   tick.dt = tick.cycle == 0 ? backend_.period() : seconds(tick.t - before);
+  tick.period = backend_.period();
   tick.due = due;
   ++tick.cycle;
   backend_.read(due, data_.state);
@@ -54,20 +55,28 @@ void ControlCycle::read(ArmSet due) {
     state.fresh = due.contains(arm);
     if (state.fresh) check_size(state, data_.terms[arm].joint_count());
     // In lock-step the age of a state is counted in simulated time.
-    state.age_s = state.fresh ? 0.0 : state.age_s + tick.dt;
-    if (state.fresh) data_.terms[arm].update(state);
-    if (state.fresh && observed_.contains(arm)) estimate_force(arm);
-    if (state.fresh) begin_torque(arm);
+    ArmCondition& condition = data_.condition[arm];
+    condition.update(state, tick.dt, safety_.limits(arm).longest_gap_s());
+    state.age_s = condition.age_s;
+    if (!state.fresh) continue;
+    data_.terms[arm].update(state);
+    if (observed_.contains(arm)) estimate_force(arm);
+    count_torque(arm);
   }
 }
 
-// The rate limit starts at the torque that the arm has in use: at its first state, and when it
-// takes commands again.
-void ControlCycle::begin_torque(ArmIndex arm) {
-  const ArmState& state = data_.state[arm];
-  const bool accepts = takes_commands(state.mode);
-  if (!accepts || !commanded_.contains(arm)) safety_.set_last_command(arm, state.tau_J_d);
-  commanded_ = accepts ? commanded_ | ArmSet::of(arm) : commanded_ - ArmSet::of(arm);
+// The rate limit counts from the torque that the arm has in use. Where every command arrives, that is the
+// last one; a simulated motor may show it later.
+void ControlCycle::count_torque(ArmIndex arm) {
+  const ArmCondition& condition = data_.condition[arm];
+  if (!condition.usable || condition.returned) {
+    every_command_arrives_ = backend_.capabilities(arm).every_command_arrives
+                                 ? every_command_arrives_ | ArmSet::of(arm)
+                                 : every_command_arrives_ - ArmSet::of(arm);
+    safety_.set_last_command(arm, condition.torque_in_use);
+  } else if (!every_command_arrives_.contains(arm)) {
+    safety_.observe(arm, condition.torque_in_use);
+  }
 }
 
 // Estimates the external torques if the backend does not deliver them.
@@ -77,7 +86,10 @@ void ControlCycle::estimate_force(ArmIndex arm) {
 }
 
 void ControlCycle::write() {
-  for (ArmIndex arm = 0; arm < data_.command.size(); ++arm) data_.command[arm].tau_cmd = data_.tau_cmd[arm];
+  for (ArmIndex arm = 0; arm < data_.command.size(); ++arm) {
+    data_.command[arm].tau_cmd = data_.tau_cmd[arm];
+    data_.command[arm].usable = data_.condition[arm].usable;
+  }
   backend_.write(data_.tick.due, data_.command);
 }
 

@@ -56,7 +56,7 @@ class ControlCycle {
 
  private:
   void read(ArmSet due);
-  void begin_torque(ArmIndex arm);
+  void count_torque(ArmIndex arm);
   void estimate_force(ArmIndex arm);
   void write();
   void record_cycle();
@@ -65,7 +65,7 @@ class ControlCycle {
   CycleData data_;
   std::vector<ExternalForceObserver> observers_;  // one per arm
   ArmSet observed_;                               // arms whose backend does not deliver external torques
-  ArmSet commanded_;                              // arms that took commands at their last state
+  ArmSet every_command_arrives_;                  // as their backend says
   SafetyStage safety_;
   std::unique_ptr<MultimodeController> modes_;
   RecordLayout layout_;

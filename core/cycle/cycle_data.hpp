@@ -6,6 +6,7 @@
 #include "core/cycle/backend.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/record/cycle_record.hpp"
+#include "core/state/arm_condition.hpp"
 #include "core/types/tick.hpp"
 
 namespace multipanda {
@@ -14,12 +15,13 @@ namespace multipanda {
 struct CycleData {
   explicit CycleData(std::span<const std::shared_ptr<const ArmModel>> models) {
     state.resize(models.size());
+    condition.resize(models.size());
     command.resize(models.size());
     for (std::size_t i = 0; i < models.size(); ++i) {
       const JointVector zero = joint_constant(models[i]->joint_count(), 0);
       terms.emplace_back(models[i]);
       state[i].q = models[i]->q_home();
-      state[i].dq = state[i].tau_J = state[i].tau_J_d = zero;
+      state[i].dq = state[i].tau_J = zero;  // tau_J_d stays empty if the backend does not know it
       tau_controllet.push_back(zero);
       tau_feature.push_back(zero);
       tau_cmd.push_back(zero);
@@ -32,7 +34,8 @@ struct CycleData {
   StageTimes stages;  // duration of each stage
 
   // READ
-  std::vector<ArmState> state;  // from the backend
+  std::vector<ArmState> state;          // from the backend
+  std::vector<ArmCondition> condition;  // what can be done with the arm in that state
 
   // MODEL
   std::vector<ModelTerms> terms;  // at that state, computed on demand

@@ -7,6 +7,8 @@
 
 #include "core/features/collision_pairs.hpp"
 #include "core/testing/controllet_rig.hpp"
+#include "core/testing/dense_algebra.hpp"
+#include "core/testing/smooth_reference.hpp"
 #include "core/testing/test_arm.hpp"
 #include "models/arm_source.hpp"
 
@@ -81,11 +83,14 @@ struct Counted {
 };
 Counted count_all(ControlletRig& rig, const Models& models, const std::vector<Obstacle>& obstacles) {
   Counted counted;
-  const auto take = [&](const Closest& c) {
-    counted.smallest = std::min(counted.smallest, c.distance);
-    if (c.distance >= kRange) return;
+  const auto take = [&](const ConvexShape& a, const Pose& X_a, const ConvexShape& b, const Pose& X_b) {
+    const double exact = closest_points(a, X_a, b, X_b).distance;
+    counted.smallest = std::min(counted.smallest, exact);
+    if (exact >= kRange + 3 * kEven) return;
+    const double d = smooth_reference(a, X_a, b, X_b);
+    if (d >= kRange) return;
     ++counted.active;
-    counted.potential += pair_potential(c.distance);
+    counted.potential += pair_potential(d);
   };
   const auto pose = [&](std::size_t arm, const CollisionShape& part) {
     const Pose X_WJ =
@@ -95,16 +100,16 @@ Counted count_all(ControlletRig& rig, const Models& models, const std::vector<Ob
   for (std::size_t i = 0; i < models.size(); ++i) {
     const auto& parts = models[i]->collision_shapes();
     for (const auto& [a, b] : models[i]->self_pairs()) {
-      take(closest_points(parts[a].shape, pose(i, parts[a]), parts[b].shape, pose(i, parts[b])));
+      take(parts[a].shape, pose(i, parts[a]), parts[b].shape, pose(i, parts[b]));
     }
     for (const auto& part : parts) {
       for (const auto& obstacle : obstacles) {
-        if (part.scene) take(closest_points(part.shape, pose(i, part), obstacle.shape, obstacle.X_WO));
+        if (part.scene) take(part.shape, pose(i, part), obstacle.shape, obstacle.X_WO);
       }
       for (std::size_t k = i + 1; k < models.size(); ++k) {
         for (const auto& other : models[k]->collision_shapes()) {
           if (part.joint < 0 && other.joint < 0) continue;
-          take(closest_points(part.shape, pose(i, part), other.shape, pose(k, other)));
+          take(part.shape, pose(i, part), other.shape, pose(k, other));
         }
       }
     }
@@ -210,15 +215,26 @@ TEST(CollisionAvoidance, TorqueDoesNotDependOnThePoseOfTheWorld) {
   EXPECT_GT(near, 3);
 }
 
+// The distance at which a pair has that force.
+double distance_of(double force) {
+  double near = -1, far = kRange;
+  for (int round = 0; round < 80; ++round)
+    (pair_force(0.5 * (near + far)) > force ? near : far) = 0.5 * (near + far);
+  return far;
+}
+
 // The damping dissipates energy of both arms together, is zero while the gap opens, and linear in the speed.
+// It is bounded by the mass that both arms' points have along the normal.
 TEST(CollisionAvoidance, DampsApproachOnly) {
   Draw draw(64);
   const Models models = made_up();
   ControlletRig rig(collision_avoidance_feature(), models, some_obstacles());
-  int closing = 0, opening = 0;
+  int closing = 0, opening = 0, light = 0;
   for (int trial = 0; trial < 300; ++trial) {
     const std::vector<JointVector> q{draw.joints(7, 1.5), draw.joints(6, 1.5)},
         dq{draw.joints(7, 0.5), draw.joints(6, 0.5)};
+    const double damping = trial % 2 == 0 ? kDamping : 1000;
+    rig.set("damping_n_s_per_m", {damping});
     std::vector<JointVector> still, moving, faster;
     potential(rig, q);
     if (rig.output("active_pairs")[0] != 1) continue;
@@ -237,10 +253,18 @@ TEST(CollisionAvoidance, DampsApproachOnly) {
       ++closing;
       EXPECT_LT(power, 0);
       // F_D = D min(1 - d/r, 1) v_n with v_n = rate / F_K, along the same closest points.
-      const double d = rig.output("smallest_distance_m")[0], F = pair_force(d);
-      const double v_n = rate / F, F_D = kDamping * std::min(1 - d / kRange, 1.0) * v_n;
+      potential(rig, q);
+      const double F = rig.output("largest_force_n")[0], d = distance_of(F);
+      double mobility = 0;
       for (std::size_t i = 0; i < 2; ++i) {
-        EXPECT_LT((moving[i] - F_D / F * still[i]).norm(), 1e-9 * (1 + still[i].norm()));
+        const JointVector along = still[i] / F;
+        mobility += along.dot(JointVector(inverse(rig.terms(i).M()) * along));
+      }
+      const double D = std::min(damping, 100 / mobility);
+      light += D < damping;
+      const double v_n = rate / F, F_D = D * std::min(1 - d / kRange, 1.0) * v_n;
+      for (std::size_t i = 0; i < 2; ++i) {
+        EXPECT_LT((moving[i] - F_D / F * still[i]).norm(), 1e-7 * (1 + still[i].norm()));
         EXPECT_LT((faster[i] - 2 * moving[i]).norm(), 1e-9 * (1 + moving[i].norm()));
       }
     } else {
@@ -250,6 +274,7 @@ TEST(CollisionAvoidance, DampsApproachOnly) {
   }
   EXPECT_GT(closing, 10);
   EXPECT_GT(opening, 10);
+  EXPECT_GT(light, 3);
 }
 
 // An arm of another owner is checked, but not pushed; the own arm gets the same torque as with one owner.
@@ -292,6 +317,82 @@ TEST(CollisionAvoidance, NaNInAStateIsAFault) {
   rig.place(0, q, zero(7));
   rig.place(1, zero(6), zero(6));
   EXPECT_TRUE(rig.update() == LawResult::fault || !rig.tau(0).allFinite());
+}
+
+// The other arm's owner loses it; this one keeps its distance from where that arm was last.
+TEST(CollisionAvoidance, NaNOfAnotherOwnersArmStaysThere) {
+  Draw draw(66);
+  const Models models = made_up();
+  ControlletRig rig(collision_avoidance_feature(), models, some_obstacles(), {0});
+  ControlletRig healthy(collision_avoidance_feature(), models, some_obstacles(), {0});
+  // Too little for its bound, which counts an unknown arm as immovable.
+  for (auto* r : {&rig, &healthy}) r->set("damping_n_s_per_m", {5});
+  int near = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    const JointVector q = draw.joints(7, 1.5), dq = draw.joints(7, 0.5);
+    const JointVector other = draw.joints(6, 1.5);
+    for (auto* r : {&rig, &healthy}) {
+      r->place(0, q, dq);
+      r->place(1, other, zero(6));
+      ASSERT_EQ(r->update(), LawResult::ok);
+    }
+    const auto expect_as_healthy = [&] {
+      ASSERT_EQ(rig.update(), LawResult::ok);
+      EXPECT_EQ(rig.tau(0), healthy.tau(0));
+      EXPECT_EQ(rig.output("smallest_distance_m"), healthy.output("smallest_distance_m"));
+      EXPECT_EQ(rig.output("active_pairs"), healthy.output("active_pairs"));
+    };
+    JointVector broken = other;
+    broken[trial % 6] = NAN;
+    rig.place(1, broken, zero(6));
+    expect_as_healthy();
+    JointVector rates = zero(6);
+    rates[trial % 6] = NAN;
+    rig.place(1, other, rates);
+    expect_as_healthy();
+    rig.place(1, broken, rates);
+    expect_as_healthy();
+    near += healthy.tau(0).norm() > 0;
+  }
+  EXPECT_GT(near, 40);
+}
+
+// An arm that never had a place is nowhere.
+TEST(CollisionAvoidance, AnArmWithoutAnyStateIsLeftOut) {
+  Draw draw(67);
+  const Models models = made_up();
+  ControlletRig alone(collision_avoidance_feature(), {models[0]}, some_obstacles());
+  ControlletRig rig(collision_avoidance_feature(), models, some_obstacles(), {0});
+  rig.place(1, zero(6) * NAN, zero(6));
+  int near = 0;
+  for (int trial = 0; trial < 100; ++trial) {
+    const JointVector q = draw.joints(7, 1.5), dq = draw.joints(7, 0.5);
+    for (auto* r : {&rig, &alone}) {
+      r->place(0, q, dq);
+      ASSERT_EQ(r->update(), LawResult::ok);
+    }
+    ASSERT_TRUE(rig.tau(0).allFinite());
+    // The other arm's base stands still and is known.
+    if (rig.output("active_pairs") != alone.output("active_pairs")) continue;
+    EXPECT_LT((rig.tau(0) - alone.tau(0)).norm(), 1e-12);
+    near += rig.tau(0).norm() > 0;
+  }
+  EXPECT_GT(near, 20);
+}
+
+// Of its own arms, in either place.
+TEST(CollisionAvoidance, NaNOfAnOwnArmIsAFault) {
+  const Models models = made_up();
+  for (const std::size_t arm : {0, 1}) {
+    for (const bool velocity : {false, true}) {
+      ControlletRig rig(collision_avoidance_feature(), models, some_obstacles());
+      ASSERT_EQ(rig.update(), LawResult::ok);
+      JointVector q = zero(arm == 0 ? 7 : 6), dq = q;
+      (velocity ? dq : q)[2] = NAN;
+      rig.place(arm, q, dq);
+      EXPECT_EQ(rig.update(), LawResult::fault);
+    }
+  }
 }
 
 }  // namespace

@@ -72,6 +72,7 @@ void CollisionPairs::add(ArmIndex arm, int joint, const ConvexShape& shape, cons
   bodies_.push_back(body);
   spheres_.push_back({});
   place(bodies_.size() - 1, Pose{});  // final, if the body is fixed
+  if (joint >= 0) spheres_.back().center.setConstant(std::numeric_limits<double>::quiet_NaN());
 }
 
 void CollisionPairs::place(std::size_t i, const Pose& X_WJ) {
@@ -97,14 +98,16 @@ void CollisionPairs::place(std::span<OwnedArm> scene_arms) {
   ArmIndex arm = kNoArm;
   int joint = -1;
   Pose X_WJ;
+  bool known = false;
   for (const std::size_t i : moving_) {
     const Body& body = bodies_[i];
     if (body.arm != arm || body.joint != joint) {
+      if (body.arm != arm) known = scene_arms[body.arm].terms->q().allFinite();
       arm = body.arm;
       joint = body.joint;
-      X_WJ = scene_arms[arm].terms->X_WJ(static_cast<std::size_t>(joint));
+      if (known) X_WJ = scene_arms[arm].terms->X_WJ(static_cast<std::size_t>(joint));
     }
-    place(i, X_WJ);
+    if (known) place(i, X_WJ);
   }
 }
 
@@ -117,6 +120,17 @@ Closest CollisionPairs::closest(std::size_t i) const {
     return closest_capsule_half_space(a.p0, a.p1, a.shape.radius, b.X_WS.position, b.X_WS.rotation.col(2));
   }
   return closest_points(a.shape, a.X_WS, b.shape, b.X_WS);
+}
+
+Closest CollisionPairs::smooth(std::size_t i, const Closest& exact) const {
+  const Body &a = bodies_[pairs_[i].a], &b = bodies_[pairs_[i].b];
+  if (a.is_segment && b.is_segment) {
+    return smooth_capsules(a.p0, a.p1, a.shape.radius, b.p0, b.p1, b.shape.radius, exact);
+  }
+  if (a.is_segment && b.half_space) {
+    return smooth_capsule_half_space(a.p0, a.p1, a.shape.radius, b.X_WS.position, b.X_WS.rotation.col(2));
+  }
+  return smooth_points(a.shape, a.X_WS, b.shape, b.X_WS, exact);
 }
 
 }  // namespace multipanda

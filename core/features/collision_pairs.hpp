@@ -7,6 +7,7 @@
 #include "core/controllets/controllet.hpp"
 #include "core/features/feature.hpp"
 #include "core/geometry/distance.hpp"
+#include "core/geometry/smooth_distance.hpp"
 
 namespace multipanda {
 
@@ -41,7 +42,8 @@ class CollisionPairs {
   const Pair& pair(std::size_t i) const { return pairs_[i]; }
   const Body& body(std::size_t i) const { return bodies_[i]; }
 
-  // Updates the poses of all shapes for this cycle.
+  // Updates the poses of all shapes for this cycle. The shapes of an arm whose joint positions are not finite
+  // stay where they were last; at_least() of those that never had a place is not a number.
   void place(std::span<OwnedArm> scene_arms);
   // A lower bound of the distance, from the bounding spheres.
   double at_least(std::size_t i) const {
@@ -51,6 +53,10 @@ class CollisionPairs {
   }
   // Distance and closest points, in the world.
   Closest closest(std::size_t i) const;
+  // The same with points that move continuously (core/geometry/smooth_distance.hpp), from the result of
+  // closest(). Its distance is at most kMostLowered smaller.
+  static constexpr double kMostLowered = 3 * kEven;  // of a box above a half space
+  Closest smooth(std::size_t i, const Closest& exact) const;
 
  private:
   // Bounding sphere in the world. For a half space: radius -1, and its normal as the center.

@@ -22,6 +22,8 @@ class Feature {
   virtual std::string_view refusal() const { return {}; }
   virtual LawResult start(ControlContext& context) = 0;   // in the cycle it is switched on
   virtual LawResult update(ControlContext& context) = 0;  // arms[i].tau += ...
+  // Lowers upper bounds of parameters to what these arms bear. Before the loop, once.
+  virtual void bound_parameters(ParameterSet& /*parameters*/) const {}
 };
 
 // Argument of a feature's factory. Valid during the call only; copy what the feature keeps.

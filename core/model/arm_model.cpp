@@ -99,6 +99,9 @@ ArmModel::ArmModel(ArmModelSource source)
   }
   if (source_.q_home.size() == 0) source_.q_home = 0.5 * (limits.q_min + limits.q_max);
   if (source_.q_home.size() != p.model.nv) refuse(source_.name, "q_home must have one value per joint");
+  if (source_.motor_inertia.size() != 0 && source_.motor_inertia.size() != p.model.nv) {
+    refuse(source_.name, "motor_inertia must have one value per joint");
+  }
   check_collision_shapes(source_, joint_count_);
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
@@ -9,6 +10,7 @@
 #include "core/geometry/shape.hpp"
 #include "core/state/arm_state.hpp"
 #include "core/types/joints.hpp"
+#include "core/types/position_based_velocity.hpp"
 #include "core/types/spatial.hpp"
 
 namespace multipanda {
@@ -20,6 +22,8 @@ struct ArmLimits {
   JointVector ddq_max;       // [rad/s^2]
   JointVector tau_max;       // [N m]
   JointVector tau_rate_max;  // [N m/s]
+  // Tighter than dq_max near the ends of the range; none: dq_max everywhere.
+  std::optional<PositionBasedVelocity> velocity_by_position = {};
 };
 
 // Joint friction as the controllers know it. Every vector is (n x 1):
@@ -48,6 +52,10 @@ struct ArmModelSource {
   ArmLimits limits;    // empty position, velocity and effort limits come from the URDF
   JointVector q_home;  // a comfortable configuration [rad]; empty: middle of the joint ranges
   std::optional<JointFrictionTable> known_friction;
+  // The heaviest payload that may be declared, hand and tool not counted [kg]; none: no bound is known.
+  std::optional<double> largest_load = {};
+  JointVector motor_inertia = {};  // seen at the joint [kg m^2] (n x 1); empty: none, or not known
+  Load tool = {};  // what the flange carries from the start, for bounds before the first state
   std::vector<CollisionShape> collision_shapes;  // empty: no collision checks
   std::vector<std::pair<std::size_t, std::size_t>>
       self_pairs;  // indices of shapes that are checked against each other
@@ -71,6 +79,12 @@ class ArmModel {
   const std::string& urdf() const { return source_.urdf; }
   const std::vector<CollisionShape>& collision_shapes() const { return source_.collision_shapes; }
   const std::vector<std::pair<std::size_t, std::size_t>>& self_pairs() const { return source_.self_pairs; }
+  const JointVector& motor_inertia() const { return source_.motor_inertia; }  // empty: none
+  // The least inertia that a torque of one joint accelerates in any pose, with tool and motor, the other
+  // joints free (n x 1) [kg m^2]. Computed at the first call; any thread except the loop's.
+  const JointVector& least_inertia() const;
+  // The heaviest payload that may be declared to this arm [kg]; none: no bound is known.
+  const std::optional<double>& largest_load() const { return source_.largest_load; }
   // The friction that the scene declares to the controllers, if any.
   const std::optional<JointFrictionTable>& known_friction() const { return source_.known_friction; }
 
@@ -78,9 +92,15 @@ class ArmModel {
   const Pinocchio& pinocchio() const { return *pinocchio_; }
 
  private:
+  struct LeastInertia {
+    std::once_flag once;
+    JointVector inertia;
+  };
+
   ArmModelSource source_;
   std::size_t joint_count_ = 0;
   std::unique_ptr<Pinocchio> pinocchio_;
+  std::unique_ptr<LeastInertia> least_ = std::make_unique<LeastInertia>();
 };
 
 // (n x 1) vector filled with `value`.

@@ -1,6 +1,7 @@
 #include "core/modes/instance.hpp"
 
 #include <algorithm>
+#include <array>
 #include <stdexcept>
 
 #include "core/types/time.hpp"
@@ -55,6 +56,8 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
   }
   const FeatureContext context{all_models, arm_list_, blocks.obstacles, blocks.friction_compensated};
   controllet_ = controllet_type(config, registry, blocks).create(models);
+  controllet_->bound_parameters(parameters_);
+  X_FE_.resize(arm_list_.size());
 
   for (InputSpec input : descriptor_.inputs) {
     for (const auto& change : config.inputs) {
@@ -81,6 +84,7 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
     features_.push_back({type.descriptor, type.create(context),
                          ParameterSet(type.descriptor.parameters, joints), output_count,
                          total_size(type.descriptor.outputs)});
+    features_.back().feature->bound_parameters(features_.back().parameters);
     output_count += features_.back().output_count;
     for (const auto& parameter : type.descriptor.parameters) {
       parameter_names_.push_back(type.descriptor.type + "." + parameter.name);
@@ -103,8 +107,11 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
     std::vector<double> values = value.values;
     if (values.size() == 1) values.resize(parameter_size(i), values[0]);  // one number for all elements
     const Verdict verdict = check_parameter(i, values);
-    if (verdict != Verdict::accepted)
-      refuse(name_, "parameter '" + value.name + "': " + std::string(to_string(verdict)));
+    if (verdict != Verdict::accepted) {
+      const std::string why = bound_text(i, values);
+      refuse(name_, "parameter '" + value.name + "': " + std::string(to_string(verdict)) +
+                        (why.empty() ? "" : "; " + why));
+    }
     const auto [set, k] = locate(i);
     set->set_now(k, values);
   }
@@ -143,6 +150,19 @@ std::size_t Instance::parameter_size(std::size_t i) const {
 Verdict Instance::check_parameter(std::size_t i, std::span<const double> values) const {
   const auto [set, k] = locate(i);
   return set == nullptr ? Verdict::unknown_parameter : set->check(k, values);
+}
+std::string Instance::bound_text(std::size_t i, std::span<const double> values) const {
+  const auto [set, k] = locate(i);
+  if (set == nullptr || set->bound_reason(k).empty()) return {};
+  for (std::size_t n = 0; n < values.size() && n < set->value_size(k); ++n) {
+    if (!(values[n] > set->max(k, n))) continue;
+    std::array<char, 32> most{};
+    std::snprintf(most.data(), most.size(), "%.3g", set->max(k, n));
+    const std::string which = set->value_size(k) > 1 ? " of joint" + std::to_string(n + 1) : "";
+    return "'" + set->spec(k).name + "'" + which + " must be at most " + most.data() +
+           (set->spec(k).unit.empty() ? "" : " " + set->spec(k).unit) + " here: " + set->bound_reason(k);
+  }
+  return {};
 }
 void Instance::set_parameter(std::size_t i, std::span<const double> values, bool active) {
   const auto [set, k] = locate(i);
@@ -192,12 +212,14 @@ LawResult Instance::start(const Tick& tick) try {
   dt_ = kArmPeriod;
   last_tick_ = tick.t + -kArmPeriodNs;
   parameters_.finish();
+  for (std::size_t i = 0; i < law_arms_.size(); ++i) X_FE_[i] = law_arms_[i].state->frames.X_FE;
   ControlContext law = context(tick);
   controllet_->start_references(law);
   if (controllet_->start(law) != LawResult::ok) return LawResult::fault;
   for (std::size_t i = 0; i < features_.size(); ++i) {
     FeatureSlot& slot = features_[i];
     slot.parameters.finish();
+    slot.fade = 0;
     if (!feature_on(i)) continue;
     ControlContext with = feature_context(slot, tick);
     if (slot.feature->start(with) != LawResult::ok) return LawResult::fault;
@@ -216,6 +238,7 @@ LawResult Instance::set_feature(std::size_t i, bool on, bool active, const Tick&
   FeatureSlot& slot = features_[i];
   if (active && on && !feature_on(i)) {
     slot.parameters.finish();
+    slot.fade = 0;
     ControlContext with = feature_context(slot, tick);
     if (slot.feature->start(with) != LawResult::ok) return LawResult::fault;
   }
@@ -227,18 +250,33 @@ LawResult Instance::set_feature(std::size_t i, bool on, bool active, const Tick&
   return LawResult::fault;
 }
 
-bool Instance::begins_tick(ArmSet due) {
+bool Instance::begins_tick(ArmSet due, const Tick& tick) {
   const ArmSet mine = due & arms_;
   if (mine.empty()) return false;
-  const bool begins = served_.empty() || served_.overlaps(mine);
+  const bool begins =
+      served_.empty() || served_.overlaps(mine) || seconds(tick.t - last_tick_) > 0.5 * tick.period;
   served_ = begins ? mine : served_ | mine;
   return begins;
 }
 
+// An end effector that was redefined is elsewhere, while the arm has not moved.
+void Instance::carry_set_points(const Tick& tick) {
+  for (std::size_t i = 0; i < law_arms_.size(); ++i) {
+    const Pose& X_FE = law_arms_[i].state->frames.X_FE;
+    if (X_FE.position == X_FE_[i].position && X_FE.rotation == X_FE_[i].rotation) continue;
+    ControlContext law = context(tick);
+    controllet_->end_effector_moved(law, i, X_FE_[i].inverse() * X_FE);
+    X_FE_[i] = X_FE;
+  }
+}
+
 Intervention Instance::update(const Tick& tick) try {
-  dt_ = std::max(seconds(tick.t - last_tick_), 1e-6);
+  // After missed cycles the references go on from where they were, rather than catch up in one step.
+  constexpr double kLongestTick = 5;  // periods
+  dt_ = std::clamp(seconds(tick.t - last_tick_), 1e-6, kLongestTick * tick.period);
   last_tick_ = tick.t;
   parameters_.advance(dt_);
+  carry_set_points(tick);
   for (auto& input : inputs_) {
     input.advance(dt_, tick.t.seconds());
     if (input.stale()) return Intervention::reference_stale;
@@ -251,6 +289,20 @@ Intervention Instance::update(const Tick& tick) try {
   return Intervention::controllet_threw;
 }
 
+// A feature that finds its arm within reach of an obstacle or a limit when it starts would begin with a step.
+LawResult Instance::update_faded(FeatureSlot& slot, ControlContext& context) {
+  slot.fade = std::min(1.0, slot.fade + dt_ / ParameterSet::kRamp);
+  std::array<JointVector, kMaxArms> before;
+  for (std::size_t a = 0; a < feature_arms_.size(); ++a) before[a] = *feature_arms_[a].tau;
+  const LawResult result = slot.feature->update(context);
+  for (std::size_t a = 0; a < feature_arms_.size(); ++a) {
+    JointVector& tau = *feature_arms_[a].tau;
+    if (tau.size() == before[a].size())
+      tau = before[a] + slot.fade * (tau - before[a]);  // others are refused
+  }
+  return result;
+}
+
 Intervention Instance::update_features(const Tick& tick) try {
   for (auto& arm : feature_arms_) arm.tau->setZero(static_cast<Eigen::Index>(arm.model().joint_count()));
   for (std::size_t i = 0; i < features_.size(); ++i) {
@@ -258,7 +310,10 @@ Intervention Instance::update_features(const Tick& tick) try {
     if (!feature_on(i)) continue;
     slot.parameters.advance(dt_);
     ControlContext with = feature_context(slot, tick);
-    if (slot.feature->update(with) != LawResult::ok) return Intervention::controllet_fault;
+    const bool fades = slot.fade < 1;
+    if ((fades ? update_faded(slot, with) : slot.feature->update(with)) != LawResult::ok) {
+      return Intervention::controllet_fault;
+    }
   }
   return Intervention::none;
 } catch (...) {

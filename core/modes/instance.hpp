@@ -9,6 +9,7 @@
 #include "core/features/feature.hpp"
 #include "core/modes/registry.hpp"
 #include "core/modes/request.hpp"
+#include "core/state/arm_condition.hpp"
 #include "core/types/tick.hpp"
 #include "core/types/time.hpp"
 
@@ -36,6 +37,7 @@ struct ArmBlocks {
   // World data for features; used while instances are built.
   std::span<const Obstacle> obstacles = {};
   ArmSet friction_compensated = {};
+  std::span<const ArmCondition> conditions = {};  // for the multimode controller; instances do not need it
 };
 
 // One controllet with its parameters, references and features, bound to its arms. Built before the loop.
@@ -58,6 +60,8 @@ class Instance {
   std::vector<double> parameter(std::size_t i) const;  // target value; any thread except the loop's
   std::size_t parameter_size(std::size_t i) const;
   Verdict check_parameter(std::size_t i, std::span<const double> values) const;
+  // Why these values are above what the arm bears; empty if they are not. Any thread except the loop's.
+  std::string bound_text(std::size_t i, std::span<const double> values) const;
 
   std::size_t feature_count() const { return features_.size(); }
   const ControlletDescriptor& feature_descriptor(std::size_t i) const { return features_[i].descriptor; }
@@ -84,9 +88,10 @@ class Instance {
   // or an exception.
   LawResult start(const Tick& tick);
   // Returns whether this step begins a new tick of the group. The arms of a group deliver their packets at
-  // different times. The group ticks on the packet of its first arm; each other arm receives the torque of
-  // that tick on its own packet.
-  bool begins_tick(ArmSet due);
+  // different times. The group ticks on the packet of one arm; each other arm receives the torque of that
+  // tick on its own packet, unless that comes more than half a period later: then the group ticks again, on
+  // this packet, and the first arm receives the torque of that tick.
+  bool begins_tick(ArmSet due, const Tick& tick);
   // Returns the reason to deactivate it, or none. Fills tau_controllet of its arms.
   Intervention update(const Tick& tick);
   // Fills tau_feature of its arms.
@@ -98,8 +103,11 @@ class Instance {
     std::unique_ptr<Feature> feature;
     ParameterSet parameters;
     std::size_t output_offset = 0, output_count = 0;
+    double fade = 0;  // share of its torque that acts: grows to 1 within ParameterSet::kRamp after each start
   };
+  LawResult update_faded(FeatureSlot& slot, ControlContext& context);
   void switch_feature(std::size_t i, bool on);
+  void carry_set_points(const Tick& tick);
   ControlContext context(const Tick& tick);
   ControlContext feature_context(FeatureSlot& slot, const Tick& tick);
   std::pair<ParameterSet*, std::size_t> locate(std::size_t i);
@@ -118,7 +126,8 @@ class Instance {
   std::vector<double> outputs_;
   std::size_t law_output_count_ = 0;
   std::vector<OwnedArm> law_arms_, feature_arms_, scene_arms_;
-  ArmSet served_;  // arms that received the torque of the current tick
+  std::vector<Pose> X_FE_;  // end effectors for which the set-points are
+  ArmSet served_;           // arms that received the torque of the current tick
   LoopTime last_tick_;
   double dt_ = kArmPeriod;  // of the current tick
 };

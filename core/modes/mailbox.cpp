@@ -4,12 +4,25 @@
 
 namespace multipanda {
 
-std::uint64_t Mailbox::post(std::span<const Request> requests) {
+namespace {
+
+// Patience of years is endless.
+HostTime end_of(HostTime from, double patience_s) {
+  constexpr double kEndless = 1e8;
+  if (!(patience_s < kEndless)) return {std::numeric_limits<std::int64_t>::max()};
+  return {from.ns + static_cast<std::int64_t>(patience_s * 1e9)};
+}
+
+}  // namespace
+
+std::uint64_t Mailbox::post(std::span<const Request> requests, double patience_s) {
   const std::lock_guard lock(askers_);
   if (requests.empty() || requests.size() > kMaxBatch) return 0;
   if (ring_.size() + requests.size() > ring_.capacity()) return 0;
   const HostTime now = host_now();
-  Posted posted{.received = now};
+  Posted posted{.received = now, .expires = end_of(now, patience_s)};
+  const std::uint64_t last = next_ticket_ + requests.size() - 1;
+  stages_[last % kStages].store(word(last, waiting), std::memory_order_relaxed);  // published by the ring
   for (std::size_t i = 0; i < requests.size(); ++i) {
     posted.request = requests[i];
     posted.request.batch = static_cast<std::uint16_t>(i == 0 ? requests.size() : 1);
@@ -19,12 +32,29 @@ std::uint64_t Mailbox::post(std::span<const Request> requests) {
   return posted.ticket;
 }
 
+bool Mailbox::withdraw(std::uint64_t ticket) {
+  std::uint64_t expected = word(ticket, waiting);
+  return stages_[ticket % kStages].compare_exchange_strong(expected, word(ticket, gone),
+                                                           std::memory_order_acq_rel);
+}
+
 const Mailbox::Posted* Mailbox::front() {
   const Posted* posted = ring_.front();
   if (posted == nullptr || in_batch()) return posted;
   // The first request of a batch has its size. Take none before all have arrived.
   batch_ = posted->request.batch;
   return ring_.size() < batch_ ? nullptr : posted;
+}
+
+Mailbox::Claim Mailbox::claim(HostTime now) {
+  const Posted* posted = ring_.front();
+  if (posted == nullptr || in_batch()) return claim_;
+  const std::uint64_t last = posted->ticket + batch_ - 1;
+  std::uint64_t expected = word(last, waiting);
+  const bool ours = stages_[last % kStages].compare_exchange_strong(expected, word(last, decided),
+                                                                    std::memory_order_acq_rel);
+  claim_ = !ours ? Claim::withdrawn : now > posted->expires ? Claim::expired : Claim::taken;
+  return claim_;
 }
 
 void Mailbox::pop() {

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <atomic>
+#include <limits>
 #include <mutex>
 #include <span>
 #include <type_traits>
@@ -16,11 +17,17 @@ namespace multipanda {
 class Mailbox {
  public:
   static constexpr std::size_t kMaxBatch = 64;  // requests of one call
+  static constexpr double kForever = std::numeric_limits<double>::infinity();
 
   // --- any thread except the loop's ---
   // Queues the requests so that the loop takes them in one cycle. Their tickets are consecutive; returns the
-  // last one. 0: no requests, more than kMaxBatch, or the queue is full.
-  std::uint64_t post(std::span<const Request> requests);
+  // last one. 0: no requests, more than kMaxBatch, or the queue is full. After `patience_s` the loop refuses
+  // them.
+  std::uint64_t post(std::span<const Request> requests, double patience_s = kForever);
+  // Takes the requests of a call back; `ticket` is the one that post() returned. true: the loop will never
+  // execute any of them. false: the loop has taken or refused them, and its answer follows at the end of that
+  // cycle.
+  bool withdraw(std::uint64_t ticket);
   // Returns the answer if the loop has given it. The last kAnswers answers are kept. `answer` is unchanged if
   // the result is false.
   bool poll(std::uint64_t ticket, Answer& answer) const;
@@ -29,15 +36,30 @@ class Mailbox {
   struct Posted {
     Request request;
     std::uint64_t ticket = 0;
-    HostTime received;
+    HostTime received, expires;
+    bool bounded() const { return expires.ns != std::numeric_limits<std::int64_t>::max(); }
+  };
+  enum class Claim : std::uint8_t {
+    taken,     // to be executed
+    expired,   // its asker's patience is over: to be refused
+    withdrawn  // its asker has been told that it is not executed: no answer
   };
   const Posted* front();                                 // nullptr: empty, or an incomplete batch
   bool in_batch() const { return taken_of_batch_ > 0; }  // part of the front's batch has been taken
+  // Decides once for all requests of the front's batch. Either the asker's withdraw() succeeds or this does.
+  Claim claim(HostTime now);
   void pop();
   void answer(const Answer& answer);
 
  private:
   static constexpr std::size_t kQueue = 256, kAnswers = 1024;
+
+  // The last ticket of a call and its stage, at index ticket % kStages. More than the queue holds, so that no
+  // queued call loses its place.
+  static constexpr std::size_t kStages = 2 * kQueue;
+  enum Stage : std::uint64_t { waiting, decided, gone };
+  static std::uint64_t word(std::uint64_t ticket, Stage stage) { return ticket << 2 | stage; }
+  std::array<std::atomic<std::uint64_t>, kStages> stages_{};
 
   // An answer as atomic words. A reader that reads while the slot is overwritten gets a torn answer, which it
   // detects by the ticket, but there is no data race.
@@ -52,6 +74,7 @@ class Mailbox {
   std::uint64_t next_ticket_ = 1;  // guarded by askers_
   SpscRing<Posted> ring_{kQueue};
   std::size_t taken_of_batch_ = 0, batch_ = 0;  // loop
+  Claim claim_ = Claim::taken;                  // loop: of the front's batch
   std::array<Slot, kAnswers> answers_{};
 };
 

@@ -129,6 +129,8 @@ Verdict MultimodeController::check(const Request& request) const {
   if (request.instance >= instances_.size()) return Verdict::unknown_instance;
   const Instance& instance = *instances_[request.instance];
   if (request.kind == Request::Kind::set_parameter) {
+    // A stop is to leave an arm where it is: nothing makes it softer until it is resumed.
+    if (request.instance < arm_count() && stopped().contains(request.instance)) return Verdict::arm_stopped;
     if (request.index >= instance.parameter_count()) return Verdict::unknown_parameter;
     if (request.size > kMaxParameterSize) return Verdict::wrong_size;
     return instance.check_parameter(request.index, std::span(request.values).first(request.size));
@@ -140,11 +142,12 @@ Verdict MultimodeController::check(const Request& request) const {
   return instance.inputs()[request.index].check(request.target);
 }
 
-Verdict MultimodeController::post(std::span<const Request> requests, std::uint64_t& ticket) {
+Verdict MultimodeController::post(std::span<const Request> requests, std::uint64_t& ticket,
+                                  double patience_s) {
   for (const Request& request : requests) {
     if (const Verdict verdict = check(request); verdict != Verdict::accepted) return verdict;
   }
-  ticket = mailbox_.post(requests);
+  ticket = mailbox_.post(requests, patience_s);
   return ticket != 0 ? Verdict::accepted : Verdict::queue_full;
 }
 
@@ -152,13 +155,18 @@ Answer MultimodeController::ask(std::span<const Request> requests, double timeou
   Answer answer;
   std::uint64_t ticket = 0;
   answer.received = host_now();
-  answer.verdict = post(requests, ticket);
+  answer.verdict = post(requests, ticket, timeout_s);
   if (!answer.accepted()) return answer;
   const HostTime posted = answer.received;
   for (std::uint64_t part = ticket - requests.size() + 1; part <= ticket; ++part) {
     while (!mailbox_.poll(part, answer)) {
-      if (seconds(host_now() - posted) > timeout_s) {
+      const double waited = seconds(host_now() - posted);
+      if (waited > timeout_s && mailbox_.withdraw(ticket)) {
         answer.verdict = Verdict::timeout;
+        return answer;
+      }
+      if (waited > timeout_s + kAnswerPatience) {
+        answer.verdict = Verdict::pending;
         return answer;
       }
       std::this_thread::sleep_for(std::chrono::microseconds(100));

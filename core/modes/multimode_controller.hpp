@@ -52,11 +52,19 @@ class MultimodeController {
   // Checks whatever does not need the loop: names, sizes, bounds, two owners, stopped arms.
   Verdict check(const Request& request) const;
   // Checks the requests, then queues all of them for one cycle. accepted: queued; `ticket` is the last one.
-  Verdict post(std::span<const Request> requests, std::uint64_t& ticket);
+  // The loop refuses with Verdict::timeout what it finds after `patience_s`.
+  static constexpr double kPatience = 1.0;  // [s]
+  // What the loop has taken is answered within the same cycle; only a stalled loop needs longer.
+  static constexpr double kAnswerPatience = 10;  // [s]
+  Verdict post(std::span<const Request> requests, std::uint64_t& ticket, double patience_s = kPatience);
+  // Takes back what post() queued. true: it will never be executed. false: the loop has decided, its answer
+  // follows. Whoever stops waiting for an answer calls this first.
+  bool withdraw(std::uint64_t ticket) { return mailbox_.withdraw(ticket); }
   bool poll(std::uint64_t ticket, Answer& answer) const { return mailbox_.poll(ticket, answer); }
   // Posts, then polls for the answers of the loop. Returns the first refusal, otherwise the last answer.
-  Answer ask(std::span<const Request> requests, double timeout_s = 1.0);
-  Answer ask(const Request& request, double timeout_s = 1.0) {
+  // Verdict::timeout: not executed. Verdict::pending: taken, but its answer was overwritten by later ones.
+  Answer ask(std::span<const Request> requests, double timeout_s = kPatience);
+  Answer ask(const Request& request, double timeout_s = kPatience) {
     return ask(std::span(&request, 1), timeout_s);
   }
   // Holds all given arms from the next cycle boundary on, until resumed. It cannot fail and needs no space in
@@ -64,6 +72,8 @@ class MultimodeController {
   void stop(ArmSet arms) { stop_requests_.fetch_or(arms.bits(), std::memory_order_acq_rel); }
 
   // --- loop thread, between two steps ---
+  // Refuses what was posted before now and has a patience: nobody asked it of this run of the loop.
+  void begin_anew() { began_ = host_now(); }
   // Sets the instances that start once their arms are ready, replacing those of the last call. A waiting
   // start has the lowest priority: an accepted switch, a stop or a resume of one of its arms cancels it, and
   // it takes an arm only from its hold.
@@ -89,7 +99,10 @@ class MultimodeController {
   ArmSet arms_of(InstanceSet set) const;
   SwitchPlan plan(InstanceSet active, const Request& request) const;
 
-  void apply(const Request& request, std::uint64_t ticket, HostTime received, const Tick& tick);
+  void take_mail(const Tick& tick);
+  // Executes a request, unless `verdict` refuses it already.
+  void apply(const Request& request, std::uint64_t ticket, HostTime received, const Tick& tick,
+             Verdict verdict = Verdict::accepted);
   Verdict apply_switch(const Request& request, Answer& answer, const Tick& tick);
   void commit(const SwitchPlan& plan);
   void evict(InstanceIndex instance, ArmIndex arm, const Finding& finding, const Tick& tick,
@@ -97,6 +110,7 @@ class MultimodeController {
   void take_stops(const Tick& tick);
   void take_waiting_starts(const Tick& tick);
   void watch_arm(ArmIndex arm, const Tick& tick);
+  void report_hold(ArmIndex arm, const Finding& finding, const Tick& tick);
   void emit(Event event, const Tick& tick);
   void emit_finding(EventKind kind, ArmIndex arm, InstanceIndex instance, const Finding& finding,
                     const Tick& tick);
@@ -108,6 +122,7 @@ class MultimodeController {
   RecordRing* record_ = nullptr;
   std::vector<std::size_t> output_offsets_;  // of each instance in CycleRecord::outputs
   Mailbox mailbox_;
+  HostTime began_;  // loop: requests received before are refused
 
   std::vector<ScheduledRequest> schedule_;
   std::size_t next_scheduled_ = 0;
@@ -128,6 +143,7 @@ class MultimodeController {
   std::size_t pending_count_ = 0;
   ArmSet handed_over_;  // arms that changed owner in this step
   std::array<double, kMaxArms> step_requested_{}, step_sent_{};
+  std::array<Intervention, kMaxArms> hold_fault_{};  // that was reported of the arm's hold
   std::array<Intervention, kMaxArms> last_cut_{};  // to log the start of an episode only
   std::array<LoopTime, kMaxArms>
       last_torque_{};  // time of the last torque of each arm, to which its rate limit is relative

@@ -32,14 +32,24 @@ void MultimodeController::take_requests(const Tick& tick) {
       apply(scheduled.request, 0, tick.start, tick);
     }
   }
+  take_mail(tick);
+  take_stops(tick);  // last, so that a stop overrides all requests of this boundary
+  take_waiting_starts(tick);
+}
+
+// Requests whose askers still wait. Those of the others are refused, or have been withdrawn.
+void MultimodeController::take_mail(const Tick& tick) {
   for (std::size_t taken = 0; taken < kPerStep || mailbox_.in_batch(); ++taken) {
     const Mailbox::Posted* posted = mailbox_.front();
     if (posted == nullptr) break;
-    apply(posted->request, posted->ticket, posted->received, tick);
+    const Mailbox::Claim claim = mailbox_.claim(host_now());
+    if (claim != Mailbox::Claim::withdrawn) {
+      const bool late = claim == Mailbox::Claim::expired || (posted->bounded() && posted->received < began_);
+      apply(posted->request, posted->ticket, posted->received, tick,
+            late ? Verdict::timeout : Verdict::accepted);
+    }
     mailbox_.pop();
   }
-  take_stops(tick);  // last, so that a stop overrides all requests of this boundary
-  take_waiting_starts(tick);
 }
 
 void MultimodeController::start_when_ready(InstanceSet instances) {
@@ -85,7 +95,7 @@ void MultimodeController::take_stops(const Tick& tick) {
 }
 
 void MultimodeController::apply(const Request& request, std::uint64_t ticket, HostTime received,
-                                const Tick& tick) {
+                                const Tick& tick, Verdict verdict) {
   const bool active = request.instance < instances_.size() && (active_ & bit(request.instance)) != 0;
   Answer answer;
   answer.kind = request.kind;
@@ -94,7 +104,7 @@ void MultimodeController::apply(const Request& request, std::uint64_t ticket, Ho
   answer.t = tick.t;
   answer.received = received;
   answer.taken = ticket != 0 ? host_now() : tick.start;  // it may have been posted after the step began
-  answer.verdict = check(request);
+  answer.verdict = verdict == Verdict::accepted ? check(request) : verdict;
   Event event{
       .verdict = answer.verdict, .ticket = ticket, .instance = request.instance, .index = request.index};
   if (answer.accepted()) {
@@ -155,7 +165,7 @@ Verdict MultimodeController::apply_switch(const Request& request, Answer& answer
   const InstanceSet holds = (InstanceSet{1} << arm_count()) - 1;
   bool ready = true;
   for_each(arms_of(answer.plan.start & ~holds), [&](ArmIndex arm) {
-    ready = ready && !safety_.inspect(arm, blocks_.states[arm], blocks_.terms[arm]);
+    ready = ready && !safety_.inspect(arm, blocks_.conditions[arm], blocks_.states[arm], blocks_.terms[arm]);
   });
   if (!ready) return Verdict::arm_not_ready;
   bool started = true;
@@ -171,7 +181,10 @@ Verdict MultimodeController::apply_switch(const Request& request, Answer& answer
 void MultimodeController::commit(const SwitchPlan& plan) {
   active_ = (active_ & ~plan.stop) | plan.start;
   for_each(plan.start, [&](InstanceIndex i) {
-    for_each(instances_[i]->arms(), [&](ArmIndex arm) { owners_[arm].store(i, std::memory_order_release); });
+    for_each(instances_[i]->arms(), [&](ArmIndex arm) {
+      owners_[arm].store(i, std::memory_order_release);
+      hold_fault_[arm] = Intervention::none;
+    });
   });
   active_shared_.store(active_, std::memory_order_release);
 }
@@ -188,7 +201,7 @@ void MultimodeController::evict(InstanceIndex instance, ArmIndex arm, const Find
   for_each(leave.start, [&](InstanceIndex i) {
     (void)instances_[i]->start(tick);
     if (!update_holds) return;
-    (void)instances_[i]->begins_tick(instances_[i]->arms());
+    (void)instances_[i]->begins_tick(instances_[i]->arms(), tick);
     const ArmIndex held = instances_[i]->arms().first();
     if (instances_[i]->update(tick) != Intervention::none ||
         safety_.judge(held, blocks_.tau_controllet[held])) {
@@ -212,15 +225,14 @@ void MultimodeController::evict(InstanceIndex instance, ArmIndex arm, const Find
   emit(event, tick);
 }
 
-// Emits an event if the arm changed its mode or configuration. An arm that returns, for example from a reflex
-// or from hand guiding, is held at its current position, not at its previous one.
+// Emits an event if the arm changed its mode or configuration. An arm that returns, for example from a
+// reflex, from hand guiding or from silence, is held at its current position, not at its previous one.
 void MultimodeController::watch_arm(ArmIndex arm, const Tick& tick) {
   const ArmState& state = blocks_.states[arm];
+  if (blocks_.conditions[arm].returned && owners_[arm].load(std::memory_order_relaxed) == hold_of(arm)) {
+    (void)instances_[hold_of(arm)]->start(tick);
+  }
   if (state.mode != last_mode_[arm]) {
-    const bool returned = takes_commands(state.mode) && !takes_commands(last_mode_[arm]);
-    if (returned && owners_[arm].load(std::memory_order_relaxed) == hold_of(arm)) {
-      (void)instances_[hold_of(arm)]->start(tick);
-    }
     last_mode_[arm] = state.mode;
     Event event{.kind = EventKind::arm_mode, .arm = static_cast<std::uint16_t>(arm)};
     event.index = static_cast<std::uint16_t>(state.mode);
@@ -249,19 +261,32 @@ void MultimodeController::inspect(const Tick& tick) {
   for_each(ArmSet::all(arm_count()), [&](ArmIndex arm) {
     watch_arm(arm, tick);
     const InstanceIndex owner = owners_[arm].load(std::memory_order_relaxed);
+    safety_.track_limits(arm, blocks_.states[arm], blocks_.terms[arm], owner == hold_of(arm));
     if (owner == hold_of(arm)) return;
     const bool alone = instances_[owner]->arms().size() == 1;
-    if (const Finding finding = safety_.inspect(arm, blocks_.states[arm], blocks_.terms[arm], alone)) {
+    const ArmCondition& condition = blocks_.conditions[arm];
+    if (const Finding finding =
+            safety_.inspect(arm, condition, blocks_.states[arm], blocks_.terms[arm], alone)) {
       evict(owner, arm, finding, tick, false);
     }
   });
+}
+
+// The hold itself failed: only the arm's own gravity compensation remains. Nobody needs to hear this of an
+// arm that takes no commands, for example in a reflex.
+void MultimodeController::report_hold(ArmIndex arm, const Finding& finding, const Tick& tick) {
+  if (!blocks_.conditions[arm].usable) return;
+  safety_.count(arm, finding.rule);
+  if (hold_fault_[arm] == finding.rule) return;
+  hold_fault_[arm] = finding.rule;
+  emit_finding(EventKind::intervention, arm, hold_of(arm), finding, tick);
 }
 
 void MultimodeController::run_controllets(const Tick& tick) {
   ticking_ = 0;
   for_each(active_, [&](InstanceIndex i) {
     Instance& instance = *instances_[i];
-    if ((active_ & bit(i)) == 0 || !instance.begins_tick(tick.due)) return;
+    if ((active_ & bit(i)) == 0 || !instance.begins_tick(tick.due, tick)) return;
     ticking_ |= bit(i);
     Finding finding{instance.update(tick)};
     ArmIndex arm = instance.arms().first();
@@ -274,9 +299,8 @@ void MultimodeController::run_controllets(const Tick& tick) {
     }
     if (finding) {
       if (i < arm_count()) {
-        // The hold itself failed; only the arm's own gravity compensation remains.
         clear(blocks_.tau_controllet, arm, blocks_.terms[arm].joint_count());
-        safety_.count(arm, finding.rule);
+        report_hold(arm, finding, tick);
       } else {
         evict(i, arm, finding, tick, true);
       }
@@ -298,7 +322,7 @@ void MultimodeController::run_features(const Tick& tick) {
     if (!finding) return;
     if (i < arm_count()) {
       clear(blocks_.tau_feature, arm, blocks_.terms[arm].joint_count());
-      safety_.count(arm, finding.rule);
+      report_hold(arm, finding, tick);
     } else {
       evict(i, arm, finding, tick, true);
     }

@@ -146,12 +146,39 @@ TEST(Switching, FeaturesSwitchAtTheCycle) {
   EXPECT_EQ(loop.cycle.data().tau_feature[1].norm(), 0);
   EXPECT_TRUE(loop.ask(on).accepted());
   EXPECT_TRUE(pair.feature_on(push));
+  // 0.5 N m, approached within 0.2 s.
+  for (int cycle = 1; cycle <= 250; ++cycle) {
+    for (const ArmIndex arm : {ArmIndex{1}, ArmIndex{2}}) {
+      const JointVector& tau = loop.cycle.data().tau_feature[arm];
+      ASSERT_LT((tau - joint_constant(7, 0.5 * std::min(1.0, cycle / 200.0))).norm(), 1e-12) << cycle;
+    }
+    loop.step();
+  }
   EXPECT_EQ(loop.cycle.data().tau_feature[1], joint_constant(7, 0.5));
-  EXPECT_EQ(loop.cycle.data().tau_feature[2], joint_constant(7, 0.5));
   EXPECT_EQ(loop.cycle.data().tau_feature[3].norm(), 0);
   on.on = false;
   EXPECT_TRUE(loop.ask(on).accepted());
   EXPECT_EQ(loop.cycle.data().tau_feature[1].norm(), 0);
+}
+
+// The features of a controllet that starts fade in, each time and whoever owned the arms before.
+TEST(Switching, FeaturesFadeInWithTheirControllet) {
+  auto configs = four_arms();
+  for (auto& config : configs) config.features = {"push"};
+  TestLoop loop(4, configs, test::test_registry());
+  loop.step();
+  for (const char* name : {"p12", "s1", "p31", "p12"}) {
+    ASSERT_TRUE(loop.activate({name}).accepted());
+    double last = 0;
+    for (int cycle = 1; cycle <= 210; ++cycle) {
+      const JointVector& tau = loop.cycle.data().tau_feature[1];
+      ASSERT_NEAR(tau[0], 0.5 * std::min(1.0, cycle / 200.0), 1e-12) << name << " " << cycle;
+      ASSERT_LE(tau[0] - last, 0.5 / 200 + 1e-12);
+      last = tau[0];
+      loop.step();
+    }
+    EXPECT_EQ(loop.cycle.data().tau_feature[1], joint_constant(7, 0.5)) << name;
+  }
 }
 
 // Every feature on every controllet, on and off while running: taken at the next cycle, and its torque begins

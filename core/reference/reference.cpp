@@ -117,22 +117,32 @@ void Reference::start_constant(double value) {
 void Reference::forget_posted() {
   inbox_->targets.take();
   t_ = 0;
-  streaming_ = stale_ = moving_end_ = in_motion_ = false;
+  streaming_ = stale_ = moving_end_ = in_motion_ = is_pending_ = false;
   period_s_ = 0;
   last_.id = 0;
 }
 
 void Reference::set(const Target& target) {
   streaming_ = stale_ = false;
-  if (target.delivery == Delivery::motion) {
-    begin_motion(target);
+  pending_ = target;
+  is_pending_ = true;
+}
+
+void Reference::plan_pending() {
+  is_pending_ = false;
+  ++planned_;
+  if (pending_.delivery == Delivery::motion) {
+    begin_motion(pending_);
   } else {
-    plan_goal(target);
+    plan_goal(pending_);
   }
 }
 
 void Reference::advance(double dt, double now_s) {
-  if (inbox_->targets.take()) take(inbox_->targets.value(), now_s);
+  const bool posted = inbox_->targets.take();
+  if (is_pending_ && !posted) plan_pending();
+  is_pending_ = false;
+  if (posted) take(inbox_->targets.value(), now_s);
   if (streaming_ && now_s - last_arrival_s_ > spec_.timeout_s) stale_ = true;
   if (moving_end_ && t_ + dt > segment_.duration()) plan_brake();
   t_ += dt;
@@ -151,6 +161,7 @@ void Reference::take(const Target& target, double now_s) {
   streaming_ = target.delivery == Delivery::stream;
   stale_ = false;
   last_arrival_s_ = now_s;
+  ++planned_;
   if (target.delivery == Delivery::motion) {
     begin_motion(target);
   } else if (continues && elapsed > 0 && elapsed < kMaxStreamPeriod) {
@@ -194,20 +205,23 @@ void Reference::end_motion() {
   segment_.plan(coordinates(), now_, now_.position, 0);
 }
 
+void Reference::pose_of(const QuinticSegment::Sample& sample, Pose& X, Twist& V, Twist& A) const {
+  const auto& [position, velocity, acceleration] = sample;
+  const Vector3 r = rotation_of(position), dr = rotation_of(velocity), ddr = rotation_of(acceleration);
+  const Matrix3 J = left_jacobian(r);
+  X.position = {position[0], position[1], position[2]};
+  X.rotation = exp_rotation(r) * R_0_;
+  V.linear() = Vector3(velocity[0], velocity[1], velocity[2]);
+  V.angular() = J * dr;
+  A.linear() = Vector3(acceleration[0], acceleration[1], acceleration[2]);
+  A.angular() = J * ddr + left_jacobian_rate(r, dr);
+}
+
 void Reference::publish_sample() {
   switch (spec_.quantity) {
-    case Quantity::pose: {
-      const Vector3 r = rotation_of(now_.position), dr = rotation_of(now_.velocity),
-                    ddr = rotation_of(now_.acceleration);
-      const Matrix3 J = left_jacobian(r);
-      X_d_.position = {now_.position[0], now_.position[1], now_.position[2]};
-      X_d_.rotation = exp_rotation(r) * R_0_;
-      V_d_.linear() = Vector3(now_.velocity[0], now_.velocity[1], now_.velocity[2]);
-      V_d_.angular() = J * dr;
-      A_d_.linear() = Vector3(now_.acceleration[0], now_.acceleration[1], now_.acceleration[2]);
-      A_d_.angular() = J * ddr + left_jacobian_rate(r, dr);
+    case Quantity::pose:
+      pose_of(now_, X_d_, V_d_, A_d_);
       break;
-    }
     case Quantity::joints:
       for (Eigen::Index i = 0; i < q_d_.size(); ++i) {
         const auto k = static_cast<std::size_t>(i);

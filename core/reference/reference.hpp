@@ -55,11 +55,19 @@ class Reference {
   void start(const Pose& X_measured);  // begin here, at rest; discards older targets
   void start(const JointVector& measured);
   void start_constant(double value);  // twist, wrench, scalar: usually 0
-  void set(const Target& target);     // a checked target from within the loop (scheduled)
+  // A checked target from within the loop. It is planned at the next advance(): of several in one step, only
+  // the newest, so that many senders cannot make a cycle longer.
+  void set(const Target& target);
+  // The frame that follows this pose was redefined: it is now X away from the old one, X_new = X_old X. Moves
+  // the set-point, its goal and its velocity along, so that the arm is not asked to move.
+  void carry(const Pose& X);
+  // For references that a law keeps itself.
+  void limit_speed(double max_speed) { spec_.max_speed = max_speed; }
   // Takes newly arrived targets and advances by dt. `now_s` is the time of the loop.
   void advance(double dt, double now_s);
   bool stale() const { return stale_; }  // a stream stopped
   bool streaming() const { return streaming_; }
+  std::uint64_t planned() const { return planned_; }  // targets for which a motion was planned
 
   const Pose& pose() const { return X_d_; }
   const Twist& twist() const { return V_d_; }  // pose: its velocity, world axes
@@ -79,12 +87,15 @@ class Reference {
   static constexpr double kBrakingTime = 0.1;  // [s]
 
   void take(const Target& target, double now_s);
+  void plan_pending();
   void plan_goal(const Target& target);
   void plan_stream(const Target& target, std::uint64_t steps, double elapsed_s);
   void plan_brake();
   void begin_motion(const Target& target);
   void end_motion();
   Verdict check_motion(const Target& target) const;
+  // The pose, velocity and acceleration of a sample in the coordinates of the segment.
+  void pose_of(const QuinticSegment::Sample& sample, Pose& X, Twist& V, Twist& A) const;
   struct Magnitude {  // of a pose: position and rotation; otherwise `linear` is that of the largest
                       // coordinate
     double linear = 0, angular = 0;
@@ -124,8 +135,11 @@ class Reference {
   Matrix3 R_0_ = Matrix3::Identity();  // orientation at the segment's start
   bool streaming_ = false, stale_ = false;
   double last_arrival_s_ = 0;
-  double period_s_ = 0;      // of the stream, filtered; 0: unknown
-  Target last_;              // newest target of a stream
+  double period_s_ = 0;  // of the stream, filtered; 0: unknown
+  Target last_;          // newest target of a stream
+  Target pending_;       // newest target of this step
+  bool is_pending_ = false;
+  std::uint64_t planned_ = 0;
   bool moving_end_ = false;  // the segment ends with a velocity
   Harmonic motion_;          // added to the segment while it lasts
   bool in_motion_ = false;

@@ -22,7 +22,7 @@ struct SetupStep {
 };
 
 // Applies `setup` to the calling thread (the memory lock to the process) and prefaults its stack. Call it
-// before the loop.
+// before the loop. Threads that the calling one starts later inherit the core, not the scheduling.
 std::vector<SetupStep> set_up_thread(const ThreadSetup& setup);
 
 }  // namespace multipanda

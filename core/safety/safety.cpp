@@ -8,6 +8,26 @@ namespace {
 
 // Slower motion does not count as outwards: noise at rest at a limit must not trigger an intervention.
 constexpr double kOutwardSpeed = 0.01;  // [rad/s], [m/s]
+// Nor may slower motion creep: this far beyond a limit, any motion but the way back is an intervention.
+constexpr double kJointMargin = 0.02;       // [rad]
+constexpr double kWorkspaceMargin = 0.005;  // [m]
+
+// Whether a value that is `beyond` its limit, moving away from it at `outwards`, has to stop. `known`: how
+// far beyond it was when the arm was last held.
+bool leaves(double beyond, double outwards, double known, double margin) {
+  if (!(beyond > 0)) return false;
+  return outwards > kOutwardSpeed || (beyond > known + margin && outwards >= 0);
+}
+
+// Largest speed of a joint in its direction of motion. The formula ends in zero, beyond the position limits:
+// there, noise at rest must not trigger an intervention either.
+double largest_speed(const ArmLimits& limits, Eigen::Index joint, double q, double dq) {
+  const double dq_max = limits.dq_max[joint];
+  if (!limits.velocity_by_position) return dq_max;
+  const PositionBasedVelocity& law = *limits.velocity_by_position;
+  const double allowed = dq > 0 ? law.upwards(joint, q, dq_max) : law.downwards(joint, q, dq_max);
+  return std::max(allowed, std::min(kOutwardSpeed, dq_max));
+}
 
 Finding at_joint(Intervention rule, Eigen::Index joint, double value, double limit) {
   return {rule, static_cast<std::uint16_t>(joint), value, limit};
@@ -17,29 +37,54 @@ Finding at_joint(Intervention rule, Eigen::Index joint, double value, double lim
 
 SafetyStage::SafetyStage(std::vector<SafetyLimits> limits) : arms_(limits.size()) {
   for (std::size_t i = 0; i < limits.size(); ++i) {
-    arms_[i].tau_cmd = JointVector::Zero(limits[i].joints.tau_max.size());
+    const ArmLimits& joints = limits[i].joints;
+    arms_[i].torque = TorqueLimiter({.tau_max = joints.tau_max,
+                                     .tau_rate_max = joints.tau_rate_max,
+                                     .period_s = limits[i].period_s,
+                                     .low_pass_hz = limits[i].low_pass_hz});
+    arms_[i].joints_beyond = JointVector::Zero(limits[i].joints.q_max.size());
     arms_[i].limits = std::move(limits[i]);
   }
 }
 
-Finding SafetyStage::inspect(std::size_t arm, const ArmState& state, ModelTerms& terms, bool alone) const {
+void SafetyStage::track_limits(std::size_t arm, const ArmState& state, ModelTerms& terms, bool held) {
+  Arm& a = arms_[arm];
+  const auto follow = [held](double& known, double beyond) {
+    beyond = std::max(0.0, beyond);  // zero for a value that is not a number
+    known = held ? beyond : std::min(known, beyond);
+  };
+  const ArmLimits& joints = a.limits.joints;
+  for (Eigen::Index i = 0; i < state.q.size() && i < a.joints_beyond.size(); ++i) {
+    follow(a.joints_beyond[i], std::max(state.q[i] - joints.q_max[i], joints.q_min[i] - state.q[i]));
+  }
+  if (!a.limits.workspace) return;
+  const Vector3& p = terms.X_WE().position;
+  for (Eigen::Index k = 0; k < 3; ++k) {
+    follow(a.workspace_beyond[k],
+           std::max(p[k] - a.limits.workspace->max[k], a.limits.workspace->min[k] - p[k]));
+  }
+}
+
+Finding SafetyStage::inspect(std::size_t arm, const ArmCondition& condition, const ArmState& state,
+                             ModelTerms& terms, bool alone) const {
   const SafetyLimits& limits = arms_[arm].limits;
-  if (!takes_commands(state.mode)) return {Intervention::arm_not_ready};
-  const double max_age =
-      alone ? std::max(limits.max_silence_s, limits.max_state_age_s) : limits.max_state_age_s;
-  if (state.age_s > max_age) {
-    return {Intervention::state_old, 0xFFFF, state.age_s, max_age};
+  if (!condition.usable) return {Intervention::arm_not_ready};
+  const double max_age = alone ? std::max(limits.max_silence_s, limits.max_state_age_s)
+                               : limits.max_state_age_s + limits.own_clock_slack_s;
+  if (condition.age_s > max_age) return {Intervention::state_old, 0xFFFF, condition.age_s, max_age};
+  if (condition.gap_s > limits.longest_gap_s()) {
+    return {Intervention::state_old, 0xFFFF, condition.gap_s, limits.longest_gap_s()};
   }
   if (!state.q.allFinite() || !state.dq.allFinite()) return {Intervention::state_not_finite};
   for (Eigen::Index i = 0; i < state.q.size(); ++i) {
     const double q = state.q[i], dq = state.dq[i];
-    if (std::abs(dq) > limits.joints.dq_max[i]) {
-      return at_joint(Intervention::joint_velocity_limit, i, dq, limits.joints.dq_max[i]);
-    }
-    if (q > limits.joints.q_max[i] && dq > kOutwardSpeed) {
+    const double fastest = largest_speed(limits.joints, i, q, dq);
+    if (std::abs(dq) > fastest) return at_joint(Intervention::joint_velocity_limit, i, dq, fastest);
+    const double known = arms_[arm].joints_beyond[i];
+    if (leaves(q - limits.joints.q_max[i], dq, known, kJointMargin)) {
       return at_joint(Intervention::joint_position_limit, i, q, limits.joints.q_max[i]);
     }
-    if (q < limits.joints.q_min[i] && dq < -kOutwardSpeed) {
+    if (leaves(limits.joints.q_min[i] - q, -dq, known, kJointMargin)) {
       return at_joint(Intervention::joint_position_limit, i, q, limits.joints.q_min[i]);
     }
   }
@@ -47,9 +92,9 @@ Finding SafetyStage::inspect(std::size_t arm, const ArmState& state, ModelTerms&
     const Vector3& p = terms.X_WE().position;
     const Twist& V = terms.V_WE();
     for (Eigen::Index k = 0; k < 3; ++k) {
-      const bool out = (p[k] > limits.workspace->max[k] && V.linear()[k] > kOutwardSpeed) ||
-                       (p[k] < limits.workspace->min[k] && V.linear()[k] < -kOutwardSpeed);
-      if (out) {
+      const double known = arms_[arm].workspace_beyond[k];
+      if (leaves(p[k] - limits.workspace->max[k], V.linear()[k], known, kWorkspaceMargin) ||
+          leaves(limits.workspace->min[k] - p[k], -V.linear()[k], known, kWorkspaceMargin)) {
         const double bound =
             p[k] > limits.workspace->max[k] ? limits.workspace->max[k] : limits.workspace->min[k];
         return {Intervention::workspace_limit, 0xFFFF, p[k], bound};
@@ -83,42 +128,14 @@ Finding SafetyStage::judge(std::size_t arm, const JointVector& tau_controllet,
   return judge(arm, sum);
 }
 
-void SafetyStage::set_last_command(std::size_t arm, const JointVector& tau) {
-  JointVector& last = arms_[arm].tau_cmd;
-  for (Eigen::Index i = 0; i < last.size(); ++i) {
-    last[i] = i < tau.size() && std::isfinite(tau[i]) ? tau[i] : 0.0;
-  }
-}
-
 const JointVector& SafetyStage::limit(std::size_t arm, const JointVector& requested, double dt,
                                       Finding& cut) {
-  Arm& a = arms_[arm];
-  const double step_time = std::clamp(dt, 0.0, a.limits.period_s);
-  bool clamped = false, rate_clamped = false;
-  cut = {};
-  for (Eigen::Index i = 0; i < a.tau_cmd.size(); ++i) {
-    const double bound = a.limits.joints.tau_max[i];
-    const double w = std::isfinite(requested[i]) ? requested[i] : 0.0;
-    const double within = std::clamp(w, -bound, bound);
-    const double step = a.limits.joints.tau_rate_max[i] * step_time;
-    const double sent = std::clamp(within, a.tau_cmd[i] - step, a.tau_cmd[i] + step);
-    if (within != w && !clamped) {
-      clamped = true;
-      cut = at_joint(Intervention::torque_clamped, i, w, bound);
-    }
-    if (sent != within && !rate_clamped) {
-      rate_clamped = true;
-      if (!cut) {
-        cut = at_joint(Intervention::torque_rate_clamped, i,
-                       step_time > 0 ? (within - a.tau_cmd[i]) / step_time : 0,
-                       a.limits.joints.tau_rate_max[i]);
-      }
-    }
-    a.tau_cmd[i] = sent;
-  }
-  if (clamped) count(arm, Intervention::torque_clamped);
-  if (rate_clamped) count(arm, Intervention::torque_rate_clamped);
-  return a.tau_cmd;
+  TorqueLimiter::Cuts cuts;
+  const JointVector& tau_cmd = arms_[arm].torque.limit(requested, dt, cuts);
+  if (cuts.torque) count(arm, Intervention::torque_clamped);
+  if (cuts.rate) count(arm, Intervention::torque_rate_clamped);
+  cut = cuts.torque ? cuts.torque : cuts.rate;
+  return tau_cmd;
 }
 
 std::uint64_t SafetyStage::counted(std::size_t arm) const {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cstdint>
@@ -7,7 +8,9 @@
 #include <vector>
 
 #include "core/model/model_terms.hpp"
-#include "core/state/arm_state.hpp"
+#include "core/safety/finding.hpp"
+#include "core/safety/torque_limiter.hpp"
+#include "core/state/arm_condition.hpp"
 #include "core/types/codes.hpp"
 #include "core/types/time.hpp"
 
@@ -27,18 +30,18 @@ struct SafetyLimits {
   // The same for the only arm of a controllet. Its torques are computed from its own packets only, so never
   // from an old state. The default is 20 periods, after which the arm itself stops.
   double max_silence_s = 0.02;
+  // Added to max_state_age_s for an arm whose packets come at its own instants: half a period of phase, and
+  // two lost packets. The cycle sets it, by what the backend says of the arm.
+  double own_clock_slack_s = 0;
+  double low_pass_hz = 0;            // of the torque, before its last limit; 0: none. Set as above.
   double implausible_factor = 10.0;  // a torque above this multiple of the limit is implausible
   double period_s = kArmPeriod;      // control period; the rate limit covers at most this
 
-  static SafetyLimits of(const ArmModel& model) { return {.joints = model.limits(), .workspace = {}}; }
-};
+  // After a longer time without a state, of an arm that its owner has alone, it is held: by then it may be
+  // anywhere. Also after a pause of the loop itself. A slow loop may miss two periods.
+  double longest_gap_s() const { return std::max({max_silence_s, max_state_age_s, 3 * period_s}); }
 
-// Result of a check: nothing (`none`), or the rule, the joint, and the values.
-struct Finding {
-  Intervention rule = Intervention::none;
-  std::uint16_t joint = 0xFFFF;  // 0xFFFF: not specific to a joint
-  double value = 0, limit = 0;
-  explicit operator bool() const { return rule != Intervention::none; }
+  static SafetyLimits of(const ArmModel& model) { return {.joints = model.limits(), .workspace = {}}; }
 };
 
 // The last check before torques are sent, for all arms. Loop thread; counters may be read from any thread.
@@ -48,10 +51,15 @@ class SafetyStage {
 
   const SafetyLimits& limits(std::size_t arm) const { return arms_[arm].limits; }
 
-  // Checks whether the arm's owner may continue from this measurement. Position and workspace rules
-  // act on outward motion only, so that an arm beyond a limit can be moved back. `alone`: the owner
-  // has no other arm.
-  Finding inspect(std::size_t arm, const ArmState& state, ModelTerms& terms, bool alone = false) const;
+  // Once per cycle, before inspect(): how far the arm is beyond its position limits and its workspace.
+  // `held`: its hold owns it, so that the next owner may start there. Any other owner can only reduce it.
+  void track_limits(std::size_t arm, const ArmState& state, ModelTerms& terms, bool held);
+  // Checks whether the arm's owner may continue from this measurement. Beyond a position limit or out of the
+  // workspace, outward motion is a finding from 0.01 rad/s (m/s) on; farther out than 0.02 rad (5 mm), or
+  // than where the arm was last held, everything but motion back is. So an arm can be moved back from
+  // anywhere, and none can creep out. `alone`: the owner has no other arm.
+  Finding inspect(std::size_t arm, const ArmCondition& condition, const ArmState& state, ModelTerms& terms,
+                  bool alone = false) const;
 
   // Checks a controllet's torque. Non-finite or implausible torques deactivate the controllet. A vector whose
   // size is not the arm's joint count is implausible.
@@ -59,16 +67,16 @@ class SafetyStage {
   // The same for the sum of a controllet's torque and its features'.
   Finding judge(std::size_t arm, const JointVector& tau_controllet, const JointVector& tau_feature) const;
 
-  // Clamps `requested` to the torque limit and to the torque-rate limit (relative to the last command, over
-  // dt but at most one period). Counts each clamped torque; `cut` is the first rule that acted. Values that
-  // are not finite become zero.
+  // Once per fresh state, before limit(): the torque that the arm has in use.
+  void observe(std::size_t arm, const JointVector& in_use) { arms_[arm].torque.observe(in_use); }
+  // The torque to send: see TorqueLimiter. `dt`: since the last one. Counts each clamped torque; `cut` is the
+  // first rule that acted.
   const JointVector& limit(std::size_t arm, const JointVector& requested, double dt, Finding& cut);
 
-  // The last command, to which the rate limit is relative. At the start it is the torque that
-  // the arm applies.
-  const JointVector& last_command(std::size_t arm) const { return arms_[arm].tau_cmd; }
-  // Values that are not finite count as zero, as does a vector of the wrong size.
-  void set_last_command(std::size_t arm, const JointVector& tau);
+  // The last command. At the start, and when the arm takes commands again, it is the torque that the arm
+  // applies.
+  const JointVector& last_command(std::size_t arm) const { return arms_[arm].torque.sent(); }
+  void set_last_command(std::size_t arm, const JointVector& tau) { arms_[arm].torque.restart(tau); }
 
   void count(std::size_t arm, Intervention rule) {
     auto& n = arms_[arm].counts[static_cast<std::size_t>(rule)];
@@ -82,7 +90,9 @@ class SafetyStage {
  private:
   struct Arm {
     SafetyLimits limits;
-    JointVector tau_cmd;
+    TorqueLimiter torque;
+    JointVector joints_beyond;                   // beyond the position limits, >= 0 [rad] (n x 1)
+    Vector3 workspace_beyond = Vector3::Zero();  // beyond the workspace, along each axis, >= 0 [m]
     std::array<std::atomic<std::uint64_t>, static_cast<std::size_t>(Intervention::count_)> counts{};
   };
   std::vector<Arm> arms_;

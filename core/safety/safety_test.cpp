@@ -20,9 +20,15 @@ struct Rig {
     state.dq = joint_constant(7, 0);
     state.mode = ArmMode::move;
   }
+  ArmCondition condition() const {
+    ArmCondition condition;
+    condition.usable = takes_commands(state.mode);
+    condition.age_s = state.age_s;
+    return condition;
+  }
   Intervention verdict() {
     terms.update(state);
-    return SafetyStage({limits}).inspect(0, state, terms).rule;
+    return SafetyStage({limits}).inspect(0, condition(), state, terms).rule;
   }
 };
 
@@ -40,9 +46,9 @@ TEST(Inspect, EachRule) {
   EXPECT_EQ(rig.verdict(), Intervention::state_old);
   rig.terms.update(rig.state);
   const SafetyStage stage({rig.limits});  // a single arm gets the time that the arm itself waits
-  EXPECT_FALSE(stage.inspect(0, rig.state, rig.terms, true));
+  EXPECT_FALSE(stage.inspect(0, rig.condition(), rig.state, rig.terms, true));
   rig.state.age_s = 0.0201;
-  EXPECT_EQ(stage.inspect(0, rig.state, rig.terms, true).rule, Intervention::state_old);
+  EXPECT_EQ(stage.inspect(0, rig.condition(), rig.state, rig.terms, true).rule, Intervention::state_old);
   rig.state.age_s = 0.002;
   EXPECT_EQ(rig.verdict(), Intervention::none);
   rig.state.dq[6] = std::nan("");
@@ -65,6 +71,118 @@ TEST(Inspect, LimitsActOnOutwardMotionOnly) {
     rig.state.dq[4] = -0.02 * side;
     EXPECT_EQ(rig.verdict(), Intervention::none);
   }
+}
+
+// Slower than what counts as outwards, for as long as it likes: the rule acts on where the joint is, then.
+TEST(Inspect, NoJointCreepsOut) {
+  constexpr double kLimit = 2.8, kMargin = 0.02;
+  for (const double side : {1.0, -1.0}) {
+    Rig rig;
+    SafetyStage stage({rig.limits});
+    const auto verdict = [&](double beyond, double outwards, bool held) {
+      rig.state.q[4] = side * (kLimit + beyond);
+      rig.state.dq[4] = side * outwards;
+      rig.terms.update(rig.state);
+      stage.track_limits(0, rig.state, rig.terms, held);
+      return stage.inspect(0, rig.condition(), rig.state, rig.terms).rule;
+    };
+    double beyond = -0.05;
+    while (verdict(beyond, 0.009, false) == Intervention::none && beyond < 1) beyond += 0.009 * 0.01;
+    EXPECT_NEAR(beyond, kMargin, 1e-4);
+    EXPECT_EQ(verdict(kMargin + 1e-6, 0, false), Intervention::joint_position_limit);
+    EXPECT_EQ(verdict(kMargin - 1e-6, 0, false), Intervention::none);
+    EXPECT_EQ(verdict(0.5, -1e-6, false), Intervention::none);  // on its way back
+    EXPECT_EQ(verdict(0.5, 0, false), Intervention::joint_position_limit);
+    // Held there, it may be moved back from there, but not out again.
+    EXPECT_EQ(verdict(0.5, 0, true), Intervention::none);
+    EXPECT_EQ(verdict(0.5, 0.005, false), Intervention::none);
+    EXPECT_EQ(verdict(0.5, 0.02, false), Intervention::joint_position_limit);
+    EXPECT_EQ(verdict(0.3, -0.1, false), Intervention::none);
+    EXPECT_EQ(verdict(0.3 + kMargin - 1e-6, 0.005, false), Intervention::none);
+    EXPECT_EQ(verdict(0.3 + kMargin + 1e-6, 0.005, false), Intervention::joint_position_limit);
+    EXPECT_EQ(verdict(-0.1, 0, false), Intervention::none);
+    EXPECT_EQ(verdict(kMargin + 1e-6, 0, false), Intervention::joint_position_limit);
+  }
+}
+
+TEST(Inspect, NoHandCreepsOutOfTheWorkspace) {
+  constexpr double kMargin = 0.005;
+  Rig rig;
+  rig.terms.update(rig.state);
+  const Vector3 p = rig.terms.X_WE().position;
+  for (Eigen::Index k = 0; k < 3; ++k) {
+    for (const double side : {1.0, -1.0}) {
+      // The box moves, not the arm: its side lies `beyond` before the hand.
+      const auto stage_at = [&](double beyond) {
+        WorkspaceBox box{p - Vector3(1, 1, 1), p + Vector3(1, 1, 1)};
+        (side > 0 ? box.max : box.min)[k] = p[k] - side * beyond;
+        rig.limits.workspace = box;
+        return SafetyStage({rig.limits});
+      };
+      const auto verdict = [&](SafetyStage& stage, bool held = false) {
+        rig.terms.update(rig.state);
+        stage.track_limits(0, rig.state, rig.terms, held);
+        return stage.inspect(0, rig.condition(), rig.state, rig.terms).rule;
+      };
+      SafetyStage inside = stage_at(kMargin - 1e-6), outside = stage_at(kMargin + 1e-6);
+      rig.state.dq = joint_constant(7, 0);
+      EXPECT_EQ(verdict(inside), Intervention::none);
+      EXPECT_EQ(verdict(outside), Intervention::workspace_limit);
+      rig.state.dq = joint_constant(7, 1e-4);  // slow, in or out along this axis
+      rig.terms.update(rig.state);
+      const bool outwards = side * rig.terms.V_WE().linear()[k] > 0;
+      EXPECT_EQ(verdict(outside), outwards ? Intervention::workspace_limit : Intervention::none);
+      rig.state.dq *= -1;
+      EXPECT_EQ(verdict(outside), outwards ? Intervention::none : Intervention::workspace_limit);
+      EXPECT_EQ(verdict(outside, true), Intervention::none);  // held here: the next owner may start here
+      rig.state.dq *= -1;
+      EXPECT_EQ(verdict(outside), Intervention::none);
+    }
+  }
+}
+
+// The speed at which the stage acts, found by bisection, is where the braking distance (v + offset)^2 / (2 a)
+// meets the distance from the end.
+TEST(Inspect, VelocityTiedToPosition) {
+  Rig rig;
+  test::Draw draw(29);
+  const double fastest = rig.limits.joints.dq_max[3];
+  PositionBasedVelocity law{joint_constant(7, -2.9), joint_constant(7, 3.1), joint_constant(7, 0.25),
+                            joint_constant(7, 3.5)};
+  rig.limits.joints.velocity_by_position = law;
+  int tied = 0, free = 0;
+  for (int trial = 0; trial < 400; ++trial) {
+    const double side = trial % 2 == 0 ? 1.0 : -1.0;
+    const double q = rig.state.q[3] = trial % 4 < 2 ? draw.uniform(-2.8, 2.8) : side * draw.uniform(2.5, 2.8);
+    const double d = side > 0 ? 3.1 - q : q + 2.9;
+    double allowed = 0, refused = 10;
+    while (refused - allowed > 1e-9) {
+      const double middle = 0.5 * (allowed + refused);
+      rig.state.dq[3] = side * middle;
+      (rig.verdict() == Intervention::joint_velocity_limit ? refused : allowed) = middle;
+    }
+    if (allowed < fastest - 1e-6) {
+      EXPECT_NEAR((allowed + 0.25) * (allowed + 0.25) / (2 * 3.5), d, 1e-7) << q;
+      ++tied;
+    } else {
+      EXPECT_NEAR(allowed, fastest, 1e-6);
+      EXPECT_LE((fastest + 0.25) * (fastest + 0.25) / (2 * 3.5), d);
+      ++free;
+    }
+    rig.state.dq[3] = 0;
+  }
+  EXPECT_GT(tied, 100);
+  EXPECT_GT(free, 50);
+  // Where the formula ends in zero, noise at rest is no finding.
+  law.q_max = joint_constant(7, 2.8);
+  rig.limits.joints.velocity_by_position = law;
+  rig.state.q[3] = 2.7999;
+  rig.state.dq[3] = 0.0099;
+  EXPECT_EQ(rig.verdict(), Intervention::none);
+  rig.state.dq[3] = 0.0101;
+  EXPECT_EQ(rig.verdict(), Intervention::joint_velocity_limit);
+  rig.state.dq[3] = -1;
+  EXPECT_EQ(rig.verdict(), Intervention::none);
 }
 
 TEST(Inspect, WorkspaceIsInTheWorldAndAboutOutwardMotion) {

@@ -9,6 +9,7 @@ namespace multipanda::test {
 ControlletRig::ControlletRig(const ControlletType& type, const Models& models) {
   build(type.descriptor, models);
   controllet_ = type.create(models);
+  controllet_->bound_parameters(*parameters_);
 }
 ControlletRig::ControlletRig(const FeatureType& type, const Models& models, std::vector<Obstacle> obstacles,
                              std::vector<ArmIndex> own) {
@@ -20,6 +21,7 @@ ControlletRig::ControlletRig(const FeatureType& type, const Models& models, std:
   for (const ArmIndex arm : own) owned.push_back(arms_[arm]);
   arms_ = owned;
   feature_ = type.create(FeatureContext{models, own, obstacles, {}});
+  feature_->bound_parameters(*parameters_);
 }
 
 void ControlletRig::build(const ControlletDescriptor& descriptor, const Models& models) {

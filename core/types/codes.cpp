@@ -50,7 +50,7 @@ constexpr std::array<VerdictText, static_cast<std::size_t>(Verdict::count_)> kVe
      {"superseded", "the active controllets changed in the meantime: try again"},
      {"queue_full", "too many requests at once: try again"},
      {"loop_not_running", "the loop is not running"},
-     {"timeout", "no answer from the loop in time"}}};
+     {"timeout", "not taken by the loop in time; it is not executed"}}};
 static_assert(!kInterventions.back().text.empty() && !kVerdicts.back().text.empty(), "every code has a text");
 
 }  // namespace

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include "core/modes/plugin.hpp"
 #include "core/modes/registry.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/test_arm.hpp"
@@ -67,6 +68,15 @@ TEST(OwnFeature, DampsJointsAboveItsSpeedOnly) {
   expected[4] = 2.0;  // 4 N m s/rad * 0.5 rad/s, against the motion
   EXPECT_NEAR((rig.tau(0) - expected).norm(), 0, 1e-12);
   EXPECT_NEAR(rig.output("largest_torque_nm")[0], 2.0, 1e-12);
+}
+
+// A type that grows changes the number, and so does one that shrinks while another grows.
+TEST(OwnControllet, TheInterfaceNumberKnowsTheSizesOfSharedTypes) {
+  static_assert(fold({4, 16, 800}) != fold({4, 16, 808}));
+  static_assert(fold({4, 16, 800, 808}) != fold({4, 16, 808, 800}));
+  static_assert(fold({4, 16, 800}) != fold({4, 32, 800}));
+  constexpr unsigned kOlder = 3 * 1000 + EIGEN_MAX_STATIC_ALIGN_BYTES;  // did not know them
+  EXPECT_NE(kPluginVersion, kOlder);
 }
 
 TEST(OwnControllet, LibrariesThatDoNotFitAreRefusedWithTheReason) {

@@ -49,7 +49,10 @@ void ArmConnection::refuse(ConnectionError::Kind kind, const std::string& text) 
 
 void ArmConnection::connect() {
   close();
-  int version = options_.version != 0 ? options_.version : kNewestVersion, offered = 0;
+  int version = options_.version != 0  ? options_.version
+                : spoken_version_ != 0 ? spoken_version_
+                                       : kNewestVersion;
+  int offered = 0;
   if (!try_version(version, offered)) {
     const bool spoken = offered > 0 && fci::dialect(static_cast<std::uint16_t>(offered)) != nullptr;
     if (options_.version != 0 || !spoken) {
@@ -61,23 +64,38 @@ void ArmConnection::connect() {
                          : "; versions 4 to 10 are supported: update the arm's system or this program"));
     }
     version = offered;
-    if (!try_version(version, offered)) {
+    if (!try_offered_version(version, offered)) {
       close();
       refuse(ConnectionError::Kind::incompatible,
              "it offers version " + std::to_string(version) +
                  " of the protocol and refuses it: check that the address is an arm's");
     }
   }
+  spoken_version_ = version;
   try {
     (void)next_state();
   } catch (const ConnectionError&) {
     close();
-    std::array<char, 32> waited;
-    std::snprintf(waited.data(), waited.size(), "%g s", options_.state_timeout_s);
-    refuse(ConnectionError::Kind::timeout, std::string("it accepted the connection, but sent no state for ") +
-                                               waited.data() +
+    refuse(ConnectionError::Kind::timeout, "it accepted the connection, but sent no state for " +
+                                               in_seconds(options_.state_timeout_s) +
                                                ": check that no firewall blocks UDP to port " +
                                                std::to_string(port_.number()) + " of this computer");
+  }
+}
+
+// The refusal of the first version has closed the connection; an arm may need a moment to take the next one.
+bool ArmConnection::try_offered_version(int version, int& offered) {
+  constexpr int kTries = 10;
+  constexpr std::chrono::milliseconds kPause{100};
+  for (int tries = 1;; ++tries) {
+    try {
+      return try_version(version, offered);
+    } catch (const ConnectionError& error) {
+      const bool passes =
+          error.kind() == ConnectionError::Kind::unreachable || error.kind() == ConnectionError::Kind::lost;
+      if (!passes || tries == kTries) throw;
+    }
+    std::this_thread::sleep_for(kPause);
   }
 }
 

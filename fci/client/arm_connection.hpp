@@ -50,7 +50,8 @@ class ArmConnection {
   explicit ArmConnection(ArmConnectionOptions options);
 
   // --- connection ---
-  // Connects, agrees on a version and waits for the first state.
+  // Connects, agrees on a version and waits for the first state. A version that the arm offered is tried
+  // first the next time.
   void connect();
   void close() noexcept;
   bool is_connected() const { return channel_.is_open(); }
@@ -133,6 +134,7 @@ class ArmConnection {
   Status status_of_reply(Command command, const TcpChannel::Reply& reply, std::span<const std::byte>& rest);
   [[noreturn]] void refuse(ConnectionError::Kind kind, const std::string& text) const;
   bool try_version(int version, int& offered);
+  bool try_offered_version(int version, int& offered);
   bool look_for_state(double timeout_s);
   MotionOutcome outcome(Status status) const;
 
@@ -140,6 +142,7 @@ class ArmConnection {
   TcpChannel channel_;
   UdpPort port_;
   const Dialect* dialect_ = nullptr;
+  int spoken_version_ = 0;           // by the arm in an earlier connection; 0: not known
   TripleBuffer<RobotState> copies_;  // loop -> requests
   RobotState seen_;                  // by the requests' thread
 

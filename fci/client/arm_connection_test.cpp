@@ -2,7 +2,9 @@
 #include "fci/client/arm_connection.hpp"
 
 #include <random>
+#include <sys/socket.h>
 #include <thread>
+#include <unistd.h>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -260,30 +262,30 @@ TEST(ArmConnection, RepliesMayComeInAnyOrder) {
   FakeArm arm(10);
   arm.answer_in_pairs();
   TcpChannel channel(HeaderKind::arm, "arm left");
-  channel.connect(arm.address(), arm.port(), 1);
+  channel.connect(arm.address(), arm.port(), kPatience);
   const auto ask = [&](const auto& request) {
     std::array<std::byte, kMaxRequestSize> message;
     const std::uint32_t id = channel.next_id();
     const std::size_t size = encode_request(*dialect(10), id, request, message);
-    channel.send(std::span(message).first(size), 1);
+    channel.send(std::span(message).first(size), kPatience);
     return id;
   };
   const std::uint32_t first = ask(SetJointImpedanceRequest{}), second = ask(SetCartesianImpedanceRequest{});
   EXPECT_EQ(second, first + 1);
-  EXPECT_EQ(channel.wait(first, 2, "the first").command,
+  EXPECT_EQ(channel.wait(first, kPatience, "the first").command,
             command_id(*dialect(10), Command::set_joint_impedance));
-  EXPECT_EQ(channel.wait(second, 2, "the second").command_id, second);
+  EXPECT_EQ(channel.wait(second, kPatience, "the second").command_id, second);
   EXPECT_FALSE(channel.take(first)) << "each reply once";
 }
 
 TEST(ArmConnection, SilenceGarbageAndDisconnectsEndTheConnectionWithAReason) {
   FakeArm arm(10);
   ArmConnectionOptions options = options_for(arm);
-  options.reply_timeout_s = 0.05;
+  options.recovery_timeout_s = 0.05;
   ArmConnection link(options);
   link.connect();
-  arm.withhold(Command::set_load);
-  ConnectionError error = refusal([&] { link.set_load({}); });
+  arm.withhold(Command::automatic_error_recovery);
+  ConnectionError error = refusal([&] { link.recover(); });
   EXPECT_EQ(error.kind(), ConnectionError::Kind::timeout);
   EXPECT_TRUE(error.is_fatal());
   EXPECT_FALSE(link.is_connected());
@@ -353,6 +355,116 @@ TEST(ArmConnection, CountsLostAndLateDatagrams) {
   arm.publish();
   const std::uint64_t newest = arm.publish();
   EXPECT_EQ(link.next_state().message_id, newest);
+}
+
+TEST(ArmConnection, TakesStatesOnlyFromTheArmsPort) {
+  FakeArm arm(10);
+  arm.set_automatic(false);
+  ArmConnection link(options_for(arm));
+  link.connect();
+  const std::uint64_t id = arm.publish();
+  ASSERT_EQ(link.next_state().message_id, id);
+  const auto foreign = link.statistics().foreign;
+  // The same address, another port: not the arm, and no command may go there.
+  arm.send_datagram(arm.state_with(id + 1), "127.0.0.1");
+  ASSERT_EQ(arm.publish(1), id + 2);
+  EXPECT_EQ(link.next_state().message_id, id + 2);
+  EXPECT_EQ(link.statistics().foreign, foreign + 1);
+  EXPECT_EQ(link.statistics().lost_in_a_row, 1u) << "the foreign one was not taken for it";
+  RobotCommand command;
+  EXPECT_TRUE(link.send(command));
+  EXPECT_EQ(arm.command().value().message_id, id + 2);
+  // Another connection may come from another port.
+  link.connect();
+  EXPECT_GT(link.last_state().message_id, 0u);
+}
+
+TEST(ArmConnection, ASingleWrongNumberDoesNotDeafenIt) {
+  constexpr std::uint64_t kHuge = 1ull << 60;
+  FakeArm arm(10);
+  arm.set_automatic(false);
+  ArmConnection link(options_for(arm));
+  link.connect();
+  std::uint64_t id = arm.publish();
+  ASSERT_EQ(link.next_state().message_id, id);
+  id = arm.publish();
+  ASSERT_EQ(link.next_state().message_id, id);
+  arm.publish_number(kHuge);
+  id = arm.publish();
+  EXPECT_EQ(link.next_state().message_id, id);
+  EXPECT_EQ(link.statistics().lost_in_a_row, 0u);
+  // An arm that was silent for a while is believed when its next state confirms the jump.
+  arm.publish(5000);
+  id = arm.publish();
+  EXPECT_EQ(link.next_state().message_id, id);
+}
+
+TEST(ArmConnection, AWrongFirstNumberIsGivenUpForTwoThatFollowEachOther) {
+  UdpPort port;
+  const auto socket = ::socket(AF_INET, SOCK_DGRAM, 0);
+  ASSERT_GE(socket, 0);
+  sockaddr_in to{};
+  to.sin_family = AF_INET;
+  to.sin_port = htons(port.number());
+  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  port.expect(dialect(10), to.sin_addr.s_addr);
+  const auto takes = [&](std::uint64_t id) {
+    RobotState state;
+    state.message_id = id;
+    std::array<std::byte, kMaxStateSize> bytes;
+    const std::size_t size = encode(*dialect(10), state, bytes);
+    EXPECT_GT(::sendto(socket, bytes.data(), size, 0, reinterpret_cast<const sockaddr*>(&to), sizeof(to)), 0);
+    return port.receive();
+  };
+  constexpr std::uint64_t kHuge = ~0ull - 5;
+  EXPECT_TRUE(takes(kHuge));
+  EXPECT_FALSE(takes(kHuge)) << "a duplicate";
+  EXPECT_FALSE(takes(1000));
+  EXPECT_TRUE(takes(1001));
+  EXPECT_EQ(port.state().message_id, 1001u);
+  EXPECT_EQ(port.gap(), 0u);
+  EXPECT_TRUE(takes(1004));
+  EXPECT_EQ(port.gap(), 2u);
+  for (const std::uint64_t wrong : {kHuge, std::uint64_t{5000}, std::uint64_t{90000}}) {
+    EXPECT_FALSE(takes(wrong)) << "they do not follow each other";
+  }
+  EXPECT_FALSE(takes(3)) << "old";
+  EXPECT_TRUE(takes(1005));
+  ::close(socket);
+}
+
+TEST(ArmConnection, TheVersionIsFoundWithRetriesAndRemembered) {
+  FakeArm arm(5);
+  ArmConnection link(options_for(arm));
+  arm.hang_up_on(1, 2);  // after the refusal of version 10 the arm needs a moment
+  link.connect();
+  EXPECT_EQ(link.version(), 5);
+  const auto connects = [&] {
+    std::vector<int> versions;
+    for (const auto& asked : arm.asked()) {
+      ConnectRequest request;
+      if (asked.command != Command::connect) continue;
+      if (decode_request(*dialect(5), asked.payload, request) == WireResult::ok)
+        versions.push_back(request.version);
+    }
+    return versions;
+  };
+  EXPECT_EQ(connects(), (std::vector<int>{10, 5}));
+  link.connect();
+  EXPECT_EQ(connects(), (std::vector<int>{10, 5, 5})) << "not asked again";
+}
+
+TEST(ArmConnection, LateEndsOfStoppedMotionsDoNotPileUp) {
+  FakeArm arm(10);
+  arm.report_ends_late();
+  ArmConnection link(options_for(arm));
+  link.connect();
+  for (int k = 0; k < 300; ++k) {
+    link.start_motion({});
+    link.stop();
+    ASSERT_FALSE(link.has_motion()) << k;
+  }
+  EXPECT_TRUE(link.is_connected());
 }
 
 }  // namespace

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <poll.h>
 #include <stdexcept>
 #include <sys/eventfd.h>
@@ -13,6 +12,8 @@
 
 namespace multipanda::fci {
 namespace {
+
+using Vector7 = Eigen::Matrix<double, 7, 1>;
 
 struct WireMotion {
   ControllerMode controller{};
@@ -71,12 +72,18 @@ ArmDriver::ArmDriver(FciArmConfig config, const FciOptions& options)
              .address = config_.address,
              .port = config_.port,
              .version = config_.version,
+             .state_timeout_s = options.state_timeout_s,
              .loop_reads_states = true}),
       end_effector_(config_.end_effector ? config_.end_effector() : nullptr),
       requested_motion_(options.begin_torque ? ArmMotion::torque : ArmMotion::none),
       handled_motion_(requested_motion_.load()),
       wake_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
-      packet_(config_.model->X_WB(), config_.hand) {
+      packet_(config_.model->X_WB(), config_.hand_declared.value_or(config_.hand)),
+      limiter_({.tau_max = config_.model->limits().tau_max,
+                .tau_rate_max = config_.model->limits().tau_rate_max.cwiseMin(kTorqueRateMax),
+                .period_s = kArmPeriod,
+                .low_pass_hz = config_.limit_rate ? config_.low_pass_hz : 0.0}),
+      posture_(config_.model, config_.frames, config_.tool, config_.load) {
   if (wake_ < 0) throw std::runtime_error("cannot open an eventfd for arm '" + config_.name + "'");
   thread_ = std::thread([this] { run(); });
 }
@@ -99,7 +106,11 @@ Capabilities ArmDriver::capabilities() const {
           .has_external_torque = true,
           .has_contact_truth = false,
           .has_gripper = end_effector_ != nullptr && !end_effector_->is_vacuum(),
-          .has_vacuum = end_effector_ != nullptr && end_effector_->is_vacuum()};
+          .has_vacuum = end_effector_ != nullptr && end_effector_->is_vacuum(),
+          .every_command_arrives = options_.lockstep,
+          .own_clock = !options_.lockstep,
+          .torque_low_pass_hz = config_.limit_rate ? 0.0 : config_.low_pass_hz,
+          .torque_rate_max = kTorqueRateMax};
 }
 
 ArmIdentity ArmDriver::identity() const {
@@ -214,7 +225,7 @@ std::future<RequestAnswer> ArmDriver::prepare() {
 
 std::future<RequestAnswer> ArmDriver::begin() {
   return post([this] {
-    start_requested_motion();
+    if (configured_) start_requested_motion();  // an arm found in a reflex begins when it is recovered
     return RequestAnswer{true, {}};
   });
 }
@@ -266,12 +277,13 @@ std::future<RequestAnswer> ArmDriver::request(ArmRequest request) {
 void ArmDriver::start_requested_motion() {
   const ArmMotion motion = handled_motion_ = requested_motion_.load(std::memory_order_acquire);
   motion_.store(motion, std::memory_order_release);
-  if (motion == ArmMotion::none) {
-    enter(Phase::stopped);
-    return;
-  }
   enter(Phase::starting);
   try {
+    if (!configured_ && !(configured_ = configure())) refuse(in_reflex(link_.look()));
+    if (motion == ArmMotion::none) {
+      enter(Phase::stopped);
+      return;
+    }
     link_.start_motion(request_of(motion));
     link_.wait_until_running();
   } catch (const ConnectionError& error) {
@@ -307,7 +319,7 @@ RequestAnswer ArmDriver::recover() {
   watch();
   if (!takes_part()) refuse("its connection has just been lost: " + ctl_command("reconnect"));
   const RobotState& state = link_.look();
-  const bool rests = is_mode(state, RobotMode::idle) && error_list(state).empty() &&
+  const bool rests = configured_ && is_mode(state, RobotMode::idle) && error_list(state).empty() &&
                      requested_motion_.load(std::memory_order_acquire) == ArmMotion::none;
   if (rests || (is_mode(state, RobotMode::move) && phase() == Phase::running)) {
     refuse("it has no error and was not stopped: there is nothing to recover from");
@@ -338,6 +350,7 @@ RequestAnswer ArmDriver::reconnect() {
   }
   link_.close();
   connect_and_configure();
+  if (!configured_) refuse(in_reflex(link_.look()));
   start_requested_motion();
   return {true, {}};
 }
@@ -413,34 +426,37 @@ void ArmDriver::command(const JointVector& tau_cmd) noexcept {
     (void)::eventfd_write(wake_, 1);
     return;
   }
-  // The torque in use: the last torque sent, unless the arm shows that it did not arrive.
-  const RobotState& state = newest();
-  constexpr double kRounding = 1e-4;                    // [N m]: single precision of 87 N m is 4e-6
-  constexpr double kStep = (1000 - 1e-3) * kArmPeriod;  // Franka's limit, less its margin [N m]
-  const double gain = config_.low_pass_hz > 0
-                          ? kArmPeriod / (kArmPeriod + 1 / (2 * std::numbers::pi * config_.low_pass_hz))
-                          : 1;
-  for (std::size_t i = 0; i < 7; ++i) {
-    const double last = commanded_ ? sent_[i] : 0.0;
-    const double shown = commanded_ ? state.tau_J_d[i] : 0.0;
-    const double in_use = std::abs(shown - last) < kRounding ? last : shown;
-    double tau = in_use + gain * (tau_cmd[static_cast<Eigen::Index>(i)] - in_use);
-    if (gain == 1) tau = tau_cmd[static_cast<Eigen::Index>(i)];  // exactly
-    const double from = config_.limit_rate ? in_use : last;
-    tau = std::clamp(tau, from - kStep, from + kStep);
-    command_.tau_J_d[i] = tau;
-  }
-  command_.motion_generation_finished = command_.torque_command_finished = false;
-  if (!link_.send(command_)) return;
-  sent_ = command_.tau_J_d;
-  commanded_ = true;
+  send_torque(config_.limit_rate ? limited(tau_cmd) : tau_cmd);
 }
 
-void ArmDriver::command_finish() noexcept {
+void ArmDriver::hold(bool last) noexcept {
   if (motion() != ArmMotion::torque || mode(link_.received_at()) != ArmMode::move) return;
-  command_.tau_J_d = commanded_ ? sent_ : std::array<double, 7>{};
-  ArmConnection::mark_finished(link_.dialect(), false, command_);
-  (void)link_.send(command_);
+  ++held_packets_;
+  const RobotState& state = newest();
+  const JointVector& tau = limited(
+      posture_.torque(Eigen::Map<const Vector7>(state.q.data()), Eigen::Map<const Vector7>(state.dq.data())));
+  if (last) ArmConnection::mark_finished(link_.dialect(), false, command_);
+  send_torque(tau);
+}
+
+// Counted from the torque in use; a torque motion starts at zero.
+const JointVector& ArmDriver::limited(const JointVector& tau) noexcept {
+  if (commanded_) {
+    limiter_.observe(Eigen::Map<const Vector7>(newest().tau_J_d.data()));
+  } else {
+    limiter_.restart(JointVector::Zero(7));
+  }
+  TorqueLimiter::Cuts cuts;
+  return limiter_.limit(tau, kArmPeriod, cuts);
+}
+
+void ArmDriver::send_torque(const JointVector& tau) noexcept {
+  std::copy(tau.begin(), tau.end(), command_.tau_J_d.begin());
+  const bool sent = link_.send(command_);
+  command_.motion_generation_finished = command_.torque_command_finished = false;
+  if (!sent) return;
+  limiter_.restart(tau);
+  commanded_ = true;
 }
 
 }  // namespace multipanda::fci

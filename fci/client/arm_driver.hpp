@@ -10,9 +10,11 @@
 #include <thread>
 
 #include "core/cycle/backend.hpp"
+#include "core/safety/torque_limiter.hpp"
 #include "fci/client/arm_connection.hpp"
 #include "fci/client/arm_packet.hpp"
 #include "fci/client/fci_backend.hpp"
+#include "fci/client/posture_hold.hpp"
 
 namespace multipanda::fci {
 
@@ -54,8 +56,18 @@ class ArmDriver {
   void command(RobotCommand& command) noexcept;
   // The answer to newest(), if the arm is in `move`. An invalid torque is not sent and stops the motion.
   void command(const JointVector& tau_cmd) noexcept;
-  // Sends the same torque again, as the last command of the motion.
-  void command_finish() noexcept;
+  // The answer to newest() while no loop runs: holds the arm where it was at the first of these calls since
+  // release(). `last`: as the last command of the motion.
+  void hold(bool last) noexcept;
+  void release() noexcept {
+    posture_.release();
+    held_packets_ = 0;
+  }
+  void forget_motion() noexcept {  // no torque was sent yet
+    release();
+    commanded_ = refused_ = false;
+  }
+  int held_packets() const noexcept { return held_packets_; }  // answered by hold() since release()
 
  private:
   enum class Phase : std::uint8_t {
@@ -73,6 +85,10 @@ class ArmDriver {
   Phase phase() const { return phase_.load(std::memory_order_acquire); }
   void enter(Phase phase) { phase_.store(phase, std::memory_order_release); }
 
+  // Loop
+  const JointVector& limited(const JointVector& tau) noexcept;
+  void send_torque(const JointVector& tau) noexcept;
+
   // Commander
   std::future<RequestAnswer> post(Work work);
   void run();
@@ -83,7 +99,9 @@ class ArmDriver {
   void connect_and_configure();
   void connect_end_effector();
   void check_model();
-  void configure();
+  bool configure();
+  void send_configuration();
+  std::string in_reflex(const RobotState& state) const;
   void check_end_effector(const RobotState& state);
   void start_requested_motion();
   void change_motion();
@@ -108,6 +126,7 @@ class ArmDriver {
   std::atomic<ArmMotion> requested_motion_;         // by the loop
   std::atomic<ArmMotion> motion_{ArmMotion::none};  // started last, by the commander
   ArmMotion handled_motion_;                        // commander: the last request that it handled
+  bool configured_ = false;  // commander: false in a reflex that was found when connecting
 
   mutable std::mutex mutex_;  // never locked by the loop
   std::deque<Task> tasks_;
@@ -121,7 +140,9 @@ class ArmDriver {
   bool unread_ = false;
   bool commanded_ = false;  // torques were sent in the running motion
   bool refused_ = false;    // a torque was invalid; until the motion has ended
-  std::array<double, 7> sent_{};
+  TorqueLimiter limiter_;   // of hold(), and of all torques with FciArmConfig::limit_rate
+  PostureHold posture_;
+  int held_packets_ = 0;
 
   std::thread thread_;
 };

@@ -167,6 +167,9 @@ void ArmConnection::stop() {
   (void)ask(StopMoveRequest{}, "stop", options_.reply_timeout_s);
   (void)wait_for_state(is_idle);
   (void)poll_motion();
+  if (!motion_) return;
+  channel_.forget(motion_->command_id);  // its end may be reported later, or never
+  motion_.reset();
 }
 
 void ArmConnection::mark_finished(const Dialect& dialect, bool has_generator,

@@ -41,7 +41,15 @@ Pose pose_of(const std::array<double, 16>& T) {
   return X;
 }
 
-Pose with_proper_rotation(const Pose& X) { return Pose::from(X.position, X.quaternion()); }
+Pose with_proper_rotation(const Pose& X) {
+  // Newton's iteration for the orthogonal factor of the polar decomposition; quadratic, from 1e-4.
+  Pose nearest = X;
+  for (int k = 0; k < 3; ++k) {
+    const Matrix3 excess = nearest.rotation.transpose() * nearest.rotation;
+    nearest.rotation = nearest.rotation * (1.5 * Matrix3::Identity() - 0.5 * excess);
+  }
+  return Pose::from(nearest.position, nearest.quaternion());
+}
 
 Load without(const Load& whole, const Load& part) { return combined(whole, part, -1); }
 Load with(const Load& a, const Load& b) { return combined(a, b, 1); }

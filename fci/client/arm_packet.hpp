@@ -12,9 +12,9 @@ namespace multipanda::fci {
 // axes to world axes.
 class ArmPacket {
  public:
-  // `hand`: the load behind the flange in the controllers' model. ArmState::tool is the difference from the
-  // end effector that the arm declares, so that model and tool match what the arm compensates. Its mass is
-  // negative if the arm declares less.
+  // `hand`: the load behind the flange in the controllers' model, by the figures that arms declare for it.
+  // ArmState::tool is the difference from the end effector that the arm declares, so that model and tool
+  // match what the arm compensates. Its mass is negative if the arm declares less.
   ArmPacket(const Pose& X_WB, const Load& hand) : R_WB_(X_WB.rotation), hand_(hand) {}
 
   // Fills all but mode, gripper and host time. Does not allocate. `tau_J_d` is filled only during
@@ -39,7 +39,8 @@ class ArmPacket {
 };
 
 Pose pose_of(const std::array<double, 16>& column_major);
-// The pose with the nearest orthonormal rotation; single precision deviates by 1e-7.
+// The pose with the nearest orthonormal rotation; single precision deviates by 1e-7, an arm's rounded frames
+// by 1e-5.
 Pose with_proper_rotation(const Pose& X);
 // The body that remains when `part` is taken from `whole`, both in the same frame. Massless if the
 // masses are equal.

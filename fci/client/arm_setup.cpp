@@ -1,4 +1,6 @@
+#include <array>
 #include <cmath>
+#include <cstdio>
 
 #include "core/types/overloaded.hpp"
 #include "fci/client/arm_driver.hpp"
@@ -11,7 +13,7 @@ namespace multipanda::fci {
 namespace {
 
 bool is_close(const Pose& a, const Pose& b) {
-  constexpr double kSame = 1e-5;  // single precision of some meters is 1e-7
+  constexpr double kSame = 1e-4;  // arms round entries of rotations to 0.7071; single precision is 1e-7
   return (a.rotation - b.rotation).cwiseAbs().maxCoeff() < kSame &&
          (a.position - b.position).cwiseAbs().maxCoeff() < kSame;
 }
@@ -42,6 +44,12 @@ SetCollisionBehaviorRequest to_request(const SetCollisionThresholds& set) {
           .upper_force_thresholds_nominal = to_array<6>(slow.wrench_upper)};
 }
 
+// The most that the difference of two bodies on the flange weighs on any joint in any pose.
+double worst_torque(const Load& a, const Load& b) {
+  constexpr double kGravity = 9.81, kReach = 0.855;  // of the flange, by the arms' data sheets [m]
+  return kGravity * (std::abs(a.mass - b.mass) * kReach + (a.mass * a.p_FC - b.mass * b.p_FC).norm());
+}
+
 std::string grams(double mass) { return std::to_string(std::lround(mass * 1000)) + " g"; }
 
 }  // namespace
@@ -55,7 +63,7 @@ void ArmDriver::connect_and_configure() {
       identity_ = {.version = link_.version(), .generation = link_.version() <= 5 ? "Panda" : "FR3"};
     }
     check_model();
-    configure();
+    configured_ = configure();
     connect_end_effector();
   } catch (...) {
     link_.close();
@@ -107,14 +115,31 @@ void ArmDriver::check_model() {
   identity_.model_report = report;
 }
 
-void ArmDriver::configure() {
+// False: the arm is in a reflex and was left as it is.
+bool ArmDriver::configure() {
   // A motion of a lost connection ends by itself, with an error.
   (void)link_.wait_for_state([](const RobotState& s) { return !is_mode(s, RobotMode::move); });
   const RobotState& state = link_.look();
   if (is_mode(state, RobotMode::reflex)) {
-    notify("an earlier error had stopped it " + error_list(state) + "and it is recovered now");
+    // It may have stopped on a person: nobody asked for it to become active because a program was started.
+    if (!config_.recover_at_start) {
+      notify(in_reflex(state));
+      return false;
+    }
+    notify("an earlier error had stopped it " + error_list(state) +
+           "and it is recovered now, as `recover_at_start` asks");
     link_.recover();
   }
+  send_configuration();
+  return true;
+}
+
+std::string ArmDriver::in_reflex(const RobotState& state) const {
+  return "an earlier error has stopped it " + error_list(state) +
+         "and it stays stopped: see that nobody is in its way, then run " + ctl_command("recover");
+}
+
+void ArmDriver::send_configuration() {
   if (!is_mode(link_.look(), RobotMode::idle)) refuse(refusal_in_mode(config_.name, link_.last_state()));
   check_end_effector(link_.last_state());
   set_frames(config_.frames);
@@ -126,25 +151,30 @@ void ArmDriver::configure() {
 
 // The end effector in the arm's settings must match the scene: the arm compensates its weight.
 void ArmDriver::check_end_effector(const RobotState& state) {
-  const Load theirs = end_effector_of(state), ours = with(config_.hand, config_.tool);
-  constexpr double kGrams = 0.02, kMoment = 0.003;  // [kg], [kg m]
-  if (std::abs(theirs.mass - ours.mass) <= kGrams &&
-      (theirs.mass * theirs.p_FC - ours.mass * ours.p_FC).norm() <= kMoment) {
-    return;
-  }
+  const Load theirs = end_effector_of(state),
+             ours = with(config_.hand_declared.value_or(config_.hand), config_.tool);
+  const double torque =
+      std::min(worst_torque(theirs, ours), worst_torque(theirs, with(config_.hand, config_.tool)));
+  constexpr double kUnnoticed = 0.4;  // [N m]: about the friction of a joint, which holds an arm at rest
+  if (torque <= kUnnoticed) return;
+  std::array<char, 32> most{};
+  std::snprintf(most.data(), most.size(), "%.1f N m", torque);
   notify("its settings declare an end effector of " + grams(theirs.mass) + ", the scene one of " +
          grams(ours.mass) +
-         " (or another center of mass): the arm compensates the declared mass and sinks or rises by the "
-         "difference. "
+         " (or another center of mass): the arm compensates the declared one and sinks or "
+         "rises by the difference, up to " +
+         most.data() +
+         " at a joint. "
          "Correct the end effector in the arm's web interface, or hand and tool in the scene");
 }
 
 void ArmDriver::set_frames(const ArmFrames& frames) {
-  const Pose X_FN = pose_of(link_.look().F_T_NE);
-  link_.set_EE(with_proper_rotation(X_FN.inverse() * frames.X_FE));
+  const Pose X_NEE =
+      with_proper_rotation(with_proper_rotation(pose_of(link_.look().F_T_NE)).inverse() * frames.X_FE);
+  link_.set_EE(X_NEE);
   link_.set_K(frames.X_EK);
   if (!link_.wait_for_state([&](const RobotState& s) {
-        return is_close(pose_of(s.F_T_EE), frames.X_FE) && is_close(pose_of(s.EE_T_K), frames.X_EK);
+        return is_close(pose_of(s.NE_T_EE), X_NEE) && is_close(pose_of(s.EE_T_K), frames.X_EK);
       })) {
     refuse(
         "it accepted new frames, but its state shows different ones: check the end effector in its web "
@@ -165,7 +195,8 @@ void ArmDriver::apply(const ArmRequest& request) {
       [this](const SetLoad& r) { set_load(r.load); },
       [this](const SetFrames& r) {
         const RobotState& state = link_.look();
-        set_frames({r.X_FE.value_or(pose_of(state.F_T_EE)), r.X_EK.value_or(pose_of(state.EE_T_K))});
+        set_frames({r.X_FE.value_or(with_proper_rotation(pose_of(state.F_T_EE))),
+                    r.X_EK.value_or(with_proper_rotation(pose_of(state.EE_T_K)))});
       },
       [this](const SetJointStiffness& r) { link_.set_joint_impedance(to_array<7>(r.stiffness)); },
       [this](const SetCartesianStiffness& r) { link_.set_cartesian_impedance(to_array<6>(r.stiffness)); },
@@ -195,7 +226,13 @@ void ArmDriver::apply_beside_motion(const ArmRequest& request) {
   enter(Phase::starting);
   link_.stop();
   enter(Phase::stopped);
-  apply(request);
+  try {
+    apply(request);
+  } catch (const ConnectionError& error) {
+    // A refused setting must not leave the arm without its torque control.
+    if (!error.is_fatal()) start_requested_motion();
+    throw;
+  }
   start_requested_motion();
 }
 

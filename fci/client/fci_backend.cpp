@@ -82,7 +82,7 @@ struct FciBackend::Implementation {
   ArmSet deliver(ArmSet due);
   void advance_time(ArmSet due);
   std::vector<RequestAnswer> wait_for(std::vector<std::future<RequestAnswer>> futures, bool beginning);
-  void keep_alive(HostTime since);
+  void hold(HostTime since);
   [[noreturn]] void give_up(const std::vector<RequestAnswer>& answers);
 
   const FciOptions options;
@@ -122,7 +122,8 @@ std::uint64_t FciBackend::overruns() const {
 
 std::future<RequestAnswer> FciBackend::request(ArmIndex arm, ArmRequest request) {
   if (arm >= arm_count()) return refuse_request(no_such_arm(arm, arm_count()));
-  if (auto why = check_request(request, 7); !why.empty()) return refuse_request(std::move(why));
+  if (auto why = check_request(request, *self_->arms[arm]->config().model); !why.empty())
+    return refuse_request(std::move(why));
   return self_->arms[arm]->request(std::move(request));
 }
 
@@ -133,7 +134,8 @@ std::future<RequestAnswer> FciBackend::request(ArmIndex arm, GripperRequest requ
 
 // --- start and finish ---
 
-// The loop's thread reads the arms' states while their commanders work.
+// The loop's thread reads the arms' states while their commanders work. `beginning`: the arms begin; an arm
+// that is late is not waited for any longer.
 std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
     std::vector<std::future<RequestAnswer>> futures, bool beginning) {
   using std::chrono::seconds;
@@ -147,22 +149,36 @@ std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
     }
     sleep_until(later(host_now(), 0.001));
     receive_all();
-    if (beginning) keep_alive(since);
+    hold(since);
+    const auto longest = [](const auto& a, const auto& b) { return a->held_packets() < b->held_packets(); };
+    const int held = (*std::max_element(arms.begin(), arms.end(), longest))->held_packets();
+    if (!beginning || options.lockstep || held <= options.longest_wait_packets) continue;
+    for (; i < futures.size(); ++i) {
+      const std::string& name = arms[i]->config().name;
+      answers[i] =
+          futures[i].wait_for(seconds(0)) == std::future_status::ready
+              ? futures[i].get()
+              : RequestAnswer{false,
+                              "arm " + name +
+                                  " did not begin its torque motion while the others "
+                                  "were held for " +
+                                  std::to_string(held) +
+                                  " packets: start again; if it recurs, look at the arm's page in Desk"};
+    }
   }
   receive_all();
   return answers;
 }
 
-// Arms whose motion runs must not miss commands while the others are still starting. They get zero torque. In
-// lock-step their world waits, unless it has to advance for the others.
-void FciBackend::Implementation::keep_alive(HostTime since) {
+// Arms whose motion runs are held while the others are still starting, or leaving. In lock-step their world
+// waits, unless it has to advance for the others.
+void FciBackend::Implementation::hold(HostTime since) {
   constexpr double kPatience = 0.1;  // [s]
   if (options.lockstep && seconds(host_now() - since) < kPatience) return;
-  static const JointVector kNone = joint_constant(7, 0);
   for (const auto& arm : arms) {
     if (!arm->is_unread()) continue;
     arm->mark_read();
-    arm->command(kNone);
+    arm->hold(false);
   }
 }
 
@@ -188,7 +204,10 @@ void FciBackend::start() {
     }
   };
   on_all([](ArmDriver& arm) { return arm.prepare(); }, false);
-  for (const auto& arm : self.arms) arm->mark_read();
+  for (const auto& arm : self.arms) {
+    arm->mark_read();
+    arm->forget_motion();
+  }
   if (self.options.begin_torque) on_all([](ArmDriver& arm) { return arm.begin(); }, true);
   self.running = self.first = true;
 }
@@ -204,14 +223,15 @@ void FciBackend::finish() {
     });
   };
   for (const auto& arm : self.arms) {
-    if (arm->is_unread()) arm->command_finish();
+    arm->release();  // held from here
+    if (arm->is_unread()) arm->hold(true);
     arm->mark_read();
   }
   while (any_moves() && host_now() < deadline) {
     self.sleep_until(later(host_now(), 0.002));
     self.receive_all();
     for (const auto& arm : self.arms) {
-      if (arm->is_unread()) arm->command_finish();
+      if (arm->is_unread()) arm->hold(true);
       arm->mark_read();
     }
   }

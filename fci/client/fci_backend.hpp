@@ -16,6 +16,9 @@
 
 namespace multipanda::fci {
 
+// A greater torque rate stops the arm: its limit, less the margin that its maker's library keeps [N m/s].
+constexpr double kTorqueRateMax = 1000 - 1e-3;
+
 enum class ModelCheck : std::uint8_t {
   off,
   report,  // refuse different kinematics, report different masses
@@ -34,6 +37,8 @@ struct FciArmConfig {
   // The load that `model` contains behind the flange (the hand, fingers closed). The arm must declare it,
   // together with `tool`, as its end effector. In the flange.
   Load hand;
+  // The same hand as the arm declares it; none: `hand`.
+  std::optional<Load> hand_declared;
 
   // Sent to the arm at the start and after each reconnection, and checked in its state. The end effector's
   // mass can only be set in the arm's settings: a difference is reported.
@@ -43,13 +48,16 @@ struct FciArmConfig {
   std::optional<Vector6> cartesian_stiffness;  // in K [N/m, N m/rad]
   std::optional<SetCollisionThresholds> thresholds;
 
-  // Last limit before sending; the safety stage has already limited torque and torque rate. The rate stays
-  // below the arm's limit of 1000 N m/s, counted from the last torque sent. With `limit_rate` it is counted
-  // from the torque that the arm reports as in use, so that a lost command causes no reflex.
+  double low_pass_hz = 0;  // first order, on the torque, before the last limit; 0: none
+  // True: write() applies the low-pass and limits torque and rate itself. For torques that do not come from a
+  // control cycle, whose safety stage is otherwise the last to change them.
   bool limit_rate = false;
-  double low_pass_hz = 0;  // first order, on the torque; 0: none
 
   std::optional<ModelCheck> model_check;  // overrides FciOptions
+
+  // True: an arm that is in a reflex when it is connected is recovered without being asked. Otherwise it
+  // stays as it is, and RecoverFromError sets it up.
+  bool recover_at_start = false;
 
   // Creates the gripper; empty: none. Called off the loop, once.
   std::function<std::unique_ptr<EndEffector>()> end_effector;
@@ -72,8 +80,12 @@ struct FciOptions {
   // arms, now() is the arms' own time. Otherwise an arm is due when its packet arrives, and now() is this
   // computer's time.
   bool lockstep = false;
-  double silence_s = 0.02;       // wait() returns an empty set after so long without a packet
+  double silence_s = 0.02;  // wait() returns an empty set after so long without a packet
+  // While start() waits for the other arms, one that has begun is held for so many packets; then start()
+  // fails. Not in lock-step, where the world waits.
+  int longest_wait_packets = 100;
   double lost_after_s = 1.0;     // an arm that is silent for so long counts as disconnected
+  double state_timeout_s = 1.0;  // how long a request waits for a state that shows its effect
   double lockstep_wait_s = 2.0;  // in lock-step: how long the slowest arm is waited for
   ModelCheck model_check = ModelCheck::report;
   // Messages for the user: warnings at the start, a lost connection, the end of a motion.
@@ -88,8 +100,9 @@ struct FciOptions {
 // commander, does everything over TCP: connecting, settings, starting the torque motion, recovery.
 //
 // start() connects all arms at the same time, checks versions and models, sends each arm its configuration
-// and starts torque control on all of them. If one arm cannot be reached, it leaves all arms as they were and
-// throws std::runtime_error with the arm's name and a remedy. finish() ends the motions; the arms hold
+// and starts torque control on all of them; those that have begun are held meanwhile. If one arm cannot be
+// reached or does not begin, it leaves all arms as they were and throws std::runtime_error with the arm's
+// name and a remedy. finish() ends the motions and holds the arms until they have left them; then they hold
 // themselves. A failure of one arm does not affect the others. ArmState::mode:
 //   move          torques are taken
 //   reflex, user_stopped, guiding, other   as the arm says; `other` also when its motion has ended or was

@@ -1,14 +1,17 @@
 // Several arms in one loop, against fake arms whose packets the test sends.
 #include "fci/client/fci_backend.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
+#include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "core/cycle/control_cycle.hpp"
 #include "core/rt/guard/loop_guard.hpp"
+#include "device/arm_settings.hpp"
 #include "fci/client/from_scene.hpp"
 #include "fci/client/model_check.hpp"
 #include "fci/client/testing/fake_arm.hpp"
@@ -50,7 +53,7 @@ class Backends : public testing::Test {
       const auto& q = scene_.arms[i].q_start;
       fakes_[i]->change([&](RobotState& s) { Eigen::Map<Eigen::Matrix<double, 7, 1>>(s.q.data()) = q; });
     }
-    const Load hand = config(0).hand;
+    const Load hand = config(0).hand_declared.value();
     fakes_[0]->change([&](RobotState& s) {
       s.m_ee = hand.mass;
       Eigen::Map<Vector3>(s.F_x_Cee.data()) = hand.p_FC;
@@ -67,6 +70,7 @@ class Backends : public testing::Test {
   // Connected, in torque control; the test sends the packets from now on.
   void begin(FciOptions options = {}, std::vector<FciArmConfig> configs = {}) {
     options.model_check = ModelCheck::off;
+    options.state_timeout_s = options.lost_after_s = 20;  // the whole machine may stand still for seconds
     options.report = [this](const std::string& text) { said_ += text + "\n"; };
     if (configs.empty()) configs = {config(0), config(1)};
     backend_ = std::make_unique<FciBackend>(std::move(configs), options);
@@ -168,8 +172,8 @@ TEST_F(Backends, AnArmIsDueWithItsPacketAndAnsweredInThatStep) {
                  static_cast<int>(1e6 * backend_->connection(0)->answer_delay_mean_s));
 }
 
-// Packets half a period apart: the group computes with its first arm's packet, the other gets that tick's
-// torque with its own packet.
+// Packets less than half a period apart: the group computes with its first arm's packet, the other gets that
+// tick's torque with its own packet. If the machine took longer, it ticks again.
 TEST_F(Backends, AGroupTicksOncePerPeriodAndServesEachArmWithItsOwnPacket) {
   activate("both");
   begin();
@@ -180,8 +184,10 @@ TEST_F(Backends, AGroupTicksOncePerPeriodAndServesEachArmWithItsOwnPacket) {
     fakes_[0]->publish();
     ASSERT_EQ(step(), ArmSet::of(0));
     const JointVector of_tick = cycle_->data().tau_controllet[1];
+    const LoopTime ticked = cycle_->data().tick.t;
     fakes_[1]->publish();
     ASSERT_EQ(step(), ArmSet::of(1));
+    if (seconds(cycle_->data().tick.t - ticked) > 0.0005) continue;
     ASSERT_EQ(cycle_->data().tau_controllet[1], of_tick) << "no second tick in this period";
     const auto command = fakes_[1]->command();
     ASSERT_TRUE(command);
@@ -302,9 +308,43 @@ TEST_F(Backends, InvalidTorquesAreNotSentAndStopTheMotion) {
   EXPECT_EQ(fakes_[0]->commands_waiting(), 0u) << "nor anything after it";
 }
 
+// An arm that keeps its own torque: 1 to 19 answers are lost in a row, at full slew. The answers are those
+// that the log holds, and none is more than a step of 1 ms from the torque in use.
+TEST_F(Backends, LostAnswersAreNoDiscontinuityAndTheLogHoldsWhatWasSent) {
+  activate("left_joints");
+  begin();
+  std::array<double, 7> in_use{};
+  const auto period = [&](bool arrives) {
+    fakes_[0]->change([&](RobotState& s) { s.tau_J_d = in_use; });
+    fakes_[0]->publish();
+    ASSERT_EQ(step(), ArmSet::of(0));
+    const auto command = fakes_[0]->command();
+    ASSERT_TRUE(command);
+    for (std::size_t j = 0; j < 7; ++j) {
+      EXPECT_EQ(command->tau_J_d[j], cycle_->data().tau_cmd[0][static_cast<Eigen::Index>(j)]);
+      if (arrives) {
+        ASSERT_LE(std::abs(command->tau_J_d[j] - in_use[j]), 1.0 + 1e-5);
+      }
+    }
+    if (arrives) in_use = command->tau_J_d;
+  };
+  for (int k = 0; k < 5; ++k) period(true);
+  double sign = 1;
+  for (int lost = 1; lost <= 19; ++lost) {
+    sign = -sign;
+    fakes_[0]->change([&](RobotState& s) { s.q[1] += sign * 0.1; });  // pushed: the spring pulls by 60 N m
+    for (int k = 0; k < 8; ++k) period(true);
+    for (int k = 0; k < lost; ++k) period(false);
+    for (int k = 0; k < 8; ++k) period(true);
+  }
+  EXPECT_FALSE(is_held(0));
+  EXPECT_GT(cycle_->safety().counted(0, Intervention::torque_rate_clamped), 100u) << "it was at full slew";
+}
+
+// Torques that come from no control cycle are limited here.
 TEST_F(Backends, RateLimitAndLowPassCountFromTheTorqueInUse) {
   FciArmConfig limited = config(0), smooth = config(1);
-  limited.limit_rate = true;
+  limited.limit_rate = smooth.limit_rate = true;
   smooth.low_pass_hz = 100;
   begin({}, {limited, smooth});
   std::vector<ArmState> states(2);
@@ -371,12 +411,51 @@ TEST_F(Backends, AnUnavailableArmIsNamedAndTheOthersAreReleased) {
   EXPECT_THROW(FciBackend({left}), std::invalid_argument);
 }
 
-TEST_F(Backends, AnEarlierErrorIsRecoveredAtTheStartAndAUserStopIsNot) {
-  fakes_[0]->change([](RobotState& s) {
+void put_in_reflex(FakeArm& fake) {
+  fake.change([](RobotState& s) {
     s.robot_mode = static_cast<std::uint8_t>(RobotMode::reflex);
     s.errors[7] = 1;
   });
+}
+
+// It may have stopped on a person.
+TEST_F(Backends, AnArmFoundInAReflexStaysSoUntilItIsRecoveredOnRequest) {
+  put_in_reflex(*fakes_[0]);
   begin();
+  EXPECT_EQ(cycle_->data().state[0].mode, ArmMode::reflex);
+  EXPECT_EQ(cycle_->data().state[1].mode, ArmMode::move) << "the other arm runs";
+  EXPECT_THAT(said_, HasSubstr("cartesian_reflex"));
+  EXPECT_THAT(said_, HasSubstr("ctl recover left"));
+  for (const auto& asked : fakes_[0]->asked()) {
+    EXPECT_NE(asked.command, Command::automatic_error_recovery);
+    EXPECT_NE(asked.command, Command::move);
+    EXPECT_NE(asked.command, Command::set_load);
+  }
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  const RequestAnswer recovered = answer(backend_->request(0, RecoverFromError{}));
+  EXPECT_TRUE(recovered.success) << recovered.reason;
+  while (cycle_->data().state[0].mode != ArmMode::move) step();
+  EXPECT_EQ(fakes_[0]->last<SetLoadRequest>().m_load, 0.4) << "set up now";
+  EXPECT_NO_THROW((void)fakes_[0]->last<SetCollisionBehaviorRequest>());
+
+  // The same after a lost connection.
+  fakes_[0]->hang_up();
+  while (cycle_->data().state[0].mode != ArmMode::disconnected) step();
+  put_in_reflex(*fakes_[0]);
+  const RequestAnswer back = answer(backend_->request(0, Reconnect{}));
+  EXPECT_FALSE(back.success);
+  EXPECT_THAT(back.reason, HasSubstr("ctl recover left"));
+  while (cycle_->data().state[0].mode != ArmMode::reflex) step();
+  const RequestAnswer again = answer(backend_->request(0, RecoverFromError{}));
+  EXPECT_TRUE(again.success) << again.reason;
+  while (cycle_->data().state[0].mode != ArmMode::move) step();
+}
+
+TEST_F(Backends, AnEarlierErrorIsRecoveredAtTheStartIfTheSceneAsksAndAUserStopIsNot) {
+  put_in_reflex(*fakes_[0]);
+  FciArmConfig left = config(0);
+  left.recover_at_start = true;
+  begin({}, {left, config(1)});
   EXPECT_EQ(cycle_->data().state[0].mode, ArmMode::move);
   EXPECT_THAT(said_, HasSubstr("cartesian_reflex"));
   backend_->finish();
@@ -400,7 +479,147 @@ TEST_F(Backends, AnUndeclaredEndEffectorIsReported) {
   begin();
   EXPECT_THAT(said_, HasSubstr("end effector of 0 g"));
   // The controllers' model matches what the arm compensates: the model's hand is subtracted.
-  EXPECT_NEAR(cycle_->data().state[0].tool.mass, -config(0).hand.mass, 1e-6);
+  EXPECT_NEAR(cycle_->data().state[0].tool.mass, -config(0).hand_declared->mass, 1e-6);
+}
+
+// 0.73 kg at [-0.01, 0, 0.03] m are the manufacturer's figures for its hand, whose parts weigh 0.7126 kg.
+TEST_F(Backends, TheHandByEitherFiguresIsNothingToReport) {
+  for (const Load& hand : {config(0).hand, Load{.mass = 0.73, .p_FC = {-0.01, 0, 0.03}}}) {
+    said_.clear();
+    fakes_[0]->change([&](RobotState& s) {
+      s.m_ee = hand.mass;
+      Eigen::Map<Vector3>(s.F_x_Cee.data()) = hand.p_FC;
+    });
+    begin();
+    EXPECT_EQ(said_, "");
+    EXPECT_LT(std::abs(cycle_->data().state[0].tool.mass), 0.02);
+    backend_->finish();
+    for (auto& fake : fakes_) fake->set_automatic(true);
+  }
+  // 100 g more weigh 0.84 N m on the shoulder of an outstretched arm.
+  fakes_[0]->change([&](RobotState& s) { s.m_ee = 0.83; });
+  begin();
+  EXPECT_THAT(said_, HasSubstr("end effector of 830 g"));
+  EXPECT_THAT(said_, HasSubstr(" N m at a joint"));
+}
+
+TEST_F(Backends, ArmsGetCarefulThresholdsUnlessTheSceneNamesOthersOrKeepsThem) {
+  scene_.arms[1].fci = FciConnection{};
+  scene_.arms[1].fci->keep_collision_thresholds = true;
+  begin();
+  const auto set = fakes_[0]->last<SetCollisionBehaviorRequest>();
+  EXPECT_EQ(set.upper_force_thresholds_nominal, (std::array<double, 6>{80, 80, 80, 25, 25, 25}));
+  EXPECT_EQ(set.upper_force_thresholds_acceleration, set.upper_force_thresholds_nominal);
+  EXPECT_EQ(set.upper_torque_thresholds_nominal, (std::array<double, 7>{40, 40, 40, 40, 12, 12, 12}));
+  EXPECT_EQ(set.lower_torque_thresholds_nominal, (std::array<double, 7>{20, 20, 20, 20, 12, 12, 12}));
+  EXPECT_THROW((void)fakes_[1]->last<SetCollisionBehaviorRequest>(), std::runtime_error);
+  // Named ones.
+  scene_.arms[1].collision = default_settings(*build_arm_model(scene_.arms[1])).thresholds;
+  EXPECT_EQ(config(1).thresholds->nominal.wrench_upper, Vector6::Constant(100));
+}
+
+// Arms round the entries of rotations: their 45 degrees are 0.7071, not 0.70710678.
+TEST_F(Backends, FramesThatTheArmRoundsAreTheOnesThatWereSent) {
+  const auto rounded = [](const Pose& X) {
+    std::array<double, 16> T{};
+    for (Eigen::Index k = 0; k < 9; ++k) {
+      T[static_cast<std::size_t>(4 * (k / 3) + k % 3)] = std::round(1e4 * X.rotation(k % 3, k / 3)) * 1e-4;
+    }
+    for (Eigen::Index k = 0; k < 3; ++k) T[static_cast<std::size_t>(12 + k)] = X.position[k];
+    T[15] = 1;
+    return T;
+  };
+  const Pose X_FE = arm_config(scene_.arms[0]).frames.X_FE;
+  fakes_[0]->change([&](RobotState& s) { s.F_T_NE = rounded(X_FE); });
+  begin();
+  EXPECT_EQ(cycle_->data().state[0].mode, ArmMode::move) << said_;
+  const auto sent = fakes_[0]->last<SetNEToEERequest>().NE_T_EE;
+  const std::array<double, 16> identity{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+  for (std::size_t k = 0; k < 16; ++k) EXPECT_NEAR(sent[k], identity[k], 1e-8) << "of single precision only";
+  EXPECT_LT(pose_error(cycle_->data().state[0].frames.X_FE, X_FE).norm(), 1e-6);
+}
+
+TEST_F(Backends, ARefusedSettingLeavesTheArmInTorqueControl) {
+  begin();
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  // Refused in motion, and refused again at rest.
+  fakes_[0]->answer(Command::set_joint_impedance, Status::not_possible);
+  const RequestAnswer refused =
+      answer(backend_->request(0, SetJointStiffness{JointVector::Constant(7, 1000)}));
+  EXPECT_FALSE(refused.success);
+  EXPECT_NO_THROW((void)fakes_[0]->last<StopMoveRequest>());
+  for (int k = 0; k < 1000 && cycle_->data().state[0].mode != ArmMode::move; ++k) step();
+  EXPECT_EQ(cycle_->data().state[0].mode, ArmMode::move);
+}
+
+// While one arm takes too long to begin, the one that has begun is held, not left to float; then the start is
+// given up.
+TEST_F(Backends, AnArmThatHasBegunIsHeldUntilTheOthersBeginOrTheStartIsGivenUp) {
+  fakes_[0]->change([](RobotState& s) { s.dq.fill(0.2); });
+  fakes_[1]->withhold(Command::move);
+  std::thread right([&] {  // released when the left arm is stopped, so that the test need not wait for it
+    const auto stopped = [&] {
+      const auto all = fakes_[0]->asked();
+      return std::any_of(all.begin(), all.end(),
+                         [](const auto& a) { return a.command == Command::stop_move; });
+    };
+    const HostTime since = host_now();
+    while (!stopped() && seconds(host_now() - since) < 20) std::this_thread::yield();
+    fakes_[1]->hang_up();
+  });
+  FciBackend backend({config(0), config(1)}, {.longest_wait_packets = 30, .model_check = ModelCheck::off});
+  try {
+    backend.start();
+    ADD_FAILURE() << "it began without the right arm";
+  } catch (const std::runtime_error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("arm right did not begin"));
+    EXPECT_THAT(error.what(), testing::Not(HasSubstr("arm left")));
+  }
+  right.join();
+  // The arm reports no torque in use, so each answer is at most one step from zero, against the motion.
+  const auto answer = fakes_[0]->command();
+  ASSERT_TRUE(answer);
+  for (std::size_t j = 0; j < 7; ++j) {
+    EXPECT_LT(answer->tau_J_d[j], -0.01) << j;
+    EXPECT_GE(answer->tau_J_d[j], -1.0) << j;
+  }
+  EXPECT_GE(fakes_[0]->commands_waiting(), 29u);
+}
+
+// At the end the arm is held until it has left its motion: the last torque alone would push it on.
+TEST_F(Backends, FinishHoldsTheArmUntilItHasLeftItsMotion) {
+  begin();
+  std::vector<RobotCommand> answers;
+  std::thread arms([&] {
+    fakes_[1]->end_motion(Status::success, RobotMode::idle);
+    fakes_[0]->change([](RobotState& s) { s.dq.fill(0.3); });
+    for (int k = 0; k < 16; ++k) {
+      fakes_[0]->publish();
+      const auto answer = fakes_[0]->command();
+      ASSERT_TRUE(answer);
+      answers.push_back(*answer);
+      fakes_[0]->change([&](RobotState& s) { s.tau_J_d = answer->tau_J_d; });
+      if (k == 8) {  // it was stopped, but is away from where it was
+        fakes_[0]->change([](RobotState& s) {
+          s.dq.fill(0);
+          s.q[3] -= 0.2;
+        });
+      }
+    }
+    fakes_[0]->end_motion(Status::success, RobotMode::idle);
+  });
+  backend_->finish();
+  arms.join();
+  ASSERT_EQ(answers.size(), 16u);
+  for (std::size_t k = 1; k < answers.size(); ++k) {
+    EXPECT_TRUE(answers[k].torque_command_finished);
+    for (std::size_t j = 0; j < 7; ++j) {
+      EXPECT_LE(std::abs(answers[k].tau_J_d[j] - answers[k - 1].tau_J_d[j]), 1 + 1e-5);
+    }
+  }
+  for (std::size_t j = 0; j < 7; ++j) EXPECT_LT(answers[8].tau_J_d[j], -0.02) << "damped";
+  EXPECT_LT(answers[8].tau_J_d[0], answers[0].tau_J_d[0] - 5);
+  EXPECT_GT(answers[15].tau_J_d[3], answers[8].tau_J_d[3] + 5) << "pulled back";
 }
 
 TEST_F(Backends, FinishEndsTheMotionsByTheirLastTorque) {

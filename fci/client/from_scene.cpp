@@ -1,5 +1,7 @@
 #include "fci/client/from_scene.hpp"
 
+#include "device/arm_settings.hpp"
+#include "device/declared_hand.hpp"
 #include "fci/client/gripper_connection.hpp"
 #include "scene/build.hpp"
 
@@ -14,6 +16,7 @@ FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address) {
   if (arm.hand && robot.hand) {
     const RigidBody hand = moved(rigid_hand(*robot.hand), robot.hand->mount.pose());
     config.hand = {hand.mass, hand.com, hand.inertia};
+    config.hand_declared = declared_hand(config.hand);
   }
   const ArmConfig requested = arm_config(arm);
   config.frames = requested.frames;
@@ -22,6 +25,9 @@ FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address) {
   config.joint_stiffness = arm.joint_stiffness;
   config.cartesian_stiffness = arm.cartesian_stiffness;
   config.thresholds = arm.collision;
+  if (!config.thresholds && !(arm.fci && arm.fci->keep_collision_thresholds)) {
+    config.thresholds = careful_thresholds(*config.model);
+  }
   if (arm.vacuum || (arm.fci && arm.fci->vacuum)) {
     config.end_effector = [name = arm.name, address] { return vacuum_link(name, address); };
   } else if (arm.hand && (!arm.fci || arm.fci->gripper)) {
@@ -30,7 +36,7 @@ FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address) {
   if (arm.fci) {
     config.version = arm.fci->version;
     config.low_pass_hz = arm.fci->low_pass_hz;
-    config.limit_rate = arm.fci->rate_limit;
+    config.recover_at_start = arm.fci->recover_at_start;
     if (!arm.fci->check_model) config.model_check = ModelCheck::off;
   }
   return config;

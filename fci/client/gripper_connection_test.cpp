@@ -58,7 +58,7 @@ multipanda::GripperState next_state(const EndEffector& link) {
   const auto& states = dynamic_cast<const EndEffectorConnection&>(link);
   const std::uint32_t seen = states.state_number() + 1;  // one may be in flight
   const HostTime begun = host_now();
-  while (states.state_number() <= seen && host_now() - begun < std::chrono::seconds(5)) {
+  while (states.state_number() <= seen && host_now() - begun < std::chrono::seconds(20)) {
     std::this_thread::yield();
   }
   return link.state();

@@ -25,12 +25,6 @@ int left_ms(HostTime begun, double timeout_s) {
   return left <= 0 ? 0 : static_cast<int>(std::ceil(left * 1e3));
 }
 
-std::string in_seconds(double timeout_s) {
-  std::string text = std::to_string(timeout_s);
-  text.erase(std::min(text.find('.') + 2, text.size()));
-  return text + " s";
-}
-
 in_addr resolve(const std::string& address, const std::string& who) {
   addrinfo hints{};
   hints.ai_family = AF_INET;
@@ -64,6 +58,12 @@ std::string cure_for(int error) {
 
 }  // namespace
 
+std::string in_seconds(double duration_s) {
+  std::string text = std::to_string(duration_s);
+  text.erase(std::min(text.find('.') + 2, text.size()));
+  return text + " s";
+}
+
 void TcpChannel::fail(ConnectionError::Kind kind, const std::string& text) {
   close();
   throw ConnectionError(kind, who_ + ": " + text);
@@ -74,6 +74,7 @@ void TcpChannel::close() noexcept {
   file_ = -1;
   buffer_.clear();
   replies_.clear();
+  forgotten_.clear();
 }
 
 void TcpChannel::connect(const std::string& address, std::uint16_t port, double timeout_s) {
@@ -176,10 +177,17 @@ void TcpChannel::parse() {
     }
     if (rest.size() < header.size) break;
     const auto payload = rest.subspan(header_bytes, header.size - header_bytes);
-    replies_.push_back({header.command, header.command_id, {payload.begin(), payload.end()}});
     at += header.size;
+    if (std::erase(forgotten_, header.command_id) > 0) continue;
+    replies_.push_back({header.command, header.command_id, {payload.begin(), payload.end()}});
   }
   buffer_.erase(buffer_.begin(), buffer_.begin() + static_cast<std::ptrdiff_t>(at));
+}
+
+void TcpChannel::forget(std::uint32_t command_id) {
+  if (take(command_id)) return;
+  if (forgotten_.size() >= kMaxForgotten) forgotten_.pop_front();
+  forgotten_.push_back(command_id);
 }
 
 std::optional<TcpChannel::Reply> TcpChannel::take(std::uint32_t command_id) {

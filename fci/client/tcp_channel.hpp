@@ -13,6 +13,8 @@
 
 namespace multipanda::fci {
 
+std::string in_seconds(double duration_s);  // "1.5 s", for messages
+
 // Requests and replies over one TCP connection: each request has a number, its reply repeats it, and replies
 // may come in any order; some requests get two. Every wait has a timeout. One thread at a time; off the loop.
 // Failures throw ConnectionError, whose text begins with `who`; a fatal one closes the channel.
@@ -44,6 +46,8 @@ class TcpChannel {
   Reply wait(std::uint32_t command_id, double timeout_s, const char* what);
   // The same without waiting; none: not yet received.
   std::optional<Reply> take(std::uint32_t command_id);
+  // A reply with this number that is yet to come is of no interest: it is dropped when it arrives.
+  void forget(std::uint32_t command_id);
   // Reads what has arrived without waiting. Throws if the other end closed.
   void read_available();
 
@@ -54,7 +58,8 @@ class TcpChannel {
 
   // Upper bound of a message (a model library has some megabytes).
   static constexpr std::uint32_t kMaxMessage = 64u << 20u;
-  static constexpr std::size_t kMaxReplies = 256;  // unclaimed replies
+  static constexpr std::size_t kMaxReplies = 256;    // unclaimed replies
+  static constexpr std::size_t kMaxForgotten = 256;  // replies that may never come
 
   HeaderKind kind_;
   std::string who_;
@@ -63,6 +68,7 @@ class TcpChannel {
   std::uint32_t next_id_ = 0;
   std::vector<std::byte> buffer_;
   std::deque<Reply> replies_;
+  std::deque<std::uint32_t> forgotten_;  // numbers of replies to drop
 };
 
 }  // namespace multipanda::fci

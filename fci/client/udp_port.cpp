@@ -7,6 +7,7 @@
 #include <string>
 #include <sys/socket.h>
 #include <unistd.h>
+#include <utility>
 
 namespace multipanda::fci {
 namespace {
@@ -47,6 +48,9 @@ bool UdpPort::receive() noexcept {
     dialect_ = dialect(static_cast<std::uint16_t>(expected >> 32));
     address_ = static_cast<std::uint32_t>(expected);
     states_[newest_].message_id = 0;
+    peer_port_ = 0;
+    confirmed_ = false;
+    far_number_ = 0;
     counters_.lost_in_a_row.store(0, std::memory_order_relaxed);
   }
   fresh_ = false;
@@ -74,11 +78,14 @@ void UdpPort::take(std::span<const std::byte> datagram, const sockaddr_in& from)
   RobotState& next = states_[1 - newest_];
   const std::uint64_t last = state().message_id;
   if (dialect_ == nullptr || from.sin_addr.s_addr != address_ ||
-      decode(*dialect_, datagram, next) != WireResult::ok) {
+      (peer_port_ != 0 && from.sin_port != peer_port_) ||
+      decode(*dialect_, datagram, next) != WireResult::ok || next.message_id == 0 ||
+      !is_plausible(next.message_id, last)) {
     add(counters_.foreign, 1);
     return;
   }
-  if (next.message_id <= last) {  // late or duplicate
+  // Late or a duplicate; except that the first state of a connection may itself have been the wrong one.
+  if (next.message_id <= last && (confirmed_ || last - next.message_id <= kMostJump)) {
     if (next.message_id < last && counters_.lost.load(std::memory_order_relaxed) > 0) {
       counters_.lost.store(counters_.lost.load(std::memory_order_relaxed) - 1, std::memory_order_relaxed);
       add(counters_.superseded, 1);
@@ -86,15 +93,26 @@ void UdpPort::take(std::span<const std::byte> datagram, const sockaddr_in& from)
     return;
   }
   if (fresh_) add(counters_.superseded, 1);
-  gap_ = last == 0 ? 0 : next.message_id - last - 1;
+  gap_ = last == 0 || next.message_id <= last ? 0 : next.message_id - last - 1;
   add(counters_.lost, gap_);
   counters_.lost_in_a_row.store(gap_, std::memory_order_relaxed);
   counters_.lost_in_a_row_max.store(
       std::max(counters_.lost_in_a_row_max.load(std::memory_order_relaxed), gap_), std::memory_order_relaxed);
   add(counters_.received, 1);
+  confirmed_ = confirmed_ || last != 0;
   newest_ = 1 - newest_;
   source_ = from;
+  peer_port_ = from.sin_port;
   fresh_ = true;
+}
+
+bool UdpPort::is_plausible(std::uint64_t number, std::uint64_t last) noexcept {
+  const std::uint64_t far = std::exchange(far_number_, 0);
+  if (last == 0 || (number <= last && confirmed_)) return true;
+  if ((number > last ? number - last : last - number) <= kMostJump) return true;
+  if (far != 0 && number > far && number - far <= kMostJump) return true;
+  far_number_ = number;
+  return false;
 }
 
 bool UdpPort::send(RobotCommand& command) noexcept {

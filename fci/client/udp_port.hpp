@@ -26,7 +26,7 @@ class UdpPort {
 
   // --- any thread ---
   // From now on states of this arm (network byte order) in this dialect are accepted, whatever their number;
-  // nullptr: none. Takes effect at the next receive().
+  // nullptr: none. The first one fixes the arm's port. Takes effect at the next receive().
   void expect(const Dialect* dialect, std::uint32_t peer_address);
   ConnectionStatistics statistics() const;
 
@@ -46,7 +46,11 @@ class UdpPort {
     const Dialect* dialect = nullptr;
     std::uint32_t address = 0;
   };
+  // A number further away than this is accepted only if the next datagram confirms it: a single wrong one
+  // would make all that follow look old.
+  static constexpr std::uint64_t kMostJump = 1000;
   void take(std::span<const std::byte> datagram, const sockaddr_in& from) noexcept;
+  bool is_plausible(std::uint64_t number, std::uint64_t last) noexcept;
 
   int file_ = -1;
   std::uint16_t number_ = 0;
@@ -61,6 +65,9 @@ class UdpPort {
   std::size_t newest_ = 0;
   bool fresh_ = false;
   sockaddr_in source_{};
+  in_port_t peer_port_ = 0;       // of the arm's states in this connection; 0: none came yet
+  bool confirmed_ = false;        // two states of this connection had numbers that follow each other
+  std::uint64_t far_number_ = 0;  // of the last datagram, if it was too far away to be accepted; otherwise 0
   HostTime received_at_;
   std::uint64_t gap_ = 0;
 

@@ -55,12 +55,13 @@ struct Rig {
       configs[i].version = version;
       configs[i].end_effector = {};
     }
-    FciOptions fci_options{.lockstep = pace == WorldPace::lockstep};
+    FciOptions fci_options{
+        .lockstep = pace == WorldPace::lockstep, .state_timeout_s = 20, .lockstep_wait_s = 20};
     fci_options.report = [this](const std::string& text) { said += text + "\n"; };
     backend = std::make_unique<FciBackend>(configs, fci_options);
   }
   static VirtualArmOptions options(WorldPace pace) {
-    VirtualArmOptions result{.pace = pace, .grippers = false, .idle_stands_still = true};
+    VirtualArmOptions result{.pace = pace, .strict = true, .grippers = false, .idle_stands_still = true};
     result.places = {{.address = "127.0.0.1", .port = 0}, {.address = "127.0.0.1", .port = 0}};
     return result;
   }

@@ -146,7 +146,9 @@ void ArmPort::take_datagram(std::span<const std::byte> datagram, std::chrono::na
   if (!motion_.runs || id < motion_.first_state) return;
   if (!motion_.asynchronous && motion_.commanded) {
     if (id <= newest_command_) return;  // a duplicate
-    if (id + 1 < message_id_ || (id < message_id_ && after > kGrace)) {
+    const bool late = config_.strict ? id < message_id_ || after > kAnswerTime
+                                     : id + 1 < message_id_ || (id < message_id_ && after > kGrace);
+    if (late) {
       counts_.commands_late.add();
       return;
     }
@@ -207,17 +209,20 @@ void ArmPort::publish() {
   if (!client_ || client_->dialect == nullptr) return;
   // A program that drives two arms from one thread may be one state behind with this arm and would stay
   // there, because an older state is always waiting. Skipping one state synchronizes it again.
-  if (lagging_ && motion_.runs && message_id_ > left_out_ + kLeaveOutEvery) {
+  if (!config_.strict && lagging_ && motion_.runs && message_id_ > left_out_ + kLeaveOutEvery) {
     left_out_ = message_id_;
     return;
   }
   fill(state_, message_id_, arm_, config_.fixed);
+  // The world has not yet advanced with the torque that was just taken, but the arm has.
+  if (config_.own_clock) show_torque_in_use(state_, arm_);
   const std::size_t size = encode(*client_->dialect, state_, state_bytes_);
   const std::span<const std::byte> bytes(state_bytes_.data(), size);
   if (config_.lockstep && (out_.faults().any() || overtaken_)) {
     publish_with_fates(bytes);
   } else if (config_.lockstep || out_.is_clear()) {
     send_state(bytes);
+    if (!config_.lockstep) published_ns_ = stamp_clock_ns();  // a stall before it is not the program's
   } else {
     if (!out_.put(bytes, published_at_)) counts_.states_lost.add();
     out_.deliver(published_at_, [this](auto due) { send_state(due); });

@@ -30,6 +30,9 @@ struct ArmPortConfig {
   std::uint16_t port = kArmPort;
   // The world waits for this arm's command. Otherwise a command must arrive before the end of the period.
   bool lockstep = false;
+  // An answer counts only if it is to the last state and arrives within kAnswerTime of its sending.
+  bool strict = false;
+  bool own_clock = false;  // stepped() is called at the arm's own instants, between steps of the world
   FixedConfig fixed;
   ModelDownload model;
   std::uint64_t seed = 1;  // of injected faults
@@ -45,12 +48,16 @@ struct ArmPortConfig {
 // late, as Franka documents; the first command of a motion and commands of asynchronous motions may be
 // older. In real time, answers to the state before the last are accepted for kGrace: the arms of one world
 // tick together, and a program that reads one arm while it waits for the other would otherwise always be
-// late. In lock-step they are accepted until a newer answer arrives. A program that violates the protocol
-// loses its connection.
+// late. In lock-step they are accepted until a newer answer arrives. With `strict` neither is: an answer
+// that is late is dropped, as by a real arm. A program that violates the protocol loses its connection.
 //
 // One thread; nothing blocks; receive(), command() and stepped() do not allocate.
 class ArmPort : public Port {
  public:
+  // Strict, in real time: from sending a state to the arrival of its answer. Ours: Franka names 1 ms for the
+  // way there and back and the computing.
+  static constexpr std::chrono::microseconds kAnswerTime{1000};
+
   ArmPort(ArmPortConfig config, SimulatedArm& arm);
   ~ArmPort() override;
 

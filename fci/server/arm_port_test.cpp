@@ -1,5 +1,8 @@
 // One virtual arm at its port: what a program sees, request by request and period by period. In lock-step, so
 // that every state and every answer is known.
+#include <random>
+#include <thread>
+
 #include "backends/mujoco/testing/test_scenes.hpp"
 #include "fci/server/testing/test_program.hpp"
 #include "fci/wire/error_flags.hpp"
@@ -321,6 +324,106 @@ TEST_F(OneArm, injectedFreezeAndClosing) {
   EXPECT_EQ(program.ask(StopMoveRequest{}), Status::success);  // it listens again
   ASSERT_TRUE(arms_.close_connection(0));
   EXPECT_TRUE(program.is_closed());
+}
+
+// In real time. Nothing here depends on how late this program is: only on which state it answers.
+class RealTimeArm : public testing::Test {
+ protected:
+  static VirtualArmOptions options(bool strict, std::vector<ClockOffset> clocks = {}) {
+    VirtualArmOptions options{.pace = WorldPace::realtime, .strict = strict, .clocks = std::move(clocks)};
+    options.places = {{.address = test::own_address(0), .port = 0, .gripper_port = 0, .vacuum_port = 0}};
+    return options;
+  }
+  static Scene scene() { return multipanda::test::scene_of({multipanda::test::arm_named("left")}); }
+};
+
+// Back in a torque motion, if the machine was so slow that the arm stopped without commands.
+RobotState in_torque_motion(TestProgram& program, const RobotState& state) {
+  if (in_mode(state, RobotMode::move)) return state;
+  if (in_mode(state, RobotMode::reflex)) {
+    EXPECT_EQ(program.reply(program.move()), Status::reflex_aborted);
+    EXPECT_EQ(program.ask(AutomaticErrorRecoveryRequest{}), Status::success);
+  }
+  return program.begin_torques();
+}
+
+TEST_F(RealTimeArm, strictDropsTheAnswerToTheStateBeforeTheLast) {
+  VirtualArms arms(scene(), options(true));
+  arms.start();
+  TestProgram program(arms.place(0));
+  ASSERT_TRUE(program.connected());
+  RobotState state = program.read();
+  bool dropped = false;
+  for (int k = 0; k < 1000 && !dropped; ++k) {
+    state = in_torque_motion(program, state);
+    program.command(program.torques(state));  // the first command of a motion may be late
+    (void)program.read_newest();
+    state = program.read();
+    const RobotState next = program.read();
+    const PortStatistics before = arms.statistics(0);
+    program.command(program.torques(state));  // its successor has been sent
+    state = program.read_newest();
+    state = program.read();  // sent after the answer arrived
+    const PortStatistics after = arms.statistics(0);
+    EXPECT_EQ(after.commands_used, before.commands_used);
+    dropped = in_mode(next, RobotMode::move) && after.commands_late > before.commands_late;
+  }
+  EXPECT_TRUE(dropped);
+}
+
+// Its own numbers follow each other, whatever the world's steps are, and the torque of an answer is in the
+// next state.
+TEST_F(RealTimeArm, anArmWithAClockOfItsOwnIsControlledAsAnyOther) {
+  VirtualArms arms(scene(), options(true, {{.phase_s = 4e-4, .drift_ppm = -5000}}));
+  arms.start();
+  TestProgram program(arms.place(0));
+  ASSERT_TRUE(program.connected());
+  RobotState state = program.read();
+  bool seen = false;
+  for (int k = 0; k < 20000 && !seen; ++k) {  // on a busy machine some answers are late
+    state = in_torque_motion(program, state);
+    RobotCommand command = program.torques(state);
+    command.tau_J_d[6] = 0.25;
+    program.command(command);
+    const RobotState next = program.read();
+    ASSERT_GT(next.message_id, state.message_id);
+    seen = next.message_id == state.message_id + 1 && std::abs(next.tau_J_d[6] - 0.25) < 1e-6;
+    state = next;
+  }
+  EXPECT_TRUE(seen);
+}
+
+TEST(ArmClocks, driftByTheirRateAndNeverShortenAnAnswersTime) {
+  const HostTime begin{5'000'000'000};
+  for (const double ppm : {-50.0, 0.0, 50.0, 400.0}) {
+    ArmClock clock({.phase_s = 3e-4, .drift_ppm = ppm}, begin);
+    EXPECT_EQ(clock.due().ns, begin.ns + 300'000);
+    constexpr int kCount = 1'000'000;
+    for (int k = 0; k < kCount; ++k) clock.sent(clock.due());
+    // After a thousand of its own seconds the world's clock shows so much less.
+    const double elapsed = 1e-9 * static_cast<double>(clock.due().ns - begin.ns) - 3e-4;
+    EXPECT_NEAR(elapsed * (1 + 1e-6 * ppm), 1000, 1e-6) << ppm;
+    EXPECT_EQ(clock.set_back_ns(), 0u);
+  }
+  ArmClock clock({}, begin);
+  std::mt19937 random(3);
+  std::exponential_distribution<double> late(1 / 2e5);  // [ns]
+  for (int k = 0; k < 10000; ++k) {
+    const HostTime sent{clock.due().ns + static_cast<std::int64_t>(late(random))};
+    clock.sent(sent);
+    ASSERT_GE(clock.due().ns - sent.ns, ArmClock::kLeastNs - 1);
+  }
+  EXPECT_GT(clock.set_back_ns(), 0u);
+}
+
+TEST_F(OneArm, declaresTheManufacturersHandAndRoundsRotations) {
+  TestProgram program(place());
+  const RobotState state = program.read();
+  EXPECT_FLOAT_EQ(static_cast<float>(state.m_ee), 0.73f);
+  const std::array<double, 3> com{-0.01, 0, 0.03};
+  for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(state.F_x_Cee[i], com[i], 1e-8);
+  EXPECT_NEAR(state.F_T_NE[0], 0.7071, 1e-7) << "not 0.70710678";
+  for (std::size_t i = 0; i < 16; ++i) EXPECT_NEAR(state.F_T_EE[i], state.F_T_NE[i], 1e-7);
 }
 
 }  // namespace

@@ -53,6 +53,11 @@ std::array<double, 16> to_wire(const Pose& X) {
   return result;
 }
 
+Pose as_in_settings(Pose X) {
+  X.rotation = (X.rotation.array() * 1e4).round() * 1e-4;
+  return X;
+}
+
 Pose to_pose(const std::array<double, 16>& from) {
   Pose X;
   for (int column = 0; column < 3; ++column) {
@@ -86,10 +91,11 @@ void fill(RobotState& state, std::uint64_t message_id, const SimulatedArm& arm, 
   state.O_T_EE = to_wire(own.X_BE);
   state.O_T_EE_d = to_wire(own.X_BE_d);
   state.O_T_EE_c = to_wire(own.X_BE_c);
-  state.F_T_EE = to_wire(set.frames.X_FE);
   state.EE_T_K = to_wire(set.frames.X_EK);
-  state.F_T_NE = to_wire(config.X_FNE);
-  state.NE_T_EE = to_wire(config.X_FNE.inverse() * set.frames.X_FE);
+  const Pose X_NEE = config.X_FNE.inverse() * set.frames.X_FE, X_FNE = as_in_settings(config.X_FNE);
+  state.F_T_NE = to_wire(X_FNE);
+  state.NE_T_EE = to_wire(X_NEE);
+  state.F_T_EE = to_wire({X_FNE.rotation * X_NEE.rotation, X_FNE * X_NEE.position});
   state.m_ee = config.ee.mass;
   put(state.I_ee, config.ee.inertia);
   put(state.F_x_Cee, config.ee.com);
@@ -141,6 +147,10 @@ void show_idle(RobotState& state, const SimulatedArm& arm) {
   put(state.errors, arm.errors());
   if (arm.errors() != 0) put(state.reflex_reason, arm.errors());
   state.control_command_success_rate = 0;
+}
+
+void show_torque_in_use(RobotState& state, const SimulatedArm& arm) {
+  if (const JointVector* tau = arm.torque_in_use()) put(state.tau_J_d, *tau);
 }
 
 }  // namespace multipanda::fci

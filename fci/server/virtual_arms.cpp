@@ -1,8 +1,10 @@
 #include "fci/server/virtual_arms.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <stdexcept>
 
+#include "device/declared_hand.hpp"
 #include "fci/model/model_library.hpp"
 #include "fci/model/model_urdf.hpp"
 #include "fci/server/gripper_port.hpp"
@@ -22,19 +24,31 @@ Scene prepared(Scene scene, bool grippers) {
 
 ArmPlace default_place(ArmIndex arm) { return {.address = "127.0.0." + std::to_string(arm + 1)}; }
 
+// Hand and tool as a real arm's settings name them: its hand by the manufacturer's rounded figures.
+RigidBody declared_end_effector(const RobotDescription& robot, const SceneArm& arm) {
+  if (!arm.hand) return end_effector(robot, false, arm.tool);
+  const RigidBody hand = end_effector(robot, true, {});
+  const Load declared = declared_hand({hand.mass, hand.com, hand.inertia});
+  const RigidBody body{declared.mass, declared.p_FC, declared.inertia_C};
+  return arm.tool.mass > 0 ? merged(body, {arm.tool.mass, arm.tool.p_FC, arm.tool.inertia_C}) : body;
+}
+
 ArmPortConfig port_config(const Scene& scene, ArmIndex i, const ArmPlace& place,
                           const VirtualArmOptions& options) {
   const SceneArm& arm = scene.arms[i];
   const RobotDescription robot = robot_of(arm);
-  ArmPortConfig config{.name = arm.name,
-                       .address = place.address,
-                       .port = place.port,
-                       .lockstep = options.pace == WorldPace::lockstep,
-                       .fixed = {.X_FNE = {},
-                                 .ee = end_effector(robot, arm.hand, arm.tool),
-                                 .gravity_B = arm.X_WB.rotation.transpose() * Vector3(0, 0, -9.81)},
-                       .model = {.urdf = model_urdf(robot), .library = model_library(robot)},
-                       .seed = options.seed + 2 * i};
+  ArmPortConfig config{
+      .name = arm.name,
+      .address = place.address,
+      .port = place.port,
+      .lockstep = options.pace == WorldPace::lockstep,
+      .strict = options.strict,
+      .own_clock = options.pace == WorldPace::realtime && (options.strict || !options.clocks.empty()),
+      .fixed = {.X_FNE = {},
+                .ee = declared_end_effector(robot, arm),
+                .gravity_B = arm.X_WB.rotation.transpose() * Vector3(0, 0, -9.81)},
+      .model = {.urdf = model_urdf(robot), .library = model_library(robot)},
+      .seed = options.seed + 2 * i};
   if (arm.hand) config.fixed.X_FNE = robot.hand->mount.pose() * robot.hand->tcp.pose();
   return config;
 }
@@ -52,6 +66,16 @@ VirtualArms::VirtualArms(Scene scene, VirtualArmOptions options)
   if (options_.places.size() > scene_.arms.size()) {
     throw std::invalid_argument("the scene has " + std::to_string(scene_.arms.size()) + " arms, but " +
                                 std::to_string(options_.places.size()) + " addresses were given");
+  }
+  if (options_.clocks.size() > scene_.arms.size()) throw std::invalid_argument("more clocks than arms");
+  for (const ClockOffset& clock : options_.clocks) {
+    if (!(clock.phase_s >= 0 && clock.phase_s <= 1e-3) || !(std::abs(clock.drift_ppm) <= 1e4)) {
+      throw std::invalid_argument(
+          "an arm's clock: expected a phase of 0 to 1 ms, a drift of up to 10000 ppm");
+    }
+    if (options_.pace == WorldPace::lockstep && (clock.phase_s != 0 || clock.drift_ppm != 0)) {
+      throw std::invalid_argument("arms with clocks of their own need real time");
+    }
   }
   for (ArmIndex i = 0; i < plant_.arm_count(); ++i) {
     names_.push_back(scene_.arms[i].name);

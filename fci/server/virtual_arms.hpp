@@ -15,6 +15,7 @@
 #include "core/rt/spsc_ring.hpp"
 #include "core/rt/thread_setup.hpp"
 #include "device/arm_error.hpp"
+#include "fci/server/arm_clock.hpp"
 #include "fci/server/arm_port.hpp"
 #include "fci/server/datagram_faults.hpp"
 #include "fci/server/end_effector_port.hpp"
@@ -40,6 +41,12 @@ struct VirtualArmOptions {
   // Per arm; fewer or an empty address: 127.0.0.1 for the first arm, 127.0.0.2 for the second, and so on.
   std::vector<ArmPlace> places;
   WorldPace pace = WorldPace::realtime;
+  // Late answers are dropped as by a real arm: ArmPortConfig::strict. In real time the answer's time counts
+  // from when the state was really sent.
+  bool strict = false;
+  // Real time: per arm, fewer: none. Arms with an offset, and strict ones, send at instants of their own the
+  // newest step of the world, numbered by themselves.
+  std::vector<ClockOffset> clocks;
   bool grippers = true;     // of the hands and vacuum grippers in the scene, at their own ports
   DatagramFaults faults{};  // of every arm, from the start
   std::uint64_t seed = 1;   // of the faults
@@ -122,10 +129,13 @@ class VirtualArms {
   void listen();
   void run();
   void run_realtime();
+  void run_own_clocks();
+  bool has_own_clocks() const;
   void run_lockstep();
   HostTime step_due() const;
   bool grippers_move() const;
   void step();
+  void advance_world();
   void tend(HostTime now);
   void take_words();
   void carry_out(const Control& control);

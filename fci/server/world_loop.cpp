@@ -36,7 +36,9 @@ constexpr nanoseconds kTogether{20'000'000};
 void VirtualArms::run() {
   stepped_at_ = host_now();
   view_.publish(static_cast<std::uint64_t>(plant_.periods()) + 1, plant_);
-  if (options_.pace == WorldPace::realtime) {
+  if (has_own_clocks()) {
+    run_own_clocks();
+  } else if (options_.pace == WorldPace::realtime) {
     run_realtime();
   } else {
     run_lockstep();
@@ -61,11 +63,16 @@ void VirtualArms::step() {
     if (port->has_command()) plant_.begin_timeline();
   }
   for (auto& port : ports_) port->command();
+  advance_world();
+  for (auto& port : ports_) port->stepped(plant_.periods());
+}
+
+// The world and what moves in it without an arm's commands.
+void VirtualArms::advance_world() {
   if (pushing_) apply_pushes();
   plant_.advance();
   const std::int64_t period = plant_.periods();
   view_.publish(static_cast<std::uint64_t>(period) + 1, plant_);
-  for (auto& port : ports_) port->stepped(period);
   for (const auto* ports : {&grippers_, &vacuums_}) {
     for (const auto& port : *ports) {
       if (port) port->stepped(period);
@@ -107,6 +114,51 @@ void VirtualArms::run_realtime() {
       grid = grid + given_up * kArmPeriodNs;
     }
     release = std::max(grid, now + kShortestPeriod);
+  }
+}
+
+// --- real time, each arm by its own clock ---
+
+bool VirtualArms::has_own_clocks() const {
+  return options_.pace == WorldPace::realtime && (options_.strict || !options_.clocks.empty());
+}
+
+// The world advances every millisecond with the torques that the arms have; an arm takes its command and
+// sends its newest measurements at its own instants. Where both fall together the world goes first.
+void VirtualArms::run_own_clocks() {
+  const HostTime begin = host_now() + kArmPeriodNs;
+  ArmClock world({}, begin);
+  std::vector<ArmClock> clocks;
+  for (ArmIndex i = 0; i < ports_.size(); ++i) {
+    clocks.emplace_back(i < options_.clocks.size() ? options_.clocks[i] : ClockOffset{}, begin);
+  }
+  std::vector<std::int64_t> sent(ports_.size(), 0);
+  while (!ending_ && !plant_.failed()) {
+    HostTime wake = world.due();
+    for (ArmIndex i = 0; i < ports_.size(); ++i) {
+      wake = std::min(wake, clocks[i].due());
+      if (const auto due = ports_[i]->next_due()) wake = std::min(wake, *due);
+    }
+    timer_.ensure(wake);
+    poll_.serve(-1);
+    take_words();
+    if (const HostTime now = host_now(); now >= world.due()) {
+      advance_world();
+      world.sent(now);
+      overruns_.set(world.set_back_ns() / static_cast<std::uint64_t>(kArmPeriodNs.count()));
+    }
+    for (ArmIndex i = 0; i < ports_.size(); ++i) {
+      ArmPort& port = *ports_[i];
+      const HostTime now = host_now();
+      const bool due = now >= clocks[i].due();
+      if (due || port.next_due()) port.receive(now);
+      if (!due) continue;
+      if (port.has_command()) plant_.begin_timeline();
+      port.command();
+      port.stepped(++sent[i]);
+      clocks[i].sent(host_now());
+      port.tend(host_now());
+    }
   }
 }
 

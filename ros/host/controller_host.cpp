@@ -242,8 +242,8 @@ std::string ControllerHost::set_parameters(const std::vector<rcl_interfaces::msg
     const Answer answer = modes.ask(requests);
     return answer.accepted() ? "" : reason(modes, requests.front(), answer.verdict);
   }
-  std::uint64_t ticket = 0;  // taken by the first step after the activation
-  const Verdict verdict = modes.post(requests, ticket);
+  std::uint64_t ticket = 0;  // taken by the first step after the activation, whenever that is
+  const Verdict verdict = modes.post(requests, ticket, Mailbox::kForever);
   return verdict == Verdict::accepted ? "" : reason(modes, requests.front(), verdict);
 }
 

@@ -5,6 +5,7 @@
 #include "ros/adapter/ros_adapter.hpp"
 #include "runtime/embedded/hardware_parameters.hpp"
 #include "runtime/embedded/hardware_system.hpp"
+#include "runtime/embedded/tear_down.hpp"
 
 namespace multipanda::ros {
 namespace {
@@ -30,6 +31,7 @@ struct HardwareHost::Implementation {
   Extras extras;
   std::unique_ptr<HardwareSystem> system;
   std::unique_ptr<RosAdapter> services;
+  TearDown tear_down;
 };
 
 HardwareHost::HardwareHost(Kind kind, const std::map<std::string, std::string>& parameters,
@@ -37,19 +39,38 @@ HardwareHost::HardwareHost(Kind kind, const std::map<std::string, std::string>& 
     : self_(std::make_unique<Implementation>()) {
   self_->extras.services = flag(parameters, "services", true);
   const bool real = kind == Kind::fci;
-  const Scene scene = hardware_scene(parameters, real, {"services"});
-  self_->system = std::make_unique<HardwareSystem>(
-      scene, real ? real_arms(scene, std::move(report)) : mujoco_arms(scene));
+  const bool lockstep = flag(parameters, "lockstep", false);
+  const Scene scene = hardware_scene(parameters, real, {"services", "lockstep"});
+  self_->system =
+      std::make_unique<HardwareSystem>(scene, !real      ? mujoco_arms(scene)
+                                              : lockstep ? lockstep_arms(scene, std::move(report))
+                                                         : answered_arms(scene, std::move(report)));
 }
 
-HardwareHost::~HardwareHost() { self_->services.reset(); }
+HardwareHost::~HardwareHost() {
+  self_->tear_down.wait();
+  self_->services.reset();
+}
 
 const HardwareHost::Extras& HardwareHost::extras() const { return self_->extras; }
 std::vector<HardwareHost::Number> HardwareHost::states() const { return plain(self_->system->states()); }
 std::vector<HardwareHost::Number> HardwareHost::commands() const { return plain(self_->system->commands()); }
-void HardwareHost::connect() { self_->system->connect(); }
+void HardwareHost::connect() {
+  self_->tear_down.wait();
+  self_->system->connect();
+}
 void HardwareHost::disconnect() {
+  self_->tear_down.wait();
   if (self_->system->is_connected()) self_->system->disconnect();
+}
+
+void HardwareHost::disconnect_later(std::shared_ptr<void> node) noexcept {
+  // The system's own thread begins at once; it does not wait for the services.
+  self_->system->disconnect_later();
+  self_->tear_down.start([this, node = std::move(node)]() mutable {
+    self_->services.reset();
+    node.reset();
+  });
 }
 
 void HardwareHost::serve(rcl_node_t* node) {
@@ -57,7 +78,10 @@ void HardwareHost::serve(rcl_node_t* node) {
   options.parameter_services = options.controllets = options.state = options.motions = false;
   self_->services = std::make_unique<RosAdapter>(self_->system->run_context(), options, node);
 }
-void HardwareHost::stop_serving() { self_->services.reset(); }
+void HardwareHost::stop_serving() {
+  self_->tear_down.wait();
+  self_->services.reset();
+}
 
 bool HardwareHost::prepare_switch(const std::vector<std::string>& start, const std::vector<std::string>& stop,
                                   std::string& why) const {
@@ -69,7 +93,9 @@ void HardwareHost::perform_switch(const std::vector<std::string>& start,
 }
 void HardwareHost::deactivate() noexcept { self_->system->deactivate(); }
 bool HardwareHost::read() noexcept { return self_->system->read() == HardwareSystem::Result::ok; }
-bool HardwareHost::write() noexcept { return self_->system->write() == HardwareSystem::Result::ok; }
+bool HardwareHost::write(std::int64_t stamp_ns) noexcept {
+  return self_->system->write(stamp_ns) == HardwareSystem::Result::ok;
+}
 std::string HardwareHost::fault() const { return self_->system->fault(); }
 
 }  // namespace multipanda::ros

@@ -38,6 +38,9 @@ class __attribute__((visibility("default"))) HardwareHost {
   // Off the loop.
   void connect();  // throws std::runtime_error with the remedy
   void disconnect();
+  // The same with stop_serving(), for the loop's thread: returns at once, and a thread does the work,
+  // which the other functions off the loop wait for. It holds `node` until the services on it have ended.
+  void disconnect_later(std::shared_ptr<void> node) noexcept;
   // Offers services of the arms (recover, set_load, ...; docs/ros_interfaces.md) on this node, which
   // outlives them.
   void serve(rcl_node_t* node);
@@ -49,8 +52,9 @@ class __attribute__((visibility("default"))) HardwareHost {
   // Loop; these functions do not wait.
   void perform_switch(const std::vector<std::string>& start, const std::vector<std::string>& stop) noexcept;
   void deactivate() noexcept;
-  bool read() noexcept;   // false: no arm is left; fault() gives the reason
-  bool write() noexcept;  // as read()
+  bool read() noexcept;  // false: no arm is left; fault() gives the reason
+  // As read(). `stamp_ns`: the time of this cycle on the program's clock.
+  bool write(std::int64_t stamp_ns) noexcept;
   std::string fault() const;
 
  private:

@@ -47,7 +47,7 @@ class Loop {
     take();
     const bool stands = controller_.update(0.001);
     for (std::size_t i = 0; i < commands_.size(); ++i) *commands_[i] = controller_.commands()[i];
-    return hardware_.write() && alive && stands;
+    return hardware_.write(time_ns_ += 1'000'000) && alive && stands;
   }
   template <typename Condition>
   bool until(Condition condition) {
@@ -61,6 +61,7 @@ class Loop {
 
  private:
   HardwareHost& hardware_;
+  std::int64_t time_ns_ = 0;
   ControllerHost& controller_;
   std::vector<double*> states_, commands_;
 };

@@ -13,44 +13,59 @@
 #include "ros/rcl/error.hpp"
 
 namespace multipanda::ros {
+namespace {
+
+// Fast DDS 3 (Kilted) and older versions read the profile from different variables.
+#if defined(RCL_VERSION_MAJOR) && RCL_VERSION_MAJOR < 10
+constexpr const char* kProfileVariable = "FASTRTPS_DEFAULT_PROFILES_FILE";
+#else
+constexpr const char* kProfileVariable = "FASTDDS_DEFAULT_PROFILES_FILE";
+#endif
+
+bool is_set(const char* name) {
+  const char* value = std::getenv(name);
+  return value != nullptr && !std::string_view(value).empty();
+}
+
+bool use_profile(const char* path) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(path, ignored)) return false;
+  setenv(kProfileVariable, path, 1);
+  return true;
+}
+
+}  // namespace
 
 bool keep_to_this_machine() {
   for (const char* name :
        {"FASTDDS_BUILTIN_TRANSPORTS", "FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE",
         "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"}) {
-    const char* value = std::getenv(name);
-    if (value != nullptr && !std::string_view(value).empty()) return false;
+    if (is_set(name)) return false;
   }
-  // Shared memory is then the only transport, and SYSTEM_DEFAULT keeps rmw from adding sockets for a range.
-  // Other middlewares than Fast DDS need LOCALHOST.
-  const char* middleware = std::getenv("RMW_IMPLEMENTATION");
-  const bool fast_dds = middleware == nullptr || std::string_view(middleware).empty() ||
-                        std::string_view(middleware).find("fastrtps") != std::string_view::npos;
-  setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM", 1);
-  setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", fast_dds ? "SYSTEM_DEFAULT" : "LOCALHOST", 1);
 #if defined(RCL_VERSION_MAJOR) && RCL_VERSION_MAJOR < 6
-  setenv("ROS_LOCALHOST_ONLY", "1", 1);  // Humble knows neither variable
+  setenv("ROS_LOCALHOST_ONLY", "1", 1);  // Humble's rmw makes a loopback transport of its own
+#else
+  // Other middlewares than Fast DDS need LOCALHOST. For Fast DDS, SYSTEM_DEFAULT keeps rmw from changing what
+  // the profile says; without the profile (a moved source tree) shared memory alone is as closed.
+  const std::string_view middleware = is_set("RMW_IMPLEMENTATION") ? std::getenv("RMW_IMPLEMENTATION") : "";
+  const bool fast_dds = middleware.empty() || middleware.find("fastrtps") != std::string_view::npos;
+  setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", fast_dds ? "SYSTEM_DEFAULT" : "LOCALHOST", 1);
+  if (fast_dds && !use_profile(MULTIPANDA_FASTDDS_LOOPBACK)) setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM", 1);
 #endif
   return true;
 }
 
 bool publish_in_background() {
   constexpr const char* kMode = "RMW_FASTRTPS_PUBLICATION_MODE";
-  const char* value = std::getenv(kMode);
-  if (value != nullptr && !std::string_view(value).empty()) return false;
+  if (is_set(kMode)) return false;
   setenv(kMode, "ASYNCHRONOUS", 1);
   return true;
 }
 
 bool ask_for_no_types() {
-  for (const char* name : {"FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"}) {
-    const char* value = std::getenv(name);
-    if (value != nullptr && !std::string_view(value).empty()) return false;
-  }
-  std::error_code ignored;
-  if (!std::filesystem::exists(MULTIPANDA_FASTDDS_PROFILE, ignored)) return false;
-  setenv("FASTDDS_DEFAULT_PROFILES_FILE", MULTIPANDA_FASTDDS_PROFILE, 1);
-  return true;
+  for (const char* name : {"FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"})
+    if (is_set(name)) return false;
+  return use_profile(MULTIPANDA_FASTDDS_PROFILE);
 }
 
 Context::Context(std::vector<std::string> arguments) : context_(rcl_get_zero_initialized_context()) {

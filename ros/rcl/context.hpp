@@ -7,12 +7,12 @@
 
 namespace multipanda::ros {
 
-// By default ROS 2 opens sockets on every network. This function makes the default stay on this machine: it
-// sets FASTDDS_BUILTIN_TRANSPORTS=SHM and ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT (LOCALHOST for another
-// middleware than Fast DDS). It does nothing if the environment has one of FASTDDS_BUILTIN_TRANSPORTS,
-// FASTDDS_DEFAULT_PROFILES_FILE, FASTRTPS_DEFAULT_PROFILES_FILE, ROS_AUTOMATIC_DISCOVERY_RANGE,
-// ROS_LOCALHOST_ONLY, ROS_STATIC_PEERS, ROS_DISCOVERY_SERVER. Returns whether it set the variables. Call
-// before other threads read the environment.
+// By default ROS 2 opens sockets on every network. This function makes the default stay on this machine and
+// be visible to every ROS 2 program on it: it names the profile fastdds_loopback.xml (for another middleware
+// than Fast DDS: ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST; on Humble ROS_LOCALHOST_ONLY=1). It does nothing if
+// the environment has one of FASTDDS_BUILTIN_TRANSPORTS, FASTDDS_DEFAULT_PROFILES_FILE,
+// FASTRTPS_DEFAULT_PROFILES_FILE, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_LOCALHOST_ONLY, ROS_STATIC_PEERS,
+// ROS_DISCOVERY_SERVER. Returns whether it set variables. Call before other threads read the environment.
 bool keep_to_this_machine();
 
 // Makes the middleware send on its own thread, unless RMW_FASTRTPS_PUBLICATION_MODE is set. A process that is
@@ -21,10 +21,9 @@ bool keep_to_this_machine();
 bool publish_in_background();
 
 // Disables Fast DDS' look-up of types at other participants, which ROS 2 does not need; programs that ended
-// during a look-up were seen to crash (short-lived nodes next to a busy run). Sets
-// FASTDDS_DEFAULT_PROFILES_FILE to a profile without it (fastdds_profile.xml), unless that or
-// FASTRTPS_DEFAULT_PROFILES_FILE is set. Returns whether it set the variable. Call after
-// keep_to_this_machine(), which respects that variable.
+// during a look-up were seen to crash (short-lived nodes next to a busy run). If no profile is set, it names
+// one without the look-up (fastdds_profile.xml); fastdds_loopback.xml disables it, too. Returns whether it
+// set the variable. Call after keep_to_this_machine(), which respects that variable.
 bool ask_for_no_types();
 
 // ROS as one program uses it (rcl_init to rcl_shutdown). Outlives every entity made with it.

@@ -67,6 +67,20 @@ struct Rcl : testing::Test {
   }
 };
 
+// Fast DDS 3 (Kilted) and older versions read the profile from different variables.
+#if defined(RCL_VERSION_MAJOR) && RCL_VERSION_MAJOR < 10
+constexpr const char* kProfileVariable = "FASTRTPS_DEFAULT_PROFILES_FILE";
+constexpr const char* kOtherVariable = "FASTDDS_DEFAULT_PROFILES_FILE";
+#else
+constexpr const char* kProfileVariable = "FASTDDS_DEFAULT_PROFILES_FILE";
+constexpr const char* kOtherVariable = "FASTRTPS_DEFAULT_PROFILES_FILE";
+#endif
+
+std::string text_of(const char* path) {
+  std::ifstream file(path);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
 TEST(Environment, StaysOnThisMachineByDefault) {
   const std::vector<std::string> all{"FASTDDS_BUILTIN_TRANSPORTS",
                                      "FASTDDS_DEFAULT_PROFILES_FILE",
@@ -80,8 +94,13 @@ TEST(Environment, StaysOnThisMachineByDefault) {
   };
   clear();
   EXPECT_TRUE(keep_to_this_machine());
-  EXPECT_STREQ(std::getenv("FASTDDS_BUILTIN_TRANSPORTS"), "SHM");
   EXPECT_STREQ(std::getenv("ROS_AUTOMATIC_DISCOVERY_RANGE"), "SYSTEM_DEFAULT");
+  ASSERT_NE(std::getenv(kProfileVariable), nullptr);
+  const std::string profile = text_of(std::getenv(kProfileVariable));
+  EXPECT_THAT(profile, HasSubstr("<address>127.0.0.1</address>"));
+  EXPECT_THAT(profile, HasSubstr("<useBuiltinTransports>false</useBuiltinTransports>"));
+  EXPECT_THAT(profile, HasSubstr("<name>fastdds.type_propagation</name><value>disabled</value>"));
+  EXPECT_FALSE(ask_for_no_types()) << "the profile disables them already";
   EXPECT_FALSE(keep_to_this_machine()) << "the environment takes precedence";
   for (const auto& name : all) {
     clear();
@@ -110,21 +129,19 @@ TEST(Environment, WritersDoNotWaitForReadersByDefault) {
 }
 
 TEST(Environment, TypesAreNotLookedUpUnlessAProfileIsSet) {
-  constexpr const char* kProfile = "FASTDDS_DEFAULT_PROFILES_FILE";
-  constexpr const char* kOlder = "FASTRTPS_DEFAULT_PROFILES_FILE";
-  unsetenv(kProfile);
+  unsetenv(kProfileVariable);
+  unsetenv(kOtherVariable);
   EXPECT_TRUE(ask_for_no_types());
-  std::ifstream file(std::getenv(kProfile));
-  const std::string profile(std::istreambuf_iterator<char>(file), {});
-  EXPECT_THAT(profile, HasSubstr("<name>fastdds.type_propagation</name><value>disabled</value>"));
-  setenv(kProfile, "as the user set it", 1);
+  EXPECT_THAT(text_of(std::getenv(kProfileVariable)),
+              HasSubstr("<name>fastdds.type_propagation</name><value>disabled</value>"));
+  setenv(kProfileVariable, "as the user set it", 1);
   EXPECT_FALSE(ask_for_no_types());
-  EXPECT_STREQ(std::getenv(kProfile), "as the user set it");
-  unsetenv(kProfile);
-  setenv(kOlder, "as the user set it", 1);
+  EXPECT_STREQ(std::getenv(kProfileVariable), "as the user set it");
+  unsetenv(kProfileVariable);
+  setenv(kOtherVariable, "as the user set it", 1);
   EXPECT_FALSE(ask_for_no_types());
-  EXPECT_EQ(std::getenv(kProfile), nullptr);
-  unsetenv(kOlder);
+  EXPECT_EQ(std::getenv(kProfileVariable), nullptr);
+  unsetenv(kOtherVariable);
 }
 
 TEST(Qos, DescribesItselfInText) {

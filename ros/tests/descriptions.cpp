@@ -59,6 +59,7 @@ Component fci_component(const std::string& name, const std::vector<std::string>&
   Component component = arms_of_this_project(name, "multipanda_hardware/FciSystem", arms);
   for (std::size_t i = 0; i < arms.size(); ++i)
     component.parameters["arms." + arms[i] + ".fci"] = addresses[i];
+  component.parameters["lockstep"] = "true";  // the tests' virtual arms wait for each command
   return component;
 }
 

@@ -5,6 +5,7 @@
 #include "backends/mujoco/mujoco_backend.hpp"
 #include "fci/client/fci_backend.hpp"
 #include "fci/client/from_scene.hpp"
+#include "runtime/embedded/answered_arm.hpp"
 
 namespace multipanda {
 namespace {
@@ -63,36 +64,20 @@ class MujocoArms final : public HardwareArms {
   MujocoBackend backend_;
 };
 
-fci::ArmMotion fci_motion(ArmDrive drive) {
-  switch (drive) {
-    case ArmDrive::none:
-      break;
-    case ArmDrive::effort:
-      return fci::ArmMotion::torque;
-    case ArmDrive::joint_position:
-      return fci::ArmMotion::joint_position;
-    case ArmDrive::joint_velocity:
-      return fci::ArmMotion::joint_velocity;
-    case ArmDrive::cartesian_pose:
-      return fci::ArmMotion::cartesian_pose;
-    case ArmDrive::cartesian_velocity:
-      return fci::ArmMotion::cartesian_velocity;
-  }
-  return fci::ArmMotion::none;
-}
-
 std::vector<fci::FciArmConfig> fci_arms(const Scene& scene) {
   std::vector<fci::FciArmConfig> arms;
   for (const auto& arm : scene.arms) {
     if (!arm.fci) throw std::invalid_argument("arm '" + arm.name + "' has no address (robot_ip, or fci)");
     arms.push_back(fci::fci_arm_config(arm, arm.fci->address));
+    arms.back().limit_rate = true;  // no safety stage has limited the torques
+    arms.back().limit_rate = true;  // any controller may command them
   }
   return arms;
 }
 
-class RealArms final : public HardwareArms {
+class LockstepArms final : public HardwareArms {
  public:
-  RealArms(const Scene& scene, std::function<void(const std::string&)> report)
+  LockstepArms(const Scene& scene, std::function<void(const std::string&)> report)
       : backend_(fci_arms(scene), {.begin_torque = false, .report = std::move(report)}) {}
 
   Backend& backend() override { return backend_; }
@@ -118,11 +103,7 @@ class RealArms final : public HardwareArms {
     return desired;
   }
   void command(ArmIndex arm, const InterfaceCommand& command) noexcept override {
-    fci::RobotCommand wire;
-    if (command.q_c.size() == 7) std::copy(command.q_c.begin(), command.q_c.end(), wire.q_c.begin());
-    if (command.dq_c.size() == 7) std::copy(command.dq_c.begin(), command.dq_c.end(), wire.dq_c.begin());
-    wire.O_T_EE_c = command.O_T_EE_c;
-    std::copy(command.O_dP_EE_c.begin(), command.O_dP_EE_c.end(), wire.O_dP_EE_c.begin());
+    fci::RobotCommand wire = fci_command(command);
     backend_.command(arm, wire);
   }
   void stop(ArmIndex arm) noexcept override { backend_.request_motion(arm, fci::ArmMotion::none); }
@@ -162,8 +143,9 @@ MotionGenerator generator_of(ArmDrive drive) {
 }
 
 std::unique_ptr<HardwareArms> mujoco_arms(const Scene& scene) { return std::make_unique<MujocoArms>(scene); }
-std::unique_ptr<HardwareArms> real_arms(const Scene& scene, std::function<void(const std::string&)> report) {
-  return std::make_unique<RealArms>(scene, std::move(report));
+std::unique_ptr<HardwareArms> lockstep_arms(const Scene& scene,
+                                            std::function<void(const std::string&)> report) {
+  return std::make_unique<LockstepArms>(scene, std::move(report));
 }
 
 }  // namespace multipanda

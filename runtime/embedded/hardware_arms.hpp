@@ -8,20 +8,11 @@
 
 #include "core/cycle/backend.hpp"
 #include "device/arm_interface.hpp"
+#include "runtime/embedded/arm_drive.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
 
-// What drives an arm of a hardware component: the kind of command interfaces that a controller claimed.
-enum class ArmDrive : std::uint8_t {
-  none,  // no controller: the arm holds itself
-  effort,
-  joint_position,
-  joint_velocity,
-  cartesian_pose,
-  cartesian_velocity
-};
-inline constexpr std::size_t kArmDrives = 6;
 const char* name_of(ArmDrive drive);
 MotionGenerator generator_of(ArmDrive drive);
 
@@ -39,11 +30,18 @@ class HardwareArms {
 
   // Takes what has arrived, without waiting. Returns the arms that have a new state.
   virtual ArmSet update() noexcept = 0;
+  // The clock of the commands that follow; returns the time since the last ones [s]. Simulated arms have the
+  // clock of the commands.
+  virtual double set_time(std::int64_t /*stamp_ns*/) noexcept { return kArmPeriod; }
   // Selects what drives the arm from now on. Simulated arms: at once; real arms: by their own thread.
   virtual void set_drive(ArmIndex arm, ArmDrive drive) noexcept = 0;
   // Once per write(), for drives other than effort and none: returns whether the arm takes commands of
   // this drive.
   virtual bool is_driven(ArmIndex arm, ArmDrive drive) noexcept = 0;
+  // Whether the arm's motion ended in hold since the last call, because no commands came: they begin again.
+  virtual bool take_restart(ArmIndex /*arm*/) noexcept { return false; }
+  // Whether an arm that is driven follows the commands.
+  virtual bool follows(ArmIndex /*arm*/) const noexcept { return true; }
   // The arm's own desired motion.
   struct Desired {
     std::array<double, kMaxJoints> q_d{};
@@ -61,8 +59,13 @@ class HardwareArms {
 
 // Arms in MuJoCo, which advance by 1 ms per update(). Throws std::invalid_argument.
 std::unique_ptr<HardwareArms> mujoco_arms(const Scene& scene);
-// Real arms, or virtual ones behind the same protocol. `report` receives unsolicited messages, from threads
-// of the arms.
-std::unique_ptr<HardwareArms> real_arms(const Scene& scene, std::function<void(const std::string&)> report);
+// Real arms, or virtual ones behind the same protocol, each answered by a thread of its own (AnsweredArm).
+// `report` receives unsolicited messages, from threads of the arms.
+std::unique_ptr<HardwareArms> answered_arms(const Scene& scene,
+                                            std::function<void(const std::string&)> report);
+// Virtual arms that wait for each command, in lock-step: each write() answers the packets of the last read().
+// Not for arms with a clock of their own, which would miss commands.
+std::unique_ptr<HardwareArms> lockstep_arms(const Scene& scene,
+                                            std::function<void(const std::string&)> report);
 
 }  // namespace multipanda

@@ -45,7 +45,7 @@ class RealHardware : public testing::Test {
     options.pace = fci::WorldPace::lockstep;
     world = std::make_unique<fci::VirtualArms>(scene, options);
     world->start();
-    hardware = std::make_unique<HardwareSystem>(scene, real_arms(scene, [this](const std::string& text) {
+    hardware = std::make_unique<HardwareSystem>(scene, lockstep_arms(scene, [this](const std::string& text) {
                                                   const std::lock_guard lock(mutex);
                                                   messages += text + "\n";
                                                 }));

@@ -51,6 +51,7 @@ HardwareSystem::HardwareSystem(Scene scene, std::unique_ptr<HardwareArms> arms)
 }
 
 HardwareSystem::~HardwareSystem() {
+  tear_down_.wait();
   if (connected_) disconnect();
 }
 
@@ -89,6 +90,8 @@ void HardwareSystem::list_numbers(ArmIndex index) {
 }
 
 void HardwareSystem::connect() {
+  tear_down_.wait();
+  released_ = false;
   hardware_->connect();
   connected_ = true;
   for (Arm& arm : arms_) arm.shared_value = to_interface(&arm.shared);
@@ -105,9 +108,26 @@ void HardwareSystem::connect() {
 }
 
 void HardwareSystem::disconnect() {
+  tear_down_.wait();
+  if (released_) return;
+  release();
+  close();
+}
+
+void HardwareSystem::disconnect_later() {
+  if (!connected_) return;
+  release();
+  released_ = true;
+  tear_down_.start([this] { close(); });
+}
+
+void HardwareSystem::release() noexcept {
   deactivate();
   for (Arm& arm : arms_) arm.shared_value = 0;
   connected_ = false;
+}
+
+void HardwareSystem::close() {
   hardware_->disconnect();
   for (Arm& arm : arms_) arm.shared.state = {};  // connect() waits for new states
   for (ArmState& state : read_) state = {};
@@ -185,6 +205,7 @@ void HardwareSystem::perform_switch(const std::vector<std::string>& start,
     Arm& arm = arms_[i];
     ArmDrive drive{};
     if (!drive_of(arm, arm.claims, drive)) drive = ArmDrive::none;  // not prepared: no controller drives it
+    if (released_) continue;
     // A claim of the same kind by another controller is a start, too; interfaces in use keep their commands.
     if (drive == arm.drive) continue;
     arm.drive = drive;
@@ -208,6 +229,7 @@ void HardwareSystem::seed(ArmIndex index) {
 }
 
 void HardwareSystem::deactivate() noexcept {
+  if (released_) return;
   for (ArmIndex i = 0; i < arms_.size(); ++i) {
     Arm& arm = arms_[i];
     arm.claims.reset();
@@ -220,6 +242,7 @@ void HardwareSystem::deactivate() noexcept {
 }
 
 HardwareSystem::Result HardwareSystem::read() noexcept {
+  if (released_) return Result::ok;  // another thread closes the connections
   const ArmSet due = hardware_->update();
   hardware_->backend().read(due, read_);
   bool any = false;
@@ -260,14 +283,16 @@ void HardwareSystem::publish(Arm& arm) {
   std::copy(w.begin(), w.end(), arm.twist.begin() + 3);
 }
 
-HardwareSystem::Result HardwareSystem::write() noexcept {
+HardwareSystem::Result HardwareSystem::write(std::int64_t stamp_ns) noexcept {
+  if (released_) return Result::ok;
+  passed_ = hardware_->set_time(stamp_ns);
   ArmSet effort;
   for (ArmIndex i = 0; i < arms_.size(); ++i) {
     Arm& arm = arms_[i];
     if (arm.drive == ArmDrive::effort) {
       effort |= ArmSet::of(i);
       std::copy_n(arm.effort_c.begin(), arm.joints, torques_[i].tau_cmd.data());
-      arm.following = arm.shared.state.mode == ArmMode::move ? 1 : 0;
+      arm.following = arm.shared.state.mode == ArmMode::move && hardware_->follows(i) ? 1 : 0;
     } else if (arm.drive == ArmDrive::none) {
       arm.following = 0;
     } else {
@@ -286,6 +311,10 @@ void HardwareSystem::drive_arm(ArmIndex index) {
     arm.following = 0;
     return;
   }
+  if (hardware_->take_restart(index)) {  // commands from before a pause are not resumed
+    arm.was_driven = false;
+    arm.had_fault = true;
+  }
   if (!arm.was_driven) arm.join.begin(arm.had_fault);
   arm.was_driven = arm.has_driven = true;
   arm.had_fault = false;
@@ -296,18 +325,18 @@ void HardwareSystem::drive_arm(ArmIndex index) {
   CommandJoin::Result result = CommandJoin::Result::waiting;
   switch (arm.drive) {
     case ArmDrive::joint_position:
-      result = arm.join.positions(joints(arm.position_c), joints(desired.q_d), kArmPeriod,
+      result = arm.join.positions(joints(arm.position_c), joints(desired.q_d), passed_,
                                   std::span(command.q_c.data(), arm.joints));
       break;
     case ArmDrive::joint_velocity:
       result =
-          arm.join.velocities(joints(arm.velocity_c), kArmPeriod, std::span(command.dq_c.data(), arm.joints));
+          arm.join.velocities(joints(arm.velocity_c), passed_, std::span(command.dq_c.data(), arm.joints));
       break;
     case ArmDrive::cartesian_pose:
-      result = arm.join.pose(arm.pose_c, desired.O_T_EE_d, kArmPeriod, command.O_T_EE_c);
+      result = arm.join.pose(arm.pose_c, desired.O_T_EE_d, passed_, command.O_T_EE_c);
       break;
     case ArmDrive::cartesian_velocity:
-      result = arm.join.velocities(arm.twist_c, kArmPeriod, std::span(command.O_dP_EE_c.data(), kTwist));
+      result = arm.join.velocities(arm.twist_c, passed_, std::span(command.O_dP_EE_c.data(), kTwist));
       break;
     case ArmDrive::none:
     case ArmDrive::effort:
@@ -319,7 +348,7 @@ void HardwareSystem::drive_arm(ArmIndex index) {
     arm.drive = ArmDrive::none;
     return;
   }
-  arm.following = result == CommandJoin::Result::following ? 1 : 0;
+  arm.following = result == CommandJoin::Result::following && hardware_->follows(index) ? 1 : 0;
   hardware_->command(index, command);
 }
 

@@ -13,6 +13,7 @@
 #include "runtime/embedded/command_join.hpp"
 #include "runtime/embedded/hardware_arms.hpp"
 #include "runtime/embedded/shared_arm_state.hpp"
+#include "runtime/embedded/tear_down.hpp"
 #include "runtime/run_adapter.hpp"
 
 namespace multipanda {
@@ -50,6 +51,9 @@ class HardwareSystem {
   // Throws std::runtime_error with the remedy. States are available afterwards.
   void connect();
   void disconnect();
+  // The same, for a loop that must not wait: the arms are released at once, and a thread stops them and
+  // closes their connections. connect() and disconnect() wait for it.
+  void disconnect_later();
   bool is_connected() const { return connected_; }
 
   // Returns whether `stop` can be released and `start` be claimed (full names; those of other components are
@@ -66,7 +70,10 @@ class HardwareSystem {
     lost  // no arm is left: all connections are lost, or the simulation failed (fault())
   };
   Result read() noexcept;
-  Result write() noexcept;
+  // `stamp_ns`: the clock by which the commands were computed; only differences count. Without it they count
+  // as computed now.
+  Result write(std::int64_t stamp_ns) noexcept;
+  Result write() noexcept { return write(host_now().ns); }
   std::string fault() const;
 
   ArmDrive drive(ArmIndex arm) const { return arms_[arm].drive; }
@@ -120,6 +127,8 @@ class HardwareSystem {
   void publish(Arm& arm);
   void seed(ArmIndex index);
   void drive_arm(ArmIndex index);
+  void release() noexcept;
+  void close();
   bool fault_free() const noexcept { return !hardware_->failed(); }
 
   Scene scene_;
@@ -130,10 +139,14 @@ class HardwareSystem {
   std::vector<ArmState> read_;
   std::vector<ArmCommand> torques_;
   bool connected_ = false;
+  bool released_ = false;       // disconnect_later() closes, or has closed
+  double passed_ = kArmPeriod;  // between the last two writes, for fading in [s]
 
   // For run_context(), built on demand.
   std::unique_ptr<Registry> registry_;
   std::unique_ptr<ControlCycle> resting_;
+
+  TearDown tear_down_;  // ends before what it uses
 };
 
 }  // namespace multipanda

@@ -57,6 +57,7 @@ void HostedCycle::activate() noexcept {
   taking_.fill(0);
   took_ = {};
   activated_ = cycle_->data().tick.t;
+  modes().begin_anew();  // what was asked of an inactive controller does not move its arms
   modes().start_when_ready(start_set_);
   active_.store(true, std::memory_order_release);
 }
@@ -70,16 +71,16 @@ bool HostedCycle::step(double period_s) noexcept {
 // can be commanded.
 bool HostedCycle::watch_arms() {
   const auto& states = cycle_->data().state;
+  const auto& conditions = cycle_->data().condition;
   bool any = false;
   ArmSet settled, lost;
   for (ArmIndex i = 0; i < states.size(); ++i) {
-    const ArmMode mode = states[i].mode;
-    const bool takes = takes_commands(mode);
+    const bool takes = conditions[i].usable;
     taking_[i] = takes ? std::min(taking_[i] + 1, kSettled) : 0;
     if (taking_[i] == kSettled) settled |= ArmSet::of(i);
     if (takes) took_ |= ArmSet::of(i);
     if (!takes && took_.contains(i)) lost |= ArmSet::of(i);
-    any = any || takes || mode == ArmMode::recovering;
+    any = any || takes || states[i].mode == ArmMode::recovering;
   }
   const bool late = seconds(cycle_->data().tick.t - activated_) > kTimeout;
   // afterwards only a request activates them

@@ -108,6 +108,85 @@ TEST(HostedCycle, SilentJointsGoToHoldThenToNoTorque) {
   EXPECT_LT((fixture.command(0) - fixture.gravity(0)).lpNorm<Eigen::Infinity>(), 1e-2);
 }
 
+// While an arm is silent it gets no torque of a controllet; when it returns, it is held where it is then,
+// from that torque, not where it was and with the torque it had.
+TEST(HostedCycle, AnArmThatReturnsFromSilenceIsHeldWhereItIs) {
+  Fixture fixture;
+  fixture.cycle->activate();
+  ASSERT_TRUE(fixture.start());
+  fixture.steps(50);
+  fixture.take_in();
+  for (const double silence_s : {0.015, 0.5}) {
+    fixture.take_in();
+    const JointVector q = fixture.robots[0].q;
+    fixture.cycle->signals(0).velocity[5] = NAN;
+    for (int i = 0; i < silence_s / 0.001; ++i) fixture.cycle->step(0.001);
+    if (silence_s < 0.02) {
+      EXPECT_EQ(fixture.cycle->data().state[0].mode, ArmMode::move);
+      EXPECT_TRUE(fixture.runs("left_joints"));
+      continue;
+    }
+    EXPECT_EQ(fixture.cycle->data().state[0].mode, ArmMode::disconnected);
+    EXPECT_FALSE(fixture.runs("left_joints"));
+    fixture.robots[0].q = q + joint_constant(7, 0.2);  // it sank, or was moved
+    fixture.robots[0].dq.setZero();
+    const JointVector there = fixture.robots[0].q;
+    for (int i = 0; i < 300; ++i) {
+      fixture.step();
+      if (i == 0) {
+        EXPECT_EQ(fixture.cycle->data().state[0].mode, ArmMode::move);
+        // One step of the torque rate at most, from gravity alone; held 0.2 rad away, it would be many.
+        EXPECT_LE((fixture.command(0) - fixture.gravity(0)).lpNorm<Eigen::Infinity>(), 1.5);
+      }
+      ASSERT_LT((fixture.robots[0].q - there).lpNorm<Eigen::Infinity>(), 0.01) << i;
+    }
+    EXPECT_EQ(fixture.activate("left_joints"), Verdict::accepted);
+    fixture.step();
+    EXPECT_TRUE(fixture.runs("left_joints"));
+  }
+}
+
+// Hardware whose driver has stopped goes on delivering its last numbers.
+TEST(HostedCycle, FrozenNumbersCountAsSilence) {
+  Fixture fixture;
+  fixture.cycle->activate();
+  ASSERT_TRUE(fixture.start());
+  fixture.steps(50);
+  const auto mode = [&] { return fixture.cycle->data().state[0].mode; };
+  // At rest an arm may repeat its numbers for as long as it likes.
+  fixture.robots[0].dq.setZero();
+  fixture.take_in();
+  for (int i = 0; i < 200; ++i) fixture.cycle->step(0.001);
+  EXPECT_EQ(mode(), ArmMode::move);
+  EXPECT_TRUE(fixture.runs("left_joints"));
+  // Not while its torque follows a goal.
+  Instance& joints = fixture.cycle->modes().instance(fixture.cycle->modes().find("left_joints"));
+  Target target;
+  target.size = 7;
+  const JointVector goal = fixture.robots[0].q + joint_constant(7, 0.5);
+  std::copy(goal.begin(), goal.end(), target.values.begin());
+  ASSERT_EQ(joints.inputs()[0].post(target), Verdict::accepted);
+  int steps = 0;
+  while (mode() == ArmMode::move && ++steps < 1000) fixture.cycle->step(0.001);
+  EXPECT_LT(steps, 1000);
+  fixture.cycle->step(0.001);
+  EXPECT_EQ(mode(), ArmMode::disconnected);
+  EXPECT_FALSE(fixture.runs("left_joints"));
+  EXPECT_LT((fixture.command(0) - fixture.gravity(0)).norm(), 1e-9);
+  fixture.robots[0].dq[1] = 1e-3;
+  fixture.steps(5);  // its numbers change again
+  EXPECT_EQ(mode(), ArmMode::move);
+  // Nor while it says that it moves: 20 ms, then a step.
+  fixture.steps(100);
+  fixture.robots[0].dq[2] = 0.3;
+  fixture.take_in();
+  fixture.cycle->step(0.001);
+  for (int i = 0; i < 19; ++i) fixture.cycle->step(0.001);
+  EXPECT_EQ(mode(), ArmMode::move);
+  for (int i = 0; i < 3; ++i) fixture.cycle->step(0.001);
+  EXPECT_EQ(mode(), ArmMode::disconnected);
+}
+
 TEST(HostedCycle, KeepsLoadsAndFramesAndRefusesOtherRequests) {
   Fixture fixture;
   fixture.cycle->activate();

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
+#include <limits>
 #include <stdexcept>
 
 #include "device/arm_settings.hpp"
@@ -33,7 +35,7 @@ std::string joint_name(const InterfaceBackend::Arm& arm, std::size_t i) {
 
 InterfaceBackend::PlainArm::PlainArm(Arm a) : arm(std::move(a)), terms(arm.model) {
   requested.config = configuration.config = arm.config;
-  tau_cmd = joint_constant(joints(), 0);
+  tau_cmd = tau_then = joint_constant(joints(), 0);
   terms.set_config(arm.config.frames, arm.config.tool, arm.config.load);
   terms.update(arm.model->q_home(), tau_cmd);
 }
@@ -45,6 +47,41 @@ bool InterfaceBackend::PlainArm::is_finite() const {
              (!signals.has_effort || std::isfinite(signals.effort[i]));
   }
   return finite;
+}
+
+// Counts for how long the arm's numbers have been the same.
+void InterfaceBackend::PlainArm::watch_numbers(double dt) {
+  bool same = true;
+  const auto compare = [&](const std::array<double, kMaxJoints>& now, std::size_t first) {
+    for (std::size_t i = 0; i < joints(); ++i) {
+      double& before = numbers[first + i];
+      same = same && std::memcmp(&before, &now[i], sizeof(double)) == 0;
+      before = now[i];
+    }
+  };
+  compare(signals.position, 0);
+  compare(signals.velocity, kMaxJoints);
+  if (signals.has_effort) compare(signals.effort, 2 * kMaxJoints);
+  if (same) {
+    still_s += dt;
+    frozen = frozen || (still_s > arm.safety.max_silence_s && contradicts());
+  } else {
+    still_s = 0;
+    frozen = false;
+    tau_then = tau_cmd;
+  }
+}
+
+// Whether numbers that stay the same cannot be those of an arm.
+bool InterfaceBackend::PlainArm::contradicts() const {
+  constexpr double kMoves = 0.05;        // [rad/s]: within 20 ms, any encoder sees it
+  constexpr double kTorqueShare = 0.05;  // of the limit: friction may carry less
+  for (std::size_t i = 0; i < joints(); ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    if (std::abs(signals.velocity[i]) > kMoves) return true;
+    if (std::abs(tau_cmd[k] - tau_then[k]) > kTorqueShare * arm.safety.joints.tau_max[k]) return true;
+  }
+  return false;
 }
 
 InterfaceBackend::InterfaceBackend(std::vector<Arm> arms, double period_s) : period_s_(period_s) {
@@ -93,8 +130,9 @@ void InterfaceBackend::begin() {
     arm->recovering = arm->activations > 0;
     ++arm->activations;
     arm->tau_cmd.setZero();
-    arm->silent_s = 0;
-    arm->takes_commands = false;
+    arm->silent_s = arm->still_s = 0;
+    arm->frozen = false;
+    arm->numbers.fill(std::numeric_limits<double>::quiet_NaN());
     const SharedArmState* shared = arm->signals.shared;
     arm->last_sequence = 0;
     if (shared != nullptr) arm->last_robot_time = shared->state.t_robot;
@@ -127,7 +165,9 @@ ArmSet InterfaceBackend::advance(double period_s) {
   for (ArmIndex i = 0; i < arms_.size(); ++i) {
     PlainArm& arm = *arms_[i];
     const SharedArmState* shared = arm.signals.shared;
-    const bool fresh = shared == nullptr ? arm.is_finite()
+    if (shared == nullptr) arm.watch_numbers(dt_);
+    if (arm.frozen) arm.silent_s = std::max(arm.silent_s, arm.still_s);
+    const bool fresh = shared == nullptr ? arm.is_finite() && !arm.frozen
                                          : shared->state.sequence != arm.last_sequence &&
                                                shared->state.mode != ArmMode::disconnected;
     if (fresh) due |= ArmSet::of(i);
@@ -139,6 +179,9 @@ Capabilities InterfaceBackend::capabilities(ArmIndex arm) const {
   Capabilities can;
   if (const SharedArmState* shared = arms_[arm]->requests_to.load(std::memory_order_acquire)) {
     can = shared->capabilities;
+    can.torque_low_pass_hz = 0;  // applied by the hardware, for any controller
+  } else {
+    can.own_clock = true;  // not known yet, or its hardware does not say
   }
   can.compensates_gravity = true;  // by the arm or by write()
   can.has_external_torque = arms_[arm]->arm.host.forces_by_robot;
@@ -151,8 +194,8 @@ void InterfaceBackend::read(ArmSet due, std::span<ArmState> states) {
     const SharedArmState* shared = arm.signals.shared;
     if (!due.contains(i)) {
       if (arm.recovering) states[i].mode = ArmMode::recovering;  // the known mode is outdated
-      if (shared != nullptr && shared->state.mode == ArmMode::disconnected)
-        states[i].mode = ArmMode::disconnected;
+      const bool lost = shared != nullptr ? shared->state.mode == ArmMode::disconnected : arm.is_lost();
+      if (lost) states[i].mode = ArmMode::disconnected;
       continue;
     }
     if (shared != nullptr) {
@@ -162,7 +205,6 @@ void InterfaceBackend::read(ArmSet due, std::span<ArmState> states) {
     } else {
       read_plain(arm, states[i]);
     }
-    arm.takes_commands = takes_commands(states[i].mode) && !arm.recovering;
     if (arm.recovering) states[i].mode = ArmMode::recovering;
     if (arm.adds_gravity() || !arm.signals.has_effort) arm.terms.update(states[i].q, states[i].dq);
     arm.recovering = false;
@@ -201,7 +243,7 @@ void InterfaceBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
     PlainArm& arm = *arms_[i];
     if (due.contains(i)) {
       arm.silent_s = 0;
-      const bool usable = arm.takes_commands && commands[i].tau_cmd.size() == arm.tau_cmd.size() &&
+      const bool usable = commands[i].usable && commands[i].tau_cmd.size() == arm.tau_cmd.size() &&
                           commands[i].tau_cmd.allFinite();
       if (usable) {
         arm.tau_cmd = commands[i].tau_cmd;
@@ -211,7 +253,7 @@ void InterfaceBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
       send(arm, usable);
     } else {
       arm.silent_s += dt_;
-      if (arm.silent_s <= arm.arm.safety.max_silence_s) continue;
+      if (!arm.is_lost()) continue;
       arm.tau_cmd.setZero();
       send(arm, false);
     }
@@ -253,7 +295,8 @@ std::future<RequestAnswer> InterfaceBackend::request(ArmIndex arm, ArmRequest re
   if (const SharedArmState* shared = shared_backend(arm))
     return shared->backend->request(shared->arm, std::move(request));
   PlainArm& target = *arms_[arm];
-  if (auto why = check_request(request, target.joints()); !why.empty()) return refuse_request(std::move(why));
+  if (auto why = check_request(request, *target.arm.model); !why.empty())
+    return refuse_request(std::move(why));
   return answer_now(configure(target, request));
 }
 

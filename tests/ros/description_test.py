@@ -9,7 +9,11 @@ import importlib.util
 import itertools
 import math
 import pathlib
+import re
+import shutil
+import subprocess
 import sys
+import tempfile
 import unittest
 import unittest.mock
 import xml.etree.ElementTree as ET
@@ -424,6 +428,26 @@ class LaunchFiles(unittest.TestCase):
 
 
 class Packages(unittest.TestCase):
+    def test_the_documented_lines_build_every_package(self):
+        packages = {path.parent.name for path in ROS.glob("*/package.xml")} - {"tests"}
+        self.assertGreater(len(packages), 5)
+        patterns = []
+        for page in ("ros2.md", "ros2_control.md"):
+            patterns += re.findall(r"--base-paths (?:src/multipanda/)?ros/(\S*)", (ROOT / "docs" / page).read_text())
+        self.assertEqual(len(patterns), 3)
+        for pattern in patterns:
+            found = {path.name for path in ROS.glob(pattern) if (path / "package.xml").exists()}
+            self.assertEqual(found, packages, pattern)
+
+    def test_the_folder_of_the_packages_is_not_built_as_an_empty_one(self):
+        cmake = shutil.which("cmake")
+        if not cmake:
+            self.skipTest("cmake is not installed")
+        with tempfile.TemporaryDirectory() as build:
+            result = subprocess.run([cmake, "-S", ROS, "-B", build], capture_output=True, text=True, check=False)
+        self.assertNotEqual(result.returncode, 0)
+        self.assertRegex(result.stderr, r"is not a package[^$]*--base-paths")
+
     def test_files_are_well_formed_and_complete(self):
         for package in ("multipanda_description", "multipanda_bringup", "multipanda_moveit_config"):
             root = ET.parse(ROS / package / "package.xml").getroot()

@@ -67,32 +67,36 @@ class Environment(unittest.TestCase):
         found = output(ROOT / ".venv/bin/python", "-c", program, **path).strip()
         self.assertEqual(pathlib.Path(found).parents[1].resolve(), (pathlib.Path(BUILD) / "python").resolve())
 
+    VARIABLES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS", "ROS_AUTOMATIC_DISCOVERY_RANGE")
+
     def local(self, **environment):
-        program = (
-            "import os; print(os.environ.get('FASTDDS_BUILTIN_TRANSPORTS'),"
-            " os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE'))"
-        )
+        program = f"import os; print(*map(os.environ.get, {self.VARIABLES}))"
         return output(ROOT / ".venv/bin/python", "-c", program, **environment).split()
 
     def test_python_keeps_to_this_machine_unless_told_otherwise(self):
-        source = (ROOT / "ros/rcl/context.cpp").read_text()
-        names = set(re.findall(r'"((?:FAST|ROS_|RMW_)\w+)"', source.split("keep_to_this_machine")[1].split("}) {")[0]))
+        source = (ROOT / "ros/rcl/context.cpp").read_text().split("bool keep_to_this_machine")[1]
+        names = set(re.findall(r'"((?:FAST|ROS_|RMW_)\w+)"', source.split("}) {")[0]))
         self.assertGreater(len(names), 5)
-        self.assertEqual(
-            set(re.findall(r"(?:FAST|ROS_|RMW_)\w+", (ROOT / "ros/python/multipanda.pth").read_text())), names
-        )
-        self.assertEqual(self.local(), ["SHM", "SYSTEM_DEFAULT"])
-        self.assertEqual(self.local(ROS_DOMAIN_ID="7", ROS_STATIC_PEERS=""), ["SHM", "SYSTEM_DEFAULT"])
-        for name in names - {"FASTDDS_BUILTIN_TRANSPORTS", "ROS_AUTOMATIC_DISCOVERY_RANGE"}:
-            self.assertEqual(self.local(**{name: "1"}), ["None", "None"], name)
-        self.assertEqual(self.local(FASTDDS_BUILTIN_TRANSPORTS="UDPv4"), ["UDPv4", "None"])
-        self.assertEqual(self.local(ROS_AUTOMATIC_DISCOVERY_RANGE="OFF"), ["None", "OFF"])
+        hook = (ROOT / "ros/python/multipanda.pth").read_text()
+        self.assertEqual(set(re.findall(r"(?:FAST|ROS_|RMW_)\w+", hook)), names)
+        default = [str(ROOT / "ros/rcl/fastdds_loopback.xml"), "None", "SYSTEM_DEFAULT"]
+        self.assertEqual(self.local(), default)
+        self.assertEqual(self.local(ROS_DOMAIN_ID="7", ROS_STATIC_PEERS=""), default)
+        for name in names:
+            expected = ["1" if variable == name else "None" for variable in self.VARIABLES]
+            self.assertEqual(self.local(**{name: "1"}), expected, name)
 
     def test_python_without_a_build_is_complete(self):
         with tempfile.TemporaryDirectory() as folder:
             shutil.copy(ROOT / "ros/python/multipanda.pth", folder)  # ../../../../build does not exist from there
-            program = f"import site, sys; site.addsitedir({folder!r}); print(len(sys.path))"
-            self.assertTrue(output(ROOT / ".venv/bin/python", "-c", program).strip().isdigit())
+            program = (
+                f"import os, site; [os.environ.pop(v, 0) for v in {self.VARIABLES}]; site.addsitedir({folder!r});"
+                f" print(*map(os.environ.get, {self.VARIABLES}))"
+            )
+            # Without the profile nothing but shared memory is left.
+            self.assertEqual(
+                output(ROOT / ".venv/bin/python", "-c", program).split(), ["None", "SHM", "SYSTEM_DEFAULT"]
+            )
 
     def test_own_copies_of_public_interfaces_are_the_public_ones(self):
         files = list(pathlib.Path(BUILD).glob("ros/vendored_interfaces/*/rosidl_generator_type_description/*/*/*.json"))

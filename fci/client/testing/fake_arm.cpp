@@ -1,11 +1,13 @@
 #include "fci/client/testing/fake_arm.hpp"
 
+#include <algorithm>
 #include <arpa/inet.h>
 #include <netinet/tcp.h>
 #include <poll.h>
 #include <stdexcept>
 #include <sys/socket.h>
 #include <unistd.h>
+#include <utility>
 
 namespace multipanda::fci {
 namespace {
@@ -107,6 +109,11 @@ void FakeArm::accept_client() {
   sockaddr_in from{};
   socklen_t size = sizeof(from);
   client_ = ::accept(listen_, reinterpret_cast<sockaddr*>(&from), &size);
+  if (skip_ == 0 && closing_ > 0) {
+    --closing_;
+    return drop_client();
+  }
+  skip_ = std::max(0, skip_ - 1);
   const int on = 1;
   (void)::setsockopt(client_, IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
   to_ = from;
@@ -181,7 +188,11 @@ void FakeArm::serve(const MessageHeader& header, std::span<const std::byte> payl
       if (motion_id_) {
         const std::uint32_t id = *motion_id_;
         motion_id_.reset();
-        reply(Command::move, id, Status::preempted);
+        if (ends_late_) {
+          late_ends_.push_back(id);
+        } else {
+          reply(Command::move, id, Status::preempted);
+        }
         state_.motion_generator_mode = 0;
         state_.controller_mode = static_cast<std::uint8_t>(ControllerMode::other);
         state_.robot_mode = static_cast<std::uint8_t>(RobotMode::idle);
@@ -231,6 +242,9 @@ void FakeArm::serve(const MessageHeader& header, std::span<const std::byte> payl
       break;
   }
   reply(*command, header.command_id, status, more);
+  if (*command != Command::stop_move) {
+    for (const std::uint32_t id : std::exchange(late_ends_, {})) reply(Command::move, id, Status::preempted);
+  }
   if (!automatic_ && to_.sin_port != 0) publish_locked(++id_);
 }
 
@@ -241,6 +255,15 @@ void FakeArm::answer(Command command, Status status) {
 void FakeArm::withhold(Command command) {
   const std::lock_guard lock(mutex_);
   withheld_.insert(command);
+}
+void FakeArm::hang_up_on(int first, int count) {
+  const std::lock_guard lock(mutex_);
+  skip_ = first;
+  closing_ = count;
+}
+void FakeArm::report_ends_late() {
+  const std::lock_guard lock(mutex_);
+  ends_late_ = true;
 }
 void FakeArm::answer_in_pairs() {
   const std::lock_guard lock(mutex_);
@@ -294,6 +317,15 @@ std::uint64_t FakeArm::publish(std::uint64_t skip) {
 void FakeArm::publish_number(std::uint64_t id) {
   const std::lock_guard lock(mutex_);
   publish_locked(id);
+}
+
+std::vector<std::byte> FakeArm::state_with(std::uint64_t id) const {
+  const std::lock_guard lock(mutex_);
+  RobotState state = state_;
+  state.message_id = id;
+  std::vector<std::byte> bytes(kMaxStateSize);
+  bytes.resize(encode(*dialect_, state, bytes));
+  return bytes;
 }
 
 void FakeArm::publish_locked(std::uint64_t id) {

@@ -31,6 +31,8 @@ class FakeArm {
   // --- script, before or while it is used ---
   void answer(Command command, Status status);  // instead of success
   void withhold(Command command);               // no answer at all
+  void hang_up_on(int first, int count);        // `count` connections after the next `first` ones
+  void report_ends_late();                      // of motions: after the answer to the next request
   void answer_in_pairs();                       // every second request is answered before its predecessor
   void change(const std::function<void(RobotState&)>& change);
   void set_model(std::string urdf);
@@ -62,6 +64,7 @@ class FakeArm {
   // --- UDP, by the test ---
   std::uint64_t publish(std::uint64_t skip = 0);  // one state; its number. `skip`: numbers left out
   void publish_number(std::uint64_t id);          // out of order, or twice
+  std::vector<std::byte> state_with(std::uint64_t id) const;  // for send_datagram()
   void send_datagram(const std::vector<std::byte>& datagram, const char* from_address);
   std::optional<RobotCommand> command(double timeout_s = 20);  // the next that came
   std::size_t commands_waiting();                              // without waiting
@@ -86,6 +89,9 @@ class FakeArm {
   sockaddr_in to_{};
   std::map<Command, Status> answers_;
   std::set<Command> withheld_;
+  int skip_ = 0, closing_ = 0;
+  bool ends_late_ = false;
+  std::vector<std::uint32_t> late_ends_;
   bool in_pairs_ = false, automatic_ = true, ending_ = false;
   std::vector<std::byte> held_back_;
   std::string model_;

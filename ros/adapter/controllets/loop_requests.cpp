@@ -7,7 +7,7 @@
 namespace multipanda::ros {
 namespace {
 
-constexpr double kLoopTimeout = 1.0;  // for the loop's answer [s]
+constexpr double kLoopTimeout = MultimodeController::kPatience;  // for the loop's answer [s]
 
 }  // namespace
 
@@ -37,8 +37,14 @@ void request_loop(const AdapterContext& run, const std::vector<Request>& request
         // The loop answers in order.
         Answer last;
         const bool answered = modes->poll(ticket, last);
-        if (!answered && seconds(host_now() - posted_at) <= kLoopTimeout) return false;
+        const double waited = seconds(host_now() - posted_at);
+        if (!answered && waited <= kLoopTimeout) return false;
         result.answer.verdict = Verdict::timeout;
+        if (!answered && !modes->withdraw(ticket)) {  // the loop has taken them: its answer is due
+          if (waited <= kLoopTimeout + MultimodeController::kAnswerPatience) return false;
+          result.answer.verdict = Verdict::pending;
+          result.verdicts.assign(result.verdicts.size(), Verdict::pending);
+        }
         if (answered) result.answer = last;
         for (std::size_t k = 0; k < result.verdicts.size(); ++k) {
           Answer answer;

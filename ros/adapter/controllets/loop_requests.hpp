@@ -18,7 +18,7 @@ struct LoopAnswer {
 
 // Posts the requests for one cycle and calls `done` on the executor's thread: at once if a request is invalid
 // (all get the verdict of the first invalid one), otherwise when the loop has answered, or after 1 s without
-// an answer. Executor's thread; never waits.
+// an answer: they are then withdrawn and will not be executed. Executor's thread; never waits.
 void request_loop(const AdapterContext& run, const std::vector<Request>& requests,
                   std::function<void(const LoopAnswer&)> done);
 

@@ -18,7 +18,7 @@ from multipanda_bringup.arms import arms_from, controllers, description_mappings
 
 ARGUMENTS = {
     "arm_names": ("arm", "Names of the arms, separated by spaces"),
-    "models": ("fer", "Model: fer, fer_maker or fr3; one value for all arms, or one per arm"),
+    "models": ("fer", "Model: fer, fer_maker, fr3 or fr3v2; one value for all arms, or one per arm"),
     "hands": ("true", "Whether arms have the gripper; one value for all arms, or one per arm"),
     "hardware": (
         "mujoco",

@@ -2,6 +2,7 @@
 
 #include <map>
 #include <pluginlib/class_list_macros.hpp>
+#include <utility>
 
 namespace multipanda_hardware {
 
@@ -31,7 +32,12 @@ CallbackReturn ArmSystem::on_configure(const rclcpp_lifecycle::State&) {
   try {
     host_->connect();
     if (host_->extras().services && rclcpp::ok()) {
-      node_ = std::make_shared<rclcpp::Node>("multipanda_" + info_.name);
+      // A remap of its own, because those of the whole process (`-r __node:=controller_manager`) would rename
+      // this node, too.
+      const std::string name = "multipanda_" + info_.name;
+      rclcpp::NodeOptions options;
+      options.arguments({"--ros-args", "-r", "__node:=" + name});
+      node_ = std::make_shared<rclcpp::Node>(name, options);
       host_->serve(node_->get_node_base_interface()->get_rcl_node_handle());
     }
   } catch (const std::exception& error) {
@@ -49,14 +55,19 @@ CallbackReturn ArmSystem::on_deactivate(const rclcpp_lifecycle::State&) {
 }
 
 CallbackReturn ArmSystem::on_cleanup(const rclcpp_lifecycle::State&) {
-  disconnect();
+  leave();
   return CallbackReturn::SUCCESS;
 }
 
-// Leaves the arms safe. The component can be configured again.
+// Leaves the arms safe, without waiting: the manager calls this in its loop, and the other components must
+// lose no period. The component can be configured again.
 CallbackReturn ArmSystem::on_error(const rclcpp_lifecycle::State&) {
-  disconnect();
+  leave();
   return CallbackReturn::SUCCESS;
+}
+
+void ArmSystem::leave() {
+  if (host_) host_->disconnect_later(std::exchange(node_, nullptr));
 }
 
 CallbackReturn ArmSystem::on_shutdown(const rclcpp_lifecycle::State&) {
@@ -109,8 +120,8 @@ return_type ArmSystem::read(const rclcpp::Time&, const rclcpp::Duration&) {
   return host_->read() ? return_type::OK : return_type::ERROR;
 }
 
-return_type ArmSystem::write(const rclcpp::Time&, const rclcpp::Duration&) {
-  return host_->write() ? return_type::OK : return_type::ERROR;
+return_type ArmSystem::write(const rclcpp::Time& time, const rclcpp::Duration&) {
+  return host_->write(time.nanoseconds()) ? return_type::OK : return_type::ERROR;
 }
 
 }  // namespace multipanda_hardware

@@ -45,6 +45,7 @@ class ArmSystem : public hardware_interface::SystemInterface {
   rclcpp::Logger logger() const { return rclcpp::get_logger("multipanda_hardware." + info_.name); }
   CallbackReturn fail(const std::string& text) const;
   void disconnect();
+  void leave();  // the same, later, on another thread
 
   multipanda::ros::HardwareHost::Kind kind_;
   rclcpp::Node::SharedPtr node_;  // for the arms' services, which the host owns; outlives it

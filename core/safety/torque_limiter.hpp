@@ -1,0 +1,53 @@
+#pragma once
+
+#include "core/safety/finding.hpp"
+#include "core/types/joints.hpp"
+#include "core/types/time.hpp"
+
+namespace multipanda {
+
+// The last stage of an arm's torque: its limits, and the limit of its rate.
+//
+// The arm counts the rate from the torque that it has in use. That is the torque sent last, unless the
+// command was lost or came too late: then the arm goes on with an older one, and a command that is one step
+// away from the lost one may be several from that. Nobody can tell at the fresh state whether the last
+// command is only late. So the next torque is at most one step from both, or, if they are more than two steps
+// apart, from the one in use, by which the arm judges. However many periods were missed, it is one period's
+// step.
+//
+// No allocation, no exception.
+class TorqueLimiter {
+ public:
+  struct Limits {
+    JointVector tau_max;       // (n x 1) [N m]
+    JointVector tau_rate_max;  // (n x 1) [N m/s]
+    double period_s = kArmPeriod;
+    double low_pass_hz = 0;  // first order, before the limit of the rate; 0: none
+  };
+  // What limit() cut: the first joint of each rule.
+  struct Cuts {
+    Finding torque, rate;
+  };
+
+  TorqueLimiter() = default;
+  explicit TorqueLimiter(Limits limits);
+
+  // The arm takes commands again: counts from this torque alone. Values that are not finite count as zero, as
+  // do missing ones.
+  void restart(const JointVector& in_use);
+  // A fresh state shows which torque is in use. A difference that single precision explains is none. Values
+  // that are not finite, and missing ones, say nothing.
+  void observe(const JointVector& in_use);
+  // The torque to send. `dt`: since the last one. Values that are not finite become zero.
+  const JointVector& limit(const JointVector& requested, double dt, Cuts& cuts);
+
+  const JointVector& sent() const { return sent_; }      // last
+  const JointVector& in_use() const { return in_use_; }  // as observed, after restart() or limit(): as sent
+
+ private:
+  Limits limits_;
+  double gain_ = 1;  // of the low-pass, per period
+  JointVector sent_, in_use_;
+};
+
+}  // namespace multipanda

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "core/controllets/controllet.hpp"
+#include "core/model/model_terms.hpp"
+
+namespace multipanda::fci {
+
+// An arm's hold, as the multimode controller has it, for the time in which a torque motion runs but no
+// control loop does: while other arms still begin, and until a motion has ended. An arm that gets no torque
+// then would float, and one whose last torque is repeated would go wherever that pushes it.
+class PostureHold {
+ public:
+  PostureHold(const std::shared_ptr<const ArmModel>& model, const ArmFrames& frames, const Load& tool,
+              const Load& load);
+  // The next torque holds the arm where it is then.
+  void release() noexcept { holds_ = false; }
+  // [N m] (n x 1), without gravity. No allocation.
+  const JointVector& torque(const JointVector& q, const JointVector& dq) noexcept;
+
+ private:
+  ControlContext context();
+
+  ModelTerms terms_;
+  ArmState state_;
+  JointVector tau_;
+  ControlletType type_;
+  ParameterSet parameters_;
+  std::unique_ptr<Controllet> law_;
+  std::vector<OwnedArm> arm_;
+  bool holds_ = false;
+};
+
+}  // namespace multipanda::fci

@@ -1,0 +1,241 @@
+// Arms that a thread of their own answers, on virtual arms behind the real arms' protocol. Their world waits
+// for every answer and runs as fast as it gets them, far ahead of this program, which is always late: only
+// the threads keep the arms in their motions.
+#include <cmath>
+#include <mutex>
+#include <unistd.h>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/rt/guard/loop_guard.hpp"
+#include "fci/client/from_scene.hpp"
+#include "fci/server/virtual_arms.hpp"
+#include "runtime/embedded/answered_arm.hpp"
+#include "runtime/embedded/testing/hosted_fixture.hpp"
+#include "scene/build.hpp"
+#include "scene/load.hpp"
+
+namespace multipanda::answered_arms_test {
+namespace {
+
+using test::HostedFixture;
+
+const Registry& builtins() {
+  static const Registry registry = Registry::with_builtins();
+  return registry;
+}
+
+// Loopback addresses of this process alone, since the protocol fixes the port.
+std::string address(int arm) {
+  const int id = static_cast<int>(::getpid());
+  return "127." + std::to_string(41 + id / 250 % 200) + "." + std::to_string(1 + id % 250) + "." +
+         std::to_string(11 + arm);
+}
+
+std::string arms() {
+  const auto fci = [](int i) { return ", fci: {address: " + address(i) + ", gripper: false}}\n"; };
+  return "arms:\n  left: {model: fer, hand: false, base: {position_m: [0, 0.6, 0]}" + fci(0) +
+         "  right: {model: fr3, hand: false, base: {position_m: [0, -0.6, 0]}" + fci(1);
+}
+
+class AnsweredArms : public testing::Test {
+ protected:
+  void SetUp() override {
+    scene = parse_scene(arms(), "test", builtins());
+    start_world();
+    hardware = std::make_unique<HardwareSystem>(scene, answered_arms(scene, [this](const std::string& text) {
+                                                  const std::lock_guard lock(mutex);
+                                                  messages += text + "\n";
+                                                }));
+    hardware->connect();
+    fixture = std::make_unique<HostedFixture>(*hardware);
+  }
+  void start_world() {
+    fci::VirtualArmOptions options;
+    options.places = {{.address = address(0)}, {.address = address(1)}};
+    options.grippers = false;
+    options.pace = fci::WorldPace::lockstep;
+    world = std::make_unique<fci::VirtualArms>(scene, options);
+    world->start();
+  }
+  void TearDown() override {
+    if (hardware) hardware->disconnect();
+    hardware.reset();
+    world.reset();
+  }
+  // The program's cycles, stamped with the arm's time: it sees a world that jumps.
+  void step() {
+    (void)hardware->read();
+    if (command) command();
+    (void)hardware->write(hardware->state(0).t_robot.ns);
+  }
+  template <typename Condition>
+  bool until(Condition condition, double deadline_s = 60) {
+    const HostTime start = host_now();
+    while (!condition()) {
+      if (seconds(host_now() - start) > deadline_s) return false;
+      step();
+      std::this_thread::yield();
+    }
+    return true;
+  }
+  // So many packets of the left arm.
+  void packets(std::uint64_t count) {
+    const std::uint64_t first = hardware->state(0).sequence;
+    EXPECT_TRUE(until([&] { return hardware->state(0).sequence >= first + count; }));
+  }
+  ArmMode mode(ArmIndex arm) const { return hardware->state(arm).mode; }
+  bool goes(ArmIndex arm) {
+    return until([&] { return mode(arm) == ArmMode::move; });
+  }
+
+  Scene scene;
+  std::unique_ptr<fci::VirtualArms> world;
+  std::unique_ptr<HardwareSystem> hardware;
+  std::unique_ptr<HostedFixture> fixture;
+  std::function<void()> command;
+  std::mutex mutex;
+  std::string messages;
+};
+
+TEST_F(AnsweredArms, EveryPacketIsAnsweredHoweverLateTheProgramIs) {
+  ASSERT_EQ(fixture->change(fixture->efforts("left")), "");
+  ASSERT_EQ(fixture->change(HostedFixture::joint_names("right", "position")), "");
+  ASSERT_TRUE(goes(0)) << messages;
+  ASSERT_TRUE(goes(1)) << messages;
+  const JointVector q0 = hardware->state(0).q, q1 = hardware->state(1).q;
+  packets(1000);
+  // A program that does nothing at all for 3,000 packets: its arms are held.
+  const std::uint64_t before = hardware->state(0).sequence;
+  const auto sent = hardware->backend().connection(0)->sent;
+  while (hardware->backend().connection(0)->received < sent + 3000) std::this_thread::yield();
+  (void)hardware->read();
+  EXPECT_GE(hardware->state(0).sequence, before + 2000);
+  EXPECT_EQ(mode(0), ArmMode::move) << messages;
+  EXPECT_EQ(mode(1), ArmMode::move) << messages;
+  (void)hardware->write(hardware->state(0).t_robot.ns);
+  EXPECT_EQ(fixture->state("left/following"), 0);
+  EXPECT_EQ(fixture->state("right/following"), 0);
+  EXPECT_LT((hardware->state(0).q - q0).lpNorm<Eigen::Infinity>(), 1e-2);
+  EXPECT_LT((hardware->state(1).q - q1).lpNorm<Eigen::Infinity>(), 1e-2);
+  EXPECT_EQ(hardware->state(0).command_success_rate, 1);
+  EXPECT_EQ(hardware->state(1).command_success_rate, 1);
+  for (ArmIndex i : {0u, 1u}) {
+    const auto statistics = hardware->backend().connection(i);
+    EXPECT_GE(statistics->sent + 200, statistics->received / 2) << i;
+  }
+  // Nothing is left to wait for: the connections close, and open again.
+  hardware->disconnect_later();
+  hardware->connect();
+  EXPECT_EQ(mode(0), ArmMode::idle) << messages;
+  EXPECT_EQ(mode(1), ArmMode::idle) << messages;
+}
+
+// Positions and velocities that jump from cycle to cycle, since the program is always late by many packets.
+TEST_F(AnsweredArms, MotionsOfALateProgramAreNoDiscontinuity) {
+  ASSERT_EQ(fixture->change(HostedFixture::joint_names("left", "position")), "");
+  ASSERT_EQ(fixture->change(fixture->all("right_ee_cartesian_velocity")), "");
+  ASSERT_TRUE(goes(0)) << messages;
+  ASSERT_TRUE(goes(1)) << messages;
+  const double start = *fixture->command("left_joint4/position");
+  const std::int64_t begin = hardware->state(0).t_robot.ns;
+  command = [&] {
+    const double t = 1e-9 * static_cast<double>(hardware->state(0).t_robot.ns - begin);
+    const double s = std::clamp(t / 3, 0.0, 1.0);
+    *fixture->command("left_joint4/position") = start + 0.3 * s * s * s * (10 + s * (6 * s - 15));
+    *fixture->command("right_ee_cartesian_velocity/tz") = t < 2 ? 0.03 * std::sin(3 * t) : 0.0;
+  };
+  packets(8000);
+  EXPECT_EQ(mode(0), ArmMode::move) << messages;
+  EXPECT_EQ(mode(1), ArmMode::move) << messages;
+  // A program that was silent for too long begins again near its command; here it was not farther than that.
+  EXPECT_EQ(fixture->state("left/error"), 0);
+  EXPECT_EQ(fixture->state("right/error"), 0);
+  EXPECT_GT(hardware->state(0).q[3], start - 0.01);
+  EXPECT_LT(hardware->state(0).q[3], start + 0.31);
+}
+
+TEST_F(AnsweredArms, AControllerThatEndsInMotionLeavesNoArmUnanswered) {
+  ASSERT_EQ(fixture->change(fixture->efforts("left")), "");
+  ASSERT_TRUE(goes(0)) << messages;
+  command = [&] { *fixture->command("left_joint1/effort") = 4; };
+  ASSERT_TRUE(until([&] { return std::abs(hardware->state(0).dq[0]) > 0.05 || mode(0) != ArmMode::move; }));
+  ASSERT_EQ(mode(0), ArmMode::move) << messages;
+  command = {};
+  ASSERT_EQ(fixture->change(HostedFixture::joint_names("left", "velocity"), fixture->efforts("left")), "");
+  ASSERT_TRUE(until([&] { return fixture->state("left/following") == 1; })) << messages;
+  EXPECT_EQ(fixture->state("left/error"), 0);
+  ASSERT_EQ(fixture->change({}, HostedFixture::joint_names("left", "velocity")), "");
+  EXPECT_TRUE(until([&] { return mode(0) == ArmMode::idle; })) << messages;
+  EXPECT_LT(hardware->state(0).dq.lpNorm<Eigen::Infinity>(), 0.05);
+}
+
+TEST_F(AnsweredArms, AFaultAndARecoveryAreOneArmsOwn) {
+  ASSERT_EQ(fixture->change(fixture->efforts("left")), "");
+  ASSERT_EQ(fixture->change(fixture->all("right_ee_cartesian_position")), "");
+  ASSERT_TRUE(goes(0)) << messages;
+  ASSERT_TRUE(until([&] { return fixture->state("right/following") == 1; })) << messages;
+  world->raise(0, ArmError::joint_reflex);
+  ASSERT_TRUE(until([&] { return mode(0) == ArmMode::reflex; }));
+  EXPECT_EQ(fixture->state("left/error"), 1);
+  EXPECT_EQ(mode(1), ArmMode::move);
+  auto answer = hardware->backend().request(0, RecoverFromError{});
+  ASSERT_TRUE(until([&] { return answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready; }));
+  const RequestAnswer recovered = answer.get();
+  EXPECT_TRUE(recovered.success) << recovered.reason;
+  EXPECT_TRUE(goes(0)) << messages;
+  packets(500);
+  EXPECT_EQ(mode(0), ArmMode::move);
+
+  // All arms lost is the component's only error.
+  world->stop();
+  EXPECT_TRUE(until([&] { return hardware->read() == HardwareSystem::Result::lost; }));
+  hardware->disconnect_later();
+  world.reset();
+  EXPECT_THROW(hardware->connect(), std::runtime_error);
+  start_world();
+  hardware->connect();
+  EXPECT_EQ(mode(0), ArmMode::idle);
+}
+
+// The work of the arm's thread, on this one.
+TEST(AnsweredArm, ItsCycleNeitherAllocatesNorLocks) {
+  if (!kLoopGuardWorks) GTEST_SKIP() << "sanitizers replace malloc themselves";
+  const Scene scene = parse_scene(arms(), "test", builtins());
+  fci::VirtualArmOptions options;
+  options.places = {{.address = address(0)}, {.address = address(1)}};
+  options.grippers = false;
+  options.pace = fci::WorldPace::lockstep;
+  fci::VirtualArms world(scene, options);
+  world.start();
+  const SceneArm& left = scene.arms[0];
+  AnsweredArm arm(fci::fci_arm_config(left, left.fci->address), FollowerLimits::of(robot_of(left)), {});
+  arm.backend().start();
+  const auto cycle = [&] {
+    arm.cycle();
+    (void)arm.take_report();
+    (void)arm.take_restart();
+  };
+  std::array<double, 7> values{};
+  for (const ArmDrive drive : {ArmDrive::effort, ArmDrive::joint_position, ArmDrive::none}) {
+    arm.set_drive(drive);
+    const HostTime start = host_now();
+    while (arm.report().running != drive && seconds(host_now() - start) < 30) cycle();
+    ASSERT_EQ(arm.report().running, drive);
+    if (drive == ArmDrive::joint_position) std::copy_n(arm.report().desired.q_d.begin(), 7, values.begin());
+    LoopGuard::arm();
+    for (int k = 0; k < 300; ++k) {
+      if (k < 100 || k > 200) arm.command(arm.report().state.t_robot.ns, values);
+      cycle();
+    }
+    const LoopGuardCounts counts = LoopGuard::disarm();
+    EXPECT_EQ(counts.heap_calls, 0u);
+    EXPECT_EQ(counts.lock_calls, 0u);
+    EXPECT_EQ(arm.report().running, drive);
+  }
+  arm.backend().finish();
+}
+
+}  // namespace
+}  // namespace multipanda::answered_arms_test

@@ -1,0 +1,132 @@
+#include "runtime/embedded/arm_answer.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/types/time.hpp"
+
+namespace multipanda {
+namespace {
+
+FollowedMotion followed_motion(ArmDrive drive) {
+  switch (drive) {
+    case ArmDrive::joint_velocity:
+      return FollowedMotion::joint_velocity;
+    case ArmDrive::cartesian_pose:
+      return FollowedMotion::cartesian_pose;
+    case ArmDrive::cartesian_velocity:
+      return FollowedMotion::cartesian_velocity;
+    case ArmDrive::joint_position:
+    case ArmDrive::none:
+    case ArmDrive::effort:
+      break;
+  }
+  return FollowedMotion::joint_position;
+}
+
+std::size_t values_of(ArmDrive drive, std::size_t joints) {
+  return drive == ArmDrive::cartesian_pose ? 16 : drive == ArmDrive::cartesian_velocity ? 6 : joints;
+}
+
+}  // namespace
+
+ArmAnswer::ArmAnswer(std::shared_ptr<const ArmModel> model, const FollowerLimits& limits, double low_pass_hz)
+    : joints_(model->joint_count()), torque_(model, low_pass_hz), follower_(limits, joints_) {
+  tau_ = tau_program_ = command_.q_c = command_.dq_c = command_.tau_J_d = joint_constant(joints_, 0);
+}
+
+std::optional<ArmDrive> ArmAnswer::take_request() {
+  const auto taken = request_;
+  request_.reset();
+  return taken;
+}
+
+void ArmAnswer::reset() {
+  begin(ArmDrive::none);
+  requested_ = asked_ = ArmDrive::none;
+  request_.reset();
+}
+
+void ArmAnswer::request(ArmDrive drive) {
+  if (asked_ == drive) return;
+  request_ = asked_ = drive;
+}
+
+void ArmAnswer::begin(ArmDrive running) {
+  running_ = running;
+  leaving_ = follows_ = false;
+  leaving_for_ = 0;
+  if (running == ArmDrive::none) return;
+  if (running == ArmDrive::effort) {
+    torque_.begin();
+  } else {
+    follower_.begin(followed_motion(running));
+  }
+}
+
+ArmAnswer::Kind ArmAnswer::step(const ArmOrder& order, const ArmState& state,
+                                const DesiredMotionState& desired, ArmDrive running) noexcept {
+  if (order.change != change_) {
+    change_ = order.change;
+    requested_ = order.drive;
+    number_ = 0;
+  }
+  if (running != running_) begin(running);
+  if (running == ArmDrive::none) {
+    request(requested_);
+    return Kind::none;
+  }
+  const bool effort = running == ArmDrive::effort;
+  if (requested_ == running && order.drive == running) {
+    if (leaving_) {  // selected again before the arm left the motion
+      leaving_ = false;
+      leaving_for_ = 0;
+      effort ? torque_.resume() : follower_.resume();
+    }
+    request(running);
+    take(order);
+  }
+  // A command that is not finite has cleared `requested_`.
+  if (requested_ != running) {
+    if (!leaving_) effort ? torque_.hold() : follower_.stop();
+    leaving_ = true;
+    const bool rests = effort ? torque_.is_at_rest() : leaving_for_ > 0 && follower_.is_at_rest();
+    if (rests || kArmPeriod * leaving_for_ > kLongestStop) request(requested_);
+    ++leaving_for_;
+  }
+  if (effort) {
+    tau_ = torque_.step(state);
+  } else {
+    follower_.step(desired, command_);
+  }
+  const bool was = follows_;
+  follows_ = !leaving_ && (effort ? !torque_.is_holding() : follower_.follows());
+  const bool silent = effort ? torque_.fell_silent() : follower_.is_stopped();
+  if (was && silent && !leaving_) ++holds_;
+  return effort ? Kind::torque : Kind::motion;
+}
+
+void ArmAnswer::take(const ArmOrder& order) {
+  if (order.number == number_ || order.number == 0) return;
+  number_ = order.number;
+  const bool effort = running_ == ArmDrive::effort;
+  if (effort ? torque_.fell_silent() : follower_.is_stopped()) {
+    // Commands count again once the program has begun again.
+    if (order.resumed != holds_) return;
+    effort ? torque_.resume() : follower_.resume();
+  }
+  const std::size_t size = values_of(running_, joints_);
+  const auto values = std::span(order.values).first(size);
+  if (!std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); })) {
+    requested_ = ArmDrive::none;
+    return;
+  }
+  if (effort) {
+    std::copy(values.begin(), values.end(), tau_program_.begin());
+    torque_.take(tau_program_);
+  } else {
+    follower_.push(order.stamp_ns, values);
+  }
+}
+
+}  // namespace multipanda

@@ -1,0 +1,72 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+
+#include "runtime/embedded/arm_drive.hpp"
+#include "runtime/embedded/command_follower.hpp"
+#include "runtime/embedded/torque_answer.hpp"
+
+namespace multipanda {
+
+// What a program requests of an arm: what drives it, and the newest command. Written by the program's loop,
+// read by the arm's thread.
+struct ArmOrder {
+  std::uint32_t change = 0;  // counts selections of a drive
+  ArmDrive drive = ArmDrive::none;
+  std::uint64_t number = 0;   // counts commands since the selection; 0: none yet
+  std::uint32_t resumed = 0;  // of ArmAnswer::holds(): the program knows of so many
+  std::int64_t stamp_ns = 0;  // the program's clock
+  std::array<double, SampleTrack::kValues> values{};
+};
+
+// Answers every packet of one arm, whatever the program behind the orders does: with its newest command while
+// that is recent; while another drive is selected, until the arm has left its motion, with joint damping
+// about the present posture (effort) or a stop within the limits (motions); and so when the program is
+// silent. The next motion is requested once the arm is at rest, at the latest after kLongestStop.
+//
+// The arm's thread, once per packet; nothing allocates.
+class ArmAnswer {
+ public:
+  static constexpr double kLongestStop = 1.0;  // [s]
+
+  // low_pass_hz: of torques; 0: none.
+  ArmAnswer(std::shared_ptr<const ArmModel> model, const FollowerLimits& limits, double low_pass_hz = 0);
+
+  enum class Kind : std::uint8_t { none, torque, motion };
+  // `running`: the motion in which the arm takes commands, by its newest packet; none: it takes none.
+  Kind step(const ArmOrder& order, const ArmState& state, const DesiredMotionState& desired,
+            ArmDrive running) noexcept;
+  const JointVector& torque() const { return tau_; }
+  const InterfaceCommand& motion() const { return command_; }
+  // A connection begins: no motion is requested of the arm.
+  void reset();
+  // The motion to request of the arm, once per change.
+  std::optional<ArmDrive> take_request();
+
+  bool follows() const { return follows_; }       // the program's commands
+  std::uint32_t holds() const { return holds_; }  // how often the program fell silent in a motion
+
+ private:
+  void begin(ArmDrive running);
+  void take(const ArmOrder& order);
+  void request(ArmDrive drive);
+
+  std::size_t joints_;
+  TorqueAnswer torque_;
+  CommandFollower follower_;
+  JointVector tau_, tau_program_;
+  InterfaceCommand command_;
+  std::uint32_t change_ = 0, holds_ = 0;
+  std::uint64_t number_ = 0;
+  ArmDrive requested_ = ArmDrive::none;  // by the program
+  ArmDrive asked_ = ArmDrive::none;      // of the arm
+  ArmDrive running_ = ArmDrive::none;
+  std::optional<ArmDrive> request_;
+  bool leaving_ = false, follows_ = false;
+  int leaving_for_ = 0;  // periods
+};
+
+}  // namespace multipanda

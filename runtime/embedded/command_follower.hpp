@@ -1,0 +1,107 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "device/arm_interface.hpp"
+#include "runtime/embedded/axis_follower.hpp"
+#include "runtime/embedded/sample_track.hpp"
+
+namespace multipanda {
+
+struct RobotDescription;
+
+// Limits of a desired motion, below those that the arm checks.
+struct FollowerLimits {
+  // Fractions of the arm's limits. The rest is for the rounding of published values.
+  static constexpr double kVelocity = 0.95, kAcceleration = 0.9, kJerk = 0.8;
+  static constexpr double kCatchUp = 0.25;                              // [rad/s]
+  static constexpr double kCatchUpLinear = 0.1, kCatchUpAngular = 0.4;  // [m/s, rad/s]
+  // The Cartesian interface also checks the joints' velocities and accelerations, which depend on the pose.
+  // These fractions keep them where the arm is not near a singular pose.
+  static constexpr double kCartesianVelocity = 0.5, kCartesianAcceleration = 0.2, kCartesianJerk = 0.2;
+
+  std::array<AxisLimits, kMaxJoints> joints{};
+  AxisLimits linear, angular;  // of each axis; their norms keep the limits, too
+
+  static FollowerLimits of(const RobotDescription& robot);
+};
+
+// The desired motion as the arm publishes it in its newest packet: the base of the next command.
+struct DesiredMotionState {
+  std::array<double, kMaxJoints> q_d{}, dq_d{}, ddq_d{};
+  std::array<double, 16> O_T_EE_c{};  // column-major
+  std::array<double, 6> O_dP_EE_c{}, O_ddP_EE_c{};
+};
+
+enum class FollowedMotion : std::uint8_t {
+  joint_position,
+  joint_velocity,
+  cartesian_pose,
+  cartesian_velocity
+};
+
+// Makes the commands of one arm's motion from those of a program with another clock: resampled on the arm's
+// clock (SampleTrack), low-pass filtered, and limited in velocity, acceleration and jerk against the motion
+// that the arm publishes, so that no jump, late command or lost packet is a discontinuity for the arm. A jump
+// is approached slowly. Without new commands the motion continues for kKeptMotion, then slows down, and after
+// kSilence the follower stops it until resume().
+//
+// The arm's thread, once per packet; nothing allocates.
+class CommandFollower {
+ public:
+  static constexpr double kSilence = 0.15;  // [s]
+
+  CommandFollower(const FollowerLimits& limits, std::size_t joints) : limits_(limits), joints_(joints) {}
+
+  // A motion of this kind begins where the next packet shows it.
+  void begin(FollowedMotion motion);
+  // The program's newest command, stamped with its clock: joint positions or velocities, a column-major
+  // transform or a twist.
+  void push(std::int64_t stamp_ns, std::span<const double> values);
+  // Stops within the limits, until resume().
+  void stop() { stopped_ = true; }
+  // Later commands are followed again, from where the arm is.
+  void resume();
+
+  // The answer to a packet that shows `desired`.
+  void step(const DesiredMotionState& desired, InterfaceCommand& command) noexcept;
+
+  // Whether commands are followed: there are some, and neither stop() nor silence ended it.
+  bool follows() const { return !stopped_ && !track_.empty(); }
+  bool is_stopped() const { return stopped_; }
+  bool is_at_rest() const;
+  double delay() const { return track_.delay(); }
+
+ private:
+  void take_base(const DesiredMotionState& desired);
+  bool shows_sent(const DesiredMotionState& desired);
+  void follow_joints(const SampleTrack::Place& place);
+  void follow_pose(const SampleTrack::Place& place);
+  void halt();
+  void turn();
+  void send(InterfaceCommand& command);
+  std::size_t axes() const { return is_cartesian() ? 6 : joints_; }
+  bool is_cartesian() const { return motion_ >= FollowedMotion::cartesian_pose; }
+  const AxisLimits& limits(std::size_t axis) const {
+    return !is_cartesian() ? limits_.joints[axis] : axis < 3 ? limits_.linear : limits_.angular;
+  }
+
+  FollowerLimits limits_;
+  std::size_t joints_;
+  FollowedMotion motion_ = FollowedMotion::joint_position;
+  SampleTrack track_;
+  bool begun_ = false;                        // a command was sent in this motion
+  bool stopped_ = false;                      // on request, or by silence
+  int silent_ = 0;                            // periods since the newest command
+  std::array<AxisState, kMaxJoints> axes_{};  // joints, or the axes of the base: position, rotation
+  Matrix3 rotation_ = Matrix3::Identity();
+  // The commands sent last, newest first, and how many packets later the arm shows one.
+  std::array<std::array<double, 16>, 3> sent_{};
+  int lag_ = 0;
+  bool lag_known_ = false;  // seen in motion; it is the arm's, not the motion's
+  int unknown_ = 0;         // packets in a row that show none of them
+};
+
+}  // namespace multipanda
