@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "core/plugin/load_plugin.hpp"
 #include "models/arm_source.hpp"
 #include "scene/collision_shapes.hpp"
 
@@ -97,7 +98,7 @@ Request request_of(const TimelineEvent& event, const MultimodeController& contro
 
 Registry build_registry(const std::vector<std::string>& plugins) {
   Registry registry = Registry::with_builtins();
-  for (const auto& path : plugins) registry.load_plugin(path);
+  for (const auto& path : plugins) load_plugin(registry, path);
   return registry;
 }
 

@@ -13,7 +13,7 @@
 namespace multipanda {
 
 // multipanda's own controllets and features, and those of the libraries. Throws std::runtime_error
-// (Registry::load_plugin).
+// (core/plugin/load_plugin.hpp).
 Registry build_registry(const std::vector<std::string>& plugins);
 
 // The robot of an arm: kinematics, inertials, limits, capsules, hand. Throws std::invalid_argument.

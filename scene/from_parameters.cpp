@@ -115,7 +115,7 @@ T choice(const Tree& tree, const std::string& name, const std::vector<std::pair<
 }
 
 void take_states(const std::vector<std::string>& states, const std::string& name, HostedArm& arm) {
-  static const std::vector<std::string> valid{"position", "velocity", "effort", "robot_state"};
+  static const std::vector<std::string> valid{"position", "velocity", "effort", "multipanda_state"};
   for (const auto& state : states) {
     if (std::find(valid.begin(), valid.end(), state) == valid.end()) {
       refuse(name, "found '" + state + "'" + name_hint(state, valid, ""));
@@ -126,7 +126,7 @@ void take_states(const std::vector<std::string>& states, const std::string& name
   };
   if (!has("position") || !has("velocity")) refuse(name, "position and velocity are required");
   arm.has_effort = has("effort");
-  arm.has_robot_state = has("robot_state");
+  arm.has_robot_state = has("multipanda_state");
 }
 
 // Removes the keys of the host from those of an arm.

@@ -58,6 +58,11 @@ LAYERS = [
         "the control cycle, and the contract of backends",
         "core/types core/state core/model core/record core/safety core/modes",
     ),
+    layer(
+        "core/plugin",
+        "users' libraries: what they export, and the check that they fit",
+        "core/types core/state core/model core/modes core/cycle",
+    ),
     layer("core/testing", "an arm, a world and laws that the tests of every folder share", "core"),
     layer("support", "child processes, machine description, signals, text helpers"),
     layer("device", "the contract of an arm: its interface, errors and settings", "core"),

@@ -1,10 +1,7 @@
 #include "core/modes/registry.hpp"
 
 #include <algorithm>
-#include <dlfcn.h>
 #include <stdexcept>
-
-#include "core/modes/plugin.hpp"
 
 namespace multipanda {
 namespace {
@@ -44,28 +41,6 @@ const FeatureType* Registry::feature(std::string_view type) const { return find_
 const BackendType* Registry::backend(std::string_view name) const {
   const auto it = std::ranges::find(backends_, name, &BackendType::name);
   return it == backends_.end() ? nullptr : &*it;
-}
-
-void Registry::load_plugin(const std::string& path) {
-  void* library = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
-  if (library == nullptr) throw std::runtime_error("library " + path + ": " + dlerror());
-  const auto version = reinterpret_cast<unsigned (*)()>(dlsym(library, "multipanda_plugin_version"));
-  const auto add_all = reinterpret_cast<void (*)(Registry&)>(dlsym(library, "multipanda_plugin_register"));
-  std::string reason;
-  if (version == nullptr || add_all == nullptr) {
-    reason =
-        "it exports no controllets, features or backends; it needs MULTIPANDA_PLUGIN(registry) {...} "
-        "(core/modes/plugin.hpp)";
-  } else if (version() != kPluginVersion) {
-    reason = "it was built for interface " + std::to_string(version()) + ", this program has " +
-             std::to_string(kPluginVersion) +
-             "; rebuild it against these headers, without vector flags such as -march=native";
-  }
-  if (!reason.empty()) {
-    dlclose(library);
-    throw std::runtime_error("library " + path + ": " + reason);
-  }
-  add_all(*this);
 }
 
 }  // namespace multipanda

@@ -11,7 +11,8 @@
 namespace multipanda {
 
 // The controllets, features and users' backends that a scene can name. The list is explicit, without
-// self-registration. It is filled before the loop and read-only afterwards.
+// self-registration. It is filled before the loop, with users' libraries by core/plugin/load_plugin.hpp, and
+// read-only afterwards.
 class Registry {
  public:
   // All controllets and features of multipanda.
@@ -28,11 +29,6 @@ class Registry {
   const std::vector<ControlletType>& controllets() const { return controllets_; }
   const std::vector<FeatureType>& features() const { return features_; }
   const std::vector<BackendType>& backends() const { return backends_; }
-
-  // Loads a user's library (core/modes/plugin.hpp says what it exports) and adds its controllets,
-  // features and backends. Throws std::runtime_error with the reason: not found, unresolved symbol, other
-  // version. Never unloaded.
-  void load_plugin(const std::string& path);
 
  private:
   std::vector<ControlletType> controllets_;

@@ -1,5 +1,5 @@
 // What makes the library loadable: its backend, by name.
-#include "core/modes/plugin.hpp"
+#include "core/plugin/plugin.hpp"
 
 #include "free_arms.hpp"
 

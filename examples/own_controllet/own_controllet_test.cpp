@@ -1,7 +1,11 @@
+#include <cstddef>
+#include <multipanda_headers_hash.hpp>
+
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/modes/plugin.hpp"
-#include "core/modes/registry.hpp"
+#include "core/plugin/layout.hpp"
+#include "core/plugin/load_plugin.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/test_arm.hpp"
 
@@ -9,6 +13,7 @@ namespace multipanda::own_controllet_test {
 namespace {
 
 using namespace test;
+using testing::AllOf, testing::HasSubstr;
 
 std::string library(const std::string& name) { return std::string(PLUGIN_FOLDER "/") + name + ".so"; }
 
@@ -16,7 +21,7 @@ std::string refusal(const std::string& path) {
   Registry registry = Registry::with_builtins();
   const std::size_t before = registry.controllets().size();
   try {
-    registry.load_plugin(path);
+    load_plugin(registry, path);
   } catch (const std::runtime_error& error) {
     EXPECT_EQ(registry.controllets().size(), before);
     return error.what();
@@ -27,14 +32,14 @@ std::string refusal(const std::string& path) {
 TEST(OwnControllet, IsLoadedAndNamed) {
   Registry registry = Registry::with_builtins();
   ASSERT_EQ(registry.controllet("virtual_wall"), nullptr);
-  registry.load_plugin(library("own_controllet"));
+  load_plugin(registry, library("own_controllet"));
   ASSERT_NE(registry.controllet("virtual_wall"), nullptr);
-  EXPECT_THROW(registry.load_plugin(library("own_controllet")), std::invalid_argument);  // the name is taken
+  EXPECT_THROW(load_plugin(registry, library("own_controllet")), std::invalid_argument);  // the name is taken
 }
 
 TEST(OwnControllet, PushesOutOfTheWallByStiffnessTimesDepth) {
   Registry registry;
-  registry.load_plugin(library("own_controllet"));
+  load_plugin(registry, library("own_controllet"));
   ControlletRig rig(*registry.controllet("virtual_wall"), {TestArm::make().model()});
   const double z = rig.terms(0).X_WE().position.z();
   rig.set("height_m", {z - 0.01});
@@ -54,7 +59,7 @@ TEST(OwnControllet, PushesOutOfTheWallByStiffnessTimesDepth) {
 
 TEST(OwnFeature, DampsJointsAboveItsSpeedOnly) {
   Registry registry;
-  registry.load_plugin(library("own_controllet"));
+  load_plugin(registry, library("own_controllet"));
   ControlletRig rig(*registry.feature("speed_damping"), {TestArm::make().model()});
   JointVector dq = JointVector::Zero(7);
   dq[1] = 0.5;
@@ -70,21 +75,40 @@ TEST(OwnFeature, DampsJointsAboveItsSpeedOnly) {
   EXPECT_NEAR(rig.output("largest_torque_nm")[0], 2.0, 1e-12);
 }
 
-// A type that grows changes the number, and so does one that shrinks while another grows.
-TEST(OwnControllet, TheInterfaceNumberKnowsTheSizesOfSharedTypes) {
+// The same members in another order: the size is the same, the number is not.
+struct Sample {
+  double a, b;
+  int c;
+};
+struct Reordered {
+  double b, a;
+  int c;
+};
+template <typename T>
+constexpr std::uint64_t layout_of() {
+  return fold({sizeof(T), offsetof(T, a), offsetof(T, b), offsetof(T, c)});
+}
+
+TEST(OwnControllet, TheLayoutNumberKnowsSizesAndPlaces) {
+  static_assert(sizeof(Sample) == sizeof(Reordered));
+  static_assert(layout_of<Sample>() != layout_of<Reordered>());
   static_assert(fold({4, 16, 800}) != fold({4, 16, 808}));
   static_assert(fold({4, 16, 800, 808}) != fold({4, 16, 808, 800}));
-  static_assert(fold({4, 16, 800}) != fold({4, 32, 800}));
-  constexpr unsigned kOlder = 3 * 1000 + EIGEN_MAX_STATIC_ALIGN_BYTES;  // did not know them
-  EXPECT_NE(kPluginVersion, kOlder);
+  static_assert(fold({0, std::size_t{1} << 40}) != fold({0, 0}));  // all bytes count
+  static_assert(kPluginLayout != kStateLayout);
 }
 
 TEST(OwnControllet, LibrariesThatDoNotFitAreRefusedWithTheReason) {
   EXPECT_NE(refusal(library("no_such_file")).find("no_such_file"), std::string::npos);
   EXPECT_NE(refusal(library("plugin_without_symbols")).find("MULTIPANDA_PLUGIN"), std::string::npos);
-  const std::string version = refusal(library("plugin_of_other_version"));
-  EXPECT_NE(version.find("interface 999016"), std::string::npos) << version;
-  EXPECT_NE(version.find("rebuild"), std::string::npos) << version;
+  EXPECT_THAT(refusal(library("plugin_of_older_version")),
+              AllOf(HasSubstr("older version"), HasSubstr("rebuild it with the headers of this program")));
+  EXPECT_THAT(refusal(library("plugin_of_other_headers")),
+              AllOf(HasSubstr("other headers (hash fedcba9876543210)"),
+                    HasSubstr("this program (hash " MULTIPANDA_HEADERS_HASH ")"), HasSubstr("rebuild")));
+  // The right headers alone do not make it fit.
+  EXPECT_THAT(refusal(library("plugin_of_other_layout")),
+              AllOf(HasSubstr("another layout"), HasSubstr("-march=native")));
 }
 
 }  // namespace

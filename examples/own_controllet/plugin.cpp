@@ -1,5 +1,5 @@
 // Registers the controllets and features of the library.
-#include "core/modes/plugin.hpp"
+#include "core/plugin/plugin.hpp"
 
 #include "speed_damping.hpp"
 #include "virtual_wall.hpp"

@@ -3,7 +3,7 @@
 // checks, counters and goals stay multipanda's.
 #include <geometry_msgs/msg/transform_stamped.hpp>
 
-#include "core/modes/plugin.hpp"
+#include "core/plugin/plugin.hpp"
 #include "ros/adapter/controllets/input_codec.hpp"
 
 namespace {

@@ -26,6 +26,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "core/plugin/load_plugin.hpp"
 #include "core/rt/guard/loop_guard.hpp"
 #include "ros/adapter/ros_adapter.hpp"
 #include "runtime/session.hpp"
@@ -394,7 +395,7 @@ TEST(ARunWithACodec, TakesItsMessagesAndCleansUp) {
     opened.scene.controllets = {{.name = "cartesian", .type = "cartesian_impedance", .arms = {0}}};
     opened.scene.active = {"cartesian"};
     opened.scene.plugins = {OWN_MESSAGE};
-    opened.registry.load_plugin(OWN_MESSAGE);
+    load_plugin(opened.registry, OWN_MESSAGE);
     SessionOptions options;
     options.duration_s = 0;
     RosAdapter* adapter = nullptr;

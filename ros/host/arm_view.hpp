@@ -11,8 +11,8 @@
 namespace multipanda::ros {
 
 // A view of multipanda's hardware data for one arm, for controllers in the same process. The value of the
-// state interface `<arm>/robot_state` or `<arm>/robot_model` is the address of a struct; the view checks its
-// magic, version, sizes and build. Use it in update(): it shows the data of the last read().
+// state interface `<arm>/multipanda_state` or `<arm>/multipanda_model` is the address of a struct; the view
+// checks its magic, version, sizes and build. Use it in update(): it shows the data of the last read().
 //
 // Viewing neither allocates nor locks. Functions that fill messages reuse the message's memory.
 class __attribute__((visibility("default"))) ArmView {

@@ -124,7 +124,7 @@ struct ControllerHost::Implementation {
         command_names.push_back(joint + "/effort");
       }
       place.shared = state_names.size();
-      if (arms[i].has_robot_state) state_names.push_back(arms[i].name + "/robot_state");
+      if (arms[i].has_robot_state) state_names.push_back(arms[i].name + "/" + kStateInterface);
       places.push_back(place);
       cycle->signals(i).has_effort = arms[i].has_effort;
     }
@@ -185,8 +185,12 @@ std::string ControllerHost::activate() {
   auto& self = *self_;
   for (ArmIndex i = 0; i < self.arms.size(); ++i) {
     ArmSignals& signals = self.cycle->signals(i);
-    signals.shared =
-        self.arms[i].has_robot_state ? shared_arm_state(self.states[self.places[i].shared]) : nullptr;
+    signals.shared = nullptr;
+    if (!self.arms[i].has_robot_state) continue;
+    const double value = self.states[self.places[i].shared];
+    if (std::string why = shared_arm_state_refusal(value); !why.empty())
+      return "arm '" + self.arms[i].name + "': " + why;
+    signals.shared = shared_arm_state(value);
   }
   self.take_states();
   if (std::string why = self.cycle->check(); !why.empty()) return why;

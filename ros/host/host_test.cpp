@@ -120,7 +120,7 @@ TEST(Hosts, ControllerAndHardwareExchangeNumbersOnly) {
 
   // Other controllers can read the hardware's data.
   for (const auto& n : hardware.states()) {
-    if (n.name != "robot_state") continue;
+    if (n.name != "multipanda_state") continue;
     const ArmView arm = ArmView::from_interface(*n.value);
     ASSERT_TRUE(static_cast<bool>(arm));
     std::array<double, 49> M{};

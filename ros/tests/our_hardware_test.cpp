@@ -54,7 +54,7 @@ class OurHardware : public testing::TestWithParam<Plant> {
   // a new state.
   void pace_by_packets() {
     for (const auto& arm : kArms) {
-      views_.emplace_back(ros::ArmView::from_interface(robot_->managed.value(arm + "/robot_state")), 0);
+      views_.emplace_back(ros::ArmView::from_interface(robot_->managed.value(arm + "/multipanda_state")), 0);
       ASSERT_TRUE(static_cast<bool>(views_.back().first)) << arm;
     }
     robot_->managed.pace([this] {

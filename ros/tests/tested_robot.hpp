@@ -18,7 +18,7 @@ namespace multipanda::ros2_control_tests {
 // this project and others. `more`: keys of every arm of the controller `multimode`, in YAML.
 std::string parameters(const std::string& more = "");
 
-// Other hardware has no robot_state, so the parameters must say how it compensates gravity.
+// Other hardware has no multipanda_state, so the parameters must say how it compensates gravity.
 inline const char* const kForeign =
     "gravity_compensation: robot, state_interfaces: [position, velocity, effort]";
 

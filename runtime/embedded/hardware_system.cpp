@@ -81,8 +81,8 @@ void HardwareSystem::list_numbers(ArmIndex index) {
     states_.push_back({twist, kTwistNames[i], &arm.twist[i]});
     add_command(index, kTwistBit + i, twist, kTwistNames[i], &arm.twist_c[i]);
   }
-  states_.push_back({arm.name, "robot_state", &arm.shared_value});
-  states_.push_back({arm.name, "robot_model", &arm.shared_value});
+  states_.push_back({arm.name, kStateInterface, &arm.shared_value});
+  states_.push_back({arm.name, kModelInterface, &arm.shared_value});
   states_.push_back({arm.name, "mode", &arm.mode});
   states_.push_back({arm.name, "error", &arm.error});
   states_.push_back({arm.name, "command_success_rate", &arm.success_rate});

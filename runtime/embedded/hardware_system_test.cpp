@@ -66,8 +66,8 @@ TEST(HardwareSystem, ExportsEveryArmsNumbersUnderItsOwnName) {
   for (const auto& number : world.hardware.states()) names.insert(number.full_name());
   EXPECT_EQ(names.size(), world.hardware.states().size());
   for (const char* name : {"left_joint1/position", "mj_left_joint7/effort", "left_ee_cartesian_position/15",
-                           "mj_left_ee_cartesian_velocity/omega_z", "left/robot_state", "left/robot_model",
-                           "mj_left/mode", "left/error"}) {
+                           "mj_left_ee_cartesian_velocity/omega_z", "left/multipanda_state",
+                           "left/multipanda_model", "mj_left/mode", "left/error"}) {
     EXPECT_TRUE(names.contains(name)) << name;
   }
   world.fixture.step();
@@ -75,7 +75,7 @@ TEST(HardwareSystem, ExportsEveryArmsNumbersUnderItsOwnName) {
     EXPECT_EQ(world.fixture.state("left_joint" + std::to_string(i + 1) + "/position"), world.q(0)[i]);
   }
   // The pose is E in the arm's base, so for equal joints it does not depend on the base.
-  const ModelTerms* model = shared_arm_state(world.fixture.state("left/robot_model"))->model;
+  const ModelTerms* model = shared_arm_state(world.fixture.state("left/multipanda_model"))->model;
   ASSERT_NE(model, nullptr);
   const Pose X_WE = const_cast<ModelTerms*>(model)->X_WE();
   const Vector3 p_B(world.fixture.state("left_ee_cartesian_position/12"),
@@ -164,14 +164,14 @@ TEST(HardwareSystem, OurControllerOwnsOneArmAndAPositionControllerTheOther) {
   ASSERT_TRUE(fixture.steps_until([&] { return (cycle->modes().active() & bit(pose)) != 0; }));
   fixture.step();
   const Pose X_WE =
-      const_cast<ModelTerms*>(shared_arm_state(fixture.state("left/robot_state"))->model)->X_WE();
+      const_cast<ModelTerms*>(shared_arm_state(fixture.state("left/multipanda_state"))->model)->X_WE();
   const Pose goal{X_WE.rotation, X_WE.position + Vector3(0.05, -0.03, 0.04)};
   ASSERT_EQ(cycle->modes().instance(pose).inputs()[0].post(pose_target(goal, 1, Delivery::goal)),
             Verdict::accepted);
   fixture.steps(4000);
   EXPECT_TRUE(fixture.last());
   const Pose reached =
-      const_cast<ModelTerms*>(shared_arm_state(fixture.state("left/robot_state"))->model)->X_WE();
+      const_cast<ModelTerms*>(shared_arm_state(fixture.state("left/multipanda_state"))->model)->X_WE();
   EXPECT_LT((reached.position - goal.position).norm(), 1e-3);
   EXPECT_NEAR(world.q(1)[0], q1 + 0.3, 2e-3);
   EXPECT_EQ(fixture.state("mj_left/following"), 1);
@@ -374,9 +374,9 @@ TEST(HardwareSystem, ConnectsAgainAndWithdrawsItsAddressInBetween) {
   ASSERT_EQ(fixture.change(fixture.efforts("left")), "");
   fixture.steps(5);
   for (int i = 0; i < 3; ++i) {
-    EXPECT_NE(shared_arm_state(fixture.state("left/robot_state")), nullptr);
+    EXPECT_NE(shared_arm_state(fixture.state("left/multipanda_state")), nullptr);
     world.hardware.disconnect();
-    EXPECT_EQ(shared_arm_state(fixture.state("left/robot_state")), nullptr);
+    EXPECT_EQ(shared_arm_state(fixture.state("left/multipanda_state")), nullptr);
     EXPECT_EQ(world.hardware.drive(0), ArmDrive::none);
     world.hardware.connect();
     ASSERT_EQ(fixture.change(fixture.efforts("left")), "");

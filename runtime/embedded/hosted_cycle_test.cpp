@@ -251,14 +251,25 @@ TEST(SharedArmState, OnlyAStructOfThisBuildIsAccepted) {
        {0.0, 1.0, -1.0, static_cast<double>(NAN), static_cast<double>(INFINITY), 1e-300}) {
     EXPECT_EQ(shared_arm_state(value), nullptr) << value;
   }
-  shared.version = 2;
-  EXPECT_EQ(shared_arm_state(to_interface(&shared)), nullptr);
-  shared = SharedArmState{};
+  EXPECT_EQ(shared_arm_state_refusal(to_interface(&shared)), "");
+  EXPECT_EQ(shared_arm_state_refusal(0.0), "");  // none
   shared.size += 8;
   EXPECT_EQ(shared_arm_state(to_interface(&shared)), nullptr);
+  EXPECT_THAT(shared_arm_state_refusal(to_interface(&shared)), testing::HasSubstr("other headers"));
+  // Headers that differ without changing a size, such as two members in another order.
   shared = SharedArmState{};
-  shared.build[0] = 'x';
+  const std::string ours = shared.headers.data();
+  EXPECT_EQ(ours.size(), 16u);
+  shared.headers[0] = shared.headers[0] == '0' ? '1' : '0';
   EXPECT_EQ(shared_arm_state(to_interface(&shared)), nullptr);
+  EXPECT_THAT(shared_arm_state_refusal(to_interface(&shared)),
+              testing::AllOf(testing::HasSubstr("(hash " + std::string(shared.headers.data()) + ")"),
+                             testing::HasSubstr("than this controller (hash " + ours + ")"),
+                             testing::HasSubstr("build multipanda_hardware and multipanda_controller")));
+  shared = SharedArmState{};
+  shared.layout ^= 1;
+  EXPECT_EQ(shared_arm_state(to_interface(&shared)), nullptr);
+  EXPECT_THAT(shared_arm_state_refusal(to_interface(&shared)), testing::HasSubstr("another layout"));
   alignas(8) std::array<char, sizeof(SharedArmState)> other{};  // another struct
   EXPECT_EQ(shared_arm_state(to_interface(reinterpret_cast<const SharedArmState*>(other.data()))), nullptr);
 }

@@ -8,7 +8,7 @@
 #include <vector>
 
 // Lets an input of a controllet take a message type of the user's own. The library that brings the
-// controllet (core/modes/plugin.hpp) says how to read the message; topics, checks, frames and counters
+// controllet (core/plugin/plugin.hpp) says how to read the message; topics, checks, frames and counters
 // stay the adapter's.
 //
 //   MULTIPANDA_INPUT_CODECS(codecs) {

@@ -13,9 +13,9 @@ namespace multipanda_controller {
 using CallbackReturn = controller_interface::CallbackReturn;
 
 // multipanda's control cycle as a ros2_control controller. Claims the efforts of its arms' joints; reads
-// their position, velocity, effort and, if the hardware offers it, the arm's full state (<arm>/robot_state).
-// Its node carries topics, services and actions (docs/ros_interfaces.md) and the parameters of
-// docs/ros2_control.md. The work is done in ros/host/controller_host.hpp.
+// their position, velocity, effort and, if the hardware offers it, the arm's full state
+// (<arm>/multipanda_state). Its node carries topics, services and actions (docs/ros_interfaces.md) and the
+// parameters of docs/ros2_control.md. The work is done in ros/host/controller_host.hpp.
 class MultimodeController : public controller_interface::ControllerInterface {
  public:
   controller_interface::InterfaceConfiguration command_interface_configuration() const override;

@@ -120,7 +120,7 @@ class HostedFixture {
         bound.tau.push_back(find(world_.states(), joint + "/effort"));
         bound.out.push_back(find(world_.commands(), joint + "/effort"));
       }
-      cycle_->signals(i).shared = shared_arm_state(state(cycle_->scene().arms[i].name + "/robot_state"));
+      cycle_->signals(i).shared = shared_arm_state(state(cycle_->scene().arms[i].name + "/multipanda_state"));
       cycle_->signals(i).has_effort = true;
     }
   }

@@ -4,11 +4,11 @@
 
 namespace multipanda_semantic_components {
 
-// The arm's rigid-body model at its measured state, including tool and load: <arm>/robot_model. Computed
+// The arm's rigid-body model at its measured state, including tool and load: <arm>/multipanda_model. Computed
 // on demand.
 class RobotModel : public ArmInterface {
  public:
-  explicit RobotModel(const std::string& arm) : ArmInterface(arm, "robot_model") {}
+  explicit RobotModel(const std::string& arm) : ArmInterface(arm, "multipanda_model") {}
 
   // Mass matrix, Coriolis and gravity torques, Jacobian, pose. Empty (false) as in RobotState::get().
   multipanda::ros::ArmView get() const { return view(); }

@@ -4,10 +4,10 @@
 
 namespace multipanda_semantic_components {
 
-// The hardware's data for an arm: <arm>/robot_state.
+// The hardware's data for an arm: <arm>/multipanda_state.
 class RobotState : public ArmInterface {
  public:
-  explicit RobotState(const std::string& arm) : ArmInterface(arm, "robot_state") {}
+  explicit RobotState(const std::string& arm) : ArmInterface(arm, "multipanda_state") {}
 
   // Data of the last read(). Empty (false) if the hardware is not multipanda's, or is gone.
   multipanda::ros::ArmView get() const { return view(); }

@@ -1,0 +1,21 @@
+# Writes a header with the hash of all headers that a user's library can include (comments and blank space excluded):
+#   cmake -DROOT=/path/to/multipanda -DOUTPUT=.../multipanda_headers_hash.hpp -P headers_hash.cmake
+# An unchanged file keeps its time, so that nothing is compiled again.
+cmake_minimum_required(VERSION 3.22)
+include(${CMAKE_CURRENT_LIST_DIR}/shared_headers.cmake)
+multipanda_shared_headers(headers "${ROOT}")
+if(NOT headers)
+  message(FATAL_ERROR "${ROOT}: no headers found; ROOT must be multipanda's source folder")
+endif()
+set(all "")
+foreach(header IN LISTS headers)
+  file(READ "${ROOT}/${header}" text)
+  string(REGEX REPLACE "//[^\n]*" "" text "${text}")
+  string(REGEX REPLACE "[ \t\r\n]+" " " text "${text}")
+  string(STRIP "${text}" text)
+  string(SHA256 hash "${text}")
+  string(APPEND all "${header} ${hash}\n")
+endforeach()
+string(SHA256 hash "${all}")
+string(SUBSTRING "${hash}" 0 16 MULTIPANDA_HASH)
+file(CONFIGURE OUTPUT "${OUTPUT}" @ONLY CONTENT "#pragma once\n// Written by cmake/headers_hash.cmake.\n#define MULTIPANDA_HEADERS_HASH \"@MULTIPANDA_HASH@\"\n")

@@ -1,0 +1,43 @@
+# For users' libraries (docs/writing_a_controllet.md) and for multipanda itself:
+#   include(/path/to/multipanda/cmake/plugin.cmake)
+#   multipanda_plugin(NAME SOURCES...)
+# builds a library that the program can load. It carries the hash of the headers it was compiled with; the program
+# refuses a library whose hash differs from its own.
+include(${CMAKE_CURRENT_LIST_DIR}/shared_headers.cmake)
+get_filename_component(MULTIPANDA_SOURCE "${CMAKE_CURRENT_LIST_DIR}" DIRECTORY)
+set(MULTIPANDA_HASH_SCRIPT "${CMAKE_CURRENT_LIST_DIR}/headers_hash.cmake")
+
+# Gives the target the header "multipanda_headers_hash.hpp", written again whenever a shared header changes.
+function(multipanda_headers_hash target)
+  set(folder "${CMAKE_CURRENT_BINARY_DIR}/${target}_headers")
+  set(header "${folder}/multipanda_headers_hash.hpp")
+  multipanda_shared_headers(headers "${MULTIPANDA_SOURCE}" CONFIGURE_DEPENDS)
+  list(TRANSFORM headers PREPEND "${MULTIPANDA_SOURCE}/")
+  set(command ${CMAKE_COMMAND} "-DROOT=${MULTIPANDA_SOURCE}" "-DOUTPUT=${header}" -P "${MULTIPANDA_HASH_SCRIPT}")
+  add_custom_command(OUTPUT "${header}" COMMAND ${command}
+    DEPENDS ${headers} "${MULTIPANDA_HASH_SCRIPT}" COMMENT "" VERBATIM)
+  if(NOT EXISTS "${header}")  # tools that read the sources want it before the first build
+    execute_process(COMMAND ${command} COMMAND_ERROR_IS_FATAL ANY)
+  endif()
+  target_sources(${target} PRIVATE "${header}")
+  target_include_directories(${target} PRIVATE "${folder}")
+endfunction()
+
+function(multipanda_plugin name)
+  # Outside multipanda's own build, MULTIPANDA_BUILD is the folder where the program was built.
+  if(NOT TARGET multipanda_core)
+    set(MULTIPANDA_BUILD "${MULTIPANDA_SOURCE}/build" CACHE PATH "where multipanda was built")
+    find_library(MULTIPANDA_CORE multipanda_core PATHS ${MULTIPANDA_BUILD}/core NO_DEFAULT_PATH REQUIRED)
+    find_package(Eigen3 3.4 REQUIRED NO_MODULE)
+    set_target_properties(Eigen3::Eigen PROPERTIES IMPORTED_GLOBAL TRUE)
+    add_library(multipanda_core SHARED IMPORTED GLOBAL)
+    set_target_properties(multipanda_core PROPERTIES IMPORTED_LOCATION ${MULTIPANDA_CORE}
+      INTERFACE_INCLUDE_DIRECTORIES "${MULTIPANDA_SOURCE}" INTERFACE_LINK_LIBRARIES Eigen3::Eigen)
+  endif()
+  # No -march, no -mavx: the program refuses a library whose Eigen objects have another alignment.
+  add_library(${name} MODULE ${ARGN})
+  target_link_libraries(${name} PRIVATE multipanda_core)
+  target_compile_features(${name} PRIVATE cxx_std_20)
+  set_target_properties(${name} PROPERTIES PREFIX "" CXX_VISIBILITY_PRESET hidden)
+  multipanda_headers_hash(${name})
+endfunction()

@@ -1,0 +1,63 @@
+#include "core/plugin/load_plugin.hpp"
+
+#include <cstdio>
+#include <dlfcn.h>
+#include <multipanda_headers_hash.hpp>
+#include <stdexcept>
+
+#include "core/plugin/layout.hpp"
+
+namespace multipanda {
+namespace {
+
+template <typename Function>
+Function symbol(void* library, const char* name) {
+  return reinterpret_cast<Function>(dlsym(library, name));
+}
+
+std::string hexadecimal(std::uint64_t number) {
+  char text[17];
+  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(number));
+  return text;
+}
+
+// Why this program cannot use the library, or an empty string. Calls nothing of the library that depends on
+// shared types.
+std::string refusal(void* library) {
+  if (symbol<void*>(library, "multipanda_plugin_register") == nullptr) {
+    return "it exports no controllets, features or backends; it needs MULTIPANDA_PLUGIN(registry) {...} "
+           "(core/plugin/plugin.hpp)";
+  }
+  const auto headers = symbol<const char* (*)()>(library, "multipanda_plugin_headers");
+  const auto layout = symbol<std::uint64_t (*)()>(library, "multipanda_plugin_layout");
+  if (headers == nullptr || layout == nullptr) {
+    return "it was built with the headers of an older version, which do not tell their hash; rebuild it with "
+           "the "
+           "headers of this program";
+  }
+  if (std::string_view(headers()) != MULTIPANDA_HEADERS_HASH) {
+    return std::string("it was built with other headers (hash ") + headers() + ") than this program (hash " +
+           MULTIPANDA_HEADERS_HASH + "); rebuild it with the headers of this program";
+  }
+  if (layout() != kPluginLayout) {
+    return "it was built with the headers of this program, but its types have another layout (" +
+           hexadecimal(layout()) + ") than this program's (" + hexadecimal(kPluginLayout) +
+           "); rebuild it with the same compiler and Eigen, without flags such as -march=native or "
+           "-D_GLIBCXX_DEBUG";
+  }
+  return {};
+}
+
+}  // namespace
+
+void load_plugin(Registry& registry, const std::string& path) {
+  void* library = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
+  if (library == nullptr) throw std::runtime_error("library " + path + ": " + dlerror());
+  if (const std::string reason = refusal(library); !reason.empty()) {
+    dlclose(library);
+    throw std::runtime_error("library " + path + ": " + reason);
+  }
+  symbol<void (*)(Registry&)>(library, "multipanda_plugin_register")(registry);
+}
+
+}  // namespace multipanda
