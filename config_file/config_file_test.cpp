@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "config_file/archive.hpp"
+#include "config_file/first_lines.hpp"
 #include "config_file/json_schema.hpp"
 #include "config_file/reference_page.hpp"
 
@@ -89,6 +90,56 @@ TEST(ConfigFile, ErrorsNameLineExpectationAndNearestName) {
               HasSubstr("duplicate key 'wheels', first in line 1; remove one"));
   EXPECT_THAT(error_of("wheels: []\ncolor: bleu\n"), HasSubstr("did you mean 'blue'?"));
   EXPECT_THAT(error_of("wheels: []\nroof: yes\n"), HasSubstr("expected true or false, found 'yes'"));
+}
+
+// An alias is the anchor's own node: what is read for one name must not stick to the other.
+TEST(ConfigFile, AliasesAreReadUnderTheirOwnNames) {
+  const std::string written = "wheels:\n  left: &wheel {diameter_m: 0.5}\n  right: *wheel\n  spare: *wheel\n";
+  for (int reading = 0; reading < 2; ++reading) {
+    const Cart cart = read(written);
+    ASSERT_EQ(cart.wheels.size(), 3u);
+    for (std::size_t i = 0; i < 3; ++i) {
+      EXPECT_EQ(cart.wheels[i].name, (std::array{"left", "right", "spare"}[i]));
+      EXPECT_EQ(cart.wheels[i].diameter, 0.5);
+    }
+  }
+  // Reading twice from one document.
+  const Node document = Node::parse(written, "cart.yaml");
+  Cart first, second;
+  Archive::read(document, first);
+  Archive::read(document, second);
+  EXPECT_EQ(second.wheels[1].name, "right");
+  // In a list; an alias of a value; an error below an alias is in the alias's line.
+  EXPECT_EQ(read("wheels:\n  - &a {name: a, diameter_m: &d 0.3}\n  - {name: b, diameter_m: *d}\n")
+                .wheels[1]
+                .diameter,
+            0.3);
+  EXPECT_THAT(error_of("wheels:\n  left: &wheel {diameter_m: 0.5, name: left}\n  right: *wheel\n"),
+              HasSubstr("cart.yaml:3: wheel 'right': name: the key of this section names it 'right'"));
+}
+
+TEST(ConfigFile, DuplicatesAmongThousandsOfKeys) {
+  constexpr int kNames = 20000;
+  std::string text = "wheels:\n";
+  for (int i = 0; i < kNames; ++i) text += "  w" + std::to_string(i) + ":\n";
+  const Cart cart = read(text);
+  ASSERT_EQ(cart.wheels.size(), static_cast<std::size_t>(kNames));
+  EXPECT_EQ(cart.wheels.back().name, "w19999");
+  EXPECT_THAT(error_of(text + "  w12345:\n"),
+              HasSubstr("cart.yaml:20002: wheels: duplicate key 'w12345', first in line 12347; remove one"));
+
+  // Comparisons per name: twice the height of a balanced tree (log2 of 20,000 is 14.3), not thousands.
+  static std::size_t comparisons = 0;
+  struct Counted {
+    bool operator()(const std::string& a, const std::string& b) const {
+      ++comparisons;
+      return a < b;
+    }
+  };
+  FirstLines<Counted> lines;
+  for (int i = 0; i < kNames; ++i) ASSERT_FALSE(lines.add("w" + std::to_string(i), i + 2));
+  EXPECT_EQ(lines.add("w7", 0), 9);
+  EXPECT_LE(comparisons, 40u * kNames);
 }
 
 TEST(ConfigFile, DescribesTheSameKeys) {

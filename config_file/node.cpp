@@ -5,10 +5,10 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
-#include <map>
 #include <numbers>
 #include <sstream>
 
+#include "config_file/first_lines.hpp"
 #include "config_file/text.hpp"
 #include "support/spelling.hpp"
 
@@ -120,14 +120,13 @@ std::vector<Node> Node::items() const {
 std::vector<std::pair<std::string, Node>> Node::pairs() const {
   if (!is_map()) expected("a mapping (key: value)");
   std::vector<std::pair<std::string, Node>> list;
-  std::map<std::string, int> lines;
+  FirstLines<> lines;
   for (const auto& pair : yaml_) {
     const Node key{file_, pair.first, line_, what_};
     if (!pair.first.IsScalar()) key.refuse("expected a string as key");
     const std::string& name = pair.first.Scalar();
-    const auto [first, added] = lines.emplace(name, key.line_);
-    if (!added) {
-      key.refuse("duplicate key " + in_quotes(name) + ", first in line " + std::to_string(first->second) +
+    if (const auto first = lines.add(name, key.line_)) {
+      key.refuse("duplicate key " + in_quotes(name) + ", first in line " + std::to_string(*first) +
                  "; remove one");
     }
     list.emplace_back(name, Node{file_, pair.second, key.line_, what_.empty() ? name : what_ + ": " + name});
