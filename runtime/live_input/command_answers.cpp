@@ -60,6 +60,7 @@ json RequestHandler::describe(const StreamChannel& channel) const {
           {"lost", channel.lost},
           {"late", channel.late},
           {"refused", channel.refused},
+          {"expired", channel.expired},
           {"sequence", channel.last},
           {"client_time_ns", channel.client_time_ns},
           {"verdict", name_of(channel.verdict)}};

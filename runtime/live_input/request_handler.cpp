@@ -302,7 +302,7 @@ StreamChannel RequestHandler::open_channel(const json& request) const {
   return channel;
 }
 
-void RequestHandler::deliver(const StreamPacket& packet, StreamChannel& channel) {
+void RequestHandler::deliver(const StreamPacket& packet, StreamChannel& channel, double age_s) {
   if (channel.received > 0 && packet.sequence <= channel.last) {
     ++channel.late;
     return;
@@ -312,6 +312,11 @@ void RequestHandler::deliver(const StreamPacket& packet, StreamChannel& channel)
   channel.client_time_ns = packet.client_time_ns;
   ++channel.received;
   Reference& input = run_.modes->instance(channel.instance).inputs()[channel.input];
+  if (age_s > input.spec().timeout_s) {
+    ++channel.expired;
+    channel.verdict = Verdict::timeout;
+    return;
+  }
   Target target;
   target.delivery = Delivery::stream;
   target.size = static_cast<std::uint8_t>(packet.count);

@@ -37,6 +37,7 @@ struct StreamChannel {
   std::uint64_t lost = 0;              // gaps in the sequence
   std::uint64_t late = 0;              // out of order: ignored
   std::uint64_t refused = 0;           // not taken
+  std::uint64_t expired = 0;           // waited in the socket for longer than the input's timeout: not taken
   std::int64_t client_time_ns = 0;     // of the newest
   Verdict verdict = Verdict::pending;  // of the newest
 };
@@ -64,7 +65,9 @@ class RequestHandler {
 
   // --- streams ---
   StreamChannel open_channel(const nlohmann::json& request) const;  // throws RequestRefused
-  void deliver(const StreamPacket& packet, StreamChannel& channel);
+  // `age_s`: since the packet was sent. Its sender may be silent by now, so what is older than the input's
+  // timeout is not taken.
+  void deliver(const StreamPacket& packet, StreamChannel& channel, double age_s = 0);
   nlohmann::json describe(const StreamChannel& channel) const;
 
   // --- contents and state of the run ---

@@ -301,6 +301,80 @@ TEST_F(RequestsTest, ABinaryStreamAtOneKilohertz) {
   EXPECT_EQ(channel.refused, 1u);
 }
 
+// What waited in the socket for longer than the input's timeout moves nothing: its sender may be silent by
+// now.
+TEST_F(RequestsTest, SamplesThatComeTooLateAreDroppedAndCounted) {
+  ASSERT_EQ(ask(R"({"do":"switch","activate":["joint0"]})")["ok"], true);
+  StreamChannel channel =
+      handler_.open_channel(json::parse(R"({"do":"stream","controllet":"joint0","input":"joints"})"));
+  const auto start = set_point("joint0");
+  StreamPacket packet{.channel = 1, .sequence = 0, .client_time_ns = 0, .count = 7, .values = {}};
+  std::copy(start.begin(), start.end(), packet.values.begin());
+  const auto deliver = [&](double offset, double age_s) {
+    ++packet.sequence;
+    packet.values[3] = start[3] + offset;
+    handler_.deliver(packet, channel, age_s);
+  };
+  deliver(0, 0.099);  // late, but inside the input's timeout of 0.1 s
+  EXPECT_EQ(channel.verdict, Verdict::accepted);
+  fixture_.steps(1);
+  // A server that was starved drains a second of samples at once: only those of the last 0.1 s count, and of
+  // them the newest.
+  constexpr int kQueued = 1000;
+  for (int k = 0; k < kQueued; ++k) deliver(k < 900 ? -0.4 : 1e-5 * (k - 900), 1e-3 * (kQueued - k) - 5e-4);
+  EXPECT_EQ(channel.expired, 900u);
+  EXPECT_EQ(channel.refused, 0u);
+  EXPECT_EQ(channel.received, 1001u);
+  double furthest = 0;
+  for (int k = 0; k < 90; ++k) {
+    fixture_.steps(1);
+    furthest = std::max(furthest, std::abs(set_point("joint0")[3] - start[3]));
+  }
+  EXPECT_LT(furthest, 0.01);
+  EXPECT_NEAR(set_point("joint0")[3], start[3] + 99e-5, 1e-3);
+
+  // Nothing but old samples is silence.
+  for (int k = 0; k < 150; ++k) {
+    deliver(-0.4, 0.3);
+    fixture_.steps(1);
+  }
+  EXPECT_EQ(channel.verdict, Verdict::timeout);
+  EXPECT_EQ(owner(0), "arm0_hold");
+  EXPECT_EQ(ask(R"({"do":"state"})")["state"]["arms"][0]["last_intervention"], "reference_stale");
+  EXPECT_EQ(handler_.describe(channel)["expired"], 1050);
+}
+
+// The loop stands still between two cycles, and samples and a goal are sent meanwhile: the arms are held
+// where they are, and what was queued moves nothing afterwards.
+TEST_F(RequestsTest, WhatIsQueuedWhileTheLoopStallsMovesNothing) {
+  ASSERT_EQ(ask(R"({"do":"switch","activate":["joint0"]})")["ok"], true);
+  StreamChannel channel =
+      handler_.open_channel(json::parse(R"({"do":"stream","controllet":"joint0","input":"joints"})"));
+  const auto start = set_point("joint0");
+  StreamPacket packet{.channel = 1, .sequence = 0, .client_time_ns = 0, .count = 7, .values = {}};
+  std::copy(start.begin(), start.end(), packet.values.begin());
+  for (int k = 0; k < 20; ++k) {
+    ++packet.sequence;
+    handler_.deliver(packet, channel);
+    fixture_.steps(1);
+  }
+  ASSERT_EQ(owner(0), "joint0");
+  for (int k = 0; k < 300; ++k) {  // during the stall
+    ++packet.sequence;
+    packet.values[3] = start[3] - 1e-3 * k;
+    handler_.deliver(packet, channel);
+  }
+  EXPECT_EQ(channel.verdict, Verdict::accepted);
+  fixture_.loop.world.start_s += 0.3;
+  fixture_.steps(300);
+  EXPECT_EQ(owner(0), "arm0_hold");
+  EXPECT_NEAR(fixture_.loop.world.position(0)[3], start[3], 1e-4);
+  // Nor do they when the controllet runs again.
+  ASSERT_EQ(ask(R"({"do":"switch","activate":["joint0"]})")["ok"], true);
+  fixture_.steps(300);
+  EXPECT_NEAR(set_point("joint0")[3], start[3], 1e-4);
+}
+
 TEST_F(RequestsTest, AStreamRefusesInvalidSamples) {
   ASSERT_EQ(ask(R"({"do":"switch","activate":["joint0"]})")["ok"], true);
   StreamChannel channel =

@@ -23,8 +23,8 @@ json refusal(const std::string& code, const std::string& reason) {
 
 LiveServer::Publisher::~Publisher() { close(file); }
 
-LiveServer::LiveServer(const std::filesystem::path& path, LiveInputContext run)
-    : claim_(std::filesystem::absolute(path)), handler_(std::move(run)) {
+LiveServer::LiveServer(const std::filesystem::path& path, LiveInputContext run, double (*realtime)())
+    : claim_(std::filesystem::absolute(path)), handler_(std::move(run)), realtime_(realtime) {
   try {
     packets_ = listen_at(stream_path(claim_.path()), SOCK_SEQPACKET);
     lines_ = listen_at(claim_.path(), SOCK_STREAM);
@@ -129,6 +129,7 @@ void LiveServer::accept_publishers() {
   for (;;) {
     const int file = accept4(packets_, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
     if (file < 0) return;
+    note_sending_times(file);
     publishers_.emplace_back(file);
     if (publishers_.size() > kMaxClients) publishers_.pop_back();  // the client sees a closed socket
   }
@@ -260,7 +261,8 @@ void LiveServer::take_packets(Publisher& publisher) {
   constexpr int kPerTurn = 256;
   StreamPacketBytes bytes;
   for (int n = 0; n < kPerTurn; ++n) {
-    const ssize_t size = recv(publisher.file, bytes.data(), bytes.size(), MSG_DONTWAIT | MSG_TRUNC);
+    double age_s = 0;
+    const std::ptrdiff_t size = receive_packet(publisher.file, bytes, realtime_(), age_s);
     if (size < 0 && errno == EINTR) continue;
     if (size < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return;
     if (size <= 0) {
@@ -271,21 +273,21 @@ void LiveServer::take_packets(Publisher& publisher) {
     const auto packet =
         count <= bytes.size() ? unpack(std::span(bytes.data(), count)) : std::optional<StreamPacket>();
     if (packet) {
-      take_packet(*packet);
+      take_packet(*packet, age_s);
     } else {
       ++unreadable_;
     }
   }
 }
 
-void LiveServer::take_packet(const StreamPacket& packet) {
+void LiveServer::take_packet(const StreamPacket& packet, double age_s) {
   const auto found = channels_.find(packet.channel);
   if (found == channels_.end()) {
     ++unreadable_;
     return;
   }
   Channel& channel = found->second;
-  handler_.deliver(packet, channel.stream);
+  handler_.deliver(packet, channel.stream, age_s);
   // Reported once per change, and not to an owner that does not read.
   if (channel.stream.verdict == channel.reported || channel.owner->line.unsent() > kMaxAhead) return;
   channel.reported = channel.stream.verdict;

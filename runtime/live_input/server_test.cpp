@@ -1,5 +1,6 @@
 #include "runtime/live_input/server.hpp"
 
+#include <atomic>
 #include <random>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -217,6 +218,35 @@ TEST_F(ServerTest, PacketsReachTheirInputInOrder) {
   EXPECT_EQ(client.ask({{"do", "stream_end"}, {"channel", stream.channel()}})["ok"], true);
   ASSERT_TRUE(stream.send({q.data(), 7}));
   EXPECT_EQ(client.ask({{"do", "channels"}})["unreadable"], 1);
+}
+
+// An overloaded computer: the server gets to the packets 0.3 s after they were sent.
+std::atomic<double> lateness_s = 0;
+double late_clock() { return realtime_s() + lateness_s; }
+
+TEST_F(ServerTest, PacketsThatWaitedTooLongAreCountedAndMoveNothing) {
+  lateness_s = 0;
+  LiveServer server(folder_ / "late.sock", fixture_.run(), late_clock);
+  LiveClient client(server.path());
+  client.tell({{"do", "switch"}, {"activate", {"joint0"}}, {"id", 0}});
+  ASSERT_EQ(client.ask({{"do", "list"}})["ok"], true);  // by now the switch is with the loop
+  fixture_.steps(1);
+  ASSERT_EQ(client.next(10)["ok"], true);
+  ReferenceStream stream = client.open_stream("joint0", "joints");
+  JointVector q = fixture_.loop.models[0]->q_home();
+  ASSERT_TRUE(stream.send({q.data(), 7}));  // by its answer the server knows the connection
+  json channel = client.ask({{"do", "channels"}})["channels"][0];
+  ASSERT_EQ(channel["received"], 1);
+  lateness_s = 0.3;
+  q[3] -= 0.3;
+  for (int k = 0; k < 5; ++k) ASSERT_TRUE(stream.send({q.data(), 7}));
+  channel = client.ask({{"do", "channels"}})["channels"][0];
+  EXPECT_EQ(channel["received"], 6);
+  EXPECT_EQ(channel["expired"], 5);
+  EXPECT_EQ(channel["verdict"], "timeout");
+  fixture_.steps(150);
+  EXPECT_EQ(fixture_.loop.modes().owner(0), fixture_.loop.find("arm0_hold"));
+  EXPECT_NEAR(fixture_.loop.world.position(0)[3], fixture_.loop.models[0]->q_home()[3], 1e-3);
 }
 
 TEST_F(ServerTest, AChannelEndsWithItsOwner) {

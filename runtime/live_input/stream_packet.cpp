@@ -1,7 +1,11 @@
 #include "runtime/live_input/stream_packet.hpp"
 
+#include <algorithm>
 #include <bit>
 #include <concepts>
+#include <cstring>
+#include <ctime>
+#include <sys/socket.h>
 
 namespace multipanda {
 namespace {
@@ -58,6 +62,38 @@ std::optional<StreamPacket> unpack(std::span<const std::uint8_t> bytes) {
     packet.values[i] = std::bit_cast<double>(get<std::uint64_t>(bytes, kStreamHeaderBytes + 8 * i));
   }
   return packet;
+}
+
+void note_sending_times(int file) {
+  const int on = 1;
+  (void)setsockopt(file, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof(on));
+}
+
+std::ptrdiff_t receive_packet(int file, StreamPacketBytes& bytes, double now_s, double& age_s) {
+  alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(timespec))> notes{};
+  iovec content{bytes.data(), bytes.size()};
+  msghdr message{};
+  message.msg_iov = &content;
+  message.msg_iovlen = 1;
+  message.msg_control = notes.data();
+  message.msg_controllen = notes.size();
+  age_s = 0;
+  const ssize_t size = recvmsg(file, &message, MSG_DONTWAIT | MSG_TRUNC);
+  if (size <= 0) return size;
+  for (cmsghdr* note = CMSG_FIRSTHDR(&message); note != nullptr; note = CMSG_NXTHDR(&message, note)) {
+    if (note->cmsg_level != SOL_SOCKET || note->cmsg_type != SCM_TIMESTAMPNS) continue;
+    timespec sent{};
+    std::memcpy(&sent, CMSG_DATA(note), sizeof(sent));
+    const double sent_s = static_cast<double>(sent.tv_sec) + 1e-9 * static_cast<double>(sent.tv_nsec);
+    age_s = std::max(0.0, now_s - sent_s);
+  }
+  return size;
+}
+
+double realtime_s() {
+  timespec now{};
+  clock_gettime(CLOCK_REALTIME, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
 }  // namespace multipanda

@@ -37,4 +37,12 @@ std::size_t pack(const StreamPacket& packet, StreamPacketBytes& bytes);
 // None if the packet is of another version or incomplete.
 std::optional<StreamPacket> unpack(std::span<const std::uint8_t> bytes);
 
+// A packet may wait in the socket while this computer is overloaded; the kernel notes when it was sent.
+void note_sending_times(int file);
+// The next packet, without waiting: its size, cut to that of `bytes`, or 0 for a closed socket, or -1
+// (errno). `age_s`: since it was sent; 0 if unknown. `now_s`: by realtime_s().
+std::ptrdiff_t receive_packet(int file, StreamPacketBytes& bytes, double now_s, double& age_s);
+// The clock of those times [s].
+double realtime_s();
+
 }  // namespace multipanda
