@@ -54,7 +54,7 @@ void ArmAnswer::request(ArmDrive drive) {
 
 void ArmAnswer::begin(ArmDrive running) {
   running_ = running;
-  leaving_ = follows_ = false;
+  leaving_ = follows_ = silent_ = false;
   leaving_for_ = 0;
   if (running == ArmDrive::none) return;
   if (running == ArmDrive::effort) {
@@ -71,7 +71,11 @@ ArmAnswer::Kind ArmAnswer::step(const ArmOrder& order, const ArmState& state,
     requested_ = order.drive;
     number_ = 0;
   }
-  if (running != running_) begin(running);
+  if (running != running_) {
+    begin(running);
+    // A command of before the motion may be of any age: nobody took the commands meanwhile.
+    number_ = order.number;
+  }
   if (running == ArmDrive::none) {
     request(requested_);
     return Kind::none;
@@ -99,10 +103,10 @@ ArmAnswer::Kind ArmAnswer::step(const ArmOrder& order, const ArmState& state,
   } else {
     follower_.step(desired, command_);
   }
-  const bool was = follows_;
   follows_ = !leaving_ && (effort ? !torque_.is_holding() : follower_.follows());
-  const bool silent = effort ? torque_.fell_silent() : follower_.is_stopped();
-  if (was && silent && !leaving_) ++holds_;
+  const bool was = silent_;
+  silent_ = effort ? torque_.fell_silent() : follower_.is_stopped();
+  if (silent_ && !was && !leaving_) ++holds_;
   return effort ? Kind::torque : Kind::motion;
 }
 

@@ -25,7 +25,8 @@ struct ArmOrder {
 // Answers every packet of one arm, whatever the program behind the orders does: with its newest command while
 // that is recent; while another drive is selected, until the arm has left its motion, with joint damping
 // about the present posture (effort) or a stop within the limits (motions); and so when the program is
-// silent. The next motion is requested once the arm is at rest, at the latest after kLongestStop.
+// silent. The next motion is requested once the arm is at rest, at the latest after kLongestStop. A motion
+// begins held: only commands that were written since count, and torques fade in.
 //
 // The arm's thread, once per packet; nothing allocates.
 class ArmAnswer {
@@ -66,6 +67,7 @@ class ArmAnswer {
   ArmDrive running_ = ArmDrive::none;
   std::optional<ArmDrive> request_;
   bool leaving_ = false, follows_ = false;
+  bool silent_ = false;  // the program, in this motion, and was not resumed; or the motion is being left
   int leaving_for_ = 0;  // periods
 };
 

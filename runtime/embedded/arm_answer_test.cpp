@@ -92,6 +92,13 @@ struct Scenario {
     for (int k = 0; k < count; ++k) step();
   }
 
+  void writes(std::span<const double> values, int count) {
+    for (int k = 0; k < count; ++k) {
+      write(values);
+      step();
+    }
+  }
+
   static constexpr int kCommander = 12;
   ArmRig rig;
   ArmAnswer answer;
@@ -110,8 +117,7 @@ constexpr std::array<double, 7> kNothing{};
 TEST(ArmAnswer, AnEffortControllerThatEndsLeavesTheArmBrakedAndAnsweredUntilItLeavesTheMotion) {
   Scenario s;
   s.select(ArmDrive::effort);
-  s.write(kNothing);
-  s.steps(30);
+  s.writes(kNothing, 150);
   ASSERT_EQ(s.rig.arm.mode(), ArmMode::move);
   EXPECT_TRUE(s.answer.follows());
   std::array<double, 7> tau{};
@@ -166,8 +172,7 @@ TEST(ArmAnswer, AVelocityControllerThatIsReplacedStopsWithinTheLimitsFirst) {
 TEST(ArmAnswer, ADriveThatIsSelectedAgainAtOnceGoesOnWithoutAStop) {
   Scenario s;
   s.select(ArmDrive::effort);
-  s.write(kNothing);
-  s.steps(30);
+  s.writes(kNothing, 150);
   s.select(ArmDrive::none);
   s.steps(5);
   s.select(ArmDrive::effort);
@@ -199,10 +204,7 @@ TEST(ArmAnswer, CommandsThatAreNotFiniteEndTheMotion) {
 TEST(ArmAnswer, ASilentProgramIsCountedOnceAndFollowedAgainWhenItKnows) {
   Scenario s;
   s.select(ArmDrive::effort);
-  for (int k = 0; k < 100; ++k) {
-    s.write(kNothing);
-    s.step();
-  }
+  s.writes(kNothing, 150);
   EXPECT_EQ(s.answer.holds(), 0u);
   s.steps(200);
   EXPECT_EQ(s.answer.holds(), 1u);
@@ -221,6 +223,71 @@ TEST(ArmAnswer, ASilentProgramIsCountedOnceAndFollowedAgainWhenItKnows) {
   EXPECT_EQ(s.answer.holds(), 1u);
   EXPECT_EQ(s.unanswered, 0);
   EXPECT_FALSE(s.reflex);
+}
+
+// A program that stalled while its arm was stopped, and a person recovers the arm: the torques that it wrote
+// last are of any age.
+TEST(ArmAnswer, ATorqueOfBeforeTheMotionIsNeverSent) {
+  Scenario s;
+  s.select(ArmDrive::effort);
+  s.steps(2);
+  std::array<double, 7> old{};
+  old[0] = 15;
+  s.write(old);
+  double most = 0;
+  for (int k = 0; k < 300; ++k) {
+    s.step();
+    if (s.rig.arm.mode() == ArmMode::move) most = std::max(most, std::abs(s.answer.torque()[0]));
+  }
+  ASSERT_EQ(s.rig.arm.mode(), ArmMode::move);
+  EXPECT_LT(most, 0.1);
+  EXPECT_LT(s.rig.dq.lpNorm<Eigen::Infinity>(), 1e-3);
+  EXPECT_FALSE(s.answer.follows());
+  // Torques that it writes now fade in.
+  old[0] = 3;
+  s.writes(old, 20);
+  EXPECT_LT(s.answer.torque()[0], 1);
+  s.writes(old, 100);
+  EXPECT_TRUE(s.answer.follows());
+  EXPECT_FALSE(s.reflex);
+  EXPECT_EQ(s.answer.holds(), 0u);
+}
+
+// The same after a reflex, and for positions: the old one is 0.5 rad away.
+TEST(ArmAnswer, AfterARecoveryTheCommandsOfBeforeDoNotCount) {
+  for (const ArmDrive drive : {ArmDrive::effort, ArmDrive::joint_position}) {
+    Scenario s;
+    s.select(drive);
+    std::array<double, 7> values{};
+    if (drive == ArmDrive::joint_position) std::copy_n(s.rig.q.begin(), 7, values.begin());
+    s.steps(20);
+    s.writes(values, 150);
+    ASSERT_TRUE(s.answer.follows());
+    s.rig.arm.raise(ArmError::joint_reflex);
+    s.steps(50);
+    ASSERT_EQ(s.rig.arm.mode(), ArmMode::reflex);
+    values[0] += drive == ArmDrive::effort ? 15 : 0.5;
+    s.write(values);
+    s.steps(10);
+    ASSERT_EQ(s.rig.arm.apply(RecoverFromError{}), ArmReply::done);
+    while (s.rig.arm.mode() != ArmMode::idle) s.step();
+    ASSERT_EQ(s.rig.arm.start_motion(motion_of(drive)), MotionStart::started);
+    const JointVector q = s.rig.q;
+    s.steps(100);
+    ASSERT_EQ(s.rig.arm.mode(), ArmMode::move);
+    EXPECT_FALSE(s.answer.follows());
+    EXPECT_LT((s.rig.q - q).lpNorm<Eigen::Infinity>(), 1e-3);
+  }
+}
+
+// A program that falls silent while its torques still fade in must begin again, too.
+TEST(ArmAnswer, SilenceWhileTorquesFadeInIsCounted) {
+  Scenario s;
+  s.select(ArmDrive::effort);
+  s.writes(kNothing, 50);
+  EXPECT_FALSE(s.answer.follows());
+  s.steps(50);
+  EXPECT_EQ(s.answer.holds(), 1u);
 }
 
 }  // namespace
