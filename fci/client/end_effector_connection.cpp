@@ -86,24 +86,25 @@ void EndEffectorConnection::connect() {
   sockaddr_in here{};
   socklen_t size = sizeof here;
   ::getsockname(udp_, reinterpret_cast<sockaddr*>(&here), &size);
+  // Without the mutex: nobody else uses the channel before it is `connected_`, and senders of requests, who
+  // may have to pass on a stop next, are refused at once meanwhile.
+  channel_.connect(address_, port_, kTimeout);
+  std::array<std::byte, kGripperConnectReplySize> bytes{};
+  const std::uint32_t id = channel_.next_id();
+  (void)encode_gripper_request(id, GripperConnectRequest{protocol_->version(), ntohs(here.sin_port)}, bytes);
+  channel_.send(bytes, kTimeout);
+  const TcpChannel::Reply reply = channel_.wait(id, kTimeout, "Connect");
+  GripperStatus status{};
+  std::uint16_t version = 0;
+  const bool is_reply = decode_gripper_connect_reply(reply.payload, status, version) == WireResult::ok;
+  if (!is_reply || status != GripperStatus::success) {
+    channel_.close();
+    throw ConnectionError(is_reply ? ConnectionError::Kind::incompatible : ConnectionError::Kind::protocol,
+                          who_ + " has version " + std::to_string(version) +
+                              " of its protocol; supported: " + std::to_string(protocol_->version()));
+  }
   {
     const std::lock_guard lock(mutex_);
-    channel_.connect(address_, port_, kTimeout);
-    std::array<std::byte, kGripperConnectReplySize> bytes{};
-    const std::uint32_t id = channel_.next_id();
-    (void)encode_gripper_request(id, GripperConnectRequest{protocol_->version(), ntohs(here.sin_port)},
-                                 bytes);
-    channel_.send(bytes, kTimeout);
-    const TcpChannel::Reply reply = channel_.wait(id, kTimeout, "Connect");
-    GripperStatus status{};
-    std::uint16_t version = 0;
-    const bool is_reply = decode_gripper_connect_reply(reply.payload, status, version) == WireResult::ok;
-    if (!is_reply || status != GripperStatus::success) {
-      channel_.close();
-      throw ConnectionError(is_reply ? ConnectionError::Kind::incompatible : ConnectionError::Kind::protocol,
-                            who_ + " has version " + std::to_string(version) +
-                                " of its protocol; supported: " + std::to_string(protocol_->version()));
-    }
     number_ = 0;
     connected_ = true;
   }

@@ -71,7 +71,7 @@ class EndEffectorConnection final : public EndEffector {
   TcpChannel channel_;
   int udp_ = -1, wake_ = -1;
 
-  std::mutex mutex_;  // guards the following members and channel_
+  std::mutex mutex_;  // guards the following members and, while connected_, channel_
   std::vector<Request> running_;
   bool connected_ = false;
   std::atomic<bool> ending_{false};

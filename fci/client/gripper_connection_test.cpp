@@ -1,6 +1,11 @@
 // Both gripper connections with both ports of virtual arms: whole motions over loopback, in simulated time.
 #include "fci/client/gripper_connection.hpp"
 
+#include <arpa/inet.h>
+#include <sys/socket.h>
+#include <thread>
+#include <unistd.h>
+
 #include <gtest/gtest.h>
 
 #include "fci/client/connection_error.hpp"
@@ -122,6 +127,39 @@ TEST(GripperLink, LossIsReportedAndReconnectingHelps) {
   EXPECT_FALSE(wait(link->request(GripperMove{.width = 0.01, .speed = 0.2})).success);
   EXPECT_FALSE(link->state().present);
   EXPECT_THROW(link->connect(), ConnectionError);
+}
+
+// The sender of a request may be the thread that has to pass on the next stop of an arm. A gripper that
+// accepts the connection and answers nothing before the request was refused: otherwise connect() waits for
+// its whole timeout.
+TEST(GripperLink, ARequestWhileItConnectsIsRefusedAtOnce) {
+  const int silent = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  sockaddr_in at{};
+  at.sin_family = AF_INET;
+  at.sin_addr.s_addr = ::inet_addr("127.1.60.5");
+  socklen_t size = sizeof at;
+  ASSERT_EQ(::bind(silent, reinterpret_cast<sockaddr*>(&at), size), 0);
+  ASSERT_EQ(::listen(silent, 1), 0);
+  ::getsockname(silent, reinterpret_cast<sockaddr*>(&at), &size);
+  const auto link = gripper_link("hand", "127.1.60.5", ntohs(at.sin_port));
+  bool at_once = false;
+  for (int tries = 0; tries < 10 && !at_once; ++tries) {  // a machine may stand still for the whole timeout
+    std::thread connecting([&] {
+      try {
+        link->connect();
+      } catch (const ConnectionError& error) {
+        at_once = error.kind() == ConnectionError::Kind::lost;
+      }
+    });
+    const int accepted = ::accept(silent, nullptr, nullptr);
+    const RequestAnswer answer = wait(link->request(GripperMove{.width = 0.05, .speed = 0.1}));
+    ::close(accepted);
+    connecting.join();
+    EXPECT_FALSE(answer.success);
+    EXPECT_NE(answer.reason.find("not connected"), std::string::npos) << answer.reason;
+  }
+  EXPECT_TRUE(at_once);
+  ::close(silent);
 }
 
 TEST(VacuumLink, HoldsAndDropsAPart) {
