@@ -220,5 +220,22 @@ TEST(Requests, APausedWorldTakesTheRequestedSteps) {
   EXPECT_EQ((loop.backend.now() - now).count(), 3'000'000);
 }
 
+// Whoever asked may have given up. Requests of a patience of 0 s are too old whenever the loop looks.
+TEST(RequestBox, RefusesWhatWaitedForTooLong) {
+  RequestBox box(0), patient;
+  auto late = box.post({.arm = 0, .request = ArmRequest(RecoverFromError{})});
+  auto later = box.post({.arm = 0, .request = ArmRequest(RecoverFromError{})});
+  EXPECT_EQ(box.front(), nullptr);
+  for (auto* answer : {&late, &later}) {
+    const RequestAnswer refused = answer->get();
+    EXPECT_FALSE(refused.success);
+    EXPECT_NE(refused.reason.find("was not executed"), std::string::npos) << refused.reason;
+  }
+  auto in_time = patient.post({.arm = 0, .request = ArmRequest(RecoverFromError{})});
+  ASSERT_NE(patient.front(), nullptr);
+  patient.answer(ArmReply::done);
+  EXPECT_TRUE(in_time.get().success);
+}
+
 }  // namespace
 }  // namespace multipanda::requests_test

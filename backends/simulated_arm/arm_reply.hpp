@@ -19,6 +19,7 @@ enum class ArmReply : std::uint8_t {
   vacuum_unsuccessful,   // no vacuum in time
   gripper_aborted,       // by a stop or another motion
   loop_ended,            // the loop ended before it took the request
+  too_late,              // its asker may have given up by then
   count_
 };
 

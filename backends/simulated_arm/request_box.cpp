@@ -33,13 +33,15 @@ std::string_view to_string(ArmReply reply) {
       return "the gripper's motion was ended by a stop or by another motion";
     case ArmReply::loop_ended:
       return "the control loop is not running: start it and try again";
+    case ArmReply::too_late:
+      return kRequestTooOld;
     case ArmReply::count_:
       break;
   }
   return "unknown reply";
 }
 
-RequestBox::RequestBox() : helper_([this] { keep_promises(); }) {}
+RequestBox::RequestBox(double patience_s) : patience_s_(patience_s), helper_([this] { keep_promises(); }) {}
 
 RequestBox::~RequestBox() {
   close();
@@ -58,6 +60,7 @@ std::future<RequestAnswer> RequestBox::post(Posted posted) {
     Slot& slot = slots_[i];
     if (slot.stage.load(std::memory_order_acquire) != Stage::free) continue;
     slot.posted = std::move(posted);
+    slot.since = host_now();
     slot.promise = {};
     slot.stage.store(Stage::waiting, std::memory_order_release);
     auto future = slot.promise.get_future();
@@ -77,15 +80,18 @@ void RequestBox::open() {
 void RequestBox::close() {
   const std::lock_guard lock(askers_);
   closed_ = true;
-  while (front() != nullptr) answer(ArmReply::loop_ended);
+  while (ring_.front() != nullptr) answer(ArmReply::loop_ended);
   for (std::size_t i = 0; i < kSlots; ++i) {
     if (slots_[i].stage.load(std::memory_order_acquire) == Stage::deferred) answer(i, ArmReply::loop_ended);
   }
 }
 
 const RequestBox::Posted* RequestBox::front() {
-  const std::uint8_t* index = ring_.front();
-  return index == nullptr ? nullptr : &slots_[*index].posted;
+  while (const std::uint8_t* index = ring_.front()) {
+    if (seconds(host_now() - slots_[*index].since) < patience_s_) return &slots_[*index].posted;
+    answer(ArmReply::too_late);
+  }
+  return nullptr;
 }
 
 void RequestBox::answer(ArmReply reply) { answer(defer(), reply); }

@@ -10,6 +10,7 @@
 #include "backends/simulated_arm/arm_reply.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/rt/spsc_ring.hpp"
+#include "device/request_patience.hpp"
 
 namespace multipanda {
 
@@ -22,7 +23,8 @@ class RequestBox {
  public:
   static constexpr std::size_t kSlots = 64;  // requests that wait or are being carried out, at most
 
-  RequestBox();
+  // What the loop finds after `patience_s` is refused.
+  explicit RequestBox(double patience_s = kRequestPatience);
   ~RequestBox();
   RequestBox(const RequestBox&) = delete;
   RequestBox& operator=(const RequestBox&) = delete;
@@ -41,7 +43,7 @@ class RequestBox {
   void close();  // answers what is still waiting; later posts are refused
 
   // --- loop thread; no lock, no allocation ---
-  const Posted* front();        // the oldest request not taken; nullptr: none
+  const Posted* front();        // the oldest request not taken and not refused; nullptr: none
   void answer(ArmReply reply);  // to front(), which is then removed
   // front() is being executed and is removed from the queue; the returned handle answers it later. close()
   // answers what is left.
@@ -53,11 +55,13 @@ class RequestBox {
   struct Slot {
     std::atomic<Stage> stage{Stage::free};
     Posted posted;
+    HostTime since;
     ArmReply reply = ArmReply::done;
     std::promise<RequestAnswer> promise;
   };
   void keep_promises();
 
+  const double patience_s_;
   std::array<Slot, kSlots> slots_;
   SpscRing<std::uint8_t> ring_{kSlots};
   std::mutex askers_;

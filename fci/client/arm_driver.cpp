@@ -120,8 +120,8 @@ ArmIdentity ArmDriver::identity() const {
 
 // --- commander ---
 
-std::future<RequestAnswer> ArmDriver::post(Work work) {
-  Task task{std::move(work), {}};
+std::future<RequestAnswer> ArmDriver::post(Work work, bool ages) {
+  Task task{std::move(work), {}, host_now(), ages};
   auto future = task.promise.get_future();
   {
     const std::lock_guard lock(mutex_);
@@ -161,6 +161,9 @@ bool ArmDriver::do_next_task() {
     task = std::move(tasks_.front());
     tasks_.pop_front();
     if (ending_) task.work = [] { return RequestAnswer{false, "the backend is being closed"}; };
+  }
+  if (task.ages && seconds(host_now() - task.posted) >= options_.request_patience_s) {
+    task.work = [this] { return RequestAnswer{false, config_.name + ": " + kRequestTooOld}; };
   }
   task.promise.set_value(guarded(task.work));
   return true;
@@ -218,6 +221,7 @@ std::string ArmDriver::ctl_command(const char* word) const {
 
 std::future<RequestAnswer> ArmDriver::prepare() {
   return post([this] {
+    left_ = false;
     connect_and_configure();
     return RequestAnswer{true, {}};
   });
@@ -232,6 +236,7 @@ std::future<RequestAnswer> ArmDriver::begin() {
 
 std::future<RequestAnswer> ArmDriver::leave(bool finished) {
   return post([this, finished] {
+    left_ = true;
     if (link_.is_connected() && link_.has_motion()) {
       constexpr double kEnd = 0.3;  // [s] for the reply to a motion that was finished in the loop
       try {
@@ -259,13 +264,13 @@ std::future<RequestAnswer> ArmDriver::request(GripperRequest request) {
 }
 
 std::future<RequestAnswer> ArmDriver::request(ArmRequest request) {
-  if (std::holds_alternative<RecoverFromError>(request)) return post([this] { return recover(); });
-  if (std::holds_alternative<Reconnect>(request)) return post([this] { return reconnect(); });
-  if (std::holds_alternative<StopMotion>(request)) return post([this] { return stop(); });
+  if (std::holds_alternative<RecoverFromError>(request)) return post_request([this] { return recover(); });
+  if (std::holds_alternative<Reconnect>(request)) return post_request([this] { return reconnect(); });
+  if (std::holds_alternative<StopMotion>(request)) return post([this] { return stop(); });  // never too late
   if (std::holds_alternative<SetUserStop>(request)) {
     return refuse_request("a real arm does not support this request: it is for simulated arms");
   }
-  return post([this, request = std::move(request)] {
+  return post_request([this, request = std::move(request)] {
     if (!takes_part()) refuse("it is not connected: " + ctl_command("reconnect"));
     apply_beside_motion(request);
     return RequestAnswer{true, {}};
@@ -342,6 +347,7 @@ RequestAnswer ArmDriver::recover() {
 }
 
 RequestAnswer ArmDriver::reconnect() {
+  if (left_) refuse("its run has ended, and nothing would answer it: start the run again");
   watch();
   const auto before = link_.statistics().received;
   if (takes_part() &&

@@ -81,6 +81,8 @@ class ArmDriver {
   struct Task {
     Work work;
     std::promise<RequestAnswer> promise;
+    HostTime posted;
+    bool ages = false;  // refused after FciOptions::request_patience_s
   };
   Phase phase() const { return phase_.load(std::memory_order_acquire); }
   void enter(Phase phase) { phase_.store(phase, std::memory_order_release); }
@@ -90,7 +92,8 @@ class ArmDriver {
   void send_torque(const JointVector& tau) noexcept;
 
   // Commander
-  std::future<RequestAnswer> post(Work work);
+  std::future<RequestAnswer> post(Work work, bool ages = false);
+  std::future<RequestAnswer> post_request(Work work) { return post(std::move(work), true); }
   void run();
   bool do_next_task();
   void watch();
@@ -127,6 +130,7 @@ class ArmDriver {
   std::atomic<ArmMotion> motion_{ArmMotion::none};  // started last, by the commander
   ArmMotion handled_motion_;                        // commander: the last request that it handled
   bool configured_ = false;  // commander: false in a reflex that was found when connecting
+  bool left_ = false;        // commander: no loop answers the arm any longer
 
   mutable std::mutex mutex_;  // never locked by the loop
   std::deque<Task> tasks_;

@@ -10,13 +10,14 @@
 #include "core/cycle/backend.hpp"
 #include "core/model/arm_model.hpp"
 #include "core/state/connection_statistics.hpp"
+#include "device/request_patience.hpp"
 #include "fci/client/arm_identity.hpp"
 #include "fci/client/end_effector.hpp"
 #include "fci/wire/robot_state.hpp"
 
 namespace multipanda::fci {
 
-// A greater torque rate stops the arm: its limit, less the margin that its maker's library keeps [N m/s].
+// A greater torque rate stops the arm: its limit, less the margin of Franka's own library [N m/s].
 constexpr double kTorqueRateMax = 1000 - 1e-3;
 
 enum class ModelCheck : std::uint8_t {
@@ -84,9 +85,10 @@ struct FciOptions {
   // While start() waits for the other arms, one that has begun is held for so many packets; then start()
   // fails. Not in lock-step, where the world waits.
   int longest_wait_packets = 100;
-  double lost_after_s = 1.0;     // an arm that is silent for so long counts as disconnected
-  double state_timeout_s = 1.0;  // how long a request waits for a state that shows its effect
-  double lockstep_wait_s = 2.0;  // in lock-step: how long the slowest arm is waited for
+  double lost_after_s = 1.0;                     // an arm that is silent for so long counts as disconnected
+  double state_timeout_s = 1.0;                  // how long a request waits for a state that shows its effect
+  double lockstep_wait_s = 2.0;                  // in lock-step: how long the slowest arm is waited for
+  double request_patience_s = kRequestPatience;  // a request that waited for so long is not executed
   ModelCheck model_check = ModelCheck::report;
   // Messages for the user: warnings at the start, a lost connection, the end of a motion.
   // Called off the loop, from the arms' threads, one at a time.

@@ -285,6 +285,37 @@ TEST_F(Backends, ALostConnectionIsReportedAndRestoredOnRequest) {
   EXPECT_FALSE(answer(backend_->request(0, Reconnect{})).success);
 }
 
+// A connection without a loop would start a motion that nobody answers.
+TEST_F(Backends, AnArmThatTheRunHasLeftIsNotReconnected) {
+  begin();
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  backend_->finish();
+  const std::size_t asked = fakes_[0]->asked().size();
+  const RequestAnswer back = backend_->request(0, Reconnect{}).get();
+  EXPECT_FALSE(back.success);
+  EXPECT_THAT(back.reason, HasSubstr("its run has ended"));
+  EXPECT_EQ(fakes_[0]->asked().size(), asked);
+  backend_->start();  // another run
+  EXPECT_EQ(fakes_[0]->last<MoveRequest>().generator, MoveGenerator::none);
+  EXPECT_GT(fakes_[0]->asked().size(), asked);
+  backend_->finish();
+}
+
+// With a patience of 0 s every request waited for too long; the start itself has no patience.
+TEST_F(Backends, ARequestThatWaitedForTooLongIsNotExecuted) {
+  begin({.request_patience_s = 0});
+  const std::size_t asked = fakes_[0]->asked().size();
+  for (const ArmRequest& request :
+       {ArmRequest(SetLoad{}), ArmRequest(RecoverFromError{}), ArmRequest(Reconnect{})}) {
+    const RequestAnswer late = answer(backend_->request(0, request));
+    EXPECT_FALSE(late.success);
+    EXPECT_THAT(late.reason, HasSubstr("was not executed"));
+  }
+  EXPECT_EQ(fakes_[0]->asked().size(), asked);
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  EXPECT_TRUE(answer(backend_->request(0, StopMotion{})).success);  // a stop is never too late
+}
+
 TEST_F(Backends, InvalidTorquesAreNotSentAndStopTheMotion) {
   begin();
   const std::uint64_t id = fakes_[0]->publish();

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 
+#include "device/request_patience.hpp"
 #include "runtime/live_input/backend_requests.hpp"
 #include "runtime/live_input/reference_values.hpp"
 #include "runtime/request_text.hpp"
@@ -14,10 +15,10 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kPatience = MultimodeController::kPatience;  // for the loop's answer [s]
-constexpr double kArmPatience = 5.0;                          // for a backend's answer [s]
-constexpr double kGripperPatience = 600;                      // for the end of a gripper's motion [s]
-constexpr double kLongest = 86400;                            // of a motion [s]
+constexpr double kPatience = MultimodeController::kPatience;       // for the loop's answer [s]
+constexpr double kArmPatience = kRequestPatience + kRequestSlack;  // for a backend's answer [s]
+constexpr double kGripperPatience = 600;                           // for the end of a gripper's motion [s]
+constexpr double kLongest = 86400;                                 // of a motion [s]
 
 // Adds the keys that every request may have.
 std::vector<std::string> with_common(std::vector<std::string> keys) {
@@ -275,8 +276,7 @@ std::optional<json> RequestHandler::poll(Pending& pending) {
     }
     const double patience = std::max(kArmPatience, pending.patience_s);
     if (waited <= patience) return {};
-    return refusal(Verdict::timeout,
-                   "the arm did not answer within " + std::to_string(std::lround(patience)) + " s");
+    return refusal(Verdict::pending, kRequestUnfinished);  // not "timeout": nobody can take it back
   }
   if (run_.modes->stopped().contains(pending.stopping)) {
     return json{{"ok", true},

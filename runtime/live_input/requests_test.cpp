@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "device/arm_error.hpp"
+#include "device/request_patience.hpp"
 #include "runtime/live_input/backend_requests.hpp"
 #include "runtime/live_input/request_handler.hpp"
 #include "runtime/live_input/testing/live_fixture.hpp"
@@ -111,6 +112,19 @@ TEST_F(RequestsTest, ATimedOutRequestIsNotExecutedLater) {
   ASSERT_TRUE(late);
   EXPECT_EQ((*late)["ok"], true);
   EXPECT_EQ(owner(0), "pose0");
+}
+
+// What an arm has begun cannot be taken back: its asker is not told that it failed.
+TEST_F(RequestsTest, ARequestThatAnArmHasBegunIsNotCalledFailed) {
+  std::promise<RequestAnswer> arm;
+  RequestHandler::Pending begun;
+  begun.received = host_now();
+  begun.answer = arm.get_future();
+  begun.received.ns -= static_cast<std::int64_t>(1e9 * (kRequestPatience + 2 * kRequestSlack));
+  const auto answer = handler_.poll(begun);
+  ASSERT_TRUE(answer);
+  EXPECT_EQ((*answer)["verdict"], "pending");
+  EXPECT_THAT((*answer)["reason"].get<std::string>(), HasSubstr("may still be carried out"));
 }
 
 TEST_F(RequestsTest, RefusalsSuggestTheNearestName) {

@@ -4,8 +4,6 @@
 #include <future>
 #include <memory>
 
-#include <fmt/format.h>
-
 #include "ros/rcl/executor.hpp"
 
 namespace multipanda::ros {
@@ -33,9 +31,7 @@ void send(const AdapterContext& run, ArmIndex arm, Request request, double timeo
       return true;
     }
     if (host_now() < end) return false;
-    answered({.success = false,
-              .reason = fmt::format("the arm did not answer within {:.0f} s; is the run still active?",
-                                    timeout_s)});
+    answered({.success = false, .reason = kRequestUnfinished});
     return true;
   });
 }

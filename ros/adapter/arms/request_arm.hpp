@@ -2,11 +2,12 @@
 
 #include <functional>
 
+#include "device/request_patience.hpp"
 #include "ros/adapter/adapter_part.hpp"
 
 namespace multipanda::ros {
 
-inline constexpr double kArmTimeout = 5;        // for a backend's answer [s]
+inline constexpr double kArmTimeout = kRequestPatience + kRequestSlack;  // for a backend's answer [s]
 inline constexpr double kGripperTimeout = 600;  // for the end of a gripper's motion [s]
 
 // Sends a request to the backend and calls `answered` once on the executor's thread: with the answer, or
