@@ -4,6 +4,7 @@
 #include <stdexcept>
 
 #include "core/rt/thread_setup.hpp"
+#include "scene/build.hpp"
 
 namespace multipanda {
 namespace {
@@ -63,10 +64,11 @@ fci::RobotCommand fci_command(const InterfaceCommand& command) {
   return wire;
 }
 
-AnsweredArm::AnsweredArm(fci::FciArmConfig config, const FollowerLimits& limits,
+AnsweredArm::AnsweredArm(fci::FciArmConfig config, const SceneArm& arm,
                          std::function<void(const std::string&)> report)
     : backend_(alone(config), {.begin_torque = false, .report = report}),
-      answer_(config.model, limits, config.low_pass_hz),
+      answer_(config.model, FollowerLimits::of(robot_of(arm), &arm.safety.joints), config.low_pass_hz,
+              &arm.safety.joints),
       say_(std::move(report)),
       states_(1),
       torques_{{joint_constant(config.model->joint_count(), 0)}} {}

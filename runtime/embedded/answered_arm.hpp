@@ -31,8 +31,9 @@ class AnsweredArm {
     std::uint32_t holds = 0;            // ArmAnswer::holds()
   };
 
-  AnsweredArm(fci::FciArmConfig config, const FollowerLimits& limits,
-              std::function<void(const std::string&)> report);
+  // `arm`: of the scene from which `config` was made; its limits count where they are tighter than the
+  // robot's.
+  AnsweredArm(fci::FciArmConfig config, const SceneArm& arm, std::function<void(const std::string&)> report);
   ~AnsweredArm() { leave(); }
   AnsweredArm(const AnsweredArm&) = delete;
 

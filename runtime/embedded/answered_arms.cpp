@@ -5,7 +5,6 @@
 
 #include "fci/client/from_scene.hpp"
 #include "runtime/embedded/answered_arm.hpp"
-#include "scene/build.hpp"
 
 namespace multipanda {
 namespace {
@@ -64,8 +63,7 @@ class AnsweredArms final : public HardwareArms {
     }
     for (const SceneArm& arm : scene.arms) {
       if (!arm.fci) throw std::invalid_argument("arm '" + arm.name + "' has no address (robot_ip, or fci)");
-      arms_.push_back(std::make_unique<AnsweredArm>(fci::fci_arm_config(arm, arm.fci->address),
-                                                    FollowerLimits::of(robot_of(arm)), report));
+      arms_.push_back(std::make_unique<AnsweredArm>(fci::fci_arm_config(arm, arm.fci->address), arm, report));
     }
   }
   ~AnsweredArms() override { disconnect(); }
@@ -74,7 +72,12 @@ class AnsweredArms final : public HardwareArms {
 
   void connect() override {
     std::vector<std::future<std::string>> results;
-    for (const auto& arm : arms_) results.push_back(arm->enter());
+    try {
+      for (const auto& arm : arms_) results.push_back(arm->enter());
+    } catch (...) {  // no thread for one of them
+      disconnect();
+      throw;
+    }
     std::string why;
     for (auto& result : results) {
       const std::string text = result.get();

@@ -210,7 +210,7 @@ TEST(AnsweredArm, ItsCycleNeitherAllocatesNorLocks) {
   fci::VirtualArms world(scene, options);
   world.start();
   const SceneArm& left = scene.arms[0];
-  AnsweredArm arm(fci::fci_arm_config(left, left.fci->address), FollowerLimits::of(robot_of(left)), {});
+  AnsweredArm arm(fci::fci_arm_config(left, left.fci->address), left, {});
   arm.backend().start();
   const auto cycle = [&] {
     arm.cycle();

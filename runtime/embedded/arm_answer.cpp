@@ -30,8 +30,9 @@ std::size_t values_of(ArmDrive drive, std::size_t joints) {
 
 }  // namespace
 
-ArmAnswer::ArmAnswer(std::shared_ptr<const ArmModel> model, const FollowerLimits& limits, double low_pass_hz)
-    : joints_(model->joint_count()), torque_(model, low_pass_hz), follower_(limits, joints_) {
+ArmAnswer::ArmAnswer(std::shared_ptr<const ArmModel> model, const FollowerLimits& limits, double low_pass_hz,
+                     const ArmLimits* scene)
+    : joints_(model->joint_count()), torque_(model, low_pass_hz, scene), follower_(limits, joints_) {
   tau_ = tau_program_ = command_.q_c = command_.dq_c = command_.tau_J_d = joint_constant(joints_, 0);
 }
 

@@ -33,8 +33,9 @@ class ArmAnswer {
  public:
   static constexpr double kLongestStop = 1.0;  // [s]
 
-  // low_pass_hz: of torques; 0: none.
-  ArmAnswer(std::shared_ptr<const ArmModel> model, const FollowerLimits& limits, double low_pass_hz = 0);
+  // low_pass_hz: of torques; 0: none. `scene`: limits of torques; none: the model's.
+  ArmAnswer(std::shared_ptr<const ArmModel> model, const FollowerLimits& limits, double low_pass_hz = 0,
+            const ArmLimits* scene = nullptr);
 
   enum class Kind : std::uint8_t { none, torque, motion };
   // `running`: the motion in which the arm takes commands, by its newest packet; none: it takes none.

@@ -83,8 +83,11 @@ double lower_velocity(const AxisLimits& limits, double x) noexcept {
 }
 
 void follow_position(const AxisLimits& limits, double x_d, double v_d, AxisState& state) noexcept {
-  x_d = std::clamp(x_d, limits.lower, limits.upper);
-  v_d = std::clamp(v_d, -limits.velocity, limits.velocity);
+  // Beyond an end, the reference may ask for a way back, but an end alone moves nothing. A reference that is
+  // beyond what can be followed does not lend its velocity.
+  const double within = std::clamp(x_d, std::min(limits.lower, state.x), std::max(limits.upper, state.x));
+  v_d = within == x_d ? std::clamp(v_d, -limits.velocity, limits.velocity) : 0;
+  x_d = within;
   const double error = x_d - kArmPeriod * v_d - state.x;
   const double more = std::clamp(braked(error, kPositionGains.position, 0.5 * limits.acceleration),
                                  -limits.catch_up, limits.catch_up);

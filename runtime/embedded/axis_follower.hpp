@@ -13,7 +13,7 @@ struct AxisLimits {
   // reference that jumps is approached slowly.
   double catch_up = 0;  // [u/s]
   // The range of positions. Towards an end, at the distance d from it, the velocity is at most
-  // sqrt(2 deceleration d + offset^2) - offset.
+  // sqrt(2 deceleration d + offset^2) - offset. Beyond an end only the way back is open, on request.
   double lower = -std::numeric_limits<double>::infinity(), upper = std::numeric_limits<double>::infinity();
   double deceleration = 1, offset = 0.1;  // > 0 [u/s^2, u/s]
 };

@@ -40,13 +40,19 @@ double velocity_of(double difference, double gap, const AxisLimits& limits) {
 
 }  // namespace
 
-FollowerLimits FollowerLimits::of(const RobotDescription& robot) {
+FollowerLimits FollowerLimits::of(const RobotDescription& robot, const ArmLimits* scene) {
   constexpr double kMargin = 1e-3;     // [rad] to the ends of the range
   constexpr double kEndRate = 15;      // [1/s] of the approach to an end
   constexpr double kBrakes = 0.5;      // of the acceleration, for braking towards an end
   constexpr double kBrakesTied = 0.6;  // of the deceleration that the arm expects
   FollowerLimits limits;
-  const JointLimits& joints = robot.limits;
+  JointLimits joints = robot.limits;
+  if (scene != nullptr && scene->q_min.size() == joints.q_min.size()) {
+    joints.q_min = joints.q_min.cwiseMax(scene->q_min).eval();
+    joints.q_max = joints.q_max.cwiseMin(scene->q_max).eval();
+    joints.dq_max = joints.dq_max.cwiseMin(scene->dq_max).eval();
+    joints.ddq_max = joints.ddq_max.cwiseMin(scene->ddq_max).eval();
+  }
   const auto& tied = robot.position_based_velocity;
   for (Eigen::Index i = 0; i < joints.q_max.size() && i < static_cast<Eigen::Index>(kMaxJoints); ++i) {
     AxisLimits& axis = limits.joints[static_cast<std::size_t>(i)];

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <span>
 
+#include "core/model/arm_model.hpp"
 #include "device/arm_interface.hpp"
 #include "runtime/embedded/axis_follower.hpp"
 #include "runtime/embedded/sample_track.hpp"
@@ -12,7 +13,7 @@ namespace multipanda {
 
 struct RobotDescription;
 
-// Limits of a desired motion, below those that the arm checks.
+// Limits of a desired motion, below those that the arm checks, and within those that its scene tightens.
 struct FollowerLimits {
   // Fractions of the arm's limits. The rest is for the rounding of published values.
   static constexpr double kVelocity = 0.95, kAcceleration = 0.9, kJerk = 0.8;
@@ -25,7 +26,8 @@ struct FollowerLimits {
   std::array<AxisLimits, kMaxJoints> joints{};
   AxisLimits linear, angular;  // of each axis; their norms keep the limits, too
 
-  static FollowerLimits of(const RobotDescription& robot);
+  // `scene`: the limits of the arm's scene, of which the tighter ones count; none: those of the robot.
+  static FollowerLimits of(const RobotDescription& robot, const ArmLimits* scene = nullptr);
 };
 
 // The desired motion as the arm publishes it in its newest packet: the base of the next command.

@@ -390,6 +390,79 @@ TEST(CommandFollower, PositionsBeyondTheEndsAreNotFollowed) {
   }
 }
 
+// The tighter of the robot's limits and the scene's, joint by joint.
+TEST(CommandFollower, LimitsThatASceneTightensAreKept) {
+  for (const FollowedMotion kind : {FollowedMotion::joint_position, FollowedMotion::joint_velocity}) {
+    FollowingArm arm("fr3", kind);
+    const JointVector q_0 = arm.model->q_home();
+    ArmLimits scene = arm.model->limits();
+    scene.q_min[0] = q_0[0] - 0.2;
+    scene.q_max[0] = q_0[0] + 0.3;
+    scene.dq_max[0] = 0.4;
+    scene.ddq_max[0] = 2;
+    scene.dq_max[1] *= 3;  // looser: does not count
+    scene.q_max[1] += 3;
+    arm.follower = CommandFollower(FollowerLimits::of(arm.robot, &scene), 7);
+    arm.follower.begin(kind);
+    const bool positions = kind == FollowedMotion::joint_position;
+    std::array<double, 7> target{};
+    if (positions) std::copy_n(q_0.begin(), 7, target.begin());
+    double fastest = 0, sharpest = 0, low = q_0[0], high = q_0[0];
+    for (int k = 0; k < 20'000 && !arm.reflex; ++k) {
+      const double phase = 1e-3 * k;
+      for (std::size_t i = 0; i < 2; ++i) {
+        target[i] =
+            positions ? q_0[static_cast<Eigen::Index>(i)] + 0.4 * std::sin(phase) : 2 * std::cos(phase);
+      }
+      arm.follower.push(std::int64_t{1'000'000} * k, target);
+      (void)arm.answer(false);
+      const DesiredState& d = arm.motion.state();
+      fastest = std::max(fastest, std::abs(d.dq[0]));
+      sharpest = std::max(sharpest, std::abs(d.ddq[0]));
+      low = std::min(low, d.q[0]);
+      high = std::max(high, d.q[0]);
+    }
+    EXPECT_FALSE(arm.reflex) << *arm.reflex;
+    EXPECT_LT(fastest, 0.4);
+    EXPECT_GT(fastest, 0.3);
+    EXPECT_LT(sharpest, 2);
+    EXPECT_LT(high, q_0[0] + 0.3);
+    EXPECT_GT(low, q_0[0] - 0.2);
+    EXPECT_GT(high, q_0[0] + 0.25);
+    EXPECT_LT(low, q_0[0] - 0.15);
+  }
+}
+
+// An arm that stands beyond an end, of a scene that tightens the range: it stays there until its program
+// moves it back, and does not go out again.
+TEST(CommandFollower, AnEndAloneMovesNoArm) {
+  FollowingArm arm("fer", FollowedMotion::joint_position);
+  const JointVector q_0 = arm.model->q_home();
+  ArmLimits scene = arm.model->limits();
+  scene.q_max[0] = q_0[0] - 0.5;
+  arm.follower = CommandFollower(FollowerLimits::of(arm.robot, &scene), 7);
+  arm.follower.begin(FollowedMotion::joint_position);
+  std::array<double, 7> target{};
+  std::copy_n(q_0.begin(), 7, target.begin());
+  int k = 0;
+  const auto go = [&](double from, double to, int periods) {
+    for (int i = 0; i < periods; ++i, ++k) {
+      const double s = (i + 1.0) / periods;
+      target[0] = q_0[0] + from + (to - from) * s;
+      arm.follower.push(std::int64_t{1'000'000} * k, target);
+      (void)arm.answer(false);
+    }
+    return arm.motion.state().q[0] - q_0[0];
+  };
+  EXPECT_NEAR(go(0, 0, 500), 0, 1e-6);
+  EXPECT_NEAR(go(0, 0.2, 1000), 0, 1e-6);
+  EXPECT_NEAR(go(0.2, -0.2, 4000), -0.2, 5e-3);
+  EXPECT_NEAR(go(-0.2, 0, 4000), -0.2, 5e-3);
+  EXPECT_NEAR(go(0, -0.8, 8000), -0.8, 5e-3);
+  EXPECT_NEAR(go(-0.8, 0, 8000), -0.5, 5e-3);
+  EXPECT_FALSE(arm.reflex) << *arm.reflex;
+}
+
 TEST(CommandFollower, ASilentProgramsMotionIsStoppedAndLaterCommandsDoNotCountUntilItBeginsAgain) {
   for (const FollowedMotion kind : {FollowedMotion::joint_position, FollowedMotion::joint_velocity}) {
     FollowingArm arm("fer", kind);

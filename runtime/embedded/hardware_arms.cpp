@@ -69,8 +69,7 @@ std::vector<fci::FciArmConfig> fci_arms(const Scene& scene) {
   for (const auto& arm : scene.arms) {
     if (!arm.fci) throw std::invalid_argument("arm '" + arm.name + "' has no address (robot_ip, or fci)");
     arms.push_back(fci::fci_arm_config(arm, arm.fci->address));
-    arms.back().limit_rate = true;  // no safety stage has limited the torques
-    arms.back().limit_rate = true;  // any controller may command them
+    arms.back().limit_rate = true;  // any controller may command them, behind no safety stage
   }
   return arms;
 }

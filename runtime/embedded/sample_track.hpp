@@ -9,8 +9,8 @@ namespace multipanda {
 
 // Commands of a program with a clock of its own, resampled once per period of the arm. The program stamps
 // each command with its clock. The track plays them back on the arm's clock, a delay later, and interpolates:
-// the instants at which the program wrote, late or early, do not matter, only its stamps do. Clocks may
-// drift.
+// the instants at which the program wrote, late or early, do not matter, only its stamps do. The clocks may
+// drift apart.
 //
 // The delay is two of the program's periods and 1 ms, 3 ms at 1 kHz: commands that come up to about 1 ms late
 // still meet their time. One thread; nothing allocates.

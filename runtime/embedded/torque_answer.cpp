@@ -16,8 +16,12 @@ constexpr double kHoldDamping = 1;
 constexpr double kHeldStill = 0.02;   // [rad/s]
 constexpr double kRateMargin = 1e-3;  // [N m/s] below the arm's rate
 
-TorqueLimiter::Limits limits_of(const ArmModel& model, double low_pass_hz) {
-  const ArmLimits& limits = model.limits();
+TorqueLimiter::Limits limits_of(const ArmModel& model, double low_pass_hz, const ArmLimits* scene) {
+  ArmLimits limits = model.limits();
+  if (scene != nullptr && scene->tau_max.size() == limits.tau_max.size()) {
+    limits.tau_max = limits.tau_max.cwiseMin(scene->tau_max).eval();
+    limits.tau_rate_max = limits.tau_rate_max.cwiseMin(scene->tau_rate_max).eval();
+  }
   return {.tau_max = limits.tau_max,
           .tau_rate_max = (limits.tau_rate_max.array() - kRateMargin).matrix(),
           .low_pass_hz = low_pass_hz};
@@ -25,9 +29,9 @@ TorqueLimiter::Limits limits_of(const ArmModel& model, double low_pass_hz) {
 
 }  // namespace
 
-TorqueAnswer::TorqueAnswer(std::shared_ptr<const ArmModel> model, double low_pass_hz)
+TorqueAnswer::TorqueAnswer(std::shared_ptr<const ArmModel> model, double low_pass_hz, const ArmLimits* scene)
     : terms_(std::move(model)),
-      limiter_(limits_of(terms_.model(), low_pass_hz)),
+      limiter_(limits_of(terms_.model(), low_pass_hz, scene)),
       stiffness_(joint_constant(terms_.joint_count(), kHoldStiffness.back())) {
   for (Eigen::Index i = 0; i < stiffness_.size() && i < static_cast<Eigen::Index>(kHoldStiffness.size());
        ++i) {

@@ -19,8 +19,10 @@ class TorqueAnswer {
   static constexpr double kKept = 0.02;  // [s] a torque is repeated this long without a newer one
   static constexpr double kFade = 0.1;   // [s] from the spring back to the program's torques
 
-  // low_pass_hz: on all torques, first order; 0: none.
-  explicit TorqueAnswer(std::shared_ptr<const ArmModel> model, double low_pass_hz = 0);
+  // low_pass_hz: on all torques, first order; 0: none. `scene`: limits of the arm's scene, of which the
+  // tighter ones count; none: the model's.
+  explicit TorqueAnswer(std::shared_ptr<const ArmModel> model, double low_pass_hz = 0,
+                        const ArmLimits* scene = nullptr);
 
   // A motion begins; the arm's torque is zero.
   void begin();

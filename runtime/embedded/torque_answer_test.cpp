@@ -154,6 +154,30 @@ TEST(TorqueAnswer, NeverZeroOnAMovingArmThatIsLeft) {
   EXPECT_LT((trial.rig.q - q).lpNorm<Eigen::Infinity>(), 0.03 * std::max(1.0, dq.lpNorm<Eigen::Infinity>()));
 }
 
+TEST(TorqueAnswer, TorquesThatASceneTightensAreKept) {
+  ArmRig rig("fer", Draw(3).pose(1));
+  ArmLimits scene = rig.body.shared_model()->limits();
+  scene.tau_max[2] = 4;
+  scene.tau_rate_max[2] = 100;
+  scene.tau_max[3] *= 3;  // looser: does not count
+  TorqueAnswer answer(rig.body.shared_model(), 0, &scene);
+  answer.begin();
+  double most = 0, step = 0, before = 0, joint4 = 0;
+  ArmState state = rig.state();
+  for (int k = 0; k < 400; ++k) {
+    answer.take(joint_constant(7, 500));
+    const JointVector tau = answer.step(state);
+    state.tau_J_d = tau;
+    most = std::max(most, std::abs(tau[2]));
+    step = std::max(step, std::abs(tau[2] - before));
+    before = tau[2];
+    joint4 = std::max(joint4, std::abs(tau[3]));
+  }
+  EXPECT_EQ(most, 4);
+  EXPECT_LE(step, 0.1);
+  EXPECT_EQ(joint4, rig.body.shared_model()->limits().tau_max[3]);
+}
+
 TEST(TorqueAnswer, NeverAllocatesOrLocks) {
   if (!kLoopGuardWorks) GTEST_SKIP() << "sanitizers replace malloc themselves";
   ArmRig rig("fr3");
