@@ -108,9 +108,20 @@ LAYERS = [
         "backends/mujoco fci/model fci/server",
     ),
     layer(
+        "fci/simulated_time",
+        "virtual arms and the client of real arms without sockets and clocks: an event queue"
+        " ([simulated_time.md](docs/simulated_time.md))",
+        "core device scene backends/simulated_arm backends/mujoco fci/wire fci/server fci/client",
+    ),
+    layer(
         "report",
         "reports of runs: Python pages made from exported logs, and the export",
         "support core scene logs backends/mujoco",
+    ),
+    layer(
+        "soak",
+        "endurance runs: a scene under faults, every cycle checked ([soak.md](docs/soak.md))",
+        "core device scene logs backends/simulated_arm backends/mujoco fci/simulated_time",
     ),
     layer(
         "runtime",
@@ -186,7 +197,7 @@ LAYERS = [
         "cli",
         "the program `multipanda`; uses ROS only through the loaded module",
         "support config_file core models scene logs fci/server report runtime experiments motion_generators doctor"
-        " sysid/measured sysid/identification sysid/comparison sysid/excitation sysid/refine",
+        " sysid/measured sysid/identification sysid/comparison sysid/excitation sysid/refine soak",
     ),
     layer(
         "benchmarks", "the program behind `multipanda bench`", "support core scene logs backends/mujoco runtime ros/rcl"

@@ -15,29 +15,6 @@ namespace {
 
 using Vector7 = Eigen::Matrix<double, 7, 1>;
 
-struct WireMotion {
-  ControllerMode controller{};
-  MotionGeneratorMode generator{};
-};
-
-// The modes that the arm's states show during a motion.
-WireMotion shown_as(ArmMotion motion) {
-  switch (motion) {
-    case ArmMotion::joint_position:
-      return {ControllerMode::joint_impedance, MotionGeneratorMode::joint_position};
-    case ArmMotion::joint_velocity:
-      return {ControllerMode::joint_impedance, MotionGeneratorMode::joint_velocity};
-    case ArmMotion::cartesian_pose:
-      return {ControllerMode::cartesian_impedance, MotionGeneratorMode::cartesian_position};
-    case ArmMotion::cartesian_velocity:
-      return {ControllerMode::cartesian_impedance, MotionGeneratorMode::cartesian_velocity};
-    case ArmMotion::torque:
-    case ArmMotion::none:
-      break;
-  }
-  return {ControllerMode::external, MotionGeneratorMode::none};
-}
-
 MotionRequest request_of(ArmMotion motion) {
   using enum ArmMotion;
   const bool joints = motion == joint_position || motion == joint_velocity;
@@ -51,16 +28,6 @@ MotionRequest request_of(ArmMotion motion) {
                                                       : MotionGenerator::none,
           .asynchronous = false,
           .dq_max = {}};
-}
-
-// Whether the arm takes commands of `motion`. A torque motion may run with either generator.
-bool takes_commands(const RobotState& state, ArmMotion motion) {
-  const auto generator = static_cast<MotionGeneratorMode>(state.motion_generator_mode);
-  const WireMotion ours = shown_as(motion);
-  const bool torque = motion == ArmMotion::torque;
-  return motion != ArmMotion::none && is_mode(state, RobotMode::move) &&
-         state.controller_mode == static_cast<std::uint8_t>(ours.controller) &&
-         (generator == ours.generator || (torque && generator == MotionGeneratorMode::joint_velocity));
 }
 
 }  // namespace
@@ -380,25 +347,7 @@ ArmMode ArmDriver::mode(HostTime now) const noexcept {
   if (!options_.lockstep && seconds(now - link_.received_at()) > options_.lost_after_s) {
     return ArmMode::disconnected;
   }
-  switch (static_cast<RobotMode>(newest().robot_mode)) {
-    case RobotMode::move:
-      return phase >= Phase::starting && takes_commands(newest(), motion()) ? ArmMode::move : ArmMode::other;
-    case RobotMode::idle:
-      if (requested_motion_.load(std::memory_order_acquire) == ArmMotion::none) return ArmMode::idle;
-      if (requested_motion_.load(std::memory_order_acquire) != motion()) return ArmMode::recovering;
-      return phase == Phase::starting || phase == Phase::preparing ? ArmMode::recovering : ArmMode::other;
-    case RobotMode::guiding:
-      return ArmMode::guiding;
-    case RobotMode::reflex:
-      return ArmMode::reflex;
-    case RobotMode::user_stopped:
-      return ArmMode::user_stopped;
-    case RobotMode::automatic_error_recovery:
-      return ArmMode::recovering;
-    case RobotMode::other:
-      break;
-  }
-  return ArmMode::other;
+  return mode_of(newest(), phase, motion(), requested_motion_.load(std::memory_order_acquire));
 }
 
 void ArmDriver::fill(HostTime now, ArmState& state) noexcept {

@@ -12,6 +12,7 @@
 #include "core/cycle/backend.hpp"
 #include "core/safety/torque_limiter.hpp"
 #include "fci/client/arm_connection.hpp"
+#include "fci/client/arm_mode.hpp"
 #include "fci/client/arm_packet.hpp"
 #include "fci/client/fci_backend.hpp"
 #include "fci/client/posture_hold.hpp"
@@ -70,13 +71,7 @@ class ArmDriver {
   int held_packets() const noexcept { return held_packets_; }  // answered by hold() since release()
 
  private:
-  enum class Phase : std::uint8_t {
-    offline,
-    preparing,  // connected, not yet set up
-    stopped,    // set up, no motion
-    starting,   // a motion is being started
-    running     // the arm has accepted a motion, and its end was not reported
-  };
+  using Phase = ArmPhase;
   using Work = std::function<RequestAnswer()>;
   struct Task {
     Work work;

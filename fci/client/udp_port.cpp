@@ -7,7 +7,6 @@
 #include <string>
 #include <sys/socket.h>
 #include <unistd.h>
-#include <utility>
 
 namespace multipanda::fci {
 namespace {
@@ -45,12 +44,8 @@ void UdpPort::expect(const Dialect* dialect, std::uint32_t peer_address) {
 bool UdpPort::receive() noexcept {
   if (const std::uint64_t expected = expected_.load(std::memory_order_acquire); expected != expecting_) {
     expecting_ = expected;
-    dialect_ = dialect(static_cast<std::uint16_t>(expected >> 32));
+    intake_.expect(dialect(static_cast<std::uint16_t>(expected >> 32)));
     address_ = static_cast<std::uint32_t>(expected);
-    states_[newest_].message_id = 0;
-    peer_port_ = 0;
-    confirmed_ = false;
-    far_number_ = 0;
     counters_.lost_in_a_row.store(0, std::memory_order_relaxed);
   }
   fresh_ = false;
@@ -75,50 +70,29 @@ bool UdpPort::receive() noexcept {
 }
 
 void UdpPort::take(std::span<const std::byte> datagram, const sockaddr_in& from) noexcept {
-  RobotState& next = states_[1 - newest_];
-  const std::uint64_t last = state().message_id;
-  if (dialect_ == nullptr || from.sin_addr.s_addr != address_ ||
-      (peer_port_ != 0 && from.sin_port != peer_port_) ||
-      decode(*dialect_, datagram, next) != WireResult::ok || next.message_id == 0 ||
-      !is_plausible(next.message_id, last)) {
-    add(counters_.foreign, 1);
-    return;
+  using enum StateIntake::Taken;
+  const auto taken = from.sin_addr.s_addr == address_ ? intake_.take(datagram, from.sin_port) : refused;
+  if (taken == refused) add(counters_.foreign, 1);
+  if (taken == late && counters_.lost.load(std::memory_order_relaxed) > 0) {
+    counters_.lost.store(counters_.lost.load(std::memory_order_relaxed) - 1, std::memory_order_relaxed);
+    add(counters_.superseded, 1);
   }
-  // Late or a duplicate; except that the first state of a connection may itself have been the wrong one.
-  if (next.message_id <= last && (confirmed_ || last - next.message_id <= kMostJump)) {
-    if (next.message_id < last && counters_.lost.load(std::memory_order_relaxed) > 0) {
-      counters_.lost.store(counters_.lost.load(std::memory_order_relaxed) - 1, std::memory_order_relaxed);
-      add(counters_.superseded, 1);
-    }
-    return;
-  }
+  if (taken != newest) return;
   if (fresh_) add(counters_.superseded, 1);
-  gap_ = last == 0 || next.message_id <= last ? 0 : next.message_id - last - 1;
-  add(counters_.lost, gap_);
-  counters_.lost_in_a_row.store(gap_, std::memory_order_relaxed);
+  add(counters_.lost, gap());
+  counters_.lost_in_a_row.store(gap(), std::memory_order_relaxed);
   counters_.lost_in_a_row_max.store(
-      std::max(counters_.lost_in_a_row_max.load(std::memory_order_relaxed), gap_), std::memory_order_relaxed);
+      std::max(counters_.lost_in_a_row_max.load(std::memory_order_relaxed), gap()),
+      std::memory_order_relaxed);
   add(counters_.received, 1);
-  confirmed_ = confirmed_ || last != 0;
-  newest_ = 1 - newest_;
   source_ = from;
-  peer_port_ = from.sin_port;
   fresh_ = true;
 }
 
-bool UdpPort::is_plausible(std::uint64_t number, std::uint64_t last) noexcept {
-  const std::uint64_t far = std::exchange(far_number_, 0);
-  if (last == 0 || (number <= last && confirmed_)) return true;
-  if ((number > last ? number - last : last - number) <= kMostJump) return true;
-  if (far != 0 && number > far && number - far <= kMostJump) return true;
-  far_number_ = number;
-  return false;
-}
-
 bool UdpPort::send(RobotCommand& command) noexcept {
-  if (dialect_ == nullptr || state().message_id == 0) return false;
+  if (intake_.dialect() == nullptr || state().message_id == 0) return false;
   command.message_id = state().message_id;
-  const std::size_t size = encode(*dialect_, command, command_);
+  const std::size_t size = encode(*intake_.dialect(), command, command_);
   const ssize_t n = ::sendto(file_, command_.data(), size, MSG_DONTWAIT | MSG_NOSIGNAL,
                              reinterpret_cast<const sockaddr*>(&source_), sizeof(source_));
   const bool taken = size != 0 && n == static_cast<ssize_t>(size);

@@ -7,6 +7,7 @@
 
 #include "core/state/connection_statistics.hpp"
 #include "core/types/time.hpp"
+#include "fci/client/state_intake.hpp"
 #include "fci/wire/state_layout.hpp"
 
 namespace multipanda::fci {
@@ -34,10 +35,10 @@ class UdpPort {
   // Receives datagrams; true: state() is newer than before.
   bool receive() noexcept;
   // The newest state; its message_id is 0 before the first one.
-  const RobotState& state() const noexcept { return states_[newest_]; }
+  const RobotState& state() const noexcept { return intake_.state(); }
   HostTime received_at() const noexcept { return received_at_; }
   // States in a row that never came before state(), and the arm's clock between the two last states taken.
-  std::uint64_t gap() const noexcept { return gap_; }
+  std::uint64_t gap() const noexcept { return intake_.gap(); }
   // Answers state(): sends `command` with the number of the state.
   bool send(RobotCommand& command) noexcept;
 
@@ -46,11 +47,7 @@ class UdpPort {
     const Dialect* dialect = nullptr;
     std::uint32_t address = 0;
   };
-  // A number further away than this is accepted only if the next datagram confirms it: a single wrong one
-  // would make all that follow look old.
-  static constexpr std::uint64_t kMostJump = 1000;
   void take(std::span<const std::byte> datagram, const sockaddr_in& from) noexcept;
-  bool is_plausible(std::uint64_t number, std::uint64_t last) noexcept;
 
   int file_ = -1;
   std::uint16_t number_ = 0;
@@ -58,18 +55,12 @@ class UdpPort {
   // Written by expect(): dialect by its version, address; one word, so that both change at once.
   std::atomic<std::uint64_t> expected_{0};  // (count << 48) | (version << 32) | address
   std::uint64_t expecting_ = 0;
-  const Dialect* dialect_ = nullptr;
   std::uint32_t address_ = 0;
 
-  std::array<RobotState, 2> states_;
-  std::size_t newest_ = 0;
+  StateIntake intake_;
   bool fresh_ = false;
   sockaddr_in source_{};
-  in_port_t peer_port_ = 0;       // of the arm's states in this connection; 0: none came yet
-  bool confirmed_ = false;        // two states of this connection had numbers that follow each other
-  std::uint64_t far_number_ = 0;  // of the last datagram, if it was too far away to be accepted; otherwise 0
   HostTime received_at_;
-  std::uint64_t gap_ = 0;
 
   std::array<std::byte, 4096> buffer_;
   std::array<std::byte, kMaxCommandSize> command_;

@@ -4,9 +4,9 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "device/declared_hand.hpp"
 #include "fci/model/model_library.hpp"
 #include "fci/model/model_urdf.hpp"
+#include "fci/server/from_scene.hpp"
 #include "fci/server/gripper_port.hpp"
 #include "fci/server/vacuum_port.hpp"
 #include "scene/build.hpp"
@@ -24,33 +24,19 @@ Scene prepared(Scene scene, bool grippers) {
 
 ArmPlace default_place(ArmIndex arm) { return {.address = "127.0.0." + std::to_string(arm + 1)}; }
 
-// Hand and tool as a real arm's settings name them: its hand by the manufacturer's rounded figures.
-RigidBody declared_end_effector(const RobotDescription& robot, const SceneArm& arm) {
-  if (!arm.hand) return end_effector(robot, false, arm.tool);
-  const RigidBody hand = end_effector(robot, true, {});
-  const Load declared = declared_hand({hand.mass, hand.com, hand.inertia});
-  const RigidBody body{declared.mass, declared.p_FC, declared.inertia_C};
-  return arm.tool.mass > 0 ? merged(body, {arm.tool.mass, arm.tool.p_FC, arm.tool.inertia_C}) : body;
-}
-
 ArmPortConfig port_config(const Scene& scene, ArmIndex i, const ArmPlace& place,
                           const VirtualArmOptions& options) {
   const SceneArm& arm = scene.arms[i];
   const RobotDescription robot = robot_of(arm);
-  ArmPortConfig config{
-      .name = arm.name,
-      .address = place.address,
-      .port = place.port,
-      .lockstep = options.pace == WorldPace::lockstep,
-      .strict = options.strict,
-      .own_clock = options.pace == WorldPace::realtime && (options.strict || !options.clocks.empty()),
-      .fixed = {.X_FNE = {},
-                .ee = declared_end_effector(robot, arm),
-                .gravity_B = arm.X_WB.rotation.transpose() * Vector3(0, 0, -9.81)},
-      .model = {.urdf = model_urdf(robot), .library = model_library(robot)},
-      .seed = options.seed + 2 * i};
-  if (arm.hand) config.fixed.X_FNE = robot.hand->mount.pose() * robot.hand->tcp.pose();
-  return config;
+  return {.name = arm.name,
+          .address = place.address,
+          .port = place.port,
+          .lockstep = options.pace == WorldPace::lockstep,
+          .strict = options.strict,
+          .own_clock = options.pace == WorldPace::realtime && (options.strict || !options.clocks.empty()),
+          .fixed = fixed_config(arm),
+          .model = {.urdf = model_urdf(robot), .library = model_library(robot)},
+          .seed = options.seed + 2 * i};
 }
 
 }  // namespace

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "backends/simulated_arm/simulated_arm.hpp"
+#include "fci/server/state_packet.hpp"
+#include "fci/simulated_time/simulated_time.hpp"
+#include "fci/wire/state_layout.hpp"
+
+namespace multipanda::fci {
+
+// One arm as its control interface shows it, without sockets: takes answers, and sends its newest
+// measurements at its own instants. The rules of ArmPort in `strict`, for one program; torque control only.
+class ArmSide {
+ public:
+  struct Rules {
+    LateAnswers late = LateAnswers::dropped;
+    std::int64_t answer_ns = 0;  // longest time to the arrival of an answer
+  };
+  ArmSide(SimulatedArm& arm, FixedConfig fixed, const Dialect& dialect, std::uint64_t first_number,
+          const Rules& rules);
+
+  // One of the arm's own periods: takes the command, or goes without; then its next state, as bytes.
+  std::span<const std::byte> period(std::int64_t now_ns);
+  void take_answer(std::span<const std::byte> datagram, std::int64_t now_ns);
+
+  // --- requests, as they arrive ---
+  MotionStart start_motion();
+  void stop_motion();
+  bool recover();  // false: not possible now
+  bool apply(const ArmRequest& request);
+
+  bool runs() const { return runs_; }                     // a motion
+  std::uint64_t motions_ended() const { return ended_; }  // by the arm itself
+  SimulatedArm& arm() { return arm_; }
+  const SimulatedArm& arm() const { return arm_; }
+  ArmAccount& account() { return account_; }
+  const ArmAccount& account() const { return account_; }
+
+ private:
+  void command();
+  void notice_end();
+  void show_torque();
+
+  SimulatedArm& arm_;
+  FixedConfig fixed_;
+  const Dialect& dialect_;
+  Rules rules_;
+  std::uint64_t number_;  // of the last state
+  std::int64_t sent_ns_ = 0;
+  RobotState state_;
+  std::array<std::byte, kMaxStateSize> bytes_{};
+
+  bool runs_ = false, commanded_ = false, has_pending_ = false;
+  std::uint64_t first_state_ = 0, newest_answer_ = 0;
+  std::uint64_t motions_ended_ = 0, ended_ = 0;
+  RobotCommand received_, pending_;
+  InterfaceCommand command_;
+  JointVector accepted_;  // the torque taken last in this motion; zero before the first
+  int missed_ = 0;        // in a row
+  ArmAccount account_;
+};
+
+}  // namespace multipanda::fci
