@@ -4,7 +4,7 @@
 #include <chrono>
 
 #include "backends/simulation_view.hpp"
-#include "runtime/target_values.hpp"
+#include "runtime/reach.hpp"
 #include "scene/build.hpp"
 #include "support/machine.hpp"
 
@@ -76,9 +76,10 @@ void Session::build() {
   }
   cycle_ = std::make_unique<ControlCycle>(std::move(config), registry_, *backend_.backend);
   auto timeline = build_schedule(scene_, modes());
-  std::vector<Pose> X_FE;
-  for (const auto& arm : scene_.arms) X_FE.push_back(arm_config(arm).frames.X_FE);
-  check_reach(timeline, modes(), models_, X_FE);
+  Reach reach(models_);
+  for (ArmIndex i = 0; i < models_.size(); ++i)
+    reach.set_end_effector(i, arm_config(scene_.arms[i]).frames.X_FE);
+  reach.check(timeline, modes());
   modes().schedule(std::move(timeline));
   modes().activate_at_start(start_set(scene_, modes()));
   const std::lock_guard lock(early_news_mutex_);

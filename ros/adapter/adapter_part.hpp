@@ -12,6 +12,7 @@
 #include "core/types/tick.hpp"
 #include "core/types/time.hpp"
 #include "ros/adapter/ros_options.hpp"
+#include "runtime/reach.hpp"
 #include "runtime/run_adapter.hpp"
 
 namespace multipanda::ros {
@@ -54,6 +55,7 @@ struct AdapterContext : RunContext {
   const RosOptions* options = nullptr;
   Stamps stamps;
   AdapterCounters* counters = nullptr;
+  std::shared_ptr<Reach> reach;  // refuses poses that are too far away; none: nothing is refused
   // Diagnostics of all parts. Any thread, once all parts exist.
   std::function<std::vector<Diagnostic>()> diagnostics;
   // Warns the user, at most once a second per `topic`. Any thread but the loop's.

@@ -69,6 +69,7 @@ void RosAdapter::build(const RunContext& run) {
   context.executor = executor_.get();
   context.options = &options_;
   context.counters = &counters_;
+  context.reach = std::make_shared<Reach>(run.models);
   context.stamps.simulated = stamps_simulated(run, options_);
   context.stamps.wall_minus_host_ns = wall_minus_host_ns();
   context.diagnostics = [this] { return diagnostics(); };

@@ -42,7 +42,7 @@ std::vector<std::string> all_requests() {
 
 }  // namespace
 
-RequestHandler::RequestHandler(LiveInputContext run) : run_(std::move(run)) {
+RequestHandler::RequestHandler(LiveInputContext run) : run_(std::move(run)), reach_(run_.models) {
   for (const auto& model : run_.models) terms_.emplace_back(model);
 }
 
@@ -190,13 +190,8 @@ std::optional<json> RequestHandler::begin_reference(const JsonFields& fields, Pe
     }
   }
   if (address.X_WB) to_world(input.spec().quantity, *address.X_WB, values);
-  if (is_end_effector_pose(target, input.spec())) {
-    const ArmIndex arm = target.arm_list()[input.spec().arm];
-    run_.latest->copy(snapshot_);
-    const Pose X_FE = snapshot_.cycle != 0 ? snapshot_.arms[arm].frames.X_FE : Pose();
-    const std::string why = beyond_reach(run_.models[arm], X_FE, {values[0], values[1], values[2]});
-    if (snapshot_.cycle != 0 && !why.empty()) throw RequestRefused("out_of_bounds", why);
-  }
+  if (const std::string why = beyond_reach(target, input.spec(), values); !why.empty())
+    throw RequestRefused("out_of_bounds", why);
   Request request{.kind = Request::Kind::set_target};
   request.instance = address.instance;
   request.index = address.input;
@@ -330,9 +325,23 @@ void RequestHandler::deliver(const StreamPacket& packet, StreamChannel& channel,
   }
   if (channel.verdict == Verdict::accepted) {
     if (channel.X_WB) to_world(input.spec().quantity, *channel.X_WB, values);
-    channel.verdict = input.post(target);
+    const bool near = beyond_reach(run_.modes->instance(channel.instance), input.spec(), values).empty();
+    channel.verdict = near ? input.post(target) : Verdict::out_of_bounds;
   }
   if (channel.verdict != Verdict::accepted) ++channel.refused;
+}
+
+// A new end effector is looked up only where the known one is too short.
+std::string RequestHandler::beyond_reach(const Instance& instance, const InputSpec& input,
+                                         std::span<const double> values) {
+  std::string why = reach_.refusal(instance, input, values);
+  if (why.empty() && reach_known_) return {};
+  run_.latest->copy(snapshot_);
+  if (snapshot_.cycle == 0) return {};
+  reach_known_ = true;
+  for (ArmIndex arm = 0; arm < snapshot_.arms.size(); ++arm)
+    reach_.set_end_effector(arm, snapshot_.arms[arm].frames.X_FE);
+  return reach_.refusal(instance, input, values);
 }
 
 // --- names ---

@@ -14,6 +14,7 @@
 #include "runtime/live_input/json_fields.hpp"
 #include "runtime/live_input/latest_state.hpp"
 #include "runtime/live_input/stream_packet.hpp"
+#include "runtime/reach.hpp"
 
 namespace multipanda {
 
@@ -96,8 +97,12 @@ class RequestHandler {
   const ArmModel& model_of(InstanceIndex i, const InputSpec& input) const;
   nlohmann::json answer_of(const Answer& answer, const Request& request) const;
   nlohmann::json refusal(Verdict verdict, const std::string& reason) const;
+  // Why a pose is out of reach, with the end effectors in force; empty: it may be in reach.
+  std::string beyond_reach(const Instance& instance, const InputSpec& input, std::span<const double> values);
 
   LiveInputContext run_;
+  Reach reach_;
+  bool reach_known_ = false;  // the end effectors have been looked up
   LatestState::Snapshot snapshot_;
   std::vector<ModelTerms> terms_;
 };

@@ -90,6 +90,63 @@ TEST_F(RequestsTest, GoalsOutOfReachAreRefused) {
   EXPECT_EQ(ask(goal(0.5))["ok"], true);
 }
 
+// The same for streams and for controllets of two arms; a longer tool that is declared meanwhile counts.
+TEST_F(RequestsTest, StreamsAndPosesOfTwoArmsOutOfReachAreRefused) {
+  ASSERT_EQ(ask(R"({"do":"switch","activate":["pose0"]})")["ok"], true);
+  fixture_.steps(3);
+  const ArmModel& model = *fixture_.loop.models[0];
+  ModelTerms terms(fixture_.loop.models[0]);
+  terms.update(model.q_home(), joint_constant(7, 0));
+  const Vector3 base = terms.X_WJ(0).position;
+  StreamChannel channel =
+      handler_.open_channel(json::parse(R"({"do":"stream","controllet":"pose0","input":"pose"})"));
+  StreamPacket packet{.channel = 1, .sequence = 0, .client_time_ns = 0, .count = 7, .values = {}};
+  packet.values[3] = 1;
+  const auto verdict_at = [&](const Vector3& p) {
+    ++packet.sequence;
+    for (std::size_t i = 0; i < 3; ++i) packet.values[i] = p[static_cast<Eigen::Index>(i)];
+    handler_.deliver(packet, channel);
+    return channel.verdict;
+  };
+  // The chain, counted another way: every joint turned at random, no end effector is farther away.
+  std::mt19937_64 random(7);
+  std::uniform_real_distribution<double> draw(-3, 3);
+  double farthest = 0, nearest = 1e9;
+  for (int k = 0; k < 2000; ++k) {
+    JointVector q(7);
+    for (Eigen::Index i = 0; i < 7; ++i) q[i] = draw(random);
+    terms.update(q, joint_constant(7, 0));
+    farthest = std::max(farthest, (terms.X_WE().position - base).norm());
+    nearest = std::min(nearest, (terms.X_WE().position - base).norm());
+    ASSERT_NE(verdict_at(terms.X_WE().position), Verdict::out_of_bounds) << q.transpose();
+  }
+  ASSERT_LT(nearest, 0.5 * farthest);
+  EXPECT_EQ(verdict_at(base + Vector3(0, 0, 1.5 * farthest)), Verdict::out_of_bounds);
+  EXPECT_EQ(verdict_at(base + Vector3(5, 0, 0)), Verdict::out_of_bounds);
+  EXPECT_EQ(channel.refused, 2u);
+
+  // Two arms: the middle of the hands, or one hand, by the input's arm.
+  ASSERT_EQ(ask(R"({"do":"switch","activate":["both"],"only":true})")["ok"], true);
+  fixture_.steps(3);
+  const Vector3 middle =
+      0.5 * (fixture_.loop.models[0]->X_WB().position + fixture_.loop.models[1]->X_WB().position);
+  const auto goal = [&](const char* input, const Vector3& p) {
+    return ask(json{{"do", "reference"},
+                    {"controllet", "both"},
+                    {"input", input},
+                    {"position_m", {p.x(), p.y(), p.z()}},
+                    {"rpy_rad", {0, 0, 0}}});
+  };
+  EXPECT_EQ(goal("common_pose", middle + Vector3(0.1, 0, 0.4))["ok"], true);
+  for (const char* input : {"common_pose", "first_pose", "second_pose"}) {
+    for (const double far : {2.5, 5.0}) {
+      const json answer = goal(input, middle + Vector3(far, 0, 0.4));
+      EXPECT_EQ(answer["verdict"], "out_of_bounds") << input << far;
+      EXPECT_THAT(answer.value("reason", ""), HasSubstr("out of reach"));
+    }
+  }
+}
+
 // The asker is told "timeout" when the loop can no longer take the request, and only then.
 TEST_F(RequestsTest, ATimedOutRequestIsNotExecutedLater) {
   const json activate = json::parse(R"({"do":"switch","activate":["pose0"]})");

@@ -190,6 +190,36 @@ TEST(Inputs, InvalidNumbersAreRefused) {
 }
 
 // Only accepted messages reach the loop. Refused ones are counted, with the newest reason, and reported.
+TEST(Inputs, PosesOutOfReachAreRefusedWithTheDistance) {
+  Fixture fixture;
+  fixture.run.reach = std::make_shared<Reach>(fixture.run.models);
+  InputPort port(fixture.run, fixture.loop.find("pose0"), 0);
+  InputPort of_both(fixture.run, fixture.loop.find("both"), 0);
+  ASSERT_TRUE(fixture.loop.activate({"pose0", "pose1"}).accepted());
+  const Reference& reference = fixture.loop.modes().instance(fixture.loop.find("pose0")).inputs()[0];
+  const Pose X_start = reference.pose();
+  Pose far = X_start;
+  far.position.x() += 5;
+  // Not refused before the end effector is known.
+  port.receive(pose_message(far, ""), Delivery::goal);
+  EXPECT_EQ(port.counts().refused, 0u);
+  Event event;
+  event.kind = EventKind::arm_config;
+  event.values[3] = event.values[10] = 1;  // both frames are the flange's
+  for (event.arm = 0; event.arm < 2; ++event.arm) fixture.run.reach->take(event);
+  for (const Delivery delivery : {Delivery::goal, Delivery::stream}) {
+    const auto refused = port.counts().refused;
+    port.receive(pose_message(far, ""), delivery);
+    EXPECT_EQ(port.counts().refused, refused + 1);
+    EXPECT_THAT(port.counts().last_reason, HasSubstr("out of reach"));
+    of_both.receive(pose_message(far, ""), delivery);
+    EXPECT_THAT(of_both.counts().last_reason, HasSubstr("middle of the hands"));
+  }
+  const auto refused = port.counts().refused;
+  port.receive(pose_message(X_start, ""), Delivery::stream);
+  EXPECT_EQ(port.counts().refused, refused);
+}
+
 TEST(Inputs, RefusedMessagesAreCountedAndDoNotReachTheLoop) {
   Fixture fixture;
   fixture.loop.steps(3);

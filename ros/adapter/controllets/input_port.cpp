@@ -33,6 +33,11 @@ void InputPort::refuse(const std::string& why) { note(why, false); }
 
 void InputPort::conclude(InputReader::Refusal refusal, const Target& target) {
   if (refusal) return note(std::move(*refusal), false);
+  if (run_.reach) {
+    const Instance& instance = run_.modes->instance(instance_);
+    std::string why = run_.reach->refusal(instance, reference_->spec(), target.values);
+    if (!why.empty()) return note(std::move(why), false);
+  }
   Request request{.kind = Request::Kind::set_target};
   request.instance = instance_;
   request.index = input_;

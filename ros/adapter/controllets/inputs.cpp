@@ -88,7 +88,11 @@ const InputCodec* codec_for(const std::vector<InputCodec>& codecs, const Instanc
   return found == codecs.end() ? nullptr : &*found;
 }
 
-Inputs::Inputs(const AdapterContext& run, const std::vector<InputCodec>& codecs) {
+void Inputs::take(const Event& event) {
+  if (reach_) reach_->take(event);
+}
+
+Inputs::Inputs(const AdapterContext& run, const std::vector<InputCodec>& codecs) : reach_(run.reach) {
   MultimodeController& modes = *run.modes;
   for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
     for (std::size_t k = 0; k < modes.instance(i).inputs().size(); ++k) {

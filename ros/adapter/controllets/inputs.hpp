@@ -17,6 +17,7 @@ class Inputs : public AdapterPart {
   // Throws std::invalid_argument for a codec whose input does not exist.
   Inputs(const AdapterContext& run, const std::vector<InputCodec>& codecs);
   std::vector<Diagnostic> diagnostics() const override;
+  void take(const Event& event) override;  // end effectors, for the check of reach
   const std::vector<std::unique_ptr<InputPort>>& ports() const { return ports_; }
 
  private:
@@ -24,6 +25,7 @@ class Inputs : public AdapterPart {
   template <class M>
   void subscribe(const AdapterContext& run, InputPort& port);
 
+  std::shared_ptr<Reach> reach_;
   std::vector<std::unique_ptr<InputPort>> ports_;
   std::vector<std::unique_ptr<Incoming>> subscriptions_;  // destroyed before the ports
 };
