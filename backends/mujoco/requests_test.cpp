@@ -220,7 +220,7 @@ TEST(Requests, APausedWorldTakesTheRequestedSteps) {
   EXPECT_EQ((loop.backend.now() - now).count(), 3'000'000);
 }
 
-// Whoever asked may have given up. Requests of a patience of 0 s are too old whenever the loop looks.
+// The asker may have given up. Requests of a patience of 0 s are too old whenever the loop looks.
 TEST(RequestBox, RefusesWhatWaitedForTooLong) {
   RequestBox box(0), patient;
   auto late = box.post({.arm = 0, .request = ArmRequest(RecoverFromError{})});

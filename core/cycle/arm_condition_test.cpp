@@ -187,7 +187,7 @@ TEST(Pause, ALongPauseOfTheLoopIsAHold) {
     loop.step();
     ASSERT_LT((loop.world.position(1) - elsewhere).norm(), 0.03);
   }
-  pause(0.5);  // a hold, too, begins anew
+  pause(0.5);  // a hold, too, begins again
   const JointVector there = loop.world.position(1) + joint_constant(7, 0.2);
   loop.world.set_position(1, there);
   pause(0.5);

@@ -20,13 +20,11 @@ class Mailbox {
   static constexpr double kForever = std::numeric_limits<double>::infinity();
 
   // --- any thread except the loop's ---
-  // Queues the requests so that the loop takes them in one cycle. Their tickets are consecutive; returns the
-  // last one. 0: no requests, more than kMaxBatch, or the queue is full. After `patience_s` the loop refuses
-  // them.
+  // Queues the requests so that the loop takes them in one cycle. After `patience_s` it refuses them. Their
+  // tickets are consecutive; returns the last one. 0: no requests, more than kMaxBatch, or the queue is full.
   std::uint64_t post(std::span<const Request> requests, double patience_s = kForever);
   // Takes the requests of a call back; `ticket` is the one that post() returned. true: the loop will never
-  // execute any of them. false: the loop has taken or refused them, and its answer follows at the end of that
-  // cycle.
+  // execute any of them. false: it has taken or refused them, and answers at the end of that cycle.
   bool withdraw(std::uint64_t ticket);
   // Returns the answer if the loop has given it. The last kAnswers answers are kept. `answer` is unchanged if
   // the result is false.

@@ -58,7 +58,7 @@ class MultimodeController {
   static constexpr double kAnswerPatience = 10;  // [s]
   Verdict post(std::span<const Request> requests, std::uint64_t& ticket, double patience_s = kPatience);
   // Takes back what post() queued. true: it will never be executed. false: the loop has decided, its answer
-  // follows. Whoever stops waiting for an answer calls this first.
+  // follows. To be called before one stops waiting for an answer.
   bool withdraw(std::uint64_t ticket) { return mailbox_.withdraw(ticket); }
   bool poll(std::uint64_t ticket, Answer& answer) const { return mailbox_.poll(ticket, answer); }
   // Posts, then polls for the answers of the loop. Returns the first refusal, otherwise the last answer.
@@ -144,7 +144,7 @@ class MultimodeController {
   ArmSet handed_over_;  // arms that changed owner in this step
   std::array<double, kMaxArms> step_requested_{}, step_sent_{};
   std::array<Intervention, kMaxArms> hold_fault_{};  // that was reported of the arm's hold
-  std::array<Intervention, kMaxArms> last_cut_{};  // to log the start of an episode only
+  std::array<Intervention, kMaxArms> last_cut_{};    // to log the start of an episode only
   std::array<LoopTime, kMaxArms>
       last_torque_{};  // time of the last torque of each arm, to which its rate limit is relative
   std::array<ArmMode, kMaxArms> last_mode_{};

@@ -7,8 +7,7 @@
 #include "core/testing/test_laws.hpp"
 #include "core/testing/test_world.hpp"
 
-// Requests end with their asker's patience: whoever was told that a request was not executed is right for
-// ever.
+// Requests end with their asker's patience: whoever was told that a request was not executed stays right.
 namespace multipanda::request_expiry_test {
 namespace {
 
@@ -77,7 +76,7 @@ TEST_F(RequestExpiry, AWithdrawnCallIsWithdrawnAsAWhole) {
   EXPECT_FALSE(loop.modes().withdraw(next)) << "it was taken";
 }
 
-// A controller that is hosted begins anew: requests that came while it was inactive are refused, what has no
+// A controller that is hosted begins again: requests that came while it was inactive are refused, what has no
 // asker who waits (parameters of its node) is kept.
 TEST_F(RequestExpiry, ALoopThatBeginsAnewKeepsOnlyWhatHasNoEnd) {
   loop.step();

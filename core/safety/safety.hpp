@@ -73,8 +73,7 @@ class SafetyStage {
   // first rule that acted.
   const JointVector& limit(std::size_t arm, const JointVector& requested, double dt, Finding& cut);
 
-  // The last command. At the start, and when the arm takes commands again, it is the torque that the arm
-  // applies.
+  // The last command; at the start, and when the arm takes commands again, the torque that the arm applies.
   const JointVector& last_command(std::size_t arm) const { return arms_[arm].torque.sent(); }
   void set_last_command(std::size_t arm, const JointVector& tau) { arms_[arm].torque.restart(tau); }
 

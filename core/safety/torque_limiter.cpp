@@ -48,7 +48,7 @@ const JointVector& TorqueLimiter::limit(const JointVector& requested, double dt,
     const double bound = limits_.tau_max[i], rate = limits_.tau_rate_max[i];
     const double w = i < requested.size() && std::isfinite(requested[i]) ? requested[i] : 0.0;
     const double within = std::clamp(w, -bound, bound);
-    const double wanted = gain_ < 1 ? in_use + gain_ * (within - in_use) : within;
+    const double goal = gain_ < 1 ? in_use + gain_ * (within - in_use) : within;
     // Where the two differ, a whole period's step counts: the arm compares its periods, not our steps.
     const double step = rate * (sent == in_use ? step_time : limits_.period_s);
     double low = std::max(sent, in_use) - step, high = std::min(sent, in_use) + step;
@@ -56,10 +56,10 @@ const JointVector& TorqueLimiter::limit(const JointVector& requested, double dt,
       low = in_use - step;
       high = in_use + step;
     }
-    const double next = std::clamp(wanted, low, high);
+    const double next = std::clamp(goal, low, high);
     if (within != w && !cuts.torque) cuts.torque = finding_at(Intervention::torque_clamped, i, w, bound);
-    if (next != wanted && !cuts.rate) {
-      const double asked = step_time > 0 ? (wanted - in_use) / step_time : 0;
+    if (next != goal && !cuts.rate) {
+      const double asked = step_time > 0 ? (goal - in_use) / step_time : 0;
       cuts.rate = finding_at(Intervention::torque_rate_clamped, i, asked, rate);
     }
     sent_[i] = in_use_[i] = next;

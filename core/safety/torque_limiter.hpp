@@ -12,8 +12,7 @@ namespace multipanda {
 // command was lost or came too late: then the arm goes on with an older one, and a command that is one step
 // away from the lost one may be several from that. Nobody can tell at the fresh state whether the last
 // command is only late. So the next torque is at most one step from both, or, if they are more than two steps
-// apart, from the one in use, by which the arm judges. However many periods were missed, it is one period's
-// step.
+// apart, from the one in use, by which the arm judges. It is one period's step, however many were missed.
 //
 // No allocation, no exception.
 class TorqueLimiter {

@@ -73,8 +73,9 @@ TEST(TorqueLimiter, TheLowPassMovesFromWhatIsInUse) {
   EXPECT_DOUBLE_EQ(step_of(limits, 0.5, 2), 0.5 + gain * 1.5);
 }
 
-// An arm as its maker describes it: it takes the answer to its newest packet only, goes on with the last
-// torque if none is in time, compares each command with the torque in use and stops itself at a greater step.
+// An arm as its manufacturer describes it: it takes the answer to its newest packet only, goes on with the
+// last torque if none is in time, compares each command with the torque in use and stops itself at a greater
+// step than it allows.
 class StrictArm {
  public:
   explicit StrictArm(double at) : in_use_(joint_constant(kJoints, at)) {}
@@ -108,10 +109,10 @@ TEST(TorqueLimiter, NoGapMakesAnArmStopItself) {
     StrictArm arm(0);
     TorqueLimiter limits = limiter();
     limits.restart(arm.shown());
-    JointVector wanted = draw.joints(kJoints, 75);
+    JointVector goal = draw.joints(kJoints, 75);
     std::optional<JointVector> underway;
     for (int k = 0; k < 150; ++k) {
-      if (k % 23 == 0) wanted = draw.joints(kJoints, 75);  // a switch of the law: full slew
+      if (k % 23 == 0) goal = draw.joints(kJoints, 75);  // a switch of the law: full slew
       const bool in_gap = k >= first && k < first + missing;
       if (in_gap && fault == Fault::loop_asleep) {
         arm.period({});
@@ -120,7 +121,7 @@ TEST(TorqueLimiter, NoGapMakesAnArmStopItself) {
       limits.observe(arm.shown().cast<float>().cast<double>());
       TorqueLimiter::Cuts cuts;
       const double asleep = fault == Fault::loop_asleep && k == first + missing ? missing : 0;
-      const JointVector answer = limits.limit(wanted, (1 + asleep) * kArmPeriod, cuts);
+      const JointVector answer = limits.limit(goal, (1 + asleep) * kArmPeriod, cuts);
       if (!in_gap) {
         arm.period(answer);
         underway.reset();
@@ -133,13 +134,13 @@ TEST(TorqueLimiter, NoGapMakesAnArmStopItself) {
       ASSERT_LE(answer.cwiseAbs().maxCoeff(), kBound);
     }
     ASSERT_LE(arm.worst_step(), kStep + 2e-5) << "trial " << trial << ", " << missing << " missing";
-    // It is not a brake either: once all arrives again, the torque reaches what is wanted.
+    // It is not a brake either: once all arrives again, the torque reaches the goal.
     for (int k = 0; k < 160; ++k) {
       limits.observe(arm.shown());
       TorqueLimiter::Cuts cuts;
-      arm.period(limits.limit(wanted, kArmPeriod, cuts));
+      arm.period(limits.limit(goal, kArmPeriod, cuts));
     }
-    ASSERT_LT((arm.shown() - wanted).cwiseAbs().maxCoeff(), 1e-12);
+    ASSERT_LT((arm.shown() - goal).cwiseAbs().maxCoeff(), 1e-12);
   }
 }
 
