@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "cli/backend_arguments.hpp"
+#include "cli/input_end.hpp"
 #include "cli/program.hpp"
 #include "cli/report.hpp"
 #include "cli/run_session.hpp"
@@ -18,7 +19,7 @@ constexpr double kUnpacedDefault = 10;  // [s]; an unpaced run without an end wo
 struct RunOptions {
   std::string scene;
   std::optional<double> seconds;
-  bool fast = false, json = false, report = false, no_timeline = false;
+  bool fast = false, json = false, report = false, no_timeline = false, until_input_ends = false;
   std::string record;
   std::optional<int> cpu;
   std::string socket;
@@ -68,6 +69,8 @@ int run(const RunOptions& options) {
                              kUnpacedDefault));
   }
   StopSignals signals(console);
+  std::optional<InputEndWatch> input;
+  if (options.until_input_ends) input.emplace([&signals] { signals.stop(); });
   // ROS starts threads: the signal handling must be set up first.
   if (options.ros) session_options.make_adapter = load_ros_adapter(options.ros_arguments);
   Session session(std::move(opened.scene), opened.registry, std::move(session_options));
@@ -76,6 +79,7 @@ int run(const RunOptions& options) {
   if (session.backend_description() != "mujoco")
     console.line(fmt::format("arms: {}", session.backend_description()));
   RunSummary summary = run_session(session, signals, console);
+  input.reset();
   print_summary(summary, console);
   bool reported = true;
   if (options.report) {
@@ -126,6 +130,9 @@ void add_run(Program& program) {
                    "Path of the live-input socket (default: the scene's name in the user's runtime folder; "
                    "with --fast none)")
       ->type_name("PATH");
+  command->add_flag(
+      "--until-input-ends", options->until_input_ends,
+      "End the run in hold when standard input closes, as when the program that started it has ended");
   command->add_flag("--ros", options->ros,
                     "Offer topics, services, actions and parameters of ROS 2 (docs/ros_interfaces.md)");
   command

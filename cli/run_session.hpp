@@ -17,10 +17,9 @@ class StopSignals {
   explicit StopSignals(const Console& console);
   void attach(Session& session);  // an earlier signal counts
   void end();                     // restores the signals
+  void stop();                    // as the first signal
 
  private:
-  void stop();
-
   const Console& console_;
   std::mutex mutex_;
   Session* session_ = nullptr;

@@ -38,7 +38,8 @@ struct VirtualArmArguments {
   std::uint64_t seed = 1;
   std::optional<std::uint64_t> hidden;
   double seconds = 0;
-  bool no_gripper = false, real_time_thread = false, idle_stands_still = false, json = false;
+  bool no_gripper = false, real_time_thread = false, idle_stands_still = false, json = false,
+       until_input_ends = false;
 };
 
 // The arm and the text of an argument `--OPTION ARM=TEXT`.
@@ -159,7 +160,9 @@ void print_statistics(const fci::VirtualArms& arms, const Console& console) {
 }
 
 // Returns after a signal, `seconds`, or the end of the world. Meanwhile handles lines from standard input.
-void wait_for_end(fci::VirtualArms& arms, int end_file, double seconds, const Console& console) {
+void wait_for_end(fci::VirtualArms& arms, int end_file, const VirtualArmArguments& arguments,
+                  const Console& console) {
+  const double seconds = arguments.seconds;
   const HostTime end = host_now() + std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 * seconds));
   std::string line;
   bool reads = true;
@@ -171,6 +174,7 @@ void wait_for_end(fci::VirtualArms& arms, int end_file, double seconds, const Co
     if (files[1].revents == 0) continue;
     char bytes[512];
     const auto count = ::read(STDIN_FILENO, bytes, sizeof(bytes));
+    if (count <= 0 && arguments.until_input_ends) return;
     if (count <= 0) reads = false;  // end of the input: the arms continue
     for (ssize_t i = 0; i < count; ++i) {
       if (bytes[i] != '\n') {
@@ -228,7 +232,7 @@ int run(const VirtualArmArguments& arguments) {
     fmt::print("{}\n", listening(arms).dump());
     std::fflush(stdout);
   }
-  wait_for_end(arms, end_file, arguments.seconds, console);
+  wait_for_end(arms, end_file, arguments, console);
   arms.stop();
   ::close(end_file);
   if (arguments.json) {
@@ -322,6 +326,8 @@ void add_virtual_arm(Program& program) {
                     "Request real-time scheduling for the loop's thread (with --pace realtime)");
   command->add_flag("--idle-stands-still", arguments->idle_stands_still,
                     "In lock-step, stop the world while no arm moves");
+  command->add_flag("--until-input-ends", arguments->until_input_ends,
+                    "End when standard input closes, as when the program that started them has ended");
   command->add_flag("--json", arguments->json, "Print one JSON line when all arms listen and one at the end");
   program.on(command, [arguments] { return run(*arguments); });
 }

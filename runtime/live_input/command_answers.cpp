@@ -118,7 +118,11 @@ json RequestHandler::list() const {
                            {"parameters", parameters},
                            {"features", features}});
   }
-  return {{"ok", true}, {"scene", run_.scene}, {"arms", arms}, {"controllets", controllets}};
+  return {{"ok", true},
+          {"version", MULTIPANDA_VERSION},
+          {"scene", run_.scene},
+          {"arms", arms},
+          {"controllets", controllets}};
 }
 
 json RequestHandler::state() {

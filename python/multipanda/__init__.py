@@ -1,0 +1,70 @@
+"""Drives torque-controlled Franka arms: the 1 kHz loop runs in a process of its own, this package commands it.
+
+    import multipanda as mp
+
+    with mp.run("two_arms", record="runs") as run:
+        run["left_cartesian"].goal("pose", run.arms["left"].state.pose.moved(z=0.05)).wait()
+    print(run.summary)
+
+Leaving `with`, by an exception too, holds the arms, finishes their motion and ends the program.
+"""
+
+from ._version import __version__
+from .arm import Arm, Gripper, Vacuum
+from .client import Client, connect
+from .commands import Report, compare, experiment, identify, refine, report
+from .connection import running_sockets
+from .controllet import Controllet
+from .errors import Disconnected, Error, ProgramMissing, Refused, Timeout, VersionMismatch
+from .events import Event
+from .goal import Goal
+from .log import Log, read_log
+from .notebook import live_table
+from .parameters import Parameter
+from .program import program_path
+from .started import Run, Summary, run
+from .state import ArmState, GripperState, Pose, RunState
+from .stream import Stream
+from .stubs import stubs
+from .virtual import VirtualArms, virtual_arms
+
+__all__ = [
+    "Arm",
+    "ArmState",
+    "Client",
+    "Controllet",
+    "Disconnected",
+    "Error",
+    "Event",
+    "Goal",
+    "Gripper",
+    "GripperState",
+    "Log",
+    "Parameter",
+    "Pose",
+    "ProgramMissing",
+    "Refused",
+    "Report",
+    "Run",
+    "RunState",
+    "Stream",
+    "Summary",
+    "Timeout",
+    "Vacuum",
+    "VersionMismatch",
+    "VirtualArms",
+    "__version__",
+    "compare",
+    "connect",
+    "experiment",
+    "identify",
+    "live_table",
+    "program_path",
+    "read_log",
+    "refine",
+    "report",
+    "run",
+    "running_sockets",
+    "stubs",
+    "virtual_arms",
+]

@@ -1,0 +1,172 @@
+"""One arm of a run: state, stop, gripper, load, frames, recovery."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import Refused
+from .state import ArmState, GripperState, Pose
+
+if TYPE_CHECKING:
+    from .client import Client
+
+_GRIPPER_PATIENCE_S = 620  # the run itself gives up after 600 s
+
+
+def _pose(values: Any) -> dict[str, list[float]]:
+    pose = Pose.of(values)
+    return {"position_m": pose.position_m.tolist(), "quaternion_wxyz": pose.quaternion_wxyz.tolist()}
+
+
+class Gripper:
+    """The hand of an arm. Each call returns when the motion is over."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+
+    def _ask(self, action: str, **values: float | None) -> None:
+        given = {key: value for key, value in values.items() if value is not None}
+        request = {"do": "gripper", "arm": self._arm.name, "action": action, **given}
+        self._arm.client.ask(request, _GRIPPER_PATIENCE_S)
+
+    @property
+    def state(self) -> GripperState:
+        """Width, and whether something is held."""
+        state = self._arm.state.gripper
+        if state is None:
+            raise Refused("no_gripper", f"arm '{self._arm.name}' has no gripper")
+        return state
+
+    def homing(self) -> None:
+        """Closes and opens the fingers to find their range."""
+        self._ask("homing")
+
+    def move(self, width_m: float, speed_m_per_s: float | None = None) -> None:
+        """Moves the fingers to a distance."""
+        self._ask("move", width_m=width_m, speed_m_per_s=speed_m_per_s)
+
+    def grasp(
+        self,
+        width_m: float,
+        speed_m_per_s: float | None = None,
+        force_n: float | None = None,
+        tolerance_m: float | None = None,
+    ) -> None:
+        """Closes until something of this width is held. Raises Refused if the width is another one."""
+        self._ask("grasp", width_m=width_m, speed_m_per_s=speed_m_per_s, force_n=force_n, tolerance_m=tolerance_m)
+
+    def stop(self) -> None:
+        """Ends a motion of the fingers."""
+        self._ask("stop")
+
+
+class Vacuum:
+    """The vacuum gripper of an arm. Each call returns when it is done."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+
+    def _ask(self, action: str, **values: float | None) -> None:
+        given = {key: value for key, value in values.items() if value is not None}
+        self._arm.client.ask({"do": "vacuum", "arm": self._arm.name, "action": action, **given}, _GRIPPER_PATIENCE_S)
+
+    def on(self, vacuum_mbar: float | None = None, timeout_s: float | None = None) -> None:
+        """Sucks until something is held."""
+        self._ask("on", vacuum_mbar=vacuum_mbar, timeout_s=timeout_s)
+
+    def drop(self, timeout_s: float | None = None) -> None:
+        """Releases what is held."""
+        self._ask("drop", timeout_s=timeout_s)
+
+    def stop(self) -> None:
+        """Ends an action."""
+        self._ask("stop")
+
+
+class Arm:
+    """One arm of a run."""
+
+    def __init__(self, client: Client, entry: dict[str, Any]) -> None:
+        self.client = client
+        self.name: str = entry["name"]
+        self.joints: int = entry["joints"]
+        self.base = Pose(np.array(entry["base_position_m"]), np.array(entry["base_quaternion_wxyz"]))
+        self.gripper = Gripper(self)
+        self.vacuum = Vacuum(self)
+
+    def __repr__(self) -> str:
+        return f"<arm {self.name}: {self.joints} joints>"
+
+    def _ask(self, request: str, **values: Any) -> None:
+        given = {key: value for key, value in values.items() if value is not None}
+        self.client.ask({"do": request, "arm": self.name, **given})
+
+    @property
+    def state(self) -> ArmState:
+        """The newest state."""
+        return self.client.state().arms[self.name]
+
+    def stop(self) -> None:
+        """Holds this arm from the next cycle on until resume(). Not a safety-rated stop."""
+        self.client.stop(self.name)
+
+    def resume(self) -> None:
+        """Allows switches again after stop(). The arm is still held until then."""
+        self.client.resume(self.name)
+
+    def recover(self) -> None:
+        """Clears the arm's error after its cause is gone; never done by itself. The arm is held afterwards."""
+        self._ask("recover")
+
+    def reconnect(self) -> None:
+        """Connects to a real arm again whose connection was lost. The arm is held afterwards."""
+        self._ask("reconnect")
+
+    def stop_motion(self) -> None:
+        """Ends the arm's motion; recover() starts it again."""
+        self._ask("stop_motion")
+
+    def user_stop(self, pressed: bool) -> None:
+        """Simulation: presses or releases the arm's stop button."""
+        self._ask("user_stop", pressed=pressed)
+
+    def set_load(
+        self, mass_kg: float, com_m: Sequence[float], inertia_kg_m2: Sequence[Sequence[float]] | None = None
+    ) -> None:
+        """Declares the payload: mass, center of mass in the flange frame, inertia as 3 x 3 matrix.
+
+        The arm compensates another gravity at once, so it moves by the difference over the stiffness.
+        """
+        inertia = None
+        if inertia_kg_m2 is not None:
+            m = np.asarray(inertia_kg_m2, dtype=np.float64)
+            if m.shape != (3, 3) or not np.allclose(m, m.T):
+                raise ValueError("inertia_kg_m2: expected a symmetric 3 x 3 matrix")
+            keys = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+            inertia = {key: float(m[at]) for key, at in keys.items()}
+        self._ask("set_load", mass_kg=mass_kg, com_m=[float(x) for x in com_m], inertia_kg_m2=inertia)
+
+    def set_frames(self, end_effector: Any = None, stiffness_frame: Any = None) -> None:
+        """Sets the end effector in the flange frame, and the stiffness frame in that of the end effector (poses)."""
+        if end_effector is None and stiffness_frame is None:
+            raise ValueError("set_frames: expected end_effector, stiffness_frame, or both")
+        self._ask(
+            "set_frames",
+            end_effector=None if end_effector is None else _pose(end_effector),
+            stiffness_frame=None if stiffness_frame is None else _pose(stiffness_frame),
+        )
+
+    def set_joint_stiffness(self, joint_stiffness_nm_per_rad: Sequence[float]) -> None:
+        """Stiffness of the arm's own joint controller."""
+        self._ask("set_joint_stiffness", joint_stiffness_nm_per_rad=[float(x) for x in joint_stiffness_nm_per_rad])
+
+    def set_cartesian_stiffness(self, cartesian_stiffness: Sequence[float]) -> None:
+        """Stiffness of the arm's own Cartesian controller: three translations [N/m], three rotations [N m/rad]."""
+        self._ask("set_cartesian_stiffness", cartesian_stiffness=[float(x) for x in cartesian_stiffness])
+
+    def set_guiding_mode(self, axes: Sequence[bool], elbow: bool) -> None:
+        """Axes that can be guided by hand (x, y, z, roll, pitch, yaw), and whether the elbow can."""
+        self._ask("set_guiding_mode", axes=[bool(x) for x in axes], elbow=elbow)

@@ -1,0 +1,197 @@
+"""A client of a run: arms, controllets, switches, state, events."""
+
+from __future__ import annotations
+
+import os
+import queue
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from types import TracebackType
+from typing import Any
+
+from .arm import Arm
+from .connection import Connection, Json, only_running_socket, socket_folder
+from .controllet import Controllet, make_controllet
+from .errors import Error, Timeout
+from .events import Event, changes
+from .program import check_version
+from .state import RunState, run_state
+from .stream import Stream
+
+Names = str | Iterable[str]
+
+_FIRST_CYCLE_S = 60  # a real arm may take a while to begin
+_CATCH_UP_S = 1  # the state is published beside the loop, a moment after the answer
+
+
+def _names(names: Names) -> list[str]:
+    return [names] if isinstance(names, str) else list(names)
+
+
+class Client:
+    """A connection to a running scene. mp.connect() makes one; mp.run() makes a Run, which also owns the program.
+
+    `run["left_cartesian"]` is a controllet, `run.arms["left"]` an arm. Leaving `with` closes the connection: its
+    streams fall silent, and their arms are held. Leaving it by an exception also takes the arms from the controllets
+    that this client has activated or commanded; they are held.
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
+        self._commanded: set[str] = set()
+        self._answered = 0  # newest cycle of an answer
+        self.streaming: dict[str, Stream] = {}  # by controllet: whose sample was the last set-point
+        try:
+            listing = connection.ask({"do": "list"})
+            check_version(listing.get("version"), f"the run at {connection.path}")
+        except BaseException:
+            connection.close()
+            raise
+        self.scene: str = listing["scene"]
+        self.arms: Mapping[str, Arm] = {entry["name"]: Arm(self, entry) for entry in listing["arms"]}
+        joints = {name: arm.joints for name, arm in self.arms.items()}
+        self.controllets: Mapping[str, Controllet] = {
+            entry["name"]: make_controllet(self, entry, joints) for entry in listing["controllets"]
+        }
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self.scene}: {', '.join(self.arms)}>"
+
+    def __getitem__(self, name: str) -> Controllet:
+        if name not in self.controllets:
+            raise KeyError(f"the scene has no controllet '{name}'; it has: {', '.join(self.controllets)}")
+        return self.controllets[name]
+
+    def _repr_html_(self) -> str:
+        from .notebook import as_html
+
+        return as_html(self.state())
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.controllets)
+
+    def ask(self, request: Json, timeout_s: float = 30) -> Json:
+        """Sends any request of docs/live_input.md and returns its answer. Raises Refused, Timeout, Disconnected."""
+        answer = self.connection.ask(request, timeout_s)
+        self._answered = max(self._answered, int(answer.get("cycle", 0)))
+        return answer
+
+    def listing(self) -> Json:
+        """The answer to `list`."""
+        return self.ask({"do": "list"})
+
+    def commanded(self, controllet: str) -> None:
+        """Remembers that this client commands a controllet."""
+        self._commanded.add(controllet)
+
+    def take_arms_from(self, controllets: Iterable[str]) -> None:
+        """Deactivates those that are active: their arms are held. Never raises."""
+        try:
+            active = set(self.active) & set(controllets)
+            if active:
+                self.switch(deactivate=sorted(active))
+        except (Error, OSError):
+            pass  # the run has ended, or its arms are held already
+
+    @property
+    def active(self) -> list[str]:
+        """Names of the controllets that own arms now."""
+        return [entry["name"] for entry in self.listing()["controllets"] if entry["active"]]
+
+    def state(self) -> RunState:
+        """The newest state of all arms, not older than what this client was answered. Waits for the first cycle."""
+        now = time.monotonic()
+        deadline, soon = now + _FIRST_CYCLE_S, now + _CATCH_UP_S
+        while True:
+            data = self.connection.ask({"do": "state"})["state"]
+            if data["arms"] and (data["cycle"] >= self._answered or time.monotonic() > soon):
+                return run_state(data)
+            if not data["arms"] and time.monotonic() > deadline:
+                raise Timeout(f"the run made no cycle within {_FIRST_CYCLE_S} s", "see its messages")
+            time.sleep(0.001)
+
+    def switch(self, activate: Names = (), *, deactivate: Names = (), only: bool = False) -> Json:
+        """Changes the owners of arms between two cycles. only: deactivates all others.
+
+        Raises Refused with the reason; nothing has changed then.
+        """
+        on, off = _names(activate), _names(deactivate)
+        answer = self.ask({"do": "switch", "activate": on, "deactivate": off, "only": only})
+        self._commanded |= set(on)
+        return answer
+
+    def stop(self, arms: Names = "all") -> None:
+        """Holds arms from the next cycle on until resume(). Not a safety-rated stop."""
+        self.ask({"do": "stop", "arms": _names(arms)})
+
+    def resume(self, arms: Names = "all") -> None:
+        """Allows switches of stopped arms again; they are still held until then."""
+        self.ask({"do": "resume", "arms": _names(arms)})
+
+    def states(self, rate_hz: float = 10) -> Iterator[RunState]:
+        """The state, `rate_hz` times a second of wall time, until the run ends or the loop is left."""
+        lines: queue.SimpleQueue[Json | None] = queue.SimpleQueue()
+        # A connection of its own: it has one subscription.
+        own = Connection(self.connection.path)
+        own.on_end(lambda: lines.put(None))
+        try:
+            own.ask_subscription(rate_hz, lines.put)
+            while (line := lines.get()) is not None:
+                if line["state"]["arms"]:
+                    yield run_state(line["state"])
+        finally:
+            own.close()
+
+    def events(self, rate_hz: float = 50) -> Iterator[Event]:
+        """What changes: owners, errors, stops, interventions, grasps; seen at `rate_hz`, until the run ends.
+
+        The log has each of them with its exact cycle, also those that come and go between two looks.
+        """
+        before: RunState | None = None
+        for state in self.states(rate_hz):
+            if before is not None:
+                yield from changes(before, state)
+            before = state
+
+    def place(self, name: str, position_m: Any, quaternion_wxyz: Any = None) -> None:
+        """Simulation: places a free object; without an orientation that of the scene."""
+        request: Json = {"do": "place_object", "object": name, "position_m": [float(x) for x in position_m]}
+        if quaternion_wxyz is not None:
+            request["quaternion_wxyz"] = [float(x) for x in quaternion_wxyz]
+        self.ask(request)
+
+    def pause(self, paused: bool = True) -> None:
+        """Simulation: pauses the world, or lets it go on."""
+        self.ask({"do": "pause", "paused": paused})
+
+    def step(self, periods: int = 1) -> None:
+        """Simulation: advances a paused world by periods of 1 ms."""
+        self.ask({"do": "step", "periods": periods}, 30 + 0.02 * periods)
+
+    def reset(self) -> None:
+        """Simulation: puts the world back to its start."""
+        self.ask({"do": "reset"})
+
+    def close(self) -> None:
+        """Closes the connection; streams of this client fall silent."""
+        self.connection.close()
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None and os.getpid() == self.connection.process:
+            self.take_arms_from(self._commanded)
+        self.close()
+
+
+def connect(socket: str | os.PathLike[str] | None = None) -> Client:
+    """Attaches to a running scene: by the path of its socket, by its name, or to the only one that runs."""
+    if socket is None:
+        return Client(Connection(only_running_socket()))
+    text = os.fspath(socket)
+    if "/" not in text and not text.endswith(".sock"):
+        return Client(Connection(socket_folder() / f"{text}.sock"))
+    return Client(Connection(text))

@@ -1,0 +1,52 @@
+"""What can go wrong, each with its cause and the next step."""
+
+from __future__ import annotations
+
+
+class Error(Exception):
+    """The base of all errors here. `cause` says what happened, `next_step` what to do."""
+
+    def __init__(self, cause: str, next_step: str) -> None:
+        self.cause = cause
+        self.next_step = next_step
+        super().__init__(f"{cause}. Next: {next_step}" if next_step else cause)
+
+
+class Refused(Error):
+    """A request was refused; nothing has changed. `verdict` is its code, as docs/live_input.md lists them."""
+
+    def __init__(self, verdict: str, reason: str, next_step: str = "") -> None:
+        self.verdict = verdict
+        self.reason = reason
+        super().__init__(reason, next_step or _STEPS.get(verdict, ""))
+
+
+class Timeout(Error, TimeoutError):
+    """No answer in time, or a goal that was not reached in time."""
+
+
+class Disconnected(Error, ConnectionError):
+    """The program has ended, or the connection to it is closed. The program ends in hold, or runs on without us."""
+
+
+class VersionMismatch(Error):
+    """The program and this package belong to different versions."""
+
+
+class ProgramMissing(Error, FileNotFoundError):
+    """The program `multipanda` was not found."""
+
+
+_STEPS = {
+    "two_owners": "activate one of them, or pass only=True",
+    "arm_stopped": "call resume() once the reason for the stop is gone, then switch again",
+    "arm_not_ready": "read arm.state.errors; recover() after an error, reconnect() after a lost connection",
+    "not_active": "switch to the controllet first",
+    "out_of_bounds": "help() of the controllet shows the bounds",
+    "wrong_size": "help() of the controllet shows how many numbers are expected",
+    "unknown_instance": "run.controllets lists the names",
+    "unknown_arm": "run.arms lists the names",
+    "superseded": "send the request again, if it is still meant",
+    "queue_full": "send fewer requests, or open a stream",
+    "too_many_clients": "close a client of this run",
+}

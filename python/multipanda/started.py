@@ -1,0 +1,299 @@
+"""Starts a scene in a process of its own, and ends it in hold."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import tempfile
+import time
+import weakref
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import IO, Any
+
+from .client import Client
+from .connection import Connection, make_socket_folder
+from .errors import Disconnected, Error, Refused, Timeout
+from .program import checked_program, last_lines
+
+_NUMBERS = itertools.count(1)
+_CHILDREN: weakref.WeakSet[Process] = weakref.WeakSet()
+
+
+class Process:
+    """The program in a process of its own.
+
+    It holds the other end of a pipe: when this process ends, however it does, the pipe closes and the program ends in
+    hold. Its output goes to files without names, so nothing is left behind and no reader can slow it down.
+    """
+
+    def __init__(self, words: Sequence[str | os.PathLike[str]]) -> None:
+        self.words = [checked_program(), *(os.fspath(word) for word in words)]
+        self._kept: tuple[str, str] | None = None  # of an ended program
+        self._out: IO[bytes] = tempfile.TemporaryFile(prefix="multipanda-")
+        self._err: IO[bytes] = tempfile.TemporaryFile(prefix="multipanda-")
+        # A session of its own: Ctrl-C reaches this process only, which then ends the program in order.
+        self.child = subprocess.Popen(
+            self.words, stdin=subprocess.PIPE, stdout=self._out, stderr=self._err, start_new_session=True
+        )
+        _CHILDREN.add(self)
+
+    @property
+    def output(self) -> str:
+        """What it has written to standard output so far."""
+        return self._kept[0] if self._kept else self._text(self._out)
+
+    @property
+    def messages(self) -> str:
+        """What it has written to standard error so far."""
+        return self._kept[1] if self._kept else self._text(self._err)
+
+    @staticmethod
+    def _text(file: IO[bytes]) -> str:
+        size = os.fstat(file.fileno()).st_size
+        return os.pread(file.fileno(), size, 0).decode(errors="replace")
+
+    def let_go(self) -> None:
+        """Closes the pipe: the program holds its arms, finishes their motion, and ends."""
+        if self.child.stdin is not None:
+            with contextlib.suppress(OSError):
+                self.child.stdin.close()
+
+    def tell(self, line: str) -> None:
+        """Writes a line to the program's standard input."""
+        if self.child.stdin is None or self.child.stdin.closed:
+            raise Disconnected("the program has ended", "start it again")
+        self.child.stdin.write(line.encode() + b"\n")
+        self.child.stdin.flush()
+
+    def end(self, patience_s: float) -> int:
+        """Lets go and waits for the end; Ctrl-C meanwhile does not shorten the hold. Returns the exit code."""
+        self.let_go()
+        deadline = time.monotonic() + patience_s
+        interrupted: KeyboardInterrupt | None = None
+        while True:
+            try:
+                code = self.child.wait(max(0.0, deadline - time.monotonic()))
+                break
+            except KeyboardInterrupt as again:
+                interrupted = again
+            except subprocess.TimeoutExpired:
+                self.child.send_signal(signal.SIGKILL)
+                self.child.wait()
+                raise Timeout(
+                    f"the program did not end within {patience_s:g} s and was killed:\n{last_lines(self.messages)}",
+                    "look at the arms before you start again; real arms stop by themselves without commands",
+                ) from None
+        if self._kept is None:
+            self._kept = (self._text(self._out), self._text(self._err))
+            self._out.close()
+            self._err.close()
+        if interrupted is not None:
+            raise interrupted
+        return code
+
+    def forget(self) -> None:
+        """In a forked child: drops the copies of the pipe and of the process, which remain the parent's."""
+        self.let_go()
+        self.child.returncode = self.child.returncode if self.child.returncode is not None else 0
+
+
+def _after_fork() -> None:
+    for process in list(_CHILDREN):
+        process.forget()
+
+
+os.register_at_fork(after_in_child=_after_fork)
+
+
+class Summary(dict[str, Any]):
+    """The summary of a run, as `multipanda run --json` prints it; printed as text it is short."""
+
+    @property
+    def success(self) -> bool:
+        """Whether no controllet was deactivated by the safety stage, no switch refused and no record lost."""
+        return bool(self.get("success"))
+
+    @property
+    def faults(self) -> list[str]:
+        """Why it was no success."""
+        return list(self.get("faults", []))
+
+    def __str__(self) -> str:
+        cycle = self["cycle_us"]
+        faults = f"; failed: {'; '.join(self.faults)}" if self.faults else ""
+        return (
+            f"{self['scene']}: {self['cycles']} cycles, {self['time_s']:.3f} s, {self['overruns']} overruns, "
+            f"cycle median {cycle['median']:.1f} us, worst {cycle['worst']:.1f} us{faults}"
+        )
+
+
+class Run(Client):
+    """A running scene that belongs to this process.
+
+    Leaving `with`, by an exception too: the arms are held, their motion is finished, the program ends, `summary` and
+    `log` are there. The program does the same when this process dies. Nothing here recovers an arm or loosens a limit.
+    """
+
+    def __init__(self, process: Process, socket: pathlib.Path, start_timeout_s: float, end_timeout_s: float) -> None:
+        self.process = process
+        self._socket = socket
+        self._end_timeout_s = end_timeout_s
+        self.summary: Summary | None = None
+        self._owner = os.getpid()
+        try:
+            super().__init__(self._connect(socket, start_timeout_s))
+            self.state()  # the first cycle
+        except BaseException:
+            self._end_quietly()
+            raise
+
+    def _connect(self, socket: pathlib.Path, timeout_s: float) -> Connection:
+        deadline = time.monotonic() + timeout_s
+        while True:
+            code = self.process.child.poll()
+            if code is not None:
+                self._raise_start(code)
+            try:
+                return Connection(socket)
+            except Disconnected:
+                pass
+            if time.monotonic() > deadline:
+                raise Timeout(
+                    f"the program did not listen within {timeout_s:g} s:\n{last_lines(self.process.messages)}",
+                    "see its messages; real arms must be unlocked and reachable (multipanda doctor)",
+                )
+            time.sleep(0.005)
+
+    def _raise_start(self, code: int) -> None:
+        said = last_lines(self.process.messages) or f"exit code {code}"
+        if "--until-input-ends" in said:
+            from .errors import VersionMismatch
+
+            raise VersionMismatch(f"{self.process.words[0]} is older than this package: {said}", "build it again")
+        if code == 2:
+            raise Refused("not_understood", said, "multipanda list scenes, multipanda run --help")
+        raise Error(f"the program ended at its start with code {code}:\n{said}", "see the messages above")
+
+    def _end_process(self) -> int:
+        try:
+            return self.process.end(self._end_timeout_s)
+        finally:
+            if self.process.child.poll() is not None:
+                for suffix in ("", ".stream", ".lock"):  # left behind only if the program was killed
+                    with contextlib.suppress(FileNotFoundError):
+                        os.unlink(f"{self._socket}{suffix}")
+
+    def _end_quietly(self) -> None:
+        with contextlib.suppress(Error):
+            self._end_process()
+
+    @property
+    def messages(self) -> str:
+        """What the program has said so far."""
+        return self.process.messages
+
+    @property
+    def running(self) -> bool:
+        """Whether the program still runs."""
+        return self.process.child.poll() is None
+
+    @property
+    def log(self) -> pathlib.Path:
+        """The log, in a folder of its own; known once the run is over, if it was recorded (record=DIR)."""
+        if self.summary is None:
+            raise Refused("running", "the log is complete when the run is over", "leave `with` or call close() first")
+        if not self.summary.get("log"):
+            raise Refused("no_log", "this run was not recorded", 'mp.run(..., record="runs")')
+        return pathlib.Path(self.summary["log"])
+
+    def wait(self, timeout_s: float | None = None) -> Summary:
+        """Waits until the scene is over by itself (seconds=... or timeline=True), then closes."""
+        try:
+            self.process.child.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            raise Timeout(f"the run goes on after {timeout_s:g} s", "close() ends it in hold") from None
+        self.close()
+        assert self.summary is not None
+        return self.summary
+
+    def close(self) -> None:
+        """Ends the run in hold and reads its summary. May be called again."""
+        if os.getpid() != self._owner or self.summary is not None:
+            return
+        try:
+            code = self._end_process()
+        finally:
+            self.connection.close()
+        lines = self.process.output.strip().splitlines()
+        if not lines:
+            raise Error(
+                f"the program ended with code {code} and without a summary:\n{last_lines(self.process.messages)}",
+                "see the messages above",
+            )
+        self.summary = Summary(json.loads(lines[-1]))
+
+    def __enter__(self) -> Run:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+            return
+        try:  # the reason for leaving is the one to see
+            self.close()
+        except (Error, ValueError) as also:
+            if error is not None and hasattr(error, "add_note"):
+                error.add_note(f"also at the end of the run: {also}")
+
+
+def run(
+    scene: str | os.PathLike[str],
+    *,
+    address: Mapping[str, str] | None = None,
+    backend: str | None = None,
+    record: str | os.PathLike[str] | None = None,
+    seconds: float | None = None,
+    timeline: bool = False,
+    fast: bool = False,
+    cpu: int | None = None,
+    ros: bool = False,
+    arguments: Sequence[str] = (),
+    start_timeout_s: float = 60,
+    end_timeout_s: float = 60,
+) -> Run:
+    """Starts a scene (a name or the path of a scene file) and returns once its loop runs.
+
+    address: the real arms' addresses by name; without it the arms are simulated. record: folder in which the log's
+    folder is made. seconds: ends by itself then. timeline: also plays the scene's timeline; by default the scene
+    waits for commands. fast: as fast as possible instead of in real time. arguments: more options of `multipanda run`.
+    """
+    words: list[str] = ["run", os.fspath(scene), "--json", "--until-input-ends"]
+    if not timeline:
+        words.append("--no-timeline")
+    if backend is not None or address:
+        words += ["--backend", backend or "fci"]
+    for arm, where in (address or {}).items():
+        words += ["--address", f"{arm}={where}"]
+    if record is not None:
+        words += ["--record", os.fspath(record)]
+    if seconds is None and fast and not timeline:
+        seconds = 1e6  # without an end of its own, until it is closed
+    if seconds is not None:
+        words += ["--seconds", f"{seconds:g}"]
+    if fast:
+        words.append("--fast")
+    if cpu is not None:
+        words += ["--cpu", str(cpu)]
+    if ros:
+        words.append("--ros")
+    socket = make_socket_folder() / f"python-{os.getpid()}-{next(_NUMBERS)}.sock"
+    words += ["--socket", str(socket), *arguments]
+    return Run(Process(words), socket, start_timeout_s, end_timeout_s)

@@ -1,0 +1,121 @@
+"""Streams of set-points: the newest sample counts at the next cycle, silence means hold."""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import Disconnected, Refused
+from .state import Pose
+
+if TYPE_CHECKING:
+    from .controllet import Controllet
+
+_HEADER = struct.Struct("<4sHHIIQq")
+
+
+def target_values(quantity: str, values: Any, count: int) -> list[float]:
+    """The numbers of a set-point, in the order of the binary stream."""
+    if quantity == "pose":
+        array = Pose.of(values).values
+    else:
+        array = np.atleast_1d(np.asarray(values, dtype=np.float64)).ravel()
+    if array.shape != (count,):
+        raise ValueError(f"expected {count} numbers for a {quantity}, found {array.size}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"expected finite numbers, found {array}")
+    return [float(x) for x in array]
+
+
+class Stream:
+    """A stream to one input of an active controllet, as a context manager.
+
+    Leaving it, by an exception too, holds the arms at once, unless a goal followed the last sample. If this process
+    falls silent or dies, they are held after the input's `timeout_s`. send() raises Refused once the loop has refused a
+    sample, Disconnected once the run has ended.
+    """
+
+    def __init__(self, controllet: Controllet, name: str, frame: str | None) -> None:
+        spec = controllet.input(name)
+        self.controllet, self.name = controllet, name
+        self.quantity: str = spec["quantity"]
+        self.count: int = spec["values"]
+        self.timeout_s: float = spec["timeout_s"]
+        self._connection = controllet.client.connection
+        request = {"do": "stream", "controllet": controllet.name, "input": name}
+        if frame is not None:
+            request["frame"] = frame
+        answer = self._connection.ask(request)
+        self.channel: int = answer["channel"]
+        self._verdict = "accepted"
+        self._connection.listen("channel", self.channel, self._hear)
+        self._socket: socket.socket | None = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._process = os.getpid()
+        try:
+            self._socket.connect(answer["path"])
+        except OSError as wrong:
+            self.close()
+            raise Disconnected(f"the run has ended ({wrong})", "start the scene again") from None
+        self._socket.setblocking(False)
+        self._sequence = 0
+        self.unsent = 0  # samples for which there was no room: the next one is newer
+
+    def _hear(self, line: dict[str, Any]) -> None:
+        self._verdict = str(line["stream"]["verdict"])
+
+    def send(self, values: Any) -> bool:
+        """Sends the newest sample; never waits. False: there was no room, and the sample is dropped."""
+        if self._socket is None or os.getpid() != self._process:
+            raise Disconnected("this stream is closed", "open it again: controllet.stream(...)")
+        if self._verdict != "accepted":
+            verdict, self._verdict = self._verdict, "accepted"
+            raise Refused(verdict, f"{self.controllet.name}.{self.name}: a sample was refused: {verdict}")
+        numbers = target_values(self.quantity, values, self.count)
+        self.controllet.client.streaming[self.controllet.name] = self
+        self._sequence += 1
+        header = _HEADER.pack(b"MPRS", 1, len(numbers), self.channel, 0, self._sequence, time.monotonic_ns())
+        try:
+            self._socket.send(header + struct.pack(f"<{len(numbers)}d", *numbers))
+        except BlockingIOError:
+            self.unsent += 1
+            return False
+        except OSError as wrong:
+            raise Disconnected(f"the run has ended ({wrong})", "start the scene again") from None
+        return True
+
+    def counts(self) -> dict[str, Any]:
+        """What the run has received, lost and refused."""
+        for entry in self._connection.ask({"do": "channels"})["channels"]:
+            if entry["channel"] == self.channel:
+                return dict(entry)
+        raise Disconnected("this stream is closed", "open it again: controllet.stream(...)")
+
+    def close(self) -> None:
+        """Ends the stream: the arms are held."""
+        if self._socket is None or os.getpid() != self._process:
+            return
+        client = self.controllet.client
+        if client.streaming.get(self.controllet.name) is self:
+            del client.streaming[self.controllet.name]
+            client.take_arms_from([self.controllet.name])
+        self._socket.close()
+        self._socket = None
+        self._connection.forget("channel", self.channel)
+        try:
+            self._connection.ask({"do": "stream_end", "channel": self.channel}, 5)
+        except (Disconnected, Refused, TimeoutError):
+            pass  # the run has ended, and with it the channel
+
+    def __enter__(self) -> Stream:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
