@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -40,9 +42,13 @@ int run(const std::string& name) {
     const double last = scene.timeline.back().at_s;
     fmt::print("  timeline: {} event{}, the last at {:g} s\n", scene.timeline.size(),
                scene.timeline.size() == 1 ? "" : "s", last);
-    if (scene.duration_s > 0 && last >= scene.duration_s)
-      fmt::print("  warning: the scene ends at {:g} s, before the last event of its timeline\n",
-                 scene.duration_s);
+    const auto after = std::ranges::find_if(
+        scene.timeline, [&](const auto& event) { return event.at_s >= scene.duration_s; });
+    if (scene.duration_s > 0 && after != scene.timeline.end()) {
+      const auto count = scene.timeline.end() - after;
+      fmt::print("  warning: the scene ends at {:g} s: {} event{} from {:g} s on never happen{}\n",
+                 scene.duration_s, count, count == 1 ? "" : "s", after->at_s, count == 1 ? "s" : "");
+    }
   }
   fmt::print("ok\n");
   return kSuccess;

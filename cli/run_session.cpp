@@ -56,6 +56,12 @@ RunSummary run_session(Session& session, StopSignals& signals, const Console& co
     for (const auto& text : arm.loosened) {
       console.line(fmt::format("arm '{}': looser than the manufacturer's limit: {}", arm.name, text));
     }
+    if (arm.fci && arm.fci->rate_limit) {
+      console.line(fmt::format(
+          "arm '{}': 'fci: rate_limit' has no effect, the torque's rate is always limited; remove "
+          "the key, the next release refuses it",
+          arm.name));
+    }
   }
   signals.attach(session);
   LiveDisplay display(console, session.scene().name, session.duration_s());

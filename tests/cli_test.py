@@ -437,6 +437,37 @@ class LiveCommands(unittest.TestCase):
         self.assertEqual(answer.returncode, 1)
         self.assertIn("nothing of that width was grasped", answer.stderr)
 
+    def test_a_payload_above_the_rating_is_refused(self):
+        self.socket(self.start("one_arm", "--no-timeline"))
+        arm = json.loads(self.ctl("list", "--json").stdout)["arms"][0]
+        name = arm["name"] if isinstance(arm, dict) else arm
+        answer = self.ctl("load", name, "mass_kg=50")
+        self.assertEqual(answer.returncode, 1, answer.stdout)
+        self.assertRegex(answer.stderr, r"a payload of 50 kg is too heavy for arm '.+': at most 2\.\d+ kg beside hand")
+        self.assertIn("largest_load_kg", answer.stderr)
+        before = self.positions()
+        self.assertEqual(self.ctl("load", name, "mass_kg=0.3").returncode, 0)
+        self.assertLess(abs(self.positions()[3] - before[3]), 0.1)  # not thrown up
+
+    def test_goals_beyond_the_limits_of_the_scene_are_refused(self):
+        scene = pathlib.Path(self.folder.name) / "tight.yaml"
+        text = "arms: [{name: left, safety: {position_max_rad: [0.5, 0.5, 0.5, -1, 0.5, 2.5, 1.5]}}]\n"
+        scene.write_text(text + "controllets: [{name: joints, type: joint_impedance, arms: left}]\nactive: [joints]\n")
+        self.socket(self.start(str(scene)))
+        q = self.positions()
+        for first, accepted in ((0.49, True), (0.51, False)):  # the manufacturer's limit is 2.7 rad
+            goal = ",".join(str(x) for x in [first, *q[1:]])
+            answer = self.ctl("reference", "joints", "joints", f"q_rad={goal}")
+            self.assertEqual(answer.returncode, 0 if accepted else 1, answer.stderr)
+            if not accepted:
+                self.assertRegex(answer.stderr, r"joint 1: 0\.51 rad is outside of .+ to 0\.5 rad")
+
+    def positions(self):
+        """Of the first arm, from the first cycle on."""
+        while not (arms := json.loads(self.ctl("state", "--json").stdout)["state"]["arms"]):
+            self.assertIsNone(self.runs[-1].poll())
+        return arms[0]["q_rad"]
+
     def test_two_runs_of_a_scene_have_sockets_of_their_own(self):
         first, second = self.start("one_arm", "--no-timeline"), self.start("one_arm", "--no-timeline")
         sockets = {self.socket(first), self.socket(second)}
@@ -462,7 +493,31 @@ class Refusals(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             scene = pathlib.Path(folder) / "late.yaml"
             scene.write_text("duration_s: 2\narms: [{name: left}]\ntimeline: [{at_s: 5, stop: left}]\n")
-            self.assertIn("warning: the scene ends at 2 s", call("check", scene).stdout)
+            self.assertIn(
+                "warning: the scene ends at 2 s: 1 event from 5 s on never happens", call("check", scene).stdout
+            )
+            events = ", ".join(f"{{at_s: {t}, stop: left}}" for t in (1, 2, 3.5))
+            scene.write_text(f"duration_s: 2\narms: [{{name: left}}]\ntimeline: [{events}]\n")
+            self.assertIn("ends at 2 s: 2 events from 2 s on never happen\n", call("check", scene).stdout)
+            scene.write_text("duration_s: 2\narms: [{name: left}]\ntimeline: [{at_s: 1.9, stop: left}]\n")
+            self.assertNotIn("warning", call("check", scene).stdout)
+
+    def test_a_key_without_effect_is_noted_once(self):
+        address = f"127.{64 + os.getpid() // 250 % 64}.{os.getpid() % 250}.78"
+        with tempfile.TemporaryDirectory() as folder:
+            scene = pathlib.Path(folder) / "old.yaml"
+            scene.write_text(f"arms:\n  - {{name: left, fci: {{address: {address}, rate_limit: true}}}}\n")
+            words = ["virtual-arm", str(scene), "--bind", f"left={address}", "--pace", "lockstep", "--json"]
+            pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+            with subprocess.Popen([PROGRAM, *words], text=True, **pipes) as arm:
+                try:
+                    self.assertTrue(arm.stdout.readline())  # listens
+                    answer = call("run", scene, "--fast", "--seconds", "0.1", "--record", folder)
+                finally:
+                    arm.terminate()
+            self.assertEqual(answer.returncode, 0, answer.stderr)
+            text = answer.stdout + answer.stderr
+            self.assertEqual(text.count("'fci: rate_limit' has no effect"), 1, text)
 
     def test_a_refused_experiment_leaves_no_folder(self):
         root = pathlib.Path(__file__).resolve().parent.parent
