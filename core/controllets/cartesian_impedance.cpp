@@ -43,8 +43,9 @@ class CartesianImpedance final : public Controllet {
 
     TaskForce force;
     const LawResult result =
-        cartesian_impedance_law(impedance_gains(parameters), null_space_gains(parameters),
+        cartesian_impedance_law(impedance_gains(parameters, context.contact), null_space_gains(parameters),
                                 CartesianTarget::of(context.inputs[kPose]), arm, q_N_, force);
+    force.report(context.inputs[kPose]);
     show(force, context.outputs);
     return result;
   }

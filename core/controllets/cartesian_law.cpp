@@ -1,6 +1,7 @@
 #include "core/controllets/cartesian_law.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "core/controllets/damping_design.hpp"
 #include "core/types/triangular.hpp"
@@ -24,6 +25,15 @@ TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& ta
   force.total = force.spring;
   force.total.noalias() += D * (target.V_d.vector - V);
   if (gains.acceleration_feedforward) force.total.noalias() += Lambda * target.A_d.vector;
+  if (!std::isfinite(gains.contact.spring_force + gains.contact.spring_moment)) return force;
+  const Vector6 damping = D * V;
+  force.pull = force.total + damping;
+  force.bounded = bound_pull(gains.contact, force.pull, damping);
+  if (force.bounded.factor() < 1) {
+    const Vector6 taken = force.pull - force.bounded.remaining(force.pull);
+    force.spring -= taken;
+    force.total -= taken;
+  }
   return force;
 }
 
@@ -102,11 +112,13 @@ CartesianParameters cartesian_parameters() {
           "Null-space projector: dynamically consistent, or the pseudo-inverse of the paper.")))};
 }
 
-ImpedanceGains impedance_gains(const ParameterSet& parameters) {
-  return {parameters.vector3(kTranslationalStiffness), parameters.vector3(kRotationalStiffness),
+ImpedanceGains impedance_gains(const ParameterSet& parameters, const ContactBounds& contact) {
+  return {parameters.vector3(kTranslationalStiffness),
+          parameters.vector3(kRotationalStiffness),
           parameters.number(kCartesianDampingRatio),
           static_cast<StiffnessAxes>(parameters.choice(kStiffnessAxes)),
-          parameters.flag(kAccelerationFeedforward)};
+          parameters.flag(kAccelerationFeedforward),
+          contact};
 }
 
 NullSpaceGains null_space_gains(const ParameterSet& parameters) {

@@ -25,6 +25,7 @@ struct ImpedanceGains {
   double damping_ratio = 1;         // zeta
   StiffnessAxes axes = StiffnessAxes::world;
   bool acceleration_feedforward = true;
+  ContactBounds contact = ContactBounds::lifted();
 
   TaskStiffness stiffness(const Matrix3& R_W_d) const;  // world axes, for the set-point's orientation
 };
@@ -46,9 +47,16 @@ struct CartesianTarget {
 
 // Forces of the law on one frame: world axes, at the origin of the frame.
 struct TaskForce {
-  Vector6 error;   // pose_error(X_d, X)
-  Vector6 spring;  // gradient part [N, N m]
-  Vector6 total;   // spring + D (V_d - V) + Lambda A_d
+  Vector6 error;                   // pose_error(X_d, X)
+  Vector6 spring;                  // gradient part [N, N m]; less what the bounds for contact take away
+  Vector6 total;                   // spring + D (V_d - V) + Lambda A_d
+  Vector6 pull = Vector6::Zero();  // total without damping, before the bounds
+  BoundedPull bounded;
+
+  // Tells the reference of this hand's set-point.
+  void report(Reference& reference) const {
+    reference.resist(pull, bounded.force_share, bounded.moment_share);
+  }
 };
 
 // K_c x~ + D_c (V_d - V) + Lambda A_d with D_c by task_damping(Lambda, K_c, zeta).
@@ -79,7 +87,8 @@ enum CartesianParameter : std::size_t {
 };
 using CartesianParameters = SpecsAt<ParameterSpec, 0, kCartesianParameterCount>;
 CartesianParameters cartesian_parameters();
-ImpedanceGains impedance_gains(const ParameterSet& parameters);
+ImpedanceGains impedance_gains(const ParameterSet& parameters,
+                               const ContactBounds& contact = ContactBounds::lifted());
 NullSpaceGains null_space_gains(const ParameterSet& parameters);
 
 // Outputs of one arm: error 3 + 3, wrench 3 + 3; `prefix` is "" or "first_".

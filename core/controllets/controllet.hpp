@@ -4,6 +4,7 @@
 #include <span>
 #include <type_traits>
 
+#include "core/controllets/contact_bounds.hpp"
 #include "core/controllets/descriptor.hpp"
 #include "core/controllets/spec_table.hpp"
 #include "core/model/model_terms.hpp"
@@ -32,6 +33,8 @@ struct ControlContext {
   std::span<double> outputs;  // ControlletDescriptor::outputs, concatenated in order
   // All arms of the scene, in order, for reading only: tau is nullptr.
   std::span<OwnedArm> scene_arms = {};
+  // What a law that draws a hand to a set-point keeps to (bound_pull), reporting it by Reference::resist.
+  ContactBounds contact = ContactBounds::lifted();
 };
 
 enum class LawResult { ok, fault };

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/cooperative_frame.hpp"
@@ -82,7 +83,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
     const Vector6& V_1 = first.terms->V_WE().vector;
     const Vector6& V_2 = second.terms->V_WE().vector;
     const CartesianTarget target = CartesianTarget::of(context.inputs[kPose]);
-    const ImpedanceGains gains = impedance_gains(parameters);
+    const ImpedanceGains gains = impedance_gains(parameters, context.contact);
     ImpedanceGains relative_gains = gains;
     relative_gains.translational_stiffness = parameters.vector3(kRelativeTranslational);
     relative_gains.rotational_stiffness = parameters.vector3(kRelativeRotational);
@@ -109,14 +110,20 @@ class CoupledDualCartesianImpedance final : public Controllet {
         -frame.relative_velocity(V_1, V_2);
     velocity_error.segment<3>(6) += target.X_W_d.rotation * offset_.velocity();
     velocity_error.segment<3>(6) += target.V_d.angular().cross(p_r_d);  // the offset turns with A
-    Vector12 force = coupled_damping(Lambda, K, gains.damping_ratio) * velocity_error;
+    const Matrix12 D = coupled_damping(Lambda, K, gains.damping_ratio);
+    Vector12 force = D * velocity_error;
     if (gains.acceleration_feedforward) force += Lambda.leftCols<6>() * target.A_d.vector;
     absolute.total = absolute.spring + force.head<6>();
     relative.total = relative.spring + force.tail<6>();
 
     const NullSpaceGains null_space = null_space_gains(parameters);
-    const std::array F{frame.first_wrench(absolute.total, relative.total),
-                       frame.second_wrench(absolute.total, relative.total)};
+    std::array F{frame.first_wrench(absolute.total, relative.total),
+                 frame.second_wrench(absolute.total, relative.total)};
+    if (std::isfinite(gains.contact.spring_force + gains.contact.spring_moment)) {
+      Vector12 V;
+      V << frame.absolute_velocity(V_1, V_2), frame.relative_velocity(V_1, V_2);
+      bound(context, frame, D * V, absolute, F);
+    }
     for (std::size_t i = 0; i < 2; ++i) {
       OwnedArm& arm = context.arms[i];
       *arm.tau = arm.terms->c() + null_space_torque(null_space, arm, q_N_[i]);
@@ -137,6 +144,24 @@ class CoupledDualCartesianImpedance final : public Controllet {
     kParameterCount
   };
   using Vector12 = Eigen::Matrix<double, 12, 1>;
+
+  // Bounds the pull at each hand. The set-point waits where it moves along what pulls A.
+  static void bound(ControlContext& context, const CooperativeFrame& frame, const Vector12& damping,
+                    const TaskForce& absolute, std::array<Vector6, 2>& F) {
+    const std::array damping_at{frame.first_wrench(damping.head<6>(), damping.tail<6>()),
+                                frame.second_wrench(damping.head<6>(), damping.tail<6>())};
+    double lever = 0;
+    for (std::size_t i = 0; i < 2; ++i) {
+      const Vector6 pull = F[i] + damping_at[i];
+      const BoundedPull bounded = bound_pull(context.contact, pull, damping_at[i]);
+      if (bounded.factor() < 1) F[i] = bounded.remaining(pull) - damping_at[i];
+      const double share = std::max(bounded.force_share, bounded.moment_share);
+      context.inputs[kPose].resist(absolute.spring, share, share);
+      const Vector3& p_A = context.inputs[kPose].pose().position;
+      lever = std::max(lever, (context.arms[i].terms->X_WE().position - p_A).norm());
+    }
+    context.inputs[kPose].bound_hand_speed(context.contact.hand_speed, lever);
+  }
 
   // Conjugate to V_r: minus the gradient of 1/2 p~_r^T K_t p~_r + 1/2 phi_s^T K_r phi_s.
   static void spring_between(const TaskStiffness& K, const Vector3& p_r_d, const CooperativeFrame& frame,

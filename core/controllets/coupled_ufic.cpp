@@ -102,7 +102,9 @@ class CoupledUfic final : public Controllet {
 
     update_energy_balance(context, frame, settings);
     if (!follow_grasp(context, frame, settings, target)) return LawResult::fault;
-    const double set_point_work = move_springs(springs_now(settings, target), frame, settings, dt);
+    const double set_point_work =
+        move_springs(springs_now(settings, target), frame, settings, context.contact, dt);
+    wait_for_hands(context, frame);
     const double s = springs_.scale;
     const Vector3& n = springs_.n;
 
@@ -122,6 +124,10 @@ class CoupledUfic final : public Controllet {
     // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
     feedforward.segment<3>(6) += settings.squeeze_damping * n.dot(Vector3(V_d.segment<3>(6))) * n;
     feedforward *= s;
+    if (std::isfinite(context.contact.spring_force + context.contact.spring_moment)) {
+      feedforward *=
+          feedforward_share(context.contact, frame, s * springs_.wrench(frame), feedforward, D * V);
+    }
     // No more power than would empty the tank within kEmptying: a fast set-point cannot overdraw it before
     // its valve has closed.
     constexpr double kEmptying = 0.05;  // [s]
@@ -130,7 +136,7 @@ class CoupledUfic final : public Controllet {
 
     const double v_n = n.dot(Vector3(V.segment<3>(6)));
     const Matrix3 D_r = D.block<3, 3>(6, 6);
-    const double command = squeeze(settings, v_n, n.dot(D_r * n), dt);
+    const double command = std::min(squeeze(settings, v_n, n.dot(D_r * n), dt), context.contact.spring_force);
     Vector12 force = Vector12::Zero(), force_damping = Vector12::Zero();
     force.segment<3>(6) = -command * n;
     force_damping.segment<3>(6) = -settings.squeeze_damping * v_n * n;
@@ -204,7 +210,9 @@ class CoupledUfic final : public Controllet {
   // Moves the springs to new set-points, stiffness and valve. The tank supplies the energy that they gain and
   // receives the energy that they lose. The valve depends on the energy left after that, so both are solved
   // together: s = valve(T + s_before V_before - s V). Updated in turn, they would oscillate.
-  double move_springs(Springs next, const CooperativeFrame& frame, const Settings& settings, double dt) {
+  // The bounds for contact close the valve, too, so that the tanks' book stays complete.
+  double move_springs(Springs next, const CooperativeFrame& frame, const Settings& settings,
+                      const ContactBounds& contact, double dt) {
     const double before = springs_.scale * springs_.energy;
     next.energy = next.energy_at(frame);
     const auto valve_after = [&](double s) {
@@ -212,7 +220,15 @@ class CoupledUfic final : public Controllet {
       after.give(s * next.energy - before);
       return after.valve(settings.tanks);
     };
+    const Vector12 full = next.wrench(frame);
+    const BoundedPull first =
+        bound_pull(contact, frame.first_wrench(full.head<6>(), full.tail<6>()), Vector6::Zero());
+    const BoundedPull second =
+        bound_pull(contact, frame.second_wrench(full.head<6>(), full.tail<6>()), Vector6::Zero());
+    spring_share_ =
+        std::max({first.force_share, first.moment_share, second.force_share, second.moment_share});
     double high = std::min(1.0, springs_.scale + dt / Fade::kDuration), low = 0;
+    high = std::min(high, 1.0 / std::max(1.0, spring_share_));
     if (valve_after(high) < high) {
       for (int i = 0; i < 40; ++i) {
         const double middle = 0.5 * (low + high);
@@ -225,6 +241,43 @@ class CoupledUfic final : public Controllet {
     const double work = next.scale * next.energy - before;
     balance_.impedance.give(work);
     return work;
+  }
+
+  // The set-point of A waits while the spring of a hand is bounded and A's spring draws along its motion.
+  void wait_for_hands(ControlContext& context, const CooperativeFrame& frame) {
+    if (!std::isfinite(context.contact.hand_speed + context.contact.spring_force)) return;
+    Reference& pose = context.inputs[kPose];
+    pose.resist(spring_wrench(springs_.absolute, pose_error(springs_.X_d, frame.X_WA)), spring_share_,
+                spring_share_);
+    double lever = 0;
+    for (const OwnedArm& arm : context.arms) {
+      lever = std::max(lever, (arm.terms->X_WE().position - springs_.X_d.position).norm());
+    }
+    pose.bound_hand_speed(context.contact.hand_speed, lever);
+  }
+
+  // The feed-forward at a hand, with its spring within the bounds for contact.
+  double feedforward_share(const ContactBounds& contact, const CooperativeFrame& frame,
+                           const Vector12& spring, const Vector12& feedforward,
+                           const Vector12& damping) const {
+    const auto at = [&](const Vector12& F, std::size_t i) -> Vector6 {
+      return i == 0 ? frame.first_wrench(F.head<6>(), F.tail<6>())
+                    : frame.second_wrench(F.head<6>(), F.tail<6>());
+    };
+    double c = 1;
+    for (std::size_t i = 0; i < 2; ++i) {
+      const Vector6 base = at(spring, i), extra = at(feedforward, i), both = base + extra;
+      const BoundedPull wanted = bound_pull(contact, both, at(damping, i));
+      if (wanted.force_share > 1) {
+        c = std::min(
+            c, largest_share(base.head<3>(), extra.head<3>(), both.head<3>().norm() / wanted.force_share));
+      }
+      if (wanted.moment_share > 1) {
+        c = std::min(
+            c, largest_share(base.tail<3>(), extra.tail<3>(), both.tail<3>().norm() / wanted.moment_share));
+      }
+    }
+    return c;
   }
 
   // Updates the phase of the grasp, gamma, and the position of A along n. Returns false if a force
@@ -344,6 +397,7 @@ class CoupledUfic final : public Controllet {
   bool touched_ = false;
   double touch_distance_ = 0, gamma_ = 0, alpha_f_ = 0;
   Springs springs_;
+  double spring_share_ = 0;  // of the whole springs at the more loaded hand, in their bounds for contact
 };
 
 }  // namespace

@@ -74,7 +74,7 @@ class DualCartesianImpedance final : public Controllet {
 
   LawResult update(ControlContext& context) override {
     const ParameterSet& parameters = *context.parameters;
-    const ImpedanceGains gains = impedance_gains(parameters);
+    const ImpedanceGains gains = impedance_gains(parameters, context.contact);
     const NullSpaceGains null_space = null_space_gains(parameters);
     const bool other_goals = parameters.choice(kGoals) != goals_;
     goals_ = parameters.choice(kGoals);
@@ -98,6 +98,7 @@ class DualCartesianImpedance final : public Controllet {
           LawResult::ok) {
         return LawResult::fault;
       }
+      force.report(context.inputs[goals_ == kCommon ? kCommonPose : i == 0 ? kFirstPose : kSecondPose]);
       show(force, context.outputs.subspan(i * kCartesianOutputSize));
     }
     return LawResult::ok;

@@ -60,7 +60,7 @@ class Force final : public Controllet {
     across_.reset(Vector3::Zero());
     pressing_fade_.reset(false);
     approach_fade_.reset(false);
-    travel_ = 0;
+    travel_ = pull_share_ = 0;
     pressing_ = false;
     return LawResult::ok;
   }
@@ -85,20 +85,24 @@ class Force final : public Controllet {
     const double w = pressing_fade_.towards(pressing_, dt);
     const double beyond = std::max(0.0, n.dot(p - p_c_));
     const double gamma = contact_shape(beyond, parameters.number(kReach));
-    const double f = loop_.update(settings.gains, desired, estimated, gamma * w, dt);
+    const double f = std::min(loop_.update(settings.gains, desired, estimated, gamma * w, dt),
+                              context.contact.spring_force);
     const double command = w * gamma * f;
 
     // Without contact, the set-point advances along n.
     const bool approaching = !pressing_ && desired > ForceDirection::kLeastForce;
-    const double speed = parameters.number(kApproachSpeed) * approach_fade_.towards(approaching, dt);
+    const double speed =
+        std::min(parameters.number(kApproachSpeed), context.contact.hand_speed) *
+        approach_fade_.towards(approaching && pull_share_ < 1, dt);  // waits for a hand that cannot follow
     travel_ += speed * dt;
     CartesianTarget target{X_hold_, {}, {}};
     target.X_W_d.position += n * travel_;
     target.V_d.linear() = n * speed;
 
-    const ImpedanceGains gains = impedance_gains(parameters);
+    const ImpedanceGains gains = impedance_gains(parameters, context.contact);
     TaskForce force = impedance_force(gains, target, terms.X_WE(), terms.V_WE().vector, terms.task().Lambda);
     const Vector3 spring = force.spring.head<3>();
+    pull_share_ = n.dot(spring) > 0 ? force.bounded.force_share : 0;
     const double v_n = n.dot(Vector3(terms.V_WE().linear()));
     force.total.head<3>() += n * (command - w * n.dot(spring) - settings.damping * (v_n - speed));
     force.total.head<3>() += settings.tangential_gain * w *
@@ -167,7 +171,8 @@ class Force final : public Controllet {
   ForceLoop loop_;
   LowPass<Vector3> across_;
   Fade pressing_fade_, approach_fade_;
-  double travel_ = 0;  // of the set-point along n from X_hold [m]
+  double travel_ = 0;      // of the set-point along n from X_hold [m]
+  double pull_share_ = 0;  // of the allowed pull, in the last tick
   bool pressing_ = false;
 };
 

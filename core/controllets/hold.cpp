@@ -41,8 +41,7 @@ class Hold final : public Controllet {
     enter(arm);
     if (!entered_)
       return LawResult::ok;  // no usable measurement yet: zero torque, the arm compensates its gravity
-    const double reach = kReturnSpeed * context.dt;
-    q_0_ += (q_end_ - q_0_).cwiseMax(-reach).cwiseMin(reach);
+    lead_back(arm.q(), context.parameters->values(kStiffness), kReturnSpeed * context.dt);
     const auto K = context.parameters->values(kStiffness);
     JointVector stiffness = arm.q();
     JointVector design = stiffness;
@@ -89,6 +88,19 @@ class Hold final : public Controllet {
   static constexpr double kReturnSpeed = 0.1;  // [rad/s]
   static constexpr std::array<double, kMaxJoints> kUsualStiffness = {300, 300, 300, 300, 120, 80, 40, 40,
                                                                      40,  40,  40,  40,  40,  40, 40, 40};
+
+  // With which a joint on its way back pushes what is in its way, a person perhaps: q_0 then waits. More than
+  // damping at kReturnSpeed and friction need.
+  static double largest_push(std::size_t joint) { return std::max(2.0, kUsualStiffness[joint] / 30); }  // [N m]
+
+  void lead_back(const JointVector& q, std::span<const double> K, double reach) {
+    for (Eigen::Index i = 0; i < q.size(); ++i) {
+      const double step = std::clamp(q_end_[i] - q_0_[i], -reach, reach), lead = q_0_[i] - q[i];
+      const auto k = static_cast<std::size_t>(i);
+      if (step * lead > 0 && K[k] * std::abs(lead) > largest_push(k)) continue;
+      q_0_[i] += step;
+    }
+  }
 
   // A hold often starts because a measurement is invalid. It holds the first valid one.
   void enter(const OwnedArm& arm) {

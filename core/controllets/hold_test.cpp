@@ -127,6 +127,38 @@ TEST(Hold, LeadsAJointBackToItsLimitSlowly) {
   EXPECT_NEAR(rig.state(0).q[0], model->limits().q_max[0], 1e-4);
 }
 
+// Something, perhaps a person, is in the way of a joint that is led back: it is not pushed ever harder. The way
+// of 0.5 rad would be 150 N m.
+TEST(Hold, WaitsForAJointThatDoesNotFollow) {
+  const auto model = panda();
+  ControlletRig rig(hold_controllet(), {model});
+  for (const double sign : {1.0, -1.0}) {
+    JointVector q = model->q_home();
+    for (const Eigen::Index i : {0, 6}) {
+      q[i] = sign > 0 ? model->limits().q_max[i] + 0.5 : model->limits().q_min[i] - 0.5;
+    }
+    rig.place(0, q, joint_constant(7, 0));
+    ASSERT_EQ(rig.start(), LawResult::ok);
+    for (int i = 0; i < 8000; ++i) {
+      ASSERT_EQ(rig.tick(0.001), LawResult::ok);
+      ASSERT_LT(-sign * rig.tau(0)[0], 10 + 300 * 1e-4 + 0.5) << i;
+      ASSERT_LT(-sign * rig.tau(0)[6], 2 + 40 * 1e-4 + 0.5) << i;
+    }
+    EXPECT_GT(-sign * rig.tau(0)[0], 5);  // it would go on
+    double fastest = 0;
+    for (int i = 0; i < 8000; ++i) {  // released
+      ASSERT_EQ(rig.tick(0.001), LawResult::ok);
+      rig.integrate(0.001, {joint_constant(7, 0)}, 2);
+      fastest = std::max(fastest, rig.state(0).dq.lpNorm<Eigen::Infinity>());
+    }
+    EXPECT_LT(fastest, 0.6);
+    const ArmLimits& limits = model->limits();
+    for (const Eigen::Index i : {0, 6}) {
+      EXPECT_NEAR(rig.state(0).q[i], sign > 0 ? limits.q_max[i] : limits.q_min[i], 1e-4);
+    }
+  }
+}
+
 // Motors of 50 Hz behind a delay of one period, as the realistic plant has them, or of three: no parameters
 // make the hold oscillate in any pose. All eigenvalues of the linearized loop are inside the unit circle.
 class HoldBehindDelay : public testing::TestWithParam<Eigen::Index> {};

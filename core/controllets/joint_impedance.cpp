@@ -1,5 +1,8 @@
 #include "core/controllets/joint_impedance.hpp"
 
+#include <algorithm>
+#include <cmath>
+
 #include "core/controllets/bearable_damping.hpp"
 #include "core/controllets/damping_design.hpp"
 
@@ -63,17 +66,30 @@ class JointImpedance final : public Controllet {
     const JointVector error = reference.joints() - arm.q();
     const JointVector velocity_error = reference.joint_velocity() - arm.dq();
     JointVector tau = K.cwiseProduct(error) + arm.terms->c();
+    JointVector damping;  // D dq
     switch (parameters.choice(kDampingDesign)) {
-      case kCoupled:
-        tau += joint_damping(M, K, zeta).lazyProduct(velocity_error);
+      case kCoupled: {
+        const JointMatrix D = joint_damping(M, K, zeta);
+        tau += D.lazyProduct(velocity_error);
+        damping = D.lazyProduct(arm.dq());
         break;
-      case kDiagonal:
-        tau += diagonal_damping(M, K, zeta).cwiseProduct(velocity_error);
+      }
+      case kDiagonal: {
+        const JointVector D = diagonal_damping(M, K, zeta);
+        tau += D.cwiseProduct(velocity_error);
+        damping = D.cwiseProduct(arm.dq());
         break;
-      default:
-        tau += parameters.joints(kDamping).cwiseProduct(velocity_error);
+      }
+      default: {
+        const JointVector D = parameters.joints(kDamping);
+        tau += D.cwiseProduct(velocity_error);
+        damping = D.cwiseProduct(arm.dq());
+      }
     }
     if (parameters.flag(kFeedforward)) tau += M.lazyProduct(reference.joint_acceleration());
+    if (std::isfinite(context.contact.spring_force + context.contact.spring_moment)) {
+      bound(context, tau, damping);
+    }
     if (!tau.allFinite()) return LawResult::fault;
 
     *arm.tau = tau;
@@ -83,6 +99,19 @@ class JointImpedance final : public Controllet {
   }
 
  private:
+  // The pull of all joints acts at the hand like the wrench J_bar^T tau, J_bar = M^-1 J^T Lambda (Khatib
+  // 1987): the force that keeps the hand where it is. The whole pull is scaled until that is within its
+  // bounds.
+  static void bound(ControlContext& context, JointVector& tau, const JointVector& damping) {
+    OwnedArm& arm = context.arms[0];
+    const JointBy6& J_bar = arm.terms->task().J_bar;
+    const JointVector pull = tau - arm.terms->c() + damping;
+    const BoundedPull bounded = bound_pull(context.contact, Vector6(J_bar.transpose().lazyProduct(pull)),
+                                           Vector6(J_bar.transpose().lazyProduct(damping)));
+    context.inputs[kJoints].resist(pull, std::max(bounded.force_share, bounded.moment_share));
+    if (bounded.factor() < 1) tau -= (1 - bounded.factor()) * pull;
+  }
+
   enum Input : std::size_t { kJoints, kInputCount };
   enum Parameter : std::size_t {
     kStiffness,

@@ -136,7 +136,7 @@ class Ufic final : public Controllet {
     const ImpedanceGains gains = impedance_gains(parameters);
 
     update_energy_balance(context.arms, law);
-    const double set_point_work = move_spring(target, gains, terms.X_WE(), context.dt);
+    const double set_point_work = move_spring(target, gains, terms.X_WE(), context.contact, context.dt);
     const double s = spring_.scale;
 
     // Impedance part
@@ -147,6 +147,11 @@ class Ufic final : public Controllet {
     const Vector6 spring = s * spring_wrench(spring_.stiffness, error);
     Vector6 feedforward = s * (D * target.V_d.vector);
     if (gains.acceleration_feedforward) feedforward.noalias() += s * (Lambda * target.A_d.vector);
+    const Vector6 opposing = D * V;
+    const BoundedPull wanted = bound_pull(context.contact, spring + feedforward, opposing);
+    bound_feedforward(wanted, spring, feedforward);
+    context.inputs[kPose].resist(spring + feedforward, std::max(spring_share_, wanted.force_share),
+                                 std::max(spring_share_, wanted.moment_share));
     const JointVector tau_null = null_space_torque(null_space_gains(parameters), arm, q_N_, s);
 
     // Force part
@@ -157,7 +162,7 @@ class Ufic final : public Controllet {
       return LawResult::fault;  // a clamp would hide a value that is not finite
     const Matrix3 D_t = D.topLeftCorner<3, 3>();
     const ForcePart force = force_part(settings, law, parameters.number(kReach), F_d, F_hat,
-                                       terms.X_WE().position, v, D_t, context.dt);
+                                       terms.X_WE().position, v, D_t, context.contact, context.dt);
     const Vector3 n = direction_.n();
     // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
     feedforward.head<3>() += s * settings.damping * n.dot(Vector3(target.V_d.linear())) * n;
@@ -256,11 +261,17 @@ class Ufic final : public Controllet {
 
   // Moves the spring to the new set-point, stiffness and valve. The tank supplies the energy that the spring
   // gains; if it cannot, the spring is scaled down. Returns the supplied work [J].
-  double move_spring(const CartesianTarget& target, const ImpedanceGains& gains, const Pose& X, double dt) {
+  // Its bound for contact closes the valve, too, so that the tanks' book stays complete.
+  double move_spring(const CartesianTarget& target, const ImpedanceGains& gains, const Pose& X,
+                     const ContactBounds& contact, double dt) {
     const double before = spring_.scale * spring_.energy;
     SpringState next{gains.stiffness(target.X_W_d.rotation), target.X_W_d, 0, 0};
     next.energy = next.energy_at(X);
     next.scale = std::min(balance_.impedance.valve(limits_), spring_.scale + dt / Fade::kDuration);
+    const Vector6 full = spring_wrench(next.stiffness, pose_error(target.X_W_d, X));
+    const BoundedPull bounded = bound_pull(contact, full, Vector6::Zero());
+    spring_share_ = std::max(bounded.force_share, bounded.moment_share);
+    next.scale = std::min(next.scale, bounded.factor());
     const double available = std::max(0.0, balance_.impedance.energy() - limits_.min_j);
     if (next.scale * next.energy - before > available) next.scale = (before + available) / next.energy;
     spring_ = next;
@@ -269,9 +280,23 @@ class Ufic final : public Controllet {
     return work;
   }
 
+  // Of the feed-forward, what keeps it and the spring together within their bounds.
+  static void bound_feedforward(const BoundedPull& wanted, const Vector6& spring, Vector6& feedforward) {
+    double c = 1;
+    if (wanted.force_share > 1) {
+      const double limit = (spring + feedforward).head<3>().norm() / wanted.force_share;
+      c = std::min(c, largest_share(spring.head<3>(), feedforward.head<3>(), limit));
+    }
+    if (wanted.moment_share > 1) {
+      const double limit = (spring + feedforward).tail<3>().norm() / wanted.moment_share;
+      c = std::min(c, largest_share(spring.tail<3>(), feedforward.tail<3>(), limit));
+    }
+    feedforward *= c;
+  }
+
   ForcePart force_part(const ForceSettings& settings, ValveLaw law, double reach, const Vector3& F_d,
                        const Vector3& F_hat, const Vector3& p, const Vector3& v, const Matrix3& D_t,
-                       double dt) {
+                       const ContactBounds& contact, double dt) {
     ForcePart part;
     const Vector3 n = direction_.update(F_d, dt);
     part.desired = std::max(0.0, n.dot(F_d));
@@ -285,7 +310,8 @@ class Ufic final : public Controllet {
     gamma_ = std::min(shape, gamma_ + dt / Fade::kDuration);
     alpha_f_ = std::min(balance_.force.valve(limits_), alpha_f_ + dt / Fade::kDuration);
     const double w = fade_.towards(detector_.in_contact(), dt);
-    const double f = loop_.update(settings.gains, part.desired, part.estimated, w, dt);
+    const double f =
+        std::min(loop_.update(settings.gains, part.desired, part.estimated, w, dt), contact.spring_force);
     const Vector3 F_t = settings.tangential_gain * w *
                         direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
     const double size = F_t.norm();
@@ -338,6 +364,7 @@ class Ufic final : public Controllet {
   TankLimits limits_;
   TankBalance balance_{1};
   SpringState spring_;
+  double spring_share_ = 0;  // of the whole spring, in its bounds for contact
 };
 
 }  // namespace

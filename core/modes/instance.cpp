@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <stdexcept>
 
 #include "core/types/time.hpp"
@@ -58,6 +59,10 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
   controllet_ = controllet_type(config, registry, blocks).create(models);
   controllet_->bound_parameters(parameters_);
   X_FE_.resize(arm_list_.size());
+  contact_ = config.contact;
+  if (!(contact_.hand_speed > 0 && contact_.spring_force > 0 && contact_.spring_moment > 0)) {
+    refuse(name_, "the bounds for contact must be above zero");
+  }
 
   for (InputSpec input : descriptor_.inputs) {
     for (const auto& change : config.inputs) {
@@ -68,6 +73,9 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
     }
     if (input.arm >= models.size())
       refuse(name_, "input '" + input.name + "' refers to an arm that the controllet does not own");
+    if (input.quantity == Quantity::pose || input.quantity == Quantity::twist) {
+      input.max_speed = std::min(input.max_speed, contact_.hand_speed);
+    }
     const std::size_t joint_count = models[input.arm]->joint_count();
     inputs_.emplace_back(std::move(input), joint_count);
   }
@@ -196,9 +204,9 @@ std::vector<OutputSpec> Instance::output_specs() const {
 }
 
 ControlContext Instance::context(const Tick& tick) {
-  return {dt_,        tick.t.seconds(), law_arms_,
-          inputs_,    &parameters_,     std::span(outputs_).first(law_output_count_),
-          scene_arms_};
+  return {dt_,         tick.t.seconds(), law_arms_,
+          inputs_,     &parameters_,     std::span(outputs_).first(law_output_count_),
+          scene_arms_, contact_};
 }
 
 ControlContext Instance::feature_context(FeatureSlot& slot, const Tick& tick) {
@@ -278,6 +286,9 @@ Intervention Instance::update(const Tick& tick) try {
   parameters_.advance(dt_);
   carry_set_points(tick);
   for (auto& input : inputs_) {
+    if (input.spec().quantity == Quantity::joints && std::isfinite(contact_.hand_speed)) {
+      input.bound_hand_speed(contact_.hand_speed, law_arms_[input.spec().arm].terms->J_V_WE());
+    }
     input.advance(dt_, tick.t.seconds());
     if (input.stale()) return Intervention::reference_stale;
   }

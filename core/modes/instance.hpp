@@ -27,6 +27,7 @@ struct InstanceConfig {
   std::vector<std::string> features;  // switched on from the start
   std::vector<Value> parameters;
   std::vector<InputSpec> inputs;  // overrides of timeout and speed limits, by name; usually empty
+  ContactBounds contact = ContactBounds::lifted();  // scenes set their own; see docs/contact.md
 };
 
 // The data of one cycle that instances use, one element per arm of the scene.
@@ -51,6 +52,7 @@ class Instance {
   const ControlletDescriptor& descriptor() const { return descriptor_; }
   ArmSet arms() const { return arms_; }
   const std::vector<ArmIndex>& arm_list() const { return arm_list_; }
+  const ContactBounds& contact() const { return contact_; }
 
   // Parameters of the controllet, then of its features, in one numbering; names as in InstanceConfig::Value.
   std::size_t parameter_count() const { return parameter_names_.size(); }
@@ -126,6 +128,7 @@ class Instance {
   std::vector<double> outputs_;
   std::size_t law_output_count_ = 0;
   std::vector<OwnedArm> law_arms_, feature_arms_, scene_arms_;
+  ContactBounds contact_;
   std::vector<Pose> X_FE_;  // end effectors for which the set-points are
   ArmSet served_;           // arms that received the torque of the current tick
   LoopTime last_tick_;

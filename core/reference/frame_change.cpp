@@ -65,6 +65,7 @@ void Reference::carry(const Pose& X) {
   last_.id = std::numeric_limits<std::uint64_t>::max();
   period_s_ = 0;
   if (in_motion_) motion_.add(t_motion_, coordinates(), now_);
+  apply_pace();
   publish_sample();
 }
 

@@ -34,8 +34,9 @@ Reference::Aim Reference::aim_at(const Target& target) const {
   QuinticSegment::Values way{};
   for (std::size_t i = 0; i < coordinates(); ++i) way[i] = aim.goal[i] - now_.position[i];
   aim.distance = magnitude(way);
-  aim.shortest_s = std::max(rest_to_rest_duration(aim.distance.linear, spec_.max_speed),
-                            rest_to_rest_duration(aim.distance.angular, spec_.max_angular_speed));
+  aim.shortest_s = std::max({rest_to_rest_duration(aim.distance.linear, spec_.max_speed),
+                             rest_to_rest_duration(aim.distance.angular, spec_.max_angular_speed),
+                             rest_to_rest_duration(hand_speed(way), greatest_hand_speed_)});
   return aim;
 }
 
@@ -74,7 +75,8 @@ void Reference::plan_rest(const QuinticSegment::Values& goal, double duration_s,
 double Reference::peak_excess(std::size_t samples) const {
   const auto speeds = [&](const QuinticSegment::Sample& s) -> Magnitude {
     const Magnitude speed = magnitude(s.velocity);
-    return {speed.linear / spec_.max_speed, speed.angular / spec_.max_angular_speed};
+    return {std::max(speed.linear / spec_.max_speed, hand_speed(s.velocity) / greatest_hand_speed_),
+            speed.angular / spec_.max_angular_speed};
   };
   const auto [linear_now, angular_now] = speeds(now_);
   const double linear_limit = 1.001 * std::max(1.0, linear_now);

@@ -117,7 +117,9 @@ void Reference::start_constant(double value) {
 void Reference::forget_posted() {
   inbox_->targets.take();
   t_ = 0;
-  streaming_ = stale_ = moving_end_ = in_motion_ = is_pending_ = false;
+  streaming_ = stale_ = moving_end_ = in_motion_ = is_pending_ = waiting_ = false;
+  pace_ = 1;
+  pace_rate_ = force_share_ = moment_share_ = 0;
   period_s_ = 0;
   last_.id = 0;
 }
@@ -133,7 +135,7 @@ void Reference::plan_pending() {
   ++planned_;
   if (pending_.delivery == Delivery::motion) {
     begin_motion(pending_);
-  } else {
+  } else if (!waits_for(pending_)) {
     plan_goal(pending_);
   }
 }
@@ -143,15 +145,22 @@ void Reference::advance(double dt, double now_s) {
   if (is_pending_ && !posted) plan_pending();
   is_pending_ = false;
   if (posted) take(inbox_->targets.value(), now_s);
+  if (waiting_ && !streaming_ && !must_wait(waiting_for_, kWaitsFrom)) {
+    waiting_ = false;
+    ++planned_;
+    plan_goal(waiting_for_);
+  }
   if (streaming_ && now_s - last_arrival_s_ > spec_.timeout_s) stale_ = true;
   if (moving_end_ && t_ + dt > segment_.duration()) plan_brake();
-  t_ += dt;
+  update_pace(dt);
+  t_ += pace_ * dt;
   segment_.evaluate(t_, now_);
   if (in_motion_) {
-    t_motion_ += dt;
+    t_motion_ += pace_ * dt;
     motion_.add(t_motion_, coordinates(), now_);
     if (t_motion_ >= motion_.duration() && t_ >= segment_.duration()) end_motion();
   }
+  apply_pace();
   publish_sample();
 }
 
@@ -163,7 +172,10 @@ void Reference::take(const Target& target, double now_s) {
   last_arrival_s_ = now_s;
   ++planned_;
   if (target.delivery == Delivery::motion) {
+    waiting_ = false;
     begin_motion(target);
+  } else if (waits_for(target)) {
+    period_s_ = 0;
   } else if (continues && elapsed > 0 && elapsed < kMaxStreamPeriod) {
     plan_stream(target, target.id - last_.id, elapsed);
   } else {
@@ -177,6 +189,8 @@ void Reference::take(const Target& target, double now_s) {
 // the angular velocity.
 void Reference::rebase() {
   t_ = 0;
+  pace_ = 1;  // now_ holds the velocity and acceleration of the set-point, which the new segment continues
+  pace_rate_ = 0;
   in_motion_ = false;
   if (spec_.quantity != Quantity::pose) return;
   R_0_ = X_d_.quaternion()
@@ -202,6 +216,8 @@ void Reference::end_motion() {
   now_.velocity = now_.acceleration = {};
   in_motion_ = false;
   t_ = 0;
+  pace_ = 1;
+  pace_rate_ = 0;
   segment_.plan(coordinates(), now_, now_.position, 0);
 }
 

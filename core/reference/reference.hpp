@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -36,6 +37,11 @@ struct InputSpec {
 // series, so that a smooth series gives a smooth motion. A late sample is bridged. If the stream stops, the
 // reference brakes to rest and becomes stale.
 //
+// A reference whose hand cannot follow waits: see resist(). A joint reference is slowed down where the hand
+// would be faster than its bound: see bound_hand_speed(). Both scale the time of the segment by a pace p from
+// 0 to 1, x_d(t) = x(s) with ds/dt = p, so that dx_d = p x', ddx_d = p^2 x'' + dp/dt x' (time scaling: Dahl
+// and Nielsen, "Torque-limited path following by online trajectory time scaling", 1990).
+//
 // Poses: the position is a quintic per axis; the rotation is R(t) = exp(r(t)) R_0 with a quintic r(t) from 0
 // to log(R_goal R_0^T), so it takes the shortest rotation and its velocity is continuous at the start.
 class Reference {
@@ -65,6 +71,18 @@ class Reference {
   void limit_speed(double max_speed) { spec_.max_speed = max_speed; }
   // Takes newly arrived targets and advances by dt. `now_s` is the time of the loop.
   void advance(double dt, double now_s);
+  // Before advance(): the greatest speed of the hand, and the Jacobian of its position (3 x n, joints), where
+  // the arm is now.
+  void bound_hand_speed(double greatest, const Jacobian& J);
+  // The same for a pose that carries hands `lever` away from it [m]: |v| + |omega| lever.
+  void bound_hand_speed(double greatest, double lever);
+  // After advance(), once per hand: what pulls it to this set-point (a wrench in world axes, or torques of
+  // joints), as shares of what is allowed. From kWaitsFrom on the set-point slows down, at 1 it waits, where
+  // it would move along the pull and so load it more. It goes on when the hand follows. Targets that arrive
+  // meanwhile are approached then.
+  void resist(const Vector6& pull, double force_share, double moment_share);
+  void resist(const JointVector& pull, double share);
+  double pace() const { return pace_; }
   bool stale() const { return stale_; }  // a stream stopped
   bool streaming() const { return streaming_; }
   std::uint64_t planned() const { return planned_; }  // targets for which a motion was planned
@@ -86,7 +104,16 @@ class Reference {
   // Duration of braking after a stream stops, and minimum duration of a goal.
   static constexpr double kBrakingTime = 0.1;  // [s]
 
+  static constexpr double kWaitsFrom = 0.8;  // share of the allowed pull
+
   void take(const Target& target, double now_s);
+  bool must_wait(const Target& target, double from_share) const;
+  bool waits_for(const Target& target);
+  double share_along(const QuinticSegment::Values& velocity) const;
+  double hand_speed(const QuinticSegment::Values& velocity) const;
+  double pace_wanted() const;
+  void update_pace(double dt);
+  void apply_pace();
   void plan_pending();
   void plan_goal(const Target& target);
   void plan_stream(const Target& target, std::uint64_t steps, double elapsed_s);
@@ -144,6 +171,16 @@ class Reference {
   Harmonic motion_;          // added to the segment while it lasts
   bool in_motion_ = false;
   double t_motion_ = 0;  // time in the motion [s]
+
+  double pace_ = 1, pace_rate_ = 0;         // p, dp/dt [1/s]
+  QuinticSegment::Values path_velocity_{};  // x'
+  double greatest_hand_speed_ = std::numeric_limits<double>::infinity();
+  Jacobian J_hand_;                // joints only
+  double lever_ = 0;               // poses only [m]
+  QuinticSegment::Values pull_{};  // of the hands that resist, since the last advance()
+  double force_share_ = 0, moment_share_ = 0;
+  Target waiting_for_;  // a target that arrived while the hand could not follow
+  bool waiting_ = false;
 
   Pose X_d_;
   Twist V_d_, A_d_;

@@ -56,7 +56,9 @@ Reference::Aim Reference::aim_past(const Target& target, const Aim& sample, doub
     const double square = aim.velocity[i] * aim.velocity[i];
     speed2 = pose ? speed2 + square : std::max(speed2, square);
   }
-  const double keep = speed2 > 0 ? std::min(1.0, spec_.max_speed / std::sqrt(speed2)) : 1.0;
+  const double hand = pose ? 0.0 : hand_speed(aim.velocity);
+  const double keep = std::min(speed2 > 0 ? std::min(1.0, spec_.max_speed / std::sqrt(speed2)) : 1.0,
+                               hand > 0 ? std::min(1.0, greatest_hand_speed_ / hand) : 1.0);
   for (std::size_t i = 0; i < n; ++i) {
     aim.velocity[i] *= keep;
     aim.goal[i] += aim.velocity[i] * ahead;

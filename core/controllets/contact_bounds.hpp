@@ -1,0 +1,41 @@
+#pragma once
+
+#include <limits>
+
+#include "core/types/spatial.hpp"
+
+// Bounds for an arm beside a person: on the speed of its hand and on what its set-point pulls with. They are
+// not a certified safety function. Loop thread, no allocation.
+namespace multipanda {
+
+struct ContactBounds {
+  double hand_speed = 0.25;   // of set-points [m/s]: ISO 10218-1:2011, 5.6.2, reduced speed
+  double spring_force = 60;   // of the pull at a hand [N]: below the 140 N that ISO/TS 15066 allows a hand
+  double spring_moment = 15;  // [N m]
+
+  static constexpr ContactBounds lifted() {
+    constexpr double kNone = std::numeric_limits<double>::infinity();
+    return {kNone, kNone, kNone};
+  }
+};
+
+// What is left of a pull, the part of a law that draws a hand to its moving set-point:
+//   P = K x~ + D V_d + Lambda A_d
+// Its force acts with P min(1, (F_max + max(0, n^T D V)) / |P|), n = P / |P|, its moment alike. The damping
+// -D V is kept whole, so that it can only take energy; the pull may overcome it on the way along n. So
+// n^T (P' - D V) <= F_max: a hand at rest is pushed with F_max at most, and a moving one follows as if
+// unbounded.
+struct BoundedPull {
+  double force_share = 0, moment_share = 0;  // |P| over what is allowed; above 1: bounded
+
+  Vector6 remaining(const Vector6& pull) const;
+  // Factor on a pull that must keep its direction in joint space.
+  double factor() const;
+};
+// `damping` is D V at the same point and in the same axes as the pull.
+BoundedPull bound_pull(const ContactBounds& bounds, const Vector6& pull, const Vector6& damping);
+
+// The largest c in [0, 1] with |base + c extra| <= limit, for |base| <= limit.
+double largest_share(const Vector3& base, const Vector3& extra, double limit);
+
+}  // namespace multipanda

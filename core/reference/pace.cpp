@@ -1,0 +1,143 @@
+#include <algorithm>
+#include <cmath>
+
+#include "core/reference/reference.hpp"
+#include "core/types/rotation_rate.hpp"
+
+// The pace at which a set-point moves along its path: slower where the hand would be too fast, and not at all
+// while the hand cannot follow.
+namespace multipanda {
+namespace {
+
+// The pace follows what is wanted as a critically damped second order, so that the acceleration of the
+// set-point stays continuous and a stop from 0.25 m/s adds at most 0.25 kPaceBandwidth / e = 2.8 m/s^2.
+constexpr double kPaceBandwidth = 30;  // [rad/s]
+// How far ahead on the path the speed of the hand is looked up; the pace needs about that long to settle.
+constexpr double kLookAhead = 0.1;  // [s]
+
+double dot(const QuinticSegment::Values& a, const QuinticSegment::Values& b, std::size_t first,
+           std::size_t end) {
+  double sum = 0;
+  for (std::size_t i = first; i < end; ++i) sum += a[i] * b[i];
+  return sum;
+}
+
+}  // namespace
+
+void Reference::bound_hand_speed(double greatest, const Jacobian& J) {
+  greatest_hand_speed_ = greatest;
+  if (J.allFinite()) J_hand_ = J;
+}
+
+void Reference::bound_hand_speed(double greatest, double lever) {
+  greatest_hand_speed_ = greatest;
+  if (std::isfinite(lever)) lever_ = lever;
+}
+
+void Reference::resist(const Vector6& pull, double force_share, double moment_share) {
+  if (force_share > force_share_) {
+    force_share_ = force_share;
+    for (std::size_t i = 0; i < 3; ++i) pull_[i] = pull[static_cast<Eigen::Index>(i)];
+  }
+  if (moment_share > moment_share_) {
+    moment_share_ = moment_share;
+    for (std::size_t i = 3; i < 6; ++i) pull_[i] = pull[static_cast<Eigen::Index>(i)];
+  }
+}
+
+void Reference::resist(const JointVector& pull, double share) {
+  if (!(share > force_share_)) return;
+  force_share_ = share;
+  std::copy_n(pull.data(), std::min(size_, static_cast<std::size_t>(pull.size())), pull_.begin());
+}
+
+// The share of the pull that grows if the set-point moves along `velocity`.
+double Reference::share_along(const QuinticSegment::Values& velocity) const {
+  const bool pose = spec_.quantity == Quantity::pose;
+  double share = 0;
+  if (dot(pull_, velocity, 0, pose ? 3 : size_) > 0) share = force_share_;
+  if (pose && dot(pull_, velocity, 3, 6) > 0) share = std::max(share, moment_share_);
+  return share;
+}
+
+bool Reference::must_wait(const Target& target, double from_share) const {
+  if (std::max(force_share_, moment_share_) < from_share) return false;
+  QuinticSegment::Values way{};
+  const auto& v = target.values;
+  if (spec_.quantity == Quantity::pose) {
+    for (std::size_t i = 0; i < 3; ++i) way[i] = v[i] - X_d_.position[static_cast<Eigen::Index>(i)];
+    const Matrix3 R = Quaternion(v[3], v[4], v[5], v[6]).normalized().toRotationMatrix();
+    const Vector3 turn = log_rotation(R * X_d_.rotation.transpose());
+    for (std::size_t i = 0; i < 3; ++i) way[3 + i] = turn[static_cast<Eigen::Index>(i)];
+  } else {
+    for (std::size_t i = 0; i < size_; ++i) way[i] = v[i] - now_.position[i];
+  }
+  return share_along(way) >= from_share;
+}
+
+// Whether a new target has to wait; if so, the set-point brakes and the target is kept.
+bool Reference::waits_for(const Target& target) {
+  if (!must_wait(target, waiting_ ? kWaitsFrom : 1.0)) {
+    waiting_ = false;
+    return false;
+  }
+  if (!waiting_) plan_brake();
+  waiting_ = true;
+  waiting_for_ = target;
+  return true;
+}
+
+// Speed of the hand for a velocity in the coordinates of the segment; 0 if nothing bounds it here.
+double Reference::hand_speed(const QuinticSegment::Values& velocity) const {
+  if (!std::isfinite(greatest_hand_speed_)) return 0;
+  if (spec_.quantity == Quantity::pose) {
+    if (!(lever_ > 0)) return 0;  // the pose is the hand's own: max_speed bounds it
+    return Vector3(velocity[0], velocity[1], velocity[2]).norm() + lever_ * rotation_of(velocity).norm();
+  }
+  if (spec_.quantity != Quantity::joints || J_hand_.cols() != static_cast<Eigen::Index>(size_)) return 0;
+  Vector3 v = Vector3::Zero();
+  for (std::size_t i = 0; i < size_; ++i)
+    v += J_hand_.col(static_cast<Eigen::Index>(i)).head<3>() * velocity[i];
+  return v.norm();
+}
+
+double Reference::pace_wanted() const {
+  double wanted = std::clamp((1.0 - share_along(path_velocity_)) / (1.0 - kWaitsFrom), 0.0, 1.0);
+  if (!std::isfinite(greatest_hand_speed_)) return wanted;
+  for (const double ahead : {0.0, 0.5 * kLookAhead, kLookAhead}) {
+    QuinticSegment::Sample s;
+    segment_.evaluate(t_ + ahead, s);
+    if (in_motion_) motion_.add(t_motion_ + ahead, coordinates(), s);
+    const double speed = hand_speed(s.velocity);
+    if (speed > greatest_hand_speed_) wanted = std::min(wanted, greatest_hand_speed_ / speed);
+  }
+  return wanted;
+}
+
+void Reference::update_pace(double dt) {
+  const double wanted = pace_wanted();
+  force_share_ = moment_share_ = 0;
+  if (wanted >= 1 && pace_ >= 1) return;
+  pace_rate_ += dt * kPaceBandwidth * (kPaceBandwidth * (wanted - pace_) - 2 * pace_rate_);
+  pace_ += dt * pace_rate_;
+  const bool arrived = wanted >= 1 && pace_ > 1 - 1e-6;
+  if (pace_ >= 1 || arrived) {
+    pace_ = 1;
+    pace_rate_ = 0;
+  } else if (pace_ <= 0) {
+    pace_ = 0;
+    pace_rate_ = std::max(0.0, pace_rate_);
+  }
+}
+
+// From derivatives by the time of the segment to derivatives by the time of the loop.
+void Reference::apply_pace() {
+  path_velocity_ = now_.velocity;
+  if (pace_ >= 1 && pace_rate_ == 0) return;
+  for (std::size_t i = 0; i < coordinates(); ++i) {
+    now_.acceleration[i] = pace_ * pace_ * now_.acceleration[i] + pace_rate_ * now_.velocity[i];
+    now_.velocity[i] *= pace_;
+  }
+}
+
+}  // namespace multipanda

@@ -1,0 +1,140 @@
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "core/reference/reference.hpp"
+
+// The pace of a set-point: it waits while the hand cannot follow, and keeps the hand's speed within its
+// bound.
+namespace multipanda {
+namespace {
+
+constexpr double kDt = 1e-3;
+
+Reference pose_reference(double max_speed = 0.25) {
+  Reference reference({.name = "pose", .max_speed = max_speed}, 7);
+  reference.start(Pose{rotation_from_rpy({0.3, -0.4, 0.7}), {0.4, -0.1, 0.3}});
+  return reference;
+}
+
+Pose moved(const Reference& reference, const Vector3& by) {
+  Pose X = reference.pose();
+  X.position += by;
+  return X;
+}
+
+TEST(Pace, WaitsWhilePulledToAndGoesOn) {
+  Reference reference = pose_reference();
+  const Pose start = reference.pose(), goal = moved(reference, {0.1, -0.2, -0.3});
+  const Vector3 along = (goal.position - start.position).normalized();
+  ASSERT_EQ(reference.post(pose_target(goal)), Verdict::accepted);
+  Vector6 pull = Vector6::Zero();
+  pull.head<3>() = 60 * along;
+  double t = 0;
+  const auto advance = [&](double share) {
+    const Pose before = reference.pose();
+    const Vector3 v = reference.twist().linear();
+    reference.resist(pull, share, 0);
+    reference.advance(kDt, t += kDt);
+    // The velocity is that of the positions, and continuous.
+    EXPECT_LT(((reference.pose().position - before.position) / kDt - reference.twist().linear()).norm(),
+              0.01);
+    EXPECT_LT((reference.twist().linear() - v).norm() / kDt, 6.0);
+  };
+  while (t < 0.6) advance(0);
+  const double speed = reference.twist().linear().norm();
+  EXPECT_GT(speed, 0.1);
+  const Vector3 at = reference.pose().position;
+  while (t < 1.1) advance(1.0);
+  EXPECT_LT(reference.twist().linear().norm(), 1e-3);
+  EXPECT_LT((reference.pose().position - at).norm(), 0.1 * speed);  // stopped within 2 e / bandwidth
+  const Vector3 waiting = reference.pose().position;
+  while (t < 6) advance(1.0);
+  EXPECT_LT((reference.pose().position - waiting).norm(), 1e-3);
+  while (t < 12) advance(0.1);
+  EXPECT_LT((reference.pose().position - goal.position).norm(), 1e-9);
+}
+
+TEST(Pace, MovesAwayFromWhatItIsPulledTo) {
+  Reference reference = pose_reference();
+  const Pose goal = moved(reference, {0, 0, 0.2});
+  ASSERT_EQ(reference.post(pose_target(goal)), Verdict::accepted);
+  Vector6 pull = Vector6::Zero();
+  pull.head<3>() << 0, 0, -60;
+  for (int k = 1; k < 3000; ++k) {
+    reference.resist(pull, 2, 0);
+    reference.advance(kDt, kDt * k);
+  }
+  EXPECT_LT((reference.pose().position - goal.position).norm(), 1e-9);
+  EXPECT_EQ(reference.pace(), 1);
+}
+
+// Goals and streams that arrive while the hand is blocked do not draw the set-point on, at any rate of
+// arrival.
+TEST(Pace, TargetsThatArriveMeanwhileWait) {
+  for (const Delivery delivery : {Delivery::goal, Delivery::stream}) {
+    Reference reference = pose_reference();
+    const Pose goal = moved(reference, {0, 0, -0.3});
+    const Vector3 start = reference.pose().position;
+    Vector6 pull = Vector6::Zero();
+    pull.head<3>() << 0, 0, -60;
+    double t = 0;
+    for (int k = 0; k < 2000; ++k) {
+      Pose X = goal;
+      if (delivery == Delivery::stream) X.position.z() = start.z() - 0.25 * t;
+      ASSERT_EQ(reference.post(pose_target(X, 0, delivery)), Verdict::accepted);
+      reference.resist(pull, 1.2, 0);
+      reference.advance(kDt, t += kDt);
+    }
+    EXPECT_LT((reference.pose().position - start).norm(), 0.03);
+    if (delivery == Delivery::stream) continue;
+    for (int k = 0; k < 5000; ++k) reference.advance(kDt, t += kDt);
+    EXPECT_LT((reference.pose().position - goal.position).norm(), 1e-9);
+  }
+}
+
+// A wrist that turns moves the hand by a lever that grows on the way.
+TEST(Pace, JointGoalsKeepTheHandWithinItsSpeed) {
+  constexpr double kGreatest = 0.25;
+  for (const Delivery delivery : {Delivery::goal, Delivery::stream}) {
+    Reference reference({.name = "joints", .quantity = Quantity::joints, .max_speed = 2}, 2);
+    JointVector q(2);
+    q << 0.2, 2.6;
+    reference.start(q);
+    // A planar arm of two links: p = l (cos q1 + cos q12, sin q1 + sin q12, 0).
+    constexpr double kLink = 0.5;
+    const auto place = [&](const JointVector& at) {
+      const double sum = at[0] + at[1];
+      return Vector3(kLink * (std::cos(at[0]) + std::cos(sum)), kLink * (std::sin(at[0]) + std::sin(sum)), 0);
+    };
+    const auto jacobian = [&](const JointVector& at) {
+      Jacobian J = Jacobian::Zero(6, 2);
+      const Vector3 p = place(at), elbow(kLink * std::cos(at[0]), kLink * std::sin(at[0]), 0);
+      J.col(0).head<3>() = Vector3::UnitZ().cross(p);
+      J.col(1).head<3>() = Vector3::UnitZ().cross(Vector3(p - elbow));
+      return J;
+    };
+    Target target;
+    target.size = 2;
+    target.delivery = delivery;
+    target.values[0] = 1.7;
+    target.values[1] = 0.2;  // from folded to nearly stretched
+    double t = 0, fastest = 0;
+    for (int k = 0; k < 20000; ++k) {
+      if (k == 0 || (delivery == Delivery::stream && k % 5 == 0)) {
+        ASSERT_EQ(reference.post(target), Verdict::accepted);
+      }
+      const Vector3 before = place(reference.joints());
+      reference.bound_hand_speed(kGreatest, jacobian(reference.joints()));
+      reference.advance(kDt, t += kDt);
+      fastest = std::max(fastest, (place(reference.joints()) - before).norm() / kDt);
+    }
+    EXPECT_LT(fastest, 1.05 * kGreatest);
+    EXPECT_GT(fastest, 0.5 * kGreatest);
+    EXPECT_NEAR(reference.joints()[0], 1.7, 1e-6);
+    EXPECT_NEAR(reference.joints()[1], 0.2, 1e-6);
+  }
+}
+
+}  // namespace
+}  // namespace multipanda
