@@ -29,13 +29,16 @@ TorqueLimiter::TorqueLimiter(Limits limits) : limits_(std::move(limits)) {
 
 void TorqueLimiter::restart(const JointVector& in_use) {
   for (Eigen::Index i = 0; i < sent_.size(); ++i) {
-    sent_[i] = in_use_[i] = i < in_use.size() && std::isfinite(in_use[i]) ? in_use[i] : 0.0;
+    const double bound = limits_.tau_max[i];
+    const bool known = i < in_use.size() && std::isfinite(in_use[i]);
+    sent_[i] = in_use_[i] = known ? std::clamp(in_use[i], -bound, bound) : 0.0;
   }
 }
 
 void TorqueLimiter::observe(const JointVector& in_use) {
   for (Eigen::Index i = 0; i < sent_.size(); ++i) {
-    const bool known = i < in_use.size() && std::isfinite(in_use[i]);
+    // What was sent is within the limit. A number beyond it is not in use: a step from there would be, too.
+    const bool known = i < in_use.size() && std::abs(in_use[i]) <= limits_.tau_max[i];
     in_use_[i] = known && !explained_by_rounding(in_use[i], sent_[i]) ? in_use[i] : sent_[i];
   }
 }

@@ -32,10 +32,10 @@ class TorqueLimiter {
   explicit TorqueLimiter(Limits limits);
 
   // The arm takes commands again: counts from this torque alone. Values that are not finite count as zero, as
-  // do missing ones.
+  // do missing ones; values beyond the limit count as the limit.
   void restart(const JointVector& in_use);
   // A fresh state shows which torque is in use. A difference that single precision explains is none. Values
-  // that are not finite, and missing ones, say nothing.
+  // that are not finite or beyond the limit, and missing ones, say nothing.
   void observe(const JointVector& in_use);
   // The torque to send. `dt`: since the last one. Values that are not finite become zero.
   const JointVector& limit(const JointVector& requested, double dt, Cuts& cuts);

@@ -65,6 +65,23 @@ TEST(TorqueLimiter, WhatIsNoNumberSaysNothing) {
   EXPECT_EQ(limits.in_use()[3], 5);
 }
 
+// Whatever an arm says of the torque in use, now or when it takes commands again: no command is beyond the
+// limit, and a single wrong number moves the command by no more than a step.
+TEST(TorqueLimiter, ATorqueInUseBeyondTheLimitLiftsNoLimit) {
+  test::Draw draw(17);
+  TorqueLimiter limits = limiter();
+  for (const double absurd : {kBound + 1e-3, 2 * kBound, 1e30}) {
+    for (const double sign : {-1.0, 1.0}) {
+      const double before = draw.uniform(-70, 70), goal = draw.uniform(-70, 70);
+      limits.restart(joint_constant(kJoints, before));
+      EXPECT_NEAR(step_of(limits, sign * absurd, goal), before, kStep + 1e-12);
+      limits.restart(joint_constant(kJoints, sign * absurd));
+      EXPECT_DOUBLE_EQ(limits.sent()[3], sign * kBound);
+      EXPECT_LE(std::abs(step_of(limits, sign * absurd, sign * 2 * kBound)), kBound);
+    }
+  }
+}
+
 TEST(TorqueLimiter, TheLowPassMovesFromWhatIsInUse) {
   TorqueLimiter limits = limiter(100);
   limits.restart(joint_constant(kJoints, 1));
