@@ -174,6 +174,9 @@ class Connection:
                 self._socket.sendall(line)
         except OSError:
             self._end("the run has ended")
+        except BaseException:  # Ctrl-C: perhaps in the middle of a line, so nothing more can follow it
+            self._end("a request was interrupted while it was sent")
+            raise
         return future
 
     def ask(self, request: Json, timeout_s: float = 30) -> Json:

@@ -101,6 +101,38 @@ class Leaving(unittest.TestCase):
     def test_interrupted_in_mid_stream_ends_in_hold(self):
         self.ended_from_outside(signal.SIGINT, "stream")
 
+    def test_a_program_that_closes_nothing_ends_in_hold(self):
+        with tempfile.TemporaryDirectory() as folder:
+            code = "import sys, multipanda as mp\nrun = mp.run('one_arm', record=sys.argv[1])\n"
+            code += "run['cartesian'].goal('pose', run.arms['arm'].state.pose.moved(z=0.1), duration_s=20)\n"
+            code += "print(run.process.child.pid, flush=True)"
+            done = subprocess.run(
+                [sys.executable, "-c", code, folder], capture_output=True, text=True, timeout=PATIENCE, check=True
+            )
+            until(lambda: ended(int(done.stdout)), "the end of the program")
+            self.check_hold(folder)
+
+    def test_a_line_that_was_interrupted_ends_the_connection(self):
+        with mp.run("one_arm") as run:
+            other = mp.connect()
+
+            class Interrupted:
+                def sendall(self, line):
+                    sent.send(line[:5])
+                    raise KeyboardInterrupt
+
+                def __getattr__(self, name):
+                    return getattr(sent, name)
+
+            sent, other.connection._socket = other.connection._socket, Interrupted()
+            with self.assertRaises(KeyboardInterrupt):
+                other.state()
+            other.connection._socket = sent
+            with self.assertRaises(mp.Disconnected):
+                other.state()
+            other.close()
+            self.assertEqual(run.active, ["cartesian"])
+
     def test_the_thread_that_started_it_may_end(self):
         started = []
         thread = threading.Thread(target=lambda: started.append(mp.run("one_arm")))
