@@ -143,6 +143,45 @@ TEST_F(Backends, StartConfiguresEachArmFromTheSceneAndBeginsTorqueControl) {
   EXPECT_TRUE(backend_->ended());
 }
 
+// What came while the program was set up, or stood still, is not acted on: a full socket buffer keeps the
+// oldest states. The first cycle begins at a state of now, answers that one, and no arm counts as one that
+// was silent.
+TEST_F(Backends, TheFirstCycleBeginsAtTheNewestStates) {
+  activate("both");
+  FciOptions options;
+  options.model_check = ModelCheck::off;
+  options.state_timeout_s = options.lost_after_s = 20;
+  backend_ = std::make_unique<FciBackend>(std::vector{config(0), config(1)}, options);
+  cycle_ = std::make_unique<ControlCycle>(build_cycle_config(scene_), registry_, *backend_);
+  cycle_->modes().activate_at_start(active_);
+  backend_->start();
+  constexpr int kQueued = 400;  // more than the buffer holds
+  std::array<std::uint64_t, 2> newest{};
+  for (std::size_t i = 0; i < 2; ++i) {
+    fakes_[i]->set_automatic(false);
+    for (int k = 0; k < kQueued; ++k) {
+      fakes_[i]->change([](RobotState& s) { s.q[2] += 1e-5; });
+      newest[i] = fakes_[i]->publish();
+    }
+    (void)fakes_[i]->commands_waiting();
+  }
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  ArmSet seen;
+  for (int k = 0; k < 20 && seen != ArmSet::all(2); ++k) {
+    const ArmSet due = step();
+    for (std::size_t i = 0; i < 2; ++i) {
+      if (!due.contains(i) || seen.contains(i)) continue;
+      EXPECT_NEAR(cycle_->data().state[i].q[2], scene_.arms[i].q_start[2] + 1e-5 * kQueued, 1e-9);
+      const auto command = fakes_[i]->command();
+      ASSERT_TRUE(command);
+      EXPECT_GE(command->message_id, newest[i]);
+    }
+    seen |= due;
+  }
+  EXPECT_EQ(seen, ArmSet::all(2));
+  for (std::size_t i = 0; i < 2; ++i) EXPECT_EQ(cycle_->safety().counted(i, Intervention::state_old), 0u);
+}
+
 TEST_F(Backends, ForcesAreInWorldAxes) {
   for (auto& fake : fakes_) {
     fake->change([](RobotState& s) { s.O_F_ext_hat_K = {1, 2, 3, 4, 5, 6}; });

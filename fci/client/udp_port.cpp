@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <linux/sock_diag.h>
 #include <stdexcept>
 #include <string>
 #include <sys/socket.h>
 #include <unistd.h>
+#include <utility>
 
 namespace multipanda::fci {
 namespace {
@@ -49,8 +51,10 @@ bool UdpPort::receive() noexcept {
     counters_.lost_in_a_row.store(0, std::memory_order_relaxed);
   }
   fresh_ = false;
-  // Bounded, so that a flood cannot block the loop.
-  constexpr int kMost = 64;
+  // More than the socket's buffer holds, so that a loop that stood still finds the newest; bounded, so that a
+  // flood cannot block the loop.
+  constexpr int kMost = 300;
+  int count = 0;
   for (int i = 0; i < kMost; ++i) {
     sockaddr_in from{};
     socklen_t size = sizeof(from);
@@ -61,12 +65,24 @@ bool UdpPort::receive() noexcept {
       break;
     }
     take(std::span(buffer_).first(static_cast<std::size_t>(n)), from);
+    ++count;
   }
+  constexpr int kBacklog = 8;  // datagrams, fewer than any buffer holds
+  if (count >= kBacklog && has_overflowed()) fresh_ = false;
   if (fresh_) {
     received_at_ = host_now();
     counters_.success_rate.store(state().control_command_success_rate, std::memory_order_relaxed);
   }
   return fresh_;
+}
+
+// A full buffer keeps the oldest datagrams and drops the newest. What was in it may be of long ago, so it is
+// not acted on; the arm's next state comes within a millisecond.
+bool UdpPort::has_overflowed() noexcept {
+  std::array<std::uint32_t, SK_MEMINFO_VARS> info{};
+  socklen_t size = sizeof(info);
+  if (::getsockopt(file_, SOL_SOCKET, SO_MEMINFO, info.data(), &size) != 0) return false;
+  return std::exchange(dropped_, info[SK_MEMINFO_DROPS]) != info[SK_MEMINFO_DROPS];
 }
 
 void UdpPort::take(std::span<const std::byte> datagram, const sockaddr_in& from) noexcept {

@@ -48,6 +48,7 @@ class UdpPort {
     std::uint32_t address = 0;
   };
   void take(std::span<const std::byte> datagram, const sockaddr_in& from) noexcept;
+  bool has_overflowed() noexcept;  // since the last call
 
   int file_ = -1;
   std::uint16_t number_ = 0;
@@ -59,6 +60,7 @@ class UdpPort {
 
   StateIntake intake_;
   bool fresh_ = false;
+  std::uint32_t dropped_ = 0;  // datagrams that found the socket's buffer full, by has_overflowed()
   sockaddr_in source_{};
   HostTime received_at_;
 
