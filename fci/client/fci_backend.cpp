@@ -9,6 +9,7 @@
 
 #include "device/arm_settings.hpp"
 #include "fci/client/arm_driver.hpp"
+#include "fci/client/first_states.hpp"
 
 namespace multipanda::fci {
 namespace {
@@ -265,11 +266,16 @@ ArmSet FciBackend::wait_until(HostTime deadline) {
   }
 }
 
-// Waits for a new state of every arm, at most until `deadline`.
+// Waits for a new state of every arm, at most until `deadline`. Meanwhile those that have one are held.
 ArmSet FciBackend::Implementation::all_once(HostTime deadline) {
+  FirstStates states;
   while (true) {
     receive_all();
     if (unread() == ArmSet::all(arms.size()) || host_now() >= deadline) return unread();
+    for (ArmIndex i = 0; i < arms.size(); ++i) {
+      if (!arms[i]->is_unread() || !states.is_to_be_held(i, arms[i]->newest().message_id)) continue;
+      arms[i]->hold(false);
+    }
     sleep_until(deadline);
   }
 }

@@ -30,6 +30,10 @@ constexpr std::chrono::milliseconds kPartingPatience{5};
 // Limits a flood of messages: the rest waits for the next round, so that no program blocks the loop.
 constexpr int kDatagramsPerRound = 64, kConnectionsPerRound = 8;
 
+bool is_external(const RobotState& state) {
+  return state.controller_mode == static_cast<std::uint8_t>(ControllerMode::external);
+}
+
 bool is_finish(const RobotCommand& command) {
   return command.motion_generation_finished || command.torque_command_finished;
 }
@@ -215,7 +219,9 @@ void ArmPort::publish() {
   }
   fill(state_, message_id_, arm_, config_.fixed);
   // The world has not yet advanced with the torque that was just taken, but the arm has.
-  if (config_.own_clock) show_torque_in_use(state_, arm_);
+  if (config_.own_clock && motion_.runs && motion_.commanded && is_external(state_)) {
+    show_torque_taken(state_, command_.tau_J_d);
+  }
   const std::size_t size = encode(*client_->dialect, state_, state_bytes_);
   const std::span<const std::byte> bytes(state_bytes_.data(), size);
   if (config_.lockstep && (out_.faults().any() || overtaken_)) {

@@ -149,8 +149,6 @@ void show_idle(RobotState& state, const SimulatedArm& arm) {
   state.control_command_success_rate = 0;
 }
 
-void show_torque_in_use(RobotState& state, const SimulatedArm& arm) {
-  if (const JointVector* tau = arm.torque_in_use()) put(state.tau_J_d, *tau);
-}
+void show_torque_taken(RobotState& state, const JointVector& tau) { put(state.tau_J_d, tau); }
 
 }  // namespace multipanda::fci

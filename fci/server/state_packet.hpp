@@ -23,8 +23,9 @@ void fill(RobotState& state, std::uint64_t message_id, const SimulatedArm& arm, 
 // An arm whose motion has ended since it measured: modes and errors as they will be in its next state.
 void show_idle(RobotState& state, const SimulatedArm& arm);
 
-// tau_J_d of an arm that has taken a torque since it measured.
-void show_torque_in_use(RobotState& state, const SimulatedArm& arm);
+// tau_J_d of an arm in torque control: the torque that it took last, even if its motors are still at an older
+// one. Arms that show it later survive a lost command only at a fraction of the torque rate.
+void show_torque_taken(RobotState& state, const JointVector& tau);
 
 // Column-major 4x4, as on the wire.
 std::array<double, 16> to_wire(const Pose& X);

@@ -32,8 +32,7 @@ std::span<const std::byte> ArmSide::period(std::int64_t now_ns) {
 
 // tau_J_d of a motion is the command taken last, from the state after it on, whatever the motors are at.
 void ArmSide::show_torque() {
-  if (!runs_ || !commanded_) return;
-  std::copy(accepted_.begin(), accepted_.end(), state_.tau_J_d.begin());
+  if (runs_ && commanded_) show_torque_taken(state_, accepted_);
 }
 
 void ArmSide::take_answer(std::span<const std::byte> datagram, std::int64_t now_ns) {

@@ -97,10 +97,16 @@ Outcome run_gap(const Gap& gap) {
                    {.time = times, .registry = test::laws()});
   Outcome outcome;
   run.on_event = [&](const Event& event) {
-    if (event.arm >= 2) return;
-    if (event.kind == EventKind::arm_mode) outcome.mode_reported[event.arm] = true;
-    if (event.kind == EventKind::intervention && event.intervention != Intervention::torque_rate_clamped) {
-      outcome.hold_reported[event.arm] = true;
+    if (event.kind == EventKind::arm_mode && event.arm < 2) outcome.mode_reported[event.arm] = true;
+    if (event.kind == EventKind::switch_refused) outcome.hold_reported = {true, true};
+    if (event.kind != EventKind::intervention || event.intervention == Intervention::torque_rate_clamped) {
+      return;
+    }
+    // Who loses its law loses it for all of its arms, and a refused start is one of all arms.
+    for (ArmIndex i = 0; i < 2; ++i) {
+      const bool of_law = event.instance < run.modes().instance_count() &&
+                          run.modes().instance(event.instance).arms().contains(i);
+      if (event.arm == i || of_law) outcome.hold_reported[i] = true;
     }
   };
   const auto names = laws_of(gap.moment);
@@ -218,9 +224,10 @@ TEST(Gaps, LongerOnesEndInAHoldOrTheArmsOwnStopAndTheRunSaysWhich) {
         EXPECT_TRUE(outcome.mode_reported[i]) << "no event says that arm " << i << " stopped";
         ++ends["stopped itself"];
       } else if (outcome.held[i]) {
-        EXPECT_TRUE(concerned || gap.moment == Moment::two_arms) << "arm " << i;
-        EXPECT_TRUE(outcome.hold_reported[i] || gap.moment == Moment::two_arms)
-            << "no event says that arm " << i << " is held";
+        // The laws of the first cycle start together or not at all.
+        EXPECT_TRUE(concerned || gap.moment == Moment::two_arms || gap.moment == Moment::first_cycle)
+            << "arm " << i;
+        EXPECT_TRUE(outcome.hold_reported[i]) << "no event says that arm " << i << " is held";
         ++ends["held"];
       } else {
         ++ends["went on"];

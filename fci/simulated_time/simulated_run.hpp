@@ -34,8 +34,8 @@ class SimulatedRun {
   void run_for(double duration_s);
   void end();
 
-  // After each cycle, with its record: owners, states, torques sent, the controllets' outputs (energy balances
-  // among them; layout() has their places).
+  // After each cycle, with its record: owners, states, torques sent, the controllets' outputs (energy
+  // balances among them; layout() has their places).
   std::function<void(const CycleRecord&)> after_cycle;
   // Each event of the cycle: switches, interventions, refusals.
   std::function<void(const Event&)> on_event;

@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "fci/client/first_states.hpp"
 #include "fci/client/from_scene.hpp"
 #include "fci/server/from_scene.hpp"
 #include "fci/simulated_time/implementation.hpp"
@@ -116,8 +117,15 @@ ArmSet SimulatedTime::Implementation::wait(std::int64_t deadline_ns, bool for_al
   events.run_until(busy_until_ns);
   const auto ready = [&] { return for_all ? unread() == ArmSet::all(arms.size()) : !unread().empty(); };
   bool slept = false;
+  FirstStates states;
   while (!ready() && !plant.failed()) {
     slept = true;
+    for (ArmIndex i = 0; for_all && i < arms.size(); ++i) {
+      ClientSide& client = *arms[i].client;
+      if (!client.is_unread() || !states.is_to_be_held(i, client.newest().message_id)) continue;
+      sending_ns = events.now_ns() + draw_client.time(options.client.compute);
+      client.hold(false);
+    }
     if (events.next_ns() > deadline_ns) {
       events.run_until(deadline_ns);
       break;

@@ -60,8 +60,7 @@ TEST(SimulatedTime, ArmsSendByTheirOwnClocks) {
   EXPECT_EQ(run.world().account(0).answers_late, 0u);
 }
 
-// Both networks take 100 us; so an answer arrives 200 us after its state, and as long as the program
-// computes.
+// Both networks take 100 us: an answer arrives 200 us and the computing time after its state.
 TEST(SimulatedTime, AnAnswerCountsForOneMillisecond) {
   for (const auto& [compute_us, in_time] :
        {std::pair{700, true}, std::pair{790, true}, std::pair{810, false}, std::pair{900, false}}) {
@@ -78,6 +77,31 @@ TEST(SimulatedTime, AnAnswerCountsForOneMillisecond) {
     EXPECT_EQ(arm.longest_miss, SimulatedArm::kLostCommands);
     EXPECT_EQ(run.world().arm(0).reflex_detail().error, ArmError::communication_constraints_violation);
   }
+}
+
+// Without the client's limiter: a torque that grows by `step` each period, and one answer that is lost.
+ReflexDetail after_a_lost_answer(double step) {
+  SimulatedTime world(two_arms(), plain_times(2));
+  world.start();
+  std::vector<ArmState> states(2);
+  std::vector<ArmCommand> commands(2, {.tau_cmd = joint_constant(7, 0)});
+  for (int k = 0; k < 12;) {
+    const ArmSet due = world.wait();
+    world.read(due, states);
+    if (due.contains(0)) {
+      commands[0].tau_cmd[0] += step;
+      if (++k == 6) world.lose_answers(0, 1);
+    }
+    world.write(due, commands);
+  }
+  return world.arm(0).reflex_detail();
+}
+
+TEST(SimulatedTime, AnArmJudgesTheTorqueByTheLastThatItTook) {
+  EXPECT_FALSE(after_a_lost_answer(0.49)) << "two steps are within the rate of 1 N m per period";
+  const ReflexDetail reflex = after_a_lost_answer(0.51);
+  EXPECT_EQ(reflex.error, ArmError::controller_torque_discontinuity);
+  EXPECT_NEAR(reflex.value, 1020, 1e-6);
 }
 
 // Where late answers are taken in the next period, a program that is always a little late is never stopped.

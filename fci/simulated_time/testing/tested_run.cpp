@@ -67,6 +67,10 @@ Scene two_arms(const PlantFidelity& plant) {
     arm.model = i == 0 ? "fer" : "fr3";
     arm.hand = i == 0;
     arm.movable_fingers = false;
+    // Real arms have motors; without their inertia a bare wrist is not stable behind 1 to 2 ms of delay.
+    auto robot = std::make_shared<RobotDescription>(robot_of(arm));
+    robot->motor_inertia = joint_constant(7, kAssumedMotorInertia);
+    arm.plant_robot = std::move(robot);
     arm.X_WB = {rotation_from_rpy({0.05, -0.1, 0.7 * i}), Vector3(0.3, 1.0 - 2.0 * i, 0.4)};
     const auto model = build_arm_model(arm);
     arm.q_start = model->q_home();
