@@ -22,7 +22,7 @@ from .log import Log, read_log
 from .notebook import live_table
 from .parameters import Parameter
 from .program import program_path
-from .started import Run, Summary, run
+from .started import Run, Summary, play, run
 from .state import ArmState, GripperState, Pose, RunState
 from .stream import Stream
 from .stubs import stubs
@@ -59,6 +59,7 @@ __all__ = [
     "experiment",
     "identify",
     "live_table",
+    "play",
     "program_path",
     "read_log",
     "refine",

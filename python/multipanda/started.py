@@ -18,7 +18,7 @@ from typing import IO, Any
 
 from .client import Client
 from .connection import Connection, make_socket_folder
-from .errors import Disconnected, Error, Refused, Timeout
+from .errors import Disconnected, Error, Refused, Timeout, VersionMismatch
 from .program import checked_program, last_lines
 
 _NUMBERS = itertools.count(1)
@@ -124,6 +124,13 @@ class Summary(dict[str, Any]):
         """Why it was no success."""
         return list(self.get("faults", []))
 
+    @property
+    def log(self) -> pathlib.Path:
+        """The log, in a folder of its own, if the run was recorded (record=DIR)."""
+        if not self.get("log"):
+            raise Refused("no_log", "this run was not recorded", 'record it: mp.run(..., record="runs")')
+        return pathlib.Path(self["log"])
+
     def __str__(self) -> str:
         cycle = self["cycle_us"]
         faults = f"; failed: {'; '.join(self.faults)}" if self.faults else ""
@@ -131,6 +138,25 @@ class Summary(dict[str, Any]):
             f"{self['scene']}: {self['cycles']} cycles, {self['time_s']:.3f} s, {self['overruns']} overruns, "
             f"cycle median {cycle['median']:.1f} us, worst {cycle['worst']:.1f} us{faults}"
         )
+
+
+def _raise_start(process: Process, code: int) -> None:
+    said = last_lines(process.messages) or f"exit code {code}"
+    if "--until-input-ends" in said:
+        raise VersionMismatch(f"{process.words[0]} is older than this package: {said}", "build it again")
+    if code == 2:
+        raise Refused("not_understood", said, "multipanda list scenes, multipanda run --help")
+    raise Error(f"the program ended at its start with code {code}:\n{said}", "see the messages above")
+
+
+def _summary(process: Process, code: int) -> Summary:
+    lines = process.output.strip().splitlines()
+    if not lines:
+        raise Error(
+            f"the program ended with code {code} and without a summary:\n{last_lines(process.messages)}",
+            "see the messages above",
+        )
+    return Summary(json.loads(lines[-1]))
 
 
 class Run(Client):
@@ -158,7 +184,7 @@ class Run(Client):
         while True:
             code = self.process.child.poll()
             if code is not None:
-                self._raise_start(code)
+                _raise_start(self.process, code)
             try:
                 return Connection(socket)
             except Disconnected:
@@ -169,16 +195,6 @@ class Run(Client):
                     "see its messages; real arms must be unlocked and reachable (multipanda doctor)",
                 )
             time.sleep(0.005)
-
-    def _raise_start(self, code: int) -> None:
-        said = last_lines(self.process.messages) or f"exit code {code}"
-        if "--until-input-ends" in said:
-            from .errors import VersionMismatch
-
-            raise VersionMismatch(f"{self.process.words[0]} is older than this package: {said}", "build it again")
-        if code == 2:
-            raise Refused("not_understood", said, "multipanda list scenes, multipanda run --help")
-        raise Error(f"the program ended at its start with code {code}:\n{said}", "see the messages above")
 
     def _end_process(self) -> int:
         try:
@@ -208,9 +224,7 @@ class Run(Client):
         """The log, in a folder of its own; known once the run is over, if it was recorded (record=DIR)."""
         if self.summary is None:
             raise Refused("running", "the log is complete when the run is over", "leave `with` or call close() first")
-        if not self.summary.get("log"):
-            raise Refused("no_log", "this run was not recorded", 'mp.run(..., record="runs")')
-        return pathlib.Path(self.summary["log"])
+        return self.summary.log
 
     def wait(self, timeout_s: float | None = None) -> Summary:
         """Waits until the scene is over by itself (seconds=... or timeline=True), then closes."""
@@ -230,13 +244,7 @@ class Run(Client):
             code = self._end_process()
         finally:
             self.connection.close()
-        lines = self.process.output.strip().splitlines()
-        if not lines:
-            raise Error(
-                f"the program ended with code {code} and without a summary:\n{last_lines(self.process.messages)}",
-                "see the messages above",
-            )
-        self.summary = Summary(json.loads(lines[-1]))
+        self.summary = _summary(self.process, code)
 
     def __enter__(self) -> Run:
         return self
@@ -252,6 +260,53 @@ class Run(Client):
         except (Error, ValueError) as also:
             if error is not None and hasattr(error, "add_note"):
                 error.add_note(f"also at the end of the run: {also}")
+
+
+def _words(
+    scene: str | os.PathLike[str],
+    address: Mapping[str, str] | None,
+    backend: str | None,
+    record: str | os.PathLike[str] | None,
+    seconds: float | None,
+    fast: bool,
+) -> list[str]:
+    words: list[str] = ["run", os.fspath(scene), "--json", "--until-input-ends"]
+    if backend is not None or address:
+        words += ["--backend", backend or "fci"]
+    for arm, where in (address or {}).items():
+        words += ["--address", f"{arm}={where}"]
+    if record is not None:
+        words += ["--record", os.fspath(record)]
+    if seconds is not None:
+        words += ["--seconds", f"{seconds:g}"]
+    if fast:
+        words.append("--fast")
+    return words
+
+
+def play(
+    scene: str | os.PathLike[str],
+    *,
+    address: Mapping[str, str] | None = None,
+    backend: str | None = None,
+    record: str | os.PathLike[str] | None = None,
+    seconds: float | None = None,
+    fast: bool = True,
+    arguments: Sequence[str] = (),
+    end_timeout_s: float = 60,
+) -> Summary:
+    """Plays a scene with its timeline to its end and returns the summary; fast: as fast as possible.
+
+    Ctrl-C, every other exception and the death of this process end it in hold. Real arms need fast=False.
+    """
+    process = Process([*_words(scene, address, backend, record, seconds, fast), *arguments])
+    try:
+        code = process.child.wait()
+    finally:
+        process.end(end_timeout_s)
+    if code == 2:
+        _raise_start(process, code)
+    return _summary(process, code)
 
 
 def run(
@@ -273,23 +328,16 @@ def run(
 
     address: the real arms' addresses by name; without it the arms are simulated. record: folder in which the log's
     folder is made. seconds: ends by itself then. timeline: also plays the scene's timeline; by default the scene
-    waits for commands. fast: as fast as possible instead of in real time. arguments: more options of `multipanda run`.
+    waits for commands. fast: as fast as possible instead of in real time, until it is closed. arguments: more options
+    of `multipanda run`.
     """
-    words: list[str] = ["run", os.fspath(scene), "--json", "--until-input-ends"]
+    if fast and (timeline or seconds is not None):
+        raise ValueError(
+            "run: with fast=True it could be over before it can be commanded: use mp.play(), or fast alone"
+        )
+    words = _words(scene, address, backend, record, 1e6 if fast else seconds, fast)
     if not timeline:
         words.append("--no-timeline")
-    if backend is not None or address:
-        words += ["--backend", backend or "fci"]
-    for arm, where in (address or {}).items():
-        words += ["--address", f"{arm}={where}"]
-    if record is not None:
-        words += ["--record", os.fspath(record)]
-    if seconds is None and fast and not timeline:
-        seconds = 1e6  # without an end of its own, until it is closed
-    if seconds is not None:
-        words += ["--seconds", f"{seconds:g}"]
-    if fast:
-        words.append("--fast")
     if cpu is not None:
         words += ["--cpu", str(cpu)]
     if ros:

@@ -9,7 +9,7 @@ import unittest
 import harness  # first: it sets the paths
 import multipanda as mp
 import numpy as np
-from harness import FOLDER, PATIENCE
+from harness import FOLDER
 
 SECONDS = 5
 
@@ -17,9 +17,7 @@ SECONDS = 5
 class Logs(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        with mp.run("two_arms", fast=True, timeline=True, seconds=SECONDS, record=FOLDER / "runs") as run:
-            run.wait(PATIENCE)
-        cls.path = run.log
+        cls.path = mp.play("two_arms", seconds=SECONDS, record=FOLDER / "runs").log
         cls.log = mp.read_log(cls.path)
 
     def test_the_numbers_are_those_of_another_reader(self):

@@ -164,10 +164,26 @@ class Leaving(unittest.TestCase):
             os.waitpid(sleeper, 0)
 
     def test_a_run_with_an_end_of_its_own(self):
-        with mp.run("two_arms", fast=True, timeline=True, seconds=7, record=FOLDER / "own") as run:
+        with mp.run("one_arm", seconds=0.5) as run:
             summary = run.wait(PATIENCE)
-        self.assertEqual(summary["cycles"], 7000)
-        self.assertEqual(summary["ended_by"], "duration")
+        self.assertEqual((summary["cycles"], summary["ended_by"]), (500, "duration"))
+        with self.assertRaisesRegex(mp.Refused, "not recorded"):
+            run.log  # noqa: B018
+
+    def test_a_scene_that_is_played(self):
+        summary = mp.play("two_arms", seconds=7, record=FOLDER / "own")
+        self.assertEqual((summary["cycles"], summary["ended_by"]), (7000, "duration"))
+        self.assertTrue(summary.log.exists())
+        self.assertEqual([s["started"] for s in summary["switches"]][1:3], [["right_joint"], ["dual"]])
+        with self.assertRaisesRegex(mp.Refused, "'two_arms'"):
+            mp.play("two_arm")
+
+    def test_as_fast_as_possible(self):
+        with mp.run("one_arm", fast=True) as run:
+            run["cartesian"].goal("pose", run.arms["arm"].state.pose.moved(z=0.03), duration_s=1).wait(PATIENCE)
+        self.assertFalse(run.summary["paced"])
+        with self.assertRaisesRegex(ValueError, "mp.play"):
+            mp.run("one_arm", fast=True, seconds=1)
 
 
 class Errors(unittest.TestCase):
