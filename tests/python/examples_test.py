@@ -12,13 +12,17 @@ from harness import FOLDER, PATIENCE, ROOT, sockets
 
 class Examples(unittest.TestCase):
     def output_of(self, name, *arguments):
-        done = subprocess.run(
-            [sys.executable, str(ROOT / "examples" / "python" / name), *map(str, arguments)],
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE,
-            cwd=FOLDER,
-        )
+        for _ in range(10):
+            done = subprocess.run(
+                [sys.executable, str(ROOT / "examples" / "python" / name), *map(str, arguments)],
+                capture_output=True,
+                text=True,
+                timeout=PATIENCE,
+                cwd=FOLDER,
+            )
+            # A busy computer may leave a stream silent for 0.1 s: the arm is held, and the example says so.
+            if "reference_stale" not in done.stderr and "not_active" not in done.stderr:
+                break
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
         self.assertEqual(sockets(), [])
         return done.stdout
@@ -52,11 +56,7 @@ class Examples(unittest.TestCase):
         code = re.search(r"```python\n(.*?)```", guide, re.S).group(1)
         program = FOLDER / "guide.py"
         program.write_text(code)
-        done = subprocess.run(
-            [sys.executable, str(program)], capture_output=True, text=True, timeout=PATIENCE, cwd=FOLDER
-        )
-        self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertRegex(done.stdout, r"\(\d+, 7\)")
+        self.assertRegex(self.output_of(program), r"\(\d+, 7\)")
 
 
 if __name__ == "__main__":

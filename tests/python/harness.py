@@ -1,6 +1,8 @@
 """What the tests of the Python package share: the program from the command line, a runtime folder of their own."""
 
 import atexit
+import contextlib
+import functools
 import os
 import pathlib
 import shutil
@@ -33,6 +35,38 @@ def until(condition, what):
         if time.monotonic() > deadline:
             raise AssertionError(f"did not happen within {PATIENCE} s: {what}")
         time.sleep(0.01)
+
+
+def streaming(test):
+    """For a test that streams in real time: begun again if this computer left the stream silent, which is held."""
+
+    @functools.wraps(test)
+    def patient(self):
+        for _ in range(9):
+            try:
+                return test(self)
+            except Silent:
+                self.setUp()
+        return test(self)
+
+    return patient
+
+
+class Silent(Exception):
+    """The computer was too busy to stream: the program has held the arm, as it should."""
+
+
+@contextlib.contextmanager
+def unless_silent():
+    """Raises Silent in place of the refusal of samples or goals after a silence."""
+    import multipanda as mp
+
+    try:
+        yield
+    except mp.Refused as refused:
+        if refused.verdict != "not_active":
+            raise
+        raise Silent from refused
 
 
 def ended(process_id):
