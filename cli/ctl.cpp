@@ -131,6 +131,12 @@ void print_state(const json& state) {
                arm["mode"].get<std::string>(), arm["stopped"].get<bool>() ? ", stopped" : "", p[0], p[1],
                p[2], fmt::join(arm["q_rad"].get<std::vector<double>>(), ", "),
                last.empty() ? "" : "  last intervention: " + last);
+    if (arm.contains("connection")) {
+      const json& c = arm["connection"];
+      fmt::print("    packets: {} received, {} lost, {} late; commands missed: {}\n",
+                 c["received"].get<std::uint64_t>(), c["lost"].get<std::uint64_t>(),
+                 c["late"].get<std::uint64_t>(), c["commands_missed"].get<std::uint64_t>());
+    }
     if (arm.contains("reason")) fmt::print("    stopped itself: {}\n", arm["reason"].get<std::string>());
   }
 }

@@ -102,6 +102,10 @@ void print_summary(const RunSummary& summary, const Console& console) {
   console.line(fmt::format("cycle [us]: p50 {:.1f}  p99 {:.1f}  p99.9 {:.1f}  max {:.1f}",
                            summary.cycle_us.median, summary.cycle_us.p99, summary.cycle_us.p999,
                            summary.cycle_us.worst));
+  for (const auto& c : summary.connections) {
+    console.line(fmt::format("arm {}: packets: {} received, {} lost, {} late; commands missed: {}", c.arm,
+                             c.packets.received, c.packets.lost, c.packets.superseded, c.commands_missed));
+  }
   std::string thread = "thread:";
   for (const auto& step : summary.thread) {
     thread += fmt::format(" {} {};", step.what,

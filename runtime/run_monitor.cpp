@@ -16,7 +16,8 @@ double microseconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-3; }
 }  // namespace
 
 RunMonitor::RunMonitor(RecordLayout layout, std::vector<JointVector> tau_max, Counted counted)
-    : layout_(std::move(layout)),
+    : success_(layout.arms.size()),
+      layout_(std::move(layout)),
       tau_max_(std::move(tau_max)),
       counted_(std::move(counted)),
       last_(layout_.arms.size(), layout_.max_references, layout_.output_count),
@@ -34,6 +35,7 @@ void RunMonitor::take(const CycleRecord& record) {
       const double use = std::abs(record.arms[arm].tau_cmd[static_cast<std::size_t>(j)]) / tau_max_[arm][j];
       torque_use_[arm] = std::max(torque_use_[arm], use);
     }
+    success_[arm].take(record.arms[arm]);
   }
   last_ = record;
 }

@@ -13,6 +13,7 @@
 #include "core/state/arm_state.hpp"
 #include "core/state/connection_statistics.hpp"
 #include "core/types/joints.hpp"
+#include "device/command_success.hpp"
 #include "runtime/cycle_histogram.hpp"
 #include "runtime/summary.hpp"
 
@@ -67,6 +68,7 @@ class RunMonitor {
   // Complete after the run.
   const CycleHistogram& cycle_times() const { return cycle_times_; }
   const std::vector<SwitchReport>& switches() const { return switches_; }
+  std::uint64_t commands_missed(std::size_t arm) const { return success_[arm].missed(); }
   const std::vector<InterventionReport>& interventions() const { return interventions_; }
 
  private:
@@ -86,6 +88,7 @@ class RunMonitor {
   std::string arm_names(std::uint32_t bits) const;
   std::string instance_name(std::uint16_t index) const;
 
+  std::vector<CommandSuccess> success_;  // per arm
   const RecordLayout layout_;
   const std::vector<JointVector> tau_max_;
   const Counted counted_;

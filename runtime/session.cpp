@@ -27,6 +27,13 @@ bool has_room(const RecordRing& ring) {
   return ring.ring.size() + kMargin < ring.ring.capacity() && ring.events.size() * 2 < ring.events.capacity();
 }
 
+bool simulates(const Backend& backend) {
+  for (ArmIndex arm = 0; arm < backend.arm_count(); ++arm) {
+    if (!backend.capabilities(arm).simulated) return false;
+  }
+  return true;
+}
+
 void sleep_us(int us) { std::this_thread::sleep_for(std::chrono::microseconds(us)); }
 
 }  // namespace
@@ -154,6 +161,8 @@ void Session::run_loop() {
   try {
     backend().start();
     runs = true;
+    // What was asked while real arms were being connected moves none of them.
+    if (!simulates(backend())) modes().begin_anew();
     started_ = host_now();
     first_cycle_ = cycle_->data().tick.cycle;
     cycle_->run([this] { return keep_on(); });
@@ -345,6 +354,12 @@ RunSummary Session::summary() {
                       .p999 = us(times.percentile(0.999)),
                       .worst = us(times.max())};
   summary.switches = monitor_->switches();
+  for (ArmIndex arm = 0; arm < connections_at_end_.size(); ++arm) {
+    if (!connections_at_end_[arm]) continue;
+    summary.connections.push_back({.arm = modes().arm_name(arm),
+                                   .packets = *connections_at_end_[arm],
+                                   .commands_missed = monitor_->commands_missed(arm)});
+  }
   for (ArmIndex arm = 0; arm < modes().arm_count(); ++arm) {
     for (std::size_t code = 1; code < static_cast<std::size_t>(Intervention::count_); ++code) {
       const auto rule = static_cast<Intervention>(code);

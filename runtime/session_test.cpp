@@ -339,6 +339,60 @@ TEST_F(SessionTest, AfterAFailureInMotionTheArmsAreLeftAsAtAnyEnd) {
   }
 }
 
+// Arms that take a while to connect, and a request meanwhile.
+class ConnectsSlowly final : public Backend {
+ public:
+  ConnectsSlowly(std::unique_ptr<Backend> arms, bool simulated, std::function<void()> meanwhile)
+      : arms_(std::move(arms)), simulated_(simulated), meanwhile_(std::move(meanwhile)) {}
+  std::size_t arm_count() const override { return arms_->arm_count(); }
+  Capabilities capabilities(ArmIndex arm) const override {
+    Capabilities can = arms_->capabilities(arm);
+    can.simulated = simulated_;
+    return can;
+  }
+  void start() override {
+    arms_->start();
+    meanwhile_();
+  }
+  void finish() override { arms_->finish(); }
+  ArmSet wait() override { return arms_->wait(); }
+  LoopTime now() const override { return arms_->now(); }
+  void read(ArmSet due, std::span<ArmState> states) override { arms_->read(due, states); }
+  void write(ArmSet due, std::span<const ArmCommand> commands) override { arms_->write(due, commands); }
+  using Backend::request;
+  std::future<RequestAnswer> request(ArmIndex, ArmRequest) override { return {}; }
+
+ private:
+  std::unique_ptr<Backend> arms_;
+  bool simulated_;
+  std::function<void()> meanwhile_;
+};
+
+TEST_F(SessionTest, WhatIsAskedWhileRealArmsConnectMovesNone) {
+  for (const bool simulated : {false, true}) {
+    Session* running = nullptr;
+    std::uint64_t ticket = 0;
+    SessionOptions options{.paced = false, .duration_s = 0.05};
+    options.make_backend = [&](const Scene& s) {
+      return std::make_unique<ConnectsSlowly>(
+          make_backend(s, registry_, {.kind = BackendKind::mujoco}, {.paced = false}).backend, simulated,
+          [&] {
+            Request request{.kind = Request::Kind::switch_controllets};
+            request.deactivate = InstanceSet{1} << running->modes().find("left_pose");
+            ASSERT_EQ(running->modes().post(std::span(&request, 1), ticket), Verdict::accepted);
+          });
+    };
+    Session session(two_poses(), registry_, options);
+    running = &session;
+    session.start();
+    const RunSummary summary = session.finish();
+    Answer answer;
+    ASSERT_TRUE(session.modes().poll(ticket, answer));
+    EXPECT_EQ(answer.verdict, simulated ? Verdict::accepted : Verdict::timeout);
+    EXPECT_EQ(summary.switches.size(), simulated ? 2u : 1u);
+  }
+}
+
 TEST_F(SessionTest, TheSummaryIsOneJsonObject) {
   Session session(two_poses("timeline:\n  - {at_s: 0.02, switch: {deactivate: [left_pose]}}\n"), registry_,
                   {.paced = false, .duration_s = 0.05});

@@ -160,6 +160,14 @@ std::string to_json(const RunSummary& summary) {
                                      {"first_s", number(i.first_s, 1e-6)},
                                      {"controllet", i.controllet}});
   }
+  json["connections"] = nlohmann::ordered_json::array();
+  for (const auto& c : summary.connections) {
+    json["connections"].push_back({{"arm", c.arm},
+                                   {"received", c.packets.received},
+                                   {"lost", c.packets.lost},
+                                   {"late", c.packets.superseded},
+                                   {"commands_missed", c.commands_missed}});
+  }
   json["reflexes"] = nlohmann::ordered_json::array();
   for (const auto& r : summary.reflexes) json["reflexes"].push_back(to_json_value(r));
   json["records_lost"] = summary.records_lost;

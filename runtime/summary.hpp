@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/rt/thread_setup.hpp"
+#include "core/state/connection_statistics.hpp"
 #include "core/types/codes.hpp"
 #include "core/types/time.hpp"
 #include "runtime/reflex_report.hpp"
@@ -48,6 +49,13 @@ struct InterventionReport {
   }
 };
 
+// Packets of an arm at the other end of a connection.
+struct ConnectionReport {
+  std::string arm;
+  ConnectionStatistics packets;
+  std::uint64_t commands_missed = 0;  // by the arm, as it reports
+};
+
 // Why a run ended.
 enum class RunEnd { duration, stopped, backend };
 std::string_view to_string(RunEnd end);
@@ -67,6 +75,7 @@ struct RunSummary {
   CycleTimes cycle_us;
   std::vector<SwitchReport> switches;
   std::vector<InterventionReport> interventions;  // per arm and rule
+  std::vector<ConnectionReport> connections;      // of arms that have one
   std::vector<ReflexReport> reflexes;             // arms that stopped themselves
   std::uint64_t records_lost = 0;                 // cycles missing in the log
   std::vector<std::string> missing;               // human-readable; empty: complete, or no log

@@ -111,6 +111,11 @@ void ArmDriver::run() {
              ctl_command("recover"));
       (void)guarded([this] { return stop(); });
     }
+    if (const double share = low_success_.exchange(1, std::memory_order_acq_rel); share < 1) {
+      notify("it received only " + std::to_string(std::lround(100 * share)) +
+             " % of the last 100 commands, and stops after 20 lost ones in a row: `multipanda doctor` tells "
+             "whether this computer or the network is late");
+    }
     change_motion();
     while (do_next_task()) {
     }
@@ -354,6 +359,11 @@ void ArmDriver::fill(HostTime now, ArmState& state) noexcept {
   state.mode = mode(now);
   if (state.mode != ArmMode::move) commanded_ = refused_ = false;
   packet_.fill(newest(), commanded_, state);
+  success_.take(state.sequence, state.mode == ArmMode::move, state.command_success_rate, now.seconds());
+  if (success_.take_low()) {
+    low_success_.store(state.command_success_rate, std::memory_order_release);
+    (void)::eventfd_write(wake_, 1);
+  }
   state.t_host = link_.received_at();
   if (end_effector_ != nullptr && end_effector_connected_.load(std::memory_order_acquire)) {
     state.gripper = end_effector_->state();

@@ -11,6 +11,7 @@
 
 #include "core/cycle/backend.hpp"
 #include "core/safety/torque_limiter.hpp"
+#include "device/command_success.hpp"
 #include "fci/client/arm_connection.hpp"
 #include "fci/client/arm_mode.hpp"
 #include "fci/client/arm_packet.hpp"
@@ -121,6 +122,7 @@ class ArmDriver {
   std::atomic<bool> end_effector_connected_{false};
   std::atomic<Phase> phase_{Phase::offline};
   std::atomic<bool> stop_requested_{false};         // by the loop
+  std::atomic<double> low_success_{1};              // by the loop: share to be reported; 1: none
   std::atomic<ArmMotion> requested_motion_;         // by the loop
   std::atomic<ArmMotion> motion_{ArmMotion::none};  // started last, by the commander
   ArmMotion handled_motion_;                        // commander: the last request that it handled
@@ -140,6 +142,7 @@ class ArmDriver {
   bool commanded_ = false;  // torques were sent in the running motion
   bool refused_ = false;    // a torque was invalid; until the motion has ended
   TorqueLimiter limiter_;   // of hold(), and of all torques with FciArmConfig::limit_rate
+  CommandSuccess success_;
   PostureHold posture_;
   int held_packets_ = 0;
 

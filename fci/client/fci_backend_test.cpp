@@ -355,6 +355,25 @@ TEST_F(Backends, ARequestThatWaitedForTooLongIsNotExecuted) {
   EXPECT_TRUE(answer(backend_->request(0, StopMotion{})).success);  // a stop is never too late
 }
 
+TEST_F(Backends, ALowShareOfReceivedCommandsIsReportedOnce) {
+  begin();
+  const auto reports = [&] {
+    (void)answer(backend_->request(0, StopMotion{}));  // after what its thread had to say before
+    const std::string words = "received only 85 % of the last 100 commands";
+    int count = 0;
+    for (std::size_t at = said_.find(words); at != std::string::npos; at = said_.find(words, at + 1)) ++count;
+    return count;
+  };
+  fakes_[0]->change([](RobotState& s) { s.control_command_success_rate = 0.85; });
+  for (int k = 0; k < 300; ++k) {
+    fakes_[0]->publish();
+    while (!step().contains(0)) {
+    }
+  }
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  EXPECT_EQ(reports(), 1) << said_;
+}
+
 TEST_F(Backends, InvalidTorquesAreNotSentAndStopTheMotion) {
   begin();
   const std::uint64_t id = fakes_[0]->publish();

@@ -131,7 +131,7 @@ json RequestHandler::state() {
   json arms = json::array();
   const ArmSet stopped = modes.stopped();
   for (ArmIndex a = 0; a < modes.arm_count() && snapshot_.cycle != 0; ++a) {
-    const auto& [sample, frames, last_intervention, stop_reason] = snapshot_.arms[a];
+    const auto& [sample, frames, last_intervention, stop_reason, success] = snapshot_.arms[a];
     const std::size_t n = run_.models[a]->joint_count();
     terms_[a].set_config(frames, {}, {});
     const Eigen::Map<const Eigen::VectorXd> q(sample.q.data(), static_cast<Eigen::Index>(n));
@@ -156,6 +156,13 @@ json RequestHandler::state() {
         {"interventions", sample.interventions},
         {"last_intervention", last_intervention}};
     if (!stop_reason.empty()) arm["reason"] = stop_reason;
+    if (const auto packets = run_.backend->connection(a)) {
+      arm["connection"] = {{"received", packets->received},
+                           {"lost", packets->lost},
+                           {"late", packets->superseded},
+                           {"commands_missed", success.missed()},
+                           {"command_success_rate", sample.command_success_rate}};
+    }
     if (sample.has_wrench_estimate) arm["wrench_n_nm"] = sample.F_K_W_est;
     if (sample.has_gripper) arm["gripper"] = gripper_state(sample);
     arms.push_back(std::move(arm));

@@ -21,6 +21,7 @@ void LatestState::take(const CycleRecord& record) {
   newest_.cycle_us = static_cast<double>(record.stages.total) * 1e-3;
   for (std::size_t arm = 0; arm < newest_.arms.size(); ++arm) {
     newest_.arms[arm].sample = record.arms[arm];
+    newest_.arms[arm].success.take(record.arms[arm]);
     if (record.arms[arm].errors == 0) newest_.arms[arm].stop_reason.clear();
   }
   const auto window = Clock::now() - window_begin_;

@@ -11,6 +11,7 @@
 #include "core/model/model_terms.hpp"
 #include "core/record/cycle_record.hpp"
 #include "core/state/arm_state.hpp"
+#include "device/command_success.hpp"
 
 namespace multipanda {
 
@@ -23,6 +24,7 @@ class LatestState {
     ArmFrames frames;               // in force, once the loop has reported them
     std::string last_intervention;  // its rule, "reference_stale"; empty: none
     std::string stop_reason;        // why the arm stopped itself; empty: it reports no error
+    CommandSuccess success;         // of the commands to it
   };
   struct Snapshot {
     std::uint64_t cycle = 0;  // 0: none yet

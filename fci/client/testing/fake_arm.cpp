@@ -45,6 +45,7 @@ constexpr std::array<double, 16> kIdentity{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0
 FakeArm::FakeArm(int version, std::string address)
     : dialect_(dialect(static_cast<std::uint16_t>(version))), address_(std::move(address)) {
   state_.robot_mode = static_cast<std::uint8_t>(RobotMode::idle);
+  state_.control_command_success_rate = 1;
   for (auto* T : {&state_.O_T_EE, &state_.O_T_EE_d, &state_.O_T_EE_c, &state_.F_T_EE, &state_.EE_T_K,
                   &state_.F_T_NE, &state_.NE_T_EE}) {
     *T = kIdentity;
