@@ -89,9 +89,9 @@ class Hold final : public Controllet {
   static constexpr std::array<double, kMaxJoints> kUsualStiffness = {300, 300, 300, 300, 120, 80, 40, 40,
                                                                      40,  40,  40,  40,  40,  40, 40, 40};
 
-  // With which a joint on its way back pushes what is in its way, a person perhaps: q_0 then waits. More than
-  // damping at kReturnSpeed and friction need.
-  static double largest_push(std::size_t joint) { return std::max(2.0, kUsualStiffness[joint] / 30); }  // [N m]
+  // [N m] with which a joint on its way back pushes what is in its way, a person perhaps: q_0 then waits.
+  // More than damping at kReturnSpeed and friction need.
+  static double largest_push(std::size_t joint) { return kUsualStiffness[joint] / 30; }
 
   void lead_back(const JointVector& q, std::span<const double> K, double reach) {
     for (Eigen::Index i = 0; i < q.size(); ++i) {

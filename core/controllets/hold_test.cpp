@@ -127,8 +127,8 @@ TEST(Hold, LeadsAJointBackToItsLimitSlowly) {
   EXPECT_NEAR(rig.state(0).q[0], model->limits().q_max[0], 1e-4);
 }
 
-// Something, perhaps a person, is in the way of a joint that is led back: it is not pushed ever harder. The way
-// of 0.5 rad would be 150 N m.
+// Something, perhaps a person, is in the way of a joint that is led back: it is not pushed ever harder. The
+// way of 0.5 rad would be 150 N m.
 TEST(Hold, WaitsForAJointThatDoesNotFollow) {
   const auto model = panda();
   ControlletRig rig(hold_controllet(), {model});
@@ -142,16 +142,17 @@ TEST(Hold, WaitsForAJointThatDoesNotFollow) {
     for (int i = 0; i < 8000; ++i) {
       ASSERT_EQ(rig.tick(0.001), LawResult::ok);
       ASSERT_LT(-sign * rig.tau(0)[0], 10 + 300 * 1e-4 + 0.5) << i;
-      ASSERT_LT(-sign * rig.tau(0)[6], 2 + 40 * 1e-4 + 0.5) << i;
+      ASSERT_LT(-sign * rig.tau(0)[6], 40.0 / 30 + 40 * 1e-4 + 0.1) << i;
     }
     EXPECT_GT(-sign * rig.tau(0)[0], 5);  // it would go on
+    // Released: the spring of 1/30 rad moves a critically damped mode of 100 rad/s at 1.2 rad/s for a moment.
     double fastest = 0;
-    for (int i = 0; i < 8000; ++i) {  // released
+    for (int i = 0; i < 8000; ++i) {
       ASSERT_EQ(rig.tick(0.001), LawResult::ok);
       rig.integrate(0.001, {joint_constant(7, 0)}, 2);
       fastest = std::max(fastest, rig.state(0).dq.lpNorm<Eigen::Infinity>());
     }
-    EXPECT_LT(fastest, 0.6);
+    EXPECT_LT(fastest, 100.0 / 30 / M_E);
     const ArmLimits& limits = model->limits();
     for (const Eigen::Index i : {0, 6}) {
       EXPECT_NEAR(rig.state(0).q[i], sign > 0 ? limits.q_max[i] : limits.q_min[i], 1e-4);
