@@ -128,9 +128,9 @@ Verdict MultimodeController::check(const Request& request) const {
   }
   if (request.instance >= instances_.size()) return Verdict::unknown_instance;
   const Instance& instance = *instances_[request.instance];
+  // A stop is to leave an arm where it is: nothing makes its hold softer, or pushes it, until it is resumed.
+  if (request.instance < arm_count() && stopped().contains(request.instance)) return Verdict::arm_stopped;
   if (request.kind == Request::Kind::set_parameter) {
-    // A stop is to leave an arm where it is: nothing makes it softer until it is resumed.
-    if (request.instance < arm_count() && stopped().contains(request.instance)) return Verdict::arm_stopped;
     if (request.index >= instance.parameter_count()) return Verdict::unknown_parameter;
     if (request.size > kMaxParameterSize) return Verdict::wrong_size;
     return instance.check_parameter(request.index, std::span(request.values).first(request.size));

@@ -137,10 +137,17 @@ TEST(HoldParameters, DoNotChangeOnAStoppedArm) {
   loop.step();
   EXPECT_EQ(loop.ask(stiffness(loop, "arm0_hold", 200)).verdict, Verdict::arm_stopped);
   EXPECT_TRUE(loop.ask(stiffness(loop, "arm1_hold", 200)).accepted());  // of another arm
+  // A feature would push it: manipulability turns the elbow.
+  Request push{.kind = Kind::set_feature, .instance = loop.find("arm0_hold"), .on = true};
+  push.index =
+      static_cast<std::uint16_t>(loop.modes().instance(push.instance).find_feature("manipulability"));
+  EXPECT_EQ(loop.ask(push).verdict, Verdict::arm_stopped);
+  EXPECT_FALSE(loop.modes().instance(push.instance).feature_on(push.index));
   Request resume{.kind = Kind::resume};
   resume.arms = ArmSet::all(2);
   EXPECT_TRUE(loop.ask(resume).accepted());
   EXPECT_TRUE(loop.ask(stiffness(loop, "arm0_hold", 200)).accepted());
+  EXPECT_TRUE(loop.ask(push).accepted());
 }
 
 }  // namespace
