@@ -106,6 +106,25 @@ OpenedScene open_scene(const std::string& path_or_bare_name) {
   return opened;
 }
 
+void visit(Archive& archive, ContactBounds& bounds, Scene& scene) {
+  const ContactBounds usual;
+  archive.about("ContactBounds", "What a hand beside a person bears; lifted by values above the default.");
+  const auto bound = [&](const char* key, const char* doc, double most, double usual_value, const char* unit,
+                         double& value) {
+    archive(Key(key, doc).within(0.01, most), value);
+    if (archive.reading() && value > usual_value) {
+      scene.lifted.push_back(std::string(key) + ": " + number_text(value) + " " + unit + ", usually " +
+                             number_text(usual_value) + " " + unit);
+    }
+  };
+  bound("hand_speed_m_per_s", "Largest speed of the hand along set-points, joint set-points included.", 3,
+        usual.hand_speed, "m/s", bounds.hand_speed);
+  bound("spring_force_n", "Largest force with which a set-point pulls a hand that cannot follow.", 1000,
+        usual.spring_force, "N", bounds.spring_force);
+  bound("spring_moment_nm", "Largest moment of the same.", 300, usual.spring_moment, "N m",
+        bounds.spring_moment);
+}
+
 void visit(Archive& archive, SceneReader& reader) {
   Scene& scene = reader.scene;
   archive.about("Scene", "The top level of the file.");
@@ -131,12 +150,18 @@ void visit(Archive& archive, SceneReader& reader) {
                               std::to_string(scene.arms.size()));
   }
   archive.list(Key("objects", "Surfaces and bodies.").each("object"), scene.objects, reader);
+  archive.section(
+      Key("contact_bounds",
+          "Bounds for arms beside people, for all controllets; larger values lift them, and the run "
+          "says so. Not a certified safety function: see docs/contact.md."),
+      scene.contact_bounds, scene);
   archive.list(
       Key("controllets",
           "Controllet instances. All are built before the first cycle; switches decide which of them run. "
           "Every arm also has a built-in `<arm>_hold`, which runs when no other controllet owns the arm.")
           .each("controllet"),
       scene.controllets, reader);
+  for (auto& config : scene.controllets) config.contact = scene.contact_bounds;
   if (scene.controllets.size() + reader.holds.size() > kMaxInstances) {
     archive.at("controllets")
         .refuse("expected at most " + std::to_string(kMaxInstances - scene.arms.size()) + " (" +

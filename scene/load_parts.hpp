@@ -37,6 +37,7 @@ struct OtherInput : InputSpec {};
 
 void visit(Archive& archive, SceneReader& reader);
 void visit(Archive& archive, PlantFidelity& plant, Scene& scene);
+void visit(Archive& archive, ContactBounds& bounds, Scene& scene);
 void visit(Archive& archive, SceneArm& arm, SceneReader& reader);
 void visit(Archive& archive, Load& load);
 void visit(Archive& archive, ToolShape& shape);

@@ -384,6 +384,10 @@ const std::vector<Refusal> kTimeline{
      timeline("at_s: 1, motion: {controllet: a, input: pose, sine: [1, 0, 0], period_s: 2}"),
      10,
      {"3.14", "allows 0.5", "longer period_s"}},
+    {"motion faster than a hand may be",
+     timeline("at_s: 1, motion: {controllet: a, input: pose, sine: [0.1, 0, 0], period_s: 2}"),
+     10,
+     {"0.314", "a hand may reach 0.25 m/s", "contact_bounds"}},
     {"motion's overtones' speed",
      timeline(
          "at_s: 1, motion: {controllet: a, input: pose, overtones: [{}, {sine: [0.2, 0, 0]}], period_s: 2}"),

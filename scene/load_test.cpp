@@ -97,6 +97,23 @@ TEST(Load, ReadsTheSettingsOfTheArmItself) {
   EXPECT_TRUE(third.vacuum);
 }
 
+TEST(Load, ContactBoundsHoldForAllControlletsUnlessLifted) {
+  const std::string arms = "arms: [{name: left}]\n";
+  const std::string law = "controllets: [{name: a, type: solo, arms: left}]\n";
+  const Scene usual = parse(arms + law);
+  EXPECT_EQ(usual.controllets.at(0).contact.hand_speed, 0.25);
+  EXPECT_EQ(usual.controllets.at(0).contact.spring_force, 60);
+  EXPECT_EQ(usual.controllets.at(0).contact.spring_moment, 15);
+  EXPECT_TRUE(usual.lifted.empty());
+  // Lifted in any order of the keys, and told; lowered without a word.
+  const Scene lifted = parse(law + "contact_bounds: {hand_speed_m_per_s: 0.1, spring_force_n: 90}\n" + arms);
+  EXPECT_EQ(lifted.controllets.at(0).contact.hand_speed, 0.1);
+  EXPECT_EQ(lifted.controllets.at(0).contact.spring_force, 90);
+  EXPECT_EQ(lifted.controllets.at(0).contact.spring_moment, 15);
+  ASSERT_EQ(lifted.lifted.size(), 1u);
+  EXPECT_EQ(lifted.lifted[0], "spring_force_n: 90 N, usually 60 N");
+}
+
 TEST(Load, ReadsWhatIsWritten) {
   const Scene scene = parse(
       "plant: {fidelity: realistic, noise_tau_nm: 0.1}\n"

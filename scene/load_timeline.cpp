@@ -312,6 +312,14 @@ class TimelineReader {
     for (const auto& change : config(event.controllet).inputs) {
       if (change.name == input.name) allowed = change.max_speed;
     }
+    const double hand_speed = reader_.scene.contact_bounds.hand_speed;
+    if (input.quantity == Quantity::pose && hand_speed < fastest && fastest <= allowed) {
+      archive.self().refuse("the motion reaches " + number_text(fastest) + " m/s, a hand may reach " +
+                            number_text(hand_speed) +
+                            " m/s; expected a longer period_s, or in the scene 'contact_bounds: "
+                            "{hand_speed_m_per_s: " +
+                            number_text(fastest) + "}', which lifts that bound");
+    }
     if (fastest <= allowed) return;
     archive.self().refuse("the motion reaches " + number_text(fastest) + " per second, input '" + input.name +
                           "' allows " + number_text(allowed) +

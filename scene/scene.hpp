@@ -176,6 +176,8 @@ struct Scene {
   std::vector<SceneObject> objects;
   std::vector<std::string> plugins;  // paths of users' libraries
   std::string backend;               // what drives the arms; empty: by each arm's key `fci`
+  ContactBounds contact_bounds;      // of every controllet, also in InstanceConfig::contact
+  std::vector<std::string> lifted;   // bounds above the usual ones, as text; printed and logged
   std::vector<InstanceConfig> controllets;
   std::map<std::string, SourcePlace> controllet_places;
   std::vector<std::string> active;      // at the start

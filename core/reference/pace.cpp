@@ -9,7 +9,7 @@
 namespace multipanda {
 namespace {
 
-// The pace follows what is wanted as a critically damped second order, so that the acceleration of the
+// The pace follows what is desired as a critically damped second order, so that the acceleration of the
 // set-point stays continuous and a stop from 0.25 m/s adds at most 0.25 kPaceBandwidth / e = 2.8 m/s^2.
 constexpr double kPaceBandwidth = 30;  // [rad/s]
 // How far ahead on the path the speed of the hand is looked up; the pace needs about that long to settle.
@@ -102,25 +102,25 @@ double Reference::hand_speed(const QuinticSegment::Values& velocity) const {
 }
 
 double Reference::pace_wanted() const {
-  double wanted = std::clamp((1.0 - share_along(path_velocity_)) / (1.0 - kWaitsFrom), 0.0, 1.0);
-  if (!std::isfinite(greatest_hand_speed_)) return wanted;
+  double desired = std::clamp((1.0 - share_along(path_velocity_)) / (1.0 - kWaitsFrom), 0.0, 1.0);
+  if (!std::isfinite(greatest_hand_speed_)) return desired;
   for (const double ahead : {0.0, 0.5 * kLookAhead, kLookAhead}) {
     QuinticSegment::Sample s;
     segment_.evaluate(t_ + ahead, s);
     if (in_motion_) motion_.add(t_motion_ + ahead, coordinates(), s);
     const double speed = hand_speed(s.velocity);
-    if (speed > greatest_hand_speed_) wanted = std::min(wanted, greatest_hand_speed_ / speed);
+    if (speed > greatest_hand_speed_) desired = std::min(desired, greatest_hand_speed_ / speed);
   }
-  return wanted;
+  return desired;
 }
 
 void Reference::update_pace(double dt) {
-  const double wanted = pace_wanted();
+  const double desired = pace_wanted();
   force_share_ = moment_share_ = 0;
-  if (wanted >= 1 && pace_ >= 1) return;
-  pace_rate_ += dt * kPaceBandwidth * (kPaceBandwidth * (wanted - pace_) - 2 * pace_rate_);
+  if (desired >= 1 && pace_ >= 1) return;
+  pace_rate_ += dt * kPaceBandwidth * (kPaceBandwidth * (desired - pace_) - 2 * pace_rate_);
   pace_ += dt * pace_rate_;
-  const bool arrived = wanted >= 1 && pace_ > 1 - 1e-6;
+  const bool arrived = desired >= 1 && pace_ > 1 - 1e-6;
   if (pace_ >= 1 || arrived) {
     pace_ = 1;
     pace_rate_ = 0;

@@ -4,8 +4,8 @@
 
 #include "core/reference/reference.hpp"
 
-// The pace of a set-point: it waits while the hand cannot follow, and keeps the hand's speed within its
-// bound.
+// The pace of a set-point: it waits while the hand cannot follow, and keeps the hand
+// within its speed.
 namespace multipanda {
 namespace {
 

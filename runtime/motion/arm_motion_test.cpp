@@ -45,6 +45,8 @@ class ArmMotionTest : public testing::Test {
         "arms:\n"
         "  - {name: left, base: {position_m: [0, 0.4, 0]}}\n"
         "  - {name: right, base: {position_m: [0.1, -0.4, 0.05], rpy_rad: [0.1, -0.2, 0.7]}}\n"
+        // These motions are faster than what is allowed beside people.
+        "contact_bounds: {hand_speed_m_per_s: 3}\n"
         "controllets:\n"
         "  - {name: left_joints, type: joint_impedance, arms: left}\n"
         "  - {name: left_pose, type: cartesian_impedance, arms: left}\n"

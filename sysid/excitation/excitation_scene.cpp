@@ -55,6 +55,8 @@ std::string excitation_scene(const Excitation& excitation, const std::string& mo
       "    model: {}\n"
       "    hand: {}\n"
       "    start_rad: {}\n\n"
+      "contact_bounds: {{hand_speed_m_per_s: 3, spring_force_n: 1000, spring_moment_nm: 300}}  # nobody is "
+      "near\n\n"
       "controllets:\n"
       "  - name: joints\n"
       "    type: joint_impedance\n"
