@@ -5,8 +5,8 @@ namespace multipanda {
 // A backend begins to carry out a request to an arm within this time, or refuses it: whoever asked may have
 // given up by then, and nothing may move after its asker was told that it failed.
 inline constexpr double kRequestPatience = 5;  // [s]
-// Whoever asks waits so much longer. Then it was begun, and its end is not known yet; or it waits behind
-// another one and is refused when its turn comes.
+// The asker waits so much longer. By then the request was begun, and its end is not known yet; or it waits
+// behind another one and is refused when its turn comes.
 inline constexpr double kRequestSlack = 0.5;  // [s]
 
 inline constexpr const char* kRequestTooOld =

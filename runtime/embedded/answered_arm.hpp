@@ -31,8 +31,7 @@ class AnsweredArm {
     std::uint32_t holds = 0;            // ArmAnswer::holds()
   };
 
-  // `arm`: of the scene from which `config` was made; its limits count where they are tighter than the
-  // robot's.
+  // `arm`: of the scene from which `config` was made. Of its limits and the robot's the tighter ones count.
   AnsweredArm(fci::FciArmConfig config, const SceneArm& arm, std::function<void(const std::string&)> report);
   ~AnsweredArm() { leave(); }
   AnsweredArm(const AnsweredArm&) = delete;
