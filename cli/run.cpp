@@ -5,6 +5,7 @@
 #include "cli/backend_arguments.hpp"
 #include "cli/input_end.hpp"
 #include "cli/program.hpp"
+#include "cli/reduced_run.hpp"
 #include "cli/report.hpp"
 #include "cli/run_session.hpp"
 #include "runtime/live_input/socket_path.hpp"
@@ -20,6 +21,7 @@ struct RunOptions {
   std::string scene;
   std::optional<double> seconds;
   bool fast = false, json = false, report = false, no_timeline = false, until_input_ends = false;
+  bool reduced = false, full_speed = false;
   std::string record;
   std::optional<int> cpu;
   std::string socket;
@@ -55,6 +57,13 @@ int run(const RunOptions& options) {
   const BackendOptions backend = backend_options(options.backend);
   OpenedScene opened = open_scene(options.scene);
   opened.scene = with_connections(std::move(opened.scene), backend);  // refused before anything starts
+  const ReducedRun reduced_run(opened.scene,
+                               options.reduced      ? Reduction::asked
+                               : options.full_speed ? Reduction::refused
+                                                    : Reduction::as_usual,
+                               ReducedRun::first_runs_file());
+  reduced_run.apply(opened.scene);
+  if (!reduced_run.text().empty()) console.line(reduced_run.text());
   if (options.no_timeline) {
     opened.scene.timeline.clear();
     opened.scene.duration_s = 0;
@@ -80,6 +89,7 @@ int run(const RunOptions& options) {
     console.line(fmt::format("arms: {}", session.backend_description()));
   RunSummary summary = run_session(session, signals, console);
   input.reset();
+  if (summary.success()) reduced_run.remember();
   print_summary(summary, console);
   bool reported = true;
   if (options.report) {
@@ -116,6 +126,13 @@ void add_run(Program& program) {
       ->check(CLI::Range(0.001, 1e6));
   command->add_flag("--no-timeline", options->no_timeline,
                     "Ignore the scene's timeline and duration_s: run until Ctrl-C, for multipanda ctl");
+  CLI::Option* reduced = command->add_flag(
+      "--reduced", options->reduced,
+      "Hands at most 0.1 m/s, springs at most 30 N: the default of a scene's first run on physical arms");
+  command
+      ->add_flag("--full-speed", options->full_speed,
+                 "The scene's own bounds, also in its first run on physical arms")
+      ->excludes(reduced);
   command->add_flag("--fast", options->fast, "Run as fast as possible instead of in real time");
   command->add_option("--record", options->record, "Record the log into a new folder inside DIR")
       ->type_name("DIR");

@@ -63,6 +63,9 @@ RunSummary run_session(Session& session, StopSignals& signals, const Console& co
           arm.name));
     }
   }
+  for (const auto& text : session.scene().lifted) {
+    console.line(fmt::format("contact bound lifted by the scene: {}", text));
+  }
   signals.attach(session);
   LiveDisplay display(console, session.scene().name, session.duration_s());
   session.start();

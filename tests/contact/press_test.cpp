@@ -1,0 +1,58 @@
+#include "tests/contact/press.hpp"
+
+#include <cstdlib>
+
+#include <gtest/gtest.h>
+
+// MULTIPANDA_FULL=1 runs the full series and prints its figures; otherwise one pose of each controllet,
+// with and without motor inertia in turn.
+namespace multipanda::press {
+namespace {
+
+const char* const kControllets[] = {"cartesian_impedance",
+                                    "joint_impedance",
+                                    "dual_cartesian_impedance",
+                                    "coupled_dual_cartesian_impedance",
+                                    "force",
+                                    "ufic",
+                                    "coupled_ufic"};
+
+bool all() { return std::getenv("MULTIPANDA_FULL") != nullptr; }
+
+TEST(Press, PersonsHandBetweenArmAndTable) {
+  int at = 0;
+  for (const char* controllet : kControllets) {
+    ++at;
+    for (int pose = 0; pose < kPoses; ++pose) {
+      for (const bool motor_inertia : {false, true}) {
+        if (!all() && (pose != at % kPoses || motor_inertia != (at % 2 == 0))) continue;
+        const Press press{controllet, pose, motor_inertia};
+        SCOPED_TRACE(name(press));
+        const Outcome outcome = run(press);
+        if (all()) {
+          std::printf("%-62s impact %5.1f N, later %5.1f N, swing %5.2f N, %5.3f m/s %s\n",
+                      name(press).c_str(), outcome.impact, outcome.later, outcome.swing, outcome.hand_speed,
+                      outcome.intervention.c_str());
+          std::fflush(stdout);
+        }
+        EXPECT_TRUE(outcome.touched);  // otherwise the rest proves nothing
+        EXPECT_LE(outcome.impact, kTransient);
+        EXPECT_LE(outcome.later, kQuasiStatic);
+        EXPECT_LE(outcome.hand_speed, 1.1 * 0.25);
+        EXPECT_EQ(outcome.intervention, "");
+      }
+    }
+  }
+}
+
+// The same press without bounds is one that a hand does not bear: the test can fail.
+TEST(Press, LiftedBoundsPressHarder) {
+  const Outcome bounded = run({"cartesian_impedance", 0, false, true});
+  const Outcome lifted = run({"cartesian_impedance", 0, false, false});
+  EXPECT_GT(lifted.hand_speed, 1.5 * bounded.hand_speed);
+  EXPECT_GT(lifted.impact, 1.2 * bounded.impact);
+  EXPECT_GT(lifted.later, 1.3 * bounded.later);
+}
+
+}  // namespace
+}  // namespace multipanda::press
