@@ -102,7 +102,7 @@ Outcome run_gap(const Gap& gap) {
     if (event.kind != EventKind::intervention || event.intervention == Intervention::torque_rate_clamped) {
       return;
     }
-    // Who loses its law loses it for all of its arms, and a refused start is one of all arms.
+    // A law that ends leaves all of its arms, and a refused start concerns every arm.
     for (ArmIndex i = 0; i < 2; ++i) {
       const bool of_law = event.instance < run.modes().instance_count() &&
                           run.modes().instance(event.instance).arms().contains(i);
@@ -189,7 +189,7 @@ TEST(Gaps, UpToNineteenAnswersStopNoArm) {
       EXPECT_LT(outcome.accounts[i].longest_miss, 20);
       longest = std::max(longest, outcome.accounts[i].longest_miss);
       ++ends[outcome.held[i] ? "held" : "went on"];
-      // Whoever is held can read why.
+      // A held arm has an event with the reason.
       EXPECT_TRUE(!outcome.held[i] || outcome.hold_reported[i]) << "arm " << i;
     }
     // The gap took place. A stall may fall between two answers, and late ones are taken by some arms.

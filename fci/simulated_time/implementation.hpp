@@ -46,21 +46,21 @@ struct SimulatedTime::Implementation {
 
   Implementation(const Scene& scene, SimulatedTimeOptions requested);
 
-  // --- the world and the arms (simulated_time.cpp) ---
+  // --- World and arms ---
   void step_world();
   void arm_period(ArmIndex i);
   void apply_pushes();
   void travel(ArmIndex i, bool to_arm, std::span<const std::byte> bytes, std::int64_t extra_ns);
   Datagram* take_slot();
 
-  // --- the program ---
+  // --- Program ---
   ArmSet unread() const;
   ArmSet wait(std::int64_t deadline_ns, bool for_all);
   std::int64_t cost(Stall where);  // of a part of the cycle that can stall
   void hold_all(bool last);
   bool run_until(const std::function<bool()>& done, std::int64_t deadline_ns, bool last);
 
-  // --- requests (requests.cpp) ---
+  // --- Requests ---
   void ask_next(ArmIndex i);
   void answer(ArmIndex i, RequestAnswer answer);
   void over_network(ArmIndex i, std::function<void()> what);  // reaches the other end later; void if lost
