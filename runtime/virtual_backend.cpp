@@ -32,6 +32,7 @@ fci::VirtualArmOptions options_of(const Scene& scene, VirtualPace pace) {
   options.places.assign(scene.arms.size(),
                         {.address = "127.0.0.1", .port = 0, .gripper_port = 0, .vacuum_port = 0});
   options.pace = pace == VirtualPace::realtime ? fci::WorldPace::realtime : fci::WorldPace::lockstep;
+  options.strict = true;  // as real arms are, because the client is our own
   options.patience = kLockstepPatience;
   options.idle_stands_still = true;  // the arms start in the scene's configuration
   return options;
