@@ -16,7 +16,7 @@ function(multipanda_headers_hash target)
   set(command ${CMAKE_COMMAND} "-DROOT=${MULTIPANDA_SOURCE}" "-DOUTPUT=${header}" -P "${MULTIPANDA_HASH_SCRIPT}")
   add_custom_command(OUTPUT "${header}" COMMAND ${command}
     DEPENDS ${headers} "${MULTIPANDA_HASH_SCRIPT}" COMMENT "" VERBATIM)
-  if(NOT EXISTS "${header}")  # tools that read the sources want it before the first build
+  if(NOT EXISTS "${header}")  # tools that read the sources need it before the first build
     execute_process(COMMAND ${command} COMMAND_ERROR_IS_FATAL ANY)
   endif()
   target_sources(${target} PRIVATE "${header}")

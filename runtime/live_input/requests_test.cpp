@@ -372,8 +372,8 @@ TEST_F(RequestsTest, ABinaryStreamAtOneKilohertz) {
   EXPECT_EQ(channel.refused, 1u);
 }
 
-// What waited in the socket for longer than the input's timeout moves nothing: its sender may be silent by
-// now.
+// What waited in the socket for longer than the input's timeout moves nothing: the sender may have fallen
+// silent meanwhile.
 TEST_F(RequestsTest, SamplesThatComeTooLateAreDroppedAndCounted) {
   ASSERT_EQ(ask(R"({"do":"switch","activate":["joint0"]})")["ok"], true);
   StreamChannel channel =
