@@ -26,8 +26,7 @@ class Reach {
 
   // Why the pose in the world that an input asks for is out of reach; empty: it may be in reach, or the input
   // carries something else. For a controllet of one arm, the pose is its end effector's. For several arms it
-  // may be that of the input's arm or the middle of the hands, so it is refused if neither can be there. Any
-  // thread.
+  // may be that of the input's arm or the middle of the hands: refused if neither can be there. Any thread.
   std::string refusal(const Instance& instance, const InputSpec& input, std::span<const double> values) const;
   // The same for the poses of a timeline. Throws std::invalid_argument with the time of the event.
   void check(const std::vector<ScheduledRequest>& timeline, const MultimodeController& modes) const;
