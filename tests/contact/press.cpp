@@ -84,7 +84,7 @@ Scene scene_of(const Press& press, std::size_t arms) {
   const Pose X_WB{rotation_from_rpy({0, 0, 0.3}), {0.1, -0.2, 0.05}};
   scene.arms = {franka("first", X_WB, press.pose)};
   if (arms == 2) {
-    const Pose beside{Matrix3::Identity(), {0, -0.45, 0}};
+    const Pose beside{Matrix3::Identity(), {0, -0.9, 0}};
     scene.arms.push_back(franka("second", X_WB * beside, press.pose));
   }
   SceneObject hand;
@@ -99,7 +99,6 @@ Scene scene_of(const Press& press, std::size_t arms) {
   InstanceConfig law{.name = "law", .type = press.controllet, .arms = {0}};
   if (arms == 2) law.arms.push_back(1);
   if (press.controllet == "dual_cartesian_impedance") law.parameters = {{"goals", {1}}};
-  // Without motor inertia and 3 ms late, its usual damping is more than joint 7 of FR3 bears.
   if (press.controllet == "coupled_dual_cartesian_impedance") law.parameters = {{"damping_ratio", {0.5}}};
   if (press.controllet == "force") law.parameters = {{"approach_speed_m_per_s", {0.2}}};
   if (press.bounded) law.contact = ContactBounds{};
