@@ -23,8 +23,8 @@ struct ContactBounds {
 //   P = K x~ + D V_d + Lambda A_d
 // Its force acts with P min(1, (F_max + max(0, n^T D V)) / |P|), n = P / |P|, its moment alike. The damping
 // -D V is kept whole, so that it can only take energy; the pull may overcome it on the way along n. So
-// n^T (P' - D V) <= F_max: a hand at rest is pushed with F_max at most, and a moving one follows as if
-// unbounded.
+// n^T (P' - D V) <= F_max: a hand at rest is pushed with F_max at most, and one that moves along n
+// follows as if there were no bound.
 struct BoundedPull {
   double force_share = 0, moment_share = 0;  // |P| over what is allowed; above 1: bounded
 

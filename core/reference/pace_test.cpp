@@ -69,8 +69,8 @@ TEST(Pace, MovesAwayFromWhatItIsPulledTo) {
   EXPECT_EQ(reference.pace(), 1);
 }
 
-// Goals and streams that arrive while the hand is blocked do not draw the set-point on, at any rate of
-// arrival.
+// Goals and streams that arrive while the hand is blocked do not draw the set-point on,
+// however fast they come.
 TEST(Pace, TargetsThatArriveMeanwhileWait) {
   for (const Delivery delivery : {Delivery::goal, Delivery::stream}) {
     Reference reference = pose_reference();

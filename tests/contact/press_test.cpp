@@ -27,8 +27,8 @@ TEST(Press, PersonsHandBetweenArmAndTable) {
     for (int pose = 0; pose < kPoses; ++pose) {
       for (const bool motor_inertia : {false, true}) {
         // Hands 0.9 m apart and 3 ms late, its springs oscillate at joint 7 of FR3 without rotor inertia,
-        // long before any contact; with it, a hand that is blocked may end in a hold at a joint's velocity
-        // limit.
+        // long before any contact; with it, a hand that is blocked may end in a hold
+        // at a joint's velocity limit.
         const bool coupled = std::string_view(controllet) == "coupled_dual_cartesian_impedance";
         if (coupled && !motor_inertia) continue;
         if (!all() && (pose != at % kPoses || motor_inertia != (at % 2 == 0))) continue;
