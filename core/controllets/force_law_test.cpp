@@ -1,5 +1,8 @@
 #include "core/controllets/force_law.hpp"
 
+#include <utility>
+#include <vector>
+
 #include <gtest/gtest.h>
 
 #include "core/controllets/energy_tank.hpp"
@@ -152,6 +155,22 @@ TEST(EnergyTank, ValveClosesSmoothlyAboveTheMinimum) {
   }
   EXPECT_NEAR(tank.make_up(limits), 0.3 - tank.energy() + 0.05, 0.06);
   EXPECT_NEAR(tank.energy(), 0.3, 1e-12);
+}
+
+// The cubic Hermite polynomial with flat ends, in fractions: no kink where the valve begins and ends to
+// close.
+TEST(EnergyTank, ValveIsFlatAtBothEnds) {
+  const TankLimits limits{.min_j = 0.3, .max_j = 2, .closing_j = 0.8};
+  const std::vector<std::pair<double, double>> expected = {{1.0 / 8, 11.0 / 256},
+                                                           {1.0 / 4, 5.0 / 32},
+                                                           {1.0 / 2, 1.0 / 2},
+                                                           {3.0 / 4, 27.0 / 32},
+                                                           {7.0 / 8, 245.0 / 256}};
+  for (const auto& [share, valve] : expected) {
+    EnergyTank tank;
+    tank.start(limits.min_j + share * limits.closing_j, limits);
+    EXPECT_NEAR(tank.valve(limits), valve, 1e-12) << share;
+  }
 }
 
 // gamma alpha outwards, everything inwards, no step between; the paper's as printed.

@@ -202,6 +202,42 @@ TEST(Ufic, TanksSupplyAllEnergyThatGoesIn) {
   }
 }
 
+// A set-point that moves along with a fast arm takes a tenth of what its tank holds in one tick, and no more.
+TEST(Ufic, ASetPointTakesATenthOfItsTankInATick) {
+  Bench bench(ufic_controllet());
+  bench.rig.set("tank_start_j", {0.15});
+  bench.rig.set("tank_closing_j", {0.01});
+  bench.rig.set("translational_stiffness_n_per_m", {400});
+  ASSERT_EQ(bench.rig.start(), LawResult::ok);
+  const Pose start = bench.rig.input("pose").pose();
+  bench.rig.input("pose").set(pose_target({start.rotation, start.position + Vector3(0.2, 0, 0)}, 0.4));
+  bench.ticks(60);
+  const MatrixXd J = bench.plain.jacobian(bent(7));
+  VectorXd V = VectorXd::Zero(6);
+  V[0] = 3;
+  const JointVector dq = J.transpose() * (J * J.transpose()).inverse() * V;
+  bench.rig.place(0, bent(7), dq);
+  ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+  const double tank = bench.number("impedance_tank_j");
+  bench.rig.state(0).tau_J_d = bench.rig.tau(0);
+  bench.rig.place(0, bent(7) + 0.001 * dq, dq);
+  ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+  EXPECT_NEAR(0.001 * bench.number("power_feedforward_w"), 0.1 * tank, 1e-4);
+}
+
+// A force against the press direction would pull: it is no force, whatever its size.
+TEST(Ufic, AForceOfTheWrongSignIsNone) {
+  for (const auto& type : {ufic_controllet(), force_controllet()}) {
+    Bench bench(type);
+    bench.rig.set("press_direction", {0, 0, -1});
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    bench.feel({0, 0, -5});
+    bench.want({0, 0, 20});
+    bench.ticks(1000);
+    EXPECT_EQ(bench.number("force_desired_n"), 0) << type.descriptor.type;
+  }
+}
+
 TEST(Ufic, NotANumberIsAFault) {
   for (const auto& type : {ufic_controllet(), force_controllet()}) {
     for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity()}) {
