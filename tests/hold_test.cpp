@@ -19,8 +19,10 @@ using testing::IsEmpty;
 constexpr double kStop = 1.5;    // when the hold takes over [s]
 constexpr double kRest = 0.006;  // of the sensors' noise (1e-3 rad/s) no more is seen at rest [rad/s]
 
+// Bounds for contact are lifted: hold must catch what moves faster than hands beside people may.
 std::string scene_text(const std::string& arm, const std::string& rest) {
   return "seed: 5\n"
+         "contact_bounds: {hand_speed_m_per_s: 3, spring_force_n: 1000, spring_moment_nm: 300}\n"
          "plant: {fidelity: realistic, command_delay_s: 0.003}\n"
          "arms:\n"
          "  - {name: left, model: fer, hand: true" +
