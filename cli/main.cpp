@@ -84,7 +84,7 @@ int run(int argc, char** argv) {
                          add_fit,         add_via_points,
                          add_virtual_arm, add_bench,
                          add_doctor,      add_communication_test,
-                         add_docs}) {
+                         add_soak,        add_docs}) {
     add(program);
   }
   try {

@@ -55,6 +55,7 @@ void add_identify(Program& program);
 void add_predict(Program& program);
 void add_fit(Program& program);
 void add_via_points(Program& program);
+void add_soak(Program& program);
 void add_virtual_arm(Program& program);
 
 }  // namespace multipanda::cli

@@ -67,8 +67,9 @@ struct BackendPace {
 };
 
 // The backend of a scene from with_connections(). Unpaced: as fast as the loop runs; real arms are then
-// expected to be virtual ones in lock-step on this computer, others are refused. Nothing is connected before Backend::start(). Throws
-// std::invalid_argument (impossible scene, unknown backend) or std::runtime_error (the log cannot be read).
+// expected to be virtual ones in lock-step on this computer, others are refused. Nothing is connected before
+// Backend::start(). Throws std::invalid_argument (impossible scene, unknown backend) or std::runtime_error
+// (the log cannot be read).
 BackendSet make_backend(const Scene& scene, const Registry& registry, const BackendOptions& options,
                         const BackendPace& pace);
 

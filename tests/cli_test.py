@@ -463,7 +463,7 @@ class LiveCommands(unittest.TestCase):
                 self.assertRegex(answer.stderr, r"joint 1: 0\.51 rad is outside of .+ to 0\.5 rad")
 
     def positions(self):
-        """Of the first arm, from the first cycle on."""
+        """Joint positions of the first arm, from the first cycle on."""
         while not (arms := json.loads(self.ctl("state", "--json").stdout)["state"]["arms"]):
             self.assertIsNone(self.runs[-1].poll())
         return arms[0]["q_rad"]

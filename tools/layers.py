@@ -211,11 +211,11 @@ LIBRARIES = {
     "mujoco": "support backends/mujoco sysid/identification",
     "pinocchio": "core/model sysid/identification benchmarks",
     "yaml-cpp": "config_file models scene runtime/embedded experiments sysid/measured sysid/comparison sysid/refine",
-    "nlohmann": "config_file scene logs report runtime experiments motion_generators doctor"
+    "nlohmann": "config_file scene logs report soak runtime experiments motion_generators doctor"
     " sysid/identification sysid/comparison"
     " sysid/refine cli benchmarks",
     "CLI": "cli benchmarks",
-    "fmt": "runtime runtime/motion experiments doctor sysid/identification sysid/comparison sysid/excitation"
+    "fmt": "soak runtime runtime/motion experiments doctor sysid/identification sysid/comparison sysid/excitation"
     " sysid/refine ros/adapter cli benchmarks",
     "rcl": "ros/rcl ros/host ros benchmarks",
     "rmw": "ros/rcl",

@@ -267,14 +267,14 @@ class CoupledUfic final : public Controllet {
     double c = 1;
     for (std::size_t i = 0; i < 2; ++i) {
       const Vector6 base = at(spring, i), extra = at(feedforward, i), both = base + extra;
-      const BoundedPull wanted = bound_pull(contact, both, at(damping, i));
-      if (wanted.force_share > 1) {
+      const BoundedPull requested = bound_pull(contact, both, at(damping, i));
+      if (requested.force_share > 1) {
         c = std::min(
-            c, largest_share(base.head<3>(), extra.head<3>(), both.head<3>().norm() / wanted.force_share));
+            c, largest_share(base.head<3>(), extra.head<3>(), both.head<3>().norm() / requested.force_share));
       }
-      if (wanted.moment_share > 1) {
-        c = std::min(
-            c, largest_share(base.tail<3>(), extra.tail<3>(), both.tail<3>().norm() / wanted.moment_share));
+      if (requested.moment_share > 1) {
+        c = std::min(c, largest_share(base.tail<3>(), extra.tail<3>(),
+                                      both.tail<3>().norm() / requested.moment_share));
       }
     }
     return c;

@@ -157,8 +157,8 @@ TEST(EnergyTank, ValveClosesSmoothlyAboveTheMinimum) {
   EXPECT_NEAR(tank.energy(), 0.3, 1e-12);
 }
 
-// The cubic Hermite polynomial with flat ends, in fractions: no kink where the valve begins and ends to
-// close.
+// The cubic Hermite polynomial with flat ends, in fractions: no kink at either end of the
+// valve's range.
 TEST(EnergyTank, ValveIsFlatAtBothEnds) {
   const TankLimits limits{.min_j = 0.3, .max_j = 2, .closing_j = 0.8};
   const std::vector<std::pair<double, double>> expected = {{1.0 / 8, 11.0 / 256},

@@ -100,8 +100,8 @@ class JointImpedance final : public Controllet {
 
  private:
   // The pull of all joints acts at the hand like the wrench J_bar^T tau, J_bar = M^-1 J^T Lambda (Khatib
-  // 1987): the force that keeps the hand where it is. The whole pull is scaled until that is within its
-  // bounds.
+  // 1987): the force that keeps the hand where it is. The whole pull is scaled until that keeps
+  // to its bounds.
   static void bound(ControlContext& context, JointVector& tau, const JointVector& damping) {
     OwnedArm& arm = context.arms[0];
     const JointBy6& J_bar = arm.terms->task().J_bar;

@@ -148,10 +148,10 @@ class Ufic final : public Controllet {
     Vector6 feedforward = s * (D * target.V_d.vector);
     if (gains.acceleration_feedforward) feedforward.noalias() += s * (Lambda * target.A_d.vector);
     const Vector6 opposing = D * V;
-    const BoundedPull wanted = bound_pull(context.contact, spring + feedforward, opposing);
-    bound_feedforward(wanted, spring, feedforward);
-    context.inputs[kPose].resist(spring + feedforward, std::max(spring_share_, wanted.force_share),
-                                 std::max(spring_share_, wanted.moment_share));
+    const BoundedPull requested = bound_pull(context.contact, spring + feedforward, opposing);
+    bound_feedforward(requested, spring, feedforward);
+    context.inputs[kPose].resist(spring + feedforward, std::max(spring_share_, requested.force_share),
+                                 std::max(spring_share_, requested.moment_share));
     const JointVector tau_null = null_space_torque(null_space_gains(parameters), arm, q_N_, s);
 
     // Force part
@@ -280,15 +280,15 @@ class Ufic final : public Controllet {
     return work;
   }
 
-  // Of the feed-forward, what keeps it and the spring together within their bounds.
-  static void bound_feedforward(const BoundedPull& wanted, const Vector6& spring, Vector6& feedforward) {
+  // Scales the feed-forward so that it and the spring together keep to their bounds.
+  static void bound_feedforward(const BoundedPull& requested, const Vector6& spring, Vector6& feedforward) {
     double c = 1;
-    if (wanted.force_share > 1) {
-      const double limit = (spring + feedforward).head<3>().norm() / wanted.force_share;
+    if (requested.force_share > 1) {
+      const double limit = (spring + feedforward).head<3>().norm() / requested.force_share;
       c = std::min(c, largest_share(spring.head<3>(), feedforward.head<3>(), limit));
     }
-    if (wanted.moment_share > 1) {
-      const double limit = (spring + feedforward).tail<3>().norm() / wanted.moment_share;
+    if (requested.moment_share > 1) {
+      const double limit = (spring + feedforward).tail<3>().norm() / requested.moment_share;
       c = std::min(c, largest_share(spring.tail<3>(), feedforward.tail<3>(), limit));
     }
     feedforward *= c;

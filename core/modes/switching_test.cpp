@@ -134,7 +134,7 @@ TEST(Switching, StopHoldsUntilResumed) {
   loop.step();
   EXPECT_EQ(loop.modes().stopped(), ArmSet::all(4));
   EXPECT_EQ(loop.modes().active(), loop.set({"arm0_hold", "arm1_hold", "arm2_hold", "arm3_hold"}));
-  // Who resumes one arm has not looked at the others.
+  // Resuming one arm says nothing of the others.
   EXPECT_TRUE(loop.ask({.kind = Kind::resume, .arms = ArmSet::of(2)}).accepted());
   EXPECT_EQ(loop.modes().stopped(), ArmSet::from_bits(0b1011));
   EXPECT_EQ(loop.activate({"s0"}).verdict, Verdict::arm_stopped);
