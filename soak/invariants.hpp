@@ -44,6 +44,7 @@ class Invariants {
   RecordLayout layout_;
   std::vector<ArmBounds> bounds_;
   std::vector<ArmCount> before_;
+  std::vector<int> states_;  // of each arm, up to 2
   std::uint64_t last_cycle_ = 0, cycles_ = 0, count_ = 0;
   std::vector<BrokenInvariant> violations_;
 };

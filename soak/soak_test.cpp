@@ -31,7 +31,9 @@ class InvariantsTest : public testing::Test {
     cycle = CycleRecord(2, 0, 0);
     cycle.arms[0].owner = cycle.arms[1].owner = 2;
     cycle.arms[0].due = cycle.arms[1].due = true;
-    check();  // the first cycle has no one before it
+    check();
+    counts[0].periods_missed = 1;  // the first cycle waited for the other arm
+    check();
     EXPECT_EQ(invariants->count(), 0u);
   }
 
@@ -55,7 +57,8 @@ TEST_F(InvariantsTest, WhatIsRightIsNotReported) {
   cycle.arms[0].tau_cmd[3] = -50;
   counts[1].torque_rate_max = 1000;
   check();
-  counts[1].periods_missed = counts[1].motions_ended = 1;
+  ++counts[1].periods_missed;
+  ++counts[1].motions_ended;
   check(ArmSet::of(1));
   EXPECT_EQ(invariants->count(), 0u);
 }
@@ -95,7 +98,7 @@ TEST_F(InvariantsTest, TorqueRates) {
 }
 
 TEST_F(InvariantsTest, AnArmThatNobodyDisturbedMissesAPeriodOrStops) {
-  counts[0].periods_missed = 3;
+  counts[0].periods_missed += 3;
   check(ArmSet::of(1));
   expect("left had no command in 3 of its periods");
   counts[0].motions_ended = 1;
@@ -106,7 +109,7 @@ TEST_F(InvariantsTest, AnArmThatNobodyDisturbedMissesAPeriodOrStops) {
 TEST_F(InvariantsTest, ACycleThatIsMissing) {
   ++cycle.cycle;
   check();
-  expect("cycle 3 follows cycle 1");
+  expect("cycle 4 follows cycle 2");
 }
 
 TEST_F(InvariantsTest, AControlletThatIsTakenOffWithoutAFault) {
