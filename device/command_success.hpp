@@ -16,6 +16,9 @@ class CommandSuccess {
   static constexpr double kLow = 0.9;   // [1]
   static constexpr double kPause = 60;  // [s] between two warnings
   static constexpr int kPeriods = 100;  // of the arm's share; it says nothing before a motion is as old
+  // A motion begins before its first command, and an arm counts these periods as missed: not more than it
+  // bears. No warning looks at them.
+  static constexpr int kBeginning = 20;
 
   // A packet with its number (one per period), at the time `t_s`. `moves`: in a motion.
   void take(std::uint64_t number, bool moves, double share, double t_s) {
@@ -25,10 +28,12 @@ class CommandSuccess {
       moved_ = 0;
       return;
     }
-    moved_ = std::min<std::uint64_t>(moved_ + periods, kPeriods + 1);
+    // The numbers say nothing about when the motion began, which its first packet is the first to show.
+    moved_ = moved_ == 0 ? 1 : std::min<std::uint64_t>(moved_ + periods, kPeriods + kBeginning + 1);
     if (moved_ <= kPeriods || periods == 0) return;
     // A missed command is part of kPeriods shares, with the weight 1 / kPeriods.
     missed_ += (1 - std::clamp(share, 0.0, 1.0)) * static_cast<double>(periods);
+    if (moved_ <= kPeriods + kBeginning) return;
     if (share >= kLow || (warned_ && t_s - warned_at_s_ < kPause)) return;
     warned_ = low_ = true;
     warned_at_s_ = t_s;
