@@ -24,7 +24,11 @@ T = TypeVar("T")
 
 
 class AsyncClient:
-    """A client whose requests are awaited. `blocking` is the client behind it, for everything else: in_thread()."""
+    """A client whose requests are awaited. Errors are those of Client.
+
+    Attributes:
+        blocking: The client behind it, for everything else: `in_thread()`.
+    """
 
     def __init__(self, blocking: _client.Client) -> None:
         self.blocking = blocking
@@ -34,7 +38,13 @@ class AsyncClient:
         return await asyncio.to_thread(call, *arguments, **options)
 
     async def ask(self, request: Json, timeout_s: float = 30) -> Json:
-        """Sends any request of docs/live_input.md."""
+        """Sends any request of docs/live_input.md and returns its answer.
+
+        Raises:
+            Refused: With the reason; nothing has changed.
+            Timeout: No answer within timeout_s [s].
+            Disconnected: The run has ended.
+        """
         future = asyncio.wrap_future(self.blocking.connection.post(request))
         try:
             return accepted(await asyncio.wait_for(future, timeout_s))
@@ -62,12 +72,15 @@ class AsyncClient:
         await self.in_thread(self.blocking.resume, arms)
 
     async def go_to(self, controllet: str, name: str, values: Any, timeout_s: float = 30, **options: Any) -> ArmState:
-        """Sets a goal and waits for the arrival."""
+        """Sets a goal and waits for the arrival for timeout_s [s].
+
+        Errors are those of Controllet.goal() and Goal.wait().
+        """
         goal = await self.in_thread(self.blocking[controllet].goal, name, values, **options)
         return await self.in_thread(goal.wait, timeout_s)
 
     async def states(self, rate_hz: float = 10) -> AsyncIterator[RunState]:
-        """As Client.states()."""
+        """As Client.states(): `rate_hz` times a second [Hz]."""
         states = self.blocking.states(rate_hz)
         end = object()
         pending: asyncio.Future[Any] | None = None

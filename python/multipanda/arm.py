@@ -22,7 +22,11 @@ def _pose(values: Any) -> dict[str, list[float]]:
 
 
 class Gripper:
-    """The hand of an arm. Each call returns when the motion is over."""
+    """The hand of an arm. Each call returns when the motion is over.
+
+    Every call raises `Refused` if the arm has no hand or the motion failed, `Timeout` without an answer in 620 s,
+    `Disconnected` once the run has ended.
+    """
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
@@ -34,7 +38,7 @@ class Gripper:
 
     @property
     def state(self) -> GripperState:
-        """Width, and whether something is held."""
+        """Width [m], and whether something is held."""
         state = self._arm.state.gripper
         if state is None:
             raise Refused("no_gripper", f"arm '{self._arm.name}' has no gripper")
@@ -45,7 +49,7 @@ class Gripper:
         self._ask("homing")
 
     def move(self, width_m: float, speed_m_per_s: float | None = None) -> None:
-        """Moves the fingers to a distance."""
+        """Moves the fingers to a distance [m]; the hand's own speed by default."""
         self._ask("move", width_m=width_m, speed_m_per_s=speed_m_per_s)
 
     def grasp(
@@ -55,7 +59,17 @@ class Gripper:
         force_n: float | None = None,
         tolerance_m: float | None = None,
     ) -> None:
-        """Closes until something of this width is held. Raises Refused if the width is another one."""
+        """Closes until something of this width is held.
+
+        Args:
+            width_m: Width of the object [m].
+            speed_m_per_s: Speed of the fingers [m/s].
+            force_n: Force to hold it with [N].
+            tolerance_m: Largest difference to the width [m], to either side.
+
+        Raises:
+            Refused: What is between the fingers has another width, or there is nothing.
+        """
         self._ask("grasp", width_m=width_m, speed_m_per_s=speed_m_per_s, force_n=force_n, tolerance_m=tolerance_m)
 
     def stop(self) -> None:
@@ -64,7 +78,7 @@ class Gripper:
 
 
 class Vacuum:
-    """The vacuum gripper of an arm. Each call returns when it is done."""
+    """The vacuum gripper of an arm. Each call returns when it is done, and raises the errors of Gripper."""
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
@@ -74,11 +88,19 @@ class Vacuum:
         self._arm.client.ask({"do": "vacuum", "arm": self._arm.name, "action": action, **given}, _GRIPPER_PATIENCE_S)
 
     def on(self, vacuum_mbar: float | None = None, timeout_s: float | None = None) -> None:
-        """Sucks until something is held."""
+        """Sucks until something is held.
+
+        Args:
+            vacuum_mbar: Pressure below that of the air [mbar].
+            timeout_s: How long to try [s].
+
+        Raises:
+            Refused: Nothing is held in time.
+        """
         self._ask("on", vacuum_mbar=vacuum_mbar, timeout_s=timeout_s)
 
     def drop(self, timeout_s: float | None = None) -> None:
-        """Releases what is held."""
+        """Releases what is held, within timeout_s [s]."""
         self._ask("drop", timeout_s=timeout_s)
 
     def stop(self) -> None:
@@ -87,7 +109,19 @@ class Vacuum:
 
 
 class Arm:
-    """One arm of a run."""
+    """One arm of a run: `run.arms["left"]`.
+
+    Every call asks the run, and raises `Refused` with the reason if it is not accepted, `Timeout` without an answer,
+    `Disconnected` once the run has ended.
+
+    Attributes:
+        name: Its name in the scene.
+        joints: Number of joints.
+        base: Pose of its base in the world [m].
+        gripper: Its hand.
+        vacuum: Its vacuum gripper.
+        client: The run.
+    """
 
     def __init__(self, client: Client, entry: dict[str, Any]) -> None:
         self.client = client
@@ -136,9 +170,18 @@ class Arm:
     def set_load(
         self, mass_kg: float, com_m: Sequence[float], inertia_kg_m2: Sequence[Sequence[float]] | None = None
     ) -> None:
-        """Declares the payload: mass, center of mass in the flange frame, inertia as 3 x 3 matrix.
+        """Declares the payload.
 
         The arm compensates another gravity at once, so it moves by the difference over the stiffness.
+
+        Args:
+            mass_kg: Mass [kg]; 0 for none.
+            com_m: Center of mass in the flange frame [m].
+            inertia_kg_m2: Inertia about the center of mass, 3 x 3 [kg m^2].
+
+        Raises:
+            Refused: The arm may not carry it (`largest_load_kg` in the scene).
+            ValueError: The inertia is not a symmetric 3 x 3 matrix.
         """
         inertia = None
         if inertia_kg_m2 is not None:
@@ -150,7 +193,15 @@ class Arm:
         self._ask("set_load", mass_kg=mass_kg, com_m=[float(x) for x in com_m], inertia_kg_m2=inertia)
 
     def set_frames(self, end_effector: Any = None, stiffness_frame: Any = None) -> None:
-        """Sets the end effector in the flange frame, and the stiffness frame in that of the end effector (poses)."""
+        """Redefines frames; the arm does not move.
+
+        Args:
+            end_effector: Pose of the end effector in the flange frame [m].
+            stiffness_frame: Pose of the stiffness frame in that of the end effector [m].
+
+        Raises:
+            ValueError: Neither is given, or one is not a valid pose.
+        """
         if end_effector is None and stiffness_frame is None:
             raise ValueError("set_frames: expected end_effector, stiffness_frame, or both")
         self._ask(
@@ -160,7 +211,7 @@ class Arm:
         )
 
     def set_joint_stiffness(self, joint_stiffness_nm_per_rad: Sequence[float]) -> None:
-        """Stiffness of the arm's own joint controller."""
+        """Stiffness of the arm's own joint controller [N m/rad], one number per joint."""
         self._ask("set_joint_stiffness", joint_stiffness_nm_per_rad=[float(x) for x in joint_stiffness_nm_per_rad])
 
     def set_cartesian_stiffness(self, cartesian_stiffness: Sequence[float]) -> None:

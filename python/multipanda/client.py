@@ -29,11 +29,21 @@ def _names(names: Names) -> list[str]:
 
 
 class Client:
-    """A connection to a running scene. mp.connect() makes one; mp.run() makes a Run, which also owns the program.
+    """A connection to a running scene. `mp.connect()` makes one; `mp.run()` makes a Run, which also owns the program.
 
     `run["left_cartesian"]` is a controllet, `run.arms["left"]` an arm. Leaving `with` closes the connection: its
     streams fall silent, and their arms are held. Leaving it by an exception also takes the arms from the controllets
     that this client has activated or commanded; they are held.
+
+    Every request raises `Refused` with the reason if the run does not accept it, `Timeout` without an answer in time,
+    and `Disconnected` once the run has ended. `client["name"]` raises KeyError if the scene has no such controllet.
+
+    Attributes:
+        scene: Name of the scene.
+        arms: The arms by name.
+        controllets: The controllets by name.
+        connection: The socket's requests and answers.
+        streaming: Streams whose sample was the last set-point, by controllet.
     """
 
     def __init__(self, connection: Connection) -> None:
@@ -71,7 +81,7 @@ class Client:
         return list(self.controllets)
 
     def ask(self, request: Json, timeout_s: float = 30) -> Json:
-        """Sends any request of docs/live_input.md and returns its answer. Raises Refused, Timeout, Disconnected."""
+        """Sends any request of docs/live_input.md and returns its answer; waits for it for timeout_s [s]."""
         answer = self.connection.ask(request, timeout_s)
         self._answered = max(self._answered, int(answer.get("cycle", 0)))
         return answer
@@ -111,9 +121,18 @@ class Client:
             time.sleep(0.001)
 
     def switch(self, activate: Names = (), *, deactivate: Names = (), only: bool = False) -> Json:
-        """Changes the owners of arms between two cycles. only: deactivates all others.
+        """Changes the owners of arms between two cycles.
 
-        Raises Refused with the reason; nothing has changed then.
+        Args:
+            activate: Names of controllets that get their arms.
+            deactivate: Names of controllets whose arms are held.
+            only: Deactivates all that are not activated.
+
+        Returns:
+            The answer: `started`, `stopped`, `kept`, `times_ms` [ms], the largest torque step of each arm [N m].
+
+        Raises:
+            Refused: With the reason; nothing has changed.
         """
         on, off = _names(activate), _names(deactivate)
         answer = self.ask({"do": "switch", "activate": on, "deactivate": off, "only": only})
@@ -129,7 +148,7 @@ class Client:
         self.ask({"do": "resume", "arms": _names(arms)})
 
     def states(self, rate_hz: float = 10) -> Iterator[RunState]:
-        """The state, `rate_hz` times a second of wall time, until the run ends or the loop is left."""
+        """The state, `rate_hz` times a second of wall time [Hz], until the run ends or the loop is left."""
         lines: queue.SimpleQueue[Json | None] = queue.SimpleQueue()
         # A connection of its own: it has one subscription.
         own = Connection(self.connection.path)
@@ -154,7 +173,13 @@ class Client:
             before = state
 
     def place(self, name: str, position_m: Any, quaternion_wxyz: Any = None) -> None:
-        """Simulation: places a free object; without an orientation that of the scene."""
+        """Simulation: places a free object.
+
+        Args:
+            name: Name of the object.
+            position_m: x, y, z in the world [m].
+            quaternion_wxyz: Orientation; that of the scene by default.
+        """
         request: Json = {"do": "place_object", "object": name, "position_m": [float(x) for x in position_m]}
         if quaternion_wxyz is not None:
             request["quaternion_wxyz"] = [float(x) for x in quaternion_wxyz]
@@ -188,7 +213,16 @@ class Client:
 
 
 def connect(socket: str | os.PathLike[str] | None = None) -> Client:
-    """Attaches to a running scene: by the path of its socket, by its name, or to the only one that runs."""
+    """Attaches to a running scene.
+
+    Args:
+        socket: Name of the scene, or path of its socket; by default the only one that runs.
+
+    Raises:
+        Disconnected: No scene runs there.
+        Refused: Several scenes run, and none is named.
+        VersionMismatch: The run is of another version.
+    """
     if socket is None:
         return Client(Connection(only_running_socket()))
     text = os.fspath(socket)

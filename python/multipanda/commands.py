@@ -33,28 +33,61 @@ def experiment(name: Path, **options: Any) -> dict[str, Any]:
     """Runs an experiment on simulated arms: `multipanda experiment`, with its options by name.
 
     mp.experiment("task-1", fast=True, repeats=1, out="runs")["success"]: False if a figure exceeds its limit.
+
+    Raises:
+        Refused: An option or a file is not accepted.
+        Error: The command ended without a result; its messages say why.
+        ProgramMissing: The program was not found.
+        VersionMismatch: The program is of another version.
     """
     return call_json(["experiment", os.fspath(name), *_options(options)])
 
 
 def compare(real: Path, sim: Path, **options: Any) -> dict[str, Any]:
-    """Compares a measured and a simulated task in every quantity: `multipanda compare`."""
+    """Compares a measured and a simulated task in every quantity: `multipanda compare`.
+
+    Returns what its `--json` prints; units are in the names (docs/compare.md).
+
+    Raises:
+        Refused: An option or a file is not accepted.
+        Error: The command ended without a result; its messages say why.
+        ProgramMissing: The program was not found.
+        VersionMismatch: The program is of another version.
+    """
     return call_json(["compare", real, sim, *_options(options)])
 
 
 def identify(*logs: Path, **options: Any) -> dict[str, Any]:
-    """Identifies the parameters of an arm from logs of its motion: `multipanda identify`."""
+    """Identifies the parameters of an arm from logs of its motion: `multipanda identify`.
+
+    Raises:
+        Refused: An option or a file is not accepted.
+        Error: The command ended without a result; its messages say why.
+        ProgramMissing: The program was not found.
+        VersionMismatch: The program is of another version.
+    """
     return call_json(["identify", *logs, *_options(options)])
 
 
 def refine(name: Path, **options: Any) -> dict[str, Any]:
-    """Adapts the simulation of a task to its arms: `multipanda refine`. Real arms need cleared=True."""
+    """Adapts the simulation of a task to its arms: `multipanda refine`. Real arms need cleared=True.
+
+    Raises:
+        Refused: An option or a file is not accepted.
+        Error: The command ended without a result; its messages say why.
+        ProgramMissing: The program was not found.
+        VersionMismatch: The program is of another version.
+    """
     return call_json(["refine", os.fspath(name), *_options(options)])
 
 
 @dataclass(frozen=True)
 class Report:
-    """The report of a run; a notebook shows it."""
+    """The report of a run; a notebook shows it.
+
+    Attributes:
+        path: The HTML page.
+    """
 
     path: pathlib.Path
 
@@ -64,7 +97,14 @@ class Report:
 
 
 def report(log: Path) -> Report:
-    """Makes the HTML report of a recorded run: `multipanda report`."""
+    """Makes the HTML report of a recorded run: `multipanda report`.
+
+    Raises:
+        Refused: An option or a file is not accepted.
+        Error: The command ended without a result; its messages say why.
+        ProgramMissing: The program was not found.
+        VersionMismatch: The program is of another version.
+    """
     code, out, err = call(["report", log])
     path = pathlib.Path(log)
     folder = path if path.is_dir() else path.parent

@@ -28,7 +28,12 @@ def _set_parameter(owner: Any, name: str, value: Any) -> None:
 
 
 class Feature:
-    """A feature of a controllet: `on`, and its parameters as attributes."""
+    """A feature of a controllet: its parameters are attributes. Errors are those of Controllet.
+
+    Attributes:
+        name: Name of the feature.
+        controllet: The controllet that has it.
+    """
 
     name: str
     controllet: Controllet
@@ -66,10 +71,17 @@ class Feature:
 
 
 class Controllet:
-    """One configured control law of the scene.
+    """One configured control law of the scene: `run["left_cartesian"]`.
 
-    Its parameters are attributes; help() of it shows them with units and bounds. Writing raises Refused if the loop
-    does not take the value.
+    Its parameters are attributes, and so are its features; `help()` of it shows them with units and bounds. Everything
+    here asks the run, and raises `Refused` with the reason if the loop does not accept it, `Timeout` without an answer,
+    `Disconnected` once the run has ended. Writing an attribute that does not exist raises AttributeError.
+
+    Attributes:
+        name: Name of the instance.
+        type: Type of the law, such as `cartesian_impedance`.
+        arms: Names of the arms that it owns while it is active.
+        client: The run.
     """
 
     name: str
@@ -118,7 +130,13 @@ class Controllet:
         return {entry["name"]: self._parameters[entry["name"]].read(entry) for entry in entries}
 
     def set(self, parameter: str, value: Any) -> None:
-        """Sets a parameter by its name: one number for all, a list, or the name of a choice."""
+        """Sets a parameter by its name: one number for all, a list, or the name of a choice.
+
+        Raises:
+            Refused: The name is unknown, or the value is out of bounds.
+            TypeError: It is neither a number nor a choice.
+            ValueError: A number is not finite.
+        """
         known = self._parameters.get(parameter)
         sent = known.sent(value) if known is not None else value  # an unknown name is refused with the nearest
         self.client.ask({"do": "parameter", "controllet": self.name, "name": parameter, "value": sent})
@@ -153,11 +171,21 @@ class Controllet:
         return inputs[name]
 
     def goal(self, name: str, values: Any, *, frame: str | None = None, duration_s: float | None = None) -> Goal:
-        """Sets a goal for an input. It is approached smoothly, in `duration_s` or as fast as the limits allow.
+        """Sets a goal for an input; returns once the loop has accepted it.
 
-        values: for a pose a Pose, 7 numbers x y z qw qx qy qz, or a 4 x 4 matrix; for twists and wrenches 6 numbers,
-        linear first; for joints one number each [rad]. frame: "world" or "<arm>_base". Returns once the loop has
-        accepted it; Goal.wait() waits for the arrival.
+        Args:
+            name: Name of the input.
+            values: For a pose a Pose, 7 numbers x y z qw qx qy qz [m], or a 4 x 4 matrix; for a twist [m/s, rad/s] or a
+                wrench [N, N m] 6 numbers, linear first; for joints one angle each [rad].
+            frame: `world` (default) or `<arm>_base`.
+            duration_s: Duration of the motion [s]; longer if the limits require it. Without it, as fast as they allow.
+
+        Returns:
+            The goal; `wait()` waits for the arrival.
+
+        Raises:
+            Refused: The controllet is not active, or the goal is out of reach.
+            ValueError: Another number of values, or one that is not finite.
         """
         spec = self.input(name)
         quantity: str = spec["quantity"]
@@ -183,7 +211,12 @@ class Controllet:
         return Goal(self, spec, numbers, frame or "world", float(answer["t_s"]))
 
     def stream(self, name: str, *, frame: str | None = None) -> Stream:
-        """Opens a stream to an input, for use with `with`. Silence for the input's timeout_s means hold."""
+        """Opens a stream to an input, for use with `with`. Silence for the input's `timeout_s` [s] means hold.
+
+        Args:
+            name: Name of the input.
+            frame: `world` (default) or `<arm>_base`.
+        """
         stream = Stream(self, name, frame)
         self.client.commanded(self.name)
         return stream

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 
 class Error(Exception):
-    """The base of all errors here. `cause` says what happened, `next_step` what to do."""
+    """The base of all errors of this package.
+
+    Attributes:
+        cause: What happened.
+        next_step: What to do.
+    """
 
     def __init__(self, cause: str, next_step: str) -> None:
         self.cause = cause
@@ -13,7 +18,12 @@ class Error(Exception):
 
 
 class Refused(Error):
-    """A request was refused; nothing has changed. `verdict` is its code, as docs/live_input.md lists them."""
+    """A request was refused; nothing has changed.
+
+    Attributes:
+        verdict: Its code, as docs/live_input.md lists them: `two_owners`, `out_of_bounds`, `arm_stopped`, ...
+        reason: The reason in words.
+    """
 
     def __init__(self, verdict: str, reason: str, next_step: str = "") -> None:
         self.verdict = verdict

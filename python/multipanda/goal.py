@@ -17,7 +17,16 @@ _PERIOD_S = 0.01  # between two looks at the state
 
 
 class Goal:
-    """A goal for an input of a controllet. wait() returns when the arm is there and at rest."""
+    """A goal for an input of a controllet, which the loop has accepted.
+
+    Attributes:
+        controllet: The controllet.
+        spec: The input: its entry in `Controllet.inputs`.
+        arm: Name of the arm that the input moves.
+        values: The numbers that were sent, in SI units: [m] and quaternion, or [rad].
+        frame: `world` or `<arm>_base`.
+        accepted_at_s: Loop time of the cycle that took it [s].
+    """
 
     def __init__(
         self, controllet: Controllet, spec: dict[str, Any], values: list[float], frame: str, accepted_at_s: float
@@ -27,7 +36,11 @@ class Goal:
         self.arm: str = spec["arm"]
 
     def error(self, state: ArmState) -> tuple[float, float]:
-        """Distance [m] and angle [rad] to a pose; 0 and the largest angle of a joint [rad] to joint angles."""
+        """Distance [m] and angle [rad] to a pose; 0 and the largest angle of a joint [rad] to joint angles.
+
+        Raises:
+            ValueError: The input is neither a pose nor joint angles.
+        """
         if self.spec["quantity"] == "joints":
             return 0.0, float(np.max(np.abs(state.q_rad - self.values)))
         if self.spec["quantity"] != "pose":
@@ -45,11 +58,22 @@ class Goal:
         angle_rad: float = 0.03,
         speed_rad_per_s: float = 0.02,
     ) -> ArmState:
-        """Waits until the arm is within the tolerances and every joint slower than `speed_rad_per_s`.
+        """Waits until the arm is within the tolerances and at rest.
 
-        Raises Timeout with the distance that is left, for instance because something is in the way, and Refused if
-        the controllet lost the arm: by a stop, a reflex, another switch, or the safety stage. For the inputs of
-        controllets of several arms, whose pose is none of one hand, wait by run.state() instead.
+        Args:
+            timeout_s: How long to wait [s].
+            position_m: Largest distance [m].
+            angle_rad: Largest angle [rad], of the hand or of a joint.
+            speed_rad_per_s: Largest speed of a joint [rad/s] that counts as rest.
+
+        Returns:
+            The state of the arm at its goal.
+
+        Raises:
+            Timeout: It is not there in time, with the distance that is left: something may be in the way.
+            Refused: The controllet lost the arm: by a stop, a reflex, another switch, or the safety stage.
+            Disconnected: The run has ended.
+            ValueError: The controllet moves several arms, and its pose is that of no hand: wait by `run.state()`.
         """
         if len(self.controllet.arms) != 1:
             raise ValueError(f"{self.controllet.name} moves {', '.join(self.controllet.arms)}: wait by run.state()")

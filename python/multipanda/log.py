@@ -69,7 +69,12 @@ class Log(Mapping[str, Values]):
     """The arrays of a log by name, such as "left/state/q" or short "left/q"; times [s] are "left/state/t".
 
     Names of quantities may be written as in CONVENTIONS.md: "left/tau_J". `log["left/q"]` maps the file: nothing is
-    read before it is used, and nothing can be written.
+    read before it is used, and nothing can be written. Values are in SI units. A name that the log does not have raises
+    KeyError.
+
+    Attributes:
+        path: The log.
+        archive: Its export, which is read.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -123,7 +128,11 @@ class Log(Mapping[str, Values]):
         return [name.removesuffix("/state/t") for name in self._members if name.endswith("/state/t")]
 
     def t(self, name: str) -> Values:
-        """The times [s] of an array."""
+        """The times of an array [s].
+
+        Raises:
+            KeyError: The log has no such array.
+        """
         return self[self._full(name).rpartition("/")[0] + "/t"]
 
     def messages(self, topic: str) -> list[dict[str, Any]]:
@@ -147,7 +156,11 @@ class Log(Mapping[str, Values]):
         return self.messages("interventions")
 
     def fields(self, topic: str) -> dict[str, Values]:
-        """The arrays of one topic, such as "left/state"."""
+        """The arrays of one topic, such as "left/state", by field.
+
+        Raises:
+            KeyError: The log has no such topic.
+        """
         found = {
             name[len(topic) + 1 :]: self[name]
             for name in self._members
@@ -158,7 +171,7 @@ class Log(Mapping[str, Values]):
         return found
 
     def to_pandas(self, topic: str) -> pandas.DataFrame:
-        """One topic as a table with the time as index; elements count from 1. Needs pandas."""
+        """One topic as a table with the time [s] as index; elements count from 1. Needs pandas."""
         import pandas
 
         columns: dict[str, Values] = {}
@@ -171,7 +184,7 @@ class Log(Mapping[str, Values]):
         return pandas.DataFrame(columns, index=pandas.Index(times, name="t_s"))
 
     def to_xarray(self, topic: str) -> xarray.Dataset:
-        """One topic as a dataset over t_s. Needs xarray."""
+        """One topic as a dataset over t_s [s]. Needs xarray."""
         import xarray
 
         fields = self.fields(topic)
@@ -184,5 +197,15 @@ class Log(Mapping[str, Values]):
 
 
 def read_log(path: str | os.PathLike[str]) -> Log:
-    """The log of a recorded run: its folder, its log.mcap, or an export of it (.npz)."""
+    """The log of a recorded run.
+
+    Args:
+        path: The run's folder, its log.mcap, or an export of it (.npz).
+
+    Raises:
+        Refused: There is no log.
+        Error: The log cannot be read; `multipanda repair` helps after a crash.
+        ProgramMissing: The log is not exported yet, and the program that does so was not found.
+        VersionMismatch: That program is of another version.
+    """
     return Log(path)

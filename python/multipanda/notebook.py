@@ -53,7 +53,13 @@ def _notebook_view() -> Callable[[str], None] | None:
 
 
 def live_table(client: Client, seconds: float = 10, rate_hz: float = 5) -> None:
-    """Shows the arms for some seconds of loop time, or until the cell is interrupted. The loop does not notice."""
+    """Shows the arms in a notebook or a terminal, until the cell is interrupted. The loop does not notice.
+
+    Args:
+        client: The run.
+        seconds: Loop time for which it is shown [s].
+        rate_hz: How often it is renewed [Hz].
+    """
     show = _notebook_view()
     end: float | None = None
     try:

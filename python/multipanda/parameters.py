@@ -15,7 +15,20 @@ Value = float | bool | str | NDArray[np.float64]
 
 
 class Parameter:
-    """One parameter. Reading asks the run; writing is answered once the loop has taken it (reached within 0.2 s)."""
+    """One parameter of a controllet or a feature.
+
+    Reading the attribute asks the run; writing it returns once the loop has taken the value, which is reached within
+    0.2 s.
+
+    Attributes:
+        name: Its name in the run; that of a feature is `feature.parameter`.
+        doc: What it means.
+        unit: Its unit, such as `N/m`; empty for a ratio.
+        low: Least value, in `unit`; None for a choice.
+        high: Largest value, in `unit`; None for a choice.
+        count: How many numbers; None for one per joint.
+        choices: The values of a choice; empty for numbers.
+    """
 
     def __init__(
         self,
@@ -72,7 +85,12 @@ class Parameter:
         owner.set(self.name, value)
 
     def sent(self, value: Any) -> Any:
-        """The value in a request. Raises TypeError or ValueError with what was expected."""
+        """The value as a request carries it.
+
+        Raises:
+            TypeError: It is neither a number nor a choice.
+            ValueError: A number is not finite.
+        """
         if self.is_switch and isinstance(value, (bool, np.bool_)):
             return bool(value)
         if self.choices:

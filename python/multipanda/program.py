@@ -18,7 +18,11 @@ _versions: dict[str, str] = {}  # of programs that were asked
 
 
 def program_path() -> str:
-    """The program's path: MULTIPANDA_PROGRAM, this package's folder bin, the build of this source tree, or PATH."""
+    """The program's path: MULTIPANDA_PROGRAM, this package's folder bin, the build of this source tree, or PATH.
+
+    Raises:
+        ProgramMissing: It is in none of them.
+    """
     named = os.environ.get("MULTIPANDA_PROGRAM")
     if named:
         if os.access(named, os.X_OK) and os.path.isfile(named):

@@ -112,7 +112,7 @@ os.register_at_fork(after_in_child=_after_fork)
 
 
 class Summary(dict[str, Any]):
-    """The summary of a run, as `multipanda run --json` prints it; printed as text it is short."""
+    """The summary of a run, as `multipanda run --json` prints it; printed as text it is short. Times [s], [us]."""
 
     @property
     def success(self) -> bool:
@@ -126,7 +126,11 @@ class Summary(dict[str, Any]):
 
     @property
     def log(self) -> pathlib.Path:
-        """The log, in a folder of its own, if the run was recorded (record=DIR)."""
+        """The log, in a folder of its own.
+
+        Raises:
+            Refused: The run was not recorded.
+        """
         if not self.get("log"):
             raise Refused("no_log", "this run was not recorded", 'record it: mp.run(..., record="runs")')
         return pathlib.Path(self["log"])
@@ -164,6 +168,10 @@ class Run(Client):
 
     Leaving `with`, by an exception too: the arms are held, their motion is finished, the program ends, `summary` and
     `log` are there. The program does the same when this process dies. Nothing here recovers an arm or loosens a limit.
+
+    Attributes:
+        summary: The run's summary once it is over; None before.
+        process: The program.
     """
 
     def __init__(self, process: Process, socket: pathlib.Path, start_timeout_s: float, end_timeout_s: float) -> None:
@@ -221,13 +229,21 @@ class Run(Client):
 
     @property
     def log(self) -> pathlib.Path:
-        """The log, in a folder of its own; known once the run is over, if it was recorded (record=DIR)."""
+        """The log, in a folder of its own.
+
+        Raises:
+            Refused: The run is not over, or was not recorded.
+        """
         if self.summary is None:
             raise Refused("running", "the log is complete when the run is over", "leave `with` or call close() first")
         return self.summary.log
 
     def wait(self, timeout_s: float | None = None) -> Summary:
-        """Waits until the scene is over by itself (seconds=... or timeline=True), then closes."""
+        """Waits until the scene is over by itself (seconds=... or timeline=True), then closes.
+
+        Raises:
+            Timeout: It goes on after timeout_s [s].
+        """
         try:
             self.process.child.wait(timeout_s)
         except subprocess.TimeoutExpired:
@@ -237,7 +253,12 @@ class Run(Client):
         return self.summary
 
     def close(self) -> None:
-        """Ends the run in hold and reads its summary. May be called again."""
+        """Ends the run in hold and reads its summary. May be called again.
+
+        Raises:
+            Timeout: The program did not end in time and was killed.
+            Error: It ended without a summary.
+        """
         if os.getpid() != self._owner or self.summary is not None:
             return
         try:
@@ -295,9 +316,28 @@ def play(
     arguments: Sequence[str] = (),
     end_timeout_s: float = 60,
 ) -> Summary:
-    """Plays a scene with its timeline to its end and returns the summary; fast: as fast as possible.
+    """Plays a scene with its timeline to its end.
 
     Ctrl-C, every other exception and the death of this process end it in hold. Real arms need fast=False.
+
+    Args:
+        scene: Name of a scene, or path of a scene file.
+        address: The real arms' addresses by name.
+        backend: Whose arms: `mujoco`, `virtual`, `fci`; by default as in the scene.
+        record: Folder in which the log's folder is made.
+        seconds: Duration [s]; by default that of the scene.
+        fast: As fast as possible instead of in real time.
+        arguments: More options of `multipanda run`.
+        end_timeout_s: How long the program may take to end after an exception [s].
+
+    Returns:
+        The summary.
+
+    Raises:
+        Refused: The scene or an option is not accepted.
+        ProgramMissing: The program was not found.
+        VersionMismatch: The program is of another version.
+        Error: It ended without a summary.
     """
     process = Process([*_words(scene, address, backend, record, seconds, fast), *arguments])
     try:
@@ -324,12 +364,29 @@ def run(
     start_timeout_s: float = 60,
     end_timeout_s: float = 60,
 ) -> Run:
-    """Starts a scene (a name or the path of a scene file) and returns once its loop runs.
+    """Starts a scene and returns once its loop runs.
 
-    address: the real arms' addresses by name; without it the arms are simulated. record: folder in which the log's
-    folder is made. seconds: ends by itself then. timeline: also plays the scene's timeline; by default the scene
-    waits for commands. fast: as fast as possible instead of in real time, until it is closed. arguments: more options
-    of `multipanda run`.
+    Args:
+        scene: Name of a scene, or path of a scene file.
+        address: The real arms' addresses by name; arms without one are simulated unless the scene says otherwise.
+        backend: Whose arms: `mujoco`, `virtual`, `fci`; by default as in the scene.
+        record: Folder in which the log's folder is made.
+        seconds: Loop time after which it ends by itself [s].
+        timeline: Also plays the scene's timeline; by default the scene waits for commands.
+        fast: As fast as possible instead of in real time, until it is closed.
+        cpu: Core to which the loop is pinned.
+        ros: Also serves the ROS 2 interfaces.
+        arguments: More options of `multipanda run`.
+        start_timeout_s: How long the program may take until it listens [s].
+        end_timeout_s: How long it may take to end in hold [s].
+
+    Raises:
+        Refused: The scene or an option is not accepted.
+        Timeout: It did not listen in time: real arms must be unlocked and reachable.
+        ProgramMissing: The program was not found.
+        VersionMismatch: The program is of another version.
+        Error: It ended at its start; its messages say why.
+        ValueError: Options that exclude each other.
     """
     if fast and (timeline or seconds is not None):
         raise ValueError(

@@ -13,14 +13,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Pose:
-    """A pose: position [m], orientation as unit quaternion (w, x, y, z)."""
+    """A pose.
+
+    Attributes:
+        position_m: x, y, z [m].
+        quaternion_wxyz: Orientation as unit quaternion w, x, y, z.
+    """
 
     position_m: Array
     quaternion_wxyz: Array
 
     @classmethod
     def of(cls, values: Pose | Any) -> Pose:
-        """From a Pose, seven numbers x y z qw qx qy qz, or a homogeneous 4 x 4 matrix."""
+        """From a Pose, seven numbers x y z qw qx qy qz [m], or a homogeneous 4 x 4 matrix.
+
+        Raises:
+            ValueError: It has another shape.
+        """
         if isinstance(values, Pose):
             return values
         array = np.asarray(values, dtype=np.float64)
@@ -32,7 +41,7 @@ class Pose:
 
     @property
     def rotation(self) -> Array:
-        """The rotation matrix."""
+        """The 3 x 3 rotation matrix."""
         w, x, y, z = self.quaternion_wxyz / np.linalg.norm(self.quaternion_wxyz)
         return np.array(
             [
@@ -44,14 +53,14 @@ class Pose:
 
     @property
     def matrix(self) -> Array:
-        """The homogeneous 4 x 4 matrix."""
+        """The homogeneous 4 x 4 matrix; translation [m]."""
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = self.rotation, self.position_m
         return matrix
 
     @property
     def values(self) -> Array:
-        """x y z qw qx qy qz."""
+        """Seven numbers: x y z [m], qw qx qy qz."""
         return np.concatenate([self.position_m, self.quaternion_wxyz])
 
     def moved(self, x: float = 0, y: float = 0, z: float = 0) -> Pose:
@@ -82,7 +91,14 @@ def _quaternion(r: Array) -> Array:
 
 @dataclass(frozen=True)
 class GripperState:
-    """The state of a hand or a vacuum gripper."""
+    """The state of a hand or a vacuum gripper.
+
+    Attributes:
+        width_m: Distance between the fingers [m]; 0 of a vacuum gripper.
+        max_width_m: Largest distance [m]; known after homing of a real hand.
+        grasped: Whether something is held.
+        moving: Whether the fingers move.
+    """
 
     width_m: float
     max_width_m: float
@@ -92,23 +108,44 @@ class GripperState:
 
 @dataclass(frozen=True)
 class ArmState:
-    """One arm at one cycle. Names and signs: CONVENTIONS.md."""
+    """One arm at one cycle. Names and signs: CONVENTIONS.md.
+
+    Attributes:
+        arm: Name of the arm.
+        t_s: Loop time [s].
+        controllet: Name of the controllet that owns the arm; `<arm>_hold` while it is held.
+        mode: Mode of the arm: `move`, `reflex`, `user_stopped`, ...
+        stopped: Whether it is held until `resume()`.
+        q_rad: Joint angles [rad].
+        dq_rad_per_s: Joint velocities [rad/s].
+        tau_J_nm: Measured joint torques [N m], with gravity.
+        tau_cmd_nm: Commanded joint torques [N m], without gravity.
+        pose: Pose of the end effector in the world [m].
+        wrench_n_nm: Estimated force [N] and moment [N m] that the arm exerts on its environment, in world axes; None if
+            nothing estimates it.
+        age_s: Age of this state when the loop used it [s].
+        errors: Names of the arm's errors.
+        reason: Why the arm stopped itself; empty if it did not.
+        interventions: Cycles in which the safety stage changed a command, so far.
+        last_intervention: Rule of the newest one.
+        gripper: State of its gripper; None without one.
+    """
 
     arm: str
     t_s: float  # loop time
-    controllet: str  # that owns the arm; <arm>_hold while it is held
+    controllet: str
     mode: str
-    stopped: bool  # until resume()
+    stopped: bool
     q_rad: Array
     dq_rad_per_s: Array
-    tau_J_nm: Array  # measured, with gravity
-    tau_cmd_nm: Array  # commanded, without
-    pose: Pose  # of the end effector, in the world
-    wrench_n_nm: Array | None  # estimated, that the arm exerts on its environment; None if nothing estimates it
+    tau_J_nm: Array
+    tau_cmd_nm: Array
+    pose: Pose
+    wrench_n_nm: Array | None
     age_s: float
     errors: tuple[str, ...]
-    reason: str  # why the arm stopped itself; empty if it did not
-    interventions: int  # of the safety stage, so far
+    reason: str
+    interventions: int
     last_intervention: str
     gripper: GripperState | None
 
@@ -120,7 +157,17 @@ class ArmState:
 
 @dataclass(frozen=True)
 class RunState:
-    """All arms at one cycle."""
+    """All arms at one cycle.
+
+    Attributes:
+        scene: Name of the scene.
+        cycle: Number of the cycle.
+        t_s: Loop time [s].
+        rate_hz: Cycles per second of wall time.
+        cycle_us: Computing time of the cycle [us].
+        overruns: Missed cycles, so far.
+        arms: The arms by name.
+    """
 
     scene: str
     cycle: int

@@ -37,8 +37,16 @@ class Stream:
     """A stream to one input of an active controllet, as a context manager.
 
     Leaving it, by an exception too, holds the arms at once, unless a goal followed the last sample. If this process
-    falls silent or dies, they are held after the input's `timeout_s`. send() raises Refused once the loop has refused a
-    sample, Disconnected once the run has ended.
+    falls silent or dies, they are held after the input's `timeout_s`.
+
+    Attributes:
+        controllet: The controllet.
+        name: Name of the input.
+        channel: Number of its channel in the run.
+        quantity: What it carries: `pose`, `twist`, `wrench`, `joints`, `scalar`.
+        count: How many numbers a sample has.
+        timeout_s: Silence after which the arms are held [s].
+        unsent: Samples that were dropped because there was no room.
     """
 
     def __init__(self, controllet: Controllet, name: str, frame: str | None) -> None:
@@ -70,7 +78,19 @@ class Stream:
         self._verdict = str(line["stream"]["verdict"])
 
     def send(self, values: Any) -> bool:
-        """Sends the newest sample; never waits. False: there was no room, and the sample is dropped."""
+        """Sends the newest sample; never waits.
+
+        Args:
+            values: As for `Controllet.goal`, in SI units: [m] and quaternion, [m/s], [N], [rad].
+
+        Returns:
+            False if there was no room, and the sample is dropped.
+
+        Raises:
+            Refused: The loop has refused a sample, for instance because the arm is held after a silence.
+            Disconnected: The run has ended, the stream is closed, or this process was forked.
+            ValueError: The sample has another size, or a number that is not finite.
+        """
         if self._socket is None or os.getpid() != self._process:
             raise Disconnected("this stream is closed", "open it again: controllet.stream(...)")
         if self._verdict != "accepted":
@@ -90,7 +110,13 @@ class Stream:
         return True
 
     def counts(self) -> dict[str, Any]:
-        """What the run has received, lost and refused."""
+        """What the run has received, lost and refused: the channel's entry in the answer to `channels`.
+
+        Raises:
+            Disconnected: The stream is closed, or the run has ended.
+            Refused: The run does not accept the request.
+            Timeout: The run does not answer.
+        """
         for entry in self._connection.ask({"do": "channels"})["channels"]:
             if entry["channel"] == self.channel:
                 return dict(entry)

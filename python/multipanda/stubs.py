@@ -50,7 +50,8 @@ def _class_of(controllet: Controllet) -> list[str]:
 def stubs(client: Client) -> str:
     """A module with a class per controllet of the scene, its parameters with units and bounds.
 
-    `law: LeftCartesian = run["left_cartesian"]` then completes and checks the names.
+    `law: LeftCartesian = run["left_cartesian"]` then completes and checks the names. Asks the run: errors are those of
+    Client.
     """
     lines = [
         f'"""Controllets of the scene {client.scene}, made by multipanda.stubs."""',

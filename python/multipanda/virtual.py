@@ -24,7 +24,14 @@ def _address(arm: int) -> str:
 
 
 class VirtualArms:
-    """Virtual arms that listen. `addresses` has one per arm; as a context manager it ends them at the end."""
+    """Virtual arms that listen; leaving `with` ends them.
+
+    Attributes:
+        addresses: Address by name of the arm.
+        ports: Port by name of the arm.
+        result: Counts of what was exchanged; filled by close().
+        process: The program.
+    """
 
     def __init__(self, process: Process, timeout_s: float) -> None:
         self.process = process
@@ -49,11 +56,20 @@ class VirtualArms:
         self.ports: dict[str, int] = {name: place["port"] for name, place in listening.items()}
 
     def tell(self, command: str) -> None:
-        """A command such as "push arm 0 0 -30 0.5" or "user-stop arm on"; `help` prints all to messages."""
+        """A command such as "push arm 0 0 -30 0.5" ([N], [s]) or "user-stop arm on"; `help` prints all to the messages.
+
+        Raises:
+            Disconnected: The virtual arms have ended.
+        """
         self.process.tell(command)
 
     def close(self) -> None:
-        """Ends them; `result` has their counts. May be called again."""
+        """Ends them; `result` has their counts. May be called again.
+
+        Raises:
+            Disconnected: They have ended before, with the program's messages.
+            Timeout: They did not end in time and were killed.
+        """
         if self.result:
             return
         code = self.process.end(30)
@@ -89,8 +105,21 @@ def virtual_arms(
 ) -> VirtualArms:
     """Offers the arms of a scene to libfranka programs, on this computer.
 
-    lockstep: the world waits for the programs' commands, so a busy computer loses no packet. bind: addresses by arm.
-    arm_names: arms that get an address of their own, for several processes at once; others get 127.0.0.1, 127.0.0.2.
+    Args:
+        scene: Name of a scene, or path of a scene file.
+        lockstep: The world waits for the programs' commands, so a busy computer loses no packet.
+        strict: No tolerance for late answers, as on a real arm.
+        bind: Addresses by arm.
+        arm_names: Arms that get an address of their own, for several processes at once; others get 127.0.0.1, ...
+        arguments: More options of `multipanda virtual-arm`.
+        timeout_s: How long to wait until they listen [s].
+
+    Raises:
+        Refused: The scene or an option is not accepted.
+        Timeout: They did not listen in time.
+        ProgramMissing: The program was not found.
+        VersionMismatch: The program is of another version.
+        Error: The program ended; its messages say why.
     """
     words = ["virtual-arm", os.fspath(scene), "--json", "--until-input-ends"]
     words += ["--pace", "lockstep" if lockstep else "realtime"]
