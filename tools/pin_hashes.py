@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Renews the hashes in requirements.txt and requirements-ros.txt, or checks without a network that all are there.
+"""Renews the hashes in requirements*.txt, or checks without a network that all are there.
 
-    .venv/bin/python tools/pin_hashes.py           asks the package index, rewrites both files
+    .venv/bin/python tools/pin_hashes.py           asks the package index, rewrites the files
     .venv/bin/python tools/pin_hashes.py --check   names each line without a version or a hash
 
 To change a version, edit it and run the tool. A line gets the hashes of every published file that this version offers
@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from project_files import ROOT
 
-FILES = [ROOT / "requirements.txt", ROOT / "requirements-ros.txt"]
+FILES = [ROOT / name for name in ("requirements.txt", "requirements-ros.txt", "requirements-docs.txt")]
 PYTHONS = ["3.10", "3.11", "3.12", "3.13"]
 # Python 3.13 belongs to no supported distribution yet: its files are listed where they exist.
 OPTIONAL = {"3.13"}

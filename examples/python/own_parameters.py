@@ -1,0 +1,41 @@
+#!/usr/bin/env python3
+"""A controllet of your own, from a library (examples/own_controllet): its parameters change while it runs.
+
+PYTHONPATH=python .venv/bin/python examples/python/own_parameters.py
+"""
+
+import argparse
+import pathlib
+import time
+
+import multipanda as mp
+
+SCENE = pathlib.Path(__file__).resolve().parents[1] / "own_controllet" / "scene.yaml"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scene", default=SCENE, help="a scene that loads the library of virtual_wall")
+    with mp.run(parser.parse_args().scene) as run:
+        arm, wall = run.arms["arm"], run["wall"]
+        for name, parameter in wall.descriptors.items():  # as the library declares them
+            print(f"{name}: {parameter.describe()}")
+
+        # The hand floats; a wall that rises from below pushes it up. Numbers approach a new value within 0.2 s.
+        start = arm.state.pose.position_m[2]
+        for height in (start + 0.03, start + 0.06):
+            wall.height_m = height
+            time.sleep(1)
+        print(f"wall at {wall.height_m:.2f} m, hand {1e3 * (arm.state.pose.position_m[2] - start):.0f} mm higher")
+
+        try:
+            wall.height_m = 5  # beyond the bounds that the library declares
+        except mp.Refused as refused:
+            print("refused:", refused.reason)
+        wall.speed_damping.switch(False)  # a feature, from the same library
+        print("features:", wall.features)
+    print(run.summary)
+
+
+if __name__ == "__main__":
+    main()

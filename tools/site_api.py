@@ -1,0 +1,63 @@
+"""The pages of the Python package's reference: which public name stands on which page. mkdocstrings writes the rest."""
+
+from typing import NamedTuple
+
+
+class Page(NamedTuple):
+    title: str
+    text: str
+    names: tuple[str, ...]  # in `multipanda`, or below it with the module
+
+
+PAGES = {
+    "runs": Page(
+        "Runs",
+        "Starts a scene or attaches to one, and commands it.",
+        ("run", "play", "connect", "Run", "Client", "Summary", "RunState", "Event", "running_sockets", "program_path"),
+    ),
+    "arms": Page(
+        "Arms",
+        "One arm of a run, its state and its gripper. Units are in the names: meters, radians, seconds, newtons.",
+        ("Arm", "ArmState", "Pose", "Gripper", "GripperState", "Vacuum"),
+    ),
+    "controllets": Page(
+        "Controllets",
+        "A control law of the scene: parameters, features, goals and streams. Which parameters a controllet has"
+        " depends on the scene: `help()` of it, and `stubs()`, show them with units and bounds.",
+        ("Controllet", "controllet.Feature", "Parameter", "Goal", "Stream", "stubs"),
+    ),
+    "logs": Page(
+        "Logs and commands",
+        "Reads recorded runs, and calls the program's longer commands.",
+        ("read_log", "Log", "report", "Report", "experiment", "compare", "identify", "refine"),
+    ),
+    "tests": Page(
+        "Tests and notebooks",
+        "Virtual arms for tests of your own programs, fixtures for pytest, asyncio, and a live table.",
+        (
+            "virtual_arms",
+            "VirtualArms",
+            "pytest_plugin.multipanda_run",
+            "pytest_plugin.multipanda_virtual_arms",
+            "aio",
+            "live_table",
+        ),
+    ),
+    "errors": Page(
+        "Errors",
+        "Every error has `cause` and `next_step`.",
+        ("Error", "Refused", "Timeout", "Disconnected", "VersionMismatch", "ProgramMissing"),
+    ),
+}
+
+
+def pages(package):
+    """Markdown of each page, by its path in the site; none in a tree without the package's folder."""
+    result = {}
+    if not package.exists():
+        return result
+    for name, page in PAGES.items():
+        lines = [f"# {page.title}", "", page.text, ""]
+        lines += [f"::: multipanda.{entry}\n" for entry in page.names]
+        result[f"python_api/{name}.md"] = "\n".join(lines)
+    return result
