@@ -82,8 +82,21 @@ std::string check_load(const Load& load) {
 std::string check_request(const ArmRequest& request, const ArmModel& model) {
   if (auto why = check_request(request, model.joint_count()); !why.empty()) return why;
   const auto* set = std::get_if<SetLoad>(&request);
-  if (set == nullptr || !model.largest_load() || set->load.mass <= *model.largest_load()) return {};
-  std::array<char, 256> text;
+  if (set == nullptr) return {};
+  std::array<char, 320> text;
+  // What hangs farther out than the weakest joint could carry is a mistake, which the arm would push up.
+  constexpr double kGravity = 9.81;
+  const double moment = kGravity * set->load.mass * set->load.p_FC.norm();
+  const double most = model.limits().tau_max.minCoeff();
+  if (moment > most) {
+    std::snprintf(
+        text.data(), text.size(),
+        "a payload of %.4g kg whose center of mass is %.4g m from the flange weighs %.3g N m there, more "
+        "than the weakest joint of arm '%s' can carry (%.3g N m): check the center of mass",
+        set->load.mass, set->load.p_FC.norm(), moment, model.name().c_str(), most);
+    return text.data();
+  }
+  if (!model.largest_load() || set->load.mass <= *model.largest_load()) return {};
   std::snprintf(
       text.data(), text.size(),
       "a payload of %.4g kg is too heavy for arm '%s': at most %.4g kg beside hand and tool; if it can "

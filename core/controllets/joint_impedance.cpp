@@ -11,7 +11,7 @@ namespace {
 
 class JointImpedance final : public Controllet {
  public:
-  explicit JointImpedance(ArmModels arms) : model_(arms[0]) {}
+  explicit JointImpedance(ArmModels arms) : model_(arms[0]), bearable_(bearable_damping(*model_)) {}
 
   static ControlletDescriptor descriptor() {
     return {
@@ -74,8 +74,8 @@ class JointImpedance final : public Controllet {
         damping = D.lazyProduct(arm.dq());
         break;
       }
-      case kDiagonal: {
-        const JointVector D = diagonal_damping(M, K, zeta);
+      case kDiagonal: {  // of each joint while all others stand still, so perhaps more than it bears
+        const JointVector D = diagonal_damping(M, K, zeta).cwiseMin(bearable_);
         tau += D.cwiseProduct(velocity_error);
         damping = D.cwiseProduct(arm.dq());
         break;
@@ -125,6 +125,7 @@ class JointImpedance final : public Controllet {
   enum DampingDesign : std::size_t { kCoupled, kDiagonal };  // otherwise given
 
   std::shared_ptr<const ArmModel> model_;
+  JointVector bearable_;  // greatest damping of each joint [N m s/rad] (n x 1)
 };
 
 }  // namespace
