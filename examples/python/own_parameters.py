@@ -13,6 +13,10 @@ import multipanda as mp
 SCENE = pathlib.Path(__file__).resolve().parents[1] / "own_controllet" / "scene.yaml"
 
 
+def hand_height(arm):
+    return arm.state.pose.position_m[2]
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scene", default=SCENE, help="a scene that loads the library of virtual_wall")
@@ -22,17 +26,22 @@ def main():
             print(f"{name}: {parameter.describe()}")
 
         # The hand floats; a wall that rises from below pushes it up. Numbers approach a new value within 0.2 s.
-        start = arm.state.pose.position_m[2]
-        for height in (start + 0.03, start + 0.06):
-            wall.height_m = height
-            time.sleep(1)
-        print(f"wall at {wall.height_m:.2f} m, hand {1e3 * (arm.state.pose.position_m[2] - start):.0f} mm higher")
+        wall.speed_damping.speed_rad_per_s = 0.05  # a feature, from the same library
+        start = hand_height(arm)
+        wall.height_m = start
+        for _ in range(12):
+            wall.height_m += 0.005
+            time.sleep(0.1)
+        time.sleep(0.5)
+        print(
+            f"wall {1e3 * (wall.height_m - start):.0f} mm higher, hand {1e3 * (hand_height(arm) - start):.0f} mm higher"
+        )
 
         try:
             wall.height_m = 5  # beyond the bounds that the library declares
         except mp.Refused as refused:
             print("refused:", refused.reason)
-        wall.speed_damping.switch(False)  # a feature, from the same library
+        wall.speed_damping.switch(False)
         print("features:", wall.features)
     print(run.summary)
 
