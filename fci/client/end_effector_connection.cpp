@@ -106,6 +106,7 @@ void EndEffectorConnection::connect() {
   {
     const std::lock_guard lock(mutex_);
     number_ = 0;
+    order_.reset();
     connected_ = true;
   }
   present_ = true;
@@ -206,7 +207,7 @@ void EndEffectorConnection::read_states() {
     multipanda::GripperState state;
     const std::uint32_t number =
         protocol_->decode_state(std::span(datagram).first(static_cast<std::size_t>(count)), state);
-    if (number == 0 || number <= number_.load(std::memory_order_relaxed)) continue;
+    if (order_.take(number, from.sin_port) != DatagramOrder::Taken::newest) continue;
     width_.store(state.width, std::memory_order_relaxed);
     max_width_.store(state.max_width, std::memory_order_relaxed);
     grasped_.store(state.grasped, std::memory_order_relaxed);

@@ -11,6 +11,7 @@
 #include <thread>
 #include <vector>
 
+#include "fci/client/datagram_order.hpp"
 #include "fci/client/end_effector.hpp"
 #include "fci/client/tcp_channel.hpp"
 
@@ -77,6 +78,7 @@ class EndEffectorConnection final : public EndEffector {
   std::atomic<bool> ending_{false};
   std::thread thread_;
 
+  DatagramOrder order_;  // of the states; the connection's thread
   // The last reported values. Separate atomics: the loop must not wait, and mixed values are harmless.
   std::atomic<std::uint32_t> number_{0};
   std::atomic<double> width_{0}, max_width_{0};

@@ -2,6 +2,7 @@
 #include "fci/client/gripper_connection.hpp"
 
 #include <arpa/inet.h>
+#include <array>
 #include <sys/socket.h>
 #include <thread>
 #include <unistd.h>
@@ -11,6 +12,7 @@
 #include "fci/client/connection_error.hpp"
 #include "fci/client/end_effector_connection.hpp"
 #include "fci/server/virtual_arms.hpp"
+#include "fci/wire/gripper.hpp"
 
 namespace multipanda::fci::gripper_connection_test {
 namespace {
@@ -160,6 +162,91 @@ TEST(GripperLink, ARequestWhileItConnectsIsRefusedAtOnce) {
   }
   EXPECT_TRUE(at_once);
   ::close(silent);
+}
+
+// A gripper whose datagrams the test sends: from its own port, or from another one of the same address.
+class ToldGripper {
+ public:
+  explicit ToldGripper(const char* address) : at_(any(address)) {
+    listener_ = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    EXPECT_EQ(::bind(listener_, reinterpret_cast<sockaddr*>(&at_), sizeof at_), 0);
+    EXPECT_EQ(::listen(listener_, 1), 0);
+    for (int& udp : udp_) {
+      udp = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+      const sockaddr_in port = any(address);
+      EXPECT_EQ(::bind(udp, reinterpret_cast<const sockaddr*>(&port), sizeof port), 0);
+    }
+    socklen_t size = sizeof at_;
+    ::getsockname(listener_, reinterpret_cast<sockaddr*>(&at_), &size);
+  }
+  ~ToldGripper() {
+    for (const int file : {listener_, tcp_, udp_[0], udp_[1]}) ::close(file);
+  }
+  std::uint16_t port() const { return ntohs(at_.sin_port); }
+  // Answers the client's Connect.
+  void accept() {
+    tcp_ = ::accept(listener_, nullptr, nullptr);
+    std::array<std::byte, kGripperHeader + gripper_payload_size<GripperConnectRequest>()> bytes{};
+    ASSERT_EQ(::recv(tcp_, bytes.data(), bytes.size(), MSG_WAITALL), static_cast<ssize_t>(bytes.size()));
+    MessageHeader header;
+    GripperConnectRequest request;
+    ASSERT_EQ(decode(HeaderKind::gripper, std::span(bytes).first(kGripperHeader), header), WireResult::ok);
+    ASSERT_EQ(decode_gripper(std::span<const std::byte>(bytes).subspan(kGripperHeader), request),
+              WireResult::ok);
+    client_ = any("127.0.0.1");
+    client_.sin_port = htons(request.udp_port);
+    std::array<std::byte, kGripperConnectReplySize> reply{};
+    (void)encode_gripper_connect_reply(header.command_id, GripperStatus::success, kGripperVersion, reply);
+    ASSERT_EQ(::send(tcp_, reply.data(), reply.size(), 0), static_cast<ssize_t>(reply.size()));
+  }
+  void send(std::uint32_t number, double width, bool own_port = true) {
+    std::array<std::byte, kGripperStateSize> bytes{};
+    (void)encode_gripper(fci::GripperState{.message_id = number, .width = width}, bytes);
+    EXPECT_GT(::sendto(udp_[own_port ? 0 : 1], bytes.data(), bytes.size(), 0,
+                       reinterpret_cast<const sockaddr*>(&client_), sizeof client_),
+              0);
+  }
+
+ private:
+  static sockaddr_in any(const char* address) {
+    sockaddr_in at{};
+    at.sin_family = AF_INET;
+    at.sin_addr.s_addr = ::inet_addr(address);
+    return at;
+  }
+  sockaddr_in at_, client_{};
+  int listener_ = -1, tcp_ = -1;
+  std::array<int, 2> udp_{-1, -1};
+};
+
+// Else an object would count as held, or as lost, for the rest of the run.
+TEST(GripperLink, OneWrongDatagramDoesNotDeafenIt) {
+  ToldGripper gripper("127.1.60.7");
+  const auto link = gripper_link("hand", "127.1.60.7", gripper.port());
+  std::thread connecting([&] { link->connect(); });
+  gripper.accept();
+  connecting.join();
+  const auto& states = dynamic_cast<const EndEffectorConnection&>(*link);
+  const auto reaches = [&](std::uint32_t number) {
+    const HostTime begun = host_now();
+    while (states.state_number() != number && host_now() - begun < std::chrono::seconds(20))
+      std::this_thread::yield();
+    return states.state_number() == number;
+  };
+  constexpr std::uint32_t kFar = 4'000'000'000;
+  gripper.send(1, 0.01);
+  ASSERT_TRUE(reaches(1));
+  gripper.send(2, 0.05, false);  // another program at the same address
+  gripper.send(kFar, 0.06, false);
+  gripper.send(kFar, 0.07);
+  gripper.send(2, 0.02);
+  ASSERT_TRUE(reaches(2)) << states.state_number();
+  EXPECT_EQ(link->state().width, 0.02);
+  // Two that follow each other are believed: the gripper began to count again.
+  gripper.send(kFar, 0.03);
+  gripper.send(kFar + 1, 0.04);
+  ASSERT_TRUE(reaches(kFar + 1)) << states.state_number();
+  EXPECT_EQ(link->state().width, 0.04);
 }
 
 TEST(VacuumLink, HoldsAndDropsAPart) {

@@ -86,7 +86,7 @@ bool UdpPort::has_overflowed() noexcept {
 }
 
 void UdpPort::take(std::span<const std::byte> datagram, const sockaddr_in& from) noexcept {
-  using enum StateIntake::Taken;
+  using enum DatagramOrder::Taken;
   const auto taken = from.sin_addr.s_addr == address_ ? intake_.take(datagram, from.sin_port) : refused;
   if (taken == refused) add(counters_.foreign, 1);
   if (taken == late && counters_.lost.load(std::memory_order_relaxed) > 0) {
