@@ -35,6 +35,7 @@ struct ControlContext {
   std::span<OwnedArm> scene_arms = {};
   // What a law that draws a hand to a set-point keeps to (bound_pull), reporting it by Reference::resist.
   ContactBounds contact = ContactBounds::lifted();
+  bool stopped = false;  // of a hold: its arm was stopped, and is to stay where it is until it is resumed
 };
 
 enum class LawResult { ok, fault };

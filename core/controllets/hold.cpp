@@ -41,7 +41,12 @@ class Hold final : public Controllet {
     enter(arm);
     if (!entered_)
       return LawResult::ok;  // no usable measurement yet: zero torque, the arm compensates its gravity
-    lead_back(arm.q(), context.parameters->values(kStiffness), kReturnSpeed * context.dt);
+    if (context.stopped) {
+      stay(arm.q(), !stopped_);
+    } else {
+      lead_back(arm.q(), context.parameters->values(kStiffness), kReturnSpeed * context.dt);
+    }
+    stopped_ = context.stopped;
     const auto K = context.parameters->values(kStiffness);
     JointVector stiffness = arm.q();
     JointVector design = stiffness;
@@ -102,6 +107,14 @@ class Hold final : public Controllet {
     }
   }
 
+  // A stopped arm is led nowhere. Where q_0 was ahead of a joint on its way back, it waits for it here.
+  void stay(const JointVector& q, bool just_stopped) {
+    if (!just_stopped) return;
+    for (Eigen::Index i = 0; i < q.size(); ++i) {
+      if ((q_end_[i] - q_0_[i]) * (q_0_[i] - q[i]) > 0) q_0_[i] = q[i];
+    }
+  }
+
   // A hold often starts because a measurement is invalid. It holds the first valid one.
   void enter(const OwnedArm& arm) {
     if (entered_ || !arm.q().allFinite()) return;
@@ -112,7 +125,7 @@ class Hold final : public Controllet {
   }
 
   JointVector q_0_, q_end_;
-  bool entered_ = false;
+  bool entered_ = false, stopped_ = false;
 };
 
 }  // namespace

@@ -206,7 +206,7 @@ std::vector<OutputSpec> Instance::output_specs() const {
 ControlContext Instance::context(const Tick& tick) {
   return {dt_,         tick.t.seconds(), law_arms_,
           inputs_,     &parameters_,     std::span(outputs_).first(law_output_count_),
-          scene_arms_, contact_};
+          scene_arms_, contact_,         stopped_};
 }
 
 ControlContext Instance::feature_context(FeatureSlot& slot, const Tick& tick) {

@@ -86,6 +86,7 @@ class Instance {
   // If `active`, parameters approach their values and features start; otherwise both are only stored.
   void set_parameter(std::size_t i, std::span<const double> values, bool active);
   LawResult set_feature(std::size_t i, bool on, bool active, const Tick& tick);
+  void set_stopped(bool stopped) { stopped_ = stopped; }  // its arm, of a hold
   // Starts the references at the measured state, then the controllet and its features. fault: refused,
   // or an exception.
   LawResult start(const Tick& tick);
@@ -129,6 +130,7 @@ class Instance {
   std::size_t law_output_count_ = 0;
   std::vector<OwnedArm> law_arms_, feature_arms_, scene_arms_;
   ContactBounds contact_;
+  bool stopped_ = false;
   std::vector<Pose> X_FE_;  // end effectors for which the set-points are
   ArmSet served_;           // arms that received the torque of the current tick
   LoopTime last_tick_;

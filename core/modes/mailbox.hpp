@@ -42,7 +42,10 @@ class Mailbox {
     expired,   // its asker's patience is over: to be refused
     withdrawn  // its asker has been told that it is not executed: no answer
   };
-  const Posted* front();                                 // nullptr: empty, or an incomplete batch
+  const Posted* front();  // nullptr: empty, or an incomplete batch
+  // The front's batch, unless part of it has been taken: its requests.
+  std::size_t batch_size() const { return batch_; }
+  const Posted& of_batch(std::size_t i) const { return ring_.peek(i); }
   bool in_batch() const { return taken_of_batch_ > 0; }  // part of the front's batch has been taken
   // Decides once for all requests of the front's batch. Either the asker's withdraw() succeeds or this does.
   Claim claim(HostTime now);

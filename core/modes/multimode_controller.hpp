@@ -108,6 +108,8 @@ class MultimodeController {
   void evict(InstanceIndex instance, ArmIndex arm, const Finding& finding, const Tick& tick,
              bool update_holds);
   void take_stops(const Tick& tick);
+  void stop_now(ArmSet arms, const Tick& tick);
+  bool overtaken_by_stop(const Mailbox::Posted& posted) const;
   void take_waiting_starts(const Tick& tick);
   void watch_arm(ArmIndex arm, const Tick& tick);
   void report_hold(ArmIndex arm, const Finding& finding, const Tick& tick);
@@ -127,11 +129,14 @@ class MultimodeController {
   std::vector<ScheduledRequest> schedule_;
   std::size_t next_scheduled_ = 0;
 
-  InstanceSet active_ = 0;                     // loop
-  ArmSet stopped_;                             // loop
-  InstanceSet waiting_ = 0;                    // loop: starts waiting for their arms
-  ArmSet ready_;                               // loop: arms that are ready for them
-  std::atomic<InstanceSet> active_shared_{0};  // copies for other threads
+  InstanceSet active_ = 0;                       // loop
+  ArmSet stopped_;                               // loop
+  ArmSet asked_to_stop_;                         // loop: of those, all that the schedule may not resume
+  std::array<HostTime, kMaxArms> stopped_at_{};  // loop: when the arm was last stopped
+  Verdict batch_verdict_ = Verdict::accepted;    // loop: of the batch that is being taken
+  InstanceSet waiting_ = 0;                      // loop: starts waiting for their arms
+  ArmSet ready_;                                 // loop: arms that are ready for them
+  std::atomic<InstanceSet> active_shared_{0};    // copies for other threads
   std::atomic<std::uint32_t> stopped_shared_{0};
   std::array<std::atomic<InstanceIndex>, kMaxArms> owners_{};
   std::atomic<std::uint32_t> stop_requests_{0};

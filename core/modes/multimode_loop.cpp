@@ -26,8 +26,7 @@ void MultimodeController::take_requests(const Tick& tick) {
   while (next_scheduled_ < schedule_.size() && schedule_[next_scheduled_].at <= tick.t) {
     const ScheduledRequest& scheduled = schedule_[next_scheduled_++];
     if (scheduled.what == ScheduledRequest::What::stop) {
-      stop(scheduled.stop);
-      take_stops(tick);
+      stop_now(scheduled.stop & ArmSet::all(arm_count()), tick);
     } else {
       apply(scheduled.request, 0, tick.start, tick);
     }
@@ -37,19 +36,41 @@ void MultimodeController::take_requests(const Tick& tick) {
   take_waiting_starts(tick);
 }
 
-// Requests whose askers still wait. Those of the others are refused, or have been withdrawn.
+// Requests whose askers still wait. Those of the others are refused, or have been withdrawn. A batch is
+// refused as a whole if a stop came between its post and now, and from its first refusal on: what follows may
+// rely on it.
 void MultimodeController::take_mail(const Tick& tick) {
   for (std::size_t taken = 0; taken < kPerStep || mailbox_.in_batch(); ++taken) {
     const Mailbox::Posted* posted = mailbox_.front();
     if (posted == nullptr) break;
+    if (!mailbox_.in_batch()) {
+      batch_verdict_ = Verdict::accepted;
+      for (std::size_t i = 0; i < mailbox_.batch_size(); ++i) {
+        if (overtaken_by_stop(mailbox_.of_batch(i))) batch_verdict_ = Verdict::arm_stopped;
+      }
+    }
     const Mailbox::Claim claim = mailbox_.claim(host_now());
     if (claim != Mailbox::Claim::withdrawn) {
       const bool late = claim == Mailbox::Claim::expired || (posted->bounded() && posted->received < began_);
       apply(posted->request, posted->ticket, posted->received, tick,
-            late ? Verdict::timeout : Verdict::accepted);
+            late ? Verdict::timeout : batch_verdict_);
+      batch_verdict_ = pending_[pending_count_ - 1].verdict;
     }
     mailbox_.pop();
   }
+}
+
+// Whoever posted it did not know that the arm would be stopped: it must not resume, start or change anything.
+bool MultimodeController::overtaken_by_stop(const Mailbox::Posted& posted) const {
+  const Request& request = posted.request;
+  ArmSet arms = request.kind == Request::Kind::resume               ? request.arms
+                : request.kind == Request::Kind::switch_controllets ? arms_of(request.activate)
+                : request.instance < instances_.size()              ? instances_[request.instance]->arms()
+                                                                    : ArmSet{};
+  arms = arms & stopped_;
+  bool overtaken = false;
+  for_each(arms, [&](ArmIndex arm) { overtaken = overtaken || posted.received < stopped_at_[arm]; });
+  return overtaken;
 }
 
 void MultimodeController::start_when_ready(InstanceSet instances) {
@@ -82,7 +103,17 @@ void MultimodeController::take_stops(const Tick& tick) {
   const std::uint32_t bits = stop_requests_.exchange(0, std::memory_order_acq_rel);
   if (bits == 0) return;
   const ArmSet arms = ArmSet::from_bits(bits) & ArmSet::all(arm_count());
+  asked_to_stop_ |= arms;
+  stop_now(arms, tick);
+}
+
+void MultimodeController::stop_now(ArmSet arms, const Tick& tick) {
   stopped_ |= arms;
+  const HostTime now = host_now();
+  for_each(arms, [&](ArmIndex arm) {
+    stopped_at_[arm] = now;
+    instances_[hold_of(arm)]->set_stopped(true);
+  });
   stopped_shared_.store(stopped_.bits(), std::memory_order_release);
   give_up_starts(arms);
   Event event{.kind = EventKind::stopped, .arms = arms.bits()};
@@ -143,13 +174,18 @@ void MultimodeController::apply(const Request& request, std::uint64_t ticket, Ho
           event.size = static_cast<std::uint8_t>(2 * event.size);
         }
         break;
-      case Request::Kind::resume:
-        stopped_ = stopped_ - request.arms;
+      case Request::Kind::resume: {
+        // The schedule was written before: it must not resume what somebody has stopped since.
+        const ArmSet arms = ticket != 0 ? request.arms : request.arms - asked_to_stop_;
+        stopped_ = stopped_ - arms;
+        asked_to_stop_ = asked_to_stop_ - arms;
         stopped_shared_.store(stopped_.bits(), std::memory_order_release);
-        give_up_starts(request.arms);  // a resume starts nothing by itself
+        for_each(arms, [&](ArmIndex arm) { instances_[hold_of(arm)]->set_stopped(false); });
+        give_up_starts(arms);  // a resume starts nothing by itself
         event.kind = EventKind::resumed;
-        event.arms = request.arms.bits();
+        event.arms = arms.bits();
         break;
+      }
     }
   }
   event.verdict = answer.verdict;

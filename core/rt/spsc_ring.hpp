@@ -33,6 +33,11 @@ class SpscRing {
     const std::size_t tail = tail_.load(std::memory_order_relaxed);
     return tail == head_.load(std::memory_order_acquire) ? nullptr : &slots_[tail];
   }
+  // The i-th oldest; i < size().
+  const T& peek(std::size_t i) const {
+    const std::size_t at = tail_.load(std::memory_order_relaxed) + i;
+    return slots_[at < slots_.size() ? at : at - slots_.size()];
+  }
   void pop() { tail_.store(next(tail_.load(std::memory_order_relaxed)), std::memory_order_release); }
 
   // Either side; a snapshot.

@@ -1,0 +1,135 @@
+#include <array>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "core/testing/test_laws.hpp"
+#include "core/testing/test_world.hpp"
+
+// After a stop nothing moves an arm: neither its hold, nor what was asked for before, nor the schedule.
+namespace multipanda::stopping_test {
+namespace {
+
+using test::TestLoop;
+using Kind = Request::Kind;
+
+struct Stopping : testing::Test {
+  static std::vector<InstanceConfig> laws() {
+    return {{.name = "s0", .type = "spring", .arms = {0}},
+            {.name = "s1", .type = "spring", .arms = {1}},
+            {.name = "refuser", .type = "refuser", .arms = {0}}};
+  }
+  Stopping() : loop(2, laws(), test::test_registry()) {}
+
+  std::uint64_t post(std::span<const Request> requests) {
+    std::uint64_t ticket = 0;
+    EXPECT_EQ(loop.modes().post(requests, ticket), Verdict::accepted);
+    return ticket;
+  }
+  // As many as the loop takes in one step: what is posted next waits for the one after.
+  void fill_a_step() {
+    for (int i = 0; i < 16; ++i) post(std::array{Request{.kind = Kind::resume}});
+  }
+  Verdict verdict(std::uint64_t ticket) {
+    Answer answer;
+    EXPECT_TRUE(loop.modes().poll(ticket, answer));
+    return answer.verdict;
+  }
+  bool runs(const char* name) { return (loop.modes().active() & loop.set({name})) != 0; }
+
+  TestLoop loop;
+};
+
+// Its hold was bringing a joint back to its limit, with its set-point ahead of it.
+TEST_F(Stopping, TheHoldOfAStoppedArmLeadsNoJointBack) {
+  const double limit = loop.models[0]->limits().q_max[0];
+  JointVector q = loop.world.position(0);
+  q[0] = limit + 0.3;
+  loop.world.set_position(0, q);
+  loop.steps(800);
+  const double moving = loop.world.position(0)[0];
+  EXPECT_LT(moving, limit + 0.28);
+  EXPECT_GT(moving, limit + 0.1);
+  loop.modes().stop(ArmSet::of(0));
+  loop.step();
+  const JointVector stopped_at = loop.world.position(0);
+  loop.steps(3000);
+  EXPECT_LT((loop.world.position(0) - stopped_at).lpNorm<Eigen::Infinity>(), 0.01);
+  const JointVector rest = loop.world.position(0);
+  loop.steps(3000);
+  EXPECT_LT((loop.world.position(0) - rest).lpNorm<Eigen::Infinity>(), 1e-4);
+  EXPECT_TRUE(loop.ask({.kind = Kind::resume, .arms = ArmSet::of(0)}).accepted());
+  loop.steps(8000);
+  EXPECT_NEAR(loop.world.position(0)[0], limit, 1e-3);
+}
+
+// The same of an arm that its controllet owned when it was stopped.
+TEST_F(Stopping, AnArmThatIsStoppedBeyondItsLimitStaysThere) {
+  ASSERT_TRUE(loop.activate({"s0"}).accepted());
+  const double limit = loop.models[0]->limits().q_max[0];
+  JointVector q = loop.world.position(0);
+  q[0] = limit + 0.01;
+  loop.world.set_position(0, q);
+  loop.world.set_velocity(0, joint_constant(7, 0));
+  loop.modes().stop(ArmSet::of(0));
+  loop.steps(2000);
+  EXPECT_NEAR(loop.world.position(0)[0], limit + 0.01, 1e-3);
+}
+
+TEST_F(Stopping, WhatWasPostedBeforeAStopDoesNotRunAfterIt) {
+  loop.step();
+  fill_a_step();
+  const std::array batch{Request{.activate = loop.set({"s1"})},
+                         Request{.kind = Kind::resume, .arms = ArmSet::of(0)},
+                         Request{.activate = loop.set({"s0"})}};
+  const std::uint64_t last = post(batch);
+  loop.modes().stop(ArmSet::of(0));
+  loop.steps(5);
+  for (std::uint64_t ticket = last - 2; ticket <= last; ++ticket)
+    EXPECT_EQ(verdict(ticket), Verdict::arm_stopped);
+  EXPECT_TRUE(loop.modes().stopped().contains(ArmIndex{0}));
+  EXPECT_FALSE(runs("s0"));
+  EXPECT_FALSE(runs("s1"));  // of another arm, but of the same batch
+  // Whoever knows of the stop may resume.
+  EXPECT_TRUE(loop.ask({.kind = Kind::resume, .arms = ArmSet::of(0)}).accepted());
+  EXPECT_TRUE(loop.activate({"s0", "s1"}).accepted());
+}
+
+TEST_F(Stopping, FromItsFirstRefusalOnABatchIsRefused) {
+  loop.step();
+  const std::uint64_t last =
+      post(std::array{Request{.activate = loop.set({"refuser"})}, Request{.activate = loop.set({"s1"})}});
+  loop.steps(2);
+  EXPECT_EQ(verdict(last - 1), Verdict::start_refused);
+  EXPECT_EQ(verdict(last), Verdict::start_refused);
+  EXPECT_FALSE(runs("s1"));
+}
+
+// A timeline stops both arms and resumes them; meanwhile somebody stops the first one.
+TEST_F(Stopping, TheScheduleDoesNotResumeWhatSomebodyStopped) {
+  for (const bool somebody : {false, true}) {
+    TestLoop timed(2, laws(), test::test_registry());
+    std::vector<ScheduledRequest> timeline(4);
+    timeline[0] = {.at = LoopTime::from_seconds(0.005),
+                   .what = ScheduledRequest::What::stop,
+                   .request = {},
+                   .stop = ArmSet::all(2)};
+    timeline[1].at = LoopTime::from_seconds(0.020);
+    timeline[1].request = {.kind = Kind::resume, .arms = ArmSet::all(2)};
+    timeline[2].at = timeline[3].at = LoopTime::from_seconds(0.030);
+    timeline[2].request.activate = timed.set({"s0"});
+    timeline[3].request.activate = timed.set({"s1"});
+    timed.modes().schedule(timeline);
+    timed.steps(10);
+    EXPECT_EQ(timed.modes().stopped().bits(), 3u);
+    if (somebody) timed.modes().stop(ArmSet::of(0));
+    timed.steps(40);
+    EXPECT_EQ(timed.modes().active(), timed.set({somebody ? "arm0_hold" : "s0", "s1"}));
+    if (!somebody) continue;
+    EXPECT_TRUE(timed.ask({.kind = Kind::resume, .arms = ArmSet::of(0)}).accepted());
+    EXPECT_TRUE(timed.activate({"s0"}).accepted());
+  }
+}
+
+}  // namespace
+}  // namespace multipanda::stopping_test
