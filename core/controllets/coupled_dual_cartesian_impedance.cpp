@@ -146,8 +146,8 @@ class CoupledDualCartesianImpedance final : public Controllet {
   using Vector12 = Eigen::Matrix<double, 12, 1>;
 
   // Bounds the pull at each hand. The set-point waits where it moves along what pulls A.
-  static void bound(ControlContext& context, const CooperativeFrame& frame, const Vector12& damping,
-                    const TaskForce& absolute, std::array<Vector6, 2>& F) {
+  void bound(ControlContext& context, const CooperativeFrame& frame, const Vector12& damping,
+             const TaskForce& absolute, std::array<Vector6, 2>& F) const {
     const std::array damping_at{frame.first_wrench(damping.head<6>(), damping.tail<6>()),
                                 frame.second_wrench(damping.head<6>(), damping.tail<6>())};
     double lever = 0;
@@ -160,7 +160,9 @@ class CoupledDualCartesianImpedance final : public Controllet {
       const Vector3& p_A = context.inputs[kPose].pose().position;
       lever = std::max(lever, (context.arms[i].terms->X_WE().position - p_A).norm());
     }
-    context.inputs[kPose].bound_hand_speed(context.contact.hand_speed, lever);
+    // Each hand goes half of the way of the offset between them.
+    Reference& pose = context.inputs[kPose];
+    pose.bound_hand_speed(context.contact.hand_speed - 0.5 * offset_.top_speed(pose.spec().max_speed), lever);
   }
 
   // Conjugate to V_r: minus the gradient of 1/2 p~_r^T K_t p~_r + 1/2 phi_s^T K_r phi_s.

@@ -253,7 +253,10 @@ class CoupledUfic final : public Controllet {
     for (const OwnedArm& arm : context.arms) {
       lever = std::max(lever, (arm.terms->X_WE().position - springs_.X_d.position).norm());
     }
-    pose.bound_hand_speed(context.contact.hand_speed, lever);
+    // Hands that close or open move in addition to A. Counted from their first moment on: the pace is there
+    // sooner than their speed.
+    const double closing = grasp_.distance_rate_d() != 0 ? 0.5 * closing_speed_ : 0;
+    pose.bound_hand_speed(context.contact.hand_speed - closing, lever);
   }
 
   // The feed-forward at a hand, with its spring within the bounds for contact.
@@ -286,6 +289,8 @@ class CoupledUfic final : public Controllet {
                     const CartesianTarget& target) {
     const Vector3 n = target.X_W_d.rotation * n_A_;
     const Matrix3& R_d = target.X_W_d.rotation;
+    settings.grasp.closing_speed = closing_speed_ =
+        std::min(settings.grasp.closing_speed, context.contact.hand_speed);  // half of it by each hand
     settings.grasp.closing_stiffness = n.dot(settings.relative.stiffness(R_d).translation * n);
     measured_ = {.requested_n = context.inputs[kSqueeze].scalar(),
                  .first_n = n.dot(Vector3(context.arms[0].state->F_K_W_est.force())),
@@ -397,7 +402,8 @@ class CoupledUfic final : public Controllet {
   bool touched_ = false;
   double touch_distance_ = 0, gamma_ = 0, alpha_f_ = 0;
   Springs springs_;
-  double spring_share_ = 0;  // of the whole springs at the more loaded hand, in their bounds for contact
+  double closing_speed_ = 0;  // of the hands to each other [m/s]
+  double spring_share_ = 0;   // of the whole springs at the more loaded hand, in their bounds for contact
 };
 
 }  // namespace

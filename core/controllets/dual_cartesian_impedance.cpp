@@ -1,6 +1,8 @@
 #include "core/controllets/dual_cartesian_impedance.hpp"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "core/controllets/offset_reference.hpp"
 #include "core/controllets/set_point_blend.hpp"
@@ -66,7 +68,7 @@ class DualCartesianImpedance final : public Controllet {
     for (std::size_t i = 0; i < 2; ++i) {
       q_N_[i] = context.arms[i].q();
       X_W_d_[i] = context.arms[i].terms->X_WE();
-      blend_[i].capture(X_W_d_[i], rule(context, i).X_W_d);
+      blend_[i].capture(X_W_d_[i], rule(context, i).X_W_d, context.contact.hand_speed);
       shift_[i].clear();
     }
     return LawResult::ok;
@@ -83,7 +85,7 @@ class DualCartesianImpedance final : public Controllet {
     for (std::size_t i = 0; i < 2; ++i) {
       const CartesianTarget requested = rule(context, i);
       if (other_goals) {
-        blend_[i].capture(X_W_d_[i], requested.X_W_d);
+        blend_[i].capture(X_W_d_[i], requested.X_W_d, context.contact.hand_speed);
         shift_[i].clear();
       }
       CartesianTarget target = shift_[i].advance(blend_[i].advance(requested, context.dt), context.dt);
@@ -101,6 +103,7 @@ class DualCartesianImpedance final : public Controllet {
       force.report(context.inputs[goals_ == kCommon ? kCommonPose : i == 0 ? kFirstPose : kSecondPose]);
       show(force, context.outputs.subspan(i * kCartesianOutputSize));
     }
+    share_hand_speed(context);
     return LawResult::ok;
   }
 
@@ -109,7 +112,7 @@ class DualCartesianImpedance final : public Controllet {
     if (goals_ == kSeparate && blend_[arm].over()) {
       context.inputs[arm == 0 ? kFirstPose : kSecondPose].carry(X);
     } else {
-      shift_[arm].add(X);
+      shift_[arm].add(X, context.contact.hand_speed);
     }
     X_W_d_[arm] = X_W_d_[arm] * X;
   }
@@ -125,6 +128,24 @@ class DualCartesianImpedance final : public Controllet {
     const double side = arm == 0 ? 1 : -1;
     target.X_W_d.position += side * offset_.position();
     return target;
+  }
+
+  // A hand is moved by its reference, the blend, the shift and the offset at once. The reference gets what
+  // the others leave of the hand's speed, from the next cycle on: in that one they have hardly begun to move.
+  // Their largest shares leave an eighth.
+  static_assert(SetPointBlend::kShare + SetPointShift::kShare + OffsetReference::kShare < 1);
+  void share_hand_speed(ControlContext& context) const {
+    const double most = context.contact.hand_speed;
+    if (!std::isfinite(most)) return;
+    const auto left = [&](std::size_t i) { return most - blend_[i].top_speed() - shift_[i].top_speed(); };
+    if (goals_ == kSeparate) {
+      context.inputs[kFirstPose].bound_hand_speed(left(0), shift_[0].lever());
+      context.inputs[kSecondPose].bound_hand_speed(left(1), shift_[1].lever());
+    } else {
+      Reference& pose = context.inputs[kCommonPose];
+      pose.bound_hand_speed(std::min(left(0), left(1)) - offset_.top_speed(pose.spec().max_speed),
+                            std::max(shift_[0].lever(), shift_[1].lever()));
+    }
   }
 
   std::size_t goals_ = kCommon;

@@ -1,5 +1,8 @@
 #include "core/controllets/dual_cartesian_impedance.hpp"
 
+#include <algorithm>
+#include <array>
+
 #include <gtest/gtest.h>
 
 #include "core/controllets/cartesian_impedance.hpp"
@@ -107,6 +110,58 @@ TEST(DualCartesianImpedance, ChangingGoalsMakesNoStep) {
   for (int i = 0; i < 100; ++i) {
     ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
     EXPECT_NEAR((bench.rig.tau(0) - first).norm() + (bench.rig.tau(1) - second).norm(), 0, 1e-6);
+  }
+}
+
+// What moves a hand at once, its reference, the way from one set of goals to the other, a changed offset and
+// a redefined end effector, keeps to the hand's speed in sum, also in a reduced run; goals in quick
+// succession and streams included.
+TEST(DualCartesianImpedance, AllThatMovesAHandKeepsToItsSpeedTogether) {
+  for (const double most : {0.25, 0.1}) {
+    for (const int way : {0, 1, 2}) {  // one goal, many goals, a stream
+      SCOPED_TRACE(testing::Message() << most << " m/s, " << way);
+      Bench bench;
+      bench.rig.bound({.hand_speed = most, .spring_force = 1e6, .spring_moment = 1e6});
+      ASSERT_EQ(bench.rig.start(), LawResult::ok);
+      Reference& pose = bench.rig.input("common_pose");
+      Pose goal = pose.pose();
+      const Vector3 start = goal.position;
+      const double scale = most / 0.25;  // all ways, so that they take as long
+      const Vector3 offset = scale * Vector3(0.1, 0.4, -0.1);
+      goal.position += scale * Vector3(0.3, -0.5, 0.4);
+      if (way != 2) goal.rotation = exp_rotation({0.3, -0.5, 0.4}) * goal.rotation;
+      double fastest = 0, reference_alone = 0;
+      std::array<Vector3, 2> before;
+      for (int k = 0; k < 25000; ++k) {
+        if (way == 0 ? k == 0 : way == 1 && k % 7 == 0) pose.set(pose_target(goal));
+        if (way == 2 && k % 4 == 0) {
+          Pose sample = goal;
+          sample.position = start + std::min(1.0, 0.3 * k * 1e-3) * (goal.position - start);
+          ASSERT_EQ(pose.post(pose_target(sample, 0, Delivery::stream)), Verdict::accepted);
+        }
+        if (k == 400) bench.rig.approach("offset_m", {offset.x(), offset.y(), offset.z()});
+        if (k == 700) {
+          for (const std::size_t arm : {0u, 1u})
+            bench.rig.redefine(arm, {exp_rotation({0, 0.2, 0}), scale * Vector3(0, 0.02, 0.1)});
+        }
+        ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+        reference_alone = std::max(reference_alone, pose.twist().linear().norm());
+        for (const std::size_t arm : {0u, 1u}) {  // the arms stand still: their errors show the set-points
+          const auto e = bench.rig.output(arm == 0 ? "first_position_error_m" : "second_position_error_m");
+          const Vector3 p = bench.hand(arm).position + Vector3(e[0], e[1], e[2]);
+          if (k > 0 && k != 700) fastest = std::max(fastest, (p - before[arm]).norm() / 1e-3);
+          before[arm] = p;
+        }
+      }
+      EXPECT_LT(fastest, 1.06 * most);  // a stream may exceed it by 5 %
+      EXPECT_GT(fastest, 0.5 * most);
+      EXPECT_GT(reference_alone, 0.3 * most);
+      EXPECT_LT((pose.pose().position - goal.position).norm(), 1e-6);  // and everything arrives
+      if (most < 0.25) continue;  // the way from where the hands began takes a minute
+      for (const std::size_t arm : {0u, 1u}) {
+        EXPECT_LT((before[arm] - goal.position - (arm == 0 ? offset : Vector3(-offset))).norm(), 1e-6);
+      }
+    }
   }
 }
 

@@ -104,9 +104,16 @@ class Force final : public Controllet {
     const Vector3 spring = force.spring.head<3>();
     pull_share_ = n.dot(spring) > 0 ? force.bounded.force_share : 0;
     const double v_n = n.dot(Vector3(terms.V_WE().linear()));
-    force.total.head<3>() += n * (command - w * n.dot(spring) - settings.damping * (v_n - speed));
-    force.total.head<3>() += settings.tangential_gain * w *
-                             direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
+    const Vector3 pull = force.bounded.remaining(force.pull).head<3>();
+    // With the velocity of the set-point, D_z pulls, too.
+    const double most = context.contact.spring_force;
+    const double approach = std::min(
+        settings.damping * speed, std::max(0.0, most - n.dot(pull)) + settings.damping * std::max(0.0, v_n));
+    force.total.head<3>() += n * (command - w * n.dot(spring) - settings.damping * v_n + approach);
+    const Vector3 F_t = settings.tangential_gain * w *
+                        direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
+    // A hand in the way is felt like friction, and would be pushed harder and harder.
+    force.total.head<3>() += largest_share(direction_.across(pull), F_t, most) * F_t;
 
     *arm.tau = terms.c() + null_space_torque(null_space_gains(parameters), arm, q_N_);
     *arm.tau += terms.J_V_WE().transpose().lazyProduct(force.total);

@@ -16,4 +16,8 @@ void OffsetReference::advance(const Vector3& goal, double max_speed, double dt) 
   reference_.advance(dt, 0);
 }
 
+double OffsetReference::top_speed(double max_speed) const {
+  return (position() - goal_).norm() < 1e-9 && reference_.twist().vector.isZero(0) ? 0 : kShare * max_speed;
+}
+
 }  // namespace multipanda

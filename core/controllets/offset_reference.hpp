@@ -17,6 +17,8 @@ class OffsetReference {
   const Vector3& position() const { return reference_.pose().position; }  // [m]
   Vector3 velocity() const { return reference_.twist().linear(); }
   Vector3 acceleration() const { return reference_.acceleration().linear(); }
+  // The most that it adds to the speed of what it displaces until it is there [m/s]; `max_speed` as above.
+  double top_speed(double max_speed) const;
 
   // Share of the input's speed limit. Two hands that a common offset moves towards each other meet at no more
   // than that limit.

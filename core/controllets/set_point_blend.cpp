@@ -4,12 +4,21 @@
 
 namespace multipanda {
 
-void SetPointBlend::capture(const Pose& X_now, const Pose& X_rule) {
+namespace {
+
+double duration_of(const Vector3& p, const Vector3& r, double top_speed) {
+  return std::max({SetPointBlend::kShortest,
+                   rest_to_rest_duration(p.norm(), std::min(SetPointBlend::kSpeed, top_speed)),
+                   rest_to_rest_duration(r.norm(), SetPointBlend::kAngularSpeed)});
+}
+
+}  // namespace
+
+void SetPointBlend::capture(const Pose& X_now, const Pose& X_rule, double hand_speed) {
   const Vector6 deviation = pose_error(X_now, X_rule);
   p_dev_ = deviation.head<3>();
   r_dev_ = deviation.tail<3>();
-  duration_ = std::max({kShortest, rest_to_rest_duration(p_dev_.norm(), kSpeed),
-                        rest_to_rest_duration(r_dev_.norm(), kAngularSpeed)});
+  duration_ = duration_of(p_dev_, r_dev_, kShare * hand_speed);
   t_ = 0;
   released_ = false;
 }
@@ -46,13 +55,12 @@ CartesianTarget SetPointBlend::advance(const CartesianTarget& rule, double dt) {
   return out;
 }
 
-void SetPointShift::add(const Pose& X) {
+void SetPointShift::add(const Pose& X, double hand_speed) {
   const double s = t_ < duration_ ? Fading(t_, duration_).s : 0;
   const Pose sum = Pose{exp_rotation(s * r_), s * p_} * X;
   p_ = sum.position;
   r_ = log_rotation(sum.rotation);
-  duration_ = std::max({SetPointBlend::kShortest, rest_to_rest_duration(p_.norm(), SetPointBlend::kSpeed),
-                        rest_to_rest_duration(r_.norm(), SetPointBlend::kAngularSpeed)});
+  duration_ = duration_of(p_, r_, kShare * hand_speed);
   t_ = 0;
   released_ = false;
 }

@@ -147,7 +147,16 @@ class Ufic final : public Controllet {
     const Vector6 spring = s * spring_wrench(spring_.stiffness, error);
     Vector6 feedforward = s * (D * target.V_d.vector);
     if (gains.acceleration_feedforward) feedforward.noalias() += s * (Lambda * target.A_d.vector);
-    const Vector6 opposing = D * V;
+    Vector6 opposing = D * V;
+    // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
+    const ForceSettings settings = force_settings(parameters, kForceGroup);
+    const Vector3 F_d = context.inputs[kWrench].vector().head<3>();
+    const Vector3 F_hat = arm.state->F_K_W_est.force(), v = V.head<3>();
+    if (!F_d.allFinite() || !F_hat.allFinite())
+      return LawResult::fault;  // a clamp would hide a value that is not finite
+    const Vector3 n = direction_.update(F_d, context.dt);
+    feedforward.head<3>() += s * settings.damping * n.dot(Vector3(target.V_d.linear())) * n;
+    opposing.head<3>() += settings.damping * n.dot(v) * n;
     const BoundedPull requested = bound_pull(context.contact, spring + feedforward, opposing);
     bound_feedforward(requested, spring, feedforward);
     context.inputs[kPose].resist(spring + feedforward, std::max(spring_share_, requested.force_share),
@@ -155,17 +164,10 @@ class Ufic final : public Controllet {
     const JointVector tau_null = null_space_torque(null_space_gains(parameters), arm, q_N_, s);
 
     // Force part
-    const ForceSettings settings = force_settings(parameters, kForceGroup);
-    const Vector3 F_d = context.inputs[kWrench].vector().head<3>();
-    const Vector3 F_hat = arm.state->F_K_W_est.force(), v = V.head<3>();
-    if (!F_d.allFinite() || !F_hat.allFinite())
-      return LawResult::fault;  // a clamp would hide a value that is not finite
     const Matrix3 D_t = D.topLeftCorner<3, 3>();
-    const ForcePart force = force_part(settings, law, parameters.number(kReach), F_d, F_hat,
-                                       terms.X_WE().position, v, D_t, context.contact, context.dt);
-    const Vector3 n = direction_.n();
-    // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
-    feedforward.head<3>() += s * settings.damping * n.dot(Vector3(target.V_d.linear())) * n;
+    const ForcePart force =
+        force_part(settings, law, parameters.number(kReach), F_d, F_hat, terms.X_WE().position, v, D_t,
+                   (spring + feedforward).head<3>(), context.contact, context.dt);
     // At most a tenth of the tank per tick: a fast set-point cannot overdraw it before its valve has closed.
     feedforward *= balance_.impedance.affordable(feedforward.dot(V) * context.dt, 0.1, limits_);
 
@@ -296,9 +298,9 @@ class Ufic final : public Controllet {
 
   ForcePart force_part(const ForceSettings& settings, ValveLaw law, double reach, const Vector3& F_d,
                        const Vector3& F_hat, const Vector3& p, const Vector3& v, const Matrix3& D_t,
-                       const ContactBounds& contact, double dt) {
+                       const Vector3& pull, const ContactBounds& contact, double dt) {
     ForcePart part;
-    const Vector3 n = direction_.update(F_d, dt);
+    const Vector3& n = direction_.n();
     part.desired = std::max(0.0, n.dot(F_d));
     part.estimated = n.dot(F_hat);
     if (detector_.update(part.estimated, settings.contact_threshold, dt)) {
@@ -312,8 +314,10 @@ class Ufic final : public Controllet {
     const double w = fade_.towards(detector_.in_contact(), dt);
     const double f =
         std::min(loop_.update(settings.gains, part.desired, part.estimated, w, dt), contact.spring_force);
-    const Vector3 F_t = settings.tangential_gain * w *
-                        direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
+    Vector3 F_t = settings.tangential_gain * w *
+                  direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
+    // A hand in the way is felt like friction, and would be pushed harder and harder.
+    F_t *= largest_share(direction_.across(pull), F_t, contact.spring_force);
     const double size = F_t.norm();
     // The valve never damps more than the impedance itself does along the force.
     const auto share = [&](const Vector3& direction, double force) {

@@ -98,6 +98,71 @@ TEST(Ufic, TorqueIsTheStatedLaw) {
   EXPECT_GE(checked, 8);
 }
 
+// A hand held beside a tool that presses: what the arm feels across the pressing direction is what it pushes
+// with, as from friction. Fed forward, it would grow for as long as the hand is held there.
+TEST(Ufic, AHandInTheWayIsNoFrictionToOvercome) {
+  for (const auto& type : {ufic_controllet(), force_controllet()}) {
+    Bench bench(type);
+    bench.rig.bound({});
+    bench.rig.set("tangential_gain", {1});
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    bench.want({0, 0, -10});
+    const auto force = [&]() -> Vector3 {
+      const JointVector tau = bench.rig.tau(0);
+      return Vector3((bench.rig.terms(0).task().J_bar.transpose() * tau).head<3>());
+    };
+    bench.feel({0, 0, -10});
+    bench.ticks(500);
+    ASSERT_EQ(bench.number("in_contact"), 1);
+    if (type.descriptor.type == "ufic") {
+      Pose aside = bench.rig.input("pose").pose();
+      aside.position.x() += 0.1;
+      bench.rig.input("pose").set(pose_target(aside));
+    } else {  // holds its pose, from which somebody has moved it
+      JointVector q = bench.rig.state(0).q;
+      for (int i = 0; i < 50; ++i) {
+        Vector6 step = Vector6::Zero();
+        step[0] = -0.05 / 50;
+        q += bench.rig.terms(0).task().J_bar * step;
+        bench.rig.place(0, q, joint_constant(7, 0));
+      }
+    }
+    double largest = 0;
+    for (int k = 0; k < 8000; ++k) {
+      bench.ticks(1);
+      const Vector3 push = force();
+      largest = std::max(largest, Vector3(push.x(), push.y(), 0).norm());
+      bench.feel({push.x(), push.y(), -10});  // the arm stands still: all of its push is felt
+    }
+    EXPECT_LE(largest, 60.1) << type.descriptor.type;
+    EXPECT_GT(largest, 15) << type.descriptor.type;
+  }
+}
+
+// The damping along the force pulls with the velocity of the set-point, in addition to the spring.
+TEST(Ufic, DampingAlongTheForceIsPartOfThePull) {
+  for (const auto& type : {ufic_controllet(), force_controllet()}) {
+    Bench bench(type);
+    bench.rig.bound({});
+    bench.rig.set("force_damping_n_s_per_m", {300});
+    const bool follows = type.descriptor.type == "ufic";
+    if (!follows) bench.rig.set("approach_speed_m_per_s", {0.2});
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    Pose below = bench.rig.terms(0).X_WE();
+    below.position.z() -= 0.4;
+    if (follows) bench.rig.input("pose").set(pose_target(below));
+    bench.want({0, 0, -1});
+    double largest = 0;
+    for (int k = 0; k < 4000; ++k) {  // the arm is blocked where it is, and does not feel it
+      bench.ticks(1);
+      largest = std::max(largest,
+                         (bench.rig.terms(0).task().J_bar.transpose() * bench.rig.tau(0)).head<3>().norm());
+    }
+    EXPECT_LE(largest, 60.5) << type.descriptor.type;
+    EXPECT_GT(largest, 30) << type.descriptor.type;
+  }
+}
+
 TEST(Ufic, IsZeroAtRestWithoutRequestedForce) {
   for (const auto& type : {ufic_controllet(), force_controllet()}) {
     Bench bench(type);

@@ -64,6 +64,12 @@ void Reference::carry(const Pose& X) {
   // The next sample of a stream is no continuation: it is approached within the speed limits.
   last_.id = std::numeric_limits<std::uint64_t>::max();
   period_s_ = 0;
+  // So is a goal that waits for the hand.
+  if (waiting_ && waiting_for_.delivery == Delivery::goal) {
+    const auto& v = waiting_for_.values;
+    const Pose X_waiting = Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6])) * X;
+    waiting_for_.values = pose_target(X_waiting).values;
+  }
   if (in_motion_) motion_.add(t_motion_, coordinates(), now_);
   apply_pace();
   publish_sample();

@@ -34,34 +34,52 @@ void Reference::bound_hand_speed(double greatest, double lever) {
   if (std::isfinite(lever)) lever_ = lever;
 }
 
+// Each hand for itself: hands that something between them loads are pulled in opposite directions, and the
+// set-point waits for the one that it would load more.
+void Reference::add_resistance(const Resistance& hand) {
+  const auto share = [](const Resistance& r) { return std::max(r.force_share, r.moment_share); };
+  if (resisting_count_ < resisting_.size()) {
+    resisting_[resisting_count_++] = hand;
+    return;
+  }
+  Resistance& weakest = *std::min_element(resisting_.begin(), resisting_.end(),
+                                          [&](const auto& a, const auto& b) { return share(a) < share(b); });
+  if (share(hand) > share(weakest)) weakest = hand;
+}
+
 void Reference::resist(const Vector6& pull, double force_share, double moment_share) {
-  if (force_share > force_share_) {
-    force_share_ = force_share;
-    for (std::size_t i = 0; i < 3; ++i) pull_[i] = pull[static_cast<Eigen::Index>(i)];
-  }
-  if (moment_share > moment_share_) {
-    moment_share_ = moment_share;
-    for (std::size_t i = 3; i < 6; ++i) pull_[i] = pull[static_cast<Eigen::Index>(i)];
-  }
+  Resistance hand{.pull = {}, .force_share = force_share, .moment_share = moment_share};
+  std::copy_n(pull.data(), 6, hand.pull.begin());
+  add_resistance(hand);
 }
 
 void Reference::resist(const JointVector& pull, double share) {
-  if (!(share > force_share_)) return;
-  force_share_ = share;
-  std::copy_n(pull.data(), std::min(size_, static_cast<std::size_t>(pull.size())), pull_.begin());
+  Resistance hand{.pull = {}, .force_share = share, .moment_share = 0};
+  std::copy_n(pull.data(), std::min(size_, static_cast<std::size_t>(pull.size())), hand.pull.begin());
+  add_resistance(hand);
+}
+
+double Reference::largest_share() const {
+  double share = 0;
+  for (std::size_t i = 0; i < resisting_count_; ++i)
+    share = std::max({share, resisting_[i].force_share, resisting_[i].moment_share});
+  return share;
 }
 
 // The share of the pull that grows if the set-point moves along `velocity`.
 double Reference::share_along(const QuinticSegment::Values& velocity) const {
   const bool pose = spec_.quantity == Quantity::pose;
   double share = 0;
-  if (dot(pull_, velocity, 0, pose ? 3 : size_) > 0) share = force_share_;
-  if (pose && dot(pull_, velocity, 3, 6) > 0) share = std::max(share, moment_share_);
+  for (std::size_t i = 0; i < resisting_count_; ++i) {
+    const Resistance& hand = resisting_[i];
+    if (dot(hand.pull, velocity, 0, pose ? 3 : size_) > 0) share = std::max(share, hand.force_share);
+    if (pose && dot(hand.pull, velocity, 3, 6) > 0) share = std::max(share, hand.moment_share);
+  }
   return share;
 }
 
 bool Reference::must_wait(const Target& target, double from_share) const {
-  if (std::max(force_share_, moment_share_) < from_share) return false;
+  if (largest_share() < from_share) return false;
   QuinticSegment::Values way{};
   const auto& v = target.values;
   if (spec_.quantity == Quantity::pose) {
@@ -91,7 +109,6 @@ bool Reference::waits_for(const Target& target) {
 double Reference::hand_speed(const QuinticSegment::Values& velocity) const {
   if (!std::isfinite(greatest_hand_speed_)) return 0;
   if (spec_.quantity == Quantity::pose) {
-    if (!(lever_ > 0)) return 0;  // the pose is the hand's own: max_speed bounds it
     return Vector3(velocity[0], velocity[1], velocity[2]).norm() + lever_ * rotation_of(velocity).norm();
   }
   if (spec_.quantity != Quantity::joints || J_hand_.cols() != static_cast<Eigen::Index>(size_)) return 0;
@@ -116,7 +133,7 @@ double Reference::pace_wanted() const {
 
 void Reference::update_pace(double dt) {
   const double desired = pace_wanted();
-  force_share_ = moment_share_ = 0;
+  resisting_count_ = 0;
   if (desired >= 1 && pace_ >= 1) return;
   pace_rate_ += dt * kPaceBandwidth * (kPaceBandwidth * (desired - pace_) - 2 * pace_rate_);
   pace_ += dt * pace_rate_;

@@ -69,6 +69,44 @@ TEST(Pace, MovesAwayFromWhatItIsPulledTo) {
   EXPECT_EQ(reference.pace(), 1);
 }
 
+// Two hands follow one set-point, and something between them pulls them in opposite directions, the stronger
+// one against the motion.
+TEST(Pace, WaitsForTheHandThatTheMotionLoadsAlsoIfTheOtherIsPulledHarder) {
+  for (const bool stronger_first : {true, false}) {
+    Reference reference = pose_reference();
+    const Vector3 start = reference.pose().position;
+    ASSERT_EQ(reference.post(pose_target(moved(reference, {0, 0.3, 0}))), Verdict::accepted);
+    Vector6 along = Vector6::Zero();
+    along[1] = 60;
+    for (int k = 1; k < 2000; ++k) {
+      if (stronger_first) reference.resist(-along, 1.5, 0);
+      reference.resist(along, 1.0, 0);
+      if (!stronger_first) reference.resist(-along, 1.5, 0);
+      reference.advance(kDt, kDt * k);
+    }
+    EXPECT_LT((reference.pose().position - start).norm(), 0.03);
+  }
+}
+
+// A goal that waits is meant for the end effector of before: a redefinition carries it along.
+TEST(Pace, AGoalThatWaitsIsCarriedAlongWithTheFrame) {
+  Reference reference = pose_reference();
+  const Pose goal = moved(reference, {0, 0, -0.3}), X{rotation_from_rpy({0.2, 0, 0}), {0, 0.02, 0.1}};
+  Vector6 pull = Vector6::Zero();
+  pull[2] = -60;
+  double t = 0;
+  for (int k = 0; k < 500; ++k) {
+    if (k == 100) {
+      ASSERT_EQ(reference.post(pose_target(goal)), Verdict::accepted);
+    }
+    reference.resist(pull, 1.2, 0);
+    reference.advance(kDt, t += kDt);
+  }
+  reference.carry(X);
+  for (int k = 0; k < 8000; ++k) reference.advance(kDt, t += kDt);
+  EXPECT_LT(pose_error(goal * X, reference.pose()).norm(), 1e-9);
+}
+
 // Goals and streams that arrive while the hand is blocked do not draw the set-point on,
 // however fast they come.
 TEST(Pace, TargetsThatArriveMeanwhileWait) {

@@ -119,7 +119,8 @@ void Reference::forget_posted() {
   t_ = 0;
   streaming_ = stale_ = moving_end_ = in_motion_ = is_pending_ = waiting_ = false;
   pace_ = 1;
-  pace_rate_ = force_share_ = moment_share_ = 0;
+  pace_rate_ = 0;
+  resisting_count_ = 0;
   period_s_ = 0;
   last_.id = 0;
 }

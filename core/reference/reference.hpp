@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <limits>
 #include <memory>
 #include <mutex>
@@ -106,9 +107,16 @@ class Reference {
 
   static constexpr double kWaitsFrom = 0.8;  // share of the allowed pull
 
+  struct Resistance {  // of one hand
+    QuinticSegment::Values pull{};
+    double force_share = 0, moment_share = 0;
+  };
+
   void take(const Target& target, double now_s);
   bool must_wait(const Target& target, double from_share) const;
   bool waits_for(const Target& target);
+  void add_resistance(const Resistance& hand);
+  double largest_share() const;
   double share_along(const QuinticSegment::Values& velocity) const;
   double hand_speed(const QuinticSegment::Values& velocity) const;
   double pace_wanted() const;
@@ -175,10 +183,10 @@ class Reference {
   double pace_ = 1, pace_rate_ = 0;         // p, dp/dt [1/s]
   QuinticSegment::Values path_velocity_{};  // x'
   double greatest_hand_speed_ = std::numeric_limits<double>::infinity();
-  Jacobian J_hand_;                // joints only
-  double lever_ = 0;               // poses only [m]
-  QuinticSegment::Values pull_{};  // of the hands that resist, since the last advance()
-  double force_share_ = 0, moment_share_ = 0;
+  Jacobian J_hand_;                        // joints only
+  double lever_ = 0;                       // poses only [m]
+  std::array<Resistance, 2> resisting_{};  // hands, since the last advance(); a third replaces the weaker
+  std::size_t resisting_count_ = 0;
   Target waiting_for_;  // a target that arrived while the hand could not follow
   bool waiting_ = false;
 

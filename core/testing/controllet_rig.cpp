@@ -1,6 +1,8 @@
 #include "core/testing/controllet_rig.hpp"
 
+#include <algorithm>
 #include <stdexcept>
+#include <utility>
 
 #include <Eigen/Cholesky>
 
@@ -12,7 +14,8 @@ ControlletRig::ControlletRig(const ControlletType& type, const Models& models) {
   controllet_->bound_parameters(*parameters_);
 }
 ControlletRig::ControlletRig(const FeatureType& type, const Models& models, std::vector<Obstacle> obstacles,
-                             std::vector<ArmIndex> own) {
+                             std::vector<ArmIndex> own)
+    : obstacles_(std::move(obstacles)) {
   build(type.descriptor, models);
   if (own.empty()) {
     for (ArmIndex arm = 0; arm < models.size(); ++arm) own.push_back(arm);
@@ -20,7 +23,7 @@ ControlletRig::ControlletRig(const FeatureType& type, const Models& models, std:
   std::vector<OwnedArm> owned;
   for (const ArmIndex arm : own) owned.push_back(arms_[arm]);
   arms_ = owned;
-  feature_ = type.create(FeatureContext{models, own, obstacles, {}});
+  feature_ = type.create(FeatureContext{models, own, obstacles_, {}});
   feature_->bound_parameters(*parameters_);
 }
 
@@ -54,6 +57,15 @@ void ControlletRig::frames(std::size_t arm, const ArmFrames& frames) {
   ++states_[arm].config_version;
 }
 
+void ControlletRig::redefine(std::size_t arm, const Pose& X) {
+  ArmFrames redefined = states_[arm].frames;
+  redefined.X_FE = redefined.X_FE * X;
+  frames(arm, redefined);
+  place(arm, states_[arm].q, states_[arm].dq);
+  ControlContext now = context(0.001);
+  controllet_->end_effector_moved(now, arm, X);
+}
+
 void ControlletRig::set(std::string_view parameter, std::vector<double> values) {
   const std::size_t i = parameters_->find(parameter);
   if (i == parameters_->size()) throw std::invalid_argument("no parameter " + std::string(parameter));
@@ -63,6 +75,14 @@ void ControlletRig::set(std::string_view parameter, std::vector<double> values) 
 }
 void ControlletRig::approach(std::string_view parameter, std::vector<double> values) {
   parameters_->set(parameters_->find(parameter), values);
+}
+
+void ControlletRig::bound(const ContactBounds& contact) {
+  contact_ = contact;
+  for (auto& input : inputs_) {
+    if (input.spec().quantity == Quantity::pose)
+      input.limit_speed(std::min(input.spec().max_speed, contact.hand_speed));
+  }
 }
 
 Reference& ControlletRig::input(std::string_view name) {
@@ -82,7 +102,7 @@ std::vector<double> ControlletRig::output(std::string_view name) const {
 }
 
 ControlContext ControlletRig::context(double dt) {
-  return {dt, time_s_, arms_, inputs_, parameters_.get(), outputs_, scene_arms_};
+  return {dt, time_s_, arms_, inputs_, parameters_.get(), outputs_, scene_arms_, contact_};
 }
 
 LawResult ControlletRig::start() {

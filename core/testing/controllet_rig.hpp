@@ -21,10 +21,13 @@ class ControlletRig {
                 std::vector<ArmIndex> own = {});
 
   void place(std::size_t arm, const JointVector& q, const JointVector& dq);
+  void place_obstacle(std::size_t i, const Pose& X_WO) { obstacles_[i].X_WO = X_WO; }
   void frames(std::size_t arm, const ArmFrames& frames);  // takes effect at the next place()
+  void redefine(std::size_t arm, const Pose& X);          // while the law runs: E_new = E_old X
   ArmState& state(std::size_t arm) { return states_[arm]; }
   void set(std::string_view parameter, std::vector<double> values);  // now
   void approach(std::string_view parameter, std::vector<double> values);
+  void bound(const ContactBounds& contact);  // of the law, and of the speed of its pose inputs
   Reference& input(std::string_view name);
   std::vector<double> output(std::string_view name) const;
 
@@ -44,6 +47,7 @@ class ControlletRig {
   ControlContext context(double dt);
 
   ControlletDescriptor descriptor_;
+  std::vector<Obstacle> obstacles_;
   std::unique_ptr<Controllet> controllet_;
   std::unique_ptr<Feature> feature_;
   std::unique_ptr<ParameterSet> parameters_;
@@ -54,6 +58,7 @@ class ControlletRig {
   std::vector<JointVector> tau_;
   std::vector<OwnedArm> arms_, scene_arms_;
   double time_s_ = 0;
+  ContactBounds contact_ = ContactBounds::lifted();
 };
 
 // A regular configuration of TestArm::make().

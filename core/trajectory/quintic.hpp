@@ -92,6 +92,8 @@ double stretch_for(double velocity_ratio, double acceleration_ratio, double jerk
 double rest_to_rest_duration(double distance, double velocity,
                              double acceleration = std::numeric_limits<double>::infinity(),
                              double jerk = std::numeric_limits<double>::infinity());
+// The highest speed of that motion over a distance in a duration.
+inline double rest_to_rest_speed(double distance, double duration) { return 1.875 * distance / duration; }
 
 // Durations of successive pieces that use their limits well. `stretches` returns, for given durations, the
 // factor by which each piece must be stretched (stretch_for). It must scale as time does when all durations
