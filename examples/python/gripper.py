@@ -21,16 +21,17 @@ def main():
             arm.gripper.move(0.07)
 
         arm.gripper.grasp(BOX_WIDTH_M, force_n=30)
-        print(f"grasped: {arm.gripper.state.grasped}, {1e3 * arm.gripper.state.width_m:.0f} mm")
+        print(f"grasped: {1e3 * arm.gripper.state.width_m:.0f} mm wide")
         arm.set_load(BOX_MASS_KG, [0, 0, 0.1])  # center of mass in the flange frame; the arm now compensates it
 
         start = arm.state.pose
         law.goal("pose", start.moved(z=0.08), duration_s=1.5).wait()
-        print(f"lifted: {arm.gripper.state.grasped}, {1e3 * (arm.state.pose.position_m - start.position_m)[2]:.0f} mm")
+        risen = arm.state.pose.position_m[2] - start.position_m[2]
+        print(f"lifted: {1e3 * risen:.0f} mm, still grasped: {arm.gripper.state.grasped}")
         law.goal("pose", start, duration_s=1.5).wait()
         arm.set_load(0, [0, 0, 0])
         arm.gripper.move(0.07)
-        print("released:", not arm.gripper.state.grasped)
+        print(f"released: {1e3 * arm.gripper.state.width_m:.0f} mm wide")
     print(run.summary)
 
 

@@ -22,8 +22,9 @@ def main():
     parser.add_argument("--scene", default=SCENE, help="a scene that loads the library of virtual_wall")
     with mp.run(parser.parse_args().scene) as run:
         arm, wall = run.arms["arm"], run["wall"]
-        for name, parameter in wall.descriptors.items():  # as the library declares them
-            print(f"{name}: {parameter.describe()}")
+        for name, parameter in wall.descriptors.items():
+            if "." not in name:  # its own, as the library declares them; those of features are feature.parameter
+                print(f"{name}: {parameter.describe()}")
 
         # The hand floats; a wall that rises from below pushes it up. Numbers approach a new value within 0.2 s.
         wall.speed_damping.speed_rad_per_s = 0.05  # a feature, from the same library
@@ -42,7 +43,7 @@ def main():
         except mp.Refused as refused:
             print("refused:", refused.reason)
         wall.speed_damping.switch(False)
-        print("features:", wall.features)
+        print("speed_damping on:", wall.features["speed_damping"])
     print(run.summary)
 
 
