@@ -1,0 +1,29 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+namespace multipanda {
+
+// Memory that this process writes and that others, who get its descriptor, can only read. Seals keep its size
+// and forbid every later way of writing: no reader can change what another one sees, nor cut the memory off
+// under the writer. All pages are there from the start, so that no write has to wait for one.
+class SealedMemory {
+ public:
+  // `name`: shown in /proc. Throws std::runtime_error, for example on a kernel before 5.1.
+  SealedMemory(const std::string& name, std::size_t bytes);
+  ~SealedMemory();
+  SealedMemory(const SealedMemory&) = delete;
+  SealedMemory& operator=(const SealedMemory&) = delete;
+
+  std::byte* data() const { return data_; }
+  std::size_t size() const { return size_; }
+  int file() const { return file_; }  // to pass on
+
+ private:
+  int file_ = -1;
+  std::byte* data_ = nullptr;
+  std::size_t size_;
+};
+
+}  // namespace multipanda

@@ -1,0 +1,215 @@
+#include "runtime/shared_records/shared_records.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "core/reference/target.hpp"
+#include "core/state/arm_mode_name.hpp"
+#include "device/arm_error.hpp"
+
+namespace multipanda {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "the memory is little-endian");
+static_assert(std::atomic_ref<std::uint64_t>::is_always_lock_free);
+
+constexpr std::size_t kNumberBytes = 8;  // of a slot's number, before its contents
+constexpr std::size_t kEventHead = 32;   // number, cycle, time, size of the text
+
+std::atomic_ref<std::uint64_t> number_of(std::byte* slot) {
+  return std::atomic_ref<std::uint64_t>(*reinterpret_cast<std::uint64_t*>(slot));
+}
+
+// Slot number n of a ring: odd while it is written, then 2 n + 2, by which a reader knows what it copied.
+template <class Fill>
+void write_slot(std::byte* slot, std::uint64_t n, const Fill& fill) {
+  number_of(slot).store(2 * n + 1, std::memory_order_relaxed);
+  std::atomic_thread_fence(std::memory_order_release);
+  fill(slot);
+  number_of(slot).store(2 * n + 2, std::memory_order_release);
+}
+
+void publish(std::uint64_t& counter, std::uint64_t value) {
+  std::atomic_ref<std::uint64_t>(counter).store(value, std::memory_order_release);
+}
+
+std::uint64_t fnv1a(const std::string& text) {
+  std::uint64_t hash = 0xcbf29ce484222325u;
+  for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
+  return hash;
+}
+
+std::size_t reference_size(const std::string& quantity, std::uint32_t arms, const RecordLayout& layout) {
+  std::size_t joints = 0;
+  for (std::size_t i = 0; i < layout.arms.size(); ++i) {
+    if ((arms >> i & 1u) != 0) joints = std::max(joints, layout.arms[i].joint_count);
+  }
+  for (const auto known :
+       {Quantity::pose, Quantity::twist, Quantity::wrench, Quantity::joints, Quantity::scalar}) {
+    if (to_string(known) == quantity) return value_count(known, joints);
+  }
+  return kMaxTargetValues;
+}
+
+const std::array<double, kMaxTargetValues> kNotActive = [] {
+  std::array<double, kMaxTargetValues> values{};
+  values.fill(std::numeric_limits<double>::quiet_NaN());
+  return values;
+}();
+
+std::size_t whole_pages(std::size_t bytes) { return (bytes + 4095) / 4096 * 4096; }
+
+}  // namespace
+
+SharedRecords::SharedRecords(const std::string& scene, const RecordLayout& layout,
+                             const std::vector<std::shared_ptr<const ArmModel>>& models,
+                             const std::vector<ArmFrames>& frames) {
+  for (std::size_t i = 0; i < models.size(); ++i) {
+    arms_.push_back({.joints = layout.arms.at(i).joint_count, .terms = ModelTerms(models[i]), .more = {}});
+    arms_[i].terms.set_config(frames.at(i), {}, {});
+  }
+  lay_out(layout);
+  write_table(scene, layout);
+}
+
+void SharedRecords::lay_out(const RecordLayout& layout) {
+  FieldList list(kNumberBytes);
+  visit_cycle(list, CycleRecord{});
+  for (const auto& arm : layout.arms) {
+    list.prefix(arm.name + "/");
+    visit_arm(list, ArmSample{}, ArmAddition{}, arm.joint_count);
+  }
+  const std::array<double, kMaxTargetValues> none{};
+  for (const auto& instance : layout.instances) {
+    list.prefix(instance.name + "/");
+    auto& inputs = references_.emplace_back();
+    for (const auto& input : instance.inputs) {
+      inputs.push_back({list.offset(), reference_size(input.quantity, instance.arms, layout)});
+      list.numbers(input.name, std::span(none).first(inputs.back().size));
+    }
+  }
+  outputs_at_ = list.offset();
+  output_count_ = layout.output_count;
+  // In the order of CycleRecord::outputs, which the writer copies as a whole.
+  const std::vector<double> zeros(layout.output_count);
+  for (const auto& instance : layout.instances) {
+    list.prefix(instance.name + "/outputs/");
+    for (const auto& output : instance.outputs)
+      list.numbers(output.name, std::span(zeros).first(output.size));
+  }
+  record_bytes_ = list.offset();
+  fields_ = std::move(list.fields());
+}
+
+void SharedRecords::write_table(const std::string& scene, const RecordLayout& layout) {
+  using nlohmann::ordered_json;
+  ordered_json table{{"version", 1}, {"scene", scene}};
+  for (const auto& arm : layout.arms)
+    table["arms"].push_back({{"name", arm.name}, {"joints", arm.joint_count}});
+  for (const auto& instance : layout.instances) table["controllets"].push_back(instance.name);
+  for (int mode = 0; mode <= static_cast<int>(ArmMode::disconnected); ++mode)
+    table["modes"].push_back(to_string(static_cast<ArmMode>(mode)));
+  for (std::size_t bit = 0; bit < kArmErrorCount; ++bit)
+    table["errors"].push_back(to_string(static_cast<ArmError>(bit)));
+  table["interventions"].push_back("");
+  for (std::size_t code = 1; code < static_cast<std::size_t>(Intervention::count_); ++code) {
+    std::string name(to_string(static_cast<Intervention>(code)));
+    std::replace(name.begin(), name.end(), ' ', '_');
+    table["interventions"].push_back(std::move(name));
+  }
+  for (const auto& field : fields_)
+    table["fields"].push_back({field.name, std::string(1, field.type) + "8", field.offset, field.count});
+  table["record_bytes"] = record_bytes_;
+  table["records"] = kRecords;
+  table["event_bytes"] = kEventBytes;
+  table["events"] = kEvents;
+  // The places depend on the length of the text: room for their digits is kept.
+  constexpr std::size_t kDigits = 64;
+  first_record_ = whole_pages(sizeof(Header) + table.dump().size() + kDigits);
+  first_event_ = whole_pages(first_record_ + kRecords * record_bytes_);
+  table["first_record"] = first_record_;
+  table["first_event"] = first_event_;
+  table_ = table.dump();
+  const std::uint64_t hash = fnv1a(table_);
+  hash_ = fmt::format("{:016x}", hash);
+  memory_ = std::make_unique<SealedMemory>("multipanda-records", first_event_ + kEvents * kEventBytes);
+  Header& head = header();
+  head.table_bytes = table_.size();
+  head.table_hash = hash;
+  head.bytes = memory_->size();
+  std::memcpy(memory_->data() + sizeof(Header), table_.data(), table_.size());
+  std::memcpy(head.magic, "mp-rec-1", sizeof(head.magic));
+}
+
+std::byte* SharedRecords::record_at(std::uint64_t number) const {
+  return memory_->data() + first_record_ + number % kRecords * record_bytes_;
+}
+
+std::byte* SharedRecords::event_at(std::uint64_t number) const {
+  return memory_->data() + first_event_ + number % kEvents * kEventBytes;
+}
+
+void SharedRecords::take(const Event& event) {
+  if (event.arm >= arms_.size()) return;
+  Arm& arm = arms_[event.arm];
+  if (event.kind == EventKind::intervention) arm.more.last_intervention = event.intervention;
+  ArmFrames frames;
+  Load tool, load;
+  if (read_arm_config(event, frames, tool, load)) arm.terms.set_config(frames, {}, {});
+}
+
+void SharedRecords::take(const CycleRecord& record, ArmSet stopped) {
+  for (std::size_t i = 0; i < arms_.size(); ++i) {
+    Arm& arm = arms_[i];
+    const auto n = static_cast<Eigen::Index>(arm.joints);
+    arm.terms.update(JointVector(Eigen::Map<const Eigen::VectorXd>(record.arms[i].q.data(), n)),
+                     JointVector(Eigen::Map<const Eigen::VectorXd>(record.arms[i].dq.data(), n)));
+    arm.more.X_WE = arm.terms.X_WE();
+    arm.more.stopped = stopped.contains(i);
+  }
+  write_slot(record_at(records_), records_, [&](std::byte* slot) {
+    FieldWriter out(slot + kNumberBytes);
+    visit_cycle(out, record);
+    for (std::size_t i = 0; i < arms_.size(); ++i)
+      visit_arm(out, record.arms[i], arms_[i].more, arms_[i].joints);
+    for (const auto& inputs : references_) {
+      for (const Reference& place : inputs)
+        std::memcpy(slot + place.offset, kNotActive.data(), 8 * place.size);
+    }
+    for (std::size_t i = 0; i < record.reference_count; ++i) {
+      const ReferenceSample& sample = record.references[i];
+      const Reference& place = references_[sample.instance][sample.input];
+      std::memcpy(slot + place.offset, sample.values.data(),
+                  8 * std::min<std::size_t>(place.size, sample.size));
+    }
+    std::memcpy(slot + outputs_at_, record.outputs.data(), 8 * output_count_);
+  });
+  publish(header().records, ++records_);
+}
+
+void SharedRecords::take(const RunEvent& event) {
+  std::string text;
+  for (std::string words = event.text;; words.resize(words.size() * 9 / 10)) {
+    text = nlohmann::json{{"kind", event.kind}, {"arm", event.arm}, {"text", words}}.dump(
+        -1, ' ', false, nlohmann::json::error_handler_t::replace);
+    if (text.size() <= kEventBytes - kEventHead || words.empty()) break;
+  }
+  write_slot(event_at(events_), events_, [&](std::byte* slot) {
+    const std::array<std::uint64_t, 3> head{event.cycle, std::bit_cast<std::uint64_t>(event.t.ns),
+                                            text.size()};
+    std::memcpy(slot + kNumberBytes, head.data(), sizeof(head));
+    std::memcpy(slot + kEventHead, text.data(), text.size());
+  });
+  publish(header().events, ++events_);
+}
+
+void SharedRecords::count_lost(std::uint64_t records, std::uint64_t events) {
+  if (records > 0) publish(header().records_lost, header().records_lost + records);
+  if (events > 0) publish(header().events_lost, header().events_lost + events);
+}
+
+}  // namespace multipanda
