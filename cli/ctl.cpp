@@ -159,6 +159,8 @@ void print_done(const json& answer) {
   if (answer.contains("stopped_after_ms")) {
     fmt::print("stopped: {} (after {:.3f} ms); resume with: multipanda ctl resume\n",
                names(answer["stopped"]), answer["stopped_after_ms"].get<double>());
+  } else if (answer.contains("message")) {
+    fmt::print("{}\n", answer["message"].get<std::string>());
   } else if (!answer.contains("times_ms")) {
     fmt::print("done\n");
   }

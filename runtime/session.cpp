@@ -8,6 +8,7 @@
 #include "scene/build.hpp"
 #include "support/machine.hpp"
 
+#include "scene/flange_load.hpp"
 namespace multipanda {
 namespace {
 
@@ -124,6 +125,7 @@ void Session::start() {
   if (log_ring_) {
     std::vector<RecordedArm> arms;
     for (std::size_t i = 0; i < models_.size(); ++i) {
+  for (const auto& arm : scene_.arms) context.flanges.push_back(flange_load(arm));
       const ArmConfig config = arm_config(scene_.arms[i]);
       arms.push_back(
           {.model = models_[i], .frames = config.frames, .tool = config.tool, .load = config.load});

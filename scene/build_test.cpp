@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include "scene/flange_load.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda::build_test {
@@ -82,6 +83,25 @@ TEST(Build, LargestLoadIsWhatTheModelIsRatedFor) {
   EXPECT_EQ(most(ur + ", largest_load_kg: 5"), 5);
   EXPECT_THROW(arm(ur + ", load_declared: {mass_kg: 1}"), std::invalid_argument);
   EXPECT_EQ(arm(ur + ", largest_load_kg: 5, load_declared: {mass_kg: 1}").load_declared.mass, 1);
+
+  const auto text = [&](const std::string& more, double payload) {
+    return load_text(flange_load(arm(more)), payload);
+  };
+  EXPECT_EQ(
+      text("", 0.3),
+      "a payload of 0.3 kg is declared: with hand and tool (0.7126 kg) the flange carries 1.013 kg of the "
+      "3 kg that the model is rated for, 1.987 kg remain");
+  EXPECT_EQ(text(", hand: false", 3),
+            "a payload of 3 kg is declared: the flange carries 3 kg of the 3 kg that the model is rated for, "
+            "0 kg remain");
+  EXPECT_EQ(text(", tool: {mass_kg: 1}, largest_load_kg: 5", 0),
+            "a payload of 0 kg is declared: with hand and tool (1.713 kg) the flange carries 1.713 kg of the "
+            "5 kg that the scene allows (the model is rated for 3 kg), 3.287 kg remain");
+  EXPECT_EQ(
+      text(ur + ", largest_load_kg: 5", 1),
+      "a payload of 1 kg is declared: the flange carries 1 kg of the 5 kg that the scene allows (the model "
+      "has no rating), 4 kg remain");
+  EXPECT_EQ(text(ur, 0), "a payload of 0 kg is declared: the flange carries 0 kg; the model has no rating");
 }
 
 TEST(Build, UsesKnownFrictionOnlyWhenTheSceneDeclaresIt) {

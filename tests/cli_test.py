@@ -446,7 +446,13 @@ class LiveCommands(unittest.TestCase):
         self.assertRegex(answer.stderr, r"a payload of 50 kg is too heavy for arm '.+': at most 2\.\d+ kg beside hand")
         self.assertIn("largest_load_kg", answer.stderr)
         before = self.positions()
-        self.assertEqual(self.ctl("load", name, "mass_kg=0.3").returncode, 0)
+        answer = self.ctl("load", name, "mass_kg=0.3")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertRegex(
+            answer.stdout,
+            rf"{name}: a payload of 0\.3 kg is declared: with hand and tool \(0\.71\d* kg\) the flange carries "
+            r"1\.01\d kg of the 3 kg that the model is rated for, 1\.98\d kg remain",
+        )
         self.assertLess(abs(self.positions()[3] - before[3]), 0.1)  # not thrown up
 
     def test_goals_beyond_the_limits_of_the_scene_are_refused(self):

@@ -52,6 +52,21 @@ json RequestHandler::answer_of(const Answer& answer, const Request& request) con
   return out;
 }
 
+// What the arm carries, as figures and in words; none if nobody knows what it may carry.
+json RequestHandler::load_done(ArmIndex arm, double payload) const {
+  if (arm >= run_.flanges.size()) return json::object();
+  const FlangeLoad& flange = run_.flanges[arm];
+  const double carried = flange.hand_and_tool + payload;
+  json load{{"payload_kg", payload}, {"hand_and_tool_kg", flange.hand_and_tool}, {"carried_kg", carried}};
+  if (flange.rated) load["rated_kg"] = *flange.rated;
+  if (const auto most = flange.most()) {
+    load["allowed_kg"] = *most;
+    load["remaining_kg"] = *most - carried;
+  }
+  return {{"load", std::move(load)},
+          {"message", run_.modes->arm_name(arm) + ": " + load_text(flange, payload)}};
+}
+
 json RequestHandler::describe(const StreamChannel& channel) const {
   const Instance& target = run_.modes->instance(channel.instance);
   return {{"controllet", target.name()},

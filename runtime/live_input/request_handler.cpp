@@ -234,8 +234,9 @@ void RequestHandler::begin_backend_request(const std::string& name, const JsonFi
     auto& of_arm = std::get<ArmRequest>(request);
     // A payload declared too heavy makes the arm push upwards.
     constexpr double kMostMass = 50;  // [kg]
-    if (const auto* load = std::get_if<SetLoad>(&of_arm); load != nullptr && load->load.mass > kMostMass)
-      fields.expected("mass_kg", "a mass of 0 to 50 kg");
+    const auto* load = std::get_if<SetLoad>(&of_arm);
+    if (load != nullptr && load->load.mass > kMostMass) fields.expected("mass_kg", "a mass of 0 to 50 kg");
+    if (load != nullptr) pending.done = load_done(target, load->load.mass);
     pending.answer = run_.backend->request(target, std::move(of_arm));
   }
 }
@@ -263,7 +264,11 @@ std::optional<json> RequestHandler::poll(Pending& pending) {
     if (pending.answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
       try {
         const RequestAnswer answer = pending.answer.get();
-        if (answer.success) return json{{"ok", true}};
+        if (answer.success) {
+          json answered{{"ok", true}};
+          if (pending.done.is_object()) answered.update(pending.done);
+          return answered;
+        }
         return json{{"ok", false}, {"verdict", "arm_refused"}, {"reason", answer.reason}};
       } catch (const std::future_error&) {
         return json{{"ok", false}, {"verdict", "arm_refused"}, {"reason", "the backend did not answer"}};

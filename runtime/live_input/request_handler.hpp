@@ -15,6 +15,7 @@
 #include "runtime/live_input/latest_state.hpp"
 #include "runtime/live_input/stream_packet.hpp"
 #include "runtime/reach.hpp"
+#include "scene/flange_load.hpp"
 
 namespace multipanda {
 
@@ -26,6 +27,7 @@ struct LiveInputContext {
   const LatestState* latest = nullptr;
   std::vector<std::shared_ptr<const ArmModel>> models;  // per arm
   std::map<std::string, Matrix3> rotations;             // of the scene's objects: default of placements
+  std::vector<FlangeLoad> flanges;                      // per arm: what it may carry; empty: not known
 };
 
 // Destination and counts of one binary stream.
@@ -56,6 +58,7 @@ class RequestHandler {
     Request request;                    // what the ticket is for
     std::future<RequestAnswer> answer;  // of the backend
     double patience_s = 0;              // for the backend's answer, if it takes longer than usual
+    nlohmann::json done;                // added to the backend's answer if it succeeds
     ArmSet stopping;                    // arms of a stop request
   };
 
@@ -96,6 +99,7 @@ class RequestHandler {
   Address address_in(const JsonFields& fields) const;
   const ArmModel& model_of(InstanceIndex i, const InputSpec& input) const;
   nlohmann::json answer_of(const Answer& answer, const Request& request) const;
+  nlohmann::json load_done(ArmIndex arm, double payload) const;
   nlohmann::json refusal(Verdict verdict, const std::string& reason) const;
   // Why a pose is out of reach, with the end effectors in force; empty: it may be in reach.
   std::string beyond_reach(const Instance& instance, const InputSpec& input, std::span<const double> values);

@@ -184,6 +184,38 @@ TEST_F(RequestsTest, ARequestThatAnArmHasBegunIsNotCalledFailed) {
   EXPECT_THAT((*answer)["reason"].get<std::string>(), HasSubstr("may still be carried out"));
 }
 
+TEST_F(RequestsTest, AnAcceptedLoadIsAnsweredWithWhatTheFlangeCarriesAndMayCarry) {
+  LiveInputContext run = fixture_.run();
+  run.flanges = {{.hand_and_tool = 0.7, .rated = 3, .allowed = {}},
+                 {.hand_and_tool = 0, .rated = {}, .allowed = 5}};
+  RequestHandler handler(run);
+  const auto asked = [&](const char* request, bool accepted) {
+    RequestHandler::Pending pending;
+    EXPECT_FALSE(handler.begin(json::parse(request), pending));
+    std::promise<RequestAnswer> arm;
+    pending.answer = arm.get_future();
+    arm.set_value({accepted, "no"});
+    return handler.poll(pending).value();
+  };
+  const json left = asked(R"({"do":"set_load","arm":"arm0","mass_kg":0.3})", true);
+  EXPECT_EQ(left["ok"], true);
+  EXPECT_EQ(left["load"]["payload_kg"], 0.3);
+  EXPECT_EQ(left["load"]["hand_and_tool_kg"], 0.7);
+  EXPECT_EQ(left["load"]["carried_kg"], 1);
+  EXPECT_EQ(left["load"]["rated_kg"], 3);
+  EXPECT_EQ(left["load"]["allowed_kg"], 3);
+  EXPECT_EQ(left["load"]["remaining_kg"], 2);
+  EXPECT_THAT(left["message"].get<std::string>(), HasSubstr("arm0: a payload of 0.3 kg is declared"));
+  const json right = asked(R"({"do":"set_load","arm":"arm1","mass_kg":2})", true);
+  EXPECT_FALSE(right["load"].contains("rated_kg"));
+  EXPECT_EQ(right["load"]["remaining_kg"], 3);
+  const json refused = asked(R"({"do":"set_load","arm":"arm0","mass_kg":0.3})", false);
+  EXPECT_FALSE(refused.contains("load"));
+  EXPECT_FALSE(refused.contains("message"));
+  const json other = asked(R"({"do":"stop_motion","arm":"arm0"})", true);
+  EXPECT_EQ(other, (json{{"ok", true}}));
+}
+
 TEST_F(RequestsTest, RefusalsSuggestTheNearestName) {
   expect_refused(R"({"do":"switch","activate":["pose00"]})", "unknown_instance", "did you mean 'pose0'");
   expect_refused(R"({"do":"switch","activate":["pose0","both"]})", "two_owners", "arm 'arm0'");
