@@ -7,7 +7,7 @@
 #include "core/rt/thread_setup.hpp"
 #include "motion_generators/live_input_channel.hpp"
 #include "motion_generators/topic_channel.hpp"
-#include "runtime/project.hpp"
+#include "support/own_files.hpp"
 #include "support/spelling.hpp"
 
 namespace multipanda::cli {
@@ -60,7 +60,7 @@ nlohmann::json set_up_publishing_thread() {
 
 fs::path config_file(const std::string& command, const std::string& folder, const std::string& name) {
   if (name.find('/') != std::string::npos || name.ends_with(".yaml")) return name;
-  const fs::path place = project_root() / "config" / folder;
+  const fs::path place = share_folder() / "config" / folder;
   std::vector<std::string> names;
   std::error_code missing;
   for (const auto& entry : fs::directory_iterator(place, missing))

@@ -7,10 +7,11 @@
 #include "cli/program.hpp"
 #include "cli/report.hpp"
 #include "cli/run_session.hpp"
+#include "report/page_script.hpp"
 #include "runtime/faulty.hpp"
-#include "runtime/project.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
+#include "support/own_files.hpp"
 
 namespace multipanda::cli {
 namespace {
@@ -90,7 +91,7 @@ int run(const DemoOptions& options) {
   const Console console(options.json);
   Registry registry = Registry::with_builtins();
   registry.add(faulty_controllet());
-  const Scene scene = load_scene((project_root() / "config" / "demo.yaml").string(), registry);
+  const Scene scene = load_scene((share_folder() / "config" / "demo.yaml").string(), registry);
   const ArmIndex undisturbed = arm_named(scene, kUndisturbed), faulty = arm_named(scene, kFaulty);
   Trace trace{.undisturbed = undisturbed, .until_s = time_of_switch(scene, kChanged, true)};
 
@@ -144,7 +145,10 @@ int run(const DemoOptions& options) {
   } else {
     summary.problems.push_back("the demo was stopped before its end");
   }
-  if (whole) {
+  // The figures above are the demo; whoever installed no plotting packages still gets them.
+  if (const std::string missing = whole ? missing_page_packages() : ""; !missing.empty()) {
+    console.line("no report: " + missing);
+  } else if (whole) {
     console.line("writing the report ...");
     summary.report = report_of(summary.log, console, &summary);
     if (summary.report.empty()) summary.problems.push_back("the report could not be made, see above");

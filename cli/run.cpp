@@ -8,6 +8,7 @@
 #include "cli/reduced_run.hpp"
 #include "cli/report.hpp"
 #include "cli/run_session.hpp"
+#include "report/page_script.hpp"
 #include "runtime/live_input/socket_path.hpp"
 #include "runtime/ros_module.hpp"
 #include "scene/load.hpp"
@@ -52,6 +53,8 @@ int run(const RunOptions& options) {
   const Console console(options.json);
   if (options.report && options.record.empty())
     throw UsageError("run: --report needs a log: add --record DIR");
+  if (const std::string missing = options.report ? missing_page_packages() : ""; !missing.empty())
+    throw UsageError("run: --report needs Python packages: " + missing);
   if (!options.ros && !(options.ros_arguments == RosArguments{}))
     throw UsageError("run: --ros-node, --ros-namespace and --ros-remap need --ros");
   const BackendOptions backend = backend_options(options.backend);

@@ -4,6 +4,10 @@ file(GLOB MULTIPANDA_SITE_PACKAGES LIST_DIRECTORIES true "${MULTIPANDA_VENV}/lib
 if(NOT MULTIPANDA_SITE_PACKAGES)
   message(FATAL_ERROR "No Python environment at ${MULTIPANDA_VENV}: run ./multipanda setup, or set MULTIPANDA_VENV.")
 endif()
+# A built program finds its own files as an installed one does, in share/ above it (support/own_files.hpp): here links.
+file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/share)
+file(CREATE_LINK ${CMAKE_SOURCE_DIR} ${CMAKE_BINARY_DIR}/share/multipanda SYMBOLIC)
+file(CREATE_LINK ${MULTIPANDA_VENV} ${CMAKE_BINARY_DIR}/share/multipanda-venv SYMBOLIC)
 list(PREPEND CMAKE_PREFIX_PATH "${MULTIPANDA_SITE_PACKAGES}/cmeel.prefix")
 
 find_package(Threads REQUIRED)

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cstdlib>
 #include <filesystem>
 #include <optional>
 #include <set>
@@ -9,6 +8,7 @@
 #include "experiments/experiment.hpp"
 #include "experiments/kinds.hpp"
 #include "experiments/yaml_tree.hpp"
+#include "support/own_files.hpp"
 #include "support/spelling.hpp"
 
 namespace multipanda {
@@ -322,11 +322,7 @@ std::string found_experiment(const std::string& name) {
 
 }  // namespace
 
-std::string experiments_folder() {
-  const char* share = std::getenv("MULTIPANDA_SHARE");
-  const fs::path root = share != nullptr && *share != '\0' ? share : MULTIPANDA_DEFAULT_SHARE;
-  return (root / "experiments").string();
-}
+std::string experiments_folder() { return (share_folder() / "experiments").string(); }
 
 std::vector<std::string> available_experiments() {
   std::vector<std::string> names;

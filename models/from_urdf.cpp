@@ -8,6 +8,7 @@
 
 #include "models/looks.hpp"
 #include "models/urdf_tree.hpp"
+#include "support/own_files.hpp"
 #include "support/spelling.hpp"
 
 namespace multipanda {
@@ -233,10 +234,11 @@ std::filesystem::path urdf_file(const std::string& name, const std::filesystem::
       if (!prefix.empty()) places.push_back(std::filesystem::path(prefix) / "share");
     }
   }
-  const std::filesystem::path wheels =
-      std::filesystem::path(MULTIPANDA_SITE_PACKAGES_FOLDER) / "cmeel.prefix/share";
-  places.push_back(wheels);
-  places.push_back(wheels / "example-robot-data/robots");
+  for (const std::filesystem::path& packages : python_package_folders()) {
+    const std::filesystem::path wheels = packages / "cmeel.prefix/share";
+    places.push_back(wheels);
+    places.push_back(wheels / "example-robot-data/robots");
+  }
   std::string searched;
   for (const auto& place : places) {
     if (std::filesystem::exists(place / rest)) return place / rest;

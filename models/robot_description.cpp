@@ -1,7 +1,8 @@
 #include "models/robot_description.hpp"
 
 #include <algorithm>
-#include <cstdlib>
+
+#include "support/own_files.hpp"
 
 namespace multipanda {
 namespace {
@@ -37,11 +38,7 @@ bool is_ignored_pair(const RobotDescription& robot, const std::string& a, const 
   });
 }
 
-std::filesystem::path models_folder() {
-  const char* share = std::getenv("MULTIPANDA_SHARE");
-  return std::filesystem::path(share != nullptr && *share != '\0' ? share : MULTIPANDA_DEFAULT_SHARE) /
-         "models";
-}
+std::filesystem::path models_folder() { return share_folder() / "models"; }
 
 std::vector<std::string> available_robots() {
   std::vector<std::string> names;

@@ -4,6 +4,7 @@
 
 #include "models/looks.hpp"
 #include "models/xml_text.hpp"
+#include "support/own_files.hpp"
 
 namespace multipanda {
 namespace {
@@ -292,11 +293,13 @@ std::string to_mjcf(const RobotDescription& robot, const MjcfOptions& options) {
 }
 
 std::filesystem::path installed_meshes() {
-  const std::filesystem::path folder =
-      std::filesystem::path(MULTIPANDA_SITE_PACKAGES_FOLDER) /
-      "cmeel.prefix/share/example-robot-data/robots/panda_description/meshes";
   std::error_code missing;
-  return std::filesystem::is_directory(folder, missing) ? folder : std::filesystem::path();
+  for (const std::filesystem::path& packages : python_package_folders()) {
+    const std::filesystem::path folder =
+        packages / "cmeel.prefix/share/example-robot-data/robots/panda_description/meshes";
+    if (std::filesystem::is_directory(folder, missing)) return folder;
+  }
+  return {};
 }
 
 }  // namespace multipanda

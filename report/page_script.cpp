@@ -1,37 +1,53 @@
 #include "report/page_script.hpp"
 
-#include <cstdlib>
+#include <initializer_list>
 #include <stdexcept>
 #include <utility>
 
 #include "support/child_process.hpp"
+#include "support/own_files.hpp"
 
 namespace multipanda {
 namespace {
 
 namespace fs = std::filesystem;
 
-fs::path from_environment(const char* name, const fs::path& otherwise) {
-  const char* value = std::getenv(name);
-  return value != nullptr && *value != '\0' ? fs::path(value) : otherwise;
+// -E: PYTHONPATH of a sourced ROS 2 must not mix with the interpreter's own packages.
+std::vector<std::string> interpreter_arguments(std::initializer_list<std::string> more) {
+  std::vector<std::string> all{"-E", "-B"};
+  all.insert(all.end(), more);
+  return all;
 }
+
+// Looks without importing, which would take a second. The first entry of sys.path is the current folder.
+constexpr const char* kPrintMissing =
+    "import importlib.util as u, sys; sys.path.pop(0); "
+    "print(*(name for name in ('matplotlib', 'numpy') if u.find_spec(name) is None))";
 
 }  // namespace
 
+std::string missing_page_packages() {
+  const fs::path python = page_python();
+  if (!fs::exists(python)) return "there is no " + python.string() + "; " + page_packages_cure();
+  const ProgramResult looked = run_program(python, interpreter_arguments({"-c", kPrintMissing}));
+  if (!looked.good()) return python.string() + " does not run: " + looked.output + looked.reason;
+  std::string names = looked.output;
+  while (!names.empty() && (names.back() == '\n' || names.back() == ' ')) names.pop_back();
+  if (names.empty()) return {};
+  return python.string() + " has no " + names + "; " + page_packages_cure();
+}
+
 PageScript::PageScript(const fs::path& script, std::string page)
-    : python_(from_environment("MULTIPANDA_PYTHON", MULTIPANDA_DEFAULT_PYTHON)),
-      script_(from_environment("MULTIPANDA_SHARE", MULTIPANDA_DEFAULT_SHARE) / script),
-      page_(std::move(page)) {
-  for (const fs::path& needed : {python_, script_}) {
-    if (!fs::exists(needed)) {
-      throw std::runtime_error(page_ + " needs " + needed.string() +
-                               ", which does not exist; run ./multipanda setup");
-    }
-  }
+    : python_(page_python()), script_(share_folder() / script), page_(std::move(page)) {
+  if (!fs::exists(script_))
+    throw std::runtime_error(page_ + " needs " + script_.string() +
+                             ", which does not exist; install multipanda again");
+  if (const std::string missing = missing_page_packages(); !missing.empty())
+    throw std::runtime_error(page_ + " needs Python packages: " + missing);
 }
 
 void PageScript::run(const std::vector<std::string>& arguments) const {
-  std::vector<std::string> all{"-I", "-B", script_.string()};
+  std::vector<std::string> all = interpreter_arguments({script_.string()});
   all.insert(all.end(), arguments.begin(), arguments.end());
   const ProgramResult made = run_program(python_, all);
   if (!made.good()) {

@@ -6,13 +6,16 @@
 
 namespace multipanda {
 
-// A Python script of the project that draws a page from data files. It is in the folder given by the
-// environment variable MULTIPANDA_SHARE (default: the project's), and runs with the interpreter in
-// MULTIPANDA_PYTHON (default: the project's Python environment). Any thread, off the loop only.
+// Why no page can be drawn: the interpreter or the Python packages that are missing, and how to get them.
+// Empty if nothing is missing. Any thread, off the loop only.
+std::string missing_page_packages();
+
+// A Python script of multipanda's own files that draws a page from data files (support/own_files.hpp says
+// where they and the interpreter are). Any thread, off the loop only.
 class PageScript {
  public:
   // `script`: "report/report.py"; `page`: its result, for messages: "the report". Throws std::runtime_error
-  // if script or interpreter do not exist.
+  // if the script does not exist or Python packages are missing.
   PageScript(const std::filesystem::path& script, std::string page);
 
   // Takes seconds. Throws std::runtime_error with the script's output if it fails.

@@ -1,7 +1,6 @@
 #include "scene/load.hpp"
 
 #include <algorithm>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -9,6 +8,7 @@
 #include "config_file/text.hpp"
 #include "scene/build.hpp"
 #include "scene/load_parts.hpp"
+#include "support/own_files.hpp"
 #include "support/spelling.hpp"
 
 namespace multipanda {
@@ -61,11 +61,7 @@ Scene read_scene(const Node& root, const std::string& text, const Registry& regi
 
 }  // namespace
 
-std::string scenes_folder() {
-  const char* share = std::getenv("MULTIPANDA_SHARE");
-  const fs::path root = share != nullptr && *share != '\0' ? share : MULTIPANDA_DEFAULT_SHARE;
-  return (root / "config" / "scenes").string();
-}
+std::string scenes_folder() { return (share_folder() / "config" / "scenes").string(); }
 
 std::vector<std::string> available_scenes() {
   std::vector<std::string> names;
