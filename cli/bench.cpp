@@ -22,8 +22,10 @@ int run(const std::vector<std::string>& arguments) {
   for (auto& argument : all) argv.push_back(argument.data());
   argv.push_back(nullptr);
   execv(program.c_str(), argv.data());
-  fmt::print(stderr, "multipanda bench: {}: {}; build it with ./multipanda setup\n", program,
-             std::strerror(errno));
+  fmt::print(stderr,
+             "multipanda bench: {}: {}; build it in the source tree with ./multipanda setup; wheel and .deb "
+             "do not have it\n",
+             program, std::strerror(errno));
   return kFailed;
 }
 

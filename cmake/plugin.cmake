@@ -1,19 +1,20 @@
-# For users' libraries (docs/writing_a_controllet.md) and for multipanda itself:
-#   include(/path/to/multipanda/cmake/plugin.cmake)
+# For users' libraries (docs/writing_a_controllet.md), who get it by find_package(multipanda), and for multipanda itself:
 #   multipanda_plugin(NAME SOURCES...)
 # builds a library that the program can load. It carries the hash of the headers it was compiled with; the program
 # refuses a library whose hash differs from its own.
 include(${CMAKE_CURRENT_LIST_DIR}/shared_headers.cmake)
-get_filename_component(MULTIPANDA_SOURCE "${CMAKE_CURRENT_LIST_DIR}" DIRECTORY)
+if(NOT DEFINED MULTIPANDA_HEADERS)  # otherwise multipandaConfig.cmake says where they are
+  get_filename_component(MULTIPANDA_HEADERS "${CMAKE_CURRENT_LIST_DIR}" DIRECTORY)
+endif()
 set(MULTIPANDA_HASH_SCRIPT "${CMAKE_CURRENT_LIST_DIR}/headers_hash.cmake")
 
 # Gives the target the header "multipanda_headers_hash.hpp", written again whenever a shared header changes.
 function(multipanda_headers_hash target)
   set(folder "${CMAKE_CURRENT_BINARY_DIR}/${target}_headers")
   set(header "${folder}/multipanda_headers_hash.hpp")
-  multipanda_shared_headers(headers "${MULTIPANDA_SOURCE}" CONFIGURE_DEPENDS)
-  list(TRANSFORM headers PREPEND "${MULTIPANDA_SOURCE}/")
-  set(command ${CMAKE_COMMAND} "-DROOT=${MULTIPANDA_SOURCE}" "-DOUTPUT=${header}" -P "${MULTIPANDA_HASH_SCRIPT}")
+  multipanda_shared_headers(headers "${MULTIPANDA_HEADERS}" CONFIGURE_DEPENDS)
+  list(TRANSFORM headers PREPEND "${MULTIPANDA_HEADERS}/")
+  set(command ${CMAKE_COMMAND} "-DROOT=${MULTIPANDA_HEADERS}" "-DOUTPUT=${header}" -P "${MULTIPANDA_HASH_SCRIPT}")
   add_custom_command(OUTPUT "${header}" COMMAND ${command}
     DEPENDS ${headers} "${MULTIPANDA_HASH_SCRIPT}" COMMENT "" VERBATIM)
   if(NOT EXISTS "${header}")  # tools that read the sources need it before the first build
@@ -24,16 +25,6 @@ function(multipanda_headers_hash target)
 endfunction()
 
 function(multipanda_plugin name)
-  # Outside multipanda's own build, MULTIPANDA_BUILD is the folder where the program was built.
-  if(NOT TARGET multipanda_core)
-    set(MULTIPANDA_BUILD "${MULTIPANDA_SOURCE}/build" CACHE PATH "where multipanda was built")
-    find_library(MULTIPANDA_CORE multipanda_core PATHS ${MULTIPANDA_BUILD}/core NO_DEFAULT_PATH REQUIRED)
-    find_package(Eigen3 3.4 REQUIRED NO_MODULE)
-    set_target_properties(Eigen3::Eigen PROPERTIES IMPORTED_GLOBAL TRUE)
-    add_library(multipanda_core SHARED IMPORTED GLOBAL)
-    set_target_properties(multipanda_core PROPERTIES IMPORTED_LOCATION ${MULTIPANDA_CORE}
-      INTERFACE_INCLUDE_DIRECTORIES "${MULTIPANDA_SOURCE}" INTERFACE_LINK_LIBRARIES Eigen3::Eigen)
-  endif()
   # No -march, no -mavx: the program refuses a library whose Eigen objects have another alignment.
   add_library(${name} MODULE ${ARGN})
   target_link_libraries(${name} PRIVATE multipanda_core)

@@ -7,7 +7,9 @@ namespace multipanda {
 namespace {
 
 constexpr const char* kCure =
-    "run './multipanda setup' (without --no-ros), which fetches the ROS 2 wheels, and build again";
+    "in the source tree run './multipanda setup' (without --no-ros), which fetches the ROS 2 wheels, and "
+    "build again; "
+    "wheel and .deb have no ROS 2 interfaces";
 
 }  // namespace
 

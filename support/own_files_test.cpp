@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Of a program of a build; tests/packages has those of installations.
+// These are programs of a build; tests/packages has installed ones.
 class OwnFiles : public testing::Test {
  protected:
   void SetUp() override {

@@ -238,6 +238,15 @@ class FrontDoor(unittest.TestCase):
             self.call(*arguments)
             self.assertEqual(self.calls("cmake"), [])
 
+    def test_package_builds_the_program_and_makes_the_packages_from_it(self):
+        result = self.call("package")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.assertTrue(any("--target multipanda -j" in line for line in self.calls("cmake")))
+        made = [line for line in self.calls("python3") if "make_packages.py" in line]
+        script = self.tree / "packages/make_packages.py"
+        self.assertEqual(made, [f"python3 -B {script} --build {self.tree / 'build'} --out {self.tree / 'dist'}"])
+        self.assert_refused(self.call("package", "--fast"), "package has no options", "dist")
+
     def test_a_request_to_a_running_program_never_waits_for_a_build(self):
         self.call("run", "x", "--ros")
         time.sleep(0.02)

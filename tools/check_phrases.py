@@ -20,7 +20,7 @@ SUFFIXES = {
     ".sh", ".srv", ".toml", ".txt", ".xacro", ".xml", ".yaml", ".yml",
 }  # fmt: skip
 SKIPPED = re.compile(
-    r"^(CHANGELOG\.md|LICENSE|tools/check_phrases\.py|ros/vendored_interfaces/.*|requirements.*\.txt|.*/generated/.*)$"
+    r"^(CHANGELOG\.md|LICENSE|tools/check_phrases\.py|ros/vendored_interfaces/.*|packages/licenses/.*|requirements.*\.txt|.*/generated/.*)$"
 )
 QUOTED = "phrases: quoted"
 GLOSSARY = re.compile(r"(?<=## Terms\n).*?(?=\n## )", re.S)  # CONVENTIONS.md names the phrases that it replaces

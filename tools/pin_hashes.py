@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from project_files import ROOT
 
-FILES = [ROOT / name for name in ("requirements.txt", "requirements-ros.txt", "requirements-docs.txt")]
+FILES = sorted(ROOT.glob("requirements*.txt"))
 PYTHONS = ["3.10", "3.11", "3.12", "3.13"]
 # Python 3.13 belongs to no supported distribution yet: its files are listed where they exist.
 OPTIONAL = {"3.13"}

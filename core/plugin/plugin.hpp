@@ -5,8 +5,7 @@
 #if __has_include(<multipanda_headers_hash.hpp>)
 #include <multipanda_headers_hash.hpp>
 #else
-#error \
-    "CMakeLists.txt: include(MULTIPANDA/cmake/plugin.cmake) and build the library by multipanda_plugin(NAME SOURCES...)"
+#error "CMakeLists.txt: find_package(multipanda) and build the library by multipanda_plugin(NAME SOURCES...)"
 #endif
 
 // Exports controllets, features and backends from a user's shared library:

@@ -1,0 +1,93 @@
+"""What is in the packages: size, tag, libraries, and nothing of the computer that built them."""
+
+import re
+import unittest
+import zipfile
+from email.parser import HeaderParser
+
+import made
+from made import BUILD, ROOT, binaries, dynamic, output
+
+# What the manylinux standard expects of every Linux (PEP 600), as far as it is needed here, and Debian's package.
+SYSTEM = {name: "libc6" for name in ("libc.so.6", "libm.so.6", "libpthread.so.0", "libdl.so.2", "librt.so.1")}
+SYSTEM |= {"ld-linux-x86-64.so.2": "libc6", "libz.so.1": "zlib1g", "libstdc++.so.6": "libstdc++6"}
+SYSTEM |= {"libgcc_s.so.1": "libstdc++6"}  # which depends on it
+
+
+def glibc_needed(path):
+    versions = re.findall(r"GLIBC_(\d+)\.(\d+)", output("objdump", "-T", path))
+    return max(((int(a), int(b)) for a, b in versions), default=(0, 0))
+
+
+class Wheel(unittest.TestCase):
+    def test_size(self):
+        self.assertLess(made.wheel().stat().st_size, 30e6)
+
+    def test_the_tag_names_the_glibc_that_is_needed(self):
+        a, b = re.search(r"-py3-none-manylinux_(\d+)_(\d+)_x86_64\.whl$", made.wheel().name).groups()
+        needed = max(map(glibc_needed, binaries(made.unpacked())))
+        self.assertLessEqual(needed, (int(a), int(b)))
+
+    def test_every_library_is_inside_or_of_the_system(self):
+        files = binaries(made.unpacked())
+        self.assertGreater(len(files), 10)
+        inside = {path.name for path in files}
+        for path in files:
+            with self.subTest(file=path.name):
+                self.assertEqual(set(dynamic(path, "NEEDED")) - inside - set(SYSTEM), set())
+                for folders in dynamic(path, "RPATH", "RUNPATH"):
+                    for folder in folders.split(":"):
+                        self.assertRegex(folder, r"^\$ORIGIN")
+
+    def test_no_path_of_this_computer_is_inside(self):
+        foreign = {str(ROOT), str(ROOT.resolve()), str(BUILD), str(made.BUILD), str(made.FOLDER)}
+        foreign = {path.encode() + b"/" for path in foreign}
+        for tree in (made.unpacked(), made.unpacked_deb()):
+            for path in sorted(tree.rglob("*")):
+                if path.is_file():
+                    text = path.read_bytes()
+                    self.assertEqual([f for f in foreign if f in text], [], path.relative_to(tree))
+
+    def test_versions_agree(self):
+        version = re.search(r"project\(multipanda VERSION ([\d.]+)", (ROOT / "CMakeLists.txt").read_text()).group(1)
+        self.assertTrue(made.wheel().name.startswith(f"multipanda-{version}-"), made.wheel().name)
+        self.assertEqual(made.deb().name, f"multipanda_{version}_amd64.deb")
+
+    def test_extras_name_published_distributions(self):
+        """Each has a pin with hashes, which only a published distribution has."""
+        pinned = set()
+        for name in ("requirements.txt", "requirements-ros.txt"):
+            pinned |= set(re.findall(r"^([\w.-]+)==", (ROOT / name).read_text(), re.M))
+        pinned = {re.sub(r"[-_.]+", "-", name).lower() for name in pinned}
+        with zipfile.ZipFile(made.wheel()) as archive:
+            (name,) = [n for n in archive.namelist() if n.endswith(".dist-info/METADATA")]
+            metadata = HeaderParser().parsestr(archive.read(name).decode())
+        required = metadata.get_all("Requires-Dist")
+        self.assertTrue(any("extra == 'report'" in line for line in required), required)
+        for line in required:
+            name = re.match(r"[\w.-]+", line).group()
+            self.assertIn(re.sub(r"[-_.]+", "-", name).lower(), pinned, line)
+
+
+class Deb(unittest.TestCase):
+    def test_has_what_the_wheel_has(self):
+        ours = made.unpacked_deb() / "usr/lib/python3/dist-packages"
+        for path in sorted(made.unpacked().rglob("*")):
+            inner = path.relative_to(made.unpacked())
+            if path.is_file() and not inner.parts[0].endswith(".dist-info"):
+                self.assertEqual((ours / inner).read_bytes(), path.read_bytes(), inner)
+        for link in ("usr/bin/multipanda", "usr/lib/cmake/multipanda/multipandaConfig.cmake"):
+            self.assertTrue((made.unpacked_deb() / link).exists(), link)
+
+    def test_depends_on_the_system_s_libraries_only(self):
+        depends = output("dpkg-deb", "-f", made.deb(), "Depends")
+        self.assertRegex(depends, r"^libc6 \(>= 2\.\d+\), libstdc\+\+6 \(>= \d+\), ")
+        needed = {name for path in binaries(made.unpacked_deb()) for name in dynamic(path, "NEEDED")}
+        packages = {SYSTEM[name] for name in needed if name in SYSTEM}
+        self.assertEqual(packages, {word.split()[0] for word in depends.split(",")})
+        self.assertEqual(output("dpkg-deb", "-f", made.deb(), "Architecture").strip(), "amd64")
+
+    def test_its_program_runs_where_it_lies(self):
+        program = made.unpacked_deb() / "usr/bin/multipanda"
+        scenes = output(program, "list", "scenes", env={"PATH": "/usr/bin:/bin"}, cwd=made.FOLDER)
+        self.assertIn("two_arms", scenes)
