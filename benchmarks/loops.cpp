@@ -136,6 +136,7 @@ Scene simulation_scene(std::size_t arms, const Registry& registry) {
   Scene scene = arms == 2 ? load_scene("two_arms", registry) : scene_of(arms, registry);
   const char* law = arms == 1 ? "cartesian_impedance" : "dual_cartesian_impedance";
   scene.controllets = instances_of(*registry.controllet(law), arms);
+  scene.contact_bounds = ContactBounds::lifted();
   return scene;
 }
 

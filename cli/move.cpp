@@ -10,7 +10,9 @@
 
 #include "cli/backend_arguments.hpp"
 #include "cli/program.hpp"
+#include "cli/reduced_run.hpp"
 #include "cli/run_session.hpp"
+#include "core/model/model_terms.hpp"
 #include "core/trajectory/quintic.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
@@ -28,7 +30,7 @@ struct MoveOptions {
   std::vector<std::string> goal;  // "home", or one number per joint
   std::string arm;                // empty: all
   double speed = 0.1;             // fraction of the joints' velocity limits
-  bool fast = false, json = false;
+  bool fast = false, json = false, full_speed = false;
   std::string record;
   BackendArguments backend;
 };
@@ -79,13 +81,30 @@ struct Motion {
   double slowest_joint = 0;  // velocity limit [rad/s]
   double duration_s = 0;
 
-  // A minimum-jerk motion keeps every joint below its fraction of the speed limit.
-  void plan(const JointVector& from, double speed) {
-    duration_s = 0;
+  // A minimum-jerk motion keeps every joint below its fraction of the speed limit, and the hand below what it
+  // may reach.
+  void plan(const JointVector& from, double speed, const SceneArm& scene_arm, double hand_speed) {
+    duration_s = rest_to_rest_duration(hand_way(from, scene_arm), hand_speed);
     for (Eigen::Index j = 0; j < goal.size(); ++j) {
       duration_s =
           std::max(duration_s, rest_to_rest_duration(std::abs(goal[j] - from[j]), speed * slowest_joint));
     }
+  }
+
+ private:
+  // The most that the hand moves per share of the straight path in joint space [m].
+  double hand_way(const JointVector& from, const SceneArm& scene_arm) const {
+    constexpr int kPieces = 200;
+    ModelTerms terms(build_arm_model(scene_arm));
+    const ArmConfig config = arm_config(scene_arm);
+    terms.set_config(config.frames, config.tool, config.load);
+    const JointVector way = goal - from;
+    double most = 0;
+    for (int k = 0; k <= kPieces; ++k) {
+      terms.update(from + k * way / kPieces, way);
+      most = std::max(most, terms.V_WE().linear().norm());
+    }
+    return most;
   }
 };
 
@@ -162,7 +181,8 @@ void move_from_measured(std::vector<Motion>& motions, double speed, Session& ses
   const std::vector<JointArray> q = positions.q();
   double longest_s = 0;
   for (Motion& motion : motions) {
-    motion.plan(Eigen::Map<const Eigen::VectorXd>(q[motion.arm].data(), motion.goal.size()), speed);
+    motion.plan(Eigen::Map<const Eigen::VectorXd>(q[motion.arm].data(), motion.goal.size()), speed,
+                session.scene().arms[motion.arm], session.scene().contact_bounds.hand_speed);
     longest_s = std::max(longest_s, motion.duration_s);
     const InstanceIndex instance = session.modes().find(controllet_of(session.scene().arms[motion.arm]));
     Request request{.kind = Request::Kind::set_target, .instance = instance};
@@ -187,6 +207,11 @@ int run(const MoveOptions& options) {
     throw UsageError(fmt::format("move: the scene has no arm '{}'{}", options.arm,
                                  name_hint(options.arm, names, "no arms")));
   }
+  // Not remembered: a motion to a posture tells nothing of what the scene does.
+  const ReducedRun reduced_run(scene, options.full_speed ? Reduction::refused : Reduction::as_usual,
+                               ReducedRun::first_runs_file());
+  reduced_run.apply(scene);
+  if (!reduced_run.text().empty()) console.line(reduced_run.text());
   scene.controllets.clear();
   scene.active.clear();
   scene.timeline.clear();
@@ -197,7 +222,7 @@ int run(const MoveOptions& options) {
     if (!options.arm.empty() && scene.arms[i].name != options.arm) continue;
     motions.push_back(add_motion(options, i, scene));
     if (measured) continue;
-    motions.back().plan(scene.arms[i].q_start, options.speed);
+    motions.back().plan(scene.arms[i].q_start, options.speed, scene.arms[i], scene.contact_bounds.hand_speed);
     schedule(motions.back(), scene);
   }
   Positions positions(scene.arms.size());
@@ -253,6 +278,8 @@ void add_move(Program& program) {
   command->add_option("--speed", options->speed, "Fraction of the joints' velocity limits, at most 0.2")
       ->check(CLI::Range(0.01, kLargestSpeed))
       ->capture_default_str();
+  command->add_flag("--full-speed", options->full_speed,
+                    "The scene's own bounds, also before its first run on physical arms");
   command->add_flag("--fast", options->fast, "Run as fast as possible instead of in real time");
   command->add_option("--record", options->record, "Record the log into a new folder inside DIR")
       ->type_name("DIR");

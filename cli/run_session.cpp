@@ -66,6 +66,7 @@ RunSummary run_session(Session& session, StopSignals& signals, const Console& co
   for (const auto& text : session.scene().lifted) {
     console.line(fmt::format("contact bound lifted by the scene: {}", text));
   }
+  for (const auto& text : session.scene().lowered) console.line(text);
   signals.attach(session);
   LiveDisplay display(console, session.scene().name, session.duration_s());
   session.start();

@@ -365,10 +365,11 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
     check_address(archive.at("fci"), *arm.fci, reader);
   }
   const RobotDescription& description = robot ? *robot : RobotDescription{};
-  archive.section(
-      Key("collision",
-          "Thresholds of contact and reflex, set on the arm at the start. Default: the arm keeps its own."),
-      arm.collision, description);
+  archive.section(Key("collision",
+                      "Thresholds of contact and reflex, set on the arm at the start. Default: 80 N, 25 N m "
+                      "and 40 N m or "
+                      "less per joint, on real arms; see `keep_collision_thresholds`."),
+                  arm.collision, description);
   archive(
       Key("joint_stiffness_nm_per_rad",
           "Stiffness of the arm's internal joint controller, set at the start; controllets do not use it.")

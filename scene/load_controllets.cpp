@@ -81,7 +81,20 @@ InputSpec overridden(const Node& node, const InputSpec& own) {
   return input;
 }
 
-void read_inputs(const Node& inputs, const ControlletDescriptor& descriptor, InstanceConfig& config) {
+// Speeds that a scene names and does not get are told.
+void note_lowered_speed(const Node& node, const InputSpec& input, const InstanceConfig& config,
+                        Scene& scene) {
+  const double most = scene.contact_bounds.hand_speed;
+  const bool named =
+      std::ranges::any_of(node.pairs(), [](const auto& pair) { return pair.first == "max_speed_m_per_s"; });
+  if (!named || input.quantity != Quantity::pose || input.max_speed <= most) return;
+  scene.lowered.push_back("'" + config.name + "': max_speed_m_per_s " + number_text(input.max_speed) +
+                          " of '" + input.name + "' is lowered to " + number_text(most) +
+                          " m/s; a larger hand_speed_m_per_s in the scene's contact_bounds lifts it");
+}
+
+void read_inputs(const Node& inputs, const ControlletDescriptor& descriptor, Scene& scene,
+                 InstanceConfig& config) {
   for (const auto& [name, value] : inputs.pairs()) {
     const auto own = std::find_if(descriptor.inputs.begin(), descriptor.inputs.end(),
                                   [&, &sought = name](const auto& input) { return input.name == sought; });
@@ -94,6 +107,7 @@ void read_inputs(const Node& inputs, const ControlletDescriptor& descriptor, Ins
     config.inputs.push_back(own->quantity == Quantity::pose     ? overridden<PoseInput>(value, *own)
                             : own->quantity == Quantity::joints ? overridden<JointsInput>(value, *own)
                                                                 : overridden<OtherInput>(value, *own));
+    note_lowered_speed(value, config.inputs.back(), config, scene);
   }
 }
 
@@ -323,7 +337,7 @@ void visit(Archive& archive, InstanceConfig& config, SceneReader& reader) {
   check_features(features, reader, config);
   replace_hold(archive, config, reader);
   if (parameters) read_parameters(*parameters, reader, config);
-  if (overrides) read_inputs(*overrides, descriptor, config);
+  if (overrides) read_inputs(*overrides, descriptor, reader.scene, config);
   places[config.name] = archive.self().place();
 }
 

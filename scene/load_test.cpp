@@ -7,6 +7,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "scene/build.hpp"
 #include "scene/scene_reference.hpp"
 #include "scene/testing/test_scenes.hpp"
 #include "support/spelling.hpp"
@@ -112,6 +113,37 @@ TEST(Load, ContactBoundsHoldForAllControlletsUnlessLifted) {
   EXPECT_EQ(lifted.controllets.at(0).contact.spring_moment, 15);
   ASSERT_EQ(lifted.lifted.size(), 1u);
   EXPECT_EQ(lifted.lifted[0], "spring_force_n: 90 N, usually 60 N");
+}
+
+// Code that adds a controllet to a scene that was read, as `multipanda move` does, gets the same bounds.
+TEST(Load, ContactBoundsHoldForControlletsThatAreAddedLater) {
+  Scene scene = parse("arms: [{name: left}]\ncontact_bounds: {spring_force_n: 90}\n");
+  scene.controllets.push_back({.name = "added", .type = "solo", .arms = {0}});
+  scene.controllets.push_back({.name = "lower", .type = "solo", .arms = {0}});
+  scene.controllets.back().contact.spring_force = 20;
+  const CycleConfig config = build_cycle_config(scene);
+  ASSERT_EQ(config.controllets.size(), 2u);
+  EXPECT_EQ(config.controllets[0].contact.hand_speed, 0.25);
+  EXPECT_EQ(config.controllets[0].contact.spring_force, 90);
+  EXPECT_EQ(config.controllets[0].contact.spring_moment, 15);
+  EXPECT_EQ(config.controllets[1].contact.spring_force, 20);
+}
+
+// A speed that a scene names and does not get is told, with the key that lifts it; the usual speeds of the
+// types, which are lowered as well, are not.
+TEST(Load, SpeedsLoweredByTheContactBoundsAreTold) {
+  const auto lowered = [](const std::string& bounds, const std::string& inputs) {
+    return parse("arms: [{name: left}]\n" + bounds +
+                 "controllets: [{name: a, type: solo, arms: left, inputs: {" + inputs + "}}]\n")
+        .lowered;
+  };
+  EXPECT_THAT(lowered("", "pose: {timeout_s: 0.5}"), testing::IsEmpty());
+  EXPECT_THAT(lowered("", "pose: {max_speed_m_per_s: 0.25}"), testing::IsEmpty());
+  EXPECT_THAT(lowered("", "pose: {max_speed_m_per_s: 0.4}"),
+              testing::ElementsAre("'a': max_speed_m_per_s 0.4 of 'pose' is lowered to 0.25 m/s; a larger "
+                                   "hand_speed_m_per_s in the scene's contact_bounds lifts it"));
+  EXPECT_THAT(lowered("contact_bounds: {hand_speed_m_per_s: 0.4}\n", "pose: {max_speed_m_per_s: 0.4}"),
+              testing::IsEmpty());
 }
 
 TEST(Load, ReadsWhatIsWritten) {

@@ -177,7 +177,9 @@ struct Scene {
   std::vector<std::string> plugins;  // paths of users' libraries
   std::string backend;               // what drives the arms; empty: by each arm's key `fci`
   ContactBounds contact_bounds;      // of every controllet, also in InstanceConfig::contact
-  std::vector<std::string> lifted;   // bounds above the usual ones, as text; printed and logged
+  std::vector<std::string> lifted;   // bounds above the usual ones, as text; printed at the start
+  std::vector<std::string>
+      lowered;  // speeds of inputs that these bounds lower, as text; printed at the start
   std::vector<InstanceConfig> controllets;
   std::map<std::string, SourcePlace> controllet_places;
   std::vector<std::string> active;      // at the start

@@ -14,6 +14,11 @@ double share_of(const Vector3& pull, const Vector3& damping, double greatest) {
 
 }  // namespace
 
+ContactBounds tighter(const ContactBounds& a, const ContactBounds& b) {
+  return {std::min(a.hand_speed, b.hand_speed), std::min(a.spring_force, b.spring_force),
+          std::min(a.spring_moment, b.spring_moment)};
+}
+
 BoundedPull bound_pull(const ContactBounds& bounds, const Vector6& pull, const Vector6& damping) {
   return {share_of(pull.head<3>(), damping.head<3>(), bounds.spring_force),
           share_of(pull.tail<3>(), damping.tail<3>(), bounds.spring_moment)};

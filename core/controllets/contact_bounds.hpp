@@ -19,6 +19,8 @@ struct ContactBounds {
   }
 };
 
+ContactBounds tighter(const ContactBounds& a, const ContactBounds& b);
+
 // What is left of a pull, the part of a law that draws a hand to its moving set-point:
 //   P = K x~ + D V_d + Lambda A_d
 // Its force acts with P min(1, (F_max + max(0, n^T D V)) / |P|), n = P / |P|, its moment alike. The damping

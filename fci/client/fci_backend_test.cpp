@@ -597,10 +597,17 @@ TEST_F(Backends, ArmsGetCarefulThresholdsUnlessTheSceneNamesOthersOrKeepsThem) {
   scene_.arms[1].fci->keep_collision_thresholds = true;
   begin();
   const auto set = fakes_[0]->last<SetCollisionBehaviorRequest>();
-  EXPECT_EQ(set.upper_force_thresholds_nominal, (std::array<double, 6>{80, 80, 80, 25, 25, 25}));
-  EXPECT_EQ(set.upper_force_thresholds_acceleration, set.upper_force_thresholds_nominal);
-  EXPECT_EQ(set.upper_torque_thresholds_nominal, (std::array<double, 7>{40, 40, 40, 40, 12, 12, 12}));
-  EXPECT_EQ(set.lower_torque_thresholds_nominal, (std::array<double, 7>{20, 20, 20, 20, 12, 12, 12}));
+  const std::array<double, 6> stops{80, 80, 80, 25, 25, 25}, reports{20, 20, 20, 10, 10, 10};
+  const std::array<double, 7> joint_stops{40, 40, 40, 40, 12, 12, 12},
+      joint_reports{20, 20, 20, 20, 12, 12, 12};
+  EXPECT_EQ(set.upper_force_thresholds_nominal, stops);
+  EXPECT_EQ(set.upper_force_thresholds_acceleration, stops);
+  EXPECT_EQ(set.lower_force_thresholds_nominal, reports);
+  EXPECT_EQ(set.lower_force_thresholds_acceleration, reports);
+  EXPECT_EQ(set.upper_torque_thresholds_nominal, joint_stops);
+  EXPECT_EQ(set.upper_torque_thresholds_acceleration, joint_stops);
+  EXPECT_EQ(set.lower_torque_thresholds_nominal, joint_reports);
+  EXPECT_EQ(set.lower_torque_thresholds_acceleration, joint_reports);
   EXPECT_THROW((void)fakes_[1]->last<SetCollisionBehaviorRequest>(), std::runtime_error);
   // Named ones.
   scene_.arms[1].collision = default_settings(*build_arm_model(scene_.arms[1])).thresholds;

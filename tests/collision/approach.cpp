@@ -250,6 +250,7 @@ std::string to_string(Kind kind) {
 Approach draw(std::uint32_t seed, std::uint32_t attempt) {
   Dice dice(seed, attempt);
   Approach approach;
+  approach.scene.contact_bounds = ContactBounds::lifted();
   approach.kind = static_cast<Kind>(seed % kKinds);
   approach.speed = kSpeed;
   switch (approach.kind) {

@@ -157,6 +157,7 @@ Goal draw(std::uint32_t seed) {
   InstanceConfig law{.name = "law", .type = "cartesian_impedance", .arms = {0}};
   law.features = {"collision_avoidance"};
   goal.scene.controllets = {law};
+  goal.scene.contact_bounds = ContactBounds::lifted();
   goal.scene.active = {"law"};
   return goal;
 }

@@ -26,11 +26,20 @@ TEST(Press, PersonsHandBetweenArmAndTable) {
     ++at;
     for (int pose = 0; pose < kPoses; ++pose) {
       for (const bool motor_inertia : {false, true}) {
-        // Hands 0.9 m apart and 3 ms late, its springs oscillate at joint 7 of FR3 without rotor inertia,
-        // long before any contact; with it, a hand that is blocked may end in a hold
-        // at a joint's velocity limit.
+        // With rotor inertia, a hand that is blocked may end in a hold at a joint's velocity limit.
         const bool coupled = std::string_view(controllet) == "coupled_dual_cartesian_impedance";
-        if (coupled && !motor_inertia) continue;
+        if (coupled && !motor_inertia) {
+          if (all()) {
+            std::printf(
+                "%s\n",
+                (name({controllet, pose, motor_inertia}) +
+                 " skipped: without its rotor, joint 7 moves 0.002 kg m^2, and springs of 400 N/m hold "
+                 "hands 0.9 m apart with a lever of 0.45 m: a mode of 299 rad/s, stable with 1 ms of "
+                 "delay, unstable with 2 ms and more, before any contact")
+                    .c_str());
+          }
+          continue;
+        }
         if (!all() && (pose != at % kPoses || motor_inertia != (at % 2 == 0))) continue;
         const Press press{controllet, pose, motor_inertia};
         SCOPED_TRACE(name(press));
