@@ -201,7 +201,10 @@ CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) 
   for (const auto& arm : scene.arms)
     config.arms.push_back({arm.name, build_controller_model(arm), arm.safety});
   config.controllets = scene.controllets;
-  config.obstacles = fixed_obstacles(scene);
+  // Of every controllet, whoever added it to the scene.
+  for (auto& controllet : config.controllets)
+    controllet.contact = tighter(controllet.contact, scene.contact_bounds);
+  config.obstacles = fixed_obstacles(scene.objects);
   config.record_capacity = record_capacity;
   return config;
 }

@@ -6,13 +6,11 @@
 
 namespace multipanda {
 
-// A fixed object in the world, such as a table, a wall or the floor. Nothing pushes it, but the timeline of a
-// simulation may place it elsewhere.
+// A fixed object in the world, such as a table, a wall or the floor.
 struct Obstacle {
   std::string name;
   ConvexShape shape;
-  Pose X_WO;               // the shape's frame in the world
-  bool is_placed = false;  // a simulation may put it elsewhere during the run
+  Pose X_WO;  // the shape's frame in the world
 };
 
 }  // namespace multipanda

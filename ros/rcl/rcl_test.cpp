@@ -218,6 +218,43 @@ TEST_F(Rcl, ReliableMessagesArriveInOrderAndLateSubscribersGetTheKeptOnes) {
   EXPECT_THAT(other.other_nodes(), ::testing::Contains("/here/served"));
 }
 
+// Keeps for how long its message had waited.
+class WaitingReader final : public SubscriptionBase {
+ public:
+  WaitingReader(Executor& executor, Node& node, const std::string& name)
+      : SubscriptionBase(executor, node, name,
+                         rosidl_typesupport_cpp::get_message_type_support_handle<String>(),
+                         "std_msgs/msg/String", Qos::reliable(), kDoc) {
+    open();
+  }
+  ~WaitingReader() override { close(); }
+  std::atomic<double> waited{-1};
+
+ private:
+  bool take() override {
+    if (!take_any(&message_)) return false;
+    waited = waited_s();
+    return true;
+  }
+  String message_;
+};
+
+TEST_F(Rcl, AReaderKnowsForHowLongAMessageWaited) {
+  Executor late;  // starts after the message has come
+  WaitingReader reader(late, other, "/here/served/words"), prompt(others, other, "/here/served/words");
+  Publisher<String> publisher(node, "~/words", Qos::reliable(), kDoc);
+  ASSERT_TRUE(wait_for([&] { return publisher.subscribers() == 2; }));
+  const auto begun = std::chrono::system_clock::now();
+  publisher.publish(String());
+  ASSERT_TRUE(wait_for([&] { return prompt.waited >= 0; }));
+  EXPECT_EQ(reader.waited, -1);
+  late.start();
+  ASSERT_TRUE(wait_for([&] { return reader.waited >= 0; }));
+  const std::chrono::duration<double> since = std::chrono::system_clock::now() - begun;
+  EXPECT_GT(reader.waited, 0);
+  EXPECT_LE(reader.waited, since.count());
+}
+
 TEST_F(Rcl, MessagesOfAnotherTypeAreNotReceived) {
   std::atomic<int> taken{0};
   Subscription<JointState> joints(executor, node, "/mixed", Qos::sensor(), kDoc,

@@ -27,11 +27,14 @@ class SubscriptionBase : public Incoming {
   void close();  // call at the start of the most derived destructor
   // Returns false if there was no message, or it could not be read (which is counted).
   bool take_any(void* message);
+  // For how long the message taken last had waited [s]; 0 if the middleware does not say when it came.
+  double waited_s() const { return waited_s_; }
   std::string source() const override { return topic(); }
 
  private:
   Node& node_;
   rcl_subscription_t subscription_;
+  double waited_s_ = 0;
 };
 
 // The callback gets every available message (as many as the depth keeps) on the executor's thread, and none

@@ -220,6 +220,33 @@ TEST(Inputs, PosesOutOfReachAreRefusedWithTheDistance) {
   EXPECT_EQ(port.counts().refused, refused);
 }
 
+// A message that waited for an overloaded computer was for an arm that was somewhere else.
+TEST(Inputs, MessagesThatWaitedTooLongMoveNothing) {
+  Fixture fixture;
+  fixture.loop.steps(3);
+  InputPort port(fixture.run, fixture.loop.find("pose0"), 0);
+  ASSERT_TRUE(fixture.loop.activate({"pose0"}).accepted());
+  fixture.loop.step();
+  const Reference& reference = fixture.loop.modes().instance(fixture.loop.find("pose0")).inputs()[0];
+  const double timeout = reference.spec().timeout_s;
+  Pose X_goal = reference.pose();
+  const Pose X_start = X_goal;
+  X_goal.position.z() += 0.01;
+  port.receive(pose_message(X_goal, ""), Delivery::stream, 1.01 * timeout);
+  EXPECT_THAT(port.counts().last_reason, HasSubstr("waited"));
+  port.receive(pose_message(X_goal, ""), Delivery::goal, 1.01);  // as a request to the loop
+  fixture.loop.steps(200);
+  EXPECT_EQ(port.counts().refused, 2u);
+  EXPECT_FALSE(reference.streaming());
+  EXPECT_LT(pose_error(reference.pose(), X_start).norm(), 1e-12);
+  port.receive(pose_message(X_goal, ""), Delivery::goal, 0.99);
+  fixture.loop.steps(1500);
+  EXPECT_LT(pose_error(reference.pose(), X_goal).norm(), 1e-9);
+  port.receive(pose_message(X_goal, ""), Delivery::stream, 0.99 * timeout);
+  fixture.loop.step();
+  EXPECT_TRUE(reference.streaming());
+}
+
 TEST(Inputs, RefusedMessagesAreCountedAndDoNotReachTheLoop) {
   Fixture fixture;
   fixture.loop.steps(3);

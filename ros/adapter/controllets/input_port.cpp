@@ -1,5 +1,7 @@
 #include "ros/adapter/controllets/input_port.hpp"
 
+#include <fmt/format.h>
+
 #include "runtime/request_text.hpp"
 
 namespace multipanda::ros {
@@ -23,16 +25,24 @@ InputPort::InputPort(const AdapterContext& run, InstanceIndex instance, std::siz
               run.modes->instance(instance).arm_list()[reference_->spec().arm]),
       name_(run.modes->instance(instance).name() + "/" + reference_->spec().name) {}
 
-void InputPort::receive(const std::vector<double>& values, const std::string& frame, Delivery delivery) {
+void InputPort::receive(const std::vector<double>& values, const std::string& frame, Delivery delivery,
+                        double waited_s) {
   Target target;
   target.delivery = delivery;
-  conclude(reader_.read(values, frame, target), target);
+  conclude(reader_.read(values, frame, target), target, waited_s);
 }
 
 void InputPort::refuse(const std::string& why) { note(why, false); }
 
-void InputPort::conclude(InputReader::Refusal refusal, const Target& target) {
+void InputPort::conclude(InputReader::Refusal refusal, const Target& target, double waited_s) {
   if (refusal) return note(std::move(*refusal), false);
+  // What an overloaded computer hands over this late was for an arm that was somewhere else.
+  const double patience =
+      target.delivery == Delivery::stream ? reference_->spec().timeout_s : MultimodeController::kPatience;
+  if (waited_s > patience) {
+    return note(fmt::format("it waited for more than {:g} s in this computer, which is overloaded", patience),
+                false);
+  }
   if (run_.reach) {
     const Instance& instance = run_.modes->instance(instance_);
     std::string why = run_.reach->refusal(instance, reference_->spec(), target.values);

@@ -23,15 +23,16 @@ class InputPort {
     bool last_not_active = false;  // refused only because the controllet is not active
   };
 
-  // Runs in the executor's thread.
+  // Runs in the executor's thread. `waited_s`: the message, before this thread took it.
   template <class M>
-  void receive(const M& message, Delivery delivery) {
+  void receive(const M& message, Delivery delivery, double waited_s = 0) {
     Target target;
     target.delivery = delivery;
     InputReader::Refusal refusal = reader_.read(message, target);
-    conclude(std::move(refusal), target);
+    conclude(std::move(refusal), target, waited_s);
   }
-  void receive(const std::vector<double>& values, const std::string& frame, Delivery delivery);
+  void receive(const std::vector<double>& values, const std::string& frame, Delivery delivery,
+               double waited_s = 0);
   void refuse(const std::string& why);  // for a message that cannot be read at all
 
   const std::string& name() const { return name_; }  // "pose0/pose"
@@ -41,7 +42,7 @@ class InputPort {
   Diagnostic diagnostic() const;
 
  private:
-  void conclude(InputReader::Refusal refusal, const Target& target);
+  void conclude(InputReader::Refusal refusal, const Target& target, double waited_s);
   void note(std::string reason, bool not_active);
 
   const AdapterContext& run_;

@@ -38,7 +38,7 @@ class CodecSubscription : public SubscriptionBase {
       values.refusal = error.what();
     }
     if (values.refusal.empty()) {
-      port_.receive(values.numbers, values.frame, delivery_);
+      port_.receive(values.numbers, values.frame, delivery_, waited_s());
     } else {
       port_.refuse(values.refusal);
     }
@@ -49,6 +49,32 @@ class CodecSubscription : public SubscriptionBase {
   InputPort& port_;
   Delivery delivery_;
   std::shared_ptr<void> message_;
+};
+
+template <class M>
+class InputSubscription : public SubscriptionBase {
+ public:
+  InputSubscription(const AdapterContext& run, const std::string& name, const Qos& qos, const Doc& doc,
+                    InputPort& port, Delivery delivery)
+      : SubscriptionBase(*run.executor, *run.node, name,
+                         rosidl_typesupport_cpp::get_message_type_support_handle<M>(),
+                         rosidl_generator_traits::name<M>(), qos, doc),
+        port_(port),
+        delivery_(delivery) {
+    open();
+  }
+  ~InputSubscription() override { close(); }
+
+ private:
+  bool take() override {
+    if (!take_any(&message_)) return false;
+    port_.receive(message_, delivery_, waited_s());
+    return true;
+  }
+
+  InputPort& port_;
+  Delivery delivery_;
+  M message_;  // reused, so that its sequences keep their memory
 };
 
 std::string unit_text(Quantity quantity) {
@@ -130,9 +156,9 @@ template <class M>
 void Inputs::subscribe(const AdapterContext& run, InputPort& port) {
   for (const Delivery delivery : {Delivery::stream, Delivery::goal}) {
     const bool goal = delivery == Delivery::goal;
-    subscriptions_.push_back(std::make_unique<Subscription<M>>(
-        *run.executor, *run.node, "~/" + port.name() + (goal ? "/goal" : ""), goal ? kGoalQos : kStreamQos,
-        doc_of(port, delivery), [&port, delivery](const M& message) { port.receive(message, delivery); }));
+    subscriptions_.push_back(std::make_unique<InputSubscription<M>>(
+        run, "~/" + port.name() + (goal ? "/goal" : ""), goal ? kGoalQos : kStreamQos, doc_of(port, delivery),
+        port, delivery));
   }
 }
 
