@@ -6,7 +6,6 @@
 
 #include <fmt/format.h>
 
-#include "backends/simulation_view.hpp"
 #include "experiments/kinds.hpp"
 #include "experiments/run_data.hpp"
 #include "experiments/task_runs.hpp"
@@ -37,10 +36,8 @@ class ObjectTrace {
 
   void take(const Tick& tick, const Backend& backend) {
     if (tick.cycle % kObjectsEvery != 0) return;
-    const SimulationView* simulation = simulation_of(backend);
-    if (simulation == nullptr) return;
     for (auto& track : tracks_) {
-      const auto X_WO = simulation->object_pose(track.name);
+      const auto X_WO = backend.object_pose(track.name);
       if (!X_WO) continue;
       const Quaternion q = X_WO->quaternion();
       const auto& p = X_WO->position;

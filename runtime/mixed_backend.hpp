@@ -45,7 +45,7 @@ class MixedBackend : public Backend, public SimulationView {
 
   std::string fault() const override { return view_ != nullptr ? view_->fault() : ""; }
   std::optional<Pose> object_pose(const std::string& name) const override {
-    return view_ != nullptr ? view_->object_pose(name) : std::nullopt;
+    return parts_.simulated->object_pose(name);
   }
 
  private:

@@ -36,11 +36,14 @@ void add_tool_shapes(const std::vector<ToolShape>& tool, const Pose& X_JF, ArmMo
   }
 }
 
-std::vector<Obstacle> fixed_obstacles(const std::vector<SceneObject>& objects) {
+std::vector<Obstacle> fixed_obstacles(const Scene& scene) {
   std::vector<Obstacle> obstacles;
-  for (const auto& object : objects) {
-    if (object.fixed)
-      obstacles.push_back({object.name, convex_shape(object.shape, object.size), object.X_WO});
+  for (const auto& object : scene.objects) {
+    if (!object.fixed) continue;
+    const bool is_placed = std::ranges::any_of(scene.timeline, [&](const TimelineEvent& event) {
+      return event.what == TimelineEvent::What::place && event.object == object.name;
+    });
+    obstacles.push_back({object.name, convex_shape(object.shape, object.size), object.X_WO, is_placed});
   }
   return obstacles;
 }

@@ -15,7 +15,8 @@ ConvexShape convex_shape(ShapeType shape, const Vector3& size);
 // the last link and the link before it. X_JF: the flange in the last joint's frame.
 void add_tool_shapes(const std::vector<ToolShape>& tool, const Pose& X_JF, ArmModelSource& source);
 
-// The fixed objects of the scene. Free ones are meant to be touched.
-std::vector<Obstacle> fixed_obstacles(const std::vector<SceneObject>& objects);
+// The fixed objects of the scene, and which of them its timeline places elsewhere. Free objects are meant to
+// be touched.
+std::vector<Obstacle> fixed_obstacles(const Scene& scene);
 
 }  // namespace multipanda

@@ -34,7 +34,7 @@ std::vector<std::string> names_of(const CycleConfig& config) {
 }  // namespace
 
 ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, Backend& backend)
-    : backend_(backend), data_(models_of(config)), safety_(limits_of(config, backend)) {
+    : backend_(backend), data_(models_of(config), config.obstacles), safety_(limits_of(config, backend)) {
   if (config.arms.empty() || config.arms.size() > kMaxArms) {
     throw std::invalid_argument("1 to " + std::to_string(kMaxArms) + " arms are supported, not " +
                                 std::to_string(config.arms.size()));
@@ -47,12 +47,22 @@ ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, 
     observers_.emplace_back(config.arms[arm].model->joint_count());
     if (!backend.capabilities(arm).has_external_torque) observed_ |= ArmSet::of(arm);
   }
+  // Only a world that is simulated for all arms: what it takes away still stands before a real arm.
+  const bool all_simulated = [&] {
+    for (ArmIndex arm = 0; arm < config.arms.size(); ++arm) {
+      if (!backend.capabilities(arm).simulated) return false;
+    }
+    return true;
+  }();
+  for (std::size_t i = 0; all_simulated && i < data_.obstacles.size(); ++i) {
+    if (data_.obstacles[i].is_placed) placed_.push_back(i);
+  }
   ArmSet friction_compensated;
   for (ArmIndex arm = 0; arm < config.arms.size(); ++arm) {
     if (backend.capabilities(arm).compensates_friction) friction_compensated |= ArmSet::of(arm);
   }
-  const ArmBlocks blocks{data_.state,      data_.terms,          data_.tau_controllet, data_.tau_feature,
-                         config.obstacles, friction_compensated, data_.condition};
+  const ArmBlocks blocks{data_.state,     data_.terms,          data_.tau_controllet, data_.tau_feature,
+                         data_.obstacles, friction_compensated, data_.condition};
   modes_ =
       std::make_unique<MultimodeController>(names_of(config), config.controllets, registry, blocks, safety_);
   layout_ = modes_->layout();

@@ -63,6 +63,14 @@ void ControlCycle::read(ArmSet due) {
     if (observed_.contains(arm)) estimate_force(arm);
     count_torque(arm);
   }
+  read_obstacles();
+}
+
+void ControlCycle::read_obstacles() {
+  for (const std::size_t i : placed_) {
+    Obstacle& obstacle = data_.obstacles[i];
+    if (const auto X_WO = backend_.object_pose(obstacle.name)) obstacle.X_WO = *X_WO;
+  }
 }
 
 // The rate limit counts from the torque that the arm has in use. Where every command arrives, that is the

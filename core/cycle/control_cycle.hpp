@@ -22,7 +22,7 @@ struct CycleConfig {
   };
   std::vector<Arm> arms;  // the arms of the backend, in its order
   std::vector<InstanceConfig> controllets;
-  std::vector<Obstacle> obstacles;  // fixed bodies of the world, for collision avoidance
+  std::vector<Obstacle> obstacles;  // fixed objects of the world at the start, for collision avoidance
   std::size_t record_capacity = 0;  // cycles that the writer may lag behind; 0: no record
 };
 
@@ -56,6 +56,7 @@ class ControlCycle {
 
  private:
   void read(ArmSet due);
+  void read_obstacles();
   void count_torque(ArmIndex arm);
   void estimate_force(ArmIndex arm);
   void write();
@@ -66,6 +67,7 @@ class ControlCycle {
   std::vector<ExternalForceObserver> observers_;  // one per arm
   ArmSet observed_;                               // arms whose backend does not deliver external torques
   ArmSet every_command_arrives_;                  // as their backend says
+  std::vector<std::size_t> placed_;               // obstacles that the backend's world may place elsewhere
   SafetyStage safety_;
   std::unique_ptr<MultimodeController> modes_;
   RecordLayout layout_;

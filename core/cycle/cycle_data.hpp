@@ -1,9 +1,11 @@
 #pragma once
 
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "core/cycle/backend.hpp"
+#include "core/geometry/obstacle.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/record/cycle_record.hpp"
 #include "core/state/arm_condition.hpp"
@@ -13,7 +15,8 @@ namespace multipanda {
 
 // The data of one cycle: one block per stage, one element per arm. Allocated once, before the loop.
 struct CycleData {
-  explicit CycleData(std::span<const std::shared_ptr<const ArmModel>> models) {
+  CycleData(std::span<const std::shared_ptr<const ArmModel>> models, std::vector<Obstacle> fixed)
+      : obstacles(std::move(fixed)) {
     state.resize(models.size());
     condition.resize(models.size());
     command.resize(models.size());
@@ -36,6 +39,7 @@ struct CycleData {
   // READ
   std::vector<ArmState> state;          // from the backend
   std::vector<ArmCondition> condition;  // what can be done with the arm in that state
+  std::vector<Obstacle> obstacles;      // where the fixed objects of the world are now
 
   // MODEL
   std::vector<ModelTerms> terms;  // at that state, computed on demand

@@ -215,6 +215,34 @@ TEST(CollisionAvoidance, TorqueDoesNotDependOnThePoseOfTheWorld) {
   EXPECT_GT(near, 3);
 }
 
+// To the bit as if the obstacles had been there from the start.
+TEST(CollisionAvoidance, ObstaclesAreWhereTheyAreNow) {
+  Draw draw(64);
+  const Models models = made_up();
+  const auto there = some_obstacles();
+  const Pose elsewhere{rotation_from_rpy({0.4, 0.2, -1}), {0, 0, -30}};
+  ControlletRig moved(collision_avoidance_feature(), models, some_obstacles(elsewhere));
+  ControlletRig fixed(collision_avoidance_feature(), models, there);
+  ControlletRig none(collision_avoidance_feature(), models, some_obstacles(elsewhere));
+  int near = 0;
+  for (int trial = 0; trial < 60; ++trial) {
+    const bool back = trial % 3 == 2;  // and away again
+    const auto places = some_obstacles(back ? elsewhere : Pose{});
+    for (std::size_t i = 0; i < places.size(); ++i) moved.place_obstacle(i, places[i].X_WO);
+    const std::vector<JointVector> q{draw.joints(7, 1.5), draw.joints(6, 1.5)},
+        dq{draw.joints(7, 0.5), draw.joints(6, 0.5)};
+    for (auto* rig : {&moved, &fixed, &none}) {
+      for (std::size_t i = 0; i < 2; ++i) rig->place(i, q[i], dq[i]);
+      ASSERT_EQ(rig->update(), LawResult::ok);
+    }
+    near += fixed.output("potential_j") != none.output("potential_j");
+    ControlletRig& same = back ? none : fixed;
+    for (std::size_t i = 0; i < 2; ++i) EXPECT_EQ(moved.tau(i), same.tau(i)) << trial;
+    EXPECT_EQ(moved.output("smallest_distance_m"), same.output("smallest_distance_m")) << trial;
+  }
+  EXPECT_GT(near, 10);
+}
+
 // The distance at which a pair has that force.
 double distance_of(double force) {
   double near = -1, far = kRange;

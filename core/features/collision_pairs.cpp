@@ -8,7 +8,7 @@ namespace multipanda {
 
 using Kind = ConvexShape::Kind;
 
-CollisionPairs::CollisionPairs(const FeatureContext& context) {
+CollisionPairs::CollisionPairs(const FeatureContext& context) : obstacles_(context.obstacles) {
   ArmSet own;
   for (const ArmIndex arm : context.own) own |= ArmSet::of(arm);
   std::vector<std::size_t> first;  // body of each arm, then of the obstacles
@@ -20,7 +20,10 @@ CollisionPairs::CollisionPairs(const FeatureContext& context) {
     }
   }
   first.push_back(bodies_.size());
-  for (const auto& obstacle : context.obstacles) add(kNoArm, -1, obstacle.shape, obstacle.X_WO);
+  for (const auto& obstacle : obstacles_) {
+    add(kNoArm, -1, obstacle.shape, obstacle.X_WO);
+    X_WO_.push_back(obstacle.X_WO);
+  }
   if (bodies_.size() > std::numeric_limits<std::uint16_t>::max()) {
     throw std::invalid_argument("collision avoidance supports at most 65535 shapes; the scene has " +
                                 std::to_string(bodies_.size()));
@@ -59,20 +62,25 @@ void CollisionPairs::add(ArmIndex arm, int joint, const ConvexShape& shape, cons
   Body body;
   body.arm = arm;
   body.joint = joint;
-  body.shape = shape;
-  body.X_JS = X_JS;
   body.is_segment = shape.kind == Kind::capsule || shape.kind == Kind::sphere;
   body.half_space = shape.kind == Kind::half_space;
-  if (body.is_segment) {  // store in the joint's frame, which saves a transform per cycle
-    body.shape.p0 = X_JS * shape.p0;
-    body.shape.p1 = X_JS * shape.p1;
-    body.X_JS = {};
-  }
+  fix(body, shape, X_JS);
   body.sphere = bounding_sphere(body.shape);
   bodies_.push_back(body);
   spheres_.push_back({});
   place(bodies_.size() - 1, Pose{});  // final, if the body is fixed
   if (joint >= 0) spheres_.back().center.setConstant(std::numeric_limits<double>::quiet_NaN());
+}
+
+// Where the body is in the frame of its joint, or in the world.
+void CollisionPairs::fix(Body& body, const ConvexShape& shape, const Pose& X_JS) {
+  body.shape = shape;
+  body.X_JS = X_JS;
+  if (!body.is_segment) return;
+  // Stored in the joint's frame, which saves a transform per cycle.
+  body.shape.p0 = X_JS * shape.p0;
+  body.shape.p1 = X_JS * shape.p1;
+  body.X_JS = {};
 }
 
 void CollisionPairs::place(std::size_t i, const Pose& X_WJ) {
@@ -94,7 +102,20 @@ void CollisionPairs::place(std::size_t i, const Pose& X_WJ) {
   }
 }
 
+void CollisionPairs::place_obstacles() {
+  const std::size_t first = bodies_.size() - obstacles_.size();
+  for (std::size_t i = 0; i < obstacles_.size(); ++i) {
+    const Obstacle& obstacle = obstacles_[i];
+    Pose& known = X_WO_[i];
+    if (obstacle.X_WO.position == known.position && obstacle.X_WO.rotation == known.rotation) continue;
+    known = obstacle.X_WO;
+    fix(bodies_[first + i], obstacle.shape, known);
+    place(first + i, Pose{});
+  }
+}
+
 void CollisionPairs::place(std::span<OwnedArm> scene_arms) {
+  place_obstacles();
   ArmIndex arm = kNoArm;
   int joint = -1;
   Pose X_WJ;

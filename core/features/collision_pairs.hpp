@@ -42,8 +42,8 @@ class CollisionPairs {
   const Pair& pair(std::size_t i) const { return pairs_[i]; }
   const Body& body(std::size_t i) const { return bodies_[i]; }
 
-  // Updates the poses of all shapes for this cycle. The shapes of an arm whose joint positions are not finite
-  // stay where they were last; at_least() of those that never had a place is not a number.
+  // Updates the poses of all shapes and obstacles for this cycle. The shapes of an arm whose joint positions
+  // are not finite stay where they were last; at_least() of those that never had a place is not a number.
   void place(std::span<OwnedArm> scene_arms);
   // A lower bound of the distance, from the bounding spheres.
   double at_least(std::size_t i) const {
@@ -66,12 +66,17 @@ class CollisionPairs {
     double offset = 0;  // half space: normal . p for the points of its plane
   };
   void add(ArmIndex arm, int joint, const ConvexShape& shape, const Pose& X_JS);
+  void fix(Body& body, const ConvexShape& shape, const Pose& X_JS);
   void place(std::size_t body, const Pose& X_WJ);
+  void place_obstacles();
 
   std::vector<Body> bodies_;     // arm by arm, then obstacles
   std::vector<Sphere> spheres_;  // of each body
   std::vector<Pair> pairs_;
   std::vector<std::size_t> moving_;  // bodies in some pair that a joint moves
+  // Those of the scene are the last bodies, in the same order.
+  std::span<const Obstacle> obstacles_;
+  std::vector<Pose> X_WO_;  // where those bodies are
 };
 
 }  // namespace multipanda

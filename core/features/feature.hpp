@@ -26,12 +26,14 @@ class Feature {
   virtual void bound_parameters(ParameterSet& /*parameters*/) const {}
 };
 
-// Argument of a feature's factory. Valid during the call only; copy what the feature keeps.
+// Argument of a feature's factory. Except for the obstacles, it is valid during the call only; copy what the
+// feature keeps.
 struct FeatureContext {
-  ArmModels arms;                       // of the whole scene
-  std::span<const ArmIndex> own;        // indices of context.arms, in that order
-  std::span<const Obstacle> obstacles;  // fixed objects in the world
-  ArmSet friction_compensated;          // arms whose backend has no joint friction or compensates it
+  ArmModels arms;                 // of the whole scene
+  std::span<const ArmIndex> own;  // indices of context.arms, in that order
+  // Fixed objects in the world. They outlive the feature; in every cycle their poses are those of now.
+  std::span<const Obstacle> obstacles;
+  ArmSet friction_compensated;  // arms whose backend has no joint friction or compensates it
 };
 
 struct FeatureType {

@@ -35,7 +35,8 @@ struct ArmBlocks {
   std::span<ArmState> states;
   std::span<ModelTerms> terms;
   std::span<JointVector> tau_controllet, tau_feature;
-  // World data for features; used while instances are built.
+  // World data for features. The obstacles' poses are those of this cycle; the rest is used while instances
+  // are built.
   std::span<const Obstacle> obstacles = {};
   ArmSet friction_compensated = {};
   std::span<const ArmCondition> conditions = {};  // for the multimode controller; instances do not need it

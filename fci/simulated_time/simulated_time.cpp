@@ -269,6 +269,10 @@ void SimulatedTime::read(ArmSet due, std::span<ArmState> states) {
   }
 }
 
+std::optional<Pose> SimulatedTime::object_pose(const std::string& name) const {
+  return self_->plant.object_pose(name);
+}
+
 void SimulatedTime::write(ArmSet due, std::span<const ArmCommand> commands) {
   auto& self = *self_;
   self.sending_ns = self.busy_until_ns = self.woken_ns + self.cost(Stall::before_sending);

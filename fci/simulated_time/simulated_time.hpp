@@ -50,6 +50,7 @@ class SimulatedTime final : public Backend {
   LoopTime now() const override;
   void read(ArmSet due, std::span<ArmState> states) override;
   void write(ArmSet due, std::span<const ArmCommand> commands) override;
+  std::optional<Pose> object_pose(const std::string& name) const override;
   using Backend::request;
   std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request) override;
 

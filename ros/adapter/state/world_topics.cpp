@@ -1,6 +1,5 @@
 #include "ros/adapter/state/world_topics.hpp"
 
-#include "backends/simulation_view.hpp"
 #include "ros/adapter/names.hpp"
 #include "ros/adapter/state/messages.hpp"
 
@@ -43,10 +42,8 @@ ObjectPosesTopic::ObjectPosesTopic(const AdapterContext& run)
 
 void ObjectPosesTopic::on_loop(const Tick& tick, const Backend& backend) {
   if (!every_.due(tick.cycle)) return;
-  const SimulationView* simulation = simulation_of(backend);
-  if (simulation == nullptr) return;
   for (std::size_t i = 0; i < names_.size(); ++i) {
-    const std::optional<Pose> X_WO = simulation->object_pose(names_[i]);
+    const std::optional<Pose> X_WO = backend.object_pose(names_[i]);
     if (!X_WO) return;  // not available at this moment
     snapshot_.X_WO[i] = *X_WO;
   }
