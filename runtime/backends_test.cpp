@@ -13,7 +13,6 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
-#include "backends/simulation_view.hpp"
 #include "fci/server/virtual_arms.hpp"
 #include "runtime/live_input/client.hpp"
 #include "runtime/session.hpp"
@@ -260,7 +259,7 @@ TEST(VirtualBackend, ShowsItsObjects) {
   std::vector<std::pair<double, double>> heights;
   SessionOptions options{.paced = false, .backend = {BackendKind::virtual_arms, {}}, .duration_s = 0.3};
   options.on_loop = [&](const Tick& tick, const Backend& backend) {
-    const auto X_WO = simulation_of(backend)->object_pose("ball");
+    const auto X_WO = backend.object_pose("ball");
     if (X_WO) heights.emplace_back(tick.t.seconds(), X_WO->position.z());
   };
   Session session(scene, registry(), std::move(options));

@@ -204,7 +204,7 @@ CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) 
   // Of every controllet, whoever added it to the scene.
   for (auto& controllet : config.controllets)
     controllet.contact = tighter(controllet.contact, scene.contact_bounds);
-  config.obstacles = fixed_obstacles(scene.objects);
+  config.obstacles = fixed_obstacles(scene);
   config.record_capacity = record_capacity;
   return config;
 }

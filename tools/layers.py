@@ -56,7 +56,7 @@ LAYERS = [
     layer(
         "core/cycle",
         "the control cycle, and the contract of backends",
-        "core/types core/state core/model core/record core/safety core/modes",
+        "core/types core/geometry core/state core/model core/record core/safety core/modes",
     ),
     layer(
         "core/plugin",
