@@ -44,6 +44,8 @@ TEST(ArmCondition, FollowsModeAgeAndGaps) {
   EXPECT_NEAR(arm.gap_s, 0.004, 1e-15);
   EXPECT_FALSE(arm.returned);
   EXPECT_EQ(arm.age_s, 0);
+  arm.update(state, 0.02, 0.02);
+  EXPECT_FALSE(arm.returned) << "the longest gap itself";
   arm.update(state, 0.021, 0.02);
   EXPECT_TRUE(arm.returned) << "after too long a gap";
   state.fresh = false;

@@ -1,10 +1,14 @@
 #include "core/cycle/requests.hpp"
 
+#include <chrono>
 #include <cmath>
+#include <functional>
 #include <set>
+#include <vector>
 
 #include <gtest/gtest.h>
 
+#include "core/cycle/backend.hpp"
 #include "core/state/arm_mode_name.hpp"
 
 // Texts of requests to arms, and of their answers.
@@ -15,6 +19,7 @@ TEST(GripperRequests, AreRefusedForTheirFirstFault) {
   const double nan = std::nan("");
   EXPECT_EQ(check(GripperMove{0, 0.1}), "");
   EXPECT_EQ(check(GripperGrasp{0.04, 0.1, 40, 0, 0}), "");
+  EXPECT_EQ(check(GripperGrasp{0, 1e-9, 1e-9, 0, 0}), "");
   EXPECT_EQ(check(GripperMove{-0.01, 0.1}), "the width must be 0 or more meters");
   EXPECT_EQ(check(GripperMove{nan, -1}), "the width must be 0 or more meters");
   EXPECT_EQ(check(GripperMove{0.02, 0}), "the speed must be above 0 m/s");
@@ -23,6 +28,104 @@ TEST(GripperRequests, AreRefusedForTheirFirstFault) {
   EXPECT_EQ(check(GripperGrasp{0.02, 0.1, INFINITY}), "the force must be above 0 N");
   EXPECT_EQ(check(GripperGrasp{0.02, 0.1, 40, -0.001, 0}), "the tolerances must be 0 or more meters");
   EXPECT_EQ(check(GripperGrasp{0.02, 0.1, 40, 0, nan}), "the tolerances must be 0 or more meters");
+}
+
+// What a request declares, as programs see it: "key" is required, "key?" optional; "+" positive, "0" not
+// negative.
+struct Declared {
+  std::vector<std::string> keys;
+  std::function<double(const std::string&)> number;  // of the optional fields that are given; NaN: absent
+
+  void required(const std::string& key, auto& /*value*/, RequestBound bound = RequestBound::any) {
+    keys.push_back(key + mark(bound));
+  }
+  void optional(const std::string& key, auto& value, RequestBound bound = RequestBound::any) {
+    keys.push_back(key + "?" + mark(bound));
+    if constexpr (std::is_same_v<decltype(value), double&>) {
+      if (number && !std::isnan(number(key))) value = number(key);
+    }
+  }
+  void pose(Pose& /*value*/) { keys.emplace_back("a pose"); }
+  void expect(bool condition, const char* /*text*/) { keys.emplace_back(condition ? "good" : "refused"); }
+  static std::string mark(RequestBound bound) {
+    return bound == RequestBound::positive ? "+" : bound == RequestBound::not_negative ? "0" : "";
+  }
+};
+
+template <typename Asked>
+std::vector<std::string> declared(Asked request = {}) {
+  Declared fields;
+  request.visit(fields);
+  return fields.keys;
+}
+
+// These words are a contract: programs of others use them (docs/live_input.md).
+TEST(RequestFields, AreThoseThatProgramsUse) {
+  using Keys = std::vector<std::string>;
+  EXPECT_EQ(declared<SetLoad>(), (Keys{"mass_kg0", "com_m?", "inertia_kg_m2?"}));
+  EXPECT_EQ(declared<SetFrames>(), (Keys{"end_effector?", "stiffness_frame?", "refused"}));
+  EXPECT_EQ(declared<SetFrames>({.X_FE = Pose{}}).back(), "good");
+  EXPECT_EQ(declared<SetFrames>({.X_EK = Pose{}}).back(), "good");
+  EXPECT_EQ(declared<SetJointStiffness>(), Keys{"joint_stiffness_nm_per_rad"});
+  EXPECT_EQ(declared<SetCartesianStiffness>(), Keys{"cartesian_stiffness"});
+  EXPECT_EQ(declared<ContactThresholds>(),
+            (Keys{"torque_lower_nm", "torque_upper_nm", "wrench_lower", "wrench_upper"}));
+  EXPECT_EQ(declared<SetCollisionThresholds>(), (Keys{"nominal", "acceleration?"}));
+  EXPECT_EQ(declared<SetGuidingMode>(), (Keys{"axes", "elbow?"}));
+  EXPECT_EQ(declared<RecoverFromError>(), Keys{});
+  EXPECT_EQ(declared<SetUserStop>(), Keys{"pressed"});
+  EXPECT_EQ(declared<GripperMove>(), (Keys{"width_m0", "speed_m_per_s?+"}));
+  EXPECT_EQ(declared<GripperGrasp>(), (Keys{"width_m0", "speed_m_per_s?+", "force_n?+", "tolerance_m?0",
+                                            "tolerance_inner_m?0", "tolerance_outer_m?0"}));
+  EXPECT_EQ(declared<VacuumOn>(), (Keys{"vacuum_mbar?+", "timeout_s?+"}));
+  EXPECT_EQ(declared<VacuumDrop>(), Keys{"timeout_s?+"});
+  EXPECT_EQ(declared<PlaceObject>(), (Keys{"object", "a pose"}));
+  EXPECT_EQ(declared<PauseSimulation>(), Keys{"paused?"});
+  EXPECT_EQ(declared<StepSimulation>(), Keys{"periods?"});
+}
+
+TEST(RequestFields, OneToleranceIsForBothSidesUnlessOneIsNamed) {
+  const auto grasp = [](double both, double inner, double outer) {
+    GripperGrasp request;
+    Declared fields;
+    fields.number = [&](const std::string& key) {
+      return key == "tolerance_m"         ? both
+             : key == "tolerance_inner_m" ? inner
+             : key == "tolerance_outer_m" ? outer
+                                          : std::nan("");
+    };
+    request.visit(fields);
+    return std::pair(request.tolerance_inner, request.tolerance_outer);
+  };
+  const double none = std::nan("");
+  EXPECT_EQ(grasp(none, none, none), std::pair(0.005, 0.005));
+  EXPECT_EQ(grasp(0.02, none, none), std::pair(0.02, 0.02));
+  EXPECT_EQ(grasp(0.02, 0.01, none), std::pair(0.01, 0.02));
+  EXPECT_EQ(grasp(none, none, 0.03), std::pair(0.005, 0.03));
+}
+
+TEST(Answers, AreThereAtOnceAndSayWhy) {
+  const auto reason = [](std::future<RequestAnswer> answer) {
+    if (answer.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return std::string("waits");
+    const RequestAnswer given = answer.get();
+    return given.success ? "success" : given.reason;
+  };
+  EXPECT_EQ(reason(answer_now({.success = true})), "success");
+  EXPECT_EQ(reason(refuse_request("not here")), "not here");
+  struct Plain final : Backend {
+    std::size_t arm_count() const override { return 1; }
+    Capabilities capabilities(ArmIndex) const override { return {}; }
+    ArmSet wait() override { return {}; }
+    LoopTime now() const override { return {}; }
+    void read(ArmSet, std::span<ArmState>) override {}
+    void write(ArmSet, std::span<const ArmCommand>) override {}
+    using Backend::request;
+    std::future<RequestAnswer> request(ArmIndex, ArmRequest) override { return {}; }
+  } plain;
+  EXPECT_EQ(reason(plain.request(0, GripperRequest(GripperStop{}))), "this backend has no grippers");
+  EXPECT_NE(reason(plain.request(WorldRequest(ResetSimulation{}))).find("needs simulated arms"),
+            std::string::npos);
+  EXPECT_EQ(no_such_arm(3, 2), "there is no arm 3: the run has 2");
 }
 
 TEST(ArmWords, EveryModeHasItsOwnName) {

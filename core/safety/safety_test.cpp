@@ -1,5 +1,6 @@
 #include "core/safety/safety.hpp"
 
+#include <cmath>
 #include <limits>
 
 #include <gtest/gtest.h>
@@ -26,10 +27,11 @@ struct Rig {
     condition.age_s = state.age_s;
     return condition;
   }
-  Intervention verdict() {
+  Finding found() {
     terms.update(state);
-    return SafetyStage({limits}).inspect(0, condition(), state, terms).rule;
+    return SafetyStage({limits}).inspect(0, condition(), state, terms);
   }
+  Intervention verdict() { return found().rule; }
 };
 
 TEST(Inspect, EachRule) {
@@ -58,6 +60,81 @@ TEST(Inspect, EachRule) {
   rig.state.dq[6] = 0;
   rig.state.q[2] = std::numeric_limits<double>::infinity();
   EXPECT_EQ(rig.verdict(), Intervention::state_not_finite);
+}
+
+double next_above(double x) { return std::nextafter(x, std::numeric_limits<double>::infinity()); }
+
+void expect_finding(const Finding& found, Intervention rule, Eigen::Index joint, double value, double limit) {
+  EXPECT_EQ(found.rule, rule);
+  EXPECT_EQ(static_cast<Eigen::Index>(found.joint), joint);
+  EXPECT_EQ(found.value, value);
+  EXPECT_EQ(found.limit, limit);
+}
+
+// At any joint and to either side: the limit itself is allowed, the next number is not and is named.
+TEST(Inspect, ALimitItselfIsAllowedAtEveryJoint) {
+  for (Eigen::Index i = 0; i < 7; ++i) {
+    for (const double side : {1.0, -1.0}) {
+      Rig rig;
+      rig.limits.joints.q_max[i] = side > 0 ? 0 : 1;  // the limit on this side is 0: no rounding below
+      rig.limits.joints.q_min[i] = side > 0 ? -1 : 0;
+      double &q = rig.state.q[i], &dq = rig.state.dq[i];
+      const double fastest = rig.limits.joints.dq_max[i];
+      q = -side * 0.5;
+      dq = side * fastest;
+      EXPECT_EQ(rig.verdict(), Intervention::none);
+      dq = side * next_above(fastest);
+      expect_finding(rig.found(), Intervention::joint_velocity_limit, i, dq, fastest);
+      q = 0;
+      dq = side * 0.02;
+      EXPECT_EQ(rig.verdict(), Intervention::none);
+      q = side * 1e-9;
+      expect_finding(rig.found(), Intervention::joint_position_limit, i, q, 0);
+      dq = side * 0.01;
+      EXPECT_EQ(rig.verdict(), Intervention::none);
+      dq = side * next_above(0.01);
+      EXPECT_EQ(rig.verdict(), Intervention::joint_position_limit);
+      dq = 0;
+      q = side * 0.02;
+      EXPECT_EQ(rig.verdict(), Intervention::none);
+      q = side * next_above(0.02);
+      EXPECT_EQ(rig.verdict(), Intervention::joint_position_limit);
+      // Held there, the joint may stay there.
+      SafetyStage stage({rig.limits});
+      rig.terms.update(rig.state);
+      stage.track_limits(0, rig.state, rig.terms, true);
+      EXPECT_FALSE(stage.inspect(0, rig.condition(), rig.state, rig.terms));
+    }
+  }
+}
+
+TEST(Inspect, AgesGapsAndBoxesAreNamedInTheFinding) {
+  Rig rig;
+  rig.state.age_s = 0.0025;
+  expect_finding(rig.found(), Intervention::state_old, 0xFFFF, 0.0025, 0.002);
+  rig.limits.own_clock_slack_s = 0.0005;
+  EXPECT_EQ(rig.verdict(), Intervention::none);
+  rig.state.age_s = 0;
+  const SafetyStage stage({rig.limits});
+  ArmCondition condition = rig.condition();
+  condition.gap_s = 0.02;
+  EXPECT_FALSE(stage.inspect(0, condition, rig.state, rig.terms));
+  condition.gap_s = next_above(0.02);
+  expect_finding(stage.inspect(0, condition, rig.state, rig.terms), Intervention::state_old, 0xFFFF,
+                 condition.gap_s, 0.02);
+  rig.limits.period_s = 0.0125;  // a slow loop may miss two of its periods
+  EXPECT_DOUBLE_EQ(rig.limits.longest_gap_s(), 0.0375);
+  rig.terms.update(rig.state);
+  const Vector3 p = rig.terms.X_WE().position;
+  for (Eigen::Index k = 0; k < 3; ++k) {
+    for (const double side : {1.0, -1.0}) {
+      WorkspaceBox box{p - Vector3(1, 1, 1), p + Vector3(1, 1, 1)};
+      double& bound = (side > 0 ? box.max : box.min)[k];
+      bound = p[k] - side * 0.1;
+      rig.limits.workspace = box;
+      expect_finding(rig.found(), Intervention::workspace_limit, 0xFFFF, p[k], bound);
+    }
+  }
 }
 
 TEST(Inspect, LimitsActOnOutwardMotionOnly) {
@@ -221,6 +298,41 @@ TEST(Judge, OnlyNumbersOfTheRightSizeAndOrderAreTorques) {
             Intervention::torque_implausible);
   EXPECT_EQ(safety.judge(0, joint_constant(7, 0), joint_constant(8, 0)).rule,
             Intervention::torque_implausible);
+}
+
+TEST(Judge, TenTimesTheLimitItselfIsPlausibleAtEveryJoint) {
+  Rig rig;
+  const SafetyStage safety({rig.limits});
+  for (Eigen::Index i = 0; i < 7; ++i) {
+    JointVector tau = joint_constant(7, 0);
+    for (const double side : {1.0, -1.0}) {
+      tau[i] = side * 800;
+      EXPECT_FALSE(safety.judge(0, tau));
+      tau[i] = side * next_above(800);
+      expect_finding(safety.judge(0, tau), Intervention::torque_implausible, i, tau[i], 800);
+    }
+    tau[i] = std::numeric_limits<double>::infinity();
+    expect_finding(safety.judge(0, tau), Intervention::torque_not_finite, i, tau[i], 80);
+  }
+  expect_finding(safety.judge(0, joint_constant(6, 0)), Intervention::torque_implausible, 0xFFFF, 6, 7);
+}
+
+// Of two rules that act, the torque limit is the one that is reported; both are counted.
+TEST(Limit, EachRuleIsCountedAndTheFirstIsReported) {
+  Rig rig;
+  SafetyStage safety({rig.limits});
+  Finding cut;
+  (void)safety.limit(0, joint_constant(7, 0.5), 0.001, cut);
+  EXPECT_FALSE(cut);
+  EXPECT_EQ(safety.counted(0), 0u);
+  (void)safety.limit(0, joint_constant(7, 30), 0.001, cut);
+  expect_finding(cut, Intervention::torque_rate_clamped, 0, 29.5 / 0.001, 1000);
+  EXPECT_EQ(safety.counted(0), 1u);
+  (void)safety.limit(0, joint_constant(7, 100), 0.001, cut);
+  expect_finding(cut, Intervention::torque_clamped, 0, 100, 80);
+  EXPECT_EQ(safety.counted(0, Intervention::torque_clamped), 1u);
+  EXPECT_EQ(safety.counted(0, Intervention::torque_rate_clamped), 2u);
+  EXPECT_EQ(safety.counted(0), 3u);
 }
 
 TEST(Limit, RateIsPerSecondWhateverTheStep) {

@@ -42,6 +42,75 @@ TEST(TorqueLimiter, CountsFromWhatIsInUseAndFromWhatWasSent) {
   EXPECT_DOUBLE_EQ(step_of(limits, 10, 50), 11);
 }
 
+// Sent 12, in use 10, steps of 1: [9, 11] and [11, 13] have one number in common.
+TEST(TorqueLimiter, TwoStepsApartOnlyTheMiddleIsAStepFromBoth) {
+  for (const double goal : {0.0, 50.0}) {
+    TorqueLimiter limits = limiter();
+    limits.restart(joint_constant(kJoints, 12));
+    EXPECT_DOUBLE_EQ(step_of(limits, 10, goal), 11);
+  }
+}
+
+TEST(TorqueLimiter, TheLimitItselfMayBeInUse) {
+  for (const double sign : {1.0, -1.0}) {
+    TorqueLimiter limits = limiter();
+    limits.restart(joint_constant(kJoints, sign * (kBound - 1)));
+    limits.observe(joint_constant(kJoints, sign * kBound));
+    EXPECT_EQ(limits.in_use(), joint_constant(kJoints, sign * kBound));
+  }
+}
+
+// Joints for which there is no number are taken to zero, where they stay.
+TEST(TorqueLimiter, WhatIsNotRequestedOrNotKnownIsZero) {
+  TorqueLimiter limits = limiter();
+  TorqueLimiter::Cuts cuts;
+  limits.restart(joint_constant(kJoints, 1.5));
+  JointVector requested = joint_constant(4, 1.5);
+  requested[0] = std::nan("");
+  for (const double left : {0.5, 0.0, 0.0}) {
+    const JointVector sent = limits.limit(requested, kArmPeriod, cuts);
+    for (const Eigen::Index i : {0, 4, 5, 6}) EXPECT_EQ(sent[i], left) << i;
+    for (const Eigen::Index i : {1, 2, 3}) EXPECT_EQ(sent[i], 1.5) << i;
+  }
+  limits.restart(requested);
+  const std::vector<double> known = {0, 1.5, 1.5, 1.5, 0, 0, 0};
+  for (Eigen::Index i = 0; i < kJoints; ++i) {
+    EXPECT_EQ(limits.sent()[i], known[static_cast<std::size_t>(i)]);
+  }
+}
+
+// A report is of the first joint that was cut, and of this step.
+TEST(TorqueLimiter, ReportsWhatItCut) {
+  TorqueLimiter limits = limiter();
+  TorqueLimiter::Cuts cuts;
+  JointVector requested = joint_constant(kJoints, 0);
+  requested[2] = -90;
+  requested[5] = 50;
+  limits.limit(requested, 0.0005, cuts);
+  EXPECT_EQ(cuts.torque.rule, Intervention::torque_clamped);
+  EXPECT_EQ(cuts.torque.joint, 2);
+  EXPECT_EQ(cuts.torque.value, -90);
+  EXPECT_EQ(cuts.torque.limit, kBound);
+  EXPECT_EQ(cuts.rate.rule, Intervention::torque_rate_clamped);
+  EXPECT_EQ(cuts.rate.joint, 2);
+  EXPECT_DOUBLE_EQ(cuts.rate.value, -kBound / 0.0005);
+  EXPECT_EQ(cuts.rate.limit, kRate);
+  EXPECT_EQ(limits.sent()[2], -0.5);
+  EXPECT_EQ(limits.sent()[5], 0.5);
+  limits.limit(requested, 0, cuts);
+  EXPECT_EQ(cuts.rate.value, 0) << "no time, no rate";
+  EXPECT_EQ(limits.sent()[5], 0.5);
+  limits.limit(limits.sent(), kArmPeriod, cuts);
+  EXPECT_FALSE(cuts.torque);
+  EXPECT_FALSE(cuts.rate);
+  requested = limits.sent();
+  requested[2] = kBound;
+  requested[6] = -kBound;
+  limits.limit(requested, kArmPeriod, cuts);
+  EXPECT_FALSE(cuts.torque) << "the limit itself";
+  EXPECT_EQ(cuts.rate.joint, 2);
+}
+
 TEST(TorqueLimiter, SinglePrecisionIsNoDifference) {
   test::Draw draw(4);
   for (int k = 0; k < 1000; ++k) {

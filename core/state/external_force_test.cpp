@@ -174,6 +174,34 @@ TEST(ExternalForce, SurvivesGapsAndStatesThatAreNotFinite) {
   }
 }
 
+// A gap of 20 periods is bridged as one long step; a longer one, an old packet or a second one of the same
+// time leave the estimate as it was, and the next step begins at the newest packet.
+TEST(ExternalForce, StepsOverGapsOfUpToTwentyPeriods) {
+  const double K = 2 * std::numbers::pi * ExternalForceObserver::kBandwidth;
+  const Jacobian J = Jacobian::Identity(6, 6);
+  const JointVector drift = joint_constant(6, 0);
+  ArmState state;
+  state.tau_J = joint_constant(6, 0);
+  ExternalForceObserver observer(6);
+  const auto estimate_at = [&](std::int64_t ns, double momentum) {
+    state.t_robot.ns = ns;
+    observer.update({joint_constant(6, momentum), drift, J}, state);
+    return -state.tau_ext_hat[5];
+  };
+  EXPECT_EQ(estimate_at(0, 1), 0);
+  const double after_gap = K * 2 / (1 + K * 0.02);
+  EXPECT_DOUBLE_EQ(estimate_at(20'000'000, 3), after_gap);
+  EXPECT_EQ(estimate_at(20'000'000, 9), after_gap) << "of the same time";
+  EXPECT_DOUBLE_EQ(estimate_at(21'000'000, 4), (after_gap + K * 1) / (1 + K * 0.001));
+  const double before = (after_gap + K) / (1 + K * 0.001);
+  EXPECT_DOUBLE_EQ(estimate_at(41'000'001, 7), before) << "longer";
+  EXPECT_DOUBLE_EQ(estimate_at(40'000'000, 2), before) << "an old one";
+  EXPECT_DOUBLE_EQ(estimate_at(41'000'000, 2), before / (1 + K * 0.001));
+  observer.reset();
+  EXPECT_EQ(estimate_at(42'000'000, 50), 0);
+  EXPECT_DOUBLE_EQ(estimate_at(43'000'000, 51), K / (1 + K * 0.001));
+}
+
 // In a stretched pose no wrench is infinite.
 TEST(ExternalForce, WrenchIsBoundedInSingularPoses) {
   Jacobian J = Jacobian::Zero(6, 7);

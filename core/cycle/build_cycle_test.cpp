@@ -1,0 +1,147 @@
+#include <stdexcept>
+
+#include <gtest/gtest.h>
+
+#include "core/cycle/control_cycle.hpp"
+#include "core/testing/test_laws.hpp"
+#include "core/testing/test_world.hpp"
+
+// What a cycle takes from its backend: capabilities, limits, periods; and what it tells it.
+namespace multipanda::build_cycle_test {
+namespace {
+
+// The arms of a test world, of which a test says what the backend can do.
+struct ToldBackend final : Backend {
+  explicit ToldBackend(std::size_t arms) : models(test::test_models(arms)), world(models), told(arms) {}
+
+  std::size_t arm_count() const override { return told.size(); }
+  Capabilities capabilities(ArmIndex arm) const override { return told.at(arm); }
+  double period() const override { return period_s; }
+  ArmSet wait() override {
+    const ArmSet due = world.wait();
+    return silent_waits-- > 0 ? ArmSet{} : due;
+  }
+  bool ended() const override { return over; }
+  LoopTime now() const override { return world.now(); }
+  void read(ArmSet due, std::span<ArmState> states) override { world.read(due, states); }
+  void write(ArmSet due, std::span<const ArmCommand> commands) override {
+    world.write(due, commands);
+    sent.assign(commands.begin(), commands.end());
+  }
+  std::uint64_t overruns() const override { return missed; }
+  using Backend::request;
+  std::future<RequestAnswer> request(ArmIndex, ArmRequest) override { return {}; }
+
+  CycleConfig config(std::size_t record_capacity = 0) const {
+    return test::test_config(models, {}, record_capacity);
+  }
+
+  std::vector<std::shared_ptr<const ArmModel>> models;
+  test::TestWorld world;
+  std::vector<Capabilities> told;
+  std::vector<ArmCommand> sent;
+  double period_s = kArmPeriod;
+  int silent_waits = 0;
+  bool over = false;
+  std::uint64_t missed = 0;
+};
+
+void expect_refused(const CycleConfig& config, Backend& backend, const std::string& text) {
+  try {
+    const ControlCycle cycle(config, Registry::with_builtins(), backend);
+    ADD_FAILURE() << "not refused: " << text;
+  } catch (const std::invalid_argument& error) {
+    EXPECT_EQ(error.what(), text);
+  }
+}
+
+TEST(BuildCycle, RefusesNumbersOfArmsThatDoNotMatch) {
+  ToldBackend none(0), one(1), two(2), most(kMaxArms), too_many(kMaxArms + 1);
+  expect_refused(none.config(), none, "1 to 16 arms are supported, not 0");
+  expect_refused(too_many.config(), too_many, "1 to 16 arms are supported, not 17");
+  expect_refused(two.config(), one, "the backend has 1 arms, 2 are configured");
+  expect_refused(one.config(), two, "the backend has 2 arms, 1 are configured");
+  EXPECT_NO_THROW(ControlCycle(most.config(), Registry::with_builtins(), most));
+}
+
+TEST(BuildCycle, TakesLimitsOfEachArmFromItsBackend) {
+  ToldBackend arms(3);
+  arms.told[1] = {.own_clock = true, .torque_low_pass_hz = 100, .torque_rate_max = 400};
+  arms.told[2].torque_rate_max = 4000;  // no reason to exceed the model's 1000
+  ControlCycle cycle(arms.config(), Registry::with_builtins(), arms);
+  for (const ArmIndex arm : {0, 1, 2}) {
+    const SafetyLimits& limits = cycle.safety().limits(arm);
+    const bool told = arm == 1;
+    EXPECT_DOUBLE_EQ(limits.own_clock_slack_s, told ? 0.0025 : 0.0);
+    EXPECT_EQ(limits.low_pass_hz, told ? 100.0 : 0.0);
+    EXPECT_EQ(limits.joints.tau_rate_max, joint_constant(7, told ? 400 : 1000));
+  }
+}
+
+TEST(BuildCycle, EstimatesForcesWhereTheBackendDoesNotAndNeverCompensatesFrictionTwice) {
+  ToldBackend arms(2);
+  arms.told[0] = {.compensates_friction = true, .has_external_torque = true};
+  ControlCycle cycle(arms.config(), Registry::with_builtins(), arms);
+  for (int k = 0; k < 3; ++k) cycle.step(arms.wait());
+  EXPECT_EQ(cycle.data().state[0].tau_ext_hat.size(), 0);
+  EXPECT_FALSE(cycle.data().state[0].has_wrench_estimate);
+  EXPECT_EQ(cycle.data().state[1].tau_ext_hat.size(), 7);
+  EXPECT_TRUE(cycle.data().state[1].has_wrench_estimate);
+  for (const ArmIndex arm : {0, 1}) {
+    const Instance& hold = cycle.modes().instance(static_cast<InstanceIndex>(arm));
+    const std::string_view why = hold.feature_refusal(hold.find_feature("friction_compensation"));
+    EXPECT_EQ(why.empty(), arm == 1) << why;
+  }
+}
+
+TEST(BuildCycle, TellsTheBackendWhichCommandsCount) {
+  ToldBackend arms(2);
+  ControlCycle cycle(arms.config(), Registry::with_builtins(), arms);
+  arms.world.tamper = [](ArmIndex arm, std::uint64_t step, ArmState& state) {
+    if (arm == 1 && step > 0) state.mode = ArmMode::reflex;
+  };
+  cycle.step(arms.wait());
+  EXPECT_TRUE(arms.sent[0].usable && arms.sent[1].usable);
+  cycle.step(arms.wait());
+  EXPECT_TRUE(arms.sent[0].usable);
+  EXPECT_FALSE(arms.sent[1].usable);
+  EXPECT_EQ(arms.sent[0].tau_cmd, cycle.data().tau_cmd[0]);
+}
+
+TEST(BuildCycle, TimesAreTheBackends) {
+  ToldBackend arms(1);
+  arms.period_s = 0.002;
+  arms.world.step_s = 0.003;
+  arms.missed = 5;
+  EXPECT_EQ(ControlCycle(arms.config(), Registry::with_builtins(), arms).record(), nullptr);
+  ControlCycle cycle(arms.config(4), Registry::with_builtins(), arms);
+  for (const double dt : {0.002, 0.003, 0.003}) {
+    cycle.step(arms.wait());
+    EXPECT_DOUBLE_EQ(cycle.data().tick.dt, dt);
+    EXPECT_EQ(cycle.data().tick.period, 0.002);
+    const CycleRecord& record = *cycle.record()->ring.front();
+    EXPECT_DOUBLE_EQ(record.period_s, dt);
+    EXPECT_EQ(record.overruns, 5u);
+    EXPECT_EQ(record.start, cycle.data().tick.start);
+    cycle.record()->ring.pop();
+  }
+}
+
+TEST(BuildCycle, RunsUntilTheCallerOrTheBackendEndsIt) {
+  ToldBackend arms(1);
+  ControlCycle cycle(arms.config(), Registry::with_builtins(), arms);
+  int asked = 0;
+  arms.silent_waits = 2;  // silence is not the end
+  cycle.run([&] { return ++asked <= 10; });
+  EXPECT_EQ(asked, 11);
+  EXPECT_EQ(cycle.data().tick.cycle, 10u);
+  arms.over = true;  // nor is the end while states are due
+  cycle.run([&] { return ++asked <= 15; });
+  EXPECT_EQ(cycle.data().tick.cycle, 14u);
+  arms.silent_waits = 1;
+  cycle.run([] { return true; });
+  EXPECT_EQ(cycle.data().tick.cycle, 14u);
+}
+
+}  // namespace
+}  // namespace multipanda::build_cycle_test
