@@ -15,6 +15,7 @@
 
 #include "fci/server/virtual_arms.hpp"
 #include "runtime/live_input/client.hpp"
+#include "runtime/mixed_backend.hpp"
 #include "runtime/session.hpp"
 #include "scene/load.hpp"
 
@@ -291,6 +292,51 @@ TEST(MixedBackend, DrivesBothKinds) {
   EXPECT_LT(largest_difference(direct, mixed, 1, 1), 2e-6);
   EXPECT_TRUE(mixed.records.back().arms[0].has_contact_truth);
   EXPECT_FALSE(mixed.records.back().arms[1].has_contact_truth);
+}
+
+// Notes when it starts and finishes.
+class NotedBackend final : public Backend {
+ public:
+  NotedBackend(std::string name, std::vector<std::string>& notes, bool fails)
+      : name_(std::move(name)), notes_(notes), fails_(fails) {}
+  std::size_t arm_count() const override { return 1; }
+  Capabilities capabilities(ArmIndex) const override { return {}; }
+  void start() override {
+    if (fails_) throw std::runtime_error(name_ + " cannot start");
+    notes_.push_back(name_ + " starts");
+  }
+  void finish() override { notes_.push_back(name_ + " ends"); }
+  ArmSet wait() override { return {}; }
+  LoopTime now() const override { return {}; }
+  void read(ArmSet, std::span<ArmState>) override {}
+  void write(ArmSet, std::span<const ArmCommand>) override {}
+  using Backend::request;
+  std::future<RequestAnswer> request(ArmIndex, ArmRequest) override { return refuse_request("none"); }
+
+ private:
+  std::string name_;
+  std::vector<std::string>& notes_;
+  bool fails_;
+};
+
+// A real arm that has begun needs an answer each millisecond: nothing may come, or fail, after it.
+TEST(MixedBackend, RealArmsBeginLast) {
+  std::vector<std::string> notes;
+  const auto mixed = [&](bool real_fails, bool simulated_fails) {
+    notes.clear();
+    MixedBackend::Parts parts;
+    parts.real = std::make_unique<NotedBackend>("real", notes, real_fails);
+    parts.simulated = std::make_unique<NotedBackend>("simulated", notes, simulated_fails);
+    parts.real_arms = {1};
+    parts.simulated_arms = {0};
+    return std::make_unique<MixedBackend>(std::move(parts));
+  };
+  mixed(false, false)->start();
+  EXPECT_THAT(notes, ElementsAre("simulated starts", "real starts"));
+  EXPECT_THROW(mixed(false, true)->start(), std::runtime_error);
+  EXPECT_THAT(notes, ElementsAre());
+  EXPECT_THROW(mixed(true, false)->start(), std::runtime_error);
+  EXPECT_THAT(notes, ElementsAre("simulated starts", "simulated ends"));
 }
 
 TEST(RealArms, OneIsRecoveredWhileTheOtherContinues) {

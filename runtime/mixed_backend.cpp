@@ -47,9 +47,15 @@ Capabilities MixedBackend::capabilities(ArmIndex arm) const {
   return can;
 }
 
+// The real arms begin last: from then on they need an answer each millisecond, which only the loop gives.
 void MixedBackend::start() {
-  parts_.real->start();  // may throw: then nothing runs
   parts_.simulated->start();
+  try {
+    parts_.real->start();
+  } catch (...) {
+    parts_.simulated->finish();
+    throw;
+  }
 }
 
 void MixedBackend::finish() {
