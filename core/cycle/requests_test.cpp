@@ -30,8 +30,8 @@ TEST(GripperRequests, AreRefusedForTheirFirstFault) {
   EXPECT_EQ(check(GripperGrasp{0.02, 0.1, 40, 0, nan}), "the tolerances must be 0 or more meters");
 }
 
-// What a request declares, as programs see it: "key" is required, "key?" optional; "+" positive, "0" not
-// negative.
+// What a request declares, as programs see it. "key" is required, "key?" optional; "+" is positive, "0" zero
+// or more.
 struct Declared {
   std::vector<std::string> keys;
   std::function<double(const std::string&)> number;  // of the optional fields that are given; NaN: absent

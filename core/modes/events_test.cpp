@@ -27,8 +27,7 @@ struct Events : testing::Test {
     (void)taken();
   }
 
-  // All since the last call; each with the time of the newest cycle, which has to be the one that caused
-  // them.
+  // All since the last call. Each has the time of the newest cycle, which caused it.
   std::vector<Event> taken() {
     std::vector<Event> events;
     RecordRing& ring = *loop.cycle.record();

@@ -164,7 +164,7 @@ TEST(InstanceFeatures, HaveParametersAndOutputsOfTheirOwn) {
   EXPECT_EQ(law.parameter_spec(law.find_parameter("pull.torque_nm")).name, "torque_nm");
 }
 
-// Of an active instance a parameter moves to its value within 0.2 s, also one of a feature.
+// A parameter of an active instance or of its feature moves to its value within 0.2 s.
 TEST(InstanceParameters, MoveOnlyWhileTheInstanceRuns) {
   InstanceConfig config = spring();
   config.features = {"push"};
