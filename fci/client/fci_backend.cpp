@@ -247,11 +247,10 @@ void FciBackend::finish() {
 ArmSet FciBackend::wait() {
   auto& self = *self_;
   if (!self.running) return {};
-  constexpr double kFirst = 1.0;  // [s] for every arm's first state
   if (self.options.lockstep) {
     return self.deliver(self.step_of_all(later(host_now(), self.options.lockstep_wait_s)));
   }
-  if (self.first) return self.deliver(self.all_once(later(host_now(), kFirst)));
+  if (self.first) return self.deliver(self.all_once(later(host_now(), self.options.first_states_s)));
   return wait_until(later(host_now(), self.options.silence_s));
 }
 

@@ -81,7 +81,8 @@ struct FciOptions {
   // arms, now() is the arms' own time. Otherwise an arm is due when its packet arrives, and now() is this
   // computer's time.
   bool lockstep = false;
-  double silence_s = 0.02;  // wait() returns an empty set after so long without a packet
+  double silence_s = 0.02;      // wait() returns an empty set after so long without a packet
+  double first_states_s = 1.0;  // for a state of every arm in the first wait(); arms that have one are held
   // While start() waits for the other arms, one that has begun is held for so many packets; then start()
   // fails. Not in lock-step, where the world waits.
   int longest_wait_packets = 100;
