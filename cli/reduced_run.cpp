@@ -8,19 +8,17 @@
 
 #include <fmt/format.h>
 
+#include "support/address.hpp"
+
 namespace multipanda::cli {
 namespace {
 
 // Below the usual bounds: for somebody who sees for the first time what a scene does on arms.
 constexpr ContactBounds kReduced{.hand_speed = 0.1, .spring_force = 30, .spring_moment = 7.5};
 
-bool on_this_computer(const std::string& address) {
-  return address.starts_with("127.") || address == "localhost";
-}
-
 bool has_physical_arms(const Scene& scene) {
   return std::any_of(scene.arms.begin(), scene.arms.end(),
-                     [](const SceneArm& arm) { return arm.fci && !on_this_computer(arm.fci->address); });
+                     [](const SceneArm& arm) { return arm.fci && !is_on_this_computer(arm.fci->address); });
 }
 
 // A scene that was changed is another one. FNV-1a, which stays the same between builds.

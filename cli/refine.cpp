@@ -9,6 +9,7 @@
 #include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "logs/recorder.hpp"
+#include "support/address.hpp"
 #include "support/signals.hpp"
 
 // `multipanda refine` adapts the simulation of a task to its arms (docs/refine.md).
@@ -25,10 +26,6 @@ struct RefineArguments {
   RefineOptions options;
 };
 
-bool is_loopback_address(const std::string& address) {
-  return address.starts_with("127.") || address == "localhost";
-}
-
 RefineTarget target_of(const RefineArguments& arguments) {
   RefineTarget target;
   if (arguments.target == "virtual") {
@@ -41,7 +38,7 @@ RefineTarget target_of(const RefineArguments& arguments) {
   BackendArguments backend{.backend = "fci", .addresses = arguments.addresses};
   target.addresses = backend_options(backend).addresses;
   const bool real = std::any_of(target.addresses.begin(), target.addresses.end(),
-                                [](const auto& one) { return !is_loopback_address(one.second); });
+                                [](const auto& one) { return !is_on_this_computer(one.second); });
   if (real && !arguments.cleared) {
     throw UsageError(
         "refine: real arms will perform the task and the excitation, which needs free space (0.9 m around "

@@ -14,12 +14,13 @@
 #include "doctor/round_trip.hpp"
 #include "doctor/scheduling.hpp"
 #include "doctor/timer.hpp"
+#include "support/address.hpp"
 
 namespace multipanda::doctor {
 
 Purpose purpose_of(const std::vector<std::string>& addresses) {
-  return std::all_of(addresses.begin(), addresses.end(), is_loopback) ? Purpose::simulated_arms
-                                                                      : Purpose::real_arms;
+  return std::all_of(addresses.begin(), addresses.end(), is_on_this_computer) ? Purpose::simulated_arms
+                                                                              : Purpose::real_arms;
 }
 
 std::vector<Finding> examine(const ExaminationOptions& options,

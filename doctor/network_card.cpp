@@ -111,8 +111,6 @@ std::optional<double> coalesce_us(const std::string& interface) {
 
 }  // namespace
 
-bool is_loopback(const std::string& address) { return address.starts_with("127.") || address == "localhost"; }
-
 NetworkCardReading read_network_card(const std::string& address, const SystemFiles& files) {
   NetworkCardReading reading;
   reading.address = address;

@@ -24,7 +24,4 @@ NetworkCardReading read_network_card(const std::string& address, const SystemFil
 
 Finding judge_network_card(const NetworkCardReading& reading, Purpose purpose);
 
-// "127.x.y.z" or "localhost": addresses of virtual arms.
-bool is_loopback(const std::string& address);
-
 }  // namespace multipanda::doctor

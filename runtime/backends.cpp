@@ -1,7 +1,6 @@
 #include "runtime/backends.hpp"
 
 #include <algorithm>
-#include <arpa/inet.h>
 #include <array>
 #include <stdexcept>
 
@@ -13,6 +12,7 @@
 #include "runtime/mixed_backend.hpp"
 #include "runtime/virtual_backend.hpp"
 #include "scene/build.hpp"
+#include "support/address.hpp"
 #include "support/spelling.hpp"
 
 namespace multipanda {
@@ -70,14 +70,6 @@ std::unique_ptr<Backend> make_virtual(const Scene& scene, const BackendOptions& 
                             : options.lockstep ? VirtualPace::waiting
                                                : VirtualPace::realtime;
   return std::make_unique<VirtualBackend>(scene, clock, pace.report);
-}
-
-// Whether only virtual arms can be at this address: it does not leave this computer.
-bool is_on_this_computer(const std::string& address) {
-  in_addr parsed{};
-  constexpr std::uint32_t kLoopbackNet = 127;
-  return address == "localhost" ||
-         (inet_pton(AF_INET, address.c_str(), &parsed) == 1 && ntohl(parsed.s_addr) >> 24 == kLoopbackNet);
 }
 
 // A run without pacing waits for the slowest arm and for the disk, without real-time scheduling. An arm that

@@ -6,6 +6,7 @@
 #include "core/plugin/load_plugin.hpp"
 #include "models/arm_source.hpp"
 #include "scene/collision_shapes.hpp"
+#include "support/address.hpp"
 
 namespace multipanda {
 namespace {
@@ -128,11 +129,7 @@ double largest_payload(const SceneArm& arm, const RobotDescription& robot) {
 namespace {
 
 // Behind a loopback address there is a virtual arm, whose motors are those of its model file.
-bool is_physical(const SceneArm& arm) {
-  if (!arm.fci) return false;
-  const std::string& address = arm.fci->address;
-  return !address.starts_with("127.") && address != "localhost" && address != "::1";
-}
+bool is_physical(const SceneArm& arm) { return arm.fci && !is_on_this_computer(arm.fci->address); }
 
 JointVector motor_inertia_of(const SceneArm& arm, const RobotDescription& robot) {
   if (!is_physical(arm)) {

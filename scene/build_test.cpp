@@ -175,6 +175,7 @@ TEST(Build, DampingIsBoundedByTheInertiaOfTheArm) {
   };
   EXPECT_EQ(refusal(", fci: 172.16.0.2"), "");
   EXPECT_EQ(refusal(", model: fr3, fci: 172.16.0.2"), "");
+  EXPECT_EQ(refusal(", fci: 127.arm.example"), "");  // a name, which may lead to a real arm
   for (const std::string arm : {"", ", fci: 127.0.0.1", ", model: fr3"}) {
     const std::string why = refusal(arm);
     EXPECT_NE(why.find("'damping_nms_per_rad' of joint"), std::string::npos) << why;

@@ -5,6 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "support/address.hpp"
 #include "support/child_process.hpp"
 #include "support/machine.hpp"
 
@@ -12,6 +13,15 @@ namespace multipanda {
 namespace {
 
 using testing::HasSubstr;
+
+TEST(Address, OnlyTheLoopbackNetIsOnThisComputer) {
+  for (const char* here : {"127.0.0.1", "127.255.9.1", "localhost"})
+    EXPECT_TRUE(is_on_this_computer(here)) << here;
+  for (const char* elsewhere : {"172.16.0.2", "128.0.0.1", "12.7.0.1", "arm.example", "127.arm.example",
+                                "127.0.0.1.example", "127.1", ""}) {
+    EXPECT_FALSE(is_on_this_computer(elsewhere)) << elsewhere;
+  }
+}
 
 class ChildProcessTest : public testing::Test {
  protected:

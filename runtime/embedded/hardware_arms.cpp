@@ -6,6 +6,7 @@
 #include "fci/client/fci_backend.hpp"
 #include "fci/client/from_scene.hpp"
 #include "runtime/embedded/answered_arm.hpp"
+#include "support/address.hpp"
 
 namespace multipanda {
 namespace {
@@ -64,10 +65,17 @@ class MujocoArms final : public HardwareArms {
   MujocoBackend backend_;
 };
 
-std::vector<fci::FciArmConfig> fci_arms(const Scene& scene) {
+std::vector<fci::FciArmConfig> waiting_arms(const Scene& scene) {
   std::vector<fci::FciArmConfig> arms;
   for (const auto& arm : scene.arms) {
     if (!arm.fci) throw std::invalid_argument("arm '" + arm.name + "' has no address (robot_ip, or fci)");
+    if (!is_on_this_computer(arm.fci->address)) {
+      throw std::invalid_argument(
+          "arm '" + arm.name + "' is at " + arm.fci->address +
+          ", and a real arm does not wait for commands: leave 'lockstep' out; virtual arms "
+          "that wait (virtual-arm --pace lockstep) are expected on this computer, at "
+          "127.x.y.z");
+    }
     arms.push_back(fci::fci_arm_config(arm, arm.fci->address));
     arms.back().limit_rate = true;  // any controller may command them, behind no safety stage
   }
@@ -77,7 +85,7 @@ std::vector<fci::FciArmConfig> fci_arms(const Scene& scene) {
 class LockstepArms final : public HardwareArms {
  public:
   LockstepArms(const Scene& scene, std::function<void(const std::string&)> report)
-      : backend_(fci_arms(scene), {.begin_torque = false, .report = std::move(report)}) {}
+      : backend_(waiting_arms(scene), {.begin_torque = false, .report = std::move(report)}) {}
 
   Backend& backend() override { return backend_; }
   void connect() override { backend_.start(); }

@@ -64,7 +64,7 @@ std::unique_ptr<HardwareArms> mujoco_arms(const Scene& scene);
 std::unique_ptr<HardwareArms> answered_arms(const Scene& scene,
                                             std::function<void(const std::string&)> report);
 // Virtual arms that wait for each command, in lock-step: each write() answers the packets of the last read().
-// Not for arms with a clock of their own, which would miss commands.
+// Refuses arms at other computers: they have clocks of their own and would miss commands.
 std::unique_ptr<HardwareArms> lockstep_arms(const Scene& scene,
                                             std::function<void(const std::string&)> report);
 

@@ -140,6 +140,25 @@ TEST_F(RealHardware, TorquesOfOurControllerOnOneArmPositionsOnTheOther) {
   EXPECT_EQ(mode(1), ArmMode::idle);
 }
 
+// A real arm does not wait: answered in the program's cycles it would miss commands, and stop.
+TEST(LockstepArms, AreOnThisComputer) {
+  const auto refusal = [](const std::string& address) -> std::string {
+    const Scene scene =
+        parse_scene("arms: {left: {model: fer, hand: false, fci: " + address + "}}", "test", builtins());
+    try {
+      (void)lockstep_arms(scene, {});
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return {};
+  };
+  EXPECT_EQ(refusal("127.0.0.2"), "");
+  for (const char* real : {"172.16.0.2", "127.arm.example"}) {
+    EXPECT_THAT(refusal(real), testing::AllOf(testing::HasSubstr("'left'"), testing::HasSubstr(real),
+                                              testing::HasSubstr("leave 'lockstep' out")));
+  }
+}
+
 TEST_F(RealHardware, ReadAndWriteNeverWaitAndLosingAllArmsIsTheOnlyError) {
   ASSERT_EQ(fixture->change(fixture->all("left_ee_cartesian_position")), "");
   ASSERT_TRUE(until([&] { return fixture->state("left/following") == 1; })) << messages;
