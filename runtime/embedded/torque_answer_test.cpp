@@ -52,7 +52,7 @@ struct Trial {
         program(rig, speed, config.seed),
         clocks(config) {
     answer.begin();
-    clocks.cycle = [this](std::int64_t now) {
+    clocks.cycle = [this](std::int64_t now, std::int64_t) {
       program.compute(1e-9 * static_cast<double>(now), rig.state().q, rig.state().dq);
     };
     clocks.publish = [this] { answer.take(program.tau); };

@@ -11,9 +11,10 @@
 namespace multipanda::test {
 
 struct ClocksConfig {
-  double drift_ppm = 0;               // of the arm's clock against the program's
-  std::int64_t phase_ns = 0;          // of the arm's first packet
-  std::int64_t jitter_ns = 0;         // the program wakes up to so late, each cycle
+  double drift_ppm = 0;        // of the arm's clock against the program's
+  std::int64_t phase_ns = 0;   // of the arm's first packet
+  std::int64_t jitter_ns = 0;  // the program wakes up to so late, each cycle
+  std::int64_t update_ns = 0;  // it stamps a command up to so much after the instant that it computed it for
   std::int64_t compute_ns = 150'000;  // until its command is visible
   std::int64_t stall_ns = 5'000'000;  // a long delay of a cycle
   double stalls_per_s = 0;
@@ -29,8 +30,8 @@ class TwoClocks {
     packet_ns_ = config.phase_ns;
     wake();
   }
-  // The program's cycle: its clock [ns].
-  std::function<void(std::int64_t)> cycle;
+  // The program's cycle: the instant that its command is for, and the command's stamp, on its clock [ns].
+  std::function<void(std::int64_t now, std::int64_t stamp)> cycle;
   // Its command becomes visible to the arm's thread.
   std::function<void()> publish;
   // The arm's packet; `lost`: the answer does not reach it.
@@ -40,7 +41,7 @@ class TwoClocks {
   // Until the arm has sent so many packets more.
   void run(int packets) {
     for (int k = 0; k < packets;) {
-      const std::int64_t program = visible_ ? wake_ns_ : wake_ns_ + config_.compute_ns;
+      const std::int64_t program = visible_ ? wake_ns_ : done_ns();
       if (program < packet_ns_) {
         step_program();
         continue;
@@ -60,26 +61,33 @@ class TwoClocks {
   void step_program() {
     if (visible_) {
       visible_ = false;
-      if (program_runs) cycle(wake_ns_);
+      if (program_runs) cycle(wake_ns_, wake_ns_ + update_ns_);
       return;
     }
     visible_ = true;
     if (program_runs) publish();
-    const std::int64_t done = wake_ns_ + config_.compute_ns;
     do {
       grid_ns_ += 1'000'000;
-    } while (grid_ns_ < done);
+    } while (grid_ns_ < done_ns());
     wake();
   }
   void wake() {
     wake_ns_ = grid_ns_ + static_cast<std::int64_t>(draw_(random_) * static_cast<double>(config_.jitter_ns));
-    if (draw_(random_) < 1e-3 * config_.stalls_per_s) wake_ns_ += config_.stall_ns;
+    update_ns_ = 0;
+    const bool stalls = draw_(random_) < 1e-3 * config_.stalls_per_s;
+    if (config_.update_ns == 0) {
+      if (stalls) wake_ns_ += config_.stall_ns;
+      return;
+    }
+    update_ns_ = static_cast<std::int64_t>(draw_(random_) * static_cast<double>(config_.update_ns));
+    if (stalls) (draw_(random_) < 0.5 ? wake_ns_ : update_ns_) += config_.stall_ns;
   }
+  std::int64_t done_ns() const { return wake_ns_ + update_ns_ + config_.compute_ns; }
 
   ClocksConfig config_;
   std::mt19937 random_;
   std::uniform_real_distribution<double> draw_{0, 1};
-  std::int64_t grid_ns_ = 0, wake_ns_ = 0, packet_ns_ = 0, count_ = 0;
+  std::int64_t grid_ns_ = 0, wake_ns_ = 0, update_ns_ = 0, packet_ns_ = 0, count_ = 0;
   bool visible_ = true;  // the last command is; the next event is a wake-up
 };
 
