@@ -1,11 +1,34 @@
 #include "runtime/live_input/line_connection.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
+#include <cstring>
 #include <sys/socket.h>
 #include <unistd.h>
 
 namespace multipanda {
+namespace {
+
+// As send(), with a descriptor beside the first byte; -1: none.
+ssize_t send_bytes(int file, const char* bytes, std::size_t count, int passed) {
+  if (passed < 0) return ::send(file, bytes, count, MSG_NOSIGNAL | MSG_DONTWAIT);
+  iovec part{.iov_base = const_cast<char*>(bytes), .iov_len = count};
+  alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(int))> control{};
+  msghdr message{};
+  message.msg_iov = &part;
+  message.msg_iovlen = 1;
+  message.msg_control = control.data();
+  message.msg_controllen = control.size();
+  cmsghdr* head = CMSG_FIRSTHDR(&message);
+  head->cmsg_level = SOL_SOCKET;
+  head->cmsg_type = SCM_RIGHTS;
+  head->cmsg_len = CMSG_LEN(sizeof(int));
+  std::memcpy(CMSG_DATA(head), &passed, sizeof(int));
+  return sendmsg(file, &message, MSG_NOSIGNAL | MSG_DONTWAIT);
+}
+
+}  // namespace
 
 LineConnection::~LineConnection() { close(file_); }
 
@@ -59,10 +82,19 @@ void LineConnection::send(const std::string& line) {
   out_ += '\n';
 }
 
+void LineConnection::send_with(const std::string& line, int passed) {
+  passed_ = passed;
+  passed_from_ = out_.size();
+  send(line);
+}
+
 void LineConnection::flush() {
   while (sent_ < out_.size() && !broken_) {
-    const ssize_t n = ::send(file_, out_.data() + sent_, out_.size() - sent_, MSG_NOSIGNAL | MSG_DONTWAIT);
+    const bool here = passed_ >= 0 && sent_ == passed_from_;
+    const std::size_t end = passed_ >= 0 && sent_ < passed_from_ ? passed_from_ : out_.size();
+    const ssize_t n = send_bytes(file_, out_.data() + sent_, end - sent_, here ? passed_ : -1);
     if (n > 0) {
+      if (here) passed_ = -1;
       sent_ += static_cast<std::size_t>(n);
     } else if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) {
       break;
@@ -72,6 +104,7 @@ void LineConnection::flush() {
   }
   if (sent_ == out_.size() || sent_ > longest_) {
     out_.erase(0, sent_);
+    passed_from_ -= std::min(passed_from_, sent_);
     sent_ = 0;
   }
 }

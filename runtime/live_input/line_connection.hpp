@@ -26,7 +26,10 @@ class LineConnection {
   bool input_ended() const { return input_ended_; }
 
   void send(const std::string& line);  // adds the end of the line; kept until it can be sent
-  void flush();                        // sends as much as is possible without waiting
+  // The same with a descriptor, which stays the caller's and must stay open until the line is sent. At most
+  // once per connection: descriptors in transit are limited per user.
+  void send_with(const std::string& line, int passed);
+  void flush();  // sends as much as is possible without waiting
   std::size_t unsent() const { return out_.size() - sent_; }
   bool broken() const { return broken_; }  // the other end has closed
 
@@ -35,6 +38,8 @@ class LineConnection {
   std::size_t longest_;
   std::string in_, out_;
   std::size_t scanned_ = 0, sent_ = 0;
+  int passed_ = -1;              // descriptor to send; -1: none
+  std::size_t passed_from_ = 0;  // with this byte of out_
   bool skipping_ = false, input_ended_ = false, broken_ = false;
 };
 

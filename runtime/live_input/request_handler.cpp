@@ -26,10 +26,10 @@ std::vector<std::string> with_common(std::vector<std::string> keys) {
   return keys;
 }
 
-const std::vector<std::string> kLoopRequests = {"switch", "feature", "parameter", "reference",
-                                                "stop",   "resume",  "list",      "state"};
-const std::vector<std::string> kConnectionRequests = {"subscribe", "unsubscribe", "stream", "stream_end",
-                                                      "channels"};
+const std::vector<std::string> kLoopRequests = {"switch", "feature", "parameter", "reference", "stop",
+                                                "resume", "list",    "state",     "episode"};
+const std::vector<std::string> kConnectionRequests = {"subscribe", "unsubscribe", "records",
+                                                      "stream",    "stream_end",  "channels"};
 
 std::vector<std::string> all_requests() {
   std::vector<std::string> words;
@@ -71,6 +71,7 @@ std::optional<json> RequestHandler::begin(const json& request, Pending& pending)
     named.allow(with_common({}));
     return word == "list" ? list() : json{{"ok", true}, {"state", state()}};
   }
+  if (word == "episode") return mark_episode(named);
   if (const auto names = backend_request_names(); std::ranges::find(names, word) != names.end()) {
     begin_backend_request(word, named, pending);
     return {};
@@ -208,6 +209,31 @@ std::optional<json> RequestHandler::begin_reference(const JsonFields& fields, Pe
   if ((run_.modes->active() & bit(address.instance)) != 0) verdict = input.post(set_point);
   if (verdict != Verdict::accepted) return refusal(verdict, reason(*run_.modes, request, verdict));
   return json{{"ok", true}, {"streamed", true}};
+}
+
+// An episode is begun once and judged once; afterwards it can still be discarded.
+json RequestHandler::mark_episode(const JsonFields& fields) {
+  fields.allow(with_common({"mark"}));
+  const auto& marks = episode_marks();
+  const auto found = std::ranges::find(marks, fields.text("mark"));
+  if (found == marks.end()) fields.expected("mark", joined(marks, ", "));
+  if (!run_.mark) fields.refuse("this run keeps no episodes");
+  EpisodeMark mark{.kind = static_cast<EpisodeMark::Kind>(found - marks.begin()), .episode = episode_};
+  const std::string number = std::to_string(episode_);
+  const bool discard = mark.kind == EpisodeMark::Kind::discard;
+  if (mark.kind == EpisodeMark::Kind::start) {
+    if (episode_open_) fields.refuse("episode " + number + " is not over: mark success, failure or discard");
+    ++mark.episode;
+  } else if (!episode_open_ && !(discard && episode_ > 0)) {
+    fields.refuse("no episode has begun: mark its start first");
+  }
+  run_.latest->copy(snapshot_);
+  mark.cycle = snapshot_.cycle;
+  mark.t = snapshot_.t;
+  episode_ = mark.episode;
+  episode_open_ = mark.kind == EpisodeMark::Kind::start;
+  run_.mark(mark);
+  return {{"ok", true}, {"episode", mark.episode}, {"cycle", mark.cycle}, {"t_s", mark.t.seconds()}};
 }
 
 void RequestHandler::begin_backend_request(const std::string& name, const JsonFields& fields,

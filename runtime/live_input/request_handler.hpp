@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <future>
 #include <map>
 #include <memory>
@@ -11,10 +12,12 @@
 
 #include "core/cycle/backend.hpp"
 #include "core/modes/multimode_controller.hpp"
+#include "logs/log_choice.hpp"
 #include "runtime/live_input/json_fields.hpp"
 #include "runtime/live_input/latest_state.hpp"
 #include "runtime/live_input/stream_packet.hpp"
 #include "runtime/reach.hpp"
+#include "runtime/shared_records/shared_records.hpp"
 #include "scene/flange_load.hpp"
 
 namespace multipanda {
@@ -28,6 +31,8 @@ struct LiveInputContext {
   std::vector<std::shared_ptr<const ArmModel>> models;  // per arm
   std::map<std::string, Matrix3> rotations;             // of the scene's objects: default of placements
   std::vector<FlangeLoad> flanges;                      // per arm: what it may carry; empty: not known
+  const SharedRecords* records = nullptr;               // none: not on this computer
+  std::function<void(const EpisodeMark&)> mark;         // into log and events
 };
 
 // Destination and counts of one binary stream.
@@ -77,6 +82,7 @@ class RequestHandler {
   // --- contents and state of the run ---
   nlohmann::json list() const;
   nlohmann::json state();
+  const SharedRecords* records() const { return run_.records; }
 
  private:
   struct Address {
@@ -90,6 +96,7 @@ class RequestHandler {
   std::optional<nlohmann::json> begin_parameter(const JsonFields& fields, Pending& pending);
   std::optional<nlohmann::json> begin_reference(const JsonFields& fields, Pending& pending);
   std::optional<nlohmann::json> post(const Request& request, Pending& pending);
+  nlohmann::json mark_episode(const JsonFields& fields);
   void begin_backend_request(const std::string& name, const JsonFields& fields, Pending& pending);
 
   InstanceIndex instance(const std::string& name) const;
@@ -108,6 +115,8 @@ class RequestHandler {
   Reach reach_;
   bool reach_known_ = false;  // the end effectors have been looked up
   LatestState::Snapshot snapshot_;
+  std::uint64_t episode_ = 0;  // the newest; 0: none
+  bool episode_open_ = false;
   std::vector<ModelTerms> terms_;
 };
 

@@ -62,6 +62,8 @@ void LiveServer::run() {
     }
     std::erase_if(channels_, [](const auto& entry) { return entry.second.owner->gone; });
     std::erase_if(clients_, [](const Client& client) { return client.gone; });
+    record_readers_.store(static_cast<std::size_t>(std::ranges::count_if(clients_, &Client::has_records)),
+                          std::memory_order_relaxed);
     std::erase_if(publishers_, [](const Publisher& publisher) { return publisher.gone; });
   }
 }
@@ -204,6 +206,9 @@ bool LiveServer::take_connection_request(Client& client, const json& request, co
     named.allow({"id", "do"});
     client.period = {};
     answer(client, {{"ok", true}}, id);
+  } else if (word == "records") {
+    named.allow({"id", "do"});
+    pass_records(client, named, id);
   } else if (word == "stream") {
     Channel channel{.owner = &client, .stream = handler_.open_channel(request)};
     if (channels_.size() >= kMaxChannels) named.refuse("256 channels are open: end one first (stream_end)");
@@ -232,6 +237,16 @@ bool LiveServer::take_connection_request(Client& client, const json& request, co
     return false;
   }
   return true;
+}
+
+void LiveServer::pass_records(Client& client, const JsonFields& named, const json& id) const {
+  const SharedRecords* records = handler_.records();
+  if (records == nullptr) named.refuse("this run shares no records: see its messages at the start");
+  if (client.has_records) named.refuse("this connection has them already; open another one");
+  client.has_records = true;
+  client.line.send_with(
+      to_line({{"id", id}, {"ok", true}, {"bytes", records->memory().size()}, {"hash", records->hash()}}),
+      records->memory().file());
 }
 
 void LiveServer::poll_requests(Client& client) {

@@ -37,6 +37,8 @@ class LiveServer {
 
   const std::filesystem::path& path() const { return claim_.path(); }
   std::uint64_t clients_dropped() const { return dropped_.load(std::memory_order_relaxed); }
+  // Connected clients that have the memory of records.
+  std::size_t record_readers() const { return record_readers_.load(std::memory_order_relaxed); }
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -51,6 +53,7 @@ class LiveServer {
     std::chrono::nanoseconds period{0};  // of its subscription to the state; 0: none
     Clock::time_point next_state;
     nlohmann::json subscription;  // its id
+    bool has_records = false;     // it was sent their memory
     bool gone = false;
   };
   struct Channel {
@@ -73,6 +76,7 @@ class LiveServer {
   void serve(Client& client, bool all);
   void take_line(Client& client, const LineConnection::Line& line);
   bool take_connection_request(Client& client, const nlohmann::json& request, const nlohmann::json& id);
+  void pass_records(Client& client, const JsonFields& named, const nlohmann::json& id) const;
   void poll_requests(Client& client);
   void send_state(Client& client, Clock::time_point now);
   void take_packets(Publisher& publisher);
@@ -90,6 +94,7 @@ class LiveServer {
   std::uint32_t next_channel_ = 1;
   std::uint64_t unreadable_ = 0;  // invalid packets, or packets of channels that are not open
   std::atomic<std::uint64_t> dropped_{0};
+  std::atomic<std::size_t> record_readers_{0};
   std::atomic<bool> ending_{false};
   std::thread thread_;
 };
