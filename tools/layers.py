@@ -139,8 +139,8 @@ LAYERS = [
     layer(
         "runtime/motion",
         "motions of one arm through its controllet's inputs ([arm_motion.md](docs/arm_motion.md))",
-        "core runtime",
-        "scene backends/mujoco",
+        "core scene runtime",
+        "backends/mujoco",
     ),
     layer(
         "experiments",

@@ -6,8 +6,10 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "core/model/model_terms.hpp"
 #include "core/state/arm_mode_name.hpp"
 #include "runtime/request_text.hpp"
+#include "scene/build.hpp"
 
 namespace multipanda {
 namespace {
@@ -15,6 +17,10 @@ namespace {
 constexpr double kProgressEvery = 0.05;  // [s]
 constexpr double kSettleTime = 1.0;      // for the set-point to come to rest at the goal [s]
 constexpr double kLatest = 0.05;         // largest delay of a record that is compensated [s]
+// The speed of the hand along a motion is looked up this often [s], and no more often than this in a long
+// one.
+constexpr double kHandSpeedStep = 0.005, kMostHandSpeeds = 5000;
+constexpr int kSlowerRounds = 8;
 constexpr double kAtGoal = 1e-3, kAtRest = 1e-3;
 // Look-ahead of a motion that takes over from another [s]: it must be planned by then, so longer ones are
 // tried if planning was too slow.
@@ -120,6 +126,40 @@ PoseMotionLimits ArmMotion::pose_limits(const Input& input) const {
           .angular_jerk = kJerk};
 }
 
+double ArmMotion::allowed_hand_speed(const Input& input) const {
+  return run_.modes->instance(input.instance).contact().hand_speed;
+}
+
+double ArmMotion::top_hand_speed(const JointMotion& motion) const {
+  const ArmConfig config = arm_config(run_.scene->arms[arm_]);
+  ModelTerms terms(run_.models[arm_]);
+  terms.set_config(config.frames, config.tool, config.load);
+  const double step = std::max(kHandSpeedStep, motion.duration() / kMostHandSpeeds);
+  double fastest = 0;
+  for (double t = 0; t < motion.duration(); t += step) {
+    const JointSample sample = motion.sample(t);
+    terms.update(sample.position, sample.velocity);
+    fastest = std::max(fastest, terms.V_WE().linear().norm());
+  }
+  return fastest;
+}
+
+// Slowed down as a whole until the hand keeps to its speed. A moving start is braked first, whatever the
+// scale.
+JointMotion ArmMotion::via_motion(const JointSample& start, std::span<const JointVector> via,
+                                  const Input& input, double scale) const {
+  const double allowed = allowed_hand_speed(input);
+  JointMotion motion = joint_via_motion(start, via, joint_limits(input), scale);
+  if (!std::isfinite(allowed)) return motion;
+  double fastest = top_hand_speed(motion);
+  for (int round = 0; round < kSlowerRounds && fastest > allowed; ++round) {
+    scale *= std::max(0.1, 0.99 * allowed / fastest);
+    motion = joint_via_motion(start, via, joint_limits(input), scale);
+    fastest = top_hand_speed(motion);
+  }
+  return motion;
+}
+
 void ArmMotion::check_joints(const JointVector& q) const {
   if (static_cast<std::size_t>(q.size()) != n_)
     throw MotionRefused(fmt::format("'{}' has {} joints, the point has {} positions",
@@ -150,7 +190,7 @@ void ArmMotion::through_joints(std::span<const JointVector> via, double scale,
   begin(
       Quantity::joints,
       [&](const Start& start, const Input& input) -> Motion {
-        return joint_via_motion(std::get<JointSample>(start), via, joint_limits(input), scale);
+        return via_motion(std::get<JointSample>(start), via, input, scale);
       },
       {}, std::move(listener));
 }
@@ -214,6 +254,13 @@ void ArmMotion::follow(const TrajectoryGoal& goal, std::shared_ptr<MotionListene
 }
 
 void ArmMotion::check_trajectory(const JointMotion& motion, const Input& input) const {
+  const double allowed = allowed_hand_speed(input);
+  if (const double fastest = std::isfinite(allowed) ? top_hand_speed(motion) : 0; fastest > 1.001 * allowed)
+    throw MotionRefused(
+        fmt::format("the trajectory moves the hand of '{}' at {:.3g} m/s, which may reach {:.3g} m/s beside "
+                    "people; give it {:.2g} times the time, or lift hand_speed_m_per_s in the scene's "
+                    "contact_bounds",
+                    run_.modes->arm_name(arm_), fastest, allowed, fastest / allowed));
   const JointPeaks peaks = motion.peaks();
   const ArmLimits& limits = run_.models[arm_]->limits();
   const std::string& arm = run_.modes->arm_name(arm_);
