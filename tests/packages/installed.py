@@ -120,6 +120,8 @@ def whole_use(python, number):
     seen["run_refused"] = environment.try_call(
         environment.bin / "multipanda", "run", "one_arm", "--fast", "--seconds", "1", "--record", "r", "--report"
     )
+    ros = ("run", "one_arm", "--ros", "--fast", "--seconds", "1")
+    seen["ros_refused"] = environment.try_call(environment.bin / "multipanda", *ros)
     # The command that the demo has named: what is installed needs no index for itself.
     (command,) = re.findall(r"(\S+ -m pip install) '(multipanda\[report\])'", demo.stderr)
     environment.call(*command[0].split(), "-q", command[1])
@@ -162,6 +164,8 @@ class CleanEnvironments(unittest.TestCase):
         self.assertIn("multipanda[report]", seen["report_refused"].stdout + seen["report_refused"].stderr)
         self.assertEqual(seen["run_refused"].returncode, 2)
         self.assertIn("multipanda[report]", seen["run_refused"].stderr)
+        self.assertNotEqual(seen["ros_refused"].returncode, 0)
+        self.assertRegex(seen["ros_refused"].stderr, r"in the source tree run .*; wheel and \.deb have no ROS 2 interfaces")
         self.assertIn("<html", seen["page"])
         self.assertGreater(len(seen["page"]), 10000)
         self.assertRegex(seen["first_arm"], r"torques: \(\d{4}, 7\)")
