@@ -165,7 +165,7 @@ class CleanEnvironments(unittest.TestCase):
         self.assertEqual(seen["run_refused"].returncode, 2)
         self.assertIn("multipanda[report]", seen["run_refused"].stderr)
         self.assertNotEqual(seen["ros_refused"].returncode, 0)
-        self.assertRegex(seen["ros_refused"].stderr, r"in the source tree run .*; wheel and \.deb have no ROS 2 interfaces")
+        self.assertRegex(seen["ros_refused"].stderr, r"in the source tree run .*; wheel and \.deb have no ROS 2")
         self.assertIn("<html", seen["page"])
         self.assertGreater(len(seen["page"]), 10000)
         self.assertRegex(seen["first_arm"], r"torques: \(\d{4}, 7\)")
