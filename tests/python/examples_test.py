@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """The examples in Python, run as a user runs them; what they print is what they did."""
 
+import pathlib
 import re
 import subprocess
 import sys
@@ -17,7 +18,7 @@ class Examples(unittest.TestCase):
                 [sys.executable, str(ROOT / "examples" / "python" / name), *map(str, arguments)],
                 capture_output=True,
                 text=True,
-                timeout=PATIENCE,
+                timeout=3 * PATIENCE,  # pictures are made, too
                 cwd=FOLDER,
             )
             # A busy computer may leave a stream silent for 0.1 s: the arm is held, and the example says so.
@@ -49,6 +50,61 @@ class Examples(unittest.TestCase):
         self.assertIn("held: True", said)
         highest = float(re.search(r"highest: (\d+) mm", said).group(1))
         self.assertLess(abs(highest - 60), 20)  # the circle's diameter
+
+    def test_own_parameters(self):
+        said = self.output_of("own_parameters.py")
+        self.assertIn("stiffness_n_per_m: Stiffness k. 0 to 3000 N/m.", said)  # from the library's source
+        wall, hand = re.search(r"wall (\d+) mm higher, hand (-?\d+) mm higher", said).groups()
+        self.assertEqual(int(wall), 60)
+        self.assertGreater(int(hand), 50)  # nothing but the wall moves the hand
+        self.assertRegex(said, r"refused: .*3")
+        self.assertIn("speed_damping on: False", said)
+
+    def test_gripper(self):
+        said = self.output_of("gripper.py")
+        self.assertRegex(said, r"refused: .+")
+        self.assertIn("grasped: 40 mm wide", said)
+        risen, grasped = re.search(r"lifted: (\d+) mm, still grasped: (\w+)", said).groups()
+        self.assertLess(abs(int(risen) - 80), 15)
+        self.assertEqual(grasped, "True")
+        self.assertGreater(int(re.search(r"released: (\d+) mm", said).group(1)), 60)
+
+    def test_contact(self):
+        said = self.output_of("contact.py", "--record", FOLDER / "contact")
+        height, force = re.search(r"^contact at (\d+) mm, force (-[\d.]+) N$", said, re.M).groups()
+        self.assertLess(abs(int(height) - 210), 20)  # of the tool center; the fingers end on the table, at 200 mm
+        self.assertIn("owner: cartesian", said)
+        largest, cycles = re.search(r"largest force in the log: (-[\d.]+) N in (\d+) cycles", said).groups()
+        self.assertLessEqual(float(largest), float(force))
+        self.assertGreater(float(largest), -75)  # the spring's force is bounded ("contact_bounds": 60 N)
+        self.assertGreater(int(cycles), 3000)
+
+    def test_compare_log(self):
+        said = self.output_of("compare_log.py", "--seconds", 3, "--record", FOLDER / "compared")
+        figures = dict(re.findall(r"^arm (\w+): rmse ([\d.e+-]+)", said, re.M))
+        self.assertLess(float(figures["q"]), 0.01)  # [rad]; both are the same plant
+        self.assertTrue((FOLDER / "compared" / "comparison" / "report.html").exists())
+
+    def test_virtual_arm(self):
+        tests = ROOT / "examples/python/test_virtual_arm.py"
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tests)],
+            capture_output=True,
+            text=True,
+            timeout=2 * PATIENCE,
+            cwd=FOLDER,
+        )
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        self.assertIn("2 passed", done.stdout)
+
+    def test_each_is_tested_and_listed(self):
+        tests = pathlib.Path(__file__).read_text(encoding="utf-8")
+        page = (ROOT / "docs" / "python_examples.md").read_text(encoding="utf-8")
+        names = sorted(path.name for path in (ROOT / "examples" / "python").glob("*.py"))
+        self.assertGreater(len(names), 7)
+        for name in names:
+            self.assertIn(f"](../examples/python/{name})", page)
+            self.assertRegex(tests, rf'output_of\("{name}"|examples/python/{name}"')
 
     def test_the_guide(self):
         """The lines that the guide begins with."""
