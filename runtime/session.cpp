@@ -6,9 +6,9 @@
 #include "backends/simulation_view.hpp"
 #include "runtime/reach.hpp"
 #include "scene/build.hpp"
+#include "scene/flange_load.hpp"
 #include "support/machine.hpp"
 
-#include "scene/flange_load.hpp"
 namespace multipanda {
 namespace {
 
@@ -105,6 +105,7 @@ void Session::open_socket() {
                            .models = models_,
                            .rotations = {}};
   for (const auto& object : scene_.objects) context.rotations.emplace(object.name, object.X_WO.rotation);
+  for (const auto& arm : scene_.arms) context.flanges.push_back(flange_load(arm));
   try {
     live_ = std::make_unique<LiveServer>(options_.socket, context);
   } catch (const SocketTaken&) {
@@ -125,7 +126,6 @@ void Session::start() {
   if (log_ring_) {
     std::vector<RecordedArm> arms;
     for (std::size_t i = 0; i < models_.size(); ++i) {
-  for (const auto& arm : scene_.arms) context.flanges.push_back(flange_load(arm));
       const ArmConfig config = arm_config(scene_.arms[i]);
       arms.push_back(
           {.model = models_[i], .frames = config.frames, .tool = config.tool, .load = config.load});
