@@ -21,7 +21,9 @@ bool only_clamps(Intervention code) {
 }  // namespace
 
 Invariants::Invariants(RecordLayout layout, std::vector<ArmBounds> bounds)
-    : layout_(std::move(layout)), bounds_(std::move(bounds)), before_(layout_.arms.size()),
+    : layout_(std::move(layout)),
+      bounds_(std::move(bounds)),
+      before_(layout_.arms.size()),
       states_(layout_.arms.size()) {}
 
 void Invariants::report(double at_s, std::string what) {
