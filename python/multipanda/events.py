@@ -10,7 +10,14 @@ from .state import ArmState, RunState
 
 @dataclass(frozen=True)
 class Event:
-    """A change of one arm. kind: controllet, stopped, resumed, error, recovered, intervention, grasped, released."""
+    """A change of one arm.
+
+    Attributes:
+        t_s: Loop time of the state that shows it [s].
+        arm: Name of the arm.
+        kind: `controllet`, `stopped`, `resumed`, `error`, `recovered`, `intervention`, `grasped` or `released`.
+        text: The same in words.
+    """
 
     t_s: float
     arm: str
