@@ -198,7 +198,7 @@ CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) 
   for (const auto& arm : scene.arms)
     config.arms.push_back({arm.name, build_controller_model(arm), arm.safety});
   config.controllets = scene.controllets;
-  // Of every controllet, whoever added it to the scene.
+  // Every controllet keeps to the scene's bounds, also one that was added after the scene was read.
   for (auto& controllet : config.controllets)
     controllet.contact = tighter(controllet.contact, scene.contact_bounds);
   config.obstacles = fixed_obstacles(scene);

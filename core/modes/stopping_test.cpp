@@ -90,7 +90,7 @@ TEST_F(Stopping, WhatWasPostedBeforeAStopDoesNotRunAfterIt) {
   EXPECT_TRUE(loop.modes().stopped().contains(ArmIndex{0}));
   EXPECT_FALSE(runs("s0"));
   EXPECT_FALSE(runs("s1"));  // of another arm, but of the same batch
-  // Whoever knows of the stop may resume.
+  // A sender that knows of the stop may resume.
   EXPECT_TRUE(loop.ask({.kind = Kind::resume, .arms = ArmSet::of(0)}).accepted());
   EXPECT_TRUE(loop.activate({"s0", "s1"}).accepted());
 }

@@ -17,8 +17,7 @@ namespace {
 constexpr double kProgressEvery = 0.05;  // [s]
 constexpr double kSettleTime = 1.0;      // for the set-point to come to rest at the goal [s]
 constexpr double kLatest = 0.05;         // largest delay of a record that is compensated [s]
-// The speed of the hand along a motion is looked up this often [s], and no more often than this in a long
-// one.
+// Between two looks at the hand's speed along a motion [s], and the most looks at a long one.
 constexpr double kHandSpeedStep = 0.005, kMostHandSpeeds = 5000;
 constexpr int kSlowerRounds = 8;
 constexpr double kAtGoal = 1e-3, kAtRest = 1e-3;
@@ -144,8 +143,7 @@ double ArmMotion::top_hand_speed(const JointMotion& motion) const {
   return fastest;
 }
 
-// Slowed down as a whole until the hand keeps to its speed. A moving start is braked first, whatever the
-// scale.
+// Slowed down as a whole until the hand keeps to its speed. A moving start is braked first at any scale.
 JointMotion ArmMotion::via_motion(const JointSample& start, std::span<const JointVector> via,
                                   const Input& input, double scale) const {
   const double allowed = allowed_hand_speed(input);
