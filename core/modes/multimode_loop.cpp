@@ -60,8 +60,7 @@ void MultimodeController::take_mail(const Tick& tick) {
   }
 }
 
-// The sender did not know that the arm would be stopped: the request must not resume, start or change
-// anything.
+// The sender did not know that the arm would be stopped: the request must resume, start or change nothing.
 bool MultimodeController::overtaken_by_stop(const Mailbox::Posted& posted) const {
   const Request& request = posted.request;
   ArmSet arms = request.kind == Request::Kind::resume               ? request.arms
