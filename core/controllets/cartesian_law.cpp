@@ -28,7 +28,7 @@ TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& ta
   if (!std::isfinite(gains.contact.spring_force + gains.contact.spring_moment)) return force;
   const Vector6 damping = D * V;
   force.pull = force.total + damping;
-  force.bounded = bound_pull(gains.contact, force.pull, damping);
+  force.bounded = bound_pull(gains.contact, force.pull, damping, V.head<3>());
   if (force.bounded.factor() < 1) {
     const Vector6 taken = force.pull - force.bounded.remaining(force.pull);
     force.spring -= taken;

@@ -6,10 +6,28 @@
 namespace multipanda {
 namespace {
 
-double share_of(const Vector3& pull, const Vector3& damping, double greatest) {
-  const double size = pull.norm();
+// Where the pull ends, over the greatest speed of a set-point: an undisturbed hand at that speed keeps a
+// third of the pull for friction and loads that nobody declared.
+constexpr double kPullEnds = 1.5;
+
+double share_of(double size, double greatest) {
+  constexpr double kMost = 1e6;  // where nothing is allowed
   if (!(size > 0)) return 0;
-  return size / (greatest + std::max(0.0, pull.dot(damping) / size));
+  return greatest > size / kMost ? size / greatest : kMost;
+}
+
+double along(const Vector3& direction, double size, const Vector3& x) {
+  return size > 0 ? std::max(0.0, direction.dot(x) / size) : 0;
+}
+
+// The greatest force along a pull.
+double greatest_force(const ContactBounds& bounds, const Vector3& pull, double size, const Vector3& damping,
+                      const Vector3& v) {
+  const double speed = along(pull, size, v), opposing = along(pull, size, damping);
+  if (!(speed > 0) || !std::isfinite(bounds.spring_force + bounds.hand_speed))
+    return bounds.spring_force + opposing;
+  const double left = std::max(0.0, 1 - speed / (kPullEnds * bounds.hand_speed));
+  return bounds.spring_force * left + opposing * std::min(1.0, bounds.hand_speed / speed);
 }
 
 }  // namespace
@@ -19,9 +37,11 @@ ContactBounds tighter(const ContactBounds& a, const ContactBounds& b) {
           std::min(a.spring_moment, b.spring_moment)};
 }
 
-BoundedPull bound_pull(const ContactBounds& bounds, const Vector6& pull, const Vector6& damping) {
-  return {share_of(pull.head<3>(), damping.head<3>(), bounds.spring_force),
-          share_of(pull.tail<3>(), damping.tail<3>(), bounds.spring_moment)};
+BoundedPull bound_pull(const ContactBounds& bounds, const Vector6& pull, const Vector6& damping,
+                       const Vector3& v) {
+  const double force = pull.head<3>().norm(), moment = pull.tail<3>().norm();
+  return {share_of(force, greatest_force(bounds, pull.head<3>(), force, damping.head<3>(), v)),
+          share_of(moment, bounds.spring_moment + along(pull.tail<3>(), moment, damping.tail<3>()))};
 }
 
 Vector6 BoundedPull::remaining(const Vector6& pull) const {

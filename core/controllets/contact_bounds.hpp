@@ -23,10 +23,12 @@ ContactBounds tighter(const ContactBounds& a, const ContactBounds& b);
 
 // What is left of a pull, the part of a law that draws a hand to its moving set-point:
 //   P = K x~ + D V_d + Lambda A_d
-// Its force acts with P min(1, (F_max + max(0, n^T D V)) / |P|), n = P / |P|, its moment alike. The damping
-// -D V is kept whole, so that it can only take energy; the pull may overcome it on the way along n. So
-// n^T (P' - D V) <= F_max: a hand at rest is pushed with F_max at most, and one that moves along n
-// follows as if there were no bound.
+// Its moment acts with P min(1, (F_max + max(0, n^T D V)) / |P|), n = P / |P|. The damping -D V is kept
+// whole, so that it can only take energy; the pull may overcome it on the way along n. So
+// n^T (P' - D V) <= F_max: a hand at rest is pushed with F_max at most.
+// Of its force, F_max falls with the speed v along n that the hand has already, to zero at one and a half
+// times hand_speed, and above hand_speed the pull overcomes no more damping than there. So a hand that was
+// held back and is let go comes after its set-point not much faster than the set-point may move.
 struct BoundedPull {
   double force_share = 0, moment_share = 0;  // |P| over what is allowed; above 1: bounded
 
@@ -34,8 +36,9 @@ struct BoundedPull {
   // Factor on a pull that must keep its direction in joint space.
   double factor() const;
 };
-// `damping` is D V at the same point and in the same axes as the pull.
-BoundedPull bound_pull(const ContactBounds& bounds, const Vector6& pull, const Vector6& damping);
+// `damping` is D V at the same point and in the same axes as the pull, `v` the velocity of that point.
+BoundedPull bound_pull(const ContactBounds& bounds, const Vector6& pull, const Vector6& damping,
+                       const Vector3& v);
 
 // The largest c in [0, 1] with |base + c extra| <= limit, for |base| <= limit.
 double largest_share(const Vector3& base, const Vector3& extra, double limit);

@@ -153,7 +153,8 @@ class CoupledDualCartesianImpedance final : public Controllet {
     double lever = 0;
     for (std::size_t i = 0; i < 2; ++i) {
       const Vector6 pull = F[i] + damping_at[i];
-      const BoundedPull bounded = bound_pull(context.contact, pull, damping_at[i]);
+      const BoundedPull bounded =
+          bound_pull(context.contact, pull, damping_at[i], context.arms[i].terms->V_WE().linear());
       if (bounded.factor() < 1) F[i] = bounded.remaining(pull) - damping_at[i];
       const double share = std::max(bounded.force_share, bounded.moment_share);
       context.inputs[kPose].resist(absolute.spring, share, share);

@@ -102,8 +102,7 @@ class CoupledUfic final : public Controllet {
 
     update_energy_balance(context, frame, settings);
     if (!follow_grasp(context, frame, settings, target)) return LawResult::fault;
-    const double set_point_work =
-        move_springs(springs_now(settings, target), frame, settings, context.contact, dt);
+    const double set_point_work = move_springs(springs_now(settings, target), frame, settings, context, dt);
     wait_for_hands(context, frame);
     const double s = springs_.scale;
     const Vector3& n = springs_.n;
@@ -125,8 +124,7 @@ class CoupledUfic final : public Controllet {
     feedforward.segment<3>(6) += settings.squeeze_damping * n.dot(Vector3(V_d.segment<3>(6))) * n;
     feedforward *= s;
     if (std::isfinite(context.contact.spring_force + context.contact.spring_moment)) {
-      feedforward *=
-          feedforward_share(context.contact, frame, s * springs_.wrench(frame), feedforward, D * V);
+      feedforward *= feedforward_share(context, frame, s * springs_.wrench(frame), feedforward, D * V);
     }
     // No more power than would empty the tank within kEmptying: a fast set-point cannot overdraw it before
     // its valve has closed.
@@ -212,7 +210,7 @@ class CoupledUfic final : public Controllet {
   // together: s = valve(T + s_before V_before - s V). Updated in turn, they would oscillate.
   // The bounds for contact close the valve, too, so that the tanks' book stays complete.
   double move_springs(Springs next, const CooperativeFrame& frame, const Settings& settings,
-                      const ContactBounds& contact, double dt) {
+                      const ControlContext& context, double dt) {
     const double before = springs_.scale * springs_.energy;
     next.energy = next.energy_at(frame);
     const auto valve_after = [&](double s) {
@@ -221,10 +219,11 @@ class CoupledUfic final : public Controllet {
       return after.valve(settings.tanks);
     };
     const Vector12 full = next.wrench(frame);
-    const BoundedPull first =
-        bound_pull(contact, frame.first_wrench(full.head<6>(), full.tail<6>()), Vector6::Zero());
-    const BoundedPull second =
-        bound_pull(contact, frame.second_wrench(full.head<6>(), full.tail<6>()), Vector6::Zero());
+    const auto bounded = [&](const Vector6& pull, std::size_t i) {
+      return bound_pull(context.contact, pull, Vector6::Zero(), context.arms[i].terms->V_WE().linear());
+    };
+    const BoundedPull first = bounded(frame.first_wrench(full.head<6>(), full.tail<6>()), 0);
+    const BoundedPull second = bounded(frame.second_wrench(full.head<6>(), full.tail<6>()), 1);
     spring_share_ =
         std::max({first.force_share, first.moment_share, second.force_share, second.moment_share});
     double high = std::min(1.0, springs_.scale + dt / Fade::kDuration), low = 0;
@@ -260,7 +259,7 @@ class CoupledUfic final : public Controllet {
   }
 
   // The feed-forward at a hand, with its spring within the bounds for contact.
-  double feedforward_share(const ContactBounds& contact, const CooperativeFrame& frame,
+  double feedforward_share(const ControlContext& context, const CooperativeFrame& frame,
                            const Vector12& spring, const Vector12& feedforward,
                            const Vector12& damping) const {
     const auto at = [&](const Vector12& F, std::size_t i) -> Vector6 {
@@ -270,7 +269,8 @@ class CoupledUfic final : public Controllet {
     double c = 1;
     for (std::size_t i = 0; i < 2; ++i) {
       const Vector6 base = at(spring, i), extra = at(feedforward, i), both = base + extra;
-      const BoundedPull requested = bound_pull(contact, both, at(damping, i));
+      const BoundedPull requested =
+          bound_pull(context.contact, both, at(damping, i), context.arms[i].terms->V_WE().linear());
       if (requested.force_share > 1) {
         c = std::min(
             c, largest_share(base.head<3>(), extra.head<3>(), both.head<3>().norm() / requested.force_share));

@@ -106,8 +106,9 @@ class JointImpedance final : public Controllet {
     OwnedArm& arm = context.arms[0];
     const JointBy6& J_bar = arm.terms->task().J_bar;
     const JointVector pull = tau - arm.terms->c() + damping;
-    const BoundedPull bounded = bound_pull(context.contact, Vector6(J_bar.transpose().lazyProduct(pull)),
-                                           Vector6(J_bar.transpose().lazyProduct(damping)));
+    const BoundedPull bounded =
+        bound_pull(context.contact, Vector6(J_bar.transpose().lazyProduct(pull)),
+                   Vector6(J_bar.transpose().lazyProduct(damping)), arm.terms->V_WE().linear());
     context.inputs[kJoints].resist(pull, std::max(bounded.force_share, bounded.moment_share));
     if (bounded.factor() < 1) tau -= (1 - bounded.factor()) * pull;
   }

@@ -136,7 +136,8 @@ class Ufic final : public Controllet {
     const ImpedanceGains gains = impedance_gains(parameters);
 
     update_energy_balance(context.arms, law);
-    const double set_point_work = move_spring(target, gains, terms.X_WE(), context.contact, context.dt);
+    const double set_point_work =
+        move_spring(target, gains, terms.X_WE(), terms.V_WE().linear(), context.contact, context.dt);
     const double s = spring_.scale;
 
     // Impedance part
@@ -157,7 +158,7 @@ class Ufic final : public Controllet {
     const Vector3 n = direction_.update(F_d, context.dt);
     feedforward.head<3>() += s * settings.damping * n.dot(Vector3(target.V_d.linear())) * n;
     opposing.head<3>() += settings.damping * n.dot(v) * n;
-    const BoundedPull requested = bound_pull(context.contact, spring + feedforward, opposing);
+    const BoundedPull requested = bound_pull(context.contact, spring + feedforward, opposing, v);
     bound_feedforward(requested, spring, feedforward);
     context.inputs[kPose].resist(spring + feedforward, std::max(spring_share_, requested.force_share),
                                  std::max(spring_share_, requested.moment_share));
@@ -265,13 +266,13 @@ class Ufic final : public Controllet {
   // gains; if it cannot, the spring is scaled down. Returns the supplied work [J].
   // Its bound for contact closes the valve, too, so that the tanks' book stays complete.
   double move_spring(const CartesianTarget& target, const ImpedanceGains& gains, const Pose& X,
-                     const ContactBounds& contact, double dt) {
+                     const Vector3& v, const ContactBounds& contact, double dt) {
     const double before = spring_.scale * spring_.energy;
     SpringState next{gains.stiffness(target.X_W_d.rotation), target.X_W_d, 0, 0};
     next.energy = next.energy_at(X);
     next.scale = std::min(balance_.impedance.valve(limits_), spring_.scale + dt / Fade::kDuration);
     const Vector6 full = spring_wrench(next.stiffness, pose_error(target.X_W_d, X));
-    const BoundedPull bounded = bound_pull(contact, full, Vector6::Zero());
+    const BoundedPull bounded = bound_pull(contact, full, Vector6::Zero(), v);
     spring_share_ = std::max(bounded.force_share, bounded.moment_share);
     next.scale = std::min(next.scale, bounded.factor());
     const double available = std::max(0.0, balance_.impedance.energy() - limits_.min_j);

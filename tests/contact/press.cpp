@@ -101,6 +101,7 @@ Scene scene_of(const Press& press, std::size_t arms) {
   if (press.controllet == "dual_cartesian_impedance") law.parameters = {{"goals", {1}}};
   if (press.controllet == "coupled_dual_cartesian_impedance") law.parameters = {{"damping_ratio", {0.5}}};
   if (press.controllet == "force") law.parameters = {{"approach_speed_m_per_s", {0.2}}};
+  if (press.stiffness > 0) law.parameters = {{"translational_stiffness_n_per_m", {press.stiffness}}};
   if (press.bounded) law.contact = ContactBounds{};
   scene.contact_bounds = law.contact;
   scene.controllets = {law};
@@ -136,6 +137,16 @@ double force_on(const MujocoBackend& backend, int joint) {
   const mjtNum* q = backend.world().data()->qpos + at;
   const mjtNum* q_0 = model->qpos_spring + at;
   return kStiffness * Vector3(q[0] - q_0[0], q[1] - q_0[1], q[2] - q_0[2]).norm();
+}
+
+// The person's hand is pulled away: nothing touches it any more.
+void remove_hand(MujocoBackend& backend) {
+  mjModel* model = backend.world().model();
+  const int body = mj_name2id(model, mjOBJ_BODY, "person");
+  for (int i = 0; i < model->body_geomnum[body]; ++i) {
+    model->geom_contype[model->body_geomadr[body] + i] = 0;
+    model->geom_conaffinity[model->body_geomadr[body] + i] = 0;
+  }
 }
 
 void set_goals(const Press& press, const Scene& scene, MultimodeController& modes) {
@@ -183,7 +194,8 @@ void set_goals(const Press& press, const Scene& scene, MultimodeController& mode
 
 std::string name(const Press& press) {
   return press.controllet + ", pose " + std::to_string(press.pose) +
-         (press.motor_inertia ? ", motor inertia" : "") + (press.bounded ? "" : ", bounds lifted");
+         (press.motor_inertia ? ", motor inertia" : "") + (press.released_after_s > 0 ? ", let go" : "") +
+         (press.bounded ? "" : ", bounds lifted");
 }
 
 Outcome run(const Press& press) {
@@ -204,10 +216,19 @@ Outcome run(const Press& press) {
   for (int k = 0; k < static_cast<int>(1000 * (kBefore + kWatched)); ++k) {
     cycle.step(backend.wait());
     const double t = 1e-3 * k, force = force_on(backend, joint);
-    if (!outcome.touched) {
+    const bool let_go =
+        outcome.touched && press.released_after_s > 0 && t >= touched_at + press.released_after_s;
+    if (!outcome.touched || let_go) {
       backend.world().joints(0, q, dq);
       kinematics.terms.update(q, dq);
-      outcome.hand_speed = std::max(outcome.hand_speed, kinematics.terms.V_WE().linear().norm());
+      double& fastest = let_go ? outcome.let_go_speed : outcome.hand_speed;
+      fastest = std::max(fastest, kinematics.terms.V_WE().linear().norm());
+    }
+    if (let_go) {
+      remove_hand(backend);
+      continue;
+    }
+    if (!outcome.touched) {
       outcome.touched = force > 5;
       touched_at = t;
     }

@@ -11,7 +11,9 @@ struct Press {
   std::string controllet;
   int pose = 0;  // of the arm, 0 to 3
   bool motor_inertia = false;
-  bool bounded = true;  // with the bounds for contact
+  bool bounded = true;          // with the bounds for contact
+  double released_after_s = 0;  // since it was touched, the person's hand is gone; 0: never
+  double stiffness = 0;         // of cartesian_impedance [N/m]; 0: its usual one
 };
 
 inline constexpr int kPoses = 4;
@@ -23,6 +25,7 @@ struct Outcome {
   double impact = 0, later = 0;  // largest force of the spring until and after kTransientTime [N]
   double swing = 0;              // of the force in the last second [N]
   double hand_speed = 0;         // largest speed of the robot's hand before it touched [m/s]
+  double let_go_speed = 0;       // the same after the person's hand is gone [m/s]
   bool touched = false;
   std::string intervention;  // the first one, if any
 };

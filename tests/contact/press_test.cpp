@@ -62,6 +62,52 @@ TEST(Press, PersonsHandBetweenArmAndTable) {
   }
 }
 
+// Held back until the set-point waits, then let go. Soft springs store the most.
+TEST(Press, AnArmThatIsLetGoDoesNotLeap) {
+  int at = 0;
+  for (const char* controllet : kControllets) {
+    ++at;
+    for (int pose = 0; pose < kPoses; ++pose) {
+      for (const bool motor_inertia : {false, true}) {
+        if (std::string_view(controllet) == "coupled_dual_cartesian_impedance" && !motor_inertia) continue;
+        if (!all() && (pose != at % kPoses || motor_inertia != (at % 2 == 0))) continue;
+        Press press{controllet, pose, motor_inertia};
+        press.released_after_s = 2;
+        SCOPED_TRACE(name(press));
+        const Outcome outcome = run(press);
+        if (all()) {
+          std::printf("%-62s let go: %5.3f m/s %s\n", name(press).c_str(), outcome.let_go_speed,
+                      outcome.intervention.c_str());
+          std::fflush(stdout);
+        }
+        EXPECT_TRUE(outcome.touched);
+        if (outcome.intervention.empty()) {
+          EXPECT_GT(outcome.let_go_speed, 0.02);  // it goes on
+        }
+        // Joint springs are bounded by what they do at the hand while the rest of the arm stands still.
+        if (std::string_view(controllet) != "coupled_dual_cartesian_impedance" ||
+            outcome.intervention.empty()) {
+          EXPECT_LE(outcome.let_go_speed, 1.7 * 0.25);
+        }
+      }
+    }
+  }
+}
+
+TEST(Press, NorDoesAnArmOnSoftSprings) {
+  for (const double stiffness : {50.0, 150.0}) {
+    Press press{"cartesian_impedance", 0, true};
+    press.released_after_s = 4;
+    press.stiffness = stiffness;
+    const Outcome outcome = run(press);
+    EXPECT_GT(outcome.let_go_speed, 0.1);
+    EXPECT_LE(outcome.let_go_speed, 1.6 * 0.25);
+    Press lifted = press;
+    lifted.bounded = false;
+    EXPECT_GT(run(lifted).let_go_speed, outcome.let_go_speed);  // the test can fail
+  }
+}
+
 // The same press without bounds is one that a hand does not bear: the test can fail.
 TEST(Press, LiftedBoundsPressHarder) {
   const Outcome bounded = run({"cartesian_impedance", 0, false, true});
