@@ -30,9 +30,10 @@ std::span<const std::byte> ArmSide::period(std::int64_t now_ns) {
   return {bytes_.data(), encode(dialect_, state_, bytes_)};
 }
 
-// tau_J_d of a motion is the command taken last, from the state after it on, whatever the motors are at.
+// tau_J_d of a motion is the command taken last, from the state after it on, whatever the motors are at; zero
+// until the first one is taken.
 void ArmSide::show_torque() {
-  if (runs_ && commanded_) show_torque_taken(state_, accepted_);
+  if (runs_) show_torque_taken(state_, accepted_);
 }
 
 void ArmSide::take_answer(std::span<const std::byte> datagram, std::int64_t now_ns) {

@@ -170,6 +170,25 @@ TEST(SimulatedTime, ACableIsPulledAndAUserStops) {
   EXPECT_EQ(run.data().state[1].mode, ArmMode::move);
 }
 
+// While somebody pushes the arm, its own hold has a torque in use: a torque motion begins at zero.
+TEST(SimulatedTime, TheFirstAnswersOfAMotionMayBeLost) {
+  for (int lost = 1; lost <= 12; ++lost) {
+    SimulatedRun run(two_arms(), {.time = {.seed = 7}, .registry = test::laws()});
+    run.begin();
+    run.run_for(0.05);
+    run.world().raise(0, ArmError::joint_reflex);
+    run.world().push(0, {0, 0, -30}, 2);
+    run.run_for(0.5);
+    EXPECT_GT(run.world().arm(0).state().tau_J_d.cwiseAbs().maxCoeff(), 5);
+    run.world().lose_answers(0, lost);
+    EXPECT_TRUE(run.ask(0, RecoverFromError{}).success);
+    run.run_for(0.1);
+    EXPECT_EQ(run.world().account(0).answers_lost, static_cast<std::uint64_t>(lost));
+    EXPECT_EQ(run.data().state[0].mode, ArmMode::move) << lost << " lost";
+    EXPECT_LE(run.world().account(0).torque_rate_max, 1000 * (1 + 1e-5)) << lost << " lost";
+  }
+}
+
 TEST(SimulatedTime, AProgramThatEndedIsReplaced) {
   SimulatedRun run(two_arms(), {.time = {.seed = 8}, .registry = test::laws()});
   run.begin();
