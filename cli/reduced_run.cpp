@@ -51,6 +51,7 @@ ReducedRun::ReducedRun(const Scene& scene, Reduction reduction, std::filesystem:
     : memory_(std::move(memory)) {
   const bool physical = has_physical_arms(scene);
   if (physical) key_ = key_of(scene);
+  if (!scene.timeline.empty()) timeline_ends_s_ = scene.timeline.back().at_s;
   if (reduction == Reduction::asked) {
     why_ = "as asked";
   } else if (reduction == Reduction::as_usual && physical && !contains(memory_, key_)) {
@@ -76,8 +77,8 @@ void ReducedRun::apply(Scene& scene) const {
   scene.lifted.clear();
 }
 
-void ReducedRun::remember() const {
-  if (key_.empty() || memory_.empty() || contains(memory_, key_)) return;
+void ReducedRun::remember(double time_s) const {
+  if (time_s < timeline_ends_s_ || key_.empty() || memory_.empty() || contains(memory_, key_)) return;
   std::error_code error;
   std::filesystem::create_directories(memory_.parent_path(), error);
   std::ofstream(memory_, std::ios::app) << key_ << '\n';

@@ -22,6 +22,7 @@ Scene scene_with(const std::string& address) {
   scene.arms.resize(2);
   if (!address.empty()) scene.arms[1].fci.emplace().address = address;
   scene.controllets.resize(1);
+  scene.timeline = {{.at_s = 1}, {.at_s = 4}};
   scene.controllets[0].contact = scene.contact_bounds = {.hand_speed = 1, .spring_force = 20};
   return scene;
 }
@@ -37,7 +38,9 @@ TEST_F(ReducedRunTest, FirstRunOnPhysicalArmsUntilOneSucceeded) {
   EXPECT_EQ(scene.contact_bounds.hand_speed, 0.1);
   // Not remembered before it succeeded.
   EXPECT_TRUE(ReducedRun(scene, Reduction::as_usual, memory_).reduced());
-  first.remember();
+  first.remember(3.9);  // what the timeline does at 4 s has not been seen
+  EXPECT_TRUE(ReducedRun(scene, Reduction::as_usual, memory_).reduced());
+  first.remember(4);
   EXPECT_FALSE(ReducedRun(scene, Reduction::as_usual, memory_).reduced());
   EXPECT_TRUE(ReducedRun(scene, Reduction::asked, memory_).reduced());
   scene.text += " ";  // changed: another scene
@@ -53,7 +56,7 @@ TEST_F(ReducedRunTest, ArmsOfThisComputerAreNotReduced) {
     EXPECT_EQ(run.text(), "");
     run.apply(scene);
     EXPECT_EQ(scene.controllets[0].contact.hand_speed, 1);
-    run.remember();
+    run.remember(100);
     EXPECT_FALSE(std::filesystem::exists(memory_));
   }
 }

@@ -92,7 +92,7 @@ int run(const RunOptions& options) {
     console.line(fmt::format("arms: {}", session.backend_description()));
   RunSummary summary = run_session(session, signals, console);
   input.reset();
-  if (summary.success()) reduced_run.remember();
+  if (summary.success() && !options.no_timeline) reduced_run.remember(summary.time_s);
   print_summary(summary, console);
   bool reported = true;
   if (options.report) {

@@ -23,6 +23,7 @@ class DiskTrouble {
   // Begins a log; nothing, if one is being written.
   void begin(double at_s, bool full, double lasts_s);
   void take(const CycleRecord& cycle);  // after every cycle
+  bool is_writing() const { return ring_ != nullptr; }
   // Reports, since the last call, what was wrong with a closed log, such as records neither written
   // nor counted.
   std::vector<std::string> take_findings() { return std::exchange(findings_, {}); }

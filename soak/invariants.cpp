@@ -76,7 +76,8 @@ void Invariants::check(const CycleRecord& cycle, std::uint64_t active, std::span
         report(t, fmt::format("{} had no command in {} of its periods, and no fault was injected on it", name,
                               now.periods_missed - before.periods_missed));
       if (now.motions_ended != before.motions_ended)
-        report(t, fmt::format("{} stopped itself, and no fault was injected on it", name));
+        report(t, fmt::format("{} stopped itself, and no fault was injected on it: {}", name,
+                              describe(now.last_reflex)));
     }
     before = now;
   }
@@ -89,10 +90,15 @@ void Invariants::check(const Event& event, ArmSet disturbed) {
   if (event.instance < layout_.instances.size())
     arms |= ArmSet::from_bits(layout_.instances[event.instance].arms);
   if (disturbed.overlaps(arms)) return;
+  const std::string joint = event.joint == 0xFFFF ? "" : fmt::format("joint {}: ", event.joint + 1);
+  const std::string_view unit = unit_of(event.intervention);
+  const std::string values = unit.empty() ? ""
+                                          : fmt::format(" ({}{:.4g}, limit {:.4g} {})", joint,
+                                                        event.values[0], event.values[1], unit);
   report(event.t.seconds(),
-         fmt::format("{} was held: {}; no fault was injected on it",
+         fmt::format("{} was held: {}{}; no fault was injected on it",
                      event.arm < layout_.arms.size() ? layout_.arms[event.arm].name : "an arm",
-                     to_string(event.intervention)));
+                     to_string(event.intervention), values));
 }
 
 }  // namespace multipanda

@@ -7,6 +7,7 @@
 #include "core/record/cycle_record.hpp"
 #include "core/safety/safety.hpp"
 #include "core/types/arm_set.hpp"
+#include "device/arm_error.hpp"
 
 namespace multipanda {
 
@@ -23,6 +24,7 @@ class Invariants {
   struct ArmCount {
     std::uint64_t periods_missed = 0, motions_ended = 0;
     double torque_rate_max = 0;  // of the torques that it took [N m/s]
+    ReflexDetail last_reflex;
   };
   struct ArmBounds {
     JointVector tau_max, tau_rate_max;

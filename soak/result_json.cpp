@@ -28,6 +28,7 @@ void write_result(const SoakResult& result, const std::filesystem::path& folder)
   for (const SoakSample& sample : result.samples)
     samples.push_back({{"time_s", sample.time_s},
                        {"resident_mb", sample.resident_mb},
+                       {"heap_mb", sample.heap_mb},
                        {"open_files", sample.open_files},
                        {"work_difference_j", sample.work_difference_j}});
   for (const BrokenInvariant& violation : result.violations)

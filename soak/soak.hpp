@@ -24,6 +24,7 @@ struct SoakOptions {
 struct SoakSample {
   double time_s = 0;
   double resident_mb = 0;
+  double heap_mb = 0;  // allocated; zero where the allocator does not tell (sanitizers)
   int open_files = 0;
   std::vector<double> work_difference_j;  // by arm, since the start: booked by the program less by the arm
 };

@@ -121,8 +121,10 @@ TEST_F(InvariantsTest, AControlletThatIsTakenOffWithoutAFault) {
   invariants->check(event, {});
   EXPECT_EQ(invariants->count(), 0u);
   event.intervention = Intervention::joint_velocity_limit;
+  event.joint = 3;
+  event.values = {2.5, 2.175};
   invariants->check(event, {});
-  expect("left was held");
+  expect("left was held: joint velocity limit (joint 4: 2.5, limit 2.175 rad/s)");
 }
 
 // A motion along a known path under a known torque: both books hold the integral of its power.
