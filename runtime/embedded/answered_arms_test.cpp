@@ -3,6 +3,7 @@
 // the threads keep the arms in their motions.
 #include <cmath>
 #include <mutex>
+#include <sys/mman.h>
 #include <unistd.h>
 
 #include <gmock/gmock.h>
@@ -199,9 +200,11 @@ TEST_F(AnsweredArms, AFaultAndARecoveryAreOneArmsOwn) {
   EXPECT_EQ(mode(0), ArmMode::idle);
 }
 
-// The work of the arm's thread, on this one.
-TEST(AnsweredArm, ItsCycleNeitherAllocatesNorLocks) {
+// The work of the arm's thread, on this one: each kind of motion with commands, without them for long enough
+// to be held, with them again, and while the next kind is asked for.
+TEST(AnsweredArm, ItsCycleNeitherAllocatesNorLocksNorFaults) {
   if (!kLoopGuardWorks) GTEST_SKIP() << "sanitizers replace malloc themselves";
+  const bool faults_count = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
   const Scene scene = parse_scene(arms(), "test", builtins());
   fci::VirtualArmOptions options;
   options.places = {{.address = address(0)}, {.address = address(1)}};
@@ -217,24 +220,41 @@ TEST(AnsweredArm, ItsCycleNeitherAllocatesNorLocks) {
     (void)arm.take_report();
     (void)arm.take_restart();
   };
-  std::array<double, 7> values{};
-  for (const ArmDrive drive : {ArmDrive::effort, ArmDrive::joint_position, ArmDrive::none}) {
+  const auto expect_none = [&](const LoopGuardCounts& counts, const char* during, ArmDrive drive) {
+    EXPECT_EQ(counts.heap_calls, 0u) << during << static_cast<int>(drive);
+    EXPECT_EQ(counts.lock_calls, 0u) << during << static_cast<int>(drive);
+    if (faults_count) {
+      EXPECT_EQ(counts.page_faults, 0u) << during << static_cast<int>(drive);
+    }
+  };
+  for (int k = 0; k < 50; ++k) cycle();  // every page has been touched
+  for (const ArmDrive drive :
+       {ArmDrive::effort, ArmDrive::joint_position, ArmDrive::joint_velocity, ArmDrive::cartesian_pose,
+        ArmDrive::cartesian_velocity, ArmDrive::effort, ArmDrive::none}) {
+    LoopGuard::arm();
     arm.set_drive(drive);
     const HostTime start = host_now();
     while (arm.report().running != drive && seconds(host_now() - start) < 30) cycle();
+    expect_none(LoopGuard::disarm(), "change to ", drive);
     ASSERT_EQ(arm.report().running, drive);
-    if (drive == ArmDrive::joint_position) std::copy_n(arm.report().desired.q_d.begin(), 7, values.begin());
+    // Where the arm is, at rest: no torque, no velocity.
+    const bool joints = drive == ArmDrive::joint_position, pose = drive == ArmDrive::cartesian_pose;
+    std::array<double, 16> values{};
+    if (joints) std::copy_n(arm.report().desired.q_d.begin(), 7, values.begin());
+    if (pose) values = arm.report().desired.O_T_EE_d;
+    const std::size_t size = pose ? 16 : drive == ArmDrive::cartesian_velocity ? 6 : 7;
     LoopGuard::arm();
     for (int k = 0; k < 300; ++k) {
-      if (k < 100 || k > 200) arm.command(arm.report().state.t_robot.ns, values);
+      if (k < 100 || k > 200) {
+        arm.command(arm.report().state.t_robot.ns, std::span<const double>(values).first(size));
+      }
       cycle();
     }
-    const LoopGuardCounts counts = LoopGuard::disarm();
-    EXPECT_EQ(counts.heap_calls, 0u);
-    EXPECT_EQ(counts.lock_calls, 0u);
+    expect_none(LoopGuard::disarm(), "motion ", drive);
     EXPECT_EQ(arm.report().running, drive);
   }
   arm.backend().finish();
+  munlockall();
 }
 
 }  // namespace
