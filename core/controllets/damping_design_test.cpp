@@ -69,7 +69,7 @@ TEST(DampingDesign, NeverSuppliesEnergyAndAcceptsZeroStiffness) {
   for (int trial = 0; trial < 50; ++trial) {
     const Matrix6 Lambda = some_inertia(draw);
     Matrix6 G = Matrix6::Zero();  // of rank trial % 6
-    for (int i = 0; i < 6 * (trial % 6); ++i) G.data()[i] = draw.uniform(-10, 10);
+    for (int i = 0; i < 6 * (trial % 6); ++i) G.data()[i] = draw.uniform(-3, 3);
     const Matrix6 K = G * G.transpose();
     const Matrix6 D = task_damping(Lambda, K, 1.3);
     ASSERT_TRUE(D.allFinite());
@@ -80,6 +80,51 @@ TEST(DampingDesign, NeverSuppliesEnergyAndAcceptsZeroStiffness) {
     }
     const Matrix6 mobility = test::inverse(Lambda);
     EXPECT_NEAR((D * mobility * D - 4 * 1.3 * 1.3 * K).norm(), 0, 1e-6 * (1 + K.norm()));
+  }
+}
+
+// The growth per period of x'' = -k x - d x', sampled at 1 kHz, `delay` periods late: spectral radius.
+double growth(double k, double d, int delay) {
+  constexpr double T = 1e-3;
+  const Eigen::Index n = 2 * (delay + 1);
+  Eigen::MatrixXd A = Eigen::MatrixXd::Zero(n, n);
+  A(1, 1) = 1;  // of x, v and those of the periods before
+  A(1, n - 2) -= T * k;
+  A(1, n - 1) -= T * d;
+  A.row(0) = T * A.row(1);
+  A(0, 0) += 1;
+  for (Eigen::Index i = 2; i < n; ++i) A(i, i - 2) = 1;
+  return test::eigenvalues(A).cwiseAbs().maxCoeff();
+}
+
+TEST(DampingDesign, FastModesDecayBehindTwoPeriods) {
+  int uncapped_that_grow = 0;
+  for (const double zeta : {0.5, 0.7, 1.0, 1.5, 2.0}) {
+    for (double w = 20; w <= 295; w += 5) {
+      const double k = w * w;
+      const double d = joint_damping(JointMatrix::Identity(1, 1), joint_constant(1, k), zeta)(0, 0);
+      EXPECT_NEAR(d, std::min(2 * zeta * w, kLargestModalDamping), 1e-9);
+      EXPECT_LT(growth(k, d, 1), 1) << w << " rad/s, " << zeta;
+      EXPECT_LT(growth(k, d, 2), 1) << w << " rad/s, " << zeta;
+      if (w <= 205) {
+        EXPECT_LT(growth(k, d, 3), 1) << w << " rad/s, " << zeta;
+      }
+      uncapped_that_grow += growth(k, 2 * zeta * w, 2) > 1;
+    }
+  }
+  EXPECT_GT(uncapped_that_grow, 30);
+}
+
+TEST(DampingDesign, NoModeOfACoupledTaskGetsMore) {
+  Draw draw(14);
+  for (int trial = 0; trial < 50; ++trial) {
+    const Matrix6 Lambda = some_inertia(draw);
+    Matrix6 G = Matrix6::Zero();
+    for (int i = 0; i < 36; ++i) G.data()[i] = draw.uniform(-2000, 2000);
+    const Matrix6 D = task_damping(Lambda, G * G.transpose(), 1);
+    const Eigen::VectorXd of_modes = test::eigenvalues(test::inverse(Lambda) * D).real();
+    EXPECT_LE(of_modes.maxCoeff(), kLargestModalDamping * (1 + 1e-6));
+    EXPECT_NEAR(of_modes.maxCoeff(), kLargestModalDamping, 1e-3);
   }
 }
 
