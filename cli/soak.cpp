@@ -67,6 +67,8 @@ void add_soak(Program& program) {
   command->add_option("--fault-every", arguments->options.mean_interval_s, "Mean time between two faults [s]")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
+  command->add_flag("--bare-joints", arguments->options.bare_joints,
+                    "Assume no motor inertia (0.1 kg m^2 per joint) where an arm's model states none");
   command->add_option("--out", arguments->out, "Folder in which the run's folder is made")
       ->capture_default_str();
   command->add_flag("--no-page", arguments->no_page, "Write soak.json only");

@@ -35,6 +35,7 @@ void write_result(const SoakResult& result, const std::filesystem::path& folder)
     violations.push_back({{"at_s", violation.at_s}, {"what", violation.what}});
   const Json all{{"scene", result.scene},
                  {"seed", result.options.seed},
+                 {"bare_joints", result.options.bare_joints},
                  {"simulated_s", result.simulated_s},
                  {"real_s", result.real_s},
                  {"cycles", result.cycles},

@@ -44,6 +44,18 @@ int open_files() {
   return static_cast<int>(std::distance(begin(files), end(files)));
 }
 
+// Real joints turn their motors along, which slows down a light wrist's fast modes: plants whose model states
+// no motors get what is assumed of real arms.
+Scene with_motors(Scene scene) {
+  for (SceneArm& arm : scene.arms) {
+    RobotDescription plant = plant_robot_of(arm);
+    if (plant.motor_inertia.size() > 0) continue;
+    plant.motor_inertia = joint_constant(plant.joint_count(), kAssumedMotorInertia);
+    arm.plant_robot = std::make_shared<const RobotDescription>(std::move(plant));
+  }
+  return scene;
+}
+
 // A run with everything that watches it.
 class Soak {
  public:
@@ -207,6 +219,8 @@ class Soak {
 
 }  // namespace
 
-SoakResult soak(const Scene& scene, const SoakOptions& options) { return Soak(scene, options).run(); }
+SoakResult soak(const Scene& scene, const SoakOptions& options) {
+  return Soak(options.bare_joints ? scene : with_motors(scene), options).run();
+}
 
 }  // namespace multipanda

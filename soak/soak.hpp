@@ -16,6 +16,7 @@ struct SoakOptions {
   double duration_s = 120;  // simulated
   std::uint64_t seed = 1;
   double mean_interval_s = 2;                   // between two faults
+  bool bare_joints = false;                     // no motor inertia is assumed where a model states none
   std::filesystem::path folder;                 // for the results; exists
   std::function<void(double time_s)> progress;  // about every simulated minute
 };

@@ -201,8 +201,12 @@ TEST(Soak, IsTheSameForTheSameSeedAndKeepsItsInvariants) {
   const auto folder =
       std::filesystem::temp_directory_path() / ("multipanda_soak_" + std::to_string(::getpid()));
   std::filesystem::create_directories(folder);
-  const SoakOptions options{
-      .duration_s = 8, .seed = 5, .mean_interval_s = 0.5, .folder = folder, .progress = {}};
+  const SoakOptions options{.duration_s = 8,
+                            .seed = 5,
+                            .mean_interval_s = 0.5,
+                            .bare_joints = false,
+                            .folder = folder,
+                            .progress = {}};
   const SoakResult first = soak(opened.scene, options), second = soak(opened.scene, options);
   std::filesystem::remove_all(folder);
   for (const BrokenInvariant& broken : first.violations)
