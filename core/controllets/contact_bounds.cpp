@@ -9,6 +9,9 @@ namespace {
 // Where the pull ends, over the greatest speed of a set-point: an undisturbed hand at that speed keeps a
 // third of the pull for friction and loads that nobody declared.
 constexpr double kPullEnds = 1.5;
+// The most that the force falls with speed [N s/m]: it acts like damping, and some periods late more of it
+// would shake a light hand. The usual bounds need 160, those of a reduced run 200.
+constexpr double kSteepest = 300;
 
 double share_of(double size, double greatest) {
   constexpr double kMost = 1e6;  // where nothing is allowed
@@ -26,7 +29,8 @@ double greatest_force(const ContactBounds& bounds, const Vector3& pull, double s
   const double speed = along(pull, size, v), opposing = along(pull, size, damping);
   if (!(speed > 0) || !std::isfinite(bounds.spring_force + bounds.hand_speed))
     return bounds.spring_force + opposing;
-  const double left = std::max(0.0, 1 - speed / (kPullEnds * bounds.hand_speed));
+  const double end = std::max(kPullEnds * bounds.hand_speed, bounds.spring_force / kSteepest);
+  const double left = std::max(0.0, 1 - speed / end);
   return bounds.spring_force * left + opposing * std::min(1.0, bounds.hand_speed / speed);
 }
 

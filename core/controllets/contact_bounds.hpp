@@ -27,8 +27,9 @@ ContactBounds tighter(const ContactBounds& a, const ContactBounds& b);
 // whole, so that it can only take energy; the pull may overcome it on the way along n. So
 // n^T (P' - D V) <= F_max: a hand at rest is pushed with F_max at most.
 // Of its force, F_max falls with the speed v along n that the hand has already, to zero at one and a half
-// times hand_speed, and above hand_speed the pull overcomes no more damping than there. So a hand that was
-// held back and is let go comes after its set-point not much faster than the set-point may move.
+// times hand_speed, but by no more than 300 N per m/s; above hand_speed the pull overcomes no more damping
+// than there. So a hand that was held back and is let go comes after its set-point not much faster than the
+// set-point may move, or than F_max / 300 N s/m.
 struct BoundedPull {
   double force_share = 0, moment_share = 0;  // |P| over what is allowed; above 1: bounded
 
