@@ -24,6 +24,7 @@ struct RunOptions {
   bool fast = false, json = false, report = false, no_timeline = false, until_input_ends = false;
   bool reduced = false, full_speed = false;
   std::string record;
+  std::vector<std::string> log_every;
   std::optional<int> cpu;
   std::string socket;
   bool ros = false;
@@ -49,6 +50,18 @@ void set_socket(const RunOptions& options, const std::string& scene, const Conso
   }
 }
 
+LogEvery log_choice(const RunOptions& options) {
+  if (!options.log_every.empty() && options.record.empty())
+    throw UsageError("run: --log-every needs a log: add --record DIR");
+  LogEvery every;
+  try {
+    for (const auto& choice : options.log_every) every.set(choice);
+  } catch (const std::invalid_argument& error) {
+    throw UsageError(fmt::format("run: --log-every {}", error.what()));
+  }
+  return every;
+}
+
 int run(const RunOptions& options) {
   const Console console(options.json);
   if (options.report && options.record.empty())
@@ -57,6 +70,7 @@ int run(const RunOptions& options) {
     throw UsageError("run: --report needs Python packages: " + missing);
   if (!options.ros && !(options.ros_arguments == RosArguments{}))
     throw UsageError("run: --ros-node, --ros-namespace and --ros-remap need --ros");
+  const LogEvery log_every = log_choice(options);
   const BackendOptions backend = backend_options(options.backend);
   OpenedScene opened = open_scene(options.scene);
   opened.scene = with_connections(std::move(opened.scene), backend);  // refused before anything starts
@@ -73,6 +87,7 @@ int run(const RunOptions& options) {
   }
   SessionOptions session_options{
       .paced = !options.fast, .backend = backend, .duration_s = options.seconds, .record = options.record};
+  session_options.log_every = log_every;
   session_options.thread.cpu = options.cpu;
   set_socket(options, opened.scene.name, console, session_options);
   if (options.fast && !options.seconds && opened.scene.duration_s == 0) {
@@ -139,6 +154,12 @@ void add_run(Program& program) {
   command->add_flag("--fast", options->fast, "Run as fast as possible instead of in real time");
   command->add_option("--record", options->record, "Record the log into a new folder inside DIR")
       ->type_name("DIR");
+  command
+      ->add_option("--log-every", options->log_every,
+                   "How often the log has state, command, wrench, references, outputs, timing, model or all: "
+                   "every Nth cycle, 0: never (default 1, model 10). Events and switches are always whole")
+      ->type_name("GROUP=N")
+      ->take_all();
   command->add_flag("--report", options->report, "Make the report afterwards (needs --record)");
   command->add_flag("--json", options->json,
                     "Print one JSON object to standard output at the end, messages to standard error");

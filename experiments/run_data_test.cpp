@@ -44,7 +44,7 @@ TEST(RunData, EqualTheArraysOfTheLogExport) {
   OpenedScene opened = open_scene("one_arm");
   std::optional<RunData> data;
   SessionOptions options{.paced = false, .duration_s = 2.5, .record = folder};
-  options.model_every = 5;
+  options.log_every.model = 5;
   options.observer = [&data](const CycleRecord& record) { data->take(record); };
   Session session(std::move(opened.scene), opened.registry, std::move(options));
   data.emplace(session.scene(), session.layout(), session.models(), 5);

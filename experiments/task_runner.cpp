@@ -153,7 +153,7 @@ class TaskRunner {
                 {"timeline", timeline_of(scene.text)}};
 
     SessionOptions session_options{.paced = !options_.fast, .backend = options_.backend, .record = scratch};
-    session_options.model_every = kModelEvery;
+    session_options.log_every.model = kModelEvery;
     if (!objects.empty())
       session_options.on_loop = [&objects](const Tick& tick, const Backend& backend) {
         objects.take(tick, backend);

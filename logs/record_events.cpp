@@ -31,6 +31,18 @@ void Recorder::Sink::write(const Event& event) {
   }
 }
 
+void Recorder::Sink::write(const EpisodeMark& mark) {
+  msg::Event out;
+  out.stamp = to_time(mark.t.ns);
+  out.cycle = mark.cycle;
+  out.kind = "episode";
+  out.verdict = to_string(Verdict::accepted);
+  out.item = to_string(mark.kind);
+  out.values = {static_cast<double>(mark.episode)};
+  out.text = "episode " + std::to_string(mark.episode) + ": " + out.item;
+  writer_.write(event_channel_, log_time(mark.t), out);
+}
+
 void Recorder::Sink::write_switch(const Event& event) {
   msg::Switch out;
   out.stamp = to_time(event.t.ns);

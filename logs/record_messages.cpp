@@ -34,6 +34,11 @@ msg::Wrench to_message(const std::array<double, 6>& F) {
   return out;
 }
 
+// By cycle number, not by count: the same cycles in every run, even if records are lost.
+bool is_due(std::uint64_t every, const CycleRecord& record) {
+  return every > 0 && (record.cycle - 1) % every == 0;
+}
+
 double as_seconds(std::int32_t ns) { return 1e-9 * ns; }
 
 std::string layout_json(const RecordLayout& layout) {
@@ -92,7 +97,7 @@ Recorder::Sink::Sink(const std::filesystem::path& log, const RecordLayout& layou
     arm.command_channel = writer_.add_channel<msg::ArmCommand>(topic + "/command");
     arm.wrench_channel = writer_.add_channel<msg::ArmWrench>(topic + "/wrench");
     arm.config_channel = writer_.add_channel<msg::ArmConfig>(topic + "/config");
-    if (arms[i].model && options_.model_every > 0) {
+    if (arms[i].model && options_.every.model > 0) {
       arm.model_channel = writer_.add_channel<msg::ModelSummary>(topic + "/model");
       arm.terms.emplace(arms[i].model);
     }
@@ -141,9 +146,9 @@ void Recorder::Sink::write(const CycleRecord& record) {
     if (cycles_ == 0 && !arms_[i].configured) write_config(arms_[i], record.t, record.cycle);
     write_arm(arms_[i], record.arms[i], record);
   }
-  write_references(record);
-  write_outputs(record);
-  write_timing(record);
+  if (is_due(options_.every.references, record)) write_references(record);
+  if (is_due(options_.every.outputs, record)) write_outputs(record);
+  if (is_due(options_.every.timing, record)) write_timing(record);
   ++cycles_;
 }
 
@@ -166,18 +171,23 @@ void Recorder::Sink::note_gap(const CycleRecord& record) {
 }
 
 void Recorder::Sink::write_arm(Arm& arm, const ArmSample& sample, const CycleRecord& record) {
-  const msg::Time stamp = to_time(record.t.ns);
-  const std::int64_t time = log_time(record.t);
+  if (is_due(options_.every.state, record)) {
+    msg::ArmState& state = arm.state;
+    state.stamp = to_time(record.t.ns);
+    state.cycle = record.cycle;
+    set_arm_state(state, sample, arm.joint_count);
+    writer_.write(arm.state_channel, log_time(record.t), state);
+  }
+  if (is_due(options_.every.command, record)) write_command(arm, sample, record);
+  const bool has_wrench = sample.has_wrench_estimate || sample.has_contact_truth;
+  if (has_wrench && is_due(options_.every.wrench, record)) write_wrench(arm, sample, record);
+  if (arm.terms && is_due(options_.every.model, record)) write_model(arm, sample, record);
+}
+
+void Recorder::Sink::write_command(Arm& arm, const ArmSample& sample, const CycleRecord& record) {
   const std::size_t n = arm.joint_count;
-
-  msg::ArmState& state = arm.state;
-  state.stamp = stamp;
-  state.cycle = record.cycle;
-  set_arm_state(state, sample, n);
-  writer_.write(arm.state_channel, time, state);
-
   msg::ArmCommand& command = arm.command;
-  command.stamp = stamp;
+  command.stamp = to_time(record.t.ns);
   command.cycle = record.cycle;
   command.owner = words_.instance_name(sample.owner);
   set_arm_command(command, sample, n);
@@ -185,20 +195,18 @@ void Recorder::Sink::write_arm(Arm& arm, const ArmSample& sample, const CycleRec
   for (std::size_t i = 0; i < n; ++i) {
     command.limited[i] = sample.tau_cmd[i] != sample.tau_controllet[i] + sample.tau_feature[i];
   }
-  writer_.write(arm.command_channel, time, command);
+  writer_.write(arm.command_channel, log_time(record.t), command);
+}
 
-  if (sample.has_wrench_estimate || sample.has_contact_truth) {
-    msg::ArmWrench& wrench = arm.wrench;
-    wrench.stamp = stamp;
-    wrench.cycle = record.cycle;
-    wrench.has_estimate = sample.has_wrench_estimate;
-    wrench.has_contact_truth = sample.has_contact_truth;
-    wrench.estimated = sample.has_wrench_estimate ? to_message(sample.F_K_W_est) : msg::Wrench{};
-    wrench.contact = sample.has_contact_truth ? to_message(sample.F_K_W_true) : msg::Wrench{};
-    writer_.write(arm.wrench_channel, time, wrench);
-  }
-  // By cycle number, not by count: the same cycles in every run, even if records are lost.
-  if (arm.terms && (record.cycle - 1) % options_.model_every == 0) write_model(arm, sample, record);
+void Recorder::Sink::write_wrench(Arm& arm, const ArmSample& sample, const CycleRecord& record) {
+  msg::ArmWrench& wrench = arm.wrench;
+  wrench.stamp = to_time(record.t.ns);
+  wrench.cycle = record.cycle;
+  wrench.has_estimate = sample.has_wrench_estimate;
+  wrench.has_contact_truth = sample.has_contact_truth;
+  wrench.estimated = sample.has_wrench_estimate ? to_message(sample.F_K_W_est) : msg::Wrench{};
+  wrench.contact = sample.has_contact_truth ? to_message(sample.F_K_W_true) : msg::Wrench{};
+  writer_.write(arm.wrench_channel, log_time(record.t), wrench);
 }
 
 void Recorder::Sink::write_model(Arm& arm, const ArmSample& sample, const CycleRecord& record) {

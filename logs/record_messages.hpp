@@ -25,6 +25,7 @@ class Recorder::Sink {
 
   void write(const CycleRecord& record);
   void write(const Event& event);
+  void write(const EpisodeMark& mark);
   void write_missing(const RecorderStatus& status);  // the metadata record "missing"
 
   McapWriter& writer() { return writer_; }
@@ -49,6 +50,8 @@ class Recorder::Sink {
   void describe(const RecorderOptions& options);
   void note_gap(const CycleRecord& record);
   void write_arm(Arm& arm, const ArmSample& sample, const CycleRecord& record);
+  void write_command(Arm& arm, const ArmSample& sample, const CycleRecord& record);
+  void write_wrench(Arm& arm, const ArmSample& sample, const CycleRecord& record);
   void write_model(Arm& arm, const ArmSample& sample, const CycleRecord& record);
   void write_references(const CycleRecord& record);
   void write_outputs(const CycleRecord& record);

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <csignal>
 #include <ctime>
+#include <limits>
 #include <pthread.h>
 
 #include "logs/record_messages.hpp"
@@ -66,6 +67,7 @@ bool Recorder::drain() {
       sink_->write(*event);
       ring_.events.pop();
     }
+    write_marks(record->cycle);
     sink_->write(*record);
     ring_.ring.pop();
     sink_->writer().flush_if_due();
@@ -73,6 +75,17 @@ bool Recorder::drain() {
     if (sink_->cycles() % 1024 == 0) break;  // check status and stop regularly
   }
   return any;
+}
+
+void Recorder::mark(const EpisodeMark& mark) {
+  const std::lock_guard lock(marks_mutex_);
+  marks_.push_back(mark);
+}
+
+// Those that belong before the record of cycle `before`.
+void Recorder::write_marks(std::uint64_t before) {
+  const std::lock_guard lock(marks_mutex_);
+  for (; !marks_.empty() && marks_.front().cycle < before; marks_.pop_front()) sink_->write(marks_.front());
 }
 
 void Recorder::publish_status() {
@@ -98,6 +111,7 @@ RecorderStatus Recorder::stop() {
     sink_->write(*event);
     ring_.events.pop();
   }
+  write_marks(std::numeric_limits<std::uint64_t>::max());
   sink_->writer().flush();
   publish_status();
   sink_->write_missing(status());

@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <deque>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -13,6 +14,7 @@
 #include "core/model/arm_model.hpp"
 #include "core/record/cycle_record.hpp"
 #include "core/state/arm_state.hpp"
+#include "logs/log_choice.hpp"
 #include "logs/mcap_writer.hpp"
 
 namespace multipanda {
@@ -25,7 +27,7 @@ struct RecordedArm {
 };
 
 struct RecorderOptions {
-  std::uint64_t model_every = 10;  // cycles between two model summaries; 0: none
+  LogEvery every;
   std::int64_t log_time_offset_ns =
       0;  // added to loop times; 0 in simulation, so that equal runs give equal logs
   std::map<std::string, std::string> info;    // into the metadata record "run": scene, seed, versions, ...
@@ -56,6 +58,9 @@ class Recorder {
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
+  // Any thread but the loop's, which must not wait for it. Written after the record of its cycle.
+  void mark(const EpisodeMark& mark);
+
   // Any thread but the loop's. At most about 50 ms old during recording.
   RecorderStatus status() const;
 
@@ -66,12 +71,15 @@ class Recorder {
   class Sink;
   void run();
   bool drain();
+  void write_marks(std::uint64_t before);
   void publish_status();
 
   RecordRing& ring_;
   std::unique_ptr<Sink> sink_;
   mutable std::mutex status_mutex_;
   RecorderStatus status_;
+  std::mutex marks_mutex_;
+  std::deque<EpisodeMark> marks_;  // not yet written
   std::atomic<bool> stopping_{false};
   std::thread thread_;
 };

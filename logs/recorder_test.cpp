@@ -214,7 +214,7 @@ TEST(Recorder, ModelSummary) {
   const TestFolder folder;
   const auto log = folder / "log.mcap";
   RecordRing ring(layout, 64);
-  Recorder recorder(log, layout, ring, {arm}, {.model_every = 10});
+  Recorder recorder(log, layout, ring, {arm}, {.every = {.model = 10}});
   for (std::uint64_t cycle = 1; cycle <= 31; ++cycle) {
     CycleRecord* record = ring.ring.back();
     ASSERT_NE(record, nullptr);

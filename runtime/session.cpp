@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
+
+#include <fmt/format.h>
 
 #include "backends/simulation_view.hpp"
 #include "runtime/reach.hpp"
@@ -97,13 +100,31 @@ void Session::build() {
   for (const auto& text : early_news_) monitor_->add_news(text);
 }
 
+// Not fatal: a run without shared memory still has its socket.
+void Session::share_records() {
+  std::vector<ArmFrames> frames;
+  for (const auto& arm : scene_.arms) frames.push_back(arm_config(arm).frames);
+  try {
+    shared_ = std::make_unique<SharedRecords>(scene_.name, cycle_->layout(), models_, frames);
+    events_.emplace(cycle_->layout());
+  } catch (const std::runtime_error& error) {
+    monitor_->add_news(std::string("no records are shared with other programs: ") + error.what());
+  }
+}
+
 void Session::open_socket() {
+  share_records();
   LiveInputContext context{.scene = scene_.name,
                            .modes = &modes(),
                            .backend = backend_.backend.get(),
                            .latest = &latest_,
                            .models = models_,
-                           .rotations = {}};
+                           .rotations = {},
+                           .records = shared_.get(),
+                           .mark = [this](const EpisodeMark& mark) {
+                             const std::lock_guard lock(marks_mutex_);
+                             marks_.push_back(mark);
+                           }};
   for (const auto& object : scene_.objects) context.rotations.emplace(object.name, object.X_WO.rotation);
   for (const auto& arm : scene_.arms) context.flanges.push_back(flange_load(arm));
   try {
@@ -131,7 +152,7 @@ void Session::start() {
           {.model = models_[i], .frames = config.frames, .tool = config.tool, .load = config.load});
     }
     RecorderOptions recorder_options;
-    recorder_options.model_every = options_.model_every;
+    recorder_options.every = options_.log_every;
     recorder_options.info = describe_machine();
     recorder_options.info["scene"] = scene_.name;
     recorder_options.info["scene_path"] = scene_.path;
@@ -139,6 +160,8 @@ void Session::start() {
     recorder_options.info["plant"] = scene_.plant.name;
     recorder_options.info["backend"] = backend_.description;
     recorder_options.info["paced"] = options_.paced ? "true" : "false";
+    if (const std::string every = recorder_options.every.text(); !every.empty())
+      recorder_options.info["log_every"] = every;
     recorder_options.attachments.push_back(
         {.name = "scene.yaml", .media_type = "application/yaml", .data = scene_.text});
     recorder_ = std::make_unique<Recorder>(log_, cycle_->layout(), *log_ring_, std::move(arms),
@@ -218,7 +241,7 @@ bool Session::is_over(const Tick& tick) {
     end_ = RunEnd::stopped;
   }
   if (closing_) return tick.t >= close_at_ || host_now() >= close_by_;
-  const auto period = std::chrono::nanoseconds(static_cast<std::int64_t>(backend().period() * 1e9 + 0.5));
+  const auto period = std::chrono::nanoseconds(std::llround(backend().period() * 1e9));
   if (duration_s_ > 0 &&
       (tick.t - first_) + period >= std::chrono::nanoseconds(LoopTime::from_seconds(duration_s_).ns)) {
     end_ = RunEnd::duration;
@@ -245,11 +268,12 @@ void Session::run_relay() {
   monitor_->publish();
 }
 
-// With an adapter the relay sleeps until the next record is expected and then polls often; without, it may
-// take several records at once.
+// For an adapter and for readers of the shared records the relay sleeps until the next record is expected and
+// then polls often; without, it may take several records at once.
 void Session::wait_for_records() {
   constexpr auto kLook = std::chrono::microseconds(100);
-  if (!adapter_ || !options_.paced) return sleep_us(options_.paced ? 2000 : 200);
+  const bool prompt = adapter_ || (live_ && live_->record_readers() > 0);
+  if (!prompt || !options_.paced) return sleep_us(options_.paced ? 2000 : 200);
   const auto expected =
       last_record_ + std::chrono::nanoseconds(static_cast<std::int64_t>(backend().period() * 0.95e9));
   const auto now = host_now();
@@ -257,56 +281,104 @@ void Session::wait_for_records() {
                                              : kLook);
 }
 
-// Relays all available records. In an unpaced run a full log ring stops the relay and thereby the loop; in a
-// paced run the record is counted as lost. Events come first, but logs contain both orders.
+// Relays what is there, in the loop's order: events before the record of their cycle. Events that are left
+// without a record have it still to come. In an unpaced run a full log ring stops the relay and thereby the
+// loop; in a paced run the record is counted as lost.
 bool Session::relay() {
+  constexpr int kPerTurn = 256;
   RecordRing& ring = *cycle_->record();
-  bool busy = false;
-  while (const Event* event = ring.events.front()) {
-    busy = true;
-    monitor_->take(*event);
-    reflexes_->take(*event);
-    if (live_) latest_.take(*event);
-    if (adapter_) adapter_->take(*event);
-    if (log_ring_) {
-      while (!options_.paced && log_ring_->events.size() == log_ring_->events.capacity()) sleep_us(50);
-      if (!log_ring_->events.push(*event)) ++log_ring_->dropped_events;
+  int taken = 0;
+  relay_marks();
+  const auto relay_events = [&](std::uint64_t until) {
+    for (const Event* event = ring.events.front(); event != nullptr && event->cycle <= until;
+         event = ring.events.front()) {
+      relay(*event);
+      ring.events.pop();
+      ++taken;
     }
-    ring.events.pop();
-  }
-  for (int n = 0; n < 256; ++n) {  // then events again
+  };
+  for (int n = 0; n < kPerTurn; ++n) {
     const CycleRecord* record = ring.ring.front();
-    if (record == nullptr) break;
-    busy = true;
-    monitor_->take(*record);
-    if (live_) latest_.take(*record);
-    explain_errors(*record);
-    if (adapter_) adapter_->take(*record);
-    if (options_.observer) options_.observer(*record);
-    last_record_ = record->start;
-    if (log_ring_) {
-      while (!options_.paced && log_ring_->ring.size() == log_ring_->ring.capacity()) sleep_us(50);
-      if (!log_ring_->ring.push(*record)) ++log_ring_->dropped_records;
+    if (record == nullptr) {
+      // Looked at again after the event: by then the records of the cycles before it are visible.
+      const Event* event = ring.events.front();
+      if (event != nullptr && ring.ring.front() == nullptr) relay_events(event->cycle);
+      break;
     }
+    relay_events(record->cycle);
+    relay(*record);
     ring.ring.pop();
+    ++taken;
   }
-  if (log_ring_) {  // records that the loop dropped are missing in the log, too
-    const auto lost = ring.dropped_records.exchange(0), lost_events = ring.dropped_events.exchange(0);
+  // Records that the loop dropped are missing elsewhere, too.
+  const auto lost = ring.dropped_records.exchange(0), lost_events = ring.dropped_events.exchange(0);
+  records_lost_ += lost;
+  if (shared_) shared_->count_lost(lost, lost_events);
+  if (log_ring_) {
     log_ring_->dropped_records += lost;
     log_ring_->dropped_events += lost_events;
   }
-  return busy;
+  return taken > 0;
+}
+
+void Session::relay_marks() {
+  std::vector<EpisodeMark> marks;
+  {
+    const std::lock_guard lock(marks_mutex_);
+    marks.swap(marks_);
+  }
+  for (const EpisodeMark& mark : marks) {
+    const std::string text = fmt::format("episode {}: {}", mark.episode, to_string(mark.kind));
+    monitor_->add_news(text);
+    if (shared_)
+      shared_->take(RunEvent{.cycle = mark.cycle, .t = mark.t, .kind = "episode", .arm = "", .text = text});
+    if (recorder_) recorder_->mark(mark);
+  }
+}
+
+void Session::relay(const Event& event) {
+  monitor_->take(event);
+  reflexes_->take(event);
+  if (live_) latest_.take(event);
+  if (shared_) {
+    shared_->take(event);
+    for (const RunEvent& seen : events_->take(event)) shared_->take(seen);
+  }
+  if (adapter_) adapter_->take(event);
+  if (!log_ring_) return;
+  while (!options_.paced && log_ring_->events.size() == log_ring_->events.capacity()) sleep_us(50);
+  if (!log_ring_->events.push(event)) ++log_ring_->dropped_events;
+}
+
+void Session::relay(const CycleRecord& record) {
+  monitor_->take(record);
+  if (live_) latest_.take(record);
+  const auto reports = explain_errors(record);
+  if (shared_) {
+    shared_->take(record, modes().stopped());
+    std::map<std::string, std::string> reasons;
+    for (const auto& report : reports) reasons.emplace(report.arm, report.reason());
+    for (const RunEvent& seen : events_->take(record, reasons)) shared_->take(seen);
+  }
+  reflex_reports_.insert(reflex_reports_.end(), reports.begin(), reports.end());
+  if (adapter_) adapter_->take(record);
+  if (options_.observer) options_.observer(record);
+  last_record_ = record.start;
+  if (!log_ring_) return;
+  while (!options_.paced && log_ring_->ring.size() == log_ring_->ring.capacity()) sleep_us(50);
+  if (!log_ring_->ring.push(record)) ++log_ring_->dropped_records;
 }
 
 // Reports an arm that stopped itself at once, with its explanation.
-void Session::explain_errors(const CycleRecord& record) {
-  for (auto& report : reflexes_->take(record)) {
+std::vector<ReflexReport> Session::explain_errors(const CycleRecord& record) {
+  auto reports = reflexes_->take(record);
+  for (const auto& report : reports) {
     for (ArmIndex arm = 0; arm < modes().arm_count(); ++arm) {
       if (modes().arm_name(arm) == report.arm) latest_.take_stop_reason(arm, report.reason());
     }
     for (const auto& line : report.lines()) monitor_->add_news(line);
-    reflex_reports_.push_back(std::move(report));
   }
+  return reports;
 }
 
 // --- the owner's thread ---
@@ -333,6 +405,7 @@ RunSummary Session::finish() {
   relay_.join();
   live_.reset();
   adapter_.reset();
+  relay_marks();  // those that came after the last cycle
   if (recorder_) recorded_ = recorder_->stop();
   if (failure_) std::rethrow_exception(failure_);
   return summary();
@@ -377,7 +450,7 @@ RunSummary Session::summary() {
       summary.interventions.push_back(std::move(report));
     }
   }
-  summary.records_lost = recorder_ ? recorded_.cycles_lost : cycle_->record()->dropped_records.load();
+  summary.records_lost = recorder_ ? recorded_.cycles_lost : records_lost_;
   if (recorder_) summary.missing = recorded_.missing();
   summary.log = log_;
   if (!problem_.empty()) summary.problems.push_back(problem_);

@@ -19,6 +19,7 @@
 #include "runtime/reflex_watch.hpp"
 #include "runtime/run_adapter.hpp"
 #include "runtime/run_monitor.hpp"
+#include "runtime/shared_records/shared_records.hpp"
 #include "runtime/summary.hpp"
 #include "scene/scene.hpp"
 
@@ -42,7 +43,7 @@ struct SessionOptions {
   // Called between two steps on the loop's thread, to read the world (objects of a simulation). It must
   // neither block nor throw.
   std::function<void(const Tick&, const Backend&)> on_loop;
-  std::uint64_t model_every = 10;  // cycles between two model summaries in the log
+  LogEvery log_every;  // how often the log has what
   // Replaces the backend. Its loop time must advance by its own period per step.
   std::function<std::unique_ptr<Backend>(const Scene&)> make_backend;
 };
@@ -88,6 +89,7 @@ class Session {
   void build();
   void open_log();
   void open_socket();
+  void share_records();
   void run_loop();
   void leave_arms_safe() noexcept;
   bool keep_on();
@@ -96,7 +98,10 @@ class Session {
   void run_relay();
   bool relay();
   void wait_for_records();
-  void explain_errors(const CycleRecord& record);
+  void relay_marks();
+  void relay(const Event& event);
+  void relay(const CycleRecord& record);
+  std::vector<ReflexReport> explain_errors(const CycleRecord& record);
   RunSummary summary();
 
   const Scene scene_;
@@ -110,6 +115,7 @@ class Session {
   std::vector<std::string> early_news_;  // reported by the backend before the monitor existed
   std::unique_ptr<RunMonitor> monitor_;
   LatestState latest_;
+  std::unique_ptr<SharedRecords> shared_;  // with a socket; none: not on this computer
 
   std::filesystem::path directory_, log_;
   std::unique_ptr<RecordRing> log_ring_;  // relay -> recorder
@@ -117,9 +123,11 @@ class Session {
   RecorderStatus recorded_;
 
   // Relay thread
+  std::optional<RunEvents> events_;  // to share
   std::unique_ptr<ReflexWatch> reflexes_;
   std::vector<ReflexReport> reflex_reports_;
-  HostTime last_record_;  // start of the newest record's cycle
+  HostTime last_record_;            // start of the newest record's cycle
+  std::uint64_t records_lost_ = 0;  // dropped by the loop
 
   // Loop thread
   bool closing_ = false;
@@ -132,6 +140,9 @@ class Session {
   std::vector<std::optional<ConnectionStatistics>> connections_at_end_;  // before the backend was finished
   std::string problem_;
   HostTime started_, ended_;
+
+  std::mutex marks_mutex_;
+  std::vector<EpisodeMark> marks_;  // from live input, not yet relayed
 
   std::unique_ptr<LiveServer> live_;     // uses all of the above
   std::unique_ptr<RunAdapter> adapter_;  // as well

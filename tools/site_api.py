@@ -13,12 +13,17 @@ PAGES = {
     "runs": Page(
         "Runs",
         "Starts a scene or attaches to one, and commands it.",
-        ("run", "play", "connect", "Run", "Client", "Summary", "RunState", "Event", "running_sockets", "program_path"),
+        ("run", "play", "connect", "Run", "Client", "Summary", "RunState", "running_sockets", "program_path"),
     ),
     "arms": Page(
         "Arms",
         "One arm of a run, its state and its gripper. Units are in the names: meters, radians, seconds, newtons.",
         ("Arm", "ArmState", "Pose", "Gripper", "GripperState", "Vacuum"),
+    ),
+    "records": Page(
+        "Records and events",
+        "Every cycle and every event of a run, from shared memory; episodes mark attempts at a task.",
+        ("Record", "Records", "History", "Event", "Events", "Episode", "LoggedEpisode"),
     ),
     "controllets": Page(
         "Controllets",

@@ -44,6 +44,19 @@ struct Recorded {
   std::map<std::string, msg::ArmConfig> configs;
 };
 
+// A log that leaves out states or commands on purpose would be replayed in leaps.
+void check_whole(const std::filesystem::path& log, const McapReader& reader) {
+  for (const auto& metadata : reader.metadata()) {
+    const auto every = metadata.values.find("log_every");
+    if (metadata.name != "run" || every == metadata.values.end()) continue;
+    if (every->second.find("state=") == std::string::npos &&
+        every->second.find("command=") == std::string::npos)
+      continue;
+    throw std::runtime_error(log.string() + ": it was recorded with --log-every " + every->second +
+                             "; replaying needs the state and command of every cycle");
+  }
+}
+
 std::map<std::uint64_t, Recorded> gather(const std::filesystem::path& log) {
   std::map<std::uint64_t, Recorded> cycles;
   McapReader reader(log);
@@ -66,6 +79,7 @@ std::map<std::uint64_t, Recorded> gather(const std::filesystem::path& log) {
       take(&Recorded::configs);
     }
   }
+  check_whole(log, reader);
   return cycles;
 }
 

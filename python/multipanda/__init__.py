@@ -15,13 +15,15 @@ from .client import Client, connect
 from .commands import Report, compare, experiment, identify, refine, report
 from .connection import running_sockets
 from .controllet import Controllet
+from .episode import Episode, LoggedEpisode
 from .errors import Disconnected, Error, ProgramMissing, Refused, Timeout, VersionMismatch
-from .events import Event
+from .follow import Event, Events, Records
 from .goal import Goal
 from .log import Log, read_log
 from .notebook import live_table
 from .parameters import Parameter
 from .program import program_path
+from .record import History, Record
 from .started import Run, Summary, play, run
 from .state import ArmState, GripperState, Pose, RunState
 from .stream import Stream
@@ -34,15 +36,21 @@ __all__ = [
     "Client",
     "Controllet",
     "Disconnected",
+    "Episode",
     "Error",
     "Event",
+    "Events",
+    "History",
     "Goal",
     "Gripper",
     "GripperState",
     "Log",
+    "LoggedEpisode",
     "Parameter",
     "Pose",
     "ProgramMissing",
+    "Record",
+    "Records",
     "Refused",
     "Report",
     "Run",

@@ -140,8 +140,8 @@ class Arm:
 
     @property
     def state(self) -> ArmState:
-        """The newest state."""
-        return self.client.state().arms[self.name]
+        """The newest state, not older than what this client was answered."""
+        return self.client.arm_state(self.name)
 
     def stop(self) -> None:
         """Holds this arm from the next cycle on until resume(). Not a safety-rated stop."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import queue
+import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from types import TracebackType
@@ -12,16 +13,20 @@ from typing import Any
 from .arm import Arm
 from .connection import Connection, Json, only_running_socket, socket_folder
 from .controllet import Controllet, make_controllet
-from .errors import Error, Timeout
-from .events import Event, changes
+from .episode import Episode
+from .errors import Error, Refused, Timeout
+from .follow import Events, Records
 from .program import check_version
-from .state import RunState, run_state
+from .record import History, Record
+from .shared import SharedRecords
+from .state import ArmState, RunState, run_state
 from .stream import Stream
 
 Names = str | Iterable[str]
 
 _FIRST_CYCLE_S = 60  # a real arm may take a while to begin
 _CATCH_UP_S = 1  # the state is published beside the loop, a moment after the answer
+_OLD_NS = 1_000_000_000  # records so old are of a run that stands still: it is asked why
 
 
 def _names(names: Names) -> list[str]:
@@ -50,6 +55,10 @@ class Client:
         self.connection = connection
         self._commanded: set[str] = set()
         self._answered = 0  # newest cycle of an answer
+        self._answered_ns = 0  # time of the newest answer
+        self._shared: SharedRecords | None = None
+        self._not_shared: Refused | None = None
+        self._sharing = threading.Lock()
         self.streaming: dict[str, Stream] = {}  # by controllet: whose sample was the last set-point
         try:
             listing = connection.ask({"do": "list"})
@@ -84,6 +93,7 @@ class Client:
         """Sends any request of docs/live_input.md and returns its answer; waits for it for timeout_s [s]."""
         answer = self.connection.ask(request, timeout_s)
         self._answered = max(self._answered, int(answer.get("cycle", 0)))
+        self._answered_ns = time.monotonic_ns()
         return answer
 
     def listing(self) -> Json:
@@ -108,8 +118,86 @@ class Client:
         """Names of the controllets that own arms now."""
         return [entry["name"] for entry in self.listing()["controllets"] if entry["active"]]
 
+    def shared(self) -> SharedRecords:
+        """The run's records in shared memory, mapped at the first call. Raises Refused if it shares none."""
+        if self._shared is not None:
+            return self._shared
+        with self._sharing:
+            if self._not_shared is not None:
+                raise self._not_shared
+            if self._shared is None:
+                self.connection.check()
+                try:
+                    self._shared = SharedRecords(self.connection.path)
+                except Refused as refused:
+                    self._not_shared = refused
+                    raise
+            return self._shared
+
+    def record(self) -> Record:
+        """The newest record of the loop: every number of one cycle. Waits for the first cycle."""
+        shared, deadline = self.shared(), time.monotonic() + _FIRST_CYCLE_S
+        while (record := shared.newest()) is None:
+            if shared.ended:
+                self.connection.check()
+            if time.monotonic() > deadline:
+                raise Timeout(f"the run made no cycle within {_FIRST_CYCLE_S} s", "see its messages")
+            time.sleep(0.001)
+        return record
+
+    def records(self) -> Records:
+        """Every record from now on, until the run ends or the loop is left. `lost` counts what a slow reader missed.
+
+        for record in run.records(): print(record.cycle, record["left/q_rad"])
+        """
+        return Records(self.shared())
+
+    def episode(self) -> Episode:
+        """Begins an attempt at a task, which the log marks with its outcome.
+
+        with run.episode() as episode: ...    success at the end, failure by an exception; or episode.discard()
+
+        Raises:
+            Refused: The episode before it is not judged yet.
+            Timeout: The run did not answer.
+            Disconnected: The run has ended.
+        """
+        return Episode(self)
+
+    def history(self, seconds: float = 1) -> History:
+        """The newest records as arrays, one row per cycle: run.history(0.5)["left/q_rad"]. At least 2 s are kept."""
+        shared, rows = self.shared(), self.shared().block(1)
+        period_s = float(Record(shared.layout, rows[-1])["period_s"][0]) if len(rows) else 1e-3
+        return History(shared.layout, shared.block(max(1, round(seconds / max(period_s, 1e-4)))))
+
+    def _fresh(self, arm: str | None) -> Record | None:
+        """The newest record if it says all that there is to know about an arm, or about all."""
+        self.connection.check()
+        if self._shared is None:
+            if self._not_shared is not None:
+                return None
+            try:
+                self.shared()
+            except Refused:
+                return None
+        assert self._shared is not None
+        record = self._shared.newest()
+        if record is None or record.errors(arm):  # why is text, which comes by request
+            return None
+        start_ns = record.start_ns
+        return record if self._answered_ns <= start_ns > time.monotonic_ns() - _OLD_NS else None
+
+    def arm_state(self, arm: str) -> ArmState:
+        """The newest state of one arm, as state() has it."""
+        record = self._fresh(arm)
+        return self._asked_state().arms[arm] if record is None else record.arm(arm)
+
     def state(self) -> RunState:
         """The newest state of all arms, not older than what this client was answered. Waits for the first cycle."""
+        record = self._fresh(None)
+        return self._asked_state() if record is None else record.state(self.shared().rate_hz())
+
+    def _asked_state(self) -> RunState:
         now = time.monotonic()
         deadline, soon = now + _FIRST_CYCLE_S, now + _CATCH_UP_S
         while True:
@@ -161,16 +249,13 @@ class Client:
         finally:
             own.close()
 
-    def events(self, rate_hz: float = 50) -> Iterator[Event]:
-        """What changes: owners, errors, stops, interventions, grasps; seen at `rate_hz`, until the run ends.
+    def events(self) -> Events:
+        """What happens from now on, until the run ends: switches, errors, contacts, interventions, stops, grasps.
 
-        The log has each of them with its exact cycle, also those that come and go between two looks.
+        None is missing that comes and goes between two looks; `lost` counts what a reader missed that did not look for
+        long. docs/shared_records.md lists the kinds.
         """
-        before: RunState | None = None
-        for state in self.states(rate_hz):
-            if before is not None:
-                yield from changes(before, state)
-            before = state
+        return Events(self.shared())
 
     def place(self, name: str, position_m: Any, quaternion_wxyz: Any = None) -> None:
         """Simulation: places a free object.
@@ -200,6 +285,8 @@ class Client:
     def close(self) -> None:
         """Closes the connection; streams of this client fall silent."""
         self.connection.close()
+        if self._shared is not None:
+            self._shared.close()
 
     def __enter__(self) -> Client:
         return self

@@ -131,6 +131,13 @@ class Connection:
         if future is not None:
             future.set_result(answer)
 
+    def check(self) -> None:
+        """Raises Disconnected if this connection has ended, or belongs to another process."""
+        if os.getpid() != self.process:
+            raise Disconnected("this process was forked from the one that has the connection", "mp.connect() here")
+        if self._ended is not None:
+            raise self._gone()
+
     def listen(self, kind: str, number: int, listener: Callable[[Json], None]) -> None:
         """Calls `listener` with each line of a subscription or a channel, on the thread of the answers."""
         with self._lock:
@@ -158,8 +165,7 @@ class Connection:
 
     def post(self, request: Json, on_id: Callable[[int], None] | None = None) -> Future[Json]:
         """Sends a request. The future has the answer, refused or not."""
-        if os.getpid() != self.process:
-            raise Disconnected("this process was forked from the one that has the connection", "mp.connect() here")
+        self.check()
         future: Future[Json] = Future()
         number = next(self._ids)
         if on_id is not None:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .episode import LoggedEpisode, logged_episodes
 from .errors import Error, Refused
 from .program import call, last_lines
 
@@ -149,6 +150,13 @@ class Log(Mapping[str, Values]):
     def events(self) -> list[dict[str, Any]]:
         """Parameters, features, targets, stops, modes of arms, lost records."""
         return self.messages("events")
+
+    @property
+    def episodes(self) -> list[LoggedEpisode]:
+        """The attempts at a task that were marked by run.episode()."""
+        if "events/json" not in self._members:
+            return []
+        return logged_episodes([float(t) for t in self["events/t"]], self.events)
 
     @property
     def interventions(self) -> list[dict[str, Any]]:

@@ -22,6 +22,7 @@ from .errors import Disconnected, Error, Refused, Timeout, VersionMismatch
 from .program import checked_program, last_lines
 
 _NUMBERS = itertools.count(1)
+_EVERY_CYCLE: Mapping[str, int] = {}
 _CHILDREN: weakref.WeakSet[Process] = weakref.WeakSet()
 
 
@@ -264,7 +265,7 @@ class Run(Client):
         try:
             code = self._end_process()
         finally:
-            self.connection.close()
+            super().close()
         self.summary = _summary(self.process, code)
 
     def __enter__(self) -> Run:
@@ -288,6 +289,7 @@ def _words(
     address: Mapping[str, str] | None,
     backend: str | None,
     record: str | os.PathLike[str] | None,
+    log_every: int | Mapping[str, int],
     seconds: float | None,
     fast: bool,
 ) -> list[str]:
@@ -298,6 +300,9 @@ def _words(
         words += ["--address", f"{arm}={where}"]
     if record is not None:
         words += ["--record", os.fspath(record)]
+    choices = {"all": log_every} if isinstance(log_every, int) else log_every
+    for group, every in choices.items():
+        words += ["--log-every", f"{group}={every}"]
     if seconds is not None:
         words += ["--seconds", f"{seconds:g}"]
     if fast:
@@ -311,6 +316,7 @@ def play(
     address: Mapping[str, str] | None = None,
     backend: str | None = None,
     record: str | os.PathLike[str] | None = None,
+    log_every: int | Mapping[str, int] = _EVERY_CYCLE,
     seconds: float | None = None,
     fast: bool = True,
     arguments: Sequence[str] = (),
@@ -325,6 +331,8 @@ def play(
         address: The real arms' addresses by name.
         backend: Whose arms: `mujoco`, `virtual`, `fci`; by default as in the scene.
         record: Folder in which the log's folder is made.
+        log_every: What the log has of every Nth cycle only, or never (0): {"state": 10, "timing": 0}, or one number
+            for all. Events, switches, interventions and episodes are always whole.
         seconds: Duration [s]; by default that of the scene.
         fast: As fast as possible instead of in real time.
         arguments: More options of `multipanda run`.
@@ -339,7 +347,7 @@ def play(
         VersionMismatch: The program is of another version.
         Error: It ended without a summary.
     """
-    process = Process([*_words(scene, address, backend, record, seconds, fast), *arguments])
+    process = Process([*_words(scene, address, backend, record, log_every, seconds, fast), *arguments])
     try:
         code = process.child.wait()
     finally:
@@ -355,6 +363,7 @@ def run(
     address: Mapping[str, str] | None = None,
     backend: str | None = None,
     record: str | os.PathLike[str] | None = None,
+    log_every: int | Mapping[str, int] = _EVERY_CYCLE,
     seconds: float | None = None,
     timeline: bool = False,
     fast: bool = False,
@@ -371,6 +380,8 @@ def run(
         address: The real arms' addresses by name; arms without one are simulated unless the scene says otherwise.
         backend: Whose arms: `mujoco`, `virtual`, `fci`; by default as in the scene.
         record: Folder in which the log's folder is made.
+        log_every: What the log has of every Nth cycle only, or never (0): {"state": 10, "timing": 0}, or one number
+            for all. Events, switches, interventions and episodes are always whole.
         seconds: Loop time after which it ends by itself [s].
         timeline: Also plays the scene's timeline; by default the scene waits for commands.
         fast: As fast as possible instead of in real time, until it is closed.
@@ -392,7 +403,7 @@ def run(
         raise ValueError(
             "run: with fast=True it could be over before it can be commanded: use mp.play(), or fast alone"
         )
-    words = _words(scene, address, backend, record, 1e6 if fast else seconds, fast)
+    words = _words(scene, address, backend, record, log_every, 1e6 if fast else seconds, fast)
     if not timeline:
         words.append("--no-timeline")
     if cpu is not None:

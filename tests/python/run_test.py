@@ -126,7 +126,7 @@ class Leaving(unittest.TestCase):
 
             sent, other.connection._socket = other.connection._socket, Interrupted()
             with self.assertRaises(KeyboardInterrupt):
-                other.state()
+                other.ask({"do": "state"})
             other.connection._socket = sent
             with self.assertRaises(mp.Disconnected):
                 other.state()
