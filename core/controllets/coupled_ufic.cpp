@@ -102,19 +102,20 @@ class CoupledUfic final : public Controllet {
 
     update_energy_balance(context, frame, settings);
     if (!follow_grasp(context, frame, settings, target)) return LawResult::fault;
-    const double set_point_work = move_springs(springs_now(settings, target), frame, settings, context, dt);
+    Vector12 V, V_d;
+    V << frame.absolute_velocity(first.terms->V_WE().vector, second.terms->V_WE().vector),
+        frame.relative_velocity(first.terms->V_WE().vector, second.terms->V_WE().vector);
+    const Matrix12 Lambda = frame.inertia(first.terms->task().Lambda, second.terms->task().Lambda);
+    const Matrix12 D = coupled_damping(Lambda, stiffness(settings, target), settings.absolute.damping_ratio);
+    const double set_point_work =
+        move_springs(springs_now(settings, target), frame, D * V, settings, context, dt);
     wait_for_hands(context, frame);
     const double s = springs_.scale;
     const Vector3& n = springs_.n;
 
-    Vector12 V, V_d;
-    V << frame.absolute_velocity(first.terms->V_WE().vector, second.terms->V_WE().vector),
-        frame.relative_velocity(first.terms->V_WE().vector, second.terms->V_WE().vector);
     V_d << target.V_d.vector, Vector6::Zero();
     V_d.segment<3>(6) = target.V_d.angular().cross(springs_.p_r_d) + grasp_.distance_rate_d() * n;
 
-    const Matrix12 Lambda = frame.inertia(first.terms->task().Lambda, second.terms->task().Lambda);
-    const Matrix12 D = coupled_damping(Lambda, stiffness(settings, target), settings.absolute.damping_ratio);
     Vector12 feedforward = D * V_d;
     if (settings.absolute.acceleration_feedforward) {
       feedforward += Lambda.leftCols<6>() * target.A_d.vector;
@@ -145,9 +146,7 @@ class CoupledUfic final : public Controllet {
       OwnedArm& arm = context.arms[i];
       const Jacobian& J = arm.terms->J_V_WE();
       const auto joints = [&](const Vector12& F) -> JointVector {
-        const Vector6 F_E = i == 0 ? frame.first_wrench(F.head<6>(), F.tail<6>())
-                                   : frame.second_wrench(F.head<6>(), F.tail<6>());
-        return J.transpose().lazyProduct(F_E);
+        return J.transpose().lazyProduct(wrench_at(frame, F, i));
       };
       EnergyBalance& balance = balance_.arm(i);
       balance.open(kSpringPart, joints(spring));
@@ -197,6 +196,12 @@ class CoupledUfic final : public Controllet {
     return next;
   }
 
+  // At hand i, of a wrench of the absolute and the relative task.
+  static Vector6 wrench_at(const CooperativeFrame& frame, const Vector12& F, std::size_t i) {
+    return i == 0 ? frame.first_wrench(F.head<6>(), F.tail<6>())
+                  : frame.second_wrench(F.head<6>(), F.tail<6>());
+  }
+
   void update_energy_balance(const ControlContext& context, const CooperativeFrame& frame,
                              const Settings& settings) {
     const double energy = springs_.energy_at(frame);
@@ -208,9 +213,10 @@ class CoupledUfic final : public Controllet {
   // Moves the springs to new set-points, stiffness and valve. The tank supplies the energy that they gain and
   // receives the energy that they lose. The valve depends on the energy left after that, so both are solved
   // together: s = valve(T + s_before V_before - s V). Updated in turn, they would oscillate.
-  // The bounds for contact close the valve, too, so that the tanks' book stays complete.
-  double move_springs(Springs next, const CooperativeFrame& frame, const Settings& settings,
-                      const ControlContext& context, double dt) {
+  // The bounds for contact close the valve, too, so that the tanks' book stays complete; not because of what
+  // the damping takes of a pull anyway, or a push towards the set-point would let go of a carried object.
+  double move_springs(Springs next, const CooperativeFrame& frame, const Vector12& damping,
+                      const Settings& settings, const ControlContext& context, double dt) {
     const double before = springs_.scale * springs_.energy;
     next.energy = next.energy_at(frame);
     const auto valve_after = [&](double s) {
@@ -219,11 +225,11 @@ class CoupledUfic final : public Controllet {
       return after.valve(settings.tanks);
     };
     const Vector12 full = next.wrench(frame);
-    const auto bounded = [&](const Vector6& pull, std::size_t i) {
-      return bound_pull(context.contact, pull, Vector6::Zero(), context.arms[i].terms->V_WE().linear());
+    const auto at = [&](const Vector12& F, std::size_t i) { return wrench_at(frame, F, i); };
+    const auto bounded = [&](std::size_t i) {
+      return bound_pull(context.contact, at(full, i), at(damping, i), context.arms[i].terms->V_WE().linear());
     };
-    const BoundedPull first = bounded(frame.first_wrench(full.head<6>(), full.tail<6>()), 0);
-    const BoundedPull second = bounded(frame.second_wrench(full.head<6>(), full.tail<6>()), 1);
+    const BoundedPull first = bounded(0), second = bounded(1);
     spring_share_ =
         std::max({first.force_share, first.moment_share, second.force_share, second.moment_share});
     double high = std::min(1.0, springs_.scale + dt / Fade::kDuration), low = 0;
@@ -262,10 +268,7 @@ class CoupledUfic final : public Controllet {
   double feedforward_share(const ControlContext& context, const CooperativeFrame& frame,
                            const Vector12& spring, const Vector12& feedforward,
                            const Vector12& damping) const {
-    const auto at = [&](const Vector12& F, std::size_t i) -> Vector6 {
-      return i == 0 ? frame.first_wrench(F.head<6>(), F.tail<6>())
-                    : frame.second_wrench(F.head<6>(), F.tail<6>());
-    };
+    const auto at = [&](const Vector12& F, std::size_t i) { return wrench_at(frame, F, i); };
     double c = 1;
     for (std::size_t i = 0; i < 2; ++i) {
       const Vector6 base = at(spring, i), extra = at(feedforward, i), both = base + extra;

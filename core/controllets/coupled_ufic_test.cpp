@@ -348,6 +348,29 @@ TEST(CoupledUfic, EmptyTanksLeaveOnlyDamping) {
   }
 }
 
+// Somebody pushes both hands to their set-point, faster than a spring with bounds would: the damping takes
+// more than the spring gives, so neither the spring nor an object's weight has to be let go of.
+TEST(CoupledUfic, APushTowardsTheSetPointLetsGoOfNothing) {
+  Draw draw(112);
+  for (const ContactBounds& bounds : {ContactBounds{}, ContactBounds{0.1, 30, 10}}) {
+    for (int trial = 0; trial < 5; ++trial) {
+      Bench bench;
+      bench.rig.bound(bounds);
+      ASSERT_EQ(bench.rig.start(), LawResult::ok);
+      const Vector3 way = draw.vector3(1).normalized();
+      for (std::size_t i = 0; i < 2; ++i) {
+        const JointVector q = bent(i == 0 ? 7 : 6);
+        VectorXd twist = VectorXd::Zero(6);
+        twist.head<3>() = way;
+        const VectorXd along = least_squares(bench.plain[i].jacobian(q), twist);
+        bench.rig.place(i, q - 0.002 * along, 1.6 * bounds.hand_speed * along);
+      }
+      ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+      EXPECT_EQ(bench.number("alpha_i"), 0) << "trial " << trial;
+    }
+  }
+}
+
 // For any motion: the energy that arms and springs gain, the tanks lose. The test prescribes the motion of
 // the arms, so the work of the torques follows from their paths alone.
 TEST(CoupledUfic, TanksSupplyAllEnergyThatGoesIn) {

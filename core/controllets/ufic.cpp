@@ -136,15 +136,14 @@ class Ufic final : public Controllet {
     const ImpedanceGains gains = impedance_gains(parameters);
 
     update_energy_balance(context.arms, law);
-    const double set_point_work =
-        move_spring(target, gains, terms.X_WE(), terms.V_WE().linear(), context.contact, context.dt);
-    const double s = spring_.scale;
-
     // Impedance part
     const Vector6 V = terms.V_WE().vector;
     const Matrix6& Lambda = terms.task().Lambda;
+    const Matrix6 K = gains.stiffness(target.X_W_d.rotation).matrix();
+    const Matrix6 D = task_damping(Lambda, K, gains.damping_ratio);
+    const double set_point_work = move_spring(target, gains, terms.X_WE(), V, D * V, context);
+    const double s = spring_.scale;
     const Vector6 error = pose_error(target.X_W_d, terms.X_WE());
-    const Matrix6 D = task_damping(Lambda, spring_.stiffness.matrix(), gains.damping_ratio);
     const Vector6 spring = s * spring_wrench(spring_.stiffness, error);
     Vector6 feedforward = s * (D * target.V_d.vector);
     if (gains.acceleration_feedforward) feedforward.noalias() += s * (Lambda * target.A_d.vector);
@@ -264,15 +263,16 @@ class Ufic final : public Controllet {
 
   // Moves the spring to the new set-point, stiffness and valve. The tank supplies the energy that the spring
   // gains; if it cannot, the spring is scaled down. Returns the supplied work [J].
-  // Its bound for contact closes the valve, too, so that the tanks' book stays complete.
+  // Its bound for contact closes the valve, too, so that the tanks' book stays complete; not because of what
+  // the damping takes of the pull anyway: somebody who pushes the hand to its set-point takes nothing away.
   double move_spring(const CartesianTarget& target, const ImpedanceGains& gains, const Pose& X,
-                     const Vector3& v, const ContactBounds& contact, double dt) {
+                     const Vector6& V, const Vector6& damping, const ControlContext& context) {
     const double before = spring_.scale * spring_.energy;
     SpringState next{gains.stiffness(target.X_W_d.rotation), target.X_W_d, 0, 0};
     next.energy = next.energy_at(X);
-    next.scale = std::min(balance_.impedance.valve(limits_), spring_.scale + dt / Fade::kDuration);
+    next.scale = std::min(balance_.impedance.valve(limits_), spring_.scale + context.dt / Fade::kDuration);
     const Vector6 full = spring_wrench(next.stiffness, pose_error(target.X_W_d, X));
-    const BoundedPull bounded = bound_pull(contact, full, Vector6::Zero(), v);
+    const BoundedPull bounded = bound_pull(context.contact, full, damping, V.head<3>());
     spring_share_ = std::max(bounded.force_share, bounded.moment_share);
     next.scale = std::min(next.scale, bounded.factor());
     const double available = std::max(0.0, balance_.impedance.energy() - limits_.min_j);
