@@ -54,7 +54,7 @@ void SafetyStage::track_limits(std::size_t arm, const ArmState& state, ModelTerm
     known = held ? beyond : std::min(known, beyond);
   };
   const ArmLimits& joints = a.limits.joints;
-  for (Eigen::Index i = 0; i < state.q.size() && i < a.joints_beyond.size(); ++i) {
+  for (Eigen::Index i = 0; i < state.q.size(); ++i) {
     follow(a.joints_beyond[i], std::max(state.q[i] - joints.q_max[i], joints.q_min[i] - state.q[i]));
   }
   if (!a.limits.workspace) return;

@@ -218,6 +218,34 @@ TEST(Inspect, NoHandCreepsOutOfTheWorkspace) {
   }
 }
 
+// As a joint: where the hand was held, and a margin more, the next owner may keep it. Arms on shifted bases
+// have the hand in that place without any other difference.
+TEST(Inspect, AHandHeldOutsideTheWorkspaceMayStayThereButNotGoFurther) {
+  constexpr double kMargin = 0.005, kHeld = 0.1;
+  Rig rig;
+  rig.terms.update(rig.state);
+  const Vector3 p = rig.terms.X_WE().position;
+  for (Eigen::Index k = 0; k < 3; ++k) {
+    for (const double side : {1.0, -1.0}) {
+      WorkspaceBox box{p - Vector3(0.3, 0.4, 0.5), p + Vector3(0.6, 0.7, 0.8)};
+      const double bound = (side > 0 ? box.max : box.min)[k];
+      rig.limits.workspace = box;
+      SafetyStage stage({rig.limits});
+      const auto verdict = [&](double beyond, bool held) {
+        Vector3 base(1, 2, 3);  // as of the other model
+        base[k] += bound + side * beyond - p[k];
+        ModelTerms terms{test::TestArm::make().model({rotation_from_rpy({0.3, 0.2, 1}), base})};
+        terms.update(rig.state);
+        stage.track_limits(0, rig.state, terms, held);
+        return stage.inspect(0, rig.condition(), rig.state, terms).rule;
+      };
+      EXPECT_EQ(verdict(kHeld, true), Intervention::none);
+      EXPECT_EQ(verdict(kHeld + kMargin - 1e-6, false), Intervention::none);
+      EXPECT_EQ(verdict(kHeld + kMargin + 1e-6, false), Intervention::workspace_limit);
+    }
+  }
+}
+
 // The speed at which the stage acts, found by bisection, is where the braking distance (v + offset)^2 / (2 a)
 // meets the distance from the end.
 TEST(Inspect, VelocityTiedToPosition) {

@@ -151,6 +151,16 @@ TEST(TorqueLimiter, ATorqueInUseBeyondTheLimitLiftsNoLimit) {
   }
 }
 
+TEST(TorqueLimiter, WithoutALowPassWhatIsAskedForIsSentToTheLastBit) {
+  test::Draw draw(23);
+  for (int k = 0; k < 1000; ++k) {
+    TorqueLimiter limits = limiter();
+    const double before = draw.uniform(-70, 70), asked = before + draw.uniform(-0.9, 0.9) * kStep;
+    limits.restart(joint_constant(kJoints, before));
+    ASSERT_EQ(step_of(limits, before, asked), asked);
+  }
+}
+
 TEST(TorqueLimiter, TheLowPassMovesFromWhatIsInUse) {
   TorqueLimiter limits = limiter(100);
   limits.restart(joint_constant(kJoints, 1));

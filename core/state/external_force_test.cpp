@@ -211,5 +211,40 @@ TEST(ExternalForce, WrenchIsBoundedInSingularPoses) {
   EXPECT_LE(F.vector.norm(), 500 * joint_constant(7, 1).norm());
 }
 
+// J with orthonormal columns: J J^T is the identity, so the wrench is J tau, less a millionth.
+TEST(ExternalForce, TheWrenchTakesEveryJointIntoAccount) {
+  const Jacobian J = Jacobian::Identity(6, 6);
+  for (Eigen::Index i = 0; i < 6; ++i) {
+    JointVector tau = joint_constant(6, 0);
+    tau[i] = 2;
+    const Wrench F = wrench_of(J, tau);
+    EXPECT_LT((F.vector - Vector6(tau)).norm(), 1e-5) << i;
+  }
+}
+
+TEST(ExternalForce, AnyTermThatIsNotFiniteLeavesTheEstimateAsItWas) {
+  const double K = 2 * std::numbers::pi * ExternalForceObserver::kBandwidth;
+  const Jacobian J = Jacobian::Identity(6, 6);
+  for (int wrong = 0; wrong < 3; ++wrong) {
+    ArmState state;
+    ExternalForceObserver observer(6);
+    const auto estimate_at = [&](int ms, double momentum, bool tampered) {
+      JointVector p = joint_constant(6, momentum), drift = joint_constant(6, 0);
+      state.tau_J = joint_constant(6, 0);
+      if (tampered) (wrong == 0 ? p : wrong == 1 ? drift : state.tau_J)[2] = std::nan("");
+      state.t_robot.ns = 1'000'000LL * ms;
+      state.has_wrench_estimate = false;
+      observer.update({p, drift, J}, state);
+      EXPECT_NE(state.has_wrench_estimate, tampered);
+      return -state.tau_ext_hat[2];
+    };
+    EXPECT_EQ(estimate_at(0, 1, false), 0);
+    const double first = K * 2 / (1 + K * 0.001);
+    EXPECT_DOUBLE_EQ(estimate_at(1, 3, false), first);
+    EXPECT_DOUBLE_EQ(estimate_at(2, 5, true), first) << wrong;
+    EXPECT_DOUBLE_EQ(estimate_at(3, 4, false), (first + K * 1) / (1 + K * 0.002)) << "one step of 2 ms";
+  }
+}
+
 }  // namespace
 }  // namespace multipanda::external_force_test
