@@ -1,3 +1,5 @@
+#include <map>
+#include <optional>
 #include <stdexcept>
 
 #include <gtest/gtest.h>
@@ -29,6 +31,10 @@ struct ToldBackend final : Backend {
     sent.assign(commands.begin(), commands.end());
   }
   std::uint64_t overruns() const override { return missed; }
+  std::optional<Pose> object_pose(const std::string& name) const override {
+    const auto it = objects.find(name);
+    return it == objects.end() ? std::nullopt : std::optional(it->second);
+  }
   using Backend::request;
   std::future<RequestAnswer> request(ArmIndex, ArmRequest) override { return {}; }
 
@@ -44,6 +50,7 @@ struct ToldBackend final : Backend {
   int silent_waits = 0;
   bool over = false;
   std::uint64_t missed = 0;
+  std::map<std::string, Pose> objects;
 };
 
 void expect_refused(const CycleConfig& config, Backend& backend, const std::string& text) {
@@ -124,6 +131,65 @@ TEST(BuildCycle, TimesAreTheBackends) {
     EXPECT_EQ(record.overruns, 5u);
     EXPECT_EQ(record.start, cycle.data().tick.start);
     cycle.record()->ring.pop();
+  }
+}
+
+// Before its first packet an arm is at rest at home, and nothing is sent to it.
+TEST(BuildCycle, AnArmWithoutAPacketIsAtRest) {
+  ToldBackend arms(2);
+  arms.world.due_in_step = [](std::uint64_t) { return ArmSet::of(1); };
+  ControlCycle cycle(arms.config(), Registry::with_builtins(), arms);
+  const CycleData& data = cycle.data();
+  const auto expect_at_rest = [&](ArmIndex arm) {
+    const ArmState& state = data.state[arm];
+    EXPECT_EQ(state.q, arms.models[arm]->q_home());
+    EXPECT_EQ(state.tau_J_d.size(), 0) << "not known";
+    for (const JointVector* vector :
+         {&state.dq, &state.tau_J, &data.tau_controllet[arm], &data.tau_feature[arm], &data.tau_cmd[arm],
+          &data.command[arm].tau_cmd}) {
+      EXPECT_EQ(*vector, joint_constant(7, 0));
+    }
+  };
+  expect_at_rest(0);
+  expect_at_rest(1);
+  cycle.step(arms.wait());
+  expect_at_rest(0);
+  EXPECT_EQ(data.state[1].tau_J_d.size(), 7);
+}
+
+// A simulation may place some objects elsewhere in any cycle; a wall stands where it is.
+TEST(BuildCycle, PlacedObstaclesAreWhereTheBackendHasThemIfAllArmsAreSimulated) {
+  const Pose before{Matrix3::Identity(), Vector3(1, 2, 3)};
+  for (const bool all_simulated : {true, false}) {
+    ToldBackend arms(3);
+    for (Capabilities& can : arms.told) can.simulated = true;
+    arms.told[2].simulated = all_simulated;
+    CycleConfig config = arms.config();
+    for (const char* name : {"box", "wall", "unknown", "ball"}) {
+      config.obstacles.push_back({name, ConvexShape::sphere({0, 0, 0}, 0.1), before, name[0] != 'w'});
+    }
+    ControlCycle cycle(config, Registry::with_builtins(), arms);
+    for (const double x : {5.0, 6.0}) {
+      const Pose now{rotation_from_rpy({0.1, 0.2, x}), Vector3(x, 0, 0)};
+      arms.objects = {{"box", now}, {"wall", now}, {"ball", now}};
+      cycle.step(arms.wait());
+      for (const Obstacle& obstacle : cycle.data().obstacles) {
+        const bool moved = all_simulated && (obstacle.name == "box" || obstacle.name == "ball");
+        EXPECT_EQ(obstacle.X_WO.position, (moved ? now : before).position) << obstacle.name;
+        EXPECT_EQ(obstacle.X_WO.rotation, (moved ? now : before).rotation) << obstacle.name;
+      }
+    }
+  }
+}
+
+TEST(BuildCycle, ACycleBeginsWhenItReads) {
+  ToldBackend arms(1);
+  ControlCycle cycle(arms.config(), Registry::with_builtins(), arms);
+  for (int k = 0; k < 3; ++k) {
+    const HostTime before = host_now();
+    cycle.step(arms.wait());
+    EXPECT_GE(cycle.data().tick.start, before);
+    EXPECT_LE(cycle.data().tick.start, cycle.data().state[0].t_host) << "when the state was read";
   }
 }
 

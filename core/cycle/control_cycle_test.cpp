@@ -90,6 +90,86 @@ TEST(ControlCycle, AFeatureThatReturnsNanDeactivatesItsControllet) {
   EXPECT_EQ(loop.cycle.data().tau_feature[1].norm(), 0);
 }
 
+// A law and a feature that know no torque for their second arm.
+class HalfLaw final : public Controllet {
+ public:
+  static ControlletDescriptor descriptor() { return {.type = "half", .doc = "", .arms = 2}; }
+  LawResult start(ControlContext&) override { return LawResult::ok; }
+  LawResult update(ControlContext& context) override {
+    context.arms[1].tau->setConstant(std::nan(""));
+    return LawResult::ok;
+  }
+};
+class HalfFeature final : public Feature {
+ public:
+  static ControlletDescriptor descriptor() { return {.type = "half", .doc = ""}; }
+  LawResult start(ControlContext&) override { return LawResult::ok; }
+  LawResult update(ControlContext& context) override {
+    context.arms.back().tau->setConstant(std::nan(""));
+    return LawResult::ok;
+  }
+};
+
+TEST(ControlCycle, AFaultIsCountedForTheArmThatHasIt) {
+  Registry registry = test::test_registry();
+  registry.add(controllet_type<HalfLaw>());
+  registry.add(feature_type<HalfFeature>());
+  TestLoop loop(3,
+                {{.name = "law", .type = "half", .arms = {0, 2}},
+                 {.name = "feature", .type = "pair", .arms = {0, 2}, .features = {"half"}}},
+                registry);
+  loop.step();
+  std::uint64_t faults = 0;
+  for (const char* name : {"law", "feature"}) {
+    ASSERT_TRUE(loop.activate({name}).accepted());
+    ++faults;
+    EXPECT_EQ(loop.modes().owner(0), loop.find("arm0_hold")) << name;
+    EXPECT_EQ(loop.modes().owner(2), loop.find("arm2_hold")) << name;
+    EXPECT_EQ(loop.cycle.safety().counted(0), 0u) << name;
+    EXPECT_EQ(loop.cycle.safety().counted(2, Intervention::torque_not_finite), faults) << name;
+  }
+}
+
+// In the very cycle in which a law fails, its arm's hold acts with its features, unless they fail, too.
+TEST(ControlCycle, AHoldThatTakesOverActsWithItsFeaturesAtOnce) {
+  for (const bool broken : {false, true}) {
+    auto configs = laws();
+    configs.push_back({.name = "arm1_hold", .type = "hold", .arms = {1}, .features = {"push"}});
+    configs.back().parameters = {{"push.torque_nm", {broken ? 99.0 : 4.0}}};
+    TestLoop loop(3, configs, test::test_registry());
+    loop.modes().activate_at_start(loop.set({"bad"}));
+    loop.steps(10);
+    set_fault(loop, 5);
+    EXPECT_EQ(loop.modes().owner(1), loop.find("arm1_hold"));
+    const double first = broken ? 0 : 4.0 / 200;  // of a fade of 0.2 s
+    EXPECT_LT((loop.cycle.data().tau_feature[1] - joint_constant(7, first)).norm(), 1e-12) << broken;
+    EXPECT_TRUE(loop.world.torque(1).allFinite());
+  }
+}
+
+// The safety stage is told who owns the arm: held beyond a limit, it may be taken from there, and not
+// farther.
+TEST(ControlCycle, AnArmHeldBeyondALimitMayBeTakenFromThereButNotFarther) {
+  TestLoop loop(1, {{.name = "s0", .type = "spring", .arms = {0}}}, test::test_registry());
+  const auto at_rest = [&](double beyond) {
+    JointVector q = loop.models[0]->q_home();
+    q[0] = loop.models[0]->limits().q_max[0] + beyond;
+    loop.world.set_position(0, q);
+    loop.world.set_velocity(0, joint_constant(7, 0));
+  };
+  at_rest(0.1);
+  loop.step();
+  at_rest(0.1);
+  ASSERT_TRUE(loop.activate({"s0"}).accepted());
+  EXPECT_EQ(loop.modes().owner(0), loop.find("s0"));
+  at_rest(0.119);
+  loop.step();
+  EXPECT_EQ(loop.modes().owner(0), loop.find("s0"));
+  at_rest(0.121);
+  loop.step();
+  EXPECT_EQ(loop.modes().owner(0), loop.find("arm0_hold"));
+}
+
 TEST(ControlCycle, ANanStateLeadsToHoldAtTheNextValidPosition) {
   TestLoop loop(3, laws(), test::test_registry());
   loop.modes().activate_at_start(loop.set({"s0", "s1", "f2"}));
@@ -290,6 +370,34 @@ TEST(Record, HoldsWhatWasReadAndSent) {
     record.ring.pop();
   }
   EXPECT_EQ(record.dropped_records, 0u);
+}
+
+TEST(Record, LayoutNamesArmsAndInputsOfEveryInstanceAndReferencesTheirSize) {
+  TestLoop loop(3, laws(), test::test_registry(), 100);
+  loop.modes().activate_at_start(loop.set({"s0", "f2"}));
+  const RecordLayout& layout = loop.cycle.layout();
+  EXPECT_EQ(layout.max_references, 1u);
+  const RecordLayout::Instance &pair = layout.instances[loop.find("p12")],
+                               &follow = layout.instances[loop.find("f2")];
+  EXPECT_EQ(pair.name, "p12");
+  EXPECT_EQ(pair.type, "pair");
+  EXPECT_EQ(pair.arms, 0b110u);
+  EXPECT_TRUE(pair.inputs.empty());
+  EXPECT_EQ(follow.arms, 0b100u);
+  ASSERT_EQ(follow.inputs.size(), 1u);
+  EXPECT_EQ(follow.inputs[0].name, "joints");
+  EXPECT_EQ(follow.inputs[0].quantity, "joints");
+  EXPECT_EQ(follow.parameters,
+            (std::vector<std::string>{"joint_limits.range_rad", "joint_limits.stiffness_nm_per_rad",
+                                      "joint_limits.damping_nms_per_rad", "push.torque_nm"}));
+  EXPECT_EQ(follow.features, (std::vector<std::string>{"joint_limits", "push"}));
+  loop.step();
+  const CycleRecord& record = *loop.cycle.record()->ring.front();
+  ASSERT_EQ(record.reference_count, 1u);
+  EXPECT_EQ(record.references[0].instance, loop.find("f2"));
+  EXPECT_EQ(record.references[0].input, 0);
+  EXPECT_EQ(record.references[0].size, 7);
+  EXPECT_FALSE(record.references[0].streaming);
 }
 
 TEST(Record, OverflowIsCountedAndTheLoopContinues) {

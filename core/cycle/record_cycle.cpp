@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 
 #include "core/cycle/control_cycle.hpp"
 #include "core/cycle/sample_state.hpp"
@@ -8,6 +9,10 @@ namespace {
 
 void copy_joints(const JointVector& from, JointArray& to) {
   std::copy_n(from.data(), from.size(), to.begin());
+}
+
+void copy_wrench(const Wrench& from, std::array<double, 6>& to) {
+  std::copy_n(from.vector.data(), from.vector.size(), to.begin());
 }
 
 }  // namespace
@@ -33,8 +38,8 @@ void set_state(ArmSample& sample, const ArmState& state) {
   copy_joints(state.tau_J, sample.tau_J);
   copy_joints(state.tau_J_d, sample.tau_J_d);
   copy_joints(state.tau_ext_hat, sample.tau_ext);
-  std::copy_n(state.F_K_W_est.vector.data(), 6, sample.F_K_W_est.begin());
-  std::copy_n(state.F_K_W_true.vector.data(), 6, sample.F_K_W_true.begin());
+  copy_wrench(state.F_K_W_est, sample.F_K_W_est);
+  copy_wrench(state.F_K_W_true, sample.F_K_W_true);
 }
 
 // Copies what this step read, decided and sent into a slot of the ring. A full ring counts as a lost record.

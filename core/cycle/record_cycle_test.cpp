@@ -64,6 +64,37 @@ TEST(RecordState, HoldsEveryField) {
   expect_counted(sample.F_K_W_true, 70, 6);
 }
 
+// Other fields, joints that the arm does not have and the next arm stay as they are.
+TEST(RecordState, WritesNothingElse) {
+  ArmState state;
+  state.q = state.dq = state.tau_J = state.tau_J_d = state.tau_ext_hat = joint_constant(1, 5);
+  std::vector<ArmSample> of_two_arms(2);
+  ArmSample& sample = of_two_arms[0];
+  of_two_arms[1].sequence = 4;
+  sample.interventions = 3;
+  sample.owner = 2;
+  for (JointArray* values : {&sample.q, &sample.dq, &sample.tau_J, &sample.tau_J_d, &sample.tau_ext}) {
+    values->fill(9);
+  }
+  sample.tau_controllet.fill(6);
+  sample.tau_feature.fill(7);
+  sample.tau_cmd.fill(8);
+  set_state(sample, state);
+  EXPECT_TRUE(sample.has_tau_ext) << "of one joint";
+  EXPECT_EQ(sample.interventions, 3u);
+  EXPECT_EQ(sample.owner, 2);
+  EXPECT_EQ(of_two_arms[1].sequence, 4u);
+  for (const JointArray* values : {&sample.q, &sample.dq, &sample.tau_J, &sample.tau_J_d, &sample.tau_ext}) {
+    EXPECT_EQ((*values)[0], 5);
+    for (std::size_t i = 1; i < values->size(); ++i) EXPECT_EQ((*values)[i], 9);
+  }
+  for (std::size_t i = 0; i < sample.tau_cmd.size(); ++i) {
+    EXPECT_EQ(sample.tau_controllet[i], 6);
+    EXPECT_EQ(sample.tau_feature[i], 7);
+    EXPECT_EQ(sample.tau_cmd[i], 8);
+  }
+}
+
 TEST(RecordState, HoldsEveryFlagAndMode) {
   using Flag = bool ArmSample::*;
   const std::vector<std::pair<Flag, std::function<void(ArmState&)>>> flags = {
