@@ -47,6 +47,7 @@ struct Events : testing::Test {
   }
   Answer ask(const Request& request) {
     Answer answer;
+    const HostTime before = host_now();
     EXPECT_EQ(loop.modes().post(std::span(&request, 1), ticket), Verdict::accepted);
     loop.step();
     EXPECT_TRUE(loop.modes().poll(ticket, answer));
@@ -54,6 +55,7 @@ struct Events : testing::Test {
     EXPECT_EQ(answer.ticket, ticket);
     EXPECT_EQ(answer.cycle, loop.cycle.data().tick.cycle);
     EXPECT_EQ(answer.t, loop.cycle.data().tick.t);
+    EXPECT_LE(before, answer.received);
     EXPECT_LE(answer.received, answer.taken);
     EXPECT_LT(answer.taken, answer.first_torque);
     return answer;

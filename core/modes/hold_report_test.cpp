@@ -55,5 +55,21 @@ TEST_F(HoldReport, AFailingHoldIsCountedPerCycleAndReportedOnceWithItsTime) {
   EXPECT_EQ(reports(), 1);
 }
 
+// After another owner a failing hold is news again.
+TEST_F(HoldReport, AHoldThatFailsAgainLaterIsReportedAgain) {
+  loop.steps(2);
+  for (int round = 1; round <= 2; ++round) {
+    loop.world.tamper = [](ArmIndex arm, std::uint64_t, ArmState& state) {
+      if (arm == 0) state.dq = JointVector::Constant(7, kAbsurd);
+    };
+    loop.steps(5);
+    EXPECT_EQ(reports(), 1) << round;
+    loop.world.tamper = nullptr;
+    ASSERT_TRUE(loop.activate({"s0"}).accepted());
+    ASSERT_TRUE(loop.ask({.deactivate = loop.set({"s0"})}).accepted());
+    EXPECT_EQ(reports(), 0);
+  }
+}
+
 }  // namespace
 }  // namespace multipanda::hold_report_test

@@ -112,6 +112,180 @@ TEST(InstanceConfig, OneNumberIsForAllElementsOfAParameter) {
   EXPECT_NE(refusal(config, registry), "");
 }
 
+// A law whose arms bear less than its parameters' specs allow.
+class Bounded final : public Controllet {
+ public:
+  static ControlletDescriptor descriptor() {
+    return {.type = "bounded",
+            .doc = "",
+            .arms = 1,
+            .parameters = {{.name = "gain", .unit = "N", .size = 0, .initial = {1}, .max = 100},
+                           {.name = "scale", .initial = {1}, .max = 100},
+                           {.name = "free", .initial = {1}, .max = 100}}};
+  }
+  LawResult start(ControlContext&) override { return LawResult::ok; }
+  LawResult update(ControlContext&) override { return LawResult::ok; }
+  void bound_parameters(ParameterSet& parameters) const override {
+    parameters.lower_max(0, std::array{10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0}, "soft");
+    parameters.lower_max(1, std::array{5.0}, "weak");
+  }
+};
+
+TEST(InstanceConfig, AValueAboveWhatTheArmBearsIsRefusedWithJointLimitAndReason) {
+  Registry registry = test::test_registry();
+  registry.add(controllet_type<Bounded>());
+  InstanceConfig config{.name = "law", .type = "bounded", .arms = {0}};
+  TestLoop loop(1, {config}, registry);
+  const Instance& law = loop.modes().instance(loop.find("law"));
+  const std::string second = "'gain' of joint2 must be at most 20 N here: soft";
+  EXPECT_EQ(law.bound_text(0, std::array{10.0, 20.5, 30.5}), second) << "the first one above its bound";
+  EXPECT_EQ(law.bound_text(0, std::array{10.5}), "'gain' of joint1 must be at most 10 N here: soft");
+  EXPECT_EQ(law.bound_text(0, std::array{10.0, 20.0}), "");
+  EXPECT_EQ(law.bound_text(0, std::array{0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 70.0, 999.0}), "") << "seven joints";
+  EXPECT_EQ(law.bound_text(1, std::array{6.0}), "'scale' must be at most 5 here: weak");
+  EXPECT_EQ(law.bound_text(1, std::array{5.0}), "");
+  EXPECT_EQ(law.bound_text(2, std::array{101.0}), "") << "beyond the spec's own bound";
+  config.parameters = {{"gain", {1, 20.5, 1, 1, 1, 1, 1}}};
+  EXPECT_EQ(refusal(config, registry), "controllet 'law': parameter 'gain': value out of bounds; " + second);
+  config.parameters = {{"free", {101}}};
+  EXPECT_EQ(refusal(config, registry), "controllet 'law': parameter 'free': value out of bounds");
+}
+
+// A feature that refuses to start, and one that counts its starts.
+class Refusing final : public Feature {
+ public:
+  std::string_view refusal() const override { return "it has no sensor"; }
+  LawResult start(ControlContext&) override { return LawResult::fault; }
+  LawResult update(ControlContext&) override { return LawResult::fault; }
+};
+
+class Counting final : public Feature {
+ public:
+  inline static int starts = 0;
+  LawResult start(ControlContext&) override { return ++starts, LawResult::ok; }
+  LawResult update(ControlContext&) override { return LawResult::ok; }
+};
+
+template <typename Law>
+FeatureType feature_of(const char* name) {
+  return {{.type = name, .doc = ""},
+          [](const FeatureContext&) -> std::unique_ptr<Feature> { return std::make_unique<Law>(); }};
+}
+
+TEST(InstanceConfig, AFeatureThatCannotStartIsRefusedWithItsReason) {
+  Registry registry = test::test_registry();
+  registry.add(feature_of<Refusing>("touch"));
+  InstanceConfig config = spring();
+  EXPECT_EQ(refusal(config, registry), "") << "it is off";
+  config.features = {"touch"};
+  EXPECT_EQ(refusal(config, registry), "controllet 'law': feature 'touch': it has no sensor");
+}
+
+TEST(InstanceFeatures, StartWhenTheyAreSwitchedOnOrTheirControlletStarts) {
+  Registry registry = test::test_registry();
+  registry.add(feature_of<Counting>("count"));
+  TestLoop loop(2, {spring()}, registry);
+  loop.step();
+  Request request{.kind = Request::Kind::set_feature, .instance = loop.find("law")};
+  request.index = static_cast<std::uint16_t>(loop.modes().instance(loop.find("law")).find_feature("count"));
+  Counting::starts = 0;
+  const auto starts_after = [&](bool on) {
+    request.on = on;
+    EXPECT_TRUE(loop.ask(request).accepted());
+    return Counting::starts;
+  };
+  EXPECT_EQ(starts_after(true), 0) << "not active";
+  EXPECT_EQ(starts_after(false), 0);
+  ASSERT_TRUE(loop.activate({"law"}).accepted());
+  EXPECT_EQ(Counting::starts, 0) << "off";
+  EXPECT_EQ(starts_after(false), 0);
+  EXPECT_EQ(starts_after(true), 1);
+  EXPECT_EQ(starts_after(true), 1) << "it is on";
+  EXPECT_EQ(starts_after(false), 1);
+  EXPECT_EQ(starts_after(true), 2);
+  ASSERT_TRUE(loop.ask({.deactivate = loop.set({"law"})}).accepted());
+  ASSERT_TRUE(loop.activate({"law"}).accepted());
+  EXPECT_EQ(Counting::starts, 3);
+}
+
+TEST(InstanceConfig, AFeatureThatRefusesInARunIsAnswered) {
+  Registry registry = test::test_registry();
+  registry.add(feature_of<Refusing>("touch"));
+  TestLoop loop(2, {spring()}, registry);
+  loop.step();
+  ASSERT_TRUE(loop.activate({"law"}).accepted());
+  const Instance& law = loop.modes().instance(loop.find("law"));
+  Request request{.kind = Request::Kind::set_feature, .instance = loop.find("law"), .on = true};
+  request.index = static_cast<std::uint16_t>(law.find_feature("touch"));
+  EXPECT_EQ(loop.ask(request).verdict, Verdict::start_refused);
+  EXPECT_FALSE(law.feature_on(request.index));
+  EXPECT_EQ(loop.modes().owner(0), loop.find("law"));
+}
+
+// Each tick of a law has the time since its last one; a start is a whole period after "the last one".
+class Timed final : public Controllet {
+ public:
+  inline static std::vector<double> started, ticked;
+  static ControlletDescriptor descriptor() { return {.type = "timed", .doc = "", .arms = 1}; }
+  LawResult start(ControlContext& context) override {
+    started.push_back(context.dt);
+    return LawResult::ok;
+  }
+  LawResult update(ControlContext& context) override {
+    ticked.push_back(context.dt);
+    return LawResult::ok;
+  }
+};
+
+TEST(InstanceTicks, AreAsLongAsTheTimeSinceTheLastOneAndAPeriodAtTheStart) {
+  Registry registry = test::test_registry();
+  registry.add(controllet_type<Timed>());
+  TestLoop loop(1, {{.name = "law", .type = "timed", .arms = {0}}}, registry);
+  Timed::started.clear();
+  Timed::ticked.clear();
+  loop.world.step_s = 0.003;
+  loop.steps(4);
+  for (int round = 0; round < 2; ++round) {
+    ASSERT_TRUE(loop.activate({"law"}).accepted());
+    loop.steps(2);
+    ASSERT_TRUE(loop.ask({.deactivate = loop.set({"law"})}).accepted());
+    EXPECT_EQ(Timed::started.back(), kArmPeriod);
+  }
+  EXPECT_EQ(Timed::started.size(), 2u);
+  const std::vector<double> expected = {0.001, 0.003, 0.003, 0.001, 0.003, 0.003};
+  ASSERT_EQ(Timed::ticked.size(), expected.size());
+  for (std::size_t k = 0; k < expected.size(); ++k) EXPECT_NEAR(Timed::ticked[k], expected[k], 1e-12);
+}
+
+// A joint reference far away: the hand of the arm where it is now keeps to the bound for contact.
+TEST(InstanceInputs, JointReferencesKeepTheHandToTheBoundForContact) {
+  constexpr double kBound = 0.1;  // [m/s]
+  double fastest[2] = {0, 0};
+  for (const bool bounded : {false, true}) {
+    InstanceConfig config{.name = "law", .type = "follow", .arms = {1}};
+    if (bounded) config.contact.hand_speed = kBound;
+    TestLoop loop(2, {config}, test::test_registry());
+    loop.step();
+    ASSERT_TRUE(loop.activate({"law"}).accepted());
+    Request goal{.kind = Request::Kind::set_target, .instance = loop.find("law")};
+    goal.target.size = 7;
+    const JointVector home = loop.models[1]->q_home();
+    for (std::size_t i = 0; i < 7; ++i) goal.target.values[i] = home[static_cast<Eigen::Index>(i)] + 0.4;
+    ASSERT_TRUE(loop.ask(goal).accepted());
+    for (int k = 0; k < 6000; ++k) {
+      loop.step();
+      const Reference& reference = loop.modes().instance(loop.find("law")).inputs()[0];
+      ModelTerms terms(loop.models[1]);
+      terms.update(loop.cycle.data().state[1]);
+      const Vector6 V = terms.J_V_WE().lazyProduct(reference.joint_velocity());
+      fastest[bounded] = std::max(fastest[bounded], V.head<3>().norm());
+    }
+  }
+  EXPECT_GT(fastest[0], 3 * kBound);
+  EXPECT_LE(fastest[1], 1.01 * kBound) << "the pace is filtered";
+  EXPECT_GE(fastest[1], 0.95 * kBound);
+}
+
 TEST(InstanceConfig, AtMostSixteenFeaturesAreRegistered) {
   Registry registry = test::test_registry();
   const std::size_t own = 2;
@@ -189,6 +363,22 @@ TEST(InstanceParameters, MoveOnlyWhileTheInstanceRuns) {
     ASSERT_NEAR(loop.cycle.data().tau_feature[0][0], 0.3 + 0.1 * std::min(1.0, k / 200.0), 1e-9) << k;
     loop.step();
   }
+}
+
+TEST(RegistryTypes, HasEveryControlletAndFeatureOfMultipanda) {
+  const auto names = [](const auto& types) {
+    std::vector<std::string> list;
+    for (const auto& type : types) list.push_back(type.descriptor.type);
+    return list;
+  };
+  const Registry registry = Registry::with_builtins();
+  EXPECT_EQ(names(registry.controllets()),
+            (std::vector<std::string>{"hold", "gravity_compensation", "joint_impedance",
+                                      "cartesian_impedance", "dual_cartesian_impedance",
+                                      "coupled_dual_cartesian_impedance", "force", "ufic", "coupled_ufic"}));
+  EXPECT_EQ(names(registry.features()),
+            (std::vector<std::string>{"joint_limits", "collision_avoidance", "manipulability",
+                                      "friction_compensation"}));
 }
 
 TEST(RegistryTypes, AreNamedOnceAndHaveFactories) {

@@ -95,7 +95,11 @@ TEST(Switching, WrongRequestsAreAnsweredWithTheirReason) {
   TestLoop loop(4, four_arms(), test::test_registry());
   loop.step();
   EXPECT_EQ(loop.ask({.activate = InstanceSet{1} << 40}).verdict, Verdict::unknown_instance);
-  EXPECT_EQ(loop.ask({.kind = Kind::set_parameter, .instance = 99}).verdict, Verdict::unknown_instance);
+  for (const std::size_t none : {loop.modes().instance_count(), std::size_t{99}}) {
+    const auto instance = static_cast<InstanceIndex>(none);
+    EXPECT_EQ(loop.ask({.kind = Kind::set_parameter, .instance = instance}).verdict,
+              Verdict::unknown_instance);
+  }
   EXPECT_EQ(loop.ask({.kind = Kind::set_parameter, .instance = 0, .index = 99}).verdict,
             Verdict::unknown_parameter);
   Request parameter{.kind = Kind::set_parameter, .instance = 0, .index = 1, .size = 2};
@@ -263,6 +267,7 @@ TEST(Switching, AskGivesTheFirstRefusalOfABatch) {
   while (!done) loop.step();
   asker.join();
   EXPECT_EQ(answer.verdict, Verdict::start_refused);
+  EXPECT_EQ(answer.kind, Kind::switch_controllets) << "not the answer of what was refused along with it";
 }
 
 TEST(Switching, ScheduledRequestsAreExecutedInTheirCycle) {

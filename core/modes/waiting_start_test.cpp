@@ -18,6 +18,16 @@ std::vector<InstanceConfig> laws() {
           {.name = "f2", .type = "follow", .arms = {2}}, {.name = "refuser", .type = "refuser", .arms = {1}}};
 }
 
+// Switches that were refused since the loop began.
+int refusals(TestLoop& loop) {
+  int count = 0;
+  RecordRing& ring = *loop.cycle.record();
+  for (const Event* event; (event = ring.events.front()) != nullptr; ring.events.pop()) {
+    count += event->kind == EventKind::switch_refused;
+  }
+  return count;
+}
+
 TEST(WaitingStart, IsExecutedOnceWhenAllItsArmsAreReady) {
   TestLoop loop(4, laws(), test::test_registry());
   loop.step();
@@ -81,6 +91,46 @@ TEST(WaitingStart, TakesAnArmFromItsHoldOnly) {
   EXPECT_TRUE(loop.ask({.deactivate = loop.set({"f2"})}).accepted());
   loop.steps(3);
   EXPECT_EQ(loop.modes().owner(2), loop.find("arm2_hold"));  // asked for once
+}
+
+// Which of its arms was stopped before, when nothing waited: the start is canceled, and nothing is refused.
+TEST(WaitingStart, OfAStoppedArmIsCanceledWithoutARefusal) {
+  TestLoop loop(4, laws(), test::test_registry(), 64);
+  loop.step();
+  loop.modes().stop(ArmSet::of(2));
+  loop.step();
+  loop.modes().start_when_ready(loop.set({"s0", "p12"}));
+  loop.modes().set_ready(ArmSet::all(4));
+  loop.steps(2);
+  EXPECT_EQ(loop.modes().active(), loop.set({"s0", "arm1_hold", "arm2_hold", "arm3_hold"}));
+  EXPECT_TRUE(loop.ask({.kind = Kind::resume, .arms = ArmSet::of(2)}).accepted());
+  loop.steps(2);
+  EXPECT_EQ(loop.modes().active(), loop.set({"s0", "arm1_hold", "arm2_hold", "arm3_hold"}));
+  EXPECT_EQ(refusals(loop), 0);
+}
+
+TEST(WaitingStart, IsTriedOnceThoughItIsRefused) {
+  TestLoop loop(4, laws(), test::test_registry(), 64);
+  loop.step();
+  loop.modes().start_when_ready(loop.set({"refuser"}));
+  loop.modes().set_ready(ArmSet::all(4));
+  loop.steps(5);
+  EXPECT_EQ(loop.modes().owner(1), loop.find("arm1_hold"));
+  EXPECT_EQ(refusals(loop), 1);
+}
+
+// Of two that need the same arm the first one gets it, even if it is its hold.
+TEST(WaitingStart, OfTwoForTheSameArmTheSecondIsCanceled) {
+  for (const char* first : {"arm2_hold", "s2"}) {
+    TestLoop loop(4, laws(), test::test_registry(), 64);
+    loop.step();
+    loop.modes().start_when_ready(loop.set({first, "p12"}));
+    loop.modes().set_ready(ArmSet::all(4));
+    loop.steps(3);
+    EXPECT_EQ(loop.modes().owner(1), loop.find("arm1_hold"));
+    EXPECT_EQ(loop.modes().owner(2), loop.find(first));
+    EXPECT_EQ(refusals(loop), 0);
+  }
 }
 
 }  // namespace
