@@ -147,8 +147,7 @@ TEST(ControlCycle, AHoldThatTakesOverActsWithItsFeaturesAtOnce) {
   }
 }
 
-// The safety stage is told who owns the arm: held beyond a limit, it may be taken from there, and not
-// farther.
+// The safety stage is told who owns the arm: from where it is held beyond a limit, it may be taken.
 TEST(ControlCycle, AnArmHeldBeyondALimitMayBeTakenFromThereButNotFarther) {
   TestLoop loop(1, {{.name = "s0", .type = "spring", .arms = {0}}}, test::test_registry());
   const auto at_rest = [&](double beyond) {
