@@ -280,6 +280,24 @@ TEST(ControlCycle, AGroupTicksOncePerPeriodWhenPacketsArriveAtDifferentTimes) {
   }
 }
 
+// The torque of a group's features is that of its tick, too, for the arm whose packet comes later.
+TEST(ControlCycle, FeaturesOfAGroupTickWithIt) {
+  TestLoop loop(2, {{.name = "p10", .type = "pair", .arms = {1, 0}, .features = {"push"}}},
+                test::test_registry());
+  loop.world.step_s = 0.0005;
+  loop.world.due_in_step = [](std::uint64_t step) { return ArmSet::of(step % 2 == 0 ? 1 : 0); };
+  loop.steps(4);
+  ASSERT_TRUE(loop.activate({"p10"}).accepted());  // in a step of arm 1
+  for (int k = 1; k <= 50; ++k) {
+    const JointVector of_tick = joint_constant(7, 0.5 * k / 200);
+    ASSERT_LT((loop.cycle.data().tau_feature[1] - of_tick).norm(), 1e-12) << k;
+    loop.step();  // arm 0
+    ASSERT_LT((loop.cycle.data().tau_feature[0] - of_tick).norm(), 1e-12) << k;
+    ASSERT_NEAR((loop.world.torque(0) - loop.cycle.data().tau_controllet[0])[0], of_tick[0], 1e-12) << k;
+    loop.step();  // arm 1
+  }
+}
+
 TEST(ControlCycle, LostPacketsHoldOnlyTheGroupAfterTwoMilliseconds) {
   TestLoop loop(3, laws(), test::test_registry());
   loop.modes().activate_at_start(loop.set({"s0", "p12"}));

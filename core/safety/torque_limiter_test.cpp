@@ -122,6 +122,18 @@ TEST(TorqueLimiter, SinglePrecisionIsNoDifference) {
   }
 }
 
+// At rest, 1e-7 N m is the largest difference that rounding explains.
+TEST(TorqueLimiter, WhatRoundingExplainsEndsWhereItIsSaidToEnd) {
+  for (const double sign : {1.0, -1.0}) {
+    TorqueLimiter limits = limiter();
+    limits.observe(joint_constant(kJoints, sign * 1e-7));
+    EXPECT_EQ(limits.in_use(), limits.sent());
+    const JointVector beyond = joint_constant(kJoints, sign * std::nextafter(1e-7, 1.0));
+    limits.observe(beyond);
+    EXPECT_EQ(limits.in_use(), beyond);
+  }
+}
+
 TEST(TorqueLimiter, WhatIsNoNumberSaysNothing) {
   TorqueLimiter limits = limiter();
   limits.restart(joint_constant(kJoints, 5));
@@ -162,11 +174,13 @@ TEST(TorqueLimiter, WithoutALowPassWhatIsAskedForIsSentToTheLastBit) {
 }
 
 TEST(TorqueLimiter, TheLowPassMovesFromWhatIsInUse) {
-  TorqueLimiter limits = limiter(100);
-  limits.restart(joint_constant(kJoints, 1));
-  const double gain = 1e-3 / (1e-3 + 1 / (2 * M_PI * 100));
-  EXPECT_DOUBLE_EQ(step_of(limits, 1, 2), 1 + gain);
-  EXPECT_DOUBLE_EQ(step_of(limits, 0.5, 2), 0.5 + gain * 1.5);
+  for (const double hz : {100.0, 0.5}) {
+    TorqueLimiter limits = limiter(hz);
+    limits.restart(joint_constant(kJoints, 1));
+    const double gain = 1e-3 / (1e-3 + 1 / (2 * M_PI * hz));
+    EXPECT_DOUBLE_EQ(step_of(limits, 1, 2), 1 + gain);
+    EXPECT_DOUBLE_EQ(step_of(limits, 0.5, 2), 0.5 + gain * 1.5);
+  }
 }
 
 // An arm as its manufacturer describes it: it takes the answer to its newest packet only, goes on with the
