@@ -115,6 +115,12 @@ TEST(BuildCycle, TellsTheBackendWhichCommandsCount) {
   EXPECT_EQ(arms.sent[0].tau_cmd, cycle.data().tau_cmd[0]);
 }
 
+TEST(BuildCycle, ABackendThatCountsNoMissedCyclesHasNone) {
+  test::TestLoop loop(1, {}, test::test_registry(), 4);
+  loop.step();
+  EXPECT_EQ(loop.cycle.record()->ring.front()->overruns, 0u);
+}
+
 TEST(BuildCycle, TimesAreTheBackends) {
   ToldBackend arms(1);
   arms.period_s = 0.002;
@@ -160,10 +166,10 @@ TEST(BuildCycle, AnArmWithoutAPacketIsAtRest) {
 // A simulation may place some objects elsewhere in any cycle; a wall stands where it is.
 TEST(BuildCycle, PlacedObstaclesAreWhereTheBackendHasThemIfAllArmsAreSimulated) {
   const Pose before{Matrix3::Identity(), Vector3(1, 2, 3)};
-  for (const bool all_simulated : {true, false}) {
+  constexpr ArmIndex kNone = 3;
+  for (const ArmIndex real : {kNone, ArmIndex{0}, ArmIndex{1}, ArmIndex{2}}) {
     ToldBackend arms(3);
-    for (Capabilities& can : arms.told) can.simulated = true;
-    arms.told[2].simulated = all_simulated;
+    for (ArmIndex arm = 0; arm < 3; ++arm) arms.told[arm].simulated = arm != real;
     CycleConfig config = arms.config();
     for (const char* name : {"box", "wall", "unknown", "ball"}) {
       config.obstacles.push_back({name, ConvexShape::sphere({0, 0, 0}, 0.1), before, name[0] != 'w'});
@@ -174,7 +180,7 @@ TEST(BuildCycle, PlacedObstaclesAreWhereTheBackendHasThemIfAllArmsAreSimulated) 
       arms.objects = {{"box", now}, {"wall", now}, {"ball", now}};
       cycle.step(arms.wait());
       for (const Obstacle& obstacle : cycle.data().obstacles) {
-        const bool moved = all_simulated && (obstacle.name == "box" || obstacle.name == "ball");
+        const bool moved = real == kNone && (obstacle.name == "box" || obstacle.name == "ball");
         EXPECT_EQ(obstacle.X_WO.position, (moved ? now : before).position) << obstacle.name;
         EXPECT_EQ(obstacle.X_WO.rotation, (moved ? now : before).rotation) << obstacle.name;
       }

@@ -415,6 +415,13 @@ TEST(Record, LayoutNamesArmsAndInputsOfEveryInstanceAndReferencesTheirSize) {
   EXPECT_EQ(record.references[0].input, 0);
   EXPECT_EQ(record.references[0].size, 7);
   EXPECT_FALSE(record.references[0].streaming);
+  loop.cycle.record()->ring.pop();
+  Target sample{.delivery = Delivery::stream, .size = 7};
+  const JointVector home = loop.models[2]->q_home();
+  std::copy(home.begin(), home.end(), sample.values.begin());
+  ASSERT_EQ(loop.modes().instance(loop.find("f2")).inputs()[0].post(sample), Verdict::accepted);
+  loop.step();
+  EXPECT_TRUE(loop.cycle.record()->ring.front()->references[0].streaming);
 }
 
 TEST(Record, OverflowIsCountedAndTheLoopContinues) {

@@ -123,8 +123,12 @@ class Bounded final : public Controllet {
                            {.name = "scale", .initial = {1}, .max = 100},
                            {.name = "free", .initial = {1}, .max = 100}}};
   }
+  inline static double scale = 0;  // as the law saw it last
   LawResult start(ControlContext&) override { return LawResult::ok; }
-  LawResult update(ControlContext&) override { return LawResult::ok; }
+  LawResult update(ControlContext& context) override {
+    scale = context.parameters->number(1);
+    return LawResult::ok;
+  }
   void bound_parameters(ParameterSet& parameters) const override {
     parameters.lower_max(0, std::array{10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0}, "soft");
     parameters.lower_max(1, std::array{5.0}, "weak");
@@ -159,6 +163,15 @@ class Refusing final : public Feature {
   LawResult update(ControlContext&) override { return LawResult::fault; }
 };
 
+class Weak final : public Feature {
+ public:
+  LawResult start(ControlContext&) override { return LawResult::ok; }
+  LawResult update(ControlContext&) override { return LawResult::ok; }
+  void bound_parameters(ParameterSet& parameters) const override {
+    parameters.lower_max(0, std::array{2.0}, "weak");
+  }
+};
+
 class Counting final : public Feature {
  public:
   inline static int starts = 0;
@@ -170,6 +183,19 @@ template <typename Law>
 FeatureType feature_of(const char* name) {
   return {{.type = name, .doc = ""},
           [](const FeatureContext&) -> std::unique_ptr<Feature> { return std::make_unique<Law>(); }};
+}
+
+TEST(InstanceConfig, AFeatureBoundsItsParameters) {
+  Registry registry = test::test_registry();
+  FeatureType weak = feature_of<Weak>("weak");
+  weak.descriptor.parameters = {{.name = "gain", .initial = {1}, .max = 100}};
+  registry.add(weak);
+  TestLoop loop(1, {spring()}, registry);
+  const Instance& law = loop.modes().instance(loop.find("law"));
+  const std::size_t gain = law.find_parameter("weak.gain");
+  EXPECT_EQ(law.check_parameter(gain, std::array{2.0}), Verdict::accepted);
+  EXPECT_EQ(law.check_parameter(gain, std::array{2.5}), Verdict::out_of_bounds);
+  EXPECT_EQ(law.bound_text(gain, std::array{2.5}), "'gain' must be at most 2 here: weak");
 }
 
 TEST(InstanceConfig, AFeatureThatCannotStartIsRefusedWithItsReason) {
@@ -379,6 +405,81 @@ TEST(RegistryTypes, HasEveryControlletAndFeatureOfMultipanda) {
   EXPECT_EQ(names(registry.features()),
             (std::vector<std::string>{"joint_limits", "collision_avoidance", "manipulability",
                                       "friction_compensation"}));
+}
+
+TEST(InstanceParameters, OfALawMoveWithinAFifthOfASecond) {
+  Registry registry = test::test_registry();
+  registry.add(controllet_type<Bounded>());
+  TestLoop loop(1, {{.name = "law", .type = "bounded", .arms = {0}}}, registry);
+  loop.step();
+  ASSERT_TRUE(loop.activate({"law"}).accepted());
+  EXPECT_EQ(Bounded::scale, 1);
+  Request set{.kind = Request::Kind::set_parameter, .instance = loop.find("law"), .index = 1, .size = 1};
+  set.values[0] = 3;
+  ASSERT_TRUE(loop.ask(set).accepted());
+  for (int k = 1; k <= 210; ++k) {
+    ASSERT_NEAR(Bounded::scale, 1 + 2 * std::min(1.0, k / 200.0), 1e-9) << k;
+    loop.step();
+  }
+}
+
+// A start needs no ramps: parameters that were on their way when the controllet ended are where they go to.
+TEST(InstanceParameters, AreWhereTheyGoToAfterAStart) {
+  Registry registry = test::test_registry();
+  registry.add(controllet_type<Bounded>());
+  TestLoop loop(1, {{.name = "law", .type = "bounded", .arms = {0}, .features = {"push"}}}, registry);
+  loop.step();
+  ASSERT_TRUE(loop.activate({"law"}).accepted());
+  const Instance& law = loop.modes().instance(loop.find("law"));
+  std::array<Request, 2> batch;
+  for (std::size_t i = 0; i < 2; ++i) {
+    batch[i] = {.kind = Request::Kind::set_parameter, .instance = loop.find("law"), .size = 1};
+    batch[i].index = static_cast<std::uint16_t>(law.find_parameter(i == 0 ? "scale" : "push.torque_nm"));
+    batch[i].values[0] = 4;
+    ASSERT_TRUE(loop.ask(batch[i]).accepted());
+  }
+  loop.steps(5);
+  ASSERT_TRUE(loop.ask({.deactivate = loop.set({"law"})}).accepted());
+  loop.step();
+  ASSERT_TRUE(loop.activate({"law"}).accepted());
+  EXPECT_EQ(Bounded::scale, 4);
+  EXPECT_NEAR(loop.cycle.data().tau_feature[0][0], 4.0 / 200, 1e-12) << "of the fade";
+}
+
+// A law that is told of redefined end effectors.
+class Framed final : public Controllet {
+ public:
+  inline static std::vector<std::pair<std::size_t, Pose>> moved;
+  static ControlletDescriptor descriptor() { return {.type = "framed", .doc = "", .arms = 2}; }
+  LawResult start(ControlContext&) override { return LawResult::ok; }
+  LawResult update(ControlContext&) override { return LawResult::ok; }
+  void end_effector_moved(ControlContext&, std::size_t arm, const Pose& X) override {
+    moved.emplace_back(arm, X);
+  }
+};
+
+TEST(InstanceFrames, OfTheStartAreKnownAndEachChangeIsToldOnce) {
+  Registry registry = test::test_registry();
+  registry.add(controllet_type<Framed>());
+  TestLoop loop(2, {{.name = "law", .type = "framed", .arms = {1, 0}}}, registry);
+  std::array<Pose, 2> X_FE{Pose{rotation_from_rpy({0.1, 0.2, 0.3}), {0.1, 0, 0}},
+                           Pose{rotation_from_rpy({0.3, 0.1, 0.2}), {0, 0.2, 0}}};
+  loop.world.tamper = [&](ArmIndex arm, std::uint64_t, ArmState& state) { state.frames.X_FE = X_FE[arm]; };
+  Framed::moved.clear();
+  loop.step();
+  ASSERT_TRUE(loop.activate({"law"}).accepted());
+  loop.steps(3);
+  EXPECT_TRUE(Framed::moved.empty());
+  const Pose shift{Matrix3::Identity(), {0, 0, 0.1}}, turn{rotation_from_rpy({0, 0, 0.4}), {0, 0, 0}};
+  X_FE[0] = X_FE[0] * shift;  // the law's second arm
+  loop.steps(3);
+  X_FE[1] = X_FE[1] * turn;
+  loop.steps(3);
+  ASSERT_EQ(Framed::moved.size(), 2u);
+  EXPECT_EQ(Framed::moved[0].first, 1u);
+  EXPECT_LT(pose_error(Framed::moved[0].second, shift).norm(), 1e-12);
+  EXPECT_EQ(Framed::moved[1].first, 0u);
+  EXPECT_LT(pose_error(Framed::moved[1].second, turn).norm(), 1e-12);
 }
 
 TEST(RegistryTypes, AreNamedOnceAndHaveFactories) {

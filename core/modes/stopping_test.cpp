@@ -95,6 +95,23 @@ TEST_F(Stopping, WhatWasPostedBeforeAStopDoesNotRunAfterIt) {
   EXPECT_TRUE(loop.activate({"s0", "s1"}).accepted());
 }
 
+// Whichever request of the batch the stop has overtaken.
+TEST_F(Stopping, ABatchIsOvertakenByAnyOfItsRequests) {
+  loop.step();
+  const Request resume{.kind = Kind::resume, .arms = ArmSet::of(0)}, start{.activate = loop.set({"s1"})};
+  for (const std::array<Request, 2>& batch : {std::array{resume, start}, std::array{start, resume}}) {
+    fill_a_step();
+    const std::uint64_t last = post(batch);
+    loop.modes().stop(ArmSet::of(0));
+    loop.steps(5);
+    EXPECT_EQ(verdict(last - 1), Verdict::arm_stopped);
+    EXPECT_EQ(verdict(last), Verdict::arm_stopped);
+    EXPECT_TRUE(loop.modes().stopped().contains(ArmIndex{0}));
+    EXPECT_FALSE(runs("s1"));
+    EXPECT_TRUE(loop.ask(resume).accepted());
+  }
+}
+
 TEST_F(Stopping, FromItsFirstRefusalOnABatchIsRefused) {
   loop.step();
   const std::uint64_t last =
@@ -129,6 +146,26 @@ TEST_F(Stopping, TheScheduleDoesNotResumeWhatSomebodyStopped) {
     EXPECT_TRUE(timed.ask({.kind = Kind::resume, .arms = ArmSet::of(0)}).accepted());
     EXPECT_TRUE(timed.activate({"s0"}).accepted());
   }
+}
+
+// What somebody stopped and resumed is the schedule's again.
+TEST_F(Stopping, TheScheduleResumesAfterwardsWhatItStopsItself) {
+  std::vector<ScheduledRequest> timeline(2);
+  timeline[0] = {.at = LoopTime::from_seconds(0.020),
+                 .what = ScheduledRequest::What::stop,
+                 .request = {},
+                 .stop = ArmSet::of(0)};
+  timeline[1].at = LoopTime::from_seconds(0.030);
+  timeline[1].request = {.kind = Kind::resume, .arms = ArmSet::of(0)};
+  loop.modes().schedule(timeline);
+  loop.step();
+  loop.modes().stop(ArmSet::all(2));
+  loop.steps(2);
+  EXPECT_TRUE(loop.ask({.kind = Kind::resume, .arms = ArmSet::of(0)}).accepted());
+  loop.steps(20);
+  EXPECT_EQ(loop.modes().stopped(), ArmSet::all(2));
+  loop.steps(20);
+  EXPECT_EQ(loop.modes().stopped(), ArmSet::of(1));
 }
 
 }  // namespace

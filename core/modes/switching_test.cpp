@@ -291,6 +291,17 @@ TEST(Switching, ScheduledRequestsAreExecutedInTheirCycle) {
   EXPECT_EQ(loop.modes().stopped(), ArmSet::of(1));
 }
 
+// Whatever the timeline has for the first moment comes after what is active at the start.
+TEST(Switching, WhatIsActiveAtTheStartIsTakenBeforeTheTimeline) {
+  TestLoop loop(4, four_arms(), test::test_registry());
+  std::vector<ScheduledRequest> timeline(1);
+  timeline[0].request.deactivate = loop.set({"s0"});
+  loop.modes().schedule(timeline);
+  loop.modes().activate_at_start(loop.set({"s0", "s1"}));
+  loop.step();
+  EXPECT_EQ(loop.modes().active(), loop.set({"arm0_hold", "s1", "arm2_hold", "arm3_hold"}));
+}
+
 TEST(Switching, ParametersOfInactiveControlletsAreSetAtOnce) {
   TestLoop loop(2, {}, test::test_registry());
   loop.step();
