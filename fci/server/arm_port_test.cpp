@@ -397,9 +397,9 @@ TEST_F(RealTimeArm, anArmWithAClockOfItsOwnIsControlledAsAnyOther) {
 TEST(VirtualArms, showTheTorqueThatAnArmHasTakenWhateverItsMotorsAreAt) {
   Scene scene = multipanda::test::scene_of({multipanda::test::arm_named("left")});
   scene.plant.command_delay_s = 0.003;
-  VirtualArms arms(
-      scene, {.places = {{.address = test::own_address(0), .port = 0, .gripper_port = 0, .vacuum_port = 0}},
-              .pace = WorldPace::lockstep});
+  VirtualArms arms(scene, {.places = {{.address = test::own_address(0), .port = 0, .gripper_port = 0,
+                                       .vacuum_port = 0}},
+                           .pace = WorldPace::lockstep});
   arms.start();
   TestProgram program(arms.place(0));
   ASSERT_TRUE(program.connected());
