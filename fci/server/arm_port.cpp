@@ -220,8 +220,12 @@ void ArmPort::publish() {
   fill(state_, message_id_, arm_, config_.fixed);
   if (motion_.runs && is_external(state_)) {
     // A motion begins at zero, whatever the motors hold the arm with until the first command is taken. After
-    // it, the motors may still be at an older one, or at that hold, but the arm has taken it.
-    show_torque_taken(state_, motion_.commanded ? command_.tau_J_d : joint_constant(kWireJoints, 0));
+    // it, the world has not yet advanced with the torque that was just taken, but the arm has.
+    if (!motion_.commanded) {
+      show_torque_taken(state_, joint_constant(kWireJoints, 0));
+    } else if (config_.own_clock) {
+      show_torque_taken(state_, command_.tau_J_d);
+    }
   }
   const std::size_t size = encode(*client_->dialect, state_, state_bytes_);
   const std::span<const std::byte> bytes(state_bytes_.data(), size);

@@ -32,6 +32,7 @@ struct ArmPortConfig {
   bool lockstep = false;
   // An answer counts only if it is to the last state and arrives within kAnswerTime of its sending.
   bool strict = false;
+  bool own_clock = false;  // stepped() is called at the arm's own instants, between steps of the world
   FixedConfig fixed;
   ModelDownload model;
   std::uint64_t seed = 1;  // of injected faults

@@ -393,27 +393,6 @@ TEST_F(RealTimeArm, anArmWithAClockOfItsOwnIsControlledAsAnyOther) {
   EXPECT_TRUE(seen);
 }
 
-// Motors that answer late still hold the arm with what they held it with before the motion.
-TEST(VirtualArms, showTheTorqueThatAnArmHasTakenWhateverItsMotorsAreAt) {
-  Scene scene = multipanda::test::scene_of({multipanda::test::arm_named("left")});
-  scene.plant.command_delay_s = 0.003;
-  VirtualArms arms(scene, {.places = {{.address = test::own_address(0), .port = 0, .gripper_port = 0,
-                                       .vacuum_port = 0}},
-                           .pace = WorldPace::lockstep});
-  arms.start();
-  TestProgram program(arms.place(0));
-  ASSERT_TRUE(program.connected());
-  RobotState state = in_torque_motion(program, program.read());
-  EXPECT_EQ(state.tau_J_d[6], 0);
-  for (int k = 1; k <= 6; ++k) {
-    RobotCommand command = program.torques(state);
-    command.tau_J_d[6] = 0.25 * k;
-    program.command(command);
-    state = program.read();
-    EXPECT_NEAR(state.tau_J_d[6], 0.25 * k, 1e-6);
-  }
-}
-
 TEST(ArmClocks, driftByTheirRateAndNeverShortenAnAnswersTime) {
   const HostTime begin{5'000'000'000};
   for (const double ppm : {-50.0, 0.0, 50.0, 400.0}) {

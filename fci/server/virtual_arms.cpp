@@ -33,6 +33,7 @@ ArmPortConfig port_config(const Scene& scene, ArmIndex i, const ArmPlace& place,
           .port = place.port,
           .lockstep = options.pace == WorldPace::lockstep,
           .strict = options.strict,
+          .own_clock = options.pace == WorldPace::realtime && (options.strict || !options.clocks.empty()),
           .fixed = fixed_config(arm),
           .model = {.urdf = model_urdf(robot), .library = model_library(robot)},
           .seed = options.seed + 2 * i};
