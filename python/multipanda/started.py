@@ -184,6 +184,12 @@ class Run(Client):
         try:
             super().__init__(self._connect(socket, start_timeout_s))
             self.state()  # the first cycle
+        except Disconnected:  # the program says why, for example which arm it could not reach
+            self._end_quietly()
+            code = self.process.child.poll()
+            if code:
+                _raise_start(self.process, code)
+            raise
         except BaseException:
             self._end_quietly()
             raise

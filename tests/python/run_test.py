@@ -220,6 +220,8 @@ class Errors(unittest.TestCase):
     def test_a_program_that_does_not_answer_is_a_timeout(self):
         with mp.run("one_arm") as run:
             os.kill(run.process.child.pid, signal.SIGSTOP)
+            stopped = pathlib.Path(f"/proc/{run.process.child.pid}/stat")
+            until(lambda: stopped.read_text().rpartition(") ")[2][0] == "T", "the program stands still")
             try:
                 with self.assertRaises(mp.Timeout) as caught:
                     run.ask({"do": "list"}, 0.1)
