@@ -114,20 +114,48 @@ TEST(ControlCycle, AFaultIsCountedForTheArmThatHasIt) {
   Registry registry = test::test_registry();
   registry.add(controllet_type<HalfLaw>());
   registry.add(feature_type<HalfFeature>());
-  TestLoop loop(3,
-                {{.name = "law", .type = "half", .arms = {0, 2}},
-                 {.name = "feature", .type = "pair", .arms = {0, 2}, .features = {"half"}}},
-                registry);
-  loop.step();
-  std::uint64_t faults = 0;
-  for (const char* name : {"law", "feature"}) {
-    ASSERT_TRUE(loop.activate({name}).accepted());
-    ++faults;
-    EXPECT_EQ(loop.modes().owner(0), loop.find("arm0_hold")) << name;
-    EXPECT_EQ(loop.modes().owner(2), loop.find("arm2_hold")) << name;
-    EXPECT_EQ(loop.cycle.safety().counted(0), 0u) << name;
-    EXPECT_EQ(loop.cycle.safety().counted(2, Intervention::torque_not_finite), faults) << name;
+  const InstanceConfig law{.name = "law", .type = "half", .arms = {0, 2}};
+  const InstanceConfig feature{.name = "feature", .type = "pair", .arms = {0, 2}, .features = {"half"}};
+  for (const auto& configs : {std::vector{law, feature}, std::vector{feature, law}}) {
+    TestLoop loop(3, configs, registry);
+    loop.step();
+    std::uint64_t faults = 0;
+    for (const char* name : {"law", "feature"}) {
+      ASSERT_TRUE(loop.activate({name}).accepted());
+      ++faults;
+      EXPECT_EQ(loop.modes().owner(0), loop.find("arm0_hold")) << name;
+      EXPECT_EQ(loop.modes().owner(2), loop.find("arm2_hold")) << name;
+      EXPECT_EQ(loop.cycle.safety().counted(0), 0u) << name;
+      EXPECT_EQ(loop.cycle.safety().counted(2, Intervention::torque_not_finite), faults) << name;
+    }
   }
+}
+
+// A law fails, and in the same cycle its arm moves so fast that its hold asks for more than is plausible.
+TEST(ControlCycle, AHoldThatTakesOverAndFailsLeavesTheArmToItsOwnGravityCompensation) {
+  const auto models = test::test_models(1);
+  test::TestWorld world(models);
+  CycleConfig config = test::test_config(models, {{.name = "bad", .type = "broken", .arms = {0}}});
+  config.arms[0].safety.implausible_factor = 0.01;
+  ControlCycle cycle(config, test::test_registry(), world);
+  MultimodeController& modes = cycle.modes();
+  const InstanceIndex bad = modes.find("bad");
+  modes.activate_at_start(bit(bad));
+  cycle.step(world.wait());
+  ASSERT_EQ(modes.owner(0), bad);
+  Request fault{.kind = Kind::set_parameter, .instance = bad, .size = 1};
+  fault.values[0] = 5;
+  std::uint64_t ticket = 0;
+  ASSERT_EQ(modes.post(std::span(&fault, 1), ticket), Verdict::accepted);
+  world.set_velocity(0, joint_constant(7, 1));
+  cycle.step(world.wait());
+  EXPECT_EQ(modes.owner(0), 0);
+  EXPECT_EQ(cycle.safety().counted(0, Intervention::controllet_fault), 1u);
+  EXPECT_EQ(cycle.data().tau_controllet[0], joint_constant(7, 0));
+  EXPECT_EQ(world.torque(0), joint_constant(7, 0));
+  const std::uint64_t before = cycle.safety().counted(0, Intervention::torque_implausible);
+  cycle.step(world.wait());
+  EXPECT_EQ(cycle.safety().counted(0, Intervention::torque_implausible), before + 1) << "of the hold";
 }
 
 // In the very cycle in which a law fails, its arm's hold acts with its features, unless they fail, too.
@@ -144,6 +172,24 @@ TEST(ControlCycle, AHoldThatTakesOverActsWithItsFeaturesAtOnce) {
     const double first = broken ? 0 : 4.0 / 200;  // of a fade of 0.2 s
     EXPECT_LT((loop.cycle.data().tau_feature[1] - joint_constant(7, first)).norm(), 1e-12) << broken;
     EXPECT_TRUE(loop.world.torque(1).allFinite());
+  }
+}
+
+// A feature of a hold that knows no torque adds none.
+TEST(ControlCycle, AFeatureOfAHoldThatFailsAddsNothing) {
+  TestLoop loop(2,
+                {{.name = "arm1_hold",
+                  .type = "hold",
+                  .arms = {1},
+                  .features = {"push"},
+                  .parameters = {{"push.torque_nm", {99}}}}},
+                test::test_registry());
+  for (std::uint64_t k = 1; k <= 5; ++k) {
+    loop.step();
+    EXPECT_EQ(loop.cycle.data().tau_feature[1], joint_constant(7, 0));
+    EXPECT_LT(loop.world.torque(1).norm(), 0.01) << "it is at rest";
+    EXPECT_EQ(loop.cycle.safety().counted(1, Intervention::torque_not_finite), k);
+    EXPECT_EQ(loop.cycle.safety().counted(0), 0u);
   }
 }
 
@@ -356,6 +402,19 @@ TEST(ControlCycle, TheFirstTorqueHasAWholePeriodOfTheRateLimit) {
   loop.step();
   EXPECT_NEAR(loop.world.torque(0)[0], 4,
               1e-12);  // towards the torque of the hold, near 0, by 1000 N m/s x 1 ms
+}
+
+// The rate limit counts the time since the arm's last torque, here half a period.
+TEST(ControlCycle, LaterTorquesHaveTheTimeSinceTheLastOne) {
+  TestLoop loop(1, {}, test::test_registry());
+  loop.world.step_s = 0.0005;
+  loop.world.tamper = [](ArmIndex, std::uint64_t step, ArmState& state) {
+    if (step == 0) state.tau_J_d[0] = 20;
+  };
+  for (const double expected : {19.0, 18.5, 18.0, 17.5}) {
+    loop.step();
+    EXPECT_NEAR(loop.world.torque(0)[0], expected, 1e-9);
+  }
 }
 
 TEST(Record, HoldsWhatWasReadAndSent) {

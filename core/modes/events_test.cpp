@@ -57,7 +57,9 @@ struct Events : testing::Test {
     EXPECT_EQ(answer.t, loop.cycle.data().tick.t);
     EXPECT_LE(before, answer.received);
     EXPECT_LE(answer.received, answer.taken);
+    EXPECT_LT(loop.cycle.data().tick.start, answer.taken) << "posted before the step, taken in it";
     EXPECT_LT(answer.taken, answer.first_torque);
+    EXPECT_EQ(loop.cycle.record()->dropped_events, 0u);
     return answer;
   }
   void expect_of_request(const Event& event, EventKind kind, Verdict verdict, const char* instance,
@@ -161,6 +163,53 @@ TEST_F(Events, OfSwitches) {
   }
   loop.step();
   EXPECT_TRUE(taken().empty());
+  const Answer of_first = ask({.activate = loop.set({"s0"})});
+  const Event next = only();
+  EXPECT_GT(next.values[0], 0);
+  EXPECT_EQ(next.values[0], of_first.step_requested[0]);
+  for (std::size_t i = 2; i < 6; ++i) EXPECT_EQ(next.values[i], 0) << "of this switch only";
+}
+
+// Nobody asked: such a switch was received and taken when the step began.
+TEST_F(Events, OfScheduledSwitches) {
+  std::vector<ScheduledRequest> timeline(1);
+  timeline[0].request.activate = loop.set({"s0"});
+  loop.modes().schedule(timeline);
+  loop.step();
+  const Event event = only();
+  EXPECT_EQ(event.kind, EventKind::switched);
+  EXPECT_EQ(event.ticket, 0u);
+  EXPECT_EQ(event.started, loop.set({"s0"}));
+  EXPECT_EQ(event.received, loop.cycle.data().tick.start);
+  EXPECT_EQ(event.taken, loop.cycle.data().tick.start);
+  EXPECT_LT(event.taken, event.first_torque);
+}
+
+// The steps of a switch's event are those of all arms that got a new owner in its cycle.
+TEST_F(Events, OfSwitchesHaveTheStepsOfInterventionsOfTheirCycle) {
+  ASSERT_TRUE(loop.activate({"p12"}).accepted());
+  (void)taken();
+  loop.world.set_velocity(1, joint_constant(7, 0.1));
+  loop.world.tamper = [](ArmIndex arm, std::uint64_t, ArmState& state) {
+    if (arm == 2) state.dq[5] = -2.75;
+  };
+  const Answer answer = ask({.activate = loop.set({"s0"})});
+  EXPECT_EQ(loop.modes().active(), loop.set({"s0", "arm1_hold", "arm2_hold"}));
+  EXPECT_GT(answer.step_sent[1], 0);
+}
+
+// The log begins with what each arm is set to, also if that has never changed.
+TEST(FirstEvents, NameTheConfigurationOfEveryArm) {
+  TestLoop loop(2, {}, test::test_registry(), 64);
+  loop.step();
+  std::vector<std::uint16_t> arms;
+  RecordRing& ring = *loop.cycle.record();
+  for (const Event* event; (event = ring.events.front()) != nullptr; ring.events.pop()) {
+    if (event->kind != EventKind::arm_config) continue;
+    EXPECT_EQ(event->index, 0);
+    arms.push_back(event->arm);
+  }
+  EXPECT_EQ(arms, (std::vector<std::uint16_t>{0, 1}));
 }
 
 TEST_F(Events, OfRefusedSwitches) {

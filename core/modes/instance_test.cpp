@@ -121,7 +121,8 @@ class Bounded final : public Controllet {
             .arms = 1,
             .parameters = {{.name = "gain", .unit = "N", .size = 0, .initial = {1}, .max = 100},
                            {.name = "scale", .initial = {1}, .max = 100},
-                           {.name = "free", .initial = {1}, .max = 100}}};
+                           {.name = "free", .initial = {1}, .max = 100},
+                           {.name = "long", .size = kMaxParameterSize, .initial = {1}, .max = 100}}};
   }
   inline static double scale = 0;  // as the law saw it last
   LawResult start(ControlContext&) override { return LawResult::ok; }
@@ -283,6 +284,54 @@ TEST(InstanceTicks, AreAsLongAsTheTimeSinceTheLastOneAndAPeriodAtTheStart) {
   for (std::size_t k = 0; k < expected.size(); ++k) EXPECT_NEAR(Timed::ticked[k], expected[k], 1e-12);
 }
 
+// Two steps at the same time: dt is never zero. A pause of the loop: no more than five periods.
+TEST(InstanceTicks, AreBounded) {
+  Registry registry = test::test_registry();
+  registry.add(controllet_type<Timed>());
+  for (const auto& [step_s, expected] : {std::pair{0.0, 1e-6}, std::pair{0.02, 0.005}}) {
+    TestLoop loop(1, {{.name = "law", .type = "timed", .arms = {0}}}, registry);
+    loop.modes().activate_at_start(loop.set({"law"}));
+    loop.world.step_s = step_s;
+    loop.steps(2);
+    EXPECT_DOUBLE_EQ(Timed::ticked.back(), expected);
+  }
+}
+
+// After the last step of a fade, which may be a part of one.
+TEST(InstanceFeatures, NeverActWithMoreThanTheirTorque) {
+  InstanceConfig config = spring();
+  config.features = {"push"};
+  TestLoop loop(1, {config}, test::test_registry());
+  loop.world.step_s = 0.0015;
+  loop.modes().activate_at_start(loop.set({"law"}));
+  double last = 0;
+  for (int k = 0; k < 300; ++k) {
+    loop.step();
+    const double torque = loop.cycle.data().tau_feature[0][3];
+    ASSERT_GE(torque, last);
+    ASSERT_LE(torque, 0.5);
+    last = torque;
+  }
+  EXPECT_EQ(last, 0.5);
+}
+
+TEST(InstanceInputs, AreRecordedInTheirOrderWithTheirSizes) {
+  TestLoop loop(1, {{.name = "law", .type = "inputs", .arms = {0}}}, registry_with_inputs(), 2);
+  loop.modes().activate_at_start(loop.set({"law"}));
+  const std::vector<std::size_t> sizes = {7, 6, 6, 7};
+  for (int k = 0; k < 5; ++k) {  // more than the ring has
+    loop.step();
+    const CycleRecord& record = *loop.cycle.record()->ring.front();
+    ASSERT_EQ(record.reference_count, sizes.size());
+    for (std::size_t i = 0; i < sizes.size(); ++i) {
+      EXPECT_EQ(record.references[i].instance, loop.find("law"));
+      EXPECT_EQ(record.references[i].input, i);
+      EXPECT_EQ(record.references[i].size, sizes[i]);
+    }
+    loop.cycle.record()->ring.pop();
+  }
+}
+
 // A joint reference far away: the hand of the arm where it is now keeps to the bound for contact.
 TEST(InstanceInputs, JointReferencesKeepTheHandToTheBoundForContact) {
   constexpr double kBound = 0.1;  // [m/s]
@@ -421,6 +470,21 @@ TEST(InstanceParameters, OfALawMoveWithinAFifthOfASecond) {
     ASSERT_NEAR(Bounded::scale, 1 + 2 * std::min(1.0, k / 200.0), 1e-9) << k;
     loop.step();
   }
+}
+
+TEST(InstanceParameters, HaveAtMostAsManyNumbersAsARequestHolds) {
+  Registry registry = test::test_registry();
+  registry.add(controllet_type<Bounded>());
+  TestLoop loop(1, {{.name = "law", .type = "bounded", .arms = {0}}}, registry);
+  const Instance& law = loop.modes().instance(loop.find("law"));
+  Request set{.kind = Request::Kind::set_parameter, .instance = loop.find("law")};
+  set.index = static_cast<std::uint16_t>(law.find_parameter("long"));
+  set.values.fill(7);
+  for (const std::size_t size : {kMaxParameterSize, kMaxParameterSize - 1, kMaxParameterSize + 1}) {
+    set.size = static_cast<std::uint8_t>(size);
+    EXPECT_EQ(loop.ask(set).verdict, size == kMaxParameterSize ? Verdict::accepted : Verdict::wrong_size);
+  }
+  EXPECT_EQ(law.parameter(set.index), std::vector<double>(kMaxParameterSize, 7));
 }
 
 // A start needs no ramps: parameters that were on their way when the controllet ended are where they go to.

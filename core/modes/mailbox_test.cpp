@@ -27,6 +27,28 @@ TEST(Mailbox, TicketsCountAndBatchesAreBounded) {
   EXPECT_EQ(left, 6u + 3 * 64);
 }
 
+TEST(Mailbox, HoldsAsManyAsItHasPlacesFor) {
+  const auto box = std::make_unique<Mailbox>();
+  const std::vector<Request> batch(64);
+  for (const std::uint64_t last : {64, 128, 192, 256}) EXPECT_EQ(box->post(batch), last);
+  EXPECT_EQ(box->post(std::span(batch).first(1)), 0u);
+  EXPECT_NE(box->front(), nullptr);
+  for (std::size_t k = 0; k < 64; ++k) box->pop();
+  EXPECT_EQ(box->post(batch), 320u);
+}
+
+TEST(Mailbox, PatienceIsInSecondsFromThePost) {
+  for (const bool late : {false, true}) {
+    const auto box = std::make_unique<Mailbox>();
+    const Request request;
+    ASSERT_NE(box->post(std::span(&request, 1), 1.5), 0u);
+    const HostTime end{box->front()->received.ns + 1'500'000'000};
+    EXPECT_EQ(box->front()->expires, end);
+    EXPECT_EQ(box->claim(late ? HostTime{end.ns + 1} : end),
+              late ? Mailbox::Claim::expired : Mailbox::Claim::taken);
+  }
+}
+
 TEST(Mailbox, AnswersAreKeptForTheirTicketOnly) {
   const auto box = std::make_unique<Mailbox>();
   Answer answer, got;

@@ -112,6 +112,18 @@ TEST_F(Stopping, ABatchIsOvertakenByAnyOfItsRequests) {
   }
 }
 
+TEST_F(Stopping, ACallIsNotOvertakenWithTheOneBehindIt) {
+  loop.step();
+  fill_a_step();
+  const std::uint64_t other = post(std::array{Request{.activate = loop.set({"s1"})}}),
+                      overtaken = post(std::array{Request{.activate = loop.set({"s0"})}});
+  loop.modes().stop(ArmSet::of(0));
+  loop.steps(3);
+  EXPECT_EQ(verdict(other), Verdict::accepted);
+  EXPECT_EQ(verdict(overtaken), Verdict::arm_stopped);
+  EXPECT_TRUE(runs("s1"));
+}
+
 TEST_F(Stopping, FromItsFirstRefusalOnABatchIsRefused) {
   loop.step();
   const std::uint64_t last =

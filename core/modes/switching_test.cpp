@@ -91,6 +91,24 @@ TEST(Switching, ARefusedStartChangesNothing) {
   }
 }
 
+// In the cycle in which an arm stops taking commands: a law is refused, its hold is not.
+TEST(Switching, OnlyAHoldMayStartOnAnArmThatIsNotReady) {
+  for (const ArmIndex arm : {0, 1, 2, 3}) {
+    const std::string law = "s" + std::to_string(arm);
+    for (const bool runs : {true, false}) {
+      TestLoop loop(4, four_arms(), test::test_registry());
+      loop.step();
+      if (runs) (void)loop.activate({law});
+      loop.world.tamper = [&](ArmIndex i, std::uint64_t, ArmState& state) {
+        if (i == arm) state.mode = ArmMode::reflex;
+      };
+      const Answer answer = runs ? loop.ask({.deactivate = loop.set({law})}) : loop.activate({law});
+      EXPECT_EQ(answer.verdict, runs ? Verdict::accepted : Verdict::arm_not_ready) << law;
+      EXPECT_EQ(loop.modes().owner(arm), arm);
+    }
+  }
+}
+
 TEST(Switching, WrongRequestsAreAnsweredWithTheirReason) {
   TestLoop loop(4, four_arms(), test::test_registry());
   loop.step();
@@ -109,8 +127,12 @@ TEST(Switching, WrongRequestsAreAnsweredWithTheirReason) {
   EXPECT_EQ(loop.ask(parameter).verdict, Verdict::out_of_bounds);
   parameter.values[0] = std::nan("");
   EXPECT_EQ(loop.ask(parameter).verdict, Verdict::not_finite);
-  EXPECT_EQ(loop.ask({.kind = Kind::set_feature, .instance = 0, .index = 9}).verdict,
-            Verdict::unknown_feature);
+  const std::size_t features = loop.modes().instance(0).feature_count();
+  for (const std::size_t none : {features, std::size_t{9}}) {
+    const auto index = static_cast<std::uint16_t>(none);
+    EXPECT_EQ(loop.ask({.kind = Kind::set_feature, .instance = 0, .index = index}).verdict,
+              Verdict::unknown_feature);
+  }
   EXPECT_EQ(loop.ask({.kind = Kind::set_target, .instance = 0}).verdict, Verdict::unknown_input);
   Request target{.kind = Kind::set_target, .instance = loop.find("f2")};
   EXPECT_EQ(loop.ask(target).verdict, Verdict::wrong_size);
@@ -168,6 +190,9 @@ TEST(Switching, FeaturesSwitchAtTheCycle) {
   on.on = false;
   EXPECT_TRUE(loop.ask(on).accepted());
   EXPECT_EQ(loop.cycle.data().tau_feature[1].norm(), 0);
+  on.on = true;
+  EXPECT_TRUE(loop.ask(on).accepted());
+  EXPECT_NEAR(loop.cycle.data().tau_feature[1][0], 0.5 / 200, 1e-12) << "fades in again";
 }
 
 // The features of a controllet that starts fade in, each time and whoever owned the arms before.
@@ -261,9 +286,10 @@ TEST(Switching, AskGivesTheFirstRefusalOfABatch) {
   std::thread asker([&] {
     const std::array<Request, 2> batch{Request{.activate = loop.set({"refuser"})},
                                        Request{.kind = Kind::resume}};
-    answer = loop.modes().ask(batch, 60);
+    answer = loop.modes().ask(batch, 9);  // less than the patience for answers
     done = true;
   });
+  for (int k = 0; k < 1000; ++k) std::this_thread::yield();  // it waits
   while (!done) loop.step();
   asker.join();
   EXPECT_EQ(answer.verdict, Verdict::start_refused);
@@ -289,6 +315,16 @@ TEST(Switching, ScheduledRequestsAreExecutedInTheirCycle) {
     EXPECT_EQ(loop.modes().owner(1), loop.find(expected)) << k;
   }
   EXPECT_EQ(loop.modes().stopped(), ArmSet::of(1));
+}
+
+TEST(Switching, AsManyScheduledRequestsAsThereAreAreTakenInOneCycle) {
+  TestLoop loop(4, four_arms(), test::test_registry());
+  std::vector<ScheduledRequest> timeline(500);
+  for (ScheduledRequest& one : timeline) one.request.kind = Kind::resume;
+  timeline.back().request = {.activate = loop.set({"s3"})};
+  loop.modes().schedule(timeline);
+  loop.step();
+  EXPECT_EQ(loop.modes().owner(3), loop.find("s3"));
 }
 
 // Whatever the timeline has for the first moment comes after what is active at the start.

@@ -109,6 +109,18 @@ TEST(WaitingStart, OfAStoppedArmIsCanceledWithoutARefusal) {
   EXPECT_EQ(refusals(loop), 0);
 }
 
+TEST(WaitingStart, ArmsThatWereReadyBeforeItDoNotCount) {
+  TestLoop loop(4, laws(), test::test_registry());
+  loop.step();
+  loop.modes().set_ready(ArmSet::all(4));
+  loop.modes().start_when_ready(loop.set({"s0"}));
+  loop.steps(2);
+  EXPECT_EQ(loop.modes().owner(0), loop.find("arm0_hold"));
+  loop.modes().set_ready(ArmSet::of(0));
+  loop.step();
+  EXPECT_EQ(loop.modes().owner(0), loop.find("s0"));
+}
+
 TEST(WaitingStart, IsTriedOnceThoughItIsRefused) {
   TestLoop loop(4, laws(), test::test_registry(), 64);
   loop.step();
