@@ -120,6 +120,8 @@ class Client:
 
     def shared(self) -> SharedRecords:
         """The run's records in shared memory, mapped at the first call. Raises Refused if it shares none."""
+        if os.getpid() != self.connection.process:
+            self.connection.check()  # a forked child would read on without knowing when the run ends
         if self._shared is not None:
             return self._shared
         with self._sharing:
