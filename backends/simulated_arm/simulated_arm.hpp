@@ -116,6 +116,9 @@ class SimulatedArm {
   const JointVector& motor_torque(const JointVector& q, const JointVector& dq, double dt);
   // Ends a period: fills state() and interface().
   void measure(const PlantMeasurement& plant);
+  // Shows the desired motion of the newest command in interface() now: for an arm whose clock is not the
+  // plant's, which may send two states between two measurements.
+  void publish_desired();
 
   // --- Requests, buttons, faults ---
   // A request that passed check_request().

@@ -90,23 +90,27 @@ void SimulatedArm::publish_condition() {
   interface_.command_success_rate = state_.command_success_rate;
 }
 
-void SimulatedArm::publish_interface() {
+void SimulatedArm::publish_desired() {
   const DesiredState& d = desired_.state();
   interface_.q_d = d.q;
   interface_.dq_d = d.dq;
   interface_.ddq_d = d.ddq;
-  interface_.theta = state_.q;  // the joints are rigid: the motor position equals the link position
-  interface_.dtheta = state_.dq;
   interface_.X_BE_d = d.X_BE_d;
   interface_.X_BE_c = d.X_BE_c;
   interface_.V_BE_d = d.V_BE_d;
   interface_.V_BE_c = d.V_BE_c;
   interface_.A_BE_c = d.A_BE_c;
-  interface_.elbow = elbow_of(state_.q);
   interface_.elbow_d = d.elbow_d;
   interface_.elbow_c = d.elbow_c;
   interface_.delbow_c = d.delbow_c;
   interface_.ddelbow_c = d.ddelbow_c;
+}
+
+void SimulatedArm::publish_interface() {
+  publish_desired();
+  interface_.theta = state_.q;  // the joints are rigid: the motor position equals the link position
+  interface_.dtheta = state_.dq;
+  interface_.elbow = elbow_of(state_.q);
   interface_.tau_ext_hat = contact_.tau_ext_hat();
   interface_.F_K_K = contact_.F_K_K();
   const Matrix3 R_BW = config_.model->X_WB().rotation.transpose();

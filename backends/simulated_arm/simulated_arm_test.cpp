@@ -301,6 +301,26 @@ TEST(Motions, FinishingInMotionIsAnError) {
   EXPECT_LT(rig.dq.norm(), 1e-4);
 }
 
+// An arm whose clock is not the plant's may take two commands between two measurements: each state shows the
+// newest one, or a client would take it for lost.
+TEST(Motions, TheNewestCommandCanBeShownBeforeItIsMeasured) {
+  ArmRig rig("fr3", Draw(8).pose(1));
+  rig.arm.start_motion(request(ArmController::joint_impedance, MotionGenerator::joint_position));
+  rig.step();
+  InterfaceCommand command;
+  command.q_c = rig.face().q_d;
+  const JointVector before = command.q_c;
+  for (int k = 1; k <= 2; ++k) {
+    command.q_c[3] += 1e-6;
+    rig.arm.take_command(command);
+    EXPECT_NEAR(rig.face().q_d[3], before[3] + (k - 1) * 1e-6,
+                1e-9);  // of the last measurement or publishing
+    rig.arm.publish_desired();
+    EXPECT_NEAR(rig.face().q_d[3], command.q_c[3], 1e-9);
+    EXPECT_NEAR(rig.face().dq_d[3], 1e-3, 1e-6);
+  }
+}
+
 // The generator's violations become errors of the arm, with detail; missing commands are handled as before.
 TEST(Motions, ErrorsOfTheGeneratorStopTheArm) {
   ArmRig rig("fr3", Draw(8).pose(1));

@@ -187,6 +187,7 @@ void ArmPort::command() {
       if (!motion_.asynchronous) counts_.commands_missed.add();
       silent_ = awaits() == Awaits::command;
     }
+    if (config_.own_clock) arm_.publish_desired();  // the world may not advance before the next state is sent
   }
   has_pending_ = answered_ = false;
 }
