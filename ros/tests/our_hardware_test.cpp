@@ -343,6 +343,13 @@ TEST_P(OurHardware, OneArmsFaultDoesNotAffectTheOther) {
   EXPECT_LT(robot_->distance("left", left), 2e-3);
 }
 
+TEST_P(OurHardware, ItsNodeKeepsItsNameInAProcessThatRenamesNodes) {
+  begin();
+  EXPECT_STREQ(managed().user()->get_name(),
+               "controller_manager");  // the rule is at work: this node was "user"
+  EXPECT_THAT(managed().user()->get_node_names(), testing::Contains("/multipanda_arms").Times(1));
+}
+
 // All addresses stop answering: the component is in error and its controllers end. When they answer again, it
 // is configured and activated again.
 class VirtualHardware : public OurHardware {};
