@@ -198,6 +198,20 @@ TEST_F(Events, OfSwitchesHaveTheStepsOfInterventionsOfTheirCycle) {
   EXPECT_GT(answer.step_sent[1], 0);
 }
 
+TEST(FirstEvents, OfASwitchHaveRoomForEveryArm) {
+  TestLoop loop(kMaxArms, {{.name = "last", .type = "spring", .arms = {kMaxArms - 1}}}, test::test_registry(),
+                256);
+  loop.step();
+  RecordRing& ring = *loop.cycle.record();
+  while (ring.events.front() != nullptr) ring.events.pop();
+  ASSERT_TRUE(loop.activate({"last"}).accepted());
+  const Event& event = *ring.events.front();
+  EXPECT_EQ(event.size, 2 * kMaxArms);
+  EXPECT_EQ(event.arms, 1u << (kMaxArms - 1));
+  EXPECT_GT(event.values[2 * kMaxArms - 1], 0);
+  EXPECT_EQ(event.values[2 * kMaxArms], 0) << "behind the last one";
+}
+
 // The log begins with what each arm is set to, also if that has never changed.
 TEST(FirstEvents, NameTheConfigurationOfEveryArm) {
   TestLoop loop(2, {}, test::test_registry(), 64);
