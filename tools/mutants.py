@@ -82,6 +82,7 @@ ARITHMETIC = {"+": "-", "-": "+", "*": "/", "/": "*", "&": "|", "|": "&"}
 ASSIGNMENTS = {"+=": "-=", "-=": "+=", "*=": "/=", "/=": "*=", "|=": "&=", "&=": "|="}
 BUILTIN = re.compile(r"^(const )?(bool|char|int|unsigned|long|float|double|std::u?int\d+_t|std::size_t|u?int\d+_t)\b")
 K = ci.CursorKind
+NAMES = (K.DECL_REF_EXPR, K.MEMBER_REF_EXPR, K.OVERLOADED_DECL_REF, K.TYPE_REF, K.TEMPLATE_REF)
 
 
 class Edits:
@@ -199,7 +200,11 @@ def find_mutants(path, text, unit, first_id):
                     line,
                     lambda i, inner: b"(mutants::on(%d) != static_cast<bool>(%s))" % (i, inner),
                 )
-        if sound and kind in (K.INTEGER_LITERAL, K.FLOATING_LITERAL) and re.match(rb"^[\d.][\d.eE+-]*$", text[s:e]):
+        # An argument of a template is a constant: no mutant could act.
+        in_type = parent is not None and parent.kind == K.VAR_DECL and e <= parent.location.offset
+        is_argument = in_type or (parent is not None and parent.kind in NAMES)
+        literal = kind in (K.INTEGER_LITERAL, K.FLOATING_LITERAL) and not is_argument
+        if sound and literal and re.match(rb"^[\d.][\d.eE+-]*$", text[s:e]):
             value = text[s:e].decode()
             new = "1" if float(value) == 0 else "0" if kind == K.INTEGER_LITERAL and value == "1" else f"2*{value}"
             edits.add(
