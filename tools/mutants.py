@@ -380,6 +380,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("work", type=pathlib.Path, help="folder for the copy and the results; kept")
     parser.add_argument("--folders", nargs="+", default=list(FOLDERS), choices=FOLDERS, metavar="FOLDER")
+    parser.add_argument("--only", default="", help="mutants of files whose names begin so, as in --only force_law")
     parser.add_argument("--targets", nargs="+", default=list(TARGETS), help="test programs to run")
     parser.add_argument("--sample", type=int, default=150, help="mutants per folder; 0: all")
     parser.add_argument("--seed", type=int, default=1)
@@ -402,7 +403,7 @@ def main():
     results = json.loads(results_file.read_text()) if results_file.exists() else {}
     found_last = {}  # by file: cases that found its last mutants
     for folder in options.folders:
-        every = [m for m in mutants if m["folder"] == folder]
+        every = [m for m in mutants if m["folder"] == folder and m["file"].startswith(options.only)]
         size = min(options.sample or len(every), len(every))
         sample = random.Random(f"{options.seed} {folder}").sample(every, size)
         open_ones = [m for m in sample if not results.get(str(m["id"]))]
