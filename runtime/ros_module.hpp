@@ -27,7 +27,7 @@ inline constexpr unsigned kRosModuleVersion =
                                             7 * sizeof(Event) + 11 * sizeof(Capabilities)) %
                           1'000'000u;
 
-// The library next to the program: "libmultipanda_ros.so".
+// The library "libmultipanda_ros.so": next to the program, in a wheel in lib/ros.
 std::filesystem::path ros_module_path();
 
 // Loads the library, which is never unloaded, and returns one of its functions. Throws std::runtime_error

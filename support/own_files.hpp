@@ -23,4 +23,7 @@ std::vector<std::filesystem::path> python_package_folders();
 // What a user does if Python packages that pages need are missing.
 std::string page_packages_cure();
 
+// What a user does if the ROS 2 interfaces, or the ROS 2 libraries that they need, are missing.
+std::string ros_cure();
+
 }  // namespace multipanda

@@ -179,7 +179,7 @@ LAYERS = [
         "support config_file core models scene report runtime experiments"
         " sysid/measured sysid/identification sysid/comparison sysid/excitation",
     ),
-    layer("ros/rcl", "C++ layer on the C library of ROS 2"),
+    layer("ros/rcl", "C++ layer on the C library of ROS 2", "support"),
     layer(
         "ros/adapter",
         "topics, services and actions of a run; a module loaded by `run --ros` only ([ros2.md](docs/ros2.md))",

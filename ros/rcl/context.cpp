@@ -1,6 +1,7 @@
 #include "ros/rcl/context.hpp"
 
 #include <cstdlib>
+#include <exception>
 #include <filesystem>
 #include <rcl/domain_id.h>
 #include <rcl/init.h>
@@ -8,9 +9,9 @@
 #include <rcl/version.h>
 #endif
 #include <string_view>
-#include <system_error>
 
 #include "ros/rcl/error.hpp"
+#include "support/own_files.hpp"
 
 namespace multipanda::ros {
 namespace {
@@ -27,11 +28,16 @@ bool is_set(const char* name) {
   return value != nullptr && !std::string_view(value).empty();
 }
 
-bool use_profile(const char* path) {
-  std::error_code ignored;
-  if (!std::filesystem::exists(path, ignored)) return false;
-  setenv(kProfileVariable, path, 1);
-  return true;
+// `name`: a profile of this folder, found where multipanda's own files are.
+bool use_profile(const char* name) {
+  try {
+    const std::filesystem::path path = share_folder() / "ros/rcl" / name;
+    if (!std::filesystem::exists(path)) return false;
+    setenv(kProfileVariable, path.c_str(), 1);
+    return true;
+  } catch (const std::exception&) {  // the library was moved away from its files
+    return false;
+  }
 }
 
 }  // namespace
@@ -50,7 +56,7 @@ bool keep_to_this_machine() {
   const std::string_view middleware = is_set("RMW_IMPLEMENTATION") ? std::getenv("RMW_IMPLEMENTATION") : "";
   const bool fast_dds = middleware.empty() || middleware.find("fastrtps") != std::string_view::npos;
   setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", fast_dds ? "SYSTEM_DEFAULT" : "LOCALHOST", 1);
-  if (fast_dds && !use_profile(MULTIPANDA_FASTDDS_LOOPBACK)) setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM", 1);
+  if (fast_dds && !use_profile("fastdds_loopback.xml")) setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM", 1);
 #endif
   return true;
 }
@@ -65,7 +71,7 @@ bool publish_in_background() {
 bool ask_for_no_types() {
   for (const char* name : {"FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"})
     if (is_set(name)) return false;
-  return use_profile(MULTIPANDA_FASTDDS_PROFILE);
+  return use_profile("fastdds_profile.xml");
 }
 
 Context::Context(std::vector<std::string> arguments) : context_(rcl_get_zero_initialized_context()) {

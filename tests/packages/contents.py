@@ -1,5 +1,6 @@
 """What is in the packages: size, tag, libraries, and nothing of the computer that built them."""
 
+import functools
 import re
 import unittest
 import zipfile
@@ -13,10 +14,38 @@ SYSTEM = {name: "libc6" for name in ("libc.so.6", "libm.so.6", "libpthread.so.0"
 SYSTEM |= {"ld-linux-x86-64.so.2": "libc6", "libz.so.1": "zlib1g", "libstdc++.so.6": "libstdc++6"}
 SYSTEM |= {"libgcc_s.so.1": "libstdc++6"}  # which depends on it
 
+# What belongs to the extra `ros`; the .deb does not have it.
+ROS = "multipanda/lib/ros"
+OF_ROS = (f"{ROS}/", "multipanda/share/multipanda/ros/", "multipanda/share/multipanda/examples/ros/", "multipanda_ros")
+
 
 def glibc_needed(path):
     versions = re.findall(r"GLIBC_(\d+)\.(\d+)", output("objdump", "-T", path))
     return max(((int(a), int(b)) for a, b in versions), default=(0, 0))
+
+
+def normal(name):
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+@functools.cache
+def of_ros_wheels():
+    """Libraries that the wheels of ROS 2 have put into lib/ of the build's environment, and of which distribution."""
+    lib, (site_packages,) = ROOT / ".venv/lib", (ROOT / ".venv/lib").glob("python3.*/site-packages")
+    found = {}
+    for record in site_packages.glob("ros_*.dist-info/RECORD"):
+        name, version = record.parent.name.removesuffix(".dist-info").rsplit("-", 1)
+        for file in re.findall(r"^(?:\.\./)+(lib[^/,]+\.so[^/,]*),", record.read_text(), re.M):
+            if (lib / file).exists():
+                found[file] = f"{normal(name)}=={version}"
+    return found
+
+
+def required(extra):
+    with zipfile.ZipFile(made.wheel()) as archive:
+        (name,) = [n for n in archive.namelist() if n.endswith(".dist-info/METADATA")]
+        metadata = HeaderParser().parsestr(archive.read(name).decode())
+    return {line.split(";")[0].strip() for line in metadata.get_all("Requires-Dist") if f"extra == '{extra}'" in line}
 
 
 class Wheel(unittest.TestCase):
@@ -34,7 +63,10 @@ class Wheel(unittest.TestCase):
         inside = {path.name for path in files}
         for path in files:
             with self.subTest(file=path.name):
-                self.assertEqual(set(dynamic(path, "NEEDED")) - inside - set(SYSTEM), set())
+                outside = set(dynamic(path, "NEEDED")) - inside - set(SYSTEM)
+                if str(path.relative_to(made.unpacked())).startswith(ROS):
+                    outside -= of_ros_wheels().keys()
+                self.assertEqual(outside, set())
                 for folders in dynamic(path, "RPATH", "RUNPATH"):
                     for folder in folders.split(":"):
                         self.assertRegex(folder, r"^\$ORIGIN")
@@ -58,15 +90,28 @@ class Wheel(unittest.TestCase):
         pinned = set()
         for name in ("requirements.txt", "requirements-ros.txt"):
             pinned |= set(re.findall(r"^([\w.-]+)==", (ROOT / name).read_text(), re.M))
-        pinned = {re.sub(r"[-_.]+", "-", name).lower() for name in pinned}
-        with zipfile.ZipFile(made.wheel()) as archive:
-            (name,) = [n for n in archive.namelist() if n.endswith(".dist-info/METADATA")]
-            metadata = HeaderParser().parsestr(archive.read(name).decode())
-        required = metadata.get_all("Requires-Dist")
-        self.assertTrue(any("extra == 'report'" in line for line in required), required)
-        for line in required:
-            name = re.match(r"[\w.-]+", line).group()
-            self.assertIn(re.sub(r"[-_.]+", "-", name).lower(), pinned, line)
+        pinned = {normal(name) for name in pinned}
+        self.assertTrue(required("report"))
+        for line in required("report") | required("ros"):
+            self.assertIn(normal(re.match(r"[\w.-]+", line).group()), pinned, line)
+
+    def test_the_extra_ros_is_what_the_module_was_linked_with(self):
+        """Every library that lib/ros needs, and that those need, is in a distribution of the extra, same version."""
+        libraries, seen = of_ros_wheels(), set()
+        lib = ROOT / ".venv/lib"
+        open_ones = binaries(made.unpacked() / ROS)
+        self.assertGreater(len(open_ones), 10)
+        while open_ones:
+            for name in dynamic(open_ones.pop(), "NEEDED"):
+                if name in libraries and name not in seen:
+                    seen.add(name)
+                    open_ones.append(lib / name)
+        self.assertIn("librcl.so", seen)
+        self.assertLessEqual({libraries[name] for name in seen}, required("ros"))
+        available = set(libraries.values())
+        self.assertLessEqual(
+            {line for line in required("ros") if "rclpy" not in line and "-msgs" not in line}, available
+        )
 
 
 class Deb(unittest.TestCase):
@@ -74,10 +119,15 @@ class Deb(unittest.TestCase):
         ours = made.unpacked_deb() / "usr/lib/python3/dist-packages"
         for path in sorted(made.unpacked().rglob("*")):
             inner = path.relative_to(made.unpacked())
-            if path.is_file() and not inner.parts[0].endswith(".dist-info"):
+            if path.is_file() and not inner.parts[0].endswith(".dist-info") and not str(inner).startswith(OF_ROS):
                 self.assertEqual((ours / inner).read_bytes(), path.read_bytes(), inner)
         for link in ("usr/bin/multipanda", "usr/lib/cmake/multipanda/multipandaConfig.cmake"):
             self.assertTrue((made.unpacked_deb() / link).exists(), link)
+
+    def test_has_nothing_of_ros(self):
+        ours = made.unpacked_deb() / "usr/lib/python3/dist-packages"
+        names = [str(path.relative_to(ours)) for path in ours.rglob("*") if path.is_file()]
+        self.assertEqual([name for name in names if name.startswith(OF_ROS)], [])
 
     def test_depends_on_the_system_s_libraries_only(self):
         depends = output("dpkg-deb", "-f", made.deb(), "Depends")

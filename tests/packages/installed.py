@@ -20,6 +20,8 @@ from made import FOLDER, ROOT
 
 DEBIAN = pathlib.Path("/usr/bin/python3")
 VERSIONS = {(3, minor) for minor in range(10, 14)}
+# The extra `ros` is 80 distributions: tested in the version of the build, and in the newest.
+WITH_ROS = {(3, 11), (3, 13)}
 PATIENCE = 300  # [s]; only reached by a hang
 
 
@@ -106,6 +108,34 @@ class Environment:
         return done.stdout
 
 
+def first_steps_over_ros(environment, number, refusal):
+    """The extra `ros` as the refusal names it, then the program and a client of rclpy, both from the wheel."""
+    (command,) = re.findall(r"(\S+ -m pip install) '(multipanda\[ros\])'", refusal)
+    environment.call(*command[0].split(), "-q", command[1], PIP_CONSTRAINT="")
+    examples = environment.package() / "share/multipanda/examples/ros"
+    variables = {"ROS_DOMAIN_ID": str(1 + (os.getpid() * 3 + number) % 100)}  # apart from other tests
+    program = subprocess.Popen(
+        [environment.bin / "multipanda", "run", examples / "scene.yaml", "--ros", "--until-input-ends"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=environment.here,
+        env={**environment.variables, **variables},
+    )
+    try:
+        client = environment.try_call(environment.bin / "python", examples / "first_steps.py", **variables)
+    finally:
+        try:
+            said, _ = program.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            program.kill()
+            said, _ = program.communicate()
+    if client.returncode != 0 or program.returncode != 0:
+        raise AssertionError(f"{client.stdout}{client.stderr}\nthe run ({program.returncode}):\n{said}")
+    return client.stdout
+
+
 def whole_use(python, number):
     """Everything that a user of the wheel does; returns what was seen."""
     environment = Environment(python, f"e{number}")
@@ -131,8 +161,10 @@ def whole_use(python, number):
     seen["page"] = (environment.here / environment.call(program, "report", "more").stdout.strip()).read_text()
     seen["two_arms"] = environment.example("two_arms.py")
     seen["stream"] = environment.example("stream_policy.py", "--seconds", "1")
+    if version(python) in WITH_ROS:
+        seen["ros"] = first_steps_over_ros(environment, number, seen["ros_refused"].stderr)
     # Fonts that matplotlib has found, and pip's own notes.
-    seen["left"] = sorted({path.name for path in environment.home.iterdir()} - {".cache", ".config"})
+    seen["left"] = sorted({path.name for path in environment.home.iterdir()} - {".cache", ".config", ".ros"})
     seen["sockets"] = sorted(path.name for path in environment.run.rglob("*") if path.is_file() or path.is_socket())
     shutil.rmtree(environment.bin.parent)
     return seen
@@ -165,7 +197,9 @@ class CleanEnvironments(unittest.TestCase):
         self.assertEqual(seen["run_refused"].returncode, 2)
         self.assertIn("multipanda[report]", seen["run_refused"].stderr)
         self.assertNotEqual(seen["ros_refused"].returncode, 0)
-        self.assertRegex(seen["ros_refused"].stderr, r"in the source tree run .*; wheel and \.deb have no ROS 2")
+        self.assertRegex(seen["ros_refused"].stderr, r"the ROS 2 libraries are not installed .*'multipanda\[ros\]'")
+        if "ros" in seen:
+            self.assertRegex(seen["ros"], r"switched: \['left_cartesian'\] instead of")
         self.assertIn("<html", seen["page"])
         self.assertGreater(len(seen["page"]), 10000)
         self.assertRegex(seen["first_arm"], r"torques: \(\d{4}, 7\)")
