@@ -53,7 +53,8 @@ class Environment(unittest.TestCase):
             [
                 name
                 for name in symbols
-                if not name.startswith("multipanda_") and name not in ("__bss_start", "_edata", "_end")
+                # Py...: stand-ins for Python's symbols (ros/adapter/no_python.cpp).
+                if not name.startswith(("multipanda_", "Py", "_Py")) and name not in ("__bss_start", "_edata", "_end")
             ],
             [],
         )  # the linker's own
