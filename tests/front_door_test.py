@@ -241,7 +241,9 @@ class FrontDoor(unittest.TestCase):
     def test_package_builds_the_program_and_makes_the_packages_from_it(self):
         result = self.call("package")
         self.assertEqual(result.returncode, 0, result.stderr)
-        self.assertTrue(any("--target multipanda multipanda_ros multipanda_interfaces -j" in line for line in self.calls("cmake")))
+        self.assertTrue(
+            any("--target multipanda multipanda_ros multipanda_interfaces -j" in line for line in self.calls("cmake"))
+        )
         made = [line for line in self.calls("python3") if "make_packages.py" in line]
         script = self.tree / "packages/make_packages.py"
         self.assertEqual(made, [f"python3 -B {script} --build {self.tree / 'build'} --out {self.tree / 'dist'}"])
