@@ -40,6 +40,7 @@ TARGETS = (
     "tests/collision_approach_test",
     "tests/collision_objects_test",
     "tests/contact_press_test",
+    "tests/descriptor_docs_test",
     "tests/coupled_interaction_test",
     "tests/friction_compensation_test",
     "tests/hold_figures_test",
@@ -339,6 +340,7 @@ def take_tests(tree):
         *(ROOT / "core" / "testing").iterdir(),
         *(ROOT / "tests").rglob("*.[ch]pp"),
         *(ROOT / "tests").rglob("CMakeLists.txt"),
+        *(ROOT / "docs").rglob("*.md"),
         ROOT / "core" / "CMakeLists.txt",
     ]
     for path in paths:
