@@ -1,0 +1,195 @@
+// What every motion law has in common under bounds for contact: at each hand, pull and damping of the law
+// without bounds give the wrench with bounds, by the rule of contact_bounds.hpp; and set-points wait.
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "core/controllets/cartesian_impedance.hpp"
+#include "core/controllets/coupled_dual_cartesian_impedance.hpp"
+#include "core/controllets/dual_cartesian_impedance.hpp"
+#include "core/controllets/joint_impedance.hpp"
+#include "core/testing/controllet_rig.hpp"
+#include "core/testing/dense_algebra.hpp"
+#include "core/testing/plain_arm.hpp"
+
+namespace multipanda::bounded_contact_test {
+namespace {
+
+using namespace test;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr ContactBounds kBounds{.hand_speed = 0.25, .spring_force = 60, .spring_moment = 15};
+
+struct Law {
+  ControlletType type;
+  std::size_t arms;
+  std::string input;
+  bool scaled_as_a_whole;  // the direction of the pull in joint space is kept
+  std::vector<std::pair<std::string, std::vector<double>>> parameters;
+};
+
+std::vector<Law> laws() {
+  const std::pair<std::string, std::vector<double>> given{"damping_nms_per_rad", {9, 8, 7, 6, 3, 2, 1}};
+  return {{joint_impedance_controllet(), 1, "joints", true, {}},
+          {joint_impedance_controllet(), 1, "joints", true, {{"damping_design", {1}}}},
+          {joint_impedance_controllet(), 1, "joints", true, {{"damping_design", {2}}, given}},
+          {cartesian_impedance_controllet(), 1, "pose", false, {}},
+          {dual_cartesian_impedance_controllet(), 2, "common_pose", false, {}},
+          {dual_cartesian_impedance_controllet(), 2, "second_pose", false, {{"goals", {1}}}},
+          {coupled_dual_cartesian_impedance_controllet(), 2, "pose", false, {}}};
+}
+
+struct Bench {
+  Bench(const Law& law, Draw& draw) : rig(law.type, models(law, draw)) {
+    for (const auto& [name, values] : law.parameters) rig.set(name, values);
+  }
+
+  Models models(const Law& law, Draw& draw) {
+    Models all;
+    for (std::size_t i = 0; i < law.arms; ++i) {
+      const Pose X_WB{draw.rotation(), Vector3(0.1, i == 0 ? 0.4 : -0.4, 0.2)};
+      // Poses far from singular: there the laws' inertia is the true one, as wrench() supposes.
+      const TestArm arm = TestArm::make(7, i == 0 ? 1u : 3u);
+      plain.emplace_back(arm, X_WB);
+      all.push_back(arm.model(X_WB));
+    }
+    return all;
+  }
+
+  // The wrench of a torque at the hand of an arm: that of the dynamically consistent inverse, which does not
+  // see what acts in the null space.
+  VectorXd wrench(std::size_t arm, const VectorXd& q, const VectorXd& dq) {
+    const MatrixXd J = plain[arm].jacobian(q), M = plain[arm].mass(q);
+    const VectorXd tau = rig.tau(arm);
+    return task_inertia(J, M) * J * inverse(M) * (tau - plain[arm].coriolis(q, dq));
+  }
+
+  std::vector<VectorXd> wrenches(const std::vector<JointVector>& q, const std::vector<JointVector>& dq,
+                                 const ContactBounds& bounds) {
+    rig.bound(bounds);
+    for (std::size_t i = 0; i < q.size(); ++i) rig.place(i, q[i], dq[i]);
+    EXPECT_EQ(rig.update(), LawResult::ok);
+    std::vector<VectorXd> F;
+    for (std::size_t i = 0; i < q.size(); ++i) F.push_back(wrench(i, q[i], dq[i]));
+    return F;
+  }
+
+  std::vector<PlainArm> plain;
+  ControlletRig rig;
+};
+
+// The input's set-point `ahead` of where it is now, by 0.3 m or 0.5 rad.
+void aim(Bench& bench, const Law& law, Draw& draw) {
+  Reference& input = bench.rig.input(law.input);
+  Target target;
+  target.duration_s = 1.0;
+  if (law.input == "joints") {
+    const JointVector q = input.joints() + draw.joints(7, 0.5);
+    target.size = 7;
+    std::copy(q.begin(), q.end(), target.values.begin());
+  } else {
+    const Pose X = input.pose();
+    const Vector3 way = draw.vector3(1).normalized() * 0.3;
+    target = pose_target({exp_rotation(draw.vector3(0.5)) * X.rotation, X.position + way}, 1.0);
+  }
+  input.set(target);
+}
+
+// The rule, written from its description.
+VectorXd bounded(const Law& law, const VectorXd& P, const VectorXd& DV, const Vector3& v) {
+  const auto part = [](const VectorXd& x, int i) { return Vector3(x.segment<3>(3 * i)); };
+  double share[2];
+  for (int i = 0; i < 2; ++i) {
+    const double size = part(P, i).norm();
+    const Vector3 n = part(P, i) / size;
+    double most = i == 0 ? kBounds.spring_force : kBounds.spring_moment;
+    double overcome = std::max(0.0, n.dot(part(DV, i)));
+    if (const double speed = n.dot(v); i == 0 && speed > 0) {
+      most *= std::max(0.0, 1 - speed / (1.5 * kBounds.hand_speed));
+      if (speed > kBounds.hand_speed) overcome *= kBounds.hand_speed / speed;
+    }
+    share[i] = std::min(1.0, (most + overcome) / size);
+  }
+  if (law.scaled_as_a_whole) share[0] = share[1] = std::min(share[0], share[1]);
+  VectorXd left = P;
+  left.head<3>() *= share[0];
+  left.tail<3>() *= share[1];
+  return left - DV;
+}
+
+TEST(BoundedContact, PullAtEachHandIsBoundedByTheRuleOfEveryLaw) {
+  Draw draw(97);
+  for (const Law& law : laws()) {
+    int changed = 0, whole = 0;
+    for (int trial = 0; trial < 12; ++trial) {
+      Bench bench(law, draw);
+      std::vector<JointVector> q(law.arms), dq(law.arms), rest(law.arms, JointVector::Zero(7));
+      for (std::size_t i = 0; i < law.arms; ++i) {
+        q[i] = bent(7) + draw.joints(7, 0.1);
+        bench.rig.place(i, q[i], rest[i]);
+      }
+      ASSERT_EQ(bench.rig.start(), LawResult::ok);
+      aim(bench, law, draw);
+      const int ticks = trial % 3 == 0 ? 60 : 700;  // little pull, much pull
+      for (int t = 0; t < ticks; ++t) ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+      const double fast = trial % 2 == 0 ? 0.15 : 0.6;
+      for (std::size_t i = 0; i < law.arms; ++i) dq[i] = draw.joints(7, fast);
+      const auto P = bench.wrenches(q, rest, ContactBounds::lifted());  // no motion, no damping
+      const auto F = bench.wrenches(q, dq, ContactBounds::lifted());
+      const auto F_bounded = bench.wrenches(q, dq, kBounds);
+      for (std::size_t i = 0; i < law.arms; ++i) {
+        const VectorXd DV = P[i] - F[i];
+        const Vector3 v = (bench.plain[i].jacobian(q[i]) * dq[i]).head<3>();
+        const VectorXd expected = bounded(law, P[i], DV, v);
+        EXPECT_LT((F_bounded[i] - expected).norm(), 1e-5 * (1 + P[i].norm()))
+            << law.type.descriptor.type << ", trial " << trial << ", arm " << i;
+        ((expected - F[i]).norm() > 1 ? changed : whole) += 1;
+      }
+    }
+    EXPECT_GE(changed, 3) << law.type.descriptor.type;
+    EXPECT_GE(whole, 3) << law.type.descriptor.type;
+  }
+}
+
+// Hands that cannot follow: the set-point brakes where it pulls with the bound, and waits soon after.
+TEST(BoundedContact, SetPointsWaitForHandsThatAreHeldBack) {
+  Draw draw(98);
+  for (const Law& law : laws()) {
+    for (int trial = 0; trial < 4; ++trial) {
+      Bench bench(law, draw);
+      bench.rig.bound(kBounds);
+      std::vector<JointVector> q(law.arms, bent(7)), rest(law.arms, JointVector::Zero(7));
+      for (std::size_t i = 0; i < law.arms; ++i) bench.rig.place(i, q[i], rest[i]);
+      ASSERT_EQ(bench.rig.start(), LawResult::ok);
+      aim(bench, law, draw);
+      double largest = 0;
+      for (int t = 0; t < 4000; ++t) ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+      for (const VectorXd& P : bench.wrenches(q, rest, ContactBounds::lifted())) {
+        largest = std::max(
+            {largest, P.head<3>().norm() / kBounds.spring_force, P.tail<3>().norm() / kBounds.spring_moment});
+      }
+      EXPECT_LT(largest, 2.0) << law.type.descriptor.type;
+      EXPECT_GT(largest, 0.7) << law.type.descriptor.type;
+    }
+  }
+}
+
+TEST(BoundedContact, OneBoundAloneIsNoneOfTheOther) {
+  Draw draw(99);
+  for (const Law& law : laws()) {
+    Bench bench(law, draw);
+    std::vector<JointVector> q(law.arms, bent(7)), rest(law.arms, JointVector::Zero(7));
+    for (std::size_t i = 0; i < law.arms; ++i) bench.rig.place(i, q[i], rest[i]);
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    aim(bench, law, draw);
+    for (int t = 0; t < 1000; ++t) ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+    const auto free = bench.wrenches(q, rest, ContactBounds::lifted());
+    const auto wide = bench.wrenches(q, rest, {.hand_speed = 10, .spring_force = 1e5, .spring_moment = 1e5});
+    for (std::size_t i = 0; i < law.arms; ++i)
+      EXPECT_LT((free[i] - wide[i]).norm(), 1e-8 * (1 + free[i].norm()));
+  }
+}
+
+}  // namespace
+}  // namespace multipanda::bounded_contact_test
