@@ -114,18 +114,35 @@ TEST(ContactBounds, LiftedChangesNothing) {
   }
 }
 
+TEST(ContactBounds, WhereNothingIsAllowedSmallPullsGoToo) {
+  const ContactBounds none{.hand_speed = 0.25, .spring_force = 0, .spring_moment = 0};
+  std::mt19937 random(10);
+  for (int k = 0; k < 100; ++k) {
+    const Vector6 pull = some(random, 0.2);
+    EXPECT_LT(bound_pull(none, pull, Vector6::Zero(), Vector3::Zero()).remaining(pull).norm(), 1e-5);
+    // Half of it opposed by damping: this half stays.
+    const Vector6 left = bound_pull(none, pull, 0.5 * pull, Vector3::Zero()).remaining(pull);
+    EXPECT_LT((left - 0.5 * pull).norm(), 1e-12);
+  }
+}
+
 TEST(ContactBounds, LargestShareEndsOnTheLimit) {
   std::mt19937 random(9);
-  for (int k = 0; k < 1000; ++k) {
-    Vector3 base = some(random, 30).head<3>();
-    if (base.norm() > 59) base *= 59 / base.norm();
-    const Vector3 extra = some(random, 60).head<3>();
-    const double c = largest_share(base, extra, 60);
-    if (c < 1) {
-      EXPECT_NEAR((base + c * extra).norm(), 60, 1e-9);
-    } else {
-      EXPECT_LE((base + extra).norm(), 60);
+  for (const double limit : {60.0, 0.5}) {
+    for (int k = 0; k < 1000; ++k) {
+      Vector3 base = some(random, limit / 2).head<3>();
+      if (base.norm() > 0.99 * limit) base *= 0.99 * limit / base.norm();
+      const Vector3 extra = some(random, limit).head<3>();
+      const double c = largest_share(base, extra, limit);
+      if (c < 1) {
+        EXPECT_NEAR((base + c * extra).norm(), limit, 1e-10 * limit);
+      } else {
+        EXPECT_LE((base + extra).norm(), limit);
+      }
     }
+    // A base beyond the limit by rounding goes no farther.
+    const Vector3 outside(0, limit * (1 + 1e-12), 0);
+    EXPECT_EQ(largest_share(outside, 2 * outside, limit), 0);
   }
 }
 
