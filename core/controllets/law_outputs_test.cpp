@@ -7,90 +7,20 @@
 #include "core/controllets/coupled_dual_cartesian_impedance.hpp"
 #include "core/controllets/dual_cartesian_impedance.hpp"
 #include "core/controllets/joint_impedance.hpp"
-#include "core/testing/controllet_rig.hpp"
-#include "core/testing/dense_algebra.hpp"
-#include "core/testing/plain_arm.hpp"
+#include "core/testing/moving_law.hpp"
 
 namespace multipanda::law_outputs_test {
 namespace {
 
 using namespace test;
-using Eigen::MatrixXd;
-using Eigen::VectorXd;
 using Vector12 = Eigen::Matrix<double, 12, 1>;
-
-// A law under way to a set-point, its arms anywhere near, in motion.
-struct Moving {
-  Moving(const ControlletType& type, std::size_t arms, std::uint32_t seed)
-      : draw(seed), rig(type, models(arms)), q(arms), dq(arms) {}
-
-  Models models(std::size_t arms) {
-    Models all;
-    for (std::size_t i = 0; i < arms; ++i) {
-      const Pose X_WB{draw.rotation(), Vector3(0.1, i == 0 ? 0.4 : -0.4, 0.2)};
-      const TestArm arm = TestArm::make(7, i == 0 ? 1u : 3u);
-      plain.emplace_back(arm, X_WB);
-      all.push_back(arm.model(X_WB));
-    }
-    return all;
-  }
-
-  void place() {
-    for (std::size_t i = 0; i < q.size(); ++i) {
-      q[i] = bent(7) + draw.joints(7, 0.1);
-      dq[i] = draw.joints(7, 0.3);
-      rig.place(i, q[i], dq[i]);
-    }
-  }
-
-  void run(const std::string& input) {
-    Reference& reference = rig.input(input);
-    if (input == "joints") {
-      Target target;
-      target.size = 7;
-      target.duration_s = 1;
-      const JointVector goal = reference.joints() + draw.joints(7, 0.4);
-      std::copy(goal.begin(), goal.end(), target.values.begin());
-      reference.set(target);
-    } else {
-      const Pose X = reference.pose();
-      reference.set(
-          pose_target({exp_rotation(draw.vector3(0.4)) * X.rotation, X.position + draw.vector3(0.1)}, 1.0));
-    }
-    for (int t = 0; t < 400; ++t) ASSERT_EQ(rig.tick(0.001), LawResult::ok);
-    place();
-    ASSERT_EQ(rig.tick(0.001), LawResult::ok);
-  }
-
-  Pose X_WE(std::size_t i) const { return plain[i].end_effector(q[i]); }
-  Vector6 V_WE(std::size_t i) const { return plain[i].jacobian(q[i]) * dq[i]; }
-  Vector6 wrench(std::size_t i) {
-    const MatrixXd J = plain[i].jacobian(q[i]), M = plain[i].mass(q[i]);
-    return task_inertia(J, M) * J * inverse(M) * (rig.tau(i) - plain[i].coriolis(q[i], dq[i]));
-  }
-  Vector3 shown(const std::string& name) {
-    const std::vector<double> values = rig.output(name);
-    EXPECT_EQ(values.size(), 3u) << name;
-    return {values[0], values[1], values[2]};
-  }
-  Vector6 shown_wrench(const std::string& prefix) {
-    Vector6 F;
-    F << shown(prefix + "force_n"), shown(prefix + "moment_nm");
-    return F;
-  }
-
-  Draw draw;
-  std::vector<PlainArm> plain;
-  ControlletRig rig;
-  std::vector<JointVector> q, dq;
-};
 
 void expect_near(const Vector6& is, const Vector6& expected) {
   EXPECT_LT((is - expected).norm(), 1e-6 * (1 + expected.norm()));
   EXPECT_GT(expected.norm(), 1);
 }
 
-void expect_hand(Moving& moving, std::size_t arm, const std::string& prefix, const Pose& X_WE_d) {
+void expect_hand(MovingLaw& moving, std::size_t arm, const std::string& prefix, const Pose& X_WE_d) {
   const Pose X = moving.X_WE(arm);
   EXPECT_LT((moving.shown(prefix + "position_error_m") - (X_WE_d.position - X.position)).norm(), 1e-9);
   const Matrix3 turned = exp_rotation(moving.shown(prefix + "orientation_error_rad")) * X.rotation;
@@ -101,7 +31,7 @@ void expect_hand(Moving& moving, std::size_t arm, const std::string& prefix, con
 TEST(LawOutputs, CartesianImpedanceShowsErrorAndWrench) {
   for (std::uint32_t seed : {11u, 12u, 13u}) {
     for (const bool bounded : {false, true}) {
-      Moving moving(cartesian_impedance_controllet(), 1, seed);
+      MovingLaw moving(cartesian_impedance_controllet(), 1, seed);
       if (bounded) moving.rig.bound({.hand_speed = 0.25, .spring_force = 5, .spring_moment = 2});
       moving.place();
       ASSERT_EQ(moving.rig.start(), LawResult::ok);
@@ -112,7 +42,7 @@ TEST(LawOutputs, CartesianImpedanceShowsErrorAndWrench) {
 }
 
 TEST(LawOutputs, DualCartesianImpedanceShowsErrorAndWrenchOfBothHands) {
-  Moving moving(dual_cartesian_impedance_controllet(), 2, 21);
+  MovingLaw moving(dual_cartesian_impedance_controllet(), 2, 21);
   moving.rig.set("goals", {1});
   moving.place();
   ASSERT_EQ(moving.rig.start(), LawResult::ok);
@@ -147,7 +77,7 @@ struct Shared {
 // its own.
 TEST(LawOutputs, CoupledDualCartesianImpedanceShowsErrorsAndGeneralizedForces) {
   for (std::uint32_t seed : {31u, 32u, 33u}) {
-    Moving moving(coupled_dual_cartesian_impedance_controllet(), 2, seed);
+    MovingLaw moving(coupled_dual_cartesian_impedance_controllet(), 2, seed);
     moving.place();
     ASSERT_EQ(moving.rig.start(), LawResult::ok);
     Pose X_EA[2];
@@ -194,7 +124,7 @@ TEST(LawOutputs, CoupledDualCartesianImpedanceShowsErrorsAndGeneralizedForces) {
 
 TEST(LawOutputs, JointImpedanceShowsTheLargestErrorAndTorque) {
   for (std::uint32_t seed : {41u, 42u, 43u, 44u, 45u, 46u}) {
-    Moving moving(joint_impedance_controllet(), 1, seed);
+    MovingLaw moving(joint_impedance_controllet(), 1, seed);
     moving.place();
     ASSERT_EQ(moving.rig.start(), LawResult::ok);
     moving.run("joints");

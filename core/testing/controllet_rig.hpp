@@ -30,6 +30,8 @@ class ControlletRig {
   void bound(const ContactBounds& contact);  // of the law, and of the speed of its pose inputs
   Reference& input(std::string_view name);
   std::vector<double> output(std::string_view name) const;
+  const std::vector<double>& outputs() const { return outputs_; }
+  const ParameterSet& parameters() const { return *parameters_; }
 
   LawResult start();
   LawResult update();         // at the same instant, without advancing the inputs

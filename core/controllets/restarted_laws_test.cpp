@@ -1,0 +1,90 @@
+// A law keeps nothing of an earlier run: one that ran and is started again gives, bit by bit, what a new one
+// gives from there.
+#include <gtest/gtest.h>
+
+#include "core/controllets/cartesian_impedance.hpp"
+#include "core/controllets/coupled_dual_cartesian_impedance.hpp"
+#include "core/controllets/dual_cartesian_impedance.hpp"
+#include "core/controllets/gravity_compensation.hpp"
+#include "core/controllets/hold.hpp"
+#include "core/controllets/joint_impedance.hpp"
+#include "core/testing/moving_law.hpp"
+
+namespace multipanda::restarted_laws_test {
+namespace {
+
+using namespace test;
+
+struct Law {
+  ControlletType type;
+  std::size_t arms;
+  std::vector<std::string> inputs;
+  std::vector<std::pair<std::string, std::vector<double>>> parameters;  // of the earlier run
+};
+
+std::vector<Law> laws() {
+  return {
+      {gravity_compensation_controllet(), 1, {}, {}},
+      {hold_controllet(), 1, {}, {}},
+      {joint_impedance_controllet(), 1, {"joints"}, {{"damping_design", {1}}}},
+      {cartesian_impedance_controllet(), 1, {"pose"}, {{"nullspace_posture", {1}}}},
+      {dual_cartesian_impedance_controllet(), 2, {"common_pose"}, {{"offset_m", {0.1, 0, 0.1}}}},
+      {dual_cartesian_impedance_controllet(), 2, {"first_pose", "second_pose"}, {{"goals", {1}}}},
+      {coupled_dual_cartesian_impedance_controllet(), 2, {"pose"}, {{"relative_offset_m", {0.1, 0, 0.1}}}}};
+}
+
+// Torques and outputs of 300 ms towards the same goals.
+std::vector<double> begin(MovingLaw& law, const Law& described, std::uint32_t seed) {
+  Draw draw(seed);
+  for (std::size_t i = 0; i < law.q.size(); ++i) {
+    law.rig.place(i, bent(7) + draw.joints(7, 0.1), JointVector(draw.joints(7, 0.05)));
+  }
+  EXPECT_EQ(law.rig.start(), LawResult::ok);
+  std::vector<double> all;
+  for (int t = 0; t < 300; ++t) {
+    if (t == 100) {
+      for (const std::string& input : described.inputs) law.aim(input, draw);
+    }
+    EXPECT_EQ(law.rig.tick(0.001), LawResult::ok);
+    for (std::size_t i = 0; i < law.q.size(); ++i) {
+      const JointVector tau = law.rig.tau(i);
+      all.insert(all.end(), tau.begin(), tau.end());
+    }
+    const std::vector<double> outputs = law.rig.outputs();
+    all.insert(all.end(), outputs.begin(), outputs.end());
+  }
+  return all;
+}
+
+TEST(RestartedLaws, GiveWhatNewOnesGive) {
+  for (const Law& described : laws()) {
+    for (const bool bounded : {false, true}) {
+      const auto make = [&] {
+        auto law = std::make_unique<MovingLaw>(described.type, described.arms, 71);
+        if (bounded) law->rig.bound({});
+        return law;
+      };
+      auto fresh = make(), used = make();
+      begin(*used, described, 1);
+      for (const auto& [name, values] : described.parameters) used->rig.approach(name, values);
+      for (int t = 0; t < 150; ++t) ASSERT_EQ(used->rig.tick(0.001), LawResult::ok);
+      for (std::size_t i = 0; i < described.arms; ++i) {
+        used->rig.redefine(i, {exp_rotation(Vector3(0.2, 0.1, 0.3)), Vector3(0.03, 0.05, -0.02)});
+      }
+      for (int t = 0; t < 20; ++t) ASSERT_EQ(used->rig.tick(0.001), LawResult::ok);  // in the midst of it
+      for (std::size_t i = 0; i < described.arms; ++i) {
+        fresh->rig.frames(i, used->rig.state(i).frames);
+      }
+      for (std::size_t i = 0; i < fresh->rig.parameters().size(); ++i) {
+        const std::string& name = described.type.descriptor.parameters[i].name;
+        const bool kept = name == "goals";
+        const auto values = (kept ? used : fresh)->rig.parameters().values(i);
+        (kept ? fresh : used)->rig.set(name, {values.begin(), values.end()});
+      }
+      EXPECT_EQ(begin(*used, described, 2), begin(*fresh, described, 2)) << described.type.descriptor.type;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace multipanda::restarted_laws_test
