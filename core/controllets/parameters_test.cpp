@@ -2,6 +2,7 @@
 
 #include <limits>
 #include <stdexcept>
+#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -97,6 +98,61 @@ TEST(Parameters, PerJointDefaultsAreCutToTheArm) {
                std::invalid_argument);
   EXPECT_THROW(ParameterSet({{"outside", "", 1, {11}, 0, 10, ""}}, 7), std::invalid_argument);
   EXPECT_THROW(ParameterSet({{"large", "", 17, {1}, 0, 10, ""}}, 7), std::invalid_argument);
+}
+
+// Who caches what it derived from the values compares the version: it changes whenever a value does.
+TEST(Parameters, TheVersionChangesWithEveryChangeAndOnlyThen) {
+  ParameterSet set = some();
+  auto version = set.version();
+  const auto changed = [&] { return std::exchange(version, set.version()) != set.version(); };
+  set.advance(0.001);
+  set.finish();
+  EXPECT_FALSE(changed());
+  set.set_now(0, one(3));
+  EXPECT_TRUE(changed());
+  set.set(2, one(0));
+  EXPECT_TRUE(changed());
+  set.set(0, one(5));
+  set.set(1, std::vector<double>(7, 0.5));
+  for (int k = 0; k < 3; ++k) {
+    set.advance(0.05);
+    EXPECT_TRUE(changed());
+  }
+  set.set_now(0, one(4));  // ends its ramp, not the other
+  EXPECT_TRUE(changed());
+  set.advance(0.02);
+  EXPECT_TRUE(changed());
+  EXPECT_EQ(set.number(0), 4);
+  EXPECT_NEAR(set.values(1)[6], 7 + (0.5 - 7) * 0.17 / 0.2, 1e-12);
+  set.finish();
+  EXPECT_TRUE(changed());
+  EXPECT_EQ(set.values(1)[6], 0.5);
+  for (int k = 0; k < 3; ++k) set.advance(0.05);
+  EXPECT_FALSE(changed());
+  set.set(0, one(2));  // a ramp that is set again still ends once
+  set.set(0, one(1));
+  set.finish();
+  set.advance(1);
+  set.set(0, one(9));
+  set.advance(0.1);
+  EXPECT_NEAR(set.number(0), 5, 1e-12);
+  set.advance(0.1);
+  set.advance(0.1);
+  EXPECT_EQ(set.number(0), 9);
+  EXPECT_EQ(set.target(1), std::vector<double>(7, 0.5));
+}
+
+TEST(Parameters, ABoundIsLoweredOnlyForTheNumbersThatExceedIt) {
+  ParameterSet set = some();
+  set.lower_max(0, one(10), "the same");
+  EXPECT_EQ(set.bound_reason(0), "");
+  set.lower_max(0, one(1), "less");
+  EXPECT_EQ(set.number(0), 1);
+  EXPECT_EQ(set.target(0), std::vector<double>{1});
+  set.lower_max(1, std::vector<double>{9}, "the first");  // fewer bounds than numbers: the rest keep theirs
+  EXPECT_EQ(set.max(1, 0), 9);
+  EXPECT_EQ(set.max(1, 1), 10);
+  EXPECT_EQ(set.values(1)[0], 1);
 }
 
 }  // namespace

@@ -4,10 +4,13 @@
 
 #include "core/controllets/cartesian_impedance.hpp"
 #include "core/controllets/coupled_dual_cartesian_impedance.hpp"
+#include "core/controllets/coupled_ufic.hpp"
 #include "core/controllets/dual_cartesian_impedance.hpp"
+#include "core/controllets/force.hpp"
 #include "core/controllets/gravity_compensation.hpp"
 #include "core/controllets/hold.hpp"
 #include "core/controllets/joint_impedance.hpp"
+#include "core/controllets/ufic.hpp"
 #include "core/testing/moving_law.hpp"
 
 namespace multipanda::restarted_laws_test {
@@ -30,20 +33,43 @@ std::vector<Law> laws() {
       {cartesian_impedance_controllet(), 1, {"pose"}, {{"nullspace_posture", {1}}}},
       {dual_cartesian_impedance_controllet(), 2, {"common_pose"}, {{"offset_m", {0.1, 0, 0.1}}}},
       {dual_cartesian_impedance_controllet(), 2, {"first_pose", "second_pose"}, {{"goals", {1}}}},
-      {coupled_dual_cartesian_impedance_controllet(), 2, {"pose"}, {{"relative_offset_m", {0.1, 0, 0.1}}}}};
+      {coupled_dual_cartesian_impedance_controllet(), 2, {"pose"}, {{"relative_offset_m", {0.1, 0, 0.1}}}},
+      {force_controllet(), 1, {"wrench"}, {{"approach_speed_m_per_s", {0.1}}}},
+      {ufic_controllet(), 1, {"pose", "wrench"}, {{"valve_law", {1}}, {"tank_min_j", {150}}}},
+      {coupled_ufic_controllet(), 2, {"pose", "squeeze"}, {{"valve_law", {1}}, {"tank_min_j", {150}}}}};
+}
+
+// Something between the hands, or below one, from 150 ms to 220 ms: it pushes back against them.
+void touch(MovingLaw& law, int t) {
+  Vector3 push(0.5, 1, -8);
+  if (law.q.size() == 2) push = 8 * (law.X_WE(1).position - law.X_WE(0).position).normalized();
+  for (std::size_t i = 0; i < law.q.size(); ++i) {
+    ArmState& state = law.rig.state(i);
+    state.has_wrench_estimate = true;
+    state.F_K_W_est.vector.setZero();
+    if (t >= 150 && t < 220) state.F_K_W_est.vector.head<3>() = i == 0 ? push : Vector3(-push);
+  }
 }
 
 // Torques and outputs of 300 ms towards the same goals.
 std::vector<double> begin(MovingLaw& law, const Law& described, std::uint32_t seed) {
   Draw draw(seed);
   for (std::size_t i = 0; i < law.q.size(); ++i) {
-    law.rig.place(i, bent(7) + draw.joints(7, 0.1), JointVector(draw.joints(7, 0.05)));
+    law.q[i] = bent(7) + draw.joints(7, 0.1);
+    law.dq[i] = draw.joints(7, 0.05);
+    law.rig.place(i, law.q[i], law.dq[i]);
   }
+  touch(law, 0);
   EXPECT_EQ(law.rig.start(), LawResult::ok);
   std::vector<double> all;
   for (int t = 0; t < 300; ++t) {
     if (t == 100) {
       for (const std::string& input : described.inputs) law.aim(input, draw);
+    }
+    touch(law, t);
+    for (std::size_t i = 0; i < law.q.size(); ++i) {
+      law.q[i] += 0.001 * law.dq[i];
+      law.rig.place(i, law.q[i], law.dq[i]);
     }
     EXPECT_EQ(law.rig.tick(0.001), LawResult::ok);
     for (std::size_t i = 0; i < law.q.size(); ++i) {

@@ -423,5 +423,26 @@ TEST(CollisionAvoidance, NaNOfAnOwnArmIsAFault) {
   }
 }
 
+TEST(CollisionAvoidance, ShowsNothingButTheDistanceWhereNothingIsNear) {
+  Draw draw(33);
+  ControlletRig rig(collision_avoidance_feature(), made_up(), some_obstacles());
+  rig.set("range_m", {0.005});
+  ASSERT_EQ(rig.start(), LawResult::ok);
+  int apart = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    for (std::size_t arm = 0; arm < 2; ++arm) {
+      const std::size_t n = arm == 0 ? 7 : 6;
+      rig.place(arm, bent(n) + draw.joints(n, 1), JointVector(draw.joints(n, 1)));
+    }
+    ASSERT_EQ(rig.tick(0.001), LawResult::ok);
+    if (rig.output("smallest_distance_m")[0] < 0.01) continue;
+    ++apart;
+    std::vector<double> others = rig.outputs();
+    EXPECT_EQ(std::count(others.begin(), others.end(), 0.0), 3);
+    EXPECT_EQ(rig.tau(0).norm() + rig.tau(1).norm(), 0);
+  }
+  EXPECT_GT(apart, 10);
+}
+
 }  // namespace
 }  // namespace multipanda::collision_avoidance_test

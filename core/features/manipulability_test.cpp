@@ -239,5 +239,59 @@ TEST(Manipulability, RisesToTheThresholdOrToItsMaximumOnTheSelfMotionManifold) {
   EXPECT_EQ(tried, 2);
 }
 
+// V = k (m_0 - m)^2 summed over the arms; the damping of self-motions fades within a tenth above m_0.
+TEST(Manipulability, ShowsPotentialAndLargestTorque) {
+  Draw draw(19);
+  const Models models{TestArm::make().model(draw.pose(0.3)), TestArm::make(8, 2).model(draw.pose(0.3))};
+  for (int trial = 0; trial < 20; ++trial) {
+    ControlletRig rig(manipulability_feature(), models);
+    double smallest = 1, potential = 0, m_0 = 0, m[2]{};
+    for (std::size_t i = 0; i < 2; ++i) {
+      const std::size_t n = models[i]->joint_count();
+      const JointVector q = bent(n) + draw.joints(n, 0.4);
+      rig.place(i, q, JointVector(draw.joints(n, 0.5)));
+      const PlainArm plain(i == 0 ? TestArm::make() : TestArm::make(8, 2), models[i]->X_WB());
+      m[i] = volume(plain.jacobian(q));
+      smallest = std::min(smallest, m[i]);
+      m_0 = std::max(m_0, 1.1 * m[i]);
+    }
+    const double k_m = 30;
+    for (const double each : m) potential += k_m * (m_0 - each) * (m_0 - each);
+    rig.set("gain_nm", {k_m});
+    rig.set("threshold", {m_0});
+    ASSERT_EQ(rig.start(), LawResult::ok);
+    ASSERT_EQ(rig.tick(0.001), LawResult::ok);
+    EXPECT_NEAR(rig.output("manipulability")[0], smallest, 1e-9);
+    EXPECT_NEAR(rig.output("potential_j")[0], potential, 1e-7);
+    const double largest =
+        std::max(rig.tau(0).lpNorm<Eigen::Infinity>(), rig.tau(1).lpNorm<Eigen::Infinity>());
+    EXPECT_EQ(rig.output("largest_torque_nm")[0], largest);
+  }
+}
+
+TEST(Manipulability, DampingFadesLinearlyAboveTheThreshold) {
+  Draw draw(20);
+  const Models models{TestArm::make().model(draw.pose(0.3))};
+  ControlletRig rig(manipulability_feature(), models);
+  const JointVector q = bent(7), dq = draw.joints(7, 0.5);
+  rig.place(0, q, dq);
+  const double m = volume(PlainArm(TestArm::make(), models[0]->X_WB()).jacobian(q));
+  rig.set("damping_nms_per_rad", {0.4});
+  ASSERT_EQ(rig.start(), LawResult::ok);
+  const auto torque = [&](double share) {  // of the damping
+    rig.set("threshold", {m / (1.1 - 0.1 * share)});
+    EXPECT_EQ(rig.tick(0.001), LawResult::ok);
+    return rig.tau(0);
+  };
+  const JointVector full = torque(1 - 1e-9);
+  EXPECT_LT(full.dot(dq), 0);
+  EXPECT_LT((PlainArm(TestArm::make(), models[0]->X_WB()).jacobian(q) * full).norm(), 1e-6);
+  EXPECT_NEAR(-full.dot(dq), full.squaredNorm() / 0.4, 1e-6);  // d times the part of dq in the null space
+  for (const double share : {0.1, 0.5, 0.9}) {
+    EXPECT_LT((torque(share) - share * full).norm(), 1e-6 * full.norm() + 1e-9);
+  }
+  EXPECT_EQ(torque(-0.1).norm(), 0);
+}
+
 }  // namespace
 }  // namespace multipanda::manipulability_test

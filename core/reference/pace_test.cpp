@@ -1,4 +1,5 @@
 #include <cmath>
+#include <limits>
 
 #include <gtest/gtest.h>
 
@@ -171,6 +172,95 @@ TEST(Pace, JointGoalsKeepTheHandWithinItsSpeed) {
     EXPECT_GT(fastest, 0.5 * kGreatest);
     EXPECT_NEAR(reference.joints()[0], 1.7, 1e-6);
     EXPECT_NEAR(reference.joints()[1], 0.2, 1e-6);
+  }
+}
+
+// Only the part of a pull, force or moment, that grows along the motion counts.
+TEST(Pace, WaitsForThePartThatTheMotionLoads) {
+  const Vector3 way(0.1, -0.2, 0.1), turn(0.3, 0.2, -0.4);
+  for (const bool translates : {false, true}) {
+    for (const bool rotates : {false, true}) {
+      for (const double force_along : {-1.0, 1.0}) {
+        for (const double moment_along : {-1.0, 1.0}) {
+          for (const auto& [force_share, moment_share] : {std::pair{2.0, 0.0}, {0.0, 2.0}}) {
+            if (force_share > 0 && !translates) continue;  // rounding decides
+            if (moment_share > 0 && !rotates) continue;
+            Reference free = pose_reference(), reference = pose_reference();
+            Pose goal = reference.pose();
+            if (translates) goal.position += way;
+            if (rotates) goal.rotation = exp_rotation(turn) * goal.rotation;
+            Vector6 pull;
+            pull << 50 * force_along * way, 5 * moment_along * turn;
+            ASSERT_EQ(free.post(pose_target(goal)), Verdict::accepted);
+            ASSERT_EQ(reference.post(pose_target(goal)), Verdict::accepted);
+            for (int k = 1; k < 1500; ++k) {
+              if (k > 300) reference.resist(pull, force_share, moment_share);
+              free.advance(kDt, kDt * k);
+              reference.advance(kDt, kDt * k);
+            }
+            const bool waits = (translates && force_along > 0 && force_share > 0) ||
+                               (rotates && moment_along > 0 && moment_share > 0);
+            const double apart = (free.pose().position - reference.pose().position).norm() +
+                                 (free.pose().rotation - reference.pose().rotation).norm();
+            if (waits) {
+              EXPECT_GT(apart, 0.05);
+              EXPECT_LT(reference.twist().vector.norm(), 1e-6);
+            } else {
+              EXPECT_EQ(apart, 0) << translates << rotates << force_along << moment_along << force_share;
+            }
+          }
+        }
+      }
+    }
+  }
+}
+
+TEST(Pace, WaitsForAnyJointThatTheMotionLoads) {
+  for (Eigen::Index joint = 0; joint < 7; ++joint) {
+    for (const double along : {-1.0, 1.0}) {
+      Reference reference({.name = "joints", .quantity = Quantity::joints}, 7);
+      reference.start(joint_constant(7, 0.1));
+      Target target;
+      target.size = 7;
+      target.values.fill(0.6);
+      ASSERT_EQ(reference.post(target), Verdict::accepted);
+      JointVector pull = joint_constant(7, 0);
+      pull[joint] = 20 * along;
+      double last = 0.1;
+      for (int k = 1; k < 4000; ++k) {
+        if (k > 300) reference.resist(pull, 1.5);
+        reference.advance(kDt, kDt * k);
+        const double now = reference.joints()[joint];
+        EXPECT_NEAR((now - last) / kDt, reference.joint_velocity()[joint], 0.01);
+        last = now;
+      }
+      if (along > 0) {
+        EXPECT_LT(last, 0.5) << joint;
+        EXPECT_LT(std::abs(reference.joint_velocity()[joint]), 1e-9);
+      } else {
+        EXPECT_NEAR(last, 0.6, 1e-9) << joint;
+      }
+    }
+  }
+}
+
+// Without a Jacobian that is known, or before the first one, a joint reference keeps to its own limits.
+TEST(Pace, IsFullWhereTheHandIsNotKnown) {
+  Reference free({.name = "joints", .quantity = Quantity::joints}, 7);
+  Reference reference({.name = "joints", .quantity = Quantity::joints}, 7);
+  Target target;
+  target.size = 7;
+  target.values.fill(0.6);
+  Jacobian unknown = Jacobian::Constant(6, 7, std::numeric_limits<double>::quiet_NaN());
+  for (Reference* each : {&free, &reference}) {
+    each->start(joint_constant(7, 0.1));
+    ASSERT_EQ(each->post(target), Verdict::accepted);
+  }
+  for (int k = 1; k < 1500; ++k) {
+    reference.bound_hand_speed(0.05, unknown);
+    free.advance(kDt, kDt * k);
+    reference.advance(kDt, kDt * k);
+    ASSERT_EQ(free.joints(), reference.joints());
   }
 }
 

@@ -40,7 +40,13 @@ struct MovingLaw {
     Target target;
     target.size = 7;
     target.duration_s = 1;
-    if (input == "joints") {
+    if (input == "wrench") {
+      target.size = 6;
+      target.values = {1, 2, -15};
+    } else if (input == "squeeze") {
+      target.size = 1;
+      target.values = {12};
+    } else if (input == "joints") {
       const JointVector goal = reference.joints() + goals.joints(7, 0.4);
       std::copy(goal.begin(), goal.end(), target.values.begin());
     } else {
