@@ -175,6 +175,70 @@ TEST(BoundedContact, SetPointsWaitForHandsThatAreHeldBack) {
   }
 }
 
+// A pose on the way from a bent to a stretched arm with the given smallest eigenvalue of A = J M^-1 J^T,
+// below TaskSpace::kMobilityFloor.
+JointVector nearly_stretched(const PlainArm& arm, const JointVector& stretched, double eigenvalue) {
+  double near = 0, far = 1;  // share of the way
+  const auto at = [&](double share) { return JointVector(bent(7) + share * (stretched - bent(7))); };
+  for (int i = 0; i < 60; ++i) {
+    const double middle = 0.5 * (near + far);
+    const MatrixXd J = arm.jacobian(at(middle));
+    const double least = symmetric_eigenvalues(J * inverse(arm.mass(at(middle))) * J.transpose()).minCoeff();
+    (least > eigenvalue ? near : far) = middle;
+  }
+  return at(near);
+}
+
+// Near the stretched elbow a small torque presses hard, as in a toggle press. There the laws' own inertia has
+// a floor, and the null space leaks into the hand: a twentieth of the bounds at most.
+TEST(BoundedContact, NearStretchedPosesTheHandPressesNoHarder) {
+  Draw draw(100);
+  for (const Law& law : laws()) {
+    if (law.type.descriptor.type == "coupled_dual_cartesian_impedance")
+      continue;  // hands that jump apart are a fault
+    int bounded_ones = 0;
+    for (const double eigenvalue : {0.015, 0.004, 0.001, 0.0003}) {
+      Bench bench(law, draw);
+      std::vector<JointVector> q(law.arms, bent(7)), rest(law.arms, JointVector::Zero(7));
+      for (std::size_t i = 0; i < law.arms; ++i) bench.rig.place(i, q[i], rest[i]);
+      ASSERT_EQ(bench.rig.start(), LawResult::ok);  // the posture of the null space is the bent one
+      for (std::size_t i = 0; i < law.arms; ++i) {
+        q[i] = nearly_stretched(bench.plain[i], draw.joints(7, 0.02), eigenvalue);
+      }
+      const auto free = bench.wrenches(q, rest, ContactBounds::lifted());
+      const auto F = bench.wrenches(q, rest, kBounds);
+      for (std::size_t i = 0; i < law.arms; ++i) {
+        EXPECT_LT(F[i].head<3>().norm(), 1.0501 * kBounds.spring_force)
+            << law.type.descriptor.type << eigenvalue;
+        EXPECT_LT(F[i].tail<3>().norm(), 1.0501 * kBounds.spring_moment)
+            << law.type.descriptor.type << eigenvalue;
+        bounded_ones += (F[i] - free[i]).norm() > 1;
+      }
+    }
+    EXPECT_GE(bounded_ones, 3) << law.type.descriptor.type;
+  }
+}
+
+TEST(BoundedContact, NearStretchedPosesThePostureDrawsTheHandLittle) {
+  Draw draw(101);
+  Law law = laws()[3];
+  ASSERT_EQ(law.type.descriptor.type, "cartesian_impedance");
+  int leaks = 0;
+  for (const double eigenvalue : {0.015, 0.004, 0.001, 0.0003}) {
+    Bench bench(law, draw);
+    bench.rig.place(0, bent(7), JointVector::Zero(7));
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    const JointVector q = nearly_stretched(bench.plain[0], draw.joints(7, 0.02), eigenvalue);
+    bench.rig.input("pose").start(bench.plain[0].end_effector(q));  // no pull but the posture's
+    const VectorXd free = bench.wrenches({q}, {JointVector::Zero(7)}, ContactBounds::lifted())[0];
+    const VectorXd F = bench.wrenches({q}, {JointVector::Zero(7)}, kBounds)[0];
+    EXPECT_LT(F.head<3>().norm(), 0.0501 * kBounds.spring_force) << eigenvalue;
+    EXPECT_LT(F.tail<3>().norm(), 0.0501 * kBounds.spring_moment) << eigenvalue;
+    leaks += free.head<3>().norm() > 0.06 * kBounds.spring_force;
+  }
+  EXPECT_GE(leaks, 2);  // without bounds
+}
+
 TEST(BoundedContact, OneBoundAloneIsNoneOfTheOther) {
   Draw draw(99);
   for (const Law& law : laws()) {

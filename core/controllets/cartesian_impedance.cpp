@@ -42,9 +42,9 @@ class CartesianImpedance final : public Controllet {
     q_N_ += (posture(parameters, arm) - q_N_).cwiseMax(-reach).cwiseMin(reach);
 
     TaskForce force;
-    const LawResult result =
-        cartesian_impedance_law(impedance_gains(parameters, context.contact), null_space_gains(parameters),
-                                CartesianTarget::of(context.inputs[kPose]), arm, q_N_, force);
+    const LawResult result = cartesian_impedance_law(
+        impedance_gains(parameters, context.contact), null_space_gains(parameters, context.contact),
+        CartesianTarget::of(context.inputs[kPose]), arm, q_N_, force);
     force.report(context.inputs[kPose]);
     show(force, context.outputs);
     return result;

@@ -37,6 +37,19 @@ TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& ta
   return force;
 }
 
+namespace {
+
+// Factor on a torque of the null space such that the hand presses with no more than a twentieth of the
+// bounds.
+double share_within(const ContactBounds& contact, const TaskSpace& task, const JointVector& tau) {
+  constexpr double kShare = 0.05;
+  const Vector6 pressing = task.press() * Vector6(task.J_bar.transpose().lazyProduct(tau));
+  const double force = pressing.head<3>().norm(), moment = pressing.tail<3>().norm();
+  return std::min({1.0, kShare * contact.spring_force / force, kShare * contact.spring_moment / moment});
+}
+
+}  // namespace
+
 JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N,
                               double spring_share) {
   const Eigen::Index n = arm.q().size();
@@ -49,8 +62,12 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
   if (gains.projector == Projector::dynamic) {
     const TaskSpace& task = arm.terms->task();
     const JointVector dq_null = task.null_space_velocity(J, arm.dq());
-    const JointVector tau_desired = spring - D.cwiseProduct(dq_null);
-    return task.null_space_torque(J, tau_desired);
+    const JointVector damping = D.cwiseProduct(dq_null);
+    if (!task.floored || !std::isfinite(gains.contact.spring_force + gains.contact.spring_moment)) {
+      return task.null_space_torque(J, JointVector(spring - damping));
+    }
+    const JointVector drawn = task.null_space_torque(J, spring);
+    return share_within(gains.contact, task, drawn) * drawn - task.null_space_torque(J, damping);
   }
   // J^+ = J^T (J J^T + eps)^-1. Any eps > 0 keeps N within [0, I]; this value is far below the eigenvalues of
   // a regular pose.
@@ -121,9 +138,9 @@ ImpedanceGains impedance_gains(const ParameterSet& parameters, const ContactBoun
           contact};
 }
 
-NullSpaceGains null_space_gains(const ParameterSet& parameters) {
+NullSpaceGains null_space_gains(const ParameterSet& parameters, const ContactBounds& contact) {
   return {parameters.number(kNullSpaceStiffness), parameters.number(kCartesianDampingRatio),
-          static_cast<Projector>(parameters.choice(kProjector))};
+          static_cast<Projector>(parameters.choice(kProjector)), contact};
 }
 
 CartesianOutputs cartesian_outputs(const std::string& prefix) {

@@ -34,6 +34,7 @@ struct NullSpaceGains {
   double stiffness = 0;      // K_N [N m/rad]
   double damping_ratio = 1;  // of D_N
   Projector projector = Projector::dynamic;
+  ContactBounds contact = ContactBounds::lifted();
 };
 
 struct CartesianTarget {
@@ -65,7 +66,9 @@ TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& ta
 
 // tau_null = N (K_N (q_N - q) - D_N N^T dq), D_N = 2 zeta sqrt(K_N diag M). With N^T, the damping is
 // dissipative for any projector; -D_N dq inside N is not. Bounded in singular poses: the eigenvalues of N
-// stay within [0, 1]. `spring_share` scales the spring only; D_N is designed for the full spring.
+// stay within [0, 1]. Near a singular pose, the dynamic projector leaves a part of the spring that presses
+// with the hand (TaskSpace::press); within bounds for contact, the spring is scaled down until that is a
+// twentieth of theirs. `spring_share` scales the spring only; D_N is designed for the full spring.
 JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N,
                               double spring_share = 1);
 
@@ -89,7 +92,7 @@ using CartesianParameters = SpecsAt<ParameterSpec, 0, kCartesianParameterCount>;
 CartesianParameters cartesian_parameters();
 ImpedanceGains impedance_gains(const ParameterSet& parameters,
                                const ContactBounds& contact = ContactBounds::lifted());
-NullSpaceGains null_space_gains(const ParameterSet& parameters);
+NullSpaceGains null_space_gains(const ParameterSet& parameters, const ContactBounds& contact);
 
 // Outputs of one arm: error 3 + 3, wrench 3 + 3; `prefix` is "" or "first_".
 inline constexpr std::size_t kCartesianOutputSize = 12;

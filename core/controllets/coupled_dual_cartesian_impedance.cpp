@@ -116,7 +116,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
     absolute.total = absolute.spring + force.head<6>();
     relative.total = relative.spring + force.tail<6>();
 
-    const NullSpaceGains null_space = null_space_gains(parameters);
+    const NullSpaceGains null_space = null_space_gains(parameters, context.contact);
     std::array F{frame.first_wrench(absolute.total, relative.total),
                  frame.second_wrench(absolute.total, relative.total)};
     if (std::isfinite(gains.contact.spring_force + gains.contact.spring_moment)) {

@@ -81,7 +81,7 @@ class CoupledUfic final : public Controllet {
     gamma_ = touch_distance_ = shift_ = shift_from_ = shift_to_ = integral_ = 0;
     shift_fade_.reset(true);
     affordable_ = 1;
-    const Settings settings(*context.parameters);
+    const Settings settings(*context.parameters, context.contact);
     balance_.start(context.arms, context.parameters->number(kTankStart), settings.tanks);
     alpha_f_ = balance_.force.valve(settings.tanks);
     for (std::size_t i = 0; i < 2; ++i) q_N_[i] = context.arms[i].q();
@@ -96,7 +96,7 @@ class CoupledUfic final : public Controllet {
     OwnedArm& second = context.arms[1];
     const CooperativeFrame frame = frame_of(context);
     if (!frame.holds_together()) return LawResult::fault;
-    const Settings settings(*context.parameters);
+    const Settings settings(*context.parameters, context.contact);
     const CartesianTarget target = CartesianTarget::of(context.inputs[kPose]);
     const double dt = context.dt;
 

@@ -188,10 +188,10 @@ ControlletDescriptor descriptor() {
           output_at<kRelativeError + 3, 3>("relative_orientation_error_rad", "-phi, world axes."))};
 }
 
-Settings::Settings(const ParameterSet& p)
+Settings::Settings(const ParameterSet& p, const ContactBounds& contact)
     : absolute(impedance_gains(p)),
       relative(absolute),
-      null_space(null_space_gains(p)),
+      null_space(null_space_gains(p, contact)),
       force{p.number(kProportional), p.number(kDerivative), p.number(kIntegral), p.number(kErrorCutoff),
             p.number(kIntegralLimit)},
       grasp{.contact_threshold_n = p.number(kContactThreshold),

@@ -73,7 +73,7 @@ ControlletDescriptor descriptor();
 
 // Parameter values of one cycle.
 struct Settings {
-  explicit Settings(const ParameterSet& parameters);
+  Settings(const ParameterSet& parameters, const ContactBounds& contact);
 
   ImpedanceGains absolute, relative;
   NullSpaceGains null_space;

@@ -77,7 +77,7 @@ class DualCartesianImpedance final : public Controllet {
   LawResult update(ControlContext& context) override {
     const ParameterSet& parameters = *context.parameters;
     const ImpedanceGains gains = impedance_gains(parameters, context.contact);
-    const NullSpaceGains null_space = null_space_gains(parameters);
+    const NullSpaceGains null_space = null_space_gains(parameters, context.contact);
     const bool other_goals = parameters.choice(kGoals) != goals_;
     goals_ = parameters.choice(kGoals);
     offset_.advance(parameters.goal_vector3(kOffset), context.inputs[kCommonPose].spec().max_speed,

@@ -115,7 +115,7 @@ class Force final : public Controllet {
     // A hand in the way is felt like friction, and would be pushed harder and harder.
     force.total.head<3>() += largest_share(direction_.across(pull), F_t, most) * F_t;
 
-    *arm.tau = terms.c() + null_space_torque(null_space_gains(parameters), arm, q_N_);
+    *arm.tau = terms.c() + null_space_torque(null_space_gains(parameters, context.contact), arm, q_N_);
     *arm.tau += terms.J_V_WE().transpose().lazyProduct(force.total);
 
     const auto out = context.outputs;

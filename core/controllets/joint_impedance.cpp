@@ -100,15 +100,18 @@ class JointImpedance final : public Controllet {
 
  private:
   // The pull of all joints acts at the hand like the wrench J_bar^T tau, J_bar = M^-1 J^T Lambda (Khatib
-  // 1987): the force that keeps the hand where it is. The whole pull is scaled until that keeps
-  // to its bounds.
+  // 1987), more near a singular pose (TaskSpace::press): the force that keeps the hand where it is. The whole
+  // pull is scaled until that keeps to its bounds.
   static void bound(ControlContext& context, JointVector& tau, const JointVector& damping) {
     OwnedArm& arm = context.arms[0];
-    const JointBy6& J_bar = arm.terms->task().J_bar;
+    const TaskSpace& task = arm.terms->task();
+    const Matrix6 press = task.press();
+    const auto at_hand = [&](const JointVector& x) {
+      return Vector6(press * Vector6(task.J_bar.transpose().lazyProduct(x)));
+    };
     const JointVector pull = tau - arm.terms->c() + damping;
     const BoundedPull bounded =
-        bound_pull(context.contact, Vector6(J_bar.transpose().lazyProduct(pull)),
-                   Vector6(J_bar.transpose().lazyProduct(damping)), arm.terms->V_WE().linear());
+        bound_pull(context.contact, at_hand(pull), at_hand(damping), arm.terms->V_WE().linear());
     context.inputs[kJoints].resist(pull, std::max(bounded.force_share, bounded.moment_share));
     if (bounded.factor() < 1) tau -= (1 - bounded.factor()) * pull;
   }

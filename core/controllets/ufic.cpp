@@ -161,7 +161,8 @@ class Ufic final : public Controllet {
     bound_feedforward(requested, spring, feedforward);
     context.inputs[kPose].resist(spring + feedforward, std::max(spring_share_, requested.force_share),
                                  std::max(spring_share_, requested.moment_share));
-    const JointVector tau_null = null_space_torque(null_space_gains(parameters), arm, q_N_, s);
+    const JointVector tau_null =
+        null_space_torque(null_space_gains(parameters, context.contact), arm, q_N_, s);
 
     // Force part
     const Matrix3 D_t = D.topLeftCorner<3, 3>();
@@ -313,8 +314,9 @@ class Ufic final : public Controllet {
     gamma_ = std::min(shape, gamma_ + dt / Fade::kDuration);
     alpha_f_ = std::min(balance_.force.valve(limits_), alpha_f_ + dt / Fade::kDuration);
     const double w = fade_.towards(detector_.in_contact(), dt);
-    const double f =
-        std::min(loop_.update(settings.gains, part.desired, part.estimated, w, dt), contact.spring_force);
+    // With what the spring already presses along n, the force keeps to the bound.
+    const double left = std::max(0.0, contact.spring_force - std::max(0.0, n.dot(pull)));
+    const double f = std::min(loop_.update(settings.gains, part.desired, part.estimated, w, dt), left);
     Vector3 F_t = settings.tangential_gain * w *
                   direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
     // A hand in the way is felt like friction, and would be pushed harder and harder.

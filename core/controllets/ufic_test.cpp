@@ -139,6 +139,30 @@ TEST(Ufic, AHandInTheWayIsNoFrictionToOvercome) {
   }
 }
 
+// A set-point below the surface and a force into it: a hand between both is not pressed with their sum.
+TEST(Ufic, ForceAndSpringTogetherKeepToTheBound) {
+  for (const double requested : {10.0, 40.0, 60.0}) {
+    Bench bench(ufic_controllet());
+    bench.rig.bound({});
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    Pose below = bench.rig.terms(0).X_WE();
+    below.position.z() -= 0.3;
+    bench.rig.input("pose").set(pose_target(below));
+    bench.want({0, 0, -requested});
+    double largest = 0, forces = 0;
+    for (int k = 0; k < 6000; ++k) {
+      bench.ticks(1);
+      const Vector3 push = (bench.rig.terms(0).task().J_bar.transpose() * bench.rig.tau(0)).head<3>();
+      largest = std::max(largest, push.norm());
+      forces = std::max(forces, bench.number("force_command_n"));
+      bench.feel({0, 0, std::min(0.0, push.z())});  // the arm stands still: all of its push is felt
+    }
+    EXPECT_LE(largest, 60.5) << requested;
+    EXPECT_GT(largest, 45) << requested;
+    EXPECT_GT(forces, 5) << requested;
+  }
+}
+
 // The damping along the force pulls with the velocity of the set-point, in addition to the spring.
 TEST(Ufic, DampingAlongTheForceIsPartOfThePull) {
   for (const auto& type : {ufic_controllet(), force_controllet()}) {

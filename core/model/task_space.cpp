@@ -54,6 +54,13 @@ void compute_task_space(const Jacobian& J, const JointMatrix& M, TaskSpace& task
   fill_task_space<Eigen::Dynamic>(J, M, task);
 }
 
+Matrix6 TaskSpace::press() const {
+  if (!floored) return Matrix6::Identity();
+  const CoupledModes<Matrix6> modes(Matrix6::Identity(), mobility);
+  const Vector6 ratio = modes.k.cwiseMax(kMobilityFloor).cwiseQuotient(modes.k.cwiseMax(kPressFloor));
+  return modes.U * ratio.asDiagonal() * modes.U.transpose();
+}
+
 JointVector TaskSpace::null_space_torque(const Jacobian& J, const JointVector& tau) const {
   const Vector6 f = J_bar.transpose().lazyProduct(tau);
   return tau - J.transpose().lazyProduct(f);

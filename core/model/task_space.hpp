@@ -17,6 +17,12 @@ struct TaskSpace {
   JointBy6 J_bar;        // M^-1 J^T Lambda, dynamically consistent inverse (n x 6)
   bool floored = false;  // an eigenvalue of A was below the floor
 
+  // Where the floor acts, J_bar^T tau is less than what the hand presses with: near the stretched elbow an
+  // arm is a toggle press. Press * (J_bar^T tau) = A^-1 J M^-1 tau is the wrench (6 x 1) [N, N m] on whatever
+  // holds the hand, with the eigenvalues of A raised to kPressFloor only. The identity unless `floored`.
+  static constexpr double kPressFloor = 1e-4;
+  Matrix6 press() const;
+
   // N x = x - J^T (J_bar^T x): the part of a joint torque that exerts no force at E, (n x 1) [N m].
   JointVector null_space_torque(const Jacobian& J, const JointVector& tau) const;
   // N^T x = x - J_bar (J x): the part of a joint velocity that does not move the task, (n x 1).

@@ -39,6 +39,28 @@ TEST(TaskSpace, IsTheTextbookInverseInRegularPoses) {
   EXPECT_GE(checked, 20);
 }
 
+// A torque at a blocked hand: the wrench A^-1 J M^-1 tau, whether or not the floor acts.
+TEST(TaskSpace, PressIsThatOfTheArmWithoutFloor) {
+  Draw draw(105);
+  int floored = 0;
+  for (int trial = 0; trial < 40; ++trial) {
+    const MatrixXd half = MatrixXd::NullaryExpr(7, 7, [&] { return draw.uniform(-1, 1); });
+    const MatrixXd M = half * half.transpose() + 0.5 * MatrixXd::Identity(7, 7);
+    MatrixXd J = MatrixXd::NullaryExpr(6, 7, [&] { return draw.uniform(-1, 1); });
+    J.row(2) = (trial % 2 == 0 ? 0.05 : 1.0) * J.row(2) + J.row(1);
+    TaskSpace task;
+    compute_task_space(J, M, task);
+    const MatrixXd A = J * inverse(M) * J.transpose();
+    if (symmetric_eigenvalues(A).minCoeff() < 2 * TaskSpace::kPressFloor) continue;
+    const JointVector tau = draw.joints(7, 1);
+    const Eigen::VectorXd expected = inverse(A) * J * inverse(M) * tau;
+    const Vector6 f = task.press() * Vector6(task.J_bar.transpose() * tau);
+    EXPECT_LT((f - expected).norm(), 1e-6 * (1 + expected.norm()));
+    floored += task.floored;
+  }
+  EXPECT_GE(floored, 10);
+}
+
 // The same law holds for every joint count, with a fixed or a dynamic size.
 TEST(TaskSpace, EveryJointCountFollowsTheSameLaw) {
   Draw draw(104);
