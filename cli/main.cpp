@@ -75,7 +75,7 @@ int run(int argc, char** argv) {
       "  multipanda list scenes");
   for (const auto add : {add_demo,        add_run,
                          add_move,        add_ctl,
-                         add_check,       add_list,
+                         add_check,       add_law, add_list,
                          add_report,      add_repair,
                          add_export,      add_experiment,
                          add_compare,     add_excite,

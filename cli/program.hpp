@@ -36,6 +36,7 @@ struct Program {
 void add_run(Program& program);
 void add_move(Program& program);
 void add_demo(Program& program);
+void add_law(Program& program);
 void add_list(Program& program);
 void add_check(Program& program);
 void add_report(Program& program);

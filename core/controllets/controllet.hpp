@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <span>
 #include <type_traits>
@@ -73,7 +74,7 @@ using ArmModels = std::span<const std::shared_ptr<const ArmModel>>;
 
 struct ControlletType {
   ControlletDescriptor descriptor;
-  std::unique_ptr<Controllet> (*create)(ArmModels arms) = nullptr;
+  std::function<std::unique_ptr<Controllet>(ArmModels arms)> create;
 };
 
 // The type of a class with a static descriptor(). Its constructor takes the models of its arms, or nothing.

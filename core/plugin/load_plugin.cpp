@@ -5,6 +5,7 @@
 #include <multipanda_headers_hash.hpp>
 #include <stdexcept>
 
+#include "core/plugin/c_law_controllets.hpp"
 #include "core/plugin/layout.hpp"
 
 namespace multipanda {
@@ -26,7 +27,7 @@ std::string hexadecimal(std::uint64_t number) {
 std::string refusal(void* library) {
   if (symbol<void*>(library, "multipanda_plugin_register") == nullptr) {
     return "it exports no controllets, features or backends; it needs MULTIPANDA_PLUGIN(registry) {...} "
-           "(core/plugin/plugin.hpp)";
+           "(core/plugin/plugin.hpp), or multipanda_laws (core/plugin/c_law.h)";
   }
   const auto headers = symbol<const char* (*)()>(library, "multipanda_plugin_headers");
   const auto layout = symbol<std::uint64_t (*)()>(library, "multipanda_plugin_layout");
@@ -48,11 +49,35 @@ std::string refusal(void* library) {
   return {};
 }
 
+using CLaws = const multipanda_c_laws* (*)();
+
+// All or none: a name that is taken leaves the registry as it was.
+void add_laws(Registry& registry, CLaws exported) {
+  const multipanda_c_laws* laws = exported();
+  if (laws == nullptr) throw std::runtime_error("its function multipanda_laws returns nothing");
+  std::vector<ControlletType> types = c_law_controllets(*laws);
+  Registry with_laws = registry;
+  for (auto& type : types) with_laws.add(std::move(type));
+  registry = std::move(with_laws);
+}
+
 }  // namespace
 
 void load_plugin(Registry& registry, const std::string& path) {
   void* library = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (library == nullptr) throw std::runtime_error("library " + path + ": " + dlerror());
+  // Laws behind the C interface share no C++ types: version and sizes say whether they fit.
+  if (const auto laws = symbol<CLaws>(library, "multipanda_laws"); laws != nullptr) {
+    try {
+      return add_laws(registry, laws);
+    } catch (const std::runtime_error& error) {
+      dlclose(library);
+      throw std::runtime_error("library " + path + ": " + error.what());
+    } catch (...) {
+      dlclose(library);
+      throw;
+    }
+  }
   if (const std::string reason = refusal(library); !reason.empty()) {
     dlclose(library);
     throw std::runtime_error("library " + path + ": " + reason);
