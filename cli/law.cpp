@@ -13,13 +13,11 @@
 namespace multipanda::cli {
 namespace {
 
-using Json = nlohmann::ordered_json;
 
 struct LawArguments {
   std::string library, type, model = "fer";
   LawTrialOptions trial;
   std::size_t samples = 0;
-  double most_us = 100;
   bool json = false;
 };
 
@@ -46,17 +44,17 @@ std::shared_ptr<const ArmModel> model_named(const std::string& name) {
 }
 
 template <typename Vector>
-Json numbers(const Vector& vector) {
+nlohmann::ordered_json numbers(const Vector& vector) {
   return std::vector<double>(vector.data(), vector.data() + vector.size());
 }
 
-Json rows(const Eigen::Ref<const Eigen::MatrixXd>& matrix) {
-  Json rows = Json::array();
+nlohmann::ordered_json rows(const Eigen::Ref<const Eigen::MatrixXd>& matrix) {
+  nlohmann::ordered_json rows = nlohmann::ordered_json::array();
   for (Eigen::Index i = 0; i < matrix.rows(); ++i) rows.push_back(numbers(Eigen::VectorXd(matrix.row(i))));
   return rows;
 }
 
-Json arm_of(const OwnedArm& arm) {
+nlohmann::ordered_json arm_of(const OwnedArm& arm) {
   ModelTerms& terms = *arm.terms;
   return {{"q", numbers(arm.q())},
           {"dq", numbers(arm.dq())},
@@ -73,7 +71,7 @@ Json arm_of(const OwnedArm& arm) {
           {"tau", numbers(*arm.tau)}};
 }
 
-Json input_of(const Reference& input) {
+nlohmann::ordered_json input_of(const Reference& input) {
   switch (input.spec().quantity) {
     case Quantity::pose:
       return {{"p", numbers(input.pose().position)},
@@ -92,15 +90,15 @@ Json input_of(const Reference& input) {
 }
 
 // A number that is not finite becomes null, as JSON has none.
-Json sample_of(const LawTrialState& state) {
-  Json sample = {{"state", state.number}, {"started", state.started}, {"ok", state.result == LawResult::ok}};
+nlohmann::ordered_json sample_of(const LawTrialState& state) {
+  nlohmann::ordered_json sample = {{"state", state.number}, {"started", state.started}, {"ok", state.result == LawResult::ok}};
   sample["dt"] = state.context.dt;
   sample["time_s"] = state.context.time_s;
   for (const auto& arm : state.context.arms) sample["arms"].push_back(arm_of(arm));
-  sample["inputs"] = Json::object();
+  sample["inputs"] = nlohmann::ordered_json::object();
   for (const auto& input : state.context.inputs) sample["inputs"][input.spec().name] = input_of(input);
   const ParameterSet& parameters = *state.context.parameters;
-  sample["parameters"] = Json::object();
+  sample["parameters"] = nlohmann::ordered_json::object();
   for (std::size_t i = 0; i < parameters.size(); ++i)
     sample["parameters"][parameters.spec(i).name] =
         std::vector<double>(parameters.values(i).begin(), parameters.values(i).end());
@@ -111,25 +109,25 @@ Json sample_of(const LawTrialState& state) {
 int run(const LawArguments& arguments) {
   const Console console(arguments.json);
   const auto model = model_named(arguments.model);
-  Json result = {{"success", true}, {"model", arguments.model}, {"most_us", arguments.most_us}};
-  result["laws"] = Json::array();
+  nlohmann::ordered_json result = {{"success", true}, {"model", arguments.model}, {"most_us", arguments.trial.most_us}};
+  result["laws"] = nlohmann::ordered_json::array();
   for (const auto& type : chosen_types(arguments)) {
     const std::vector<std::shared_ptr<const ArmModel>> models(type.descriptor.arms, model);
-    Json samples = Json::array(), fault;
+    nlohmann::ordered_json samples = nlohmann::ordered_json::array(), fault;
     const LawTrial trial = try_law(type, models, arguments.trial, [&](const LawTrialState& state) {
       if (state.number < arguments.samples) samples.push_back(sample_of(state));
       if (state.result != LawResult::ok && fault.is_null()) fault = sample_of(state);
     });
-    const bool fits = trial.faults == 0 && trial.p999_us <= arguments.most_us;
+    const bool fits = trial.faults == 0 && trial.p999_us <= arguments.trial.most_us;
     if (!fits) result["success"] = false;
     console.line(fmt::format("{}: {} states, {} faults; processor time of a tick: median {:.2f} us, 99.9 % "
                              "{:.2f} us, worst {:.2f} us (at most {:g} us at 99.9 %): {}",
                              type.descriptor.type, trial.states, trial.faults, trial.median_us, trial.p999_us,
-                             trial.worst_us, arguments.most_us, fits ? "ok" : "refused"));
+                             trial.worst_us, arguments.trial.most_us, fits ? "ok" : "refused"));
     if (trial.faults > 0 && trial.first_fault < trial.states)
       console.line(fmt::format("  the first fault: state {}{}", trial.first_fault,
                                fault.is_null() ? "" : ", " + fault.dump()));
-    Json entry = {{"type", type.descriptor.type}, {"states", trial.states}, {"faults", trial.faults},
+    nlohmann::ordered_json entry = {{"type", type.descriptor.type}, {"states", trial.states}, {"faults", trial.faults},
                   {"median_us", trial.median_us}, {"p999_us", trial.p999_us}, {"worst_us", trial.worst_us}};
     entry["first_fault"] = fault;
     if (arguments.samples > 0) entry["samples"] = samples;
@@ -157,7 +155,7 @@ void add_law(Program& program) {
   command->add_option("--seed", arguments->trial.seed, "Seed of the states (default 1)");
   command->add_option("--repeats", arguments->trial.repeats, "Ticks on each state, of which the shortest counts (default 3)")
       ->check(CLI::Range(1, 1000));
-  command->add_option("--most-us", arguments->most_us, "Largest processor time of a tick at 99.9 % [us] (default 100)")
+  command->add_option("--most-us", arguments->trial.most_us, "Largest processor time of a tick at 99.9 % [us] (default 100)")
       ->check(CLI::Range(0.001, 1e6));
   command->add_option("--samples", arguments->samples, "With --json: the first N states with torques (default 0)");
   command->add_flag("--json", arguments->json, "Print the result as one JSON object to standard output");

@@ -20,6 +20,7 @@ constexpr double kUnpacedDefault = 10;  // [s]; an unpaced run without an end wo
 
 struct RunOptions {
   std::string scene;
+  SceneAdditions additions;
   std::optional<double> seconds;
   bool fast = false, json = false, report = false, no_timeline = false, until_input_ends = false;
   bool reduced = false, full_speed = false;
@@ -72,7 +73,7 @@ int run(const RunOptions& options) {
     throw UsageError("run: --ros-node, --ros-namespace and --ros-remap need --ros");
   const LogEvery log_every = log_choice(options);
   const BackendOptions backend = backend_options(options.backend);
-  OpenedScene opened = open_scene(options.scene);
+  OpenedScene opened = open_scene(options.scene, options.additions);
   opened.scene = with_connections(std::move(opened.scene), backend);  // refused before anything starts
   const ReducedRun reduced_run(opened.scene,
                                options.reduced      ? Reduction::asked
@@ -142,6 +143,15 @@ void add_run(Program& program) {
   command
       ->add_option("--seconds", options->seconds, "Duration of the run [s] (default: the scene's duration_s)")
       ->check(CLI::Range(0.001, 1e6));
+  command
+      ->add_option("--plugin", options->additions.plugins,
+                   "Library with controllets, in addition to those that the scene names; may be repeated")
+      ->type_name("FILE");
+  command
+      ->add_option("--controllet", options->additions.controllets,
+                   "Controllet in addition to those of the scene, as in a scene file: "
+                   "'{name: soft, type: my_law, arms: arm}'; may be repeated")
+      ->type_name("YAML");
   command->add_flag("--no-timeline", options->no_timeline,
                     "Ignore the scene's timeline and duration_s: run until Ctrl-C, for multipanda ctl");
   CLI::Option* reduced = command->add_flag(

@@ -86,9 +86,9 @@ Scene load_scene(const std::string& path_or_bare_name, const Registry& registry)
   return parse_scene(read_text(path), path, registry);
 }
 
-OpenedScene open_scene(const std::string& path_or_bare_name) {
-  const std::string path = found_scene(path_or_bare_name);
-  const std::string text = read_text(path);
+namespace {
+
+OpenedScene opened_scene(const std::string& path, const std::string& text) {
   const Node root = Node::parse(text, path);
   OpenedScene opened;
   try {
@@ -100,6 +100,16 @@ OpenedScene open_scene(const std::string& path_or_bare_name) {
   }
   opened.scene = read_scene(root, text, opened.registry);
   return opened;
+}
+
+}  // namespace
+
+OpenedScene open_scene(const std::string& path_or_bare_name, const SceneAdditions& additions) {
+  const std::string path = found_scene(path_or_bare_name);
+  const std::string text = read_text(path);
+  OpenedScene opened = opened_scene(path, text);
+  if (additions.empty()) return opened;
+  return opened_scene(path, with_additions(text, path, additions));
 }
 
 void visit(Archive& archive, ContactBounds& bounds, Scene& scene) {

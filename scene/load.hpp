@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "core/modes/registry.hpp"
+#include "scene/additions.hpp"
 #include "scene/scene.hpp"
 
 // Scene files, read and checked (docs/scene_reference.md). Off the loop only. Everything here throws
@@ -23,7 +24,8 @@ struct OpenedScene {
   Registry registry;  // multipanda's own and the plugins' controllets and features
   Scene scene;
 };
-OpenedScene open_scene(const std::string& path_or_bare_name);
+// With additions the scene must be valid without them, too; its text then has them.
+OpenedScene open_scene(const std::string& path_or_bare_name, const SceneAdditions& additions = {});
 
 // Paths of the libraries that a scene names. Other keys are not checked.
 std::vector<std::string> scene_plugins(const std::string& text, const std::string& file_name);

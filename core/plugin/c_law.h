@@ -106,7 +106,7 @@ typedef struct {
   multipanda_c_arm* arms;
   const multipanda_c_set_point* inputs;
   const double* const* parameters; /* each of its size */
-  double* outputs;                 /* all, in order; zero at the start */
+  double* outputs;                 /* all, in order; zero at entry */
   double* memory;                  /* `memory_size` numbers of this instance, zero at the start */
 } multipanda_c_tick;
 

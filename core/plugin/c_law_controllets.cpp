@@ -141,7 +141,6 @@ class CLaw final : public Controllet {
 
   LawResult start(ControlContext& context) override {
     std::ranges::fill(memory_, 0.0);
-    std::ranges::fill(context.outputs, 0.0);
     if (law_.start == nullptr) return has_estimates(context) ? LawResult::ok : LawResult::fault;
     return call(law_.start, context);
   }
@@ -234,6 +233,7 @@ class CLaw final : public Controllet {
 
   LawResult call(multipanda_c_function function, ControlContext& context) {
     if (!has_estimates(context)) return LawResult::fault;
+    std::ranges::fill(context.outputs, 0.0);
     for (std::size_t i = 0; i < arms_.size(); ++i) fill(context.arms[i], arms_[i], plain_arms_[i]);
     for (std::size_t i = 0; i < inputs_.size(); ++i) fill(context.inputs[i], inputs_[i], set_points_[i]);
     for (std::size_t i = 0; i < parameters_.size(); ++i) parameters_[i] = context.parameters->values(i).data();

@@ -163,7 +163,8 @@ LawTrial try_law(const ControlletType& type, ArmModels models, const LawTrialOpt
   LawTrial found;
   std::vector<double> times;
   bool running = false;
-  for (std::size_t number = 0; number < options.states; ++number) {
+  std::size_t slow = 0;
+  for (std::size_t number = 0; number < options.states && slow <= options.states / 1000; ++number) {
     trial.draw_state();
     const bool starts = !running || number % kStatesPerStart == 0;
     LawResult result = starts ? trial.start() : LawResult::ok;
@@ -180,6 +181,7 @@ LawTrial try_law(const ControlletType& type, ArmModels models, const LawTrialOpt
         if (repeat == 0 && each) each({number, starts, trial.context(), result});
       }
       times.push_back(shortest);
+      if (shortest > options.most_us) ++slow;
       running = result == LawResult::ok;
     }
     if (result != LawResult::ok && found.faults++ == 0) found.first_fault = number;

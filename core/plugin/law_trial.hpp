@@ -12,7 +12,8 @@ namespace multipanda {
 struct LawTrialOptions {
   std::size_t states = 10000;
   std::uint32_t seed = 1;
-  int repeats = 3;  // of each state
+  int repeats = 3;       // of each state
+  double most_us = 100;  // ends once more than a thousandth of all states took longer
 };
 
 // One state, and what the law made of it. Valid during the call only.

@@ -19,6 +19,8 @@ from .episode import Episode, LoggedEpisode
 from .errors import Disconnected, Error, ProgramMissing, Refused, Timeout, VersionMismatch
 from .follow import Event, Events, Records
 from .goal import Goal
+from .law import Evaluation, Law, PlacedLaw, law
+from .law_layout import LawInput, LawParameter
 from .log import Log, read_log
 from .notebook import live_table
 from .parameters import Parameter
@@ -38,15 +40,20 @@ __all__ = [
     "Disconnected",
     "Episode",
     "Error",
+    "Evaluation",
     "Event",
     "Events",
     "History",
     "Goal",
     "Gripper",
     "GripperState",
+    "Law",
+    "LawInput",
+    "LawParameter",
     "Log",
     "LoggedEpisode",
     "Parameter",
+    "PlacedLaw",
     "Pose",
     "ProgramMissing",
     "Record",
@@ -66,6 +73,7 @@ __all__ = [
     "connect",
     "experiment",
     "identify",
+    "law",
     "live_table",
     "play",
     "program_path",

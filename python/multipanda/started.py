@@ -19,6 +19,7 @@ from typing import IO, Any
 from .client import Client
 from .connection import Connection, make_socket_folder
 from .errors import Disconnected, Error, Refused, Timeout, VersionMismatch
+from .law import PlacedLaw, run_words
 from .program import checked_program, last_lines
 
 _NUMBERS = itertools.count(1)
@@ -298,6 +299,7 @@ def _words(
     log_every: int | Mapping[str, int],
     seconds: float | None,
     fast: bool,
+    laws: Sequence[PlacedLaw],
 ) -> list[str]:
     words: list[str] = ["run", os.fspath(scene), "--json", "--until-input-ends"]
     if backend is not None or address:
@@ -313,7 +315,7 @@ def _words(
         words += ["--seconds", f"{seconds:g}"]
     if fast:
         words.append("--fast")
-    return words
+    return words + run_words(laws)
 
 
 def play(
@@ -325,6 +327,7 @@ def play(
     log_every: int | Mapping[str, int] = _EVERY_CYCLE,
     seconds: float | None = None,
     fast: bool = True,
+    laws: Sequence[PlacedLaw] = (),
     arguments: Sequence[str] = (),
     end_timeout_s: float = 60,
 ) -> Summary:
@@ -341,6 +344,7 @@ def play(
             for all. Events, switches, interventions and episodes are always whole.
         seconds: Duration [s]; by default that of the scene.
         fast: As fast as possible instead of in real time.
+        laws: Laws in Python to add to the scene's controllets: `law.on("left")`.
         arguments: More options of `multipanda run`.
         end_timeout_s: How long the program may take to end after an exception [s].
 
@@ -348,12 +352,12 @@ def play(
         The summary.
 
     Raises:
-        Refused: The scene or an option is not accepted.
+        Refused: The scene, an option or a law is not accepted.
         ProgramMissing: The program was not found.
         VersionMismatch: The program is of another version.
         Error: It ended without a summary.
     """
-    process = Process([*_words(scene, address, backend, record, log_every, seconds, fast), *arguments])
+    process = Process([*_words(scene, address, backend, record, log_every, seconds, fast, laws), *arguments])
     try:
         code = process.child.wait()
     finally:
@@ -375,6 +379,7 @@ def run(
     fast: bool = False,
     cpu: int | None = None,
     ros: bool = False,
+    laws: Sequence[PlacedLaw] = (),
     arguments: Sequence[str] = (),
     start_timeout_s: float = 60,
     end_timeout_s: float = 60,
@@ -393,12 +398,13 @@ def run(
         fast: As fast as possible instead of in real time, until it is closed.
         cpu: Core to which the loop is pinned.
         ros: Also serves the ROS 2 interfaces.
+        laws: Laws in Python to add to the scene's controllets: `law.on("left")`.
         arguments: More options of `multipanda run`.
         start_timeout_s: How long the program may take until it listens [s].
         end_timeout_s: How long it may take to end in hold [s].
 
     Raises:
-        Refused: The scene or an option is not accepted.
+        Refused: The scene, an option or a law is not accepted.
         Timeout: It did not listen in time: real arms must be unlocked and reachable.
         ProgramMissing: The program was not found.
         VersionMismatch: The program is of another version.
@@ -409,7 +415,7 @@ def run(
         raise ValueError(
             "run: with fast=True it could be over before it can be commanded: use mp.play(), or fast alone"
         )
-    words = _words(scene, address, backend, record, log_every, 1e6 if fast else seconds, fast)
+    words = _words(scene, address, backend, record, log_every, 1e6 if fast else seconds, fast, laws)
     if not timeline:
         words.append("--no-timeline")
     if cpu is not None:

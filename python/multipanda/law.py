@@ -1,0 +1,558 @@
+"""Control laws in Python: compiled to a library that the 1 kHz loop loads, so that it never waits for Python."""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import ctypes
+import dataclasses
+import functools
+import hashlib
+import json
+import keyword
+import math
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import law_layout as layout
+from ._version import __version__
+from .errors import Error, Refused
+from .law_compile import numba_version, object_file
+from .law_layout import LawInput, LawParameter
+from .law_link import cache_folder, link, temporary_beside
+from .law_rules import Function, read, refuse
+from .program import call
+
+Array = NDArray[np.float64]
+
+MOST_US = 100  # processor time of one tick [us]
+STATES = 10_000
+_PATIENCE_S = 120
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+_ARGUMENTS = ("arm", "arms", "tau", "inputs", "parameters", "outputs", "memory", "contact", "dt", "time_s")
+_UNBOUNDED = (math.inf, math.inf, math.inf)
+
+
+class Evaluation(NamedTuple):
+    """What a law made of a state.
+
+    Attributes:
+        tau: Torque of the arm [N m], one number per joint; of a law of several arms a list of these.
+        outputs: Its outputs by name, in their own units.
+        memory: Its memory after the tick, as `evaluate` takes it, in the law's own units.
+    """
+
+    tau: Any
+    outputs: dict[str, Array]
+    memory: Array
+
+
+@dataclass(frozen=True)
+class PlacedLaw:
+    """A law on arms of a scene, for `mp.run(..., laws=[law.on("left")])`.
+
+    Attributes:
+        law: The law.
+        arms: Names of the arms that it owns, in its order.
+        name: Name of the controllet in the run.
+        parameters: Values at the start that differ from the initial ones, in the parameters' own units.
+        features: Features that are on from the start.
+    """
+
+    law: Law
+    arms: tuple[str, ...]
+    name: str
+    parameters: Mapping[str, Any]
+    features: tuple[str, ...]
+
+    def entry(self) -> dict[str, Any]:
+        """The controllet as an entry of a scene file."""
+        made: dict[str, Any] = {"name": self.name, "type": self.law.type, "arms": list(self.arms)}
+        if self.features:
+            made["features"] = list(self.features)
+        if self.parameters:
+            values = {name: np.asarray(value, dtype=float) for name, value in self.parameters.items()}
+            made["parameters"] = {name: value.tolist() for name, value in values.items()}
+        return made
+
+
+def run_words(laws: Sequence[PlacedLaw]) -> list[str]:
+    """The options of `multipanda run` for these laws, compiled and tried. Errors are those of Law.library."""
+    words = []
+    for path in dict.fromkeys(str(placed.law.library) for placed in laws):
+        words += ["--plugin", path]
+    for placed in laws:
+        words += ["--controllet", json.dumps(placed.entry())]
+    return words
+
+
+class Law:
+    """A control law in Python, made by `@mp.law(...)`.
+
+    Its function is checked at once; it is compiled when it is first used. The library is kept in the user's cache
+    ($XDG_CACHE_HOME/multipanda/laws) until the law, or the compiler, changes.
+
+    Attributes:
+        type: Type of the controllet in scene files: the function's name.
+        declaration: What it declares: inputs, parameters, outputs, memory, and what it uses of an arm.
+        function: The Python function.
+        model: The robot model on which it is tried.
+    """
+
+    def __init__(self, function: Callable[..., None], declared: dict[str, Any], model: str) -> None:
+        self.function = function
+        self.model = model
+        self._start: Callable[..., None] | None = None
+        self._functions = {"update": read(function)}
+        self.type = function.__name__
+        doc = (function.__doc__ or "").strip().splitlines()
+        self.declaration = layout.Declaration(
+            self.type, doc[0].strip() if doc else f"The law {self.type}, in Python.", **_declared(declared)
+        )
+        self._check_arguments("update", "tau")
+        functools.update_wrapper(self, function)
+
+    def __repr__(self) -> str:
+        return f"<law {self.type} of {self._functions['update'].file}>"
+
+    def start(self, function: Callable[..., None]) -> Callable[..., None]:
+        """Decorates a function that runs once before the first tick, to set the memory; it takes the law's arguments,
+        without tau. An exception refuses the start. Without it the memory begins with zeros.
+
+        Raises:
+            Refused: It contains something that the loop must not do.
+        """
+        self._functions["start"] = read(function)
+        self._start = function
+        self._check_arguments("start", None)
+        return function
+
+    def _check_arguments(self, kind: str, needed: str | None) -> None:
+        function, law = self._functions[kind], self.declaration
+        arguments = function.tree.args
+        names = [a.arg for a in arguments.args]
+        place = function.place(function.tree)
+        known = [n for n in _ARGUMENTS if n != ("arm" if law.arms > 1 else "arms") and (needed or n != "tau")]
+        for name in names:
+            if name not in known:
+                refuse(place, f"the argument '{name}' of {function.name}; expected some of: {', '.join(known)}")
+            if name in ("inputs", "parameters", "outputs", "memory") and not getattr(law, name):
+                refuse(place, f"the argument '{name}', but the law declares no {name}", f"add {name}= to @mp.law(...)")
+        if arguments.kwonlyargs or arguments.posonlyargs or arguments.defaults:
+            refuse(place, "arguments with defaults, or after * or /; expected plain names")
+        if needed and needed not in names:
+            refuse(place, f"{function.name} has no argument '{needed}', into which it writes its torque")
+        for node in ast.walk(function.tree):
+            if isinstance(node, ast.Return) and node.value is not None:
+                refuse(function.place(node), "a law returns nothing; it writes into tau")
+        used = set().union(*(f.attributes for f in self._functions.values())) & set(layout.ARM_FIELDS)
+        self.declaration = dataclasses.replace(law, uses=frozenset(used))
+        self.__dict__.pop("library", None)
+        self.__dict__.pop("_key", None)
+
+    @functools.cached_property
+    def _key(self) -> str:
+        parts = [__version__, numba_version(), str(layout.VERSION), repr(self.declaration), self.model]
+        for kind, top in self._functions.items():
+            for function in top.all():
+                values = [f"{n} {v!r} {getattr(v, 'tobytes', bytes)()!r}" for n, v in sorted(function.names.items())]
+                parts += [kind, function.file, str(function.tree.lineno), ast.dump(function.tree), *values]
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:24]
+
+    @functools.cached_property
+    def _linked(self) -> pathlib.Path:
+        path = cache_folder() / f"{self.type}-{self._key}.so"
+        if not path.exists():
+            link(object_file(self.declaration, self._functions), path)
+        return path
+
+    @functools.cached_property
+    def trial(self) -> dict[str, Any]:
+        """What 10 000 random states said: `median_us`, `p999_us`, `worst_us` of processor time of a tick [us].
+
+        Raises:
+            Refused: A torque is not finite, or a tick takes more than 100 us at 99.9 %.
+            Error: Numba, a linker or the program is missing, or the program did not answer.
+        """
+        kept = self._linked.with_suffix(".json")
+        with contextlib.suppress(OSError, ValueError):
+            return dict(json.loads(kept.read_text()))
+        figures = self._try()
+        with temporary_beside(kept) as made:
+            made.write_text(json.dumps(figures))
+            os.replace(made, kept)
+        return figures
+
+    @functools.cached_property
+    def library(self) -> pathlib.Path:
+        """The library, compiled and tried. Scene files name it in `plugins`. Errors are those of `trial`."""
+        assert self.trial
+        return self._linked
+
+    def build(self, folder: str | os.PathLike[str]) -> pathlib.Path:
+        """Puts the library into a folder, as `<type>.so`, for scene files and computers without Python. Returns its
+        path. Errors are those of `trial`.
+        """
+        path = pathlib.Path(folder) / f"{self.type}.so"
+        with temporary_beside(path) as made:
+            shutil.copyfile(self.library, made)
+            made.chmod(0o755)
+            os.replace(made, path)
+        return path
+
+    def on(
+        self,
+        *arms: str,
+        name: str | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        features: Sequence[str] = (),
+    ) -> PlacedLaw:
+        """This law on arms of a scene: `mp.run("two_arms", laws=[law.on("left"), law.on("right")])`.
+
+        Args:
+            arms: Names of its arms, in its order.
+            name: Name of the controllet in the run; by default type and arms: `soft_left`.
+            parameters: Values at the start, in the parameters' own units.
+            features: Features that are on from the start.
+
+        Raises:
+            ValueError: Another number of arms.
+        """
+        if len(arms) != self.declaration.arms:
+            raise ValueError(f"{self.type} owns {self.declaration.arms} arm(s), found {len(arms)}: {', '.join(arms)}")
+        named = name or "_".join((self.type, *arms))
+        return PlacedLaw(self, arms, named, dict(parameters or {}), tuple(features))
+
+    def samples(self, count: int, *, states: int | None = None, seed: int = 1) -> list[dict[str, Any]]:
+        """The first random states of a trial, with the model terms of the robot and the law's torques.
+
+        Each has `arms` (with `tau`), `inputs`, `parameters`, `outputs`, `dt`, `time_s`, as `evaluate` takes them. It
+        says `started` if the memory began with zeros before it.
+
+        Args:
+            count: How many.
+            states: States of the trial, of which these are the first; by default as many.
+            seed: Seed of the states.
+
+        Raises:
+            Refused: A torque is not finite.
+            Error: As for `trial`.
+        """
+        figures = self._ask_program(states or count, ["--samples", str(count), "--seed", str(seed), "--repeats", "1"])
+        return list(figures["samples"])
+
+    def _ask_program(self, states: int, more: Sequence[str] = ()) -> dict[str, Any]:
+        words = ["law", str(self._linked), "--json", "--model", self.model, "--states", str(states), *more]
+        place = self._functions["update"].place(self._functions["update"].tree)
+        try:
+            code, out, err = call([*words, "--most-us", str(MOST_US)], _PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            refuse(place, f"{states} ticks took more than {_PATIENCE_S} s", "make its loops shorter")
+        try:
+            (figures,) = json.loads(out)["laws"]
+        except ValueError:
+            raise Error(f"multipanda law ended with code {code}: {err.strip()}", "see the message above") from None
+        if figures["faults"]:
+            refuse(*self._explained(place, figures["first_fault"]))
+        return dict(figures)
+
+    def _try(self) -> dict[str, Any]:
+        figures = self._ask_program(STATES)
+        function = self._functions["update"]
+        if figures["p999_us"] > MOST_US:
+            refuse(
+                function.place(function.tree),
+                f"a tick takes {figures['p999_us']:.0f} us of processor time at 99.9 % of {figures['states']} random "
+                f"states; at most {MOST_US} us are possible",
+                "make its loops shorter; the loop of all arms has 1000 us",
+            )
+        figures.pop("first_fault", None)
+        return figures
+
+    def _explained(self, place: str, sample: dict[str, Any] | None) -> tuple[str, str, str]:
+        """Where, why, and what to do about a fault on a random state: the Python function says it."""
+        step = "a law gives a finite torque on every state within the limits; law.evaluate(...) repeats one"
+        if sample is None:
+            return place, "it faults on random states", step
+        state = {key: sample[key] for key in ("inputs", "parameters", "dt", "time_s")}
+        arms = [{name: arm[name] for name in self.declaration.arm_fields} for arm in sample["arms"]]
+        text = ", ".join(f"{name} = {arms[0][name]}" for name in ("q", "dq"))
+        text += f", parameters = {sample['parameters']}"
+        try:
+            if sample["started"] and "start" in self._functions:
+                self.evaluate(arms, **state, compiled=False, start=True)
+            with np.errstate(all="ignore"):
+                made = self.evaluate(arms, **state, compiled=False)
+        except Exception as error:  # of the user's function
+            frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == self._functions["update"].file]
+            if frames:
+                place = f"{frames[-1].filename}:{frames[-1].lineno}"
+            return place, f"{type(error).__name__}: {error}, on the state {text}", step
+        if not np.all(np.isfinite(np.asarray(made.tau))):
+            return place, f"its torque is not finite: {made.tau} on the state {text}", step
+        return place, f"it faults on the state {text}", step
+
+    def evaluate(
+        self,
+        arm: Mapping[str, Any] | Sequence[Mapping[str, Any]],
+        *,
+        inputs: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        memory: Any = None,
+        contact: tuple[float, float, float] = _UNBOUNDED,
+        dt: float = 0.001,
+        time_s: float = 0,
+        compiled: bool = True,
+        start: bool = False,
+    ) -> Evaluation:
+        """The law's torque in one state, for tests such as that of a gradient; no program is needed.
+
+        Args:
+            arm: What the law uses of its arm, by name: {"q": ..., "dq": ...} [rad, rad/s, N m, m, ...]; a list for several
+                arms. dq and c are zero if they are missing.
+            inputs: Set-points by name: numbers, or for joints and poses a dictionary of their members [SI units].
+            parameters: Values that differ from the initial ones, in the parameters' own units.
+            memory: Memory of the last tick [the law's own units]; by default zeros.
+            contact: Bounds for contact: hand speed [m/s], spring force [N], spring moment [N m].
+            dt: Time since the last tick [s].
+            time_s: The loop's time [s].
+            compiled: Calls the native code; False the Python function, for comparison.
+            start: Calls the function of `start` instead.
+
+        Raises:
+            ValueError: A number is missing, or an array has another shape.
+            Error: The native code reports a fault; or it cannot be made, as for `trial`.
+        """
+        state = self._state(arm, inputs or {}, parameters or {}, memory, contact, dt, time_s)
+        kind = "start" if start else "update"
+        if kind not in self._functions:
+            raise ValueError(f"{self.type} has no function start")
+        if compiled:
+            self._call_native(kind, state)
+        else:
+            names = [argument.arg for argument in self._functions[kind].tree.args.args]
+            function = self.function if kind == "update" else self._start
+            assert function is not None
+            function(*layout.python_arguments(self.declaration, names, state))
+        return Evaluation(state.tau[0] if self.declaration.arms == 1 else state.tau, state.outputs, state.memory)
+
+    def _state(
+        self,
+        arm: Mapping[str, Any] | Sequence[Mapping[str, Any]],
+        inputs: Mapping[str, Any],
+        parameters: Mapping[str, Any],
+        memory: Any,
+        contact: tuple[float, float, float],
+        dt: float,
+        time_s: float,
+    ) -> layout.State:
+        law = self.declaration
+        given = [arm] if isinstance(arm, Mapping) else list(arm)
+        if len(given) != law.arms:
+            raise ValueError(f"{self.type} owns {law.arms} arm(s), found {len(given)}")
+        arms, counts = [], []
+        for number, values in enumerate(given):
+            if "q" not in values:
+                raise ValueError(f"arm {number}: q is missing")
+            n = len(values["q"])
+            counts.append(n)
+            members = {}
+            for name in law.arm_fields:
+                if name not in values and name not in ("dq", "c"):
+                    raise ValueError(f"arm {number}: {name} is missing, which the law uses")
+                shape = layout.shape_of(layout.ARM_FIELDS[name].shape, n)
+                members[name] = layout.fixed(values.get(name, 0.0), shape, f"arm {number}: {name}")
+            arms.append(members)
+        for kind, names, known in (("input", inputs, law.inputs), ("parameter", parameters, law.parameters)):
+            for name in names:
+                if name not in known:
+                    raise ValueError(f"{self.type} has no {kind} '{name}'; it has: {', '.join(known) or 'none'}")
+        made: dict[str, Any] = {}
+        for name, spec in law.inputs.items():
+            if name not in inputs:
+                raise ValueError(f"the input {name} is missing")
+            made[name] = _set_point(spec.quantity, inputs[name], counts[spec.arm], name)
+        values_of = {}
+        for name, parameter in law.parameters.items():
+            shape = layout.shape_of([parameter.size], counts[0])
+            default = parameter.initial if isinstance(parameter.initial, (int, float)) else parameter.initial[: shape[0]]
+            values_of[name] = layout.fixed(parameters.get(name, default), shape, name)
+        own = np.zeros(law.memory_size) if memory is None else np.array(memory, dtype=np.float64)
+        if own.shape != (law.memory_size,):
+            raise ValueError(f"memory: expected {law.memory_size} numbers, found {own.shape}")
+        return layout.State(
+            arms,
+            made,
+            values_of,
+            {name: np.zeros(size) for name, size in law.outputs.items()},
+            own,
+            [np.zeros(n) for n in counts],
+            dt,
+            time_s,
+            contact,
+        )
+
+    @functools.cached_property
+    def _native(self) -> dict[str, Callable[..., int]]:
+        ctypes.CDLL("libm.so.6", mode=ctypes.RTLD_GLOBAL)  # the program has it already
+        exported = ctypes.CDLL(str(self._linked)).multipanda_laws
+        exported.restype = ctypes.POINTER(layout.CLaws)
+        law = exported().contents.laws[0]
+        return {kind: layout.C_FUNCTION(getattr(law, kind)) for kind in self._functions}
+
+    def _call_native(self, kind: str, state: layout.State) -> None:
+        law = self.declaration
+
+        def pointer(array: Array) -> Any:
+            return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+
+        arms = (layout.CArm * law.arms)()
+        for plain, values, tau in zip(arms, state.arms, state.tau, strict=True):
+            plain.n, plain.tau = len(tau), pointer(tau)
+            for name, array in values.items():
+                setattr(plain, name, pointer(array))
+        inputs = (layout.CSetPoint * max(1, len(law.inputs)))()
+        scalars = []
+        for plain, (name, spec) in zip(inputs, law.inputs.items(), strict=False):
+            value = state.inputs[name]
+            if spec.quantity == "scalar":
+                scalars.append(np.array([value]))
+                plain.value = pointer(scalars[-1])
+            elif spec.quantity in layout.SET_POINTS:
+                for member, (place, _) in layout.SET_POINTS[spec.quantity].items():
+                    setattr(plain, place, pointer(value[member]))
+            else:
+                plain.value = pointer(value)
+        parameters = (ctypes.POINTER(ctypes.c_double) * max(1, len(law.parameters)))()
+        for place, array in enumerate(state.parameters.values()):
+            parameters[place] = pointer(array)
+        outputs = np.zeros(sum(law.outputs.values()))
+        tick = layout.CTick(state.dt, state.time_s, *state.contact, arms, inputs, parameters)
+        tick.outputs, tick.memory = pointer(outputs), pointer(state.memory)
+        if self._native[kind](ctypes.byref(tick)) != 0:
+            raise Error(
+                f"{self.type} reports a fault in this state: an exception, or an index out of bounds",
+                "evaluate(..., compiled=False) raises it, with its line",
+            )
+        place = 0
+        for array in state.outputs.values():
+            array[:] = outputs[place : place + len(array)]
+            place += len(array)
+
+
+def _set_point(quantity: str, value: Any, n: int, name: str) -> Any:
+    members = layout.SET_POINTS.get(quantity)
+    if members is None:
+        return float(value) if quantity == "scalar" else layout.fixed(value, (6,), name)
+    first = next(iter(members))
+    if not isinstance(value, Mapping):
+        if quantity == "pose":
+            raise ValueError(f"{name}: expected a dictionary with p and R, and perhaps V and A")
+        value = {first: value}
+    made = {}
+    for member, (_, shape) in members.items():
+        if member not in value and member in ("p", "R", "q"):
+            raise ValueError(f"{name}: {member} is missing")
+        made[member] = layout.fixed(value.get(member, 0.0), layout.shape_of(shape, n), f"{name}.{member}")
+    return made
+
+
+def _named(kind: str, name: str) -> str:
+    if not _NAME.fullmatch(name) or keyword.iskeyword(name):
+        raise ValueError(f"{kind} '{name}': expected a letter, then letters, digits or _, and no word of Python")
+    return name
+
+
+def _sized(what: str, size: int | str, most: int, joints: bool) -> int | str:
+    if size == "joints" and joints:
+        return size
+    if isinstance(size, bool) or not isinstance(size, int) or not 1 <= size <= most:
+        raise ValueError(f"{what}: expected 1 to {most} numbers{' or joints' if joints else ''}, found {size!r}")
+    return size
+
+
+def _declared(given: dict[str, Any]) -> dict[str, Any]:
+    """The declarations, checked. Raises ValueError."""
+    arms = given["arms"]
+    if isinstance(arms, bool) or not isinstance(arms, int) or not 1 <= arms <= 16:
+        raise ValueError(f"arms: expected 1 to 16, found {arms!r}")
+    inputs = {}
+    for name, value in given["inputs"].items():
+        spec = LawInput(value) if isinstance(value, str) else value
+        if not isinstance(spec, LawInput) or spec.quantity not in layout.QUANTITIES:
+            raise ValueError(f"input '{name}': expected one of {', '.join(layout.QUANTITIES)}, found {value!r}")
+        if not 0 <= spec.arm < arms:
+            raise ValueError(f"input '{name}': arm {spec.arm} of {arms}")
+        doc = spec.doc or f"Set-point of {name}."
+        inputs[_named("input", name)] = dataclasses.replace(spec, doc=doc)
+    parameters = {}
+    for name, spec in given["parameters"].items():
+        if not isinstance(spec, LawParameter):
+            raise ValueError(f"parameter '{name}': expected mp.LawParameter(initial, low, high), found {spec!r}")
+        size = _sized(f"parameter '{name}'", spec.size, 16, True)
+        values = [spec.initial] if isinstance(spec.initial, (int, float)) else list(spec.initial)
+        numbers = [float(v) for v in (*values, spec.low, spec.high)]
+        if not all(map(math.isfinite, numbers)) or not all(numbers[-2] <= v <= numbers[-1] for v in numbers[:-2]):
+            raise ValueError(f"parameter '{name}': expected low <= initial <= high, finite, found {spec}")
+        if len(values) != 1 and isinstance(size, int) and len(values) != size:
+            raise ValueError(f"parameter '{name}': {len(values)} initial values for {size} numbers")
+        if not 1 <= len(values) <= layout.MOST_JOINTS:
+            raise ValueError(f"parameter '{name}': {len(values)} initial values")
+        initial = float(values[0]) if len(values) == 1 else tuple(float(v) for v in values)
+        doc = spec.doc or f"Parameter {name}."
+        parameters[_named("parameter", name)] = dataclasses.replace(spec, initial=initial, doc=doc)
+    outputs = {_named("output", n): _sized(f"output '{n}'", s, 64, False) for n, s in given["outputs"].items()}
+    memory = {_named("memory", n): _sized(f"memory '{n}'", s, 4096, True) for n, s in given["memory"].items()}
+    return {"arms": arms, "inputs": inputs, "parameters": parameters, "outputs": outputs, "memory": memory}
+
+
+def law(
+    *,
+    arms: int = 1,
+    inputs: Mapping[str, str | LawInput] | None = None,
+    parameters: Mapping[str, LawParameter] | None = None,
+    outputs: Mapping[str, int] | None = None,
+    memory: Mapping[str, int | str] | None = None,
+    model: str = "fer",
+) -> Callable[[Callable[..., None]], Law]:
+    """Makes a function a control law of the 1 kHz loop (docs/python_laws.md).
+
+        @mp.law(inputs={"joints": "joints"},
+                parameters={"stiffness_nm_per_rad": mp.LawParameter(50, 0, 200, unit="N m/rad")})
+        def soft(arm, inputs, parameters, tau):
+            for i in range(len(tau)):
+                tau[i] = arm.c[i] + parameters.stiffness_nm_per_rad * (inputs.joints.q[i] - arm.q[i])
+
+        with mp.run("one_arm", laws=[soft.on("arm")]) as run:
+            run.switch("soft_arm")
+
+    Args:
+        arms: How many arms it owns. With several, it gets `arms` instead of `arm`, and tau is a tuple of arrays.
+        inputs: Quantity of each input: "pose", "joints", "twist", "wrench" or "scalar".
+        parameters: Its parameters, in their own units.
+        outputs: How many numbers each output has, which is shown and logged; names carry the unit.
+        memory: How many numbers it keeps from tick to tick under each name, or "joints" for one per joint.
+        model: Robot model on which it is tried.
+
+    Raises:
+        Refused: The function contains something that the loop must not do; with file and line.
+        ValueError: A declaration is not possible.
+    """
+    declared = {
+        "arms": arms,
+        "inputs": dict(inputs or {}),
+        "parameters": dict(parameters or {}),
+        "outputs": dict(outputs or {}),
+        "memory": dict(memory or {}),
+    }
+    return lambda function: Law(function, declared, model)
