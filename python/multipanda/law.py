@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from . import law_layout as layout
 from ._version import __version__
-from .errors import Error, Refused
+from .errors import Error, VersionMismatch
 from .law_compile import numba_version, object_file
 from .law_layout import LawInput, LawParameter
 from .law_link import cache_folder, link, temporary_beside
@@ -248,19 +248,22 @@ class Law:
             Refused: A torque is not finite.
             Error: As for `trial`.
         """
-        figures = self._ask_program(states or count, ["--samples", str(count), "--seed", str(seed), "--repeats", "1"])
+        words = ["--samples", str(count), "--seed", str(seed), "--repeats", "1", "--most-us", "1e6"]
+        figures = self._ask_program(states or count, words)
         return list(figures["samples"])
 
     def _ask_program(self, states: int, more: Sequence[str] = ()) -> dict[str, Any]:
-        words = ["law", str(self._linked), "--json", "--model", self.model, "--states", str(states), *more]
+        words = ["law", str(self._linked), "--json", "--model", self.model, "--states", str(states)]
         place = self._functions["update"].place(self._functions["update"].tree)
         try:
-            code, out, err = call([*words, "--most-us", str(MOST_US)], _PATIENCE_S)
+            code, out, err = call([*words, *(more or ("--most-us", str(MOST_US)))], _PATIENCE_S)
         except subprocess.TimeoutExpired:
             refuse(place, f"{states} ticks took more than {_PATIENCE_S} s", "make its loops shorter")
         try:
             (figures,) = json.loads(out)["laws"]
         except ValueError:
+            if "C interface" in err:
+                raise VersionMismatch(err.strip(), "install package and program of the same version") from None
             raise Error(f"multipanda law ended with code {code}: {err.strip()}", "see the message above") from None
         if figures["faults"]:
             refuse(*self._explained(place, figures["first_fault"]))
@@ -385,8 +388,8 @@ class Law:
         values_of = {}
         for name, parameter in law.parameters.items():
             shape = layout.shape_of([parameter.size], counts[0])
-            default = parameter.initial if isinstance(parameter.initial, (int, float)) else parameter.initial[: shape[0]]
-            values_of[name] = layout.fixed(parameters.get(name, default), shape, name)
+            default = layout.initial_of(parameter)
+            values_of[name] = layout.fixed(parameters.get(name, default[: shape[0]]), shape, name)
         own = np.zeros(law.memory_size) if memory is None else np.array(memory, dtype=np.float64)
         if own.shape != (law.memory_size,):
             raise ValueError(f"memory: expected {law.memory_size} numbers, found {own.shape}")

@@ -80,7 +80,7 @@ def _why(symbols: Sequence[str]) -> str:
 
 def _text(error: BaseException) -> str:
     """What Numba says, in one sentence."""
-    text = str(error)
+    text = re.sub(r"\x1b\[[0-9;]*m", "", str(error))  # colors
     if "_ol_array_allocate" in text or "NRT required" in text or "_empty_nd_impl" in text:
         return (
             "it allocates memory, which the loop never does (an array made here: a product, a copy, np.zeros); write "
@@ -98,7 +98,7 @@ def _text(error: BaseException) -> str:
 def _place(law: layout.Declaration, functions: dict[str, Function], error: BaseException | None) -> str:
     """File and line of the statement that is refused: from Numba's message, otherwise by leaving out statements."""
     if error is not None:
-        for file, line in re.findall(r'(?:File "|at |\s)([^"\s()]+?)"?(?:, line | \()(\d+)', str(error)):
+        for file, line in re.findall(r'(?:File "|at |\s)([^"\s()]+?)"?(?:, line | \()(\d+)', re.sub(r"\x1b\[[0-9;]*m", "", str(error))):
             for top in functions.values():
                 for function in top.all():
                     span = range(function.tree.lineno + 1, (function.tree.end_lineno or 0) + 1)
@@ -409,9 +409,7 @@ def _export(module: Any, law: layout.Declaration, pointers: dict[str, Any]) -> N
         return data(ir.Constant(ir.ArrayType(made[0].type, len(made)), made), name)
 
     def initial(spec: layout.LawParameter) -> tuple[Any, int]:
-        values = [spec.initial] if isinstance(spec.initial, (int, float)) else list(spec.initial)
-        if spec.size == "joints" and len(values) > 1:
-            values += [values[-1]] * (layout.MOST_JOINTS - len(values))
+        values = layout.initial_of(spec)
         made = ir.Constant(ir.ArrayType(double, len(values)), [real(value) for value in values])
         return data(made, "initial"), len(values)
 

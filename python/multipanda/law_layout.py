@@ -181,6 +181,14 @@ class Declaration:
         return sum(reserved(size) for size in self.memory.values())
 
 
+def initial_of(spec: LawParameter) -> list[float]:
+    """One initial value for all numbers, or one for each; the last counts for further joints."""
+    values = [spec.initial] if isinstance(spec.initial, (int, float)) else list(spec.initial)
+    if isinstance(spec.size, str) and len(values) > 1:
+        values += [values[-1]] * (MOST_JOINTS - len(values))
+    return [float(value) for value in values]
+
+
 def reserved(size: int | str) -> int:
     """How many numbers of the memory a member takes."""
     return MOST_JOINTS if isinstance(size, str) else size

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """The examples in Python, run as a user runs them; what they print is what they did."""
 
+import importlib.util
 import pathlib
 import re
 import subprocess
@@ -59,6 +60,15 @@ class Examples(unittest.TestCase):
         self.assertGreater(int(hand), 50)  # nothing but the wall moves the hand
         self.assertRegex(said, r"refused: .*3")
         self.assertIn("speed_damping on: False", said)
+
+    @unittest.skipUnless(importlib.util.find_spec("numba"), "Numba is not installed: pip install 'multipanda[law]'")
+    def test_own_law(self):
+        said = self.output_of("own_law.py", "--record", FOLDER / "own_law")
+        self.assertLess(float(re.search(r"gradient: (\S+) N m", said).group(1)), 1e-6)
+        self.assertLess(float(re.search(r"arrived: ([\d.]+) mrad", said).group(1)), 20)
+        self.assertRegex(said, r"refused: .*1")
+        self.assertNotIn("failed", said)
+        self.assertLess(float(re.search(r"against the Python function: (\S+) N m", said).group(1)), 1e-9)
 
     def test_gripper(self):
         said = self.output_of("gripper.py")
