@@ -31,6 +31,11 @@ PAGES = {
         " depends on the scene: `help()` of it, and `stubs()`, show them with units and bounds.",
         ("Controllet", "controllet.Feature", "Parameter", "Goal", "Stream", "stubs"),
     ),
+    "laws": Page(
+        "Laws",
+        "Control laws in Python, compiled into the loop. The guide is [Laws in Python](../python_laws.md).",
+        ("law", "Law", "PlacedLaw", "LawParameter", "LawInput", "Evaluation", "law_math"),
+    ),
     "logs": Page(
         "Logs and commands",
         "Reads recorded runs, and calls the program's longer commands.",

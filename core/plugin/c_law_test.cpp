@@ -162,6 +162,7 @@ TEST(CLaw, ATrialFindsFaultsAndRepeats) {
 
   ControlletType bad = *registry.controllet("c_faulty");
   bad.descriptor.parameters[0].min = 3;
+  bad.descriptor.parameters[0].initial = {3};
   std::size_t seen = 0;
   const LawTrial found = try_law(bad, models, options, [&](const LawTrialState& state) {
     seen += state.result == LawResult::fault ? 1 : 0;

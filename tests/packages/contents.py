@@ -88,11 +88,12 @@ class Wheel(unittest.TestCase):
     def test_extras_name_published_distributions(self):
         """Each has a pin with hashes, which only a published distribution has."""
         pinned = set()
-        for name in ("requirements.txt", "requirements-ros.txt"):
+        for name in ("requirements.txt", "requirements-ros.txt", "requirements-linker.txt"):
             pinned |= set(re.findall(r"^([\w.-]+)==", (ROOT / name).read_text(), re.M))
         pinned = {normal(name) for name in pinned}
-        self.assertTrue(required("report"))
-        for line in required("report") | required("ros"):
+        for extra in ("report", "law", "linker"):
+            self.assertTrue(required(extra), extra)
+        for line in required("report") | required("law") | required("linker") | required("ros"):
             self.assertIn(normal(re.match(r"[\w.-]+", line).group()), pinned, line)
 
     def test_the_extra_ros_is_what_the_module_was_linked_with(self):
