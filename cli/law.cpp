@@ -13,7 +13,6 @@
 namespace multipanda::cli {
 namespace {
 
-
 struct LawArguments {
   std::string library, type, model = "fer";
   LawTrialOptions trial;
@@ -91,7 +90,8 @@ nlohmann::ordered_json input_of(const Reference& input) {
 
 // A number that is not finite becomes null, as JSON has none.
 nlohmann::ordered_json sample_of(const LawTrialState& state) {
-  nlohmann::ordered_json sample = {{"state", state.number}, {"started", state.started}, {"ok", state.result == LawResult::ok}};
+  nlohmann::ordered_json sample = {
+      {"state", state.number}, {"started", state.started}, {"ok", state.result == LawResult::ok}};
   sample["dt"] = state.context.dt;
   sample["time_s"] = state.context.time_s;
   for (const auto& arm : state.context.arms) sample["arms"].push_back(arm_of(arm));
@@ -109,7 +109,8 @@ nlohmann::ordered_json sample_of(const LawTrialState& state) {
 int run(const LawArguments& arguments) {
   const Console console(arguments.json);
   const auto model = model_named(arguments.model);
-  nlohmann::ordered_json result = {{"success", true}, {"model", arguments.model}, {"most_us", arguments.trial.most_us}};
+  nlohmann::ordered_json result = {
+      {"success", true}, {"model", arguments.model}, {"most_us", arguments.trial.most_us}};
   result["laws"] = nlohmann::ordered_json::array();
   for (const auto& type : chosen_types(arguments)) {
     const std::vector<std::shared_ptr<const ArmModel>> models(type.descriptor.arms, model);
@@ -120,15 +121,17 @@ int run(const LawArguments& arguments) {
     });
     const bool fits = trial.faults == 0 && trial.p999_us <= arguments.trial.most_us;
     if (!fits) result["success"] = false;
-    console.line(fmt::format("{}: {} states, {} faults; processor time of a tick: median {:.2f} us, 99.9 % "
-                             "{:.2f} us, worst {:.2f} us (at most {:g} us at 99.9 %): {}",
-                             type.descriptor.type, trial.states, trial.faults, trial.median_us, trial.p999_us,
-                             trial.worst_us, arguments.trial.most_us, fits ? "ok" : "refused"));
+    console.line(
+        fmt::format("{}: {} states, {} faults; processor time of a tick: median {:.2f} us, 99.9 % "
+                    "{:.2f} us, worst {:.2f} us (at most {:g} us at 99.9 %): {}",
+                    type.descriptor.type, trial.states, trial.faults, trial.median_us, trial.p999_us,
+                    trial.worst_us, arguments.trial.most_us, fits ? "ok" : "refused"));
     if (trial.faults > 0 && trial.first_fault < trial.states)
       console.line(fmt::format("  the first fault: state {}{}", trial.first_fault,
                                fault.is_null() ? "" : ", " + fault.dump()));
-    nlohmann::ordered_json entry = {{"type", type.descriptor.type}, {"states", trial.states}, {"faults", trial.faults},
-                  {"median_us", trial.median_us}, {"p999_us", trial.p999_us}, {"worst_us", trial.worst_us}};
+    nlohmann::ordered_json entry = {{"type", type.descriptor.type}, {"states", trial.states},
+                                    {"faults", trial.faults},       {"median_us", trial.median_us},
+                                    {"p999_us", trial.p999_us},     {"worst_us", trial.worst_us}};
     entry["first_fault"] = fault;
     if (arguments.samples > 0) entry["samples"] = samples;
     result["laws"].push_back(entry);
@@ -141,23 +144,29 @@ int run(const LawArguments& arguments) {
 
 void add_law(Program& program) {
   auto arguments = std::make_shared<LawArguments>();
-  CLI::App* command = program.add(
-      "law", "Try a controllet on random states: finite torques, and processor time of a tick",
-      "  multipanda law my_law.so                          the laws of a library\n"
-      "  multipanda law --type joint_impedance             one of multipanda's own\n"
-      "  multipanda law my_law.so --model fr3 --json --samples 10\n"
-      "Fails (exit code 1) on a fault, or above --most-us.");
-  command->add_option("library", arguments->library, "Library of a controllet, as a scene names it in plugins");
+  CLI::App* command =
+      program.add("law", "Try a controllet on random states: finite torques, and processor time of a tick",
+                  "  multipanda law my_law.so                          the laws of a library\n"
+                  "  multipanda law --type joint_impedance             one of multipanda's own\n"
+                  "  multipanda law my_law.so --model fr3 --json --samples 10\n"
+                  "Fails (exit code 1) on a fault, or above --most-us.");
+  command->add_option("library", arguments->library,
+                      "Library of a controllet, as a scene names it in plugins");
   command->add_option("--type", arguments->type, "One type only, also of multipanda's own");
   command->add_option("--model", arguments->model, "Robot model of every arm (default fer)");
   command->add_option("--states", arguments->trial.states, "Number of random states (default 10000)")
       ->check(CLI::Range(1, 10000000));
   command->add_option("--seed", arguments->trial.seed, "Seed of the states (default 1)");
-  command->add_option("--repeats", arguments->trial.repeats, "Ticks on each state, of which the shortest counts (default 3)")
+  command
+      ->add_option("--repeats", arguments->trial.repeats,
+                   "Ticks on each state, of which the shortest counts (default 3)")
       ->check(CLI::Range(1, 1000));
-  command->add_option("--most-us", arguments->trial.most_us, "Largest processor time of a tick at 99.9 % [us] (default 100)")
+  command
+      ->add_option("--most-us", arguments->trial.most_us,
+                   "Largest processor time of a tick at 99.9 % [us] (default 100)")
       ->check(CLI::Range(0.001, 1e6));
-  command->add_option("--samples", arguments->samples, "With --json: the first N states with torques (default 0)");
+  command->add_option("--samples", arguments->samples,
+                      "With --json: the first N states with torques (default 0)");
   command->add_flag("--json", arguments->json, "Print the result as one JSON object to standard output");
   program.on(command, [arguments] { return run(*arguments); });
 }

@@ -49,15 +49,19 @@ std::string quoted(const std::string& path) {
 
 }  // namespace
 
-std::string with_additions(const std::string& text, const std::string& file_name, const SceneAdditions& additions) {
+std::string with_additions(const std::string& text, const std::string& file_name,
+                           const SceneAdditions& additions) {
   std::vector<std::string> plugins;
-  for (const auto& path : additions.plugins) plugins.push_back(quoted(std::filesystem::absolute(path).string()));
+  for (const auto& path : additions.plugins)
+    plugins.push_back(quoted(std::filesystem::absolute(path).string()));
   for (const auto& entry : additions.controllets) {
     const bool one_line = entry.find('\n') == std::string::npos;
     if (!one_line || !Node::parse(entry, "--controllet").is_map())
-      Node::parse("x", "--controllet").refuse("expected one line like {name: soft, type: soft, arms: left}, found " + entry);
+      Node::parse("x", "--controllet")
+          .refuse("expected one line like {name: soft, type: soft, arms: left}, found " + entry);
   }
-  return with_items(with_items(text, file_name, "plugins", plugins), file_name, "controllets", additions.controllets);
+  return with_items(with_items(text, file_name, "plugins", plugins), file_name, "controllets",
+                    additions.controllets);
 }
 
 }  // namespace multipanda

@@ -5,7 +5,8 @@
 #include "config_file/config_error.hpp"
 #include "scene/load.hpp"
 
-// Additions leave the text around them as it is, and the scene that is read has them, whatever the lists look like.
+// Additions leave the text around them as it is. The scene that is read has them, whatever its lists look
+// like.
 namespace multipanda::additions_test {
 namespace {
 
@@ -24,14 +25,18 @@ using Names = std::vector<std::string>;
 
 TEST(SceneAdditions, ControlletsJoinListsOfEveryForm) {
   const SceneAdditions additions{.controllets = {kEntry}};
-  const auto with = [&](const std::string& list) { return names(with_additions(kArm + list, "s.yaml", additions)); };
+  const auto with = [&](const std::string& list) {
+    return names(with_additions(kArm + list, "s.yaml", additions));
+  };
   EXPECT_EQ(with(""), Names{"added"});
   EXPECT_EQ(with("controllets: []\n"), Names{"added"});
   const Names both{"added", "own"};
   EXPECT_EQ(with("controllets: [" + kOther + "]\n"), both);
   EXPECT_EQ(with("controllets:   # of the file\n  - " + kOther + "  # it\n"), both);
   EXPECT_EQ(with("controllets:\n- name: own\n  type: hold\n  arms: arm\n"), both);
-  EXPECT_EQ(with("controllets:\n  # \xc2\xb5 before\n  - {name: own, type: hold, arms: arm}\nduration_s: 3\n"), both);
+  EXPECT_EQ(
+      with("controllets:\n  # \xc2\xb5 before\n  - {name: own, type: hold, arms: arm}\nduration_s: 3\n"),
+      both);
   EXPECT_EQ(names(with_additions(kArm.substr(0, kArm.size() - 1), "s.yaml", additions)), Names{"added"});
 }
 

@@ -61,7 +61,7 @@ LAYERS = [
     layer(
         "core/plugin",
         "users' libraries: what they export, and the check that they fit",
-        "core/types core/state core/model core/modes core/cycle",
+        "core/types core/state core/model core/reference core/controllets core/modes core/cycle",
     ),
     layer("core/testing", "an arm, a world and laws that the tests of every folder share", "core"),
     layer("support", "child processes, machine description, signals, text helpers"),

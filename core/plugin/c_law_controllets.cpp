@@ -22,9 +22,8 @@ struct Law {
 
 bool is_identifier(const std::string& text) {
   const auto letter = [](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'); };
-  return !text.empty() && text.size() <= 64 && letter(text[0]) && std::ranges::all_of(text, [&](char c) {
-    return letter(c) || (c >= '0' && c <= '9') || c == '_';
-  });
+  return !text.empty() && text.size() <= 64 && letter(text[0]) &&
+         std::ranges::all_of(text, [&](char c) { return letter(c) || (c >= '0' && c <= '9') || c == '_'; });
 }
 
 std::string text_of(const char* text, const Law& law, const std::string& what) {
@@ -42,7 +41,8 @@ std::string name_of(const char* text, const Law& law, const std::string& what, s
 }
 
 template <typename Entry>
-std::span<const Entry> list_of(const Entry* first, std::size_t count, const Law& law, const std::string& what) {
+std::span<const Entry> list_of(const Entry* first, std::size_t count, const Law& law,
+                               const std::string& what) {
   if (count > kMostEntries)
     law.refuse("it has " + std::to_string(count) + ' ' + what + "; at most " + std::to_string(kMostEntries) +
                " are possible");
@@ -50,7 +50,8 @@ std::span<const Entry> list_of(const Entry* first, std::size_t count, const Law&
   return {first, count};
 }
 
-InputSpec input_spec(const multipanda_c_input& given, const Law& law, std::size_t arms, std::set<std::string>& names) {
+InputSpec input_spec(const multipanda_c_input& given, const Law& law, std::size_t arms,
+                     std::set<std::string>& names) {
   InputSpec spec;
   spec.name = name_of(given.name, law, "an input", names);
   spec.doc = text_of(given.doc, law, "the doc of input '" + spec.name + "'");
@@ -65,7 +66,8 @@ InputSpec input_spec(const multipanda_c_input& given, const Law& law, std::size_
   return spec;
 }
 
-ParameterSpec parameter_spec(const multipanda_c_parameter& given, const Law& law, std::set<std::string>& names) {
+ParameterSpec parameter_spec(const multipanda_c_parameter& given, const Law& law,
+                             std::set<std::string>& names) {
   ParameterSpec spec;
   spec.name = name_of(given.name, law, "a parameter", names);
   const std::string what = "parameter '" + spec.name + "'";
@@ -87,7 +89,8 @@ ParameterSpec parameter_spec(const multipanda_c_parameter& given, const Law& law
   if (!std::isfinite(spec.min) || !std::isfinite(spec.max) || !(spec.min <= spec.max))
     law.refuse(what + " needs finite bounds, min <= max");
   for (const double value : spec.initial) {
-    if (!(value >= spec.min && value <= spec.max)) law.refuse(what + ": an initial value is out of its bounds");
+    if (!(value >= spec.min && value <= spec.max))
+      law.refuse(what + ": an initial value is out of its bounds");
   }
   return spec;
 }
@@ -216,7 +219,8 @@ class CLaw final : public Controllet {
                  input.acceleration().vector.data()};
         break;
       case Quantity::joints:
-        plain = {input.joints().data(), nullptr, input.joint_velocity().data(), input.joint_acceleration().data()};
+        plain = {input.joints().data(), nullptr, input.joint_velocity().data(),
+                 input.joint_acceleration().data()};
         break;
       case Quantity::twist:
       case Quantity::wrench:
@@ -236,7 +240,8 @@ class CLaw final : public Controllet {
     std::ranges::fill(context.outputs, 0.0);
     for (std::size_t i = 0; i < arms_.size(); ++i) fill(context.arms[i], arms_[i], plain_arms_[i]);
     for (std::size_t i = 0; i < inputs_.size(); ++i) fill(context.inputs[i], inputs_[i], set_points_[i]);
-    for (std::size_t i = 0; i < parameters_.size(); ++i) parameters_[i] = context.parameters->values(i).data();
+    for (std::size_t i = 0; i < parameters_.size(); ++i)
+      parameters_[i] = context.parameters->values(i).data();
     const multipanda_c_tick tick{.dt = context.dt,
                                  .time_s = context.time_s,
                                  .hand_speed = context.contact.hand_speed,
@@ -261,10 +266,10 @@ class CLaw final : public Controllet {
 
 void check_version(const multipanda_c_laws& laws) {
   if (laws.version != MULTIPANDA_C_LAW_VERSION) {
-    throw std::runtime_error("its laws have version " + std::to_string(laws.version) +
-                             " of the C interface, this program has version " +
-                             std::to_string(MULTIPANDA_C_LAW_VERSION) +
-                             "; build it again with the package or header (core/plugin/c_law.h) of this program");
+    throw std::runtime_error(
+        "its laws have version " + std::to_string(laws.version) +
+        " of the C interface, this program has version " + std::to_string(MULTIPANDA_C_LAW_VERSION) +
+        "; build it again with the package or header (core/plugin/c_law.h) of this program");
   }
   const std::array<std::pair<const char*, std::pair<std::size_t, std::size_t>>, 7> sizes{{
       {"multipanda_c_law", {laws.size_of_law, sizeof(multipanda_c_law)}},
@@ -277,9 +282,10 @@ void check_version(const multipanda_c_laws& laws) {
   }};
   for (const auto& [name, size] : sizes) {
     if (size.first == size.second) continue;
-    throw std::runtime_error(std::string("its ") + name + " has " + std::to_string(size.first) +
-                             " bytes, that of this program " + std::to_string(size.second) +
-                             "; build it again with the package or header (core/plugin/c_law.h) of this program");
+    throw std::runtime_error(
+        std::string("its ") + name + " has " + std::to_string(size.first) + " bytes, that of this program " +
+        std::to_string(size.second) +
+        "; build it again with the package or header (core/plugin/c_law.h) of this program");
   }
 }
 

@@ -1,10 +1,11 @@
+#include "core/plugin/c_law.h"
+
 #include <functional>
 #include <limits>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/plugin/c_law.h"
 #include "core/plugin/c_law_controllets.hpp"
 #include "core/plugin/law_trial.hpp"
 #include "core/plugin/load_plugin.hpp"
@@ -62,8 +63,9 @@ TEST(CLaw, GetsTheStateTheModelAndTheSetPoints) {
       const Reference& pose = rig.input("pose");
       Vector6 force = rig.input("wrench").vector() + rig.state(0).F_K_W_est.vector;
       force.head<3>() += 420 * (pose.pose().position - terms.X_WE().position);
-      const JointVector expected = terms.J_V_WE().transpose() * force + terms.M() * terms.dq() + terms.c() + 2 * terms.g() +
-                                   3 * rig.state(0).tau_J + 5 * rig.state(0).tau_ext_hat + d.cwiseProduct(terms.dq());
+      const JointVector expected = terms.J_V_WE().transpose() * force + terms.M() * terms.dq() + terms.c() +
+                                   2 * terms.g() + 3 * rig.state(0).tau_J + 5 * rig.state(0).tau_ext_hat +
+                                   d.cwiseProduct(terms.dq());
       EXPECT_LT((rig.tau(0) - expected).norm(), 1e-9 * (1 + expected.norm())) << n;
       EXPECT_EQ(rig.output("ticks")[0], tick);
       EXPECT_EQ(rig.output("q_start_rad")[0], q_start);
@@ -245,7 +247,8 @@ TEST(CLaw, WhatDoesNotFitIsRefusedWithTheReason) {
       {[](Given& g) { g.parameter.name = ""; }, "called ''"},
       {[](Given& g) { g.parameter.size = 17; }, "17 numbers"},
       {[](Given& g) { g.parameter.initial_count = 2; }, "2 initial values; expected 1 or 1"},
-      {[](Given& g) { g.parameter.size = MULTIPANDA_PER_JOINT, g.parameter.initial_count = 7; }, "expected 1 or 16"},
+      {[](Given& g) { g.parameter.size = MULTIPANDA_PER_JOINT, g.parameter.initial_count = 7; },
+       "expected 1 or 16"},
       {[](Given& g) { g.parameter.initial = nullptr; }, "initial values"},
       {[](Given& g) { g.initial[0] = 3; }, "out of its bounds"},
       {[](Given& g) { g.initial[0] = std::numeric_limits<double>::quiet_NaN(); }, "out of its bounds"},

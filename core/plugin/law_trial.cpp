@@ -108,14 +108,19 @@ class Trial {
     return finite ? result : LawResult::fault;
   }
 
-  // The model terms are computed anew, as at the beginning of a cycle.
+  // The model terms are computed again, as at the beginning of a cycle.
   void forget_terms() {
     for (std::size_t i = 0; i < states_.size(); ++i) terms_[i].update(states_[i]);
   }
 
   ControlContext context() {
-    return {.dt = kDt, .time_s = time_s_, .arms = arms_, .inputs = inputs_, .parameters = &parameters_,
-            .outputs = outputs_, .scene_arms = arms_};
+    return {.dt = kDt,
+            .time_s = time_s_,
+            .arms = arms_,
+            .inputs = inputs_,
+            .parameters = &parameters_,
+            .outputs = outputs_,
+            .scene_arms = arms_};
   }
   void pass() { time_s_ += kDt; }
 

@@ -5,8 +5,8 @@
 
 #include "core/controllets/controllet.hpp"
 
-// A controllet on random states, before it may move an arm: does it give a finite torque on all of them, and how long
-// does it take? Off the loop only.
+// A controllet on random states, before it may move an arm: does it give a finite torque on all of them, and
+// how long does it take? Off the loop only.
 namespace multipanda {
 
 struct LawTrialOptions {
@@ -28,15 +28,15 @@ struct LawTrial {
   std::size_t states = 0;
   std::size_t faults = 0;       // faults, exceptions, torques or outputs that are not finite
   std::size_t first_fault = 0;  // the number of the state
-  // Processor time of one tick with the model terms that it uses [us]. Of the repeats of a state the shortest counts:
-  // an interrupt during one of them is not the law's.
+  // Processor time of one tick with the model terms that it uses [us]. The shortest of the repeats of a state
+  // counts: an interrupt during one of them is not the law's.
   double median_us = 0, p999_us = 0, worst_us = 0;
 };
 
-// Positions within the limits of the models, velocities within theirs; estimated torques up to a tenth of the limits
-// of effort; parameters within their bounds; set-points up to 0.3 m, 0.5 rad (poses), anywhere within the limits
-// (joints), up to 10 (others), in motion. It starts anew every 100 states, so that memory is used. `each` sees every
-// state after the first call of the law on it.
+// Positions within the limits of the models, velocities within theirs; estimated torques up to a tenth of the
+// limits of effort; parameters within their bounds; set-points up to 0.3 m, 0.5 rad (poses), anywhere within
+// the limits (joints), up to 10 (others), in motion. It starts again every 100 states, so that memory is
+// used. `each` sees every state after the first call of the law on it.
 LawTrial try_law(const ControlletType& type, ArmModels models, const LawTrialOptions& options,
                  const std::function<void(const LawTrialState&)>& each = {});
 

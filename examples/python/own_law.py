@@ -7,15 +7,16 @@ PYTHONPATH=python .venv/bin/python examples/python/own_law.py
 import argparse
 import math
 
-import numpy as np
-
 import multipanda as mp
+import numpy as np
 
 
 @mp.law(
     inputs={"joints": "joints"},
     parameters={
-        "torque_nm": mp.LawParameter([20, 20, 20, 20, 8, 8, 4], 0, 40, unit="N m", size="joints", doc="Largest torque."),
+        "torque_nm": mp.LawParameter(
+            [20, 20, 20, 20, 8, 8, 4], 0, 40, unit="N m", size="joints", doc="Largest torque."
+        ),
         "width_rad": mp.LawParameter(0.1, 0.02, 1, unit="rad", doc="Distance from which the torque hardly grows."),
         "damping_nms_per_rad": mp.LawParameter([8, 8, 8, 8, 2, 2, 1], 0, 20, unit="N m s/rad", size="joints"),
     },
@@ -24,7 +25,7 @@ import multipanda as mp
 def soft_joints(arm, inputs, parameters, outputs, tau):
     """Springs whose torque never exceeds a bound, however far the set-point is.
 
-    The energy of a joint is t w (sqrt(1 + (e / w)^2) - 1), e = q_d - q, so its torque is t (e / w) / sqrt(1 + (e / w)^2).
+    The energy of a joint is t w (sqrt(1 + x^2) - 1), x = (q_d - q) / w, so its torque is t x / sqrt(1 + x^2).
     """
     for i in range(len(tau)):
         x = (inputs.joints.q[i] - arm.q[i]) / parameters.width_rad

@@ -30,7 +30,7 @@ from .errors import Error, VersionMismatch
 from .law_compile import numba_version, object_file
 from .law_layout import LawInput, LawParameter
 from .law_link import cache_folder, link, temporary_beside
-from .law_rules import Function, read, refuse
+from .law_rules import read, refuse
 from .program import call
 
 Array = NDArray[np.float64]
@@ -120,7 +120,7 @@ class Law:
             self.type, doc[0].strip() if doc else f"The law {self.type}, in Python.", **_declared(declared)
         )
         self._check_arguments("update", "tau")
-        functools.update_wrapper(self, function)
+        self.__doc__ = function.__doc__
 
     def __repr__(self) -> str:
         return f"<law {self.type} of {self._functions['update'].file}>"
@@ -297,7 +297,9 @@ class Law:
             with np.errstate(all="ignore"):
                 made = self.evaluate(arms, **state, compiled=False)
         except Exception as error:  # of the user's function
-            frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == self._functions["update"].file]
+            frames = [
+                f for f in traceback.extract_tb(error.__traceback__) if f.filename == self._functions["update"].file
+            ]
             if frames:
                 place = f"{frames[-1].filename}:{frames[-1].lineno}"
             return place, f"{type(error).__name__}: {error}, on the state {text}", step
@@ -321,8 +323,8 @@ class Law:
         """The law's torque in one state, for tests such as that of a gradient; no program is needed.
 
         Args:
-            arm: What the law uses of its arm, by name: {"q": ..., "dq": ...} [rad, rad/s, N m, m, ...]; a list for several
-                arms. dq and c are zero if they are missing.
+            arm: What the law uses of its arm, by name: {"q": ..., "dq": ...} [rad, rad/s, N m, m, ...]; a list for
+                several arms. dq and c are zero if they are missing.
             inputs: Set-points by name: numbers, or for joints and poses a dictionary of their members [SI units].
             parameters: Values that differ from the initial ones, in the parameters' own units.
             memory: Memory of the last tick [the law's own units]; by default zeros.
@@ -426,16 +428,16 @@ class Law:
                 setattr(plain, name, pointer(array))
         inputs = (layout.CSetPoint * max(1, len(law.inputs)))()
         scalars = []
-        for plain, (name, spec) in zip(inputs, law.inputs.items(), strict=False):
+        for set_point, (name, spec) in zip(inputs, law.inputs.items(), strict=False):
             value = state.inputs[name]
             if spec.quantity == "scalar":
                 scalars.append(np.array([value]))
-                plain.value = pointer(scalars[-1])
+                set_point.value = pointer(scalars[-1])
             elif spec.quantity in layout.SET_POINTS:
-                for member, (place, _) in layout.SET_POINTS[spec.quantity].items():
-                    setattr(plain, place, pointer(value[member]))
+                for member, (member_of_c, _) in layout.SET_POINTS[spec.quantity].items():
+                    setattr(set_point, member_of_c, pointer(value[member]))
             else:
-                plain.value = pointer(value)
+                set_point.value = pointer(value)
         parameters = (ctypes.POINTER(ctypes.c_double) * max(1, len(law.parameters)))()
         for place, array in enumerate(state.parameters.values()):
             parameters[place] = pointer(array)

@@ -1,4 +1,4 @@
-"""Compiles a law to an object file by Numba: native code for any x86-64 processor, which calls neither Python nor malloc.
+"""Compiles a law to an object file by Numba: native code for any x86-64 processor, without calls of Python or malloc.
 
 Numba's functions return a status. The entry points made here turn it into the fault code of the C interface: an index
 out of bounds, or an exception, is a fault. Numba's own cfunc would call Python there.
@@ -22,9 +22,9 @@ from .law_rules import Function, refuse
 
 # What the program's own libraries have: the C library's functions of numbers, and copies of memory.
 _C_FUNCTIONS = set(
-    "acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs floor fma fmax fmin "
-    "fmod frexp hypot ldexp lgamma log log10 log1p log2 modf nearbyint nextafter pow remainder rint round roundeven sin "
-    "sincos sinh sqrt tan tanh tgamma trunc memcpy memmove memset".split()
+    "acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs floor fma fmax "
+    "fmin fmod frexp hypot ldexp lgamma log log10 log1p log2 modf nearbyint nextafter pow remainder rint round "
+    "roundeven sin sincos sinh sqrt tan tanh tgamma trunc memcpy memmove memset".split()
 )
 _HINT = "docs/python_laws.md says what a law may contain"
 
@@ -98,7 +98,9 @@ def _text(error: BaseException) -> str:
 def _place(law: layout.Declaration, functions: dict[str, Function], error: BaseException | None) -> str:
     """File and line of the statement that is refused: from Numba's message, otherwise by leaving out statements."""
     if error is not None:
-        for file, line in re.findall(r'(?:File "|at |\s)([^"\s()]+?)"?(?:, line | \()(\d+)', re.sub(r"\x1b\[[0-9;]*m", "", str(error))):
+        for file, line in re.findall(
+            r'(?:File "|at |\s)([^"\s()]+?)"?(?:, line | \()(\d+)', re.sub(r"\x1b\[[0-9;]*m", "", str(error))
+        ):
             for top in functions.values():
                 for function in top.all():
                     span = range(function.tree.lineno + 1, (function.tree.end_lineno or 0) + 1)
@@ -211,7 +213,7 @@ def _compile(law: layout.Declaration, functions: dict[str, Function]) -> bytes |
                 if function.name != "multipanda_laws" and function.linkage.name not in ("private", "internal"):
                     function.visibility = "hidden"
             return bytes(library.emit_native_object())
-        except (Exception,) as error:  # of any kind: it becomes the refusal's text
+        except Exception as error:  # of any kind: it becomes the refusal's text
             return error
 
 
@@ -292,7 +294,8 @@ class _Entry:
 
         integer = self.ir.IntType(64)
         sizes = [self.ir.Constant(integer, part) if isinstance(part, int) else part for part in shape]
-        strides, step = [], self.ir.Constant(integer, 8)
+        strides: list[Any] = []
+        step = self.ir.Constant(integer, 8)
         for size in reversed(sizes):
             strides.insert(0, step)
             step = self.builder.mul(step, size)
@@ -368,9 +371,7 @@ class _Entry:
         return {
             "arm": lambda: arm(0),
             "arms": lambda: pack(kinds["arms"], [arm(i) for i in range(law.arms)]),
-            "tau": lambda: (
-                torque(0) if law.arms == 1 else pack(kinds["tau"], [torque(i) for i in range(law.arms)])
-            ),
+            "tau": lambda: torque(0) if law.arms == 1 else pack(kinds["tau"], [torque(i) for i in range(law.arms)]),
             "inputs": inputs,
             "parameters": parameters,
             "outputs": lambda: numbers("outputs", list(law.outputs.values())),

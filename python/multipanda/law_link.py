@@ -93,7 +93,7 @@ def temporary_beside(path: pathlib.Path) -> Iterator[pathlib.Path]:
 
 
 def cache_folder() -> pathlib.Path:
-    """Folder of compiled laws: XDG_CACHE_HOME/multipanda/laws, by default in ~/.cache. Only its owner may write there."""
+    """Folder of compiled laws: XDG_CACHE_HOME/multipanda/laws, by default in ~/.cache; only its owner writes there."""
     base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     folder = pathlib.Path(base) / "multipanda" / "laws"
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)

@@ -15,10 +15,9 @@ import unittest
 from unittest import mock
 
 import harness  # first: it sets the paths
+import multipanda as mp
 import numpy as np
 from harness import FOLDER, PATIENCE, ROOT, until
-
-import multipanda as mp
 from multipanda import law_layout, law_link, law_math
 from multipanda.law_math import add_product, add_transposed_product, rotation_error
 
@@ -175,16 +174,16 @@ class Torques(unittest.TestCase):
                 {"q": q, "M": np.eye(7)}, inputs={"joints": q_d}, parameters={"stiffness_nm_per_rad": k}
             ).tau
             h = 1e-5
-            slope = [
-                (potential(q + h * e, k, q_d) - potential(q - h * e, k, q_d)) / (2 * h) for e in np.eye(7)
-            ]
+            slope = [(potential(q + h * e, k, q_d) - potential(q - h * e, k, q_d)) / (2 * h) for e in np.eye(7)]
             np.testing.assert_allclose(tau, -np.array(slope), rtol=1e-7, atol=1e-7)
 
     def test_the_number_of_joints_comes_with_the_arm(self):
         for n in (1, 6, 7, 16):
             q = np.linspace(-1, 1, n)
             for compiled in (True, False):
-                tau = impedance.evaluate({"q": q, "M": np.eye(n)}, inputs={"joints": np.zeros(n)}, compiled=compiled).tau
+                tau = impedance.evaluate(
+                    {"q": q, "M": np.eye(n)}, inputs={"joints": np.zeros(n)}, compiled=compiled
+                ).tau
                 k = np.array([600, 600, 600, 600, 250, 150] + [50] * 10)[:n]
                 if compiled or n <= 7:
                     np.testing.assert_allclose(tau[:7], (-k * q)[:7])
@@ -244,7 +243,7 @@ class Mathematics(unittest.TestCase):
                 self.assertLessEqual(np.linalg.norm(found), np.pi + 1e-12)
 
 
-# --- What is refused. The line with HERE is the one that the refusal names. ---
+# What is refused. A refusal names the line that ends with HERE.
 
 
 def loop_without_end(arm, tau):
@@ -653,8 +652,9 @@ class Trial(unittest.TestCase):
             first = mp.law()(damper)
             self.assertEqual(first.trial["states"], 10_000)
             self.assertLess(first.trial["median_us"], first.trial["worst_us"] + 1e-9)
-            with mock.patch.object(law_link, "link", side_effect=AssertionError), mock.patch(
-                "multipanda.law.call", side_effect=AssertionError
+            with (
+                mock.patch.object(law_link, "link", side_effect=AssertionError),
+                mock.patch("multipanda.law.call", side_effect=AssertionError),
             ):
                 again = mp.law()(damper)
                 self.assertEqual(again.library, first.library)
