@@ -1,12 +1,14 @@
 #include "scene/additions.hpp"
 
+#include <filesystem>
+#include <fstream>
+
 #include <gtest/gtest.h>
 
 #include "config_file/config_error.hpp"
 #include "scene/load.hpp"
 
-// Additions leave the text around them as it is. The scene that is read has them, whatever its lists look
-// like.
+// Additions leave the text around them as it is, whatever the lists of the scene look like.
 namespace multipanda::additions_test {
 namespace {
 
@@ -41,13 +43,18 @@ TEST(SceneAdditions, ControlletsJoinListsOfEveryForm) {
 }
 
 TEST(SceneAdditions, PluginsAreAbsoluteAndQuoted) {
-  const std::string text =
-      with_additions("plugins: [own.so]\n" + kArm, "folder/s.yaml", {.plugins = {"/a \"b\"/c.so", "d.so"}});
-  const auto paths = scene_plugins(text, "/folder/s.yaml");
-  ASSERT_EQ(paths.size(), 3u);
-  EXPECT_EQ(paths[0], "/a \"b\"/c.so");
-  EXPECT_TRUE(paths[1].front() == '/' && paths[1].ends_with("/d.so")) << paths[1];
-  EXPECT_EQ(paths[2], "/folder/own.so");
+  const std::filesystem::path folder = testing::TempDir() + "additions \"b\"";
+  std::filesystem::create_directories(folder);
+  for (const char* name : {"c.so", "own.so"}) std::ofstream(folder / name) << "x";
+  const std::filesystem::path near = std::filesystem::relative(folder / "c.so");
+  const std::string file = (folder / "s.yaml").string();
+  const std::string text = with_additions("plugins: [own.so]\n" + kArm, file, {.plugins = {near.string()}});
+  const auto paths = scene_plugins(text, file);
+  ASSERT_EQ(paths.size(), 2u);
+  EXPECT_TRUE(paths[0].starts_with("/")) << paths[0];
+  EXPECT_TRUE(std::filesystem::equivalent(paths[0], folder / "c.so"));
+  EXPECT_TRUE(std::filesystem::equivalent(paths[1], folder / "own.so"));
+  std::filesystem::remove_all(folder);
 }
 
 TEST(SceneAdditions, NothingChangesWithoutAny) {

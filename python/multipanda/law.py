@@ -17,6 +17,7 @@ import re
 import shutil
 import subprocess
 import traceback
+import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -162,10 +163,13 @@ class Law:
 
     @functools.cached_property
     def _key(self) -> str:
-        parts = [__version__, numba_version(), str(layout.VERSION), repr(self.declaration), self.model]
+        # Everything that the library depends on, written in the same way by every process.
+        declared = dataclasses.replace(self.declaration, uses=frozenset())
+        parts = [__version__, numba_version(), str(layout.VERSION), repr(declared), self.model]
+        parts += self.declaration.arm_fields
         for kind, top in self._functions.items():
             for function in top.all():
-                values = [f"{n} {v!r} {getattr(v, 'tobytes', bytes)()!r}" for n, v in sorted(function.names.items())]
+                values = [f"{name} {_text(value)}" for name, value in sorted(function.constants.items())]
                 parts += [kind, function.file, str(function.tree.lineno), ast.dump(function.tree), *values]
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:24]
 
@@ -453,6 +457,15 @@ class Law:
         for array in state.outputs.values():
             array[:] = outputs[place : place + len(array)]
             place += len(array)
+
+
+def _text(value: Any) -> str:
+    """A constant of a law. Of functions, which are compared by their source, and modules, the name."""
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape} {value.tobytes()!r}"
+    if callable(value) or isinstance(value, types.ModuleType):
+        return str(getattr(value, "__name__", type(value).__name__))
+    return repr(value)
 
 
 def _set_point(quantity: str, value: Any, n: int, name: str) -> Any:

@@ -219,7 +219,7 @@ def _compile(law: layout.Declaration, functions: dict[str, Function]) -> bytes |
 
 def _types(law: layout.Declaration) -> dict[str, Any]:
     """Numba's type of each argument that a law may have."""
-    from numba.core import types
+    types: Any = importlib.import_module("numba.core.types")
 
     def array(dimensions: int, written: bool = False) -> Any:
         return types.Array(types.float64, dimensions, "C", readonly=not written)

@@ -73,6 +73,7 @@ class Function:
     tree: ast.FunctionDef  # with the lines of the file
     names: dict[str, Any] = field(default_factory=dict)  # what it uses from outside; functions are in `calls`
     calls: dict[str, Function] = field(default_factory=dict)
+    constants: dict[str, Any] = field(default_factory=dict)  # by their names in the source: "settings.GAIN"
 
     def place(self, node: ast.AST) -> str:
         """File and line."""
@@ -207,6 +208,7 @@ def _resolve(function: Function, given: Callable[..., Any], calling: tuple[Calla
                 function.calls[name] = read(plain, calling)
         else:
             _check_value(function, node, value, text)
+            function.constants[text] = value
 
 
 def _is_exception(name: str) -> bool:

@@ -11,6 +11,7 @@ import pathlib
 import subprocess
 import sys
 import textwrap
+import types
 import unittest
 from unittest import mock
 
@@ -658,6 +659,18 @@ class Trial(unittest.TestCase):
             ):
                 again = mp.law()(damper)
                 self.assertEqual(again.library, first.library)
+            # In another process, too, whose sets and addresses have another order.
+            program = (
+                f"import sys; sys.argv = ['']; sys.path.insert(0, {str(ROOT / 'tests/python')!r}); import law_test"
+            )
+            program += "; print(law_test.mp.law()(law_test.damper).library, law_test.everything._key)"
+            for seed in ("1", "2"):
+                variables = {**os.environ, "PYTHONHASHSEED": seed}
+                words = [sys.executable, "-c", program]
+                done = subprocess.run(
+                    words, capture_output=True, text=True, check=True, env=variables, timeout=PATIENCE
+                )
+                self.assertEqual(done.stdout.split()[1], everything._key)
             other = mp.law(memory={"x": 1})(damper)
             self.assertNotEqual(other.library, first.library)
             folder = FOLDER / "built"
@@ -665,6 +678,23 @@ class Trial(unittest.TestCase):
             self.assertEqual([path.name for path in folder.iterdir()], ["damper.so"])
             cached = sorted(path.suffix for path in (FOLDER / "kept/multipanda/laws").iterdir())
             self.assertEqual(cached, [".json", ".json", ".so", ".so"])
+
+    def test_a_changed_constant_is_another_law(self):
+        settings = types.ModuleType("settings")
+        settings.GAIN = 1.0
+        keys = set()
+
+        def constant(arm, tau):
+            tau[0] = settings.GAIN * WEIGHTS[1] * GAIN
+
+        for name, value in ((settings, 1.0), (settings, 2.0), (None, 4)):
+            if name is settings:
+                settings.GAIN = value
+            with mock.patch.dict(globals(), {"GAIN": value if name is None else GAIN}):
+                keys.add(mp.law()(constant)._key)
+        with mock.patch.dict(globals(), {"WEIGHTS": WEIGHTS + 1e-12}):
+            keys.add(mp.law()(constant)._key)
+        self.assertEqual(len(keys), 4)
 
     def test_the_library_needs_neither_python_nor_a_processor_s_extensions(self):
         with cache("needs"):
