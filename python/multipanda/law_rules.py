@@ -164,7 +164,7 @@ def _check_value(function: Function, node: ast.AST, value: Any, text: str) -> No
         if value.nbytes <= _MOST_CONSTANT_BYTES:
             return
         refuse(function.place(node), f"{text} has {value.nbytes} bytes; a constant has {_MOST_CONSTANT_BYTES} at most")
-    if getattr(value, "__module__", "").split(".")[0] in ("math", "numpy") or isinstance(value, np.ufunc):
+    if (getattr(value, "__module__", "") or "").split(".")[0] in ("math", "numpy") or isinstance(value, np.ufunc):
         return
     refuse(
         function.place(node),
@@ -184,9 +184,13 @@ def _resolve(function: Function, given: Callable[..., Any], calling: tuple[Calla
     local |= {n.id for n in ast.walk(function.tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
     parents = {child: node for node in ast.walk(function.tree) for child in ast.iter_child_nodes(node)}
     for node in ast.walk(function.tree):
-        if not isinstance(node, ast.Name) or node.id in local:
+        if not isinstance(node, ast.Name):
             continue
         name = node.id
+        if name in _BUILTINS and (name in local or name in outside):  # bounds of loops rely on what it means
+            refuse(function.place(node), f"{name} is a name of Python that means something else here; rename it")
+        if name in local:
+            continue
         if name not in outside:
             if name not in _BUILTINS and not _is_exception(name):
                 known = hasattr(builtins, name)
@@ -221,6 +225,7 @@ class _Loops:
 
     def __init__(self, function: Function) -> None:
         self.function = function
+        self.seen: set[ast.AST] = set()  # the names range, enumerate and zip of loops that were checked
         self.sources: dict[str, list[ast.expr | None]] = {}  # of each local name: what it is set to; None: anything
         for node in ast.walk(function.tree):
             if isinstance(node, ast.Assign):
@@ -255,13 +260,19 @@ class _Loops:
         return node.func.id if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) else ""
 
     def check(self) -> None:
-        """Refuses the first loop without a bound."""
+        """Refuses the first loop without a bound, and ranges that would get to a loop unseen."""
         for node in ast.walk(self.function.tree):
             if isinstance(node, ast.For):
                 self._check_iterated(node, node.iter)
+        for node in ast.walk(self.function.tree):
+            if isinstance(node, ast.Name) and node.id in ("range", "enumerate", "zip") and node not in self.seen:
+                refuse(self.function.place(node), f"{node.id} outside of a loop; write for ... in {node.id}(...)")
 
     def _check_iterated(self, loop: ast.For, node: ast.expr) -> None:
         called = self._called(node)
+        if called in ("range", "enumerate", "zip"):
+            assert isinstance(node, ast.Call)
+            self.seen.add(node.func)
         if called == "range":
             assert isinstance(node, ast.Call)
             for argument in node.args:
@@ -275,7 +286,7 @@ class _Loops:
             assert isinstance(node, ast.Call)
             for argument in node.args:
                 self._check_iterated(loop, argument)
-        elif isinstance(node, ast.Call):
+        elif not isinstance(node, (ast.Name, ast.Attribute, ast.Subscript, ast.Tuple)):
             refuse(self.function.place(loop), f"a loop over {ast.unparse(node)}: its length is not known")
 
     def bounded(self, node: ast.expr, within: frozenset[str]) -> bool:

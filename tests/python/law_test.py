@@ -198,6 +198,26 @@ class Torques(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "fault"):
             breaks.evaluate({"q": np.zeros(7)}, parameters={"fault": 3}, compiled=False)
 
+    def test_whole_numbers_never_stop_the_process(self):
+        """Divisions that are a signal on x86-64, and numbers that no whole number can hold."""
+
+        def divide(arm, tau):
+            a, b = int(arm.q[0]), int(arm.q[1])
+            tau[0] = a // b
+            tau[1] = a % b
+            tau[2] = arm.q[2] / arm.q[3]
+            tau[3] = arm.dq[a % 7]
+
+        law = mp.law()(divide)
+        for a, b in ((-(2.0**63), -1), (5, 0), (7, 2), (math.nan, 3), (1e300, -1e300)):
+            try:
+                tau = law.evaluate({"q": [a, b, 1, 0, 0, 0, 0]}).tau
+            except mp.Error:
+                continue
+            self.assertEqual(tau[2], math.inf)
+            if b == 2:
+                np.testing.assert_array_equal(tau[:2], [3, 1])
+
     def test_what_evaluate_refuses(self):
         q = np.zeros(7)
         for text, call in (
@@ -274,6 +294,47 @@ def loop_that_grows(arm, tau):
 def loop_over_a_call(arm, tau):
     for k in iter(arm.q):  # HERE
         tau[0] += k
+
+
+def loop_over_a_hidden_range(arm, tau):
+    r = range(int(arm.q[0]))  # HERE
+    for _ in r:
+        tau[0] += 1
+
+
+def loop_over_a_choice(arm, tau):
+    for _ in range(3) if arm.q[0] > 0 else range(int(arm.q[0])):  # HERE
+        tau[0] += 1
+
+
+def loop_over_the_length_of_a_range(arm, tau):
+    for _ in range(len(range(int(arm.q[0])))):  # HERE
+        tau[0] += 1
+
+
+def pass_a_range(arm, tau):
+    tau[0] = count(range(int(arm.q[0])))  # HERE
+
+
+def count(numbers):
+    n = 0
+    for _ in numbers:
+        n += 1
+    return n
+
+
+def own_len():
+    def len(x):  # noqa: A001
+        return int(x[0])
+
+    def loop(arm, tau):
+        for _ in range(len(arm.q)):  # HERE
+            tau[0] += 1
+
+    return loop
+
+
+shadows_len = own_len()
 
 
 def recursion(x):
@@ -439,6 +500,11 @@ AT_ONCE = (
     (loop_over_a_measurement, "no bound"),
     (loop_over_a_parameter, "no bound"),
     (loop_that_grows, "no bound"),
+    (loop_over_a_hidden_range, "range outside of a loop"),
+    (loop_over_a_choice, "its length is not known"),
+    (loop_over_the_length_of_a_range, "range outside of a loop"),
+    (pass_a_range, "range outside of a loop"),
+    (shadows_len, "len is a name of Python"),
     (loop_over_a_call, "iter: it needs Python"),
     (makes_a_list, "a list: it allocates"),
     (makes_a_comprehension, "it allocates"),
