@@ -9,11 +9,9 @@ import dataclasses
 import functools
 import hashlib
 import json
-import keyword
 import math
 import os
 import pathlib
-import re
 import shutil
 import subprocess
 import traceback
@@ -29,6 +27,8 @@ from . import law_layout as layout
 from ._version import __version__
 from .errors import Error, VersionMismatch
 from .law_compile import numba_version, object_file
+from .law_declared import declared_of
+from .law_evaluate import call_native, state_of
 from .law_layout import LawInput, LawParameter
 from .law_link import cache_folder, link, temporary_beside
 from .law_rules import read, refuse
@@ -39,7 +39,6 @@ Array = NDArray[np.float64]
 MOST_US = 100  # processor time of one tick [us]
 STATES = 10_000
 _PATIENCE_S = 120
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _ARGUMENTS = ("arm", "arms", "tau", "inputs", "parameters", "outputs", "memory", "contact", "dt", "time_s")
 _UNBOUNDED = (math.inf, math.inf, math.inf)
 
@@ -118,7 +117,7 @@ class Law:
         self.type = function.__name__
         doc = (function.__doc__ or "").strip().splitlines()
         self.declaration = layout.Declaration(
-            self.type, doc[0].strip() if doc else f"The law {self.type}, in Python.", **_declared(declared)
+            self.type, doc[0].strip() if doc else f"The law {self.type}, in Python.", **declared_of(declared)
         )
         self._check_arguments("update", "tau")
         self.__doc__ = function.__doc__
@@ -342,74 +341,18 @@ class Law:
             ValueError: A number is missing, or an array has another shape.
             Error: The native code reports a fault; or it cannot be made, as for `trial`.
         """
-        state = self._state(arm, inputs or {}, parameters or {}, memory, contact, dt, time_s)
+        state = state_of(self.declaration, arm, inputs or {}, parameters or {}, memory, contact, dt, time_s)
         kind = "start" if start else "update"
         if kind not in self._functions:
             raise ValueError(f"{self.type} has no function start")
         if compiled:
-            self._call_native(kind, state)
+            call_native(self.declaration, self._native[kind], state)
         else:
             names = [argument.arg for argument in self._functions[kind].tree.args.args]
             function = self.function if kind == "update" else self._start
             assert function is not None
             function(*layout.python_arguments(self.declaration, names, state))
         return Evaluation(state.tau[0] if self.declaration.arms == 1 else state.tau, state.outputs, state.memory)
-
-    def _state(
-        self,
-        arm: Mapping[str, Any] | Sequence[Mapping[str, Any]],
-        inputs: Mapping[str, Any],
-        parameters: Mapping[str, Any],
-        memory: Any,
-        contact: tuple[float, float, float],
-        dt: float,
-        time_s: float,
-    ) -> layout.State:
-        law = self.declaration
-        given = [arm] if isinstance(arm, Mapping) else list(arm)
-        if len(given) != law.arms:
-            raise ValueError(f"{self.type} owns {law.arms} arm(s), found {len(given)}")
-        arms, counts = [], []
-        for number, values in enumerate(given):
-            if "q" not in values:
-                raise ValueError(f"arm {number}: q is missing")
-            n = len(values["q"])
-            counts.append(n)
-            members = {}
-            for name in law.arm_fields:
-                if name not in values and name not in ("dq", "c"):
-                    raise ValueError(f"arm {number}: {name} is missing, which the law uses")
-                shape = layout.shape_of(layout.ARM_FIELDS[name].shape, n)
-                members[name] = layout.fixed(values.get(name, 0.0), shape, f"arm {number}: {name}")
-            arms.append(members)
-        for kind, names, known in (("input", inputs, law.inputs), ("parameter", parameters, law.parameters)):
-            for name in names:
-                if name not in known:
-                    raise ValueError(f"{self.type} has no {kind} '{name}'; it has: {', '.join(known) or 'none'}")
-        made: dict[str, Any] = {}
-        for name, spec in law.inputs.items():
-            if name not in inputs:
-                raise ValueError(f"the input {name} is missing")
-            made[name] = _set_point(spec.quantity, inputs[name], counts[spec.arm], name)
-        values_of = {}
-        for name, parameter in law.parameters.items():
-            shape = layout.shape_of([parameter.size], counts[0])
-            default = layout.initial_of(parameter)
-            values_of[name] = layout.fixed(parameters.get(name, default[: shape[0]]), shape, name)
-        own = np.zeros(law.memory_size) if memory is None else np.array(memory, dtype=np.float64)
-        if own.shape != (law.memory_size,):
-            raise ValueError(f"memory: expected {law.memory_size} numbers, found {own.shape}")
-        return layout.State(
-            arms,
-            made,
-            values_of,
-            {name: np.zeros(size) for name, size in law.outputs.items()},
-            own,
-            [np.zeros(n) for n in counts],
-            dt,
-            time_s,
-            contact,
-        )
 
     @functools.cached_property
     def _native(self) -> dict[str, Callable[..., int]]:
@@ -419,45 +362,6 @@ class Law:
         law = exported().contents.laws[0]
         return {kind: layout.C_FUNCTION(getattr(law, kind)) for kind in self._functions}
 
-    def _call_native(self, kind: str, state: layout.State) -> None:
-        law = self.declaration
-
-        def pointer(array: Array) -> Any:
-            return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
-
-        arms = (layout.CArm * law.arms)()
-        for plain, values, tau in zip(arms, state.arms, state.tau, strict=True):
-            plain.n, plain.tau = len(tau), pointer(tau)
-            for name, array in values.items():
-                setattr(plain, name, pointer(array))
-        inputs = (layout.CSetPoint * max(1, len(law.inputs)))()
-        scalars = []
-        for set_point, (name, spec) in zip(inputs, law.inputs.items(), strict=False):
-            value = state.inputs[name]
-            if spec.quantity == "scalar":
-                scalars.append(np.array([value]))
-                set_point.value = pointer(scalars[-1])
-            elif spec.quantity in layout.SET_POINTS:
-                for member, (member_of_c, _) in layout.SET_POINTS[spec.quantity].items():
-                    setattr(set_point, member_of_c, pointer(value[member]))
-            else:
-                set_point.value = pointer(value)
-        parameters = (ctypes.POINTER(ctypes.c_double) * max(1, len(law.parameters)))()
-        for place, array in enumerate(state.parameters.values()):
-            parameters[place] = pointer(array)
-        outputs = np.zeros(sum(law.outputs.values()))
-        tick = layout.CTick(state.dt, state.time_s, *state.contact, arms, inputs, parameters)
-        tick.outputs, tick.memory = pointer(outputs), pointer(state.memory)
-        if self._native[kind](ctypes.byref(tick)) != 0:
-            raise Error(
-                f"{self.type} reports a fault in this state: an exception, or an index out of bounds",
-                "evaluate(..., compiled=False) raises it, with its line",
-            )
-        place = 0
-        for array in state.outputs.values():
-            array[:] = outputs[place : place + len(array)]
-            place += len(array)
-
 
 def _text(value: Any) -> str:
     """A constant of a law. Of functions, which are compared by their source, and modules, the name."""
@@ -466,72 +370,6 @@ def _text(value: Any) -> str:
     if callable(value) or isinstance(value, types.ModuleType):
         return str(getattr(value, "__name__", type(value).__name__))
     return repr(value)
-
-
-def _set_point(quantity: str, value: Any, n: int, name: str) -> Any:
-    members = layout.SET_POINTS.get(quantity)
-    if members is None:
-        return float(value) if quantity == "scalar" else layout.fixed(value, (6,), name)
-    first = next(iter(members))
-    if not isinstance(value, Mapping):
-        if quantity == "pose":
-            raise ValueError(f"{name}: expected a dictionary with p and R, and perhaps V and A")
-        value = {first: value}
-    made = {}
-    for member, (_, shape) in members.items():
-        if member not in value and member in ("p", "R", "q"):
-            raise ValueError(f"{name}: {member} is missing")
-        made[member] = layout.fixed(value.get(member, 0.0), layout.shape_of(shape, n), f"{name}.{member}")
-    return made
-
-
-def _named(kind: str, name: str) -> str:
-    if not _NAME.fullmatch(name) or keyword.iskeyword(name):
-        raise ValueError(f"{kind} '{name}': expected a letter, then letters, digits or _, and no word of Python")
-    return name
-
-
-def _sized(what: str, size: int | str, most: int, joints: bool) -> int | str:
-    if size == "joints" and joints:
-        return size
-    if isinstance(size, bool) or not isinstance(size, int) or not 1 <= size <= most:
-        raise ValueError(f"{what}: expected 1 to {most} numbers{' or joints' if joints else ''}, found {size!r}")
-    return size
-
-
-def _declared(given: dict[str, Any]) -> dict[str, Any]:
-    """The declarations, checked. Raises ValueError."""
-    arms = given["arms"]
-    if isinstance(arms, bool) or not isinstance(arms, int) or not 1 <= arms <= 16:
-        raise ValueError(f"arms: expected 1 to 16, found {arms!r}")
-    inputs = {}
-    for name, value in given["inputs"].items():
-        spec = LawInput(value) if isinstance(value, str) else value
-        if not isinstance(spec, LawInput) or spec.quantity not in layout.QUANTITIES:
-            raise ValueError(f"input '{name}': expected one of {', '.join(layout.QUANTITIES)}, found {value!r}")
-        if not 0 <= spec.arm < arms:
-            raise ValueError(f"input '{name}': arm {spec.arm} of {arms}")
-        doc = spec.doc or f"Set-point of {name}."
-        inputs[_named("input", name)] = dataclasses.replace(spec, doc=doc)
-    parameters = {}
-    for name, spec in given["parameters"].items():
-        if not isinstance(spec, LawParameter):
-            raise ValueError(f"parameter '{name}': expected mp.LawParameter(initial, low, high), found {spec!r}")
-        size = _sized(f"parameter '{name}'", spec.size, 16, True)
-        values = [spec.initial] if isinstance(spec.initial, (int, float)) else list(spec.initial)
-        numbers = [float(v) for v in (*values, spec.low, spec.high)]
-        if not all(map(math.isfinite, numbers)) or not all(numbers[-2] <= v <= numbers[-1] for v in numbers[:-2]):
-            raise ValueError(f"parameter '{name}': expected low <= initial <= high, finite, found {spec}")
-        if len(values) != 1 and isinstance(size, int) and len(values) != size:
-            raise ValueError(f"parameter '{name}': {len(values)} initial values for {size} numbers")
-        if not 1 <= len(values) <= layout.MOST_JOINTS:
-            raise ValueError(f"parameter '{name}': {len(values)} initial values")
-        initial = float(values[0]) if len(values) == 1 else tuple(float(v) for v in values)
-        doc = spec.doc or f"Parameter {name}."
-        parameters[_named("parameter", name)] = dataclasses.replace(spec, initial=initial, doc=doc)
-    outputs = {_named("output", n): _sized(f"output '{n}'", s, 64, False) for n, s in given["outputs"].items()}
-    memory = {_named("memory", n): _sized(f"memory '{n}'", s, 4096, True) for n, s in given["memory"].items()}
-    return {"arms": arms, "inputs": inputs, "parameters": parameters, "outputs": outputs, "memory": memory}
 
 
 def law(
