@@ -8,8 +8,6 @@
 
 #include <fmt/format.h>
 
-#include "support/address.hpp"
-
 namespace multipanda::cli {
 namespace {
 
@@ -17,8 +15,7 @@ namespace {
 constexpr ContactBounds kReduced{.hand_speed = 0.1, .spring_force = 30, .spring_moment = 7.5};
 
 bool has_physical_arms(const Scene& scene) {
-  return std::any_of(scene.arms.begin(), scene.arms.end(),
-                     [](const SceneArm& arm) { return arm.fci && !is_on_this_computer(arm.fci->address); });
+  return std::any_of(scene.arms.begin(), scene.arms.end(), is_physical);
 }
 
 // A scene that was changed is another one. FNV-1a, which stays the same between builds.
@@ -51,7 +48,6 @@ ReducedRun::ReducedRun(const Scene& scene, Reduction reduction, std::filesystem:
     : memory_(std::move(memory)) {
   const bool physical = has_physical_arms(scene);
   if (physical) key_ = key_of(scene);
-  if (!scene.timeline.empty()) timeline_ends_s_ = scene.timeline.back().at_s;
   if (reduction == Reduction::asked) {
     why_ = "as asked";
   } else if (reduction == Reduction::as_usual && physical && !contains(memory_, key_)) {
@@ -77,11 +73,14 @@ void ReducedRun::apply(Scene& scene) const {
   scene.lifted.clear();
 }
 
-void ReducedRun::remember(double time_s) const {
-  if (time_s < timeline_ends_s_ || key_.empty() || memory_.empty() || contains(memory_, key_)) return;
+std::string ReducedRun::remember(const SeenRun& seen) const {
+  if (key_.empty() || memory_.empty() || contains(memory_, key_)) return {};
+  if (const std::string missing = seen.missing(); !missing.empty())
+    return fmt::format("does not count as the first run of this scene on physical arms: it {}", missing);
   std::error_code error;
   std::filesystem::create_directories(memory_.parent_path(), error);
   std::ofstream(memory_, std::ios::app) << key_ << '\n';
+  return {};
 }
 
 }  // namespace multipanda::cli

@@ -1,5 +1,6 @@
 #include "cli/reduced_run.hpp"
 
+#include <limits>
 #include <string>
 #include <unistd.h>
 
@@ -22,9 +23,37 @@ Scene scene_with(const std::string& address) {
   scene.arms.resize(2);
   if (!address.empty()) scene.arms[1].fci.emplace().address = address;
   scene.controllets.resize(1);
-  scene.timeline = {{.at_s = 1}, {.at_s = 4}};
+  scene.timeline = {{.at_s = 1, .what = TimelineEvent::What::set_reference, .duration_s = 2},
+                    {.at_s = 4, .what = TimelineEvent::What::set_reference, .duration_s = 5}};
   scene.controllets[0].contact = scene.contact_bounds = {.hand_speed = 1, .spring_force = 20};
   return scene;
+}
+
+// A run of the scene above in which the second arm moves between two times. Owners: 0 takes no commands, 1
+// does.
+struct Course {
+  double from_s = 0, to_s = 0, end_s = 0;
+  double speed = 0.1;  // [rad/s]
+  std::uint16_t owner = 1;
+  ArmIndex arm = 1;
+};
+
+SeenRun seen(const Scene& scene, const Course& course) {
+  RecordLayout layout;
+  layout.arms = {{.name = "near", .joint_count = 7}, {.name = "far", .joint_count = 7}};
+  layout.instances.resize(2);
+  layout.instances[1].inputs.resize(1);
+  SeenRun run(scene);
+  run.begin(layout);
+  CycleRecord record(2, 0, 0);
+  for (int k = 0; 0.005 * k <= course.end_s + 1e-9; ++k) {
+    record.t = LoopTime::from_seconds(0.005 * k);
+    record.arms[course.arm].owner = course.owner;
+    record.arms[course.arm].dq[3] =
+        record.t.seconds() > course.from_s && record.t.seconds() <= course.to_s ? -course.speed : 0;
+    run.take(record);
+  }
+  return run;
 }
 
 TEST_F(ReducedRunTest, FirstRunOnPhysicalArmsUntilOneSucceeded) {
@@ -38,9 +67,17 @@ TEST_F(ReducedRunTest, FirstRunOnPhysicalArmsUntilOneSucceeded) {
   EXPECT_EQ(scene.contact_bounds.hand_speed, 0.1);
   // Not remembered before it succeeded.
   EXPECT_TRUE(ReducedRun(scene, Reduction::as_usual, memory_).reduced());
-  first.remember(3.9);  // what the timeline does at 4 s has not been seen
+  // The last motion begins at 4 s and lasts 5 s.
+  for (const Course& course : {Course{1, 3.9, 3.9}, Course{1, 4, 4.5}, Course{1, 8.9, 8.9}}) {
+    EXPECT_NE(first.remember(seen(scene, course)).find("the timeline's last motion at 9.0 s"),
+              std::string::npos);
+    EXPECT_TRUE(ReducedRun(scene, Reduction::as_usual, memory_).reduced()) << course.end_s;
+  }
+  // With lower bounds it takes longer.
+  EXPECT_NE(first.remember(seen(scene, {1, 20, 20.2})).find("before the arms came to rest"),
+            std::string::npos);
   EXPECT_TRUE(ReducedRun(scene, Reduction::as_usual, memory_).reduced());
-  first.remember(4);
+  EXPECT_EQ(first.remember(seen(scene, {1, 9.5, 10})), "");
   EXPECT_FALSE(ReducedRun(scene, Reduction::as_usual, memory_).reduced());
   EXPECT_TRUE(ReducedRun(scene, Reduction::asked, memory_).reduced());
   scene.text += " ";  // changed: another scene
@@ -56,8 +93,38 @@ TEST_F(ReducedRunTest, ArmsOfThisComputerAreNotReduced) {
     EXPECT_EQ(run.text(), "");
     run.apply(scene);
     EXPECT_EQ(scene.controllets[0].contact.hand_speed, 1);
-    run.remember(100);
+    EXPECT_EQ(run.remember(seen(scene, {1, 9.5, 10})), "");
     EXPECT_FALSE(std::filesystem::exists(memory_));
+  }
+}
+
+TEST_F(ReducedRunTest, ARunThatMovedNothingDoesNotCount) {
+  const Scene scene = scene_with("172.16.0.2");
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(seen(scene, {1, 2.1, 10}).missing(), "");
+  for (const Course& course : {Course{1, 1.9, 10},              // too short
+                               Course{1, 9, 10, 0.01},          // too slow: it sways
+                               Course{1, 9, 10, kNaN},          // not measured
+                               Course{1, 9, 10, 0.1, 0},        // in hold, or led by hand
+                               Course{1, 9, 10, 0.1, 0xFFFF},   // by nobody
+                               Course{1, 9, 10, 0.1, 1, 0}}) {  // the arm of this computer
+    EXPECT_NE(seen(scene, course).missing(), "") << course.speed << " " << course.owner;
+  }
+}
+
+// Its motions are those of programs, and these may begin late, or with one arm.
+TEST_F(ReducedRunTest, WithoutATimelineEveryPhysicalArmMustHaveMoved) {
+  Scene scene = scene_with("172.16.0.2");
+  for (const bool switches : {false, true}) {
+    scene.timeline.clear();
+    if (switches) scene.timeline = {{.at_s = 1, .what = TimelineEvent::What::switch_controllets}};
+    scene.arms[0].fci.reset();
+    EXPECT_NE(seen(scene, {0, 0, 1}).missing(), "");
+    EXPECT_NE(seen(scene, {0, 0, 1000}).missing(), "");
+    EXPECT_NE(seen(scene, {1, 10.9, 100}).missing(), "");
+    EXPECT_EQ(seen(scene, {1, 11.1, 12}).missing(), "");
+    scene.arms[0].fci.emplace().address = "172.16.1.2";
+    EXPECT_NE(seen(scene, {1, 11.1, 12}).missing(), "");
   }
 }
 

@@ -80,6 +80,7 @@ int run(const RunOptions& options) {
                                : options.full_speed ? Reduction::refused
                                                     : Reduction::as_usual,
                                ReducedRun::first_runs_file());
+  SeenRun seen(opened.scene);
   reduced_run.apply(opened.scene);
   if (!reduced_run.text().empty()) console.line(reduced_run.text());
   if (options.no_timeline) {
@@ -89,6 +90,7 @@ int run(const RunOptions& options) {
   SessionOptions session_options{
       .paced = !options.fast, .backend = backend, .duration_s = options.seconds, .record = options.record};
   session_options.log_every = log_every;
+  session_options.observer = [&seen](const CycleRecord& record) { seen.take(record); };
   session_options.thread.cpu = options.cpu;
   set_socket(options, opened.scene.name, console, session_options);
   if (options.fast && !options.seconds && opened.scene.duration_s == 0) {
@@ -102,14 +104,17 @@ int run(const RunOptions& options) {
   // ROS starts threads: the signal handling must be set up first.
   if (options.ros) session_options.make_adapter = load_ros_adapter(options.ros_arguments);
   Session session(std::move(opened.scene), opened.registry, std::move(session_options));
+  seen.begin(session.layout());
   if (!session.socket().empty())
     console.line(fmt::format("live input (multipanda ctl): {}", session.socket().string()));
   if (session.backend_description() != "mujoco")
     console.line(fmt::format("arms: {}", session.backend_description()));
   RunSummary summary = run_session(session, signals, console);
   input.reset();
-  if (summary.success() && !options.no_timeline) reduced_run.remember(summary.time_s);
+  std::string uncounted;
+  if (summary.success() && !options.no_timeline) uncounted = reduced_run.remember(seen);
   print_summary(summary, console);
+  if (!uncounted.empty()) console.line(uncounted);
   bool reported = true;
   if (options.report) {
     summary.report = report_of(summary.log, console, &summary);
