@@ -140,7 +140,7 @@ class Arm:
 
     @property
     def state(self) -> ArmState:
-        """The newest state, not older than what this client was answered."""
+        """The newest state, as `Client.state()` has it. Raises Timeout if the run does not answer."""
         return self.client.arm_state(self.name)
 
     def stop(self) -> None:

@@ -26,7 +26,7 @@ Names = str | Iterable[str]
 
 _FIRST_CYCLE_S = 60  # a real arm may take a while to begin
 _CATCH_UP_S = 1  # the state is published beside the loop, a moment after the answer
-_OLD_NS = 1_000_000_000  # records so old are of a run that stands still: it is asked why
+_OLD_NS = 100_000_000  # records so old are of a run that stands still: it is asked why
 
 
 def _names(names: Names) -> list[str]:
@@ -190,12 +190,19 @@ class Client:
         return record if self._answered_ns <= start_ns > time.monotonic_ns() - _OLD_NS else None
 
     def arm_state(self, arm: str) -> ArmState:
-        """The newest state of one arm, as state() has it."""
+        """The newest state of one arm, as state() has it, or Timeout."""
         record = self._fresh(arm)
         return self._asked_state().arms[arm] if record is None else record.arm(arm)
 
     def state(self) -> RunState:
-        """The newest state of all arms, not older than what this client was answered. Waits for the first cycle."""
+        """The newest state of all arms, not older than what this client was answered. Waits for the first cycle.
+
+        Without a cycle for 0.1 s the run is asked: a state of a program that stands still is not taken for one of now.
+
+        Raises:
+            Timeout: The run did not answer.
+            Disconnected: The run has ended.
+        """
         record = self._fresh(None)
         return self._asked_state() if record is None else record.state(self.shared().rate_hz())
 
