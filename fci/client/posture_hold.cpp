@@ -19,12 +19,31 @@ PostureHold::PostureHold(const std::shared_ptr<const ArmModel>& model, const Arm
   arm_.push_back({&state_, &terms_, &tau_});
 }
 
-ControlContext PostureHold::context() { return {kArmPeriod, 0.0, arm_, {}, &parameters_, {}, arm_}; }
+PostureHold::PostureHold(const std::shared_ptr<const ArmModel>& model) : PostureHold(model, {}, {}, {}) {
+  stays_ = true;
+}
+
+ControlContext PostureHold::context() {
+  ControlContext context{kArmPeriod, 0.0, arm_, {}, &parameters_, {}, arm_};
+  context.stopped = stays_;
+  return context;
+}
 
 const JointVector& PostureHold::torque(const JointVector& q, const JointVector& dq) noexcept {
   state_.q = q;
   state_.dq = dq;
   terms_.update(q, dq);
+  return torque();
+}
+
+const JointVector& PostureHold::torque(const ArmState& state) noexcept {
+  state_.q = state.q;
+  state_.dq = state.dq;
+  terms_.update(state);
+  return torque();
+}
+
+const JointVector& PostureHold::torque() noexcept {
   tau_.setZero();
   ControlContext of_arm = context();
   if (!holds_) holds_ = law_->start(of_arm) == LawResult::ok;

@@ -9,18 +9,23 @@
 namespace multipanda::fci {
 
 // An arm's hold, as the multimode controller has it, for the time in which a torque motion runs but no
-// control loop does: while other arms still begin, and until a motion has ended. An arm that gets no torque
-// then would float, and one whose last torque is repeated would go wherever that pushes it.
+// control loop does: while other arms still begin, until a motion has ended, and while a program on another
+// clock is silent. An arm that gets no torque then would float, and one whose last torque is repeated would
+// go wherever that pushes it.
 class PostureHold {
  public:
   PostureHold(const std::shared_ptr<const ArmModel>& model, const ArmFrames& frames, const Load& tool,
               const Load& load);
+  // The frames and loads of the states; an arm that it holds beyond the end of a range stays there.
+  explicit PostureHold(const std::shared_ptr<const ArmModel>& model);
   // The next torque holds the arm where it is then.
   void release() noexcept { holds_ = false; }
   // [N m] (n x 1), without gravity. No allocation.
   const JointVector& torque(const JointVector& q, const JointVector& dq) noexcept;
+  const JointVector& torque(const ArmState& state) noexcept;
 
  private:
+  const JointVector& torque() noexcept;
   ControlContext context();
 
   ModelTerms terms_;
@@ -31,6 +36,7 @@ class PostureHold {
   std::unique_ptr<Controllet> law_;
   std::vector<OwnedArm> arm_;
   bool holds_ = false;
+  bool stays_ = false;  // beyond the end of a range
 };
 
 }  // namespace multipanda::fci

@@ -1,18 +1,12 @@
 #include "runtime/embedded/torque_answer.hpp"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 
-#include "core/controllets/damping_design.hpp"
 #include "core/types/time.hpp"
 
 namespace multipanda {
 namespace {
 
-// As the controllet `hold` has it.
-constexpr std::array<double, 7> kHoldStiffness{300, 300, 300, 300, 120, 80, 40};  // [N m/rad]
-constexpr double kHoldDamping = 1;
 constexpr double kHeldStill = 0.02;   // [rad/s]
 constexpr double kRateMargin = 1e-3;  // [N m/s] below the arm's rate
 
@@ -29,16 +23,10 @@ TorqueLimiter::Limits limits_of(const ArmModel& model, double low_pass_hz, const
 
 }  // namespace
 
-TorqueAnswer::TorqueAnswer(std::shared_ptr<const ArmModel> model, double low_pass_hz, const ArmLimits* scene)
-    : terms_(std::move(model)),
-      limiter_(limits_of(terms_.model(), low_pass_hz, scene)),
-      stiffness_(joint_constant(terms_.joint_count(), kHoldStiffness.back())) {
-  for (Eigen::Index i = 0; i < stiffness_.size() && i < static_cast<Eigen::Index>(kHoldStiffness.size());
-       ++i) {
-    stiffness_[i] = kHoldStiffness[static_cast<std::size_t>(i)];
-  }
-  damped_ = tau_program_ = tau_ = joint_constant(terms_.joint_count(), 0);
-  q_0_ = terms_.model().q_home();
+TorqueAnswer::TorqueAnswer(const std::shared_ptr<const ArmModel>& model, double low_pass_hz,
+                           const ArmLimits* scene)
+    : posture_(model), limiter_(limits_of(*model, low_pass_hz, scene)) {
+  tau_program_ = tau_ = joint_constant(model->joint_count(), 0);
 }
 
 void TorqueAnswer::begin() {
@@ -66,17 +54,17 @@ const JointVector& TorqueAnswer::step(const ArmState& state) noexcept {
   const bool hold = stopped_ || silent_ || !has_torque_;
   if (hold) {
     if (!holding_) {
+      posture_.release();
       holding_ = state.q.allFinite();
-      q_0_ = state.q;
       still_ = 0;
     }
-    tau_ = spring(state);
+    tau_ = posture_.torque(state);
     share_ = 0;
     const bool still = state.dq.allFinite() && state.dq.cwiseAbs().maxCoeff() < kHeldStill;
     still_ = still ? still_ + 1 : 0;
   } else if (share_ < 1 && holding_) {
     share_ = std::min(1.0, share_ + kArmPeriod / kFade);
-    tau_ = spring(state);
+    tau_ = posture_.torque(state);
     tau_ += share_ * (tau_program_ - tau_);
   } else {
     holding_ = false;
@@ -86,17 +74,6 @@ const JointVector& TorqueAnswer::step(const ArmState& state) noexcept {
   limiter_.observe(state.tau_J_d);
   TorqueLimiter::Cuts cuts;
   return limiter_.limit(tau_, kArmPeriod, cuts);
-}
-
-const JointVector& TorqueAnswer::spring(const ArmState& state) {
-  if (!holding_ || !state.q.allFinite() || !state.dq.allFinite()) {
-    damped_.setZero();  // no usable measurement: the arm compensates its gravity
-    return damped_;
-  }
-  terms_.update(state);
-  const JointMatrix D = joint_damping(terms_.M(), stiffness_, kHoldDamping);
-  damped_ = stiffness_.cwiseProduct(q_0_ - state.q) - D.lazyProduct(state.dq) + terms_.c();
-  return damped_;
 }
 
 }  // namespace multipanda

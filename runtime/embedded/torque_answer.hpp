@@ -2,14 +2,14 @@
 
 #include <memory>
 
-#include "core/model/model_terms.hpp"
 #include "core/safety/torque_limiter.hpp"
 #include "core/state/arm_state.hpp"
+#include "fci/client/posture_hold.hpp"
 
 namespace multipanda {
 
 // Torques that answer one arm's packets: those of a program that runs on another clock while they are recent,
-// otherwise those of a damped joint spring about the posture in which the program fell silent. All of them
+// otherwise those of the arm's hold in the posture in which the program fell silent. All of them
 // keep the arm's limit of the torque rate, counted from the torque in use and from the torque sent last, so
 // that a lost answer is no discontinuity.
 //
@@ -17,11 +17,11 @@ namespace multipanda {
 class TorqueAnswer {
  public:
   static constexpr double kKept = 0.02;  // [s] a torque is repeated this long without a newer one
-  static constexpr double kFade = 0.1;   // [s] from the spring back to the program's torques
+  static constexpr double kFade = 0.1;   // [s] from the hold back to the program's torques
 
   // low_pass_hz: on all torques, first order; 0: none. `scene`: limits of the arm's scene, of which the
   // tighter ones count; none: the model's.
-  explicit TorqueAnswer(std::shared_ptr<const ArmModel> model, double low_pass_hz = 0,
+  explicit TorqueAnswer(const std::shared_ptr<const ArmModel>& model, double low_pass_hz = 0,
                         const ArmLimits* scene = nullptr);
 
   // A motion begins; the arm's torque is zero.
@@ -43,11 +43,10 @@ class TorqueAnswer {
 
  private:
   static constexpr int kStill = 20;  // periods
-  const JointVector& spring(const ArmState& state);
 
-  ModelTerms terms_;
+  fci::PostureHold posture_;
   TorqueLimiter limiter_;
-  JointVector stiffness_, damped_, tau_program_, tau_, q_0_;
+  JointVector tau_program_, tau_;
   bool has_torque_ = false;  // of the program, since begin() or resume()
   bool stopped_ = false, silent_ = false, holding_ = false;
   int age_ = 0;       // periods since the program's newest torque

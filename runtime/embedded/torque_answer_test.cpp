@@ -7,7 +7,7 @@
 
 #include "backends/simulated_arm/testing/arm_rig.hpp"
 #include "core/rt/guard/loop_guard.hpp"
-#include "core/testing/test_arm.hpp"
+#include "core/testing/lagging_motors.hpp"
 #include "runtime/embedded/testing/two_clocks.hpp"
 
 namespace multipanda::torque_answer_test {
@@ -152,6 +152,47 @@ TEST(TorqueAnswer, NeverZeroOnAMovingArmThatIsLeft) {
   EXPECT_FALSE(trial.reflex);
   // Its captured posture is that of the call, whatever comes from the program.
   EXPECT_LT((trial.rig.q - q).lpNorm<Eigen::Infinity>(), 0.03 * std::max(1.0, dq.lpNorm<Eigen::Infinity>()));
+}
+
+// It holds as the controllet `hold` does, whose test this is: on FR3's bare flange the wrist would turn
+// against the spring of its last joint at 600 rad/s, behind motors that bear 110.
+class HoldBehindDelay : public testing::TestWithParam<Eigen::Index> {};
+INSTANTIATE_TEST_SUITE_P(Periods, HoldBehindDelay, testing::Values(1, 3));
+
+TEST_P(HoldBehindDelay, OfASilentProgramIsStableBehindMotorsThatLag) {
+  Draw draw(85);
+  for (const bool hand : {true, false}) {
+    ArmRig rig("fr3", {}, {}, {}, hand);
+    const auto& model = rig.body.shared_model();
+    for (int trial = 0; trial < 20; ++trial) {
+      const JointVector q = test::pose_within_limits(draw, *model);
+      ArmState state = rig.state();
+      state.tau_J_d.setZero();
+      TorqueAnswer answer(model);
+      answer.begin();
+      const auto torque = [&](const JointVector& at, const JointVector& dq) -> JointVector {
+        state.q = at;
+        state.dq = dq;
+        return answer.step(state);
+      };
+      EXPECT_EQ(torque(q, rig.zero()).norm(), 0);  // from here on it holds q
+      ASSERT_TRUE(answer.is_holding());
+      ModelTerms terms(model);
+      terms.update(state);
+      EXPECT_LT(test::growth_behind_motors(torque, q, terms.M(), GetParam()), 1.0) << q.transpose();
+    }
+  }
+}
+
+// Where it is: a posture beyond the end of a range is left by a command only.
+TEST(TorqueAnswer, AnArmBeyondTheEndOfARangeStaysThere) {
+  ArmRig rig("fr3");
+  ArmState state = rig.state();
+  state.q[0] = rig.body.model().limits().q_max[0] + 0.1;
+  state.dq.setZero();
+  TorqueAnswer answer(rig.body.shared_model());
+  answer.begin();
+  for (int k = 0; k < 2000; ++k) ASSERT_LT(answer.step(state).norm(), 1e-9) << k;
 }
 
 TEST(TorqueAnswer, TorquesThatASceneTightensAreKept) {
