@@ -1,12 +1,12 @@
 // The desired motion: the published quantities, and which commands the arm refuses. Expected numbers come
 // from formulas of motions, and from a separate client that uses only published data.
-#include <cstdlib>
 #include <functional>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "backends/simulated_arm/testing/motion_rig.hpp"
+#include "core/testing/full_series.hpp"
 
 namespace multipanda::motion_generator_test {
 namespace {
@@ -42,7 +42,7 @@ struct Rig {
   std::optional<DesiredMotion> motion;
 };
 
-int long_series(int steps) { return std::getenv("MULTIPANDA_FULL") != nullptr ? 10 * steps : steps; }
+int long_series(int steps) { return test::full_series() ? 10 * steps : steps; }
 
 // A motion from 0 to `size` and back to 0 in `duration`, at rest at both ends to the second derivative.
 double bump(double t, double duration, double size) {

@@ -16,6 +16,7 @@
 #include <gtest/gtest.h>
 
 #include "backends/mujoco/testing/test_scenes.hpp"
+#include "core/testing/full_series.hpp"
 #include "fci/server/virtual_arms.hpp"
 #include "fci/wire/error_flags.hpp"
 #include "fci/wire/frame_reader.hpp"
@@ -29,7 +30,7 @@ namespace {
 using Bytes = std::vector<std::byte>;
 constexpr int kPatienceMs = 10000;  // for an answer: far longer than a working server needs
 
-int cases(int full) { return std::getenv("MULTIPANDA_FULL") != nullptr ? full : full / 10; }
+int cases(int full) { return multipanda::test::full_series() ? full : full / 10; }
 
 bool wait_readable(int file, int timeout_ms) {
   pollfd p{file, POLLIN, 0};

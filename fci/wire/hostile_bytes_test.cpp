@@ -1,5 +1,4 @@
 // Malformed input. Seeded; a tenth of the cases unless MULTIPANDA_FULL is set.
-#include <cstdlib>
 #include <cstring>
 #include <numeric>
 #include <random>
@@ -7,6 +6,7 @@
 
 #include <gtest/gtest.h>
 
+#include "core/testing/full_series.hpp"
 #include "fci/wire/frame_reader.hpp"
 #include "fci/wire/requests.hpp"
 #include "fci/wire/state_layout.hpp"
@@ -18,7 +18,7 @@ namespace {
 
 using Bytes = std::vector<std::byte>;
 
-int cases(int full) { return std::getenv("MULTIPANDA_FULL") != nullptr ? full : full / 10; }
+int cases(int full) { return multipanda::test::full_series() ? full : full / 10; }
 
 template <class R>
 void append(Bytes& stream, const Dialect& d, const R& request) {

@@ -1,11 +1,11 @@
 #include "motion_generators/circular_field/planner.hpp"
 
-#include <cstdlib>
 #include <numbers>
 #include <stdexcept>
 
 #include <gtest/gtest.h>
 
+#include "core/testing/full_series.hpp"
 #include "motion_generators/circular_field/seeded_course.hpp"
 
 namespace multipanda::circular_field::planner_test {
@@ -63,7 +63,7 @@ Outcome follow(const Course& course, double seconds) {
 // Two hundred scenes with --full, otherwise the first twenty. Each has two hands and five obstacles that move
 // at up to 0.1 m/s, and lasts 20 s, including the time after the goals are reached.
 TEST(Planner, ReachesGoalsAroundMovingObstaclesWithoutTouching) {
-  const std::uint32_t scenes = std::getenv("MULTIPANDA_FULL") != nullptr ? 200 : 20;
+  const std::uint32_t scenes = test::full_series() ? 200 : 20;
   std::uint32_t reached = 0;
   double force = 0;
   for (std::uint32_t seed = 1; seed <= scenes; ++seed) {

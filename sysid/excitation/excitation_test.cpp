@@ -1,12 +1,12 @@
 #include "sysid/excitation/excitation.hpp"
 
 #include <cmath>
-#include <cstdlib>
 
 #include <gtest/gtest.h>
 
 #include "core/geometry/distance.hpp"
 #include "core/testing/dense_algebra.hpp"
+#include "core/testing/full_series.hpp"
 #include "core/testing/test_arm.hpp"
 #include "models/arm_source.hpp"
 #include "scene/build.hpp"
@@ -145,7 +145,7 @@ TEST(Excitation, IsTwiceAsGoodAsTheBestOfAHundredAndWithinLimits) {
   ExcitationOptions options;
   options.seed = 7;
   // A tenth of the search; the whole one with MULTIPANDA_FULL=1.
-  if (std::getenv("MULTIPANDA_FULL") == nullptr) options.evaluations = 4000;
+  if (!test::full_series()) options.evaluations = 4000;
   options.progress = [](const std::string& line) { std::printf("%s\n", line.c_str()); };
   const Excitation excitation = optimize_excitation(robot, options);
   // The random motions again, by singular values of the whole matrix instead of its square.

@@ -1,10 +1,9 @@
 // Accuracy of identification on seeded logs of simulated arms with known parameters: errors of base
 // parameters, coverage of the intervals, a payload alone. MULTIPANDA_FULL=1 runs the whole series, otherwise
 // a seeded tenth of it.
-#include <cstdlib>
-
 #include <gtest/gtest.h>
 
+#include "core/testing/full_series.hpp"
 #include "sysid/identification/arm_regressor.hpp"
 #include "sysid/identification/identify.hpp"
 #include "sysid/identification/linear_fit.hpp"
@@ -16,11 +15,6 @@ namespace {
 using namespace test;
 using Eigen::Index;
 using Eigen::VectorXd;
-
-bool whole_series() {
-  const char* full = std::getenv("MULTIPANDA_FULL");
-  return full != nullptr && std::string(full) == "1";
-}
 
 VectorXd true_values(const LinearFit& fit, const RobotDescription& robot) {
   return fit.base.combination * thetas_of(robot);
@@ -59,7 +53,7 @@ TEST(IdentificationStatistics, BaseParametersFromMillisecondLogsToOnePercent) {
 // own error below the noise.
 TEST(IdentificationStatistics, IntervalsHoldTheTruthAsOftenAsTheySay) {
   const RobotDescription robot = load_robot("fer");
-  const int trials = whole_series() ? 200 : 20;
+  const int trials = test::full_series() ? 200 : 20;
   const RichMotion motion(1);
   Eigen::VectorXi inside = Eigen::VectorXi::Zero(43);
   for (int trial = 0; trial < trials; ++trial) {
@@ -77,7 +71,7 @@ TEST(IdentificationStatistics, IntervalsHoldTheTruthAsOftenAsTheySay) {
   const double pooled = inside.cast<double>().mean() / trials;
   RecordProperty("pooled", std::to_string(pooled));
   RecordProperty("worst", inside.minCoeff());
-  if (whole_series()) {
+  if (test::full_series()) {
     EXPECT_GE(pooled, 0.93);
     EXPECT_LE(pooled, 0.97);
     for (Index i = 0; i < inside.size(); ++i) {
@@ -98,7 +92,7 @@ TEST(IdentificationStatistics, PayloadAloneFromThirtySeconds) {
       {.mass = 0.3, .p_FC = {0, 0, 0.05}, .inertia_C = 3e-4 * Matrix3::Identity()},
       {.mass = 0.8, .p_FC = {0.03, -0.02, 0.08}, .inertia_C = 8e-4 * Matrix3::Identity()},
       {.mass = 1.5, .p_FC = {-0.04, 0.05, 0.03}, .inertia_C = 2e-3 * Matrix3::Identity()}};
-  const std::uint64_t seeds = whole_series() ? 5 : 1;
+  const std::uint64_t seeds = test::full_series() ? 5 : 1;
   for (std::size_t i = 0; i < loads.size(); ++i) {
     for (std::uint64_t seed = 1; seed <= seeds; ++seed) {
       SceneArm arm = arm_named("a");

@@ -1,8 +1,8 @@
 #include "tests/collision/approach.hpp"
 
-#include <cstdlib>
-
 #include <gtest/gtest.h>
+
+#include "core/testing/full_series.hpp"
 
 namespace multipanda::approach::approach_test {
 namespace {
@@ -13,8 +13,7 @@ class Approaches : public testing::TestWithParam<std::uint32_t> {};
 
 TEST_P(Approaches, KeepTheirDistance) {
   const std::uint32_t seed = GetParam();
-  if (seed >= kKinds && std::getenv("MULTIPANDA_FULL") == nullptr)
-    GTEST_SKIP() << "one of 45 more with --full";
+  if (seed >= kKinds && !test::full_series()) GTEST_SKIP() << "one of 45 more with --full";
   Outcome without;
   const Approach approach = draw_touching(seed, without);
   EXPECT_LE(without.clearance, 0.001);
@@ -29,6 +28,25 @@ TEST_P(Approaches, KeepTheirDistance) {
   EXPECT_EQ(with.taken_out, "");
 }
 INSTANTIATE_TEST_SUITE_P(Seeds, Approaches, testing::Range(0u, 50u));
+
+// The same with the bounds that a scene has unless it lifts them: set-points wait, and the pull is bounded.
+TEST(BoundedApproaches, KeepTheirDistance) {
+  for (std::uint32_t seed = 0; seed < (test::full_series() ? 20 : kKinds); ++seed) {
+    Outcome lifted;
+    Approach approach = draw_touching(seed, lifted);
+    approach.scene.contact_bounds = ContactBounds();
+    for (auto& law : approach.scene.controllets) law.contact = ContactBounds();
+    approach.duration_s *= 5;  // 0.25 m/s
+    const Outcome without = run(approach, false);
+    EXPECT_LE(without.clearance, 0.001) << to_string(approach.kind);  // the feature keeps it
+    const Outcome with = run(approach, true);
+    EXPECT_GE(with.clearance, 0.005) << to_string(approach.kind);
+    EXPECT_FALSE(with.touched);
+    EXPECT_LT(with.speed, 0.6);  // two hands
+    EXPECT_EQ(with.torque_cut, 0u);
+    EXPECT_EQ(with.taken_out, "") << to_string(approach.kind);
+  }
+}
 
 }  // namespace
 }  // namespace multipanda::approach::approach_test

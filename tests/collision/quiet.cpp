@@ -157,7 +157,11 @@ Goal draw(std::uint32_t seed) {
   InstanceConfig law{.name = "law", .type = "cartesian_impedance", .arms = {0}};
   law.features = {"collision_avoidance"};
   goal.scene.controllets = {law};
-  goal.scene.contact_bounds = ContactBounds::lifted();
+  // Every other place, plant, robot and tilt with the bounds that a scene has unless it lifts them.
+  const bool bounded = seed / 24 % 2 == 0;
+  if (!bounded) goal.scene.contact_bounds = ContactBounds::lifted();
+  goal.scene.controllets[0].contact = goal.scene.contact_bounds;
+  goal.name += bounded ? ", bounded" : ", bounds lifted";
   goal.scene.active = {"law"};
   return goal;
 }

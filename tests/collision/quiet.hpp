@@ -6,7 +6,8 @@
 #include "scene/scene.hpp"
 
 // Arms that are sent to goals within the range of collision avoidance, where its force and the law's balance:
-// over a table, beside another arm, between two walls. Seeded; the seed determines place, plant and robot.
+// over a table, beside another arm, between two walls. Seeded; the seed determines place, plant, robot and
+// bounds.
 namespace multipanda::quiet {
 
 enum class Place { table, beside, walls };
@@ -14,7 +15,7 @@ inline constexpr std::uint32_t kPlaces = 3;
 
 struct Goal {
   Place place = Place::table;
-  std::string name;  // "table, realistic, fr3, flat"
+  std::string name;  // "table, realistic, fr3, flat, bounded"
   Scene scene;       // the first arm is sent
   Pose X_goal;       // of its end effector
 };

@@ -1,8 +1,8 @@
 #include "tests/collision/quiet.hpp"
 
-#include <cstdlib>
-
 #include <gtest/gtest.h>
+
+#include "core/testing/full_series.hpp"
 
 namespace multipanda::quiet::quiet_test {
 namespace {
@@ -11,7 +11,7 @@ namespace {
 // limits of torque and rate never act, and nothing swings by a millimeter. All 200 goals run with --full,
 // otherwise a tenth.
 TEST(Quiet, GoalsWithinTheRange) {
-  const bool full = std::getenv("MULTIPANDA_FULL") != nullptr;
+  const bool full = test::full_series();
   constexpr std::uint32_t kGoals = 200;
   int pushed = 0, count = 0;
   for (std::uint32_t k = 0; k < (full ? kGoals : kGoals / 10); ++k) {

@@ -1,17 +1,15 @@
 // Limits of force control in simulation, measured by the plant's true forces. The program interaction_figures
 // prints the figures as tables. MULTIPANDA_FULL runs every case with five seeds; otherwise a few cases run.
-#include <cstdlib>
-
 #include <gtest/gtest.h>
 
+#include "core/testing/full_series.hpp"
 #include "tests/interaction/figures.hpp"
 #include "tests/interaction/passivity.hpp"
 
 namespace multipanda::trial::interaction_test {
 namespace {
 
-bool full() { return std::getenv("MULTIPANDA_FULL") != nullptr; }
-std::uint64_t seeds() { return full() ? 5 : 1; }
+std::uint64_t seeds() { return test::full_series() ? 5 : 1; }
 Change seeded(std::uint64_t seed) {
   return [seed](Scene& scene) { scene.seed = seed; };
 }
@@ -54,7 +52,7 @@ TEST(Interaction, Task4KeepsForceAndPath) {
     for (const double friction : {0.1, 0.3, 0.5}) {
       for (const double stiffness : {1e3, 1e4, 1e5}) {
         // Without --full only the corners and the middle run.
-        if (!full() && (friction == 0.3) != (stiffness == 1e4)) continue;
+        if (!test::full_series() && (friction == 0.3) != (stiffness == 1e4)) continue;
         for (std::uint64_t seed = 1; seed <= (realistic ? seeds() : 1); ++seed) {
           const Surface surface{stiffness, 0.3, friction};
           const TaskFigures figures = task_figures("task_4", plant, surface, seeded(seed));
@@ -76,7 +74,7 @@ TEST(Interaction, UnmodeledStictionKeepsTheForceWithinLimits) {
   plant.stiction_nm = 0.3;
   for (const char* task : {"task_3", "task_4"}) {
     for (const double stiffness : {1e3, 1e4, 1e5}) {
-      if (!full() && stiffness == 1e5) continue;
+      if (!test::full_series() && stiffness == 1e5) continue;
       const Surface surface{stiffness, 0.3, 0.3};
       const TaskFigures figures = task_figures(task, plant, surface);
       EXPECT_TRUE(figures.good) << task << stiffness;
@@ -105,11 +103,11 @@ TEST(Interaction, SpeedStaysLowWhenTheTableVanishes) {
 
 // Through contact loss, moving walls and jumping set-points, with tanks nearly empty and full.
 TEST(Interaction, StoredEnergyNeverExceedsItsInput) {
-  const std::uint32_t rounds = full() ? 5 : 1;
+  const std::uint32_t rounds = test::full_series() ? 5 : 1;
   for (std::uint32_t seed = 1; seed <= rounds; ++seed) {
     for (const Disturbance disturbance : kDisturbances) {
       for (const double start : {0.2, 0.5, 2.0, 100.0}) {
-        if (!full() && disturbance != Disturbance::all &&
+        if (!test::full_series() && disturbance != Disturbance::all &&
             start != (disturbance == Disturbance::wall ? 0.2 : 2.0)) {
           continue;
         }

@@ -4,9 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <cstdlib>
 #include <functional>
 #include <random>
+
+#include "core/testing/full_series.hpp"
 
 namespace multipanda::test {
 
@@ -132,9 +133,6 @@ class Quintics {
 };
 
 // Arm time of one trial [s]: ten minutes with MULTIPANDA_FULL, otherwise what a quick test takes.
-inline double trial_seconds(double quick) {
-  const char* const full = std::getenv("MULTIPANDA_FULL");
-  return full != nullptr && *full != '\0' && *full != '0' ? 600 : quick;
-}
+inline double trial_seconds(double quick) { return full_series() ? 600 : quick; }
 
 }  // namespace multipanda::test
