@@ -1,9 +1,10 @@
 #include "tests/contact/press.hpp"
 
-#include <cstdlib>
 #include <string_view>
 
 #include <gtest/gtest.h>
+
+#include "core/testing/full_series.hpp"
 
 // MULTIPANDA_FULL=1 runs the full series and prints its figures; otherwise one pose of each controllet,
 // with and without motor inertia in turn.
@@ -18,8 +19,6 @@ const char* const kControllets[] = {"cartesian_impedance",
                                     "ufic",
                                     "coupled_ufic"};
 
-bool all() { return std::getenv("MULTIPANDA_FULL") != nullptr; }
-
 TEST(Press, PersonsHandBetweenArmAndTable) {
   int at = 0;
   for (const char* controllet : kControllets) {
@@ -29,7 +28,7 @@ TEST(Press, PersonsHandBetweenArmAndTable) {
         // With rotor inertia, a hand that is blocked may end in a hold at a joint's velocity limit.
         const bool coupled = std::string_view(controllet) == "coupled_dual_cartesian_impedance";
         if (coupled && !motor_inertia) {
-          if (all()) {
+          if (test::full_series()) {
             std::printf(
                 "%s\n",
                 (name({controllet, pose, motor_inertia}) +
@@ -40,11 +39,11 @@ TEST(Press, PersonsHandBetweenArmAndTable) {
           }
           continue;
         }
-        if (!all() && (pose != at % kPoses || motor_inertia != (at % 2 == 0))) continue;
+        if (!test::full_series() && (pose != at % kPoses || motor_inertia != (at % 2 == 0))) continue;
         const Press press{controllet, pose, motor_inertia};
         SCOPED_TRACE(name(press));
         const Outcome outcome = run(press);
-        if (all()) {
+        if (test::full_series()) {
           std::printf("%-62s impact %5.1f N, later %5.1f N, swing %5.2f N, %5.3f m/s %s\n",
                       name(press).c_str(), outcome.impact, outcome.later, outcome.swing, outcome.hand_speed,
                       outcome.intervention.c_str());
@@ -70,12 +69,12 @@ TEST(Press, AnArmThatIsLetGoDoesNotLeap) {
     for (int pose = 0; pose < kPoses; ++pose) {
       for (const bool motor_inertia : {false, true}) {
         if (std::string_view(controllet) == "coupled_dual_cartesian_impedance" && !motor_inertia) continue;
-        if (!all() && (pose != at % kPoses || motor_inertia != (at % 2 == 0))) continue;
+        if (!test::full_series() && (pose != at % kPoses || motor_inertia != (at % 2 == 0))) continue;
         Press press{controllet, pose, motor_inertia};
         press.released_after_s = 2;
         SCOPED_TRACE(name(press));
         const Outcome outcome = run(press);
-        if (all()) {
+        if (test::full_series()) {
           std::printf("%-62s let go: %5.3f m/s %s\n", name(press).c_str(), outcome.let_go_speed,
                       outcome.intervention.c_str());
           std::fflush(stdout);
@@ -84,11 +83,11 @@ TEST(Press, AnArmThatIsLetGoDoesNotLeap) {
         if (outcome.intervention.empty()) {
           EXPECT_GT(outcome.let_go_speed, 0.02);  // it goes on
         }
-        // Joint springs are bounded by what they do at the hand while the rest of the arm stands still.
-        if (std::string_view(controllet) != "coupled_dual_cartesian_impedance" ||
-            outcome.intervention.empty()) {
-          EXPECT_LE(outcome.let_go_speed, 1.7 * 0.25);
-        }
+        // Joint springs are bounded by what they do at the hand while the rest of the arm stands still. Two
+        // hands on one set-point may end in a hold, whose springs are joint springs, too, but stiffer.
+        const bool held = std::string_view(controllet) == "coupled_dual_cartesian_impedance" &&
+                          !outcome.intervention.empty();
+        EXPECT_LE(outcome.let_go_speed, held ? 0.7 : 1.7 * 0.25);
       }
     }
   }
