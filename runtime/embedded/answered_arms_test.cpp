@@ -1,6 +1,7 @@
 // Arms that a thread of their own answers, on virtual arms behind the real arms' protocol. Their world waits
 // for every answer and runs as fast as it gets them, far ahead of this program, which is always late: only
 // the threads keep the arms in their motions.
+#include <array>
 #include <cmath>
 #include <mutex>
 #include <sys/mman.h>
@@ -87,6 +88,13 @@ class AnsweredArms : public testing::Test {
     EXPECT_TRUE(until([&] { return hardware->state(0).sequence >= first + count; }));
   }
   ArmMode mode(ArmIndex arm) const { return hardware->state(arm).mode; }
+  // What the arm's thread has received and sent at one instant. It goes on: two equal readings are one.
+  ConnectionStatistics counted(ArmIndex arm) const {
+    for (;;) {
+      const auto first = hardware->backend().connection(arm), second = hardware->backend().connection(arm);
+      if (first->received == second->received && first->sent == second->sent) return *first;
+    }
+  }
   bool goes(ArmIndex arm) {
     return until([&] { return mode(arm) == ArmMode::move; });
   }
@@ -106,6 +114,7 @@ TEST_F(AnsweredArms, EveryPacketIsAnsweredHoweverLateTheProgramIs) {
   ASSERT_TRUE(goes(0)) << messages;
   ASSERT_TRUE(goes(1)) << messages;
   const JointVector q0 = hardware->state(0).q, q1 = hardware->state(1).q;
+  const std::array<ConnectionStatistics, 2> start{counted(0), counted(1)};
   packets(1000);
   // A program that does nothing at all for 3,000 packets: its arms are held.
   const std::uint64_t before = hardware->state(0).sequence;
@@ -123,8 +132,10 @@ TEST_F(AnsweredArms, EveryPacketIsAnsweredHoweverLateTheProgramIs) {
   EXPECT_EQ(hardware->state(0).command_success_rate, 1);
   EXPECT_EQ(hardware->state(1).command_success_rate, 1);
   for (ArmIndex i : {0u, 1u}) {
-    const auto statistics = hardware->backend().connection(i);
-    EXPECT_GE(statistics->sent + 200, statistics->received / 2) << i;
+    const ConnectionStatistics end = counted(i);
+    EXPECT_GE(end.received - start[i].received, 3000u) << i;
+    EXPECT_GE(end.sent - start[i].sent + 1, end.received - start[i].received) << i;  // one is being answered
+    EXPECT_EQ(end.not_sent, 0u) << i;
   }
   // Nothing is left to wait for: the connections close, and open again.
   hardware->disconnect_later();
@@ -198,6 +209,29 @@ TEST_F(AnsweredArms, AFaultAndARecoveryAreOneArmsOwn) {
   start_world();
   hardware->connect();
   EXPECT_EQ(mode(0), ArmMode::idle);
+}
+
+// On the program's side of the threads: read and write of a manager's cycle, with each kind of command, while
+// the arms' threads go on.
+TEST_F(AnsweredArms, ReadAndWriteNeitherAllocateNorLock) {
+  if (!kLoopGuardWorks) GTEST_SKIP() << "sanitizers replace malloc themselves";
+  ASSERT_EQ(fixture->change(fixture->efforts("left")), "");
+  ASSERT_EQ(fixture->change(fixture->all("right_ee_cartesian_velocity")), "");
+  ASSERT_TRUE(goes(0)) << messages;
+  ASSERT_TRUE(goes(1)) << messages;
+  const auto watched = [&](int cycles, const char* during) {
+    const std::uint64_t first = hardware->state(0).sequence;
+    LoopGuard::arm();
+    for (int i = 0; i < cycles || hardware->state(0).sequence < first + 100; ++i) step();
+    const LoopGuardCounts counts = LoopGuard::disarm();
+    EXPECT_EQ(counts.heap_calls, 0u) << during;
+    EXPECT_EQ(counts.lock_calls, 0u) << during;
+  };
+  watched(300, "in motion");
+  world->raise(0, ArmError::joint_reflex);
+  watched(300, "while an arm stops itself");
+  EXPECT_TRUE(until([&] { return mode(0) == ArmMode::reflex; }));
+  EXPECT_EQ(mode(1), ArmMode::move) << messages;
 }
 
 // The work of the arm's thread, on this one: each kind of motion with commands, without them for long enough
