@@ -77,6 +77,12 @@ class MultimodeController {
   // Sets the instances that start once their arms are ready, replacing those of the last call. A waiting
   // start has the lowest priority: an accepted switch, a stop or a resume of one of its arms cancels it, and
   // it takes an arm only from its hold.
+  //
+  // These are no ordinary requests, because a request is decided at the boundary that takes it. The host's
+  // loop would have to post one before that boundary, when it cannot know what a user's switch or stop of the
+  // same boundary decides; posted first, the start would move an arm that has just been stopped, or be the
+  // owner from which the user's switch takes it. A switch with all instances of the start would also be
+  // refused as a whole for one arm that is not ready.
   void start_when_ready(InstanceSet instances);
   // Sets the arms that are ready at the next boundary. There, each waiting start whose arms are all ready is
   // executed once, after all other requests of that boundary.

@@ -89,7 +89,8 @@ class HostedCycle {
   std::atomic<bool> active_{false};
   InstanceSet start_set_ = 0;
 
-  // Host's loop, for the current activation.
+  // Host's loop, for the current activation. ArmCondition does not tell this: it remembers the cycle before
+  // an activation, after which an arm was perhaps in other hands for hours.
   LoopTime activated_;
   ArmSet took_;                                   // arms that took commands in this activation
   std::array<std::uint32_t, kMaxArms> taking_{};  // number of consecutive steps in which commands were taken
