@@ -9,7 +9,7 @@ namespace multipanda {
 // one period. The change is counted from the last command and from the torque that the arm last published in
 // single precision, because a client only knows the latter (at 87 N m one ulp is 8 N m/s at 1 kHz). A torque
 // is refused only if it is too far from both. A motion begins at 0, as Franka documents it, or at the torque
-// in use that the arm published.
+// in use that the arm published; with begin(X) only at the latter.
 class TorqueRateCheck {
  public:
   static constexpr double kSlack = 1e-5;  // relative
@@ -18,6 +18,7 @@ class TorqueRateCheck {
   TorqueRateCheck(const JointVector& rate_max, double period_s);
 
   void begin() { last_.setZero(); }
+  void begin(const JointVector& tau) { last_ = tau; }
   // The joint that violates the limit by most, with its rate [N m/s]; or nothing.
   ReflexDetail check(const JointVector& tau) const;
   void accept(const JointVector& tau) { last_ = tau; }

@@ -161,7 +161,11 @@ MotionStart SimulatedArm::start_motion(const MotionRequest& request) {
   reflex_ = {};
   reflex_reason_ = 0;
   last_command_.setZero();
-  torque_rate_.begin();
+  if (counts_own_torque_) {
+    torque_rate_.begin(state_.tau_J_d);
+  } else {
+    torque_rate_.begin();
+  }
   controllers_.start();
   measured_limits_.stand_at(state_.q);
   self_collision_.stand_at(model_);

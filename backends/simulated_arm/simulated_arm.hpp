@@ -130,6 +130,9 @@ class SimulatedArm {
   // For tests that move the plant where no real arm can go: measured limits, contacts and the torque rate are
   // not checked. Invalid commands are still refused.
   void watch(bool on) { watching_ = on; }
+  // The first torque of a motion counts from the torque of the arm's own hold alone, not from zero. It is not
+  // known which of them real arms do.
+  void count_own_torque(bool on) { counts_own_torque_ = on; }
 
  private:
   void raise(const ReflexDetail& detail, MotionEnd how = MotionEnd::reflex);
@@ -177,6 +180,7 @@ class SimulatedArm {
 
   // Checks
   TorqueRateCheck torque_rate_;
+  bool counts_own_torque_ = false;
   MeasuredLimits measured_limits_;
   SelfCollision self_collision_;
   ContactMonitor contact_;

@@ -92,6 +92,14 @@ TEST(TorqueRate, NeitherFrankasLimiterNorAnExactProgramTrips) {
 }
 
 // Published late, as with a delay: both programs still pass.
+TEST(TorqueRate, MayBeginAtAGivenTorqueAlone) {
+  TorqueRateCheck check(joint_constant(6, 500), 1e-3);
+  check.publish(joint_constant(6, 30));
+  check.begin(joint_constant(6, 30));
+  EXPECT_FALSE(check.check(joint_constant(6, 30.4)));
+  EXPECT_TRUE(check.check(joint_constant(6, 0)));
+}
+
 TEST(TorqueRate, BeginsAtZeroOrAtThePublishedTorque) {
   TorqueRateCheck check(joint_constant(6, 500), 1e-3);
   JointVector held = joint_constant(6, 0);

@@ -35,6 +35,11 @@ void TorqueLimiter::restart(const JointVector& in_use) {
   }
 }
 
+void TorqueLimiter::begin(const JointVector& shown) {
+  restart({});
+  observe(shown);
+}
+
 void TorqueLimiter::observe(const JointVector& in_use) {
   for (Eigen::Index i = 0; i < sent_.size(); ++i) {
     // What was sent is within the limit. A number beyond it is not in use: a step from there would be, too.

@@ -34,6 +34,10 @@ class TorqueLimiter {
   // The arm takes commands again: counts from this torque alone. Values that are not finite count as zero, as
   // do missing ones; values beyond the limit count as the limit.
   void restart(const JointVector& in_use);
+  // A torque motion begins, and its state shows this torque in use. Counts from that, as Franka's own client
+  // does, and where one command can be within a step of zero as well, with which motions begin as documented,
+  // from both.
+  void begin(const JointVector& shown);
   // A fresh state shows which torque is in use. A difference that single precision explains is none. Values
   // that are not finite or beyond the limit, and missing ones, say nothing.
   void observe(const JointVector& in_use);

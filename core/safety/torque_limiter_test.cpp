@@ -51,6 +51,26 @@ TEST(TorqueLimiter, TwoStepsApartOnlyTheMiddleIsAStepFromBoth) {
   }
 }
 
+// Where it can, the first command of a motion is a step from zero and from what the arm shows.
+TEST(TorqueLimiter, AMotionBeginsAtWhatIsShownAndAtZeroIfPossible) {
+  const auto first = [](double shown, double requested) {
+    TorqueLimiter limits = limiter();
+    limits.restart(joint_constant(kJoints, 40));  // of an earlier motion
+    limits.begin(joint_constant(kJoints, shown));
+    TorqueLimiter::Cuts cuts;
+    return limits.limit(joint_constant(kJoints, requested), kArmPeriod, cuts)[3];
+  };
+  EXPECT_DOUBLE_EQ(first(0, 50), 1);
+  EXPECT_DOUBLE_EQ(first(0, -50), -1);
+  EXPECT_DOUBLE_EQ(first(1.5, 50), 1);
+  EXPECT_DOUBLE_EQ(first(1.5, -50), 0.5);
+  EXPECT_DOUBLE_EQ(first(-1.5, 50), -0.5);
+  EXPECT_DOUBLE_EQ(first(5, 50), 6);
+  EXPECT_DOUBLE_EQ(first(5, -50), 4);
+  EXPECT_DOUBLE_EQ(first(std::nan(""), 50), 1);  // says nothing
+  EXPECT_DOUBLE_EQ(first(2 * kBound, 50), 1);
+}
+
 TEST(TorqueLimiter, TheLimitItselfMayBeInUse) {
   for (const double sign : {1.0, -1.0}) {
     TorqueLimiter limits = limiter();

@@ -391,7 +391,7 @@ void ArmDriver::command(const JointVector& tau_cmd) noexcept {
     (void)::eventfd_write(wake_, 1);
     return;
   }
-  send_torque(config_.limit_rate ? limited(tau_cmd) : tau_cmd);
+  send_torque(config_.limit_rate || !commanded_ ? limited(tau_cmd) : tau_cmd);
 }
 
 void ArmDriver::hold(bool last) noexcept {
@@ -404,12 +404,13 @@ void ArmDriver::hold(bool last) noexcept {
   send_torque(tau);
 }
 
-// Counted from the torque in use; a torque motion starts at zero.
+// Counted from the torque in use.
 const JointVector& ArmDriver::limited(const JointVector& tau) noexcept {
+  const Eigen::Map<const Vector7> shown(newest().tau_J_d.data());
   if (commanded_) {
-    limiter_.observe(Eigen::Map<const Vector7>(newest().tau_J_d.data()));
+    limiter_.observe(shown);
   } else {
-    limiter_.restart(JointVector::Zero(7));
+    limiter_.begin(shown);
   }
   TorqueLimiter::Cuts cuts;
   return limiter_.limit(tau, kArmPeriod, cuts);

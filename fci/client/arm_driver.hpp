@@ -141,7 +141,7 @@ class ArmDriver {
   bool unread_ = false;
   bool commanded_ = false;  // torques were sent in the running motion
   bool refused_ = false;    // a torque was invalid; until the motion has ended
-  TorqueLimiter limiter_;   // of hold(), and of all torques with FciArmConfig::limit_rate
+  TorqueLimiter limiter_;   // of hold() and of a motion's first torque; with FciArmConfig::limit_rate of all
   CommandSuccess success_;
   PostureHold posture_;
   int held_packets_ = 0;

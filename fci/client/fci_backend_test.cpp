@@ -436,6 +436,27 @@ TEST_F(Backends, LostAnswersAreNoDiscontinuityAndTheLogHoldsWhatWasSent) {
   EXPECT_GT(cycle_->safety().counted(0, Intervention::torque_rate_clamped), 100u) << "it was at full slew";
 }
 
+// What an arm shows before the first command of a motion is not known: its zero, or the torque of its own
+// hold. The first command is a step from what it shows, and from zero, too, if that is possible.
+class FirstTorques : public Backends, public testing::WithParamInterface<double> {};
+INSTANTIATE_TEST_SUITE_P(Shown, FirstTorques, testing::Values(0.0, 1.5, 12.0));
+
+TEST_P(FirstTorques, CountFromWhatTheArmShows) {
+  const double shown = GetParam();
+  fakes_[0]->change([&](RobotState& s) { s.tau_J_d.fill(shown); });
+  backend_ = std::make_unique<FciBackend>(std::vector{config(0), config(1)},
+                                          FciOptions{.model_check = ModelCheck::off});
+  backend_->start();
+  const auto first = fakes_[0]->command();
+  ASSERT_TRUE(first);
+  for (const double tau : first->tau_J_d) {
+    EXPECT_LE(std::abs(tau - shown), 1 + 1e-5);
+    if (shown < 2) {
+      EXPECT_LE(std::abs(tau), 1 + 1e-5);
+    }
+  }
+}
+
 // Torques that come from no control cycle are limited here.
 TEST_F(Backends, RateLimitAndLowPassCountFromTheTorqueInUse) {
   FciArmConfig limited = config(0), smooth = config(1);

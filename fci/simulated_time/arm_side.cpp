@@ -15,7 +15,9 @@ ArmSide::ArmSide(SimulatedArm& arm, FixedConfig fixed, const Dialect& dialect, s
       rules_(rules),
       number_(first_number - 1),
       motions_ended_(arm.motions_ended()),
-      accepted_(joint_constant(kWireJoints, 0)) {}
+      accepted_(joint_constant(kWireJoints, 0)) {
+  arm_.count_own_torque(rules_.first_torque == FirstTorque::of_own_hold);
+}
 
 std::span<const std::byte> ArmSide::period(std::int64_t now_ns) {
   notice_end();  // what it measured since the last period may have ended the motion
@@ -30,10 +32,12 @@ std::span<const std::byte> ArmSide::period(std::int64_t now_ns) {
   return {bytes_.data(), encode(dialect_, state_, bytes_)};
 }
 
-// tau_J_d of a motion is the command taken last, from the state after it on, whatever the motors are at; zero
-// until the first one is taken.
+// tau_J_d of a motion is the command taken last, from the state after it on, whatever the motors are at.
+// Until the first one is taken: see FirstTorque.
 void ArmSide::show_torque() {
-  if (runs_) show_torque_taken(state_, accepted_);
+  if (!runs_) return;
+  if (!taken_ && rules_.first_torque == FirstTorque::of_own_hold) accepted_ = arm_.state().tau_J_d;
+  show_torque_taken(state_, accepted_);
 }
 
 void ArmSide::take_answer(std::span<const std::byte> datagram, std::int64_t now_ns) {
@@ -63,6 +67,7 @@ void ArmSide::command() {
     account_.torque_rate_max =
         std::max(account_.torque_rate_max, (command_.tau_J_d - accepted_).cwiseAbs().maxCoeff() / kArmPeriod);
     accepted_ = command_.tau_J_d;
+    taken_ = true;
   } else if (runs_ && commanded_) {
     arm_.miss_command();
     ++account_.periods_missed;
@@ -90,7 +95,7 @@ MotionStart ArmSide::start_motion() {
   if (start != MotionStart::started) return start;
   motions_ended_ = arm_.motions_ended();
   runs_ = true;
-  commanded_ = has_pending_ = false;
+  commanded_ = has_pending_ = taken_ = false;
   first_state_ = number_ + 1;
   newest_answer_ = 0;
   missed_ = 0;

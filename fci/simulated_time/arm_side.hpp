@@ -19,6 +19,7 @@ class ArmSide {
  public:
   struct Rules {
     LateAnswers late = LateAnswers::dropped;
+    FirstTorque first_torque = FirstTorque::zero;
     std::int64_t answer_ns = 0;  // longest time to the arrival of an answer
   };
   ArmSide(SimulatedArm& arm, FixedConfig fixed, const Dialect& dialect, std::uint64_t first_number,
@@ -56,11 +57,12 @@ class ArmSide {
   std::array<std::byte, kMaxStateSize> bytes_{};
 
   bool runs_ = false, commanded_ = false, has_pending_ = false;
+  bool taken_ = false;  // a command, in this motion
   std::uint64_t first_state_ = 0, newest_answer_ = 0;
   std::uint64_t motions_ended_ = 0, ended_ = 0;
   RobotCommand received_, pending_;
   InterfaceCommand command_;
-  JointVector accepted_;  // the torque taken last in this motion; zero before the first
+  JointVector accepted_;  // the torque taken last in this motion; before the first: from which it counts
   int missed_ = 0;        // in a row
   ArmAccount account_;
 };

@@ -62,7 +62,7 @@ bool ClientSide::command(const JointVector& tau) {
     refused_ = true;
     return false;
   }
-  send_torque(tau);
+  send_torque(commanded_ ? tau : limited(tau));
   return true;
 }
 
@@ -70,15 +70,20 @@ void ClientSide::hold(bool last) {
   if (mode_of(newest(), phase_, ArmMotion::torque, ArmMotion::torque) != ArmMode::move) return;
   const JointVector& tau = posture_.torque(Eigen::Map<const Vector7>(newest().q.data()),
                                            Eigen::Map<const Vector7>(newest().dq.data()));
+  const JointVector& held = limited(tau);
+  if (last) ArmConnection::mark_finished(dialect_, false, command_);
+  send_torque(held);
+}
+
+const JointVector& ClientSide::limited(const JointVector& tau) {
+  const Eigen::Map<const Vector7> shown(newest().tau_J_d.data());
   if (commanded_) {
-    limiter_.observe(Eigen::Map<const Vector7>(newest().tau_J_d.data()));
+    limiter_.observe(shown);
   } else {
-    limiter_.restart(JointVector::Zero(7));
+    limiter_.begin(shown);
   }
   TorqueLimiter::Cuts cuts;
-  const JointVector limited = limiter_.limit(tau, kArmPeriod, cuts);
-  if (last) ArmConnection::mark_finished(dialect_, false, command_);
-  send_torque(limited);
+  return limiter_.limit(tau, kArmPeriod, cuts);
 }
 
 void ClientSide::send_torque(const JointVector& tau) {

@@ -43,6 +43,7 @@ class ClientSide {
   void release_hold() { posture_.release(); }
 
  private:
+  const JointVector& limited(const JointVector& tau);
   void send_torque(const JointVector& tau);
 
   const Dialect& dialect_;
@@ -50,7 +51,7 @@ class ClientSide {
   ArmPhase phase_ = ArmPhase::offline;
   StateIntake intake_;
   ArmPacket packet_;
-  TorqueLimiter limiter_;  // of hold()
+  TorqueLimiter limiter_;  // of hold(), and of a motion's first torque
   PostureHold posture_;
   RobotCommand command_;
   std::array<std::byte, kMaxCommandSize> bytes_{};

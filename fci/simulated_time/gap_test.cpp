@@ -1,12 +1,12 @@
 // Up to 19 answers in a row that are lost or late stop no arm; longer gaps end in a hold or in the arm's own
 // stop, and the run says which. 100 seeded gaps; 1000 with MULTIPANDA_FULL=1.
 #include <array>
-#include <cstdlib>
 #include <iostream>
 #include <map>
 
 #include <gtest/gtest.h>
 
+#include "core/testing/full_series.hpp"
 #include "fci/simulated_time/draw.hpp"
 #include "fci/simulated_time/testing/tested_run.hpp"
 
@@ -25,6 +25,7 @@ struct Gap {
   ArmIndex arm = 0;
   int answers = 1;
   bool realistic = false, taken_next = false;
+  FirstTorque first = FirstTorque::zero;
 };
 
 Gap drawn(std::uint64_t seed, int fewest, int most) {
@@ -33,6 +34,7 @@ Gap drawn(std::uint64_t seed, int fewest, int most) {
   // In turn, so that every moment meets every kind; the rest is drawn.
   gap.moment = static_cast<Moment>(seed % static_cast<std::uint64_t>(Moment::count_));
   gap.kind = static_cast<Kind>(seed / 5 % static_cast<std::uint64_t>(Kind::count_));
+  gap.first = seed / 20 % 2 == 0 ? FirstTorque::zero : FirstTorque::of_own_hold;
   gap.arm = gap.moment == Moment::contact ? 0 : static_cast<ArmIndex>(draw.below(2));
   gap.answers = fewest + static_cast<int>(draw.below(static_cast<std::uint64_t>(most - fewest + 1)));
   gap.realistic = draw.happens(0.5);
@@ -44,7 +46,8 @@ std::string text(const Gap& gap) {
   return "seed " + std::to_string(gap.seed) + ": " + std::to_string(gap.answers) + " " +
          kKinds[static_cast<std::size_t>(gap.kind)] + ", " + kMoments[static_cast<std::size_t>(gap.moment)] +
          ", arm " + std::to_string(gap.arm) + (gap.realistic ? ", realistic plant" : "") +
-         (gap.taken_next ? ", late answers taken next" : "");
+         (gap.taken_next ? ", late answers taken next" : "") +
+         (gap.first == FirstTorque::zero ? "" : ", a motion begins at the torque of the arm's hold");
 }
 
 struct Outcome {
@@ -55,6 +58,7 @@ struct Outcome {
   std::array<bool, 2> mode_reported{};  // the record has an event: the arm left torque control
   std::array<bool, 2> hold_reported{};  // the record has an event: an intervention took the arm from its law
   double contact_n = 0, arm_seconds = 0;
+  double first_nm = 0;  // largest torque in use before the first command of a motion that begins at it
 };
 
 void make_gap(SimulatedRun& run, const Gap& gap, Draw& draw) {
@@ -93,6 +97,7 @@ Outcome run_gap(const Gap& gap) {
   Draw draw(gap.seed * 104729 + 1);
   SimulatedTimeOptions times{.seed = gap.seed};
   times.late_answers = gap.taken_next ? LateAnswers::taken_next : LateAnswers::dropped;
+  times.first_torque = gap.first;
   SimulatedRun run(test::two_arms(gap.realistic ? PlantFidelity::realistic() : PlantFidelity::ideal()),
                    {.time = times, .registry = test::laws()});
   Outcome outcome;
@@ -111,7 +116,12 @@ Outcome run_gap(const Gap& gap) {
   };
   const auto names = laws_of(gap.moment);
   run.modes().activate_at_start(test::switch_to(run.modes(), names).activate);
+  const bool pushed = gap.moment == Moment::first_cycle && gap.first == FirstTorque::of_own_hold;
+  for (ArmIndex i = 0; pushed && i < 2; ++i) run.world().push(i, {0, 0, -60}, 0.02);
   run.begin();
+  for (ArmIndex i = 0; pushed && i < 2; ++i) {
+    outcome.first_nm = std::max(outcome.first_nm, run.world().arm(i).state().tau_J_d.cwiseAbs().maxCoeff());
+  }
   if (gap.moment == Moment::first_cycle) {
     const int cycles = static_cast<int>(draw.below(3));
     for (int k = 0; k < cycles; ++k) (void)run.step();
@@ -163,21 +173,18 @@ Outcome run_gap(const Gap& gap) {
   return outcome;
 }
 
-bool is_full() {
-  const char* full = std::getenv("MULTIPANDA_FULL");
-  return full != nullptr && *full != '\0' && *full != '0';
-}
-
 TEST(Gaps, UpToNineteenAnswersStopNoArm) {
-  const std::uint64_t gaps = is_full() ? 1000 : 100;
+  const std::uint64_t gaps = multipanda::test::full_series() ? 1000 : 100;
   std::map<std::string, int> ends;
   double seconds = 0;
   int longest = 0;
+  double first_nm = 0;
   for (std::uint64_t seed = 1; seed <= gaps; ++seed) {
     const Gap gap = drawn(seed, 1, 19);
     const Outcome outcome = run_gap(gap);
     SCOPED_TRACE(text(gap));
     seconds += outcome.arm_seconds;
+    first_nm = std::max(first_nm, outcome.first_nm);
     for (ArmIndex i = 0; i < 2; ++i) {
       const ReflexDetail& reflex = outcome.reflexes[i];
       EXPECT_EQ(outcome.modes[i], ArmMode::move)
@@ -203,13 +210,14 @@ TEST(Gaps, UpToNineteenAnswersStopNoArm) {
     }
   }
   EXPECT_GE(longest, 18);
+  EXPECT_GT(first_nm, 2);  // more than one command can be near zero and near it
   std::cout << gaps << " gaps, longest " << longest << "; arms that "
             << "went on " << ends["went on"] << ", were held " << ends["held"] << "; " << seconds
             << " arm-seconds\n";
 }
 
 TEST(Gaps, LongerOnesEndInAHoldOrTheArmsOwnStopAndTheRunSaysWhich) {
-  const std::uint64_t gaps = is_full() ? 200 : 40;
+  const std::uint64_t gaps = multipanda::test::full_series() ? 200 : 40;
   std::map<std::string, int> ends;
   for (std::uint64_t seed = 1; seed <= gaps; ++seed) {
     const Gap gap = drawn(seed + 5000, 21, 50);

@@ -67,9 +67,11 @@ SimulatedTime::Implementation::Implementation(const Scene& scene, SimulatedTimeO
     if (plant.arm(i).joint_count() != kWireJoints) {
       throw std::invalid_argument("arm '" + arm.name + "': the control interface needs seven joints");
     }
-    arm.side = std::make_unique<ArmSide>(
-        plant.arm(i), fixed_config(of_scene), *dialect, arm.timing.first_number,
-        ArmSide::Rules{.late = options.late_answers, .answer_ns = options.answer_ns});
+    arm.side =
+        std::make_unique<ArmSide>(plant.arm(i), fixed_config(of_scene), *dialect, arm.timing.first_number,
+                                  ArmSide::Rules{.late = options.late_answers,
+                                                 .first_torque = options.first_torque,
+                                                 .answer_ns = options.answer_ns});
     arm.client = std::make_unique<ClientSide>(config, *dialect, [this, i](auto bytes) {
       Arm& from = arms[i];
       ++from.side->account().answers_sent;

@@ -25,6 +25,14 @@ enum class LateAnswers : std::uint8_t {
   taken_next  // in the next period, unless that has an answer of its own
 };
 
+// The torque tau_J_d that an arm shows in a torque motion before it has taken its first command, and from
+// which that command counts. Franka documents that a motion begins at zero; what is shown is not known. Tests
+// try both.
+enum class FirstTorque : std::uint8_t {
+  zero,
+  of_own_hold  // with which the arm has held itself
+};
+
 struct ArmTiming {
   std::int64_t phase_ns = 0;  // of its first state against the world's first step; 0 to 1 ms
   double drift_ppm = 0;       // positive: its clock is fast, and it sends more often
@@ -46,6 +54,7 @@ struct SimulatedTimeOptions {
   std::vector<ArmTiming> arms;
   ClientTiming client;
   LateAnswers late_answers = LateAnswers::dropped;
+  FirstTorque first_torque = FirstTorque::zero;
   // From sending a state to the arrival of its answer. Franka names 1 ms for both ways and the computing.
   std::int64_t answer_ns = 1'000'000;
   int version = 0;  // of the protocol; 0: 5 for models named fer, otherwise 10
