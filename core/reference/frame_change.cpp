@@ -64,6 +64,7 @@ void Reference::carry(const Pose& X) {
   // The next sample of a stream is no continuation: it is approached within the speed limits.
   last_.id = std::numeric_limits<std::uint64_t>::max();
   period_s_ = 0;
+  forget_chunk();
   // So is a goal that waits for the hand.
   if (waiting_ && waiting_for_.delivery == Delivery::goal) {
     const auto& v = waiting_for_.values;

@@ -9,7 +9,8 @@
 namespace multipanda {
 namespace {
 
-constexpr double kMaxStreamPeriod = 0.2;  // [s]; a longer gap ends a stream
+constexpr double kMaxStreamPeriod = 0.2;  // [s]; a longer gap ends a stream ...
+constexpr double kMaxStreamGap = 3.5;     // ... unless it has fewer periods: lost samples
 
 Harmonic harmonic_of(const Target& target) {
   Harmonic motion{.period_s = target.period_s,
@@ -116,6 +117,8 @@ void Reference::start_constant(double value) {
 
 void Reference::forget_posted() {
   inbox_->targets.take();
+  inbox_->chunks.take();
+  forget_chunk();
   t_ = 0;
   streaming_ = stale_ = moving_end_ = in_motion_ = is_pending_ = waiting_ = false;
   pace_ = 1;
@@ -126,6 +129,7 @@ void Reference::forget_posted() {
 }
 
 void Reference::set(const Target& target) {
+  forget_chunk();
   streaming_ = stale_ = false;
   pending_ = target;
   is_pending_ = true;
@@ -145,7 +149,9 @@ void Reference::advance(double dt, double now_s) {
   const bool posted = inbox_->targets.take();
   if (is_pending_ && !posted) plan_pending();
   is_pending_ = false;
+  take_chunk(now_s);
   if (posted) take(inbox_->targets.value(), now_s);
+  take_due(now_s);
   if (waiting_ && !streaming_ && !must_wait(waiting_for_, kWaitsFrom)) {
     waiting_ = false;
     ++planned_;
@@ -177,7 +183,7 @@ void Reference::take(const Target& target, double now_s) {
     begin_motion(target);
   } else if (waits_for(target)) {
     period_s_ = 0;
-  } else if (continues && elapsed > 0 && elapsed < kMaxStreamPeriod) {
+  } else if (continues && elapsed > 0 && elapsed < std::max(kMaxStreamPeriod, kMaxStreamGap * period_s_)) {
     plan_stream(target, target.id - last_.id, elapsed);
   } else {
     period_s_ = 0;

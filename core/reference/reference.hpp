@@ -1,12 +1,14 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <limits>
 #include <memory>
 #include <mutex>
 #include <string>
 
 #include "core/reference/harmonic.hpp"
+#include "core/reference/series.hpp"
 #include "core/reference/target.hpp"
 #include "core/rt/triple_buffer.hpp"
 #include "core/trajectory/quintic.hpp"
@@ -34,9 +36,10 @@ struct InputSpec {
 // reverses the last one causes no torque spike. A goal that arrives during a strong acceleration may briefly
 // exceed the speed limit by up to a third, because continuity has priority. Goals end at rest. A motion
 // begins at the current set-point and ends at rest; a motion above the speed limit is refused. A stream is
-// followed with a delay of one of its periods: each sample is approached with the velocity estimated from the
-// series, so that a smooth series gives a smooth motion. A late sample is bridged. If the stream stops, the
-// reference brakes to rest and becomes stale.
+// followed with a delay of one of its periods: each sample is approached with the velocity (and, below 200 Hz,
+// the acceleration) estimated from the series, so that a smooth series gives a smooth motion. Late samples and
+// two lost ones in a row are bridged. If the stream stops, the reference brakes to rest and becomes stale.
+// Samples of a chunk are taken one period before their time, so that the set-point is there in time.
 //
 // A reference whose hand cannot follow waits: see resist(). A joint reference is slowed down where the hand
 // would be faster than its bound: see bound_hand_speed(). Both scale the time of the segment by a pace p from
@@ -57,6 +60,14 @@ class Reference {
   // too fast, or whose ramp is longer than the motion).
   Verdict check(const Target& target) const;
   Verdict post(Target target);
+  // Times must increase, with gaps of at most the input's timeout. A chunk replaces all samples that are not
+  // due yet. It is discarded by any newer target, by start() and by carry(). `id`: of the chunk, if accepted.
+  Verdict check(const Chunk& chunk) const;
+  Verdict post(Chunk chunk, std::uint64_t& id);
+  // What is left of this chunk, unless a newer one has replaced it.
+  void discard(std::uint64_t chunk);
+  // Samples of chunks whose time had passed when the loop got them: not used.
+  std::uint64_t late() const { return inbox_->late.load(std::memory_order_relaxed); }
 
   // --- loop thread ---
   void start(const Pose& X_measured);  // begin here, at rest; discards older targets
@@ -113,6 +124,9 @@ class Reference {
   };
 
   void take(const Target& target, double now_s);
+  void take_chunk(double now_s);
+  void take_due(double now_s);
+  void forget_chunk() { next_ = queued_ = 0; }
   bool must_wait(const Target& target, double from_share) const;
   bool waits_for(const Target& target);
   void add_resistance(const Resistance& hand);
@@ -125,6 +139,8 @@ class Reference {
   void plan_pending();
   void plan_goal(const Target& target);
   void plan_stream(const Target& target, std::uint64_t steps, double elapsed_s);
+  void plan_slow_stream(const Target& target);
+  double speed_excess(const QuinticSegment::Values& velocity) const;
   void plan_brake();
   void begin_motion(const Target& target);
   void end_motion();
@@ -148,7 +164,7 @@ class Reference {
   };
   Aim aim_at(const Target& target) const;
   Aim aim_past(const Target& target, const Aim& sample, double span, double ahead) const;
-  bool gentle(std::size_t samples) const;
+  bool gentle(std::size_t samples, const QuinticSegment::Values& own = {}) const;
   std::size_t coordinates() const { return spec_.quantity == Quantity::pose ? 6 : size_; }
   void rebase();
   void forget_posted();
@@ -160,10 +176,14 @@ class Reference {
   struct Inbox {
     std::mutex posters;        // never taken by the loop
     std::uint64_t posted = 0;  // guarded by posters
+    std::uint64_t chunk = 0;   // newest, guarded by posters
     TripleBuffer<Target> targets;
+    TripleBuffer<Chunk> chunks;
+    std::atomic<std::uint64_t> late{0};
   };
   std::unique_ptr<Inbox> inbox_;
 
+  std::size_t next_ = 0, queued_ = 0;  // samples of the newest chunk: the next one and their number
   QuinticSegment segment_;
   QuinticSegment::Sample now_;         // pose: position and rotation vector about R_0_
   double t_ = 0;                       // time in the segment [s]
@@ -171,6 +191,7 @@ class Reference {
   bool streaming_ = false, stale_ = false;
   double last_arrival_s_ = 0;
   double period_s_ = 0;  // of the stream, filtered; 0: unknown
+  Series series_;        // of a slow stream
   Target last_;          // newest target of a stream
   Target pending_;       // newest target of this step
   bool is_pending_ = false;

@@ -18,6 +18,16 @@ constexpr double kCatchUpAngularAcceleration = 6.0;  // [rad/s^2]
 constexpr double kLongestHorizon = 0.25;             // [s]
 constexpr double kStreamExcess = 1.05;  // factor on the speed limit, to catch up with a stream at the limit
 constexpr double kPeriodFilter = 0.1;   // weight of a new measurement in the stream's period
+// Streams of poses and joints that are slower than this are followed along their estimated series.
+constexpr double kSlowPeriod = 0.005;  // [s]
+// A slow stream is planned this far ahead, so that two samples may be lost in a row, but no farther than
+// kFarthest beyond the newest sample.
+constexpr double kSlowHorizonPeriods = 3.5;
+constexpr double kShortestSlowHorizon = 0.08;  // [s]
+constexpr double kFarthest = 0.15;             // [s]
+// Unevenness d of a series of speed v is taken up with a jerk of at most about v / kUnevenTime^2: the quintic
+// that corrects an error d v within a horizon h begins with a jerk of 60 d v / h^3.
+constexpr double kUnevenTime = 0.14;  // [s]
 constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
 }  // namespace
@@ -29,8 +39,14 @@ void Reference::plan_stream(const Target& target, std::uint64_t steps, double el
   // Lost samples leave a gap in time, not in the numbering.
   if (period_s_ > 0) steps = std::max(steps, static_cast<std::uint64_t>(std::llround(elapsed_s / period_s_)));
   const double measured = elapsed_s / static_cast<double>(steps);
+  const bool pose = spec_.quantity == Quantity::pose, begins = period_s_ == 0;
   period_s_ = period_s_ > 0 ? period_s_ + kPeriodFilter * (measured - period_s_) : measured;
   rebase();
+  if (pose || spec_.quantity == Quantity::joints) {
+    if (begins) series_.begin(last_, pose, spec_.max_speed, spec_.max_angular_speed);
+    series_.add(target, elapsed_s, period_s_);
+    if (period_s_ >= kSlowPeriod) return plan_slow_stream(target);
+  }
   const Aim sample = aim_at(target);
   const double span = static_cast<double>(steps) * period_s_;
   // An early or late sample is a small jump of the series. A longer horizon catches up with it
@@ -43,6 +59,42 @@ void Reference::plan_stream(const Target& target, std::uint64_t steps, double el
   }
   moving_end_ = true;
   if (peak_excess(8) > kStreamExcess) plan_rest(sample.goal, sample.shortest_s, {kUnlimited, kUnlimited});
+}
+
+// As plan_stream(), with velocity and acceleration of the estimated series: a slow series is smooth only if
+// its acceleration continues, too. The horizon reaches beyond the next sample, so that one that is late or
+// lost does not interrupt the motion, and farther if samples arrive unevenly.
+void Reference::plan_slow_stream(const Target& target) {
+  const double even = std::min(std::max(kSlowHorizonPeriods * period_s_, kShortestSlowHorizon), period_s_ + kFarthest);
+  const double uneven = std::cbrt(60 * series_.unevenness() * kUnevenTime * kUnevenTime);
+  double horizon = std::max(even, std::min(uneven, kLongestHorizon));
+  for (;; horizon *= 1.25) {
+    QuinticSegment::Sample end = series_.at(horizon - period_s_, R_0_);
+    const double excess = speed_excess(end.velocity);
+    if (excess > 1) {  // goes on from the sample at the limit
+      end = series_.at(0, R_0_);
+      const double keep = 1 / std::max(1.0, speed_excess(end.velocity));
+      for (std::size_t i = 0; i < coordinates(); ++i) {
+        end.velocity[i] *= keep;
+        end.position[i] += end.velocity[i] * (horizon - period_s_);
+      }
+      end.acceleration = {};
+    }
+    segment_.plan(coordinates(), now_, end.position, horizon, end.velocity, end.acceleration);
+    if (horizon > kLongestHorizon || gentle(8, end.acceleration)) break;
+  }
+  moving_end_ = true;
+  if (peak_excess(8) > kStreamExcess) {
+    const Aim sample = aim_at(target);
+    plan_rest(sample.goal, sample.shortest_s, {kUnlimited, kUnlimited});
+  }
+}
+
+// The largest share of its limits that a velocity takes, in the coordinates of the segment.
+double Reference::speed_excess(const QuinticSegment::Values& velocity) const {
+  const Magnitude speed = magnitude(velocity);
+  return std::max({speed.linear / spec_.max_speed, speed.angular / spec_.max_angular_speed,
+                   hand_speed(velocity) / greatest_hand_speed_});
 }
 
 // Extrapolates the series to `ahead` seconds after the sample.
@@ -80,8 +132,9 @@ Reference::Aim Reference::aim_past(const Target& target, const Aim& sample, doub
 }
 
 // Returns whether the planned segment keeps to the acceleration limits for catching up (or to the present
-// acceleration, if that is higher).
-bool Reference::gentle(std::size_t samples) const {
+// acceleration, if that is higher). A series that itself accelerates strongly may be caught up with at twice
+// its acceleration, but at no more than twice the limit.
+bool Reference::gentle(std::size_t samples, const QuinticSegment::Values& own) const {
   if (spec_.quantity != Quantity::pose && spec_.quantity != Quantity::joints) return true;
   QuinticSegment::Sample s;
   for (std::size_t k = 1; k < samples; ++k) {
@@ -89,7 +142,9 @@ bool Reference::gentle(std::size_t samples) const {
     for (std::size_t i = 0; i < coordinates(); ++i) {
       const bool linear = spec_.quantity == Quantity::pose && i < 3;
       const double limit = linear ? kCatchUpAcceleration : kCatchUpAngularAcceleration;
-      if (std::abs(s.acceleration[i]) > std::max(limit, std::abs(now_.acceleration[i]))) return false;
+      const double allowed =
+          std::max({limit, std::abs(now_.acceleration[i]), std::min(2 * std::abs(own[i]), 2 * limit)});
+      if (std::abs(s.acceleration[i]) > allowed) return false;
     }
   }
   return true;

@@ -37,6 +37,15 @@ std::size_t motion_count(Quantity quantity, std::size_t joint_count) {
   return quantity == Quantity::pose ? 3 : value_count(quantity, joint_count);
 }
 
+Target Chunk::sample(std::size_t k) const {
+  Target target;
+  target.id = id + k;
+  target.delivery = Delivery::stream;
+  target.size = size;
+  target.values = values[k];
+  return target;
+}
+
 Target pose_target(const Pose& X, double duration_s, Delivery delivery) {
   const Quaternion q = X.quaternion();
   Target target;

@@ -50,6 +50,19 @@ struct Target {
       harmonics{};  // [0] at twice the frequency, [1] at three times the frequency, ...
 };
 
+// Samples of a stream that are not due yet, with the times of the loop at which the set-point shall be there:
+// a policy's next actions.
+struct Chunk {
+  static constexpr std::size_t kMostSamples = 64;
+  std::uint64_t id = 0;   // of its first sample, among the targets of the input
+  std::uint8_t size = 0;  // values per sample
+  std::uint8_t count = 0;
+  std::array<double, kMostSamples> times_s{};  // increasing
+  std::array<std::array<double, kMaxTargetValues>, kMostSamples> values{};
+
+  Target sample(std::size_t k) const;
+};
+
 Target pose_target(const Pose& X, double duration_s = 0, Delivery delivery = Delivery::goal);
 
 }  // namespace multipanda

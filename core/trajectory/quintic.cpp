@@ -132,14 +132,14 @@ void QuinticPiece::evaluate(double t, JointSample& out) const {
 }
 
 void QuinticSegment::plan(std::size_t size, const Sample& start, const Values& goal, double duration_s,
-                          const Values& end_velocity) {
+                          const Values& end_velocity, const Values& end_acceleration) {
   piece_.size = size;
   piece_.duration = duration_s > 0 ? duration_s : 0;
   goal_ = goal;
   if (piece_.duration == 0) return;
   for (std::size_t i = 0; i < size; ++i) {
     piece_.coordinates[i] = Quintic::between({start.position[i], start.velocity[i], start.acceleration[i]},
-                                             {goal[i], end_velocity[i], 0}, piece_.duration);
+                                             {goal[i], end_velocity[i], end_acceleration[i]}, piece_.duration);
   }
 }
 

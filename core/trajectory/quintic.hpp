@@ -39,8 +39,8 @@ struct QuinticPiece {
   void evaluate(double t, JointSample& out) const;
 };
 
-// A piece for the values of a set-point. It ends in the goal with a given velocity (0 by default) and no
-// acceleration, and stays at the goal afterwards. Between two rests it is the minimum-jerk motion.
+// A piece for the values of a set-point. It ends in the goal with a given velocity and acceleration (0 by
+// default), and stays at the goal afterwards. Between two rests it is the minimum-jerk motion.
 class QuinticSegment {
  public:
   using Values = std::array<double, kMaxTargetValues>;
@@ -50,7 +50,7 @@ class QuinticSegment {
 
   // duration_s <= 0: at the goal at once.
   void plan(std::size_t size, const Sample& start, const Values& goal, double duration_s,
-            const Values& end_velocity = {});
+            const Values& end_velocity = {}, const Values& end_acceleration = {});
   void evaluate(double t, Sample& out) const;
   double duration() const { return piece_.duration; }
   std::size_t size() const { return piece_.size; }

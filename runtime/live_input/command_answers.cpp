@@ -74,6 +74,7 @@ json RequestHandler::describe(const StreamChannel& channel) const {
           {"received", channel.received},
           {"lost", channel.lost},
           {"late", channel.late},
+          {"late_samples", target.inputs()[channel.input].late() - channel.late_before},
           {"refused", channel.refused},
           {"expired", channel.expired},
           {"sequence", channel.last},

@@ -18,6 +18,7 @@ using nlohmann::json;
 constexpr double kPatience = MultimodeController::kPatience;       // for the loop's answer [s]
 constexpr double kArmPatience = kRequestPatience + kRequestSlack;  // for a backend's answer [s]
 constexpr double kGripperPatience = 600;                           // for the end of a gripper's motion [s]
+constexpr double kFarthestSample = 10;                             // of a chunk, from now [s]
 constexpr double kLongest = 86400;                                 // of a motion [s]
 
 // Adds the keys that every request may have.
@@ -325,41 +326,78 @@ StreamChannel RequestHandler::open_channel(const json& request) const {
   channel.instance = address.instance;
   channel.input = address.input;
   channel.X_WB = address.X_WB;
+  channel.late_before = run_.modes->instance(address.instance).inputs()[address.input].late();
   return channel;
 }
 
-void RequestHandler::deliver(const StreamPacket& packet, StreamChannel& channel, double age_s) {
+// Counts a packet. False if it is not to be used.
+bool RequestHandler::begin_packet(const StreamPacket& packet, StreamChannel& channel, double age_s) {
   if (channel.received > 0 && packet.sequence <= channel.last) {
     ++channel.late;
-    return;
+    return false;
   }
   if (channel.received > 0) channel.lost += packet.sequence - channel.last - 1;
   channel.last = packet.sequence;
   channel.client_time_ns = packet.client_time_ns;
   ++channel.received;
+  if (age_s <= run_.modes->instance(channel.instance).inputs()[channel.input].spec().timeout_s) return true;
+  ++channel.expired;
+  channel.verdict = Verdict::timeout;
+  return false;
+}
+
+// Of what the input does not know itself; changes the values to the input's frame.
+Verdict RequestHandler::check_sample(const StreamChannel& channel, std::span<double> values) {
+  const Instance& instance = run_.modes->instance(channel.instance);
+  const InputSpec& input = instance.inputs()[channel.input].spec();
+  if (input.quantity == Quantity::joints && joint_beyond_limit(model_of(channel.instance, input), values))
+    return Verdict::out_of_bounds;
+  if (channel.X_WB) to_world(input.quantity, *channel.X_WB, values);
+  return beyond_reach(instance, input, values).empty() ? Verdict::accepted : Verdict::out_of_bounds;
+}
+
+void RequestHandler::deliver(const StreamPacket& packet, StreamChannel& channel, double age_s) {
+  if (!begin_packet(packet, channel, age_s)) return;
   Reference& input = run_.modes->instance(channel.instance).inputs()[channel.input];
-  if (age_s > input.spec().timeout_s) {
-    ++channel.expired;
-    channel.verdict = Verdict::timeout;
-    return;
-  }
   Target target;
   target.delivery = Delivery::stream;
   target.size = static_cast<std::uint8_t>(packet.count);
   target.values = packet.values;
-  const std::span<double> values(target.values.data(), packet.count);
   const bool active = (run_.modes->active() & bit(channel.instance)) != 0;
   channel.verdict = active ? input.check(target) : Verdict::not_active;
-  if (channel.verdict == Verdict::accepted && input.spec().quantity == Quantity::joints &&
-      joint_beyond_limit(model_of(channel.instance, input.spec()), values)) {
+  if (channel.verdict == Verdict::accepted)
+    channel.verdict = check_sample(channel, std::span(target.values.data(), packet.count));
+  if (channel.verdict == Verdict::accepted) channel.verdict = input.post(target);
+  if (channel.verdict == Verdict::accepted) return;
+  ++channel.refused;
+  discard(channel);
+}
+
+void RequestHandler::deliver(const ChunkPacket& packet, StreamChannel& channel, double age_s) {
+  if (!begin_packet(packet.head, channel, age_s)) return;
+  Reference& input = run_.modes->instance(channel.instance).inputs()[channel.input];
+  Chunk chunk = packet.chunk;
+  run_.latest->copy(snapshot_);
+  const bool active = (run_.modes->active() & bit(channel.instance)) != 0;
+  channel.verdict = active ? input.check(chunk) : Verdict::not_active;
+  if (channel.verdict == Verdict::accepted &&
+      chunk.times_s[chunk.count - 1u] > snapshot_.t.seconds() + kFarthestSample)
     channel.verdict = Verdict::out_of_bounds;
-  }
+  for (std::size_t k = 0; k < chunk.count && channel.verdict == Verdict::accepted; ++k)
+    channel.verdict = check_sample(channel, std::span(chunk.values[k].data(), chunk.size));
+  std::uint64_t number = 0;
+  if (channel.verdict == Verdict::accepted) channel.verdict = input.post(chunk, number);
   if (channel.verdict == Verdict::accepted) {
-    if (channel.X_WB) to_world(input.spec().quantity, *channel.X_WB, values);
-    const bool near = beyond_reach(run_.modes->instance(channel.instance), input.spec(), values).empty();
-    channel.verdict = near ? input.post(target) : Verdict::out_of_bounds;
+    channel.chunk = number;
+    return;
   }
-  if (channel.verdict != Verdict::accepted) ++channel.refused;
+  ++channel.refused;
+  discard(channel);
+}
+
+void RequestHandler::discard(StreamChannel& channel) {
+  run_.modes->instance(channel.instance).inputs()[channel.input].discard(channel.chunk);
+  channel.chunk = 0;
 }
 
 // A new end effector is looked up only where the known one is too short.

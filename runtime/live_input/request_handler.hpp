@@ -47,6 +47,8 @@ struct StreamChannel {
   std::uint64_t refused = 0;           // not taken
   std::uint64_t expired = 0;           // waited in the socket for longer than the input's timeout: not taken
   std::int64_t client_time_ns = 0;     // of the newest
+  std::uint64_t late_before = 0;       // of the input, when the channel was opened
+  std::uint64_t chunk = 0;             // the newest one taken, by its number in the input; 0: none
   Verdict verdict = Verdict::pending;  // of the newest
 };
 
@@ -77,6 +79,10 @@ class RequestHandler {
   // `age_s`: since the packet was sent. Its sender may be silent by now, so what is older than the input's
   // timeout is not taken.
   void deliver(const StreamPacket& packet, StreamChannel& channel, double age_s = 0);
+  // All samples are taken, or none. A chunk that is refused ends the one before it.
+  void deliver(const ChunkPacket& packet, StreamChannel& channel, double age_s = 0);
+  // What this channel sent and is not due yet.
+  void discard(StreamChannel& channel);
   nlohmann::json describe(const StreamChannel& channel) const;
 
   // --- contents and state of the run ---
@@ -85,6 +91,8 @@ class RequestHandler {
   const SharedRecords* records() const { return run_.records; }
 
  private:
+  bool begin_packet(const StreamPacket& packet, StreamChannel& channel, double age_s);
+  Verdict check_sample(const StreamChannel& channel, std::span<double> values);
   struct Address {
     InstanceIndex instance;
     std::uint16_t input;

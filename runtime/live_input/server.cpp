@@ -60,7 +60,10 @@ void LiveServer::run() {
                         !client.line.has_line() && client.line.unsent() == 0;
       client.gone = client.gone || client.line.broken() || done;
     }
-    std::erase_if(channels_, [](const auto& entry) { return entry.second.owner->gone; });
+    std::erase_if(channels_, [&](auto& entry) {
+      if (entry.second.owner->gone) handler_.discard(entry.second.stream);
+      return entry.second.owner->gone;
+    });
     std::erase_if(clients_, [](const Client& client) { return client.gone; });
     record_readers_.store(static_cast<std::size_t>(std::ranges::count_if(clients_, &Client::has_records)),
                           std::memory_order_relaxed);
@@ -214,7 +217,8 @@ bool LiveServer::take_connection_request(Client& client, const json& request, co
     if (channels_.size() >= kMaxChannels) named.refuse("256 channels are open: end one first (stream_end)");
     const std::uint32_t number = next_channel_++;
     channels_.emplace(number, std::move(channel));
-    answer(client, {{"ok", true}, {"channel", number}, {"path", stream_path(path()).string()}}, id);
+    answer(client, {{"ok", true}, {"channel", number}, {"path", stream_path(path()).string()},
+            {"longest_chunk", Chunk::kMostSamples}}, id);
   } else if (word == "stream_end") {
     named.allow({"id", "do", "channel"});
     const double number = named.number("channel");
@@ -223,6 +227,7 @@ bool LiveServer::take_connection_request(Client& client, const json& request, co
     });
     if (found == channels_.end()) named.refuse("this connection has no such channel");
     answer(client, {{"ok", true}, {"channel", handler_.describe(found->second.stream)}}, id);
+    handler_.discard(found->second.stream);
     channels_.erase(found);
   } else if (word == "channels") {
     named.allow({"id", "do"});
@@ -274,7 +279,7 @@ void LiveServer::send_state(Client& client, Clock::time_point now) {
 
 void LiveServer::take_packets(Publisher& publisher) {
   constexpr int kPerTurn = 256;
-  StreamPacketBytes bytes;
+  std::array<std::uint8_t, kChunkPacketBytes> bytes;
   for (int n = 0; n < kPerTurn; ++n) {
     double age_s = 0;
     const std::ptrdiff_t size = receive_packet(publisher.file, bytes, realtime_(), age_s);
@@ -285,18 +290,20 @@ void LiveServer::take_packets(Publisher& publisher) {
       return;
     }
     const auto count = static_cast<std::size_t>(size);
-    const auto packet =
-        count <= bytes.size() ? unpack(std::span(bytes.data(), count)) : std::optional<StreamPacket>();
-    if (packet) {
-      take_packet(*packet, age_s);
+    const auto packet = std::span(bytes.data(), std::min(count, bytes.size()));
+    if (const auto sample = unpack(packet); sample && count == packet.size()) {
+      take_packet(*sample, sample->channel, age_s);
+    } else if (const auto chunk = unpack_chunk(packet); chunk && count == packet.size()) {
+      take_packet(*chunk, chunk->head.channel, age_s);
     } else {
       ++unreadable_;
     }
   }
 }
 
-void LiveServer::take_packet(const StreamPacket& packet, double age_s) {
-  const auto found = channels_.find(packet.channel);
+template <typename Packet>
+void LiveServer::take_packet(const Packet& packet, std::uint32_t number, double age_s) {
+  const auto found = channels_.find(number);
   if (found == channels_.end()) {
     ++unreadable_;
     return;
@@ -306,8 +313,7 @@ void LiveServer::take_packet(const StreamPacket& packet, double age_s) {
   // Reported once per change, and not to an owner that does not read.
   if (channel.stream.verdict == channel.reported || channel.owner->line.unsent() > kMaxAhead) return;
   channel.reported = channel.stream.verdict;
-  channel.owner->line.send(
-      to_line({{"channel", packet.channel}, {"stream", handler_.describe(channel.stream)}}));
+  channel.owner->line.send(to_line({{"channel", number}, {"stream", handler_.describe(channel.stream)}}));
 }
 
 }  // namespace multipanda

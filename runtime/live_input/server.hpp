@@ -80,7 +80,8 @@ class LiveServer {
   void poll_requests(Client& client);
   void send_state(Client& client, Clock::time_point now);
   void take_packets(Publisher& publisher);
-  void take_packet(const StreamPacket& packet, double age_s);
+  template <typename Packet>
+  void take_packet(const Packet& packet, std::uint32_t number, double age_s);
   bool may_take(const Client& client) const;
   static void answer(Client& client, nlohmann::json answer, const nlohmann::json& id);
 

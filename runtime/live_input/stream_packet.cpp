@@ -11,7 +11,7 @@ namespace multipanda {
 namespace {
 
 constexpr std::array<std::uint8_t, 4> kMagic = {'M', 'P', 'R', 'S'};
-constexpr std::uint16_t kVersion = 1;
+constexpr std::uint16_t kVersion = 1, kChunkVersion = 2;
 
 // Byte by byte, independent of the machine's byte order and alignment.
 template <std::unsigned_integral T>
@@ -26,6 +26,27 @@ T get(std::span<const std::uint8_t> bytes, std::size_t offset) {
   std::uint64_t value = 0;
   for (std::size_t i = 0; i < sizeof(T); ++i) value |= std::uint64_t{bytes[offset + i]} << (8 * i);
   return static_cast<T>(value);
+}
+
+// The n-th number behind the header.
+double number(std::span<const std::uint8_t> bytes, std::size_t n) {
+  return std::bit_cast<double>(get<std::uint64_t>(bytes, kStreamHeaderBytes + 8 * n));
+}
+
+// The header of a packet of this version with a possible count of values.
+std::optional<StreamPacket> unpack_head(std::span<const std::uint8_t> bytes, std::uint16_t version) {
+  if (bytes.size() < kStreamHeaderBytes) return {};
+  for (std::size_t i = 0; i < kMagic.size(); ++i) {
+    if (bytes[i] != kMagic[i]) return {};
+  }
+  StreamPacket packet;
+  packet.count = get<std::uint16_t>(bytes, 6);
+  if (get<std::uint16_t>(bytes, 4) != version || packet.count == 0 || packet.count > kMaxTargetValues)
+    return {};
+  packet.channel = get<std::uint32_t>(bytes, 8);
+  packet.sequence = get<std::uint64_t>(bytes, 16);
+  packet.client_time_ns = std::bit_cast<std::int64_t>(get<std::uint64_t>(bytes, 24));
+  return packet;
 }
 
 }  // namespace
@@ -45,21 +66,27 @@ std::size_t pack(const StreamPacket& packet, StreamPacketBytes& bytes) {
 }
 
 std::optional<StreamPacket> unpack(std::span<const std::uint8_t> bytes) {
-  if (bytes.size() < kStreamHeaderBytes) return {};
-  for (std::size_t i = 0; i < kMagic.size(); ++i) {
-    if (bytes[i] != kMagic[i]) return {};
-  }
-  StreamPacket packet;
-  packet.count = get<std::uint16_t>(bytes, 6);
-  if (get<std::uint16_t>(bytes, 4) != kVersion || packet.count == 0 || packet.count > kMaxTargetValues ||
-      bytes.size() != kStreamHeaderBytes + 8 * std::size_t{packet.count}) {
+  auto packet = unpack_head(bytes, kVersion);
+  if (!packet || bytes.size() != kStreamHeaderBytes + 8 * std::size_t{packet->count}) return {};
+  for (std::size_t i = 0; i < packet->count; ++i) packet->values[i] = number(bytes, i);
+  return packet;
+}
+
+std::optional<ChunkPacket> unpack_chunk(std::span<const std::uint8_t> bytes) {
+  const auto head = unpack_head(bytes, kChunkVersion);
+  if (!head) return {};
+  const auto samples = get<std::uint32_t>(bytes, 12);
+  if (samples == 0 || samples > Chunk::kMostSamples ||
+      bytes.size() != kStreamHeaderBytes + 8 * std::size_t{samples} * (1u + head->count)) {
     return {};
   }
-  packet.channel = get<std::uint32_t>(bytes, 8);
-  packet.sequence = get<std::uint64_t>(bytes, 16);
-  packet.client_time_ns = std::bit_cast<std::int64_t>(get<std::uint64_t>(bytes, 24));
-  for (std::size_t i = 0; i < packet.count; ++i) {
-    packet.values[i] = std::bit_cast<double>(get<std::uint64_t>(bytes, kStreamHeaderBytes + 8 * i));
+  ChunkPacket packet{.head = *head, .chunk = {}};
+  packet.chunk.size = static_cast<std::uint8_t>(head->count);
+  packet.chunk.count = static_cast<std::uint8_t>(samples);
+  std::size_t next = 0;
+  for (std::size_t k = 0; k < samples; ++k) packet.chunk.times_s[k] = number(bytes, next++);
+  for (std::size_t k = 0; k < samples; ++k) {
+    for (std::size_t i = 0; i < head->count; ++i) packet.chunk.values[k][i] = number(bytes, next++);
   }
   return packet;
 }
@@ -69,7 +96,7 @@ void note_sending_times(int file) {
   (void)setsockopt(file, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof(on));
 }
 
-std::ptrdiff_t receive_packet(int file, StreamPacketBytes& bytes, double now_s, double& age_s) {
+std::ptrdiff_t receive_packet(int file, std::span<std::uint8_t> bytes, double now_s, double& age_s) {
   alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(timespec))> notes{};
   iovec content{bytes.data(), bytes.size()};
   msghdr message{};

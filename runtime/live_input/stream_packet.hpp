@@ -5,6 +5,7 @@
 #include <optional>
 #include <span>
 
+#include "core/reference/target.hpp"
 #include "core/types/capacity.hpp"
 
 // The binary reference stream (docs/live_input.md): one packet per set-point, little-endian throughout.
@@ -18,6 +19,9 @@
 //       16  u64      sequence number of this channel, increasing; gaps count as lost
 //       24  i64      the publisher's own time [ns], any clock
 //       32  f64[]    values, in the order of Target
+//
+// Version 2 is a chunk: samples that are not due yet. The number at 12 is that of its samples, 1 to 64. At 32
+// come their times [s], of the loop, then the values of the first sample, of the second one, and so on.
 namespace multipanda {
 
 struct StreamPacket {
@@ -28,20 +32,28 @@ struct StreamPacket {
   std::array<double, kMaxTargetValues> values{};
 };
 
+struct ChunkPacket {
+  StreamPacket head;  // without values
+  Chunk chunk;
+};
+
 inline constexpr std::size_t kStreamHeaderBytes = 32;
 inline constexpr std::size_t kStreamPacketBytes = kStreamHeaderBytes + 8 * kMaxTargetValues;
+inline constexpr std::size_t kChunkPacketBytes =
+    kStreamHeaderBytes + 8 * (1 + kMaxTargetValues) * Chunk::kMostSamples;
 using StreamPacketBytes = std::array<std::uint8_t, kStreamPacketBytes>;
 
 // Returns the number of bytes used.
 std::size_t pack(const StreamPacket& packet, StreamPacketBytes& bytes);
 // None if the packet is of another version or incomplete.
 std::optional<StreamPacket> unpack(std::span<const std::uint8_t> bytes);
+std::optional<ChunkPacket> unpack_chunk(std::span<const std::uint8_t> bytes);
 
 // A packet may wait in the socket while this computer is overloaded; the kernel notes when it was sent.
 void note_sending_times(int file);
 // The next packet, without waiting: its size, cut to that of `bytes`, or 0 for a closed socket, or -1
 // (errno). `age_s`: since it was sent; 0 if unknown. `now_s`: by realtime_s().
-std::ptrdiff_t receive_packet(int file, StreamPacketBytes& bytes, double now_s, double& age_s);
+std::ptrdiff_t receive_packet(int file, std::span<std::uint8_t> bytes, double now_s, double& age_s);
 // The clock of those times [s].
 double realtime_s();
 
