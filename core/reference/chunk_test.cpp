@@ -14,7 +14,7 @@ double series(double t) { return 0.1 * std::sin(1.5 * t) + 0.05 * t; }
 
 class ChunkTest : public testing::Test {
  protected:
-  ChunkTest() { reference_.start(joint_constant(2, series(0))); }
+  ChunkTest() { reference_.start(JointVector::Constant(2, series(0))); }
 
   static Chunk chunk(double first_s, double gap_s, std::size_t count, double offset = 0) {
     Chunk made;
@@ -91,17 +91,19 @@ TEST_F(ChunkTest, SilenceBeginsAfterItsLastSample) {
 
 TEST_F(ChunkTest, IsEndedByAGoalASampleAStartAndItsSender) {
   for (const int way : {0, 1, 2, 3, 4}) {
-    reference_.start(joint_constant(2, series(0)));
+    reference_.start(JointVector::Constant(2, series(0)));
     t_ = 0;
-    std::uint64_t id = post(chunk(0.05, 0.05, 40));
+    const std::uint64_t id = post(chunk(0.05, 0.05, 40));
     until(0.5);
     Target there;
     there.size = 2;
     there.values = {0.01, 0.01};
     if (way == 1) there.delivery = Delivery::stream;
-    if (way < 2) EXPECT_EQ(reference_.post(there), Verdict::accepted);
+    if (way < 2) {
+      EXPECT_EQ(reference_.post(there), Verdict::accepted);
+    }
     if (way == 2) reference_.set(there);
-    if (way == 3) reference_.start(joint_constant(2, 0.01));
+    if (way == 3) reference_.start(JointVector::Constant(2, 0.01));
     if (way == 4) reference_.discard(id);
     until(2.2);
     if (way == 4) {
@@ -131,7 +133,8 @@ TEST_F(ChunkTest, RedefiningTheFrameEndsIt) {
   made.count = 40;
   for (std::size_t k = 0; k < 40; ++k) {
     made.times_s[k] = 0.05 * static_cast<double>(k + 1);
-    made.values[k] = pose_target(Pose{Matrix3::Identity(), Vector3(0.005 * static_cast<double>(k), 0, 0)}).values;
+    made.values[k] =
+        pose_target(Pose{Matrix3::Identity(), Vector3(0.005 * static_cast<double>(k), 0, 0)}).values;
   }
   std::uint64_t id = 0;
   ASSERT_EQ(reference.post(made, id), Verdict::accepted);

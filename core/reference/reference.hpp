@@ -36,10 +36,11 @@ struct InputSpec {
 // reverses the last one causes no torque spike. A goal that arrives during a strong acceleration may briefly
 // exceed the speed limit by up to a third, because continuity has priority. Goals end at rest. A motion
 // begins at the current set-point and ends at rest; a motion above the speed limit is refused. A stream is
-// followed with a delay of one of its periods: each sample is approached with the velocity (and, below 200 Hz,
-// the acceleration) estimated from the series, so that a smooth series gives a smooth motion. Late samples and
-// two lost ones in a row are bridged. If the stream stops, the reference brakes to rest and becomes stale.
-// Samples of a chunk are taken one period before their time, so that the set-point is there in time.
+// followed with a delay of one of its periods: each sample is approached with the velocity (and, below 200
+// Hz, the acceleration) estimated from the series, so that a smooth series gives a smooth motion. Late
+// samples and two lost ones in a row are bridged. If the stream stops, the reference brakes to rest and
+// becomes stale. Samples of a chunk are taken one period before their time, so that the set-point is there in
+// time.
 //
 // A reference whose hand cannot follow waits: see resist(). A joint reference is slowed down where the hand
 // would be faster than its bound: see bound_hand_speed(). Both scale the time of the segment by a pace p from

@@ -6,9 +6,10 @@
 namespace multipanda {
 namespace {
 
-constexpr double kShareFilter = 0.1;   // weight of a new sample in the filtered errors and speeds
-constexpr double kSlowestShare = 0.02;  // of the greatest speeds; slower series are judged as if at this speed
-constexpr double kShortestStep = 0.5;   // periods; samples that come closer together tell little of velocity
+constexpr double kShareFilter = 0.1;  // weight of a new sample in the filtered errors and speeds
+constexpr double kSlowestShare =
+    0.02;                              // of the greatest speeds; slower series are judged as if at this speed
+constexpr double kShortestStep = 0.5;  // periods; samples that come closer together tell little of velocity
 // The error of three samples' prediction for errors of 1 in each: (1 + 9 + 9 + 1)^1/2.
 constexpr double kThreeSamples = 4.47;
 constexpr double kLongestMemory = 0.15;  // time constant of the longest memory [s]

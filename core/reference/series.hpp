@@ -27,7 +27,7 @@ class Series {
 
  private:
   struct Filter {
-    QuinticSegment::Sample now;          // at the newest sample; a pose's rotation is about R
+    QuinticSegment::Sample now;  // at the newest sample; a pose's rotation is about R
     Matrix3 R = Matrix3::Identity();
   };
 
@@ -40,9 +40,9 @@ class Series {
   bool pose_ = false;
   std::size_t size_ = 0;  // coordinates
   double greatest_ = 1, greatest_angular_ = 1;
-  Filter smooth_, last_three_;  // with and without memory
-  Values mean_{};                  // velocity between the last two samples
-  double error_ = 0, speed_ = 0;   // filtered shares
+  Filter smooth_, last_three_;    // with and without memory
+  Values mean_{};                 // velocity between the last two samples
+  double error_ = 0, speed_ = 0;  // filtered shares
   double unevenness_ = 0;
 };
 

@@ -65,7 +65,8 @@ void Reference::plan_stream(const Target& target, std::uint64_t steps, double el
 // its acceleration continues, too. The horizon reaches beyond the next sample, so that one that is late or
 // lost does not interrupt the motion, and farther if samples arrive unevenly.
 void Reference::plan_slow_stream(const Target& target) {
-  const double even = std::min(std::max(kSlowHorizonPeriods * period_s_, kShortestSlowHorizon), period_s_ + kFarthest);
+  const double even =
+      std::min(std::max(kSlowHorizonPeriods * period_s_, kShortestSlowHorizon), period_s_ + kFarthest);
   const double uneven = std::cbrt(60 * series_.unevenness() * kUnevenTime * kUnevenTime);
   double horizon = std::max(even, std::min(uneven, kLongestHorizon));
   for (;; horizon *= 1.25) {

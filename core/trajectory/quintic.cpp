@@ -138,8 +138,9 @@ void QuinticSegment::plan(std::size_t size, const Sample& start, const Values& g
   goal_ = goal;
   if (piece_.duration == 0) return;
   for (std::size_t i = 0; i < size; ++i) {
-    piece_.coordinates[i] = Quintic::between({start.position[i], start.velocity[i], start.acceleration[i]},
-                                             {goal[i], end_velocity[i], end_acceleration[i]}, piece_.duration);
+    piece_.coordinates[i] =
+        Quintic::between({start.position[i], start.velocity[i], start.acceleration[i]},
+                         {goal[i], end_velocity[i], end_acceleration[i]}, piece_.duration);
   }
 }
 

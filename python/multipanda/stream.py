@@ -1,4 +1,4 @@
-"""Streams of set-points: the newest sample counts at the next cycle, silence means hold."""
+"""Streams of set-points: the newest sample counts at the next cycle, or each at its time; silence means hold."""
 
 from __future__ import annotations
 
@@ -47,6 +47,7 @@ class Stream:
         count: How many numbers a sample has.
         timeout_s: Silence after which the arms are held [s].
         unsent: Samples that were dropped because there was no room.
+        longest_chunk: How many samples may be sent with their times at once.
     """
 
     def __init__(self, controllet: Controllet, name: str, frame: str | None) -> None:
@@ -61,6 +62,7 @@ class Stream:
             request["frame"] = frame
         answer = self._connection.ask(request)
         self.channel: int = answer["channel"]
+        self.longest_chunk: int = answer["longest_chunk"]
         self._verdict = "accepted"
         self._connection.listen("channel", self.channel, self._hear)
         self._socket: socket.socket | None = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -77,29 +79,46 @@ class Stream:
     def _hear(self, line: dict[str, Any]) -> None:
         self._verdict = str(line["stream"]["verdict"])
 
-    def send(self, values: Any) -> bool:
-        """Sends the newest sample; never waits.
+    def send(self, values: Any, at: Any = None) -> bool:
+        """Sends the newest sample, or with `at` a chunk of samples that are not due yet; never waits.
+
+        A chunk is a policy's next actions. The run keeps it, and the set-point is at each sample at its time, so
+        pauses of this process do not matter. It replaces all samples that are not due yet; so does a single sample,
+        and a goal ends it. So do a stop, a refused sample, `close()` and the end of this process, at once. Samples
+        whose time has passed are not used (`counts()["late_samples"]`). After the last one, silence counts as usual.
 
         Args:
-            values: As for `Controllet.goal`, in SI units: [m] and quaternion, [m/s], [N], [rad].
+            values: As for `Controllet.goal`, in SI units: [m] and quaternion, [m/s], [N], [rad]. With `at` one sample
+                per row, or a list of poses; at most `longest_chunk`.
+            at: Their times [s], increasing, on the run's clock: that of `state.t_s` and `record.t_s`. Successive times
+                are at most `timeout_s` apart, and the last one at most 10 s ahead.
 
         Returns:
-            False if there was no room, and the sample is dropped.
+            False if there was no room, and what was sent is dropped.
 
         Raises:
             Refused: The loop has refused a sample, for instance because the arm is held after a silence.
             Disconnected: The run has ended, the stream is closed, or this process was forked.
-            ValueError: The sample has another size, or a number that is not finite.
+            ValueError: A sample has another size, or a number that is not finite; times do not increase or are too far
+                apart; too many samples.
         """
         if self._socket is None or os.getpid() != self._process:
             raise Disconnected("this stream is closed", "open it again: controllet.stream(...)")
         if self._verdict != "accepted":
             verdict, self._verdict = self._verdict, "accepted"
             raise Refused(verdict, f"{self.controllet.name}.{self.name}: a sample was refused: {verdict}")
-        numbers = target_values(self.quantity, values, self.count)
+        if at is None:
+            version, samples = 1, 0
+            numbers = target_values(self.quantity, values, self.count)
+        else:
+            version = 2
+            times = self._times(at, len(values))
+            samples = len(times)
+            numbers = times + [x for sample in values for x in target_values(self.quantity, sample, self.count)]
         self.controllet.client.streaming[self.controllet.name] = self
         self._sequence += 1
-        header = _HEADER.pack(b"MPRS", 1, len(numbers), self.channel, 0, self._sequence, time.monotonic_ns())
+        now = time.monotonic_ns()
+        header = _HEADER.pack(b"MPRS", version, self.count, self.channel, samples, self._sequence, now)
         try:
             self._socket.send(header + struct.pack(f"<{len(numbers)}d", *numbers))
         except BlockingIOError:
@@ -108,6 +127,24 @@ class Stream:
         except OSError as wrong:
             raise Disconnected(f"the run has ended ({wrong})", "start the scene again") from None
         return True
+
+    def _times(self, at: Any, count: int) -> list[float]:
+        times = np.atleast_1d(np.asarray(at, dtype=np.float64))
+        if times.shape != (count,):
+            raise ValueError(f"expected a time for each of {count} samples, found an array of {times.shape}")
+        if not 1 <= count <= self.longest_chunk:
+            raise ValueError(f"expected 1 to {self.longest_chunk} samples at once, found {count}: send fewer of them")
+        if not np.all(np.isfinite(times)):
+            raise ValueError(f"expected finite times [s], found {times}")
+        gaps = np.diff(times)
+        if np.any(gaps <= 0):
+            raise ValueError(f"expected increasing times [s], found {times}")
+        if np.any(gaps > self.timeout_s):
+            raise ValueError(
+                f"expected times at most {self.timeout_s} s apart, found {gaps.max():.3g} s: the arms would be held in "
+                "between; send samples between them, or give the input a longer timeout_s in the scene"
+            )
+        return [float(t) for t in times]
 
     def counts(self) -> dict[str, Any]:
         """What the run has received, lost and refused: the channel's entry in the answer to `channels`.

@@ -217,8 +217,12 @@ bool LiveServer::take_connection_request(Client& client, const json& request, co
     if (channels_.size() >= kMaxChannels) named.refuse("256 channels are open: end one first (stream_end)");
     const std::uint32_t number = next_channel_++;
     channels_.emplace(number, std::move(channel));
-    answer(client, {{"ok", true}, {"channel", number}, {"path", stream_path(path()).string()},
-            {"longest_chunk", Chunk::kMostSamples}}, id);
+    answer(client,
+           {{"ok", true},
+            {"channel", number},
+            {"path", stream_path(path()).string()},
+            {"longest_chunk", Chunk::kMostSamples}},
+           id);
   } else if (word == "stream_end") {
     named.allow({"id", "do", "channel"});
     const double number = named.number("channel");

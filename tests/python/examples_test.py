@@ -52,6 +52,12 @@ class Examples(unittest.TestCase):
         highest = float(re.search(r"highest: (\d+) mm", said).group(1))
         self.assertLess(abs(highest - 60), 20)  # the circle's diameter
 
+    def test_stream_policy_by_chunks(self):
+        said = self.output_of("stream_policy.py", "--seconds", "2", "--chunks")
+        self.assertGreater(int(re.search(r"received: (\d+)", said).group(1)), 3)
+        self.assertIn("held: True", said)
+        self.assertLess(abs(float(re.search(r"highest: (\d+) mm", said).group(1)) - 60), 20)
+
     def test_own_parameters(self):
         said = self.output_of("own_parameters.py")
         self.assertIn("stiffness_n_per_m: Stiffness k. 0 to 3000 N/m.", said)  # from the library's source

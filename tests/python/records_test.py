@@ -6,6 +6,7 @@ import ctypes
 import fcntl
 import mmap
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -493,6 +494,19 @@ class Figures(unittest.TestCase):
             f"lateness of a bare 1 ms timer: median {of_timer[0]:.0f} us, p99 {of_timer[1]:.0f} us"
         )
         self.assertLess(min(ages), 1e-9 * PERIOD_NS)
+
+    def test_the_benchmark_prints_every_figure(self):
+        program = harness.ROOT / "benchmarks" / "shared_records.py"
+        done = subprocess.run(
+            [sys.executable, str(program), "--seconds", "0.4", "--turns", "1"],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+        )
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertRegex(done.stdout, r"run\.state\(\): [\d.]+, [\d.]+")
+        self.assertRegex(done.stdout, r"record: \d+, \d+; timer: \d+, \d+")
+        self.assertEqual(len(re.findall(r"ratio [\d.]+; idle turns differ by 1\.00", done.stdout)), 2)
 
 
 if __name__ == "__main__":
