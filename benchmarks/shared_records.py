@@ -76,7 +76,7 @@ def main():
             ("by a request, for comparison", lambda: run.ask({"do": "state"})),
         ):
             batches = 5 if "request" in name else 200
-            print(f"  {name}: {'%.1f, %.1f' % cost_us(call, batches)}")
+            print(f"  {name}: {', '.join(f'{cost:.1f}' for cost in cost_us(call, batches))}")
 
         records, timer = [], []
         for _ in range(options.turns):

@@ -61,7 +61,9 @@ void Reference::take_due(double now_s) {
   if (due == next_) return;
   next_ = due;
   // Timed by its own time, which is exact, and after the last one in any case.
+  timed_ = true;
   take(chunk.sample(due - 1), std::min(now_s, std::max(due_s(due - 1), last_arrival_s_ + 1e-3)));
+  timed_ = false;
 }
 
 }  // namespace multipanda

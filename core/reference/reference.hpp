@@ -193,6 +193,7 @@ class Reference {
   double last_arrival_s_ = 0;
   double period_s_ = 0;  // of the stream, filtered; 0: unknown
   Series series_;        // of a slow stream
+  bool timed_ = false;   // the sample that is being taken has a time of its own
   Target last_;          // newest target of a stream
   Target pending_;       // newest target of this step
   bool is_pending_ = false;

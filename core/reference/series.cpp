@@ -87,7 +87,7 @@ void Series::correct(Filter& filter, const Values& error, double past, double dt
   move(filter, correction);
 }
 
-void Series::add(const Target& sample, double dt, double period_s) {
+void Series::add(const Target& sample, double dt, double period_s, bool timed) {
   const double h = std::max(dt, kShortestStep * period_s);
   const Values way = predict(last_three_, dt);
   const Values unforeseen = error(last_three_, sample);
@@ -99,7 +99,7 @@ void Series::add(const Target& sample, double dt, double period_s) {
   const Values e = error(smooth_, sample);
   speed_ += kShareFilter * (share(mean) - speed_);
   const double speed = std::max(speed_, kSlowestShare);
-  const double wrong = share(unforeseen) / kThreeSamples;
+  const double wrong = timed ? 0 : share(unforeseen) / kThreeSamples;
   if (share(e) > kTurn * period_s * std::max(speed, share(mean))) {
     for (std::size_t i = 0; i < size_; ++i) {
       const bool goes_on = mean[i] * mean_[i] > 0;

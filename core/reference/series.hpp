@@ -18,8 +18,8 @@ class Series {
   // A new series begins at a sample, at rest. `greatest_*`: speeds by which errors of prediction are judged,
   // [m/s] and [rad/s]; for joints the first [rad/s].
   void begin(const Target& sample, bool pose, double greatest_speed, double greatest_angular_speed);
-  // The next sample, dt > 0 later; `period_s` of the stream.
-  void add(const Target& sample, double dt, double period_s);
+  // The next sample, dt > 0 later; `period_s` of the stream. Samples with times of their own are not uneven.
+  void add(const Target& sample, double dt, double period_s, bool timed = false);
   // The estimate `ahead` seconds after the newest sample. A pose's rotation is given about R_0.
   QuinticSegment::Sample at(double ahead, const Matrix3& R_0) const;
   // How unevenly the samples arrive, as a time [s].

@@ -44,7 +44,7 @@ void Reference::plan_stream(const Target& target, std::uint64_t steps, double el
   rebase();
   if (pose || spec_.quantity == Quantity::joints) {
     if (begins) series_.begin(last_, pose, spec_.max_speed, spec_.max_angular_speed);
-    series_.add(target, elapsed_s, period_s_);
+    series_.add(target, elapsed_s, period_s_, timed_);
     if (period_s_ >= kSlowPeriod) return plan_slow_stream(target);
   }
   const Aim sample = aim_at(target);

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """A policy at 50 Hz: every answer of it is sent as the newest set-point. Silence means hold.
 
-With --chunks the policy answers ten times a second, with its next 16 actions and their times. The run keeps them, so the
-motion goes on in time while the next ones are computed.
+With --chunks the policy answers ten times a second, with its next 16 actions and their times. The run keeps them, so
+the motion goes on in time while the next ones are computed.
 
 PYTHONPATH=python .venv/bin/python examples/python/stream_policy.py
 PYTHONPATH=python .venv/bin/python examples/python/stream_policy.py --chunks
