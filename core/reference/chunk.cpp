@@ -64,6 +64,7 @@ void Reference::take_due(double now_s) {
   timed_ = true;
   take(chunk.sample(due - 1), std::min(now_s, std::max(due_s(due - 1), last_arrival_s_ + 1e-3)));
   timed_ = false;
+  last_.id = chunk.id + chunk.count - 1;  // a sample that is sent now is the next one
 }
 
 }  // namespace multipanda

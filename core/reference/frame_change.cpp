@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <limits>
 
 #include "core/reference/reference.hpp"
 #include "core/types/rotation_rate.hpp"
@@ -62,7 +61,7 @@ void Reference::carry(const Pose& X) {
     segment_.plan(coordinates(), now_, goal, 0);
   }
   // The next sample of a stream is no continuation: it is approached within the speed limits.
-  last_.id = std::numeric_limits<std::uint64_t>::max();
+  last_.id = kOfAnotherFrame;
   period_s_ = 0;
   forget_chunk();
   // So is a goal that waits for the hand.

@@ -173,7 +173,8 @@ void Reference::advance(double dt, double now_s) {
 
 void Reference::take(const Target& target, double now_s) {
   const double elapsed = now_s - last_arrival_s_;
-  const bool continues = streaming_ && !stale_ && target.delivery == Delivery::stream && target.id > last_.id;
+  const bool newer = timed_ ? last_.id != kOfAnotherFrame : target.id > last_.id;
+  const bool continues = streaming_ && !stale_ && target.delivery == Delivery::stream && newer;
   streaming_ = target.delivery == Delivery::stream;
   stale_ = false;
   last_arrival_s_ = now_s;
@@ -184,7 +185,7 @@ void Reference::take(const Target& target, double now_s) {
   } else if (waits_for(target)) {
     period_s_ = 0;
   } else if (continues && elapsed > 0 && elapsed < std::max(kMaxStreamPeriod, kMaxStreamGap * period_s_)) {
-    plan_stream(target, target.id - last_.id, elapsed);
+    plan_stream(target, timed_ ? 1 : target.id - last_.id, elapsed);
   } else {
     period_s_ = 0;
     plan_goal(target);

@@ -117,6 +117,9 @@ class Reference {
   // Duration of braking after a stream stops, and minimum duration of a goal.
   static constexpr double kBrakingTime = 0.1;  // [s]
 
+  // Id of the newest sample of a stream while its frame was redefined: no sample continues it.
+  static constexpr std::uint64_t kOfAnotherFrame = std::numeric_limits<std::uint64_t>::max();
+
   static constexpr double kWaitsFrom = 0.8;  // share of the allowed pull
 
   struct Resistance {  // of one hand
