@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """A run that Python starts: it ends in hold however Python ends, and errors say what to do."""
 
+import contextlib
 import os
 import pathlib
 import signal
@@ -10,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 import unittest
 
 import harness  # first: it sets the paths
@@ -37,6 +39,16 @@ with mp.run("one_arm", record=sys.argv[1]) as run:
 def log_in(folder):
     (found,) = pathlib.Path(folder).glob("*/log.mcap")
     return mp.read_log(found)
+
+
+def processes_with(folder):
+    """Processes that were started with this folder as an argument."""
+    found = []
+    for path in pathlib.Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            if folder.encode() in path.read_bytes() and not ended(path.parent.name):
+                found.append(path.parent.name)
+    return found
 
 
 class Leaving(unittest.TestCase):
@@ -100,6 +112,43 @@ class Leaving(unittest.TestCase):
 
     def test_interrupted_in_mid_stream_ends_in_hold(self):
         self.ended_from_outside(signal.SIGINT, "stream")
+
+    def test_interrupted_at_any_moment_leaves_nothing_behind(self):
+        """Ctrl-C while Python starts, while the program starts, in a stream, at the end; to Python alone, and to the
+        whole group as a terminal sends it."""
+        code = (
+            "import sys, time\nprint('python', flush=True)\nimport multipanda as mp\nprint('package', flush=True)\n"
+            "with mp.run('one_arm', record=sys.argv[1]) as run:\n"
+            "    print('run', flush=True)\n"
+            "    with run['cartesian'].stream('pose') as stream:\n"
+            "        print('stream', flush=True)\n"
+            "        for _ in range(50):\n"
+            "            stream.send(run.arms['arm'].state.pose)\n"
+            "            time.sleep(0.01)\n"
+            "    print('closed', flush=True)\n"
+        )
+        moments = [(word, later) for word in ("python", "package", "run", "stream", "closed") for later in (0, 0.1)]
+        for group in (False, True):
+            for word, later in moments:
+                with self.subTest(f"{word} + {later} s, group: {group}"), tempfile.TemporaryDirectory() as folder:
+                    child = subprocess.Popen(
+                        [sys.executable, "-c", code, folder],
+                        stdout=subprocess.PIPE,
+                        stderr=subprocess.DEVNULL,
+                        text=True,
+                        start_new_session=True,
+                    )
+                    for line in child.stdout:
+                        if line.strip() == word:
+                            break
+                    time.sleep(later)
+                    with contextlib.suppress(ProcessLookupError):
+                        (os.killpg if group else os.kill)(child.pid, signal.SIGINT)
+                    child.stdout.read()
+                    child.stdout.close()
+                    child.wait(PATIENCE)
+                    until(lambda: processes_with(folder) == [], "the end of the program")  # noqa: B023
+                    self.assertEqual(sockets(), [])
 
     def test_a_program_that_closes_nothing_ends_in_hold(self):
         with tempfile.TemporaryDirectory() as folder:
