@@ -49,7 +49,7 @@ void Reference::take_chunk(double now_s) {
 
 // Of several samples that are due, only the newest is planned.
 void Reference::take_due(double now_s) {
-  if (next_ == queued_) return;
+  if (next_ == queued_ || (streaming_ && now_s <= last_arrival_s_)) return;  // a paused loop stands still
   const Chunk& chunk = inbox_->chunks.value();
   const auto due_s = [&](std::size_t k) {
     if (chunk.count == 1) return chunk.times_s[0];

@@ -27,7 +27,7 @@ constexpr double kShortestSlowHorizon = 0.08;  // [s]
 constexpr double kFarthest = 0.15;             // [s]
 // Unevenness d of a series of speed v is taken up with a jerk of at most about v / kUnevenTime^2: the quintic
 // that corrects an error d v within a horizon h begins with a jerk of 60 d v / h^3.
-constexpr double kUnevenTime = 0.14;  // [s]
+constexpr double kUnevenTime = 0.2;  // [s]
 constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
 }  // namespace

@@ -64,6 +64,20 @@ bool ReferenceStream::send(std::span<const double> values, std::int64_t client_t
   return ::send(file_, bytes.data(), size, MSG_DONTWAIT | MSG_NOSIGNAL) == static_cast<ssize_t>(size);
 }
 
+bool ReferenceStream::send(const Chunk& chunk, std::int64_t client_time_ns) {
+  if (chunk.size == 0 || chunk.size > kMaxTargetValues || chunk.count == 0 ||
+      chunk.count > Chunk::kMostSamples)
+    throw std::invalid_argument("a chunk has 1 to 64 samples of 1 to " + std::to_string(kMaxTargetValues) +
+                                " values");
+  StreamPacket head;
+  head.channel = channel_;
+  head.sequence = ++sequence_;
+  head.client_time_ns = client_time_ns;
+  ChunkPacketBytes bytes;
+  const std::size_t size = pack(ChunkPacket{.head = head, .chunk = chunk}, bytes);
+  return ::send(file_, bytes.data(), size, MSG_DONTWAIT | MSG_NOSIGNAL) == static_cast<ssize_t>(size);
+}
+
 LiveClient::LiveClient(const std::filesystem::path& socket)
     : line_(connected(socket, SOCK_STREAM), kLongestAnswer) {}
 

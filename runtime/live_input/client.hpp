@@ -26,6 +26,8 @@ class ReferenceStream {
   // Never waits. Returns false if the socket is full (the run counts the packet as lost) or the run is over.
   // Throws std::invalid_argument for no values or more than kMaxTargetValues.
   bool send(std::span<const double> values, std::int64_t client_time_ns = 0);
+  // The same for samples that are not due yet; its id is not used.
+  bool send(const Chunk& chunk, std::int64_t client_time_ns = 0);
   std::uint32_t channel() const { return channel_; }
   std::uint64_t sent() const { return sequence_; }  // packets, including those that found the socket full
 

@@ -60,10 +60,10 @@ void LiveServer::run() {
                         !client.line.has_line() && client.line.unsent() == 0;
       client.gone = client.gone || client.line.broken() || done;
     }
-    std::erase_if(channels_, [&](auto& entry) {
-      if (entry.second.owner->gone) handler_.discard(entry.second.stream);
-      return entry.second.owner->gone;
-    });
+    for (auto& [number, channel] : channels_) {
+      if (channel.owner->gone) handler_.discard(channel.stream);
+    }
+    std::erase_if(channels_, [](const auto& entry) { return entry.second.owner->gone; });
     std::erase_if(clients_, [](const Client& client) { return client.gone; });
     record_readers_.store(static_cast<std::size_t>(std::ranges::count_if(clients_, &Client::has_records)),
                           std::memory_order_relaxed);
@@ -283,7 +283,7 @@ void LiveServer::send_state(Client& client, Clock::time_point now) {
 
 void LiveServer::take_packets(Publisher& publisher) {
   constexpr int kPerTurn = 256;
-  std::array<std::uint8_t, kChunkPacketBytes> bytes;
+  ChunkPacketBytes bytes;
   for (int n = 0; n < kPerTurn; ++n) {
     double age_s = 0;
     const std::ptrdiff_t size = receive_packet(publisher.file, bytes, realtime_(), age_s);

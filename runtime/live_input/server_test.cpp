@@ -249,6 +249,120 @@ TEST_F(ServerTest, PacketsThatWaitedTooLongAreCountedAndMoveNothing) {
   EXPECT_NEAR(fixture_.loop.world.position(0)[3], fixture_.loop.models[0]->q_home()[3], 1e-3);
 }
 
+// Samples of joint 4 that go down by 0.1 rad within 1 s, from `begin_s` on; every 50 ms.
+Chunk downwards(const JointVector& q_start, double begin_s) {
+  Chunk chunk;
+  chunk.size = 7;
+  chunk.count = 20;
+  for (std::size_t k = 0; k < chunk.count; ++k) {
+    const double share = static_cast<double>(k + 1) / chunk.count;
+    chunk.times_s[k] = begin_s + share;
+    std::copy(q_start.begin(), q_start.end(), chunk.values[k].begin());
+    chunk.values[k][3] -= 0.1 * share * share;
+  }
+  return chunk;
+}
+
+class ChunkServerTest : public ServerTest {
+ protected:
+  ChunkServerTest() {
+    client_.tell({{"do", "switch"}, {"activate", {"joint0"}}, {"id", 0}});
+    EXPECT_EQ(client_.ask({{"do", "list"}})["ok"], true);  // by now the switch is with the loop
+    fixture_.steps(1);
+    EXPECT_EQ(client_.next(10)["ok"], true);
+  }
+  double now_s() const { return 1e-3 * static_cast<double>(fixture_.loop.modes().cycle()); }
+  double set_point() {
+    MultimodeController& modes = fixture_.loop.modes();
+    return modes.instance(modes.find("joint0")).inputs()[0].joints()[3];
+  }
+  json counts() { return client_.ask({{"do", "channels"}})["channels"][0]; }
+
+  LiveClient client_{server_.path()};
+  const JointVector q_ = fixture_.loop.models[0]->q_home();
+};
+
+TEST_F(ChunkServerTest, IsFollowedInTimeAndEndsInHold) {
+  ReferenceStream stream = client_.open_stream("joint0", "joints");
+  const double begin = now_s();
+  ASSERT_TRUE(stream.send(downwards(q_, begin)));
+  EXPECT_EQ(counts()["verdict"], "accepted");
+  fixture_.steps(900);
+  EXPECT_NEAR(set_point(), q_[3] - 0.1 * 0.81, 1e-3);
+  EXPECT_EQ(fixture_.loop.modes().owner(0), fixture_.loop.find("joint0"));
+  fixture_.steps(250);
+  EXPECT_EQ(fixture_.loop.modes().owner(0), fixture_.loop.find("arm0_hold"));
+  ASSERT_TRUE(stream.send(downwards(q_, now_s())));
+  EXPECT_EQ(counts()["verdict"], "not_active");
+}
+
+// A chunk with one sample out of bounds is refused as a whole, and ends the one before it.
+TEST_F(ChunkServerTest, ARefusedOneMovesNothingAndDiscardsTheOneBefore) {
+  for (const int wrong : {0, 1, 2, 3}) {
+    ReferenceStream stream = client_.open_stream("joint0", "joints");
+    client_.tell({{"do", "switch"}, {"activate", {"joint0"}}, {"id", 1}});
+    ASSERT_EQ(client_.ask({{"do", "list"}})["ok"], true);
+    fixture_.steps(1);
+    ASSERT_TRUE(stream.send(downwards(q_, now_s())));
+    ASSERT_EQ(counts()["refused"], 0);
+    fixture_.steps(300);
+    const double before = set_point();
+    Chunk bad = downwards(q_, now_s());
+    if (wrong == 0) bad.values[19][3] = 3;  // beyond the joint's limit
+    if (wrong == 1) bad.values[19][3] = std::nan("");
+    if (wrong == 2) bad.times_s[19] = bad.times_s[18];
+    if (wrong == 3) {
+      for (double& time : bad.times_s) time += 10;  // too far ahead
+    }
+    ASSERT_TRUE(stream.send(bad));
+    EXPECT_EQ(counts()["refused"], 1);
+    fixture_.steps(60);
+    EXPECT_LT(std::abs(set_point() - before), 0.02);
+    fixture_.steps(140);
+    EXPECT_EQ(fixture_.loop.modes().owner(0), fixture_.loop.find("arm0_hold")) << wrong;
+    ASSERT_EQ(client_.ask({{"do", "stream_end"}, {"channel", stream.channel()}})["ok"], true);
+  }
+}
+
+// Whatever ends the sender's right to command discards what it has queued, even if the law starts again.
+TEST_F(ChunkServerTest, EndsWithAStopWithItsChannelAndWithItsClient) {
+  for (const int way : {0, 1, 2}) {
+    auto owner = std::make_unique<LiveClient>(server_.path());
+    ReferenceStream stream = owner->open_stream("joint0", "joints");
+    client_.tell({{"do", "switch"}, {"activate", {"joint0"}}, {"id", 1}});
+    ASSERT_EQ(client_.ask({{"do", "list"}})["ok"], true);
+    fixture_.steps(1);
+    ASSERT_TRUE(stream.send(downwards(q_, now_s())));
+    ASSERT_EQ(counts()["verdict"], "accepted");
+    fixture_.steps(200);
+    MultimodeController& modes = fixture_.loop.modes();
+    if (way == 0) {
+      modes.stop(ArmSet::of(0));
+      fixture_.steps(1);
+      Request resume{.kind = Request::Kind::resume};
+      resume.arms = ArmSet::of(0);
+      Request start{.kind = Request::Kind::switch_controllets};
+      start.activate = bit(fixture_.loop.find("joint0"));
+      for (const Request& request : {resume, start}) {
+        std::uint64_t ticket = 0;
+        ASSERT_EQ(modes.post(std::span(&request, 1), ticket), Verdict::accepted);
+        fixture_.steps(1);
+      }
+      ASSERT_EQ(modes.owner(0), fixture_.loop.find("joint0"));
+    } else if (way == 1) {
+      ASSERT_EQ(owner->ask({{"do", "stream_end"}, {"channel", stream.channel()}})["ok"], true);
+    } else {
+      owner.reset();
+      while (!client_.ask({{"do", "channels"}})["channels"].empty()) {
+      }
+    }
+    const double before = set_point();
+    fixture_.steps(700);
+    EXPECT_LT(std::abs(set_point() - before), 0.01) << way;
+    EXPECT_EQ(modes.owner(0), fixture_.loop.find(way == 0 ? "joint0" : "arm0_hold")) << way;
+  }
+}
+
 TEST_F(ServerTest, AChannelEndsWithItsOwner) {
   LiveClient observer(server_.path());
   {

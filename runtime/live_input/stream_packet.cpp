@@ -15,7 +15,7 @@ constexpr std::uint16_t kVersion = 1, kChunkVersion = 2;
 
 // Byte by byte, independent of the machine's byte order and alignment.
 template <std::unsigned_integral T>
-void put(StreamPacketBytes& bytes, std::size_t offset, T value) {
+void put(std::span<std::uint8_t> bytes, std::size_t offset, T value) {
   for (std::size_t i = 0; i < sizeof(T); ++i) {
     bytes[offset + i] = static_cast<std::uint8_t>(static_cast<std::uint64_t>(value) >> (8 * i));
   }
@@ -26,6 +26,21 @@ T get(std::span<const std::uint8_t> bytes, std::size_t offset) {
   std::uint64_t value = 0;
   for (std::size_t i = 0; i < sizeof(T); ++i) value |= std::uint64_t{bytes[offset + i]} << (8 * i);
   return static_cast<T>(value);
+}
+
+void put_head(const StreamPacket& packet, std::uint16_t version, std::uint32_t samples,
+              std::span<std::uint8_t> bytes) {
+  for (std::size_t i = 0; i < kMagic.size(); ++i) bytes[i] = kMagic[i];
+  put<std::uint16_t>(bytes, 4, version);
+  put<std::uint16_t>(bytes, 6, packet.count);
+  put<std::uint32_t>(bytes, 8, packet.channel);
+  put<std::uint32_t>(bytes, 12, samples);
+  put<std::uint64_t>(bytes, 16, packet.sequence);
+  put<std::uint64_t>(bytes, 24, std::bit_cast<std::uint64_t>(packet.client_time_ns));
+}
+
+void put_number(double value, std::size_t n, std::span<std::uint8_t> bytes) {
+  put<std::uint64_t>(bytes, kStreamHeaderBytes + 8 * n, std::bit_cast<std::uint64_t>(value));
 }
 
 // The n-th number behind the header.
@@ -52,17 +67,23 @@ std::optional<StreamPacket> unpack_head(std::span<const std::uint8_t> bytes, std
 }  // namespace
 
 std::size_t pack(const StreamPacket& packet, StreamPacketBytes& bytes) {
-  for (std::size_t i = 0; i < kMagic.size(); ++i) bytes[i] = kMagic[i];
-  put<std::uint16_t>(bytes, 4, kVersion);
-  put<std::uint16_t>(bytes, 6, packet.count);
-  put<std::uint32_t>(bytes, 8, packet.channel);
-  put<std::uint32_t>(bytes, 12, 0);
-  put<std::uint64_t>(bytes, 16, packet.sequence);
-  put<std::uint64_t>(bytes, 24, std::bit_cast<std::uint64_t>(packet.client_time_ns));
-  for (std::size_t i = 0; i < packet.count; ++i) {
-    put<std::uint64_t>(bytes, kStreamHeaderBytes + 8 * i, std::bit_cast<std::uint64_t>(packet.values[i]));
+  put_head(packet, kVersion, 0, bytes);
+  std::size_t next = 0;
+  for (std::size_t i = 0; i < packet.count; ++i) put_number(packet.values[i], next++, bytes);
+  return kStreamHeaderBytes + 8 * next;
+}
+
+std::size_t pack(const ChunkPacket& packet, ChunkPacketBytes& bytes) {
+  const Chunk& chunk = packet.chunk;
+  StreamPacket head = packet.head;
+  head.count = chunk.size;
+  put_head(head, kChunkVersion, chunk.count, bytes);
+  std::size_t next = 0;
+  for (std::size_t k = 0; k < chunk.count; ++k) put_number(chunk.times_s[k], next++, bytes);
+  for (std::size_t k = 0; k < chunk.count; ++k) {
+    for (std::size_t i = 0; i < chunk.size; ++i) put_number(chunk.values[k][i], next++, bytes);
   }
-  return kStreamHeaderBytes + 8 * std::size_t{packet.count};
+  return kStreamHeaderBytes + 8 * next;
 }
 
 std::optional<StreamPacket> unpack(std::span<const std::uint8_t> bytes) {

@@ -42,9 +42,11 @@ inline constexpr std::size_t kStreamPacketBytes = kStreamHeaderBytes + 8 * kMaxT
 inline constexpr std::size_t kChunkPacketBytes =
     kStreamHeaderBytes + 8 * (1 + kMaxTargetValues) * Chunk::kMostSamples;
 using StreamPacketBytes = std::array<std::uint8_t, kStreamPacketBytes>;
+using ChunkPacketBytes = std::array<std::uint8_t, kChunkPacketBytes>;
 
 // Returns the number of bytes used.
 std::size_t pack(const StreamPacket& packet, StreamPacketBytes& bytes);
+std::size_t pack(const ChunkPacket& packet, ChunkPacketBytes& bytes);
 // None if the packet is of another version or incomplete.
 std::optional<StreamPacket> unpack(std::span<const std::uint8_t> bytes);
 std::optional<ChunkPacket> unpack_chunk(std::span<const std::uint8_t> bytes);

@@ -1,6 +1,7 @@
 #include "runtime/live_input/stream_packet.hpp"
 
 #include <cmath>
+#include <cstring>
 #include <random>
 #include <vector>
 
@@ -31,6 +32,43 @@ TEST(StreamPacketTest, HasTheDocumentedLayout) {
   EXPECT_EQ(back->values, packet.values);
 }
 
+TEST(StreamPacketTest, OfAChunkHasTheDocumentedLayout) {
+  ChunkPacket packet;
+  packet.head.channel = 7;
+  packet.head.sequence = 9;
+  packet.chunk.size = 2;
+  packet.chunk.count = 3;
+  for (std::size_t k = 0; k < 3; ++k) {
+    packet.chunk.times_s[k] = 1.0 + static_cast<double>(k);
+    packet.chunk.values[k] = {10.0 + static_cast<double>(k), 20.0 + static_cast<double>(k)};
+  }
+  ChunkPacketBytes bytes{};
+  ASSERT_EQ(pack(packet, bytes), 32u + 8u * 9u);
+  EXPECT_EQ(bytes[4], 2);   // version
+  EXPECT_EQ(bytes[6], 2);   // values per sample
+  EXPECT_EQ(bytes[12], 3);  // samples
+  std::array<double, 9> numbers{};
+  std::memcpy(numbers.data(), bytes.data() + 32, sizeof(numbers));  // on a little-endian machine
+  EXPECT_EQ(numbers, (std::array<double, 9>{1, 2, 3, 10, 20, 11, 21, 12, 22}));
+  const std::span<const std::uint8_t> whole = std::span(bytes).first(32 + 8 * 9);
+  const auto back = unpack_chunk(whole);
+  ASSERT_TRUE(back);
+  EXPECT_EQ(back->head.channel, 7u);
+  EXPECT_EQ(back->head.sequence, 9u);
+  EXPECT_EQ(back->chunk.times_s, packet.chunk.times_s);
+  EXPECT_EQ(back->chunk.values, packet.chunk.values);
+  EXPECT_FALSE(unpack(whole));  // a sample it is not
+  for (std::size_t cut = 0; cut < whole.size(); ++cut) EXPECT_FALSE(unpack_chunk(whole.first(cut))) << cut;
+  EXPECT_FALSE(unpack_chunk(std::span(bytes).first(whole.size() + 1)));
+  for (const std::size_t at : {0u, 4u, 6u, 12u, 13u, 15u}) {
+    ChunkPacketBytes wrong = bytes;
+    wrong[at] = static_cast<std::uint8_t>(wrong[at] ^ 0x40);
+    EXPECT_FALSE(unpack_chunk(std::span(wrong).first(whole.size()))) << at;
+  }
+  bytes[12] = 0;
+  EXPECT_FALSE(unpack_chunk(std::span(bytes).first(32)));
+}
+
 TEST(StreamPacketTest, InvalidPacketsAreRefused) {
   StreamPacketBytes bytes{};
   const std::size_t size =
@@ -47,7 +85,9 @@ TEST(StreamPacketTest, InvalidPacketsAreRefused) {
   for (int n = 0; n < 20000; ++n) {  // any input: no crash, and nothing is accepted without the magic
     StreamPacketBytes noise;
     for (auto& byte : noise) byte = static_cast<std::uint8_t>(random());
-    EXPECT_FALSE(unpack(std::span(noise).first(random() % noise.size())));
+    const auto part = std::span(noise).first(random() % noise.size());
+    EXPECT_FALSE(unpack(part));
+    EXPECT_FALSE(unpack_chunk(part));
   }
 }
 

@@ -8,7 +8,6 @@ import random
 import signal
 import subprocess
 import sys
-import tempfile
 import unittest
 
 import harness  # first: it sets the paths
@@ -62,47 +61,41 @@ def moved(pose, by):
 
 
 class Uneven(unittest.TestCase):
-    def test_at_20_hz_with_jitter_and_losses_no_torque_is_rate_limited(self):
+    def test_the_set_point_at_20_hz_with_jitter_and_losses_is_smooth(self):
         draw = random.Random(3)
-        with tempfile.TemporaryDirectory() as folder:
-            with standing_run(record=folder) as run:
-                start = run.arms["arm"].state.pose
-                with stream_of(run) as stream, run.records() as records:
-                    begin = run.state().cycle
-                    cycle, lost, sent = begin, 0, 0
-                    for k in range(160):
-                        lost = lost + 1 if draw.random() < 0.05 and lost < 2 else 0
-                        arrival = begin + round(50 * (k + draw.uniform(0, 0.3)))
-                        if lost:
-                            continue
-                        if arrival > cycle:
-                            run.step(arrival - cycle)
-                            cycle = arrival
-                        self.assertTrue(stream.send(moved(start, offset(0.05 * k))))
-                        sent += 1
-                    counts = stream.counts()
-                    self.assertEqual((counts["received"], counts["refused"], counts["expired"]), (sent, 0, 0))
-                    self.assertLess(sent, 160)
-                    until(lambda: run.state().cycle >= cycle, "the last cycle")
-                    self.assertFalse(run.arms["arm"].state.held)
-                    self.assertEqual(run.arms["arm"].state.interventions, 0)
-                    t, hand = [], []
-                    while not t or t[-1] < cycle:
-                        record = next(records)
-                        t.append(record.cycle)
-                        hand.append(record["cartesian/pose"][:3])
-            rules = [entry for entry in mp.read_log(run.log).interventions if "rate" in str(entry)]
-        self.assertEqual(rules, [])
+        with standing_run() as run:
+            start = run.arms["arm"].state.pose
+            with stream_of(run) as stream, run.records() as records:
+                begin = run.state().t_s
+                now, lost, sent = 0, 0, 0  # [ms]
+                for k in range(80):
+                    lost = lost + 1 if draw.random() < 0.05 and lost < 2 else 0
+                    arrival = round(50 * (k + draw.uniform(0, 0.3)))
+                    if lost:
+                        continue
+                    if arrival > now:
+                        run.step(arrival - now)
+                        now = arrival
+                    self.assertTrue(stream.send(moved(start, offset(0.05 * k))))
+                    sent += 1
+                counts = stream.counts()
+                self.assertEqual((counts["received"], counts["refused"], counts["expired"]), (sent, 0, 0))
+                self.assertLess(sent, 80)
+                self.assertFalse(run.arms["arm"].state.held)
+                at = {}  # while the world is paused, the loop goes on at the same time
+                while len(at) < now - 10:
+                    record = next(records)
+                    at[record.t_s - begin] = record["cartesian/pose"][:3]
         # The lag of the set-point: where it fits the path best.
-        t, hand = np.array(t), np.array(hand)
+        t, hand = np.array(list(at)), np.array(list(at.values()))
 
         def misfit(lag):
-            truth = [start.position_m + offset(max(0.0, 1e-3 * (c - begin) - lag)) for c in t[500::20]]
+            truth = [start.position_m + offset(max(0.0, s - lag)) for s in t[500::20]]
             return np.sum((hand[500::20] - truth) ** 2)
 
         lags = np.arange(0, 0.15, 0.0025)
         lag = lags[np.argmin([misfit(lag) for lag in lags])]
-        print(f"20 Hz, jitter 30 %, lost 5 %: no torque rate-limited, lag {lag / 0.05:.2f} periods")
+        print(f"20 Hz, jitter 30 %, lost 5 %: lag {lag / 0.05:.2f} periods")
         self.assertLessEqual(lag, 1.5 * 0.05)
         third = np.diff(hand[800:], 3, axis=0) * 1e9
         self.assertLess(np.linalg.norm(third, axis=1).max(), 200)  # [m/s^3]; a hold within 2 m/s^2 has 4000
@@ -114,16 +107,15 @@ class Chunks(unittest.TestCase):
             start = run.arms["arm"].state.pose
             with stream_of(run) as stream, run.records() as records:
                 begin = run.state().t_s
-                for k in range(10):  # 16 actions at 20 Hz, of which 10 come to pass
+                for k in range(5):  # 16 actions at 20 Hz, of which 10 come to pass
                     ahead = 0.05 * np.arange(1, 17)
                     actions = [moved(start, offset(0.5 * k + s)) for s in ahead]
                     self.assertTrue(stream.send(actions, at=begin + 0.5 * k + ahead))
                     run.step(500)
-                self.assertEqual(run.arms["arm"].state.interventions, 0)
                 counts = stream.counts()
-                self.assertEqual((counts["received"], counts["refused"], counts["late_samples"]), (10, 0, 0))
+                self.assertEqual((counts["received"], counts["refused"], counts["late_samples"]), (5, 0, 0))
                 worst, t = 0.0, 0.0
-                while t < 4.9:
+                while t < 2.4:
                     record = next(records)
                     t = record.t_s - begin
                     if t > 0.3:
@@ -145,7 +137,7 @@ class Chunks(unittest.TestCase):
     def test_late_actions_are_counted(self):
         with standing_run() as run:
             with stream_of(run) as stream:
-                run.step(1000)
+                run.step(300)
                 start, now = run.arms["arm"].state.pose, run.state().t_s
                 times = now - 0.1 + 0.05 * np.arange(40)  # the first three are not in the future
                 stream.send([start] * 40, at=times)
@@ -158,7 +150,7 @@ class Chunks(unittest.TestCase):
                 law, arm = run["cartesian"], run.arms["arm"]
                 stream = law.stream("pose")
                 start, now, ahead = self.send_two_seconds(run, stream)
-                run.step(500)
+                run.step(300)
                 self.assertFalse(arm.state.held)
                 # Requests to the loop are answered by its next cycle.
                 run.pause(False)
@@ -178,7 +170,7 @@ class Chunks(unittest.TestCase):
                     stream.send(start)
                 reached = arm.state.pose.position_m[2]
                 run.pause()
-                run.step(1500)
+                run.step(700)
                 if way in ("refused", "sample"):
                     self.assertTrue(arm.state.held)  # silence
                 else:
@@ -207,7 +199,7 @@ class Chunks(unittest.TestCase):
                 text=True,
             )
             self.assertEqual(child.stdout.readline(), "1\n")
-            run.step(1000)
+            run.step(300)
             self.assertFalse(run.arms["arm"].state.held)
             child.send_signal(signal.SIGKILL)
             child.communicate(timeout=PATIENCE)
