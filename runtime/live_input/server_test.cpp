@@ -271,7 +271,11 @@ class ChunkServerTest : public ServerTest {
     fixture_.steps(1);
     EXPECT_EQ(client_.next(10)["ok"], true);
   }
-  double now_s() const { return 1e-3 * static_cast<double>(fixture_.loop.modes().cycle()); }
+  double now_s() const {
+    LatestState::Snapshot snapshot;
+    fixture_.latest.copy(snapshot);
+    return snapshot.t.seconds();
+  }
   double set_point() {
     MultimodeController& modes = fixture_.loop.modes();
     return modes.instance(modes.find("joint0")).inputs()[0].joints()[3];
