@@ -18,7 +18,7 @@ double duration_of(const TimelineEvent& event) {
   return 0;
 }
 
-// Of the fastest joint [rad/s]; not finite if one is not.
+// Speed of the fastest joint [rad/s]; not finite if one is not.
 double speed_of(const ArmSample& arm, std::size_t joints) {
   double speed = 0;
   for (std::size_t j = 0; j < joints; ++j) {

@@ -39,8 +39,7 @@ TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& ta
 
 namespace {
 
-// Factor on a torque of the null space such that the hand presses with no more than a twentieth of the
-// bounds.
+// Factor on a torque of the null space, with which the hand presses with a twentieth of the bounds at most.
 double share_within(const ContactBounds& contact, const TaskSpace& task, const JointVector& tau) {
   constexpr double kShare = 0.05;
   const Vector6 pressing = task.press() * Vector6(task.J_bar.transpose().lazyProduct(tau));

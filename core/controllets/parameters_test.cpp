@@ -100,7 +100,7 @@ TEST(Parameters, PerJointDefaultsAreCutToTheArm) {
   EXPECT_THROW(ParameterSet({{"large", "", 17, {1}, 0, 10, ""}}, 7), std::invalid_argument);
 }
 
-// Who caches what it derived from the values compares the version: it changes whenever a value does.
+// A law that caches what it derived from the values compares the version, which changes whenever they do.
 TEST(Parameters, TheVersionChangesWithEveryChangeAndOnlyThen) {
   ParameterSet set = some();
   auto version = set.version();

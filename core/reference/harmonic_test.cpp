@@ -1,5 +1,4 @@
-// The motion of a harmonic against its formula with a numerical phase, and its top speed against dense
-// samples.
+// The motion of a harmonic against its formula with a numerical phase; its top speed against samples.
 #include "core/reference/harmonic.hpp"
 
 #include <cmath>

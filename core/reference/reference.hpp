@@ -39,8 +39,7 @@ struct InputSpec {
 // followed with a delay of one of its periods: each sample is approached with the velocity (and, below 200
 // Hz, the acceleration) estimated from the series, so that a smooth series gives a smooth motion. Late
 // samples and two lost ones in a row are bridged. If the stream stops, the reference brakes to rest and
-// becomes stale. Samples of a chunk are taken one period before their time, so that the set-point is there in
-// time.
+// becomes stale. Samples of a chunk are taken one period before their time, so that the set-point is not late.
 //
 // A reference whose hand cannot follow waits: see resist(). A joint reference is slowed down where the hand
 // would be faster than its bound: see bound_hand_speed(). Both scale the time of the segment by a pace p from

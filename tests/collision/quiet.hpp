@@ -6,8 +6,7 @@
 #include "scene/scene.hpp"
 
 // Arms that are sent to goals within the range of collision avoidance, where its force and the law's balance:
-// over a table, beside another arm, between two walls. Seeded; the seed determines place, plant, robot and
-// bounds.
+// over a table, beside another arm, between two walls. The seed determines place, plant, robot, bounds.
 namespace multipanda::quiet {
 
 enum class Place { table, beside, walls };
