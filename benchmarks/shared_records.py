@@ -35,7 +35,7 @@ def ages_us(run, count):
 
 
 def lateness_us(count):
-    """Figures of a bare timer of 1 ms, in the same process [us]."""
+    """Lateness of a bare timer of 1 ms, in the same process [us]."""
     late, due = [], time.monotonic_ns() + PERIOD_NS
     for _ in range(count):
         time.sleep(max(0, due - time.monotonic_ns()) * 1e-9)

@@ -29,8 +29,8 @@ Scene scene_with(const std::string& address) {
   return scene;
 }
 
-// A run of the scene above in which the second arm moves between two times. Of the
-// owners, 0 takes no commands and 1 does.
+// A run of the scene above in which the second arm moves between two times. Owner 0
+// takes no commands, owner 1 does.
 struct Course {
   double from_s = 0, to_s = 0, end_s = 0;
   double speed = 0.1;  // [rad/s]
