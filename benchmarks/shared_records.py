@@ -27,7 +27,7 @@ def cost_us(call, batches=200, count=20):
 
 
 def ages_us(run, count):
-    """Of records when an iterator has them [us]: since the begin of their cycle."""
+    """Ages of records when an iterator has them [us], since the begin of their cycle."""
     with run.records() as records:
         for _ in range(20):
             next(records)
@@ -35,7 +35,7 @@ def ages_us(run, count):
 
 
 def lateness_us(count):
-    """Lateness of a bare timer of 1 ms, in the same process [us]."""
+    """How late a bare timer of 1 ms is in the same process [us]."""
     late, due = [], time.monotonic_ns() + PERIOD_NS
     for _ in range(count):
         time.sleep(max(0, due - time.monotonic_ns()) * 1e-9)

@@ -47,7 +47,7 @@ void Reference::take_chunk(double now_s) {
   if (next_ < queued_ && inbox_->targets.value().id > inbox_->chunks.value().id) forget_chunk();
 }
 
-// Plans only the newest of the samples that are due.
+// Plans the newest of the samples that are due.
 void Reference::take_due(double now_s) {
   if (next_ == queued_ || (streaming_ && now_s <= last_arrival_s_)) return;  // a paused loop stands still
   const Chunk& chunk = inbox_->chunks.value();

@@ -38,8 +38,9 @@ struct InputSpec {
 // begins at the current set-point and ends at rest; a motion above the speed limit is refused. A stream is
 // followed with a delay of one of its periods: each sample is approached with the velocity (and, below 200
 // Hz, the acceleration) estimated from the series, so that a smooth series gives a smooth motion. Late
-// samples and two lost ones in a row are bridged. If the stream stops, the reference brakes to rest and
-// becomes stale. Samples of a chunk are taken one period before their time, so that the set-point is not late.
+// samples and two lost ones in a row (at 10 Hz: one) are bridged. If the stream stops, the reference brakes
+// to rest and becomes stale. Samples of a chunk are taken one period early, so that the set-point is there in
+// time, without lag.
 //
 // A reference whose hand cannot follow waits: see resist(). A joint reference is slowed down where the hand
 // would be faster than its bound: see bound_hand_speed(). Both scale the time of the segment by a pace p from
