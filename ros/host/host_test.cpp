@@ -203,6 +203,32 @@ TEST(Hosts, ControlletsOfAnotherLibraryRunInTheController) {
   hardware.disconnect();
 }
 
+// What ArmSystem::on_error and on_cleanup do: once for an error in motion, and again for the cleanup that a
+// manager may call after it. The node outlives the services on it, and the component connects again.
+TEST(Hosts, AComponentInErrorIsLeftAtOnceAndConnectsAgain) {
+  choose_domain();
+  HardwareHost hardware(HardwareHost::Kind::mujoco, {{"arm_names", "left"}}, {});
+  for (int k = 0; k < 2; ++k) {
+    hardware.connect();
+    EXPECT_TRUE(hardware.read());
+    struct Ros {
+      Context context;
+      Node node{context, "left_hardware"};
+    };
+    auto ros = std::make_shared<Ros>();
+    hardware.serve(ros->node.handle());
+    const std::weak_ptr<Ros> watched = ros;
+    hardware.disconnect_later(std::move(ros));
+    hardware.disconnect_later(nullptr);  // waits for the first
+    EXPECT_TRUE(watched.expired());
+    EXPECT_TRUE(hardware.read());  // calls of a cycle that is not over reach no arm, and are no error
+    EXPECT_TRUE(hardware.write(1'000'000));
+  }
+  hardware.connect();
+  EXPECT_TRUE(hardware.read());
+  hardware.disconnect();
+}
+
 TEST(Hosts, RefusalsNameTheParameter) {
   FlatParameters wrong = parameters();
   wrong.emplace_back("controllets.pose.parameters.stifness", 3.0);
