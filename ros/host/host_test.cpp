@@ -208,9 +208,30 @@ TEST(Hosts, ControlletsOfAnotherLibraryRunInTheController) {
 TEST(Hosts, AComponentInErrorIsLeftAtOnceAndConnectsAgain) {
   choose_domain();
   HardwareHost hardware(HardwareHost::Kind::mujoco, {{"arm_names", "left"}}, {});
+  std::map<std::string, double*> numbers;
+  for (const auto& n : hardware.states()) numbers["state " + n.prefix + "/" + n.name] = n.value;
+  for (const auto& n : hardware.commands()) numbers["command " + n.prefix + "/" + n.name] = n.value;
+  const double& position = *numbers.at("state left_joint1/position");
+  std::vector<std::string> efforts;
+  for (int j = 1; j <= 7; ++j) efforts.push_back("left_joint" + std::to_string(j) + "/effort");
+  std::int64_t time_ns = 0;
+  // Whether a torque of less than a step of 1 ms moves the arm. Calls of a component that was left are no
+  // error.
+  const auto moves = [&](int cycles) {
+    const double before = position;
+    for (const auto& effort : efforts) *numbers.at("command " + effort) = effort == efforts[0] ? 0.9 : 0;
+    for (int i = 0; i < cycles && std::abs(position - before) < 1e-4; ++i) {
+      EXPECT_TRUE(hardware.read());
+      EXPECT_TRUE(hardware.write(time_ns += 1'000'000));
+      std::this_thread::sleep_for(std::chrono::microseconds(100));
+    }
+    return std::abs(position - before) >= 1e-4;
+  };
   for (int k = 0; k < 2; ++k) {
     hardware.connect();
     EXPECT_TRUE(hardware.read());
+    hardware.perform_switch(efforts, {});
+    EXPECT_TRUE(moves(20000));
     struct Ros {
       Context context;
       Node node{context, "left_hardware"};
@@ -221,8 +242,7 @@ TEST(Hosts, AComponentInErrorIsLeftAtOnceAndConnectsAgain) {
     hardware.disconnect_later(std::move(ros));
     hardware.disconnect_later(nullptr);  // waits for the first
     EXPECT_TRUE(watched.expired());
-    EXPECT_TRUE(hardware.read());  // calls of a cycle that is not over reach no arm, and are no error
-    EXPECT_TRUE(hardware.write(1'000'000));
+    EXPECT_FALSE(moves(300));
   }
   hardware.connect();
   EXPECT_TRUE(hardware.read());
