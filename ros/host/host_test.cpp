@@ -215,8 +215,7 @@ TEST(Hosts, AComponentInErrorIsLeftAtOnceAndConnectsAgain) {
   std::vector<std::string> efforts;
   for (int j = 1; j <= 7; ++j) efforts.push_back("left_joint" + std::to_string(j) + "/effort");
   std::int64_t time_ns = 0;
-  // Whether a torque of less than a step of 1 ms moves the arm. Calls of a component that was left are no
-  // error.
+  // Whether a torque of less than a step of 1 ms moves the arm. A component that was left may be called.
   const auto moves = [&](int cycles) {
     const double before = position;
     for (const auto& effort : efforts) *numbers.at("command " + effort) = effort == efforts[0] ? 0.9 : 0;
