@@ -156,7 +156,7 @@ class Pins(unittest.TestCase):
         for path in pin_hashes.FILES:
             text = path.read_text()
             self.assertEqual(pin_hashes.faults(text), [], path.name)
-            self.assertGreater(len(list(filter(pin_hashes.is_pin, pin_hashes.read(text)))), 5, path.name)
+            self.assertGreater(len(list(filter(pin_hashes.is_pin, pin_hashes.read(text)))), 0, path.name)
 
     def test_a_line_without_version_or_hash_is_found_with_its_line(self):
         self.assertEqual(pin_hashes.faults(self.GOOD), [])
