@@ -22,6 +22,8 @@ DEBIAN = pathlib.Path("/usr/bin/python3")
 VERSIONS = {(3, minor) for minor in range(10, 14)}
 # The extra `ros` is 80 distributions: tested in the version of the build, and in the newest.
 WITH_ROS = {(3, 11), (3, 13)}
+# The extra `law` compiles with Numba, which knows each Python's instructions: the oldest and the newest.
+WITH_LAW = {(3, 10), (3, 13)}
 PATIENCE = 300  # [s]; only reached by a hang
 
 
@@ -161,6 +163,9 @@ def whole_use(python, number):
     seen["page"] = (environment.here / environment.call(program, "report", "more").stdout.strip()).read_text()
     seen["two_arms"] = environment.example("two_arms.py")
     seen["stream"] = environment.example("stream_policy.py", "--seconds", "1")
+    if version(python) in WITH_LAW:
+        environment.call(environment.bin / "python", "-m", "pip", "install", "-q", "multipanda[law]")
+        seen["law"] = environment.example("own_law.py")
     if version(python) in WITH_ROS:
         seen["ros"] = first_steps_over_ros(environment, number, seen["ros_refused"].stderr)
     # Fonts that matplotlib has found, and pip's own notes.
@@ -200,6 +205,11 @@ class CleanEnvironments(unittest.TestCase):
         self.assertRegex(seen["ros_refused"].stderr, r"the ROS 2 libraries are not installed .*'multipanda\[ros\]'")
         if "ros" in seen:
             self.assertRegex(seen["ros"], r"switched: \['left_cartesian'\] instead of")
+        if "law" in seen:
+            (gradient,) = re.findall(r"gradient: (\S+) N m", seen["law"])
+            self.assertLess(float(gradient), 1e-6)
+            (difference,) = re.findall(r"against the Python function: (\S+) N m", seen["law"])
+            self.assertLess(float(difference), 1e-9)
         self.assertIn("<html", seen["page"])
         self.assertGreater(len(seen["page"]), 10000)
         self.assertRegex(seen["first_arm"], r"torques: \(\d{4}, 7\)")
