@@ -53,8 +53,8 @@ void Reference::plan_goal(const Target& target) {
 // direction must reverse first and takes longer, so that speed and acceleration stay within their limits (or
 // their current values, if those are higher). Otherwise goals in quick succession would exceed the
 // torque-rate limit of an arm.
-void Reference::plan_rest(const QuinticSegment::Values& goal, double duration_s,
-                          const Magnitude& acceleration) {
+double Reference::plan_rest(const QuinticSegment::Values& goal, double duration_s,
+                            const Magnitude& acceleration) {
   const Magnitude present = magnitude(now_.acceleration);
   const Magnitude allowed{std::max(acceleration.linear, present.linear),
                           std::max(acceleration.angular, present.angular)};
@@ -69,6 +69,7 @@ void Reference::plan_rest(const QuinticSegment::Values& goal, double duration_s,
   }
   segment_.plan(coordinates(), now_, goal, best);
   moving_end_ = false;
+  return least;
 }
 
 // Highest speed of the planned segment relative to the limit (or to the current speed, if that is higher).

@@ -145,6 +145,8 @@ class Reference {
   void plan_stream(const Target& target, std::uint64_t steps, double elapsed_s);
   void plan_slow_stream(const Target& target);
   double speed_excess(const QuinticSegment::Values& velocity) const;
+  void plan_to_rest_or_brake(const Target& target);
+  bool too_fast() const;
   void plan_brake();
   void begin_motion(const Target& target);
   void end_motion();
@@ -158,7 +160,7 @@ class Reference {
   static Vector3 rotation_of(const QuinticSegment::Values& pose) { return {pose[3], pose[4], pose[5]}; }
   Magnitude goal_acceleration() const;
   Magnitude magnitude(const QuinticSegment::Values& v) const;
-  void plan_rest(const QuinticSegment::Values& goal, double duration_s, const Magnitude& acceleration);
+  double plan_rest(const QuinticSegment::Values& goal, double duration_s, const Magnitude& acceleration);
   double acceleration_excess(std::size_t samples, const Magnitude& allowed) const;
   double peak_excess(std::size_t samples) const;
   struct Aim {  // end of a segment, in the coordinates of the segment

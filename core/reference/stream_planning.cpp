@@ -28,7 +28,6 @@ constexpr double kFarthest = 0.15;             // [s]
 // Unevenness d of a series of speed v is taken up with a jerk of at most about v / kUnevenTime^2: the quintic
 // that corrects an error d v within a horizon h begins with a jerk of 60 d v / h^3.
 constexpr double kUnevenTime = 0.2;  // [s]
-constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
 }  // namespace
 
@@ -58,7 +57,7 @@ void Reference::plan_stream(const Target& target, std::uint64_t steps, double el
     if (horizon > kLongestHorizon || gentle(8)) break;
   }
   moving_end_ = true;
-  if (peak_excess(8) > kStreamExcess) plan_rest(sample.goal, sample.shortest_s, {kUnlimited, kUnlimited});
+  if (too_fast()) plan_to_rest_or_brake(target);
 }
 
 // As plan_stream(), with velocity and acceleration of the estimated series: a slow series is smooth only if
@@ -85,10 +84,20 @@ void Reference::plan_slow_stream(const Target& target) {
     if (horizon > kLongestHorizon || gentle(8, end.acceleration)) break;
   }
   moving_end_ = true;
-  if (peak_excess(8) > kStreamExcess) {
-    const Aim sample = aim_at(target);
-    plan_rest(sample.goal, sample.shortest_s, {kUnlimited, kUnlimited});
-  }
+  if (too_fast()) plan_to_rest_or_brake(target);
+}
+
+// To rest at a sample that is too far away to be passed in time. If that, too, needs a speed above its limit,
+// because the set-point moves the wrong way, it brakes first: otherwise each sample would raise the speed
+// that the next one accepts.
+void Reference::plan_to_rest_or_brake(const Target& target) {
+  const Aim sample = aim_at(target);
+  if (plan_rest(sample.goal, sample.shortest_s, goal_acceleration()) > 1) plan_brake();
+}
+
+// Whether the planned segment exceeds the speed limit, or grows faster than it is now.
+bool Reference::too_fast() const {
+  return peak_excess(8) > (speed_excess(now_.velocity) > kStreamExcess ? 1 : kStreamExcess);
 }
 
 // The largest share of its limits that a velocity takes, in the coordinates of the segment.
