@@ -239,6 +239,29 @@ TEST(BoundedContact, NearStretchedPosesThePostureDrawsTheHandLittle) {
   EXPECT_GE(leaks, 2);  // without bounds
 }
 
+// The paper's projector is not consistent with the dynamics: with bent elbows, too, the posture draws the
+// hand.
+TEST(BoundedContact, UnderThePapersProjectorThePostureDrawsTheHandLittle) {
+  Draw draw(103);
+  Law law = laws()[3];
+  law.parameters = {{"projector", {1}}, {"nullspace_stiffness_nm_per_rad", {200}}};
+  int leaks = 0;
+  for (int trial = 0; trial < 10; ++trial) {
+    Bench bench(law, draw);
+    bench.rig.place(0, bent(7), JointVector::Zero(7));
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    const JointVector q = trial < 7 ? JointVector(bent(7) + draw.joints(7, 0.5))
+                                    : nearly_stretched(bench.plain[0], draw.joints(7, 0.02), 0.004);
+    bench.rig.input("pose").start(bench.plain[0].end_effector(q));  // no pull but the posture's
+    const VectorXd free = bench.wrenches({q}, {JointVector::Zero(7)}, ContactBounds::lifted())[0];
+    const VectorXd F = bench.wrenches({q}, {JointVector::Zero(7)}, kBounds)[0];
+    EXPECT_LT(F.head<3>().norm(), 0.0501 * kBounds.spring_force) << trial;
+    EXPECT_LT(F.tail<3>().norm(), 0.0501 * kBounds.spring_moment) << trial;
+    leaks += free.head<3>().norm() > 0.06 * kBounds.spring_force;
+  }
+  EXPECT_GE(leaks, 5);  // without bounds
+}
+
 TEST(BoundedContact, OneBoundAloneIsNoneOfTheOther) {
   Draw draw(99);
   for (const Law& law : laws()) {

@@ -58,13 +58,12 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
   const JointVector D = diagonal_damping(M, stiffness, gains.damping_ratio);
   const JointVector spring = spring_share * gains.stiffness * (q_N - arm.q());
   const Jacobian& J = arm.terms->J_V_WE();
+  const TaskSpace& task = arm.terms->task();
+  const bool bounded = std::isfinite(gains.contact.spring_force + gains.contact.spring_moment);
   if (gains.projector == Projector::dynamic) {
-    const TaskSpace& task = arm.terms->task();
     const JointVector dq_null = task.null_space_velocity(J, arm.dq());
     const JointVector damping = D.cwiseProduct(dq_null);
-    if (!task.floored || !std::isfinite(gains.contact.spring_force + gains.contact.spring_moment)) {
-      return task.null_space_torque(J, JointVector(spring - damping));
-    }
+    if (!task.floored || !bounded) return task.null_space_torque(J, JointVector(spring - damping));
     const JointVector drawn = task.null_space_torque(J, spring);
     return share_within(gains.contact, task, drawn) * drawn - task.null_space_torque(J, damping);
   }
@@ -78,8 +77,11 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
     const Vector6 y = cholesky_solve(L, Vector6(J.lazyProduct(x)));
     return x - J.transpose().lazyProduct(y);
   };
-  const JointVector dq_null = project(arm.dq());
-  return project(spring - D.cwiseProduct(dq_null));
+  const JointVector damping = D.cwiseProduct(project(arm.dq()));
+  if (!bounded) return project(spring - damping);
+  // Not consistent with the dynamics: in any pose, what the posture draws reaches the hand.
+  const JointVector drawn = project(spring);
+  return share_within(gains.contact, task, drawn) * drawn - project(damping);
 }
 
 LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGains& null_space,

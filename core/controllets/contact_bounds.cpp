@@ -64,4 +64,8 @@ double largest_share(const Vector3& base, const Vector3& extra, double limit) {
   return a > 0 ? std::clamp((-b + std::sqrt(b * b - a * c)) / a, 0.0, 1.0) : 1;
 }
 
+double left_beside(const Vector3& across, double limit) {
+  return std::sqrt(std::max(0.0, limit * limit - across.squaredNorm()));
+}
+
 }  // namespace multipanda

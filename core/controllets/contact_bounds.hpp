@@ -44,4 +44,7 @@ BoundedPull bound_pull(const ContactBounds& bounds, const Vector6& pull, const V
 // The largest c in [0, 1] with |base + c extra| <= limit, for |base| <= limit.
 double largest_share(const Vector3& base, const Vector3& extra, double limit);
 
+// The largest component at a right angle to `across` with which the sum keeps to the limit.
+double left_beside(const Vector3& across, double limit);
+
 }  // namespace multipanda

@@ -85,9 +85,8 @@ class Force final : public Controllet {
     const double w = pressing_fade_.towards(pressing_, dt);
     const double beyond = std::max(0.0, n.dot(p - p_c_));
     const double gamma = contact_shape(beyond, parameters.number(kReach));
-    const double f = std::min(loop_.update(settings.gains, desired, estimated, gamma * w, dt),
-                              context.contact.spring_force);
-    const double command = w * gamma * f;
+    const double most = context.contact.spring_force;
+    const double f = std::min(loop_.update(settings.gains, desired, estimated, gamma * w, dt), most);
 
     // Without contact, the set-point advances along n.
     const bool approaching = !pressing_ && desired > ForceDirection::kLeastForce;
@@ -105,15 +104,19 @@ class Force final : public Controllet {
     pull_share_ = n.dot(spring) > 0 ? force.bounded.force_share : 0;
     const double v_n = n.dot(Vector3(terms.V_WE().linear()));
     const Vector3 pull = force.bounded.remaining(force.pull).head<3>();
-    // With the velocity of the set-point, D_z pulls, too.
-    const double most = context.contact.spring_force;
-    const double approach = std::min(
-        settings.damping * speed, std::max(0.0, most - n.dot(pull)) + settings.damping * std::max(0.0, v_n));
-    force.total.head<3>() += n * (command - w * n.dot(spring) - settings.damping * v_n + approach);
     const Vector3 F_t = settings.tangential_gain * w *
                         direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
     // A hand in the way is felt like friction, and would be pushed harder and harder.
-    force.total.head<3>() += largest_share(direction_.across(pull), F_t, most) * F_t;
+    const Vector3 pull_across = direction_.across(pull);
+    const Vector3 along_surface = largest_share(pull_across, F_t, most) * F_t;
+    // What presses along n keeps to the bound together with what acts across it.
+    const double spring_n = w * n.dot(spring);
+    const double left = left_beside(pull_across + along_surface, most) - n.dot(pull) + spring_n;
+    const double command = std::min(w * gamma * f, std::max(0.0, left));
+    // With the velocity of the set-point, D_z pulls, too.
+    const double approach = std::min(
+        settings.damping * speed, std::max(0.0, most - n.dot(pull)) + settings.damping * std::max(0.0, v_n));
+    force.total.head<3>() += n * (command - spring_n - settings.damping * v_n + approach) + along_surface;
 
     *arm.tau = terms.c() + null_space_torque(null_space_gains(parameters, context.contact), arm, q_N_);
     *arm.tau += terms.J_V_WE().transpose().lazyProduct(force.total);

@@ -314,14 +314,16 @@ class Ufic final : public Controllet {
     gamma_ = std::min(shape, gamma_ + dt / Fade::kDuration);
     alpha_f_ = std::min(balance_.force.valve(limits_), alpha_f_ + dt / Fade::kDuration);
     const double w = fade_.towards(detector_.in_contact(), dt);
-    // With what the spring already presses along n, the force keeps to the bound.
-    const double left = std::max(0.0, contact.spring_force - std::max(0.0, n.dot(pull)));
-    const double f = std::min(loop_.update(settings.gains, part.desired, part.estimated, w, dt), left);
     Vector3 F_t = settings.tangential_gain * w *
                   direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
     // A hand in the way is felt like friction, and would be pushed harder and harder.
-    F_t *= largest_share(direction_.across(pull), F_t, contact.spring_force);
+    const Vector3 pull_across = direction_.across(pull);
+    F_t *= largest_share(pull_across, F_t, contact.spring_force);
     const double size = F_t.norm();
+    // With what presses along n and across it already, the force keeps to the bound.
+    const double left =
+        std::max(0.0, left_beside(pull_across + F_t, contact.spring_force) - std::max(0.0, n.dot(pull)));
+    const double f = std::min(loop_.update(settings.gains, part.desired, part.estimated, w, dt), left);
     // The valve never damps more than the impedance itself does along the force.
     const auto share = [&](const Vector3& direction, double force) {
       const double damping = direction.dot(D_t * direction);
