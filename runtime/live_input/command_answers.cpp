@@ -186,6 +186,7 @@ json RequestHandler::state() {
   return {{"scene", run_.scene},
           {"cycle", snapshot_.cycle},
           {"t_s", snapshot_.t.seconds()},
+          {"since_cycle_s", snapshot_.cycle == 0 ? 0.0 : seconds(host_now() - snapshot_.start)},
           {"rate_hz", snapshot_.rate_hz},
           {"cycle_us", snapshot_.cycle_us},
           {"overruns", snapshot_.overruns},

@@ -17,6 +17,7 @@ void LatestState::take(const CycleRecord& record) {
   }
   newest_.cycle = record.cycle;
   newest_.t = record.t;
+  newest_.start = record.start;
   newest_.overruns = record.overruns;
   newest_.cycle_us = static_cast<double>(record.stages.total) * 1e-3;
   for (std::size_t arm = 0; arm < newest_.arms.size(); ++arm) {

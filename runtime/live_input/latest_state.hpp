@@ -29,6 +29,7 @@ class LatestState {
   struct Snapshot {
     std::uint64_t cycle = 0;  // 0: none yet
     LoopTime t;
+    HostTime start;       // of the cycle
     double rate_hz = 0;   // cycles per second of wall time, over about half a second
     double cycle_us = 0;  // computing time of the newest cycle
     std::uint64_t overruns = 0;

@@ -343,6 +343,7 @@ bool RequestHandler::begin_packet(const StreamPacket& packet, StreamChannel& cha
   if (age_s <= run_.modes->instance(channel.instance).inputs()[channel.input].spec().timeout_s) return true;
   ++channel.expired;
   channel.verdict = Verdict::timeout;
+  discard(channel);  // what was to replace the queued samples is lost: silence, not the old ones
   return false;
 }
 

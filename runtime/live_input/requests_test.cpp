@@ -447,6 +447,40 @@ TEST_F(RequestsTest, SamplesThatComeTooLateAreDroppedAndCounted) {
   EXPECT_EQ(handler_.describe(channel)["expired"], 1050);
 }
 
+// A packet that waited too long was to replace the samples that are queued: they move nothing either.
+TEST_F(RequestsTest, APacketThatComesTooLateDiscardsTheChunkBefore) {
+  for (const bool single : {true, false}) {
+    ASSERT_EQ(ask(R"({"do":"switch","activate":["joint0"]})")["ok"], true);
+    StreamChannel channel =
+        handler_.open_channel(json::parse(R"({"do":"stream","controllet":"joint0","input":"joints"})"));
+    const auto start = set_point("joint0");
+    const double begin_s = ask(R"({"do":"state"})")["state"]["t_s"];
+    ChunkPacket packet;
+    packet.head = {.channel = 1, .sequence = 1, .client_time_ns = 0, .count = 7, .values = {}};
+    packet.chunk.size = 7;
+    packet.chunk.count = 20;
+    for (std::size_t k = 0; k < packet.chunk.count; ++k) {
+      packet.chunk.times_s[k] = begin_s + 0.05 * static_cast<double>(k + 1);
+      std::copy(start.begin(), start.end(), packet.chunk.values[k].begin());
+      packet.chunk.values[k][3] -= 1e-4 * static_cast<double>(k * k);
+    }
+    handler_.deliver(packet, channel, 0);
+    ASSERT_EQ(channel.verdict, Verdict::accepted);
+    fixture_.steps(300);
+    ASSERT_EQ(owner(0), "joint0");
+    const double before = set_point("joint0")[3];
+    packet.head.sequence = 2;
+    if (single)
+      handler_.deliver(packet.head, channel, 1.0);
+    else
+      handler_.deliver(packet, channel, 1.0);
+    EXPECT_EQ(channel.expired, 1u);
+    fixture_.steps(300);
+    EXPECT_EQ(owner(0), "arm0_hold");
+    EXPECT_LT(std::abs(fixture_.loop.world.position(0)[3] - before), 5e-3);
+  }
+}
+
 // The loop stands still between two cycles, and samples and a goal are sent meanwhile: the arms are held
 // where they are, and what was queued moves nothing afterwards.
 TEST_F(RequestsTest, WhatIsQueuedWhileTheLoopStallsMovesNothing) {

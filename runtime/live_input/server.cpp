@@ -61,7 +61,9 @@ void LiveServer::run() {
       client.gone = client.gone || client.line.broken() || done;
     }
     for (auto& [number, channel] : channels_) {
-      if (channel.owner->gone) handler_.discard(channel.stream);
+      const bool closed = channel.sender != nullptr && channel.sender->gone;
+      if (channel.owner->gone || closed) handler_.discard(channel.stream);
+      if (closed) channel.sender = nullptr;
     }
     std::erase_if(channels_, [](const auto& entry) { return entry.second.owner->gone; });
     std::erase_if(clients_, [](const Client& client) { return client.gone; });
@@ -296,9 +298,9 @@ void LiveServer::take_packets(Publisher& publisher) {
     const auto count = static_cast<std::size_t>(size);
     const auto packet = std::span(bytes.data(), std::min(count, bytes.size()));
     if (const auto sample = unpack(packet); sample && count == packet.size()) {
-      take_packet(*sample, sample->channel, age_s);
+      take_packet(*sample, sample->channel, publisher, age_s);
     } else if (const auto chunk = unpack_chunk(packet); chunk && count == packet.size()) {
-      take_packet(*chunk, chunk->head.channel, age_s);
+      take_packet(*chunk, chunk->head.channel, publisher, age_s);
     } else {
       ++unreadable_;
     }
@@ -306,13 +308,15 @@ void LiveServer::take_packets(Publisher& publisher) {
 }
 
 template <typename Packet>
-void LiveServer::take_packet(const Packet& packet, std::uint32_t number, double age_s) {
+void LiveServer::take_packet(const Packet& packet, std::uint32_t number, const Publisher& sender,
+                             double age_s) {
   const auto found = channels_.find(number);
   if (found == channels_.end()) {
     ++unreadable_;
     return;
   }
   Channel& channel = found->second;
+  channel.sender = &sender;
   handler_.deliver(packet, channel.stream, age_s);
   // Reported once per change, and not to an owner that does not read.
   if (channel.stream.verdict == channel.reported || channel.owner->line.unsent() > kMaxAhead) return;

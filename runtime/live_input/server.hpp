@@ -56,17 +56,18 @@ class LiveServer {
     bool has_records = false;     // it was sent their memory
     bool gone = false;
   };
-  struct Channel {
-    Client* owner = nullptr;
-    StreamChannel stream;
-    Verdict reported = Verdict::accepted;  // to its owner
-  };
   struct Publisher {
     explicit Publisher(int file_) : file(file_) {}
     ~Publisher();
     Publisher(const Publisher&) = delete;
     int file;
     bool gone = false;
+  };
+  struct Channel {
+    Client* owner = nullptr;
+    StreamChannel stream;
+    const Publisher* sender = nullptr;     // of its newest packet
+    Verdict reported = Verdict::accepted;  // to its owner
   };
 
   void run();
@@ -81,7 +82,7 @@ class LiveServer {
   void send_state(Client& client, Clock::time_point now);
   void take_packets(Publisher& publisher);
   template <typename Packet>
-  void take_packet(const Packet& packet, std::uint32_t number, double age_s);
+  void take_packet(const Packet& packet, std::uint32_t number, const Publisher& sender, double age_s);
   bool may_take(const Client& client) const;
   static void answer(Client& client, nlohmann::json answer, const nlohmann::json& id);
 

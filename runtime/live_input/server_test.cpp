@@ -329,10 +329,11 @@ TEST_F(ChunkServerTest, ARefusedOneMovesNothingAndDiscardsTheOneBefore) {
 }
 
 // Whatever ends the sender's right to command discards what it has queued, even if the law starts again.
-TEST_F(ChunkServerTest, EndsWithAStopWithItsChannelAndWithItsClient) {
-  for (const int way : {0, 1, 2}) {
+TEST_F(ChunkServerTest, EndsWithAStopWithItsChannelWithItsClientAndWithItsSocket) {
+  for (const int way : {0, 1, 2, 3}) {
     auto owner = std::make_unique<LiveClient>(server_.path());
-    ReferenceStream stream = owner->open_stream("joint0", "joints");
+    auto publisher = std::make_unique<ReferenceStream>(owner->open_stream("joint0", "joints"));
+    ReferenceStream& stream = *publisher;
     client_.tell({{"do", "switch"}, {"activate", {"joint0"}}, {"id", 1}});
     ASSERT_EQ(client_.ask({{"do", "list"}})["ok"], true);
     fixture_.steps(1);
@@ -355,10 +356,15 @@ TEST_F(ChunkServerTest, EndsWithAStopWithItsChannelAndWithItsClient) {
       ASSERT_EQ(modes.owner(0), fixture_.loop.find("joint0"));
     } else if (way == 1) {
       ASSERT_EQ(owner->ask({{"do", "stream_end"}, {"channel", stream.channel()}})["ok"], true);
-    } else {
+    } else if (way == 2) {
       owner.reset();
       while (!client_.ask({{"do", "channels"}})["channels"].empty()) {
       }
+    } else {
+      publisher
+          .reset();  // the socket is read in this turn of the server, and looked at before the next answer
+      ASSERT_EQ(client_.ask({{"do", "channels"}})["channels"].size(), 1u);
+      ASSERT_EQ(client_.ask({{"do", "channels"}})["channels"].size(), 1u);
     }
     const double before = set_point();
     fixture_.steps(700);

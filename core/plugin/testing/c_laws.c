@@ -45,6 +45,13 @@ static int32_t faulty(const multipanda_c_tick* tick) {
   return fault == 3 ? 7 : 0;
 }
 
+/* Never returns while its parameter is 1. */
+static int32_t endless(const multipanda_c_tick* tick) {
+  static volatile int turns;
+  while (tick->parameters[0][0] > 0) ++turns;
+  return 0;
+}
+
 static const double kStiffness[] = {100};
 static const double kDamping[] = {1};
 static const double kNone[] = {0};
@@ -52,6 +59,7 @@ static const multipanda_c_parameter kMirrorParameters[] = {
     {"stiffness_n_per_m", "N/m", "Stiffness k.", 1, 1, kStiffness, 0, 1000},
     {"damping_nms_per_rad", "N m s/rad", "Damping d.", MULTIPANDA_PER_JOINT, 1, kDamping, 0, 5}};
 static const multipanda_c_parameter kFaultyParameters[] = {{"fault", "", "Which.", 1, 1, kNone, 0, 3}};
+static const multipanda_c_parameter kEndlessParameters[] = {{"hang", "", "Whether.", 1, 1, kNone, 0, 1}};
 static const multipanda_c_input kMirrorInputs[] = {{"pose", "p_d.", MULTIPANDA_POSE, 0},
                                                    {"wrench", "f.", MULTIPANDA_WRENCH, 0},
                                                    {"height", "h.", MULTIPANDA_SCALAR, 0}};
@@ -63,7 +71,8 @@ enum { kAll = 2 * MULTIPANDA_USES_TAU_J - 1 };
 static const multipanda_c_law kLaws[] = {
     {"c_mirror", "What it gets.", 1, kAll, 3, 2, 5, 2, kMirrorInputs, kMirrorParameters, kMirrorOutputs, start_mirror,
      mirror},
-    {"c_faulty", "A damper with faults.", 1, 0, 0, 1, 0, 0, NULL, kFaultyParameters, NULL, NULL, faulty}};
+    {"c_faulty", "A damper with faults.", 1, 0, 0, 1, 0, 0, NULL, kFaultyParameters, NULL, NULL, faulty},
+    {"c_endless", "Hangs.", 1, 0, 0, 1, 0, 0, NULL, kEndlessParameters, NULL, NULL, endless}};
 
 static const multipanda_c_laws kAllLaws = {VERSION,
                                            sizeof(multipanda_c_law),
@@ -73,7 +82,7 @@ static const multipanda_c_laws kAllLaws = {VERSION,
                                            sizeof(multipanda_c_arm),
                                            sizeof(multipanda_c_set_point),
                                            sizeof(multipanda_c_tick),
-                                           2,
+                                           3,
                                            0,
                                            kLaws};
 
