@@ -18,7 +18,7 @@ from . import client as _client
 from . import started as _started
 from .connection import Json, accepted
 from .errors import Timeout
-from .state import ArmState, RunState, run_state
+from .state import ArmState, RunState
 
 T = TypeVar("T")
 
@@ -56,8 +56,8 @@ class AsyncClient:
             ) from None
 
     async def state(self) -> RunState:
-        """The newest state."""
-        return run_state((await self.ask({"do": "state"}))["state"])
+        """The newest state, as Client.state()."""
+        return await self.in_thread(self.blocking.state)
 
     async def switch(self, *arguments: Any, **options: Any) -> Json:
         """As Client.switch()."""

@@ -26,7 +26,14 @@ Names = str | Iterable[str]
 
 _FIRST_CYCLE_S = 60  # a real arm may take a while to begin
 _CATCH_UP_S = 1  # the state is published beside the loop, a moment after the answer
-_OLD_NS = 100_000_000  # records so old are of a run that stands still: it is asked why
+_OLD_S = 0.1  # a state so old is one of a run that stands still
+
+
+def _stands_still(since_s: float) -> Timeout:
+    return Timeout(
+        f"the run has made no cycle for {since_s:.1f} s",
+        "a law that does not return, or a busy computer: see its messages; arms without commands stop themselves",
+    )
 
 
 def _names(names: Names) -> list[str]:
@@ -187,7 +194,7 @@ class Client:
         if record is None or record.errors(arm):  # why is text, which comes by request
             return None
         start_ns = record.start_ns
-        return record if self._answered_ns <= start_ns > time.monotonic_ns() - _OLD_NS else None
+        return record if self._answered_ns <= start_ns > time.monotonic_ns() - _OLD_S * 1e9 else None
 
     def arm_state(self, arm: str) -> ArmState:
         """The newest state of one arm, as state() has it, or Timeout."""
@@ -197,10 +204,10 @@ class Client:
     def state(self) -> RunState:
         """The newest state of all arms, not older than what this client was answered. Waits for the first cycle.
 
-        Without a cycle for 0.1 s the run is asked: a state of a program that stands still is not taken for one of now.
+        A state of more than 0.1 s ago is not taken for one of now: the next cycle is waited for, for 1 s.
 
         Raises:
-            Timeout: The run did not answer.
+            Timeout: The run did not answer, or its loop stands still.
             Disconnected: The run has ended.
         """
         record = self._fresh(None)
@@ -211,8 +218,11 @@ class Client:
         deadline, soon = now + _FIRST_CYCLE_S, now + _CATCH_UP_S
         while True:
             data = self.connection.ask({"do": "state"})["state"]
-            if data["arms"] and (data["cycle"] >= self._answered or time.monotonic() > soon):
+            current = data["since_cycle_s"] <= _OLD_S
+            if data["arms"] and current and (data["cycle"] >= self._answered or time.monotonic() > soon):
                 return run_state(data)
+            if data["arms"] and not current and time.monotonic() > soon:
+                raise _stands_still(data["since_cycle_s"])
             if not data["arms"] and time.monotonic() > deadline:
                 raise Timeout(f"the run made no cycle within {_FIRST_CYCLE_S} s", "see its messages")
             time.sleep(0.001)
@@ -245,7 +255,11 @@ class Client:
         self.ask({"do": "resume", "arms": _names(arms)})
 
     def states(self, rate_hz: float = 10) -> Iterator[RunState]:
-        """The state, `rate_hz` times a second of wall time [Hz], until the run ends or the loop is left."""
+        """The state, `rate_hz` times a second of wall time [Hz], until the run ends or the loop is left.
+
+        Raises:
+            Timeout: The run's loop has stood still for 1 s.
+        """
         lines: queue.SimpleQueue[Json | None] = queue.SimpleQueue()
         # A connection of its own: it has one subscription.
         own = Connection(self.connection.path)
@@ -254,6 +268,8 @@ class Client:
             own.ask_subscription(rate_hz, lines.put)
             while (line := lines.get()) is not None:
                 if line["state"]["arms"]:
+                    if line["state"]["since_cycle_s"] > _CATCH_UP_S:
+                        raise _stands_still(line["state"]["since_cycle_s"])
                     yield run_state(line["state"])
         finally:
             own.close()

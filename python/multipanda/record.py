@@ -150,6 +150,7 @@ class Record:
             layout.scene,
             self.cycle,
             self.t_s,
+            self.age_s,
             rate_hz,
             1e-3 * row.item(layout.total_ns),
             row.item(layout.overruns),

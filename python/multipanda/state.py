@@ -163,6 +163,7 @@ class RunState:
         scene: Name of the scene.
         cycle: Number of the cycle.
         t_s: Loop time [s].
+        since_cycle_s: Time of this computer since the cycle began [s], when the state was read.
         rate_hz: Cycles per second of wall time.
         cycle_us: Computing time of the cycle [us].
         overruns: Missed cycles, so far.
@@ -172,6 +173,7 @@ class RunState:
     scene: str
     cycle: int
     t_s: float
+    since_cycle_s: float
     rate_hz: float
     cycle_us: float
     overruns: int
@@ -210,6 +212,7 @@ def run_state(data: dict[str, Any]) -> RunState:
         scene=data["scene"],
         cycle=data["cycle"],
         t_s=data["t_s"],
+        since_cycle_s=data["since_cycle_s"],
         rate_hz=data["rate_hz"],
         cycle_us=data["cycle_us"],
         overruns=data["overruns"],

@@ -6,6 +6,7 @@ import ctypes
 import fcntl
 import mmap
 import os
+import pathlib
 import re
 import signal
 import socket
@@ -334,6 +335,26 @@ class Loss(unittest.TestCase):
                 os.kill(run.process.child.pid, signal.SIGCONT)
             asking.join(PATIENCE)
             self.assertEqual(len(answers), 1)
+
+    def test_a_law_that_never_returns_is_no_state_of_now(self):
+        library = pathlib.Path(os.environ["MULTIPANDA_PROGRAM"]).parent / "core/c_laws.so"
+        text = (harness.ROOT / "config/scenes/one_arm.yaml").read_text()
+        law = "controllets:\n  - {name: law, type: c_endless, arms: arm}\n"
+        scene = harness.FOLDER / "never_returns.yaml"
+        scene.write_text(f"plugins: [{library}]\n" + text.replace("controllets:\n", law))
+        run = mp.run(scene)
+        try:
+            run.switch("law")
+            with self.assertRaises(mp.Timeout):
+                run["law"].hang = 1
+            for state in (run.state, lambda: run.arms["arm"].state, lambda: list(run.states(20))):
+                with self.assertRaisesRegex(mp.Timeout, "no cycle for .* s"):
+                    while True:  # a state that was read in time is one of now
+                        self.assertIsNotNone(state())
+        finally:
+            os.kill(run.process.child.pid, signal.SIGKILL)
+            with contextlib.suppress(mp.Error):
+                run.close()
 
 
 # Maps the records, and reads them without end, holding the interpreter's lock.
