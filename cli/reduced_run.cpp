@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <cstdlib>
 #include <fstream>
+#include <iterator>
 #include <system_error>
 
 #include <fmt/format.h>
@@ -18,10 +19,16 @@ bool has_physical_arms(const Scene& scene) {
   return std::any_of(scene.arms.begin(), scene.arms.end(), is_physical);
 }
 
-// A scene that was changed is another one. FNV-1a, which stays the same between builds.
+// A scene that was changed is another one, and so is one whose plug-ins were: its laws are in them. FNV-1a,
+// which stays the same between builds.
 std::string key_of(const Scene& scene) {
   std::uint64_t hash = 0xcbf29ce484222325u;
-  for (const char c : scene.text) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
+  const auto add = [&hash](char c) { hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3u; };
+  for (const char c : scene.text) add(c);
+  for (const auto& plugin : scene.plugins) {
+    std::ifstream file(plugin, std::ios::binary);
+    std::for_each(std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>(), add);
+  }
   return fmt::format("{:016x} {}", hash, scene.name);
 }
 

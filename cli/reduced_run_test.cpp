@@ -1,5 +1,6 @@
 #include "cli/reduced_run.hpp"
 
+#include <fstream>
 #include <limits>
 #include <string>
 #include <unistd.h>
@@ -54,6 +55,22 @@ SeenRun seen(const Scene& scene, const Course& course) {
     run.take(record);
   }
   return run;
+}
+
+TEST_F(ReducedRunTest, AChangedPluginIsAnotherScene) {
+  std::filesystem::create_directories(folder_);
+  const std::string plugin = folder_ / "law.so";
+  const auto compile = [&](const std::string& text) { std::ofstream(plugin) << text; };
+  Scene scene = scene_with("172.16.0.2");
+  scene.plugins = {plugin};
+  compile("one law");
+  const ReducedRun first(scene, Reduction::as_usual, memory_);
+  EXPECT_EQ(first.remember(seen(scene, {1, 9.5, 10})), "");
+  EXPECT_FALSE(ReducedRun(scene, Reduction::as_usual, memory_).reduced());
+  compile("two law");  // of the same size
+  EXPECT_TRUE(ReducedRun(scene, Reduction::as_usual, memory_).reduced());
+  compile("one law");
+  EXPECT_FALSE(ReducedRun(scene, Reduction::as_usual, memory_).reduced());
 }
 
 TEST_F(ReducedRunTest, FirstRunOnPhysicalArmsUntilOneSucceeded) {
