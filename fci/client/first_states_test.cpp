@@ -57,13 +57,19 @@ class FirstCycle : public testing::Test {
   // The left arm, which moves, until the loop waits for the other one alone: one of its states is answered.
   void send_left_until_answered() {
     fakes_[0]->change([](RobotState& s) { s.dq.fill(0.2); });
-    for (int k = 0; k < 1000; ++k) {
-      if (fakes_[0]->commands_waiting() > 0) return;
-      const std::uint64_t before = backend_->connection(0)->received;
-      fakes_[0]->publish();
+    const auto received_within = [&](std::uint64_t count, double patience_s) {
       const HostTime since = host_now();
-      while (backend_->connection(0)->received == before && seconds(host_now() - since) < 20) {
+      while (backend_->connection(0)->received < count && seconds(host_now() - since) < patience_s)
         std::this_thread::yield();
+    };
+    const HostTime begun = host_now();
+    while (seconds(host_now() - begun) < 40) {
+      const std::uint64_t count = backend_->connection(0)->received;
+      const std::uint64_t number = fakes_[0]->publish();
+      received_within(count + 1, 20);
+      // The loop may be about to answer this state, or may not wait yet.
+      while (const auto answer = fakes_[0]->command(0.005)) {
+        if (answer->message_id == number) return;
       }
     }
     ADD_FAILURE() << "no state has an answer";
@@ -93,7 +99,6 @@ TEST_F(FirstCycle, ArmsThatHaveAStateAreHeldUntilTheLastOneHasOne) {
   std::size_t to_right = 99;
   std::thread arms([&] {
     send_left_until_answered();
-    (void)fakes_[0]->commands_waiting();
     for (int k = 0; k < kStates; ++k) answers.push_back(answer_left());
     to_right = fakes_[1]->commands_waiting();
     fakes_[1]->publish();
