@@ -239,8 +239,7 @@ TEST(BoundedContact, NearStretchedPosesThePostureDrawsTheHandLittle) {
   EXPECT_GE(leaks, 2);  // without bounds
 }
 
-// The paper's projector is not consistent with the dynamics: with bent elbows, too, the posture draws the
-// hand.
+// The paper's projector is not consistent with the dynamics: the posture draws the hand with bent elbows, too.
 TEST(BoundedContact, UnderThePapersProjectorThePostureDrawsTheHandLittle) {
   Draw draw(103);
   Law law = laws()[3];

@@ -140,8 +140,7 @@ TEST(Ufic, AHandInTheWayIsNoFrictionToOvercome) {
   }
 }
 
-// A set-point below the surface or beside the hand, and a force into it: a hand is not pressed with their
-// sum.
+// A set-point below the surface or beside the hand, and a force into it: not their sum presses on a hand.
 TEST(Ufic, ForceAndSpringTogetherKeepToTheBound) {
   struct Case {
     double requested;
