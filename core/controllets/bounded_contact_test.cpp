@@ -239,7 +239,8 @@ TEST(BoundedContact, NearStretchedPosesThePostureDrawsTheHandLittle) {
   EXPECT_GE(leaks, 2);  // without bounds
 }
 
-// The paper's projector is not consistent with the dynamics: the posture draws the hand with bent elbows, too.
+// The paper's projector is not consistent with the dynamics: with a bent elbow, too, the
+// posture draws the hand.
 TEST(BoundedContact, UnderThePapersProjectorThePostureDrawsTheHandLittle) {
   Draw draw(103);
   Law law = laws()[3];
