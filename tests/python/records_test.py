@@ -85,8 +85,8 @@ class Contents(unittest.TestCase):
         """Without a single request once the newest answer is older than a cycle."""
         time.sleep(0.05)
         asked = []
-        self.addCleanup(setattr, mp.client, "_OLD_NS", mp.client._OLD_NS)
-        mp.client._OLD_NS = 10**9 * PATIENCE  # on a busy computer the loop may pause for 0.1 s
+        self.addCleanup(setattr, mp.client, "_OLD_S", mp.client._OLD_S)
+        mp.client._OLD_S = PATIENCE  # on a busy computer the loop may pause for 0.1 s
         kept, self.run_.connection.post = self.run_.connection.post, lambda *a, **k: asked.append(a)
         try:
             cycles = [self.run_.state().cycle for _ in range(100)]
