@@ -118,6 +118,30 @@ TEST(ForceLoop, NeverPullsAndDoesNotWindUp) {
   EXPECT_LT(loop.integral(), 1e-3);
 }
 
+// Less would be pressed than desired, but the integral keeps the command above zero: it may fall until it
+// no longer does.
+TEST(ForceLoop, TheIntegralFallsUntilTheCommandIsZero) {
+  ForceLoop loop;
+  loop.start();
+  for (int i = 0; i < 5000; ++i) loop.update(kGains, 20, 0, 1, 0.001);
+  ASSERT_NEAR(loop.integral(), 5, 1e-9);
+  for (int i = 0; i < 1000; ++i) loop.update(kGains, 2, 22, 1, 0.001);
+  EXPECT_NEAR(loop.integral(), 2, 0.25);  // 2 N + 0.2 (-20 N) + integral = 0, less one low-pass
+}
+
+// A tank that must keep 0.3 J gives a share of what it holds above that.
+TEST(EnergyTank, AffordsAShareOfWhatIsAboveTheMinimum) {
+  const TankLimits limits{.min_j = 0.3, .max_j = 2, .closing_j = 0.1};
+  EnergyTank tank;
+  tank.start(0.8, limits);
+  EXPECT_EQ(tank.affordable(0.049, 0.1, limits), 1);
+  EXPECT_EQ(tank.affordable(-10, 0.1, limits), 1);
+  EXPECT_NEAR(tank.affordable(0.1, 0.1, limits), 0.5, 1e-12);
+  EXPECT_NEAR(tank.affordable(2, 1, limits), 0.25, 1e-12);
+  tank.give(0.6);
+  EXPECT_EQ(tank.affordable(0.01, 0.1, limits), 0);
+}
+
 TEST(EnergyTank, AccountsForEveryJoule) {
   const TankLimits limits{.min_j = 0, .max_j = 1, .closing_j = 0.1};
   EnergyTank tank;

@@ -119,6 +119,7 @@ TEST(GraspSequence, ALostObjectIsNotApproachedAgain) {
   EXPECT_EQ(bench.grasp.distance_d(), 0.18);
   bench.ticks(300);
   EXPECT_EQ(bench.grasp.force_share(), 0);
+  EXPECT_EQ(bench.grasp.ramp(), 0);  // the weight of the object is gone, too
   EXPECT_EQ(bench.grasp.distance_d(), 0.18);
   bench.now.first_n = 10;  // touched again by chance
   bench.ticks(1000);

@@ -64,6 +64,19 @@ TEST(RelativeOffset, IsApproachedWithinTheLimitsOfTheReference) {
   EXPECT_NEAR((moved.way - Vector3(0, 0.1, 0)).norm(), 0, 1e-9);
 }
 
+// What is left for the rest of the hand's speed: half of it while the offset changes, all of it at rest.
+TEST(OffsetReference, NeedsItsShareOfTheSpeedOnlyWhileItMoves) {
+  OffsetReference offset;
+  offset.start({0.1, 0, -0.2});
+  EXPECT_EQ(offset.top_speed(0.3), 0);
+  offset.advance({0.1, 0, -0.2}, 0.3, 0.001);
+  EXPECT_EQ(offset.top_speed(0.3), 0);
+  offset.advance({0.1, 0.1, -0.2}, 0.3, 0.001);
+  EXPECT_NEAR(offset.top_speed(0.3), 0.15, 1e-12);
+  for (int k = 0; k < 3000; ++k) offset.advance({0.1, 0.1, -0.2}, 0.3, 0.001);
+  EXPECT_EQ(offset.top_speed(0.3), 0);
+}
+
 // New values on the way do not interrupt it, and the speed limit is that of the input.
 TEST(OffsetReference, ChangesItsGoalSmoothly) {
   OffsetReference offset;

@@ -407,6 +407,39 @@ TEST(Force, FindsAWallAndPresses) {
   EXPECT_LT(std::hypot(error[0], error[1]), 1e-3);
 }
 
+// Beyond the place of the last contact the force fades as exp(-d^2 / d_max^2); 5 mm beyond it, the law looks
+// for a surface again.
+TEST(Force, FadesBeyondTheLastContactAndThenApproachesAgain) {
+  Bench bench(force_controllet());
+  ASSERT_EQ(bench.rig.start(), LawResult::ok);
+  bench.want({0, 0, -20});
+  bench.feel({0, 0, -10});
+  bench.ticks(600);
+  ASSERT_EQ(bench.number("in_contact"), 1);
+  bench.feel({0, 0, 0});
+  bench.ticks(600);
+  ASSERT_EQ(bench.number("in_contact"), 0);
+  EXPECT_EQ(bench.number("approaching"), 0);
+  EXPECT_EQ(bench.number("gamma_f"), 1);
+  const double start = bench.rig.terms(0).X_WE().position.z();
+  const auto advance_to = [&](double depth) {
+    JointVector q = bench.rig.state(0).q;
+    for (int i = 0; i < 20; ++i) {
+      const double left = depth - (start - bench.rig.terms(0).X_WE().position.z());
+      q += bench.rig.terms(0).task().J_bar * Vector6(-left * Vector6::Unit(2));
+      bench.rig.place(0, q, joint_constant(7, 0));
+    }
+  };
+  advance_to(0.004);
+  bench.ticks(1);
+  EXPECT_NEAR(bench.number("gamma_f"), std::exp(-std::pow(0.004 / 0.02, 2)), 1e-6);
+  EXPECT_EQ(bench.number("approaching"), 0);
+  advance_to(0.006);
+  bench.ticks(1);
+  EXPECT_NEAR(bench.number("gamma_f"), std::exp(-std::pow(0.006 / 0.02, 2)), 1e-6);
+  EXPECT_EQ(bench.number("approaching"), 1);
+}
+
 // No surface: it continues at its speed, never faster.
 TEST(Force, LooksForASurfaceSlowly) {
   Bench bench(force_controllet());

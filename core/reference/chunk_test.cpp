@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "core/reference/reference.hpp"
+#include "core/testing/test_arm.hpp"
 
 namespace multipanda::chunk_test {
 namespace {
@@ -66,6 +67,53 @@ TEST_F(ChunkTest, ANewerOneReplacesWhatIsNotDue) {
   post(chunk(1.02, 0.05, 40, 0.05));
   until(1.9);
   EXPECT_NEAR(now(), series(1.9) + 0.05, 2e-3);
+}
+
+// A sender that ends its chunks and sends each sample one period ahead of its time: the series goes on.
+TEST_F(ChunkTest, SamplesThatFollowItContinueItsSeries) {
+  post(chunk(0.05, 0.05, 40));
+  until(1.95);  // the last is due at 2.0, and taken
+  double worst = 0, fastest = 0;
+  for (int k = 0; k < 20; ++k) {
+    Target next;
+    next.size = 2;
+    next.delivery = Delivery::stream;
+    next.values = {series(t_ + 0.05), series(t_ + 0.05)};
+    until(t_ + kDt);
+    EXPECT_EQ(reference_.post(next), Verdict::accepted);
+    for (int i = 1; i < 50; ++i) {
+      until(t_ + kDt);
+      worst = std::max(worst, std::abs(now() - series(t_ - kDt)));
+      fastest = std::max(fastest, std::abs(reference_.joint_acceleration()[0]));
+    }
+  }
+  EXPECT_LT(worst, 1e-3);
+  EXPECT_LT(fastest, 1.0);
+}
+
+// Samples of chunks have exact times; what follows them is judged by its arrival again.
+TEST_F(ChunkTest, UnevenSamplesThatFollowItAreSmoothedAsWithoutIt) {
+  Reference plain({.name = "joints", .quantity = Quantity::joints, .timeout_s = 0.3}, 2);
+  plain.start(JointVector::Constant(2, series(0)));
+  post(chunk(0.05, 0.05, 20));
+  test::Draw draw(7);
+  double next = 1.02, apart = 0;
+  for (int k = 0; k < 10000; ++k) {
+    if (t_ >= next) {
+      Target sample;
+      sample.size = 2;
+      sample.delivery = Delivery::stream;
+      sample.values = {series(next), series(next)};
+      EXPECT_EQ(reference_.post(sample), Verdict::accepted);
+      EXPECT_EQ(plain.post(sample), Verdict::accepted);
+      next += 0.05 + draw.uniform(-0.015, 0.015);
+      next = std::max(next, t_ + 0.01);
+    }
+    plain.advance(kDt, t_);
+    until(t_ + kDt);
+    if (k > 8000) apart = std::max(apart, std::abs(plain.joints()[0] - now()));
+  }
+  EXPECT_LT(apart, 1e-5);
 }
 
 TEST_F(ChunkTest, LateSamplesAreCountedAndNotUsed) {

@@ -176,6 +176,26 @@ TEST(Motion, WithHarmonicsIsAFourierSeries) {
   EXPECT_EQ(whole.check(series), Verdict::wrong_size);
 }
 
+// Half a turn ends on the other side, at rest, and stays there.
+TEST(Motion, OfHalfATurnEndsOnTheOtherSide) {
+  const Pose X_0{rotation_from_rpy({0.1, 0.2, 0.3}), {0.3, 0.1, 0.2}};
+  Reference reference = pose_reference(X_0);
+  Target half = motion(3, 2, 0.5, 0.3);
+  half.values = {0.1, -0.05, 0.02};
+  half.sine = {0, 0.04, 0};
+  ASSERT_EQ(reference.post(half), Verdict::accepted);
+  const Vector3 other_side = X_0.position + Vector3(0.1, -0.05, 0.02);
+  for (int k = 1; k < 3000; ++k) {
+    const Vector3 before = reference.pose().position;
+    reference.advance(kDt, k * kDt);
+    ASSERT_LT((reference.pose().position - before).norm(), 1e-3);
+    if (k > 1310) {
+      ASSERT_LT((reference.pose().position - other_side).norm(), 1e-12);
+      ASSERT_EQ(reference.twist().vector.norm(), 0);
+    }
+  }
+}
+
 TEST(Motion, IsRefusedIfImpossible) {
   Reference reference = pose_reference({}, 0.5);
   Target circle = motion(3, 2, 1, 0.2);

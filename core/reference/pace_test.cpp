@@ -1,5 +1,6 @@
 #include <cmath>
 #include <limits>
+#include <tuple>
 
 #include <gtest/gtest.h>
 
@@ -182,7 +183,8 @@ TEST(Pace, WaitsForThePartThatTheMotionLoads) {
     for (const bool rotates : {false, true}) {
       for (const double force_along : {-1.0, 1.0}) {
         for (const double moment_along : {-1.0, 1.0}) {
-          for (const auto& [force_share, moment_share] : {std::pair{2.0, 0.0}, {0.0, 2.0}}) {
+          for (const auto& [force_share, moment_share, moment_per_force] :
+               {std::tuple{2.0, 0.0, 0.1}, {0.0, 2.0, 0.1}, {2.0, 0.0, 10.0}}) {
             if (force_share > 0 && !translates) continue;  // rounding decides
             if (moment_share > 0 && !rotates) continue;
             Reference free = pose_reference(), reference = pose_reference();
@@ -190,7 +192,7 @@ TEST(Pace, WaitsForThePartThatTheMotionLoads) {
             if (translates) goal.position += way;
             if (rotates) goal.rotation = exp_rotation(turn) * goal.rotation;
             Vector6 pull;
-            pull << 50 * force_along * way, 5 * moment_along * turn;
+            pull << 50 * force_along * way, 50 * moment_per_force * moment_along * turn;
             ASSERT_EQ(free.post(pose_target(goal)), Verdict::accepted);
             ASSERT_EQ(reference.post(pose_target(goal)), Verdict::accepted);
             for (int k = 1; k < 1500; ++k) {
@@ -241,6 +243,94 @@ TEST(Pace, WaitsForAnyJointThatTheMotionLoads) {
         EXPECT_NEAR(last, 0.6, 1e-9) << joint;
       }
     }
+  }
+}
+
+// A second order of 30 rad/s, critically damped: 1 - (1 + w t) e^(-w t) of the way after t. Its share of the
+// way falls linearly from 1 at four fifths of the allowed pull to 0 at all of it.
+TEST(Pace, FollowsThePullAsACriticallyDampedSecondOrder) {
+  for (const double share : {0.85, 0.9, 1.0, 3.0}) {
+    Reference reference = pose_reference();
+    ASSERT_EQ(reference.post(pose_target(moved(reference, {0, 0, 0.6}), 8)), Verdict::accepted);
+    const double lowest = std::clamp((1 - share) / 0.2, 0.0, 1.0);
+    double t = 0;
+    const auto advance_by = [&](int count, double now) {
+      for (int k = 0; k < count; ++k) {
+        const Vector3 v = reference.twist().linear(), a = reference.acceleration().linear();
+        reference.resist(Vector6::Unit(2), now, 0);
+        reference.advance(1e-4, t += 1e-4);
+        // The acceleration is that of the velocity.
+        ASSERT_LT((reference.twist().linear() - v - 0.5e-4 * (a + reference.acceleration().linear())).norm(),
+                  4e-6);
+      }
+    };
+    const auto way_after = [](double tau) { return 1 - (1 + 30 * tau) * std::exp(-30 * tau); };
+    advance_by(20000, 0);
+    for (int k = 1; k <= 10; ++k) {
+      advance_by(200, share);
+      EXPECT_NEAR(reference.pace(), 1 - (1 - lowest) * way_after(0.02 * k), 3e-3) << share;
+    }
+    advance_by(8000, share);
+    EXPECT_NEAR(reference.pace(), lowest, 1e-6) << share;
+    for (int k = 1; k <= 10; ++k) {
+      advance_by(200, 0);
+      EXPECT_NEAR(reference.pace(), lowest + (1 - lowest) * way_after(0.02 * k), 3e-3) << share;
+    }
+    advance_by(6000, 0);
+    EXPECT_EQ(reference.pace(), 1) << share;
+  }
+}
+
+// A goal that arrives in the last step in which the hand is blocked.
+TEST(Pace, AGoalIsNotForgottenIfTheHandIsFreeAtOnce) {
+  Reference reference = pose_reference();
+  const Pose goal = moved(reference, {0, 0.1, -0.1});
+  Vector6 pull = Vector6::Zero();
+  pull.head<3>() << 0, 60, -60;
+  double t = 0;
+  for (int k = 0; k < 100; ++k) {
+    reference.resist(pull, 1.2, 0);
+    if (k == 99) {
+      ASSERT_EQ(reference.post(pose_target(goal)), Verdict::accepted);
+    }
+    reference.advance(kDt, t += kDt);
+  }
+  for (int k = 0; k < 3000; ++k) reference.advance(kDt, t += kDt);
+  EXPECT_LT((reference.pose().position - goal.position).norm(), 1e-9);
+}
+
+// The lever of the joint grows on the way, after the motion was planned: its pace keeps the hand within its
+// speed until the end of the motion, and is full where that is not needed.
+TEST(Pace, FollowsALeverThatGrows) {
+  constexpr double kGreatest = 0.2;
+  for (const Delivery delivery : {Delivery::goal, Delivery::motion}) {
+    Reference reference({.name = "joints", .quantity = Quantity::joints, .max_speed = 2}, 1);
+    reference.start(joint_constant(1, 0));
+    Target target;
+    target.size = 1;
+    target.delivery = delivery;
+    target.values[0] = 1;
+    target.duration_s = 3;
+    target.period_s = 4;
+    Jacobian J = Jacobian::Zero(6, 1);
+    J(0, 0) = 0.1;
+    ASSERT_EQ(reference.post(target), Verdict::accepted);
+    double t = 0, fastest = 0, late = 0;
+    for (int k = 0; k < 20000; ++k) {
+      if (k == 1200) J(0, 0) = 0.5;
+      reference.bound_hand_speed(kGreatest, J);
+      reference.advance(kDt, t += kDt);
+      if (k < 1200) {
+        EXPECT_EQ(reference.pace(), 1);
+      }
+      if (k < 1500) continue;
+      const double speed = std::abs(J(0, 0) * reference.joint_velocity()[0]);
+      fastest = std::max(fastest, speed);
+      if (k < 2000) late = std::max(late, speed);
+    }
+    EXPECT_LT(fastest, 1.03 * kGreatest);
+    EXPECT_GT(late, 0.9 * kGreatest);
+    EXPECT_NEAR(reference.joints()[0], delivery == Delivery::goal ? 1 : 0, 1e-9);
   }
 }
 
