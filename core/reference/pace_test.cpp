@@ -299,6 +299,19 @@ TEST(Pace, AGoalIsNotForgottenIfTheHandIsFreeAtOnce) {
   EXPECT_LT((reference.pose().position - goal.position).norm(), 1e-9);
 }
 
+TEST(Pace, GoalsThatWaitArePlannedOnce) {
+  Reference reference = pose_reference();
+  double t = 0;
+  for (int k = 0; k < 150; ++k) {
+    if (k < 100) {
+      ASSERT_EQ(reference.post(pose_target(moved(reference, {0, 0, -0.3}))), Verdict::accepted);
+      reference.resist(Vector6(-Vector6::Unit(2)), 1.2, 0);
+    }
+    reference.advance(kDt, t += kDt);
+  }
+  EXPECT_EQ(reference.planned(), 101u);  // each of them braked; the last one is approached now
+}
+
 // The lever of the joint grows on the way, after the motion was planned: its pace keeps the hand within its
 // speed until the end of the motion, and is full where that is not needed.
 TEST(Pace, FollowsALeverThatGrows) {

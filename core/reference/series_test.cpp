@@ -103,6 +103,27 @@ TEST(Series, UnevennessIsTheMeanErrorInTime) {
   }
 }
 
+// Along and about every axis.
+TEST(Series, UnevennessOfAPoseIsTheSameAlongEveryAxis) {
+  constexpr double kError = 0.1 * kPeriod;
+  for (int axis = 0; axis < 6; ++axis) {
+    std::mt19937 engine(47);
+    std::normal_distribution<double> error(0, kError);
+    Series series;
+    series.begin(pose_target(Pose{}), true, kGreatest, kGreatestTurn);
+    double sum = 0;
+    constexpr int kCount = 3000;
+    for (int k = 1; k <= kCount + 200; ++k) {
+      const Vector3 way = 0.1 * (k * kPeriod + error(engine)) * Vector3::Unit(axis % 3);
+      series.add(
+          pose_target(axis < 3 ? Pose{Matrix3::Identity(), way} : Pose{exp_rotation(way), Vector3::Zero()}),
+          kPeriod, kPeriod);
+      if (k > 200) sum += series.unevenness() / kCount;
+    }
+    EXPECT_NEAR(sum, std::sqrt(2 / std::numbers::pi) * kError, 0.06 * kError) << axis;
+  }
+}
+
 TEST(Series, WithTimesOfItsOwnOrAtEqualTimesIsEven) {
   Draw draw(44);
   Series timed, equal;

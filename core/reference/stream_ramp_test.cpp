@@ -2,6 +2,8 @@
 // line, one period late, at any rate; a stream that is faster than a limit is followed at the limit.
 #include <cmath>
 #include <limits>
+#include <numbers>
+#include <random>
 
 #include <gtest/gtest.h>
 
@@ -193,6 +195,80 @@ TEST(StreamRamp, ThatMovesTheHandTooFastIsFollowedAtTheHandsSpeed) {
                                            [&] { reference.bound_hand_speed(kGreatest, kLever); });
       EXPECT_LE(found.fastest, kGreatest * 1.12) << period << turns;
       EXPECT_GE(found.mean, kGreatest * 0.85) << period << turns;
+    }
+  }
+}
+
+// A series of speed v whose samples stop: the set-point goes on as far as it was planned, and brakes over
+// half of v times 0.1 s. Set-points of arms are planned over 3.5 periods (two lost samples), at least 0.08 s,
+// but no farther than 0.15 s beyond the next sample; other inputs over one and a half periods.
+TEST(StreamRamp, ThatStopsIsContinuedAsFarAsPlanned) {
+  Draw draw(54);
+  for (const Quantity quantity : kAll) {
+    const bool moves = quantity == Quantity::pose || quantity == Quantity::joints;
+    for (const int period : {10, 50, 100}) {
+      const double T = period * kDt;
+      const Line along = line(quantity, draw);
+      Reference reference = started(along);
+      for (int k = 0; k < 6000; ++k) {
+        if (k % period == 0 && k <= 5000) {
+          ASSERT_EQ(reference.post(along.at(k * kDt)), Verdict::accepted);
+        }
+        reference.advance(kDt, k * kDt);
+      }
+      const double horizon = moves ? std::min(std::max(3.5 * T, 0.08), T + 0.15) : 1.5 * T;
+      EXPECT_NEAR(along.distance(reference, 5 + horizon - T + 0.05), 0, 2e-3 * along.v.norm())
+          << to_string(quantity) << " every " << period << " ms";
+      EXPECT_TRUE(reference.stale());
+    }
+  }
+}
+
+// An error of d in the times of samples is one of d v in place. A quintic takes it up within h with a jerk of
+// 60 d v / h^3, which shall be v / (0.2 s)^2.
+TEST(StreamRamp, ThatIsUnevenIsPlannedFarther) {
+  constexpr double kPeriod = 0.05, kError = 0.0045, kSpeed = 0.1;
+  const double d = std::sqrt(2 / std::numbers::pi) * kError, h = std::cbrt(60 * d * 0.04);
+  ASSERT_GT(h, 3.6 * kPeriod);
+  double mean = 0;
+  constexpr int kTrials = 60;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    std::mt19937 engine(static_cast<std::uint32_t>(trial));
+    std::normal_distribution<double> error(0, kError);
+    Reference reference({.name = "joints", .quantity = Quantity::joints, .timeout_s = 0.5}, 1);
+    reference.start(joint_constant(1, 0));
+    for (int k = 0; k < 5000; ++k) {
+      if (k % 50 == 0 && k <= 4000) {
+        Target target;
+        target.delivery = Delivery::stream;
+        target.size = 1;
+        target.values[0] = kSpeed * (k * kDt + error(engine));
+        ASSERT_EQ(reference.post(target), Verdict::accepted);
+      }
+      reference.advance(kDt, k * kDt);
+    }
+    mean += reference.joints()[0] / kSpeed / kTrials;  // as a time
+  }
+  EXPECT_NEAR(mean, 4 + h - kPeriod + 0.05, 0.01);
+}
+
+// A stream whose hand was blocked knows nothing of its period when it goes on, and learns it at once.
+TEST(StreamRamp, IsFollowedAgainAfterTheHandWasBlocked) {
+  Reference reference({.name = "pose"}, 7);
+  reference.start(Pose{});
+  for (int k = 0; k < 1500; ++k) {
+    if (k % 10 == 0) {
+      Pose X;
+      X.position.x() = 0.1 * k * kDt;
+      ASSERT_EQ(reference.post(pose_target(X, 0, Delivery::stream)), Verdict::accepted);
+    }
+    if (k < 200) reference.resist(Vector6::Unit(0), 2, 0);
+    reference.advance(kDt, k * kDt);
+    if (k < 200) {
+      EXPECT_LT(reference.pose().position.x(), 1e-3);
+    }
+    if (k > 600) {
+      ASSERT_NEAR(reference.pose().position.x(), 0.1 * (k + 1 - 10) * kDt, 2e-4) << k;
     }
   }
 }
