@@ -424,6 +424,26 @@ TEST(CoupledUfic, TanksSupplyAllEnergyThatGoesIn) {
   }
 }
 
+// An object that hangs 2 cm too low: its force grows by gain times error, and vanishes within a few tenths of
+// a second once it is let go.
+TEST(CoupledUfic, TheVerticalForceIsTheIntegralOfTheErrorAndFadesAfterAGrasp) {
+  Bench bench;
+  bench.rig.set("vertical_integral_n_per_m_s", {100});
+  bench.grasp(12, 12);
+  const Pose start = bench.rig.input("pose").pose();
+  bench.rig.input("pose").set(pose_target({start.rotation, start.position + Vector3(0, 0, 0.02)}));
+  bench.ticks(500);
+  const double before = bench.number("vertical_force_n");
+  bench.ticks(500);
+  EXPECT_NEAR(bench.number("vertical_force_n") - before, 100 * 0.02 * 0.5, 1e-3);
+  bench.request(0);
+  bench.ticks(1000);
+  ASSERT_EQ(bench.number("phase"), 0);
+  const double released = bench.number("vertical_force_n");
+  bench.ticks(200);
+  EXPECT_NEAR(bench.number("vertical_force_n") / released, std::exp(-1), 1e-3);
+}
+
 TEST(CoupledUfic, ContactCausesNoStep) {
   Bench bench;
   ASSERT_EQ(bench.rig.start(), LawResult::ok);

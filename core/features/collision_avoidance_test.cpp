@@ -253,6 +253,39 @@ double distance_of(double force) {
 
 // The damping dissipates energy of both arms together, is zero while the gap opens, and linear in the speed.
 // It is bounded by the mass that both arms' points have along the normal.
+TEST(CollisionAvoidance, AnObstacleThatOnlyTurnsOrOnlyMovesIsSeen) {
+  const Obstacle box = some_obstacles()[1];
+  const Models arm{made_up()[0]};
+  for (const bool turns : {false, true}) {
+    Obstacle there = box;
+    if (turns)
+      there.X_WO.rotation = rotation_from_rpy({0.8, 0.3, 0}) * there.X_WO.rotation;
+    else
+      there.X_WO.position += Vector3(-0.1, 0.1, 0);
+    ControlletRig moved(collision_avoidance_feature(), arm, {box}),
+        fresh(collision_avoidance_feature(), arm, {there});
+    ControlletRig left(collision_avoidance_feature(), arm, {box});
+    for (ControlletRig* rig : {&moved, &fresh, &left}) {
+      ASSERT_EQ(rig->start(), LawResult::ok);
+      ASSERT_EQ(rig->tick(0.001), LawResult::ok);
+    }
+    moved.place_obstacle(0, there.X_WO);
+    Draw draw(37);
+    double difference = 0;
+    for (int trial = 0; trial < 40; ++trial) {
+      const JointVector q = draw.joints(7, 1.5);
+      for (ControlletRig* rig : {&moved, &fresh, &left}) {
+        rig->place(0, q, joint_constant(7, 0));
+        ASSERT_EQ(rig->tick(0.001), LawResult::ok);
+      }
+      EXPECT_EQ(moved.output("smallest_distance_m"), fresh.output("smallest_distance_m"));
+      EXPECT_EQ(moved.tau(0), fresh.tau(0));
+      difference += std::abs(moved.output("smallest_distance_m")[0] - left.output("smallest_distance_m")[0]);
+    }
+    EXPECT_GT(difference, 1e-3);
+  }
+}
+
 TEST(CollisionAvoidance, DampsApproachOnly) {
   Draw draw(64);
   const Models models = made_up();

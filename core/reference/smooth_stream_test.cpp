@@ -228,6 +228,54 @@ TEST(SmoothStreamOfOthers, FollowsWithoutJumps) {
   }
 }
 
+// A series that itself accelerates by more than uneven streams are caught up with is followed all the same,
+// one period late: below a hundredth of its way beside it.
+TEST(SmoothStream, ASeriesThatAcceleratesStronglyIsFollowed) {
+  constexpr double kAcceleration = 1.1 * kCatchUp;
+  for (const int period : {10, 20}) {  // [ms]
+    for (const double omega : {6.0, 8.0}) {
+      const auto series = [&](double t) { return kAcceleration / (omega * omega) * std::sin(omega * t); };
+      Reference reference({.name = "pose", .quantity = Quantity::pose}, 7);
+      reference.start(Pose{});
+      double worst = 0;
+      for (int k = 0; k < 8000; ++k) {
+        if (k % period == 0) {
+          Pose X;
+          X.position.x() = series(k * kDt);
+          ASSERT_EQ(reference.post(pose_target(X, 0, Delivery::stream)), Verdict::accepted);
+        }
+        reference.advance(kDt, k * kDt);
+        if (k > 2000)
+          worst = std::max(worst, std::abs(reference.pose().position.x() - series((k + 1 - period) * kDt)));
+      }
+      EXPECT_LT(worst, 0.02 * kAcceleration / (omega * omega)) << period << " ms, " << omega << " rad/s";
+    }
+  }
+}
+
+// A speed limit that falls while the series itself slows down below it: the set-point slows down along the
+// series, more gently than towards a goal (4 m/s^2).
+TEST(SmoothStream, ALimitThatFallsWithTheSeriesBrakesGently) {
+  for (const int period : {1, 4, 10, 20, 50}) {  // [ms]
+    Reference reference({.name = "pose", .quantity = Quantity::pose, .timeout_s = 0.5}, 7);
+    reference.start(Pose{});
+    double x = 0, hardest = 0;
+    for (int k = 0; k < 4000; ++k) {
+      x += kDt * (k < 1000 ? 0.4 * k * kDt : k < 2000 ? 0.4 : 0.2);
+      if (k == 2000) reference.limit_speed(0.25);
+      if (k % period == 0) {
+        Pose X;
+        X.position.x() = x;
+        ASSERT_EQ(reference.post(pose_target(X, 0, Delivery::stream)), Verdict::accepted);
+      }
+      reference.advance(kDt, k * kDt);
+      hardest = std::max(hardest, reference.acceleration().linear().norm());
+    }
+    EXPECT_LT(hardest, 3) << period << " ms";
+    EXPECT_NEAR(reference.twist().linear().x(), 0.2, 1e-3) << period << " ms";
+  }
+}
+
 // What smoothing must not cost: a step of the series is not overshot, and a ramp that ends by less than the
 // way of a tenth of a second.
 TEST(SmoothStream, JumpsAndStopsOfTheSeriesAreNotContinued) {

@@ -117,6 +117,27 @@ TEST(StreamRamp, OfPosesAndJointsGoesOnWhereTwoSamplesAreLost) {
   }
 }
 
+// A fast stream of joints whose hand moves at nine tenths of its bound.
+TEST(StreamRamp, CloseToTheHandsSpeedIsFollowedOnePeriodLate) {
+  const Line along{Quantity::joints, JointVector(Vector3(0.2, -0.4, 0.3))};
+  Jacobian J = Jacobian::Zero(6, 3);
+  J.topRows<3>() << 0.5, 0.2, 0, 0, -0.6, 0.3, 0.1, 0, 0.4;
+  const double hand = Vector3(J.topRows<3>() * along.v).norm();
+  for (const int period : {1, 2, 4, 10}) {
+    Reference reference = started(along);
+    for (int k = 0; k < 3000; ++k) {
+      if (k % period == 0) {
+        ASSERT_EQ(reference.post(along.at(k * kDt)), Verdict::accepted);
+      }
+      reference.bound_hand_speed(hand / 0.9, J);
+      reference.advance(kDt, k * kDt);
+      if (k > 2000) {
+        ASSERT_NEAR(along.distance(reference, (k + 1 - period) * kDt), 0, 2e-5) << period;
+      }
+    }
+  }
+}
+
 // The largest and the mean speed after a start, while samples run ahead; after the series stops, the
 // set-point comes to the last sample.
 struct Speeds {
