@@ -18,7 +18,7 @@ constexpr double kBeyond =
     0.3 * kMaxSpeed;  // what the series is followed beyond its newest sample, and the brake
 
 struct Motion {
-  double fastest = 0, farthest = 0;  // [m/s], [m] from zero; or in radians
+  double fastest = 0, farthest = 0, least = 0, last = 0;  // [m/s], [m] from zero, [m], [m]; or in radians
 };
 
 // Plays samples x(k) of one coordinate at the times t(k) into an input.
@@ -51,7 +51,8 @@ Motion play(Quantity quantity, double end_s, Time&& time_of, Value&& value_of) {
     const double x = quantity == Quantity::joints ? reference.joints()[2] : reference.pose().position.x();
     motion.fastest = std::max(motion.fastest, std::abs(x - before) / kDt);
     motion.farthest = std::max(motion.farthest, std::abs(x));
-    before = x;
+    motion.least = std::min(motion.least, x);
+    motion.last = before = x;
   }
   return motion;
 }
@@ -93,6 +94,26 @@ TEST_P(FastStream, SamplesAtRandomDriveItNoFasterThanTheLimit) {
         [&](int k) { return values.at(static_cast<std::size_t>(k)); });
     EXPECT_LE(motion.fastest, 1.11 * kMaxSpeed) << trial << ": " << rate << " Hz";
     EXPECT_LE(motion.farthest, size + kBeyond) << trial << ": " << rate << " Hz, " << size;
+  }
+}
+
+// A series that runs away from the set-point and then waits for it: approached without a way back.
+TEST_P(FastStream, ARampTooFastToFollowIsCaughtUpWithWithoutTurningBack) {
+  Draw draw(18);
+  for (const double rate : {10.0, 20.0, 30.0, 50.0, 100.0}) {
+    for (const double speed : {1.6, 3.0, 8.0}) {
+      for (const double jitter : {0.0, 0.1, 0.3}) {
+        std::vector<double> times;
+        for (int k = 0; k < 10 * rate + 2; ++k) times.push_back((k + draw.uniform(0, jitter)) / rate);
+        const double end = 0.8;
+        const auto motion = play(
+            GetParam(), 8, [&](int k) { return times.at(static_cast<std::size_t>(k)); },
+            [&](int k) { return std::min(end, speed * kMaxSpeed * k / rate); });
+        EXPECT_GE(motion.least, -0.01) << rate << " Hz, " << speed << ", " << jitter;
+        EXPECT_LE(motion.fastest, 1.11 * kMaxSpeed) << rate << " Hz, " << speed << ", " << jitter;
+        EXPECT_NEAR(motion.last, end, 5e-3) << rate << " Hz, " << speed << ", " << jitter;
+      }
+    }
   }
 }
 

@@ -40,12 +40,16 @@ void Reference::plan_stream(const Target& target, std::uint64_t steps, double el
   const double measured = elapsed_s / static_cast<double>(steps);
   const bool pose = spec_.quantity == Quantity::pose, begins = period_s_ == 0;
   period_s_ = period_s_ > 0 ? period_s_ + kPeriodFilter * (measured - period_s_) : measured;
-  rebase();
+  // A brake is finished first. Left halfway, with its deceleration, the way to rest at a far sample would
+  // lead back at first, and each sample would begin it anew.
+  const bool stopping = braking_ && t_ < segment_.duration();
+  if (!stopping) rebase();
   if (pose || spec_.quantity == Quantity::joints) {
     if (begins) series_.begin(last_, pose, spec_.max_speed, spec_.max_angular_speed);
     series_.add(target, elapsed_s, period_s_, timed_);
-    if (period_s_ >= kSlowPeriod) return plan_slow_stream(target);
+    if (period_s_ >= kSlowPeriod && !stopping) return plan_slow_stream(target);
   }
+  if (stopping) return;
   const Aim sample = aim_at(target);
   const double span = static_cast<double>(steps) * period_s_;
   // An early or late sample is a small jump of the series. A longer horizon catches up with it
@@ -92,7 +96,9 @@ void Reference::plan_slow_stream(const Target& target) {
 // that the next one accepts.
 void Reference::plan_to_rest_or_brake(const Target& target) {
   const Aim sample = aim_at(target);
-  if (plan_rest(sample.goal, sample.shortest_s, goal_acceleration()) > 1) plan_brake();
+  if (plan_rest(sample.goal, sample.shortest_s, goal_acceleration()) <= 1) return;
+  plan_brake();
+  braking_ = true;
 }
 
 // Whether the planned segment exceeds the speed limit, or grows faster than it is now.
