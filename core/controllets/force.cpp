@@ -57,6 +57,7 @@ class Force final : public Controllet {
     direction_.start(context.parameters->vector3(kPressDirection));
     detector_.start();
     loop_.start();
+    room_.start();
     across_.reset(Vector3::Zero());
     pressing_fade_.reset(false);
     approach_fade_.reset(false);
@@ -85,8 +86,6 @@ class Force final : public Controllet {
     const double w = pressing_fade_.towards(pressing_, dt);
     const double beyond = std::max(0.0, n.dot(p - p_c_));
     const double gamma = contact_shape(beyond, parameters.number(kReach));
-    const double most = context.contact.spring_force;
-    const double f = std::min(loop_.update(settings.gains, desired, estimated, gamma * w, dt), most);
 
     // Without contact, the set-point advances along n.
     const bool approaching = !pressing_ && desired > ForceDirection::kLeastForce;
@@ -104,6 +103,7 @@ class Force final : public Controllet {
     pull_share_ = n.dot(spring) > 0 ? force.bounded.force_share : 0;
     const double v_n = n.dot(Vector3(terms.V_WE().linear()));
     const Vector3 pull = force.bounded.remaining(force.pull).head<3>();
+    const double most = context.contact.spring_force;
     const Vector3 F_t = settings.tangential_gain * w *
                         direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
     // A hand in the way is felt like friction, and would be pushed harder and harder.
@@ -112,7 +112,8 @@ class Force final : public Controllet {
     // What presses along n keeps to the bound together with what acts across it.
     const double spring_n = w * n.dot(spring);
     const double left = left_beside(pull_across + along_surface, most) - n.dot(pull) + spring_n;
-    const double command = std::min(w * gamma * f, std::max(0.0, left));
+    const double room = room_.update(std::min(left, most), most, dt);
+    const double command = w * gamma * loop_.update(settings.gains, desired, estimated, gamma * w, dt, room);
     // With the velocity of the set-point, D_z pulls, too.
     const double approach = std::min(
         settings.damping * speed, std::max(0.0, most - n.dot(pull)) + settings.damping * std::max(0.0, v_n));
@@ -179,6 +180,7 @@ class Force final : public Controllet {
   ForceDirection direction_;
   ContactDetector detector_;
   ForceLoop loop_;
+  ForceRoom room_;
   LowPass<Vector3> across_;
   Fade pressing_fade_, approach_fade_;
   double travel_ = 0;      // of the set-point along n from X_hold [m]

@@ -45,18 +45,24 @@ void ForceLoop::start() {
 }
 
 double ForceLoop::update(const ForceGains& gains, double desired_n, double estimated_n, double weight,
-                         double dt) {
+                         double dt, double most_n) {
   const double before = error_.value();
   const double e = error_.update(desired_n - estimated_n, gains.error_cutoff_hz, dt);
   const double feedback = gains.proportional * e + gains.derivative_s * (e - before) / dt;
   const double grown = integral_ + gains.integral_per_s * weight * e * dt;
-  // While clamped, the integral may only decrease in magnitude.
-  const bool clamped = desired_n + weight * (feedback + integral_) < 0;
-  if (!clamped || grown > integral_) {
+  // While clamped, the integral may only change away from the clamp.
+  const double wanted = desired_n + weight * (feedback + integral_);
+  const bool low = wanted<0, high = wanted> most_n;
+  if ((!low || grown > integral_) && (!high || grown < integral_)) {
     integral_ = std::clamp(grown, -gains.integral_limit_n, gains.integral_limit_n);
   }
   if (weight <= 0) integral_ *= std::exp(-dt / Fade::kDuration);
-  return std::max(0.0, desired_n + weight * (feedback + integral_));
+  return std::clamp(desired_n + weight * (feedback + integral_), 0.0, most_n);
+}
+
+double ForceRoom::update(double left, double most, double dt) {
+  const double rise = std::isfinite(most) ? most / Fade::kDuration * dt : most;
+  return room_ = std::clamp(left, 0.0, room_ + rise);
 }
 
 ForceParameters force_parameters() {

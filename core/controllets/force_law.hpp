@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <numbers>
 #include <vector>
 
@@ -93,14 +94,28 @@ struct ForceGains {
 class ForceLoop {
  public:
   void start();
-  // Returns f >= 0 [N] for the desired and estimated force [N] and the weight w in [0, 1]. The integral grows
-  // with w only and not while clamped. Without contact (w = 0) it decays with time constant Fade::kDuration.
-  double update(const ForceGains& gains, double desired_n, double estimated_n, double weight, double dt);
+  // Returns f in [0, most_n] [N] for the desired and estimated force [N] and the weight w in [0, 1]. The
+  // integral grows with w only and not while clamped. Without contact (w = 0) it decays with time constant
+  // Fade::kDuration.
+  double update(const ForceGains& gains, double desired_n, double estimated_n, double weight, double dt,
+                double most_n = std::numeric_limits<double>::infinity());
   double integral() const { return integral_; }  // I int e dt [N]
 
  private:
   LowPass<double> error_;
   double integral_ = 0;
+};
+
+// What a force may reach beside pulls across it. Falls at once with what they leave, and rises slowly: a pull
+// that shakes does not shake the force, and a tool that was held aside and is let go presses again softly.
+class ForceRoom {
+ public:
+  void start() { room_ = 0; }
+  // `left` and the bound `most` [N]; infinite: nothing is bounded.
+  double update(double left, double most, double dt);
+
+ private:
+  double room_ = 0;
 };
 
 // --- descriptor parts that force controllets share ---

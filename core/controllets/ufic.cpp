@@ -114,6 +114,7 @@ class Ufic final : public Controllet {
     direction_.start(parameters.vector3(kPressDirection));
     detector_.start();
     loop_.start();
+    room_.start();
     fade_.reset(false);
     across_.reset(Vector3::Zero());
     limits_ = tank_limits(parameters);
@@ -321,9 +322,9 @@ class Ufic final : public Controllet {
     F_t *= largest_share(pull_across, F_t, contact.spring_force);
     const double size = F_t.norm();
     // With what presses along n and across it already, the force keeps to the bound.
-    const double left =
-        std::max(0.0, left_beside(pull_across + F_t, contact.spring_force) - std::max(0.0, n.dot(pull)));
-    const double f = std::min(loop_.update(settings.gains, part.desired, part.estimated, w, dt), left);
+    const double left = left_beside(pull_across + F_t, contact.spring_force) - std::max(0.0, n.dot(pull));
+    const double room = room_.update(left, contact.spring_force, dt);
+    const double f = loop_.update(settings.gains, part.desired, part.estimated, w, dt, room);
     // The valve never damps more than the impedance itself does along the force.
     const auto share = [&](const Vector3& direction, double force) {
       const double damping = direction.dot(D_t * direction);
@@ -368,6 +369,7 @@ class Ufic final : public Controllet {
   ForceDirection direction_;
   ContactDetector detector_;
   ForceLoop loop_;
+  ForceRoom room_;
   Fade fade_;
   LowPass<Vector3> across_;
   TankLimits limits_;

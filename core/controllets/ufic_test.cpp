@@ -114,6 +114,7 @@ TEST(Ufic, AHandInTheWayIsNoFrictionToOvercome) {
     bench.feel({0, 0, -10});
     bench.ticks(500);
     ASSERT_EQ(bench.number("in_contact"), 1);
+    const JointVector q_start = bench.rig.state(0).q;
     if (type.descriptor.type == "ufic") {
       Pose aside = bench.rig.input("pose").pose();
       aside.position.x() += 0.1;
@@ -137,6 +138,25 @@ TEST(Ufic, AHandInTheWayIsNoFrictionToOvercome) {
     }
     EXPECT_GT(across, 15) << type.descriptor.type;
     EXPECT_LE(whole, 60.5) << type.descriptor.type;
+    // Let go, it presses again softly, and no harder than desired: nothing was stored meanwhile.
+    double before = bench.number("force_command_n"), step = 0, most = 0;
+    if (type.descriptor.type == "ufic")
+      bench.rig.input("pose").start(bench.rig.terms(0).X_WE());
+    else
+      bench.rig.place(0, q_start, joint_constant(7, 0));
+    for (int k = 0; k < 2000; ++k) {
+      bench.ticks(1);
+      const Vector3 push = force();
+      bench.feel({push.x(), push.y(), std::min(0.0, push.z())});
+      const double now = bench.number("force_command_n");
+      step = std::max(step, std::abs(now - before));
+      most = std::max(most, now);
+      before = now;
+    }
+    EXPECT_LE(step, 0.5) << type.descriptor.type;
+    EXPECT_LE(most, 40 * 1.1) << type.descriptor.type;
+    if (type.descriptor.type == "ufic")
+      EXPECT_NEAR(before, 40, 1);  // "force" has lost contact: it approaches
   }
 }
 

@@ -316,8 +316,9 @@ void LiveServer::take_packet(const Packet& packet, std::uint32_t number, const P
     return;
   }
   Channel& channel = found->second;
-  channel.sender = &sender;
+  const std::uint64_t received = channel.stream.received;
   handler_.deliver(packet, channel.stream, age_s);
+  if (channel.stream.received != received) channel.sender = &sender;  // not by one that came out of order
   // Reported once per change, and not to an owner that does not read.
   if (channel.stream.verdict == channel.reported || channel.owner->line.unsent() > kMaxAhead) return;
   channel.reported = channel.stream.verdict;
