@@ -41,7 +41,7 @@ void Reference::plan_stream(const Target& target, std::uint64_t steps, double el
   const bool pose = spec_.quantity == Quantity::pose, begins = period_s_ == 0;
   period_s_ = period_s_ > 0 ? period_s_ + kPeriodFilter * (measured - period_s_) : measured;
   // A brake is finished first. Left halfway, with its deceleration, the way to rest at a far sample would
-  // lead back at first, and each sample would begin it anew.
+  // lead back at first, and each sample would begin it again.
   const bool stopping = braking_ && t_ < segment_.duration();
   if (!stopping) rebase();
   if (pose || spec_.quantity == Quantity::joints) {
