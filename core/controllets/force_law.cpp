@@ -52,7 +52,8 @@ double ForceLoop::update(const ForceGains& gains, double desired_n, double estim
   const double grown = integral_ + gains.integral_per_s * weight * e * dt;
   // While clamped, the integral may only change away from the clamp.
   const double unclamped = desired_n + weight * (feedback + integral_);
-  const bool low = unclamped<0, high = unclamped> most_n;
+  const bool low = unclamped < 0;
+  const bool high = unclamped > most_n;
   if ((!low || grown > integral_) && (!high || grown < integral_)) {
     integral_ = std::clamp(grown, -gains.integral_limit_n, gains.integral_limit_n);
   }
