@@ -155,8 +155,10 @@ TEST(Ufic, AHandInTheWayIsNoFrictionToOvercome) {
     }
     EXPECT_LE(step, 0.5) << type.descriptor.type;
     EXPECT_LE(most, 40 * 1.1) << type.descriptor.type;
-    if (type.descriptor.type == "ufic")
-      EXPECT_NEAR(before, 40, 1);  // "force" has lost contact: it approaches
+    // "force" has lost contact meanwhile, and approaches.
+    if (type.descriptor.type == "ufic") {
+      EXPECT_NEAR(before, 40, 1);
+    }
   }
 }
 
