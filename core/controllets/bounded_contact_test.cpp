@@ -239,8 +239,8 @@ TEST(BoundedContact, NearStretchedPosesThePostureDrawsTheHandLittle) {
   EXPECT_GE(leaks, 2);  // without bounds
 }
 
-// The paper's projector is not consistent with the dynamics: with a bent elbow, too, the
-// posture draws the hand.
+// The paper's projector is not consistent with the dynamics: its posture draws the hand in every pose, not
+// only near the stretched elbow.
 TEST(BoundedContact, UnderThePapersProjectorThePostureDrawsTheHandLittle) {
   Draw draw(103);
   Law law = laws()[3];

@@ -286,6 +286,49 @@ TEST(CollisionAvoidance, AnObstacleThatOnlyTurnsOrOnlyMovesIsSeen) {
   }
 }
 
+TEST(CollisionAvoidance, ASingleShapeIsCheckedAgainstASingleObstacle) {
+  auto source = TestArm::make(7).source();
+  source.collision_shapes = {{"tip", 6, ConvexShape::sphere({0, 0, 0}, 0.05), {}}};
+  const Vector3 ball(0.2, -0.1, 0.3);
+  ControlletRig rig(collision_avoidance_feature(), {std::make_shared<const ArmModel>(std::move(source))},
+                    {{"ball", ConvexShape::sphere({0, 0, 0}, 0.1), Pose{Matrix3::Identity(), ball}}});
+  ASSERT_EQ(rig.start(), LawResult::ok);
+  Draw draw(38);
+  for (int trial = 0; trial < 10; ++trial) {
+    rig.place(0, draw.joints(7, 1.5), joint_constant(7, 0));
+    ASSERT_EQ(rig.tick(0.001), LawResult::ok);
+    EXPECT_NEAR(rig.output("smallest_distance_m")[0], (rig.terms(0).X_WJ(6).position - ball).norm() - 0.15,
+                1e-9);
+  }
+}
+
+// What an own arm can move is checked against all else once, and nothing that no own arm can move.
+TEST(CollisionPairs, AreThoseThatAnOwnArmCanMove) {
+  const Models arms = made_up();
+  const std::vector<Obstacle> obstacles = some_obstacles();
+  for (const std::vector<ArmIndex>& own : {std::vector<ArmIndex>{0}, {1}, {0, 1}}) {
+    const auto is_own = [&](ArmIndex arm) { return std::find(own.begin(), own.end(), arm) != own.end(); };
+    std::size_t self = 0, with_obstacles = 0, between_arms = 0;
+    for (const ArmIndex arm : own) {
+      self += arms[arm]->self_pairs().size();
+      for (const auto& shape : arms[arm]->collision_shapes())
+        with_obstacles += shape.joint >= 0 && shape.scene ? obstacles.size() : 0;
+    }
+    for (const auto& a : arms[0]->collision_shapes()) {
+      for (const auto& b : arms[1]->collision_shapes())
+        between_arms += (is_own(0) && a.joint >= 0) || (is_own(1) && b.joint >= 0);
+    }
+    const CollisionPairs pairs(FeatureContext{arms, own, obstacles, {}});
+    for (std::size_t i = 0; i < pairs.size(); ++i) {
+      const auto &a = pairs.body(pairs.pair(i).a), &b = pairs.body(pairs.pair(i).b);
+      --(a.arm == b.arm ? self : b.arm == CollisionPairs::kNoArm ? with_obstacles : between_arms);
+    }
+    EXPECT_EQ(self, 0u);
+    EXPECT_EQ(with_obstacles, 0u);
+    EXPECT_EQ(between_arms, 0u);
+  }
+}
+
 TEST(CollisionAvoidance, DampsApproachOnly) {
   Draw draw(64);
   const Models models = made_up();

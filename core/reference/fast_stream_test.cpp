@@ -21,34 +21,57 @@ struct Motion {
   double fastest = 0, farthest = 0, least = 0, last = 0;  // [m/s], [m] from zero, [m], [m]; or in radians
 };
 
+// One coordinate of an input, of joints or of a pose.
+class OneCoordinate {
+ public:
+  explicit OneCoordinate(Quantity quantity)
+      : joints_(quantity == Quantity::joints),
+        reference_({.name = "input", .quantity = quantity, .timeout_s = 0.5, .max_speed = kMaxSpeed}, 7) {
+    if (joints_)
+      reference_.start(JointVector(JointVector::Zero(7)));
+    else
+      reference_.start(Pose{});
+  }
+  void post(double x) {
+    Target target;
+    if (joints_) {
+      target.delivery = Delivery::stream;
+      target.size = 7;
+      target.values[2] = x;
+    } else {
+      target = pose_target({Matrix3::Identity(), {x, 0, 0}}, 0, Delivery::stream);
+    }
+    ASSERT_EQ(reference_.post(target), Verdict::accepted);
+  }
+  // A hand that is held back pulls along `way`, beyond its bound.
+  void resist(double way) {
+    if (joints_)
+      reference_.resist(JointVector(way * JointVector::Unit(7, 2)), 1.2);
+    else
+      reference_.resist(Vector6(way * Vector6::Unit(0)), 1.2, 0);
+  }
+  void advance(int step) { reference_.advance(kDt, step * kDt); }
+  double position() const { return joints_ ? reference_.joints()[2] : reference_.pose().position.x(); }
+  double velocity() const {
+    return joints_ ? reference_.joint_velocity()[2] : reference_.twist().linear().x();
+  }
+
+ private:
+  bool joints_;
+  Reference reference_;
+};
+
 // Plays samples x(k) of one coordinate at the times t(k) into an input.
 template <typename Time, typename Value>
 Motion play(Quantity quantity, double end_s, Time&& time_of, Value&& value_of) {
-  Reference reference({.name = "input", .quantity = quantity, .timeout_s = 0.5, .max_speed = kMaxSpeed}, 7);
-  if (quantity == Quantity::joints)
-    reference.start(JointVector(JointVector::Zero(7)));
-  else
-    reference.start(Pose{});
+  OneCoordinate input(quantity);
   Motion motion;
   int k = 0;
   double before = 0;
   for (int step = 0; step * kDt < end_s; ++step) {
-    const double t = step * kDt;
-    for (; time_of(k) <= t; ++k) {
-      Target target;
-      if (quantity == Quantity::joints) {
-        target.delivery = Delivery::stream;
-        target.size = 7;
-        target.values[2] = value_of(k);
-      } else {
-        Pose X;
-        X.position.x() = value_of(k);
-        target = pose_target(X, 0, Delivery::stream);
-      }
-      EXPECT_EQ(reference.post(target), Verdict::accepted);
-    }
-    reference.advance(kDt, t);
-    const double x = quantity == Quantity::joints ? reference.joints()[2] : reference.pose().position.x();
+    for (; time_of(k) <= step * kDt; ++k) input.post(value_of(k));
+    input.advance(step);
+    const double x = input.position();
     motion.fastest = std::max(motion.fastest, std::abs(x - before) / kDt);
     motion.farthest = std::max(motion.farthest, std::abs(x));
     motion.least = std::min(motion.least, x);
@@ -114,6 +137,27 @@ TEST_P(FastStream, ARampTooFastToFollowIsCaughtUpWithWithoutTurningBack) {
         EXPECT_NEAR(motion.last, end, 5e-3) << rate << " Hz, " << speed << ", " << jitter;
       }
     }
+  }
+}
+
+// A brake ends in time, also if the set-point waits for a hand meanwhile: samples that lead back are
+// followed. It first has to turn round, so that the way back of 1 cm takes longer than the brake.
+TEST_P(FastStream, ABrakeThatWaitsForAHandEndsWhenSamplesLeadBack) {
+  for (int from = 1000; from < 1500; from += 3) {  // [ms], when something holds the hand back
+    OneCoordinate input(GetParam());
+    double held = 0, way = 0, back = 0;
+    int step = 0;
+    for (; step < from + 800 && back < 0.01; ++step) {
+      if (step % 50 == 0) input.post(step <= from ? (step / 50 % 4 < 2 ? 0.2 : -0.2) : held - 0.3 * way);
+      if (step == from) {
+        way = input.velocity() < 0 ? -1 : 1;
+        held = input.position();
+      }
+      if (step >= from) input.resist(way);
+      input.advance(step);
+      if (step > from) back = way * (held - input.position());
+    }
+    EXPECT_GE(back, 0.01) << "from " << from << " ms on";
   }
 }
 

@@ -299,6 +299,31 @@ TEST(Pace, AGoalIsNotForgottenIfTheHandIsFreeAtOnce) {
   EXPECT_LT((reference.pose().position - goal.position).norm(), 1e-9);
 }
 
+// A motion that the loop itself starts replaces a goal that waits, as one that is sent does.
+TEST(Pace, AMotionReplacesAGoalThatWaits) {
+  for (const bool sent : {false, true}) {
+    Reference reference = pose_reference();
+    const Vector3 start = reference.pose().position;
+    Target circle{.delivery = Delivery::motion, .size = 3, .period_s = 2};
+    circle.values = {0.05, 0, 0};
+    double t = 0, farthest = 0;
+    for (int k = 0; k < 4000; ++k) {
+      if (k < 100) reference.resist(Vector6(-Vector6::Unit(2)), 1.2, 0);
+      if (k == 50) {
+        ASSERT_EQ(reference.post(pose_target(moved(reference, {0, 0, -0.3}))), Verdict::accepted);
+      }
+      if (k == 100 && sent) {
+        ASSERT_EQ(reference.post(circle), Verdict::accepted);
+      }
+      if (k == 100 && !sent) reference.set(circle);
+      reference.advance(kDt, t += kDt);
+      farthest = std::max(farthest, (reference.pose().position - start).norm());
+    }
+    EXPECT_NEAR(farthest, 0.05, 1e-4) << sent;
+    EXPECT_LT((reference.pose().position - start).norm(), 1e-9) << sent;
+  }
+}
+
 TEST(Pace, GoalsThatWaitArePlannedOnce) {
   Reference reference = pose_reference();
   double t = 0;

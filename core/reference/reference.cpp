@@ -120,7 +120,8 @@ void Reference::forget_posted() {
   inbox_->chunks.take();
   forget_chunk();
   t_ = 0;
-  streaming_ = stale_ = moving_end_ = in_motion_ = is_pending_ = waiting_ = braking_ = false;
+  streaming_ = stale_ = moving_end_ = in_motion_ = is_pending_ = waiting_ = false;
+  braking_s_ = 0;
   pace_ = 1;
   pace_rate_ = 0;
   resisting_count_ = 0;
@@ -139,6 +140,7 @@ void Reference::plan_pending() {
   is_pending_ = false;
   ++planned_;
   if (pending_.delivery == Delivery::motion) {
+    waiting_ = false;
     begin_motion(pending_);
   } else if (!waits_for(pending_)) {
     plan_goal(pending_);
@@ -196,7 +198,7 @@ void Reference::take(const Target& target, double now_s) {
 // Restarts the segment of a pose at the current orientation, where the rotation vector is 0 and its rate is
 // the angular velocity.
 void Reference::rebase() {
-  braking_ = false;
+  braking_s_ = 0;
   t_ = 0;
   pace_ = 1;  // now_ holds the velocity and acceleration of the set-point, which the new segment continues
   pace_rate_ = 0;

@@ -204,7 +204,7 @@ class Reference {
   bool is_pending_ = false;
   std::uint64_t planned_ = 0;
   bool moving_end_ = false;  // the segment ends with a velocity
-  bool braking_ = false;     // for a stream, before its next sample is planned
+  double braking_s_ = 0;     // left of a stream's brake, before its next sample is planned
   Harmonic motion_;          // added to the segment while it lasts
   bool in_motion_ = false;
   double t_motion_ = 0;  // time in the motion [s]

@@ -41,8 +41,10 @@ void Reference::plan_stream(const Target& target, std::uint64_t steps, double el
   const bool pose = spec_.quantity == Quantity::pose, begins = period_s_ == 0;
   period_s_ = period_s_ > 0 ? period_s_ + kPeriodFilter * (measured - period_s_) : measured;
   // A brake is finished first. Left halfway, with its deceleration, the way to rest at a far sample would
-  // lead back at first, and each sample would begin it again.
-  const bool stopping = braking_ && t_ < segment_.duration();
+  // lead back at first, and each sample would begin it again. Its time goes on while the set-point waits for
+  // a hand, so that a sample that relieves the hand is soon followed.
+  braking_s_ -= elapsed_s;
+  const bool stopping = braking_s_ > 0;
   if (!stopping) rebase();
   if (pose || spec_.quantity == Quantity::joints) {
     if (begins) series_.begin(last_, pose, spec_.max_speed, spec_.max_angular_speed);
@@ -98,7 +100,7 @@ void Reference::plan_to_rest_or_brake(const Target& target) {
   const Aim sample = aim_at(target);
   if (plan_rest(sample.goal, sample.shortest_s, goal_acceleration()) <= 1) return;
   plan_brake();
-  braking_ = true;
+  braking_s_ = kBrakingTime;
 }
 
 // Whether the planned segment exceeds the speed limit, or grows faster than it is now.

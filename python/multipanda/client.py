@@ -204,7 +204,7 @@ class Client:
     def state(self) -> RunState:
         """The newest state of all arms, not older than what this client was answered. Waits for the first cycle.
 
-        A state of more than 0.1 s ago is not taken for one of now: the next cycle is waited for, for 1 s.
+        Never returns a state older than 0.1 s: it waits up to 1 s for the next cycle.
 
         Raises:
             Timeout: The run did not answer, or its loop stands still.

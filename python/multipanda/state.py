@@ -163,7 +163,7 @@ class RunState:
         scene: Name of the scene.
         cycle: Number of the cycle.
         t_s: Loop time [s].
-        since_cycle_s: Time of this computer since the cycle began [s], when the state was read.
+        since_cycle_s: Age of the state when it was read, by the time that its cycle began [s].
         rate_hz: Cycles per second of wall time.
         cycle_us: Computing time of the cycle [us].
         overruns: Missed cycles, so far.

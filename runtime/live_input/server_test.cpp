@@ -361,8 +361,8 @@ TEST_F(ChunkServerTest, EndsWithAStopWithItsChannelWithItsClientAndWithItsSocket
       while (!client_.ask({{"do", "channels"}})["channels"].empty()) {
       }
     } else {
-      publisher
-          .reset();  // the socket is read in this turn of the server, and looked at before the next answer
+      publisher.reset();
+      // The server reads its socket in this turn, and looks at it before the next answer.
       ASSERT_EQ(client_.ask({{"do", "channels"}})["channels"].size(), 1u);
       ASSERT_EQ(client_.ask({{"do", "channels"}})["channels"].size(), 1u);
     }
