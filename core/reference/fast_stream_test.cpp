@@ -161,6 +161,48 @@ TEST_P(FastStream, ABrakeThatWaitsForAHandEndsWhenSamplesLeadBack) {
   }
 }
 
+// Noise of a force or a number has no mass to accelerate: what it leaves does not carry the goal after it
+// away. Its speed v alone carries a minimum-jerk motion of duration T beyond its start by less than 0.2 v T.
+TEST(NoisyStream, OfForcesAndNumbersIsLedToItsGoalWithoutAnOvershoot) {
+  constexpr double kFastest = 1.1 * 60, kLongest = 1.0;  // [N/s], [s]
+  Draw draw(19);
+  for (const Quantity quantity : {Quantity::wrench, Quantity::scalar}) {
+    for (const double rate : {100.0, 250.0, 1000.0}) {
+      for (int trial = 0; trial < 20; ++trial) {
+        Reference reference({.name = "input", .quantity = quantity, .timeout_s = 0.5, .max_speed = 60}, 3);
+        reference.start_constant(0);
+        const auto value = [&] {
+          return quantity == Quantity::wrench ? reference.vector()[2] : reference.scalar();
+        };
+        const std::size_t at = quantity == Quantity::wrench ? 2 : 0;
+        double most = 0, least = 0, streamed = 0;
+        int k = 0;
+        for (int step = 0; step < 4000; ++step) {
+          Target target;
+          target.size = static_cast<std::uint8_t>(reference.size());
+          if (step < 2000 + trial && k / rate <= step * kDt) {
+            ++k;
+            target.delivery = Delivery::stream;
+            target.values[at] = 20 + draw.uniform(-1, 1);
+            ASSERT_EQ(reference.post(target), Verdict::accepted);
+          }
+          if (step == 2000 + trial) {
+            streamed = most;
+            ASSERT_EQ(reference.post(target), Verdict::accepted);  // zero
+          }
+          reference.advance(kDt, step * kDt);
+          most = std::max(most, value());
+          least = std::min(least, value());
+        }
+        EXPECT_LE(most, streamed + 0.2 * kFastest * kLongest)
+            << to_string(quantity) << ", " << rate << " Hz, " << trial;
+        EXPECT_GE(least, -2) << to_string(quantity) << ", " << rate << " Hz, " << trial;
+        EXPECT_NEAR(value(), 0, 1e-9);
+      }
+    }
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Quantities, FastStream, testing::Values(Quantity::pose, Quantity::joints),
                          [](const auto& each) { return std::string(to_string(each.param)); });
 

@@ -41,7 +41,7 @@ Reference::Aim Reference::aim_at(const Target& target) const {
 }
 
 void Reference::plan_goal(const Target& target) {
-  rebase();
+  rebase_to_rest();
   const Aim aim = aim_at(target);
   const Magnitude limit = goal_acceleration();
   const double gentle_s = std::max(rest_to_rest_duration(aim.distance.linear, kNoLimit, limit.linear),

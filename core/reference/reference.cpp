@@ -215,6 +215,13 @@ void Reference::rebase() {
   }
 }
 
+// For a segment that ends at rest. A noisy stream of forces or numbers, which accelerate no mass, leaves a
+// second derivative without bound: continued, it would carry the segment far beyond both of its ends.
+void Reference::rebase_to_rest() {
+  rebase();
+  if (spec_.quantity != Quantity::pose && spec_.quantity != Quantity::joints) now_.acceleration = {};
+}
+
 // The current motion brakes; the new motion is added to it.
 void Reference::begin_motion(const Target& target) {
   plan_brake();

@@ -173,6 +173,7 @@ class Reference {
   bool gentle(std::size_t samples, const QuinticSegment::Values& own = {}) const;
   std::size_t coordinates() const { return spec_.quantity == Quantity::pose ? 6 : size_; }
   void rebase();
+  void rebase_to_rest();
   void forget_posted();
   void publish_sample();
 

@@ -170,7 +170,7 @@ bool Reference::gentle(std::size_t samples, const QuinticSegment::Values& own) c
 
 // From the current motion to rest, at the end point of a constant deceleration.
 void Reference::plan_brake() {
-  rebase();
+  rebase_to_rest();
   QuinticSegment::Values goal = now_.position;
   for (std::size_t i = 0; i < coordinates(); ++i) goal[i] += 0.5 * kBrakingTime * now_.velocity[i];
   segment_.plan(coordinates(), now_, goal, kBrakingTime);
