@@ -142,6 +142,7 @@ LAYERS = [
         "core scene runtime",
         "backends/mujoco",
     ),
+    layer("cockpit/wire", "what browsers speak: HTTP/1.1 and WebSockets"),
     layer(
         "experiments",
         "experiments as data, their runners and pages ([experiments.md](docs/experiments.md))",
@@ -215,8 +216,8 @@ LIBRARIES = {
     " sysid/identification sysid/comparison"
     " sysid/refine cli benchmarks",
     "CLI": "cli benchmarks",
-    "fmt": "soak runtime runtime/motion experiments doctor sysid/identification sysid/comparison sysid/excitation"
-    " sysid/refine ros/adapter cli benchmarks",
+    "fmt": "soak runtime runtime/motion cockpit/wire experiments doctor sysid/identification"
+    " sysid/comparison sysid/excitation sysid/refine ros/adapter cli benchmarks",
     "rcl": "ros/rcl ros/host ros benchmarks",
     "rmw": "ros/rcl",
     "rclcpp": "ros",

@@ -1,0 +1,18 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace multipanda::cockpit {
+
+// FIPS 180-4. Only the handshake of WebSockets needs it (RFC 6455, section 1.3); nothing here relies on its
+// strength.
+std::array<std::uint8_t, 20> sha1(std::string_view text);
+
+// RFC 4648, with padding.
+std::string base64(std::span<const std::uint8_t> bytes);
+
+}  // namespace multipanda::cockpit
