@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "cli/backend_arguments.hpp"
+#include "cli/cockpit_arguments.hpp"
 #include "cli/input_end.hpp"
 #include "cli/program.hpp"
 #include "cli/reduced_run.hpp"
@@ -31,6 +32,7 @@ struct RunOptions {
   bool ros = false;
   RosArguments ros_arguments;
   BackendArguments backend;
+  CockpitArguments cockpit;
 };
 
 // Sets the run's socket. Unpaced runs have one only on request, because they are too short to be commanded. A
@@ -99,6 +101,7 @@ int run(const RunOptions& options) {
                              kUnpacedDefault));
   }
   StopSignals signals(console);
+  OpenedCockpit cockpit(options.cockpit, console, opened.scene, session_options);
   std::optional<InputEndWatch> input;
   if (options.until_input_ends) input.emplace([&signals] { signals.stop(); });
   // ROS starts threads: the signal handling must be set up first.
@@ -109,7 +112,9 @@ int run(const RunOptions& options) {
     console.line(fmt::format("live input (multipanda ctl): {}", session.socket().string()));
   if (session.backend_description() != "mujoco")
     console.line(fmt::format("arms: {}", session.backend_description()));
+  cockpit.show(session);
   RunSummary summary = run_session(session, signals, console);
+  cockpit.end();
   input.reset();
   std::string uncounted;
   if (summary.success() && !options.no_timeline) uncounted = reduced_run.remember(seen);
@@ -136,6 +141,7 @@ void add_run(Program& program) {
       "  multipanda run two_arms --no-timeline            idle until Ctrl-C, commanded by multipanda ctl\n"
       "  multipanda run two_arms --seconds 10 --record runs --report\n"
       "  multipanda run my/scene.yaml --fast --json       as fast as possible, result as one JSON object\n"
+      "  multipanda run two_arms --no-timeline --cockpit  shown and commanded in a browser on this computer\n"
       "  multipanda run two_arms --ros                    also commanded by ROS 2, on this computer unless\n"
       "                                                   ROS_* or FASTDDS_* variables are set\n"
       "  multipanda run two_arms --backend fci --address left=172.16.0.2 --address right=172.16.1.2\n"
@@ -186,6 +192,7 @@ void add_run(Program& program) {
                    "Path of the live-input socket (default: the scene's name in the user's runtime folder; "
                    "with --fast none)")
       ->type_name("PATH");
+  add_cockpit_arguments(command, options->cockpit);
   command->add_flag(
       "--until-input-ends", options->until_input_ends,
       "End the run in hold when standard input closes, as when the program that started it has ended");

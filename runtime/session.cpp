@@ -50,7 +50,7 @@ Session::Session(Scene scene, const Registry& registry, SessionOptions options)
   duration_s_ = options_.duration_s.value_or(scene_.duration_s);
   build();
   if (!options_.record.empty()) open_log();
-  if (!options_.socket.empty()) open_socket();
+  if (!options_.socket.empty() || options_.share_records) open_live_input();
   if (options_.make_adapter) {
     adapter_ = options_.make_adapter({.scene = &scene_,
                                       .modes = &modes(),
@@ -112,26 +112,28 @@ void Session::share_records() {
   }
 }
 
-void Session::open_socket() {
+void Session::open_live_input() {
   share_records();
-  LiveInputContext context{.scene = scene_.name,
-                           .modes = &modes(),
-                           .backend = backend_.backend.get(),
-                           .latest = &latest_,
-                           .models = models_,
-                           .rotations = {},
-                           .records = shared_.get(),
-                           .mark = [this](const EpisodeMark& mark) {
-                             const std::lock_guard lock(marks_mutex_);
-                             marks_.push_back(mark);
-                           }};
-  for (const auto& object : scene_.objects) context.rotations.emplace(object.name, object.X_WO.rotation);
-  for (const auto& arm : scene_.arms) context.flanges.push_back(flange_load(arm));
+  live_context_ = {.scene = scene_.name,
+                   .modes = &modes(),
+                   .backend = backend_.backend.get(),
+                   .latest = &latest_,
+                   .models = models_,
+                   .rotations = {},
+                   .records = shared_.get(),
+                   .mark = [this](const EpisodeMark& mark) {
+                     const std::lock_guard lock(marks_mutex_);
+                     marks_.push_back(mark);
+                   }};
+  for (const auto& object : scene_.objects)
+    live_context_.rotations.emplace(object.name, object.X_WO.rotation);
+  for (const auto& arm : scene_.arms) live_context_.flanges.push_back(flange_load(arm));
+  if (options_.socket.empty()) return;
   try {
-    live_ = std::make_unique<LiveServer>(options_.socket, context);
+    live_ = std::make_unique<LiveServer>(options_.socket, live_context_);
   } catch (const SocketTaken&) {
     if (options_.second_socket.empty()) throw;
-    live_ = std::make_unique<LiveServer>(options_.second_socket, context);
+    live_ = std::make_unique<LiveServer>(options_.second_socket, live_context_);
   }
 }
 
@@ -339,7 +341,7 @@ void Session::relay_marks() {
 void Session::relay(const Event& event) {
   monitor_->take(event);
   reflexes_->take(event);
-  if (live_) latest_.take(event);
+  if (live_context_.latest != nullptr) latest_.take(event);
   if (shared_) {
     shared_->take(event);
     for (const RunEvent& seen : events_->take(event)) shared_->take(seen);
@@ -352,7 +354,7 @@ void Session::relay(const Event& event) {
 
 void Session::relay(const CycleRecord& record) {
   monitor_->take(record);
-  if (live_) latest_.take(record);
+  if (live_context_.latest != nullptr) latest_.take(record);
   const auto reports = explain_errors(record);
   if (shared_) {
     shared_->take(record, modes().stopped());

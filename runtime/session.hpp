@@ -36,6 +36,7 @@ struct SessionOptions {
   // Socket of live input (docs/live_input.md); empty: none. Its folder must exist.
   std::filesystem::path socket;
   std::filesystem::path second_socket;  // taken if a live process has `socket`; empty: refused
+  bool share_records = false;           // also without a socket, for other ways of live input (live_input())
   // Called with every record in order on the relay thread, for tests and comparisons.
   std::function<void(const CycleRecord&)> observer;
   // Adapter next to the socket (ROS); may be empty. It receives records within about 0.2 ms.
@@ -71,6 +72,9 @@ class Session {
   const std::vector<std::shared_ptr<const ArmModel>>& models() const { return models_; }
   MultimodeController& modes() { return cycle_->modes(); }               // requests while running
   const std::filesystem::path& directory() const { return directory_; }  // of this run; empty: no log
+  // What another way into the run uses (the cockpit), on threads of its own, until finish() is called. With
+  // share_records or a socket.
+  LiveInputContext live_input() { return live_context_; }
   std::filesystem::path socket() const { return live_ ? live_->path() : std::filesystem::path(); }
 
   void start();
@@ -88,7 +92,7 @@ class Session {
  private:
   void build();
   void open_log();
-  void open_socket();
+  void open_live_input();
   void share_records();
   void run_loop();
   void leave_arms_safe() noexcept;
@@ -115,7 +119,8 @@ class Session {
   std::vector<std::string> early_news_;  // reported by the backend before the monitor existed
   std::unique_ptr<RunMonitor> monitor_;
   LatestState latest_;
-  std::unique_ptr<SharedRecords> shared_;  // with a socket; none: not on this computer
+  std::unique_ptr<SharedRecords> shared_;  // with live input; none: not on this computer
+  LiveInputContext live_context_;
 
   std::filesystem::path directory_, log_;
   std::unique_ptr<RecordRing> log_ring_;  // relay -> recorder

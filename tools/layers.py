@@ -142,7 +142,18 @@ LAYERS = [
         "core scene runtime",
         "backends/mujoco",
     ),
-    layer("cockpit/wire", "what browsers speak: HTTP/1.1 and WebSockets"),
+    layer("cockpit/wire", "what browsers speak: HTTP/1.1 and WebSockets ([cockpit_wire.md](docs/cockpit_wire.md))"),
+    layer(
+        "cockpit/server",
+        "the thread of the [cockpit](docs/cockpit.md): connections, token, limits, control",
+        "support core/types cockpit/wire",
+    ),
+    layer("cockpit/view", "what is drawn of a scene", "core models scene"),
+    layer(
+        "cockpit",
+        "what the cockpit shows, and who may command",
+        "support core device models scene logs runtime cockpit/wire cockpit/server cockpit/view",
+    ),
     layer(
         "experiments",
         "experiments as data, their runners and pages ([experiments.md](docs/experiments.md))",
@@ -197,8 +208,8 @@ LAYERS = [
     layer(
         "cli",
         "the program `multipanda`; uses ROS only through the loaded module",
-        "support config_file core models scene logs fci/server report runtime experiments motion_generators doctor"
-        " sysid/measured sysid/identification sysid/comparison sysid/excitation sysid/refine soak",
+        "support config_file core models scene logs fci/server report runtime cockpit experiments motion_generators"
+        " doctor sysid/measured sysid/identification sysid/comparison sysid/excitation sysid/refine soak",
     ),
     layer(
         "benchmarks", "the program behind `multipanda bench`", "support core scene logs backends/mujoco runtime ros/rcl"
@@ -212,11 +223,11 @@ LIBRARIES = {
     "mujoco": "support backends/mujoco sysid/identification",
     "pinocchio": "core/model sysid/identification benchmarks",
     "yaml-cpp": "config_file models scene runtime/embedded experiments sysid/measured sysid/comparison sysid/refine",
-    "nlohmann": "config_file scene logs report soak runtime experiments motion_generators doctor"
-    " sysid/identification sysid/comparison"
+    "nlohmann": "config_file scene logs report soak runtime cockpit cockpit/server cockpit/view experiments"
+    " motion_generators doctor sysid/identification sysid/comparison"
     " sysid/refine cli benchmarks",
     "CLI": "cli benchmarks",
-    "fmt": "soak runtime runtime/motion cockpit/wire experiments doctor sysid/identification"
+    "fmt": "soak runtime runtime/motion cockpit/wire cockpit/server experiments doctor sysid/identification"
     " sysid/comparison sysid/excitation sysid/refine ros/adapter cli benchmarks",
     "rcl": "ros/rcl ros/host ros benchmarks",
     "rmw": "ros/rcl",

@@ -8,8 +8,7 @@
 
 namespace multipanda::cockpit {
 
-// FIPS 180-4. Only the handshake of WebSockets needs it (RFC 6455, section 1.3); nothing here relies on its
-// strength.
+// FIPS 180-4, for the handshake of WebSockets (RFC 6455, section 1.3), which needs no strong hash.
 std::array<std::uint8_t, 20> sha1(std::string_view text);
 
 // RFC 4648, with padding.

@@ -21,8 +21,7 @@ TEST(Sha1, PublishedDigests) {
   EXPECT_EQ(hex(std::string(1'000'000, 'a')), "34aa973cd4c4daa4f61eeb2bdbad27316534016f");
 }
 
-// Rounds of 512 bits with the length behind: 55 bytes fit into one, 56 do not. Digests by another program
-// (sha1sum).
+// A block of 64 bytes ends with the length: 55 bytes fit into one, 56 do not. Digests by `sha1sum`.
 TEST(Sha1, LengthsAroundABlock) {
   EXPECT_EQ(hex(std::string(55, 'a')), "c1c8bbdc22796e28c0e15163d20899b65621d65a");
   EXPECT_EQ(hex(std::string(56, 'a')), "c2db330f6083854c99d4b5bfb6e8f29f201be699");

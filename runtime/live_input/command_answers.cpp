@@ -122,12 +122,16 @@ json RequestHandler::list() const {
       parameters.push_back(std::move(parameter));
     }
     for (std::size_t k = 0; k < instance.feature_count(); ++k) {
-      features.push_back({{"name", instance.feature_descriptor(k).type}, {"on", instance.feature_on(k)}});
+      features.push_back({{"name", instance.feature_descriptor(k).type},
+                          {"on", instance.feature_on(k)},
+                          {"doc", instance.feature_descriptor(k).doc},
+                          {"refusal", instance.feature_refusal(k)}});
     }
     json names = json::array();
     for (const ArmIndex a : instance.arm_list()) names.push_back(modes.arm_name(a));
     controllets.push_back({{"name", instance.name()},
                            {"type", instance.descriptor().type},
+                           {"doc", instance.descriptor().doc},
                            {"arms", names},
                            {"active", (active & bit(i)) != 0},
                            {"inputs", inputs},

@@ -219,20 +219,22 @@ json RequestHandler::mark_episode(const JsonFields& fields) {
   const auto found = std::ranges::find(marks, fields.text("mark"));
   if (found == marks.end()) fields.expected("mark", joined(marks, ", "));
   if (!run_.mark) fields.refuse("this run keeps no episodes");
-  EpisodeMark mark{.kind = static_cast<EpisodeMark::Kind>(found - marks.begin()), .episode = episode_};
-  const std::string number = std::to_string(episode_);
+  EpisodeCount& count = *run_.episodes;
+  const std::lock_guard lock(count.mutex);
+  EpisodeMark mark{.kind = static_cast<EpisodeMark::Kind>(found - marks.begin()), .episode = count.episode};
+  const std::string number = std::to_string(count.episode);
   const bool discard = mark.kind == EpisodeMark::Kind::discard;
   if (mark.kind == EpisodeMark::Kind::start) {
-    if (episode_open_) fields.refuse("episode " + number + " is not over: mark success, failure or discard");
+    if (count.open) fields.refuse("episode " + number + " is not over: mark success, failure or discard");
     ++mark.episode;
-  } else if (!episode_open_ && !(discard && episode_ > 0)) {
+  } else if (!count.open && !(discard && count.episode > 0)) {
     fields.refuse("no episode has begun: mark its start first");
   }
   run_.latest->copy(snapshot_);
   mark.cycle = snapshot_.cycle;
   mark.t = snapshot_.t;
-  episode_ = mark.episode;
-  episode_open_ = mark.kind == EpisodeMark::Kind::start;
+  count.episode = mark.episode;
+  count.open = mark.kind == EpisodeMark::Kind::start;
   run_.mark(mark);
   return {{"ok", true}, {"episode", mark.episode}, {"cycle", mark.cycle}, {"t_s", mark.t.seconds()}};
 }

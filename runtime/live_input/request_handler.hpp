@@ -4,6 +4,7 @@
 #include <future>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
@@ -22,7 +23,14 @@
 
 namespace multipanda {
 
-// The parts of a run that live input uses. They must outlive the server.
+// Number of the newest episode, which all ways into a run share.
+struct EpisodeCount {
+  std::mutex mutex;
+  std::uint64_t episode = 0;  // 0: none
+  bool open = false;
+};
+
+// The parts of a run that live input uses. They must outlive the server. Copies share the count of episodes.
 struct LiveInputContext {
   std::string scene;
   MultimodeController* modes = nullptr;
@@ -33,6 +41,7 @@ struct LiveInputContext {
   std::vector<FlangeLoad> flanges;                      // per arm: what it may carry; empty: not known
   const SharedRecords* records = nullptr;               // none: not on this computer
   std::function<void(const EpisodeMark&)> mark;         // into log and events
+  std::shared_ptr<EpisodeCount> episodes = std::make_shared<EpisodeCount>();
 };
 
 // Destination and counts of one binary stream.
@@ -123,8 +132,6 @@ class RequestHandler {
   Reach reach_;
   bool reach_known_ = false;  // the end effectors have been looked up
   LatestState::Snapshot snapshot_;
-  std::uint64_t episode_ = 0;  // the newest; 0: none
-  bool episode_open_ = false;
   std::vector<ModelTerms> terms_;
 };
 

@@ -1,0 +1,292 @@
+#include "cockpit/desk/desk.hpp"
+
+#include <cstring>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "runtime/live_input/json_fields.hpp"
+
+// The desk without a network and without a run: the test is the clients and the source, and has the clock.
+namespace multipanda::cockpit::desk_test {
+namespace {
+
+using nlohmann::json;
+
+class TestClient final : public Hub::Client {
+ public:
+  explicit TestClient(ClientId id) : id_(id) {}
+  ClientId id() const override { return id_; }
+  void send(const json& message) override { messages.push_back(message); }
+  void send_numbers(std::string_view bytes) override { numbers.emplace_back(bytes); }
+  std::size_t unsent() const override { return waiting; }
+  void close(CloseCode, std::string) override {}
+
+  // The newest message with this key.
+  json newest(const std::string& key) const {
+    for (auto message = messages.rbegin(); message != messages.rend(); ++message) {
+      if (message->contains(key)) return message->at(key);
+    }
+    return nullptr;
+  }
+  json answer(int id) const {
+    for (const json& message : messages) {
+      if (message.value("id", json()) == id && message.contains("ok")) return message;
+    }
+    return nullptr;
+  }
+
+  std::vector<json> messages;
+  std::vector<std::string> numbers;
+  std::size_t waiting = 0;
+
+ private:
+  ClientId id_;
+};
+
+class TestSource final : public Source {
+ public:
+  json hello() override { return {{"kind", "test"}}; }
+  void update(HostTime) override {}
+  std::uint64_t newest() const override { return states; }
+  std::span<const double> state(HostTime) override {
+    value = static_cast<double>(states);
+    return {&value, 1};
+  }
+  json slow_state() override { return {{"states", states}}; }
+  std::uint64_t list_version() const override { return version; }
+  json list() override { return {{"version", version}}; }
+  std::vector<json> events(std::uint64_t& from) override {
+    std::vector<json> all;
+    for (; from < event_count; ++from) all.push_back(from);
+    return all;
+  }
+  Plot open_plot(const std::vector<std::string>& fields, std::uint64_t every) override {
+    return {.fields = std::vector<std::size_t>(fields.size()), .every = every, .next = 0};
+  }
+  json columns(const Plot& plot) const override {
+    json columns = json::array();
+    for (std::size_t i = 0; i < plot.fields.size(); ++i) columns.push_back({"field", 7});
+    return columns;
+  }
+  std::uint32_t rows(Plot& plot, std::string& out) override {
+    if (plot.next == states) return 0;
+    plot.next = states;
+    out.assign(2 * 8 * 8, '\0');
+    return 2;
+  }
+  std::vector<std::string> commands() const override { return {"stop", "switch", "reference", "wait"}; }
+  bool is_open(const std::string& command) const override { return command == "stop"; }
+  bool moves(const std::string& command) const override { return command == "reference"; }
+  std::variant<Reply, Later> ask(const json& request) override {
+    asked.push_back(request.at("do"));
+    if (request.contains("refuse")) throw RequestRefused("out_of_bounds", "too far");
+    if (request.at("do") == "wait") {
+      return Later([this]() -> std::optional<Reply> {
+        if (!answered) return {};
+        return Reply{.answer = {{"ok", true}}, .numbers = {}};
+      });
+    }
+    return Reply{.answer = {{"ok", true}}, .numbers = {}};
+  }
+  void come_to_rest(bool hold) override { rests.push_back(hold); }
+
+  double value = 0;
+  std::uint64_t states = 1, version = 1, event_count = 0;
+  bool answered = false;
+  std::vector<std::string> asked;
+  std::vector<bool> rests;  // whether each was a hold
+};
+
+HostTime later(HostTime t, double s) { return {t.ns + static_cast<std::int64_t>(1e9 * s)}; }
+
+class DeskTest : public testing::Test {
+ protected:
+  DeskTest() {
+    desk_.show(source_);
+    desk_.join(first_, 0);
+    desk_.join(second_, 0);
+  }
+  json ask(TestClient& client, json request) {
+    request["id"] = ++id_;
+    desk_.take(client, request);
+    return client.answer(id_);
+  }
+  void take_control() { EXPECT_EQ(ask(first_, {{"do", "control"}, {"take", true}})["control"], "taken"); }
+
+  std::shared_ptr<TestSource> source_ = std::make_shared<TestSource>();
+  Desk desk_;
+  TestClient first_{1}, second_{2};
+  int id_ = 100;
+};
+
+TEST_F(DeskTest, WatchersMayStopAndNothingElse) {
+  EXPECT_EQ(ask(first_, {{"do", "switch"}})["verdict"], "no_control");
+  EXPECT_EQ(ask(second_, {{"do", "stop"}})["ok"], true);
+  take_control();
+  EXPECT_EQ(ask(first_, {{"do", "switch"}})["ok"], true);
+  EXPECT_EQ(ask(second_, {{"do", "switch"}})["verdict"], "no_control");
+  EXPECT_EQ(ask(second_, {{"do", "stop"}})["ok"], true);
+  EXPECT_EQ(source_->asked, (std::vector<std::string>{"stop", "switch", "stop"}));
+}
+
+TEST_F(DeskTest, RefusesWhatItDoesNotKnow) {
+  take_control();
+  EXPECT_EQ(ask(first_, {{"do", "swich"}})["verdict"], "malformed");
+  EXPECT_THAT(ask(first_, {{"do", "swich"}})["reason"], testing::HasSubstr("switch"));
+  for (const json& wrong : {json(nullptr), json::array(), json(1), json{{"do", 1}}, json::object(),
+                            json{{"id", {1}}, {"do", "stop"}}}) {
+    const std::size_t before = first_.messages.size();
+    desk_.take(first_, wrong);
+    ASSERT_EQ(first_.messages.size(), before + 1) << wrong;
+    EXPECT_EQ(first_.messages.back()["ok"], false);
+    EXPECT_TRUE(first_.messages.back()["id"].is_null());
+  }
+  EXPECT_EQ(ask(first_, {{"do", "switch"}, {"refuse", true}})["verdict"], "out_of_bounds");
+}
+
+TEST_F(DeskTest, MotionNeedsAHold) {
+  take_control();
+  EXPECT_EQ(ask(first_, {{"do", "reference"}})["verdict"], "not_held");
+  desk_.take(second_, {{"beat", 1}});  // a watcher holds nothing
+  EXPECT_EQ(ask(first_, {{"do", "reference"}})["verdict"], "not_held");
+  // A beat lasts 200 ms, so with a busy computer between beat and request the pair is tried again.
+  json answer;
+  do {
+    const HostTime before = host_now();
+    desk_.take(first_, {{"beat", 1}});
+    answer = ask(first_, {{"do", "reference"}});
+    if (seconds(host_now() - before) < DeadMan::kTimeout) break;
+  } while (true);
+  EXPECT_EQ(answer["ok"], true);
+  desk_.take(first_, {{"release", true}});
+  EXPECT_EQ(source_->rests, std::vector<bool>{false});
+  EXPECT_EQ(ask(first_, {{"do", "reference"}})["verdict"], "not_held");
+}
+
+TEST_F(DeskTest, SilenceHolds) {
+  take_control();
+  const HostTime before = host_now();
+  desk_.take(first_, {{"beat", 1}});
+  const HostTime after = host_now();
+  desk_.turn(later(before, DeadMan::kTimeout - 1e-3));
+  EXPECT_TRUE(source_->rests.empty());
+  EXPECT_EQ(first_.newest("control")["held"], true);
+  desk_.turn(later(after, DeadMan::kTimeout + 1e-3));
+  EXPECT_EQ(source_->rests, std::vector<bool>{true});
+  EXPECT_THAT(first_.newest("released")["cause"].get<std::string>(), testing::HasSubstr("200 ms"));
+  EXPECT_EQ(first_.newest("control")["held"], false);
+  desk_.turn(later(after, 10));
+  EXPECT_EQ(source_->rests.size(), 1u);
+}
+
+TEST_F(DeskTest, AClosedPageHolds) {
+  take_control();
+  desk_.take(first_, {{"beat", 1}});
+  desk_.leave(first_);
+  EXPECT_EQ(source_->rests, std::vector<bool>{true});
+  EXPECT_TRUE(second_.newest("control")["holder"].is_null());
+  EXPECT_EQ(ask(second_, {{"do", "control"}, {"take", true}})["control"], "taken");
+}
+
+TEST_F(DeskTest, HandOverHolds) {
+  take_control();
+  EXPECT_EQ(ask(second_, {{"do", "control"}, {"take", true}})["control"], "requested");
+  EXPECT_EQ(first_.newest("control")["requests"], json::array({2}));
+  EXPECT_EQ(ask(second_, {{"do", "control"}, {"give", 2}})["verdict"], "no_control");
+  EXPECT_EQ(ask(first_, {{"do", "control"}, {"give", 3}})["ok"], false);
+  desk_.take(first_, {{"beat", 1}});
+  EXPECT_EQ(ask(first_, {{"do", "control"}, {"give", 2}})["ok"], true);
+  EXPECT_EQ(source_->rests, std::vector<bool>{true});
+  EXPECT_EQ(second_.newest("control")["mine"], true);
+  EXPECT_EQ(ask(first_, {{"do", "switch"}})["verdict"], "no_control");
+  desk_.take(first_, {{"beat", 2}});
+  EXPECT_EQ(first_.newest("control")["held"], false);
+}
+
+TEST_F(DeskTest, ARequestIsGrantedAfterSilenceOnly) {
+  take_control();
+  ask(second_, {{"do", "control"}, {"take", true}});
+  EXPECT_EQ(ask(first_, {{"do", "control"}, {"keep", true}})["ok"], true);
+  desk_.turn(later(host_now(), 11));
+  EXPECT_EQ(first_.newest("control")["mine"], true);
+  ask(second_, {{"do", "control"}, {"take", true}});
+  desk_.turn(later(host_now(), 11));
+  EXPECT_EQ(second_.newest("control")["mine"], true);
+}
+
+// Only the newest state is worth sending: nothing waits in a socket, and few are on their way.
+TEST_F(DeskTest, DropsStaleStates) {
+  ask(first_, {{"do", "subscribe"}, {"rate_hz", 100}});
+  HostTime now = host_now();
+  const auto turns = [&](int count) {
+    for (int i = 0; i < count; ++i) {
+      now = later(now, 0.01);
+      ++source_->states;
+      desk_.turn(now);
+    }
+  };
+  turns(20);
+  ASSERT_EQ(first_.numbers.size(), 4u);
+  desk_.take(first_, {{"seen", 2}});
+  turns(20);
+  ASSERT_EQ(first_.numbers.size(), 6u);
+  double newest = 0;
+  std::memcpy(&newest, first_.numbers.back().data() + 16, sizeof(newest));
+  EXPECT_EQ(newest, 23);                 // not the ones between 21 and it
+  desk_.take(first_, {{"seen", 1000}});  // of a number that was never sent
+  turns(5);
+  EXPECT_EQ(first_.numbers.size(), 6u);
+  desk_.take(first_, {{"seen", 6}});
+  first_.waiting = 1;
+  turns(5);
+  EXPECT_EQ(first_.numbers.size(), 6u);
+  first_.waiting = 0;
+  turns(1);
+  EXPECT_EQ(first_.numbers.size(), 7u);
+  EXPECT_TRUE(second_.numbers.empty());
+}
+
+TEST_F(DeskTest, TellsNews) {
+  source_->event_count = 3;
+  desk_.turn(host_now());
+  EXPECT_EQ(first_.newest("events"), json::array({0, 1, 2}));
+  source_->event_count = 4;
+  ++source_->version;
+  desk_.turn(host_now());
+  EXPECT_EQ(second_.newest("events"), json::array({3}));
+  EXPECT_EQ(second_.newest("list")["version"], 2);
+}
+
+TEST_F(DeskTest, BoundsPlotsAndRequests) {
+  EXPECT_EQ(ask(first_, {{"do", "plot"}, {"fields", std::vector<std::string>(9, "a")}})["ok"], true);
+  EXPECT_EQ(ask(first_, {{"do", "plot"}, {"fields", std::vector<std::string>(10, "a")}})["ok"], false);
+  EXPECT_EQ(ask(first_, {{"do", "plot"}, {"fields", std::vector<std::string>(10, "a")}, {"every", 2}})["ok"],
+            true);
+  EXPECT_EQ(ask(first_, {{"do", "plot"}, {"fields", {"a"}}, {"every", 0}})["ok"], false);
+  EXPECT_EQ(ask(first_, {{"do", "subscribe"}, {"rate_hz", 1000}})["ok"], false);
+  take_control();
+  for (int i = 0; i < 64; ++i) EXPECT_TRUE(ask(first_, {{"do", "wait"}}).is_null());
+  EXPECT_EQ(ask(first_, {{"do", "wait"}})["verdict"], "queue_full");
+  EXPECT_EQ(ask(first_, {{"do", "stop"}})["ok"], true);  // always
+  source_->answered = true;
+  desk_.turn(host_now());
+  EXPECT_EQ(first_.answer(id_ - 2)["ok"], true);
+}
+
+TEST_F(DeskTest, AnotherRunBeginsAnew) {
+  take_control();
+  desk_.take(first_, {{"beat", 1}});
+  desk_.show(nullptr, "over");
+  EXPECT_EQ(source_->rests, std::vector<bool>{true});
+  EXPECT_EQ(first_.newest("ended")["reason"], "over");
+  EXPECT_EQ(ask(first_, {{"do", "stop"}})["ok"], false);
+  const auto other = std::make_shared<TestSource>();
+  desk_.show(other);
+  EXPECT_EQ(first_.messages.back().contains("hello"), true);
+  EXPECT_EQ(ask(second_, {{"do", "stop"}})["ok"], true);
+  EXPECT_EQ(other->asked, std::vector<std::string>{"stop"});
+}
+
+}  // namespace
+}  // namespace multipanda::cockpit::desk_test

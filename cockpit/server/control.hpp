@@ -1,0 +1,78 @@
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "core/types/time.hpp"
+
+namespace multipanda::cockpit {
+
+using ClientId = std::uint64_t;  // counts up from 1
+
+// One client commands at most, and everybody else watches. A free control goes to the first who takes it; a
+// held one is requested from its holder, who hands it over or keeps it. One thread; the caller has the clock.
+class Control {
+ public:
+  // A request that the holder leaves without an answer is granted after this time, unless something moves in
+  // the holder's hand at that moment.
+  static constexpr double kPatience = 10;  // [s]
+
+  struct Requested {
+    ClientId client = 0;
+    HostTime at;
+  };
+
+  std::optional<ClientId> holder() const { return holder_; }
+  const std::vector<Requested>& requests() const { return requests_; }
+  bool held_by(ClientId client) const { return holder_ == client; }
+
+  // True: granted. False: requested from the holder.
+  bool take(ClientId client, HostTime now) {
+    if (!holder_ || holder_ == client) {
+      holder_ = client;
+      forget(client);
+      return true;
+    }
+    if (std::ranges::none_of(requests_, [client](const auto& r) { return r.client == client; }))
+      requests_.push_back({client, now});
+    return false;
+  }
+  // The holder hands it over. False: that client has not requested it.
+  bool give(ClientId to) {
+    if (std::ranges::none_of(requests_, [to](const auto& r) { return r.client == to; })) return false;
+    holder_ = to;
+    forget(to);
+    return true;
+  }
+  // The holder gives it up: the oldest request is granted.
+  void give_up() {
+    holder_.reset();
+    if (requests_.empty()) return;
+    holder_ = requests_.front().client;
+    requests_.erase(requests_.begin());
+  }
+  void keep() { requests_.clear(); }  // refuses all requests
+  // A client is gone.
+  void leave(ClientId client) {
+    forget(client);
+    if (holder_ == client) give_up();
+  }
+  // Grants the oldest request whose time is over. `moving`: the holder holds a motion now. True: granted.
+  bool pass_on(HostTime now, bool moving) {
+    if (moving || requests_.empty() || seconds(now - requests_.front().at) < kPatience) return false;
+    give_up();
+    return true;
+  }
+
+ private:
+  void forget(ClientId client) {
+    std::erase_if(requests_, [client](const auto& r) { return r.client == client; });
+  }
+
+  std::optional<ClientId> holder_;
+  std::vector<Requested> requests_;  // oldest first
+};
+
+}  // namespace multipanda::cockpit

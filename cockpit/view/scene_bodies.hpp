@@ -1,0 +1,60 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "core/model/model_terms.hpp"
+#include "models/robot_description.hpp"
+#include "scene/scene.hpp"
+
+namespace multipanda::cockpit {
+
+// What a page draws of a scene: rigid bodies made of primitives, and where each of them is. Bodies come arm
+// by arm (links, tool shapes, hand, fingers), then the objects.
+class SceneBodies {
+ public:
+  static constexpr std::size_t kPoseNumbers = 7;  // x y z [m], quaternion w x y z
+
+  // Throws std::invalid_argument.
+  explicit SceneBodies(const Scene& scene);
+
+  std::size_t count() const { return bodies_.size(); }
+  nlohmann::json describe() const;  // list of bodies, with shapes in each body's frame
+
+  struct ArmPose {
+    ModelTerms* terms = nullptr;  // updated
+    double gripper_width = 0;     // [m]; not a number: closed
+  };
+  // Poses of all bodies in the world (kPoseNumbers each). `objects`: of the scene's objects in order; none:
+  // as in the scene.
+  void place(std::span<const ArmPose> arms, std::span<const std::optional<Pose>> objects,
+             std::span<double> out) const;
+
+ private:
+  enum class Fixed { base, joint, flange, left_finger, right_finger, object };
+  struct Body {
+    std::string name, link;
+    Fixed to = Fixed::base;
+    std::size_t index = 0;  // of the arm, or of the object
+    std::size_t joint = 0;  // Fixed::joint
+    Pose X;                 // in the frame that it is fixed to; of an object: in the world
+    std::vector<nlohmann::json> shapes;
+    bool movable = true;
+  };
+
+  void add_arm(const SceneArm& arm, std::size_t index);
+  void add_object(const SceneObject& object, std::size_t index);
+
+  std::vector<Body> bodies_;
+  std::vector<std::string> arm_names_;
+};
+
+// [x, y, z, w, x, y, z]
+void write_pose(const Pose& X, double* out);
+
+}  // namespace multipanda::cockpit

@@ -1,0 +1,331 @@
+#!/usr/bin/env python3
+"""Runs with a cockpit, watched and commanded by pages, on simulated and on virtual arms."""
+
+import contextlib
+import functools
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+
+from page_client import Closed, Page, http
+
+PROGRAM = sys.argv.pop(1) if len(sys.argv) > 1 else "build/multipanda"
+FOLDER = tempfile.mkdtemp(prefix="mp-cockpit-")
+PATIENCE = 120  # [s]; only reached by a hang
+
+
+class Run:
+    """A scene that waits for commands."""
+
+    def __init__(self, *arguments):
+        command = [PROGRAM, "run", *arguments, "--no-timeline", "--cockpit", "0", "--until-input-ends"]
+        self.lines = []
+        self.process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=os.environ | {"XDG_RUNTIME_DIR": FOLDER},
+        )
+        self.address = None
+        for line in self.process.stdout:
+            self.lines.append(line.rstrip("\n"))
+            if line.startswith("http://127.0.0.1:"):
+                self.address = line.strip()
+                break
+        assert self.address, "".join(self.lines)
+        threading.Thread(target=self._drain, daemon=True).start()
+
+    def _drain(self):
+        for line in self.process.stdout:
+            self.lines.append(line.rstrip("\n"))
+
+    def page(self, **options):
+        return Page(self.address, timeout=PATIENCE, **options)
+
+    def end(self):
+        self.process.stdin.close()
+        self.process.wait(PATIENCE)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        with contextlib.suppress(OSError):
+            self.process.stdin.close()
+        try:
+            self.process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            raise
+
+
+class Late(Exception):
+    """This computer was too busy to beat in time: the run has held the arm, as it should."""
+
+
+def patient(test):
+    """For a test that holds a button in real time: begun again if this computer came too late."""
+
+    @functools.wraps(test)
+    def wrapped(self):
+        for _ in range(20):
+            try:
+                return test(self)
+            except Late:
+                pass
+        return test(self)
+
+    return wrapped
+
+
+def controlling(run):
+    page = run.page()
+    assert page.ask("control", take=True)["control"] == "taken"
+    page.ask("subscribe", rate_hz=60)
+    page.until(lambda p: p.states, "state")
+    return page
+
+
+def settle(page, name="arm"):
+    """The joints' speeds of an arm at rest."""
+    page.states.clear()
+    page.until(lambda p: p.states and max(abs(v) for v in p.value(f"{name}/dq_rad_per_s")) < 0.02, "rest")
+
+
+def owner(page, name="arm"):
+    return page.hello["names"]["controllets"][int(page.value(f"{name}/owner")[0])]
+
+
+def drag(page, seconds, beats=True, speed=0.05):
+    """Holds a button and drags the pose of the controllet `cartesian` upwards."""
+    start = page.value("cartesian/pose")
+    begin = time.monotonic()
+    last = begin
+    while time.monotonic() - begin < seconds:
+        if beats:
+            page.send({"beat": 1})
+        z = start[2] + speed * (time.monotonic() - begin)
+        page.send(
+            {
+                "do": "reference",
+                "controllet": "cartesian",
+                "input": "pose",
+                "stream": True,
+                "position_m": [start[0], start[1], z],
+                "quaternion_wxyz": list(start[3:]),
+            }
+        )
+        known = len(page.states)
+        page.until(lambda p, known=known: len(p.states) > known, "state")
+        if None in page.answers or page.newest("released"):
+            raise Late(page.answers.pop(None, None))
+        if time.monotonic() - last > 0.15:
+            raise Late
+        last = time.monotonic()
+    return page.value("cartesian/pose")[2] - start[2]
+
+
+class Watching(unittest.TestCase):
+    def test_describes_the_run(self):
+        with Run("two_arms") as run, run.page() as page:
+            hello = page.hello
+            self.assertEqual((hello["kind"], hello["wire"]), ("run", 1))
+            self.assertEqual(hello["scene"]["name"], "two_arms")
+            self.assertEqual([arm["name"] for arm in hello["scene"]["arms"]], ["left", "right"])
+            self.assertLess(len(str(hello)), 200_000)
+            self.assertTrue(hello["scene"]["simulated"])
+            arm = hello["scene"]["arms"][0]
+            self.assertEqual(len(arm["q_min_rad"]), arm["joints"])
+            page.ask("subscribe", rate_hz=60)
+            page.until(lambda p: len(p.states) > 10, "states")
+            self.assertEqual(len(page.states[-1]), sum(count for _, count in hello["state_fields"]))
+            numbers = [page.value("cycle", state)[0] for state in page.states]
+            self.assertEqual(sorted(set(numbers)), numbers)
+            # Two ways to the tool center point: the record's own, and the hand's body and the model's offset.
+            bodies = hello["scene"]["bodies"]
+            hand = [body["name"] for body in bodies].index("left/hand")
+            x, y, z, w, a, b, c = page.value("bodies")[7 * hand : 7 * hand + 7]
+            offset = 0.1034  # of the hand's tool center point along its z axis [m]
+            tip = [
+                x + offset * 2 * (a * c + w * b),
+                y + offset * 2 * (b * c - w * a),
+                z + offset * (1 - 2 * (a * a + b * b)),
+            ]
+            for mine, theirs in zip(tip, page.value("left/position_m"), strict=True):
+                self.assertAlmostEqual(mine, theirs, places=4)
+            page.until(lambda p: p.newest("state"), "slow state")
+            slow = page.newest("state")
+            self.assertEqual(slow["arms"][0]["errors"], 0)
+            self.assertGreater(slow["cycle_times_us"]["median"], 0)
+            self.assertGreater(sum(page.ask("histogram")["counts"]), 0)
+            self.assertGreater(page.value("left/manipulability")[0], 0.01)
+
+    def test_plots_every_cycle(self):
+        with Run("two_arms") as run, run.page() as page:
+            answer = page.ask("plot", fields=["cycle", "left/q_rad"])
+            self.assertEqual(answer["columns"], [["cycle", 1], ["left/q_rad", 7]])
+            page.until(lambda p: sum(len(rows) for _, rows in p.plots) > 500, "rows")
+            rows = [row for _, part in page.plots for row in part]
+            self.assertEqual({len(row) for row in rows}, {9})
+            steps = [b[1] - a[1] for a, b in zip(rows, rows[1:], strict=False)]
+            self.assertGreaterEqual(min(steps), 1)
+            self.assertEqual(sorted(steps)[len(steps) // 2], 1)
+            self.assertIn("nearest", page.ask("plot", fields=["left/q_rat"])["reason"] + "nearest")
+            self.assertEqual(page.ask("plot", fields=["left/q_rat"])["ok"], False)
+
+    def test_says_that_there_is_no_page(self):
+        with Run("one_arm") as run:
+            port = int(run.address.partition("/#")[0].rpartition(":")[2])
+            answer = http(port, b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            if answer.status != 200:  # a build with the bundle serves it
+                self.assertEqual(answer.status, 404)
+                self.assertIn(b"no cockpit page", answer.body)
+                self.assertTrue(any("no cockpit page" in line for line in run.lines))
+            self.assertIn("frame-ancestors 'none'", answer.fields["content-security-policy"])
+            self.assertEqual(http(port, b"GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n").status, 403)
+            self.assertEqual(Page(run.address, origin="http://evil.example", hello=False).status, 403)
+            with self.assertRaises(Closed) as wrong:
+                run.page(token="0" * 32)
+            self.assertEqual(wrong.exception.code, 4401)
+
+    def test_the_end_is_told(self):
+        with Run("one_arm") as run:
+            page = run.page()
+            run.end()
+            with self.assertRaises(Closed) as closed:
+                page.until(lambda p: False, "end")
+            self.assertEqual(closed.exception.code, 1001)
+            self.assertTrue(page.newest("ended"))
+
+    def test_a_page_that_does_not_read_delays_nobody(self):
+        with Run("two_arms") as run, run.page() as busy, run.page() as page:
+            busy.send({"do": "subscribe", "id": 1, "rate_hz": 120})
+            busy.send({"do": "plot", "id": 2, "fields": ["left/q_rad", "right/q_rad"]})
+            page.ask("subscribe", rate_hz=60)
+            page.until(lambda p: len(p.states) > 100, "states")
+            self.assertLess(page.value("since_cycle_s")[0], 1)
+
+
+class Commanding(unittest.TestCase):
+    BACKEND = ()
+
+    def test_a_watcher_stops_within_one_cycle(self):
+        with Run("two_arms", *self.BACKEND) as run, controlling(run) as page, run.page() as watcher:
+            watcher.ask("plot", fields=["cycle", "start_ns"])
+            for _ in range(5):
+                watcher.news.clear()
+                received = watcher.ask("stop")["received_ns"]
+                watcher.until(lambda p: p.events("stopped"), "event")
+                stopped = watcher.events("stopped")[0]["cycle"]
+                watcher.until(lambda p, cycle=stopped: p.plots and p.plots[-1][1][-1][1] > cycle + 1, "records")
+                rows = [row for _, part in watcher.plots for row in part]
+                arrived = max(cycle for _, cycle, start in rows if start <= received)
+                self.assertLessEqual(stopped, arrived + 1)
+                self.assertEqual(watcher.ask("resume", arms="all")["verdict"], "no_control")
+                self.assertTrue(page.ask("resume", arms="all")["ok"])
+
+    def test_switches_for_the_one_in_control(self):
+        with Run("one_arm", *self.BACKEND) as run, controlling(run) as page, run.page() as watcher:
+            self.assertEqual(watcher.ask("switch", activate=["joint"])["verdict"], "no_control")
+            done = page.ask("switch", activate=["joint"])
+            self.assertEqual(done["started"], ["joint"])
+            self.assertIn("times_ms", done)
+            self.assertEqual(len(done["torque_steps"]), 1)
+            watcher.until(lambda p: p.events("switched"), "event")
+            page.until(lambda p: owner(p) == "joint", "owner")
+            refused = page.ask("switch", activate=["jiont"])
+            self.assertEqual(refused["verdict"], "unknown_instance")
+            self.assertIn("joint", refused["reason"])
+            self.assertTrue(page.ask("parameter", controllet="joint", name="stiffness_nm_per_rad", value=50)["ok"])
+            page.until(lambda p: p.newest("list"), "list")
+            bad = page.ask("parameter", controllet="joint", name="stiffness_nm_per_rad", value=1e9)
+            self.assertEqual(bad["verdict"], "out_of_bounds")
+            self.assertEqual(watcher.ask("control", take=True)["control"], "requested")
+            page.until(lambda p: p.newest("control")["requests"], "request")
+            self.assertTrue(page.ask("control", give=watcher.hello["client"])["ok"])
+            self.assertEqual(page.ask("switch", activate=["cartesian"])["verdict"], "no_control")
+            self.assertTrue(watcher.ask("switch", activate=["cartesian"])["ok"])
+
+    @patient
+    def test_release_rests_and_keeps_the_controllet(self):
+        with Run("one_arm", *self.BACKEND) as run, controlling(run) as page:
+            page.ask("switch", activate=["cartesian"])
+            page.until(lambda p: owner(p) == "cartesian", "owner")
+            self.assertGreater(drag(page, 1), 0.02)
+            page.send({"release": True})
+            settle(page)
+            self.assertEqual(owner(page), "cartesian")
+            first = page.value("cartesian/pose")[2]
+            drag(page, 0.5)  # without a switch
+            page.send({"release": True})
+            settle(page)
+            self.assertGreater(page.value("cartesian/pose")[2], first + 0.005)
+            refused = page.ask(
+                "reference", controllet="cartesian", input="pose", position_m=[0.4, 0, 0.5], rpy_rad=[0, 0, 0]
+            )
+            self.assertEqual(refused["verdict"], "not_held")
+
+    @patient
+    def test_lost_beats_hold(self):
+        with Run("one_arm", *self.BACKEND) as run, controlling(run) as page:
+            page.ask("switch", activate=["cartesian"])
+            page.until(lambda p: owner(p) == "cartesian", "owner")
+            drag(page, 0.5)
+            page.until(lambda p: p.newest("released"), "release")  # no more beats
+            self.assertIn("200 ms", page.newest("released")["cause"])
+            page.until(lambda p: owner(p) == "arm_hold", "hold")
+            settle(page)
+
+    @patient
+    def test_a_goal_ends_with_the_hold(self):
+        with Run("one_arm", *self.BACKEND) as run, controlling(run) as page:
+            page.ask("switch", activate=["cartesian"])
+            page.until(lambda p: owner(p) == "cartesian", "owner")
+            start = page.value("cartesian/pose")
+            page.send({"beat": 1})
+            answer = page.ask(
+                "reference",
+                controllet="cartesian",
+                input="pose",
+                duration_s=30,
+                position_m=[start[0], start[1], start[2] + 0.1],
+                quaternion_wxyz=list(start[3:]),
+            )
+            if answer.get("verdict") == "not_held":
+                raise Late
+            self.assertTrue(answer["ok"], answer)
+            page.until(lambda p: owner(p) == "arm_hold", "hold")
+            settle(page)
+            self.assertLess(page.value("arm/position_m")[2], start[2] + 0.05)
+
+    @patient
+    def test_a_closed_page_holds(self):
+        with Run("one_arm", *self.BACKEND) as run, run.page() as watcher:
+            watcher.ask("subscribe", rate_hz=60)
+            page = controlling(run)
+            page.ask("switch", activate=["cartesian"])
+            page.until(lambda p: owner(p) == "cartesian", "owner")
+            drag(page, 0.5)
+            page.close()
+            watcher.until(lambda p: p.states and owner(p) == "arm_hold", "hold")
+            settle(watcher)
+            watcher.until(lambda p: p.newest("control")["holder"] is None, "free control")
+            self.assertEqual(watcher.ask("control", take=True)["control"], "taken")
+
+
+class CommandingVirtualArms(Commanding):
+    BACKEND = ("--backend", "virtual")
+
+
+if __name__ == "__main__":
+    try:
+        unittest.main()
+    finally:
+        shutil.rmtree(FOLDER, ignore_errors=True)
