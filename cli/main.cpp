@@ -73,31 +73,12 @@ int run(int argc, char** argv) {
       "  multipanda demo\n"
       "  multipanda run two_arms --seconds 10 --record runs\n"
       "  multipanda list scenes");
-  for (const auto add : {add_demo,
-                         add_run,
-                         add_move,
-                         add_ctl,
-                         add_check,
-                         add_law,
-                         add_list,
-                         add_report,
-                         add_repair,
-                         add_export,
-                         add_experiment,
-                         add_compare,
-                         add_excite,
-                         add_refine,
-                         add_generate,
-                         add_identify,
-                         add_predict,
-                         add_fit,
-                         add_via_points,
-                         add_virtual_arm,
-                         add_bench,
-                         add_doctor,
-                         add_communication_test,
-                         add_soak,
-                         add_docs}) {
+  for (const auto add :
+       {add_demo,    add_run,        add_move,        add_ctl,      add_check,    add_law,
+        add_list,    add_cockpit,    add_report,      add_repair,   add_export,   add_experiment,
+        add_compare, add_excite,     add_refine,      add_generate, add_identify, add_predict,
+        add_fit,     add_via_points, add_virtual_arm, add_bench,    add_doctor,   add_communication_test,
+        add_soak,    add_docs}) {
     add(program);
   }
   try {

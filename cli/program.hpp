@@ -39,6 +39,7 @@ void add_demo(Program& program);
 void add_law(Program& program);
 void add_list(Program& program);
 void add_check(Program& program);
+void add_cockpit(Program& program);
 void add_report(Program& program);
 void add_repair(Program& program);
 void add_export(Program& program);

@@ -1,9 +1,11 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "cockpit/desk/desk.hpp"
 #include "cockpit/run/object_poses.hpp"
@@ -23,7 +25,8 @@ class Cockpit {
   std::string address() const { return hub_->address(); }
   bool has_page() const { return has_page_; }
   Desk& desk() { return desk_; }
-  std::uint64_t refused() const { return hub_->refused(); }
+  // Shows one log, or two that are compared. Throws std::runtime_error.
+  void show_logs(const std::vector<std::filesystem::path>& logs);
 
  private:
   Desk desk_;

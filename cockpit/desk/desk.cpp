@@ -324,7 +324,8 @@ void Desk::send_news(Seat& seat, HostTime now) {
   if (auto events = source_->events(seat.events); !events.empty())
     seat.client->send({{"events", std::move(events)}});
   if (seat.events != known || now.ns >= seat.next_slow.ns) {
-    seat.client->send({{"state", source_->slow_state()}});
+    if (json state = source_->slow_state(); !state.is_null())
+      seat.client->send({{"state", std::move(state)}});
     seat.next_slow = after(now, kSlowPeriod);
   }
   if (seat.list != source_->list_version() && now.ns >= seat.next_list.ns) {

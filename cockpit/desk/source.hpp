@@ -41,7 +41,7 @@ class Source {
   // --- states ---
   virtual std::uint64_t newest() const = 0;                 // counts up with every state; 0: none yet
   virtual std::span<const double> state(HostTime now) = 0;  // the newest one, as hello's `state_fields`
-  virtual nlohmann::json slow_state() = 0;                  // what is no number of it
+  virtual nlohmann::json slow_state() = 0;                  // what is no number of it; null: nothing
   virtual std::uint64_t list_version() const = 0;
   virtual nlohmann::json list() = 0;
   // Those from number `from` on, which becomes the number of the next one.

@@ -20,10 +20,11 @@ PATIENCE = 120  # [s]; only reached by a hang
 
 
 class Run:
-    """A scene that waits for commands."""
+    """A scene that waits for commands, or another command with a cockpit."""
 
-    def __init__(self, *arguments):
-        command = [PROGRAM, "run", *arguments, "--no-timeline", "--cockpit", "0", "--until-input-ends"]
+    def __init__(self, *arguments, command=None):
+        command = command or [PROGRAM, "run", *arguments, "--no-timeline", "--cockpit", "0"]
+        command = [*command, "--until-input-ends"]
         self.lines = []
         self.process = subprocess.Popen(
             command,
@@ -322,6 +323,40 @@ class Commanding(unittest.TestCase):
 
 class CommandingVirtualArms(Commanding):
     BACKEND = ("--backend", "virtual")
+
+
+class Logs(unittest.TestCase):
+    def test_two_logs_are_shown(self):
+        runs = []
+        for scale in ("2", "3"):
+            folder = tempfile.mkdtemp(dir=FOLDER)
+            subprocess.run(
+                [PROGRAM, "run", "two_arms", "--fast", "--seconds", scale, "--record", folder],
+                check=True,
+                capture_output=True,
+            )
+            runs.append(folder)
+        with Run(command=[PROGRAM, "cockpit", *runs, "--port", "0"]) as shown, shown.page() as page:
+            logs = page.hello["logs"]
+            self.assertEqual(page.hello["kind"], "log")
+            self.assertEqual([log["rows"] for log in logs], [2000, 3000])
+            self.assertTrue(any(event["kind"] == "switched" for event in logs[0]["events"]))
+            for number, log in enumerate(logs):
+                answer = page.ask(
+                    "log_columns", log=number, fields=["left/position_m", "cycle"], from_s=0, to_s=log["t_to_s"]
+                )
+                page.until(lambda p, n=answer["slice"]: any(s == n for s, _ in p.slices), "slice")
+                rows = dict(page.slices)[answer["slice"]]
+                self.assertEqual(len(rows), [2000, 1500][number])
+                self.assertEqual(len(rows[0]), 5)
+                state = page.ask("log_state", log=number, t_s=1.5)
+                page.until(lambda p, n=state["slice"]: any(s == n for s, _ in p.slices), "slice")
+                (values,) = dict(page.slices)[state["slice"]]
+                place = page.value("left/position_m", values)
+                (same,) = [row for row in rows if abs(row[0] - page.value("t_s", values)[0]) < 4e-4]
+                for mine, theirs in zip(place, same[1:4], strict=True):
+                    self.assertAlmostEqual(mine, theirs, places=6)
+            self.assertEqual(page.ask("stop")["ok"], False)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,74 @@
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include <fmt/format.h>
+
+#include "cli/cockpit_arguments.hpp"
+#include "cli/input_end.hpp"
+#include "cli/program.hpp"
+#include "cli/report.hpp"
+#include "support/signals.hpp"
+
+// `multipanda cockpit` shows recorded logs as `run --cockpit` shows a run (docs/cockpit.md).
+namespace multipanda::cli {
+namespace {
+
+struct Arguments {
+  std::string log, other;
+  std::optional<std::uint16_t> port;
+  bool until_input_ends = false;
+};
+
+int run(const Arguments& arguments) {
+  const Console console(true);
+  std::vector<std::filesystem::path> logs{find_log(arguments.log)};
+  if (!arguments.other.empty()) logs.push_back(find_log(arguments.other));
+  const int end_file = eventfd(0, EFD_CLOEXEC);
+  const auto end = [end_file] {
+    const std::uint64_t one = 1;
+    [[maybe_unused]] const auto size = ::write(end_file, &one, sizeof(one));
+  };
+  const SignalWatch signals([&end](int) { end(); });
+  std::optional<InputEndWatch> input;
+  if (arguments.until_input_ends) input.emplace(end);
+  {
+    cockpit::Cockpit shown(arguments.port);
+    console.line(fmt::format("reading {}", logs.front().string()));
+    shown.show_logs(logs);
+    print_address(shown, console);
+    pollfd wait{.fd = end_file, .events = POLLIN, .revents = 0};
+    while (::poll(&wait, 1, -1) < 0 && errno == EINTR) {
+    }
+    shown.desk().show(nullptr, "the program has ended");
+  }
+  input.reset();
+  ::close(end_file);
+  return kSuccess;
+}
+
+}  // namespace
+
+void add_cockpit(Program& program) {
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* command =
+      program.add("cockpit", "Show recorded logs in a browser on this computer, until Ctrl-C",
+                  "  multipanda cockpit runs                           the newest run in runs\n"
+                  "  multipanda cockpit runs/before runs/after         two runs, compared");
+  command
+      ->add_option("log", arguments->log,
+                   "Log, folder of a run, or of several runs, of which the newest is used")
+      ->required()
+      ->type_name("LOG");
+  command->add_option("other", arguments->other, "Log that is compared with it")->type_name("LOG");
+  command
+      ->add_option("--port", arguments->port,
+                   fmt::format("Port of 127.0.0.1 (default {}, or a free one; 0: a free one)",
+                               cockpit::Cockpit::kUsualPort))
+      ->check(CLI::Range(0, 65535));
+  command->add_flag("--until-input-ends", arguments->until_input_ends,
+                    "End when standard input closes, as when the program that started it has ended");
+  program.on(command, [arguments] { return run(*arguments); });
+}
+
+}  // namespace multipanda::cli

@@ -1,0 +1,89 @@
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "core/model/model_terms.hpp"
+#include "logs/mcap_reader.hpp"
+#include "runtime/shared_records/record_reader.hpp"
+#include "scene/scene.hpp"
+
+namespace multipanda::cockpit {
+
+// A log as rows of the fields of shared records, so that it is shown as a run is. A log of any length takes
+// bounded memory: when kMostRows are there, every second one is dropped, and so on.
+class LogTable {
+ public:
+  static constexpr std::size_t kMostRows = 65536;
+  static constexpr std::size_t kMostEvents = 20000;
+
+  // Reads all of it. Throws std::runtime_error: no log, or one whose scene cannot be built.
+  explicit LogTable(const std::filesystem::path& log, std::size_t most_rows = kMostRows);
+
+  const std::string& name() const { return name_; }
+  const Scene& scene() const { return scene_; }
+  const std::vector<std::shared_ptr<const ArmModel>>& models() const { return models_; }
+  const std::vector<RecordReader::Field>& fields() const { return fields_; }
+  const nlohmann::json& layout() const { return layout_; }  // arms, controllets with inputs and outputs
+  const nlohmann::json& events() const { return events_; }  // as a run's
+  const std::vector<std::string>& owners() const { return owners_; }
+  std::size_t rows() const { return t_.size(); }
+  std::uint64_t every() const { return every_; }  // cycles per row
+  double t_s(std::size_t row) const { return t_[row]; }
+  std::size_t row_at(double t_s) const;  // the last one not after it, or the first
+  double value(std::size_t row, const RecordReader::Field& field, std::size_t k) const;
+  RecordReader::Record record(std::size_t row) const;
+  // Frames in force at a row, per arm.
+  std::vector<ArmFrames> frames(std::size_t row) const;
+
+ private:
+  struct Arm {
+    std::size_t joints = 0;
+    std::map<std::string, std::size_t> at;  // place of a field in a row, by its name without the arm's
+    std::unique_ptr<ModelTerms> terms;
+    ArmFrames frames;
+    std::vector<std::pair<double, ArmFrames>> changes;  // from which time
+    bool stopped = false;
+  };
+
+  void begin(const McapReader& reader);
+  void lay_out();
+  void take(const McapReader::Message& message);
+  void take_event(const McapReader::Message& message);
+  void take_numbers(const McapReader::Message& message);
+  void add_event(std::uint64_t cycle, double t, const std::string& kind, const std::string& arm,
+                 const std::string& text);
+  void begin_row(std::int64_t t_ns);
+  void end_row();
+  void thin();
+  Arm& arm(const std::string& name);
+  void put(std::size_t at, double value) { row_[at] = static_cast<float>(value); }
+  void put(std::size_t at, const std::vector<double>& values, std::size_t most);
+
+  const std::size_t most_;
+  std::string name_;
+  Scene scene_;
+  std::vector<std::shared_ptr<const ArmModel>> models_;
+  nlohmann::json layout_, events_ = nlohmann::json::array();
+  std::vector<std::string> owners_;
+  std::map<std::string, std::uint16_t> owner_of_;
+  std::vector<RecordReader::Field> fields_;
+  std::map<std::string, std::pair<std::size_t, std::size_t>> places_;  // of a field in a row: number, count
+  std::map<std::string, Arm> arms_;
+  std::size_t width_ = 0;
+
+  std::vector<double> t_, cycles_;
+  std::vector<float> values_;  // rows
+  std::vector<float> row_;     // that is being read
+  std::int64_t row_ns_ = -1;
+  double row_cycle_ = 0;
+  bool kept_ = false;
+  std::uint64_t every_ = 1, seen_ = 0;  // cycles
+};
+
+}  // namespace multipanda::cockpit
