@@ -153,6 +153,7 @@ LAYERS = [
         "cockpit",
         "what the cockpit shows, and who may command",
         "support core device models scene logs runtime cockpit/wire cockpit/server cockpit/view",
+        "backends/mujoco",
     ),
     layer(
         "experiments",
