@@ -1,0 +1,40 @@
+// Bundles the page: `node build.mjs --out FOLDER`. Everything that the browser loads is in that folder afterwards.
+import { copyFileSync, mkdirSync, readdirSync, rmSync, statSync } from "node:fs";
+import { dirname, join, resolve } from "node:path";
+import { fileURLToPath } from "node:url";
+import { build } from "esbuild";
+
+const kMostBytes = 1_000_000;
+const at = process.argv.indexOf("--out");
+if (at < 0 || !process.argv[at + 1]) {
+  console.error("usage: node build.mjs --out FOLDER");
+  process.exit(2);
+}
+const out = resolve(process.argv[at + 1]);
+process.chdir(dirname(fileURLToPath(import.meta.url)));
+rmSync(out, { recursive: true, force: true });
+mkdirSync(out, { recursive: true });
+await build({
+  entryPoints: { cockpit: "src/main.ts" },
+  outdir: out,
+  bundle: true,
+  minify: true,
+  format: "esm",
+  target: "es2022",
+  legalComments: "eof",
+  logLevel: "warning",
+});
+await build({
+  entryPoints: { cockpit: "style/cockpit.css" },
+  outdir: out,
+  bundle: true,
+  minify: true,
+  logLevel: "warning",
+});
+for (const name of ["index.html", "icon.svg"]) copyFileSync(name, join(out, name));
+const bytes = readdirSync(out).reduce((sum, name) => sum + statSync(join(out, name)).size, 0);
+console.log(`${out}: ${Math.round(bytes / 1000)} kB`);
+if (bytes > kMostBytes) {
+  console.error(`the page has ${bytes} bytes; at most ${kMostBytes} are allowed`);
+  process.exit(1);
+}

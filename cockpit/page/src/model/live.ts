@@ -1,0 +1,148 @@
+// What the page knows of the scene and of its newest state, however it came: live, or from a recorded log.
+import type { Shape } from "../scene3d/shapes.ts";
+import type { Pose, Vector3 } from "../teleop/vectors.ts";
+
+export interface ArmInfo {
+  name: string;
+  model: string;
+  /** "simulated", "virtual" or "real". */
+  kind: string;
+  joints: number;
+  base: Pose;
+  q_min: number[];
+  q_max: number[];
+  dq_max: number[];
+  tau_max: number[];
+  vacuum: boolean;
+  /** Box that the hand must not leave, in the world. */
+  workspace: { min: Vector3; max: Vector3 } | undefined;
+}
+
+/** Something rigid that is drawn: a link, a tool, an object. */
+export interface BodyInfo {
+  name: string;
+  /** Index of the arm that it belongs to. */
+  arm?: number;
+  /** It can be placed and pushed. */
+  movable?: boolean;
+  shapes: Shape[];
+  /** Where it is as long as the state says nothing else. */
+  pose: Pose;
+}
+
+export interface SceneInfo {
+  name: string;
+  description: string;
+  simulated: boolean;
+  arms: ArmInfo[];
+  bodies: BodyInfo[];
+}
+
+export interface Connection {
+  received: number;
+  lost: number;
+  late: number;
+  success: number;
+}
+
+export interface Gripper {
+  width_m: number;
+  max_width_m: number;
+  grasped: boolean;
+  moving: boolean;
+}
+
+export interface ArmState {
+  controllet: string;
+  mode: string;
+  stopped: boolean;
+  q: ArrayLike<number>;
+  dq: ArrayLike<number>;
+  tau_J: ArrayLike<number>;
+  tau_cmd: ArrayLike<number>;
+  hand: Pose;
+  /** The point that wrenches are about. */
+  wrenchAt: ArrayLike<number>;
+  /** What the arm exerts on its surroundings: estimated, and of the simulation's contacts [N, N m]. */
+  wrench: ArrayLike<number> | undefined;
+  contact: ArrayLike<number> | undefined;
+  errors: string[];
+  reason: string;
+  cures: { error: string; explanation: string; cure: string }[];
+  age_s: number;
+  interventions: number;
+  lastIntervention: string;
+  manipulability: number | undefined;
+  /** Distance to the set-point, in `trackingUnit` ("m", "rad"). */
+  tracking: number | undefined;
+  trackingUnit: string;
+  connection: Connection | undefined;
+  gripper: Gripper | undefined;
+}
+
+/** A set-point of an input, in world coordinates. */
+export interface ReferenceState {
+  controllet: string;
+  input: string;
+  quantity: string;
+  values: ArrayLike<number>;
+}
+
+/** A number or more that a controllet says about itself. */
+export interface OutputState {
+  controllet: string;
+  name: string;
+  values: ArrayLike<number>;
+}
+
+/** Two parts that are close to one another. */
+export interface Nearness {
+  from: Vector3;
+  to: Vector3;
+  distance_m: number;
+}
+
+export interface LiveState {
+  cycle: number;
+  t_s: number;
+  /** When the run sent it: Unix time of its computer [ms]. */
+  sent_ms: number;
+  rate_hz: number;
+  cycle_us: number;
+  overruns: number;
+  paused: boolean;
+  /** The loop makes no cycles. */
+  standing: boolean;
+  arms: ArmState[];
+  /** Poses of the bodies, seven numbers each: x y z qw qx qy qz. */
+  bodies: ArrayLike<number>;
+  references: ReferenceState[];
+  outputs: OutputState[];
+  near: Nearness[];
+}
+
+export function poseAt(values: ArrayLike<number>, offset = 0): Pose {
+  const at = (k: number) => values[offset + k] ?? NaN;
+  return { position: [at(0), at(1), at(2)], quaternion: [at(3), at(4), at(5), at(6)] };
+}
+
+/** The share of the largest torque in use, 0 to 1, and the joint that it is. */
+export function torqueUse(arm: ArmInfo, state: ArmState): { share: number; joint: number } {
+  let [share, joint] = [0, 0];
+  for (let k = 0; k < arm.joints; ++k) {
+    const use = Math.abs(state.tau_cmd[k] ?? 0) / (arm.tau_max[k] ?? Infinity);
+    if (use > share) [share, joint] = [use, k];
+  }
+  return { share, joint };
+}
+
+/** How near the nearest joint is to an end of its range, as the share of the range, 0 to 0.5. */
+export function limitMargin(arm: ArmInfo, state: ArmState): { share: number; joint: number } {
+  let [share, joint] = [0.5, 0];
+  for (let k = 0; k < arm.joints; ++k) {
+    const [low = 0, high = 0, q = 0] = [arm.q_min[k], arm.q_max[k], state.q[k]];
+    const margin = Math.min(q - low, high - q) / (high - low);
+    if (margin < share) [share, joint] = [margin, k];
+  }
+  return { share: Math.max(0, share), joint };
+}

@@ -1,0 +1,114 @@
+// The picture's stage: camera, lights, floor grid, and the loop that draws. Drawn when the browser asks for a frame and
+// something has changed; a hidden page draws nothing.
+import {
+  AmbientLight,
+  Color,
+  DirectionalLight,
+  GridHelper,
+  HemisphereLight,
+  MathUtils,
+  Object3D,
+  PerspectiveCamera,
+  Scene,
+  Vector3,
+  WebGLRenderer,
+} from "three";
+import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
+
+Object3D.DEFAULT_UP.set(0, 0, 1);
+
+export type Viewpoint = "front" | "left" | "top" | "behind";
+
+export class Stage {
+  readonly scene = new Scene();
+  readonly camera = new PerspectiveCamera(42, 1, 0.02, 50);
+  readonly renderer: WebGLRenderer;
+  readonly controls: OrbitControls;
+  /** Called before each picture with the time [ms]; true: something has changed. */
+  readonly beforeFrame: ((now: number) => boolean)[] = [];
+  /** Drawn pictures so far. */
+  pictures = 0;
+  private grid: GridHelper | undefined;
+  private changed = true;
+  private center = new Vector3(0.4, 0, 0.35);
+  private reach = 1.9;
+
+  constructor(canvas: HTMLCanvasElement) {
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
+    this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.maxPolarAngle = MathUtils.degToRad(97);
+    this.controls.minDistance = 0.3;
+    this.controls.maxDistance = 8;
+    this.controls.addEventListener("change", () => this.touch());
+    const sun = new DirectionalLight(0xffffff, 1.9);
+    sun.position.set(1.5, -1.2, 3);
+    this.scene.add(new AmbientLight(0xffffff, 0.55), new HemisphereLight(0xffffff, 0x777f8a, 1.1), sun);
+    this.look("front");
+    new ResizeObserver(() => this.fit(canvas)).observe(canvas);
+    this.renderer.setAnimationLoop((now: number) => this.frame(now));
+  }
+
+  touch(): void {
+    this.changed = true;
+  }
+
+  /** Direction in which the camera looks, in the world. */
+  heading(): [number, number, number] {
+    const direction = this.camera.getWorldDirection(new Vector3());
+    return [direction.x, direction.y, direction.z];
+  }
+
+  /** What the standard viewpoints show: the middle of the arms and how far they stand apart [m]. */
+  frameScene(center: readonly number[], reach: number): void {
+    this.center = new Vector3(...center);
+    this.reach = reach;
+    this.look("front");
+  }
+
+  look(from: Viewpoint): void {
+    const directions: Record<Viewpoint, [number, number, number]> = {
+      front: [1.1, -0.62, 0.62],
+      left: [0.05, 1.25, 0.3],
+      top: [-0.001, 0, 1.4],
+      behind: [-1.15, 0.25, 0.75],
+    };
+    this.controls.target.copy(this.center);
+    this.camera.position.copy(this.center).addScaledVector(new Vector3(...directions[from]), this.reach);
+    this.controls.update();
+    this.touch();
+  }
+
+  paint(grid: string): void {
+    if (this.grid) this.scene.remove(this.grid);
+    this.grid = new GridHelper(4, 20, new Color(grid), new Color(grid));
+    this.grid.rotation.x = Math.PI / 2; // three.js lays it into x and z
+    this.grid.material.transparent = true;
+    this.grid.material.opacity = 0.7;
+    this.scene.add(this.grid);
+    this.touch();
+  }
+
+  /** The picture as a PNG. Drawn anew, because browsers forget what was drawn before. */
+  picture(): string {
+    this.renderer.render(this.scene, this.camera);
+    return this.renderer.domElement.toDataURL("image/png");
+  }
+
+  private fit(canvas: HTMLCanvasElement): void {
+    const { clientWidth: width, clientHeight: height } = canvas;
+    if (width === 0 || height === 0) return;
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.touch();
+  }
+
+  private frame(now: number): void {
+    for (const call of this.beforeFrame) this.changed = call(now) || this.changed;
+    if (!this.changed && !this.renderer.xr.isPresenting) return;
+    this.changed = false;
+    ++this.pictures;
+    this.renderer.render(this.scene, this.camera);
+  }
+}

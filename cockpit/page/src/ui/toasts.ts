@@ -1,0 +1,23 @@
+// Short messages: what was refused and why, what was done. Screen readers read them out.
+import { h } from "./dom.ts";
+import { icon } from "./icons.ts";
+
+export type Tone = "info" | "good" | "bad";
+
+const kStay = { info: 5000, good: 4000, bad: 12000 }; // [ms]
+const kMost = 4;
+
+export class Toasts {
+  readonly element = h("div", { class: "toasts", role: "log", "aria-label": "Messages", "aria-live": "polite" });
+
+  show(text: string, tone: Tone = "info"): void {
+    const toast = h("div", { class: `toast ${tone}` }, h("p", {}, text));
+    const close = h("button", { type: "button", class: "quiet icon-only", "aria-label": "Dismiss" }, icon("close", 12));
+    close.addEventListener("click", () => toast.remove());
+    toast.append(close);
+    for (const old of [...this.element.children]) if (old.firstChild?.textContent === text) old.remove();
+    this.element.append(toast);
+    while (this.element.children.length > kMost) this.element.firstElementChild!.remove();
+    setTimeout(() => toast.remove(), kStay[tone]);
+  }
+}

@@ -1,0 +1,111 @@
+// The WebSocket: the token first, requests and their answers by number, and again when it breaks.
+import type { Answer } from "../model/description.ts";
+
+export interface ConnectionHooks {
+  /** Messages without a request: news of the run. */
+  text(message: Record<string, unknown>): void;
+  binary(data: ArrayBuffer): void;
+  opened(answer: Answer): void;
+  /** `again`: it will be tried again. */
+  closed(why: string, again: boolean): void;
+}
+
+const kLostAnswer: Answer = {
+  ok: false,
+  verdict: "connection_lost",
+  reason: "The connection broke before the answer.",
+};
+const kSoonest = 300; // [ms] until the next try
+const kLatest = 5000;
+const kSilence = 8000; // [ms] without any message, after which the other end counts as gone
+
+/** What the server's close codes mean to a person. */
+export function closeText(code: number, reason: string): { why: string; again: boolean } {
+  if (code === 4401)
+    return { why: "The token in the address is wrong. Open the address that the program printed.", again: false };
+  if (code === 1001) return { why: reason || "The run has ended.", again: false };
+  if (code === 1008)
+    return { why: reason || "The run closed the connection: too much was sent or left unread.", again: true };
+  return { why: "The connection to the run is lost.", again: true };
+}
+
+export class Connection {
+  private socket: WebSocket | undefined;
+  private nextId = 1;
+  private readonly waiting = new Map<number, (answer: Answer) => void>();
+  private wait = kSoonest;
+  private heard = 0;
+
+  constructor(
+    private readonly url: string,
+    private readonly token: string,
+    private readonly hooks: ConnectionHooks,
+  ) {}
+
+  open(): void {
+    const socket = new WebSocket(this.url);
+    socket.binaryType = "arraybuffer";
+    this.socket = socket;
+    socket.addEventListener("open", () => {
+      this.heard = performance.now();
+      void this.request("hello", { token: this.token }).then((answer) => {
+        if (!answer.ok) return;
+        this.wait = kSoonest;
+        this.hooks.opened(answer);
+      });
+    });
+    socket.addEventListener("message", (event: MessageEvent<string | ArrayBuffer>) => {
+      this.heard = performance.now();
+      if (typeof event.data === "string") this.take(event.data);
+      else this.hooks.binary(event.data);
+    });
+    socket.addEventListener("close", (event) => this.closed(event.code, event.reason));
+    const watch = setInterval(() => {
+      if (this.socket !== socket || socket.readyState === WebSocket.CLOSED) clearInterval(watch);
+      else if (socket.readyState === WebSocket.OPEN && performance.now() - this.heard > kSilence) socket.close();
+    }, 1000);
+  }
+
+  get isOpen(): boolean {
+    return this.socket?.readyState === WebSocket.OPEN;
+  }
+
+  request(word: string, fields: Record<string, unknown>): Promise<Answer> {
+    if (!this.isOpen) return Promise.resolve(kLostAnswer);
+    const id = this.nextId++;
+    return new Promise((resolve) => {
+      this.waiting.set(id, resolve);
+      this.socket!.send(JSON.stringify({ id, do: word, ...fields }));
+    });
+  }
+
+  /** Without an answer. What cannot be sent at once is worth nothing later. */
+  send(message: Record<string, unknown>): void {
+    if (this.isOpen) this.socket!.send(JSON.stringify(message));
+  }
+
+  private take(text: string): void {
+    let message: Record<string, unknown>;
+    try {
+      message = JSON.parse(text) as Record<string, unknown>;
+    } catch {
+      return; // not ours: nothing can be done with it
+    }
+    const id = message["id"];
+    const known = typeof id === "number" ? this.waiting.get(id) : undefined;
+    if (!known) return this.hooks.text(message);
+    this.waiting.delete(id as number);
+    known(message as Answer);
+  }
+
+  private closed(code: number, reason: string): void {
+    this.socket = undefined;
+    for (const resolve of this.waiting.values()) resolve(kLostAnswer);
+    this.waiting.clear();
+    const { why, again } = closeText(code, reason);
+    this.hooks.closed(why, again);
+    if (!again) return;
+    setTimeout(() => this.open(), this.wait);
+    this.wait = Math.min(kLatest, 2 * this.wait);
+  }
+}
