@@ -16,11 +16,11 @@ import tokenize
 from project_files import ROOT, project_files
 
 SUFFIXES = {
-    "", ".action", ".cc", ".cmake", ".cpp", ".css", ".h", ".hpp", ".html", ".in", ".js", ".json", ".md", ".msg", ".py",
-    ".sh", ".srv", ".toml", ".txt", ".xacro", ".xml", ".yaml", ".yml",
+    "", ".action", ".cc", ".cmake", ".cpp", ".css", ".h", ".hpp", ".html", ".in", ".js", ".json", ".md", ".mjs", ".msg",
+    ".py", ".sh", ".srv", ".toml", ".ts", ".txt", ".xacro", ".xml", ".yaml", ".yml",
 }  # fmt: skip
 SKIPPED = re.compile(
-    r"^(CHANGELOG\.md|LICENSE|tools/check_phrases\.py|ros/vendored_interfaces/.*|packages/licenses/.*|requirements.*\.txt|.*/generated/.*)$"
+    r"^(CHANGELOG\.md|LICENSE|cockpit/page/package-lock\.json|tools/check_phrases\.py|ros/vendored_interfaces/.*|packages/licenses/.*|requirements.*\.txt|.*/generated/.*)$"
 )
 QUOTED = "phrases: quoted"
 GLOSSARY = re.compile(r"(?<=## Terms\n).*?(?=\n## )", re.S)  # CONVENTIONS.md names the phrases that it replaces
@@ -120,7 +120,7 @@ def faults_of_comments(lines):
 def prose_of(text, suffix):
     """The lines of a file with its comments and strings only; all of it where there is no code."""
     lines = text.splitlines()
-    if suffix in {".cpp", ".hpp"}:
+    if suffix in {".cpp", ".hpp", ".ts"}:
         return [" ".join(re.findall(r'"(?:[^"\\]|\\.)*"|//.*', line)) for line in lines]
     if suffix != ".py":
         return lines
@@ -135,7 +135,7 @@ def prose_of(text, suffix):
 def faults_of_text(text, suffix):
     text = GLOSSARY.sub(lambda glossary: "\n" * glossary.group().count("\n"), text)
     lines = text.splitlines()
-    faults = list(faults_of_comments(lines)) if suffix in {".cpp", ".hpp", ".py"} else []
+    faults = list(faults_of_comments(lines)) if suffix in {".cpp", ".hpp", ".py", ".ts"} else []
     for patterns, checked in ((COMPILED, lines), (COMPILED_TEXT, prose_of(text, suffix))):
         for number, line in enumerate(checked, 1):
             for pattern, better in patterns:

@@ -6,7 +6,7 @@ import subprocess
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 # Left out where git cannot be asked (an unpacked archive, a tree of another user).
-GENERATED = {".git", ".venv", "runs", "__pycache__"}
+GENERATED = {".git", ".venv", "runs", "__pycache__", "node_modules"}
 
 
 def project_files(root=ROOT, suffixes=()):

@@ -44,7 +44,7 @@ test("rows that come again are not taken twice", () => {
   assert.deepEqual(history.columns("new", 9), { t: [2, 3, 4], values: [[20, 30, 40]] });
 });
 
-test("a time that goes back begins anew, and short values are filled up", () => {
+test("a time that goes back begins again, and short values are filled up", () => {
   const history = new History(10);
   history.watch("q", 2);
   history.take(5, () => [1, 2]);

@@ -82,7 +82,7 @@ export class History {
     return [...this.rings.keys()];
   }
 
-  /** One row of each watched quantity. A time that is not later than the last one begins anew (a simulation's reset). */
+  /** One row of each watched quantity. A time that is not later than the last one begins again (a simulation's reset). */
   take(t: number, value: (name: string) => ArrayLike<number> | undefined): void {
     for (const [name, known] of this.rings) {
       const { ring } = known;

@@ -79,11 +79,11 @@ export class LogPlayer {
 
   seek(t: number): void {
     this.t = Math.min(this.to, Math.max(this.from, t));
-    const wanted = ++this.scrubbing;
+    const latest = ++this.scrubbing;
     this.logs.forEach((_, log) => {
       void this.fetchState(log, this.timeIn(log)).then((slice) => {
         // An older answer that comes later is not shown.
-        if (slice && slice.rows > 0 && wanted === this.scrubbing)
+        if (slice && slice.rows > 0 && latest === this.scrubbing)
           this.show(log, slice.numbers.subarray(1, slice.columns));
       });
     });

@@ -30,7 +30,7 @@ export class Timeline {
 
   constructor(private readonly most = 3000) {}
 
-  /** Events arrive in order; one with an earlier time begins anew, as after a reset of the simulation. */
+  /** Events arrive in order; one with an earlier time begins again, as after a reset of the simulation. */
   add(event: TimelineEvent): void {
     this.events.push(event);
     if (this.events.length > this.most) this.events.splice(0, this.events.length - this.most);

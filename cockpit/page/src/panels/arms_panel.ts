@@ -6,7 +6,7 @@ import { h, replaceChildren } from "../ui/dom.ts";
 import { ArmCard, type ArmFigures } from "./arm_card.ts";
 
 export class ArmsPanel {
-  readonly element = h("aside", { class: "arms", "aria-label": "Arms" });
+  readonly element = h("aside", { class: "arms", "aria-label": "Arms", tabindex: 0 });
   private cards: ArmCard[] = [];
 
   constructor(private readonly session: Session) {}

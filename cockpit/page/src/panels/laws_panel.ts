@@ -66,7 +66,6 @@ export class LawsPanel {
       h("span", { class: "law-title" }, one.name),
       h("span", { class: "law-type" }, spaced(one.type)),
     );
-    choose.setAttribute("aria-label", `Show ${one.name}`);
     choose.addEventListener("click", () => {
       this.chosen = one.name;
       this.update();

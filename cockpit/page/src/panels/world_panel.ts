@@ -55,7 +55,7 @@ export class WorldPanel {
       );
       return;
     }
-    const step = h("button", { type: "button", "aria-label": "Step ten cycles" }, icon("step"), "10 ms");
+    const step = h("button", { type: "button", "aria-label": "Step 10 ms" }, icon("step"), "10 ms");
     step.addEventListener("click", () => void this.session.request("step", { periods: 10 }));
     const reset = h("button", { type: "button", "aria-label": "Reset simulation" }, icon("reset"), "Reset");
     reset.addEventListener("click", () => void this.session.request("reset"));
@@ -109,7 +109,11 @@ export class WorldPanel {
   private push(): HTMLElement {
     const force = new Slider({ label: "Push", unit: "N", min: 1, max: 30, step: 1, value: 5 });
     const way = (text: string, label: string, direction: number[]) => {
-      const button = h("button", { type: "button", class: "hold", "aria-label": `${label} while held` }, text);
+      const button = h(
+        "button",
+        { type: "button", class: "hold", "aria-label": `${label} (${text}) while held` },
+        text,
+      );
       this.holding.bindButton(button, label, {
         begin: () => (this.session.control.mine ? undefined : "Take control first."),
         step: () => {

@@ -30,12 +30,15 @@ export class Stage {
   pictures = 0;
   private grid: GridHelper | undefined;
   private changed = true;
+  private sharpness = Math.min(2, devicePixelRatio);
+  private lastFrame = 0;
+  private pace = 16; // [ms] between frames, smoothed
   private center = new Vector3(0.4, 0, 0.35);
   private reach = 1.9;
 
   constructor(canvas: HTMLCanvasElement) {
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
-    this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
+    this.renderer.setPixelRatio(this.sharpness);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.maxPolarAngle = MathUtils.degToRad(97);
     this.controls.minDistance = 0.3;
@@ -89,7 +92,7 @@ export class Stage {
     this.touch();
   }
 
-  /** The picture as a PNG. Drawn anew, because browsers forget what was drawn before. */
+  /** The picture as a PNG. Drawn again, because browsers forget what was drawn before. */
   picture(): string {
     this.renderer.render(this.scene, this.camera);
     return this.renderer.domElement.toDataURL("image/png");
@@ -104,7 +107,27 @@ export class Stage {
     this.touch();
   }
 
+  // A computer that is too slow for the picture draws it coarser: what the operator holds is read with the frames.
+  private keepPace(now: number): void {
+    const step = Math.min(250, now - this.lastFrame);
+    this.lastFrame = now;
+    this.pace += 0.05 * (step - this.pace);
+    const finest = Math.min(2, devicePixelRatio);
+    const next =
+      this.pace > 45
+        ? Math.max(0.5, this.sharpness * 0.8)
+        : this.pace < 20
+          ? Math.min(finest, this.sharpness * 1.1)
+          : this.sharpness;
+    if (next === this.sharpness) return;
+    this.sharpness = next;
+    this.pace = 30; // judged again after some frames
+    this.renderer.setPixelRatio(next);
+    this.fit(this.renderer.domElement);
+  }
+
   private frame(now: number): void {
+    this.keepPace(now);
     for (const call of this.beforeFrame) this.changed = call(now) || this.changed;
     if (!this.changed && !this.renderer.xr.isPresenting) return;
     this.changed = false;

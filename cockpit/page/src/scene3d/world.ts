@@ -106,13 +106,18 @@ export class World {
     this.stage.scene.remove(this.group);
   }
 
-  /** Where bodies hide the grid or one another, so that the viewpoints show all arms. */
+  /** Tells the stage where the arms stand, so that its viewpoints show all of them. */
   frame(): void {
     const bases = this.scene.arms.map((arm) => arm.base.position);
     if (bases.length === 0) return;
-    const [low, high] = [0, 1].map((axis) => [Math.min, Math.max].map((pick) => pick(...bases.map((p) => p[axis]!))));
-    const center = [(low![0]! + low![1]!) / 2 + (low![0] === low![1] ? 0.3 : 0), (high![0]! + high![1]!) / 2, 0.4];
-    const spread = Math.hypot(low![1]! - low![0]!, high![1]! - high![0]!);
+    const span = (axis: 0 | 1) => {
+      const values = bases.map((position) => position[axis]);
+      return [Math.min(...values), Math.max(...values)] as const;
+    };
+    const [x, y] = [span(0), span(1)];
+    // Arms in a row work in front of themselves.
+    const center = [(x[0] + x[1]) / 2 + (x[0] === x[1] ? 0.3 : 0), (y[0] + y[1]) / 2, 0.32];
+    const spread = Math.hypot(x[1] - x[0], y[1] - y[0]);
     this.stage.frameScene(center, 1.15 + 0.45 * spread);
   }
 

@@ -61,7 +61,7 @@ export class PoseMotion implements Motion {
     private readonly arm: () => string,
     private readonly settings: () => JogSettings,
     private readonly view: () => Vector3,
-    private readonly wanted: { deflection(): Deflection } | { goal(): Pose | undefined },
+    private readonly source: { deflection(): Deflection } | { goal(): Pose | undefined },
     private readonly hooks: { begun?: (target: Pose) => void; ended?: () => void } = {},
   ) {}
 
@@ -84,11 +84,11 @@ export class PoseMotion implements Motion {
     // A common pose of several hands is not where one of them is: it leads nothing but itself.
     const own = this.session.controllet(this.to.controllet)?.arms.length === 1;
     const led = own ? state.hand : this.target;
-    if ("deflection" in this.wanted) {
+    if ("deflection" in this.source) {
       const axes = axesRotation(settings.axes, this.view(), arm.base.quaternion, state.hand.quaternion);
-      this.target = jogged(this.target, this.wanted.deflection(), axes, seconds, led, force, settings);
+      this.target = jogged(this.target, this.source.deflection(), axes, seconds, led, force, settings);
     } else {
-      const goal = this.wanted.goal();
+      const goal = this.source.goal();
       if (goal) {
         const way = towards(this.target, goal, seconds, settings);
         this.target = jogged(this.target, way, kIdentity, seconds, led, force, settings);

@@ -1,4 +1,4 @@
-// Tabs as the ARIA practices describe them: arrow keys move among them, the panel is labelled by its tab.
+// Tabs as the ARIA practices describe them: arrow keys move among them, the panel is named by its tab.
 import { h, newId } from "./dom.ts";
 
 export interface Tab {

@@ -1,4 +1,4 @@
-// Ties the connection to the session: news into the model, the page's wishes into messages.
+// Ties the connection to the session: news into the model, the page's requests into messages.
 import type { PageLine } from "../app.ts";
 import { Histogram } from "../model/histogram.ts";
 import type { Answer, ControlletInfo } from "../model/description.ts";

@@ -1,0 +1,195 @@
+// What the tests in a browser share: a run of the program, a browser, and pages that use it.
+import assert from "node:assert/strict";
+import { spawn, type ChildProcess } from "node:child_process";
+import { mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { createRequire } from "node:module";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { after } from "node:test";
+import { chromium, type Browser, type BrowserContext, type Locator, type Page } from "playwright-core";
+import type { LiveState } from "../src/model/live.ts";
+
+const program = process.env["COCKPIT_PROGRAM"]!;
+export const pictures = process.env["COCKPIT_PICTURES"]!;
+/** Generous: a loaded computer may be slow, and no test is about that. */
+export const kPatience = 15_000;
+
+/** A folder that is removed afterwards. */
+export function temporaryFolder(): string {
+  const folder = mkdtempSync(join(tmpdir(), "cockpit-"));
+  after(() => rmSync(folder, { recursive: true, force: true }));
+  return folder;
+}
+
+/** A run of the program with a cockpit. It ends in hold when the test ends, however that is. */
+export class Run {
+  url = "";
+  private output = "";
+
+  private constructor(readonly child: ChildProcess) {}
+
+  static async start(...args: string[]): Promise<Run> {
+    const child = spawn(program, [...args, "--cockpit"], { stdio: ["pipe", "pipe", "pipe"] });
+    const run = new Run(child);
+    await new Promise<void>((resolve, reject) => {
+      const timer = setTimeout(() => reject(new Error(`no address within 60 s: ${run.output}`)), 60_000);
+      const take = (chunk: Buffer) => {
+        run.output += chunk.toString();
+        const found = /^(http:\/\/127\.0\.0\.1:\d+\/#\S+)$/m.exec(run.output);
+        if (!found || run.url) return;
+        run.url = found[1]!;
+        clearTimeout(timer);
+        resolve();
+      };
+      child.stdout!.on("data", take);
+      child.stderr!.on("data", take);
+      child.on("exit", (code) => reject(new Error(`the program ended with ${code}: ${run.output}`)));
+    });
+    return run;
+  }
+
+  /** An idle scene that waits for commands. */
+  static idle(scene: string, ...args: string[]): Promise<Run> {
+    return Run.start("run", scene, "--no-timeline", "--until-input-ends", ...args);
+  }
+
+  async end(): Promise<number | null> {
+    if (this.child.exitCode !== null) return this.child.exitCode;
+    const ended = new Promise<number | null>((resolve) => this.child.once("exit", (code) => resolve(code)));
+    this.child.stdin!.end();
+    const timer = setTimeout(() => this.child.kill("SIGTERM"), 5000);
+    const code = await ended;
+    clearTimeout(timer);
+    return code;
+  }
+}
+
+let browser: Browser | undefined;
+after(() => browser?.close());
+
+export interface PageOptions {
+  theme?: "dark" | "light";
+  width?: number;
+  height?: number;
+  touch?: boolean;
+  /** Run in the page before its own scripts. */
+  before?: string | (() => void);
+}
+
+export interface Cockpit {
+  page: Page;
+  context: BrowserContext;
+  /** What the page complained about. */
+  complaints: string[];
+}
+
+/** A new page on a run, as of another person: nothing is shared with other pages. */
+export async function open(url: string, options: PageOptions = {}): Promise<Cockpit> {
+  browser ??= await chromium.launch({
+    executablePath: process.env["COCKPIT_BROWSER"]!,
+    args: ["--enable-unsafe-swiftshader", "--no-sandbox"],
+  });
+  const context = await browser.newContext({
+    viewport: { width: options.width ?? 1280, height: options.height ?? 800 },
+    colorScheme: options.theme ?? "dark",
+    hasTouch: options.touch ?? false,
+  });
+  const page = await context.newPage();
+  const complaints: string[] = [];
+  page.on("pageerror", (error) => complaints.push(error.message));
+  page.on("console", (message) => {
+    if (message.type() === "error") complaints.push(message.text());
+  });
+  page.on("request", (request) => {
+    // Nothing but the run itself is asked for anything.
+    const { protocol, host } = new URL(request.url());
+    if (["http:", "https:", "ws:"].includes(protocol) && host !== new URL(url).host) complaints.push(request.url());
+  });
+  if (options.before) await page.addInitScript(options.before);
+  await page.goto(url);
+  await until(page, () => (window as never as Window_).cockpit.session.state !== undefined);
+  return { page, context, complaints };
+}
+
+/** What main.ts leaves for tests. */
+export interface Window_ {
+  cockpit: {
+    session: { state: LiveState; control: { mine: boolean; taken: boolean; watchers: number } };
+    line: { latencies: number[] };
+    stage: { pictures: number };
+  };
+}
+
+export async function until<T>(page: Page, condition: (argument: T) => boolean, argument?: T): Promise<void> {
+  await page.waitForFunction(condition as never, argument as never, { timeout: kPatience, polling: 20 });
+}
+
+export async function stateOf(page: Page): Promise<LiveState> {
+  return page.evaluate(() => {
+    const { state } = (window as never as Window_).cockpit.session;
+    // Typed arrays would arrive as objects.
+    return JSON.parse(
+      JSON.stringify(state, (_, value) => (ArrayBuffer.isView(value) ? [...(value as Float64Array)] : value)),
+    );
+  }) as Promise<LiveState>;
+}
+
+export async function takeControl(page: Page): Promise<void> {
+  await page.getByRole("button", { name: "Take control" }).click();
+  await until(page, () => (window as never as Window_).cockpit.session.control.mine);
+}
+
+/** Presses a button with the mouse, waits for something, and lets go; `let_go` false leaves it pressed. */
+export async function hold(page: Page, button: Locator, meanwhile: () => Promise<void>, letGo = true): Promise<void> {
+  await button.scrollIntoViewIfNeeded();
+  const box = (await button.boundingBox())!;
+  await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+  await page.mouse.down();
+  await meanwhile();
+  if (letGo) await page.mouse.up();
+}
+
+/** Waits until the hand of an arm has moved along an axis by at least so much from where it was. */
+export async function handMoves(page: Page, arm: number, axis: number, from: number, by: number): Promise<void> {
+  await until(
+    page,
+    ([arm, axis, from, by]: number[]) => {
+      const now = (window as never as Window_).cockpit.session.state.arms[arm!]!.hand.position[axis!]!;
+      return by! > 0 ? now - from! > by! : now - from! < by!;
+    },
+    [arm, axis, from, by],
+  );
+}
+
+/** Waits until no joint of any arm moves. */
+export async function atRest(page: Page): Promise<void> {
+  await until(page, () =>
+    (window as never as Window_).cockpit.session.state.arms.every((arm) =>
+      Array.from(arm.dq).every((speed) => Math.abs(speed) < 0.005),
+    ),
+  );
+}
+
+export async function picture(page: Page, name: string): Promise<void> {
+  await page.screenshot({ path: join(pictures, `${name}.png`) });
+}
+
+const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core"), "utf8");
+
+/** Fails with what axe-core finds wrong for people who do not see, hear or point well. */
+export async function assertAccessible(page: Page, where: string): Promise<void> {
+  await page.evaluate(axe);
+  const found = (await page.evaluate(async () => {
+    const { violations } = await (
+      window as never as { axe: { run(): Promise<{ violations: Violation[] }> } }
+    ).axe.run();
+    return violations.map(({ id, help, nodes }) => `${id}: ${help}: ${nodes.map((node) => node.html).join(" | ")}`);
+  })) as string[];
+  assert.deepEqual(found, [], where);
+}
+
+interface Violation {
+  id: string;
+  help: string;
+  nodes: { html: string }[];
+}
