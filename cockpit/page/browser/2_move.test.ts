@@ -27,7 +27,7 @@ for (const backend of ["mujoco", "virtual"]) {
       await t.test("a joint by its slider", () => byJoint(cockpit));
       await t.test("the target is dragged in the picture", () => byGizmo(cockpit));
       await t.test("a hidden tab lets go", () => hidden(cockpit));
-      await t.test("a pointer that the browser takes lets go", () => cancelled(cockpit));
+      await t.test("a pointer that the browser takes lets go", () => taken(cockpit));
       await t.test("a page that stands still is let go by the run", () => frozen(cockpit));
       await t.test("a page that is closed in mid motion leaves the arm held", () => closed(cockpit, run));
     } finally {
@@ -160,7 +160,7 @@ async function hidden({ page }: Cockpit): Promise<void> {
   await page.getByText("the tab was hidden", { exact: false }).first().waitFor();
 }
 
-async function cancelled({ page }: Cockpit): Promise<void> {
+async function taken({ page }: Cockpit): Promise<void> {
   const from = await z(page);
   await hold(page, up(page), async () => {
     await handMoves(page, 0, 2, from, 0.005);

@@ -176,7 +176,7 @@ export async function picture(page: Page, name: string): Promise<void> {
 
 const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core"), "utf8");
 
-/** Fails with what axe-core finds wrong for people who do not see, hear or point well. */
+/** Fails with what axe-core finds wrong: what somebody cannot see, hear or point at. */
 export async function assertAccessible(page: Page, where: string): Promise<void> {
   await page.evaluate(axe);
   const found = (await page.evaluate(async () => {
