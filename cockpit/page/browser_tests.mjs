@@ -32,6 +32,7 @@ try {
   const entry = join(out, "all.ts");
   writeFileSync(entry, chosen.map((name) => `import "../../browser/${name}";\n`).join(""));
   await build({
+    absWorkingDir: process.cwd(), // esbuild remembers the folder that it was loaded in
     entryPoints: [entry],
     outfile: join(out, "all.mjs"),
     bundle: true,

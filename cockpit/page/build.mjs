@@ -14,7 +14,9 @@ const out = resolve(process.argv[at + 1]);
 process.chdir(dirname(fileURLToPath(import.meta.url)));
 rmSync(out, { recursive: true, force: true });
 mkdirSync(out, { recursive: true });
+// esbuild remembers the folder that it was loaded in, so it is told where it is.
 await build({
+  absWorkingDir: process.cwd(),
   entryPoints: { cockpit: "src/main.ts" },
   outdir: out,
   bundle: true,
@@ -25,6 +27,7 @@ await build({
   logLevel: "warning",
 });
 await build({
+  absWorkingDir: process.cwd(),
   entryPoints: { cockpit: "style/cockpit.css" },
   outdir: out,
   bundle: true,

@@ -11,6 +11,7 @@ try {
   const tests = readdirSync("test").filter((name) => name.endsWith(".test.ts"));
   if (tests.length === 0) throw new Error("no test found in cockpit/page/test");
   await build({
+    absWorkingDir: process.cwd(), // esbuild remembers the folder that it was loaded in
     entryPoints: tests.map((name) => join("test", name)),
     outdir: out,
     outExtension: { ".js": ".mjs" },
