@@ -20,6 +20,9 @@ if (!browser) skip("no chromium: apt-get install chromium-headless-shell, or nam
 const program = resolve(folder, "multipanda");
 if (!existsSync(program)) skip(`${program} is not built`);
 
+const help = spawnSync(program, ["run", "--help"], { encoding: "utf8" });
+if (!help.stdout.includes("--cockpit")) skip(`${program} has no cockpit`);
+
 process.chdir(dirname(fileURLToPath(import.meta.url)));
 mkdirSync(pictures, { recursive: true });
 // Inside of this folder, so that the tests find the packages.

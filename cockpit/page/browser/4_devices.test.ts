@@ -154,5 +154,5 @@ interface XrWindow extends Window_ {
       };
     };
   };
-  cockpit: Window_["cockpit"] & { stage: { pictures: number; renderer: { xr: { isPresenting: boolean } } } };
+  cockpit: Window_["cockpit"] & { stage: { renderer: { xr: { isPresenting: boolean } } } };
 }

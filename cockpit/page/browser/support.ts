@@ -116,7 +116,7 @@ export interface Window_ {
   cockpit: {
     session: { state: LiveState; control: { mine: boolean; taken: boolean; watchers: number } };
     line: { latencies: number[] };
-    stage: { pictures: number };
+    stage: { pictures: number; drawSharply(): void };
   };
 }
 
@@ -171,6 +171,8 @@ export async function atRest(page: Page): Promise<void> {
 }
 
 export async function picture(page: Page, name: string): Promise<void> {
+  // Software renderers draw coarsely to keep pace; pictures for the docs are drawn as on a graphics card.
+  await page.evaluate(() => (window as never as Window_).cockpit.stage.drawSharply());
   await page.screenshot({ path: join(pictures, `${name}.png`) });
 }
 

@@ -109,11 +109,7 @@ export class WorldPanel {
   private push(): HTMLElement {
     const force = new Slider({ label: "Push", unit: "N", min: 1, max: 30, step: 1, value: 5 });
     const way = (text: string, label: string, direction: number[]) => {
-      const button = h(
-        "button",
-        { type: "button", class: "hold", "aria-label": `${label} (${text}) while held` },
-        text,
-      );
+      const button = h("button", { type: "button", class: "hold", "aria-label": `${label} while held` }, text);
       this.holding.bindButton(button, label, {
         begin: () => (this.session.control.mine ? undefined : "Take control first."),
         step: () => {
@@ -131,11 +127,11 @@ export class WorldPanel {
       h(
         "div",
         { class: "row" },
-        way("+x", "Push along x", [1, 0, 0]),
-        way("−x", "Push against x", [-1, 0, 0]),
-        way("+y", "Push along y", [0, 1, 0]),
-        way("−y", "Push against y", [0, -1, 0]),
-        way("+z", "Push up", [0, 0, 1]),
+        way("along x", "Push along x", [1, 0, 0]),
+        way("against x", "Push against x", [-1, 0, 0]),
+        way("along y", "Push along y", [0, 1, 0]),
+        way("against y", "Push against y", [0, -1, 0]),
+        way("up", "Push up", [0, 0, 1]),
       ),
     );
   }

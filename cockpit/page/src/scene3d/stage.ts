@@ -92,9 +92,18 @@ export class Stage {
     this.touch();
   }
 
+  /** Draws once as fine as the screen allows, however slow the computer is: for pictures that are kept. */
+  drawSharply(): void {
+    this.sharpness = Math.min(2, devicePixelRatio);
+    this.pace = 30;
+    this.renderer.setPixelRatio(this.sharpness);
+    this.fit(this.renderer.domElement);
+    this.renderer.render(this.scene, this.camera);
+  }
+
   /** The picture as a PNG. Drawn again, because browsers forget what was drawn before. */
   picture(): string {
-    this.renderer.render(this.scene, this.camera);
+    this.drawSharply();
     return this.renderer.domElement.toDataURL("image/png");
   }
 
