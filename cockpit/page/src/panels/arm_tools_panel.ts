@@ -31,6 +31,7 @@ export class ArmToolsPanel {
         { class: "section plain", disabled: !control.mine },
         h("legend", {}, h("h2", {}, arm.name)),
         grippers[k] !== undefined && grippers[k] >= 0 ? this.gripper(arm.name, grippers[k]) : null,
+        arm.vacuum ? this.vacuum(arm.name) : null,
         this.load(arm.name),
         this.recovery(arm.name, scene.simulated),
       ),
@@ -87,6 +88,18 @@ export class ArmToolsPanel {
         this.button("Homing", "gripper", action("homing"), "Homed.", arm),
         this.button("Stop gripper", "gripper", action("stop"), "Stopped.", arm),
       ),
+    );
+  }
+
+  private vacuum(arm: string): HTMLElement {
+    const on = () => ({ action: "on", vacuum_mbar: 500, timeout_s: 3 });
+    return h(
+      "div",
+      { class: "row" },
+      h("h3", { class: "fill" }, "Vacuum gripper"),
+      this.button("Suck", "vacuum", on, "It holds.", arm),
+      this.button("Drop", "vacuum", () => ({ action: "drop", timeout_s: 3 }), "Dropped.", arm),
+      this.button("Stop vacuum", "vacuum", () => ({ action: "stop" }), "Stopped.", arm),
     );
   }
 

@@ -1,6 +1,8 @@
 // The picture of a scene: bodies where the state says, and what cannot be seen in the room: forces, ways, set-points,
 // nearness, limits.
 import {
+  Box3,
+  Box3Helper,
   BufferAttribute,
   BufferGeometry,
   Color,
@@ -9,6 +11,7 @@ import {
   LineSegments,
   Mesh,
   MeshStandardMaterial,
+  Vector3,
 } from "three";
 import { limitMargin, type LiveState, type SceneInfo } from "../model/live.ts";
 import { Arrow } from "./arrow.ts";
@@ -32,10 +35,11 @@ export const kLayerNames: Record<keyof Layers, string> = {
   targets: "Targets",
   trails: "Trajectories",
   distances: "Distances below 5 cm",
-  limits: "Joint limits",
+  limits: "Limits of joints and workspaces",
 };
 
 const kNearLimit = 0.06; // share of a joint's range
+const kNearWall = 0.08; // [m] from the end of a workspace
 const kMostNear = 16;
 
 interface ArmView {
@@ -45,6 +49,7 @@ interface ArmView {
   contact: Arrow;
   trail: Trail;
   alarm: Mesh[];
+  workspace: Box3Helper | undefined;
 }
 
 export class World {
@@ -80,7 +85,8 @@ export class World {
       this.bodies.push(group);
       this.group.add(group);
     }
-    scene.arms.forEach((_, arm) => {
+    scene.arms.forEach((info, arm) => {
+      const box = info.workspace && new Box3(new Vector3(...info.workspace.min), new Vector3(...info.workspace.max));
       const view: ArmView = {
         links: this.bodies.filter((_, k) => scene.bodies[k]!.arm === arm),
         wrench: new Arrow(0.008, 0.45),
@@ -88,7 +94,9 @@ export class World {
         contact: new Arrow(0.008, 0.45, 0.004),
         trail: new Trail(1200),
         alarm: [],
+        workspace: box && new Box3Helper(box, "#e5484d"),
       };
+      if (view.workspace) this.group.add(view.workspace);
       this.arms.push(view);
       this.group.add(view.wrench, view.moment, view.contact, view.trail);
     });
@@ -164,6 +172,7 @@ export class World {
     view.contact.show(from, this.layers.contacts ? Array.from(state.contact ?? []).slice(0, 3) : [], 0.5);
     view.trail.visible = this.layers.trails;
     view.trail.extend(at);
+    if (view.workspace) view.workspace.visible = this.layers.limits && wallDistance(view.workspace.box, at) < kNearWall;
     const margin = limitMargin(this.scene.arms[k]!, state);
     this.alarm(view, this.layers.limits && margin.share < kNearLimit ? margin.joint : -1);
   }
@@ -224,4 +233,10 @@ export class World {
       object.material = material;
     });
   }
+}
+
+/** How far a point is from the nearest wall of a box [m]; negative outside of it. */
+export function wallDistance({ min, max }: Box3, point: readonly number[]): number {
+  const [x = NaN, y = NaN, z = NaN] = point;
+  return Math.min(x - min.x, max.x - x, y - min.y, max.y - y, z - min.z, max.z - z);
 }
