@@ -34,14 +34,16 @@ bool Connection::receive(std::size_t longest) {
 }
 
 void Connection::flush() {
-  while (sent_ < out_.size() && !ended_) {
+  while (sent_ < out_.size()) {
     const ssize_t n = ::send(file_, out_.data() + sent_, out_.size() - sent_, MSG_NOSIGNAL | MSG_DONTWAIT);
     if (n > 0) {
       sent_ += static_cast<std::size_t>(n);
     } else if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) {
       break;
     } else if (!(n < 0 && errno == EINTR)) {
-      ended_ = true;
+      // The other side is gone, but its last words may still be unread: a stop, for example.
+      broken_ = true;
+      sent_ = out_.size();
     }
   }
   constexpr std::size_t kKept = 64 * 1024;  // already sent, before the rest is moved

@@ -18,16 +18,19 @@ class Connection {
   // Takes what has come, at most `longest` unread bytes altogether. Returns whether something came.
   bool receive(std::size_t longest);
   std::string& received() { return in_; }  // not used yet
-  void send(std::string_view bytes) { out_ += bytes; }
+  void send(std::string_view bytes) {
+    if (!broken_) out_ += bytes;
+  }
   void flush();
   std::size_t unsent() const { return out_.size() - sent_; }
-  bool ended() const { return ended_; }  // by the other side, or broken
+  // By the other side, or broken; everything that came before has been received.
+  bool ended() const { return ended_; }
 
  private:
   int file_;
   std::string in_, out_;
-  std::size_t sent_ = 0;  // of out_
-  bool ended_ = false;
+  std::size_t sent_ = 0;                 // of out_
+  bool ended_ = false, broken_ = false;  // nothing more can be received; be sent
 };
 
 // A socket that listens on 127.0.0.1; port 0: any free one. Returns it and its port. Throws

@@ -228,6 +228,22 @@ TEST_F(HubTest, AThousandConnectionsLockNobodyOut) {
   EXPECT_GE(server->refused(), 900u);
 }
 
+// A watcher presses Stop and closes the page: what it said counts, although nothing reaches it any more.
+TEST(Connection, TakesTheLastWordsOfWhoIsGone) {
+  int ends[2];
+  ASSERT_EQ(socketpair(AF_UNIX, SOCK_STREAM, 0, ends), 0);
+  Connection connection(ends[0]);
+  ASSERT_EQ(write(ends[1], "stop", 4), 4);
+  close(ends[1]);
+  connection.send("news");
+  connection.flush();
+  EXPECT_FALSE(connection.ended());
+  EXPECT_EQ(connection.unsent(), 0u);
+  EXPECT_TRUE(connection.receive(100));
+  EXPECT_EQ(connection.received(), "stop");
+  EXPECT_TRUE(connection.ended());
+}
+
 TEST_F(HubTest, SaysThatItEnds) {
   auto server = hub();
   Page page(server->port());
