@@ -17,7 +17,8 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kFarewell = 1;           // for the last bytes of a closed connection [s]
+constexpr double kFarewell = 1;  // for the last bytes of a closed connection [s]
+constexpr double kShare = 5e-3;  // of a turn for one client: nobody's hold ends later for its messages [s]
 constexpr int kAcceptedPerTurn = 64;      // connections
 constexpr std::size_t kFrameRoom = 1024;  // heads and control frames beside a message [bytes]
 constexpr std::string_view kText = "text/plain; charset=utf-8";
@@ -59,6 +60,7 @@ void Hub::Peer::close(CloseCode code, std::string reason) {
   if (state == State::closing) return;
   if (state != State::http) connection.send(close_frame(code, reason));
   state = State::closing;
+  more = false;
   closed = host_now();
 }
 
@@ -99,7 +101,8 @@ void Hub::run() {
       // The other side closes first: closing with unread bytes would destroy what it has not read yet.
       const bool closing = peer.state == Peer::State::closing;
       if (closing && peer.connection.unsent() == 0) shutdown(peer.connection.file(), SHUT_WR);
-      const bool done = peer.connection.ended() || (closing && seconds(now - peer.closed) > kFarewell);
+      const bool done =
+          (peer.connection.ended() && !peer.more) || (closing && seconds(now - peer.closed) > kFarewell);
       if (done && peer.joined) handler_.leave(peer);
       return done;
     });
@@ -119,15 +122,16 @@ void Hub::wait(std::chrono::nanoseconds longest) {
   for (const Peer& peer : peers_) {
     int events = POLLIN;
     if (peer.connection.unsent() > 0) events |= POLLOUT;
+    if (peer.more) longest = {};
     files.push_back({peer.connection.file(), static_cast<short>(events), 0});
   }
   const timespec spec{.tv_sec = longest.count() / 1'000'000'000, .tv_nsec = longest.count() % 1'000'000'000};
-  if (ppoll(files.data(), files.size(), &spec, nullptr) <= 0) return;
+  if (ppoll(files.data(), files.size(), &spec, nullptr) < 0) return;
   std::size_t k = kFixed;
   for (Peer& peer : peers_) {
     const short events = files[k++].revents;
     if ((events & POLLOUT) != 0) peer.connection.flush();
-    if ((events & (POLLIN | POLLHUP | POLLERR)) != 0) serve(peer);
+    if (peer.more || (events & (POLLIN | POLLHUP | POLLERR)) != 0) serve(peer);
   }
   if (files[1].revents != 0) accept_all();
 }
@@ -218,7 +222,13 @@ void Hub::begin_websocket(Peer& peer, const HttpRequest& request) {
 // --- WebSocket ---
 
 void Hub::serve_frames(Peer& peer) {
+  const HostTime begun = host_now();
+  peer.more = false;
   while (peer.state == Peer::State::token || peer.state == Peer::State::client) {
+    if (seconds(host_now() - begun) > kShare) {
+      peer.more = true;
+      return;
+    }
     auto message = peer.frames.take(peer.connection.received());
     if (peer.frames.fault()) {
       ++refused_;

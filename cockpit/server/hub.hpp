@@ -82,6 +82,7 @@ class Hub {
     HostTime filled;                // when `allowance` was counted
     double allowance;               // of messages
     bool pinged = false, joined = false;
+    bool more = false;  // messages that came and are for the next turn
   };
 
   void run();

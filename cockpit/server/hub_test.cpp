@@ -244,6 +244,47 @@ TEST(Connection, TakesTheLastWordsOfWhoIsGone) {
   EXPECT_TRUE(connection.ended());
 }
 
+// Takes 2 ms for a message.
+class Slow final : public Hub::Handler {
+ public:
+  void join(Hub::Client&, const json&) override {}
+  void take(Hub::Client&, const json&) override {
+    const HostTime begun = host_now();
+    while (seconds(host_now() - begun) < 2e-3) {
+    }
+    ++taken_, ++in_turn_;
+  }
+  void leave(Hub::Client&) override { left = true; }
+  std::chrono::nanoseconds turn(HostTime) override {
+    most = std::max(most.load(), std::exchange(in_turn_, 0));
+    total = taken_;
+    return std::chrono::seconds(1);
+  }
+
+  std::atomic<int> most{0}, total{0};
+  std::atomic<bool> left{false};
+
+ private:
+  int taken_ = 0, in_turn_ = 0;
+};
+
+// The handler's turn ends holds that are silent, so the messages of a busy client must not keep it waiting.
+// All are taken in the end, also those of a client that is gone.
+TEST_F(HubTest, ABusyClientHasItsShareOfATurn) {
+  Slow handler;
+  const Hub server(0, kToken, {}, handler);
+  {
+    Page page(server.port());
+    ASSERT_TRUE(page.open(server.port(), kToken));
+    std::string all;
+    for (int i = 0; i < 100; ++i) all += test::client_frame(Opcode::text, "1");
+    page.send(all);
+  }
+  while (!handler.left) std::this_thread::yield();
+  EXPECT_LE(handler.most, 4);  // 5 ms for each client
+  EXPECT_EQ(handler.total, 100);
+}
+
 TEST_F(HubTest, SaysThatItEnds) {
   auto server = hub();
   Page page(server->port());
