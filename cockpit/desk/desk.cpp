@@ -16,6 +16,7 @@ using std::chrono::nanoseconds;
 
 constexpr double kSlowest = 0.1, kFastest = 120, kUsual = 60;  // states [Hz]
 constexpr milliseconds kSlowPeriod{200}, kListPeriod{200}, kPlotPeriod{20};
+constexpr milliseconds kOldestSeen{500};                          // that a page may move arms by
 constexpr milliseconds kIdle{100};                                // a turn without anybody who waits
 constexpr auto kPollPeriod = std::chrono::microseconds(500);      // while an answer is pending
 constexpr std::size_t kMostColumns = 64, kMostThinColumns = 512;  // numbers per row of a plot
@@ -37,7 +38,7 @@ void answer(Hub::Client& client, json message, const json& id) {
 
 void Desk::show(std::shared_ptr<Source> source, const std::string& reason) {
   const std::lock_guard lock(mutex_);
-  if (source_ && hold_.begun()) end_hold("the run has ended");
+  if (source_ && hold_.begun()) end_hold("the run has ended", control_.holder());
   source_ = std::move(source);
   for (Seat& seat : seats_) {
     seat.requests.clear();
@@ -85,7 +86,7 @@ void Desk::leave(Hub::Client& client) {
   const bool held = control_.held_by(client.id());
   control_.leave(client.id());
   std::erase_if(seats_, [&](const Seat& seat) { return seat.client == &client; });
-  if (held && hold_.begun()) end_hold("the page of the one who commands is gone");
+  if (held && hold_.begun()) end_hold("the page of the one who commands is gone", client.id());
   send_control();
 }
 
@@ -117,12 +118,15 @@ bool Desk::take_signal(Seat& seat, const json& message) {
   if (message.contains("do")) return false;
   if (message.contains("seen") && message.at("seen").is_number()) {
     const double seen = message.at("seen").get<double>();
-    if (seen > seat.seen && seen <= seat.frame) seat.seen = static_cast<std::uint32_t>(seen);
+    if (seen > seat.seen && seen <= seat.frame) {
+      seat.seen = static_cast<std::uint32_t>(seen);
+      seat.seen_sent = seat.sent[seat.seen % seat.sent.size()];
+    }
     return true;
   }
   const bool mine = control_.held_by(seat.client->id());
   if (message.contains("beat")) {
-    if (mine) hold_.beat(host_now());
+    if (mine && sees_now(seat, host_now())) hold_.beat(host_now());
   } else if (message.contains("release")) {
     if (mine && hold_.begun()) {
       hold_.release();
@@ -237,7 +241,7 @@ void Desk::take_control(Seat& seat, const json& message, const json& id) {
   } else if (!control_.give(message.at("give").get<ClientId>())) {
     fields.refuse("this page has not requested the control");
   }
-  if (control_.holder() != before && hold_.begun()) end_hold("the control was handed over");
+  if (control_.holder() != before && hold_.begun()) end_hold("the control was handed over", before);
   answer(*seat.client, std::move(done), id);
   send_control();
 }
@@ -258,12 +262,22 @@ void Desk::send_control() {
   for (Seat& seat : seats_) seat.client->send({{"control", control_of(seat)}});
 }
 
+// Whether the beats of this page are about now. A connection that stood still delivers all at once what was
+// said meanwhile, presses that have long been let go included; but the page cannot have said it after a state
+// that it had not seen. So beats count from pages that have seen a new state, sent after the hold that the
+// run has ended.
+bool Desk::sees_now(const Seat& seat, HostTime now) const {
+  if (seat.period.count() == 0) return true;  // it takes no states
+  return seat.seen_sent > hold_ended_ && now - seat.seen_sent <= kOldestSeen + seat.period;
+}
+
 // The hold ended otherwise than by letting go: the arms go to hold.
-void Desk::end_hold(const std::string& cause) {
+void Desk::end_hold(const std::string& cause, std::optional<ClientId> holder) {
   hold_.release();
+  hold_ended_ = host_now();
   if (source_) source_->come_to_rest(true);
   for (Seat& seat : seats_) {
-    if (control_.held_by(seat.client->id())) seat.client->send({{"released", {{"cause", cause}}}});
+    if (holder == seat.client->id()) seat.client->send({{"released", {{"cause", cause}}}});
   }
 }
 
@@ -273,12 +287,12 @@ nanoseconds Desk::turn(HostTime now) {
   const std::lock_guard lock(mutex_);
   if (!source_) return kIdle;
   if (hold_.silent(now)) {
-    end_hold("no beat came for 200 ms");
+    end_hold("no beat came for 200 ms", control_.holder());
     send_control();
   }
   const auto before = control_.holder();
   if (control_.pass_on(now, hold_.held(now))) {
-    if (control_.holder() != before && hold_.begun()) end_hold("the control was handed over");
+    if (control_.holder() != before && hold_.begun()) end_hold("the control was handed over", before);
     send_control();
   }
   source_->update(now);
@@ -316,7 +330,8 @@ void Desk::send_state(Seat& seat, HostTime now) {
   seat.next_state = after(seat.next_state, seat.period);
   if (seat.next_state.ns <= now.ns) seat.next_state = after(now, seat.period);
   const auto values = source_->state(now);
-  seat.client->send_numbers(state_frame(++seat.frame, values));
+  seat.sent[++seat.frame % seat.sent.size()] = now;
+  seat.client->send_numbers(state_frame(seat.frame, values));
 }
 
 void Desk::send_news(Seat& seat, HostTime now) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <list>
 #include <memory>
 #include <mutex>
@@ -40,8 +41,10 @@ class Desk final : public Hub::Handler {
     std::list<Pending> requests;
     std::chrono::nanoseconds period{0};  // of states; 0: none
     HostTime next_state, last_state, next_slow, next_list, next_plot;
-    std::uint32_t frame = 0, seen = 0;  // numbers of states
-    std::uint64_t shown = 0;            // Source::newest() of the last state
+    std::uint32_t frame = 0, seen = 0;          // numbers of states
+    std::array<HostTime, kMostAhead + 1> sent;  // of the newest states, by their numbers
+    HostTime seen_sent;                         // when the last one that was seen was sent
+    std::uint64_t shown = 0;                    // Source::newest() of the last state
     std::uint64_t events = 0, list = 0;
     std::uint32_t plot_number = 0;
     Plot plot;
@@ -59,7 +62,8 @@ class Desk final : public Hub::Handler {
   void send_news(Seat& seat, HostTime now);
   void send_state(Seat& seat, HostTime now);
   void send_plot(Seat& seat, HostTime now);
-  void end_hold(const std::string& cause);
+  bool sees_now(const Seat& seat, HostTime now) const;
+  void end_hold(const std::string& cause, std::optional<ClientId> holder);
   void send_control();
   nlohmann::json control_of(const Seat& seat) const;
   std::chrono::nanoseconds until_next(HostTime now) const;
@@ -69,6 +73,7 @@ class Desk final : public Hub::Handler {
   std::list<Seat> seats_;
   Control control_;
   DeadMan hold_;
+  HostTime hold_ended_;  // by the desk itself
   bool held_before_ = false;
 };
 

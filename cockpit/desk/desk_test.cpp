@@ -1,6 +1,7 @@
 #include "cockpit/desk/desk.hpp"
 
 #include <cstring>
+#include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -180,6 +181,38 @@ TEST_F(DeskTest, SilenceHolds) {
   EXPECT_EQ(source_->rests.size(), 1u);
 }
 
+// The network stands still while somebody holds and lets go, and then delivers all of it at once.
+TEST_F(DeskTest, BeatsThatWereHeldUpDoNotCount) {
+  take_control();
+  ask(first_, {{"do", "subscribe"}, {"rate_hz", 100}});
+  const auto held = [&] {
+    desk_.take(first_, {{"beat", 1}});
+    return first_.newest("control")["held"].get<bool>();
+  };
+  EXPECT_FALSE(held());  // it has seen nothing
+  desk_.turn(host_now());
+  desk_.take(first_, {{"seen", 1}});
+  EXPECT_TRUE(held());
+  ++source_->states;
+  desk_.turn(later(host_now(), DeadMan::kTimeout + 1e-3));  // silence; the state after it is on its way
+  EXPECT_EQ(source_->rests, std::vector<bool>{true});
+  EXPECT_FALSE(held());
+  desk_.take(first_, {{"seen", 2}});
+  EXPECT_TRUE(held());
+}
+
+TEST_F(DeskTest, APageMovesByNewStates) {
+  take_control();
+  ask(first_, {{"do", "subscribe"}, {"rate_hz", 100}});
+  desk_.turn(later(host_now(), 0.02));
+  desk_.take(first_, {{"seen", 1}});
+  ++source_->states;
+  const HostTime start = host_now();
+  while (seconds(host_now() - start) < 0.6) std::this_thread::yield();
+  desk_.take(first_, {{"beat", 1}});
+  EXPECT_EQ(first_.newest("control")["held"], false);
+}
+
 TEST_F(DeskTest, AClosedPageHolds) {
   take_control();
   desk_.take(first_, {{"beat", 1}});
@@ -199,6 +232,8 @@ TEST_F(DeskTest, HandOverHolds) {
   EXPECT_EQ(ask(first_, {{"do", "control"}, {"give", 2}})["ok"], true);
   EXPECT_EQ(source_->rests, std::vector<bool>{true});
   EXPECT_EQ(second_.newest("control")["mine"], true);
+  EXPECT_FALSE(first_.newest("released").is_null());  // whose hold it was
+  EXPECT_TRUE(second_.newest("released").is_null());
   EXPECT_EQ(ask(first_, {{"do", "switch"}})["verdict"], "no_control");
   desk_.take(first_, {{"beat", 2}});
   EXPECT_EQ(first_.newest("control")["held"], false);
