@@ -69,7 +69,8 @@ export class JointSliders {
       held = by;
       if (!this.holding.begin(name, () => held === by && document.activeElement === range, motion)) held = undefined;
     };
-    range.addEventListener("pointerdown", () => {
+    range.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0) return; // of a menu, whose browser tells no release
       range.focus();
       begin("pointer");
     });

@@ -26,6 +26,10 @@ export class Holding {
     addEventListener("pagehide", release("the page was left"));
     addEventListener("gamepaddisconnected", release("the gamepad was disconnected"));
     document.addEventListener("freeze", release("the page was frozen"));
+    // While this key is down, macOS tells no release of another one: a key would seem to be held for ever.
+    addEventListener("keydown", (event) => event.metaKey && this.letGoAll("the command key was pressed"), {
+      capture: true,
+    });
     document.addEventListener("visibilitychange", () => {
       if (document.visibilityState !== "visible") this.letGoAll("the tab was hidden");
     });

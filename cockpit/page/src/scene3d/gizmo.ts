@@ -40,6 +40,7 @@ export class TargetGizmo {
     });
     const canvas = stage.renderer.domElement;
     canvas.addEventListener("pointercancel", () => this.holding.letGo("target", "the browser took the pointer"));
+    canvas.addEventListener("lostpointercapture", () => this.holding.letGo("target", "the pointer was lost"));
   }
 
   get mode(): "translate" | "rotate" {

@@ -29,7 +29,8 @@ export class GamepadJog {
     const { held = false, stop = false } = this.reading ?? {};
     if (stop && !this.wasStop) this.stop();
     this.wasStop = stop;
-    if (this.enabled && held && !this.wasHeld) this.begin();
+    // Browsers tell about pads in windows without the focus, too, where they serve another program.
+    if (this.enabled && held && !this.wasHeld && document.hasFocus()) this.begin();
     this.wasHeld = held;
   }
 

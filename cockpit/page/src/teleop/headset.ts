@@ -71,6 +71,7 @@ export class Headset {
   frame(frame: XRFrame | undefined, space: XRReferenceSpace | null): void {
     if (!this.session || !frame || !space) return;
     let stop = false;
+    const seen = [false, false];
     for (const source of this.session.inputSources) {
       if (source.handedness === "none" || !source.gamepad) continue;
       const hand = this.hands === 2 && source.handedness === "left" ? 1 : 0;
@@ -81,11 +82,14 @@ export class Headset {
       const space6 = source.gripSpace ?? source.targetRaySpace;
       const pose = frame.getPose(space6, space);
       // A controller that is not tracked any more is let go: nobody knows where it is.
+      seen[hand] = true;
       this.poses[hand] = pose && !pose.emulatedPosition ? poseOf(pose.transform) : undefined;
       const pressed = held && !this.squeezed[hand];
       this.squeezed[hand] = held;
       if (pressed && this.poses[hand]) this.close(hand);
     }
+    // A controller that is not reported, or does not lead any more, holds nothing.
+    for (const hand of [0, 1] as const) if (!seen[hand]) this.squeezed[hand] = false;
     if (stop && !this.wasStop) this.hooks.stop();
     this.wasStop = stop;
   }

@@ -17,6 +17,7 @@ export class SpaceMouse {
   private device: HIDDevice | undefined;
   private heard = -Infinity;
   private wasStop = false;
+  private gripped = false;
 
   constructor(
     private readonly holding: Holding,
@@ -59,7 +60,10 @@ export class SpaceMouse {
     const stop = (this.state.buttons & kStopButton) !== 0;
     if (stop && !this.wasStop) this.stop();
     this.wasStop = stop;
-    if (this.enabled && this.grips() && !this.holding.holds("spacemouse")) {
+    // A new press only: its reports go on when the window loses the focus, and must not renew a hold that this ended.
+    const pressed = this.grips() && !this.gripped;
+    this.gripped = this.grips();
+    if (this.enabled && pressed && document.hasFocus() && !this.holding.holds("spacemouse")) {
       this.holding.begin(
         "spacemouse",
         () => this.read(),
