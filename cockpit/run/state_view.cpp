@@ -43,7 +43,8 @@ StateView::StateView(const Scene& scene, std::vector<std::shared_ptr<const ArmMo
   }
   for (std::size_t i = 0; i < models_.size(); ++i) {
     const std::string prefix = scene.arms[i].name + "/";
-    arms_.push_back({.q = find(prefix + "q_rad"),
+    arms_.push_back({.q_start = scene.arms[i].q_start,
+                     .q = find(prefix + "q_rad"),
                      .gripper = find(prefix + "gripper_width_m"),
                      .stiffness_frame = add(prefix + "stiffness_frame_m", 3),
                      .manipulability = add(prefix + "manipulability", 1),
@@ -59,6 +60,18 @@ std::size_t StateView::add(const std::string& name, std::size_t count) {
   described_.push_back({name, count});
   values_.resize(at + count, std::numeric_limits<double>::quiet_NaN());
   return at;
+}
+
+nlohmann::json StateView::bodies() {
+  std::vector<SceneBodies::ArmPose> poses;
+  for (std::size_t i = 0; i < arms_.size(); ++i) {
+    const JointVector& q = arms_[i].q_start;
+    terms_[i].update(q, JointVector::Zero(q.size()));
+    poses.push_back({&terms_[i], std::numeric_limits<double>::quiet_NaN()});
+  }
+  std::vector<double> start(SceneBodies::kPoseNumbers * bodies_.count());
+  bodies_.place(poses, {}, start);
+  return bodies_.describe(start);
 }
 
 std::span<const double> StateView::compute(const RecordReader::Record& record, double since_s,

@@ -23,7 +23,8 @@ class StateView {
 
   // [name, count] of the numbers, in order.
   const nlohmann::json& fields() const { return described_; }
-  nlohmann::json bodies() const { return bodies_.describe(); }
+  // As the arms and objects stand at the start.
+  nlohmann::json bodies();
 
   struct More {  // per arm, beside the record
     ArmFrames frames;
@@ -39,6 +40,7 @@ class StateView {
     std::size_t at = 0;
   };
   struct Arm {
+    JointVector q_start;
     RecordReader::Field q, gripper;
     std::size_t stiffness_frame = 0, manipulability = 0, tracking_error = 0, torque_use = 0, joint_limit = 0;
   };

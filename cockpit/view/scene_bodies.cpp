@@ -125,14 +125,18 @@ void SceneBodies::add_object(const SceneObject& object, std::size_t index) {
   bodies_.push_back(std::move(body));
 }
 
-json SceneBodies::describe() const {
+json SceneBodies::describe(std::span<const double> poses) const {
   json all = json::array();
-  for (const Body& body : bodies_) {
-    json entry = {{"name", body.name}, {"movable", body.movable}, {"shapes", body.shapes}};
+  for (std::size_t i = 0; i < bodies_.size(); ++i) {
+    const Body& body = bodies_[i];
+    const auto pose = poses.subspan(kPoseNumbers * i, kPoseNumbers);
+    json entry = {{"name", body.name},
+                  {"movable", body.movable},
+                  {"position_m", std::vector(pose.begin(), pose.begin() + 3)},
+                  {"quaternion_wxyz", std::vector(pose.begin() + 3, pose.end())},
+                  {"shapes", body.shapes}};
     if (body.to == Fixed::object) {
       entry["object"] = body.name;
-      entry["position_m"] = numbers(body.X.position);
-      entry["quaternion_wxyz"] = numbers(body.X.quaternion());
     } else {
       entry["arm"] = arm_names_[body.index];
       entry["link"] = body.link;

@@ -24,7 +24,8 @@ class SceneBodies {
   explicit SceneBodies(const Scene& scene);
 
   std::size_t count() const { return bodies_.size(); }
-  nlohmann::json describe() const;  // list of bodies, with shapes in each body's frame
+  // List of bodies, with shapes in each body's frame. `poses`: of all bodies, as `place` writes them.
+  nlohmann::json describe(std::span<const double> poses) const;
 
   struct ArmPose {
     ModelTerms* terms = nullptr;  // updated

@@ -1,7 +1,7 @@
 // Everything that is asked of a run by a click: laws, features, parameters, grippers, the simulation, plots, episodes.
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
-import { after, before, test } from "node:test";
+import { after, before, suite, test } from "node:test";
 import {
   atRest,
   hold,
@@ -15,194 +15,199 @@ import {
   type Window_,
 } from "./support.ts";
 
-let run: Run;
-let cockpit: Cockpit;
-before(async () => {
-  run = await Run.idle("two_arms");
-  cockpit = await open(run.url);
-  await takeControl(cockpit.page);
-});
-after(async () => {
-  assert.deepEqual(cockpit.complaints, []);
-  await run.end();
-});
-
-const tab = (name: string) => cockpit.page.getByRole("tab", { name, exact: true }).click();
-const box = async () => {
-  const { page } = cockpit;
-  return page.evaluate(() => {
-    const { session } = (window as never as { cockpit: { session: SessionLike } }).cockpit;
-    const k = session.scene.bodies.findIndex((body) => body.name === "box");
-    return Array.from(session.state.bodies).slice(7 * k, 7 * k + 3);
+suite("command", () => {
+  let run: Run;
+  let cockpit: Cockpit;
+  before(async () => {
+    run = await Run.idle("two_arms");
+    cockpit = await open(run.url);
+    await takeControl(cockpit.page);
   });
-};
-interface SessionLike {
-  scene: { bodies: { name: string }[] };
-  state: { bodies: ArrayLike<number> };
-}
-
-test("a switch shows what it cost, and is on the timeline", async () => {
-  const { page } = cockpit;
-  await tab("Laws");
-  await page.getByRole("button", { name: "Activate dual" }).click();
-  await page.getByText(/Started dual\..*first torque.*Largest torque step of a joint: left/).waitFor();
-  await tab("Timeline");
-  await page.getByRole("region", { name: "Events" }).getByText("switched").first().waitFor();
-});
-
-test("features are switched on and off, and the card says so", async () => {
-  const { page } = cockpit;
-  await tab("Laws");
-  const feature = page.getByRole("checkbox", { name: "joint limits" });
-  assert.ok(await feature.isChecked());
-  const card = page.getByRole("region", { name: "Arm left" });
-  await card.getByText("+ joint limits").waitFor();
-  await feature.uncheck();
-  await card
-    .getByText("+ joint limits")
-    .waitFor({ state: "detached" })
-    .catch(() => {});
-  await until(page, () => !/joint limits/.test(document.querySelector(".arm-card")!.textContent!));
-  await page.getByRole("checkbox", { name: "joint limits" }).check();
-  await card.getByText("+ joint limits").waitFor();
-});
-
-test("a parameter is set within its bounds, with its unit", async () => {
-  const { page } = cockpit;
-  await tab("Laws");
-  await page.getByRole("button", { name: "Activate left_cartesian" }).click();
-  await until(page, () => (window as never as Window_).cockpit.session.state.arms[0]!.controllet === "left_cartesian");
-  const number = page.getByRole("spinbutton", { name: /^translational stiffness \[N\/m\]/ });
-  await number.fill("250");
-  await number.press("Enter");
-  await until(page, () =>
-    (window as never as { cockpit: { session: { list: ListLike } } }).cockpit.session.list.some(
-      (one) =>
-        one.name === "left_cartesian" &&
-        one.parameters.some(
-          (parameter) => /^translational_stiffness/.test(parameter.name) && parameter.value[0] === 250,
-        ),
-    ),
-  );
-});
-type ListLike = { name: string; parameters: { name: string; value: number[] }[] }[];
-
-test("what is refused is said with its reason", async () => {
-  const { page } = cockpit;
-  await tab("Arms");
-  await page.getByRole("button", { name: "Recover: left" }).click();
-  await page.getByText(/Refused: .*error/).waitFor({ timeout: kPatience });
-});
-
-test("the simulation pauses, steps, continues and begins again", async () => {
-  const { page } = cockpit;
-  await tab("World");
-  await page.getByRole("button", { name: "Pause simulation" }).click();
-  const go = page.getByRole("button", { name: "Continue simulation" });
-  await go.waitFor();
-  const before = await stateOf(page);
-  await page.getByRole("button", { name: "Step 10 ms" }).click();
-  await until(page, (cycle) => (window as never as Window_).cockpit.session.state.cycle >= cycle + 10, before.cycle);
-  await go.click();
-  await page.getByRole("button", { name: "Pause simulation" }).waitFor();
-  await page.getByRole("button", { name: "Reset simulation" }).click();
-  await until(page, () => (window as never as Window_).cockpit.session.state.arms[0]!.hand.position[2]! > 0.3);
-});
-
-test("an object is placed and pushed", async () => {
-  const { page } = cockpit;
-  await tab("World");
-  await page.getByRole("combobox", { name: "Object" }).selectOption("box");
-  for (const [axis, value] of [
-    ["x", "0.55"],
-    ["y", "0.1"],
-    ["z", "0.235"],
-  ]) {
-    const number = page.getByRole("spinbutton", { name: `${axis} [m], number` });
-    await number.fill(value!);
-    await number.press("Enter");
-  }
-  await page.getByRole("button", { name: "Place object" }).click();
-  await page.waitForTimeout(600);
-  const [x = NaN, y = NaN] = await box();
-  assert.ok(Math.abs(x - 0.55) < 0.01 && Math.abs(y - 0.1) < 0.01, `${x}, ${y}`);
-  await hold(page, page.getByRole("button", { name: "Push against x" }), async () => {
-    await page.waitForFunction(
-      (from) => {
-        const { session } = (window as never as { cockpit: { session: SessionLike } }).cockpit;
-        const k = session.scene.bodies.findIndex((body) => body.name === "box");
-        return session.state.bodies[7 * k]! < from - 0.005;
-      },
-      x,
-      { timeout: kPatience },
-    );
+  after(async () => {
+    assert.deepEqual(cockpit.complaints, []);
+    await run.end();
   });
-});
 
-test("episodes are marked", async () => {
-  const { page } = cockpit;
-  await tab("World");
-  await page.getByRole("button", { name: "Episode: start" }).click();
-  await page.getByText("Episode 1: start.").waitFor();
-  await page.getByRole("button", { name: "Episode: success" }).click();
-  await page.getByText("Episode 1: success.").waitFor();
-});
-
-test("a plot runs, freezes, and is saved as CSV and PNG", async () => {
-  const { page } = cockpit;
-  await tab("Plots");
-  await page.getByLabel("Quantity to plot").fill("left/q_rad");
-  await page.getByRole("button", { name: "Add plot" }).click();
-  await page.waitForTimeout(1500);
-  await page.getByRole("button", { name: "Freeze the plot of left/q_rad" }).click();
-  const save = async (kind: string) => {
-    const download = page.waitForEvent("download");
-    await page.getByRole("button", { name: `Save the plot of left/q_rad as ${kind}` }).click();
-    return readFileSync((await (await download).path())!);
+  const tab = (name: string) => cockpit.page.getByRole("tab", { name, exact: true }).click();
+  const box = async () => {
+    const { page } = cockpit;
+    return page.evaluate(() => {
+      const { session } = (window as never as { cockpit: { session: SessionLike } }).cockpit;
+      const k = session.scene.bodies.findIndex((body) => body.name === "box");
+      return Array.from(session.state.bodies).slice(7 * k, 7 * k + 3);
+    });
   };
-  const lines = (await save("CSV")).toString().trim().split("\n");
-  assert.equal(lines[0]!.split(",").length, 8);
-  assert.ok(lines.length > 500, `${lines.length} lines`);
-  const times = lines.slice(1).map((line) => Number(line.split(",")[0]));
-  // One row for each cycle: nothing is thinned.
-  const gaps = times.slice(1).map((t, k) => t - times[k]!);
-  gaps.sort((a, b) => a - b);
-  assert.ok(Math.abs(gaps[gaps.length >> 1]! - 0.001) < 1e-6, `${gaps[gaps.length >> 1]}`);
-  const png = await save("PNG");
-  assert.deepEqual(
-    [...png.subarray(1, 4)],
-    [..."PNG"].map((letter) => letter.charCodeAt(0)),
-  );
-  await page.getByRole("button", { name: "Remove the plot of left/q_rad" }).click();
-});
+  interface SessionLike {
+    scene: { bodies: { name: string }[] };
+    state: { bodies: ArrayLike<number> };
+  }
 
-test("the histogram counts every cycle", async () => {
-  const { page } = cockpit;
-  await tab("Loop");
-  await page.getByText(/median \d+ .* of \d{3,} cycles/).waitFor();
-});
+  test("a switch shows what it cost, and is on the timeline", async () => {
+    const { page } = cockpit;
+    await tab("Laws");
+    await page.getByRole("button", { name: "Activate dual" }).click();
+    await page.getByText(/Started dual\..*first torque.*Largest torque step of a joint: left/).waitFor();
+    await tab("Timeline");
+    await page.getByRole("region", { name: "Events" }).getByText("switched").first().waitFor();
+  });
 
-test("a gripper closes and opens, and an object is grasped", async () => {
-  const own = await Run.idle("grippers");
-  try {
-    const { page, context } = await open(own.url);
-    await takeControl(page);
-    await page.getByRole("tab", { name: "Arms", exact: true }).click();
-    const width = page.getByRole("slider", { name: "Width" }).first();
-    await width.focus();
-    await page.keyboard.press("Home");
-    for (let k = 0; k < 20; ++k) await page.keyboard.press("ArrowRight");
-    await page.getByRole("button", { name: "Move gripper: left" }).click();
+  test("features are switched on and off, and the card says so", async () => {
+    const { page } = cockpit;
+    await tab("Laws");
+    const feature = page.getByRole("checkbox", { name: "joint limits" });
+    assert.ok(await feature.isChecked());
+    const card = page.getByRole("region", { name: "Arm left" });
+    await card.getByText("+ joint limits").waitFor();
+    await feature.uncheck();
+    await card
+      .getByText("+ joint limits")
+      .waitFor({ state: "detached" })
+      .catch(() => {});
+    await until(page, () => !/joint limits/.test(document.querySelector(".arm-card")!.textContent!));
+    await page.getByRole("checkbox", { name: "joint limits" }).check();
+    await card.getByText("+ joint limits").waitFor();
+  });
+
+  test("a parameter is set within its bounds, with its unit", async () => {
+    const { page } = cockpit;
+    await tab("Laws");
+    await page.getByRole("button", { name: "Activate left_cartesian" }).click();
     await until(
       page,
-      () => Math.abs((window as never as Window_).cockpit.session.state.arms[0]!.gripper!.width_m - 0.02) < 0.002,
+      () => (window as never as Window_).cockpit.session.state.arms[0]!.controllet === "left_cartesian",
     );
-    await page.getByRole("button", { name: "Open: left" }).click();
-    await until(page, () => (window as never as Window_).cockpit.session.state.arms[0]!.gripper!.width_m > 0.07);
-    await context.close();
-  } finally {
-    await own.end();
-  }
-});
+    const number = page.getByRole("spinbutton", { name: /^translational stiffness \[N\/m\]/ });
+    await number.fill("250");
+    await number.press("Enter");
+    await until(page, () =>
+      (window as never as { cockpit: { session: { list: ListLike } } }).cockpit.session.list.some(
+        (one) =>
+          one.name === "left_cartesian" &&
+          one.parameters.some(
+            (parameter) => /^translational_stiffness/.test(parameter.name) && parameter.value[0] === 250,
+          ),
+      ),
+    );
+  });
+  type ListLike = { name: string; parameters: { name: string; value: number[] }[] }[];
 
-test("everything is at rest in the end", () => atRest(cockpit.page));
+  test("what is refused is said with its reason", async () => {
+    const { page } = cockpit;
+    await tab("Arms");
+    await page.getByRole("button", { name: "Recover: left" }).click();
+    await page.getByText(/Refused: .*error/).waitFor({ timeout: kPatience });
+  });
+
+  test("the simulation pauses, steps, continues and begins again", async () => {
+    const { page } = cockpit;
+    await tab("World");
+    await page.getByRole("button", { name: "Pause simulation" }).click();
+    const go = page.getByRole("button", { name: "Continue simulation" });
+    await go.waitFor();
+    const before = await stateOf(page);
+    await page.getByRole("button", { name: "Step 10 ms" }).click();
+    await until(page, (cycle) => (window as never as Window_).cockpit.session.state.cycle >= cycle + 10, before.cycle);
+    await go.click();
+    await page.getByRole("button", { name: "Pause simulation" }).waitFor();
+    await page.getByRole("button", { name: "Reset simulation" }).click();
+    await until(page, () => (window as never as Window_).cockpit.session.state.arms[0]!.hand.position[2]! > 0.3);
+  });
+
+  test("an object is placed and pushed", async () => {
+    const { page } = cockpit;
+    await tab("World");
+    await page.getByRole("combobox", { name: "Object" }).selectOption("box");
+    for (const [axis, value] of [
+      ["x", "0.55"],
+      ["y", "0.1"],
+      ["z", "0.235"],
+    ]) {
+      const number = page.getByRole("spinbutton", { name: `${axis} [m], number` });
+      await number.fill(value!);
+      await number.press("Enter");
+    }
+    await page.getByRole("button", { name: "Place object" }).click();
+    await page.waitForTimeout(600);
+    const [x = NaN, y = NaN] = await box();
+    assert.ok(Math.abs(x - 0.55) < 0.01 && Math.abs(y - 0.1) < 0.01, `${x}, ${y}`);
+    await hold(page, page.getByRole("button", { name: "Push against x" }), async () => {
+      await page.waitForFunction(
+        (from) => {
+          const { session } = (window as never as { cockpit: { session: SessionLike } }).cockpit;
+          const k = session.scene.bodies.findIndex((body) => body.name === "box");
+          return session.state.bodies[7 * k]! < from - 0.005;
+        },
+        x,
+        { timeout: kPatience },
+      );
+    });
+  });
+
+  test("episodes are marked", async () => {
+    const { page } = cockpit;
+    await tab("World");
+    await page.getByRole("button", { name: "Episode: start" }).click();
+    await page.getByText("Episode 1: start.").waitFor();
+    await page.getByRole("button", { name: "Episode: success" }).click();
+    await page.getByText("Episode 1: success.").waitFor();
+  });
+
+  test("a plot runs, freezes, and is saved as CSV and PNG", async () => {
+    const { page } = cockpit;
+    await tab("Plots");
+    await page.getByLabel("Quantity to plot").fill("left/q_rad");
+    await page.getByRole("button", { name: "Add plot" }).click();
+    await page.waitForTimeout(1500);
+    await page.getByRole("button", { name: "Freeze the plot of left/q_rad" }).click();
+    const save = async (kind: string) => {
+      const download = page.waitForEvent("download");
+      await page.getByRole("button", { name: `Save the plot of left/q_rad as ${kind}` }).click();
+      return readFileSync((await (await download).path())!);
+    };
+    const lines = (await save("CSV")).toString().trim().split("\n");
+    assert.equal(lines[0]!.split(",").length, 8);
+    assert.ok(lines.length > 500, `${lines.length} lines`);
+    const times = lines.slice(1).map((line) => Number(line.split(",")[0]));
+    // One row for each cycle: nothing is thinned.
+    const gaps = times.slice(1).map((t, k) => t - times[k]!);
+    gaps.sort((a, b) => a - b);
+    assert.ok(Math.abs(gaps[gaps.length >> 1]! - 0.001) < 1e-6, `${gaps[gaps.length >> 1]}`);
+    const png = await save("PNG");
+    assert.deepEqual(
+      [...png.subarray(1, 4)],
+      [..."PNG"].map((letter) => letter.charCodeAt(0)),
+    );
+    await page.getByRole("button", { name: "Remove the plot of left/q_rad" }).click();
+  });
+
+  test("the histogram counts every cycle", async () => {
+    const { page } = cockpit;
+    await tab("Loop");
+    await page.getByText(/median \d+ .* of \d{3,} cycles/).waitFor();
+  });
+
+  test("a gripper closes and opens, and an object is grasped", async () => {
+    const own = await Run.idle("grippers");
+    try {
+      const { page, context } = await open(own.url);
+      await takeControl(page);
+      await page.getByRole("tab", { name: "Arms", exact: true }).click();
+      const width = page.getByRole("slider", { name: "Width" }).first();
+      await width.focus();
+      await page.keyboard.press("Home");
+      for (let k = 0; k < 20; ++k) await page.keyboard.press("ArrowRight");
+      await page.getByRole("button", { name: "Move gripper: left" }).click();
+      await until(
+        page,
+        () => Math.abs((window as never as Window_).cockpit.session.state.arms[0]!.gripper!.width_m - 0.02) < 0.002,
+      );
+      await page.getByRole("button", { name: "Open: left" }).click();
+      await until(page, () => (window as never as Window_).cockpit.session.state.arms[0]!.gripper!.width_m > 0.07);
+      await context.close();
+    } finally {
+      await own.end();
+    }
+  });
+
+  test("everything is at rest in the end", () => atRest(cockpit.page));
+});

@@ -2,157 +2,164 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
-import { after, before, test } from "node:test";
+import { after, before, suite, test } from "node:test";
 import { atRest, handMoves, open, Run, stateOf, takeControl, until, type Cockpit, type Window_ } from "./support.ts";
 
-let run: Run;
-before(async () => (run = await Run.idle("two_arms")));
-after(() => run.end());
+suite("devices", () => {
+  let run: Run;
+  before(async () => (run = await Run.idle("two_arms")));
+  after(() => run.end());
 
-async function lead(before: string | (() => void)): Promise<Cockpit> {
-  const cockpit = await open(run.url, { before });
-  await takeControl(cockpit.page);
-  return cockpit;
-}
+  async function lead(before: string | (() => void)): Promise<Cockpit> {
+    const cockpit = await open(run.url, { before });
+    await takeControl(cockpit.page);
+    return cockpit;
+  }
 
-const hand = async ({ page }: Cockpit, arm: number) => (await stateOf(page)).arms[arm]!.hand.position;
-async function leave({ page, context }: Cockpit): Promise<void> {
-  await atRest(page);
-  await page.getByRole("button", { name: "Give up control" }).click();
-  await context.close();
-}
+  const hand = async ({ page }: Cockpit, arm: number) => (await stateOf(page)).arms[arm]!.hand.position;
+  async function leave({ page, context }: Cockpit): Promise<void> {
+    await atRest(page);
+    await page.getByRole("button", { name: "Give up control" }).click();
+    await context.close();
+  }
 
-test("a gamepad leads one hand while its bumper is held, then two hands", async () => {
-  const cockpit = await lead(() => {
-    const pad = {
-      id: "Test pad",
-      index: 0,
-      connected: true,
-      mapping: "standard",
-      axes: [0, 0, 0, 0],
-      buttons: Array.from({ length: 17 }, () => ({ pressed: false, touched: false, value: 0 })),
-    };
-    Object.assign(window, { pad });
-    navigator.getGamepads = () => [pad as never, null, null, null];
-  });
-  const { page } = cockpit;
-  const set = (axes: number[], bumper: boolean, trigger = 0) =>
-    page.evaluate(
-      ([axes, bumper, trigger]) => {
-        const { pad } = window as never as { pad: { axes: number[]; buttons: { pressed: boolean; value: number }[] } };
-        pad.axes = axes as number[];
-        pad.buttons[5]!.pressed = bumper as boolean;
-        pad.buttons[7]!.value = trigger as number;
-      },
-      [axes, bumper, trigger] as const,
-    );
-  await page.getByRole("checkbox", { name: "Gamepad", exact: true }).check();
-  await page.getByText("Test pad").waitFor();
-  const from = await hand(cockpit, 0);
-  await set([0, 0, 0, 0], false, 1); // without the bumper nothing moves
-  await page.waitForTimeout(300);
-  assert.ok(Math.abs((await hand(cockpit, 0))[2] - from[2]) < 1e-3);
-  await set([0, 0, 0, 0], true, 1);
-  await handMoves(page, 0, 2, from[2], 0.01);
-  await set([0, 0, 0, 0], false, 1);
-  await atRest(page);
-
-  await page.getByRole("checkbox", { name: "Gamepad: both sticks lead a hand" }).check();
-  await page.getByRole("radio", { name: "Base" }).check();
-  const both = [await hand(cockpit, 0), await hand(cockpit, 1)];
-  await set([0, -1, 0, -1], true); // both sticks away from the operator: along the bases' x
-  await Promise.all([handMoves(page, 0, 0, both[0]![0], 0.01), handMoves(page, 1, 0, both[1]![0], 0.01)]);
-  // A pad that is unplugged holds nothing.
-  await page.evaluate(() => {
-    (window as never as { pad: { connected: boolean } }).pad.connected = false;
-    window.dispatchEvent(new Event("gamepaddisconnected"));
-  });
-  await leave(cockpit);
-});
-
-test("a SpaceMouse over WebHID leads the hand by its reports", async () => {
-  const cockpit = await lead(() => {
-    const device = Object.assign(new EventTarget(), {
-      productName: "Test SpaceMouse",
-      vendorId: 0x256f,
-      opened: false,
-      open: async () => void (device.opened = true),
+  test("a gamepad leads one hand while its bumper is held, then two hands", async () => {
+    const cockpit = await lead(() => {
+      const pad = {
+        id: "Test pad",
+        index: 0,
+        connected: true,
+        mapping: "standard",
+        axes: [0, 0, 0, 0],
+        buttons: Array.from({ length: 17 }, () => ({ pressed: false, touched: false, value: 0 })),
+      };
+      Object.assign(window, { pad });
+      navigator.getGamepads = () => [pad as never, null, null, null];
     });
-    const hid = Object.assign(new EventTarget(), { requestDevice: async () => [device], getDevices: async () => [] });
-    Object.defineProperty(navigator, "hid", { value: hid });
-    Object.assign(window, {
-      report: (id: number, bytes: number[]) =>
-        device.dispatchEvent(
-          Object.assign(new Event("inputreport"), { reportId: id, data: new DataView(Uint8Array.from(bytes).buffer) }),
-        ),
-    });
-  });
-  const { page } = cockpit;
-  const report = (id: number, ...bytes: number[]) =>
-    page.evaluate(
-      ([id, bytes]) =>
-        (window as never as { report(id: number, bytes: number[]): void }).report(id as number, bytes as number[]),
-      [id, bytes] as const,
-    );
-  await page.getByRole("checkbox", { name: "SpaceMouse", exact: true }).check();
-  await page.getByRole("button", { name: "Choose device" }).click();
-  await page.getByText("Test SpaceMouse").waitFor();
-  const from = await hand(cockpit, 0);
-  await report(1, 0, 0, 0, 0, 0xa2, 0xfe); // the cap is lifted: z is -350 on the device
-  await page.waitForTimeout(300);
-  assert.ok(Math.abs((await hand(cockpit, 0))[2] - from[2]) < 1e-3, "it moved without its button");
-  await report(3, 1);
-  await handMoves(page, 0, 2, from[2], 0.01);
-  await report(3, 0);
-  await leave(cockpit);
-});
+    const { page } = cockpit;
+    const set = (axes: number[], bumper: boolean, trigger = 0) =>
+      page.evaluate(
+        ([axes, bumper, trigger]) => {
+          const { pad } = window as never as {
+            pad: { axes: number[]; buttons: { pressed: boolean; value: number }[] };
+          };
+          pad.axes = axes as number[];
+          pad.buttons[5]!.pressed = bumper as boolean;
+          pad.buttons[7]!.value = trigger as number;
+        },
+        [axes, bumper, trigger] as const,
+      );
+    await page.getByRole("checkbox", { name: "Gamepad", exact: true }).check();
+    await page.getByText("Test pad").waitFor();
+    const from = await hand(cockpit, 0);
+    await set([0, 0, 0, 0], false, 1); // without the bumper nothing moves
+    await page.waitForTimeout(300);
+    assert.ok(Math.abs((await hand(cockpit, 0))[2] - from[2]) < 1e-3);
+    await set([0, 0, 0, 0], true, 1);
+    await handMoves(page, 0, 2, from[2], 0.01);
+    await set([0, 0, 0, 0], false, 1);
+    await atRest(page);
 
-test("a headset's controller leads the hand while it is squeezed", async () => {
-  const emulator = readFileSync(createRequire(import.meta.url).resolve("iwer/build/iwer.js"), "utf8");
-  const cockpit = await lead(`${emulator};
+    await page.getByRole("checkbox", { name: "Gamepad: both sticks lead a hand" }).check();
+    await page.getByRole("radio", { name: "Base" }).check();
+    const both = [await hand(cockpit, 0), await hand(cockpit, 1)];
+    await set([0, -1, 0, -1], true); // both sticks away from the operator: along the bases' x
+    await Promise.all([handMoves(page, 0, 0, both[0]![0], 0.01), handMoves(page, 1, 0, both[1]![0], 0.01)]);
+    // A pad that is unplugged holds nothing.
+    await page.evaluate(() => {
+      (window as never as { pad: { connected: boolean } }).pad.connected = false;
+      window.dispatchEvent(new Event("gamepaddisconnected"));
+    });
+    await leave(cockpit);
+  });
+
+  test("a SpaceMouse over WebHID leads the hand by its reports", async () => {
+    const cockpit = await lead(() => {
+      const device = Object.assign(new EventTarget(), {
+        productName: "Test SpaceMouse",
+        vendorId: 0x256f,
+        opened: false,
+        open: async () => void (device.opened = true),
+      });
+      const hid = Object.assign(new EventTarget(), { requestDevice: async () => [device], getDevices: async () => [] });
+      Object.defineProperty(navigator, "hid", { value: hid });
+      Object.assign(window, {
+        report: (id: number, bytes: number[]) =>
+          device.dispatchEvent(
+            Object.assign(new Event("inputreport"), {
+              reportId: id,
+              data: new DataView(Uint8Array.from(bytes).buffer),
+            }),
+          ),
+      });
+    });
+    const { page } = cockpit;
+    const report = (id: number, ...bytes: number[]) =>
+      page.evaluate(
+        ([id, bytes]) =>
+          (window as never as { report(id: number, bytes: number[]): void }).report(id as number, bytes as number[]),
+        [id, bytes] as const,
+      );
+    await page.getByRole("checkbox", { name: "SpaceMouse", exact: true }).check();
+    await page.getByRole("button", { name: "Choose device" }).click();
+    await page.getByText("Test SpaceMouse").waitFor();
+    const from = await hand(cockpit, 0);
+    await report(1, 0, 0, 0, 0, 0xa2, 0xfe); // the cap is lifted: z is -350 on the device
+    await page.waitForTimeout(300);
+    assert.ok(Math.abs((await hand(cockpit, 0))[2] - from[2]) < 1e-3, "it moved without its button");
+    await report(3, 1);
+    await handMoves(page, 0, 2, from[2], 0.01);
+    await report(3, 0);
+    await leave(cockpit);
+  });
+
+  test("a headset's controller leads the hand while it is squeezed", async () => {
+    const emulator = readFileSync(createRequire(import.meta.url).resolve("iwer/build/iwer.js"), "utf8");
+    const cockpit = await lead(`${emulator};
     delete Navigator.prototype.xr;
     const headset = new IWER.XRDevice(IWER.metaQuest3);
     headset.installRuntime();
     window.headset = headset;`);
-  const { page } = cockpit;
-  await page.getByRole("button", { name: "Enter or leave the headset" }).click();
-  await until(page, () => (window as never as XrWindow).cockpit.stage.renderer.xr.isPresenting);
-  const move = (y: number, squeeze: number) =>
-    page.evaluate(
-      ([y, squeeze]) => {
-        const right = (window as never as XrWindow).headset.controllers.right;
-        right.position.set(0.2, y!, -0.3);
-        right.updateButtonValue("squeeze", squeeze!);
-      },
-      [y, squeeze],
-    );
-  await move(1.0, 0);
-  await page.waitForTimeout(300);
-  const from = await hand(cockpit, 0);
-  await move(1.05, 0); // moved without squeezing: nothing
-  await page.waitForTimeout(300);
-  assert.ok(Math.abs((await hand(cockpit, 0))[2] - from[2]) < 1e-3);
-  await move(1.05, 1);
-  await page.waitForTimeout(200);
-  await move(1.1, 1);
-  await handMoves(page, 0, 2, from[2], 0.02);
-  await move(1.1, 0);
-  await atRest(page);
-  const arrived = await hand(cockpit, 0);
-  await move(1.5, 0);
-  await page.waitForTimeout(300);
-  assert.ok(Math.abs((await hand(cockpit, 0))[2] - arrived[2]) < 2e-3);
-  await cockpit.context.close();
-});
+    const { page } = cockpit;
+    await page.getByRole("button", { name: "Enter or leave the headset" }).click();
+    await until(page, () => (window as never as XrWindow).cockpit.stage.renderer.xr.isPresenting);
+    const move = (y: number, squeeze: number) =>
+      page.evaluate(
+        ([y, squeeze]) => {
+          const right = (window as never as XrWindow).headset.controllers.right;
+          right.position.set(0.2, y!, -0.3);
+          right.updateButtonValue("squeeze", squeeze!);
+        },
+        [y, squeeze],
+      );
+    await move(1.0, 0);
+    await page.waitForTimeout(300);
+    const from = await hand(cockpit, 0);
+    await move(1.05, 0); // moved without squeezing: nothing
+    await page.waitForTimeout(300);
+    assert.ok(Math.abs((await hand(cockpit, 0))[2] - from[2]) < 1e-3);
+    await move(1.05, 1);
+    await page.waitForTimeout(200);
+    await move(1.1, 1);
+    await handMoves(page, 0, 2, from[2], 0.02);
+    await move(1.1, 0);
+    await atRest(page);
+    const arrived = await hand(cockpit, 0);
+    await move(1.5, 0);
+    await page.waitForTimeout(300);
+    assert.ok(Math.abs((await hand(cockpit, 0))[2] - arrived[2]) < 2e-3);
+    await cockpit.context.close();
+  });
 
-interface XrWindow extends Window_ {
-  headset: {
-    controllers: {
-      right: {
-        position: { set(x: number, y: number, z: number): void };
-        updateButtonValue(id: string, value: number): void;
+  interface XrWindow extends Window_ {
+    headset: {
+      controllers: {
+        right: {
+          position: { set(x: number, y: number, z: number): void };
+          updateButtonValue(id: string, value: number): void;
+        };
       };
     };
-  };
-  cockpit: Window_["cockpit"] & { stage: { renderer: { xr: { isPresenting: boolean } } } };
-}
+    cockpit: Window_["cockpit"] & { stage: { renderer: { xr: { isPresenting: boolean } } } };
+  }
+});

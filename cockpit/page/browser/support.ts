@@ -28,8 +28,10 @@ export class Run {
 
   private constructor(readonly child: ChildProcess) {}
 
+  /** `run` is told to show the page; the command `cockpit` does anyway. */
   static async start(...args: string[]): Promise<Run> {
-    const child = spawn(program, [...args, "--cockpit"], { stdio: ["pipe", "pipe", "pipe"] });
+    const port = args[0] === "cockpit" ? ["--port", "0"] : ["--cockpit", "0"];
+    const child = spawn(program, [...args, ...port], { stdio: ["pipe", "pipe", "pipe"] });
     const run = new Run(child);
     await new Promise<void>((resolve, reject) => {
       const timer = setTimeout(() => reject(new Error(`no address within 60 s: ${run.output}`)), 60_000);
@@ -54,6 +56,7 @@ export class Run {
   }
 
   async end(): Promise<number | null> {
+    for (const context of contexts.get(this.url) ?? []) await context.close();
     if (this.child.exitCode !== null) return this.child.exitCode;
     const ended = new Promise<number | null>((resolve) => this.child.once("exit", (code) => resolve(code)));
     this.child.stdin!.end();
@@ -65,6 +68,8 @@ export class Run {
 }
 
 let browser: Browser | undefined;
+/** Of the pages of a run: what a test that failed has left open would slow down the next ones. */
+const contexts = new Map<string, BrowserContext[]>();
 after(() => browser?.close());
 
 export interface PageOptions {
@@ -94,6 +99,7 @@ export async function open(url: string, options: PageOptions = {}): Promise<Cock
     colorScheme: options.theme ?? "dark",
     hasTouch: options.touch ?? false,
   });
+  contexts.set(url, [...(contexts.get(url) ?? []), context]);
   const page = await context.newPage();
   const complaints: string[] = [];
   page.on("pageerror", (error) => complaints.push(error.message));

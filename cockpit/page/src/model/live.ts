@@ -68,7 +68,7 @@ export interface ArmState {
   contact: ArrayLike<number> | undefined;
   errors: string[];
   reason: string;
-  cures: { error: string; explanation: string; cure: string }[];
+  cures: { error: string; cure: string }[];
   age_s: number;
   interventions: number;
   lastIntervention: string;

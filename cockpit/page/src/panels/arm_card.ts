@@ -111,10 +111,7 @@ export class ArmCard {
         ` ${state.errors.map(spaced).join(", ") || (lost ? "Connection lost" : "Stopped")}`,
       ),
       state.reason ? h("p", {}, state.reason) : null,
-      ...state.cures.flatMap(({ explanation, cure }) => [
-        h("p", {}, explanation),
-        h("p", {}, h("b", {}, "Do: "), cure),
-      ]),
+      ...state.cures.map(({ cure }) => h("p", {}, h("b", {}, "Do: "), cure)),
       h("div", { class: "row" }, lost ? act("Reconnect", this.reconnect) : act("Recover", this.recover)),
     );
   }

@@ -115,7 +115,7 @@ export function sceneOf({ scene }: Hello): SceneInfo {
       return {
         name: body.object ?? body.name,
         ...(arm !== undefined && arm >= 0 ? { arm } : {}),
-        movable: body.movable ?? false,
+        movable: body.object !== undefined && (body.movable ?? false),
         pose: pose(body),
         shapes: body.shapes.map((shape) => ({
           kind: shape.kind,

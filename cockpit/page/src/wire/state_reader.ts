@@ -13,7 +13,7 @@ export interface SlowArm {
   stopped: boolean;
   error_names: string[];
   reason?: string;
-  cures?: { error: string; explanation: string; cure: string }[];
+  cures?: { error: string; cure: string }[];
   interventions: number;
   last_intervention: string;
   connection?: { received: number; lost: number; late: number; command_success_rate: number };
