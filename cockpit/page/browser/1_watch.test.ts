@@ -30,7 +30,7 @@ suite("watch", () => {
       await card.getByText("Manipulability").waitFor();
     }
     await page.getByRole("img", { name: "3D view of the scene" }).waitFor();
-    await until(page, () => (window as never as Window_).cockpit.stage.pictures > 5);
+    await until(page, () => (window as never as Window_).cockpit.stage.pictures > 0);
     assert.deepEqual(complaints, []);
     await context.close();
   });
@@ -77,7 +77,7 @@ suite("watch", () => {
     for (const arm of ["left", "right"]) {
       await second.page
         .getByRole("region", { name: `Arm ${arm}` })
-        .getByText("stopped")
+        .getByText("stopped", { exact: true })
         .waitFor({ timeout: kPatience });
     }
     assert.equal(await first.page.getByRole("button", { name: "Resume" }).count(), 0);

@@ -10,9 +10,9 @@ suite("pace", () => {
 
   test("four arms: at least 30 pictures a second, or 0.8 of what the same scene takes without the page around it", async () => {
     const { page, context } = await open(run.url);
-    await until(page, () => (window as never as Window_).cockpit.stage.pictures > 20);
     const [own, bare] = await page.evaluate(async () => {
       const { stage } = (window as never as PaceWindow).cockpit;
+      stage.beforeFrame.push(() => stage.touch()); // as if everything moved
       const count = async (read: () => number) => {
         const [from, begin] = [read(), performance.now()];
         await new Promise((resolve) => setTimeout(resolve, 3000));
@@ -37,6 +37,8 @@ suite("pace", () => {
     cockpit: {
       stage: {
         pictures: number;
+        beforeFrame: (() => void)[];
+        touch(): void;
         scene: unknown;
         camera: unknown;
         renderer: { render(scene: unknown, camera: unknown): void; setAnimationLoop(loop: () => void): void };

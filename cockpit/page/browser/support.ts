@@ -101,6 +101,7 @@ export async function open(url: string, options: PageOptions = {}): Promise<Cock
   });
   contexts.set(url, [...(contexts.get(url) ?? []), context]);
   const page = await context.newPage();
+  page.setDefaultTimeout(kPatience);
   const complaints: string[] = [];
   page.on("pageerror", (error) => complaints.push(error.message));
   page.on("console", (message) => {

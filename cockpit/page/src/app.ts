@@ -233,7 +233,7 @@ export class App {
   }
 
   // The handler of a drawn frame: devices are read first, then the gate, which beats, then the motions send.
-  private frame(now: number): boolean {
+  private frame(now: number): void {
     const { xr } = this.view.stage.renderer;
     this.devices.gamepad.frame();
     this.devices.headset.frame(xr.isPresenting ? (xr.getFrame() ?? undefined) : undefined, xr.getReferenceSpace());
@@ -253,7 +253,6 @@ export class App {
       this.lastPanels = now;
       this.updatePanels();
     }
-    return state !== undefined;
   }
 
   private followTarget(): void {

@@ -23,6 +23,9 @@ export interface ParameterInfo {
 export interface FeatureInfo {
   name: string;
   on: boolean;
+  doc?: string;
+  /** Why it cannot be switched on here; empty if it can. */
+  refusal?: string;
 }
 
 export interface ControlletInfo {

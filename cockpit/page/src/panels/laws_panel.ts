@@ -99,14 +99,16 @@ export class LawsPanel {
     const one = this.chosenController();
     if (!one) return replaceChildren(this.details);
     const mine = this.session.control.mine;
-    const features = one.features.map(({ name, on }) => {
-      const box = h("input", { type: "checkbox", id: `feature-${name}`, checked: on, disabled: !mine });
+    const features = one.features.map(({ name, on, doc, refusal }) => {
+      const off = !mine || (Boolean(refusal) && !on);
+      const box = h("input", { type: "checkbox", id: `feature-${name}`, checked: on, disabled: off });
       box.addEventListener("change", () => {
         void this.session.request("feature", { controllet: one.name, name, on: box.checked }).then((answer) => {
           if (!answer.ok) box.checked = !box.checked;
         });
       });
-      return h("label", { class: "check" }, box, spaced(name));
+      const label = h("label", { class: "check", title: doc }, box, spaced(name));
+      return refusal && !on ? h("div", { class: "refused" }, label, h("span", { class: "hint" }, refusal)) : label;
     });
     const parameters = h(
       "fieldset",

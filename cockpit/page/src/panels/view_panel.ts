@@ -71,7 +71,7 @@ export class ViewPanel {
       box.addEventListener("change", () => {
         if (!this.world) return;
         this.world.layers[key] = box.checked;
-        if (this.session.state) this.world.show(this.session.state);
+        if (this.session.state) this.world.showAgain(this.session.state);
       });
       layers.append(h("label", { class: "check" }, box, text));
     }

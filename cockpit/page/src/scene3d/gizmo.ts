@@ -54,6 +54,7 @@ export class TargetGizmo {
 
   set visible(on: boolean) {
     if (on === this.on) return;
+    this.holding.letGo("target");
     this.on = on;
     const parts = [this.handle, this.controls.getHelper()];
     if (on) this.stage.scene.add(...parts);

@@ -24,12 +24,13 @@ export class Stage {
   readonly camera = new PerspectiveCamera(42, 1, 0.02, 50);
   readonly renderer: WebGLRenderer;
   readonly controls: OrbitControls;
-  /** Called before each picture with the time [ms]; true: something has changed. */
-  readonly beforeFrame: ((now: number) => boolean)[] = [];
+  /** Called in each frame of the browser with the time [ms]; calls `touch` if the picture has changed. */
+  readonly beforeFrame: ((now: number) => void)[] = [];
   /** Drawn pictures so far. */
   pictures = 0;
   private grid: GridHelper | undefined;
   private changed = true;
+  private drew = false;
   private sharpness = Math.min(2, devicePixelRatio);
   private lastFrame = 0;
   private pace = 16; // [ms] between frames, smoothed
@@ -117,10 +118,8 @@ export class Stage {
   }
 
   // A computer that is too slow for the picture draws it coarser: what the operator holds is read with the frames.
-  private keepPace(now: number): void {
-    const step = Math.min(250, now - this.lastFrame);
-    this.lastFrame = now;
-    this.pace += 0.05 * (step - this.pace);
+  private keepPace(step: number): void {
+    this.pace += 0.05 * (Math.min(250, step) - this.pace);
     const finest = Math.min(2, devicePixelRatio);
     const next =
       this.pace > 45
@@ -136,10 +135,13 @@ export class Stage {
   }
 
   private frame(now: number): void {
-    this.keepPace(now);
-    for (const call of this.beforeFrame) this.changed = call(now) || this.changed;
+    if (this.drew) this.keepPace(now - this.lastFrame);
+    this.lastFrame = now;
+    this.drew = false;
+    for (const call of this.beforeFrame) call(now);
     if (!this.changed && !this.renderer.xr.isPresenting) return;
     this.changed = false;
+    this.drew = true;
     ++this.pictures;
     this.renderer.render(this.scene, this.camera);
   }

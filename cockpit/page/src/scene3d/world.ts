@@ -41,6 +41,8 @@ export const kLayerNames: Record<keyof Layers, string> = {
 const kNearLimit = 0.06; // share of a joint's range
 const kNearWall = 0.08; // [m] from the end of a workspace
 const kMostNear = 16;
+const kVisible = 2e-4; // [m] that can be seen
+const kForceUnit = 0.008; // [m/N] of the arrows
 
 interface ArmView {
   links: Group[];
@@ -70,6 +72,7 @@ export class World {
   private readonly alarmMaterial = new MeshStandardMaterial({ color: "#e5484d", emissive: "#7a1216", roughness: 0.6 });
   private readonly usual = new Map<Mesh, Mesh["material"]>();
   private colors: string[] = [];
+  private shown = new Float64Array();
 
   constructor(
     private readonly stage: Stage,
@@ -89,9 +92,9 @@ export class World {
       const box = info.workspace && new Box3(new Vector3(...info.workspace.min), new Vector3(...info.workspace.max));
       const view: ArmView = {
         links: this.bodies.filter((_, k) => scene.bodies[k]!.arm === arm),
-        wrench: new Arrow(0.008, 0.45),
+        wrench: new Arrow(kForceUnit, 0.45),
         moment: new Arrow(0.04, 0.3, 0.004),
-        contact: new Arrow(0.008, 0.45, 0.004),
+        contact: new Arrow(kForceUnit, 0.45, 0.004),
         trail: new Trail(1200),
         alarm: [],
         workspace: box && new Box3Helper(box, "#e5484d"),
@@ -147,7 +150,9 @@ export class World {
     this.stage.touch();
   }
 
+  /** Shows the newest state; a picture that would look the same is not drawn again. */
   show(state: LiveState): void {
+    if (!this.differs(state)) return;
     const { bodies } = state;
     for (let k = 0; k < this.bodies.length && 7 * k + 6 < bodies.length; ++k) {
       const at = 7 * k;
@@ -159,6 +164,29 @@ export class World {
     this.showTargets(state);
     this.showNear(state);
     this.stage.touch();
+  }
+
+  /** What is shown has been chosen otherwise. */
+  showAgain(state: LiveState): void {
+    this.shown = new Float64Array();
+    this.show(state);
+  }
+
+  // Whether anything drawn has moved since it was drawn: by more than a sixth of a pixel in a picture of a meter.
+  private differs({ bodies, arms, references, near }: LiveState): boolean {
+    const forces = arms.flatMap((arm) => [...Array.from(arm.wrench ?? []), ...Array.from(arm.contact ?? [])]);
+    const numbers = Float64Array.from([
+      ...Array.from(bodies),
+      ...forces.map((value) => value * kForceUnit),
+      ...references.flatMap((one) => (one.quantity === "pose" ? Array.from(one.values) : [])),
+      ...near.flatMap((one) => [...one.from, ...one.to]),
+    ]);
+    const { shown } = this;
+    const same =
+      numbers.length === shown.length &&
+      numbers.every((value, k) => Math.abs(value - shown[k]!) < kVisible || value !== value);
+    if (!same) this.shown = numbers;
+    return !same;
   }
 
   private showArm(k: number, state: LiveState["arms"][number]): void {

@@ -76,13 +76,13 @@ export class Headset {
       if (source.handedness === "none" || !source.gamepad) continue;
       const hand = this.hands === 2 && source.handedness === "left" ? 1 : 0;
       if (this.hands === 1 && source.handedness === "left") continue;
+      seen[hand] = true;
       const buttons = source.gamepad.buttons;
       stop ||= buttons[kSecondButton]?.pressed ?? false;
       const held = buttons[kSqueeze]?.pressed ?? false;
       const space6 = source.gripSpace ?? source.targetRaySpace;
       const pose = frame.getPose(space6, space);
       // A controller that is not tracked any more is let go: nobody knows where it is.
-      seen[hand] = true;
       this.poses[hand] = pose && !pose.emulatedPosition ? poseOf(pose.transform) : undefined;
       const pressed = held && !this.squeezed[hand];
       this.squeezed[hand] = held;
