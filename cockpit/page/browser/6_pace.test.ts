@@ -1,7 +1,7 @@
 // Four arms are drawn as fast as three.js draws them, and what is late is dropped.
 import assert from "node:assert/strict";
 import { after, before, suite, test } from "node:test";
-import { open, picture, Run, until, type Window_ } from "./support.ts";
+import { open, picture, Run, type Window_ } from "./support.ts";
 
 suite("pace", () => {
   let run: Run;
