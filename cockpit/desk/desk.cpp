@@ -16,7 +16,7 @@ using std::chrono::nanoseconds;
 
 constexpr double kSlowest = 0.1, kFastest = 120, kUsual = 60;  // states [Hz]
 constexpr milliseconds kSlowPeriod{200}, kListPeriod{200}, kPlotPeriod{20};
-constexpr milliseconds kOldestSeen{500};                          // that a page may move arms by
+constexpr milliseconds kOldestSeen{500};                          // a page that moves arms sees newer states
 constexpr milliseconds kIdle{100};                                // a turn without anybody who waits
 constexpr auto kPollPeriod = std::chrono::microseconds(500);      // while an answer is pending
 constexpr std::size_t kMostColumns = 64, kMostThinColumns = 512;  // numbers per row of a plot
@@ -155,7 +155,9 @@ void Desk::take_request(Seat& seat, const json& message, const json& id) {
                                            ? "another page has the control: request it with 'control'"
                                            : "take the control first ('control')");
   if (source_->moves(word) && !hold_.held(host_now()))
-    throw RequestRefused("not_held", "arms move only while a button is held: no beat came within 200 ms");
+    throw RequestRefused("not_held",
+                         "arms move only while a button is held: send beats, and 'seen' for every state, at "
+                         "least every 200 ms");
   if (seat.requests.size() >= kMostPending && word != "stop")
     throw RequestRefused("queue_full", "64 requests are not answered yet");
   auto result = source_->ask(message);
@@ -287,7 +289,7 @@ nanoseconds Desk::turn(HostTime now) {
   const std::lock_guard lock(mutex_);
   if (!source_) return kIdle;
   if (hold_.silent(now)) {
-    end_hold("no beat came for 200 ms", control_.holder());
+    end_hold("no beat came for 200 ms, or the page saw no new state", control_.holder());
     send_control();
   }
   const auto before = control_.holder();

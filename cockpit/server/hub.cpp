@@ -18,7 +18,8 @@ namespace {
 using nlohmann::json;
 
 constexpr double kFarewell = 1;  // for the last bytes of a closed connection [s]
-constexpr double kShare = 5e-3;  // of a turn for one client: nobody's hold ends later for its messages [s]
+constexpr double kShare =
+    5e-3;  // of a turn for the messages of one client: they must not delay the dead man [s]
 constexpr int kAcceptedPerTurn = 64;      // connections
 constexpr std::size_t kFrameRoom = 1024;  // heads and control frames beside a message [bytes]
 constexpr std::string_view kText = "text/plain; charset=utf-8";

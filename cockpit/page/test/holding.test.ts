@@ -66,6 +66,22 @@ test("the command key ends every hold, since macOS tells no release of a key bes
   assert.equal(holding.held, false);
 });
 
+test("a button is not held by a key beside the command key", () => {
+  const holding = holdingOf();
+  const classList = { add: () => {}, remove: () => {} };
+  const button = Object.assign(new EventTarget(), { classList }) as unknown as HTMLElement;
+  holding.bindButton(button, "jog", motion);
+  const press = (metaKey: boolean) => {
+    const event = Object.assign(new Event("keydown"), { key: "Enter", repeat: false, metaKey });
+    target.dispatchEvent(Object.assign(new Event("keydown"), { metaKey }));
+    button.dispatchEvent(event);
+  };
+  press(true);
+  assert.equal(begun, 0);
+  press(false);
+  assert.equal(begun, 1);
+});
+
 test("a headset's controller that is not reported any more holds nothing", () => {
   const holding = holdingOf();
   const hooks = { motion: () => motion, stop: () => {}, ended: () => {} };

@@ -70,7 +70,7 @@ export class JointSliders {
       if (!this.holding.begin(name, () => held === by && document.activeElement === range, motion)) held = undefined;
     };
     range.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0) return; // of a menu, whose browser tells no release
+      if (event.button !== 0) return; // it opens a menu, and its release may never be told
       range.focus();
       begin("pointer");
     });
@@ -81,7 +81,7 @@ export class JointSliders {
       () => held === "pointer" && this.holding.letGo(name, "the browser took the pointer"),
     );
     range.addEventListener("keydown", (event) => {
-      if (/^(Arrow|Page|Home|End)/.test(event.key) && !event.repeat && !held) begin("key");
+      if (/^(Arrow|Page|Home|End)/.test(event.key) && !event.repeat && !event.metaKey && !held) begin("key");
     });
     range.addEventListener("keyup", () => held === "key" && this.holding.letGo(name));
     range.addEventListener("blur", () => this.holding.letGo(name, "the slider lost the focus"));

@@ -121,7 +121,7 @@ export class Holding {
     }
     button.addEventListener("contextmenu", (event) => event.preventDefault());
     button.addEventListener("keydown", (event) => {
-      if ((event.key !== " " && event.key !== "Enter") || event.repeat || key !== undefined) return;
+      if ((event.key !== " " && event.key !== "Enter") || event.repeat || event.metaKey || key !== undefined) return;
       event.preventDefault();
       key = event.key;
       if (this.begin(name, () => key !== undefined && document.activeElement === button, marked)) {
