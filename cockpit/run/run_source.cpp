@@ -105,6 +105,9 @@ void RunSource::update(HostTime now) {
     const double ns = RecordReader::number(row_, total_ns_);
     times_.add(static_cast<std::int64_t>(ns));
     ++bins_[bin_of(1e-3 * ns)];
+    const double t_ns = RecordReader::number(row_, t_ns_);
+    // While a simulation is paused, cycles go on and the time of the loop stands still.
+    if (record_.empty() || t_ns != RecordReader::number(record_, t_ns_)) moved_on_ = now;
     record_.swap(row_);
   }
   records_ = count;
@@ -141,11 +144,7 @@ std::span<const double> RunSource::state(HostTime now) {
 
 json RunSource::slow_state() {
   json state = handler_.state();
-  const double since =
-      record_.empty()
-          ? 0
-          : 1e-9 * (static_cast<double>(host_now().ns) - RecordReader::number(record_, start_ns_));
-  state["paused"] = since > kStill;
+  state["paused"] = !record_.empty() && seconds(host_now() - moved_on_) > kStill;
   const auto us = [&](double share) { return 1e-3 * static_cast<double>(times_.percentile(share)); };
   state["cycle_times_us"] = {{"median", us(0.5)},
                              {"p99", us(0.99)},

@@ -57,6 +57,7 @@ class RunSource final : public Source {
   std::uint64_t events_ = 0;   // seen
   std::uint64_t list_version_ = 1;
   HostTime next_status_;
+  HostTime moved_on_{};  // when the newest records had another time than those before
   RunStatus status_;
   std::vector<StateView::More> more_;
   LatestState::Snapshot snapshot_;

@@ -122,7 +122,7 @@ async function byGizmo({ page }: Cockpit): Promise<void> {
     const { camera, renderer } = stage;
     const v = camera.position
       .clone()
-      .set(p[0], p[1], p[2] + 0.13)
+      .set(p[0], p[1], p[2] + 0.25)
       .project(camera);
     const { left, top, width, height } = renderer.domElement.getBoundingClientRect();
     return [left + ((v.x + 1) / 2) * width, top + ((1 - v.y) / 2) * height];
@@ -130,9 +130,12 @@ async function byGizmo({ page }: Cockpit): Promise<void> {
   await page.mouse.move(at[0]!, at[1]!);
   await page.waitForTimeout(200);
   await page.mouse.down();
-  await page.mouse.move(at[0]!, at[1]! - 25, { steps: 5 });
-  await handMoves(page, 0, 2, from, 0.01);
-  await page.mouse.up();
+  try {
+    await page.mouse.move(at[0]!, at[1]! - 25, { steps: 5 });
+    await handMoves(page, 0, 2, from, 0.01);
+  } finally {
+    await page.mouse.up();
+  }
   await assertStays(page);
   await box.uncheck();
 }

@@ -76,7 +76,8 @@ suite("command", () => {
       page,
       () => (window as never as Window_).cockpit.session.state.arms[0]!.controllet === "left_cartesian",
     );
-    const number = page.getByRole("spinbutton", { name: /^translational stiffness \[N\/m\]/ });
+    const number = page.getByRole("spinbutton", { name: /^translational stiffness 1 \[N\/m\]/ });
+    await page.locator("summary", { hasText: "translational stiffness" }).click();
     await number.fill("250");
     await number.press("Enter");
     await until(page, () =>

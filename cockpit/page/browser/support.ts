@@ -77,6 +77,8 @@ export interface PageOptions {
   width?: number;
   height?: number;
   touch?: boolean;
+  /** Drawn as finely as for a person: slow without a graphics card, so only where pictures are looked at. */
+  sharp?: boolean;
   /** Run in the page before its own scripts. */
   before?: string | (() => void);
 }
@@ -97,6 +99,7 @@ export async function open(url: string, options: PageOptions = {}): Promise<Cock
   const context = await browser.newContext({
     viewport: { width: options.width ?? 1280, height: options.height ?? 800 },
     colorScheme: options.theme ?? "dark",
+    deviceScaleFactor: options.sharp ? 1 : 0.5,
     hasTouch: options.touch ?? false,
   });
   contexts.set(url, [...(contexts.get(url) ?? []), context]);
@@ -121,9 +124,12 @@ export async function open(url: string, options: PageOptions = {}): Promise<Cock
 /** What main.ts leaves for tests. */
 export interface Window_ {
   cockpit: {
-    session: { state: LiveState; control: { mine: boolean; taken: boolean; watchers: number } };
+    session: {
+      request(word: string, fields: object): Promise<{ ok: boolean }>;
+      state: LiveState; control: { mine: boolean; taken: boolean; watchers: number } };
     line: { latencies: number[] };
     stage: { pictures: number; drawSharply(): void };
+    held(): boolean;
   };
 }
 
@@ -152,20 +158,71 @@ export async function hold(page: Page, button: Locator, meanwhile: () => Promise
   const box = (await button.boundingBox())!;
   await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
   await page.mouse.down();
-  await meanwhile();
-  if (letGo) await page.mouse.up();
+  try {
+    await meanwhile();
+  } finally {
+    if (letGo) await page.mouse.up();
+  }
 }
 
-/** Waits until the hand of an arm has moved along an axis by at least so much from where it was. */
-export async function handMoves(page: Page, arm: number, axis: number, from: number, by: number): Promise<void> {
-  await until(
-    page,
-    ([arm, axis, from, by]: number[]) => {
-      const now = (window as never as Window_).cockpit.session.state.arms[arm!]!.hand.position[axis!]!;
-      return by! > 0 ? now - from! > by! : now - from! < by!;
-    },
-    [arm, axis, from, by],
+/** The computer was too busy to read the button in time: the page or the run has let go, as they should. */
+export class Late extends Error {}
+
+/** Repeats what holds a button in real time as long as the computer comes too late; `owner` leads the first arm. */
+export async function patiently(page: Page, owner: string, act: () => Promise<void>): Promise<void> {
+  for (let tries = 1; ; ++tries) {
+    await activateAtOnce(page, owner);
+    try {
+      await act();
+      return;
+    } catch (error) {
+      if (!(error instanceof Late) || tries === 20) throw error;
+      console.log(`again: ${error.message}`);
+    }
+  }
+}
+
+export async function ownerOf(page: Page, arm = 0): Promise<string> {
+  return page.evaluate((arm) => (window as never as Window_).cockpit.session.state.arms[arm]!.controllet, arm);
+}
+
+async function activateAtOnce(page: Page, owner: string): Promise<void> {
+  if ((await ownerOf(page)) === owner) return;
+  await page.evaluate(
+    (owner) => (window as never as Window_).cockpit.session.request("switch", { activate: [owner] }),
+    owner,
   );
+  await until(page, (owner) => (window as never as Window_).cockpit.session.state.arms[0]!.controllet === owner, owner);
+}
+
+/** Waits until a number of the state has changed by at least so much while something is held. */
+export async function heldUntil(page: Page, number: (state: LiveState) => number, by: number): Promise<void> {
+  const result = await page.evaluate(
+    async ({ number, by, patience }) => {
+      const { cockpit } = window as never as Window_;
+      const read = new Function("state", `return (${number})(state)`) as (state: LiveState) => number;
+      const from = read(cockpit.session.state);
+      const begun = performance.now();
+      let held = false;
+      for (;;) {
+        const moved = read(cockpit.session.state) - from;
+        if (by > 0 ? moved > by : moved < by) return "moved";
+        if (held && !cockpit.held()) return "let go";
+        held ||= cockpit.held();
+        if (!held && performance.now() - begun > 3000) return "never held";
+        if (performance.now() - begun > patience) return `moved by ${moved}`;
+        await new Promise((resolve) => setTimeout(resolve, 10));
+      }
+    },
+    { number: String(number), by, patience: kPatience },
+  );
+  if (result === "let go" || result === "never held") throw new Late(result);
+  assert.equal(result, "moved");
+}
+
+/** Waits until the hand of an arm has moved along an axis by at least so much while something is held. */
+export function handMoves(page: Page, arm: number, axis: number, by: number): Promise<void> {
+  return heldUntil(page, Function(`return (state) => state.arms[${arm}].hand.position[${axis}]`)() as never, by);
 }
 
 /** Waits until no joint of any arm moves. */

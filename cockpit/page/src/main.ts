@@ -66,4 +66,4 @@ setInterval(() => {
 line.open();
 
 // For tests and for figures of latency: nothing here can move an arm.
-Object.assign(window, { cockpit: { session, line, stage: app.view.stage } });
+Object.assign(window, { cockpit: { session, line, stage: app.view.stage, held: () => app.holding.held } });

@@ -3,6 +3,8 @@ import type { Session } from "../model/session.ts";
 import { h, replaceChildren } from "../ui/dom.ts";
 import { Slider } from "./slider.ts";
 
+const kUsualWidth = 0.08; // [m] of Franka's hand
+
 export class ArmToolsPanel {
   readonly element = h("div", {});
   private built = "";
@@ -21,7 +23,8 @@ export class ArmToolsPanel {
   private build(): void {
     const { scene, state, control } = this.session;
     if (!scene) return;
-    const grippers = state?.arms.map((arm) => (arm.gripper ? arm.gripper.max_width_m : -1)) ?? [];
+    // A gripper knows how far it opens after homing only.
+    const grippers = state?.arms.map((arm) => (arm.gripper ? arm.gripper.max_width_m || kUsualWidth : -1)) ?? [];
     const key = JSON.stringify([scene.name, scene.arms.map((arm) => arm.name), grippers, control.mine]);
     if (key === this.built) return;
     this.built = key;

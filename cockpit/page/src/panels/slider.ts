@@ -9,6 +9,8 @@ export interface SliderOptions {
   value: number;
   step?: number;
   hint?: string;
+  /** What was set stays until `release`, also while the run says otherwise. */
+  stays?: boolean;
   /** While it is dragged. */
   input?: (value: number) => void;
   /** When it was set. */
@@ -36,7 +38,8 @@ export class Slider {
     });
     this.range.addEventListener("change", () => this.set(this.value));
     this.number.addEventListener("change", () => this.set(Number(this.number.value)));
-    for (const input of [this.range, this.number]) input.addEventListener("blur", () => (this.touched = false));
+    for (const input of [this.range, this.number])
+      input.addEventListener("blur", () => (this.touched &&= options.stays ?? false));
     this.element = h(
       "div",
       { class: "field" },
@@ -70,7 +73,7 @@ export class Slider {
   private set(value: number): void {
     const bounded = Math.min(this.options.max, Math.max(this.options.min, Number.isFinite(value) ? value : this.value));
     this.range.value = this.number.value = String(bounded);
-    this.touched = false;
+    this.touched = this.options.stays ?? false;
     this.options.change?.(bounded);
   }
 }

@@ -62,6 +62,8 @@ export class TimelinePanel {
 
   private add(event: TimelineEvent): void {
     this.timeline.add(event);
+    // The text begins with the new owner's name: so the lanes show also what was before this page opened.
+    if (event.kind === "controllet") this.timeline.own(event.arm, event.text.split(" ")[0]!, event.t_s);
     if (importance(event.kind) === "plain") return;
     this.rows.prepend(
       h(
@@ -95,7 +97,7 @@ export class TimelinePanel {
     pen.fillStyle = this.theme.color("muted");
     for (let t = Math.ceil(from / 10) * 10; t <= from + kWindow; t += 10) {
       pen.fillRect(x(t), height - 16, 1, 4);
-      pen.fillText(`${t} s`, x(t) + 3, height - 8);
+      if (x(t) + 30 < width) pen.fillText(`${t} s`, x(t) + 3, height - 8);
     }
     for (const event of this.timeline.events) {
       const kind = importance(event.kind);

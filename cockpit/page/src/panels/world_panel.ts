@@ -73,7 +73,16 @@ export class WorldPanel {
     const select = h("select", { id, class: "fill" });
     for (const name of names) select.append(h("option", { value: name }, name));
     const sliders = ["x", "y", "z"].map(
-      (axis) => new Slider({ label: axis, unit: "m", min: axis === "z" ? 0 : -1.2, max: 1.2, step: 0.005, value: 0 }),
+      (axis) =>
+        new Slider({
+          label: axis,
+          unit: "m",
+          min: axis === "z" ? 0 : -1.2,
+          max: 1.2,
+          step: 0.005,
+          value: 0,
+          stays: true,
+        }),
     );
     const follow = () => {
       const k = this.session.scene!.bodies.findIndex((body) => body.name === this.object);
@@ -83,6 +92,7 @@ export class WorldPanel {
     };
     select.addEventListener("change", () => {
       this.object = select.value;
+      for (const slider of sliders) slider.release();
       follow();
     });
     this.follow = follow;

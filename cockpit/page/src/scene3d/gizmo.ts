@@ -20,7 +20,7 @@ export class TargetGizmo {
   ) {
     this.handle.add(new Mesh(new SphereGeometry(0.018), new MeshBasicMaterial({ color: "#ffd33d", depthTest: false })));
     this.controls = new TransformControls(stage.camera, stage.renderer.domElement);
-    this.controls.setSize(0.75);
+    this.controls.setSize(0.9);
     this.controls.attach(this.handle);
     this.controls.addEventListener("change", () => stage.touch());
     const inner = motion(() => (this.dragging ? this.pose() : undefined));

@@ -123,7 +123,7 @@ export class Stage {
     const finest = Math.min(2, devicePixelRatio);
     const next =
       this.pace > 45
-        ? Math.max(0.5, this.sharpness * 0.8)
+        ? Math.max(Math.min(0.5, finest), this.sharpness * 0.8)
         : this.pace < 20
           ? Math.min(finest, this.sharpness * 1.1)
           : this.sharpness;

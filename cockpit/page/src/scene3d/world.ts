@@ -111,6 +111,8 @@ export class World {
     this.group.add(this.near);
     if (pale) this.makePale();
     stage.scene.add(this.group);
+    // Shaders of what is not visible yet, too: compiled at the first force, they would stop the page for a moment.
+    stage.renderer.compile(stage.scene, stage.camera);
   }
 
   dispose(): void {
