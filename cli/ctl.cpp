@@ -497,6 +497,17 @@ void add_ctl(Program& program) {
     add_pairs(c.pairs, request);
     return request;
   });
+  CLI::App* push = ctl.add("push", "Simulation: push a free object", "box force_n=5,0,0 duration_s=0.2");
+  text(push, "object", o->name, "Name of the object");
+  push->add_option("pairs", o->pairs,
+                   "KEY=VALUE: force_n at its center of mass, world axes, at most 100 N; duration_s (default "
+                   "0.2, at most 2)")
+      ->required();
+  ctl.asks(push, [](const CtlOptions& c) {
+    json request = {{"do", "push_object"}, {"object", c.name}};
+    add_pairs(c.pairs, request);
+    return request;
+  });
   ctl.plain("pause", "Simulation: pause the world", {{"do", "pause"}, {"paused", true}});
   ctl.plain("go", "Simulation: continue after a pause", {{"do", "pause"}, {"paused", false}});
   ctl.plain("reset", "Simulation: put the world back to its start", {{"do", "reset"}});

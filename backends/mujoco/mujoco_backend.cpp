@@ -116,6 +116,9 @@ std::future<RequestAnswer> MujocoBackend::request(WorldRequest request) {
   if (const auto* place = std::get_if<PlaceObject>(&request)) {
     if (auto why = plant_.locate(*place, posted.object); !why.empty()) return refuse_request(std::move(why));
   }
+  if (const auto* push = std::get_if<PushObject>(&request)) {
+    if (auto why = plant_.locate(*push, posted.object); !why.empty()) return refuse_request(std::move(why));
+  }
   posted.request = std::move(request);
   return requests_.post(std::move(posted));
 }
@@ -179,7 +182,11 @@ ArmReply MujocoBackend::apply(const RequestBox::Posted& posted) {
 
 ArmReply MujocoBackend::apply_to_world(const RequestBox::Posted& posted, const WorldRequest& request) {
   if (const auto* place = std::get_if<PlaceObject>(&request)) {
-    return plant_.world().place(posted.object, place->X_WO) ? ArmReply::done : ArmReply::would_penetrate;
+    return plant_.place(posted.object, place->X_WO) ? ArmReply::done : ArmReply::would_penetrate;
+  }
+  if (const auto* push = std::get_if<PushObject>(&request)) {
+    plant_.push(posted.object, push->f_W, push->duration);
+    return ArmReply::done;
   }
   if (const auto* pause = std::get_if<PauseSimulation>(&request)) {
     if (pause->paused && !paused_ && pace_ == Pace::unpaced) pacer_.start();

@@ -64,6 +64,7 @@ MujocoPlant::MujocoPlant(const Scene& scene, const PlantOptions& options)
     : substeps_(checked_substeps(scene)),
       world_(world_arms(scene, options), scene.objects,
              world_physics(scene, kPeriod / static_cast<double>(substeps_))),
+      pushes_(world_.objects().size()),
       has_stiction_(scene.plant.stiction_nm > 0) {
   if (options.timeline_waits) timeline_origin_.reset();
   plan_places(scene);
@@ -99,6 +100,7 @@ void MujocoPlant::advance() {
     arm.measurement.F_K_W_true = {};
   }
   if (!carry_out_places()) return;
+  apply_pushes();
   const double dt = kPeriod / static_cast<double>(substeps_), weight = 1.0 / static_cast<double>(substeps_);
   for (ArmIndex i = 0; i < arms_.size(); ++i) drive_grippers(i);
   for (std::size_t step = 0; step < substeps_; ++step) {
@@ -144,7 +146,7 @@ bool MujocoPlant::carry_out_places() {
   const std::int64_t now = periods_ - *timeline_origin_;
   for (; next_place_ < places_.size() && places_[next_place_].period <= now; ++next_place_) {
     const PlannedPlace& place = places_[next_place_];
-    if (world_.place(place.object, place.X_WO)) continue;
+    if (this->place(place.object, place.X_WO)) continue;
     std::array<char, 256> why{};
     std::snprintf(why.data(), why.size(), "the timeline places '%s' inside another object",
                   world_.objects()[place.object].name.c_str());
@@ -232,21 +234,53 @@ void MujocoPlant::fail(const char* why) {
   fault_[size] = '\0';
 }
 
-std::string MujocoPlant::locate(const PlaceObject& place, std::size_t& object) const {
-  const auto found = world_.find_object(place.object);
-  if (!found) return "there is no object '" + place.object + "' in the scene";
-  if (world_.objects()[*found].qpos < 0) {
-    return "object '" + place.object + "' is fixed: only free objects can be placed";
-  }
-  if (!check_request(SetFrames{place.X_WO, {}}, 0).empty()) {
-    return "X_WO must be a finite position and a rotation";
-  }
+std::string MujocoPlant::find_free(const std::string& name, const char* done, std::size_t& object) const {
+  const auto found = world_.find_object(name);
+  if (!found) return "there is no object '" + name + "' in the scene";
+  if (world_.objects()[*found].qpos < 0)
+    return "object '" + name + "' is fixed: only free objects can be " + done;
   object = *found;
   return {};
 }
 
+std::string MujocoPlant::locate(const PlaceObject& place, std::size_t& object) const {
+  if (auto why = find_free(place.object, "placed", object); !why.empty()) return why;
+  if (!check_request(SetFrames{place.X_WO, {}}, 0).empty())
+    return "X_WO must be a finite position and a rotation";
+  return {};
+}
+
+std::string MujocoPlant::locate(const PushObject& push, std::size_t& object) const {
+  if (auto why = find_free(push.object, "pushed", object); !why.empty()) return why;
+  if (!(push.f_W.norm() <= PushObject::kMostForce)) return "the force must be at most 100 N";
+  if (!(push.duration > 0 && push.duration <= PushObject::kMostTime))
+    return "the push must last more than 0 and at most 2 s";
+  return {};
+}
+
+bool MujocoPlant::place(std::size_t object, const Pose& X_WO) {
+  if (!world_.place(object, X_WO)) return false;
+  if (pushes_[object].periods > 0) pushes_[object].periods = 0;
+  return true;
+}
+
+void MujocoPlant::push(std::size_t object, const Vector3& f_W, double duration_s) {
+  pushes_[object] = {.f_W = f_W, .periods = std::max<std::int64_t>(1, std::lround(duration_s / kPeriod))};
+}
+
+void MujocoPlant::apply_pushes() {
+  for (std::size_t i = 0; i < pushes_.size(); ++i) {
+    Push& push = pushes_[i];
+    if (push.periods < 0) continue;
+    const Vector3 f_W = push.periods > 0 ? push.f_W : Vector3::Zero();
+    Eigen::Map<Vector3>(world_.data()->xfrc_applied + 6 * world_.objects()[i].body) = f_W;
+    --push.periods;  // once more with zero, to end it
+  }
+}
+
 void MujocoPlant::reset() {
   if (!world_.reset()) return fail(last_engine_error());
+  for (Push& push : pushes_) push.periods = std::min<std::int64_t>(push.periods, 0);
   for (ArmIndex i = 0; i < arms_.size(); ++i) {
     Arm& arm = arms_[i];
     arm.behavior.reset(arm.q_start);

@@ -60,8 +60,13 @@ class MujocoPlant {
   void advance();
   std::int64_t periods() const { return periods_; }  // carried out since construction
   void reset();                                      // everything as at the start, except periods()
-  // Any thread: finds the object that `place` names. Returns why it cannot be placed, or an empty string.
+  // Any thread: finds the object that the request names. Returns why that is impossible, or an empty string.
   std::string locate(const PlaceObject& place, std::size_t& object) const;
+  std::string locate(const PushObject& push, std::size_t& object) const;
+  // Moves a free object, at rest. False (nothing changed): it would penetrate another.
+  bool place(std::size_t object, const Pose& X_WO);
+  // A force at the object's center of mass from the next period on.
+  void push(std::size_t object, const Vector3& f_W, double duration_s);
   // With timeline_waits: sets the timeline's time to 0 in the next period. Later calls do nothing.
   void begin_timeline();
 
@@ -93,6 +98,12 @@ class MujocoPlant {
     std::size_t object = 0;
     Pose X_WO;
   };
+  struct Push {
+    Vector3 f_W = Vector3::Zero();
+    std::int64_t periods = -1;  // left; -1: none
+  };
+  std::string find_free(const std::string& name, const char* done, std::size_t& object) const;
+  void apply_pushes();
   void plan_places(const Scene& scene);
   bool carry_out_places();
   void measure_start(ArmIndex arm);
@@ -104,6 +115,7 @@ class MujocoPlant {
   std::size_t substeps_;
   World world_;
   std::deque<Arm> arms_;
+  std::vector<Push> pushes_;          // per object
   std::vector<PlannedPlace> places_;  // by time
   std::size_t next_place_ = 0;
   std::optional<std::int64_t> timeline_origin_ = 0;  // period in which the timeline's time is 0

@@ -170,6 +170,43 @@ TEST(Requests, ObjectsArePlacedInFreeSpace) {
   EXPECT_FALSE(ask(loop, PlaceObject{"table", {}}).success);
 }
 
+// A ball above nothing, without gravity's part in the numbers: the momentum is the force's impulse, whatever
+// the object weighs.
+TEST(Requests, APushGivesItsImpulse) {
+  Scene scene = scene_of({arm_named("a")});
+  SceneObject table, ball;
+  table.name = "table";
+  table.X_WO.position = {2, 0, 0.5};
+  ball.name = "ball";
+  ball.shape = ShapeType::sphere;
+  ball.size = {0.1, 0.1, 0.1};
+  ball.mass = 2;
+  ball.fixed = false;
+  ball.X_WO.position = {3, 0, 5};
+  scene.objects = {table, ball};
+  Loop loop(scene);
+  const auto velocity = [&] {
+    const World& world = loop.backend.world();
+    return Vector3(Eigen::Map<const Vector3>(world.data()->qvel + world.objects()[1].dof));
+  };
+  const Vector3 f(30, -40, 0);
+  EXPECT_TRUE(ask(loop, PushObject{"ball", f, 0.25}).success);
+  loop.steps(400);
+  EXPECT_LT((velocity() - 0.25 * f / 2).head<2>().norm(), 1e-9);
+  const Vector3 before = velocity();
+  EXPECT_TRUE(ask(loop, PushObject{"ball", f, 2}).success);
+  loop.steps(10);
+  EXPECT_GT((velocity() - before).head<2>().norm(), 0.1);
+  const RequestAnswer placed = ask(loop, PlaceObject{"ball", pose(3, 0, 5)});  // ends the push
+  EXPECT_TRUE(placed.success) << placed.reason;
+  loop.steps(100);
+  EXPECT_LT(velocity().head<2>().norm(), 1e-9);
+  EXPECT_NE(ask(loop, PushObject{"ball", Vector3(80, 80, 0), 0.1}).reason.find("100 N"), std::string::npos);
+  EXPECT_NE(ask(loop, PushObject{"ball", f, 3}).reason.find("2 s"), std::string::npos);
+  EXPECT_NE(ask(loop, PushObject{"table", f, 0.1}).reason.find("fixed"), std::string::npos);
+  EXPECT_NE(ask(loop, PushObject{"bal", f, 0.1}).reason.find("no object 'bal'"), std::string::npos);
+}
+
 TEST(Requests, ResetRestoresTheStartAndDeactivatesTheControllets) {
   Loop loop(scene_of({arm_named("a")}, PlantFidelity::realistic()));
   set_in_motion(loop);

@@ -32,7 +32,7 @@ class RequestBox {
   struct Posted {
     ArmIndex arm = 0;
     BackendRequest request;
-    std::size_t object = 0;  // PlaceObject: the requested object, looked up off the loop
+    std::size_t object = 0;  // PlaceObject, PushObject: the requested object, looked up off the loop
   };
 
   // --- any thread ---

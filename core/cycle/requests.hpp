@@ -212,7 +212,22 @@ struct StepSimulation {
   void visit(auto& fields) { fields.optional("periods", periods); }
 };
 
-using WorldRequest = std::variant<PlaceObject, ResetSimulation, PauseSimulation, StepSimulation>;
+// Pushes a free object at its center of mass for a time of the simulation. A new push replaces the one that
+// acts; placing the object and a reset end it.
+struct PushObject {
+  static constexpr double kMostForce = 100, kMostTime = 2;  // [N], [s]
+  std::string object;
+  Vector3 f_W = Vector3::Zero();  // [N], world axes
+  double duration = 0.2;          // [s]
+  static constexpr RequestName kName{"push_object"};
+  void visit(auto& fields) {
+    fields.required("object", object);
+    fields.required("force_n", f_W);
+    fields.optional("duration_s", duration, RequestBound::positive);
+  }
+};
+
+using WorldRequest = std::variant<PlaceObject, ResetSimulation, PauseSimulation, StepSimulation, PushObject>;
 
 // --- answers ---
 

@@ -80,6 +80,7 @@ TEST(RequestFields, AreThoseThatProgramsUse) {
   EXPECT_EQ(declared<VacuumOn>(), (Keys{"vacuum_mbar?+", "timeout_s?+"}));
   EXPECT_EQ(declared<VacuumDrop>(), Keys{"timeout_s?+"});
   EXPECT_EQ(declared<PlaceObject>(), (Keys{"object", "a pose"}));
+  EXPECT_EQ(declared<PushObject>(), (Keys{"object", "force_n", "duration_s?+"}));
   EXPECT_EQ(declared<PauseSimulation>(), Keys{"paused?"});
   EXPECT_EQ(declared<StepSimulation>(), Keys{"periods?"});
 }

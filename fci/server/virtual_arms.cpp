@@ -158,6 +158,9 @@ std::future<RequestAnswer> VirtualArms::request(WorldRequest request) {
   if (const auto* place = std::get_if<PlaceObject>(&request)) {
     if (auto why = plant_.locate(*place, posted.object); !why.empty()) return refuse_request(std::move(why));
   }
+  if (const auto* push = std::get_if<PushObject>(&request)) {
+    if (auto why = plant_.locate(*push, posted.object); !why.empty()) return refuse_request(std::move(why));
+  }
   posted.request = std::move(request);
   auto answer = requests_.post(std::move(posted));
   word_.call();

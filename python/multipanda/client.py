@@ -295,6 +295,17 @@ class Client:
             request["quaternion_wxyz"] = [float(x) for x in quaternion_wxyz]
         self.ask(request)
 
+    def push(self, name: str, force_n: Any, duration_s: float = 0.2) -> None:
+        """Simulation: pushes a free object at its center of mass.
+
+        Args:
+            name: Name of the object.
+            force_n: x, y, z in world axes [N], at most 100 N together.
+            duration_s: How long the force acts, at most 2 s.
+        """
+        force = [float(x) for x in force_n]
+        self.ask({"do": "push_object", "object": name, "force_n": force, "duration_s": duration_s})
+
     def pause(self, paused: bool = True) -> None:
         """Simulation: pauses the world, or lets it go on."""
         self.ask({"do": "pause", "paused": paused})
