@@ -8,14 +8,15 @@
 namespace multipanda {
 namespace {
 
-constexpr std::array<std::pair<std::string_view, std::uint64_t LogEvery::*>, 7> kGroups{
+constexpr std::array<std::pair<std::string_view, std::uint64_t LogEvery::*>, 8> kGroups{
     {{"state", &LogEvery::state},
      {"command", &LogEvery::command},
      {"wrench", &LogEvery::wrench},
      {"references", &LogEvery::references},
      {"outputs", &LogEvery::outputs},
      {"timing", &LogEvery::timing},
-     {"model", &LogEvery::model}}};
+     {"model", &LogEvery::model},
+     {"objects", &LogEvery::objects}}};
 constexpr std::uint64_t kMost = 1'000'000;
 
 }  // namespace

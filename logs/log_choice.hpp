@@ -13,7 +13,7 @@ namespace multipanda {
 // switches, interventions, episodes and arms' configurations are always whole.
 struct LogEvery {
   std::uint64_t state = 1, command = 1, wrench = 1, references = 1, outputs = 1, timing = 1;
-  std::uint64_t model = 10;
+  std::uint64_t model = 10, objects = 16;
 
   // "state=10", "all=100". Throws std::invalid_argument that says what is expected.
   void set(const std::string& choice);

@@ -115,6 +115,10 @@ Recorder::Sink::Sink(const std::filesystem::path& log, const RecordLayout& layou
           writer_.add_channel<msg::ControlletOutput>("/" + instance.name + "/outputs/" + output.name));
     }
   }
+  if (options_.objects != nullptr) {
+    for (const auto& name : options_.objects->names())
+      object_channels_.push_back(writer_.add_channel<msg::ObjectPose>("/objects/" + name));
+  }
   event_channel_ = writer_.add_channel<msg::Event>("/events");
   switch_channel_ = writer_.add_channel<msg::Switch>("/switches");
   switch_timing_channel_ = writer_.add_channel<msg::SwitchTiming>("/switch_timing");
@@ -225,6 +229,17 @@ void Recorder::Sink::write_model(Arm& arm, const ArmSample& sample, const CycleR
   model.tau_coriolis.assign(terms.c().data(), terms.c().data() + n);
   model.manipulability = terms.manipulability();
   writer_.write(arm.model_channel, log_time(record.t), model);
+}
+
+void Recorder::Sink::write(const ObjectRing::Row& objects) {
+  object_.stamp = to_time(objects.t.ns);
+  object_.cycle = objects.cycle;
+  for (std::size_t i = 0; i < object_channels_.size(); ++i) {
+    if (!objects.X_WO[i]) continue;
+    object_.object = options_.objects->names()[i];
+    object_.pose = to_message(*objects.X_WO[i]);
+    writer_.write(object_channels_[i], log_time(objects.t), object_);
+  }
 }
 
 void Recorder::Sink::write_references(const CycleRecord& record) {

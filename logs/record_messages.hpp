@@ -26,6 +26,7 @@ class Recorder::Sink {
   void write(const CycleRecord& record);
   void write(const Event& event);
   void write(const EpisodeMark& mark);
+  void write(const ObjectRing::Row& objects);
   void write_missing(const RecorderStatus& status);  // the metadata record "missing"
 
   McapWriter& writer() { return writer_; }
@@ -70,8 +71,10 @@ class Recorder::Sink {
   std::vector<Arm> arms_;
   std::vector<std::vector<std::uint16_t>> reference_channels_;  // by instance and input
   std::vector<std::vector<std::uint16_t>> output_channels_;     // by instance and output
+  std::vector<std::uint16_t> object_channels_;                  // by name
   std::uint16_t event_channel_ = 0, switch_channel_ = 0, switch_timing_channel_ = 0,
                 intervention_channel_ = 0, timing_channel_ = 0;
+  msg::ObjectPose object_;
   msg::Reference reference_;
   msg::ControlletOutput output_;
   std::map<std::pair<std::uint16_t, Intervention>, std::uint64_t> intervention_counts_;  // by arm

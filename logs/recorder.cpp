@@ -18,6 +18,10 @@ std::vector<std::string> RecorderStatus::missing() const {
   }
   if (events_lost > 0)
     out.push_back(std::to_string(events_lost) + " events are not in the log: too many at the same time");
+  if (objects_lost > 0) {
+    out.push_back("poses of objects are missing " + std::to_string(objects_lost) +
+                  " times: the writer fell too far behind the loop");
+  }
   if (writer.messages_lost > 0) {
     std::string text =
         std::to_string(writer.messages_lost) + " messages could not be written (" + writer.error + "):";
@@ -31,7 +35,9 @@ std::vector<std::string> RecorderStatus::missing() const {
 
 Recorder::Recorder(const std::filesystem::path& log, const RecordLayout& layout, RecordRing& ring,
                    std::vector<RecordedArm> arms, RecorderOptions options)
-    : ring_(ring), sink_(std::make_unique<Sink>(log, layout, std::move(arms), std::move(options))) {
+    : ring_(ring),
+      objects_(options.objects),
+      sink_(std::make_unique<Sink>(log, layout, std::move(arms), std::move(options))) {
   status_.log = log;
   publish_status();
   thread_ = std::thread([this] { run(); });
@@ -68,6 +74,7 @@ bool Recorder::drain() {
       ring_.events.pop();
     }
     write_marks(record->cycle);
+    write_objects(record->cycle);
     sink_->write(*record);
     ring_.ring.pop();
     sink_->writer().flush_if_due();
@@ -88,11 +95,21 @@ void Recorder::write_marks(std::uint64_t before) {
   for (; !marks_.empty() && marks_.front().cycle < before; marks_.pop_front()) sink_->write(marks_.front());
 }
 
+// The loop stores a cycle's poses before the next cycle's record, so all of them are there.
+void Recorder::write_objects(std::uint64_t before) {
+  if (objects_ == nullptr) return;
+  while (const ObjectRing::Row* row = objects_->front(before)) {
+    sink_->write(*row);
+    objects_->pop();
+  }
+}
+
 void Recorder::publish_status() {
   const std::lock_guard lock(status_mutex_);
   status_.cycles = sink_->cycles();
   status_.cycles_lost = ring_.dropped_records.load(std::memory_order_relaxed);
   status_.events_lost = ring_.dropped_events.load(std::memory_order_relaxed);
+  if (objects_ != nullptr) status_.objects_lost = objects_->lost();
   status_.writer = sink_->writer().status();
 }
 
@@ -112,6 +129,7 @@ RecorderStatus Recorder::stop() {
     ring_.events.pop();
   }
   write_marks(std::numeric_limits<std::uint64_t>::max());
+  write_objects(std::numeric_limits<std::uint64_t>::max());
   sink_->writer().flush();
   publish_status();
   sink_->write_missing(status());

@@ -16,6 +16,7 @@
 #include "core/state/arm_state.hpp"
 #include "logs/log_choice.hpp"
 #include "logs/mcap_writer.hpp"
+#include "logs/object_ring.hpp"
 
 namespace multipanda {
 
@@ -32,6 +33,7 @@ struct RecorderOptions {
       0;  // added to loop times; 0 in simulation, so that equal runs give equal logs
   std::map<std::string, std::string> info;    // into the metadata record "run": scene, seed, versions, ...
   std::vector<mcap::Attachment> attachments;  // scene file, ...
+  ObjectRing* objects = nullptr;              // must outlive the recorder; none: no poses of objects
   McapWriter::Options writer;
 };
 
@@ -40,6 +42,7 @@ struct RecorderStatus {
   std::uint64_t cycles = 0;       // cycle records taken
   std::uint64_t cycles_lost = 0;  // records that the loop could not store: the writer was too far behind
   std::uint64_t events_lost = 0;
+  std::uint64_t objects_lost = 0;  // how often the loop could not store where the objects are
   WriterStatus writer;
   // Human-readable, one sentence each; empty: nothing is missing.
   std::vector<std::string> missing() const;
@@ -72,9 +75,11 @@ class Recorder {
   void run();
   bool drain();
   void write_marks(std::uint64_t before);
+  void write_objects(std::uint64_t before);
   void publish_status();
 
   RecordRing& ring_;
+  ObjectRing* objects_;
   std::unique_ptr<Sink> sink_;
   mutable std::mutex status_mutex_;
   RecorderStatus status_;

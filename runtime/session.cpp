@@ -31,6 +31,13 @@ bool has_room(const RecordRing& ring) {
   return ring.ring.size() + kMargin < ring.ring.capacity() && ring.events.size() * 2 < ring.events.capacity();
 }
 
+bool has_simulated_arm(const Backend& backend) {
+  for (ArmIndex arm = 0; arm < backend.arm_count(); ++arm) {
+    if (backend.capabilities(arm).simulated) return true;
+  }
+  return false;
+}
+
 bool simulates(const Backend& backend) {
   for (ArmIndex arm = 0; arm < backend.arm_count(); ++arm) {
     if (!backend.capabilities(arm).simulated) return false;
@@ -143,6 +150,15 @@ void Session::open_log() {
   const std::size_t capacity =
       options_.ring_cycles != 0 ? options_.ring_cycles : log_ring_cycles(cycle_->layout());
   log_ring_ = std::make_unique<RecordRing>(cycle_->layout(), capacity);
+  std::vector<std::string> objects;
+  for (const auto& object : scene_.objects) {
+    if (!object.fixed) objects.push_back(object.name);
+  }
+  const std::uint64_t every = options_.log_every.objects;
+  if (every == 0 || objects.empty() || !has_simulated_arm(backend())) return;
+  // As many cycles as wait between loop and recorder at most, so that an unpaced run loses none.
+  const std::size_t cycles = cycle_->record()->ring.capacity() + capacity + 1024;
+  objects_ = std::make_unique<ObjectRing>(std::move(objects), every, cycles / every + 2);
 }
 
 void Session::start() {
@@ -166,6 +182,7 @@ void Session::start() {
       recorder_options.info["log_every"] = every;
     recorder_options.attachments.push_back(
         {.name = "scene.yaml", .media_type = "application/yaml", .data = scene_.text});
+    recorder_options.objects = objects_.get();
     recorder_ = std::make_unique<Recorder>(log_, cycle_->layout(), *log_ring_, std::move(arms),
                                            std::move(recorder_options));
   }
@@ -227,6 +244,7 @@ bool Session::keep_on() {
   if (tick.cycle == first_cycle_) return true;
   if (tick.cycle == first_cycle_ + 1) first_ = tick.t;
   if (options_.on_loop) options_.on_loop(tick, backend());
+  if (objects_) objects_->take(tick, backend());
   if (adapter_) adapter_->on_loop(tick, backend());
   if (is_over(tick)) return false;
   if (!options_.paced) wait_for_room();

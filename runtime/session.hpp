@@ -124,6 +124,7 @@ class Session {
 
   std::filesystem::path directory_, log_;
   std::unique_ptr<RecordRing> log_ring_;  // relay -> recorder
+  std::unique_ptr<ObjectRing> objects_;   // loop -> recorder; none: no free objects
   std::unique_ptr<Recorder> recorder_;
   RecorderStatus recorded_;
 

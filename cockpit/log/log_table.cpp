@@ -6,6 +6,7 @@
 #include <limits>
 #include <stdexcept>
 
+#include "cockpit/view/scene_bodies.hpp"
 #include "core/reference/target.hpp"
 #include "logs/cdr.hpp"
 #include "logs/messages.hpp"
@@ -121,6 +122,10 @@ void LogTable::lay_out() {
       list.numbers(output.at("name").get<std::string>(),
                    std::span(zeros).first(output.at("size").get<std::size_t>()));
   }
+  list.prefix("objects/");
+  for (const auto& object : scene_.objects) {
+    if (!object.fixed) list.numbers(object.name, std::span(zeros).first(7));
+  }
   width_ = list.offset() / 8;
   for (const auto& field : list.fields()) {
     fields_.push_back({.name = field.name, .type = 'f', .offset = field.offset, .count = field.count});
@@ -129,6 +134,12 @@ void LogTable::lay_out() {
     const auto owner = arms_.find(field.name.substr(0, slash));
     if (slash != std::string::npos && owner != arms_.end())
       owner->second.at[field.name.substr(slash + 1)] = field.offset / 8;
+  }
+  for (const auto& object : scene_.objects) {
+    if (object.fixed) continue;
+    Object& entry = objects_[object.name];
+    entry.at = places_.at("objects/" + object.name).first;
+    entry.now.fill(kNone);
   }
   row_.assign(width_, kNone);
 }
@@ -149,6 +160,7 @@ void LogTable::take(const McapReader::Message& message) {
                         holds<msg::ArmWrench>(*message.schema) || holds<msg::Reference>(*message.schema) ||
                         holds<msg::ControlletOutput>(*message.schema) ||
                         holds<msg::CycleTiming>(*message.schema);
+  if (holds<msg::ObjectPose>(*message.schema)) return take_object(message);
   if (!of_cycle) return take_event(message);
   if (message.log_time_ns != row_ns_) {
     end_row();
@@ -163,6 +175,20 @@ void LogTable::begin_row(std::int64_t t_ns) {
   if (!kept_) return;
   std::ranges::fill(row_, kNone);
   put(places_.at("t_ns").first, static_cast<double>(t_ns));
+  for (const auto& [name, object] : objects_) put_object(object);
+}
+
+// They come behind the records of their cycle.
+void LogTable::take_object(const McapReader::Message& message) {
+  const auto moved = from_cdr<msg::ObjectPose>(message.data);
+  const auto found = objects_.find(moved.object);
+  if (found == objects_.end()) return;
+  write_pose(pose_of(moved.pose), found->second.now.data());
+  if (kept_ && message.log_time_ns == row_ns_) put_object(found->second);
+}
+
+void LogTable::put_object(const Object& object) {
+  for (std::size_t k = 0; k < object.now.size(); ++k) put(object.at + k, object.now[k]);
 }
 
 void LogTable::end_row() {
@@ -315,6 +341,20 @@ RecordReader::Record LogTable::record(std::size_t row) const {
     }
   }
   return record;
+}
+
+std::vector<std::optional<Pose>> LogTable::objects(std::size_t row) const {
+  std::vector<std::optional<Pose>> all;
+  for (const SceneObject& object : scene_.objects) {
+    auto& X_WO = all.emplace_back();
+    const auto found = objects_.find(object.name);
+    if (found == objects_.end()) continue;
+    std::array<double, 7> v{};
+    for (std::size_t k = 0; k < v.size(); ++k) v[k] = values_[row * width_ + found->second.at + k];
+    if (std::isfinite(v[0]))
+      X_WO = Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]).normalized());
+  }
+  return all;
 }
 
 std::vector<ArmFrames> LogTable::frames(std::size_t row) const {

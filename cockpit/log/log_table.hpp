@@ -40,6 +40,8 @@ class LogTable {
   RecordReader::Record record(std::size_t row) const;
   // Frames in force at a row, per arm.
   std::vector<ArmFrames> frames(std::size_t row) const;
+  // Where the scene's objects are, in its order. None: it is fixed, or the log does not say.
+  std::vector<std::optional<Pose>> objects(std::size_t row) const;
 
  private:
   struct Arm {
@@ -56,6 +58,7 @@ class LogTable {
   void take(const McapReader::Message& message);
   void take_event(const McapReader::Message& message);
   void take_numbers(const McapReader::Message& message);
+  void take_object(const McapReader::Message& message);
   void add_event(std::uint64_t cycle, double t, const std::string& kind, const std::string& arm,
                  const std::string& text);
   void begin_row(std::int64_t t_ns);
@@ -75,6 +78,12 @@ class LogTable {
   std::vector<RecordReader::Field> fields_;
   std::map<std::string, std::pair<std::size_t, std::size_t>> places_;  // of a field in a row: number, count
   std::map<std::string, Arm> arms_;
+  struct Object {
+    std::size_t at = 0;           // in a row: 7 numbers as write_pose()
+    std::array<double, 7> now{};  // the newest one
+  };
+  void put_object(const Object& object);
+  std::map<std::string, Object> objects_;  // free ones
   std::size_t width_ = 0;
 
   std::vector<double> t_, cycles_;

@@ -17,11 +17,12 @@ using nlohmann::json;
 
 // A run as fast as possible and its records, as they came from the loop.
 struct RecordedRun {
-  RecordedRun() {
+  explicit RecordedRun(const std::string& every = "objects=16") {
     std::string pattern = (std::filesystem::temp_directory_path() / "cockpit_log_XXXXXX").string();
     folder = mkdtemp(pattern.data());
     OpenedScene opened = open_scene("one_arm");
     SessionOptions options{.paced = false, .duration_s = 0.5, .record = folder};
+    options.log_every.set(every);
     options.observer = [this](const CycleRecord& record) { records.push_back(record); };
     Session session(std::move(opened.scene), opened.registry, std::move(options));
     session.start();
@@ -75,6 +76,27 @@ TEST(LogTable, PlacesTheEndEffector) {
   for (int k = 0; k < 3; ++k)
     EXPECT_NEAR(table.value(table.rows() - 1, field(table, "arm/position_m"), static_cast<std::size_t>(k)),
                 terms.X_WE().position[k], 1e-6);
+}
+
+// The box of the scene stands on the table: the log has it, and one without such messages, as older ones,
+// opens and leaves it where the scene has it.
+TEST(LogTable, KnowsWhereFreeObjectsAreIfTheLogDoes) {
+  const LogTable table(run().log);
+  const RecordedRun without("objects=0");
+  const LogTable older(without.log);
+  const auto& objects = table.scene().objects;
+  std::size_t known = 0;
+  for (std::size_t i = 0; i < objects.size(); ++i) {
+    const auto X = table.objects(table.rows() - 1)[i];
+    EXPECT_EQ(X.has_value(), !objects[i].fixed) << objects[i].name;
+    EXPECT_FALSE(older.objects(older.rows() - 1)[i]);
+    if (!X) continue;
+    ++known;
+    EXPECT_LT((X->position - objects[i].X_WO.position).norm(), 5e-3);
+    EXPECT_NE(X->position, objects[i].X_WO.position);
+  }
+  EXPECT_GT(known, 0u);
+  EXPECT_EQ(older.rows(), table.rows());
 }
 
 TEST(LogTable, ALongLogIsThinnedEvenly) {
