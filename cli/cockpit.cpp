@@ -20,10 +20,11 @@ struct Arguments {
   bool until_input_ends = false;
 };
 
-int run(const Arguments& arguments) {
+}  // namespace
+
+int show_logs(const std::vector<std::filesystem::path>& logs, std::optional<std::uint16_t> port,
+              bool until_input_ends) {
   const Console console(true);
-  std::vector<std::filesystem::path> logs{find_log(arguments.log)};
-  if (!arguments.other.empty()) logs.push_back(find_log(arguments.other));
   const int end_file = eventfd(0, EFD_CLOEXEC);
   const auto end = [end_file] {
     const std::uint64_t one = 1;
@@ -31,9 +32,9 @@ int run(const Arguments& arguments) {
   };
   const SignalWatch signals([&end](int) { end(); });
   std::optional<InputEndWatch> input;
-  if (arguments.until_input_ends) input.emplace(end);
+  if (until_input_ends) input.emplace(end);
   {
-    cockpit::Cockpit shown(arguments.port);
+    cockpit::Cockpit shown(port);
     console.line(fmt::format("reading {}", logs.front().string()));
     shown.show_logs(logs);
     print_address(shown, console);
@@ -46,8 +47,6 @@ int run(const Arguments& arguments) {
   ::close(end_file);
   return kSuccess;
 }
-
-}  // namespace
 
 void add_cockpit(Program& program) {
   auto arguments = std::make_shared<Arguments>();
@@ -68,7 +67,11 @@ void add_cockpit(Program& program) {
       ->check(CLI::Range(0, 65535));
   command->add_flag("--until-input-ends", arguments->until_input_ends,
                     "End when standard input closes, as when the program that started it has ended");
-  program.on(command, [arguments] { return run(*arguments); });
+  program.on(command, [arguments] {
+    std::vector<std::filesystem::path> logs{find_log(arguments->log)};
+    if (!arguments->other.empty()) logs.push_back(find_log(arguments->other));
+    return show_logs(logs, arguments->port, arguments->until_input_ends);
+  });
 }
 
 }  // namespace multipanda::cli

@@ -6,7 +6,7 @@
 
 namespace multipanda::cli {
 
-void add_cockpit_arguments(CLI::App* command, CockpitArguments& arguments) {
+void add_cockpit_arguments(CLI::App* command, CockpitArguments& arguments, const std::string& help) {
   command
       ->add_option_function<std::vector<std::string>>(
           "--cockpit",
@@ -24,19 +24,18 @@ void add_cockpit_arguments(CLI::App* command, CockpitArguments& arguments) {
                   fmt::format("--cockpit: expected a port from 0 to 65535, found '{}'", values.front()));
             arguments.port = static_cast<std::uint16_t>(port);
           },
-          fmt::format(
-              "Show and command the run in a browser on this computer, at a port of 127.0.0.1 (default "
-              "{}, or a free one; 0: a free one; docs/cockpit.md)",
-              cockpit::Cockpit::kUsualPort))
+          fmt::format("{} (default {}, or a free one; 0: a free one; docs/cockpit.md)", help,
+                      cockpit::Cockpit::kUsualPort))
       ->expected(0, 1)
       ->type_name("[PORT]");
 }
 
-OpenedCockpit::OpenedCockpit(const CockpitArguments& arguments, const Console& console, const Scene& scene,
-                             SessionOptions& session)
-    : console_(console) {
-  if (!arguments.asked) return;
-  cockpit_ = std::make_unique<cockpit::Cockpit>(arguments.port);
+OpenedCockpit::OpenedCockpit(const CockpitArguments& arguments, const Console& console) : console_(console) {
+  if (arguments.asked) cockpit_ = std::make_unique<cockpit::Cockpit>(arguments.port);
+}
+
+void OpenedCockpit::prepare(const Scene& scene, SessionOptions& session) {
+  if (!cockpit_) return;
   objects_ = std::make_shared<cockpit::ObjectPoses>(scene);
   session.share_records = true;
   session.on_loop = [objects = objects_, before = session.on_loop](const Tick& tick, const Backend& backend) {
@@ -48,7 +47,8 @@ OpenedCockpit::OpenedCockpit(const CockpitArguments& arguments, const Console& c
 void OpenedCockpit::show(Session& session) {
   if (!cockpit_) return;
   shown_ = std::make_unique<cockpit::ShownRun>(*cockpit_, session, objects_.get());
-  print_address(*cockpit_, console_);
+  if (!printed_) print_address(*cockpit_, console_);
+  printed_ = true;
 }
 
 void OpenedCockpit::end() { shown_.reset(); }

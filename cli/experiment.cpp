@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "cli/backend_arguments.hpp"
+#include "cli/cockpit_arguments.hpp"
 #include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "experiments/kinds.hpp"
@@ -23,6 +24,7 @@ struct ExperimentArguments {
   std::vector<std::string> only;
   std::string out = "runs";
   BackendArguments backend;
+  CockpitArguments cockpit;
 };
 
 // Whether any limit applies to the variant.
@@ -119,6 +121,7 @@ int run(const ExperimentArguments& options) {
     stop = true;
     console.line("stopping: the arms hold, then the run ends (interrupt again to quit at once)");
   });
+  OpenedCockpit cockpit(options.cockpit, console);
   const ExperimentProgress progress{.line = [&](const std::string& text) { console.line(text); },
                                     .stop = &stop};
   const fs::path directory =
@@ -132,6 +135,7 @@ int run(const ExperimentArguments& options) {
                                   .only = options.only,
                                   .keep_data = options.keep_data,
                                   .backend = backend,
+                                  .viewer = cockpit ? &cockpit : nullptr,
                                   .ros = options.generator == "ros"};
     fs::create_directories(run_options.directory);
     console.line(fmt::format("{}: {}", experiment.name, experiment.title));
@@ -196,6 +200,8 @@ void add_experiment(Program& program) {
       ->type_name("DIR")
       ->capture_default_str();
   add_simulation_arguments(command, options->backend);
+  add_cockpit_arguments(command, options->cockpit,
+                        "Show the runs in a browser on this computer, one at a time, at a port of 127.0.0.1");
   command
       ->add_option("--generator", options->generator,
                    "Channel of the motion generator of controller-performance: socket, or ros (topics)")

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include "cli/cockpit_arguments.hpp"
 #include "cli/program.hpp"
 #include "report/report.hpp"
 #include "runtime/faulty.hpp"
@@ -72,18 +73,36 @@ fs::path report_of(const fs::path& log, const Console& console, const RunSummary
 }
 
 void add_report(Program& program) {
-  auto directory = std::make_shared<std::string>();
+  struct Arguments {
+    std::string directory;
+    CockpitArguments cockpit;
+    bool until_input_ends = false;
+  };
+  auto arguments = std::make_shared<Arguments>();
   CLI::App* command =
       program.add("report", "Make an HTML report of a recorded run",
                   "  multipanda report runs                            of the newest run in runs\n"
-                  "  multipanda report runs/20260102_120000_two_arms   of this run");
+                  "  multipanda report runs/20260102_120000_two_arms   of this run\n"
+                  "  multipanda report runs --cockpit                  shows it, as multipanda cockpit does");
   command
-      ->add_option("directory", *directory,
+      ->add_option("directory", arguments->directory,
                    "Folder of a run, or of several runs, of which the newest is used")
       ->required()
       ->type_name("DIR");
-  program.on(command, [directory] {
-    const fs::path report = report_of(find_log(*directory), Console(true));
+  add_cockpit_arguments(
+      command, arguments->cockpit,
+      "Show the log in a browser on this computer instead, until Ctrl-C, as multipanda cockpit "
+      "does, at a port of 127.0.0.1");
+  command
+      ->add_flag(
+          "--until-input-ends", arguments->until_input_ends,
+          "With --cockpit: end when standard input closes, as when the program that started it has ended")
+      ->needs("--cockpit");
+  program.on(command, [arguments]() -> int {
+    const fs::path log = find_log(arguments->directory);
+    if (arguments->cockpit.asked)
+      return show_logs({log}, arguments->cockpit.port, arguments->until_input_ends);
+    const fs::path report = report_of(log, Console(true));
     if (report.empty()) return kFailed;
     fmt::print("{}\n", report.string());
     return kSuccess;

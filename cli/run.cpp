@@ -101,7 +101,8 @@ int run(const RunOptions& options) {
                              kUnpacedDefault));
   }
   StopSignals signals(console);
-  OpenedCockpit cockpit(options.cockpit, console, opened.scene, session_options);
+  OpenedCockpit cockpit(options.cockpit, console);
+  cockpit.prepare(opened.scene, session_options);
   std::optional<InputEndWatch> input;
   if (options.until_input_ends) input.emplace([&signals] { signals.stop(); });
   // ROS starts threads: the signal handling must be set up first.

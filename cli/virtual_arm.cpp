@@ -9,8 +9,10 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "cli/cockpit_arguments.hpp"
 #include "cli/console.hpp"
 #include "cli/program.hpp"
+#include "cockpit/virtual/virtual_source.hpp"
 #include "fci/server/fault_commands.hpp"
 #include "fci/server/virtual_arms.hpp"
 #include "scene/hidden_plant.hpp"
@@ -40,6 +42,7 @@ struct VirtualArmArguments {
   double seconds = 0;
   bool no_gripper = false, real_time_thread = false, idle_stands_still = false, json = false,
        until_input_ends = false;
+  CockpitArguments cockpit;
 };
 
 // The arm and the text of an argument `--OPTION ARM=TEXT`.
@@ -191,6 +194,7 @@ void wait_for_end(fci::VirtualArms& arms, int end_file, const VirtualArmArgument
 int run(const VirtualArmArguments& arguments) {
   const Console console(arguments.json);
   OpenedScene opened = open_scene(arguments.scene);
+  const Scene shown = opened.scene;  // as it is known: hidden parameters stay hidden
   if (arguments.hidden) hide(opened.scene, *arguments.hidden);  // without any message about the draw
   fci::VirtualArmOptions options;
   options.places = places_of(arguments, opened.scene);
@@ -218,7 +222,14 @@ int run(const VirtualArmArguments& arguments) {
     const std::uint64_t one = 1;
     [[maybe_unused]] const auto size = ::write(end_file, &one, sizeof(one));
   });
+  std::shared_ptr<cockpit::WorldFeed> feed;
+  if (arguments.cockpit.asked) {
+    feed = std::make_shared<cockpit::WorldFeed>(shown);
+    options.on_period = [feed](const MujocoPlant& plant) { feed->take(plant); };
+  }
   fci::VirtualArms arms(std::move(opened.scene), options);
+  std::optional<cockpit::Cockpit> cockpit;
+  if (feed) cockpit.emplace(arguments.cockpit.port);
   arms.start();
   for (const auto& step : arms.thread_setup()) {
     if (!step.done) console.line(fmt::format("no {}: {}", step.what, step.reason));
@@ -228,11 +239,16 @@ int run(const VirtualArmArguments& arguments) {
                            options.pace == fci::WorldPace::lockstep
                                ? "the world waits for the programs' commands (lockstep)"
                                : "in real time"));
+  if (cockpit) {
+    cockpit->desk().show(std::make_shared<cockpit::VirtualSource>(shown, arms, *feed));
+    print_address(*cockpit, console);
+  }
   if (arguments.json) {
     fmt::print("{}\n", listening(arms).dump());
     std::fflush(stdout);
   }
   wait_for_end(arms, end_file, arguments, console);
+  if (cockpit) cockpit->desk().show(nullptr, "the virtual arms have ended");
   arms.stop();
   ::close(end_file);
   if (arguments.json) {
@@ -326,6 +342,9 @@ void add_virtual_arm(Program& program) {
                     "Request real-time scheduling for the loop's thread (with --pace realtime)");
   command->add_flag("--idle-stands-still", arguments->idle_stands_still,
                     "In lock-step, stop the world while no arm moves");
+  add_cockpit_arguments(
+      command, arguments->cockpit,
+      "Show the arms and their world in a browser on this computer, at a port of 127.0.0.1");
   command->add_flag("--until-input-ends", arguments->until_input_ends,
                     "End when standard input closes, as when the program that started them has ended");
   command->add_flag("--json", arguments->json, "Print one JSON line when all arms listen and one at the end");

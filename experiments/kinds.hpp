@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "experiments/experiment.hpp"
-#include "runtime/session.hpp"
+#include "runtime/session_viewer.hpp"
 
 // Kinds of experiments and their runners. Each kind has a page of the same name in experiments/pages.
 namespace multipanda {
@@ -21,6 +21,7 @@ struct ExperimentOptions {
   std::vector<std::string> only;       // variants by name or tag; empty: all
   bool keep_data = false;              // keep the arrays from which the figures are computed
   BackendOptions backend;              // simulated arms: `mujoco` or `virtual_arms`
+  SessionViewer* viewer = nullptr;     // sees one run at a time, except unpaced checks; none: nobody looks
   bool ros = false;  // kind `performance`: set-points come by ROS topics instead of the socket
 };
 

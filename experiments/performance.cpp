@@ -68,6 +68,7 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
                            .folder = options.directory / "data",
                            .fast = options.fast,
                            .backend = options.backend,
+                           .viewer = options.viewer,
                            .ros = options.ros};
   fs::create_directories(run.folder);
   const auto say = [&](const std::string& text) {

@@ -116,6 +116,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   const std::string node = run.ros ? fmt::format("experiment_{}", getpid()) : "";
   if (run.ros) options.make_adapter = load_ros_adapter({.node = node, .name_space = {}, .remaps = {}});
   const fs::path socket = options.socket;
+  if (run.viewer != nullptr) run.viewer->prepare(opened.scene, options);
   Session session(opened.scene, opened.registry, std::move(options));
   const InstanceIndex instance = session.modes().find(condition.controllet);
   if (instance == kNoInstance)
@@ -126,6 +127,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
                                                                .samples = cycles(duration_s),
                                                                .instance = instance,
                                                                .streaming = true});
+  const Viewed viewed(run.viewer, session);
   session.start();
   GeneratorProcess generator({.program = own_program(),
                               .course = condition.course,

@@ -16,6 +16,7 @@ struct PerformanceRun {
   std::filesystem::path folder;
   bool fast = false;
   BackendOptions backend;
+  SessionViewer* viewer = nullptr;
   bool ros = false;  // set-points come by ROS topics
 };
 

@@ -105,6 +105,7 @@ Json run_switching(const PerformanceRun& run) {
   {
     SessionOptions options{.paced = true, .backend = run.backend, .duration_s = 0.0};
     options.observer = [&trace](const CycleRecord& record) { trace->take(record); };
+    if (run.viewer != nullptr) run.viewer->prepare(opened.scene, options);
     Session session(opened.scene, opened.registry, std::move(options));
     trace = trace_of(session, samples);
     MultimodeController& modes = session.modes();
@@ -116,6 +117,7 @@ Json run_switching(const PerformanceRun& run) {
     if (feature >= modes.instance(owner).feature_count())
       throw std::invalid_argument("switching: " + switching.controllet + " has no feature '" +
                                   switching.feature + "'");
+    const Viewed viewed(run.viewer, session);
     session.start();
     while (trace->count() < kLead && !session.wait_for_end(0.01)) {
     }

@@ -91,7 +91,7 @@ class TaskRunner {
   ExperimentResult run() {
     fs::create_directories(options_.directory / "logs");
     fs::create_directories(options_.directory / "data");
-    const std::size_t workers = options_.fast
+    const std::size_t workers = options_.fast && options_.viewer == nullptr
                                     ? std::clamp<std::size_t>(std::thread::hardware_concurrency(), 1,
                                                               std::min<std::size_t>(runs_.size(), 8))
                                     : 1;
@@ -158,10 +158,12 @@ class TaskRunner {
       session_options.on_loop = [&objects](const Tick& tick, const Backend& backend) {
         objects.take(tick, backend);
       };
+    if (options_.viewer != nullptr) options_.viewer->prepare(scene, session_options);
     std::optional<RunData> data;
     session_options.observer = [&data](const CycleRecord& cycle) { data->take(cycle); };
     Session session(std::move(scene), registry_, std::move(session_options));
     data.emplace(session.scene(), session.layout(), session.models(), kModelEvery);
+    const Viewed viewed(options_.viewer, session);
     session.start();
     while (!session.wait_for_end(0.1)) {
       if (progress_.stopped()) session.stop();

@@ -152,7 +152,8 @@ LAYERS = [
     layer(
         "cockpit",
         "what the cockpit shows, and who may command",
-        "support core device models scene logs runtime cockpit/wire cockpit/server cockpit/view",
+        "support core device models scene logs backends/mujoco fci/server runtime cockpit/wire cockpit/server"
+        " cockpit/view",
         "backends/mujoco",
     ),
     layer(

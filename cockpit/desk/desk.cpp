@@ -314,7 +314,8 @@ void Desk::poll(Seat& seat) {
       ++request;
       continue;
     }
-    answer(*seat.client, std::move(done->answer), request->id);
+    if (!request->id.is_null() || !done->answer.value("ok", false))
+      answer(*seat.client, std::move(done->answer), request->id);
     request = seat.requests.erase(request);
   }
 }

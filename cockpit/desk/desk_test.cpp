@@ -146,6 +146,20 @@ TEST_F(DeskTest, RefusesWhatItDoesNotKnow) {
   EXPECT_EQ(ask(first_, {{"do", "switch"}, {"refuse", true}})["verdict"], "out_of_bounds");
 }
 
+TEST_F(DeskTest, RequestsWithoutAnIdAreAnsweredOnlyIfRefused) {
+  take_control();
+  const std::size_t before = first_.messages.size();
+  desk_.take(first_, {{"do", "switch"}});
+  desk_.take(first_, {{"do", "wait"}});
+  source_->answered = true;
+  (void)desk_.turn(host_now());
+  const auto is_answer = [](const json& message) { return message.contains("ok"); };
+  const auto news = first_.messages.begin() + static_cast<std::ptrdiff_t>(before);
+  EXPECT_EQ(std::count_if(news, first_.messages.end(), is_answer), 0);
+  desk_.take(first_, {{"do", "switch"}, {"refuse", true}});
+  EXPECT_EQ(first_.messages.back()["verdict"], "out_of_bounds");
+}
+
 TEST_F(DeskTest, MotionNeedsAHold) {
   take_control();
   EXPECT_EQ(ask(first_, {{"do", "reference"}})["verdict"], "not_held");

@@ -25,9 +25,13 @@ class ObjectPoses {
   }
 
   void on_loop(const Tick& tick, const Backend& backend) {
-    if (names_.empty() || tick.cycle % kEvery != 0) return;
+    take(tick.cycle, [&](const std::string& name) { return backend.object_pose(name); });
+  }
+  // `pose_of(name)`: the pose of an object, if it is known.
+  void take(std::uint64_t cycle, const auto& pose_of) {
+    if (names_.empty() || cycle % kEvery != 0) return;
     for (std::size_t i = 0; i < names_.size(); ++i) {
-      const auto X = backend.object_pose(names_[i]);
+      const std::optional<Pose> X = pose_of(names_[i]);
       next_[i] = {X.value_or(Pose{}), X.has_value()};
     }
     buffer_.write(next_);

@@ -4,10 +4,7 @@
 #include <cmath>
 
 #include "cockpit/view/scene_text.hpp"
-#include "device/arm_error.hpp"
-#include "runtime/error_report.hpp"
 #include "runtime/live_input/backend_requests.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::cockpit {
 namespace {
@@ -16,8 +13,6 @@ using nlohmann::json;
 
 constexpr double kStill = 0.25;  // the loop stands still [s]
 constexpr std::chrono::milliseconds kStatusPeriod{100};
-constexpr std::size_t kPerDecade = 12, kDecades = 4;  // bins of cycle times, from 1 us
-constexpr std::uint32_t kMostRows = 512;              // of a plot in one message
 
 const std::vector<std::string> kCommands = {"list",      "state", "switch", "feature", "parameter",
                                             "reference", "stop",  "resume", "episode", "histogram"};
@@ -28,18 +23,6 @@ int file_of(const LiveInputContext& input) {
   return input.records->memory().file();
 }
 
-RecordReader::Field field_of(const RecordReader& reader, const char* name) {
-  const auto* field = reader.find(name);
-  if (field == nullptr) throw std::runtime_error(std::string("the records have no field ") + name);
-  return *field;
-}
-
-std::size_t bin_of(double us) {
-  if (!(us >= 1)) return 0;
-  const double k = std::floor(std::log10(us) * kPerDecade + 1e-9);
-  return std::min<std::size_t>(kPerDecade * kDecades, static_cast<std::size_t>(k)) + 1;
-}
-
 }  // namespace
 
 RunSource::RunSource(Session& session, ObjectPoses* objects)
@@ -47,15 +30,10 @@ RunSource::RunSource(Session& session, ObjectPoses* objects)
       objects_(objects),
       input_(session.live_input()),
       handler_(input_),
-      reader_(file_of(input_)),
-      view_(session.scene(), session.models(), reader_.fields()),
+      records_(file_of(input_)),
+      view_(session.scene(), session.models(), records_.fields()),
       moved_(session.modes()),
-      cycle_(field_of(reader_, "cycle")),
-      t_ns_(field_of(reader_, "t_ns")),
-      start_ns_(field_of(reader_, "start_ns")),
-      total_ns_(field_of(reader_, "total_ns")),
-      more_(session.models().size()),
-      bins_(kPerDecade * kDecades + 2) {}
+      more_(session.models().size()) {}
 
 json RunSource::hello() {
   const Scene& scene = session_.scene();
@@ -71,9 +49,6 @@ json RunSource::hello() {
                     {"gripper", can.has_gripper},
                     {"vacuum", can.has_vacuum}});
   }
-  const json table = json::parse(reader_.table());
-  json fields = json::array();
-  for (const auto& field : reader_.fields()) fields.push_back({field.name, field.count});
   json list = handler_.list();
   list.erase("ok");
   return {{"version", list["version"]},
@@ -88,38 +63,18 @@ json RunSource::hello() {
             {"bodies", view_.bodies()}}},
           {"list", list},
           {"state_fields", view_.fields()},
-          {"record_fields", fields},
-          {"names",
-           {{"modes", table.at("modes")},
-            {"controllets", table.at("controllets")},
-            {"errors", table.at("errors")},
-            {"interventions", table.at("interventions")}}},
+          {"record_fields", records_.field_list()},
+          {"names", records_.names()},
           {"commands", commands()},
           {"logs", json::array()}};
 }
 
 void RunSource::update(HostTime now) {
-  const std::uint64_t count = reader_.records();
-  for (std::uint64_t n = std::max(records_, reader_.oldest_record()); n < count; ++n) {
-    if (!reader_.read(n, row_)) continue;
-    const double ns = RecordReader::number(row_, total_ns_);
-    times_.add(static_cast<std::int64_t>(ns));
-    ++bins_[bin_of(1e-3 * ns)];
-    const double t_ns = RecordReader::number(row_, t_ns_);
-    // While a simulation is paused, cycles go on and the time of the loop stands still.
-    if (record_.empty() || t_ns != RecordReader::number(record_, t_ns_)) moved_on_ = now;
-    record_.swap(row_);
-  }
-  records_ = count;
-  for (std::uint64_t n = std::max(events_, reader_.oldest_event()); n < reader_.events(); ++n) {
-    const auto event = reader_.event(n);
-    events_ = n + 1;
-    if (!event) continue;
-    const json text = json::parse(event->text, nullptr, false);
-    const std::string kind = text.is_object() ? text.value("kind", "") : "";
+  records_.update(now, [this](const json& event) {
+    const std::string kind = event.value("kind", "");
     if (kind == "parameter_set" || kind == "feature_set" || kind == "switched" || kind == "controllet")
       ++list_version_;
-  }
+  });
   look_at_status(now);
 }
 
@@ -136,30 +91,18 @@ void RunSource::look_at_status(HostTime now) {
 }
 
 std::span<const double> RunSource::state(HostTime now) {
-  if (record_.empty()) return {};
+  if (records_.newest().empty()) return {};
   if (objects_ != nullptr) objects_->read(poses_);
-  const double since = 1e-9 * (static_cast<double>(now.ns) - RecordReader::number(record_, start_ns_));
-  return view_.compute(record_, since, more_, poses_);
+  return view_.compute(records_.newest(), records_.since_s(now), more_, poses_);
 }
 
 json RunSource::slow_state() {
   json state = handler_.state();
-  state["paused"] = !record_.empty() && seconds(host_now() - moved_on_) > kStill;
-  const auto us = [&](double share) { return 1e-3 * static_cast<double>(times_.percentile(share)); };
-  state["cycle_times_us"] = {{"median", us(0.5)},
-                             {"p99", us(0.99)},
-                             {"p999", us(0.999)},
-                             {"worst", 1e-3 * static_cast<double>(times_.max())}};
+  state["paused"] = records_.still_s(host_now()) > kStill;
+  state["cycle_times_us"] = records_.cycle_times_us();
   for (std::size_t i = 0; i < state["arms"].size(); ++i) {
     json& arm = state["arms"][i];
-    json cures = json::array();
-    const auto errors = arm["errors"].get<std::uint64_t>();
-    for (std::size_t bit = 0; bit < kArmErrorCount; ++bit) {
-      if ((errors >> bit & 1u) == 0) continue;
-      const auto error = static_cast<ArmError>(bit);
-      cures.push_back({{"error", to_string(error)}, {"cure", cure(error)}});
-    }
-    arm["cures"] = cures;
+    arm["cures"] = cures_of(arm["errors"].get<std::uint64_t>());
     if (i < status_.arms.size()) arm["tracking_unit"] = status_.arms[i].tracking_unit;
   }
   return state;
@@ -169,70 +112,6 @@ json RunSource::list() {
   json list = handler_.list();
   list.erase("ok");
   return list;
-}
-
-std::vector<json> RunSource::events(std::uint64_t& from) {
-  std::vector<json> all;
-  for (std::uint64_t n = std::max(from, reader_.oldest_event()); n < events_; ++n) {
-    const auto event = reader_.event(n);
-    if (!event) continue;
-    json text = json::parse(event->text, nullptr, false);
-    if (!text.is_object()) continue;
-    text["cycle"] = event->cycle;
-    text["t_s"] = event->t.seconds();
-    all.push_back(std::move(text));
-  }
-  from = events_;
-  return all;
-}
-
-// --- plots ---
-
-Plot RunSource::open_plot(const std::vector<std::string>& fields, std::uint64_t every) {
-  Plot plot{.fields = {}, .every = every, .next = reader_.oldest_record()};
-  for (const std::string& name : fields) {
-    const auto* field = reader_.find(name);
-    if (field == nullptr) {
-      std::vector<std::string> names;
-      for (const auto& known : reader_.fields()) names.push_back(known.name);
-      throw RequestRefused("malformed", "plot: there is no field '" + name.substr(0, 100) + "'" +
-                                            name_hint(name, names, "there are none"));
-    }
-    plot.fields.push_back(static_cast<std::size_t>(field - reader_.fields().data()));
-  }
-  return plot;
-}
-
-json RunSource::columns(const Plot& plot) const {
-  json columns = json::array();
-  for (const std::size_t i : plot.fields)
-    columns.push_back({reader_.fields()[i].name, reader_.fields()[i].count});
-  return columns;
-}
-
-std::uint32_t RunSource::rows(Plot& plot, std::string& out) {
-  std::uint32_t count = 0;
-  plot.next = std::max(plot.next, reader_.oldest_record());
-  const auto put = [&](double value) { out.append(reinterpret_cast<const char*>(&value), sizeof(value)); };
-  for (; plot.next < records_ && count < kMostRows; ++plot.next) {
-    if (plot.next % plot.every != 0 || !reader_.read(plot.next, row_)) continue;
-    put(1e-9 * RecordReader::number(row_, t_ns_));
-    for (const std::size_t i : plot.fields) {
-      const auto& field = reader_.fields()[i];
-      for (std::size_t k = 0; k < field.count; ++k) put(RecordReader::number(row_, field, k));
-    }
-    ++count;
-  }
-  return count;
-}
-
-json RunSource::histogram() const {
-  json edges = json::array();
-  edges.push_back(0);
-  for (std::size_t k = 0; k <= kPerDecade * kDecades; ++k)
-    edges.push_back(std::pow(10, static_cast<double>(k) / kPerDecade));
-  edges.push_back(nullptr);  // open
-  return {{"ok", true}, {"edges_us", edges}, {"counts", bins_}};
 }
 
 // --- requests ---
@@ -252,7 +131,7 @@ bool RunSource::moves(const std::string& command) const { return command == "ref
 
 std::variant<Reply, Later> RunSource::ask(const json& request) {
   const std::string word = request.at("do").get<std::string>();
-  if (word == "histogram") return Reply{.answer = histogram(), .numbers = {}};
+  if (word == "histogram") return Reply{.answer = records_.histogram(), .numbers = {}};
   auto pending = std::make_shared<RequestHandler::Pending>();
   const HostTime received = host_now();
   auto at_once = handler_.begin(request, *pending);
@@ -277,6 +156,6 @@ void RunSource::note_moved(const json& request, std::uint64_t ticket) {
   if (ticket != 0) moved_.add_ticket(ticket);
 }
 
-void RunSource::come_to_rest(bool hold) { moved_.come_to_rest(reader_, hold); }
+void RunSource::come_to_rest(bool hold) { moved_.come_to_rest(records_.reader(), hold); }
 
 }  // namespace multipanda::cockpit

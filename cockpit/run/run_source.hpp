@@ -8,8 +8,8 @@
 #include "cockpit/desk/source.hpp"
 #include "cockpit/run/moved_inputs.hpp"
 #include "cockpit/run/object_poses.hpp"
+#include "cockpit/run/record_view.hpp"
 #include "cockpit/run/state_view.hpp"
-#include "runtime/cycle_histogram.hpp"
 #include "runtime/live_input/request_handler.hpp"
 #include "runtime/session.hpp"
 
@@ -24,15 +24,17 @@ class RunSource final : public Source {
 
   nlohmann::json hello() override;
   void update(HostTime now) override;
-  std::uint64_t newest() const override { return records_; }
+  std::uint64_t newest() const override { return records_.count(); }
   std::span<const double> state(HostTime now) override;
   nlohmann::json slow_state() override;
   std::uint64_t list_version() const override { return list_version_; }
   nlohmann::json list() override;
-  std::vector<nlohmann::json> events(std::uint64_t& from) override;
-  Plot open_plot(const std::vector<std::string>& fields, std::uint64_t every) override;
-  nlohmann::json columns(const Plot& plot) const override;
-  std::uint32_t rows(Plot& plot, std::string& out) override;
+  std::vector<nlohmann::json> events(std::uint64_t& from) override { return records_.events(from); }
+  Plot open_plot(const std::vector<std::string>& fields, std::uint64_t every) override {
+    return records_.open_plot(fields, every);
+  }
+  nlohmann::json columns(const Plot& plot) const override { return records_.columns(plot); }
+  std::uint32_t rows(Plot& plot, std::string& out) override { return records_.rows(plot, out); }
   std::vector<std::string> commands() const override;
   bool is_open(const std::string& command) const override;
   bool moves(const std::string& command) const override;
@@ -42,28 +44,20 @@ class RunSource final : public Source {
  private:
   void look_at_status(HostTime now);
   void note_moved(const nlohmann::json& request, std::uint64_t ticket);
-  nlohmann::json histogram() const;
 
   Session& session_;
   ObjectPoses* objects_;
   const LiveInputContext input_;
   RequestHandler handler_;
-  RecordReader reader_;
+  RecordView records_;
   StateView view_;
   MovedInputs moved_;
-  RecordReader::Field cycle_, t_ns_, start_ns_, total_ns_;
-  RecordReader::Record record_, row_;
-  std::uint64_t records_ = 0;  // seen
-  std::uint64_t events_ = 0;   // seen
   std::uint64_t list_version_ = 1;
   HostTime next_status_;
-  HostTime moved_on_{};  // when the newest records had another time than those before
   RunStatus status_;
   std::vector<StateView::More> more_;
   LatestState::Snapshot snapshot_;
   std::vector<std::optional<Pose>> poses_;
-  std::vector<std::uint64_t> bins_;  // of cycle times
-  CycleHistogram times_;
 };
 
 }  // namespace multipanda::cockpit

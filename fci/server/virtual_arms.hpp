@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <filesystem>
+#include <functional>
 #include <future>
 #include <memory>
 #include <mutex>
@@ -57,6 +58,8 @@ struct VirtualArmOptions {
   std::chrono::milliseconds patience{500};
   std::optional<ThreadSetup> thread{};  // real-time scheduling of the loop; none: unchanged
   std::filesystem::path meshes;
+  // Called on the loop's thread before the first and after every period. It must neither block nor throw.
+  std::function<void(const MujocoPlant&)> on_period;
 };
 
 struct WorldStatistics {
@@ -99,7 +102,7 @@ class VirtualArms {
   const VirtualWorldView& view() const { return view_; }
 
   // --- any thread; carried out between two periods ---
-  // Requests to a simulated arm; PlaceObject and ResetSimulation.
+  // Requests to a simulated arm; PlaceObject, PushObject and ResetSimulation.
   std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request);
   std::future<RequestAnswer> request(WorldRequest request);
   // All following functions return false if too many commands are waiting: try again.

@@ -36,6 +36,7 @@ constexpr nanoseconds kTogether{20'000'000};
 void VirtualArms::run() {
   stepped_at_ = host_now();
   view_.publish(static_cast<std::uint64_t>(plant_.periods()) + 1, plant_);
+  if (options_.on_period) options_.on_period(plant_);
   if (has_own_clocks()) {
     run_own_clocks();
   } else if (options_.pace == WorldPace::realtime) {
@@ -73,6 +74,7 @@ void VirtualArms::advance_world() {
   plant_.advance();
   const std::int64_t period = plant_.periods();
   view_.publish(static_cast<std::uint64_t>(period) + 1, plant_);
+  if (options_.on_period) options_.on_period(plant_);
   for (const auto* ports : {&grippers_, &vacuums_}) {
     for (const auto& port : *ports) {
       if (port) port->stepped(period);
@@ -279,7 +281,11 @@ ArmReply VirtualArms::apply(const RequestBox::Posted& posted) {
   const auto* of_world = std::get_if<WorldRequest>(&posted.request);
   if (of_world == nullptr) return plant_.arm(posted.arm).apply(std::get<ArmRequest>(posted.request));
   if (const auto* place = std::get_if<PlaceObject>(of_world)) {
-    return plant_.world().place(posted.object, place->X_WO) ? ArmReply::done : ArmReply::would_penetrate;
+    return plant_.place(posted.object, place->X_WO) ? ArmReply::done : ArmReply::would_penetrate;
+  }
+  if (const auto* push = std::get_if<PushObject>(of_world)) {
+    plant_.push(posted.object, push->f_W, push->duration);
+    return ArmReply::done;
   }
   if (!std::holds_alternative<ResetSimulation>(*of_world)) return ArmReply::not_supported;
   plant_.reset();

@@ -61,7 +61,12 @@ export class WorldPanel {
     reset.addEventListener("click", () => void this.session.request("reset"));
     replaceChildren(
       this.simulation,
-      h("div", { class: "section" }, h("h2", {}, "Simulation"), h("div", { class: "row" }, this.pause, step, reset)),
+      h(
+        "div",
+        { class: "section" },
+        h("h2", {}, "Simulation"),
+        h("div", { class: "row" }, ...(this.session.commands.has("pause") ? [this.pause, step] : []), reset),
+      ),
       this.objects(scene.bodies.filter((body) => body.movable).map((body) => body.name)),
     );
   }

@@ -1,0 +1,226 @@
+#include "cockpit/virtual/virtual_source.hpp"
+
+#include <cmath>
+
+#include "cockpit/view/scene_text.hpp"
+#include "core/state/arm_mode_name.hpp"
+#include "device/arm_error.hpp"
+#include "fci/server/fault_commands.hpp"
+#include "runtime/live_input/backend_requests.hpp"
+#include "scene/build.hpp"
+#include "support/spelling.hpp"
+
+namespace multipanda::cockpit {
+namespace {
+
+using nlohmann::json;
+
+constexpr double kStill = 0.25;  // the world stands still [s]
+
+const std::vector<std::string> kCommands = {"list",        "state",     "histogram", "stop",
+                                            "resume",      "user_stop", "recover",   "place_object",
+                                            "push_object", "reset",     "fault"};
+
+std::vector<std::shared_ptr<const ArmModel>> models_of(const Scene& scene) {
+  std::vector<std::shared_ptr<const ArmModel>> models;
+  for (const SceneArm& arm : scene.arms) models.push_back(build_controller_model(arm));
+  return models;
+}
+
+std::vector<ArmFrames> frames_of(const Scene& scene) {
+  std::vector<ArmFrames> frames;
+  for (const SceneArm& arm : scene.arms) frames.push_back(arm_config(arm).frames);
+  return frames;
+}
+
+}  // namespace
+
+VirtualSource::VirtualSource(const Scene& scene, fci::VirtualArms& arms, WorldFeed& feed)
+    : scene_(scene),
+      arms_(arms),
+      feed_(feed),
+      models_(models_of(scene)),
+      shared_(scene.name, feed.layout(), models_, frames_of(scene)),
+      run_events_(feed.layout()),
+      records_(shared_.memory().file()),
+      state_view_(scene, models_, records_.fields()),
+      more_(models_.size(), {.frames = {}, .tracking_error = std::nan(""), .torque_use = std::nan("")}) {
+  const auto frames = frames_of(scene);
+  for (std::size_t i = 0; i < more_.size(); ++i) more_[i].frames = frames[i];
+}
+
+json VirtualSource::hello() {
+  json arms = describe_arms(scene_);
+  for (ArmIndex i = 0; i < arms.size(); ++i)
+    arms[i].update({{"kind", "virtual"}, {"gripper", false}, {"vacuum", false}});
+  std::string places;
+  for (ArmIndex i = 0; i < arms_.arm_count(); ++i)
+    places += (i == 0 ? "" : ", ") + arms_.names()[i] + " at " + arms_.place(i).address;
+  return {{"version", MULTIPANDA_VERSION},
+          {"kind", "run"},
+          {"scene",
+           {{"name", scene_.name},
+            {"description", scene_.description},
+            {"backend", "virtual arms: " + places},
+            {"simulated", true},
+            {"duration_s", 0},
+            {"arms", arms},
+            {"bodies", state_view_.bodies()}}},
+          {"list", list()},
+          {"state_fields", state_view_.fields()},
+          {"record_fields", records_.field_list()},
+          {"names", records_.names()},
+          {"commands", commands()},
+          {"logs", json::array()}};
+}
+
+void VirtualSource::update(HostTime) {
+  RecordRing& ring = feed_.ring();
+  while (const CycleRecord* record = ring.ring.front()) {
+    for (const Event* event = ring.events.front(); event != nullptr && event->cycle <= record->cycle;
+         event = ring.events.front()) {
+      shared_.take(*event);
+      for (const RunEvent& seen : run_events_.take(*event)) shared_.take(seen);
+      ring.events.pop();
+    }
+    shared_.take(*record, ArmSet());
+    for (const RunEvent& seen : run_events_.take(*record, {})) shared_.take(seen);
+    newest_ = *record;
+    ring.ring.pop();
+  }
+  shared_.count_lost(ring.dropped_records.exchange(0), ring.dropped_events.exchange(0));
+  records_.update();
+}
+
+std::span<const double> VirtualSource::state(HostTime now) {
+  if (records_.newest().empty()) return {};
+  const WorldFeed::Frames& frames = feed_.frames();
+  for (std::size_t i = 0; i < more_.size(); ++i) more_[i].frames = frames[i];
+  feed_.objects().read(poses_);
+  return state_view_.compute(records_.newest(), records_.since_s(now), more_, poses_);
+}
+
+json VirtualSource::slow_state() {
+  const double since = records_.since_s(host_now());
+  json arms = json::array();
+  for (ArmIndex i = 0; i < newest_.arms.size(); ++i) {
+    const ArmSample& sample = newest_.arms[i];
+    const auto mode = static_cast<ArmMode>(sample.mode);
+    const fci::PortStatistics port = arms_.statistics(i);
+    json arm = {{"arm", arms_.names()[i]},
+                {"controllet", "program"},
+                {"mode", to_string(mode)},
+                {"stopped", mode == ArmMode::user_stopped},
+                {"errors", sample.errors},
+                {"error_names", error_list(sample.errors)},
+                {"cures", cures_of(sample.errors)},
+                {"interventions", 0},
+                {"last_intervention", ""},
+                {"tracking_unit", ""},
+                {"connection",
+                 {{"received", port.commands_received},
+                  {"lost", port.commands_lost},
+                  {"late", port.commands_late},
+                  {"commands_missed", port.commands_missed},
+                  {"command_success_rate", sample.command_success_rate}}}};
+    if (sample.has_gripper) arm["gripper"] = gripper_state(sample);
+    arms.push_back(std::move(arm));
+  }
+  return {{"scene", scene_.name},
+          {"cycle", newest_.cycle},
+          {"t_s", newest_.t.seconds()},
+          {"since_cycle_s", since},
+          {"paused", since > kStill},
+          {"cycle_times_us", records_.cycle_times_us()},
+          {"overruns", arms_.world_statistics().overruns},
+          {"arms", arms}};
+}
+
+json VirtualSource::list() { return {{"version", MULTIPANDA_VERSION}, {"controllets", json::array()}}; }
+
+// --- requests ---
+
+std::vector<std::string> VirtualSource::commands() const { return kCommands; }
+
+bool VirtualSource::is_open(const std::string& command) const {
+  return command == "list" || command == "state" || command == "histogram" || command == "stop";
+}
+
+std::variant<Reply, Later> VirtualSource::ask(const json& request) {
+  const std::string word = request.at("do").get<std::string>();
+  const JsonFields fields(request, word);
+  if (word == "stop" || word == "resume") return press_stops(request, word == "stop");
+  if (word == "list" || word == "state" || word == "histogram") {
+    fields.allow({"id", "do"});
+    json answer = word == "histogram" ? records_.histogram() : word == "list" ? list() : json();
+    if (word == "state") answer["state"] = slow_state();
+    answer["ok"] = true;
+    return Reply{.answer = std::move(answer), .numbers = {}};
+  }
+  if (word == "fault") {
+    fields.allow({"id", "do", "line"});
+    const std::string said = fci::control(arms_, fields.text("line"));
+    const bool done = said == "ok" || said.starts_with("words:");
+    return Reply{.answer = {{"ok", done}, {"reason", said}}, .numbers = {}};
+  }
+  return when_all(begin(word, request), {{"ok", true}});
+}
+
+// The stop buttons of the arms.
+std::variant<Reply, Later> VirtualSource::press_stops(const json& request, bool pressed) {
+  const json received = host_now().ns;
+  const JsonFields fields(request, pressed ? "stop" : "resume");
+  fields.allow({"id", "do", "arms"});
+  auto names = fields.has("arms") ? fields.texts("arms") : std::vector<std::string>{"all"};
+  if (names == std::vector<std::string>{"all"}) names = arms_.names();
+  std::vector<ArmIndex> chosen;
+  for (const auto& name : names) chosen.push_back(arm_named(name));
+  Answers answers;
+  for (const ArmIndex arm : chosen) answers.push_back(arms_.request(arm, SetUserStop{pressed}));
+  json done = {{"ok", true}};
+  if (pressed) done["received_ns"] = received;
+  return when_all(std::move(answers), std::move(done));
+}
+
+VirtualSource::Answers VirtualSource::begin(const std::string& word, const json& request) {
+  const JsonFields fields(request, word);
+  BackendRequest read = read_backend_request(word, fields, {"id", "do"});
+  Answers answers;
+  if (auto* of_world = std::get_if<WorldRequest>(&read)) {
+    auto* place = std::get_if<PlaceObject>(of_world);
+    if (place != nullptr && !fields.has("rpy_rad") && !fields.has("quaternion_wxyz")) {
+      for (const SceneObject& object : scene_.objects) {
+        if (object.name == place->object) place->X_WO.rotation = object.X_WO.rotation;
+      }
+    }
+    answers.push_back(arms_.request(std::move(*of_world)));
+  } else {
+    const ArmIndex arm = arm_named(fields.text("arm"));
+    answers.push_back(arms_.request(arm, std::get<ArmRequest>(std::move(read))));
+  }
+  return answers;
+}
+
+ArmIndex VirtualSource::arm_named(const std::string& name) const {
+  if (const auto arm = arms_.find(name)) return *arm;
+  throw RequestRefused("unknown_arm", "there is no arm '" + name.substr(0, 60) + "'" +
+                                          name_hint(name, arms_.names(), "there is none"));
+}
+
+Later VirtualSource::when_all(Answers answers, json done) {
+  auto waiting = std::make_shared<Answers>(std::move(answers));
+  return [waiting, done = std::move(done)]() -> std::optional<Reply> {
+    for (const auto& answer : *waiting) {
+      if (answer.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return {};
+    }
+    json result = done;
+    for (auto& answer : *waiting) {
+      const RequestAnswer said = answer.get();
+      if (said.success) continue;
+      result = {{"ok", false}, {"verdict", "arm_refused"}, {"reason", said.reason}};
+    }
+    return Reply{.answer = std::move(result), .numbers = {}};
+  };
+}
+
+}  // namespace multipanda::cockpit

@@ -1,0 +1,65 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "cockpit/desk/source.hpp"
+#include "cockpit/run/record_view.hpp"
+#include "cockpit/run/state_view.hpp"
+#include "cockpit/virtual/world_feed.hpp"
+#include "fci/server/virtual_arms.hpp"
+#include "runtime/shared_records/shared_records.hpp"
+
+namespace multipanda::cockpit {
+
+// Virtual arms, which programs command over the network: their states, their stop buttons, the faults that
+// `virtual-arm` takes on its standard input, and the objects of their world. Nothing here moves an arm.
+class VirtualSource final : public Source {
+ public:
+  // `arms` calls feed.take(); both outlive this. Throws std::runtime_error without memory.
+  VirtualSource(const Scene& scene, fci::VirtualArms& arms, WorldFeed& feed);
+
+  nlohmann::json hello() override;
+  void update(HostTime now) override;
+  std::uint64_t newest() const override { return view().count(); }
+  std::span<const double> state(HostTime now) override;
+  nlohmann::json slow_state() override;
+  std::uint64_t list_version() const override { return 1; }
+  nlohmann::json list() override;
+  std::vector<nlohmann::json> events(std::uint64_t& from) override { return view().events(from); }
+  Plot open_plot(const std::vector<std::string>& fields, std::uint64_t every) override {
+    return view().open_plot(fields, every);
+  }
+  nlohmann::json columns(const Plot& plot) const override { return view().columns(plot); }
+  std::uint32_t rows(Plot& plot, std::string& out) override { return records_.rows(plot, out); }
+  std::vector<std::string> commands() const override;
+  bool is_open(const std::string& command) const override;
+  bool moves(const std::string&) const override { return false; }
+  std::variant<Reply, Later> ask(const nlohmann::json& request) override;
+  void come_to_rest(bool) override {}
+
+ private:
+  using Answers = std::vector<std::future<RequestAnswer>>;
+
+  const RecordView& view() const { return records_; }
+  std::variant<Reply, Later> press_stops(const nlohmann::json& request, bool pressed);
+  Answers begin(const std::string& word, const nlohmann::json& request);
+  ArmIndex arm_named(const std::string& name) const;
+  static Later when_all(Answers answers, nlohmann::json done);
+
+  const Scene scene_;
+  fci::VirtualArms& arms_;
+  WorldFeed& feed_;
+  const std::vector<std::shared_ptr<const ArmModel>> models_;
+  SharedRecords shared_;
+  RunEvents run_events_;
+  RecordView records_;
+  StateView state_view_;
+  CycleRecord newest_;
+  std::vector<StateView::More> more_;
+  std::vector<std::optional<Pose>> poses_;
+};
+
+}  // namespace multipanda::cockpit

@@ -1,0 +1,31 @@
+#pragma once
+
+#include "runtime/session.hpp"
+
+namespace multipanda {
+
+// Sees the sessions that a command runs, one after the other: the cockpit.
+class SessionViewer {
+ public:
+  virtual ~SessionViewer() = default;
+  virtual void prepare(const Scene& scene, SessionOptions& options) = 0;  // sets what it needs of the session
+  virtual void show(Session& session) = 0;                                // before its start
+  virtual void end() = 0;  // before the session is destroyed; idempotent
+};
+
+// Shows a session for as long as this exists.
+class Viewed {
+ public:
+  Viewed(SessionViewer* viewer, Session& session) : viewer_(viewer) {
+    if (viewer_ != nullptr) viewer_->show(session);
+  }
+  ~Viewed() {
+    if (viewer_ != nullptr) viewer_->end();
+  }
+  Viewed(const Viewed&) = delete;
+
+ private:
+  SessionViewer* viewer_;
+};
+
+}  // namespace multipanda

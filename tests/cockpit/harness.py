@@ -1,0 +1,104 @@
+"""A run with a cockpit, and a page of it, for the tests of this folder. The first argument is the program."""
+
+import contextlib
+import functools
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+
+from page_client import Page
+
+PROGRAM = sys.argv.pop(1) if len(sys.argv) > 1 else "build/multipanda"
+FOLDER = tempfile.mkdtemp(prefix="mp-cockpit-")
+PATIENCE = 120  # [s]; only reached by a hang
+
+
+class Run:
+    """A scene that waits for commands, or another command with a cockpit."""
+
+    def __init__(self, *arguments, command=None, by_signal=False):
+        """`by_signal`: the command ends by SIGTERM, not with its standard input."""
+        self.by_signal = by_signal
+        command = command or [PROGRAM, "run", *arguments, "--no-timeline", "--cockpit", "0"]
+        command = [*command] if by_signal else [*command, "--until-input-ends"]
+        self.lines = []
+        self.process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=os.environ | {"XDG_RUNTIME_DIR": FOLDER},
+        )
+        self.address = None
+        for line in self.process.stdout:
+            self.lines.append(line.rstrip("\n"))
+            if line.startswith("http://127.0.0.1:"):
+                self.address = line.strip()
+                break
+        assert self.address, "".join(self.lines)
+        threading.Thread(target=self._drain, daemon=True).start()
+
+    def _drain(self):
+        for line in self.process.stdout:
+            self.lines.append(line.rstrip("\n"))
+
+    def page(self, **options):
+        return Page(self.address, timeout=PATIENCE, **options)
+
+    def end(self):
+        self.process.stdin.close()
+        self.process.wait(PATIENCE)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        if self.by_signal:
+            self.process.terminate()
+        with contextlib.suppress(OSError):
+            self.process.stdin.close()
+        try:
+            self.process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            raise
+
+
+class Late(Exception):
+    """This computer was too busy to beat in time: the run has held the arm, as it should."""
+
+
+def patient(test):
+    """For a test that holds a button in real time: begun again if this computer came too late."""
+
+    @functools.wraps(test)
+    def wrapped(self):
+        for _ in range(20):
+            try:
+                return test(self)
+            except Late:
+                pass
+        return test(self)
+
+    return wrapped
+
+
+def controlling(run):
+    page = run.page()
+    assert page.ask("control", take=True)["control"] == "taken"
+    page.ask("subscribe", rate_hz=60)
+    page.until(lambda p: p.states, "state")
+    return page
+
+
+def settle(page, name="arm"):
+    """The joints' speeds of an arm at rest."""
+    page.states.clear()
+    page.until(lambda p: p.states and max(abs(v) for v in p.value(f"{name}/dq_rad_per_s")) < 0.02, "rest")
+
+
+def owner(page, name="arm"):
+    return page.hello["names"]["controllets"][int(page.value(f"{name}/owner")[0])]
