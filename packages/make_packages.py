@@ -67,7 +67,10 @@ def stage(build, folder, site_packages):
     else:  # built without ROS 2, or with an installation of it, which other computers do not have
         description = folder / "pyproject.toml"
         description.write_text(re.sub(r"^ros = \[.*?^\]\n", "", description.read_text(), flags=re.M | re.S))
-    write_notices(folder / "licenses", site_packages)
+    page = folder / "multipanda/share/multipanda/cockpit_page/index.html"
+    if not page.exists():
+        print("the packages have no page of the cockpit: this build has none; ./multipanda setup makes it")
+    write_notices(folder / "licenses", site_packages, with_page=page.exists())
 
 
 def make_wheel(staged, work, out, bin_folder, site_packages):

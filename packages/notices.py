@@ -1,7 +1,7 @@
 """Third-party software in the packages, and where its notice is.
 
 A row covers Python distributions (wheels of .venv) and Debian packages whose libraries or headers end up in the
-program. tests/packages/notices_test.py derives these from the linked libraries and the included headers and fails if
+program, and npm packages that are bundled into the cockpit's page. tests/packages/notices_test.py derives these from the linked libraries and the included headers and fails if
 one has no row. A notice is taken from the installed package, so that it belongs to the version that is bundled; the
 wheels that carry none have theirs in packages/licenses.
 """
@@ -17,8 +17,8 @@ COMMON = pathlib.Path("/usr/share/common-licenses")
 
 class Component(NamedTuple):
     name: str
-    sources: tuple  # "wheel:NAME", "debian:NAME" (its copyright file) or "file:NAME" (in packages/licenses)
-    covers: tuple  # distributions and Debian packages
+    sources: tuple  # "wheel:NAME", "npm:NAME", "debian:NAME" (its copyright file), "file:NAME" (in packages/licenses)
+    covers: tuple  # distributions, Debian packages, "npm:NAME"
 
 
 COMPONENTS = (
@@ -35,7 +35,9 @@ COMPONENTS = (
     Component("Pinocchio", ("wheel:libpinocchio",), ("libpinocchio",)),
     Component("Qhull", ("wheel:cmeel-qhull",), ("cmeel-qhull",)),
     Component("stb", ("debian:libstb-dev",), ("libstb-dev",)),
+    Component("three.js", ("npm:three",), ("npm:three",)),
     Component("TinyXML-2", ("file:tinyxml2.txt",), ("cmeel-tinyxml2",)),
+    Component("uPlot", ("npm:uplot",), ("npm:uplot",)),
     Component("urdfdom", ("file:urdfdom.txt",), ("cmeel-urdfdom", "cmeel-urdfdom-headers")),
     Component("yaml-cpp", ("debian:libyaml-cpp-dev",), ("libyaml-cpp-dev", "libyaml-cpp0.7", "libyaml-cpp0.8")),
     Component("Zstandard", ("debian:libzstd1",), ("libzstd1", "libzstd-dev")),
@@ -70,16 +72,25 @@ def notice(source, site_packages):
     kind, _, name = source.partition(":")
     if kind == "file":
         return (HERE / "licenses" / name).read_text(encoding="utf-8")
-    text = debian_notice(name) if kind == "debian" else wheel_notice(name, site_packages)
+    if kind == "npm":
+        text = (HERE.parent / "cockpit/page/node_modules" / name / "LICENSE").read_text(encoding="utf-8")
+    else:
+        text = debian_notice(name) if kind == "debian" else wheel_notice(name, site_packages)
     if len(text) < 200:
         raise ValueError(f"the notice of {source} is empty; put its text into packages/licenses")
     return text
 
 
-def write_notices(folder, site_packages):
-    """Writes one file for each component."""
+def is_of_page(component):
+    return all(source.startswith("npm:") for source in component.sources)
+
+
+def write_notices(folder, site_packages, with_page=True):
+    """Writes one file for each component; without the cockpit's page none of what is bundled into it."""
     folder.mkdir(parents=True)
     for component in COMPONENTS:
+        if is_of_page(component) and not with_page:
+            continue
         text = "\n".join(notice(source, site_packages).strip() + "\n" for source in component.sources)
         name = canonical(component.name.replace(" ", "-"))
         (folder / f"{name}.txt").write_text(f"{component.name}\n\n{text}", encoding="utf-8")

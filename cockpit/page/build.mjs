@@ -1,5 +1,5 @@
 // Bundles the page: `node build.mjs --out FOLDER`. Everything that the browser loads is in that folder afterwards.
-import { copyFileSync, mkdirSync, readdirSync, rmSync, statSync } from "node:fs";
+import { copyFileSync, mkdirSync, readdirSync, rmSync, statSync, writeFileSync } from "node:fs";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 import { build } from "esbuild";
@@ -15,7 +15,7 @@ process.chdir(dirname(fileURLToPath(import.meta.url)));
 rmSync(out, { recursive: true, force: true });
 mkdirSync(out, { recursive: true });
 // esbuild remembers the folder that it was loaded in, so it is told where it is.
-await build({
+const script = await build({
   absWorkingDir: process.cwd(),
   entryPoints: { cockpit: "src/main.ts" },
   outdir: out,
@@ -25,15 +25,21 @@ await build({
   target: "es2022",
   legalComments: "eof",
   logLevel: "warning",
+  metafile: true,
 });
-await build({
+const style = await build({
   absWorkingDir: process.cwd(),
   entryPoints: { cockpit: "style/cockpit.css" },
   outdir: out,
   bundle: true,
   minify: true,
   logLevel: "warning",
+  metafile: true,
 });
+// What is bundled, for the notices in packages (packages/notices.py).
+const inputs = [script, style].flatMap((made) => Object.keys(made.metafile.inputs));
+const packages = inputs.flatMap((file) => file.match(/node_modules\/((?:@[^/]+\/)?[^/]+)/)?.[1] ?? []);
+writeFileSync(`${out}.packages`, [...new Set(packages)].sort().join("\n") + "\n");
 for (const name of ["index.html", "icon.svg"]) copyFileSync(name, join(out, name));
 const bytes = readdirSync(out).reduce((sum, name) => sum + statSync(join(out, name)).size, 0);
 console.log(`${out}: ${Math.round(bytes / 1000)} kB`);

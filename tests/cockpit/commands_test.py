@@ -3,13 +3,14 @@
 
 import math
 import os
+import pathlib
 import shutil
 import subprocess
 import tempfile
 import unittest
 
 from harness import FOLDER, PROGRAM, Run, controlling
-from page_client import Closed
+from page_client import Closed, http
 
 SCENE = """\
 name: ball
@@ -149,6 +150,30 @@ class Reports(unittest.TestCase):
                 self.assertLess(abs(page.value("objects/ball", values)[1] - y), 0.02)
         left = [PROGRAM, "report", folder, "--until-input-ends"]
         self.assertEqual(subprocess.run(left, capture_output=True, check=False).returncode, 2)
+
+
+class WithoutPage(unittest.TestCase):
+    def test_a_program_without_the_page_says_so_and_does_all_else(self):
+        program = shutil.copy2(PROGRAM, os.path.join(FOLDER, "multipanda"))  # the bundle is beside the original
+        with Run(command=[program, "run", scene_file(), "--no-timeline", "--cockpit", "0"]) as run, run.page() as page:
+            self.assertTrue(any("no cockpit page" in line for line in run.lines), run.lines)
+            answer = http(page.port, b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            self.assertEqual(answer.status, 404)
+            self.assertIn(b"no cockpit page", answer.body)
+            self.assertEqual(page.ask("control", take=True)["control"], "taken")
+
+    def test_the_build_goes_on_without_node(self):
+        tools = os.path.join(FOLDER, "tools")
+        os.mkdir(tools)
+        for name in ("bash", "cat", "dirname", "mkdir", "sha256sum"):
+            os.symlink(shutil.which(name), os.path.join(tools, name))
+        script = pathlib.Path(__file__).resolve().parents[2] / "cockpit/page/page.sh"
+        build = os.path.join(FOLDER, "build")
+        words = [os.path.join(tools, "bash"), script, "build", build]
+        done = subprocess.run(words, env={"PATH": tools}, capture_output=True, text=True, check=False)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("the page is left out", done.stderr)
+        self.assertFalse(os.path.exists(os.path.join(build, "cockpit_page")))
 
 
 if __name__ == "__main__":

@@ -126,16 +126,19 @@ class Commanding(unittest.TestCase):
 
     def test_a_watcher_stops_within_one_cycle(self):
         with Run("two_arms", *self.BACKEND) as run, controlling(run) as page, run.page() as watcher:
-            watcher.ask("plot", fields=["cycle", "start_ns"])
+            watcher.ask("plot", fields=["cycle", "start_ns", "left/owner", "right/owner"])
+            names = page.hello["names"]["controllets"]
+            holds = [names.index("left_hold"), names.index("right_hold")]
             for _ in range(5):
-                watcher.news.clear()
+                self.assertTrue(page.ask("switch", activate=["left_joint", "right_joint"])["ok"])
+                watcher.plots.clear()
                 received = watcher.ask("stop")["received_ns"]
-                watcher.until(lambda p: p.events("stopped"), "event")
-                stopped = watcher.events("stopped")[0]["cycle"]
-                watcher.until(lambda p, cycle=stopped: p.plots and p.plots[-1][1][-1][1] > cycle + 1, "records")
+                held = lambda p: [row for _, part in p.plots for row in part if list(row[3:]) == holds]  # noqa: E731
+                watcher.until(lambda p, held=held: held(p) and held(p)[0][2] > received, "records in hold")
                 rows = [row for _, part in watcher.plots for row in part]
-                arrived = max(cycle for _, cycle, start in rows if start <= received)
-                self.assertLessEqual(stopped, arrived + 1)
+                # The first cycle in hold against the last one that had begun when the server took the stop.
+                arrived = max(cycle for _, cycle, start, *_ in rows if start <= received)
+                self.assertLessEqual(held(watcher)[0][1], arrived + 1)
                 self.assertEqual(watcher.ask("resume", arms="all")["verdict"], "no_control")
                 self.assertTrue(page.ask("resume", arms="all")["ok"])
 

@@ -1,8 +1,11 @@
 """What is in the packages: size, tag, libraries, and nothing of the computer that built them."""
 
 import functools
+import pathlib
 import re
+import subprocess
 import unittest
+import urllib.request
 import zipfile
 from email.parser import HeaderParser
 
@@ -46,6 +49,29 @@ def required(extra):
         (name,) = [n for n in archive.namelist() if n.endswith(".dist-info/METADATA")]
         metadata = HeaderParser().parsestr(archive.read(name).decode())
     return {line.split(";")[0].strip() for line in metadata.get_all("Requires-Dist") if f"extra == '{extra}'" in line}
+
+
+class CockpitPage(unittest.TestCase):
+    @unittest.skipUnless((BUILD / "cockpit_page/index.html").exists(), "this build has no page: it was made without Node")
+    def test_the_program_of_the_wheel_serves_it(self):
+        page = pathlib.Path("multipanda/share/multipanda/cockpit_page")
+        files = sorted(path.name for path in (made.unpacked() / page).iterdir())
+        self.assertIn("index.html", files)
+        in_deb = made.unpacked_deb() / "usr/lib/python3/dist-packages" / page
+        self.assertEqual(sorted(path.name for path in in_deb.iterdir()), files)
+        self.assertLessEqual(sum(path.stat().st_size for path in in_deb.iterdir()), 1_000_000)
+        program = made.unpacked() / "multipanda/bin/multipanda"
+        for path in (program, *program.parent.iterdir()):
+            path.chmod(0o755)
+        words = [program, "run", "one_arm", "--no-timeline", "--cockpit", "0", "--until-input-ends"]
+        with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as run:
+            address = next((line.strip() for line in run.stdout if line.startswith("http://")), "")
+            try:
+                with urllib.request.urlopen(address.partition("#")[0], timeout=30) as answer:
+                    self.assertIn(b"<html", answer.read())
+            finally:
+                run.stdin.close()
+                run.stdout.read()
 
 
 class Wheel(unittest.TestCase):

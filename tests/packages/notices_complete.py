@@ -12,7 +12,7 @@ import made
 from made import ROOT, output
 
 sys.path.insert(0, str(ROOT / "packages"))
-from notices import COMPONENTS, canonical  # noqa: E402
+from notices import COMPONENTS, canonical, is_of_page  # noqa: E402
 
 # Part of every Linux, and compiled in under the runtime library exception.
 OF_THE_SYSTEM = re.compile(r"^(libc6|libc6-dev|linux-libc-dev|libstdc\+\+.*|libgcc.*|gcc-.*)$")
@@ -90,6 +90,13 @@ def compiled_in():
     return {who: header for who, header in owners.items() if not OF_THE_SYSTEM.match(who)}
 
 
+@functools.cache
+def in_page():
+    """The npm packages that the bundler has read for the cockpit's page; none in a build without it."""
+    listed = made.BUILD / "cockpit_page.packages"
+    return [f"npm:{name}" for name in listed.read_text().split()] if listed.exists() else []
+
+
 def without_notice(owners, components):
     covered = {name for component in components for name in component.covers}
     return sorted(who for who in owners if who not in covered)
@@ -106,19 +113,26 @@ class Notices(unittest.TestCase):
         self.assertIn("libcli11-dev", compiled_in())
         self.assertEqual(without_notice(compiled_in(), COMPONENTS), [], compiled_in())
 
+    def test_each_package_in_the_page_has_one(self):
+        self.assertEqual(bool(in_page()), (made.BUILD / "cockpit_page/index.html").exists())
+        self.assertEqual(without_notice(in_page(), COMPONENTS), [])
+
     def test_a_missing_row_is_found(self):
-        for name in ("MuJoCo", "CLI11"):
+        for name in ("MuJoCo", "CLI11", *(["uPlot"] if in_page() else [])):
             fewer = [component for component in COMPONENTS if component.name != name]
-            self.assertTrue(without_notice([*bundled().values(), *compiled_in()], fewer), name)
+            self.assertTrue(without_notice([*bundled().values(), *compiled_in(), *in_page()], fewer), name)
 
     def test_no_row_is_without_use(self):
-        used = {*bundled().values(), *compiled_in()}
-        self.assertEqual([c.name for c in COMPONENTS if not used & set(c.covers)], [])
+        used = {*bundled().values(), *compiled_in(), *in_page()}
+        needed = [c for c in COMPONENTS if in_page() or not is_of_page(c)]
+        self.assertEqual([c.name for c in needed if not used & set(c.covers)], [])
 
     def test_the_texts_are_in_both_packages(self):
         (folder,) = made.unpacked().glob("multipanda-*.dist-info/licenses")
         copyright_file = (made.unpacked_deb() / "usr/share/doc/multipanda/copyright").read_text()
         for component in COMPONENTS:
+            if is_of_page(component) and not in_page():
+                continue
             text = (folder / "licenses" / f"{canonical(component.name.replace(' ', '-'))}.txt").read_text()
             self.assertGreater(len(text), 300, component.name)
             self.assertRegex(text, r"(?i)copyright|public domain|boost software|'as-is'", component.name)

@@ -216,11 +216,23 @@ class Client:
         """Sends a goal and returns its handle."""
         from rclpy.action import ActionClient
 
-        if name not in self.actions:
+        new = name not in self.actions
+        if new:
             self.actions[name] = self.made(ActionClient, self.node, action_type, name)
             assert self.actions[name].wait_for_server(timeout), f"there is no action {name}"
-        future = self.actions[name].send_goal_async(goal, feedback_callback=feedback)
-        return wait_for(lambda: future.done() and future.result(), f"answer of {name}", timeout)
+
+        def answer():
+            future = self.actions[name].send_goal_async(goal, feedback_callback=feedback)
+            return wait_for(lambda: future.done() and future.result(), f"answer of {name}", timeout)
+
+        # The middleware drops the answer to a client whose reader the server has not discovered yet, which the client
+        # cannot see. Of a client that has heard one, none is lost.
+        try:
+            return answer()
+        except AssertionError:
+            if not new:
+                raise
+            return answer()
 
     def result(self, handle, timeout=60.0):
         """Returns (status, result) of a goal; status as in action_msgs/GoalStatus."""
