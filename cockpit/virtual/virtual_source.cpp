@@ -74,7 +74,7 @@ json VirtualSource::hello() {
           {"logs", json::array()}};
 }
 
-void VirtualSource::update(HostTime) {
+void VirtualSource::update(HostTime now) {
   RecordRing& ring = feed_.ring();
   while (const CycleRecord* record = ring.ring.front()) {
     for (const Event* event = ring.events.front(); event != nullptr && event->cycle <= record->cycle;
@@ -89,7 +89,7 @@ void VirtualSource::update(HostTime) {
     ring.ring.pop();
   }
   shared_.count_lost(ring.dropped_records.exchange(0), ring.dropped_events.exchange(0));
-  records_.update();
+  records_.update(now);
 }
 
 std::span<const double> VirtualSource::state(HostTime now) {
