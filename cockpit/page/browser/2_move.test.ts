@@ -5,8 +5,10 @@ import {
   atRest,
   hold,
   handMoves,
+  heldUntil,
   kPatience,
   open,
+  patiently,
   Run,
   stateOf,
   takeControl,
@@ -37,7 +39,6 @@ for (const backend of ["mujoco", "virtual"]) {
 }
 
 const up = (page: Cockpit["page"]) => page.getByRole("button", { name: "Move up while held" });
-const z = async (page: Cockpit["page"]) => (await stateOf(page)).arms[0]!.hand.position[2];
 
 // After letting go, an arm may brake for as long as the limits take; then it stays.
 async function assertStays(page: Cockpit["page"]): Promise<void> {
@@ -49,31 +50,38 @@ async function assertStays(page: Cockpit["page"]): Promise<void> {
   assert.ok(moved < 2e-3, `it moved by ${(1000 * moved).toFixed(1)} mm after it was let go`);
 }
 
+const kCartesian = "left_cartesian";
+
 async function byMouse({ page }: Cockpit): Promise<void> {
   await page.getByRole("tab", { name: "Move" }).click();
-  const from = await z(page);
-  await hold(page, up(page), () => handMoves(page, 0, 2, from, 0.02));
+  await patiently(page, kCartesian, () => hold(page, up(page), () => handMoves(page, 0, 2, 0.02)));
   await assertStays(page);
   // The controllet is still active: the next hold needs no switch.
-  assert.equal((await stateOf(page)).arms[0]!.controllet, "left_cartesian");
+  assert.equal((await stateOf(page)).arms[0]!.controllet, kCartesian);
+}
+
+/** Keeps a key down until the hand has moved. */
+async function pressUntil(page: Cockpit["page"], key: string, by: number): Promise<void> {
+  await patiently(page, kCartesian, async () => {
+    await page.keyboard.down(key);
+    try {
+      await handMoves(page, 0, 2, by);
+    } finally {
+      await page.keyboard.up(key);
+    }
+  });
 }
 
 async function byKey({ page }: Cockpit): Promise<void> {
-  const from = await z(page);
   await page.getByRole("button", { name: "Move down while held" }).focus();
-  await page.keyboard.down("Space");
-  await handMoves(page, 0, 2, from, -0.01);
-  await page.keyboard.up("Space");
+  await pressUntil(page, "Space", -0.01);
   await assertStays(page);
 }
 
 async function byKeyboard({ page }: Cockpit): Promise<void> {
   const box = page.getByRole("checkbox", { name: "Keyboard" });
   await box.check();
-  const from = await z(page);
-  await page.keyboard.down("KeyR");
-  await handMoves(page, 0, 2, from, 0.01);
-  await page.keyboard.up("KeyR");
+  await pressUntil(page, "KeyR", 0.01);
   await assertStays(page);
   await box.uncheck();
 }
@@ -89,32 +97,50 @@ async function byJoint({ page }: Cockpit): Promise<void> {
   await activate(page, "left_joint");
   await page.locator("summary", { hasText: "Joints" }).click();
   const slider = page.getByRole("slider", { name: "Joint 1" });
-  const from = Number((await stateOf(page)).arms[0]!.q[0]);
   await slider.scrollIntoViewIfNeeded();
-  await page.waitForTimeout(300); // the slider follows the joint
-  const box = (await slider.boundingBox())!;
-  await page.mouse.move(box.x + box.width / 2 + 1, box.y + box.height / 2);
-  await page.mouse.down();
-  await page.mouse.move(box.x + box.width * 0.6, box.y + box.height / 2, { steps: 4 });
-  await until(
-    page,
-    (from) => Number((window as never as Window_).cockpit.session.state.arms[0]!.q[0]) > from + 0.05,
-    from,
-  );
-  await page.mouse.up();
+  await patiently(page, "left_joint", async () => {
+    await page.waitForTimeout(300); // the slider follows the joint
+    const box = (await slider.boundingBox())!;
+    const share = Number(await slider.evaluate(({ value, min, max }: HTMLInputElement) => (+value - +min) / (+max - +min)));
+    const x = (share: number) => box.x + box.width * share;
+    await page.mouse.move(x(share), box.y + box.height / 2);
+    await page.mouse.down();
+    try {
+      await page.mouse.move(x(share + (share < 0.6 ? 0.1 : -0.1)), box.y + box.height / 2, { steps: 4 });
+      await heldUntil(page, (state) => Number(state.arms[0]!.q[0]), share < 0.6 ? 0.05 : -0.05);
+    } finally {
+      await page.mouse.up();
+    }
+  });
   await assertStays(page);
   await page.locator("summary", { hasText: "Joints" }).click();
-  await activate(page, "left_cartesian");
+  await activate(page, kCartesian);
 }
 
 async function byGizmo({ page }: Cockpit): Promise<void> {
   const box = page.getByRole("checkbox", { name: "Drag the target in the picture" });
   await box.check();
   await page.getByRole("button", { name: "Side" }).click();
-  await page.waitForTimeout(300);
-  const from = await z(page);
-  // The handle of the vertical axis is a way above the target on the screen.
-  const at = await page.evaluate(() => {
+  await patiently(page, kCartesian, async () => {
+    await page.waitForTimeout(300);
+    const [x = NaN, y = NaN] = await gizmoHandle(page);
+    await page.mouse.move(x, y);
+    await page.waitForTimeout(200);
+    await page.mouse.down();
+    try {
+      await page.mouse.move(x, y - 25, { steps: 5 });
+      await handMoves(page, 0, 2, 0.01);
+    } finally {
+      await page.mouse.up();
+    }
+  });
+  await assertStays(page);
+  await box.uncheck();
+}
+
+// Where the handle of the vertical axis is on the screen: a way above the target.
+function gizmoHandle(page: Cockpit["page"]): Promise<number[]> {
+  return page.evaluate(() => {
     const { stage, session } = (
       window as never as { cockpit: { stage: StageLike; session: Window_["cockpit"]["session"] } }
     ).cockpit;
@@ -127,17 +153,6 @@ async function byGizmo({ page }: Cockpit): Promise<void> {
     const { left, top, width, height } = renderer.domElement.getBoundingClientRect();
     return [left + ((v.x + 1) / 2) * width, top + ((1 - v.y) / 2) * height];
   });
-  await page.mouse.move(at[0]!, at[1]!);
-  await page.waitForTimeout(200);
-  await page.mouse.down();
-  try {
-    await page.mouse.move(at[0]!, at[1]! - 25, { steps: 5 });
-    await handMoves(page, 0, 2, from, 0.01);
-  } finally {
-    await page.mouse.up();
-  }
-  await assertStays(page);
-  await box.uncheck();
 }
 
 interface StageLike {
@@ -150,48 +165,49 @@ interface StageLike {
 }
 
 async function hidden({ page }: Cockpit): Promise<void> {
-  const from = await z(page);
-  await hold(page, up(page), async () => {
-    await handMoves(page, 0, 2, from, 0.005);
-    await page.evaluate(() => {
-      Object.defineProperty(document, "visibilityState", { configurable: true, get: () => "hidden" });
-      document.dispatchEvent(new Event("visibilitychange"));
-    });
-    await assertStays(page); // although the button is still pressed
-    await page.evaluate(() => delete (document as { visibilityState?: unknown }).visibilityState);
-  });
+  await patiently(page, kCartesian, () =>
+    hold(page, up(page), async () => {
+      await handMoves(page, 0, 2, 0.005);
+      await page.evaluate(() => {
+        Object.defineProperty(document, "visibilityState", { configurable: true, get: () => "hidden" });
+        document.dispatchEvent(new Event("visibilitychange"));
+      });
+      await assertStays(page); // although the button is still pressed
+      await page.evaluate(() => delete (document as { visibilityState?: unknown }).visibilityState);
+    }),
+  );
   await page.getByText("the tab was hidden", { exact: false }).first().waitFor();
 }
 
 async function taken({ page }: Cockpit): Promise<void> {
-  const from = await z(page);
-  await hold(page, up(page), async () => {
-    await handMoves(page, 0, 2, from, 0.005);
-    await up(page).evaluate((button) => button.releasePointerCapture(1));
-    await assertStays(page);
-  });
+  await patiently(page, kCartesian, () =>
+    hold(page, up(page), async () => {
+      await handMoves(page, 0, 2, 0.005);
+      await up(page).evaluate((button) => button.releasePointerCapture(1));
+      await assertStays(page);
+    }),
+  );
 }
 
 async function frozen({ page }: Cockpit): Promise<void> {
-  const from = await z(page);
-  await hold(page, up(page), async () => {
-    await handMoves(page, 0, 2, from, 0.005);
-    // The main thread stands still for longer than the run waits for the next beat.
-    await page.evaluate(() => {
-      const end = performance.now() + 600;
-      while (performance.now() < end);
-    });
-    await page.getByText("The run ended the hold", { exact: false }).first().waitFor({ timeout: kPatience });
-    await assertStays(page);
-  });
+  await patiently(page, kCartesian, () =>
+    hold(page, up(page), async () => {
+      await handMoves(page, 0, 2, 0.005);
+      // The main thread stands still for longer than the run waits for the next beat.
+      await page.evaluate(() => {
+        const end = performance.now() + 600;
+        while (performance.now() < end);
+      });
+      await page.getByText("The run ended the hold", { exact: false }).first().waitFor({ timeout: kPatience });
+      await assertStays(page);
+    }),
+  );
   await until(page, () => (window as never as Window_).cockpit.session.state.arms[0]!.controllet !== "left_cartesian");
-  await activate(page, "left_cartesian");
 }
 
 async function closed({ page, context }: Cockpit, run: Run): Promise<void> {
   const watcher = await open(run.url);
-  const from = await z(page);
-  await hold(page, up(page), () => handMoves(page, 0, 2, from, 0.005), false);
+  await patiently(page, kCartesian, () => hold(page, up(page), () => handMoves(page, 0, 2, 0.005), false));
   await context.close();
   await until(watcher.page, () => {
     const { state, control } = (window as never as Window_).cockpit.session;

@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import { after, before, suite, test } from "node:test";
-import { atRest, handMoves, open, Run, stateOf, takeControl, until, type Cockpit, type Window_ } from "./support.ts";
+import { atRest, handMoves, open, patiently, Run, stateOf, takeControl, until, type Cockpit, type Window_ } from "./support.ts";
 
 suite("devices", () => {
   let run: Run;
@@ -55,16 +55,21 @@ suite("devices", () => {
     await set([0, 0, 0, 0], false, 1); // without the bumper nothing moves
     await page.waitForTimeout(300);
     assert.ok(Math.abs((await hand(cockpit, 0))[2] - from[2]) < 1e-3);
-    await set([0, 0, 0, 0], true, 1);
-    await handMoves(page, 0, 2, from[2], 0.01);
-    await set([0, 0, 0, 0], false, 1);
+    await patiently(page, "left_cartesian", async () => {
+      await set([0, 0, 0, 0], true, 1);
+      await handMoves(page, 0, 2, 0.01).finally(() => set([0, 0, 0, 0], false, 1));
+    });
     await atRest(page);
 
     await page.getByRole("checkbox", { name: "Gamepad: both sticks lead a hand" }).check();
     await page.getByRole("radio", { name: "Base" }).check();
-    const both = [await hand(cockpit, 0), await hand(cockpit, 1)];
-    await set([0, -1, 0, -1], true); // both sticks away from the operator: along the bases' x
-    await Promise.all([handMoves(page, 0, 0, both[0]![0], 0.01), handMoves(page, 1, 0, both[1]![0], 0.01)]);
+    await patiently(page, "left_cartesian", async () => {
+      await set([0, -1, 0, -1], true); // both sticks away from the operator: along the bases' x
+      await Promise.all([handMoves(page, 0, 0, 0.01), handMoves(page, 1, 0, 0.01)]).catch(async (error) => {
+        await set([0, 0, 0, 0], false);
+        throw error;
+      });
+    });
     // A pad that is unplugged holds nothing.
     await page.evaluate(() => {
       (window as never as { pad: { connected: boolean } }).pad.connected = false;
@@ -107,9 +112,10 @@ suite("devices", () => {
     await report(1, 0, 0, 0, 0, 0xa2, 0xfe); // the cap is lifted: z is -350 on the device
     await page.waitForTimeout(300);
     assert.ok(Math.abs((await hand(cockpit, 0))[2] - from[2]) < 1e-3, "it moved without its button");
-    await report(3, 1);
-    await handMoves(page, 0, 2, from[2], 0.01);
-    await report(3, 0);
+    await patiently(page, "left_cartesian", async () => {
+      await report(3, 1);
+      await handMoves(page, 0, 2, 0.01).finally(() => report(3, 0));
+    });
     await leave(cockpit);
   });
 
@@ -138,11 +144,12 @@ suite("devices", () => {
     await move(1.05, 0); // moved without squeezing: nothing
     await page.waitForTimeout(300);
     assert.ok(Math.abs((await hand(cockpit, 0))[2] - from[2]) < 1e-3);
-    await move(1.05, 1);
-    await page.waitForTimeout(200);
-    await move(1.1, 1);
-    await handMoves(page, 0, 2, from[2], 0.02);
-    await move(1.1, 0);
+    await patiently(page, "left_cartesian", async () => {
+      await move(1.05, 1);
+      await until(page, () => (window as never as Window_).cockpit.held());
+      await move(1.1, 1);
+      await handMoves(page, 0, 2, 0.02).finally(() => move(1.1, 0));
+    });
     await atRest(page);
     const arrived = await hand(cockpit, 0);
     await move(1.5, 0);
