@@ -3,6 +3,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import {
   atRest,
+  gizmoHandle,
   hold,
   handMoves,
   heldUntil,
@@ -16,6 +17,7 @@ import {
   type Cockpit,
   type Window_,
 } from "./support.ts";
+import { Network } from "./network.ts";
 
 for (const backend of ["mujoco", "virtual"]) {
   test(`${backend} arms`, async (t) => {
@@ -32,6 +34,7 @@ for (const backend of ["mujoco", "virtual"]) {
       await t.test("a pointer that the browser takes lets go", () => taken(cockpit));
       await t.test("a page that stands still is let go by the run", () => frozen(cockpit));
       await t.test("a page that is closed in mid motion leaves the arm held", () => closed(cockpit, run));
+      await t.test("a network that is cut in mid motion leaves the arm held", () => cut(run));
     } finally {
       await run.end();
     }
@@ -101,7 +104,9 @@ async function byJoint({ page }: Cockpit): Promise<void> {
   await patiently(page, "left_joint", async () => {
     await page.waitForTimeout(300); // the slider follows the joint
     const box = (await slider.boundingBox())!;
-    const share = Number(await slider.evaluate(({ value, min, max }: HTMLInputElement) => (+value - +min) / (+max - +min)));
+    const share = Number(
+      await slider.evaluate(({ value, min, max }: HTMLInputElement) => (+value - +min) / (+max - +min)),
+    );
     const x = (share: number) => box.x + box.width * share;
     await page.mouse.move(x(share), box.y + box.height / 2);
     await page.mouse.down();
@@ -136,32 +141,6 @@ async function byGizmo({ page }: Cockpit): Promise<void> {
   });
   await assertStays(page);
   await box.uncheck();
-}
-
-// Where the handle of the vertical axis is on the screen: a way above the target.
-function gizmoHandle(page: Cockpit["page"]): Promise<number[]> {
-  return page.evaluate(() => {
-    const { stage, session } = (
-      window as never as { cockpit: { stage: StageLike; session: Window_["cockpit"]["session"] } }
-    ).cockpit;
-    const p = session.state.arms[0]!.hand.position;
-    const { camera, renderer } = stage;
-    const v = camera.position
-      .clone()
-      .set(p[0], p[1], p[2] + 0.25)
-      .project(camera);
-    const { left, top, width, height } = renderer.domElement.getBoundingClientRect();
-    return [left + ((v.x + 1) / 2) * width, top + ((1 - v.y) / 2) * height];
-  });
-}
-
-interface StageLike {
-  camera: {
-    position: {
-      clone(): { set(x: number, y: number, z: number): { project(camera: unknown): { x: number; y: number } } };
-    };
-  };
-  renderer: { domElement: HTMLCanvasElement };
 }
 
 async function hidden({ page }: Cockpit): Promise<void> {
@@ -209,10 +188,29 @@ async function closed({ page, context }: Cockpit, run: Run): Promise<void> {
   const watcher = await open(run.url);
   await patiently(page, kCartesian, () => hold(page, up(page), () => handMoves(page, 0, 2, 0.005), false));
   await context.close();
-  await until(watcher.page, () => {
-    const { state, control } = (window as never as Window_).cockpit.session;
-    return !control.taken && state.arms[0]!.controllet !== "left_cartesian";
-  });
-  await assertStays(watcher.page);
+  await endsInHold(watcher.page);
   await watcher.context.close();
+}
+
+async function cut(run: Run): Promise<void> {
+  const watcher = await open(run.url);
+  const network = await Network.to(run.url);
+  try {
+    const { page, context } = await open(network.url);
+    await takeControl(page);
+    await patiently(page, kCartesian, () => hold(page, up(page), () => handMoves(page, 0, 2, 0.005), false));
+    network.cut();
+    await endsInHold(watcher.page);
+    // The page notices by the silence: nobody closes a connection whose cable is out.
+    await page.getByText("The connection to the run is lost", { exact: false }).first().waitFor();
+    await context.close();
+  } finally {
+    network.end();
+  }
+  await watcher.context.close();
+}
+
+async function endsInHold(page: Cockpit["page"]): Promise<void> {
+  await until(page, () => (window as never as Window_).cockpit.session.state.arms[0]!.controllet !== "left_cartesian");
+  await assertStays(page);
 }

@@ -3,7 +3,18 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import { after, before, suite, test } from "node:test";
-import { atRest, handMoves, open, patiently, Run, stateOf, takeControl, until, type Cockpit, type Window_ } from "./support.ts";
+import {
+  atRest,
+  handMoves,
+  open,
+  patiently,
+  Run,
+  stateOf,
+  takeControl,
+  until,
+  type Cockpit,
+  type Window_,
+} from "./support.ts";
 
 suite("devices", () => {
   let run: Run;

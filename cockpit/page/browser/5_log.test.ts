@@ -4,17 +4,18 @@ import { spawnSync } from "node:child_process";
 import { after, before, suite, test } from "node:test";
 import { open, picture, Run, temporaryFolder, until, type Window_ } from "./support.ts";
 
+/** The folder of a new log of the example. */
+function record(seconds: string, ...args: string[]): string {
+  const folder = temporaryFolder();
+  const words = ["run", "two_arms", "--seconds", seconds, "--fast", "--record", folder, ...args];
+  const made = spawnSync(process.env["COCKPIT_PROGRAM"]!, words, { encoding: "utf8" });
+  assert.equal(made.status, 0, made.stderr);
+  return folder;
+}
+
 suite("log", () => {
   let run: Run;
-  before(async () => {
-    const folder = temporaryFolder();
-    const program = process.env["COCKPIT_PROGRAM"]!;
-    const made = spawnSync(program, ["run", "two_arms", "--seconds", "12", "--fast", "--record", folder], {
-      encoding: "utf8",
-    });
-    assert.equal(made.status, 0, made.stderr);
-    run = await Run.start("cockpit", folder);
-  });
+  before(async () => (run = await Run.start("cockpit", record("12"))));
   after(() => run.end());
 
   test("a log is scrubbed and played, and commands nothing", async () => {
@@ -42,5 +43,57 @@ suite("log", () => {
     assert.equal(await page.getByRole("button", { name: "Take control" }).count(), 0);
     assert.deepEqual(complaints, []);
     await context.close();
+  });
+
+  test("a second log is drawn beside the first, and both move together", async () => {
+    const [folder, other] = [record("12"), record("9")];
+    const both = await Run.start("cockpit", folder, other);
+    try {
+      const { page, context, complaints } = await open(both.url);
+      await page.getByText(/compared with .* \(pale\)/).waitFor();
+      const slider = page.getByRole("slider", { name: "Time in the log" });
+      await slider.focus();
+      await page.keyboard.press("End");
+      await until(page, () => (window as never as Window_).cockpit.session.state.t_s > 11.9);
+      await picture(page, "cockpit_two_logs");
+      assert.deepEqual(complaints, []);
+      await context.close();
+    } finally {
+      await both.end();
+    }
+  });
+
+  // Ten minutes when all is tested in full, else one.
+  const seconds = process.env["MULTIPANDA_FULL"] ? 600 : 60;
+  test(`a log of ${seconds} seconds is scrubbed without waiting`, async () => {
+    const long = await Run.start("cockpit", record(String(seconds)));
+    try {
+      const { page, context } = await open(long.url);
+      const waits = await page.evaluate(
+        async ([seconds]) => {
+          const { cockpit } = window as never as Window_;
+          const scrub = document.querySelector<HTMLInputElement>("[aria-label='Time in the log']")!;
+          const waits: number[] = [];
+          for (let k = 1; k <= 40; ++k) {
+            const t = (k * 0.618 * seconds!) % seconds!; // forth and back through all of it
+            const begun = performance.now();
+            scrub.value = String(t);
+            scrub.dispatchEvent(new Event("input"));
+            while (Math.abs(cockpit.session.state.t_s - t) > 0.1 && performance.now() - begun < 10_000)
+              await new Promise((resolve) => setTimeout(resolve, 1));
+            waits.push(performance.now() - begun);
+          }
+          return waits.sort((a, b) => a - b);
+        },
+        [seconds],
+      );
+      console.log(
+        `from the slider to the state: median ${waits[20]!.toFixed(0)} ms, worst ${waits[39]!.toFixed(0)} ms`,
+      );
+      assert.ok(waits[39]! < 5000, `${waits[39]} ms`);
+      await context.close();
+    } finally {
+      await long.end();
+    }
   });
 });

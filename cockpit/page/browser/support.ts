@@ -126,7 +126,9 @@ export interface Window_ {
   cockpit: {
     session: {
       request(word: string, fields: object): Promise<{ ok: boolean }>;
-      state: LiveState; control: { mine: boolean; taken: boolean; watchers: number } };
+      state: LiveState;
+      control: { mine: boolean; taken: boolean; watchers: number };
+    };
     line: { latencies: number[] };
     stage: { pictures: number; drawSharply(): void };
     held(): boolean;
@@ -232,6 +234,32 @@ export async function atRest(page: Page): Promise<void> {
       Array.from(arm.dq).every((speed) => Math.abs(speed) < 0.005),
     ),
   );
+}
+
+/** Where the handle of the vertical axis is on the screen: a way above the target. */
+export function gizmoHandle(page: Page): Promise<number[]> {
+  return page.evaluate(() => {
+    const { stage, session } = (
+      window as never as { cockpit: { stage: StageLike; session: Window_["cockpit"]["session"] } }
+    ).cockpit;
+    const p = session.state.arms[0]!.hand.position;
+    const { camera, renderer } = stage;
+    const v = camera.position
+      .clone()
+      .set(p[0], p[1], p[2] + 0.25)
+      .project(camera);
+    const { left, top, width, height } = renderer.domElement.getBoundingClientRect();
+    return [left + ((v.x + 1) / 2) * width, top + ((1 - v.y) / 2) * height];
+  });
+}
+
+interface StageLike {
+  camera: {
+    position: {
+      clone(): { set(x: number, y: number, z: number): { project(camera: unknown): { x: number; y: number } } };
+    };
+  };
+  renderer: { domElement: HTMLCanvasElement };
 }
 
 export async function picture(page: Page, name: string): Promise<void> {

@@ -107,6 +107,8 @@ export interface LiveState {
   t_s: number;
   /** When the run sent it: Unix time of its computer [ms]. */
   sent_ms: number;
+  /** Age of the cycle when it was sent [s]. */
+  since_s: number;
   rate_hz: number;
   cycle_us: number;
   overruns: number;

@@ -68,6 +68,7 @@ export class StateReader {
       cycle: one("cycle"),
       t_s: one("t_s"),
       sent_ms: one("sent_ms"),
+      since_s: age,
       rate_hz: this.slow.rate_hz ?? NaN,
       cycle_us: one("total_us"),
       overruns: one("overruns"),
