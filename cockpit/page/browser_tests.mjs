@@ -45,7 +45,14 @@ try {
     sourcemap: "inline",
     logLevel: "warning",
   });
-  const env = { ...process.env, COCKPIT_BROWSER: browser, COCKPIT_PROGRAM: program, COCKPIT_PICTURES: pictures };
+  const film = at >= 0 ? { COCKPIT_SCREENCAST: "1" } : {};
+  const env = {
+    ...process.env,
+    ...film,
+    COCKPIT_BROWSER: browser,
+    COCKPIT_PROGRAM: program,
+    COCKPIT_PICTURES: pictures,
+  };
   const run = spawnSync(
     process.execPath,
     ["--enable-source-maps", "--test-reporter=spec", "--test", join(out, "all.mjs")],

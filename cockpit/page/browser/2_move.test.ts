@@ -203,6 +203,14 @@ async function cut(run: Run): Promise<void> {
     await endsInHold(watcher.page);
     // The page notices by the silence: nobody closes a connection whose cable is out.
     await page.getByText("The connection to the run is lost", { exact: false }).first().waitFor();
+    // A stop that cannot be sent now is sent when the network is back.
+    await page.getByRole("button", { name: "Stop", exact: true }).click();
+    await page.getByText("The stop may not have reached the run", { exact: false }).first().waitFor();
+    assert.ok((await stateOf(watcher.page)).arms.every((arm) => !arm.stopped));
+    network.mend();
+    await until(watcher.page, () =>
+      (window as never as Window_).cockpit.session.state.arms.every((arm) => arm.stopped),
+    );
     await context.close();
   } finally {
     network.end();

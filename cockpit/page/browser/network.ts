@@ -25,6 +25,12 @@ export class Network {
     this.isCut = true;
   }
 
+  /** Connections that were cut are lost; new ones pass. */
+  mend(): void {
+    for (const socket of this.sockets.splice(0)) socket.destroy();
+    this.isCut = false;
+  }
+
   end(): void {
     for (const socket of this.sockets) socket.destroy();
     this.server.close();

@@ -65,5 +65,5 @@ setInterval(() => {
 }, 1000);
 line.open();
 
-// For tests and for figures of latency: nothing here can move an arm.
+// For tests and for figures of latency.
 Object.assign(window, { cockpit: { session, line, stage: app.view.stage, held: () => app.holding.held } });

@@ -31,6 +31,7 @@ export class RunLine implements PageLine, RequestSender {
   private plotColumns: FieldList = [];
   private watched: string[] = [];
   private askedForControl = false;
+  private owesStop = false;
 
   constructor(
     private readonly session: Session,
@@ -68,8 +69,13 @@ export class RunLine implements PageLine, RequestSender {
     this.connection.send({ release: true });
   }
 
+  /** A stop that a broken connection may have swallowed is sent again when it is back: one too many harms nobody. */
   stop(): void {
-    void this.session.request("stop");
+    void this.session.request("stop").then((answer) => {
+      this.owesStop = answer.verdict === "connection_lost";
+      if (this.owesStop)
+        this.hooks.message("The stop may not have reached the run. It is sent again when the connection is back.");
+    });
   }
 
   watch(names: string[]): void {
@@ -108,6 +114,7 @@ export class RunLine implements PageLine, RequestSender {
     session.kind = hello.kind;
     session.state = undefined;
     session.list = hello.list.controllets;
+    if (this.owesStop) this.stop();
     session.commands = new Set(hello.commands);
     this.setStatus("connected", "");
     session.emit("scene", scene);

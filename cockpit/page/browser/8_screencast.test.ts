@@ -1,0 +1,47 @@
+// The screencast of the README, made only where pictures are asked for: tools/make_screencast.py joins its frames.
+import { mkdirSync, writeFileSync } from "node:fs";
+import { join } from "node:path";
+import { test } from "node:test";
+import { handMoves, hold, open, patiently, pictures, Run, takeControl, until, type Window_ } from "./support.ts";
+
+test("a screencast: jog, switch, stop", { skip: !process.env["COCKPIT_SCREENCAST"] }, async () => {
+  const run = await Run.idle("two_arms");
+  try {
+    const { page, context } = await open(run.url, { sharp: true });
+    const folder = join(pictures, "screencast");
+    mkdirSync(folder, { recursive: true });
+    const film = await context.newCDPSession(page);
+    const times: number[] = [];
+    film.on("Page.screencastFrame", ({ data, metadata, sessionId }) => {
+      writeFileSync(join(folder, `${String(times.length).padStart(4, "0")}.jpg`), Buffer.from(data, "base64"));
+      times.push(metadata.timestamp!);
+      void film.send("Page.screencastFrameAck", { sessionId });
+    });
+    await takeControl(page);
+    await film.send("Page.startScreencast", { format: "jpeg", quality: 90, maxWidth: 1280, maxHeight: 800 });
+    await page.waitForTimeout(600);
+    for (const direction of ["up", "left", "right"]) {
+      const button = page.getByRole("button", { name: `Move ${direction} while held` });
+      await patiently(page, "left_cartesian", () => hold(page, button, () => page.waitForTimeout(1200)));
+    }
+    await page.getByRole("tab", { name: "Laws" }).click();
+    await page.waitForTimeout(500);
+    await page.getByRole("button", { name: "Activate dual" }).click();
+    await page.getByText(/Started dual\./).waitFor();
+    await page.waitForTimeout(1200);
+    await page.getByRole("tab", { name: "Move" }).click();
+    await patiently(page, "dual", () =>
+      hold(page, page.getByRole("button", { name: "Move up while held" }), () => handMoves(page, 0, 2, 0.05)),
+    );
+    await page.getByRole("button", { name: "Stop", exact: true }).click();
+    await until(page, () => (window as never as Window_).cockpit.session.state.arms.every((arm) => arm.stopped));
+    await page.waitForTimeout(1200);
+    await page.getByRole("button", { name: "Resume" }).click();
+    await page.waitForTimeout(800);
+    await film.send("Page.stopScreencast");
+    writeFileSync(join(folder, "times.json"), JSON.stringify(times));
+    await context.close();
+  } finally {
+    await run.end();
+  }
+});
