@@ -178,7 +178,7 @@ export async function patiently(page: Page, owner: string, act: () => Promise<vo
       await act();
       return;
     } catch (error) {
-      if (!(error instanceof Late) || tries === 20) throw error;
+      if (!(error instanceof Late) || tries === 8) throw error;
       console.log(`again: ${error.message}`);
     }
   }
@@ -209,16 +209,17 @@ export async function heldUntil(page: Page, number: (state: LiveState) => number
       for (;;) {
         const moved = read(cockpit.session.state) - from;
         if (by > 0 ? moved > by : moved < by) return "moved";
-        if (held && !cockpit.held()) return "let go";
+        const said = () => document.querySelector(".toast:last-child p")?.textContent ?? "nothing said";
+        if (held && !cockpit.held()) return `let go: ${said()}`;
         held ||= cockpit.held();
-        if (!held && performance.now() - begun > 3000) return "never held";
+        if (!held && performance.now() - begun > 1500) return `never held: ${said()}`;
         if (performance.now() - begun > patience) return `moved by ${moved}`;
         await new Promise((resolve) => setTimeout(resolve, 10));
       }
     },
     { number: String(number), by, patience: kPatience },
   );
-  if (result === "let go" || result === "never held") throw new Late(result);
+  if (/^(let go|never held)/.test(result)) throw new Late(result);
   assert.equal(result, "moved");
 }
 
@@ -236,7 +237,7 @@ export async function atRest(page: Page): Promise<void> {
   );
 }
 
-/** Where the handle of the vertical axis is on the screen: a way above the target. */
+/** Where the handle of the vertical axis is on the screen: above the target, in the middle of the shaft. */
 export function gizmoHandle(page: Page): Promise<number[]> {
   return page.evaluate(() => {
     const { stage, session } = (
@@ -246,10 +247,10 @@ export function gizmoHandle(page: Page): Promise<number[]> {
     const { camera, renderer } = stage;
     const v = camera.position
       .clone()
-      .set(p[0], p[1], p[2] + 0.25)
+      .set(p[0], p[1], p[2])
       .project(camera);
     const { left, top, width, height } = renderer.domElement.getBoundingClientRect();
-    return [left + ((v.x + 1) / 2) * width, top + ((1 - v.y) / 2) * height];
+    return [left + ((v.x + 1) / 2) * width, top + ((1 - v.y) / 2) * height - 0.08 * height];
   });
 }
 
