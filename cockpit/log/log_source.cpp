@@ -145,7 +145,8 @@ Reply LogSource::states(Log& log, const std::vector<std::size_t>& rows) {
     for (const ArmFrames& frames : log.table->frames(row))
       more.push_back({.frames = frames, .tracking_error = std::nan(""), .torque_use = std::nan("")});
     const auto values = log.view->compute(log.table->record(row), 0, more, log.table->objects(row));
-    width = static_cast<std::uint32_t>(values.size());
+    width = static_cast<std::uint32_t>(1 + values.size());
+    put(out, log.table->t_s(row));
     out.append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
   }
   const std::uint32_t slice = ++slices_;

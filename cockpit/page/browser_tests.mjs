@@ -45,10 +45,10 @@ try {
     sourcemap: "inline",
     logLevel: "warning",
   });
-  const film = at >= 0 ? { COCKPIT_SCREENCAST: "1" } : {};
+  const docs = at >= 0 ? { COCKPIT_FOR_DOCS: "1" } : {};
   const env = {
     ...process.env,
-    ...film,
+    ...docs,
     COCKPIT_BROWSER: browser,
     COCKPIT_PROGRAM: program,
     COCKPIT_PICTURES: pictures,

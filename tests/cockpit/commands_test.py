@@ -145,7 +145,8 @@ class Reports(unittest.TestCase):
             for t, y in ((0.3, 0.0), (0.9, 0.5)):
                 state = page.ask("log_state", log=0, t_s=t)
                 page.until(lambda p, n=state["slice"]: any(s == n for s, _ in p.slices), "slice")
-                ((values,),) = [rows for number, rows in page.slices if number == state["slice"]]
+                (((at, *values),),) = [rows for number, rows in page.slices if number == state["slice"]]
+                self.assertAlmostEqual(at, t, delta=2e-3)
                 self.assertLess(abs(place_of(page, "ball", values)[1] - y), 0.02)
                 self.assertLess(abs(page.value("objects/ball", values)[1] - y), 0.02)
         left = [PROGRAM, "report", folder, "--until-input-ends"]

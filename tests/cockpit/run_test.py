@@ -261,7 +261,8 @@ class Logs(unittest.TestCase):
                 self.assertEqual(len(rows[0]), 5)
                 state = page.ask("log_state", log=number, t_s=1.5)
                 page.until(lambda p, n=state["slice"]: any(s == n for s, _ in p.slices), "slice")
-                (values,) = dict(page.slices)[state["slice"]]
+                ((at, *values),) = dict(page.slices)[state["slice"]]
+                self.assertEqual(at, page.value("t_s", values)[0])
                 place = page.value("left/position_m", values)
                 (same,) = [row for row in rows if abs(row[0] - page.value("t_s", values)[0]) < 4e-4]
                 for mine, theirs in zip(place, same[1:4], strict=True):

@@ -196,12 +196,9 @@ suite("command", () => {
       const width = page.getByRole("slider", { name: "Width" }).first();
       await width.focus();
       await page.keyboard.press("Home");
-      for (let k = 0; k < 20; ++k) await page.keyboard.press("ArrowRight");
-      await page.getByRole("button", { name: "Move gripper: left" }).click();
-      await until(
-        page,
-        () => Math.abs((window as never as Window_).cockpit.session.state.arms[0]!.gripper!.width_m - 0.02) < 0.002,
-      );
+      for (let k = 0; k < 40; ++k) await page.keyboard.press("ArrowRight"); // mm, of the cube between the fingers
+      await page.getByRole("button", { name: "Grasp: left" }).click();
+      await until(page, () => (window as never as Window_).cockpit.session.state.arms[0]!.gripper!.grasped);
       await page.getByRole("button", { name: "Open: left" }).click();
       await until(page, () => (window as never as Window_).cockpit.session.state.arms[0]!.gripper!.width_m > 0.07);
       await context.close();

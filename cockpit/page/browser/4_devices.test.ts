@@ -136,7 +136,9 @@ suite("devices", () => {
     delete Navigator.prototype.xr;
     const headset = new IWER.XRDevice(IWER.metaQuest3);
     headset.installRuntime();
-    window.headset = headset;`);
+    window.headset = headset;
+    // The emulator calls all its poses emulated; a headset says so where it has lost a controller.
+    Object.defineProperty(XRPose.prototype, "emulatedPosition", { get: () => window.lost ?? false });`);
     const { page } = cockpit;
     await page.getByRole("button", { name: "Enter or leave the headset" }).click();
     await until(page, () => (window as never as XrWindow).cockpit.stage.renderer.xr.isPresenting);
@@ -166,6 +168,17 @@ suite("devices", () => {
     await move(1.5, 0);
     await page.waitForTimeout(300);
     assert.ok(Math.abs((await hand(cockpit, 0))[2] - arrived[2]) < 2e-3);
+    // A controller that is not seen any more is let go, and holds nothing when it is seen again.
+    await patiently(page, "left_cartesian", async () => {
+      await move(1.5, 1);
+      await until(page, () => (window as never as Window_).cockpit.held());
+      await page.evaluate(() => Object.assign(window, { lost: true }));
+      await until(page, () => !(window as never as Window_).cockpit.held());
+      await page.evaluate(() => Object.assign(window, { lost: false }));
+      await page.waitForTimeout(300);
+      assert.equal(await page.evaluate(() => (window as never as Window_).cockpit.held()), false);
+      await move(1.5, 0);
+    });
     await cockpit.context.close();
   });
 

@@ -4,7 +4,7 @@ import { join } from "node:path";
 import { test } from "node:test";
 import { handMoves, hold, open, patiently, pictures, Run, takeControl, until, type Window_ } from "./support.ts";
 
-test("a screencast: jog, switch, stop", { skip: !process.env["COCKPIT_SCREENCAST"] }, async () => {
+test("a screencast: jog, switch, stop", { skip: !process.env["COCKPIT_FOR_DOCS"] }, async () => {
   const run = await Run.idle("two_arms");
   try {
     const { page, context } = await open(run.url, { sharp: true });

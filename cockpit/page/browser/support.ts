@@ -245,10 +245,7 @@ export function gizmoHandle(page: Page): Promise<number[]> {
     ).cockpit;
     const p = session.state.arms[0]!.hand.position;
     const { camera, renderer } = stage;
-    const v = camera.position
-      .clone()
-      .set(p[0], p[1], p[2])
-      .project(camera);
+    const v = camera.position.clone().set(p[0], p[1], p[2]).project(camera);
     const { left, top, width, height } = renderer.domElement.getBoundingClientRect();
     return [left + ((v.x + 1) / 2) * width, top + ((1 - v.y) / 2) * height - 0.08 * height];
   });

@@ -46,6 +46,7 @@ export class Connection {
     const socket = new WebSocket(this.url);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
+    this.heard = performance.now();
     socket.addEventListener("open", () => {
       this.heard = performance.now();
       void this.request("hello", { token: this.token }).then((answer) => {
@@ -59,10 +60,15 @@ export class Connection {
       if (typeof event.data === "string") this.take(event.data);
       else this.hooks.binary(event.data);
     });
-    socket.addEventListener("close", (event) => this.closed(event.code, event.reason));
+    socket.addEventListener("close", (event) => this.socket === socket && this.closed(event.code, event.reason));
     const watch = setInterval(() => {
       if (this.socket !== socket || socket.readyState === WebSocket.CLOSED) clearInterval(watch);
-      else if (socket.readyState === WebSocket.OPEN && performance.now() - this.heard > kSilence) socket.close();
+      else if (performance.now() - this.heard > kSilence) {
+        // Nobody answers the closing either, and the browser would wait for that for a long time.
+        clearInterval(watch);
+        socket.close();
+        this.closed(1006, "");
+      }
     }, 1000);
   }
 
