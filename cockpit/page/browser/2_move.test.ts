@@ -202,7 +202,7 @@ async function cut(run: Run): Promise<void> {
     network.cut();
     await endsInHold(watcher.page);
     // The page notices by the silence: nobody closes a connection whose cable is out.
-    await page.getByText("The connection to the run is lost", { exact: false }).first().waitFor();
+    await page.getByRole("status").getByText("lost").waitFor();
     // A stop that cannot be sent now is sent when the network is back.
     await page.getByRole("button", { name: "Stop", exact: true }).click();
     await page.getByText("The stop may not have reached the run", { exact: false }).first().waitFor();
