@@ -3,6 +3,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import {
   atRest,
+  drag,
   gizmoHandle,
   hold,
   handMoves,
@@ -111,7 +112,8 @@ async function byJoint({ page }: Cockpit): Promise<void> {
     await page.mouse.move(x(share), box.y + box.height / 2);
     await page.mouse.down();
     try {
-      await page.mouse.move(x(share + (share < 0.6 ? 0.1 : -0.1)), box.y + box.height / 2, { steps: 4 });
+      const y = box.y + box.height / 2;
+      await drag(page, [x(share), y], [x(share + (share < 0.6 ? 0.15 : -0.15)), y]);
       await heldUntil(page, (state) => Number(state.arms[0]!.q[0]), share < 0.6 ? 0.05 : -0.05);
     } finally {
       await page.mouse.up();
@@ -133,7 +135,7 @@ async function byGizmo({ page }: Cockpit): Promise<void> {
     await page.waitForTimeout(200);
     await page.mouse.down();
     try {
-      await page.mouse.move(x, y - 25, { steps: 5 });
+      await drag(page, [x, y], [x, y - 30]);
       await handMoves(page, 0, 2, 0.01);
     } finally {
       await page.mouse.up();
@@ -203,6 +205,7 @@ async function cut(run: Run): Promise<void> {
     await endsInHold(watcher.page);
     // The page notices by the silence: nobody closes a connection whose cable is out.
     await page.getByRole("status").getByText("lost").waitFor();
+    await page.mouse.up();
     // A stop that cannot be sent now is sent when the network is back.
     await page.getByRole("button", { name: "Stop", exact: true }).click();
     await page.getByText("The stop may not have reached the run", { exact: false }).first().waitFor();

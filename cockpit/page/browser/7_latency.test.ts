@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { gizmoHandle, open, ownerOf, Run, takeControl, until, type Window_ } from "./support.ts";
 
-const kCount = process.env["COCKPIT_FOR_DOCS"] ? 50 : 4; // of drags; many where pictures and figures are asked for
+const kCount = process.env["COCKPIT_FOR_DOCS"] ? 20 : 4; // of drags; many where pictures and figures are asked for
 
 test("latencies: state to picture, drag to torque", async () => {
   const run = await Run.idle("two_arms");

@@ -99,7 +99,7 @@ export async function open(url: string, options: PageOptions = {}): Promise<Cock
   const context = await browser.newContext({
     viewport: { width: options.width ?? 1280, height: options.height ?? 800 },
     colorScheme: options.theme ?? "dark",
-    deviceScaleFactor: options.sharp ? 1 : 0.5,
+    deviceScaleFactor: options.sharp || process.env["COCKPIT_FOR_DOCS"] ? 1 : 0.5,
     hasTouch: options.touch ?? false,
   });
   contexts.set(url, [...(contexts.get(url) ?? []), context]);
@@ -167,6 +167,15 @@ export async function hold(page: Page, button: Locator, meanwhile: () => Promise
   }
 }
 
+/** Moves the pressed mouse as a hand does: in many small ways, over some pictures. */
+export async function drag(page: Page, from: readonly [number, number], to: readonly [number, number]): Promise<void> {
+  const kSteps = 8;
+  for (let k = 1; k <= kSteps; ++k) {
+    await page.mouse.move(...([0, 1].map((i) => from[i]! + (k / kSteps) * (to[i]! - from[i]!)) as [number, number]));
+    await page.waitForTimeout(25);
+  }
+}
+
 /** The computer was too busy to read the button in time: the page or the run has let go, as they should. */
 export class Late extends Error {}
 
@@ -206,14 +215,14 @@ export async function heldUntil(page: Page, number: (state: LiveState) => number
       const from = read(cockpit.session.state);
       const begun = performance.now();
       let held = false;
+      const said = () => document.querySelector(".toast:last-child p")?.textContent ?? "nothing said";
       for (;;) {
         const moved = read(cockpit.session.state) - from;
         if (by > 0 ? moved > by : moved < by) return "moved";
-        const said = () => document.querySelector(".toast:last-child p")?.textContent ?? "nothing said";
         if (held && !cockpit.held()) return `let go: ${said()}`;
         held ||= cockpit.held();
         if (!held && performance.now() - begun > 1500) return `never held: ${said()}`;
-        if (performance.now() - begun > patience) return `moved by ${moved}`;
+        if (performance.now() - begun > patience) return `moved by ${moved}: ${said()}`;
         await new Promise((resolve) => setTimeout(resolve, 10));
       }
     },

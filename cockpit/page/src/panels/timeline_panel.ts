@@ -95,7 +95,8 @@ export class TimelinePanel {
     const x = (t: number) => left + ((t - from) / kWindow) * (width - left - 6);
     scene.arms.forEach((arm, k) => this.lane(pen, arm.name, k, x, from));
     pen.fillStyle = this.theme.color("muted");
-    for (let t = Math.ceil(from / 10) * 10; t <= from + kWindow; t += 10) {
+    const every = x(10) - x(0) < 40 ? 30 : 10; // so that the labels have room
+    for (let t = Math.ceil(from / every) * every; t <= from + kWindow; t += every) {
       pen.fillRect(x(t), height - 16, 1, 4);
       if (x(t) + 30 < width) pen.fillText(`${t} s`, x(t) + 3, height - 8);
     }
