@@ -113,8 +113,9 @@ async function byJoint({ page }: Cockpit): Promise<void> {
     await page.mouse.down();
     try {
       const y = box.y + box.height / 2;
+      const from = Number((await stateOf(page)).arms[0]!.q[0]);
       await drag(page, [x(share), y], [x(share + (share < 0.6 ? 0.15 : -0.15)), y]);
-      await heldUntil(page, (state) => Number(state.arms[0]!.q[0]), share < 0.6 ? 0.05 : -0.05);
+      await heldUntil(page, (state) => Number(state.arms[0]!.q[0]), share < 0.6 ? 0.05 : -0.05, from);
     } finally {
       await page.mouse.up();
     }
@@ -135,8 +136,9 @@ async function byGizmo({ page }: Cockpit): Promise<void> {
     await page.waitForTimeout(200);
     await page.mouse.down();
     try {
+      const from = (await stateOf(page)).arms[0]!.hand.position[2];
       await drag(page, [x, y], [x, y - 30]);
-      await handMoves(page, 0, 2, 0.01);
+      await heldUntil(page, (state) => state.arms[0]!.hand.position[2]!, 0.02, from);
     } finally {
       await page.mouse.up();
     }

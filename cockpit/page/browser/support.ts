@@ -206,13 +206,18 @@ async function activateAtOnce(page: Page, owner: string): Promise<void> {
   await until(page, (owner) => (window as never as Window_).cockpit.session.state.arms[0]!.controllet === owner, owner);
 }
 
-/** Waits until a number of the state has changed by at least so much while something is held. */
-export async function heldUntil(page: Page, number: (state: LiveState) => number, by: number): Promise<void> {
+/** Waits until a number of the state has changed by at least so much, from now or `from`, while something is held. */
+export async function heldUntil(
+  page: Page,
+  number: (state: LiveState) => number,
+  by: number,
+  from?: number,
+): Promise<void> {
   const result = await page.evaluate(
-    async ({ number, by, patience }) => {
+    async ({ number, by, patience, begin }) => {
       const { cockpit } = window as never as Window_;
       const read = new Function("state", `return (${number})(state)`) as (state: LiveState) => number;
-      const from = read(cockpit.session.state);
+      const from = begin ?? read(cockpit.session.state);
       const begun = performance.now();
       let held = false;
       const said = () => document.querySelector(".toast:last-child p")?.textContent ?? "nothing said";
@@ -226,7 +231,7 @@ export async function heldUntil(page: Page, number: (state: LiveState) => number
         await new Promise((resolve) => setTimeout(resolve, 10));
       }
     },
-    { number: String(number), by, patience: kPatience },
+    { number: String(number), by, patience: kPatience, begin: from },
   );
   if (/^(let go|never held)/.test(result)) throw new Late(result);
   assert.equal(result, "moved");

@@ -19,7 +19,7 @@ for (const [name, value] of Object.entries(globals))
   Object.defineProperty(globalThis, name, { value, configurable: true });
 
 let begun = 0;
-const motion: Motion = { begin: () => void ++begun, step: () => {}, end: () => {} };
+const motion: Motion = { begin: () => void ++begun, step: () => undefined, end: () => {} };
 const holdingOf = () => new Holding({ beat: () => {}, release: () => {} }, () => {});
 const report = (x: number) => {
   const data = new DataView(new ArrayBuffer(12));
@@ -101,4 +101,17 @@ test("a headset's controller that is not reported any more holds nothing", () =>
   assert.ok(holding.held);
   see();
   assert.equal(holding.held, false);
+});
+
+test("a motion that cannot go on ends its hold, and says why", () => {
+  const said: string[] = [];
+  const holding = new Holding({ beat: () => {}, release: () => {} }, (why) => said.push(why));
+  let why: string | undefined;
+  holding.begin("button", () => true, { ...motion, step: () => why });
+  holding.frame(performance.now());
+  assert.ok(holding.held);
+  why = "'left_hold' leads left now";
+  holding.frame(performance.now());
+  assert.ok(!holding.held);
+  assert.deepEqual(said, ["Let go: 'left_hold' leads left now."]);
 });

@@ -5,8 +5,8 @@ import { DeadMan, type GripLine } from "./dead_man.ts";
 export interface Motion {
   /** Before the first sample; a sentence if it cannot be done. */
   begin(): string | undefined;
-  /** One sample, after the run was told that the grip is held. */
-  step(seconds: number): void;
+  /** One sample, after the run was told that the grip is held; why it cannot go on, if so: that ends the hold. */
+  step(seconds: number): string | undefined;
   end(): void;
 }
 
@@ -61,7 +61,7 @@ export class Holding {
         released: (cause) => {
           this.motions.delete(name);
           motion.end();
-          if (cause !== "released") this.refuse(`Let go: ${cause}.`);
+          if (cause !== "released") this.refuse(`Let go: ${cause.replace(/\.$/, "")}.`);
         },
       },
       now,
@@ -82,7 +82,10 @@ export class Holding {
     const seconds = Math.min(0.1, (now - this.last) / 1000);
     this.last = now;
     if (!this.gate.readAll(now)) return;
-    for (const [name, motion] of [...this.motions]) if (this.gate.holds(name)) motion.step(seconds);
+    for (const [name, motion] of [...this.motions]) {
+      const why = this.gate.holds(name) ? motion.step(seconds) : undefined;
+      if (why !== undefined) this.letGo(name, why);
+    }
   }
 
   /** A button that moves something while a pointer, Space or Enter holds it. */

@@ -51,6 +51,8 @@ export function address(session: Session, arm: string, quantity: "pose" | "joint
   return { arm: scene.arms[index]!, state: one, controllet: found.controllet.name, input: found.input.name };
 }
 
+const takenOver = ({ arm, controllet }: Addressed) => `'${controllet}' leads ${arm.name} now`;
+
 /** Leads one hand: by the deflection of a device, or after a goal that moves. */
 export class PoseMotion implements Motion {
   private target: Pose | undefined;
@@ -75,9 +77,10 @@ export class PoseMotion implements Motion {
     return undefined;
   }
 
-  step(seconds: number): void {
+  step(seconds: number): string | undefined {
     const found = address(this.session, this.arm(), "pose");
-    if (typeof found === "string" || !this.target || !this.to || found.controllet !== this.to.controllet) return;
+    if (typeof found === "string") return found;
+    if (!this.target || found.controllet !== this.to?.controllet) return takenOver(found);
     const settings = this.settings();
     const { arm, state } = found;
     const force = Array.from(state.wrench ?? kZero).slice(0, 3) as unknown as Vector3;
@@ -101,6 +104,7 @@ export class PoseMotion implements Motion {
       position_m: this.target.position,
       quaternion_wxyz: this.target.quaternion,
     });
+    return undefined;
   }
 
   end(): void {
@@ -131,12 +135,14 @@ export class JointMotion implements Motion {
     return undefined;
   }
 
-  step(seconds: number): void {
+  step(seconds: number): string | undefined {
     const found = address(this.session, this.arm(), "joints");
-    if (typeof found === "string" || found.controllet !== this.to?.controllet) return;
+    if (typeof found === "string") return found;
+    if (found.controllet !== this.to?.controllet) return takenOver(found);
     const { joint_rad_per_s, lead_rad } = this.settings();
     this.target = jointsTowards(this.target, this.goal(), found.state.q, seconds, joint_rad_per_s, lead_rad);
     this.session.send({ do: "reference", stream: true, ...this.to, q_rad: this.target });
+    return undefined;
   }
 
   end(): void {
@@ -162,8 +168,12 @@ export class WrenchMotion implements Motion {
     return undefined;
   }
 
-  step(): void {
-    if (this.to) this.session.send({ do: "reference", stream: true, ...this.to, ...this.wrench() });
+  step(): string | undefined {
+    const found = address(this.session, this.arm(), "wrench");
+    if (typeof found === "string") return found;
+    if (found.controllet !== this.to?.controllet) return takenOver(found);
+    this.session.send({ do: "reference", stream: true, ...this.to, ...this.wrench() });
+    return undefined;
   }
 
   end(): void {
