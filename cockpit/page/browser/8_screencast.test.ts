@@ -1,13 +1,26 @@
 // The screencast of the README, made only where pictures are asked for: tools/make_screencast.py joins its frames.
-import { mkdirSync, writeFileSync } from "node:fs";
+import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { hold, open, patiently, pictures, Run, takeControl, until, type Window_ } from "./support.ts";
+import { hold, open, patiently, pictures, Run, takeControl, temporaryFolder, until, type Window_ } from "./support.ts";
 
 test("a screencast: jog, switch, stop", { skip: !process.env["COCKPIT_FOR_DOCS"] }, async () => {
-  const run = await Run.idle("two_arms");
+  // Drawing in software, and filming, take longer than the example's streams may be silent.
+  const scene = join(temporaryFolder(), "two_arms.yaml");
+  const text = readFileSync("../../config/scenes/two_arms.yaml", "utf8");
+  const patient = (input: string) => `inputs: {${input}: {timeout_s: 0.5}}`;
+  writeFileSync(
+    scene,
+    text
+      .replace("arms: left, features: [joint_limits]}", `arms: left, features: [joint_limits], ${patient("pose")}}`)
+      .replace(
+        "features: [joint_limits]\n    parameters:",
+        `features: [joint_limits]\n    ${patient("common_pose")}\n    parameters:`,
+      ),
+  );
+  const run = await Run.idle(scene);
   try {
-    const { page, context } = await open(run.url, { sharp: true });
+    const { page, context } = await open(run.url, { sharp: true, width: 1120, height: 700 });
     const folder = join(pictures, "screencast");
     mkdirSync(folder, { recursive: true });
     const film = await context.newCDPSession(page);
@@ -18,7 +31,7 @@ test("a screencast: jog, switch, stop", { skip: !process.env["COCKPIT_FOR_DOCS"]
       void film.send("Page.screencastFrameAck", { sessionId });
     });
     await takeControl(page);
-    await film.send("Page.startScreencast", { format: "jpeg", quality: 90, maxWidth: 1280, maxHeight: 800 });
+    await film.send("Page.startScreencast", { format: "jpeg", quality: 90, maxWidth: 1120, maxHeight: 700 });
     await page.waitForTimeout(600);
     for (const direction of ["up", "left", "right"]) {
       const button = page.getByRole("button", { name: `Move ${direction} while held` });
