@@ -239,17 +239,17 @@ class _Jog:
                     continue
                 due = max(due + period_s, now)
                 if grip.held:
-                    grip.held = self.step(mouse, now)
+                    grip.held = self.step(mouse)
         finally:
             self.release()
 
-    def step(self, mouse: SpaceMouse, now: float) -> bool:
+    def step(self, mouse: SpaceMouse) -> bool:
         """Sends the next set-point; False: the hold is over."""
         try:
             state = self.arm.state
             if self.stream is None:
                 state = self.begin(state)
-                self.stepped_s = now
+                self.stepped_s = state.t_s
             elif state.stopped or state.controllet != self.law.name:
                 cause = (
                     "it is stopped" if state.stopped else state.reason or state.last_intervention or "another switch"
@@ -260,8 +260,9 @@ class _Jog:
             deflection = shaped(mouse.deflection)
             twist = np.concatenate([rotation @ deflection[:3], rotation @ deflection[3:]])
             force = np.zeros(3) if state.wrench_n_nm is None else state.wrench_n_nm[:3]
-            self.target = jogged(self.target, twist, now - self.stepped_s, state.pose, force, self.limits)
-            self.stepped_s = now
+            # By the run's clock: a simulation may be slower than this computer's time.
+            self.target = jogged(self.target, twist, state.t_s - self.stepped_s, state.pose, force, self.limits)
+            self.stepped_s = state.t_s
             self.stream.send(self.target)
             return True
         except Refused as refused:
@@ -272,13 +273,20 @@ class _Jog:
     def begin(self, state: ArmState) -> ArmState:
         if state.stopped:
             raise Refused("arm_stopped", f"{self.arm.name} is stopped: resume it first")
-        if state.held:
-            self.law.activate()
-            state = self.arm.state
+        if not state.held:
+            return self.open(state)
+        self.law.activate()
+        try:
+            return self.open(self.arm.state)
+        except BaseException:
+            self.law.client.take_arms_from([self.law.name])
+            raise
+
+    def open(self, state: ArmState) -> ArmState:
         if state.controllet != self.law.name:
             raise Refused("not_active", f"{self.arm.name} is owned by {state.controllet}: deactivate it first")
         self.target = state.pose
-        with contextlib.suppress(Refused):  # a run without shared records
+        with contextlib.suppress(Refused, KeyError):  # a run without shared records
             # Where the law leads the hand already: a spring that is under tension stays so.
             led = self.law.client.record()[f"{self.law.name}/{self.name}"]
             if np.all(np.isfinite(led)):
