@@ -1,9 +1,10 @@
 """Third-party software in the packages, and where its notice is.
 
 A row covers Python distributions (wheels of .venv) and Debian packages whose libraries or headers end up in the
-program, and npm packages that are bundled into the cockpit's page. tests/packages/notices_test.py derives these from the linked libraries and the included headers and fails if
-one has no row. A notice is taken from the installed package, so that it belongs to the version that is bundled; the
-wheels that carry none have theirs in packages/licenses.
+program, and npm packages that are bundled into the cockpit's page. tests/packages/notices_complete.py derives these
+from the linked libraries, the included headers and the bundler's list, and fails if one has no row. A notice is taken
+from the installed package, so that it belongs to the version that is bundled; the wheels that carry none have theirs
+in packages/licenses.
 """
 
 import importlib.metadata

@@ -27,9 +27,9 @@ PAGES = {
     ),
     "controllets": Page(
         "Controllets",
-        "A control law of the scene: parameters, features, goals and streams. Which parameters a controllet has"
-        " depends on the scene: `help()` of it, and `stubs()`, show them with units and bounds.",
-        ("Controllet", "controllet.Feature", "Parameter", "Goal", "Stream", "stubs"),
+        "A control law of the scene: parameters, features, goals, streams and a SpaceMouse. Which parameters a"
+        " controllet has depends on the scene: `help()` of it, and `stubs()`, show them with units and bounds.",
+        ("Controllet", "controllet.Feature", "Parameter", "Goal", "Stream", "SpaceMouse", "JogLimits", "stubs"),
     ),
     "laws": Page(
         "Laws",

@@ -62,9 +62,7 @@ double RecordView::since_s(HostTime now) const {
                          : 1e-9 * (static_cast<double>(now.ns) - RecordReader::number(record_, start_ns_));
 }
 
-double RecordView::still_s(HostTime now) const {
-  return record_.empty() ? 0 : seconds(now - moved_on_);
-}
+double RecordView::still_s(HostTime now) const { return record_.empty() ? 0 : seconds(now - moved_on_); }
 
 json RecordView::field_list() const {
   json fields = json::array();

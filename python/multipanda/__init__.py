@@ -19,6 +19,7 @@ from .episode import Episode, LoggedEpisode
 from .errors import Disconnected, Error, ProgramMissing, Refused, Timeout, VersionMismatch
 from .follow import Event, Events, Records
 from .goal import Goal
+from .jog import JogLimits
 from .law import Evaluation, Law, PlacedLaw, law
 from .law_layout import LawInput, LawParameter
 from .log import Log, read_log
@@ -26,6 +27,7 @@ from .notebook import live_table
 from .parameters import Parameter
 from .program import program_path
 from .record import History, Record
+from .space_mouse import SpaceMouse
 from .started import Run, Summary, play, run
 from .state import ArmState, GripperState, Pose, RunState
 from .stream import Stream
@@ -47,6 +49,7 @@ __all__ = [
     "Goal",
     "Gripper",
     "GripperState",
+    "JogLimits",
     "Law",
     "LawInput",
     "LawParameter",
@@ -62,6 +65,7 @@ __all__ = [
     "Report",
     "Run",
     "RunState",
+    "SpaceMouse",
     "Stream",
     "Summary",
     "Timeout",

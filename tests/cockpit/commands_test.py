@@ -12,6 +12,7 @@ import unittest
 from harness import FOLDER, PROGRAM, Run, controlling
 from page_client import Closed, http
 
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 SCENE = """\
 name: ball
 arms:
@@ -156,7 +157,8 @@ class Reports(unittest.TestCase):
 class WithoutPage(unittest.TestCase):
     def test_a_program_without_the_page_says_so_and_does_all_else(self):
         program = shutil.copy2(PROGRAM, os.path.join(FOLDER, "multipanda"))  # the bundle is beside the original
-        with Run(command=[program, "run", scene_file(), "--no-timeline", "--cockpit", "0"]) as run, run.page() as page:
+        command = [program, "run", scene_file(), "--no-timeline", "--cockpit", "0"]
+        with Run(command=command, environment={"MULTIPANDA_SHARE": str(ROOT)}) as run, run.page() as page:
             self.assertTrue(any("no cockpit page" in line for line in run.lines), run.lines)
             answer = http(page.port, b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
             self.assertEqual(answer.status, 404)
@@ -168,7 +170,7 @@ class WithoutPage(unittest.TestCase):
         os.mkdir(tools)
         for name in ("bash", "cat", "dirname", "mkdir", "sha256sum"):
             os.symlink(shutil.which(name), os.path.join(tools, name))
-        script = pathlib.Path(__file__).resolve().parents[2] / "cockpit/page/page.sh"
+        script = ROOT / "cockpit/page/page.sh"
         build = os.path.join(FOLDER, "build")
         words = [os.path.join(tools, "bash"), script, "build", build]
         done = subprocess.run(words, env={"PATH": tools}, capture_output=True, text=True, check=False)

@@ -18,8 +18,8 @@ PATIENCE = 120  # [s]; only reached by a hang
 class Run:
     """A scene that waits for commands, or another command with a cockpit."""
 
-    def __init__(self, *arguments, command=None, by_signal=False):
-        """`by_signal`: the command ends by SIGTERM, not with its standard input."""
+    def __init__(self, *arguments, command=None, by_signal=False, environment=()):
+        """`by_signal`: the command ends by SIGTERM, not with its standard input. `environment`: more variables."""
         self.by_signal = by_signal
         command = command or [PROGRAM, "run", *arguments, "--no-timeline", "--cockpit", "0"]
         command = [*command] if by_signal else [*command, "--until-input-ends"]
@@ -30,7 +30,7 @@ class Run:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env=os.environ | {"XDG_RUNTIME_DIR": FOLDER},
+            env=os.environ | {"XDG_RUNTIME_DIR": FOLDER} | dict(environment),
         )
         self.address = None
         for line in self.process.stdout:

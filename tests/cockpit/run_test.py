@@ -40,6 +40,12 @@ def drag(page, seconds, beats=True, speed=0.05):
     return page.value("cartesian/pose")[2] - start[2]
 
 
+def held_since(rows, holds):
+    """The first cycle of rows (time, cycle, start, owners) that is held, after one that was not."""
+    moved = max((row[1] for row in rows if list(row[3:]) != holds), default=None)
+    return moved and min((row[1] for row in rows if row[1] > moved), default=None)
+
+
 class Watching(unittest.TestCase):
     def test_describes_the_run(self):
         with Run("two_arms") as run, run.page() as page:
@@ -133,12 +139,13 @@ class Commanding(unittest.TestCase):
                 self.assertTrue(page.ask("switch", activate=["left_joint", "right_joint"])["ok"])
                 watcher.plots.clear()
                 received = watcher.ask("stop")["received_ns"]
-                held = lambda p: [row for _, part in p.plots for row in part if list(row[3:]) == holds]  # noqa: E731
-                watcher.until(lambda p, held=held: held(p) and held(p)[0][2] > received, "records in hold")
-                rows = [row for _, part in watcher.plots for row in part]
+                rows = watcher.until(
+                    lambda p: held_since(rows := [row for _, part in p.plots for row in part], holds) and rows,
+                    "records in hold",
+                )
                 # The first cycle in hold against the last one that had begun when the server took the stop.
                 arrived = max(cycle for _, cycle, start, *_ in rows if start <= received)
-                self.assertLessEqual(held(watcher)[0][1], arrived + 1)
+                self.assertLessEqual(held_since(rows, holds), arrived + 1)
                 self.assertEqual(watcher.ask("resume", arms="all")["verdict"], "no_control")
                 self.assertTrue(page.ask("resume", arms="all")["ok"])
 

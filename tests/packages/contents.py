@@ -52,7 +52,9 @@ def required(extra):
 
 
 class CockpitPage(unittest.TestCase):
-    @unittest.skipUnless((BUILD / "cockpit_page/index.html").exists(), "this build has no page: it was made without Node")
+    @unittest.skipUnless(
+        (BUILD / "cockpit_page/index.html").exists(), "this build has no page: it was made without Node"
+    )
     def test_the_program_of_the_wheel_serves_it(self):
         page = pathlib.Path("multipanda/share/multipanda/cockpit_page")
         files = sorted(path.name for path in (made.unpacked() / page).iterdir())

@@ -226,7 +226,7 @@ class Client:
             return wait_for(lambda: future.done() and future.result(), f"answer of {name}", timeout)
 
         # The middleware drops the answer to a client whose reader the server has not discovered yet, which the client
-        # cannot see. Of a client that has heard one, none is lost.
+        # cannot see. A client that has heard one loses none.
         try:
             return answer()
         except AssertionError:

@@ -1,0 +1,301 @@
+"""A SpaceMouse leads a hand, while its button is held. Linux gives its reports by a hidraw device."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pathlib
+import select
+import struct
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import Disconnected, Refused
+from .jog import JogLimits, axes_rotation, jogged, shaped
+from .state import ArmState, Array, Pose
+
+if TYPE_CHECKING:
+    from .controllet import Controllet
+    from .stream import Stream
+
+_FULL_SCALE = 350
+_HOLD_BUTTON, _STOP_BUTTON = 1, 2
+_SILENCE_S = 0.15  # of a deflected cap, which reports all the time: the device is gone
+_REST_S = 10.0  # of a cap at rest, which says nothing: it may have been let go meanwhile
+_OWN_VENDOR, _FORMER_VENDOR = 0x256F, 0x046D
+_MULTI_AXIS = bytes([0x05, 0x01, 0x09, 0x08])  # how its report descriptor begins
+_RULE = 'KERNEL=="hidraw*", ATTRS{idVendor}=="256f", TAG+="uaccess"'
+
+
+def find_space_mouse(hidraw: pathlib.Path = pathlib.Path("/sys/class/hidraw")) -> pathlib.Path:
+    """The hidraw device of the SpaceMouse that is plugged in. Raises Disconnected if there is none."""
+    for entry in sorted(hidraw.glob("hidraw*")):
+        try:
+            lines = (entry / "device/uevent").read_text(encoding="utf-8").splitlines()
+            about = dict(line.partition("=")[::2] for line in lines)
+            descriptor = (entry / "device/report_descriptor").read_bytes()
+            vendor = int(about["HID_ID"].split(":")[1], 16)
+        except (OSError, KeyError, IndexError, ValueError):
+            continue
+        named = about.get("HID_NAME", "").startswith("3Dconnexion")
+        if vendor == _OWN_VENDOR or (vendor == _FORMER_VENDOR and named):
+            if _MULTI_AXIS in descriptor:
+                return pathlib.Path("/dev") / entry.name
+    raise Disconnected("no SpaceMouse is plugged in", "plug it in, or name its device, such as /dev/hidraw3")
+
+
+class Grip:
+    """Whether a device is held, by its reports and by their absence. What ended a hold needs a new press."""
+
+    def __init__(self, cap_holds: bool, buttons: int = 0) -> None:
+        """`buttons`: those that are down already; they hold nothing."""
+        self.cap_holds, self.held = cap_holds, False
+        self._gripped, self._deflected, self._heard_s = bool(buttons & _HOLD_BUTTON), False, 0.0
+
+    def take(self, deflection: Array, buttons: int, now_s: float) -> None:
+        self._deflected, self._heard_s = bool(np.any(deflection)), now_s
+        gripped = bool(buttons & _HOLD_BUTTON) or (self.cap_holds and self._deflected)
+        self.held = gripped and (self.held or not self._gripped)
+        self._gripped = gripped
+
+    def look(self, now_s: float) -> None:
+        if now_s - self._heard_s > (_SILENCE_S if self._deflected else _REST_S):
+            self.held = False
+
+
+class SpaceMouse:
+    """A 3Dconnexion SpaceMouse: `with mp.SpaceMouse() as mouse: mouse.jog(run["cartesian"])`.
+
+    Its left button is the one to hold while the hand moves, the other one stops the arms.
+
+    Attributes:
+        path: Its device.
+        deflection: Its six axes, -1 to 1: right, away from the operator, up; rotations about these.
+        buttons: One bit for each button that is down.
+    """
+
+    def __init__(self, device: str | os.PathLike[str] | None = None) -> None:
+        """Opens it.
+
+        Args:
+            device: Its hidraw device, such as /dev/hidraw3; by default the one that is plugged in.
+
+        Raises:
+            Disconnected: There is none, or it cannot be read.
+        """
+        self.path = pathlib.Path(device) if device is not None else find_space_mouse()
+        self.deflection: Array = np.zeros(6)
+        self.buttons = 0
+        self._open = True
+        try:
+            self._file = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError as wrong:
+            step = f"let users of this computer read it: {_RULE} in /etc/udev/rules.d/70-space-mouse.rules"
+            raise Disconnected(f"the SpaceMouse cannot be read ({wrong})", step) from None
+        self._poll = select.poll()
+        self._poll.register(self._file, select.POLLIN)
+
+    def read(self, timeout_s: float = 0) -> bool:
+        """Takes one report, waiting for it for at most timeout_s [s]; False: there was none.
+
+        Raises:
+            Disconnected: It was unplugged, or is closed.
+        """
+        gone = Disconnected(f"the SpaceMouse {self.path} is gone", "plug it in, and open it again")
+        if not self._open:
+            raise gone
+        if not self._poll.poll(1e3 * max(0.0, timeout_s)):
+            return False
+        try:
+            report = os.read(self._file, 64)
+        except BlockingIOError:
+            return False
+        except OSError:
+            raise gone from None
+        if not report:
+            raise gone
+        self._take(report)
+        return True
+
+    def _take(self, report: bytes) -> None:
+        """Reports of an unknown number or a wrong length change nothing."""
+        number, data = report[0], report[1:]
+        if number == 1 and len(data) >= 12:
+            self.deflection = np.concatenate([_axes(data), _axes(data[6:])])
+        elif number == 1 and len(data) >= 6:
+            self.deflection = np.concatenate([_axes(data), self.deflection[3:]])
+        elif number == 2 and len(data) >= 6:
+            self.deflection = np.concatenate([self.deflection[:3], _axes(data)])
+        elif number == 3 and data:
+            self.buttons = int.from_bytes(data[:4], "little")
+
+    def jog(
+        self,
+        controllet: Controllet,
+        name: str = "pose",
+        *,
+        axes: str = "base",
+        cap_holds: bool = False,
+        limits: JogLimits | None = None,
+        rate_hz: float = 50,
+        seconds: float | None = None,
+        say: Callable[[str], object] = print,
+    ) -> None:
+        """Leads the hand of a controllet, and returns after `seconds`, without them when it is interrupted.
+
+        The hand moves while the left button is held, and is held as soon as it is let go. So it is when the device is
+        unplugged, when it says nothing for 150 ms while it is deflected (10 s at rest), and when the run refuses a
+        set-point; then a new press is needed. A press activates the controllet if its arm is held, and does nothing if
+        the arm is stopped or has another owner. The right button stops all arms; only `resume()` lets them move again.
+        It is not a safety-rated stop.
+
+        Args:
+            controllet: A controllet of one arm.
+            name: Its input, a pose.
+            axes: `base`: pushing the cap away moves along the x axis of the arm's base, seen from above, and up is up.
+                `hand`: the hand's own axes.
+            cap_holds: A deflected cap is enough, without the button.
+            limits: Speeds, force and lead; `JogLimits()` by default.
+            rate_hz: Set-points per second [Hz], 20 to 200.
+            seconds: How long; without end by default.
+            say: Called with a line about each hold that could not begin or was ended by the run.
+
+        Raises:
+            Disconnected: The device was unplugged, or the run has ended. The arm is held.
+            Refused: The controllet has no such input.
+            Timeout: The run does not answer. The arm is held.
+            ValueError: The controllet moves several arms, the input takes no poses, or an argument is out of bounds.
+        """
+        if axes not in ("base", "hand"):
+            raise ValueError(f"axes: expected base or hand, found {axes!r}")
+        if not 20 <= rate_hz <= 200:
+            raise ValueError(f"rate_hz: expected 20 to 200 Hz, found {rate_hz}")
+        led = _Jog(controllet, name, axes, limits or JogLimits(), say)
+        while self.read():  # reports that nobody has read are old: they move nothing
+            pass
+        self.deflection = np.zeros(6)
+        led.run(self, Grip(cap_holds, self.buttons), 1 / rate_hz, seconds)
+
+    def close(self) -> None:
+        """Closes the device."""
+        if self._open:
+            self._open = False
+            os.close(self._file)
+
+    def __enter__(self) -> SpaceMouse:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _axes(data: bytes) -> Array:
+    # The device's x is right, its y towards the operator and its z down. Both are right-handed, so rotations change
+    # the same way.
+    x, y, z = struct.unpack("<3h", data[:6])
+    return np.clip(np.array([x, -y, -z]) / _FULL_SCALE, -1, 1)
+
+
+class _Jog:
+    """The holds of one call of jog(), one after the other."""
+
+    def __init__(
+        self, controllet: Controllet, name: str, axes: str, limits: JogLimits, say: Callable[[str], object]
+    ) -> None:
+        spec: dict[str, Any] = controllet.input(name)
+        if spec["quantity"] != "pose":
+            raise ValueError(f"{controllet.name}.{name} takes a {spec['quantity']}, and the device leads a pose")
+        if len(controllet.arms) != 1:
+            raise ValueError(f"{controllet.name} moves {', '.join(controllet.arms)}: the device leads one hand")
+        self.law, self.name, self.axes, self.limits, self.say = controllet, name, axes, limits, say
+        self.arm = controllet.client.arms[controllet.arms[0]]
+        self.stream: Stream | None = None
+        self.target: Pose | None = None
+        self.stepped_s = 0.0
+
+    def run(self, mouse: SpaceMouse, grip: Grip, period_s: float, seconds: float | None) -> None:
+        now = due = time.monotonic()
+        end = None if seconds is None else now + seconds
+        try:
+            while end is None or now < end:
+                before = mouse.buttons
+                if mouse.read(due - now):
+                    now = time.monotonic()
+                    grip.take(shaped(mouse.deflection), mouse.buttons, now)
+                    if mouse.buttons & ~before & _STOP_BUTTON:
+                        grip.held = False
+                        self.law.client.stop()
+                now = time.monotonic()
+                grip.look(now)
+                if not grip.held:
+                    self.release()
+                if now < due:
+                    continue
+                due = max(due + period_s, now)
+                if grip.held:
+                    grip.held = self.step(mouse)
+        finally:
+            self.release()
+
+    def step(self, mouse: SpaceMouse) -> bool:
+        """Sends the next set-point; False: the hold is over."""
+        try:
+            state = self.arm.state
+            if self.stream is None:
+                state = self.begin(state)
+                self.stepped_s = state.t_s
+            elif state.stopped or state.controllet != self.law.name:
+                cause = (
+                    "it is stopped" if state.stopped else state.reason or state.last_intervention or "another switch"
+                )
+                raise Refused("not_active", f"{self.arm.name} is owned by {state.controllet}: {cause}")
+            assert self.stream is not None and self.target is not None
+            rotation = axes_rotation(self.axes, self.arm.base, state.pose)
+            deflection = shaped(mouse.deflection)
+            twist = np.concatenate([rotation @ deflection[:3], rotation @ deflection[3:]])
+            force = np.zeros(3) if state.wrench_n_nm is None else state.wrench_n_nm[:3]
+            # By the run's clock: a simulation may be slower than this computer's time.
+            self.target = jogged(self.target, twist, state.t_s - self.stepped_s, state.pose, force, self.limits)
+            self.stepped_s = state.t_s
+            self.stream.send(self.target)
+            return True
+        except Refused as refused:
+            self.release()
+            self.say(f"{self.arm.name} is not led: {refused.reason}")
+            return False
+
+    def begin(self, state: ArmState) -> ArmState:
+        if state.stopped:
+            raise Refused("arm_stopped", f"{self.arm.name} is stopped: resume it first")
+        if not state.held:
+            return self.open(state)
+        self.law.activate()
+        try:
+            return self.open(self.arm.state)
+        except BaseException:
+            self.law.client.take_arms_from([self.law.name])
+            raise
+
+    def open(self, state: ArmState) -> ArmState:
+        if state.controllet != self.law.name:
+            raise Refused("not_active", f"{self.arm.name} is owned by {state.controllet}: deactivate it first")
+        self.target = state.pose
+        with contextlib.suppress(Refused, KeyError):  # a run without shared records
+            # Where the law leads the hand already: a spring that is under tension stays so.
+            led = self.law.client.record()[f"{self.law.name}/{self.name}"]
+            if np.all(np.isfinite(led)):
+                self.target = Pose.of(led)
+        self.stream = self.law.stream(self.name)
+        return state
+
+    def release(self) -> None:
+        """Holds the arm, if it is led."""
+        if self.stream is not None:
+            self.stream.close()
+        self.stream = self.target = None
