@@ -212,7 +212,7 @@ async function cut(run: Run): Promise<void> {
     await page.getByRole("button", { name: "Stop", exact: true }).click();
     await page.getByText("The stop may not have reached the run", { exact: false }).first().waitFor();
     assert.ok((await stateOf(watcher.page)).arms.every((arm) => !arm.stopped));
-    network.mend();
+    network.repair();
     await until(watcher.page, () =>
       (window as never as Window_).cockpit.session.state.arms.every((arm) => arm.stopped),
     );

@@ -26,7 +26,7 @@ export class Network {
   }
 
   /** Connections that were cut are lost; new ones pass. */
-  mend(): void {
+  repair(): void {
     for (const socket of this.sockets.splice(0)) socket.destroy();
     this.isCut = false;
   }
