@@ -31,9 +31,8 @@ def push(writer):
 @contextlib.contextmanager
 def replayed():
     reader, writer = os.pipe2(os.O_DIRECT)  # keeps reports apart, as a device does
-    player = threading.Timer(0.5, push, [writer])
-    player.start()
-    yield f"/proc/self/fd/{reader}"
+    player = threading.Timer(1, push, [writer])
+    yield f"/proc/self/fd/{reader}", player.start
     player.join()
     os.close(writer)
     os.close(reader)
@@ -47,13 +46,14 @@ def main():
     options = parser.parse_args()
     limits = mp.JogLimits(speed_m_per_s=0.05, force_n=15)
     with contextlib.ExitStack() as stack:
-        device = stack.enter_context(replayed()) if options.replay else options.device
+        device, begin = stack.enter_context(replayed()) if options.replay else (options.device, lambda: None)
         mouse = stack.enter_context(mp.SpaceMouse(device))
         run = stack.enter_context(mp.run("one_arm", timeline=False))
         arm = run.arms["arm"]
         start = arm.state.pose.position_m
+        begin()
         with contextlib.suppress(KeyboardInterrupt):
-            mouse.jog(run["cartesian"], limits=limits, seconds=options.seconds or (3.5 if options.replay else None))
+            mouse.jog(run["cartesian"], limits=limits, seconds=options.seconds or (4 if options.replay else None))
         moved = arm.state.pose.position_m - start
         print("moved: {:.0f} {:.0f} {:.0f} mm".format(*(1e3 * moved)))
         print("held:", arm.state.held)
