@@ -16,6 +16,7 @@ using std::chrono::nanoseconds;
 
 constexpr double kSlowest = 0.1, kFastest = 120, kUsual = 60;  // states [Hz]
 constexpr milliseconds kSlowPeriod{200}, kListPeriod{200}, kPlotPeriod{20};
+constexpr milliseconds kOldestAsked{1000};                        // states before a request are seen by then
 constexpr milliseconds kOldestSeen{500};                          // a page that moves arms sees newer states
 constexpr milliseconds kIdle{100};                                // a turn without anybody who waits
 constexpr auto kPollPeriod = std::chrono::microseconds(500);      // while an answer is pending
@@ -154,6 +155,10 @@ void Desk::take_request(Seat& seat, const json& message, const json& id) {
     throw RequestRefused("no_control", control_.holder()
                                            ? "another page has the control: request it with 'control'"
                                            : "take the control first ('control')");
+  if (!source_->is_open(word) && lags(seat, host_now()))
+    throw RequestRefused("stale",
+                         "the page has not confirmed a state for 1 s, so this may be a request of "
+                         "before: ask again once it shows new states");
   if (source_->moves(word) && !hold_.held(host_now()))
     throw RequestRefused("not_held",
                          "arms move only while a button is held: send beats, and 'seen' for every state, at "
@@ -271,6 +276,14 @@ void Desk::send_control() {
 bool Desk::sees_now(const Seat& seat, HostTime now) const {
   if (seat.period.count() == 0) return true;  // it takes no states
   return seat.seen_sent > hold_ended_ && now - seat.seen_sent <= kOldestSeen + seat.period;
+}
+
+// A connection that stood still delivers requests late, too: a gripper would close on the hand of whoever
+// thought that it did not work. States that were sent long ago and are not seen yet tell so; a client that
+// takes no states has no such protection.
+bool Desk::lags(const Seat& seat, HostTime now) {
+  if (seat.period.count() == 0 || seat.frame == seat.seen) return false;
+  return now - seat.sent[(seat.seen + 1) % seat.sent.size()] > kOldestAsked + seat.period;
 }
 
 // The hold ended otherwise than by letting go: the arms go to hold.

@@ -62,6 +62,7 @@ class Desk final : public Hub::Handler {
   void send_news(Seat& seat, HostTime now);
   void send_state(Seat& seat, HostTime now);
   void send_plot(Seat& seat, HostTime now);
+  static bool lags(const Seat& seat, HostTime now);
   bool sees_now(const Seat& seat, HostTime now) const;
   void end_hold(const std::string& cause, std::optional<ClientId> holder);
   void send_control();

@@ -227,6 +227,22 @@ TEST_F(DeskTest, APageMovesByNewStates) {
   EXPECT_EQ(first_.newest("control")["held"], false);
 }
 
+TEST_F(DeskTest, RequestsThatWereHeldUpDoNotCount) {
+  take_control();
+  ask(first_, {{"do", "subscribe"}, {"rate_hz", 100}});
+  desk_.turn(host_now());
+  desk_.take(first_, {{"seen", 1}});
+  EXPECT_EQ(ask(first_, {{"do", "switch"}})["ok"], true);
+  ++source_->states;
+  const HostTime start = host_now();
+  desk_.turn(later(start, 0.02));
+  while (seconds(host_now() - start) < 1.1) std::this_thread::yield();
+  EXPECT_EQ(ask(first_, {{"do", "switch"}})["verdict"], "stale");
+  EXPECT_EQ(ask(first_, {{"do", "stop"}})["ok"], true);
+  desk_.take(first_, {{"seen", 2}});
+  EXPECT_EQ(ask(first_, {{"do", "switch"}})["ok"], true);
+}
+
 TEST_F(DeskTest, AClosedPageHolds) {
   take_control();
   desk_.take(first_, {{"beat", 1}});

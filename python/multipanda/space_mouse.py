@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 _FULL_SCALE = 350
 _HOLD_BUTTON, _STOP_BUTTON = 1, 2
 _SILENCE_S = 0.15  # of a deflected cap, which reports all the time: the device is gone
+_BLIND_S = 0.4  # without reading: Linux keeps 64 reports, half a second of them, and then drops the newest
 _REST_S = 10.0  # of a cap at rest, which says nothing: it may have been let go meanwhile
 _OWN_VENDOR, _FORMER_VENDOR = 0x256F, 0x046D
 _MULTI_AXIS = bytes([0x05, 0x01, 0x09, 0x08])  # how its report descriptor begins
@@ -55,6 +56,10 @@ class Grip:
         """`buttons`: those that are down already; they hold nothing."""
         self.cap_holds, self.held = cap_holds, False
         self._gripped, self._deflected, self._heard_s = bool(buttons & _HOLD_BUTTON), False, 0.0
+
+    def lose(self) -> None:
+        """Nobody read the device for a while: what is down now must be let go first."""
+        self.held, self._gripped = False, True
 
     def take(self, deflection: Array, buttons: int, now_s: float) -> None:
         self._deflected, self._heard_s = bool(np.any(deflection)), now_s
@@ -90,6 +95,7 @@ class SpaceMouse:
         self.path = pathlib.Path(device) if device is not None else find_space_mouse()
         self.deflection: Array = np.zeros(6)
         self.buttons = 0
+        self._spoke = False  # the newest report was about the cap or the buttons
         self._open = True
         try:
             self._file = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -118,11 +124,11 @@ class SpaceMouse:
             raise gone from None
         if not report:
             raise gone
-        self._take(report)
+        self._spoke = self._take(report)
         return True
 
-    def _take(self, report: bytes) -> None:
-        """Reports of an unknown number or a wrong length change nothing."""
+    def _take(self, report: bytes) -> bool:
+        """Reports of an unknown number or a wrong length change nothing: False."""
         number, data = report[0], report[1:]
         if number == 1 and len(data) >= 12:
             self.deflection = np.concatenate([_axes(data), _axes(data[6:])])
@@ -132,6 +138,9 @@ class SpaceMouse:
             self.deflection = np.concatenate([self.deflection[:3], _axes(data)])
         elif number == 3 and data:
             self.buttons = int.from_bytes(data[:4], "little")
+        else:
+            return False
+        return True
 
     def jog(
         self,
@@ -150,7 +159,9 @@ class SpaceMouse:
         The hand moves while the left button is held, and is held as soon as it is let go. So it is when the device is
         unplugged, when it says nothing for 150 ms while it is deflected (10 s at rest), and when the run refuses a
         set-point; then a new press is needed. A press activates the controllet if its arm is held, and does nothing if
-        the arm is stopped or has another owner. The right button stops all arms; only `resume()` lets them move again.
+        the arm is stopped or has another owner. So does a cap that is deflected at the beginning, until it was at rest.
+        The right button stops all arms; only `resume()` lets them move again. It is heard while this function runs, and
+        at its beginning if it was pressed since the last report was read.
         It is not a safety-rated stop.
 
         Args:
@@ -175,10 +186,16 @@ class SpaceMouse:
         if not 20 <= rate_hz <= 200:
             raise ValueError(f"rate_hz: expected 20 to 200 Hz, found {rate_hz}")
         led = _Jog(controllet, name, axes, limits or JogLimits(), say)
-        while self.read():  # reports that nobody has read are old: they move nothing
-            pass
+        grip = Grip(cap_holds, self.buttons)
+        led.look_up(self, grip)  # reports that nobody has read are old: they stop, and move nothing
         self.deflection = np.zeros(6)
-        led.run(self, Grip(cap_holds, self.buttons), 1 / rate_hz, seconds)
+        until = time.monotonic() + _SILENCE_S
+        while (rest := until - time.monotonic()) > 0:  # a deflected cap reports all the time
+            led.look_up(self, grip, rest)
+        grip.lose()
+        if not self.buttons & _HOLD_BUTTON and not np.any(shaped(self.deflection)):
+            grip.take(np.zeros(6), self.buttons, time.monotonic())
+        led.run(self, grip, 1 / rate_hz, seconds)
 
     def close(self) -> None:
         """Closes the device."""
@@ -219,19 +236,30 @@ class _Jog:
         self.target: Pose | None = None
         self.stepped_s = 0.0
 
+    def look_up(self, mouse: SpaceMouse, grip: Grip, timeout_s: float = 0) -> None:
+        """Takes all reports that wait, waiting for the first one: a release may be the last of many."""
+        before = mouse.buttons
+        while mouse.read(timeout_s):
+            timeout_s = 0
+            if not mouse._spoke:
+                continue
+            grip.take(shaped(mouse.deflection), mouse.buttons, time.monotonic())
+            if mouse.buttons & ~before & _STOP_BUTTON:
+                grip.held = False
+                self.law.client.stop()
+            before = mouse.buttons
+
     def run(self, mouse: SpaceMouse, grip: Grip, period_s: float, seconds: float | None) -> None:
-        now = due = time.monotonic()
+        now = due = looked = time.monotonic()
         end = None if seconds is None else now + seconds
         try:
             while end is None or now < end:
-                before = mouse.buttons
-                if mouse.read(due - now):
-                    now = time.monotonic()
-                    grip.take(shaped(mouse.deflection), mouse.buttons, now)
-                    if mouse.buttons & ~before & _STOP_BUTTON:
-                        grip.held = False
-                        self.law.client.stop()
-                now = time.monotonic()
+                blind = time.monotonic() - looked
+                self.look_up(mouse, grip, due - now)
+                if blind > _BLIND_S:
+                    # The device may have dropped the report of a release, of those that nobody read.
+                    grip.lose()
+                now = looked = time.monotonic()
                 grip.look(now)
                 if not grip.held:
                     self.release()

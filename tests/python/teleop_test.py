@@ -3,6 +3,7 @@
 
 import contextlib
 import math
+import os
 import pathlib
 import tempfile
 import threading
@@ -14,7 +15,7 @@ import multipanda as mp
 import numpy as np
 from harness import FOLDER, PATIENCE, ROOT, Silent, streaming, until
 from multipanda.jog import force_limited, jogged, shaped
-from multipanda.space_mouse import Grip, find_space_mouse
+from multipanda.space_mouse import Grip, _Jog, find_space_mouse
 from space_mouse_device import Device, buttons, motion
 
 AWAY = (0, -350, 0, 0, 0, 0)  # the device's y is towards the operator
@@ -35,15 +36,17 @@ def scene():
 
 
 class Mouse(mp.SpaceMouse):
-    """Tells when jog() waits for reports: those from before are old, and move nothing."""
+    """Tells when jog() leads: what is down in the first 150 ms is old, and moves nothing."""
 
     def __init__(self, device):
         super().__init__(device)
-        self.waits = threading.Event()
+        self.waits, self.begun_s = threading.Event(), None
 
     def read(self, timeout_s=0):
         if timeout_s > 0:
-            self.waits.set()
+            self.begun_s = self.begun_s or time.monotonic()
+            if time.monotonic() - self.begun_s > 0.2:
+                self.waits.set()
         return super().read(timeout_s)
 
 
@@ -212,6 +215,30 @@ class Holding(unittest.TestCase):
         grip = Grip(False, 1)
         grip.take(FULL, 1, 0)
         self.assertFalse(grip.held)
+
+
+class Reading(unittest.TestCase):
+    def test_a_release_behind_many_reports_is_read_before_the_next_step(self):
+        device = Device()
+        self.addCleanup(device.unplug)
+        with mp.SpaceMouse(device.path) as mouse:
+            grip = Grip(False)
+            grip.take(FULL, 1, time.monotonic())
+            self.assertTrue(grip.held)
+            for report in [*motion(AWAY) * 40, buttons(0)]:
+                os.write(device._writer, report)
+            _Jog.look_up(None, mouse, grip)
+            self.assertFalse(grip.held)
+
+    def test_who_has_not_looked_for_long_needs_a_new_press(self):
+        grip = Grip(False)
+        grip.take(FULL, 1, 0.0)
+        grip.lose()
+        grip.take(FULL, 1, 0.1)
+        self.assertFalse(grip.held)
+        grip.take(FULL, 0, 0.2)
+        grip.take(FULL, 1, 0.3)
+        self.assertTrue(grip.held)
 
 
 class Limits(unittest.TestCase):

@@ -99,14 +99,17 @@ suite("devices", () => {
       });
       const hid = Object.assign(new EventTarget(), { requestDevice: async () => [device], getDevices: async () => [] });
       Object.defineProperty(navigator, "hid", { value: hid });
+      const send = (id: number, bytes: number[]) =>
+        device.dispatchEvent(
+          Object.assign(new Event("inputreport"), { reportId: id, data: new DataView(Uint8Array.from(bytes).buffer) }),
+        );
+      let cap: number[] = [];
+      setInterval(() => cap.length && send(1, cap), 10); // a deflected cap reports all the time
       Object.assign(window, {
-        report: (id: number, bytes: number[]) =>
-          device.dispatchEvent(
-            Object.assign(new Event("inputreport"), {
-              reportId: id,
-              data: new DataView(Uint8Array.from(bytes).buffer),
-            }),
-          ),
+        report: (id: number, bytes: number[]) => {
+          if (id === 1) cap = bytes;
+          send(id, bytes);
+        },
       });
     });
     const { page } = cockpit;

@@ -57,6 +57,33 @@ test("a SpaceMouse's reports do not renew a hold that the window has ended: its 
   assert.equal(begun, 2);
 });
 
+test("a SpaceMouse out of reach is let go, although its button was never told to be up", async (t) => {
+  let now = 1000;
+  t.mock.method(performance, "now", () => now);
+  const holding = holdingOf();
+  const mouse = new SpaceMouse(
+    holding,
+    () => motion,
+    () => {},
+    () => {},
+  );
+  await mouse.choose();
+  mouse.enabled = true;
+  const button = new DataView(Uint8Array.of(1).buffer);
+  device.dispatchEvent(Object.assign(new Event("inputreport"), { reportId: 3, data: button }));
+  for (let k = 0; k < 20; ++k, now += 50) {
+    report(300);
+    holding.frame(now);
+  }
+  assert.ok(holding.held);
+  const battery = new DataView(Uint8Array.of(50).buffer);
+  for (let k = 0; k < 4; ++k, now += 50) {
+    device.dispatchEvent(Object.assign(new Event("inputreport"), { reportId: 23, data: battery }));
+    holding.frame(now);
+  }
+  assert.ok(!holding.held);
+});
+
 test("the command key ends every hold, since macOS tells no release of a key beside it", () => {
   const holding = holdingOf();
   assert.ok(holding.begin("keyboard", () => true, motion));

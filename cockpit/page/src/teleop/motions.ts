@@ -51,12 +51,21 @@ export function address(session: Session, arm: string, quantity: "pose" | "joint
   return { arm: scene.arms[index]!, state: one, controllet: found.controllet.name, input: found.input.name };
 }
 
-const takenOver = ({ arm, controllet }: Addressed) => `'${controllet}' leads ${arm.name} now`;
+interface Destination {
+  controllet: string;
+  input: string;
+}
+
+/** Why a motion that began with `to` cannot go on: its arm has another owner, or another arm was chosen. */
+function elsewhere(to: Destination | undefined, { arm, controllet, input }: Addressed): string | undefined {
+  if (to?.controllet === controllet && to.input === input) return undefined;
+  return `'${controllet}' leads ${arm.name} now`;
+}
 
 /** Leads one hand: by the deflection of a device, or after a goal that moves. */
 export class PoseMotion implements Motion {
   private target: Pose | undefined;
-  private to: { controllet: string; input: string } | undefined;
+  private to: Destination | undefined;
 
   constructor(
     private readonly session: Session,
@@ -80,7 +89,8 @@ export class PoseMotion implements Motion {
   step(seconds: number): string | undefined {
     const found = address(this.session, this.arm(), "pose");
     if (typeof found === "string") return found;
-    if (!this.target || found.controllet !== this.to?.controllet) return takenOver(found);
+    const other = elsewhere(this.to, found);
+    if (!this.target || !this.to || other) return other;
     const settings = this.settings();
     const { arm, state } = found;
     const force = Array.from(state.wrench ?? kZero).slice(0, 3) as unknown as Vector3;
@@ -116,7 +126,7 @@ export class PoseMotion implements Motion {
 /** Leads the joints of one arm to the positions of the sliders. */
 export class JointMotion implements Motion {
   private target: number[] = [];
-  private to: { controllet: string; input: string } | undefined;
+  private to: Destination | undefined;
 
   constructor(
     private readonly session: Session,
@@ -138,7 +148,8 @@ export class JointMotion implements Motion {
   step(seconds: number): string | undefined {
     const found = address(this.session, this.arm(), "joints");
     if (typeof found === "string") return found;
-    if (found.controllet !== this.to?.controllet) return takenOver(found);
+    const other = elsewhere(this.to, found);
+    if (other) return other;
     const { joint_rad_per_s, lead_rad } = this.settings();
     this.target = jointsTowards(this.target, this.goal(), found.state.q, seconds, joint_rad_per_s, lead_rad);
     this.session.send({ do: "reference", stream: true, ...this.to, q_rad: this.target });
@@ -153,7 +164,7 @@ export class JointMotion implements Motion {
 
 /** Presses with a wrench while it is held; when it is let go, the run ends the stream. */
 export class WrenchMotion implements Motion {
-  private to: { controllet: string; input: string } | undefined;
+  private to: Destination | undefined;
 
   constructor(
     private readonly session: Session,
@@ -171,7 +182,8 @@ export class WrenchMotion implements Motion {
   step(): string | undefined {
     const found = address(this.session, this.arm(), "wrench");
     if (typeof found === "string") return found;
-    if (found.controllet !== this.to?.controllet) return takenOver(found);
+    const other = elsewhere(this.to, found);
+    if (other) return other;
     this.session.send({ do: "reference", stream: true, ...this.to, ...this.wrench() });
     return undefined;
   }

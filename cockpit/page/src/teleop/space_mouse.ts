@@ -5,7 +5,8 @@ import { shaped, type Deflection } from "./jog.ts";
 import { afterReport, kAtRest, kVendors, type SpaceMouseState } from "./space_mouse_report.ts";
 import type { Vector3 } from "./vectors.ts";
 
-const kSilence = 150; // [ms] without a report, after which the cap counts as let go
+const kSilence = 150; // [ms] without a report of a deflected cap, which reports all the time: the device is gone
+const kRest = 10_000; // [ms] of a cap at rest, which says nothing: its button may have been let go meanwhile
 const kHeldButton = 1;
 const kStopButton = 2;
 
@@ -55,7 +56,9 @@ export class SpaceMouse {
   }
 
   private take(id: number, data: DataView): void {
-    this.state = afterReport(this.state, id, data);
+    const state = afterReport(this.state, id, data);
+    if (state === this.state) return; // another report, of the battery for example, says nothing about the cap
+    this.state = state;
     this.heard = performance.now();
     const stop = (this.state.buttons & kStopButton) !== 0;
     if (stop && !this.wasStop) this.stop();
@@ -72,16 +75,19 @@ export class SpaceMouse {
     }
   }
 
-  // A held button is told once, a deflected cap with every report; the cap's silence is that of a device that is gone.
+  // A device out of reach says nothing, while its receiver is still plugged in: silence is release.
   private read(): boolean {
     if (!this.enabled || !this.device?.opened || !this.grips()) return false;
-    return (this.state.buttons & kHeldButton) !== 0 || performance.now() - this.heard < kSilence;
+    return performance.now() - this.heard < (this.isDeflected() ? kSilence : kRest);
   }
 
   private grips(): boolean {
-    if ((this.state.buttons & kHeldButton) !== 0) return true;
+    return (this.state.buttons & kHeldButton) !== 0 || (this.capHolds && this.isDeflected());
+  }
+
+  private isDeflected(): boolean {
     const { linear, angular } = this.deflection();
-    return this.capHolds && [...linear, ...angular].some((value) => value !== 0);
+    return [...linear, ...angular].some((value) => value !== 0);
   }
 
   private deflection(): Deflection {

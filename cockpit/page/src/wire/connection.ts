@@ -8,6 +8,8 @@ export interface ConnectionHooks {
   opened(answer: Answer): void;
   /** `again`: it will be tried again. */
   closed(why: string, again: boolean): void;
+  /** The other end sends unasked, so its silence means that it is gone. */
+  isTalking(): boolean;
 }
 
 const kLostAnswer: Answer = {
@@ -34,6 +36,7 @@ export class Connection {
   private nextId = 1;
   private readonly waiting = new Map<number, (answer: Answer) => void>();
   private wait = kSoonest;
+  private next: ReturnType<typeof setTimeout> | undefined;
   private heard = 0;
 
   constructor(
@@ -43,6 +46,8 @@ export class Connection {
   ) {}
 
   open(): void {
+    this.next = undefined;
+    const { hooks } = this;
     const socket = new WebSocket(this.url);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
@@ -56,6 +61,7 @@ export class Connection {
       });
     });
     socket.addEventListener("message", (event: MessageEvent<string | ArrayBuffer>) => {
+      if (this.socket !== socket) return; // given up
       this.heard = performance.now();
       if (typeof event.data === "string") this.take(event.data);
       else this.hooks.binary(event.data);
@@ -63,13 +69,24 @@ export class Connection {
     socket.addEventListener("close", (event) => this.socket === socket && this.closed(event.code, event.reason));
     const watch = setInterval(() => {
       if (this.socket !== socket || socket.readyState === WebSocket.CLOSED) clearInterval(watch);
-      else if (performance.now() - this.heard > kSilence) {
+      else if (
+        performance.now() - this.heard > kSilence &&
+        (socket.readyState !== WebSocket.OPEN || hooks.isTalking())
+      ) {
         // Nobody answers the closing either, and the browser would wait for that for a long time.
         clearInterval(watch);
         socket.close();
         this.closed(1006, "");
       }
     }, 1000);
+  }
+
+  /** Tries again at once if the connection is broken: something is urgent. */
+  hurry(): void {
+    if (this.next === undefined) return;
+    clearTimeout(this.next);
+    this.wait = kSoonest;
+    this.open();
   }
 
   get isOpen(): boolean {
@@ -111,7 +128,7 @@ export class Connection {
     const { why, again } = closeText(code, reason);
     this.hooks.closed(why, again);
     if (!again) return;
-    setTimeout(() => this.open(), this.wait);
+    this.next = setTimeout(() => this.open(), this.wait);
     this.wait = Math.min(kLatest, 2 * this.wait);
   }
 }

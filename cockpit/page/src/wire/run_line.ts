@@ -10,6 +10,9 @@ import { kWire, sceneOf, type Hello, type WireControl, type WireEvent } from "./
 import { StateReader, type SlowState } from "./state_reader.ts";
 
 const kRate = 60; // [Hz] of states
+const kLateAnswer = 500; // [ms] after which an operator is told that a stop is not answered
+const kOldestStop = 30_000; // [ms]
+const kOwnStop = "Use the arms' own stop.";
 const kWide = 64; // numbers per row that a plot may have at every cycle
 
 export interface LineHooks {
@@ -31,7 +34,7 @@ export class RunLine implements PageLine, RequestSender {
   private plotColumns: FieldList = [];
   private watched: string[] = [];
   private askedForControl = false;
-  private owesStop = false;
+  private owedStop: number | undefined; // when it was pressed
 
   constructor(
     private readonly session: Session,
@@ -44,6 +47,8 @@ export class RunLine implements PageLine, RequestSender {
       text: (message) => this.takeText(message),
       binary: (data) => this.takeBinary(data),
       closed: (why, again) => this.closed(why, again),
+      // A log says nothing unasked, neither does a program between two runs.
+      isTalking: () => this.hello?.kind === "run",
     });
     session.connect(this);
   }
@@ -69,13 +74,31 @@ export class RunLine implements PageLine, RequestSender {
     this.connection.send({ release: true });
   }
 
-  /** A stop that a broken connection may have swallowed is sent again when it is back: one too many harms nobody. */
+  /** A stop that a broken connection may have swallowed is sent again when it is back soon. */
   stop(): void {
+    const pressed = performance.now();
+    const late = setTimeout(
+      () => this.hooks.message(`The run has not answered the stop yet. ${kOwnStop}`),
+      kLateAnswer,
+    );
+    this.connection.hurry();
     void this.session.request("stop").then((answer) => {
-      this.owesStop = answer.verdict === "connection_lost";
-      if (this.owesStop)
-        this.hooks.message("The stop may not have reached the run. It is sent again when the connection is back.");
+      clearTimeout(late);
+      this.owedStop = answer.verdict === "connection_lost" ? pressed : undefined;
+      if (this.owedStop !== undefined)
+        this.hooks.message(
+          `The stop may not have reached the run. It is sent again if the connection is back within 30 s. ${kOwnStop}`,
+        );
     });
+  }
+
+  // An old one would surprise whoever has resumed meanwhile.
+  private sendOwedStop(): void {
+    if (this.owedStop === undefined) return;
+    if (performance.now() - this.owedStop < kOldestStop) this.stop();
+    else
+      this.hooks.message("The stop that was pressed while the connection was lost has not been sent: it is too old.");
+    this.owedStop = undefined;
   }
 
   watch(names: string[]): void {
@@ -107,6 +130,7 @@ export class RunLine implements PageLine, RequestSender {
       return;
     }
     this.hello = hello;
+    if (!hello.scene) return; // between two runs
     const scene = sceneOf(hello);
     this.reader = new StateReader(hello, scene);
     const { session } = this;
@@ -114,7 +138,7 @@ export class RunLine implements PageLine, RequestSender {
     session.kind = hello.kind;
     session.state = undefined;
     session.list = hello.list.controllets;
-    if (this.owesStop) this.stop();
+    this.sendOwedStop();
     session.commands = new Set(hello.commands);
     this.setStatus("connected", "");
     session.emit("scene", scene);
