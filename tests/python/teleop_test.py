@@ -225,7 +225,7 @@ class Reading(unittest.TestCase):
             grip = Grip(False)
             grip.take(FULL, 1, time.monotonic())
             self.assertTrue(grip.held)
-            for report in [*motion(AWAY) * 40, buttons(0)]:
+            for report in [*motion(AWAY) * 12, buttons(0)]:
                 os.write(device._writer, report)
             _Jog.look_up(None, mouse, grip)
             self.assertFalse(grip.held)
