@@ -19,6 +19,8 @@ namespace fs = std::filesystem;
 struct ExperimentArguments {
   std::string name;
   std::optional<std::size_t> repeats;
+  std::optional<std::uint64_t> seed;
+  std::vector<std::string> set;
   bool fast = false, json = false, keep_data = false;
   std::string generator = "socket", pace = "realtime";
   std::vector<std::string> only;
@@ -82,6 +84,23 @@ Experiment open_experiment(const std::string& name) {
   return load_experiment(name);
 }
 
+// The experiment with the seed and the values of the command line.
+void change(Experiment& experiment, const ExperimentArguments& options) {
+  if (options.seed) experiment.seed = *options.seed;
+  for (const auto& text : options.set) {
+    const std::size_t equals = text.find('=');
+    if (equals == std::string::npos || equals == 0)
+      throw UsageError(fmt::format("experiment: --set expects KEY=VALUE, found '{}'", text));
+    if (experiment.kind != kTaskKind)
+      throw UsageError("experiment: --set needs an experiment that runs a scene; " + experiment.name +
+                       " is of kind " + experiment.kind);
+    // The command line wins over what a variant sets.
+    for (auto& variant : experiment.variants)
+      variant.set.push_back(
+          {.key = text.substr(0, equals), .value = text.substr(equals + 1), .place = {"--set", 0}});
+  }
+}
+
 // Prints one line per exceeded limit, with the worst figure.
 void print_result(const ExperimentResult& result, const Console& console) {
   std::size_t limits = 0;
@@ -103,6 +122,7 @@ int run(const ExperimentArguments& options) {
   } else {
     experiments.push_back(open_experiment(options.name));
   }
+  for (auto& experiment : experiments) change(experiment, options);
 
   if (options.generator == "ros" && !std::all_of(experiments.begin(), experiments.end(),
                                                  [](const auto& e) { return e.kind == "performance"; })) {
@@ -190,6 +210,11 @@ void add_experiment(Program& program) {
       ->add_option("--repeats", options->repeats,
                    "Runs of every variant on every plant (default: as in the experiment)")
       ->check(CLI::Range(1, 1000));
+  command->add_option("--seed", options->seed, "Seed of variation and noise (default: as in the experiment)")
+      ->check(CLI::Range(0, 1000000000));
+  command->add_option("--set", options->set, "Value for the scene of every run, by key path; may be repeated")
+      ->type_name("KEY=VALUE")
+      ->take_all();
   command->add_flag("--fast", options->fast,
                     "Run as fast as possible and several runs at once, instead of in real time");
   command->add_option("--only", options->only, "Variants to run, by name or choice (default: all)")

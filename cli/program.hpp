@@ -58,6 +58,7 @@ void add_predict(Program& program);
 void add_fit(Program& program);
 void add_via_points(Program& program);
 void add_soak(Program& program);
+void add_study(Program& program);
 void add_virtual_arm(Program& program);
 
 }  // namespace multipanda::cli

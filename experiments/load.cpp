@@ -6,20 +6,13 @@
 #include "config_file/archive.hpp"
 #include "config_file/text.hpp"
 #include "experiments/experiment.hpp"
+#include "experiments/experiment_keys.hpp"
 #include "experiments/kinds.hpp"
 #include "experiments/yaml_tree.hpp"
 #include "support/own_files.hpp"
 #include "support/spelling.hpp"
 
 namespace multipanda {
-namespace {
-
-namespace fs = std::filesystem;
-
-struct ExperimentAxis {
-  std::string name;
-  std::vector<ExperimentVariant> choices;
-};
 
 std::vector<Override> read_overrides(Archive& archive, const char* doc) {
   std::vector<Override> list;
@@ -29,6 +22,15 @@ std::vector<Override> read_overrides(Archive& archive, const char* doc) {
   }
   return list;
 }
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct ExperimentAxis {
+  std::string name;
+  std::vector<ExperimentVariant> choices;
+};
 
 ExperimentVariant combined(const ExperimentVariant& a, const ExperimentVariant& b) {
   ExperimentVariant both = a;

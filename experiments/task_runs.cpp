@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <fstream>
-#include <random>
 #include <sstream>
 
+#include "experiments/seeded_draw.hpp"
 #include "experiments/yaml_tree.hpp"
 #include "support/spelling.hpp"
 
@@ -18,18 +18,6 @@ std::string read_file(const std::string& path) {
   if (!in) throw ConfigError({path, 0}, "cannot be read");
   return text.str();
 }
-
-// Uniform in [-1, 1) from the generator's bits, so that every standard library gives the same numbers.
-class Draw {
- public:
-  Draw(std::uint64_t seed, std::uint64_t repeat) : bits_(seed * 1'000'003 + repeat) {
-    for (int i = 0; i < 8; ++i) bits_();  // the first numbers of adjacent seeds are similar
-  }
-  double operator()() { return static_cast<double>(bits_() >> 11) * 0x1p-52 - 1.0; }
-
- private:
-  std::mt19937_64 bits_;
-};
 
 }  // namespace
 
@@ -70,7 +58,7 @@ std::string task_scene_text(const Experiment& experiment, const TaskRun& run) {
   for (const auto& change : run.variant->set) put(root, change);
   root["plant"]["fidelity"] = run.plant;
   root["seed"] = std::to_string(experiment.seed * 1000 + run.repeat);
-  Draw draw(experiment.seed, run.repeat);
+  SeededDraw draw(experiment.seed, run.repeat);
   for (const auto& change : experiment.vary) vary(root, change, draw);
   return yaml_text(root) + "\n";
 }

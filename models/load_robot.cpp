@@ -5,6 +5,7 @@
 
 #include "config_file/text.hpp"
 #include "models/from_urdf.hpp"
+#include "models/known_robots.hpp"
 #include "models/load_parts.hpp"
 #include "models/robot_description.hpp"
 #include "support/spelling.hpp"
@@ -45,6 +46,7 @@ struct Document {
   std::map<std::string, Node> sections;
   std::map<std::string, std::string> origin;
   std::optional<Node> root;  // of the requested file
+  std::vector<std::filesystem::path> files;
 
   const Node& at(const std::string& key) const {
     const auto found = sections.find(key);
@@ -93,6 +95,7 @@ Document read_document(const std::filesystem::path& file, int depth) {
     document.sections.erase("title");
   }
   document.root.emplace(root);
+  document.files.push_back(file);
   if (const auto node = own.extract("origin"); !node.empty()) {
     Archive::read(node.mapped(), [&](Archive& archive) {
       for (const auto& section : kSections) {
@@ -334,6 +337,7 @@ std::filesystem::path file_of(const std::string& name_or_path) {
 
 RobotDescription load_robot(const std::string& name_or_path) {
   const auto file = file_of(name_or_path);
+  if (auto known = known_robots().find(file)) return *std::move(known);
   const Document document = read_document(file, 0);
   const bool imported = document.find("urdf") != nullptr;
   RobotDescription robot = imported ? read_urdf(document) : read_chain(document);
@@ -352,7 +356,16 @@ RobotDescription load_robot(const std::string& name_or_path) {
   }
   read_looks(document, robot);
   if (const Node* hand = document.find("hand")) robot.hand = read_as<HandDescription>(*hand);
+  if (!imported) known_robots().keep(file, document.files, robot);
   return robot;
+}
+
+std::vector<std::filesystem::path> robot_files(const std::string& name_or_path) {
+  const Document document = read_document(file_of(name_or_path), 0);
+  auto files = document.files;
+  if (const Node* urdf = document.find("urdf"))
+    files.push_back(urdf_file(urdf->text(Key("urdf")), std::filesystem::path(urdf->file()).parent_path()));
+  return files;
 }
 
 }  // namespace multipanda

@@ -259,5 +259,24 @@ TEST(Generated, FilesAreUpToDate) {
                     exported_descriptions());
 }
 
+// Robots are read once; a changed file, or a changed base, is read again.
+TEST(Models, AChangedFileIsReadAgain) {
+  const auto folder = std::filesystem::path(MULTIPANDA_BINARY_DIR) / "known_models";
+  std::filesystem::create_directories(folder);
+  const auto write = [&](const char* name, const std::string& text) { std::ofstream(folder / name) << text; };
+  const auto own = (folder / "own.yaml").string();
+  write("between.yaml", "name: between\ntitle: Between\nbase: fer\nrated_payload_kg: 1\n");
+  write("own.yaml", "name: own\ntitle: First\nbase: between\n");
+  EXPECT_EQ(load_robot(own).title, "First");
+  EXPECT_EQ(load_robot(own).rated_payload, 1);
+  write("own.yaml", "name: own\ntitle: Other\nbase: between\n");  // as long as before
+  EXPECT_EQ(load_robot(own).title, "Other");
+  write("between.yaml", "name: between\ntitle: Between\nbase: fer\nrated_payload_kg: 2\n");
+  EXPECT_EQ(load_robot(own).rated_payload, 2);
+  EXPECT_THAT(robot_files(own), testing::ElementsAre(models_folder() / "fer.yaml", folder / "between.yaml",
+                                                     folder / "own.yaml"));
+  EXPECT_THAT(robot_files(MULTIPANDA_SOURCE_DIR "/tests/models/ur5.yaml"), testing::SizeIs(2)) << "and its URDF";
+}
+
 }  // namespace
 }  // namespace multipanda::models_test

@@ -163,6 +163,9 @@ bool is_ignored_pair(const RobotDescription& robot, const std::string& a, const 
 // Throws std::invalid_argument: file:line, what was expected, the nearest valid name.
 RobotDescription load_robot(const std::string& name_or_path);
 
+// The files that decide about a robot: its own, those of its bases, its URDF. Throws as load_robot.
+std::vector<std::filesystem::path> robot_files(const std::string& name_or_path);
+
 // Names that load_robot knows, sorted.
 std::vector<std::string> available_robots();
 

@@ -162,6 +162,11 @@ LAYERS = [
         "support config_file core scene logs backends report runtime",
     ),
     layer(
+        "study",
+        "studies: tables of runs, and what runs one ([studies.md](docs/studies.md))",
+        "support config_file core models scene logs backends runtime experiments",
+    ),
+    layer(
         "motion_generators",
         "motion generators, each a process of its own ([motion_generator.md](docs/motion_generator.md))",
         "support config_file core models runtime",
@@ -211,7 +216,7 @@ LAYERS = [
         "cli",
         "the program `multipanda`; uses ROS only through the loaded module",
         "support config_file core models scene logs fci/server report runtime cockpit experiments motion_generators"
-        " doctor sysid/measured sysid/identification sysid/comparison sysid/excitation sysid/refine soak",
+        " doctor sysid/measured sysid/identification sysid/comparison sysid/excitation sysid/refine soak study",
     ),
     layer(
         "benchmarks", "the program behind `multipanda bench`", "support core scene logs backends/mujoco runtime ros/rcl"
@@ -224,12 +229,13 @@ LAYERS = [
 LIBRARIES = {
     "mujoco": "support backends/mujoco sysid/identification",
     "pinocchio": "core/model sysid/identification benchmarks",
-    "yaml-cpp": "config_file models scene runtime/embedded experiments sysid/measured sysid/comparison sysid/refine",
+    "yaml-cpp": "config_file models scene runtime/embedded experiments study sysid/measured sysid/comparison"
+    " sysid/refine",
     "nlohmann": "config_file scene logs report soak runtime cockpit cockpit/server cockpit/view experiments"
-    " motion_generators doctor sysid/identification sysid/comparison"
+    " study motion_generators doctor sysid/identification sysid/comparison"
     " sysid/refine cli benchmarks",
     "CLI": "cli benchmarks",
-    "fmt": "soak runtime runtime/motion cockpit/wire cockpit/server experiments doctor sysid/identification"
+    "fmt": "soak runtime runtime/motion cockpit/wire cockpit/server experiments study doctor sysid/identification"
     " sysid/comparison sysid/excitation sysid/refine ros/adapter cli benchmarks",
     "rcl": "ros/rcl ros/host ros benchmarks",
     "rmw": "ros/rcl",

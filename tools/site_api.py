@@ -39,7 +39,7 @@ PAGES = {
     "logs": Page(
         "Logs and commands",
         "Reads recorded runs, and calls the program's longer commands.",
-        ("read_log", "Log", "report", "Report", "experiment", "compare", "identify", "refine"),
+        ("read_log", "Log", "report", "Report", "experiment", "compare", "identify", "refine", "study", "StudyResult"),
     ),
     "tests": Page(
         "Tests and notebooks",

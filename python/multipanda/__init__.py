@@ -32,6 +32,7 @@ from .started import Run, Summary, play, run
 from .state import ArmState, GripperState, Pose, RunState
 from .stream import Stream
 from .stubs import stubs
+from .study import StudyResult, study
 from .virtual import VirtualArms, virtual_arms
 
 __all__ = [
@@ -67,6 +68,7 @@ __all__ = [
     "RunState",
     "SpaceMouse",
     "Stream",
+    "StudyResult",
     "Summary",
     "Timeout",
     "Vacuum",
@@ -87,5 +89,6 @@ __all__ = [
     "run",
     "running_sockets",
     "stubs",
+    "study",
     "virtual_arms",
 ]

@@ -105,9 +105,11 @@ def call(arguments: Sequence[str | os.PathLike[str]], timeout_s: float | None = 
     return child.returncode, out, err
 
 
-def call_json(arguments: Sequence[str | os.PathLike[str]], timeout_s: float | None = None) -> dict[str, Any]:
-    """As call(), with --json: the object that the command printed."""
-    code, out, err = call([*arguments, "--json"], timeout_s)
+def call_json(
+    arguments: Sequence[str | os.PathLike[str]], timeout_s: float | None = None, add_json: bool = True
+) -> dict[str, Any]:
+    """As call(), with --json unless the command prints an object anyway: the object that it printed."""
+    code, out, err = call([*arguments, *(["--json"] if add_json else [])], timeout_s)
     lines = out.strip().splitlines()
     try:
         result = json.loads(out if len(lines) != 1 else lines[0])

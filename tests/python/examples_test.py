@@ -112,6 +112,16 @@ class Examples(unittest.TestCase):
         self.assertLess(float(figures["q"]), 0.01)  # [rad]; both are the same plant
         self.assertTrue((FOLDER / "compared" / "comparison" / "report.html").exists())
 
+    def test_study(self):
+        said = self.output_of("study.py", "--out", FOLDER / "study")
+        sunk = [float(x) for x in re.findall(r"N/m: joint 2 sinks by (-?[\d.]+) mrad", said)]
+        self.assertEqual(len(sunk), 3, said)
+        self.assertGreater(sunk[0], 1.5 * sunk[1])  # half as stiff, twice as far, up to friction
+        self.assertGreater(sunk[1], 1.5 * sunk[2])
+        again = self.output_of("study.py", "--out", FOLDER / "study")
+        self.assertIn("18 runs, 18 of them done before", again)
+        self.assertEqual(re.findall(r".*mrad", said), re.findall(r".*mrad", again))
+
     def test_virtual_arm(self):
         tests = ROOT / "examples/python/test_virtual_arm.py"
         done = subprocess.run(

@@ -2,7 +2,9 @@
 """Checks that refinement improves the simulation of tasks 1 to 5 for arms with unknown plants.
 
     hidden_plants_test.py PROGRAM                 seed 1, and task 4 of seed 2; all of 20 seeds with MULTIPANDA_FULL=1
-    hidden_plants_test.py PROGRAM --seeds 1 20 --table FILE.md
+    hidden_plants_test.py PROGRAM --seeds 1 20 --table FILE.md --results FOLDER --executor slurm
+
+The runs are a study (docs/studies.md): a stopped one goes on where it was if it has a folder of its own.
 
 Every seed draws the plants of virtual arms in another process (`virtual-arm --hidden SEED`); `refine` uses only their
 logs. Limits: the ratio of task 4's force RMSE after and before refinement has a median of at most 0.5 and a worst value
@@ -10,13 +12,19 @@ of at most 0.8. No figure of any task and arm grows by more than twice its sprea
 """
 
 import argparse
+import contextlib
 import json
 import os
 import pathlib
 import statistics
-import subprocess
 import sys
 import tempfile
+
+PACKAGE = pathlib.Path(__file__).resolve().parents[2] / "python"
+sys.path.insert(0, str(PACKAGE))
+os.environ["PYTHONPATH"] = str(PACKAGE)  # of workers
+
+import multipanda as mp  # noqa: E402  the path comes first
 
 VARIANTS = {"task-1": None, "task-2": None, "task-3": "k10", "task-4": "mu03_k10", "task-5": "known"}
 REPEATS = 3
@@ -24,27 +32,33 @@ MEDIAN, WORST = 0.5, 0.8
 FULL = os.environ.get("MULTIPANDA_FULL") == "1"
 
 
-def refine(program, task, seed, folder):
-    """The result of `refine --json` for one task and seed."""
-    words = [
-        program,
-        "refine",
-        task,
-        "--hidden",
-        str(seed),
-        "--repeats",
-        str(REPEATS),
-        "--no-page",
-        "--json",
-        "--out",
-        str(folder),
-    ]
-    if VARIANTS[task]:
-        words += ["--variant", VARIANTS[task]]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=900, check=False)
-    if done.returncode != 0:
-        raise RuntimeError(f"{' '.join(words[1:])} ended with {done.returncode}:\n{done.stderr[-3000:]}")
-    return json.loads(done.stdout)
+def study_of(tasks, first, count):
+    """The text of a study file: every task with every seed."""
+    choices = []
+    for task in tasks:
+        options = {"refine": task, **({"variant": VARIANTS[task]} if VARIANTS[task] else {})}
+        choices.append({"name": task, "label": task, "set": options})
+    study = {"title": "Refinement on hidden plants", "refine": tasks[0], "set": {"repeats": REPEATS}}
+    study |= {"axes": [{"name": "task", "choices": choices}], "seeds": {"first": first, "count": count}}
+    return json.dumps(study)  # which is YAML
+
+
+def results_of(tasks, first, count, folder, workers, executor):
+    """{(task, seed): what `refine --json` printed}; runs that are done in this folder are not made again."""
+    file = folder / "study.yaml"
+    file.write_text(study_of(tasks, first, count))
+    found = mp.study(file, executor, out=folder / "results", workers=workers, page=False, progress=say)
+    for entry in found.errors:
+        raise SystemExit(f"FAILED: no result: {entry}")
+    failed = [row for row in found.rows if not row["success"]]
+    if failed:
+        raise SystemExit(f"FAILED: runs of refine failed, see {found.folder}: {failed}")
+    details = [json.loads(path.read_text())["details"] for path in found.files]
+    return {(row["task"], row["seed"]): detail for row, detail in zip(found.rows, details, strict=True)}
+
+
+def say(text):
+    print(text, flush=True)
 
 
 def changes_of(results):
@@ -103,27 +117,34 @@ def main():
     parser.add_argument("--seeds", nargs=2, type=int, metavar=("FIRST", "LAST"))
     parser.add_argument("--tasks", nargs="+", default=list(VARIANTS))
     parser.add_argument("--table", type=pathlib.Path)
-    parser.add_argument("--results", type=pathlib.Path, help="JSON file of all results; new ones are added")
+    parser.add_argument(
+        "--results",
+        type=pathlib.Path,
+        help="folder of the study; what is done there is kept "
+        "(default: with MULTIPANDA_FULL=1 studies/hidden_plants beside the program, else none)",
+    )
+    parser.add_argument("--executor", default="local", help="local, dask:ADDRESS or slurm")
+    parser.add_argument("--workers", type=int, default=None if FULL else 1)
     arguments = parser.parse_args()
+    os.environ["MULTIPANDA_PROGRAM"] = os.path.abspath(arguments.program)
     first, last = arguments.seeds or (1, 20 if FULL else 1)
-    jobs = [(task, seed) for seed in range(first, last + 1) for task in arguments.tasks]
+    parts = [(arguments.tasks, first, last - first + 1)]
     if not arguments.seeds and not FULL:
-        jobs.append(("task-4", 2))
+        parts.append((["task-4"], 2, 1))
     results = {}
-    if arguments.results and arguments.results.exists():
-        results = {(r["task"], r["seed"]): r["result"] for r in json.loads(arguments.results.read_text())}
-    for task, seed in [job for job in jobs if job not in results]:
-        with tempfile.TemporaryDirectory() as folder:
-            results[task, seed] = refine(arguments.program, task, seed, folder)
-        forces = [
-            f"{arm} {changes['F_EE']['ratio']:.2f}"
-            for arm, changes in results[task, seed]["rounds"][-1]["changes"].items()
-        ]
-        print(f"{task}, seed {seed}: force after/before {', '.join(forces)}", flush=True)
-        if arguments.results:
-            arguments.results.write_text(
-                json.dumps([{"task": t, "seed": s, "result": r} for (t, s), r in results.items()])
-            )
+    with contextlib.ExitStack() as stack:
+        folder = arguments.results
+        if folder is None and FULL:
+            folder = pathlib.Path(arguments.program).absolute().parent / "studies" / "hidden_plants"
+        if folder is None:
+            folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        folder.mkdir(parents=True, exist_ok=True)
+        for part in parts:
+            results |= results_of(*part, folder, arguments.workers, arguments.executor)
+    for (task, seed), result in sorted(results.items()):
+        changes = result["rounds"][-1]["changes"]
+        forces = [f"{arm} {change['F_EE']['ratio']:.2f}" for arm, change in changes.items()]
+        print(f"{task}, seed {seed}: force after/before {', '.join(forces)}")
     print(table(results))
     if arguments.table:
         arguments.table.write_text(table(results))

@@ -1,0 +1,119 @@
+#include "study/study.hpp"
+
+#include <cstdlib>
+#include <filesystem>
+#include <iostream>
+#include <unistd.h>
+
+#include <fmt/format.h>
+
+#include "cli/program.hpp"
+#include "experiments/generator_process.hpp"
+#include "report/page_script.hpp"
+#include "study/scene_run.hpp"
+#include "support/own_files.hpp"
+
+// `multipanda study`: this program reads the file and runs single runs (--worker); Python, which can talk to
+// clusters, lets them run (python/multipanda/study_command.py).
+namespace multipanda::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+struct StudyArguments {
+  std::string file, out, executor = "local", page;
+  std::size_t workers = 0, batch = 0;
+  bool json = false, no_page = false, any_machine = false, plan = false, worker = false;
+};
+
+// First a line with the version. Then a run per line of standard input, its result per line of standard
+// output, until the input ends, as when the process that reads them has ended.
+int serve() {
+  fmt::print("{}\n", Json{{"version", MULTIPANDA_VERSION}}.dump());
+  std::fflush(stdout);
+  for (std::string line; std::getline(std::cin, line);) {
+    Json answer;
+    try {
+      answer = run_scene(scene_run_from(Json::parse(line)));
+    } catch (const std::exception& error) {
+      answer = {{"error", error.what()}};
+    }
+    fmt::print("{}\n", answer.dump(-1, ' ', false, Json::error_handler_t::replace));
+    std::fflush(stdout);
+  }
+  return kSuccess;
+}
+
+int run(const StudyArguments& arguments) {
+  if (arguments.worker) return serve();
+  if (!arguments.page.empty()) {
+    PageScript("study/study_page.py", "the page").run({arguments.page});
+    return kSuccess;
+  }
+  if (arguments.file.empty()) throw UsageError("study: expected a file");
+  if (arguments.plan) {
+    fmt::print("{}\n", to_json(load_study(arguments.file)).dump());
+    return kSuccess;
+  }
+  const std::string python = page_python().string();
+  const std::string script = (share_folder() / "study" / "study.py").string();
+  if (!fs::exists(python) || !fs::exists(script))
+    throw std::runtime_error("study needs " + python + " and " + script + "; " + page_packages_cure());
+  std::vector<std::string> words{
+      python, "-E", "-B", script, arguments.file, "--executor", arguments.executor};
+  const auto add = [&](const char* name, const std::string& value) {
+    words.insert(words.end(), {std::string(name), value});
+  };
+  if (!arguments.out.empty()) add("--out", arguments.out);
+  if (arguments.workers > 0) add("--workers", std::to_string(arguments.workers));
+  if (arguments.batch > 0) add("--batch", std::to_string(arguments.batch));
+  if (arguments.json) words.emplace_back("--json");
+  if (arguments.no_page) words.emplace_back("--no-page");
+  if (arguments.any_machine) words.emplace_back("--any-machine");
+  setenv("MULTIPANDA_PROGRAM", own_program().c_str(), 1);
+  std::vector<char*> argv;
+  for (auto& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  execv(python.c_str(), argv.data());
+  throw std::runtime_error("cannot start " + python);
+}
+
+}  // namespace
+
+void add_study(Program& program) {
+  auto arguments = std::make_shared<StudyArguments>();
+  CLI::App* command = program.add(
+      "study", "Run a scene or an experiment many times: every combination of choices with every seed",
+      "  multipanda study stiffness.yaml                     on all cores; the same command goes on after a "
+      "stop\n"
+      "  multipanda study stiffness.yaml --executor dask:10.0.0.5:8786\n"
+      "  multipanda study stiffness.yaml --executor slurm --workers 16\n"
+      "Runs that are done are skipped. Fails (exit code 1) if a run has no result.");
+  command->add_option("file", arguments->file, "Study file (docs/studies.md)")->type_name("FILE");
+  command->add_option("--out", arguments->out, "Folder of the results (default: runs/study_NAME)")
+      ->type_name("DIR");
+  command->add_option("--executor", arguments->executor, "local, dask:ADDRESS of a scheduler, or slurm")
+      ->capture_default_str();
+  command->add_option("--workers", arguments->workers, "Runs at once (default: one per core; of dask: all)")
+      ->check(CLI::Range(1, 100000));
+  command
+      ->add_option(
+          "--batch", arguments->batch,
+          "Runs that are given away together (default: as many as take about 2 s; slurm: a quarter of "
+          "a worker's share)")
+      ->check(CLI::Range(1, 1000000));
+  command->add_flag("--any-machine", arguments->any_machine,
+                    "Accept results of different processors and libraries, which differ in the last bits");
+  command->add_flag("--no-page", arguments->no_page, "Make no page, only table.csv");
+  command->add_flag("--json", arguments->json,
+                    "Print one JSON object to standard output at the end, messages to standard error");
+  command->add_option("--page", arguments->page, "Make the page of a folder of results again")
+      ->type_name("DIR");
+  command->add_flag("--plan", arguments->plan, "Print the checked file as JSON, and run nothing");
+  command->add_flag("--worker", arguments->worker,
+                    "Run what standard input says, a run per line; for programs");
+  program.on(command, [arguments] { return run(*arguments); });
+}
+
+}  // namespace multipanda::cli

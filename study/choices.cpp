@@ -1,0 +1,129 @@
+#include "study/choices.hpp"
+
+#include <algorithm>
+#include <filesystem>
+#include <functional>
+#include <set>
+
+#include "experiments/kinds.hpp"
+#include "experiments/task_runs.hpp"
+#include "study/scene_run.hpp"
+#include "support/own_files.hpp"
+#include "support/spelling.hpp"
+
+namespace multipanda {
+namespace {
+
+namespace fs = std::filesystem;
+
+// The values of the first choice of every axis, but of choice `c` of axis `a`.
+std::vector<Override> values_of(const Study& study, std::size_t a, std::size_t c) {
+  std::vector<Override> values = study.set;
+  for (std::size_t i = 0; i < study.axes.size(); ++i) {
+    const auto& set = study.axes[i].choices[i == a ? c : 0].set;
+    values.insert(values.end(), set.begin(), set.end());
+  }
+  return values;
+}
+
+using Visit = std::function<void(const std::vector<Override>&)>;
+
+// Calls visit(values) once per choice; what it throws names the choice.
+void each_choice(const Study& study, const Visit& visit) {
+  visit(values_of(study, 0, 0));
+  for (std::size_t a = 0; a < study.axes.size(); ++a) {
+    for (std::size_t c = 1; c < study.axes[a].choices.size(); ++c) {
+      try {
+        visit(values_of(study, a, c));
+      } catch (const std::exception& error) {
+        throw ConfigError({study.path, 0}, "axis '" + study.axes[a].name + "', choice '" +
+                                               study.axes[a].choices[c].name + "': " + error.what());
+      }
+    }
+  }
+}
+
+// The runs of scenes that these values lead to: one, or one per variant of an experiment.
+std::vector<SceneRun> scene_runs(const Study& study, const std::vector<Override>& values) {
+  if (study.kind == Study::Kind::scene) {
+    SceneRun run{.scene = study.base, .set = values, .vary = study.vary};
+    run.seconds = study.seconds;
+    run.seed = study.seeds.empty() ? study.first_seed : static_cast<std::uint64_t>(study.seeds[0]);
+    run.hidden = study.hidden;
+    return {run};
+  }
+  if (study.kind == Study::Kind::refine) return {};
+  const Experiment experiment = load_experiment(study.base);
+  const auto variants = chosen_variants(experiment, study.only);
+  if (experiment.kind != kTaskKind) {
+    if (!values.empty())
+      throw std::invalid_argument("values need an experiment that runs a scene; " + experiment.name +
+                                  " is of kind " + experiment.kind);
+    return {};
+  }
+  std::vector<SceneRun> runs;
+  for (const auto* variant : variants) {
+    SceneRun run{.scene = experiment.scene, .set = experiment.set, .vary = {}};
+    run.set.insert(run.set.end(), variant->set.begin(), variant->set.end());
+    run.set.insert(run.set.end(), values.begin(), values.end());
+    runs.push_back(run);
+  }
+  return runs;
+}
+
+// The experiment that these values refine.
+std::string refined(const Study& study, const std::vector<Override>& values) {
+  static const std::vector<std::string> kOptions{"family", "plant", "refine", "repeats", "rounds", "variant"};
+  std::string name = study.base;
+  for (const auto& [key, value, place] : values) {
+    if (std::find(kOptions.begin(), kOptions.end(), key) == kOptions.end())
+      throw ConfigError(place, "refine has no option '" + key + "' here" +
+                                   name_hint(key, kOptions, "there are no options"));
+    if (key == "refine") name = value;
+  }
+  return name;
+}
+
+void check_values(const Study& study, const std::vector<Override>& values) {
+  if (study.kind == Study::Kind::refine) (void)load_experiment(refined(study, values));
+  for (const auto& run : scene_runs(study, values)) check_scene_run(run);
+}
+
+}  // namespace
+
+void check_choices(const Study& study) {
+  each_choice(study, [&](const auto& values) { check_values(study, values); });
+}
+
+std::vector<std::string> study_files(const Study& study) {
+  std::set<std::string> files;
+  const auto add = [&](const fs::path& file) {
+    if (!file.empty()) files.insert(fs::absolute(file).lexically_normal().string());
+  };
+  const auto add_folder = [&](const fs::path& folder) {
+    for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+      const auto ending = entry.path().extension();
+      if (ending == ".yaml" || ending == ".urdf" || ending == ".xml" || ending == ".py") add(entry.path());
+    }
+  };
+  add_folder(share_folder() / "models");
+  if (study.kind == Study::Kind::scene) {
+    add(study.base);
+  } else {
+    add_folder(experiments_folder());
+  }
+  each_choice(study, [&](const auto& values) {
+    if (study.kind != Study::Kind::scene) {
+      const bool refine = study.kind == Study::Kind::refine;
+      const Experiment experiment = load_experiment(refine ? refined(study, values) : study.base);
+      add(experiment.path);
+      add(experiment.scene);
+    }
+    for (const auto& run : scene_runs(study, values)) {
+      for (const auto& file : scene_files(run)) add(file);
+    }
+  });
+  return {files.begin(), files.end()};
+}
+
+}  // namespace multipanda

@@ -1,0 +1,319 @@
+#!/usr/bin/env python3
+"""Studies: what they compute, to the bit, how they go on after kill -9, what they refuse, and where they run."""
+
+import concurrent.futures
+import csv
+import importlib.util
+import json
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import harness  # first: it sets the paths
+import multipanda as mp
+from harness import FOLDER, PATIENCE, ROOT, until
+from multipanda import study_store, study_worker
+from multipanda.study_plan import canonical, sha256
+
+STUDY = """title: Stiffness
+scene: one_arm
+seconds: 0.1
+axes:
+  - {{name: stiffness, key: controllets.cartesian.parameters.translational_stiffness_n_per_m, values: [200, 800]}}
+  - name: plant
+    choices:
+      - {{name: ideal, set: {{plant.fidelity: ideal}}}}
+      - {{name: realistic, set: {{plant.fidelity: realistic}}}}
+vary:
+  - {{key: objects.box.mass_kg, by: 0.1}}
+seeds: {{first: 3, count: {seeds}}}
+"""
+
+
+def program_words():
+    return [os.environ["MULTIPANDA_PROGRAM"], "study"]
+
+
+class Studies(unittest.TestCase):
+    def setUp(self):
+        self.folder = pathlib.Path(tempfile.mkdtemp(dir=FOLDER))
+        self.out = self.folder / "out"
+
+    def file(self, text=None, seeds=2):
+        path = self.folder / "study.yaml"
+        path.write_text(text or STUDY.format(seeds=seeds))
+        return path
+
+    def command(self, *words, expect=0):
+        done = subprocess.run(
+            [*program_words(), *map(str, words)], capture_output=True, text=True, timeout=3 * PATIENCE, check=False
+        )
+        self.assertEqual(done.returncode, expect, done.stdout + done.stderr)
+        return done
+
+    def results(self):
+        return sorted((self.out / "results").rglob("*.json"))
+
+    def test_the_command_makes_table_and_page_and_then_has_nothing_to_do(self):
+        done = self.command(self.file(), "--out", self.out, "--json")
+        answer = json.loads(done.stdout)
+        self.assertEqual((answer["success"], answer["runs"], answer["skipped"]), (True, 8, 0))
+        self.assertIn("8 of 8 runs", done.stderr)
+        with open(answer["table"], newline="") as file:
+            rows = list(csv.DictReader(file))
+        self.assertEqual(
+            {(row["stiffness"], row["plant"], row["seed"]) for row in rows},
+            {(k, p, s) for k in ("200", "800") for p in ("ideal", "realistic") for s in ("3", "4")},
+        )
+        page = pathlib.Path(answer["report"]).read_text()
+        for words in ("Stiffness", "8 of 8", "stiffness 200, realistic", "arm/torque_max_nm", "libmujoco"):
+            self.assertIn(words, page)
+        again = json.loads(self.command(self.file(), "--out", self.out, "--json", "--no-page").stdout)
+        self.assertEqual((again["runs"], again["skipped"]), (8, 8))
+
+    def test_a_run_is_that_of_the_program_to_the_bit(self):
+        """The figures against the log of `multipanda run` of the same scene, which another part of the program made."""
+        text = (ROOT / "config/scenes/one_arm.yaml").read_text()
+        (self.folder / "scene.yaml").write_text(text.replace("fidelity: ideal", "fidelity: realistic"))
+        log = mp.read_log(mp.play(self.folder / "scene.yaml", record=self.folder, seconds=0.1).log)
+        found = mp.study(
+            self.file("{scene: scene.yaml, seconds: 0.1, logs: true, seed_list: [1]}"), out=self.out, page=False
+        )
+        (row,) = found.rows
+        self.assertEqual(row["arm/torque_max_nm"], abs(log["arm/tau_cmd"][: row["cycles"]]).max())
+        self.assertEqual(row["arm/q_end_rad"], log["arm/q"][row["cycles"] - 1].tolist())
+        (kept,) = (self.out / "logs").glob("*.mcap")
+        own = mp.read_log(kept)
+        for name in ("arm/q", "arm/dq", "arm/tau_cmd", "arm/tau_J"):
+            self.assertEqual(own[name].tobytes(), log[name][: len(own[name])].tobytes(), name)
+
+    def test_seeds_reproduce_and_hidden_plants_differ(self):
+        text = "{scene: one_arm, seconds: 0.1, seeds: {count: 2}, set: {plant.fidelity: realistic}, hidden: %s}"
+        digests = {}
+        for name, hidden in (("a", "false"), ("b", "false"), ("c", "true")):
+            found = mp.study(self.file(text % hidden), out=self.folder / name, page=False, workers=1 + (name == "b"))
+            digests[name] = [row["digest"] for row in found.rows]
+        self.assertEqual(digests["a"], digests["b"])
+        self.assertEqual(len({*digests["a"], *digests["c"]}), 4)
+
+    def test_killed_with_kill_9_it_goes_on(self):
+        """The study is killed in the middle; then it does what is missing, and nothing twice."""
+        file = self.file(seeds=60)
+        process = subprocess.Popen(
+            [*program_words(), str(file), "--out", str(self.out), "--no-page"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        until(lambda: self.results() or process.poll() is not None, "the first result")
+        process.kill()
+        process.wait()
+        before = {path: path.stat().st_mtime_ns for path in self.results()}
+        self.assertLess(len(before), 240)
+        until(lambda: not self._workers_of(file), "its workers end as well")
+        before = {path: path.stat().st_mtime_ns for path in self.results()}
+        found = mp.study(file, out=self.out, page=False)
+        self.assertEqual((len(found.rows), found.skipped), (240, len(before)))
+        for path, time_ns in before.items():
+            self.assertEqual(path.stat().st_mtime_ns, time_ns)
+        whole = mp.study(file, out=self.folder / "whole", page=False)
+        self.assertEqual(found.rows, whole.rows)
+
+    def _workers_of(self, _file):
+        """Whether the folder is still in use: its lock is held by the study, and its workers write results."""
+        count = len(self.results())
+        try:
+            study_store.Store(self.out, False).close()
+        except mp.Refused:
+            return True
+        return len(self.results()) != count
+
+    def test_a_killed_worker_costs_one_run(self):
+        """A worker process is killed three times in the middle; all runs have their results all the same."""
+        killed = []
+
+        def kill_one(_text):
+            if len(killed) < 3 and len(study_worker._all) > 0:
+                victim = study_worker._all[-1].process
+                if victim.poll() is None:
+                    os.kill(victim.pid, signal.SIGKILL)
+                    killed.append(victim.pid)
+
+        found = mp.study(self.file(seeds=80), out=self.out, page=False, workers=2, batch=10, progress=kill_one)
+        self.assertGreaterEqual(len(killed), 1)
+        self.assertEqual(len(found.rows), 320)
+        self.assertEqual(found.errors, [])
+
+    def test_a_run_that_kills_its_worker_has_no_result_and_the_others_do(self):
+        library = self.folder / "deadly.so"
+        source = self.folder / "deadly.c"
+        source.write_text("#include <stdlib.h>\n__attribute__((constructor)) static void die(void) { abort(); }\n")
+        subprocess.run(["cc", "-shared", "-fPIC", "-o", library, source], check=True)
+        plan = mp.study_plan.Plan.of(self.file(seeds=1))
+        choices = [{"name": "well", "label": "well", "set": []}]
+        choices.append({"name": "deadly", "label": "deadly", "set": [["plugins", f"[{library}]"]]})
+        plan.axes[:] = [{"name": "library", "choices": choices}]
+        original = mp.study_plan.Plan.of
+        try:
+            mp.study_plan.Plan.of = classmethod(lambda cls, file: plan)
+            found = mp.study("deadly.yaml", out=self.out, page=False)
+        finally:
+            mp.study_plan.Plan.of = original
+        self.assertEqual([row["library"] for row in found.rows], ["well"])
+        (error,) = found.errors
+        self.assertEqual(error["library"], "deadly")
+        self.assertIn("died twice", error["error"])
+        self.assertIn("signal 6", error["error"])
+
+    def test_changed_and_foreign_results_are_refused(self):
+        mp.study(self.file(), out=self.out, page=False)
+        path, other = self.results()[:2]
+        original = path.read_bytes()
+
+        def refused(text, verdict):
+            path.write_bytes(text)
+            with self.assertRaises(mp.Refused) as caught:
+                mp.study(self.file(), out=self.out, page=False)
+            self.assertEqual(caught.exception.verdict, verdict)
+            self.assertIn(path.name, str(caught.exception))
+
+        result = json.loads(original)
+        result["figures"]["arm/torque_max_nm"] = 0.0
+        refused(canonical(result), "tampered")
+        refused(original[:-20], "tampered")
+        refused(other.read_bytes(), "foreign")  # of another run, under this one's name
+
+        def forged(**changes):
+            content = {name: value for name, value in {**result, **changes}.items() if name != "seal"}
+            return canonical({**content, "seal": sha256(canonical(content))})
+
+        refused(forged(program={**result["program"], "sha256": "0" * 64}), "foreign")
+        machine = {**result["machine"], "processor": "another"}
+        refused(forged(machine=machine), "other_machine")
+        self.assertEqual(len(mp.study(self.file(), out=self.out, page=False, any_machine=True).rows), 8)
+        path.unlink()
+        self.assertEqual(mp.study(self.file(), out=self.out, page=False).skipped, 7)
+        self.assertEqual(json.loads(path.read_bytes())["figures"], json.loads(original)["figures"])
+
+    def test_workers_with_another_program_or_file_are_refused(self):
+        plan = mp.study_plan.Plan.of(self.file(seeds=1))
+        study_worker.begin_programs()
+        program, _ = study_worker._program().identity
+        self.addCleanup(study_worker.close_programs)
+        self.addCleanup(study_worker.end_programs)
+        task = {"folder": str(self.out), "token": "", "machine": None, "any_machine": False, "runs": []}
+        task |= {"program": program, "files": plan.files}
+        self.assertEqual(study_worker.work(task)["done"], [])
+        for changes, verdict in (
+            ({"program": {**program, "sha256": "0" * 64}}, "other_program"),
+            ({"machine": {"processor": "another", "libraries": {}}}, "other_machine"),
+            ({"files": {next(iter(plan.files)): "0" * 64}}, "other_file"),
+        ):
+            with self.assertRaises(mp.Refused) as caught:
+                study_worker.work({**task, **changes})
+            self.assertEqual(caught.exception.verdict, verdict)
+
+    def test_changed_files_and_programs_are_other_runs(self):
+        """The key depends on each input, and not on where the files are."""
+        shutil.copy(ROOT / "config/scenes/one_arm.yaml", self.folder / "scene.yaml")
+        text = "{scene: scene.yaml, seconds: 0.1, seeds: {count: 1}}"
+        program = {"version": "1", "sha256": "a"}
+
+        def key(text, program=program):
+            return next(iter(mp.study_plan.Plan.of(self.file(text)).runs(program))).key
+
+        first = key(text)
+        self.assertEqual(first, key(text))
+        for other in (text.replace("0.1", "0.2"), text.replace("{count: 1}", "{first: 2, count: 1}")):
+            self.assertNotEqual(first, key(other))
+        self.assertNotEqual(first, key(text, {"version": "1", "sha256": "b"}))
+        self.assertNotEqual(first, key(text[:-1] + ", set: {plant.fidelity: realistic}}"))
+        moved = self.folder
+        self.folder = moved / "elsewhere"
+        self.folder.mkdir()
+        shutil.copy(moved / "scene.yaml", self.folder)
+        self.assertEqual(first, key(text))
+        with open(self.folder / "scene.yaml", "a") as file:
+            file.write("# changed\n")
+        self.assertNotEqual(first, key(text))
+
+    def test_invalid_files_are_refused_before_the_first_run(self):
+        for text, words in (
+            ("{scene: one_arm, experiment: task-1}", "one of the keys"),
+            ("{scene: no_scene}", "no scene"),
+            ("{scene: one_arm, axes: [{name: a, key: plant.fidelity, values: [ideal, wrong]}]}", "choice 'wrong'"),
+            ("{scene: one_arm, set: {controllets.nothing.type: x}}", "leads nowhere"),
+            ("{experiment: task-1, vary: [{key: a, by: 1}]}", "no meaning"),
+        ):
+            done = self.command(self.file(text), "--out", self.out, expect=2)
+            self.assertIn(words, done.stderr)
+            self.assertFalse(self.out.exists())
+        self.assertIn("no executor", self.command(self.file(), "--out", self.out, "--executor", "x", expect=2).stderr)
+
+    def test_experiments_are_run_with_seeds_and_values(self):
+        text = """{experiment: task-1, seeds: {first: 5, count: 1},
+                   axes: [{name: k, key: controllets.0.parameters.stiffness_nm_per_rad, values: [300]}]}"""
+        found = mp.study(self.file(text), out=self.out, page=False)
+        (row,) = found.rows
+        self.assertTrue(any(name.startswith("plain/ideal/") for name in row), list(row))
+
+    def test_two_studies_do_not_share_a_folder(self):
+        store = study_store.Store(self.out, False)
+        self.addCleanup(store.close)
+        with self.assertRaises(mp.Refused) as caught:
+            mp.study(self.file(), out=self.out, page=False)
+        self.assertEqual(caught.exception.verdict, "in_use")
+
+    def test_a_process_pool_is_replaced_when_a_killed_worker_has_broken_it(self):
+        pools = []
+
+        def make():
+            pools.append(concurrent.futures.ProcessPoolExecutor(2))
+            return pools[-1]
+
+        def kill_one(_text):
+            if len(pools) == 1 and self.results():
+                os.kill(next(iter(pools[0]._processes)), signal.SIGKILL)
+
+        found = mp.study(self.file(seeds=50), make, out=self.out, page=False, batch=5, progress=kill_one)
+        self.assertEqual(len(found.rows), 200)
+        for pool in pools:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+    @unittest.skipUnless(
+        importlib.util.find_spec("distributed"), "Dask is not installed: pip install 'multipanda[dask]'"
+    )
+    def test_dask_with_two_worker_processes_one_of_which_is_killed(self):
+        started = []
+        self.addCleanup(lambda: [(p.kill(), p.wait()) for p in started])
+        scheduler_file = self.folder / "scheduler.json"
+
+        def start(*words):
+            log = open(self.folder / f"dask{len(started)}.log", "w")  # noqa: SIM115
+            self.addCleanup(log.close)
+            words = [sys.executable, "-m", "distributed.cli.dask_" + words[0], *words[1:]]
+            started.append(subprocess.Popen(words, stdout=log, stderr=log, cwd=self.folder))
+
+        start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", scheduler_file)
+        until(scheduler_file.exists, "Dask's scheduler")
+        address = json.loads(scheduler_file.read_text())["address"]
+        for _ in range(2):
+            start("worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard", "--no-nanny")
+        until(lambda: (self.folder / "dask2.log").read_text().count("Registered to"), "Dask's workers")
+
+        def kill_one(_text):
+            if len(self.results()) > 3:
+                started[1].kill()
+
+        executor = f"dask:{address}"
+        found = mp.study(self.file(seeds=30), executor, out=self.out, page=False, batch=4, progress=kill_one)
+        self.assertEqual((len(found.rows), found.errors), (120, []))
+        self.assertEqual(found.rows, mp.study(self.file(seeds=30), out=self.folder / "local", page=False).rows)
+
+
+if __name__ == "__main__":
+    harness.main()
