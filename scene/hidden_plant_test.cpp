@@ -104,8 +104,7 @@ TEST(HiddenPlants, DependOnArmAndSeedOnly) {
   EXPECT_NE(two.seed, load_scene("two_arms", registry).seed);
 }
 
-// Identification must not be able to draw plants: only the virtual arms' program, studies and tests include
-// it.
+// Identification must not be able to draw plants: only virtual arms, studies and tests do.
 TEST(HiddenPlants, AreNotIncludedByIdentification) {
   const std::set<std::string> allowed{"scene/hidden_plant.cpp", "cli/virtual_arm.cpp", "study/scene_run.cpp"};
   const fs::path root = MULTIPANDA_SOURCE_DIR;

@@ -1,3 +1,5 @@
+#include "scene/load.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -7,7 +9,6 @@
 #include "config_file/text.hpp"
 #include "experiments/experiment_keys.hpp"
 #include "experiments/yaml_tree.hpp"
-#include "scene/load.hpp"
 #include "study/choices.hpp"
 #include "study/study.hpp"
 
