@@ -273,8 +273,8 @@ TEST(Models, AChangedFileIsReadAgain) {
   EXPECT_EQ(load_robot(own).title, "Other");
   write("between.yaml", "name: between\ntitle: Between\nbase: fer\nrated_payload_kg: 2\n");
   EXPECT_EQ(load_robot(own).rated_payload, 2);
-  EXPECT_THAT(robot_files(own), testing::ElementsAre(models_folder() / "fer.yaml", folder / "between.yaml",
-                                                     folder / "own.yaml"));
+  EXPECT_THAT(robot_files(own), testing::IsSupersetOf({models_folder() / "fer.yaml", folder / "between.yaml",
+                                                       std::filesystem::path(own)}));
   EXPECT_THAT(robot_files(MULTIPANDA_SOURCE_DIR "/tests/models/ur5.yaml"), testing::SizeIs(2))
       << "and its URDF";
 }

@@ -23,15 +23,16 @@ class Engine:
 
     Attributes:
         slots: Batches at a time.
+        generation: How often the executor was replaced.
         share: Number of batches into which all runs are divided; None: batches of about 2 s.
     """
 
     slots: int
     share: int | None = None
+    generation: int = 0
 
     def __init__(self, executor: concurrent.futures.Executor, slots: int, remake: Factory | None = None) -> None:
         self._executor, self.slots, self._remake = executor, slots, remake
-        self.generation = 0  # how often the executor was replaced
 
     def submit(self, task: Json) -> Any:
         """A future of the batch's answer."""

@@ -268,6 +268,25 @@ class Studies(unittest.TestCase):
             mp.study(self.file(), out=self.out, page=False)
         self.assertEqual(caught.exception.verdict, "in_use")
 
+    def test_workers_that_outlive_a_killed_study_do_not_keep_its_folder(self):
+        """A pool's processes are forked from the study: they must not inherit its lock."""
+        words = (
+            "import os, pathlib, signal, sys\n"
+            "from multipanda.study_store import Store\n"
+            "store = Store(pathlib.Path(sys.argv[1]), False)\n"
+            "child = os.fork()\n"
+            "if child == 0: signal.pause()\n"
+            "print(child, flush=True)\n"
+            "os.kill(os.getpid(), signal.SIGKILL)\n"
+        )
+        process = subprocess.Popen([sys.executable, "-c", words, str(self.out)], stdout=subprocess.PIPE, text=True)
+        self.addCleanup(process.stdout.close)
+        child = int(process.stdout.readline())
+        self.addCleanup(os.kill, child, signal.SIGKILL)
+        process.wait()
+        os.kill(child, 0)  # it lives
+        study_store.Store(self.out, False).close()
+
     def test_a_process_pool_is_replaced_when_a_killed_worker_has_broken_it(self):
         pools = []
 
