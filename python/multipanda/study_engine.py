@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import importlib
 import os
 import pathlib
 import subprocess
@@ -77,13 +78,13 @@ class _Local(Engine):
 class _Dask(Engine):
     def __init__(self, address: str, workers: int | None) -> None:
         try:
-            from distributed import Client
+            distributed: Any = importlib.import_module("distributed")  # typed in part only
         except ImportError:
             raise Refused(
                 "no_dask", "the Python package distributed is missing", "pip install 'multipanda[dask]'"
             ) from None
         try:
-            self._client = Client(address, timeout=20)
+            self._client = distributed.Client(address, timeout=20)
         except (OSError, ValueError) as wrong:
             raise Refused(
                 "no_dask", f"there is no Dask scheduler at {address}: {wrong}", "start one: dask scheduler"

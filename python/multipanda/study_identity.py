@@ -19,7 +19,8 @@ Json = dict[str, Any]
 
 @functools.lru_cache(maxsize=8)
 def _sorted_out(program: str, _size: int, _changed_ns: int, mapped: tuple[str, ...]) -> tuple[Json, Json]:
-    own, libraries = {}, {}
+    own: dict[str, str] = {}
+    libraries: dict[str, str] = {}
     for path in mapped:
         name = pathlib.PurePath(path).name
         ours = path == program or name.startswith("libmultipanda")

@@ -39,6 +39,27 @@ def program_words():
     return [os.environ["MULTIPANDA_PROGRAM"], "study"]
 
 
+def bare(result):
+    return {name: value for name, value in result.items() if name != "seal"}
+
+
+class Far(concurrent.futures.ThreadPoolExecutor):
+    """Stands for another computer: its workers do not see the folder. `change` acts on results on their way back."""
+
+    def __init__(self, change=lambda result: None):
+        super().__init__(1)
+        self._change = change
+
+    def submit(self, work, task):
+        def there():
+            answer = work({**task, "token": "another folder's"})
+            for result in answer["results"]:
+                self._change(result)
+            return answer
+
+        return super().submit(there)
+
+
 class Studies(unittest.TestCase):
     def setUp(self):
         self.folder = pathlib.Path(tempfile.mkdtemp(dir=FOLDER))
@@ -286,6 +307,24 @@ class Studies(unittest.TestCase):
         process.wait()
         os.kill(child, 0)  # it lives
         study_store.Store(self.out, False).close()
+
+    def test_results_of_workers_that_do_not_see_the_folder_come_back_and_are_checked(self):
+        near = mp.study(self.file(), out=self.folder / "near", page=False)
+        with Far() as far:
+            found = mp.study(self.file(), far, out=self.out, page=False, workers=1)
+        self.assertEqual(found.rows, near.rows)
+        changed = (
+            ("tampered", lambda result: result["figures"].update({"arm/torque_max_nm": 0.0})),
+            ("tampered", lambda result: result.pop("seal")),
+            ("foreign", lambda result: result.update(study_store.sealed({**bare(result), "program": {}}))),
+            ("foreign", lambda result: result.update(study_store.sealed({**bare(result), "inputs": {}}))),
+        )
+        for i, (verdict, change) in enumerate(changed):
+            out = self.folder / f"changed_{i}"
+            with Far(change) as far, self.assertRaises(mp.Refused) as caught:
+                mp.study(self.file(), far, out=out, page=False, workers=1)
+            self.assertEqual(caught.exception.verdict, verdict)
+            self.assertEqual(list((out / "results").rglob("*.json")), [])
 
     def test_a_process_pool_is_replaced_when_a_killed_worker_has_broken_it(self):
         pools = []
