@@ -1,9 +1,11 @@
 #include "study/scene_run.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <map>
 
 #include "config_file/text.hpp"
+#include "core/model/model_terms.hpp"
 #include "experiments/seeded_draw.hpp"
 #include "experiments/yaml_tree.hpp"
 #include "models/robot_description.hpp"
@@ -50,6 +52,22 @@ Scene scene_of(const SceneRun& run, const Registry*& registry) {
                                 "duration_s");
   if (run.hidden) hide(scene, run.seed);
   return scene;
+}
+
+// Where each arm's flange is at the end, in the world: it depends on the joints alone.
+void add_flanges(const Session& session, Json& figures) {
+  for (std::size_t i = 0; i < session.layout().arms.size(); ++i) {
+    const std::string& name = session.layout().arms[i].name;
+    const auto q = figures[name + "/q_end_rad"].get<std::vector<double>>();
+    if (q.empty()) continue;  // not one cycle
+    JointVector joints(static_cast<Eigen::Index>(q.size()));
+    std::copy(q.begin(), q.end(), joints.data());
+    ModelTerms terms(session.models()[i]);
+    terms.update(joints, JointVector::Zero(joints.size()));
+    const Vector3& p_WF = terms.X_WF().position;
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      figures[name + "/flange_end_" + "xyz"[axis] + "_m"] = p_WF[static_cast<Eigen::Index>(axis)];
+  }
 }
 
 double since(std::chrono::steady_clock::time_point begin) {
@@ -117,6 +135,7 @@ Json run_scene(const SceneRun& run) {
   while (!session.wait_for_end(60)) continue;
   const RunSummary summary = session.finish();
   Json result{{"figures", figures->json()}, {"success", summary.success()}, {"faults", summary.faults()}};
+  add_flanges(session, result["figures"]);
   for (std::size_t i = 0; i < objects.size(); ++i) {
     if (!poses[i]) continue;
     const auto& p = poses[i]->position;

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include <Eigen/Geometry>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -59,6 +60,25 @@ TEST(SceneRun, VariesWithTheSeedWithinTheBound) {
     highest = std::max(highest, x);
   }
   EXPECT_GT(highest - lowest, 0.005);
+}
+
+// By the manufacturer's Denavit-Hartenberg parameters (Craig's convention), published for the FER.
+TEST(SceneRun, TheFlangeIsWhereThePublishedKinematicsHaveIt) {
+  constexpr double kTurn = 1.5707963267948966;
+  const double a[] = {0, 0, 0, 0.0825, -0.0825, 0, 0.088};
+  const double d[] = {0.333, 0, 0.316, 0, 0.384, 0, 0};
+  const double alpha[] = {0, -kTurn, kTurn, kTurn, -kTurn, kTurn, kTurn};
+  const Json figures = run_scene(one_arm())["figures"];
+  Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
+  for (std::size_t j = 0; j < 7; ++j) {
+    X = X * Eigen::AngleAxisd(alpha[j], Vector3::UnitX()) * Eigen::Translation3d(a[j], 0, 0) *
+        Eigen::AngleAxisd(figures["arm/q_end_rad"][j].get<double>(), Vector3::UnitZ()) *
+        Eigen::Translation3d(0, 0, d[j]);
+  }
+  const Vector3 p_WF = X * Vector3(0, 0, 0.107);
+  EXPECT_NEAR(figures["arm/flange_end_x_m"].get<double>(), p_WF.x(), 1e-9);
+  EXPECT_NEAR(figures["arm/flange_end_y_m"].get<double>(), p_WF.y(), 1e-9);
+  EXPECT_NEAR(figures["arm/flange_end_z_m"].get<double>(), p_WF.z(), 1e-9);
 }
 
 TEST(SceneRun, IsReadFromALine) {

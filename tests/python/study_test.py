@@ -277,10 +277,13 @@ class Studies(unittest.TestCase):
 
     def test_experiments_are_run_with_seeds_and_values(self):
         text = """{experiment: task-1, seeds: {first: 5, count: 1},
-                   axes: [{name: k, key: controllets.0.parameters.stiffness_nm_per_rad, values: [300]}]}"""
+                   axes: [{name: k, key: controllets.0.parameters.stiffness_nm_per_rad, values: [300, 600]}]}"""
         found = mp.study(self.file(text), out=self.out, page=False)
-        (row,) = found.rows
-        self.assertTrue(any(name.startswith("plain/ideal/") for name in row), list(row))
+        soft, stiff = found.rows
+        names = [name for name in soft if name.startswith("plain/ideal/q_")]
+        self.assertTrue(names, list(soft))
+        for name in names:
+            self.assertNotEqual(soft[name], stiff[name], name)
 
     def test_two_studies_do_not_share_a_folder(self):
         store = study_store.Store(self.out, False)

@@ -37,7 +37,7 @@ def study_of(tasks, first, count):
     choices = []
     for task in tasks:
         options = {"refine": task, **({"variant": VARIANTS[task]} if VARIANTS[task] else {})}
-        choices.append({"name": task, "label": task, "set": options})
+        choices.append({"name": task.replace("-", "_"), "label": task, "set": options})
     study = {"title": "Refinement on hidden plants", "refine": tasks[0], "set": {"repeats": REPEATS}}
     study |= {"axes": [{"name": "task", "choices": choices}], "seeds": {"first": first, "count": count}}
     return json.dumps(study)  # which is YAML
@@ -54,11 +54,15 @@ def results_of(tasks, first, count, folder, workers, executor):
     if failed:
         raise SystemExit(f"FAILED: runs of refine failed, see {found.folder}: {failed}")
     details = [json.loads(path.read_text())["details"] for path in found.files]
-    return {(row["task"], row["seed"]): detail for row, detail in zip(found.rows, details, strict=True)}
+    return {
+        (row["task"].replace("_", "-"), row["seed"]): detail for row, detail in zip(found.rows, details, strict=True)
+    }
 
 
-def say(text):
-    print(text, flush=True)
+def say(text, told=[""]):  # noqa: B006  remembers the last count
+    if text.split(" runs")[0] != told[0]:
+        print(text, flush=True)
+    told[0] = text.split(" runs")[0]
 
 
 def changes_of(results):
