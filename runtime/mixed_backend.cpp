@@ -146,7 +146,7 @@ std::future<RequestAnswer> MixedBackend::request(WorldRequest request) {
   if (std::holds_alternative<PauseSimulation>(request) || std::holds_alternative<StepSimulation>(request)) {
     return refuse_request("this run has real arms and cannot be paused: stop the arms instead");
   }
-  // Laws can couple a simulated arm to a real one, which would feel the blow.
+  // Laws can couple a simulated arm to a real one, which would feel the push.
   if (std::holds_alternative<PushObject>(request) || std::holds_alternative<ResetSimulation>(request)) {
     return refuse_request(
         "this run has real arms: objects are not pushed and the world is not reset while it goes");
