@@ -312,6 +312,10 @@ class NotedBackend final : public Backend {
   void write(ArmSet, std::span<const ArmCommand>) override {}
   using Backend::request;
   std::future<RequestAnswer> request(ArmIndex, ArmRequest) override { return refuse_request("none"); }
+  std::future<RequestAnswer> request(WorldRequest) override {
+    notes_.push_back(name_ + " world asked");
+    return answer_now({.success = true, .reason = {}});
+  }
 
  private:
   std::string name_;
@@ -337,6 +341,27 @@ TEST(MixedBackend, RealArmsBeginLast) {
   EXPECT_THAT(notes, ElementsAre());
   EXPECT_THROW(mixed(true, false)->start(), std::runtime_error);
   EXPECT_THAT(notes, ElementsAre("simulated starts", "simulated ends"));
+}
+
+// Laws can couple a simulated arm to a real one: of the simulated world only objects are placed.
+TEST(MixedBackend, ItsWorldIsNeitherPushedNorResetNorPaused) {
+  std::vector<std::string> notes;
+  MixedBackend::Parts parts;
+  parts.real = std::make_unique<NotedBackend>("real", notes, false);
+  parts.simulated = std::make_unique<NotedBackend>("simulated", notes, false);
+  parts.real_arms = {1};
+  parts.simulated_arms = {0};
+  MixedBackend mixed(std::move(parts));
+  for (const WorldRequest& refused :
+       {WorldRequest(PushObject{.object = "ball"}), WorldRequest(ResetSimulation{}),
+        WorldRequest(PauseSimulation{}), WorldRequest(StepSimulation{})}) {
+    const RequestAnswer answer = mixed.request(refused).get();
+    EXPECT_FALSE(answer.success) << refused.index();
+    EXPECT_THAT(answer.reason, HasSubstr("this run has real arms")) << refused.index();
+  }
+  EXPECT_THAT(notes, ElementsAre());
+  EXPECT_TRUE(mixed.request(PlaceObject{.object = "ball"}).get().success);
+  EXPECT_THAT(notes, ElementsAre("simulated world asked"));
 }
 
 TEST(RealArms, OneIsRecoveredWhileTheOtherContinues) {
