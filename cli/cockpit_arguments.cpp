@@ -34,6 +34,10 @@ OpenedCockpit::OpenedCockpit(const CockpitArguments& arguments, const Console& c
   if (arguments.asked) cockpit_ = std::make_unique<cockpit::Cockpit>(arguments.port);
 }
 
+void OpenedCockpit::on_owed_stop(std::function<void()> call) {
+  if (cockpit_) cockpit_->desk().on_owed_stop(std::move(call));
+}
+
 void OpenedCockpit::prepare(const Scene& scene, SessionOptions& session) {
   if (!cockpit_) return;
   objects_ = std::make_shared<cockpit::ObjectPoses>(scene);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -30,6 +31,7 @@ class OpenedCockpit final : public SessionViewer {
   OpenedCockpit(const CockpitArguments& arguments, const Console& console);
 
   explicit operator bool() const { return cockpit_ != nullptr; }
+  void on_owed_stop(std::function<void()> call);  // Desk::on_owed_stop
   void prepare(const Scene& scene, SessionOptions& session) override;
   void show(Session& session) override;  // the first time it prints the address
   void end() override;

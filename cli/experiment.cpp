@@ -142,6 +142,9 @@ int run(const ExperimentArguments& options) {
     console.line("stopping: the arms hold, then the run ends (interrupt again to quit at once)");
   });
   OpenedCockpit cockpit(options.cockpit, console);
+  cockpit.on_owed_stop([&] {
+    if (!stop.exchange(true)) console.line("stopped in the cockpit: no further run begins");
+  });
   const ExperimentProgress progress{.line = [&](const std::string& text) { console.line(text); },
                                     .stop = &stop};
   const fs::path directory =

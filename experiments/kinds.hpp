@@ -29,6 +29,7 @@ struct ExperimentOptions {
 struct ExperimentProgress {
   std::function<void(const std::string& line)> line;
   const std::atomic<bool>* stop = nullptr;  // true: end the runs in hold, without a report
+  // Asked before a run and again once it is shown: a Stop may have come while it was being made.
   bool stopped() const { return stop != nullptr && stop->load(std::memory_order_relaxed); }
 };
 

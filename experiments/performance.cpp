@@ -104,8 +104,10 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
   }
   plan["delay_checks"] = Json::array();
   if (settings.delay_check) {
-    for (const double delay_s : settings.delay_check->delays_s)
+    for (const double delay_s : settings.delay_check->delays_s) {
+      if (progress.stopped()) return stopped();
       plan["delay_checks"].push_back(run_delay_check(run, delay_s));
+    }
     say(fmt::format("command delay measured with {} known delays", plan["delay_checks"].size()));
   }
   if (settings.switching) {

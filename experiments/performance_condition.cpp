@@ -128,6 +128,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
                                                                .instance = instance,
                                                                .streaming = true});
   const Viewed viewed(run.viewer, session);
+  if (run.progress.stopped()) return {};
   session.start();
   GeneratorProcess generator({.program = own_program(),
                               .course = condition.course,

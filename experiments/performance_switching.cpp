@@ -118,6 +118,7 @@ Json run_switching(const PerformanceRun& run) {
       throw std::invalid_argument("switching: " + switching.controllet + " has no feature '" +
                                   switching.feature + "'");
     const Viewed viewed(run.viewer, session);
+    if (run.progress.stopped()) return {};
     session.start();
     while (trace->count() < kLead && !session.wait_for_end(0.01)) {
     }

@@ -164,6 +164,11 @@ class TaskRunner {
     Session session(std::move(scene), registry_, std::move(session_options));
     data.emplace(session.scene(), session.layout(), session.models(), kModelEvery);
     const Viewed viewed(options_.viewer, session);
+    if (progress_.stopped()) {
+      std::error_code ignored;
+      fs::remove_all(scratch, ignored);
+      return {};
+    }
     session.start();
     while (!session.wait_for_end(0.1)) {
       if (progress_.stopped()) session.stop();

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
 #include "cockpit/desk/frames.hpp"
 #include "runtime/live_input/json_fields.hpp"
@@ -39,10 +40,9 @@ void answer(Hub::Client& client, json message, const json& id) {
 
 void Desk::show(std::shared_ptr<Source> source, const std::string& reason) {
   const std::lock_guard lock(mutex_);
-  if (source_ && hold_.begun()) end_hold("the run has ended", control_.holder());
+  if (source_) leave_source(reason);
   source_ = std::move(source);
   for (Seat& seat : seats_) {
-    seat.requests.clear();
     seat.plot = {};
     seat.events = seat.list = seat.shown = 0;
     if (source_) {
@@ -51,6 +51,30 @@ void Desk::show(std::shared_ptr<Source> source, const std::string& reason) {
       seat.client->send({{"ended", {{"reason", reason}}}});
     }
   }
+}
+
+void Desk::on_owed_stop(std::function<void()> call) {
+  const std::lock_guard lock(mutex_);
+  owed_stop_ = std::move(call);
+}
+
+// The source will answer no more, and a Stop that is still in force must outlast it.
+void Desk::leave_source(const std::string& reason) {
+  if (hold_.begun()) end_hold("the run has ended", control_.holder());
+  for (Seat& seat : seats_) {
+    poll(seat);
+    for (const Pending& request : std::exchange(seat.requests, {})) {
+      const bool stop = request.word == "stop" && owed_stop_;
+      finish(seat, request, {.answer = stop ? owe_stop() : refusal("run_ended", reason), .numbers = {}});
+    }
+  }
+  if (stops_ != resumed_ && owed_stop_) owed_stop_();
+  resumed_ = stops_;
+}
+
+json Desk::owe_stop() {
+  owed_stop_();
+  return {{"ok", true}, {"no_further_run", true}};
 }
 
 Desk::Seat& Desk::seat_of(const Hub::Client& client) {
@@ -144,6 +168,8 @@ void Desk::take_request(Seat& seat, const json& message, const json& id) {
   const JsonFields fields(message, "request");
   const std::string word = fields.text("do");
   if (take_own_request(seat, message, id)) return;
+  if (!source_ && word == "stop" && owed_stop_)
+    return finish(seat, {.id = id, .word = word, .answer = {}}, {.answer = owe_stop(), .numbers = {}});
   if (!source_) fields.refuse("no run is shown at the moment");
   const auto commands = source_->commands();
   if (std::ranges::find(commands, word) == commands.end()) {
@@ -166,14 +192,22 @@ void Desk::take_request(Seat& seat, const json& message, const json& id) {
   if (seat.requests.size() >= kMostPending && word != "stop")
     throw RequestRefused("queue_full", "64 requests are not answered yet");
   auto result = source_->ask(message);
+  if (word == "stop") ++stops_;
+  Pending request{.id = id, .word = word, .stops = stops_, .answer = {}};
   if (auto* later = std::get_if<Later>(&result)) {
-    seat.requests.push_back({id, std::move(*later)});
-    return;
+    request.answer = std::move(*later);
+    seat.requests.push_back(std::move(request));
+  } else {
+    finish(seat, request, std::move(std::get<Reply>(result)));
   }
-  Reply& reply = std::get<Reply>(result);
-  // Samples of a stream without an id are answered only if refused.
-  if (id.is_null() && reply.answer.value("ok", false)) return;
-  answer(*seat.client, std::move(reply.answer), id);
+}
+
+// Requests without an id, such as samples of a stream, are answered only if refused.
+void Desk::finish(Seat& seat, const Pending& request, Reply reply) {
+  const bool ok = reply.answer.value("ok", false);
+  if (ok && request.word == "resume" && !source_->is_stopped()) resumed_ = request.stops;
+  if (ok && request.id.is_null()) return;
+  answer(*seat.client, std::move(reply.answer), request.id);
   if (!reply.numbers.empty()) seat.client->send_numbers(reply.numbers);
 }
 
@@ -327,8 +361,7 @@ void Desk::poll(Seat& seat) {
       ++request;
       continue;
     }
-    if (!request->id.is_null() || !done->answer.value("ok", false))
-      answer(*seat.client, std::move(done->answer), request->id);
+    finish(seat, *request, std::move(*done));
     request = seat.requests.erase(request);
   }
 }

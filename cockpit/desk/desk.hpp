@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <list>
 #include <memory>
 #include <mutex>
@@ -21,6 +22,10 @@ class Desk final : public Hub::Handler {
   // Shows this source, or nothing. When this returns, the old one is not used any more. For any thread of
   // the program.
   void show(std::shared_ptr<Source> source, const std::string& reason = "the run has ended");
+  // For a program that shows one run after the other. `call`: a Stop has come between two of them, or nobody
+  // has resumed it when its run ended, so the next one must not begin. Called by any thread, the desk locked.
+  // Without it, a Stop is refused while no run is shown.
+  void on_owed_stop(std::function<void()> call);
 
   void join(Hub::Client& client, const nlohmann::json& id) override;
   void take(Hub::Client& client, const nlohmann::json& message) override;
@@ -34,6 +39,8 @@ class Desk final : public Hub::Handler {
 
   struct Pending {
     nlohmann::json id;
+    std::string word;
+    std::uint64_t stops = 0;  // stops_ when it came
     Later answer;
   };
   struct Seat {
@@ -50,6 +57,8 @@ class Desk final : public Hub::Handler {
     Plot plot;
   };
 
+  void leave_source(const std::string& reason);
+  nlohmann::json owe_stop();
   Seat& seat_of(const Hub::Client& client);
   void greet(Seat& seat, const nlohmann::json& id);
   bool take_signal(Seat& seat, const nlohmann::json& message);
@@ -59,6 +68,7 @@ class Desk final : public Hub::Handler {
   void take_plot(Seat& seat, const nlohmann::json& message, const nlohmann::json& id);
   void subscribe(Seat& seat, const nlohmann::json& message, const nlohmann::json& id);
   void poll(Seat& seat);
+  void finish(Seat& seat, const Pending& request, Reply reply);
   void send_news(Seat& seat, HostTime now);
   void send_state(Seat& seat, HostTime now);
   void send_plot(Seat& seat, HostTime now);
@@ -76,6 +86,8 @@ class Desk final : public Hub::Handler {
   DeadMan hold_;
   HostTime hold_ended_;  // by the desk itself
   bool held_before_ = false;
+  std::uint64_t stops_ = 0, resumed_ = 0;  // Stops taken; of those, the ones that are no longer in force
+  std::function<void()> owed_stop_;
 };
 
 }  // namespace multipanda::cockpit

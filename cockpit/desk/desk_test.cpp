@@ -76,13 +76,15 @@ class TestSource final : public Source {
     out.assign(2 * 8 * 8, '\0');
     return 2;
   }
-  std::vector<std::string> commands() const override { return {"stop", "switch", "reference", "wait"}; }
+  std::vector<std::string> commands() const override {
+    return {"stop", "resume", "switch", "reference", "wait"};
+  }
   bool is_open(const std::string& command) const override { return command == "stop"; }
   bool moves(const std::string& command) const override { return command == "reference"; }
   std::variant<Reply, Later> ask(const json& request) override {
     asked.push_back(request.at("do"));
     if (request.contains("refuse")) throw RequestRefused("out_of_bounds", "too far");
-    if (request.at("do") == "wait") {
+    if (request.at("do") == "wait" || request.contains("wait")) {
       return Later([this]() -> std::optional<Reply> {
         if (!answered) return {};
         return Reply{.answer = {{"ok", true}}, .numbers = {}};
@@ -90,11 +92,12 @@ class TestSource final : public Source {
     }
     return Reply{.answer = {{"ok", true}}, .numbers = {}};
   }
+  bool is_stopped() const override { return stopped; }
   void come_to_rest(bool hold) override { rests.push_back(hold); }
 
   double value = 0;
   std::uint64_t states = 1, version = 1, event_count = 0;
-  bool answered = false;
+  bool answered = false, stopped = false;
   std::vector<std::string> asked;
   std::vector<bool> rests;  // whether each was a hold
 };
@@ -351,6 +354,76 @@ TEST_F(DeskTest, AnotherRunBeginsAnew) {
   EXPECT_EQ(first_.messages.back().contains("hello"), true);
   EXPECT_EQ(ask(second_, {{"do", "stop"}})["ok"], true);
   EXPECT_EQ(other->asked, std::vector<std::string>{"stop"});
+}
+
+TEST_F(DeskTest, WhatIsNotAnsweredWhenTheRunEndsIsRefused) {
+  take_control();
+  EXPECT_TRUE(ask(first_, {{"do", "wait"}}).is_null());
+  desk_.show(nullptr, "over");
+  EXPECT_EQ(first_.answer(id_)["verdict"], "run_ended");
+  EXPECT_EQ(first_.answer(id_)["reason"], "over");
+}
+
+// Runs one after the other, as an experiment has them.
+class RunsInTurn : public DeskTest {
+ protected:
+  RunsInTurn() {
+    desk_.on_owed_stop([this] { ++owed_; });
+    take_control();
+  }
+  void next_run() {
+    desk_.show(nullptr);
+    desk_.show(source_);
+  }
+
+  int owed_ = 0;
+};
+
+TEST_F(RunsInTurn, AStopBetweenTwoIsOwed) {
+  desk_.show(nullptr);
+  EXPECT_EQ(owed_, 0);
+  EXPECT_EQ(ask(second_, {{"do", "stop"}})["no_further_run"], true);  // a watcher
+  EXPECT_EQ(owed_, 1);
+  EXPECT_EQ(ask(first_, {{"do", "switch"}})["ok"], false);
+  desk_.take(second_, {{"do", "stop"}});  // without an id
+  EXPECT_EQ(owed_, 2);
+}
+
+TEST_F(RunsInTurn, AStopThatItsRunDidNotAnswerIsOwed) {
+  EXPECT_TRUE(ask(second_, {{"do", "stop"}, {"wait", true}}).is_null());
+  desk_.show(nullptr);
+  EXPECT_EQ(second_.answer(id_)["no_further_run"], true);
+  EXPECT_GE(owed_, 1);
+}
+
+TEST_F(RunsInTurn, AStopThatNobodyResumesOutlastsItsRun) {
+  EXPECT_EQ(ask(second_, {{"do", "stop"}})["ok"], true);
+  EXPECT_EQ(owed_, 0);  // somebody may still resume it
+  desk_.show(nullptr);
+  EXPECT_EQ(owed_, 1);
+}
+
+TEST_F(RunsInTurn, AStopThatIsResumedEndsNothing) {
+  ask(second_, {{"do", "stop"}});
+  ask(first_, {{"do", "resume"}});
+  next_run();
+  EXPECT_EQ(owed_, 0);
+  ask(second_, {{"do", "stop"}});
+  source_->stopped = true;  // of another arm
+  ask(first_, {{"do", "resume"}});
+  next_run();
+  EXPECT_EQ(owed_, 1);
+}
+
+TEST_F(RunsInTurn, AResumeDoesNotEndTheStopThatCameAfterIt) {
+  ask(second_, {{"do", "stop"}});
+  ask(first_, {{"do", "resume"}, {"wait", true}});
+  ask(second_, {{"do", "stop"}});
+  source_->answered = true;
+  desk_.turn(host_now());
+  EXPECT_EQ(first_.answer(id_ - 1)["ok"], true);
+  next_run();
+  EXPECT_EQ(owed_, 1);
 }
 
 }  // namespace

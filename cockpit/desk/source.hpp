@@ -60,6 +60,8 @@ class Source {
   virtual bool is_open(const std::string& command) const = 0;
   virtual bool moves(const std::string& command) const = 0;
   virtual std::variant<Reply, Later> ask(const nlohmann::json& request) = 0;  // throws RequestRefused
+  // Arms that 'stop' has stopped wait for 'resume'.
+  virtual bool is_stopped() const { return false; }
   // The hold that moved inputs is over: they come to rest. `hold`: their controllets end, too.
   virtual void come_to_rest(bool hold) = 0;
 };

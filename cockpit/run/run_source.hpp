@@ -39,6 +39,7 @@ class RunSource final : public Source {
   bool is_open(const std::string& command) const override;
   bool moves(const std::string& command) const override;
   std::variant<Reply, Later> ask(const nlohmann::json& request) override;
+  bool is_stopped() const override { return !session_.modes().stopped().empty(); }
   void come_to_rest(bool hold) override;
 
  private:

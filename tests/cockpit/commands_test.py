@@ -135,6 +135,28 @@ class Experiments(unittest.TestCase):
             self.assertEqual(hello["kind"], "run")
             self.assertEqual(hello["scene"]["name"], "task_1")
 
+    def test_a_stop_ends_the_experiment(self):
+        def begin():
+            out = tempfile.mkdtemp(dir=FOLDER)
+            command = [PROGRAM, "experiment", "task-1", "--fast", "--out", out, "--cockpit", "0"]
+            return Run(command=command, by_signal=True)
+
+        def assert_stopped(run, runs):
+            self.assertEqual(run.wait(), 1)
+            self.assertIn("stopped in the cockpit: no further run begins", run.lines)
+            self.assertIn("stopped: no report", run.lines)
+            self.assertEqual(sum(" repeat " in line for line in run.lines), runs, run.lines)
+
+        with self.subTest("between two runs"), begin() as run, run.page() as page:
+            page.until(lambda p: p.newest("ended"), "end of a run")
+            answer = page.ask("stop")
+            self.assertTrue(answer["ok"])
+            # On a busy computer the next one may have begun already; it is held to its end.
+            assert_stopped(run, 1 if answer.get("no_further_run") else 2)
+        with self.subTest("in a run, without a resume"), begin() as run, run.page() as page:
+            self.assertTrue(page.ask("stop")["ok"])
+            assert_stopped(run, 1)
+
 
 class Reports(unittest.TestCase):
     def test_report_cockpit_shows_the_log_and_where_objects_were(self):

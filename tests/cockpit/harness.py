@@ -39,11 +39,18 @@ class Run:
                 self.address = line.strip()
                 break
         assert self.address, "".join(self.lines)
-        threading.Thread(target=self._drain, daemon=True).start()
+        self._drained = threading.Thread(target=self._drain, daemon=True)
+        self._drained.start()
 
     def _drain(self):
         for line in self.process.stdout:
             self.lines.append(line.rstrip("\n"))
+
+    def wait(self):
+        """Until it ends by itself. Returns its exit code; `lines` is complete then."""
+        code = self.process.wait(PATIENCE)
+        self._drained.join(PATIENCE)
+        return code
 
     def page(self, **options):
         return Page(self.address, timeout=PATIENCE, **options)
