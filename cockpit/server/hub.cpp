@@ -313,7 +313,7 @@ void Hub::watch(Peer& peer, HostTime now) {
     return peer.close(CloseCode::policy, "messages are not read");
   }
   const double silence = seconds(now - peer.heard);
-  if (silence > limits_.silent_s) return peer.close(CloseCode::going_away, "silence");
+  if (silence > limits_.silent_s) return peer.close(CloseCode::policy, "nothing was heard");
   if (silence > limits_.ping_s && !peer.pinged) {
     peer.pinged = true;
     peer.connection.send(frame_head(Opcode::ping, 0));

@@ -173,7 +173,7 @@ TEST_F(HubTest, EndsSilentClients) {
   ASSERT_TRUE(page.open(server->port(), kToken));
   page.frame();
   EXPECT_EQ(page.frame()->opcode, 9);
-  EXPECT_EQ(page.close_code(), 1001);
+  EXPECT_EQ(page.close_code(), 1008);
   Page mute(server->port());  // never asks for anything
   EXPECT_EQ(mute.rest(), "");
   Page slow(server->port());

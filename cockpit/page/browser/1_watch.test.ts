@@ -109,6 +109,37 @@ suite("watch", () => {
     await context.close();
   });
 
+  test("a stop that was not confirmed is sent again by the page that is loaded again", async () => {
+    const { page, context } = await open(run.url);
+    const stopped = (all: boolean) =>
+      until(
+        page,
+        (all) =>
+          (window as never as Window_).cockpit?.session.state?.arms.every((arm) => Boolean(arm.stopped) === all) ??
+          false,
+        all,
+      );
+    // What this page sends from now on is lost on its way.
+    await page.evaluate(() => (WebSocket.prototype.send = () => {}));
+    await page.getByRole("button", { name: "Stop", exact: true }).click();
+    await page.getByText("has not answered the stop yet", { exact: false }).first().waitFor();
+    await stopped(false);
+    await page.reload();
+    await page.getByText("A stop that the run had not confirmed is sent again.").waitFor();
+    await stopped(true);
+    await takeControl(page);
+    await page.getByRole("button", { name: "Resume" }).click();
+    await stopped(false);
+    await page.reload(); // it was confirmed
+    await stopped(false);
+    await page.waitForTimeout(300);
+    await stopped(false);
+    await page.getByRole("tab", { name: "Laws" }).click();
+    await takeControl(page);
+    for (const arm of ["left", "right"]) await page.getByRole("button", { name: `Activate ${arm}_cartesian` }).click();
+    await context.close();
+  });
+
   test("a wrong token is told apart from a lost connection", async () => {
     const { page, context } = await open(run.url);
     await page.goto("about:blank");

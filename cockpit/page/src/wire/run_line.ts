@@ -7,11 +7,11 @@ import { kNoControl, type RequestSender, type Session } from "../model/session.t
 import { decode, type FieldList, type Rows } from "./binary.ts";
 import { Connection } from "./connection.ts";
 import { kWire, sceneOf, type Hello, type WireControl, type WireEvent } from "./hello.ts";
+import { OwedStop, tabStorage } from "./owed_stop.ts";
 import { StateReader, type SlowState } from "./state_reader.ts";
 
 const kRate = 60; // [Hz] of states
 const kLateAnswer = 500; // [ms] after which an operator is told that a stop is not answered
-const kOldestStop = 30_000; // [ms]
 const kOwnStop = "Use the arms' own stop.";
 const kWide = 64; // numbers per row that a plot may have at every cycle
 
@@ -34,7 +34,7 @@ export class RunLine implements PageLine, RequestSender {
   private plotColumns: FieldList = [];
   private watched: string[] = [];
   private askedForControl = false;
-  private owedStop: number | undefined; // when it was pressed
+  private readonly owedStop: OwedStop;
 
   constructor(
     private readonly session: Session,
@@ -42,6 +42,7 @@ export class RunLine implements PageLine, RequestSender {
     url: string,
     token: string,
   ) {
+    this.owedStop = new OwedStop(token, tabStorage());
     this.connection = new Connection(url, token, {
       opened: (answer) => this.begin(answer["hello"] as Hello),
       text: (message) => this.takeText(message),
@@ -74,9 +75,12 @@ export class RunLine implements PageLine, RequestSender {
     this.connection.send({ release: true });
   }
 
-  /** A stop that a broken connection may have swallowed is sent again when it is back soon. */
+  /** A stop that a broken connection may have swallowed is sent again when it is back soon, also by a page that is loaded again. */
   stop(): void {
-    const pressed = performance.now();
+    this.sendStop(this.owedStop.press());
+  }
+
+  private sendStop(pressedAt: number): void {
     const late = setTimeout(
       () => this.hooks.message(`The run has not answered the stop yet. ${kOwnStop}`),
       kLateAnswer,
@@ -84,21 +88,22 @@ export class RunLine implements PageLine, RequestSender {
     this.connection.hurry();
     void this.session.request("stop").then((answer) => {
       clearTimeout(late);
-      this.owedStop = answer.verdict === "connection_lost" ? pressed : undefined;
-      if (this.owedStop !== undefined)
-        this.hooks.message(
+      if (answer.verdict === "connection_lost")
+        return this.hooks.message(
           `The stop may not have reached the run. It is sent again if the connection is back within 30 s. ${kOwnStop}`,
         );
+      this.owedStop.confirm(pressedAt);
+      if (answer["no_further_run"]) this.hooks.message("Stopped: no further run begins.");
     });
   }
 
-  // An old one would surprise whoever has resumed meanwhile.
   private sendOwedStop(): void {
-    if (this.owedStop === undefined) return;
-    if (performance.now() - this.owedStop < kOldestStop) this.stop();
-    else
-      this.hooks.message("The stop that was pressed while the connection was lost has not been sent: it is too old.");
-    this.owedStop = undefined;
+    const due = this.owedStop.due();
+    if (due === undefined) return;
+    if (due === "too old")
+      return this.hooks.message("A stop that the run has not confirmed is not sent again: it is older than 30 s.");
+    this.hooks.message("A stop that the run had not confirmed is sent again.");
+    this.sendStop(due);
   }
 
   watch(names: string[]): void {
@@ -130,6 +135,7 @@ export class RunLine implements PageLine, RequestSender {
       return;
     }
     this.hello = hello;
+    this.sendOwedStop();
     if (!hello.scene) return; // between two runs
     const scene = sceneOf(hello);
     this.reader = new StateReader(hello, scene);
@@ -138,7 +144,6 @@ export class RunLine implements PageLine, RequestSender {
     session.kind = hello.kind;
     session.state = undefined;
     session.list = hello.list.controllets;
-    this.sendOwedStop();
     session.commands = new Set(hello.commands);
     this.setStatus("connected", "");
     session.emit("scene", scene);
