@@ -8,6 +8,7 @@ import {
   hold,
   handMoves,
   heldUntil,
+  kBackends,
   kPatience,
   open,
   patiently,
@@ -20,7 +21,7 @@ import {
 } from "./support.ts";
 import { Network } from "./network.ts";
 
-for (const backend of ["mujoco", "virtual"]) {
+for (const backend of kBackends) {
   test(`${backend} arms`, async (t) => {
     const run = await Run.idle("two_arms", "--backend", backend);
     try {

@@ -6,6 +6,7 @@ import { after, before, suite, test } from "node:test";
 import {
   atRest,
   handMoves,
+  kBackends,
   open,
   patiently,
   Run,
@@ -16,9 +17,9 @@ import {
   type Window_,
 } from "./support.ts";
 
-suite("devices", () => {
+const devices = (backend: string) => () => {
   let run: Run;
-  before(async () => (run = await Run.idle("two_arms")));
+  before(async () => (run = await Run.idle("two_arms", "--backend", backend)));
   after(() => run.end());
 
   async function lead(before: string | (() => void)): Promise<Cockpit> {
@@ -97,11 +98,17 @@ suite("devices", () => {
         opened: false,
         open: async () => void (device.opened = true),
       });
-      const hid = Object.assign(new EventTarget(), { requestDevice: async () => [device], getDevices: async () => [] });
+      const hid = Object.assign(new EventTarget(), {
+        requestDevice: async () => [device],
+        getDevices: async () => [],
+      });
       Object.defineProperty(navigator, "hid", { value: hid });
       const send = (id: number, bytes: number[]) =>
         device.dispatchEvent(
-          Object.assign(new Event("inputreport"), { reportId: id, data: new DataView(Uint8Array.from(bytes).buffer) }),
+          Object.assign(new Event("inputreport"), {
+            reportId: id,
+            data: new DataView(Uint8Array.from(bytes).buffer),
+          }),
         );
       let cap: number[] = [];
       setInterval(() => cap.length && send(1, cap), 10); // a deflected cap reports all the time
@@ -136,12 +143,12 @@ suite("devices", () => {
   test("a headset's controller leads the hand while it is squeezed", async () => {
     const emulator = readFileSync(createRequire(import.meta.url).resolve("iwer/build/iwer.js"), "utf8");
     const cockpit = await lead(`${emulator};
-    delete Navigator.prototype.xr;
-    const headset = new IWER.XRDevice(IWER.metaQuest3);
-    headset.installRuntime();
-    window.headset = headset;
-    // The emulator calls all its poses emulated; a headset says so where it has lost a controller.
-    Object.defineProperty(XRPose.prototype, "emulatedPosition", { get: () => window.lost ?? false });`);
+  delete Navigator.prototype.xr;
+  const headset = new IWER.XRDevice(IWER.metaQuest3);
+  headset.installRuntime();
+  window.headset = headset;
+  // The emulator calls all its poses emulated; a headset says so where it has lost a controller.
+  Object.defineProperty(XRPose.prototype, "emulatedPosition", { get: () => window.lost ?? false });`);
     const { page } = cockpit;
     await page.getByRole("button", { name: "Enter or leave the headset" }).click();
     await until(page, () => (window as never as XrWindow).cockpit.stage.renderer.xr.isPresenting);
@@ -196,4 +203,6 @@ suite("devices", () => {
     };
     cockpit: Window_["cockpit"] & { stage: { renderer: { xr: { isPresenting: boolean } } } };
   }
-});
+};
+
+for (const backend of kBackends) suite(`devices lead ${backend} arms`, devices(backend));

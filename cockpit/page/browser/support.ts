@@ -11,6 +11,8 @@ import type { LiveState } from "../src/model/live.ts";
 
 const program = process.env["COCKPIT_PROGRAM"]!;
 export const pictures = process.env["COCKPIT_PICTURES"]!;
+/** Arms that every function of the page is tested on. */
+export const kBackends = ["mujoco", "virtual"] as const;
 /** Generous: a loaded computer may be slow, and no test is about that. */
 export const kPatience = 15_000;
 

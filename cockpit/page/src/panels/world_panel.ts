@@ -6,12 +6,17 @@ import { icon } from "../ui/icons.ts";
 import { poseAt } from "../model/live.ts";
 import { Slider } from "./slider.ts";
 
+// After a step the world looks as if it ran: its time has just moved. [ms]
+const kAfterStep = 500;
+
 export class WorldPanel {
   readonly element = h("div", {});
   private readonly simulation = h("div", {});
   private readonly pause = h("button", { type: "button" });
   private readonly episode = h("p", { class: "hint", role: "status" }, "No episode has begun.");
   private readonly controls: HTMLFieldSetElement;
+  private paused = false; // as the button says
+  private stepped = -Infinity; // when
   private object = "";
   private follow: () => void = () => {};
 
@@ -20,7 +25,8 @@ export class WorldPanel {
     private readonly holding: Holding,
   ) {
     this.pause.addEventListener("click", () => {
-      void session.request("pause", { paused: !session.state?.paused });
+      this.stepped = -Infinity;
+      void session.request("pause", { paused: !this.paused });
     });
     this.controls = h(
       "fieldset",
@@ -39,7 +45,9 @@ export class WorldPanel {
     this.showPause(false);
   }
 
-  private showPause(paused: boolean): void {
+  private showPause(stands: boolean): void {
+    const paused = stands || performance.now() - this.stepped < kAfterStep;
+    this.paused = paused;
     const label = paused ? "Continue simulation" : "Pause simulation";
     if (this.pause.getAttribute("aria-label") === label) return;
     this.pause.setAttribute("aria-label", label);
@@ -56,7 +64,12 @@ export class WorldPanel {
       return;
     }
     const step = h("button", { type: "button", "aria-label": "Step 10 ms" }, icon("step"), "10 ms");
-    step.addEventListener("click", () => void this.session.request("step", { periods: 10 }));
+    step.addEventListener("click", () => {
+      // Only a paused world steps.
+      const note = () => this.paused && (this.stepped = performance.now());
+      note();
+      void this.session.request("step", { periods: 10 }).then(note);
+    });
     const reset = h("button", { type: "button", "aria-label": "Reset simulation" }, icon("reset"), "Reset");
     reset.addEventListener("click", () => void this.session.request("reset"));
     replaceChildren(
