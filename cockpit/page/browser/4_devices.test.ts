@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
-import { after, before, suite, test } from "node:test";
+import { after, afterEach, before, suite, test } from "node:test";
 import {
   atRest,
   handMoves,
@@ -20,6 +20,8 @@ import {
 const devices = (backend: string) => () => {
   let run: Run;
   before(async () => (run = await Run.idle("two_arms", "--backend", backend)));
+  // What a test that failed has left in control would keep it from the next ones.
+  afterEach(() => run.closePages());
   after(() => run.end());
 
   async function lead(before: string | (() => void)): Promise<Cockpit> {

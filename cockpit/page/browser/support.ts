@@ -57,8 +57,13 @@ export class Run {
     return Run.start("run", scene, "--no-timeline", "--until-input-ends", ...args);
   }
 
-  async end(): Promise<number | null> {
+  async closePages(): Promise<void> {
     for (const context of contexts.get(this.url) ?? []) await context.close();
+    contexts.delete(this.url);
+  }
+
+  async end(): Promise<number | null> {
+    await this.closePages();
     if (this.child.exitCode !== null) return this.child.exitCode;
     const ended = new Promise<number | null>((resolve) => this.child.once("exit", (code) => resolve(code)));
     this.child.stdin!.end();
