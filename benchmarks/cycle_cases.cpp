@@ -18,7 +18,8 @@ std::vector<Case> cycle_cases(const Arms& arms, const Registry& registry, const 
   std::vector<Case> cases;
   for (const auto& type : registry.controllets()) {
     const auto add = [&](std::size_t count, const std::vector<std::string>& features) {
-      if (count % type.descriptor.arms != 0) return;
+      if (count % type.descriptor.arms != 0 || count < type.descriptor.arms + type.descriptor.observes)
+        return;
       const std::string plus = features.empty() ? "" : "+" + features.front();
       const std::string name = fmt::format("cycle_us/{}{}/{}", type.descriptor.type, plus, count);
       if (selected(name)) cases.push_back(cycle_case(name, arms, count, type, registry, features));

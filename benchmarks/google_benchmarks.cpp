@@ -75,7 +75,9 @@ struct LoneInstance {
     tick.t = world.now();
     ++tick.cycle;
     world.read(tick.due, states);
-    for (const ArmIndex arm : instance->arm_list()) terms[arm].update(states[arm]);
+    for (const auto& arms : {instance->arm_list(), instance->observed_list()}) {
+      for (const ArmIndex arm : arms) terms[arm].update(states[arm]);
+    }
   }
   std::vector<ArmState> states;
   std::vector<ModelTerms> terms;
@@ -88,7 +90,7 @@ struct LoneInstance {
 void add_instances(const std::shared_ptr<const Arms>& arms, const std::shared_ptr<const Registry>& registry) {
   for (const auto& type : registry->controllets()) {
     add("controllet/" + type.descriptor.type, [arms, registry, &type] {
-      const auto config = instances_of(type, type.descriptor.arms).front();
+      const auto config = instances_of(type, type.descriptor.arms + type.descriptor.observes).front();
       return [lone = std::make_shared<LoneInstance>(*arms, config, *registry)] {
         lone->next();
         benchmark::DoNotOptimize(lone->instance->update(lone->tick));

@@ -80,10 +80,11 @@ Arms::Arms(const Scene& scene) {
 std::vector<InstanceConfig> instances_of(const ControlletType& type, std::size_t arms,
                                          const std::vector<std::string>& features) {
   std::vector<InstanceConfig> instances;
-  const std::size_t each = type.descriptor.arms;
-  for (std::size_t first = 0; first + each <= arms; first += each) {
+  const std::size_t each = type.descriptor.arms, observed = type.descriptor.observes;
+  for (std::size_t first = 0; first + each + observed <= arms; first += each) {
     InstanceConfig config{.name = fmt::format("law{}", instances.size()), .type = type.descriptor.type};
     for (std::size_t k = 0; k < each; ++k) config.arms.push_back(first + k);
+    for (std::size_t k = 0; k < observed; ++k) config.observes.push_back(first + each + k);
     config.features = features;
     instances.push_back(config);
   }

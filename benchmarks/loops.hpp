@@ -27,7 +27,8 @@ struct Arms {
   std::vector<Obstacle> obstacles;
 };
 
-// One instance of the controllet per arm, or per pair of arms ("law0", "law1", ...).
+// One instance of the controllet per arm, or per pair of arms ("law0", "law1", ...). Followers observe the
+// arm after their own, so the last arm has none.
 std::vector<InstanceConfig> instances_of(const ControlletType& type, std::size_t arms,
                                          const std::vector<std::string>& features = {});
 

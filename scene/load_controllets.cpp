@@ -134,6 +134,26 @@ void check_arms(const Archive& archive, const std::vector<Node>& names,
   }
 }
 
+void check_observed(const Archive& archive, const std::vector<Node>& names,
+                    const ControlletDescriptor& descriptor, const SceneReader& reader,
+                    InstanceConfig& config) {
+  for (const auto& name : names) {
+    const ArmIndex arm = reader.arm(name);
+    if (std::find(config.arms.begin(), config.arms.end(), arm) != config.arms.end())
+      name.refuse("the controllet owns the arm " + in_quotes(name.yaml().Scalar()) +
+                  "; expected another arm, which it only reads");
+    if (std::find(config.observes.begin(), config.observes.end(), arm) != config.observes.end())
+      name.refuse("the arm " + in_quotes(name.yaml().Scalar()) + " is named twice; remove one");
+    config.observes.push_back(arm);
+  }
+  if (config.observes.size() == descriptor.observes) return;
+  const Node at = names.empty() ? archive.at("type") : archive.at("observes");
+  if (descriptor.observes == 0) at.refuse("'" + config.type + "' observes no arm; remove this key");
+  at.refuse("expected the key 'observes' with " + std::to_string(descriptor.observes) +
+            (descriptor.observes == 1 ? " arm" : " arms") + ", which '" + config.type +
+            "' reads and does not own, found " + std::to_string(config.observes.size()));
+}
+
 void check_features(const std::vector<Node>& names, const SceneReader& reader, InstanceConfig& config) {
   for (const auto& name : names) {
     check_feature(reader, config, name);
@@ -312,6 +332,8 @@ void visit(Archive& archive, InstanceConfig& config, SceneReader& reader) {
   const auto arms = archive.names(
       Key("arms", "Names of the arms that it owns, in the order of its type: `left`, or `[left, right]`.")
           .required());
+  const auto observed = archive.names(
+      Key("observes", "Names of arms that it reads and does not own, such as the leader of a follower."));
   const auto features = archive.names(
       Key("features", "Features that are on from the start.").like(feature_names(reader.registry)));
   const auto parameters = archive.open(
@@ -334,6 +356,7 @@ void visit(Archive& archive, InstanceConfig& config, SceneReader& reader) {
   }
   const ControlletDescriptor& descriptor = find_type(archive, config.type, reader).descriptor;
   check_arms(archive, arms, descriptor, reader, config);
+  check_observed(archive, observed, descriptor, reader, config);
   check_features(features, reader, config);
   replace_hold(archive, config, reader);
   if (parameters) read_parameters(*parameters, reader, config);

@@ -44,6 +44,7 @@ void write_descriptor(const ControlletDescriptor& descriptor, bool controllet, s
   out += "\n### " + descriptor.type + "\n\n" + descriptor.doc;
   if (controllet)
     out += " Owns " + std::to_string(descriptor.arms) + (descriptor.arms == 1 ? " arm." : " arms.");
+  if (descriptor.observes > 0) out += " Observes " + std::to_string(descriptor.observes) + ".";
   out += "\n";
   if (!descriptor.inputs.empty()) {
     out +=

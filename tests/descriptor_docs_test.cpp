@@ -124,8 +124,8 @@ TEST(DescriptorDocs, StateTheDefaultsAndBoundsOfEveryParameter) {
   for (const ControlletType& type : registry.controllets()) {
     std::vector<std::string> shared;
     if (type.descriptor.type.ends_with("ufic")) shared = {"force"};
-    if (type.descriptor.type != "joint_impedance" && type.descriptor.type != "hold" &&
-        type.descriptor.type != "gravity_compensation") {
+    if (type.descriptor.type != "joint_impedance" && type.descriptor.type != "joint_follower" &&
+        type.descriptor.type != "hold" && type.descriptor.type != "gravity_compensation") {
       shared.push_back("cartesian_impedance");
     }
     if (type.descriptor.type == "coupled_ufic") shared.push_back("ufic");
@@ -136,7 +136,7 @@ TEST(DescriptorDocs, StateTheDefaultsAndBoundsOfEveryParameter) {
     expect_documented(type.descriptor, "features", {});
     ++types;
   }
-  EXPECT_EQ(types, 13u);
+  EXPECT_EQ(types, 15u);
 }
 
 }  // namespace

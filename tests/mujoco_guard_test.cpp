@@ -49,6 +49,8 @@ TEST_F(MujocoGuard, EveryControlletFeatureAndSwitch) {
   for (const auto& type : registry.controllets()) {
     InstanceConfig config{.name = "a_" + type.descriptor.type, .type = type.descriptor.type};
     for (ArmIndex arm = 0; arm < type.descriptor.arms; ++arm) config.arms.push_back(arm);
+    for (ArmIndex k = 0; k < type.descriptor.observes; ++k)
+      config.observes.push_back(type.descriptor.arms + k);
     scene.controllets.push_back(config);
   }
   ASSERT_GE(scene.controllets.size(), 6u);

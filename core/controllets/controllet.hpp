@@ -37,6 +37,9 @@ struct ControlContext {
   // What a law that draws a hand to a set-point keeps to (bound_pull), reporting it by Reference::resist.
   ContactBounds contact = ContactBounds::lifted();
   bool stopped = false;  // of a hold: its arm was stopped, and is to stay where it is until it is resumed
+  // The arms that it observes, in order, for reading only: tau is nullptr. Their newest states, which may be
+  // older than this cycle (ArmState::age_s).
+  std::span<OwnedArm> observed = {};
 };
 
 enum class LawResult { ok, fault };
@@ -69,7 +72,8 @@ class Controllet {
   virtual void bound_parameters(ParameterSet& /*parameters*/) const {}
 };
 
-// Argument of a controllet's factory: the models of its arms, in the order of the scene file.
+// Argument of a controllet's factory: the models of its arms, in the order of the scene file, then of those
+// that it observes.
 using ArmModels = std::span<const std::shared_ptr<const ArmModel>>;
 
 struct ControlletType {
@@ -77,7 +81,7 @@ struct ControlletType {
   std::function<std::unique_ptr<Controllet>(ArmModels arms)> create;
 };
 
-// The type of a class with a static descriptor(). Its constructor takes the models of its arms, or nothing.
+// The type of a class with a static descriptor(). Its constructor takes the models, or nothing.
 template <typename Law>
 ControlletType controllet_type() {
   return {Law::descriptor(), [](ArmModels arms) -> std::unique_ptr<Controllet> {

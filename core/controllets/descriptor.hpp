@@ -21,6 +21,9 @@ struct ControlletDescriptor {
   std::string type;      // "cartesian_impedance"
   std::string doc;       // one or two sentences
   std::size_t arms = 1;  // number of arms that it owns
+  // Number of arms that it reads and does not own: the leader of a follower. If one of them is lost, the
+  // controllet is deactivated and its arms are held.
+  std::size_t observes = 0;
   std::vector<InputSpec> inputs;
   std::vector<ParameterSpec> parameters;
   std::vector<OutputSpec> outputs;

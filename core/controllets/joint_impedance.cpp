@@ -1,10 +1,7 @@
 #include "core/controllets/joint_impedance.hpp"
 
-#include <algorithm>
-#include <cmath>
-
 #include "core/controllets/bearable_damping.hpp"
-#include "core/controllets/damping_design.hpp"
+#include "core/controllets/joint_law.hpp"
 
 namespace multipanda {
 namespace {
@@ -58,64 +55,24 @@ class JointImpedance final : public Controllet {
   LawResult update(ControlContext& context) override {
     OwnedArm& arm = context.arms[0];
     const ParameterSet& parameters = *context.parameters;
-    const Reference& reference = context.inputs[kJoints];
-    const JointVector K = parameters.joints(kStiffness);
-    const double zeta = parameters.number(kDampingRatio);
-    const JointMatrix& M = arm.terms->M();
-
-    const JointVector error = reference.joints() - arm.q();
-    const JointVector velocity_error = reference.joint_velocity() - arm.dq();
-    JointVector tau = K.cwiseProduct(error) + arm.terms->c();
-    JointVector damping;  // D dq
-    switch (parameters.choice(kDampingDesign)) {
-      case kCoupled: {
-        const JointMatrix D = joint_damping(M, K, zeta);
-        tau += D.lazyProduct(velocity_error);
-        damping = D.lazyProduct(arm.dq());
-        break;
-      }
-      case kDiagonal: {  // of each joint while all others stand still, so perhaps more than it bears
-        const JointVector D = diagonal_damping(M, K, zeta).cwiseMin(bearable_);
-        tau += D.cwiseProduct(velocity_error);
-        damping = D.cwiseProduct(arm.dq());
-        break;
-      }
-      default: {
-        const JointVector D = parameters.joints(kDamping);
-        tau += D.cwiseProduct(velocity_error);
-        damping = D.cwiseProduct(arm.dq());
-      }
-    }
-    if (parameters.flag(kFeedforward)) tau += M.lazyProduct(reference.joint_acceleration());
-    if (std::isfinite(context.contact.spring_force + context.contact.spring_moment)) {
-      bound(context, tau, damping);
-    }
-    if (!tau.allFinite()) return LawResult::fault;
-
-    *arm.tau = tau;
-    context.outputs[kLargestError] = error.lpNorm<Eigen::Infinity>();
-    context.outputs[kLargestTorque] = tau.lpNorm<Eigen::Infinity>();
+    Reference& reference = context.inputs[kJoints];
+    const JointGains gains{.stiffness = parameters.joints(kStiffness),
+                           .damping_ratio = parameters.number(kDampingRatio),
+                           .design = static_cast<JointGains::Damping>(parameters.choice(kDampingDesign)),
+                           .given = parameters.joints(kDamping),
+                           .bearable = bearable_,
+                           .acceleration_feedforward = parameters.flag(kFeedforward)};
+    const JointTarget target{reference.joints(), reference.joint_velocity(), reference.joint_acceleration()};
+    JointPull pull;
+    if (joint_impedance_law(gains, target, context.contact, arm, pull) != LawResult::ok)
+      return LawResult::fault;
+    reference.resist(pull.torque, pull.share);
+    context.outputs[kLargestError] = (target.q_d - arm.q()).lpNorm<Eigen::Infinity>();
+    context.outputs[kLargestTorque] = arm.tau->lpNorm<Eigen::Infinity>();
     return LawResult::ok;
   }
 
  private:
-  // The pull of all joints acts at the hand like the wrench J_bar^T tau, J_bar = M^-1 J^T Lambda (Khatib
-  // 1987), more near a singular pose (TaskSpace::press): the force that keeps the hand where it is. The whole
-  // pull is scaled until that keeps to its bounds.
-  static void bound(ControlContext& context, JointVector& tau, const JointVector& damping) {
-    OwnedArm& arm = context.arms[0];
-    const TaskSpace& task = arm.terms->task();
-    const Matrix6 press = task.press();
-    const auto at_hand = [&](const JointVector& x) {
-      return Vector6(press * Vector6(task.J_bar.transpose().lazyProduct(x)));
-    };
-    const JointVector pull = tau - arm.terms->c() + damping;
-    const BoundedPull bounded =
-        bound_pull(context.contact, at_hand(pull), at_hand(damping), arm.terms->V_WE().linear());
-    context.inputs[kJoints].resist(pull, std::max(bounded.force_share, bounded.moment_share));
-    if (bounded.factor() < 1) tau -= (1 - bounded.factor()) * pull;
-  }
-
   enum Input : std::size_t { kJoints, kInputCount };
   enum Parameter : std::size_t {
     kStiffness,
@@ -126,7 +83,6 @@ class JointImpedance final : public Controllet {
     kParameterCount
   };
   enum Output : std::size_t { kLargestError, kLargestTorque, kOutputCount };
-  enum DampingDesign : std::size_t { kCoupled, kDiagonal };  // otherwise given
 
   std::shared_ptr<const ArmModel> model_;
   JointVector bearable_;  // greatest damping of each joint [N m s/rad] (n x 1)

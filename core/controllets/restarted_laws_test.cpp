@@ -9,7 +9,9 @@
 #include "core/controllets/force.hpp"
 #include "core/controllets/gravity_compensation.hpp"
 #include "core/controllets/hold.hpp"
+#include "core/controllets/joint_follower.hpp"
 #include "core/controllets/joint_impedance.hpp"
+#include "core/controllets/pose_follower.hpp"
 #include "core/controllets/ufic.hpp"
 #include "core/testing/moving_law.hpp"
 
@@ -20,7 +22,7 @@ using namespace test;
 
 struct Law {
   ControlletType type;
-  std::size_t arms;
+  std::size_t arms;  // observed ones included
   std::vector<std::string> inputs;
   std::vector<std::pair<std::string, std::vector<double>>> parameters;  // of the earlier run
 };
@@ -34,6 +36,8 @@ std::vector<Law> laws() {
       {dual_cartesian_impedance_controllet(), 2, {"common_pose"}, {{"offset_m", {0.1, 0, 0.1}}}},
       {dual_cartesian_impedance_controllet(), 2, {"first_pose", "second_pose"}, {{"goals", {1}}}},
       {coupled_dual_cartesian_impedance_controllet(), 2, {"pose"}, {{"relative_offset_m", {0.1, 0, 0.1}}}},
+      {joint_follower_controllet(), 2, {}, {{"joint_scale", {-1}}, {"alignment", {1}}}},
+      {pose_follower_controllet(), 2, {}, {{"scale", {0.5}}, {"axes", {1}}}},
       {force_controllet(), 1, {"wrench"}, {{"approach_speed_m_per_s", {0.1}}}},
       {ufic_controllet(), 1, {"pose", "wrench"}, {{"valve_law", {1}}, {"tank_min_j", {150}}}},
       {coupled_ufic_controllet(), 2, {"pose", "squeeze"}, {{"valve_law", {1}}, {"tank_min_j", {150}}}}};

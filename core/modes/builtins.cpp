@@ -6,7 +6,9 @@
 #include "core/controllets/force.hpp"
 #include "core/controllets/gravity_compensation.hpp"
 #include "core/controllets/hold.hpp"
+#include "core/controllets/joint_follower.hpp"
 #include "core/controllets/joint_impedance.hpp"
+#include "core/controllets/pose_follower.hpp"
 #include "core/controllets/ufic.hpp"
 #include "core/features/collision_avoidance.hpp"
 #include "core/features/friction_compensation.hpp"
@@ -27,6 +29,8 @@ Registry Registry::with_builtins() {
   registry.add(force_controllet());
   registry.add(ufic_controllet());
   registry.add(coupled_ufic_controllet());
+  registry.add(joint_follower_controllet());
+  registry.add(pose_follower_controllet());
   registry.add(joint_limits_feature());
   registry.add(collision_avoidance_feature());
   registry.add(manipulability_feature());

@@ -23,8 +23,14 @@ const ControlletType& controllet_type(const InstanceConfig& config, const Regist
                             " arm(s), found " + std::to_string(config.arms.size()));
   }
   if (config.arms.empty()) refuse(config.name, "'" + config.type + "' owns no arm");
-  for (const ArmIndex arm : config.arms) {
-    if (arm >= blocks.states.size()) refuse(config.name, "there is no arm number " + std::to_string(arm));
+  if (config.observes.size() != type->descriptor.observes) {
+    refuse(config.name, "'" + config.type + "' observes " + std::to_string(type->descriptor.observes) +
+                            " arm(s), found " + std::to_string(config.observes.size()));
+  }
+  for (const auto& list : {config.arms, config.observes}) {
+    for (const ArmIndex arm : list) {
+      if (arm >= blocks.states.size()) refuse(config.name, "there is no arm number " + std::to_string(arm));
+    }
   }
   return *type;
 }
@@ -41,6 +47,7 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
     : name_(config.name),
       descriptor_(controllet_type(config, registry, blocks).descriptor),
       arm_list_(config.arms),
+      observed_list_(config.observes),
       parameters_(descriptor_.parameters, blocks.terms[config.arms[0]].joint_count()) {
   std::vector<std::shared_ptr<const ArmModel>> models;
   for (const ArmIndex arm : arm_list_) {
@@ -49,6 +56,13 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
     models.push_back(blocks.terms[arm].shared_model());
     law_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], &blocks.tau_controllet[arm]});
     feature_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], &blocks.tau_feature[arm]});
+  }
+  for (const ArmIndex arm : observed_list_) {
+    if (arms_.contains(arm)) refuse(name_, "it observes an arm that it owns");
+    if (observed_.contains(arm)) refuse(name_, "the same observed arm is listed twice");
+    observed_ |= ArmSet::of(arm);
+    models.push_back(blocks.terms[arm].shared_model());
+    observed_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], nullptr});
   }
   std::vector<std::shared_ptr<const ArmModel>> all_models;
   for (ArmIndex arm = 0; arm < blocks.states.size(); ++arm) {
@@ -71,7 +85,7 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
       input.max_speed = change.max_speed;
       input.max_angular_speed = change.max_angular_speed;
     }
-    if (input.arm >= models.size())
+    if (input.arm >= arm_list_.size())
       refuse(name_, "input '" + input.name + "' refers to an arm that the controllet does not own");
     if (input.quantity == Quantity::pose || input.quantity == Quantity::twist) {
       input.max_speed = std::min(input.max_speed, contact_.hand_speed);
@@ -204,9 +218,10 @@ std::vector<OutputSpec> Instance::output_specs() const {
 }
 
 ControlContext Instance::context(const Tick& tick) {
-  return {dt_,         tick.t.seconds(), law_arms_,
-          inputs_,     &parameters_,     std::span(outputs_).first(law_output_count_),
-          scene_arms_, contact_,         stopped_};
+  return {dt_,           tick.t.seconds(), law_arms_,
+          inputs_,       &parameters_,     std::span(outputs_).first(law_output_count_),
+          scene_arms_,   contact_,         stopped_,
+          observed_arms_};
 }
 
 ControlContext Instance::feature_context(FeatureSlot& slot, const Tick& tick) {

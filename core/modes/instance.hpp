@@ -24,6 +24,7 @@ struct InstanceConfig {
   std::string name;                   // unique
   std::string type;                   // in the registry
   std::vector<ArmIndex> arms;         // in the controllet's order
+  std::vector<ArmIndex> observes;     // arms that it reads and does not own, in the controllet's order
   std::vector<std::string> features;  // switched on from the start
   std::vector<Value> parameters;
   std::vector<InputSpec> inputs;  // overrides of timeout and speed limits, by name; usually empty
@@ -46,13 +47,15 @@ struct ArmBlocks {
 class Instance {
  public:
   // Throws std::invalid_argument on unknown type, feature or parameter, wrong number of arms, values
-  // out of bounds.
+  // out of bounds, an arm that is both owned and observed.
   Instance(const InstanceConfig& config, const Registry& registry, const ArmBlocks& blocks);
 
   const std::string& name() const { return name_; }
   const ControlletDescriptor& descriptor() const { return descriptor_; }
   ArmSet arms() const { return arms_; }
   const std::vector<ArmIndex>& arm_list() const { return arm_list_; }
+  ArmSet observed() const { return observed_; }  // arms that it reads and does not own
+  const std::vector<ArmIndex>& observed_list() const { return observed_list_; }
   const ContactBounds& contact() const { return contact_; }
 
   // Parameters of the controllet, then of its features, in one numbering; names as in InstanceConfig::Value.
@@ -119,8 +122,8 @@ class Instance {
 
   std::string name_;
   ControlletDescriptor descriptor_;
-  ArmSet arms_;
-  std::vector<ArmIndex> arm_list_;
+  ArmSet arms_, observed_;
+  std::vector<ArmIndex> arm_list_, observed_list_;
   std::unique_ptr<Controllet> controllet_;
   ParameterSet parameters_;
   std::vector<Reference> inputs_;
@@ -129,7 +132,7 @@ class Instance {
   std::vector<std::string> parameter_names_;
   std::vector<double> outputs_;
   std::size_t law_output_count_ = 0;
-  std::vector<OwnedArm> law_arms_, feature_arms_, scene_arms_;
+  std::vector<OwnedArm> law_arms_, feature_arms_, scene_arms_, observed_arms_;
   ContactBounds contact_;
   bool stopped_ = false;
   std::vector<Pose> X_FE_;  // end effectors for which the set-points are

@@ -104,6 +104,22 @@ SwitchPlan MultimodeController::plan(InstanceSet active, const Request& request)
   return {.start = next & ~active, .stop = active & ~next, .keep = active & next};
 }
 
+// Whether an arm would be observed, directly or through others, by its own owner: arms that follow each other
+// in a circle drift or oscillate, and nothing bounds what they add up to.
+bool MultimodeController::observes_itself(InstanceSet instances) const {
+  std::array<ArmSet, kMaxArms> sees{};
+  for_each(instances, [&](InstanceIndex i) {
+    for_each(instances_[i]->arms(), [&](ArmIndex arm) { sees[arm] = instances_[i]->observed(); });
+  });
+  for (std::size_t round = 0; round < arm_count(); ++round) {  // the longest way has an arm per round
+    for (ArmIndex arm = 0; arm < arm_count(); ++arm) {
+      for_each(sees[arm], [&](ArmIndex other) { sees[arm] |= sees[other]; });
+      if (sees[arm].contains(arm)) return true;
+    }
+  }
+  return false;
+}
+
 Verdict MultimodeController::check(const Request& request) const {
   switch (request.kind) {
     case Request::Kind::switch_controllets: {
@@ -115,6 +131,8 @@ Verdict MultimodeController::check(const Request& request) const {
         taken |= instances_[i]->arms();
       });
       if (verdict != Verdict::accepted) return verdict;
+      const SwitchPlan next = plan(active(), request);
+      if (observes_itself(next.start | next.keep)) return Verdict::observes_itself;
       const InstanceSet laws =
           request.activate & ~((InstanceSet{1} << arm_count()) - 1);  // holds may always run
       return arms_of(laws).overlaps(stopped()) ? Verdict::arm_stopped : Verdict::accepted;

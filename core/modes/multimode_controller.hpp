@@ -104,6 +104,7 @@ class MultimodeController {
   InstanceSet all_instances() const;
   ArmSet arms_of(InstanceSet set) const;
   SwitchPlan plan(InstanceSet active, const Request& request) const;
+  bool observes_itself(InstanceSet instances) const;
 
   void take_mail(const Tick& tick);
   // Executes a request, unless `verdict` refuses it already.
@@ -118,6 +119,7 @@ class MultimodeController {
   bool overtaken_by_stop(const Mailbox::Posted& posted) const;
   void take_waiting_starts(const Tick& tick);
   void watch_arm(ArmIndex arm, const Tick& tick);
+  void inspect_observed(const Tick& tick);
   void report_hold(ArmIndex arm, const Finding& finding, const Tick& tick);
   void emit(Event event, const Tick& tick);
   void emit_finding(EventKind kind, ArmIndex arm, InstanceIndex instance, const Finding& finding,

@@ -203,6 +203,11 @@ Verdict MultimodeController::apply_switch(const Request& request, Answer& answer
   for_each(arms_of(answer.plan.start & ~holds), [&](ArmIndex arm) {
     ready = ready && !safety_.inspect(arm, blocks_.conditions[arm], blocks_.states[arm], blocks_.terms[arm]);
   });
+  for_each(answer.plan.start, [&](InstanceIndex i) {
+    for_each(instances_[i]->observed(), [&](ArmIndex arm) {
+      ready = ready && !safety_.inspect_observed(arm, blocks_.conditions[arm], blocks_.states[arm]);
+    });
+  });
   if (!ready) return Verdict::arm_not_ready;
   bool started = true;
   for_each(answer.plan.start,
@@ -305,6 +310,18 @@ void MultimodeController::inspect(const Tick& tick) {
             safety_.inspect(arm, condition, blocks_.states[arm], blocks_.terms[arm], alone)) {
       evict(owner, arm, finding, tick, false);
     }
+  });
+  inspect_observed(tick);
+}
+
+// What a lost arm last did is no set-point. The arms of its followers are held until they are switched again,
+// which aligns them again.
+void MultimodeController::inspect_observed(const Tick& tick) {
+  for_each(active_, [&](InstanceIndex i) {
+    for_each(instances_[i]->observed(), [&](ArmIndex arm) {
+      const Finding finding = safety_.inspect_observed(arm, blocks_.conditions[arm], blocks_.states[arm]);
+      if (finding) evict(i, instances_[i]->arms().first(), finding, tick, false);
+    });
   });
 }
 

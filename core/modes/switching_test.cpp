@@ -223,6 +223,8 @@ TEST(Switching, EveryFeatureOnEveryControlletActsFromTheNextCycleOn) {
   for (const auto& type : registry.controllets()) {
     InstanceConfig config{.name = "one_" + type.descriptor.type, .type = type.descriptor.type};
     for (ArmIndex arm = 0; arm < type.descriptor.arms; ++arm) config.arms.push_back(arm);
+    for (ArmIndex k = 0; k < type.descriptor.observes; ++k)
+      config.observes.push_back(type.descriptor.arms + k);
     config.parameters = {{"joint_limits.range_rad", {0.5}}, {"manipulability.threshold", {1}}};
     configs.push_back(config);
   }

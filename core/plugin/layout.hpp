@@ -94,7 +94,8 @@ inline constexpr std::uint64_t kPluginLayout = [] {
             sizeof(Registry), sizeof(ParameterSet), sizeof(Reference), alignof(Reference)});
   {
     using T = ControlletDescriptor;
-    hash = fold({hash, sizeof(T), AT(type), AT(doc), AT(arms), AT(inputs), AT(parameters), AT(outputs)});
+    hash = fold({hash, sizeof(T), AT(type), AT(doc), AT(arms), AT(observes), AT(inputs), AT(parameters),
+                 AT(outputs)});
   }
   {
     using T = ParameterSpec;
@@ -137,7 +138,7 @@ inline constexpr std::uint64_t kPluginLayout = [] {
   {
     using T = ControlContext;
     hash = fold({hash, sizeof(T), AT(dt), AT(time_s), AT(arms), AT(inputs), AT(parameters), AT(outputs),
-                 AT(scene_arms)});
+                 AT(scene_arms), AT(contact), AT(stopped), AT(observed)});
   }
   {
     using T = FeatureContext;

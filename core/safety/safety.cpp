@@ -104,6 +104,17 @@ Finding SafetyStage::inspect(std::size_t arm, const ArmCondition& condition, con
   return {};
 }
 
+Finding SafetyStage::inspect_observed(std::size_t arm, const ArmCondition& condition,
+                                      const ArmState& state) const {
+  constexpr auto kLost = Intervention::observed_arm_lost;
+  const double longest = arms_[arm].limits.longest_gap_s();
+  if (!takes_commands(state.mode) && state.mode != ArmMode::guiding) return {kLost};
+  if (condition.age_s > longest) return {kLost, 0xFFFF, condition.age_s, longest};
+  if (condition.gap_s > longest) return {kLost, 0xFFFF, condition.gap_s, longest};
+  if (!state.q.allFinite() || !state.dq.allFinite()) return {kLost};
+  return {};
+}
+
 Finding SafetyStage::judge(std::size_t arm, const JointVector& tau) const {
   const SafetyLimits& limits = arms_[arm].limits;
   const Eigen::Index n = limits.joints.tau_max.size();

@@ -61,6 +61,11 @@ class SafetyStage {
   Finding inspect(std::size_t arm, const ArmCondition& condition, const ArmState& state, ModelTerms& terms,
                   bool alone = false) const;
 
+  // Checks whether a controllet that observes the arm, and does not own it, may continue: the arm's state is
+  // finite and no older than longest_gap_s(), and the arm is in a mode in which it moves or is moved. An arm
+  // that is guided by hand takes no commands and may be observed.
+  Finding inspect_observed(std::size_t arm, const ArmCondition& condition, const ArmState& state) const;
+
   // Checks a controllet's torque. Non-finite or implausible torques deactivate the controllet. A vector whose
   // size is not the arm's joint count is implausible.
   Finding judge(std::size_t arm, const JointVector& tau) const;

@@ -43,6 +43,10 @@ void ControlletRig::build(const ControlletDescriptor& descriptor, const Models& 
   for (std::size_t i = 0; i < models.size(); ++i) {
     arms_.push_back({&states_[i], &terms_[i], &tau_[i]});
     scene_arms_.push_back({&states_[i], &terms_[i], nullptr});
+    if (i + descriptor.observes >= models.size()) {
+      observed_.push_back(scene_arms_.back());
+      arms_.pop_back();
+    }
     place(i, bent(models[i]->joint_count()), tau_[i]);
   }
 }
@@ -62,6 +66,7 @@ void ControlletRig::redefine(std::size_t arm, const Pose& X) {
   redefined.X_FE = redefined.X_FE * X;
   frames(arm, redefined);
   place(arm, states_[arm].q, states_[arm].dq);
+  if (arm >= arms_.size()) return;  // only observed
   ControlContext now = context(0.001);
   controllet_->end_effector_moved(now, arm, X);
 }
@@ -102,7 +107,7 @@ std::vector<double> ControlletRig::output(std::string_view name) const {
 }
 
 ControlContext ControlletRig::context(double dt) {
-  return {dt, time_s_, arms_, inputs_, parameters_.get(), outputs_, scene_arms_, contact_};
+  return {dt, time_s_, arms_, inputs_, parameters_.get(), outputs_, scene_arms_, contact_, false, observed_};
 }
 
 LawResult ControlletRig::start() {

@@ -15,6 +15,7 @@ using Models = std::vector<std::shared_ptr<const ArmModel>>;
 // without the multimode controller. The test sets the state of every arm.
 class ControlletRig {
  public:
+  // The last models are those of the arms that it observes.
   ControlletRig(const ControlletType& type, const Models& models);
   // The feature owns all arms, or those in `own`.
   ControlletRig(const FeatureType& type, const Models& models, std::vector<Obstacle> obstacles = {},
@@ -58,7 +59,7 @@ class ControlletRig {
   std::vector<ArmState> states_;
   std::vector<ModelTerms> terms_, plant_;
   std::vector<JointVector> tau_;
-  std::vector<OwnedArm> arms_, scene_arms_;
+  std::vector<OwnedArm> arms_, scene_arms_, observed_;
   double time_s_ = 0;
   ContactBounds contact_ = ContactBounds::lifted();
 };

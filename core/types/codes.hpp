@@ -25,6 +25,7 @@ enum class Intervention : std::uint8_t {
   torque_clamped,        // the torque limit clamped the command
   torque_rate_clamped,   // the torque-rate limit clamped the command
   stop_requested,        // a stop was requested: arm is held until resumed
+  observed_arm_lost,     // an arm that the controllet observes is silent or in error: its arms are held
   count_                 // number of codes
 };
 
@@ -49,6 +50,7 @@ enum class Verdict : std::uint8_t {
   queue_full,     // more requests than the loop takes in a cycle; try again
   loop_not_running,
   timeout,
+  observes_itself,  // a controllet would observe its own arm through others
   count_
 };
 

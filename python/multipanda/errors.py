@@ -56,6 +56,7 @@ _STEPS = {
     "wrong_size": "help() of the controllet shows how many numbers are expected",
     "unknown_instance": "run.controllets lists the names",
     "unknown_arm": "run.arms lists the names",
+    "observes_itself": "deactivate one of the followers that would follow each other",
     "superseded": "send the request again, if it is still meant",
     "queue_full": "send fewer requests, or open a stream",
     "too_many_clients": "close a client of this run",

@@ -10,10 +10,11 @@
 namespace multipanda {
 
 // A type with every kind of input and parameter that the built-in ones do not have together.
-inline ControlletType test_type(const std::string& name, std::size_t arms) {
+inline ControlletType test_type(const std::string& name, std::size_t arms, std::size_t observes = 0) {
   return {{.type = name,
            .doc = "For tests.",
            .arms = arms,
+           .observes = observes,
            .inputs = {{.name = "pose", .quantity = Quantity::pose},
                       {.name = "joints", .quantity = Quantity::joints},
                       {.name = "wrench", .quantity = Quantity::wrench},
@@ -34,6 +35,7 @@ inline const Registry& registry() {
     r.add(joint_limits_feature());
     r.add(test_type("solo", 1));
     r.add(test_type("duo", 2));
+    r.add(test_type("watcher", 1, 1));
     return r;
   }();
   return types;

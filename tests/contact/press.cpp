@@ -72,7 +72,11 @@ struct Trial {
 std::size_t arms_of(const std::string& type, const Registry& registry) {
   const ControlletType* found = registry.controllet(type);
   if (found == nullptr) throw std::invalid_argument("no controllet '" + type + "'");
-  return found->descriptor.arms;
+  return found->descriptor.arms + found->descriptor.observes;
+}
+
+bool is_follower(const Press& press) {
+  return press.controllet == "joint_follower" || press.controllet == "pose_follower";
 }
 
 Scene scene_of(const Press& press, std::size_t arms) {
@@ -97,7 +101,11 @@ Scene scene_of(const Press& press, std::size_t arms) {
   hand.X_WO.position = p - Vector3(0, 0, kFree + kHalf);
   scene.objects = {hand};
   InstanceConfig law{.name = "law", .type = press.controllet, .arms = {0}};
-  if (arms == 2) law.arms.push_back(1);
+  if (is_follower(press)) {
+    law.observes = {1};
+  } else if (arms == 2) {
+    law.arms.push_back(1);
+  }
   if (press.controllet == "dual_cartesian_impedance") law.parameters = {{"goals", {1}}};
   if (press.controllet == "coupled_dual_cartesian_impedance") law.parameters = {{"damping_ratio", {0.5}}};
   if (press.controllet == "force") law.parameters = {{"approach_speed_m_per_s", {0.2}}};
@@ -106,6 +114,10 @@ Scene scene_of(const Press& press, std::size_t arms) {
   scene.contact_bounds = law.contact;
   scene.controllets = {law};
   scene.active = {"law"};
+  if (is_follower(press)) {  // the leader goes where nothing is in the way
+    scene.controllets.push_back({.name = "lead", .type = "cartesian_impedance", .arms = {1}});
+    scene.active.push_back("lead");
+  }
   return scene;
 }
 
@@ -153,7 +165,7 @@ void set_goals(const Press& press, const Scene& scene, MultimodeController& mode
   ScheduledRequest scheduled;
   scheduled.at = LoopTime::from_seconds(kBefore);
   scheduled.request.kind = Request::Kind::set_target;
-  scheduled.request.instance = modes.find("law");
+  scheduled.request.instance = modes.find(is_follower(press) ? "lead" : "law");
   const Instance& law = modes.instance(scheduled.request.instance);
   std::vector<ScheduledRequest> schedule;
   const auto ask = [&](std::string_view input, const Target& target) {
@@ -180,7 +192,9 @@ void set_goals(const Press& press, const Scene& scene, MultimodeController& mode
     X.position += way;
     ask("first_pose", pose_target(X));
   } else {
-    if (scene.arms.size() == 2) {
+    if (is_follower(press)) {
+      X = Kinematics(scene.arms[1]).at(scene.arms[1].q_start);
+    } else if (scene.arms.size() == 2) {
       Kinematics other(scene.arms[1]);
       X = {Matrix3::Identity(), 0.5 * (X.position + other.at(scene.arms[1].q_start).position)};
     }
@@ -240,7 +254,9 @@ Outcome run(const Press& press) {
     high = std::max(high, force);
   }
   outcome.swing = std::max(0.0, high - low);
-  for (std::size_t i = 0; i < scene.arms.size(); ++i) {
+  // The leader of a follower does not count: its goal may be out of reach.
+  const std::size_t pressing = is_follower(press) ? 1 : scene.arms.size();
+  for (std::size_t i = 0; i < pressing; ++i) {
     for (std::size_t k = 1; k < static_cast<std::size_t>(Intervention::count_); ++k) {
       const auto what = static_cast<Intervention>(k);
       if (what == Intervention::torque_rate_clamped) continue;  // by the impact; the law goes on

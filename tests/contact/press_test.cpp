@@ -17,7 +17,9 @@ const char* const kControllets[] = {"cartesian_impedance",
                                     "coupled_dual_cartesian_impedance",
                                     "force",
                                     "ufic",
-                                    "coupled_ufic"};
+                                    "coupled_ufic",
+                                    "joint_follower",
+                                    "pose_follower"};
 
 TEST(Press, PersonsHandBetweenArmAndTable) {
   int at = 0;

@@ -79,6 +79,8 @@ TEST_F(GuardTest, EveryControlletWithEveryFeatureAndEverySwitch) {
   for (const auto& type : registry.controllets()) {
     InstanceConfig config{.name = "one_" + type.descriptor.type, .type = type.descriptor.type};
     for (ArmIndex arm = 0; arm < type.descriptor.arms; ++arm) config.arms.push_back(arm);
+    for (ArmIndex k = 0; k < type.descriptor.observes; ++k)
+      config.observes.push_back(type.descriptor.arms + k);
     configs.push_back(config);
   }
   TestLoop loop(2, configs, registry, 20000);

@@ -1,0 +1,355 @@
+// Followers: where the set-point goes for a motion of the leader, from the kinematics of both arms written
+// independently; and what happens at the start, at the clutch, and when the leader falters.
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "core/controllets/joint_follower.hpp"
+#include "core/controllets/pose_follower.hpp"
+#include "core/testing/moving_law.hpp"
+
+namespace multipanda::follower_test {
+namespace {
+
+using namespace test;
+
+// Arm 0 follows, arm 1 leads; both bases are rotated and off the origin. The follower is held where it is, so
+// that its error shows its set-point.
+struct Pair : MovingLaw {
+  Pair(const ControlletType& type, std::uint32_t seed = 5) : MovingLaw(type, 2, seed) {
+    for (std::size_t i = 0; i < 2; ++i) {
+      q[i] = bent(7) + draw.joints(7, 0.1);
+      dq[i] = JointVector::Zero(7);
+      rig.place(i, q[i], dq[i]);
+    }
+  }
+  // One tick in which the leader moves with this velocity.
+  LawResult tick(const JointVector& velocity) {
+    q[1] += 0.001 * velocity;
+    dq[1] = velocity;
+    rig.place(1, q[1], dq[1]);
+    return rig.tick(0.001);
+  }
+  // A smooth motion of the leader from rest to rest.
+  void lead(const JointVector& way, double seconds) {
+    const int ticks = static_cast<int>(seconds * 1000);
+    for (int k = 0; k < ticks; ++k) {
+      const double s = (k + 0.5) / ticks;
+      ASSERT_EQ(tick(30 * s * s * (1 - s) * (1 - s) / seconds * way), LawResult::ok);
+    }
+  }
+  void wait(double seconds) {
+    for (int k = 0; k < static_cast<int>(seconds * 1000); ++k)
+      ASSERT_EQ(tick(JointVector::Zero(7)), LawResult::ok);
+  }
+  Pose set_point() {
+    const Pose X = X_WE(0);
+    return {exp_rotation(shown("orientation_error_rad")) * X.rotation,
+            X.position + shown("position_error_m")};
+  }
+};
+
+double distance(const Pose& a, const Pose& b) { return pose_error(a, b).norm(); }
+
+TEST(Followers, BeginWithoutAPullWhereverTheLeaderIs) {
+  for (const ControlletType& type : {joint_follower_controllet(), pose_follower_controllet()}) {
+    for (const double alignment : {0.0, 1.0}) {
+      Pair pair(type);
+      pair.rig.set("alignment", {alignment});
+      ASSERT_EQ(pair.rig.start(), LawResult::ok);
+      ASSERT_EQ(pair.tick(JointVector::Zero(7)), LawResult::ok);
+      EXPECT_LT(pair.rig.tau(0).lpNorm<Eigen::Infinity>(), 1.0) << type.descriptor.type << alignment;
+      JointVector before = pair.rig.tau(0);
+      double rate = 0;
+      for (int k = 0; k < 1000; ++k) {
+        ASSERT_EQ(pair.tick(JointVector::Zero(7)), LawResult::ok);
+        rate = std::max(rate, (pair.rig.tau(0) - before).lpNorm<Eigen::Infinity>() / 0.001);
+        before = pair.rig.tau(0);
+      }
+      EXPECT_LT(rate, 1000) << type.descriptor.type << alignment;
+      if (alignment == 0) {
+        EXPECT_LT(before.norm(), 1e-6) << type.descriptor.type;
+      }
+    }
+  }
+}
+
+// The hand's way in the axes of each base, or of the world, scaled.
+TEST(PoseFollower, MovesAsTheLeaderInItsAxesAndScale) {
+  for (const bool world : {false, true}) {
+    for (const double scale : {1.0, 0.4, 2.0}) {
+      Pair pair(pose_follower_controllet(), 7);
+      pair.rig.set("axes", {world ? 1.0 : 0.0});
+      pair.rig.set("scale", {scale});
+      ASSERT_EQ(pair.rig.start(), LawResult::ok);
+      const Pose X_l = pair.X_WE(1), X_f = pair.X_WE(0);
+      pair.lead(pair.draw.joints(7, 0.15), 1.5);
+      pair.wait(1);
+      const Pose X_l2 = pair.X_WE(1);
+      Matrix3 R = Matrix3::Identity();
+      if (!world)
+        R = pair.rig.terms(0).model().X_WB().rotation * pair.rig.terms(1).model().X_WB().rotation.transpose();
+      const Pose expected{R * X_l2.rotation * X_l.rotation.transpose() * R.transpose() * X_f.rotation,
+                          X_f.position + scale * R * (X_l2.position - X_l.position)};
+      EXPECT_GT(distance(X_l, X_l2), 0.02);
+      EXPECT_LT(distance(pair.set_point(), expected), 1e-6) << world << scale;
+    }
+  }
+}
+
+TEST(PoseFollower, FollowsAMovingLeaderClosely) {
+  Pair pair(pose_follower_controllet(), 8);
+  ASSERT_EQ(pair.rig.start(), LawResult::ok);
+  const Pose X_l = pair.X_WE(1), X_f = pair.X_WE(0);
+  const Matrix3 R =
+      pair.rig.terms(0).model().X_WB().rotation * pair.rig.terms(1).model().X_WB().rotation.transpose();
+  const JointVector way = pair.draw.joints(7, 0.2);
+  double largest = 0, hardest = 0;
+  Vector3 v_before = Vector3::Zero();
+  for (int k = 0; k < 4000; ++k) {  // sin^2 over 4 s, twice
+    const double w = M_PI / 2;
+    ASSERT_EQ(pair.tick(way * w * std::sin(2 * w * 0.001 * (k + 0.5))), LawResult::ok);
+    const Vector3 expected = X_f.position + R * (pair.X_WE(1).position - X_l.position);
+    largest = std::max(largest, (pair.set_point().position - expected).norm());
+    const Vector3 v = pair.V_WE(1).head<3>();
+    if (k > 0) hardest = std::max(hardest, (v - v_before).norm() / 0.001);
+    v_before = v;
+  }
+  EXPECT_GT(hardest, 0.1);  // [m/s^2]
+  EXPECT_LT(largest, 1.2 * 3 * hardest / (80 * 80) + 2e-4);
+}
+
+TEST(PoseFollower, MatchesTheLeadersPoseInItsBaseAtTheSpeedOfAHand) {
+  Pair pair(pose_follower_controllet(), 9);
+  pair.rig.bound({});
+  pair.rig.set("alignment", {1});
+  ASSERT_EQ(pair.rig.start(), LawResult::ok);
+  Vector3 before = pair.X_WE(0).position;
+  double fastest = 0;
+  const Pose X_WBf = pair.rig.terms(0).model().X_WB(), X_WBl = pair.rig.terms(1).model().X_WB();
+  const Pose goal = X_WBf * X_WBl.inverse() * pair.X_WE(1);
+  for (int k = 0; k < 8000; ++k) {
+    // The follower is where its set-point was.
+    ASSERT_EQ(pair.tick(JointVector::Zero(7)), LawResult::ok);
+    const Vector3 p = pair.set_point().position;
+    fastest = std::max(fastest, (p - before).norm() / 0.001);
+    before = p;
+  }
+  EXPECT_LT(fastest, 1.03 * 0.25);
+  // The held hand lets it wait at 60 N; without bounds it arrives.
+  EXPECT_GT(distance(pair.set_point(), goal), 1e-3);
+  pair.rig.bound(ContactBounds::lifted());
+  pair.wait(6);
+  EXPECT_LT(distance(pair.set_point(), goal), 1e-6);
+}
+
+TEST(Followers, StayWhileTheClutchIsOpenAndGoOnFromThere) {
+  for (const ControlletType& type : {joint_follower_controllet(), pose_follower_controllet()}) {
+    Pair pair(type, 10);
+    ASSERT_EQ(pair.rig.start(), LawResult::ok);
+    pair.rig.set("clutch", {0});
+    pair.lead(pair.draw.joints(7, 0.3), 1);
+    EXPECT_LT(pair.rig.tau(0).norm(), 1e-6) << type.descriptor.type;
+    pair.rig.set("clutch", {1});
+    pair.wait(0.5);
+    EXPECT_LT(pair.rig.tau(0).norm(), 1e-6) << type.descriptor.type;
+    pair.lead(pair.draw.joints(7, 0.1), 1);
+    EXPECT_GT(pair.rig.tau(0).norm(), 0.5) << type.descriptor.type;
+    // Opened while both move: brakes, and stays.
+    for (int k = 0; k < 100; ++k) ASSERT_EQ(pair.tick(joint_constant(7, 0.1)), LawResult::ok);
+    pair.rig.set("clutch", {0});
+    for (int k = 0; k < 300; ++k) ASSERT_EQ(pair.tick(joint_constant(7, 0.1)), LawResult::ok);
+    const JointVector tau = pair.rig.tau(0);
+    for (int k = 0; k < 300; ++k) ASSERT_EQ(pair.tick(joint_constant(7, 0.1)), LawResult::ok);
+    EXPECT_LT((pair.rig.tau(0) - tau).norm(), 1e-3) << type.descriptor.type;
+  }
+}
+
+// No faster than a hand may be, however fast the leader is.
+TEST(PoseFollower, KeepsToTheSpeedOfAHand) {
+  Pair pair(pose_follower_controllet(), 11);
+  pair.rig.bound({.hand_speed = 0.25, .spring_force = 1e6, .spring_moment = 1e6});
+  ASSERT_EQ(pair.rig.start(), LawResult::ok);
+  Vector3 before = pair.X_WE(0).position;
+  const Vector3 begin = pair.X_WE(1).position;
+  double fastest = 0;
+  const JointVector way = pair.draw.joints(7, 1.5);
+  for (int k = 0; k < 6000; ++k) {
+    ASSERT_EQ(pair.tick(k < 500 ? JointVector(way) : JointVector(JointVector::Zero(7))), LawResult::ok);
+    const Vector3 p = pair.set_point().position;
+    fastest = std::max(fastest, (p - before).norm() / 0.001);
+    before = p;
+  }
+  EXPECT_GT((pair.X_WE(1).position - begin).norm() / 0.5, 0.3);  // the leader's mean speed
+  EXPECT_LT(fastest, 1.03 * 0.25);
+  EXPECT_LT(pair.shown("lag_m").norm(), 1e-3);  // it arrived
+}
+
+TEST(JointFollower, KeepsToTheSpeedOfAHand) {
+  Pair pair(joint_follower_controllet(), 12);
+  pair.rig.bound({.hand_speed = 0.25, .spring_force = 1e6, .spring_moment = 1e6});
+  pair.rig.set("stiffness_nm_per_rad", {200});
+  ASSERT_EQ(pair.rig.start(), LawResult::ok);
+  const JointVector way = pair.draw.joints(7, 1);
+  double fastest = 0;
+  for (int k = 0; k < 3000; ++k) {
+    // The follower goes where its set-point is: a pull-free arm.
+    ASSERT_EQ(pair.tick(k < 400 ? JointVector(way) : JointVector(JointVector::Zero(7))), LawResult::ok);
+    pair.rig.integrate(0.001, {JointVector::Zero(7), JointVector::Zero(7)});
+    pair.q[0] = pair.rig.state(0).q;
+    pair.dq[0] = pair.rig.state(0).dq;
+    pair.rig.place(1, pair.q[1], pair.dq[1]);  // integrate() moved it, too
+    fastest = std::max(fastest, pair.V_WE(0).head<3>().norm());
+  }
+  EXPECT_LT(fastest, 1.1 * 0.25);
+  EXPECT_GT(fastest, 0.2);
+  EXPECT_LT(pair.rig.output("largest_lag_rad")[0], 1e-3);
+}
+
+// The velocity of a leader whose states fail to arrive no longer counts; the set-point comes to rest.
+TEST(Followers, BrakeWhenTheLeaderFalters) {
+  for (const ControlletType& type : {joint_follower_controllet(), pose_follower_controllet()}) {
+    Pair pair(type, 13);
+    ASSERT_EQ(pair.rig.start(), LawResult::ok);
+    const JointVector way = pair.draw.joints(7, 0.1);
+    for (int k = 0; k < 300; ++k) ASSERT_EQ(pair.tick(way), LawResult::ok);
+    std::vector<double> taus;
+    for (int k = 1; k <= 400; ++k) {
+      pair.rig.state(1).age_s = 0.001 * k;
+      ASSERT_EQ(pair.rig.tick(0.001), LawResult::ok);
+      taus.push_back(pair.rig.tau(0).norm());
+    }
+    EXPECT_LT(std::abs(taus[399] - taus[299]), 1e-3 * taus[399]) << type.descriptor.type;
+  }
+}
+
+// What presses on a held follower keeps to the bounds, however far the leader goes.
+TEST(Followers, PullWithinTheBoundsForContact) {
+  for (const ControlletType& type : {joint_follower_controllet(), pose_follower_controllet()}) {
+    Pair pair(type, 14);
+    pair.rig.bound({});
+    ASSERT_EQ(pair.rig.start(), LawResult::ok);
+    ASSERT_EQ(pair.tick(JointVector::Zero(7)), LawResult::ok);
+    JointVector before = pair.rig.tau(0);
+    double rate = 0, force = 0, moment = 0;
+    for (int k = 0; k < 3000; ++k) {
+      ASSERT_EQ(pair.tick(k < 1000 ? joint_constant(7, 0.4) : JointVector(JointVector::Zero(7))),
+                LawResult::ok);
+      rate = std::max(rate, (pair.rig.tau(0) - before).lpNorm<Eigen::Infinity>() / 0.001);
+      before = pair.rig.tau(0);
+      const Vector6 F = pair.wrench(0);
+      force = std::max(force, F.head<3>().norm());
+      moment = std::max(moment, F.tail<3>().norm());
+    }
+    EXPECT_LT(force, 60.001) << type.descriptor.type;
+    EXPECT_LT(moment, 15.001) << type.descriptor.type;
+    EXPECT_GT(std::max(force / 60, moment / 15), 0.7) << type.descriptor.type;
+    EXPECT_LT(rate, 1000) << type.descriptor.type;
+  }
+}
+
+// The pull at the hand says nothing of the joints across it. If those went on, the arm would fold around what
+// holds its hand, until a wrist bears all it can.
+TEST(JointFollower, WaitsAsAWholeForAHandThatIsHeld) {
+  for (const std::uint32_t seed : {20u, 21u, 22u}) {
+    Pair pair(joint_follower_controllet(), seed);
+    pair.rig.bound({});
+    ASSERT_EQ(pair.rig.start(), LawResult::ok);
+    const JointVector way = pair.draw.joints(7, 1);
+    pair.lead(way, 3);
+    const double waits_at = pair.rig.output("largest_error_rad")[0];
+    EXPECT_LT(waits_at, 0.35 * way.lpNorm<Eigen::Infinity>()) << seed;
+    pair.wait(6);
+    EXPECT_NEAR(pair.rig.output("largest_error_rad")[0], waits_at, 0.01) << seed;
+    pair.lead(-way, 3);  // back: it follows at once, and is free again
+    pair.wait(2);
+    EXPECT_LT(pair.rig.output("largest_error_rad")[0], 1e-4) << seed;
+  }
+}
+
+TEST(JointFollower, ScalesAndMirrorsJointsAndMatchesThem) {
+  Pair pair(joint_follower_controllet(), 15);
+  const std::vector<double> scale = {1, -1, 0.5, -0.5, 2, 0, 1};
+  pair.rig.set("joint_scale", scale);
+  pair.rig.set("stiffness_nm_per_rad", {100});
+  ASSERT_EQ(pair.rig.start(), LawResult::ok);
+  const JointVector way = pair.draw.joints(7, 0.3);
+  pair.lead(way, 2);
+  pair.wait(1);
+  const auto set_point = [&] {  // at rest: tau = K (q_d - q)
+    return JointVector(pair.q[0] + pair.rig.tau(0) / 100);
+  };
+  for (int i = 0; i < 7; ++i)
+    EXPECT_NEAR(set_point()[i] - pair.q[0][i], scale[static_cast<std::size_t>(i)] * way[i], 1e-6) << i;
+  pair.rig.set("alignment", {1});
+  pair.rig.set("joint_scale", {1});
+  pair.wait(6);
+  EXPECT_LT((set_point() - pair.q[1]).norm(), 1e-6);
+}
+
+TEST(JointFollower, StaysWithinItsOwnJointLimits) {
+  Pair pair(joint_follower_controllet(), 16);
+  pair.rig.set("stiffness_nm_per_rad", {100});
+  ASSERT_EQ(pair.rig.start(), LawResult::ok);
+  JointVector way = JointVector::Zero(7);
+  way[2] = 6;
+  pair.lead(way, 8);
+  pair.wait(6);
+  const double limit = pair.rig.terms(0).model().limits().q_max[2];
+  EXPECT_LT(limit, pair.q[0][2] + 6);
+  EXPECT_NEAR(pair.q[0][2] + pair.rig.tau(0)[2] / 100, limit, 1e-6);
+}
+
+TEST(JointFollower, RefusesALeaderWithAnotherNumberOfJoints) {
+  const Models models{TestArm::make(7).model(), TestArm::make(6).model()};
+  EXPECT_THROW(ControlletRig(joint_follower_controllet(), models), std::invalid_argument);
+}
+
+// The hand that leads, or the one that follows, is redefined: nothing moves.
+TEST(PoseFollower, IsNotMovedByAnotherEndEffectorOfEitherArm) {
+  const Pose X{exp_rotation(Vector3(0.2, 0.1, 0.3)), Vector3(0.03, 0.05, -0.02)};
+  for (const std::size_t arm : {0u, 1u}) {
+    Pair pair(pose_follower_controllet(), 17);
+    ASSERT_EQ(pair.rig.start(), LawResult::ok);
+    pair.lead(pair.draw.joints(7, 0.05), 1);
+    pair.wait(0.5);
+    const Vector3 error = pair.shown("position_error_m"), lag = pair.shown("lag_m");
+    EXPECT_LT(lag.norm(), 1e-6);
+    const Vector3 turn = pair.shown("orientation_error_rad");
+    pair.rig.redefine(arm, X);
+    pair.wait(0.5);
+    EXPECT_LT(pair.shown("lag_m").norm(), 1e-6) << arm;
+    if (arm == 1) {
+      EXPECT_LT((pair.shown("position_error_m") - error).norm(), 1e-6);
+    }
+    EXPECT_LT((pair.shown("orientation_error_rad") - turn).norm(), 1e-6) << arm;
+  }
+}
+
+// Farther within one packet than the joints can turn, forwards or back; as far after a gap is possible.
+TEST(Followers, FaultOnALeaderThatJumps) {
+  for (const ControlletType& type : {joint_follower_controllet(), pose_follower_controllet()}) {
+    for (const double jump : {0.02, -0.02}) {
+      for (const double gap_s : {0.001, 0.015}) {
+        Pair pair(type, 19);
+        ASSERT_EQ(pair.rig.start(), LawResult::ok);
+        ASSERT_EQ(pair.tick(joint_constant(7, 0.3)), LawResult::ok);
+        pair.q[1][3] += jump;
+        pair.rig.state(1).t_robot = pair.rig.state(1).t_robot + std::chrono::microseconds(int(1e6 * gap_s));
+        EXPECT_EQ(pair.tick(JointVector::Zero(7)), gap_s < 0.01 ? LawResult::fault : LawResult::ok)
+            << type.descriptor.type << jump << gap_s;
+      }
+    }
+  }
+}
+
+TEST(Followers, FaultOnALeaderThatIsNotANumber) {
+  for (const ControlletType& type : {joint_follower_controllet(), pose_follower_controllet()}) {
+    Pair pair(type, 18);
+    ASSERT_EQ(pair.rig.start(), LawResult::ok);
+    EXPECT_EQ(pair.tick(joint_constant(7, std::nan(""))), LawResult::fault) << type.descriptor.type;
+  }
+}
+
+}  // namespace
+}  // namespace multipanda::follower_test

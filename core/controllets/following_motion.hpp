@@ -1,0 +1,68 @@
+#pragma once
+
+#include "core/types/joints.hpp"
+#include "core/types/spatial.hpp"
+
+// A set-point that follows a moving target, which a person leads: continuous in position, velocity and
+// acceleration, within limits, whatever the target does. Loop thread, no allocation.
+//
+// With the velocity v_t of the target and the difference e from the set-point to it:
+//   v_w = v_t + p/3 e,  a_w = p (v_w - v),  da/dt = 3 p (a_w - a)
+// This is a triple pole at -p: the set-point does not lag behind a target of constant velocity, and by
+// 3 a_t / p^2 (0.5 mm per m/s^2) behind one with the acceleration a_t. Far from the target, v_w is no faster
+// than the set-point can brake.
+namespace multipanda {
+
+// Limits of the length of a vector, that of the coordinates first ... first + count - 1.
+struct FollowingLimits {
+  Eigen::Index first = 0, count = 0;
+  double speed = 0, acceleration = 0, jerk = 0;  // [m/s, m/s^2, m/s^3] or [rad/s, ...]
+};
+
+// The pull of the set-point at the arm, and its share of what is allowed. Both are smoothed, since a part of
+// the pull is the set-point's own acceleration; otherwise the set-point would start and wait in turns.
+class Resistance {
+ public:
+  static constexpr double kBandwidth = 30;  // [rad/s], as that of a reference's pace
+
+  // What of the set-point waits: its motion along the pull, so that it slides across, or all of it. Joints
+  // that went on across the pull would fold the arm.
+  enum class Waits : std::uint8_t { along, all };
+
+  void start(Eigen::Index coordinates, Waits waits = Waits::along);
+  void update(const JointVector& pull, double share, double dt);
+  // What is left of a motion that loads the arm, by 0.8 of the allowed pull all of it, by the whole nothing.
+  void hold_back(JointVector& motion) const;
+  Waits waits() const { return waits_; }
+  const JointVector& pull() const { return pull_; }
+  double share() const { return share_; }
+
+ private:
+  JointVector pull_;
+  double share_ = 0;
+  Waits waits_ = Waits::along;
+};
+
+class FollowingMotion {
+ public:
+  static constexpr double kPole = 80;  // p [rad/s]
+
+  void start(Eigen::Index coordinates);  // at rest
+  // v_w of these coordinates, within their limits. `difference`: from the set-point, before this tick, to the
+  // target in this tick. Along a pull that loads the arm, the set-point becomes slower from a share of 0.8 on
+  // and waits at 1; across it, and back, it is free.
+  JointVector desired(const JointVector& difference, const JointVector& target_velocity,
+                      const FollowingLimits& limits, const Resistance& resistance, double dt) const;
+  // `v_w`: of these coordinates only.
+  void advance(const JointVector& v_w, const FollowingLimits& limits, double dt);
+
+  const JointVector& velocity() const { return v_; }
+  const JointVector& acceleration() const { return a_; }
+  // The coordinates are those of a twist, about another point of the same body: p further, in the same axes.
+  void carry(const Vector3& p);
+
+ private:
+  JointVector v_, a_;
+};
+
+}  // namespace multipanda

@@ -1,0 +1,38 @@
+#pragma once
+
+#include "core/controllets/controllet.hpp"
+
+// Joint impedance of one arm, shared by the controllets that follow joints. Loop thread, no allocation.
+namespace multipanda {
+
+struct JointGains {
+  enum class Damping : std::uint8_t {
+    coupled,   // D from the full M and K
+    diagonal,  // from M_ii and K_i of each joint, no more than `bearable`
+    given
+  };
+  JointVector stiffness;  // K [N m/rad] (n x 1)
+  double damping_ratio = 1;
+  Damping design = Damping::coupled;
+  JointVector given;     // D, if it is given [N m s/rad] (n x 1)
+  JointVector bearable;  // for `diagonal` (n x 1)
+  bool acceleration_feedforward = true;
+};
+
+struct JointTarget {
+  JointVector q_d, dq_d, ddq_d;  // (n x 1)
+};
+
+// The pull of the set-point, without damping, and its share of what the bounds for contact allow; both zero
+// if they are lifted.
+struct JointPull {
+  JointVector torque;
+  double share = 0;
+};
+
+// tau = K (q_d - q) + D (dq_d - dq) + C dq [+ M ddq_d], the pull within the bounds for contact. The result is
+// in arm.tau; fault if it is not finite.
+LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target,
+                              const ContactBounds& contact, OwnedArm& arm, JointPull& pull);
+
+}  // namespace multipanda

@@ -1,0 +1,97 @@
+#include "core/controllets/pose_follower.hpp"
+
+#include "core/controllets/following.hpp"
+
+namespace multipanda {
+namespace {
+
+class PoseFollower final : public Controllet {
+ public:
+  static ControlletDescriptor descriptor() {
+    return {
+        .type = "pose_follower",
+        .doc = "The hand follows that of another arm, the leader, which it observes and does not own.",
+        .observes = 1,
+        .parameters = spec_table<kParameterCount>(
+            cartesian_parameters(), parameter_at<kClutch>(clutch_parameter()),
+            parameter_at<kAlignment>(alignment_parameter()), parameter_at<kAxes>(leading_axes_parameter()),
+            parameter_at<kScale>(leading_scale_parameter())),
+        .outputs = spec_table<kOutputCount>(
+            cartesian_outputs(),
+            output_at<kLag, 3>("lag_m", "Way from the set-point to where the leader leads, world axes."))};
+  }
+
+  LawResult start(ControlContext& context) override {
+    OwnedArm& arm = context.arms[0];
+    q_N_ = arm.q();
+    watch_.start(context.observed[0]);
+    led_.start(context.observed[0], arm.terms->X_WE());
+    follows_.start(arm.terms->X_WE());
+    return LawResult::ok;
+  }
+
+  LawResult update(ControlContext& context) override {
+    if (watch_.jumped(context.observed[0])) return LawResult::fault;
+    OwnedArm& arm = context.arms[0];
+    const ParameterSet& parameters = *context.parameters;
+    lead(context);
+    if (parameters.flag(kClutch)) {
+      follows_.advance(led_.X(), led_.V(), context.contact, context.dt);
+    } else {
+      follows_.brake(context.contact, context.dt);
+      led_.place(follows_.X());
+    }
+    TaskForce force;
+    const LawResult result = cartesian_impedance_law(impedance_gains(parameters, context.contact),
+                                                     null_space_gains(parameters, context.contact),
+                                                     follows_.target(), arm, q_N_, force);
+    follows_.resist(force.pull, force.bounded.force_share, force.bounded.moment_share, context.dt);
+    show(force, context.outputs);
+    const Vector3 lag = led_.X().position - follows_.X().position;
+    std::copy_n(lag.data(), 3, context.outputs.begin() + kLag);
+    return result;
+  }
+
+  void end_effector_moved(ControlContext& /*context*/, std::size_t /*arm*/, const Pose& X) override {
+    follows_.carry(X);
+    led_.carry(X);
+  }
+
+ private:
+  enum Parameter : std::size_t {
+    kClutch = kCartesianParameterCount,
+    kAlignment,
+    kAxes,
+    kScale,
+    kParameterCount
+  };
+  enum Output : std::size_t { kLag = kCartesianOutputSize, kOutputCount = kLag + 3 };
+
+  // Where the leader leads in this tick.
+  void lead(const ControlContext& context) {
+    const ParameterSet& parameters = *context.parameters;
+    const OwnedArm& leader = context.observed[0];
+    const ArmModel& own = context.arms[0].model();
+    const Matrix3 R_map =
+        leading_rotation(static_cast<LeadingAxes>(parameters.choice(kAxes)), leader.model(), own);
+    const bool match = parameters.choice(kAlignment) == static_cast<std::size_t>(Alignment::match);
+    led_.advance(leader, R_map, match ? 1.0 : parameters.number(kScale));
+    if (match) {
+      const Pose& X_l = leader.terms->X_WE();
+      led_.place({R_map * X_l.rotation,
+                  own.X_WB().position + R_map * (X_l.position - leader.model().X_WB().position)});
+    }
+    if (leader.state->age_s > kLeaderFalters) led_.stand();
+  }
+
+  LeaderWatch watch_;
+  JointVector q_N_;
+  LedPose led_;
+  FollowingPose follows_;
+};
+
+}  // namespace
+
+ControlletType pose_follower_controllet() { return controllet_type<PoseFollower>(); }
+
+}  // namespace multipanda
