@@ -12,6 +12,7 @@
 #include "core/controllets/joint_follower.hpp"
 #include "core/controllets/joint_impedance.hpp"
 #include "core/controllets/pose_follower.hpp"
+#include "core/controllets/teleoperation.hpp"
 #include "core/controllets/ufic.hpp"
 #include "core/testing/moving_law.hpp"
 
@@ -38,6 +39,10 @@ std::vector<Law> laws() {
       {coupled_dual_cartesian_impedance_controllet(), 2, {"pose"}, {{"relative_offset_m", {0.1, 0, 0.1}}}},
       {joint_follower_controllet(), 2, {}, {{"joint_scale", {-1}}, {"alignment", {1}}}},
       {pose_follower_controllet(), 2, {}, {{"scale", {0.5}}, {"axes", {1}}}},
+      {teleoperation_controllet(),
+       2,
+       {},
+       {{"architecture", {1}}, {"channel_delay_s", {0.05}}, {"channel_loss", {0.3}}}},
       {force_controllet(), 1, {"wrench"}, {{"approach_speed_m_per_s", {0.1}}}},
       {ufic_controllet(), 1, {"pose", "wrench"}, {{"valve_law", {1}}, {"tank_min_j", {150}}}},
       {coupled_ufic_controllet(), 2, {"pose", "squeeze"}, {{"valve_law", {1}}, {"tank_min_j", {150}}}}};

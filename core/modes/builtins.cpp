@@ -9,6 +9,7 @@
 #include "core/controllets/joint_follower.hpp"
 #include "core/controllets/joint_impedance.hpp"
 #include "core/controllets/pose_follower.hpp"
+#include "core/controllets/teleoperation.hpp"
 #include "core/controllets/ufic.hpp"
 #include "core/features/collision_avoidance.hpp"
 #include "core/features/friction_compensation.hpp"
@@ -31,6 +32,7 @@ Registry Registry::with_builtins() {
   registry.add(coupled_ufic_controllet());
   registry.add(joint_follower_controllet());
   registry.add(pose_follower_controllet());
+  registry.add(teleoperation_controllet());
   registry.add(joint_limits_feature());
   registry.add(collision_avoidance_feature());
   registry.add(manipulability_feature());

@@ -451,7 +451,7 @@ TEST(RegistryTypes, HasEveryControlletAndFeatureOfMultipanda) {
       names(registry.controllets()),
       (std::vector<std::string>{"hold", "gravity_compensation", "joint_impedance", "cartesian_impedance",
                                 "dual_cartesian_impedance", "coupled_dual_cartesian_impedance", "force",
-                                "ufic", "coupled_ufic", "joint_follower", "pose_follower"}));
+                                "ufic", "coupled_ufic", "joint_follower", "pose_follower", "teleoperation"}));
   EXPECT_EQ(names(registry.features()),
             (std::vector<std::string>{"joint_limits", "collision_avoidance", "manipulability",
                                       "friction_compensation"}));

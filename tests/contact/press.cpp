@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <random>
 #include <stdexcept>
 
@@ -10,6 +11,7 @@
 #include "core/cycle/control_cycle.hpp"
 #include "core/modes/registry.hpp"
 #include "scene/build.hpp"
+#include "tests/teleoperation/operator.hpp"
 
 namespace multipanda::press {
 namespace {
@@ -78,6 +80,7 @@ std::size_t arms_of(const std::string& type, const Registry& registry) {
 bool is_follower(const Press& press) {
   return press.controllet == "joint_follower" || press.controllet == "pose_follower";
 }
+bool is_teleoperation(const Press& press) { return press.controllet == "teleoperation"; }
 
 Scene scene_of(const Press& press, std::size_t arms) {
   Scene scene;
@@ -103,6 +106,8 @@ Scene scene_of(const Press& press, std::size_t arms) {
   InstanceConfig law{.name = "law", .type = press.controllet, .arms = {0}};
   if (is_follower(press)) {
     law.observes = {1};
+  } else if (is_teleoperation(press)) {
+    law.arms = {1, 0};  // the second arm leads
   } else if (arms == 2) {
     law.arms.push_back(1);
   }
@@ -161,7 +166,16 @@ void remove_hand(MujocoBackend& backend) {
   }
 }
 
+// A person leads the leader of a teleoperation downwards, as far as the goals of the others are.
+void lead(MujocoBackend& backend, teleoperation::Operator& person, double seconds) {
+  constexpr double kSpeed = 0.4;  // faster than the follower's hand may be [m/s]
+  Pose X = person.start();
+  X.position.z() -= std::clamp(kSpeed * seconds, 0.0, kFree + kBeyond);
+  person.apply(backend, X);
+}
+
 void set_goals(const Press& press, const Scene& scene, MultimodeController& modes) {
+  if (is_teleoperation(press)) return;
   ScheduledRequest scheduled;
   scheduled.at = LoopTime::from_seconds(kBefore);
   scheduled.request.kind = Request::Kind::set_target;
@@ -222,12 +236,16 @@ Outcome run(const Press& press) {
   modes.activate_at_start(start_set(scene, modes));
   set_goals(press, scene, modes);
 
+  std::optional<teleoperation::Operator> person;
+  if (is_teleoperation(press)) person.emplace(scene.arms[1], 1);
+
   Outcome outcome;
   backend.start();
   Kinematics kinematics(scene.arms[0]);
   JointVector q = joint_constant(7, 0), dq = q;
   double touched_at = 0, low = 1e9, high = 0;
   for (int k = 0; k < static_cast<int>(1000 * (kBefore + kWatched)); ++k) {
+    if (person) lead(backend, *person, 1e-3 * k - kBefore);
     cycle.step(backend.wait());
     const double t = 1e-3 * k, force = force_on(backend, joint);
     const bool let_go =

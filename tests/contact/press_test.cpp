@@ -19,7 +19,8 @@ const char* const kControllets[] = {"cartesian_impedance",
                                     "ufic",
                                     "coupled_ufic",
                                     "joint_follower",
-                                    "pose_follower"};
+                                    "pose_follower",
+                                    "teleoperation"};
 
 TEST(Press, PersonsHandBetweenArmAndTable) {
   int at = 0;

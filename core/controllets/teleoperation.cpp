@@ -1,0 +1,372 @@
+#include "core/controllets/teleoperation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "core/controllets/damping_design.hpp"
+#include "core/controllets/energy_balance.hpp"
+#include "core/controllets/force_law.hpp"
+#include "core/controllets/teleoperation_channel.hpp"
+#include "core/controllets/teleoperation_descriptor.hpp"
+
+namespace multipanda::teleoperation {
+namespace {
+
+// One arm's energy: the tank supplies all work of the arm's torque, features and limits included.
+struct Side {
+  EnergyTank tank;
+  EnergyBalance balance;
+  double valve = 0;  // of the pull
+
+  void start(const OwnedArm& arm, double energy_j, const TankLimits& limits) {
+    tank.start(energy_j, limits);
+    balance.start(arm.q());
+    valve = tank.valve(limits);
+  }
+  // Closes the last period: the torque was constant in it, so this work is exact.
+  void close(const OwnedArm& arm, const TankLimits& limits, double dt) {
+    balance.close(arm.q(), arm.state->tau_J_d);
+    tank.give(balance.work(kForcePart) + balance.work_of_others());
+    valve = std::min(tank.valve(limits), valve + dt / Fade::kDuration);
+  }
+  // What the tank lets through of a pull: where it supplies power its valve's share, where it takes power all
+  // of it; and at most a tenth of the tank per tick. `D` [N s/m, N m s/rad] is the damping of the law.
+  Vector6 let_through(const Vector6& pull, const Vector6& V, const Matrix6& D, const TankLimits& limits,
+                      double dt) const {
+    Vector6 passed = pull;
+    for (const Eigen::Index first : {0, 3}) {
+      const double size = pull.segment<3>(first).norm();
+      if (!(size > 1e-9)) continue;
+      const Vector3 n = pull.segment<3>(first) / size;
+      const double damping = n.dot(D.block<3, 3>(first, first) * n);
+      passed.segment<3>(first) *= force_share(ValveLaw::passive, 1, valve, n.dot(V.segment<3>(first)),
+                                              incoming_speed_for(size, 1, valve, damping));
+    }
+    return passed * tank.affordable(passed.dot(V) * dt, 0.1, limits);
+  }
+};
+
+// The share of a pull that the joints bear on top of the rest of the torque, with gravity and without: the
+// first is what a joint measures, which stops its arm beyond its limit, the second is the command, which has
+// the same limit. With 60 N and 15 N m a wrist of 12 N m soon gets there.
+double bearable_share(const OwnedArm& arm, const JointVector& pull, const JointVector& rest) {
+  constexpr double kShare = 0.9;  // of the limit
+  const JointVector& g = arm.terms->g();
+  double share = 1;
+  for (Eigen::Index i = 0; i < pull.size(); ++i) {
+    const double size = std::abs(pull[i]), way = pull[i] > 0 ? 1 : -1;
+    const double loaded = way * rest[i] + std::max(0.0, way * g[i]);
+    const double room = std::max(0.0, kShare * arm.model().limits().tau_max[i] - loaded);
+    if (size > room) share = std::min(share, room / size);
+  }
+  return share;
+}
+
+Vector6 rotated(const Matrix3& R, const Vector6& x) {
+  Vector6 y;
+  y << R * x.head<3>(), R * x.tail<3>();
+  return y;
+}
+
+class Teleoperation final : public Controllet {
+ public:
+  static ControlletDescriptor descriptor() { return teleoperation::descriptor(); }
+
+  LawResult start(ControlContext& context) override {
+    const ParameterSet& parameters = *context.parameters;
+    OwnedArm& follower = context.arms[1];
+    if (needs_estimate(parameters) && !follower.state->has_wrench_estimate) return LawResult::fault;
+    watch_.start(context.arms[0]);
+    const TankLimits limits = tank_limits(parameters);
+    for (std::size_t i = 0; i < 2; ++i)
+      sides_[i].start(context.arms[i], parameters.number(kTankStart), limits);
+    to_follower_.start(1);
+    to_leader_.start(2);
+    led_.start(context.arms[0], follower.terms->X_WE());
+    follows_.start(follower.terms->X_WE());
+    q_N_ = follower.q();
+    alignments_ = aligned_ = 0;
+    closed_ = false;
+    engaged_.reset(false);
+    correction_.reset(Vector6::Zero());
+    V_felt_.setZero();
+    F_felt_.setZero();
+    X_led_ = X_felt_ = led_.X();
+    return LawResult::ok;
+  }
+
+  LawResult update(ControlContext& context) override {
+    const ParameterSet& parameters = *context.parameters;
+    if (needs_estimate(parameters) && !context.arms[1].state->has_wrench_estimate) return LawResult::fault;
+    if (watch_.jumped(context.arms[0])) return LawResult::fault;
+    const TankLimits limits = tank_limits(parameters);
+    for (std::size_t i = 0; i < 2; ++i) sides_[i].close(context.arms[i], limits, context.dt);
+    turn_clutch(parameters);
+    map_ = leading_rotation(static_cast<LeadingAxes>(parameters.choice(kAxes)), context.arms[0].model(),
+                            context.arms[1].model());
+    lead(context);
+    exchange(context, limits);
+    if (follow(context, limits) != LawResult::ok || reflect(context, limits) != LawResult::ok)
+      return LawResult::fault;
+    show(context);
+    return LawResult::ok;
+  }
+
+  // A leader's new end effector is seen by LedPose. A follower's is aligned again where it is.
+  void end_effector_moved(ControlContext& /*context*/, std::size_t arm, const Pose& X) override {
+    if (arm == 0) return;
+    follows_.carry(X);
+    aligned_ = 0;
+  }
+
+ private:
+  static bool needs_estimate(const ParameterSet& parameters) {
+    return parameters.choice(kArchitecture) == static_cast<std::size_t>(Architecture::position_force);
+  }
+  static TankLimits tank_limits(const ParameterSet& parameters) {
+    return {0, parameters.number(kTankMax), parameters.number(kTankClosing)};
+  }
+
+  void turn_clutch(const ParameterSet& parameters) {
+    const bool closed = parameters.flag(kClutch);
+    if (closed && !closed_) ++alignments_;
+    closed_ = closed;
+  }
+
+  // Where the leader leads in this tick.
+  void lead(const ControlContext& context) {
+    if (closed_) {
+      led_.advance(context.arms[0], map_, context.parameters->number(kScale));
+    } else {
+      led_.skip(context.arms[0]);
+    }
+  }
+
+  // Both sides send, then receive: without delay in the same tick. The fuller tank gives to the other, as
+  // far as it knows; what is lost on the way is gone.
+  void exchange(const ControlContext& context, const TankLimits& limits) {
+    constexpr double kRate =
+        4;  // [1/s]: with 0.2 s of delay well below pi / (2 * 0.2 s), where it would swing
+    const auto gift = [&](EnergyTank& tank, const TeleoperationChannel& other) {
+      if (!other.any()) return 0.0;
+      const double surplus = std::max(0.0, tank.energy() - other.newest().tank);
+      const double energy =
+          std::min(0.5 * kRate * context.dt * surplus, std::max(0.0, tank.energy() - limits.min_j));
+      tank.give(energy);
+      return energy;
+    };
+    const OwnedArm& follower = context.arms[1];
+    TeleoperationPacket forth{.sent_s = context.time_s, .alignment = closed_ ? alignments_ : 0};
+    forth.X = led_.X();
+    forth.V = led_.V();
+    forth.energy = gift(sides_[0].tank, to_leader_);
+    forth.tank = sides_[0].tank.energy();
+    TeleoperationPacket back{.sent_s = context.time_s, .alignment = aligned_};
+    back.energy = gift(sides_[1].tank, to_follower_);
+    back.tank = sides_[1].tank.energy();
+
+    const double delay = context.parameters->number(kDelay), loss = context.parameters->number(kLoss);
+    to_follower_.send(forth, loss);
+    sides_[1].tank.give(-to_follower_.receive(context.time_s, delay));
+    align();
+    back.alignment = aligned_;
+    back.X = to_led(follower.terms->X_WE());
+    back.V = follower.terms->V_WE().vector;
+    back.F = wrench_at_hand(follower);
+    to_leader_.send(back, loss);
+    sides_[0].tank.give(-to_leader_.receive(context.time_s, delay));
+  }
+
+  // The follower: whenever the clutch has been closed, what the leader leads to begins at its set-point.
+  void align() {
+    const TeleoperationPacket& packet = to_follower_.newest();
+    const std::uint32_t alignment = to_follower_.any() ? packet.alignment : 0;
+    if (alignment != 0 && alignment != aligned_) {
+      p_offset_ = follows_.X().position - packet.X.position;
+      R_offset_ = packet.X.rotation.transpose() * follows_.X().rotation;
+    }
+    aligned_ = alignment;
+  }
+  Pose from_led(const Pose& X) const { return {X.rotation * R_offset_, X.position + p_offset_}; }
+  Pose to_led(const Pose& X) const { return {X.rotation * R_offset_.transpose(), X.position - p_offset_}; }
+
+  static Vector6 wrench_at_hand(const OwnedArm& arm) {
+    if (!arm.state->has_wrench_estimate) return Vector6::Zero();
+    const Vector3 p_EK = arm.terms->X_WK().position - arm.terms->X_WE().position;
+    return shifted(arm.state->F_K_W_est, p_EK).vector;
+  }
+
+  LawResult follow(ControlContext& context, const TankLimits& limits) {
+    OwnedArm& arm = context.arms[1];
+    const ParameterSet& parameters = *context.parameters;
+    const TeleoperationPacket& packet = to_follower_.newest();
+    if (aligned_ != 0) {
+      follows_.advance(from_led(packet.X), velocity(packet, context), context.contact, context.dt);
+    } else {
+      follows_.brake(context.contact, context.dt);
+    }
+    const ImpedanceGains gains = impedance_gains(parameters, context.contact);
+    const CartesianTarget target = follows_.target();
+    ModelTerms& terms = *arm.terms;
+    const Matrix6& Lambda = terms.task().Lambda;
+    const Vector6 V = terms.V_WE().vector;
+    const TaskForce force = impedance_force(gains, target, terms.X_WE(), V, Lambda);
+    const Matrix6 D =
+        task_damping(Lambda, gains.stiffness(target.X_W_d.rotation).matrix(), gains.damping_ratio);
+    const Vector6 damping = D * V;
+    follows_.resist(force.pull, force.bounded.force_share, force.bounded.moment_share, context.dt);
+    const JointVector rest =
+        null_space_torque(null_space_gains(parameters, context.contact), arm, q_N_, sides_[1].valve);
+    return apply(context, 1, force.total + damping, D, rest, limits);
+  }
+
+  // The torque of one side: what the joints bear and the tank lets through of the pull, less the damping D V
+  // of the hand, and the rest of the law.
+  LawResult apply(ControlContext& context, std::size_t i, const Vector6& pull, const Matrix6& D,
+                  const JointVector& rest, const TankLimits& limits) {
+    OwnedArm& arm = context.arms[i];
+    ModelTerms& terms = *arm.terms;
+    const auto in_joints = [&](const Vector6& F) {
+      return JointVector(terms.J_V_WE().transpose().lazyProduct(F));
+    };
+    const Vector6 V = terms.V_WE().vector, damping = D * V;
+    const JointVector others = terms.c() + rest - in_joints(damping);
+    const Vector6 bearable = bearable_share(arm, in_joints(pull), others) * pull;
+    const Vector6 passed = sides_[i].let_through(bearable, V, D, limits, context.dt), F = passed - damping;
+    std::copy_n(F.data(), 6, context.outputs.begin() + (i == 0 ? kLeaderForce : kFollowerForce));
+    *arm.tau = others + in_joints(passed);
+    sides_[i].balance.open(kForcePart, *arm.tau);
+    return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
+  }
+
+  // Of what the other side sent. One whose packets falter counts as resting.
+  static Vector6 velocity(const TeleoperationPacket& packet, const ControlContext& context) {
+    constexpr double kFalters = 0.01;  // [s]
+    const double age = context.time_s - packet.sent_s;
+    return age > context.parameters->number(kDelay) + kFalters ? Vector6(Vector6::Zero()) : packet.V;
+  }
+
+  // The leader: what it feels, and its damping.
+  LawResult reflect(ControlContext& context, const TankLimits& limits) {
+    OwnedArm& arm = context.arms[0];
+    const ParameterSet& parameters = *context.parameters;
+    const TeleoperationPacket& packet = to_leader_.newest();
+    const bool coupled = closed_ && to_leader_.any() && packet.alignment == alignments_;
+    if (coupled) {
+      X_led_ = led_.X();
+      X_felt_ = packet.X;
+      V_felt_ = velocity(packet, context);
+      F_felt_ = packet.F;
+    } else {
+      V_felt_.setZero();
+    }
+    const double engaged = engaged_.towards(coupled, context.dt);
+    ModelTerms& terms = *arm.terms;
+    const Vector6 V = terms.V_WE().vector;
+    Matrix6 D = Matrix6::Zero();
+    D.diagonal().head<3>().setConstant(parameters.number(kLeaderDamping) + refill(parameters));
+    const Coupling coupling = coupling_of(parameters, terms);
+    Vector6 V_felt = rotated(map_.transpose(), V_felt_);
+    V_felt.head<3>() /= parameters.number(kScale);
+    const Vector6 spring = coupling.spring + coupling.D * V_felt;
+    correct(parameters, coupled, spring - coupling.D * V, context.time_s - packet.sent_s, context.dt);
+    D += engaged * coupling.D;
+    const Vector6 pull = engaged * (spring + correction_.value());
+    const BoundedPull bounded = bound_pull(context.contact, pull, D * V, V.head<3>());
+    const JointVector rest = -parameters.number(kLeaderJointDamping) * arm.dq();
+    return apply(context, 0, bounded.remaining(pull), D, rest, limits);
+  }
+
+  // A spring and damper between both hands, in the leader's axes:
+  //   K x~ + D (V_f - V_l),   x~ from where the leader leads to the follower's hand
+  // K is that of the follower, times the scales, so that both feel the same force at rest; no stiffer than K
+  // may be, whatever the scales are.
+  struct Coupling {
+    Vector6 spring;
+    Matrix6 D;
+  };
+  Coupling coupling_of(const ParameterSet& parameters, ModelTerms& terms) const {
+    const double scale = parameters.number(kScale);
+    const ImpedanceGains gains = impedance_gains(parameters);
+    const double stiffest = scale * gains.translational_stiffness.maxCoeff();
+    const double turning = gains.rotational_stiffness.maxCoeff(), asked = parameters.number(kForceScale);
+    const double force_scale =
+        std::min({asked, kStiffest / std::max(1.0, stiffest), kStiffestTurning / std::max(1.0, turning)});
+    const TaskStiffness K = gains.stiffness(X_felt_.rotation);
+    Matrix6 own = force_scale * K.matrix();
+    own.topLeftCorner<3, 3>() *= scale;
+    for (const Eigen::Index row : {0, 3}) {
+      const Matrix3 block = map_.transpose() * own.block<3, 3>(row, row) * map_;
+      own.block<3, 3>(row, row) = block;
+    }
+    const Vector6 spring = spring_wrench(K, pose_error(X_felt_, X_led_));
+    return {force_scale * rotated(map_.transpose(), spring),
+            task_damping(terms.task().Lambda, own, gains.damping_ratio)};
+  }
+
+  // Position-force: below the cutoff, what the follower exerts replaces the spring and damper, `felt`. Above
+  // it they remain, since an impact that kicks the leader would lift the follower off, again and again. The
+  // cutoff is lower where packets are old, 1 / (4 age) [rad/s], so that the reply to the leader's own motion
+  // does not make it swing.
+  void correct(const ParameterSet& parameters, bool coupled, const Vector6& felt, double age, double dt) {
+    if (!needs_estimate(parameters) || !coupled) return correction_.reset(Vector6::Zero());
+    const Vector6 F = -parameters.number(kForceScale) * rotated(map_.transpose(), F_felt_);
+    const double cutoff =
+        std::min(parameters.number(kCutoff), 1 / (8 * std::numbers::pi * std::max(age, 1e-6)));
+    correction_.update(F - felt, cutoff, dt);
+  }
+
+  double refill(const ParameterSet& parameters) const {
+    const double below = parameters.number(kRefillBelow);
+    if (!(below > 0)) return 0;
+    return parameters.number(kRefillDamping) *
+           std::clamp((below - sides_[0].tank.energy()) / below, 0.0, 1.0);
+  }
+
+  void show(ControlContext& context) const {
+    const auto out = context.outputs;
+    double kinetic = 0;
+    for (const OwnedArm& arm : context.arms) kinetic += 0.5 * arm.dq().dot(arm.terms->momentum());
+    const double under_way = to_follower_.under_way() + to_leader_.under_way();
+    out[kEngaged] = engaged_.value();
+    out[kLeaderTank] = sides_[0].tank.energy();
+    out[kFollowerTank] = sides_[1].tank.energy();
+    out[kUnderWay] = under_way;
+    out[kStored] = kinetic + sides_[0].tank.energy() + sides_[1].tank.energy() + under_way;
+    out[kLost] = to_follower_.lost() + to_leader_.lost();
+    out[kLeaderValve] = sides_[0].valve;
+    out[kFollowerValve] = sides_[1].valve;
+    out[kAge] = to_follower_.any() ? context.time_s - to_follower_.newest().sent_s : 0;
+    const Vector6 error = pose_error(from_led(led_.X()), context.arms[1].terms->X_WE());
+    std::copy_n(error.data(), 6, out.begin() + kError);
+  }
+
+  static constexpr double kStiffest = 5000, kStiffestTurning = 300;  // [N/m], [N m/rad]
+
+  std::array<Side, 2> sides_;
+  TeleoperationChannel to_follower_, to_leader_;
+  LeaderWatch watch_;
+  LedPose led_;            // the leader's side
+  FollowingPose follows_;  // the follower's side
+  JointVector q_N_;
+  Matrix3 map_ = Matrix3::Identity();
+  bool closed_ = false;
+  std::uint32_t alignments_ = 0;  // the leader's side: times that the clutch was closed
+  std::uint32_t aligned_ = 0;     // the follower's side: the one that it is aligned to; 0: none
+  Vector3 p_offset_ = Vector3::Zero();
+  Matrix3 R_offset_ = Matrix3::Identity();
+  Fade engaged_;
+  Pose X_led_, X_felt_;  // while the clutch is open: when it was opened
+  Vector6 V_felt_ = Vector6::Zero(), F_felt_ = Vector6::Zero();
+  LowPass<Vector6> correction_;
+};
+
+}  // namespace
+}  // namespace multipanda::teleoperation
+
+namespace multipanda {
+
+ControlletType teleoperation_controllet() { return controllet_type<teleoperation::Teleoperation>(); }
+
+}  // namespace multipanda

@@ -1,0 +1,40 @@
+#include "core/controllets/teleoperation_channel.hpp"
+
+namespace multipanda {
+
+void TeleoperationChannel::start(std::uint32_t seed) {
+  first_ = count_ = 0;
+  newest_ = {};
+  any_ = false;
+  under_way_ = lost_ = 0;
+  random_.seed(seed);
+}
+
+void TeleoperationChannel::send(const TeleoperationPacket& packet, double loss) {
+  constexpr double kRange = std::minstd_rand::max() - std::minstd_rand::min() + 1.0;
+  const double drawn =
+      static_cast<double>(random_() - std::minstd_rand::min()) / kRange;  // in every tick, lost or not
+  if (drawn < loss || count_ == kCapacity) {
+    lost_ += packet.energy;
+    return;
+  }
+  ring_[(first_ + count_++) % kCapacity] = packet;
+  under_way_ += packet.energy;
+}
+
+double TeleoperationChannel::receive(double now_s, double delay_s) {
+  constexpr double kRounding = 1e-6;  // of loop times [s]
+  double energy = 0;
+  while (count_ > 0 && ring_[first_].sent_s + delay_s <= now_s + kRounding) {
+    newest_ = ring_[first_];
+    any_ = true;
+    energy += newest_.energy;
+    under_way_ -= newest_.energy;
+    first_ = (first_ + 1) % kCapacity;
+    --count_;
+  }
+  if (count_ == 0) under_way_ = 0;  // no rounding is left over
+  return energy;
+}
+
+}  // namespace multipanda

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <random>
+
+#include "core/types/spatial.hpp"
+
+namespace multipanda {
+
+// What one side of a teleoperation sends to the other, in the coordinates of the led hand.
+struct TeleoperationPacket {
+  double sent_s = 0;            // loop time
+  std::uint32_t alignment = 0;  // counts the times the clutch was closed; 0: it is open
+  Pose X;                       // leader: where it leads; follower: its hand
+  Vector6 V = Vector6::Zero();  // of that pose [m/s, rad/s]
+  Vector6 F = Vector6::Zero();  // follower: estimated wrench that it exerts, at its hand [N, N m]
+  double energy = 0;            // taken from the sender's tank, for the receiver's [J]
+  double tank = 0;              // what is left in the sender's [J]
+};
+
+// One direction of the connection between both sides: packets arrive in order, `delay` after they were sent,
+// or never. It never creates energy: what arrives and what is under way is at most what was sent. Loop
+// thread, no allocation; the losses are the same after every start().
+class TeleoperationChannel {
+ public:
+  static constexpr double kLongestDelay = 0.2;  // [s]
+
+  void start(std::uint32_t seed);
+  // `loss`: the probability that the packet never arrives. Without room it is lost, too.
+  void send(const TeleoperationPacket& packet, double loss);
+  // Takes what has arrived by now. Returns its energy [J].
+  double receive(double now_s, double delay_s);
+
+  bool any() const { return any_; }  // something has arrived since start()
+  const TeleoperationPacket& newest() const { return newest_; }
+  double under_way() const { return under_way_; }  // energy [J]
+  double lost() const { return lost_; }            // energy [J]
+
+ private:
+  static constexpr std::size_t kCapacity = 512;
+
+  std::array<TeleoperationPacket, kCapacity> ring_;
+  std::size_t first_ = 0, count_ = 0;
+  TeleoperationPacket newest_;
+  bool any_ = false;
+  double under_way_ = 0, lost_ = 0;
+  std::minstd_rand random_;
+};
+
+}  // namespace multipanda
