@@ -36,33 +36,63 @@ ParameterSpec leading_scale_parameter() {
           .doc = "Way of the follower's hand for a way of the leader's; rotations are not scaled."};
 }
 
-void LeaderWatch::start(const OwnedArm& leader) {
-  q_ = leader.q();
-  t_ = leader.state->t_robot;
+void JumpDetector::start(const OwnedArm& arm) {
+  q_ = arm.q();
+  t_ = arm.state->t_robot;
 }
 
-bool LeaderWatch::jumped(const OwnedArm& leader) {
+bool JumpDetector::jumped(const OwnedArm& arm) {
   constexpr double kFaster = 1.5, kNoise = 0.005;  // than the joints' limits; [rad]
-  const double dt = std::max(0.0, seconds(leader.state->t_robot - t_));
-  const auto possible = kFaster * dt * leader.model().limits().dq_max.array() + kNoise;
-  const bool jumped = !((leader.q() - q_).array().abs() <= possible).all();
-  start(leader);
+  constexpr double kLongest = 0.03;  // an arm that is silent for longer is lost; its clock may jump, too [s]
+  const double dt = std::clamp(seconds(arm.state->t_robot - t_), 0.0, kLongest);
+  const auto possible = kFaster * dt * arm.model().limits().dq_max.array() + kNoise;
+  const bool jumped = !((arm.q() - q_).array().abs() <= possible).all();
+  start(arm);
   return jumped;
+}
+
+double largest_lag(const ContactBounds& bounds) {
+  constexpr double kTime = 0.5;  // [s]
+  return kTime * std::min(kSpeed, bounds.hand_speed);
+}
+
+bool Clutch::turn(bool asked, bool left_behind) {
+  if (!asked) {
+    start();
+  } else if (!left_behind) {
+    arrived_ = true;
+  } else if (arrived_) {
+    slipped_ = true;
+  }
+  return asked && !slipped_;
+}
+
+bool FollowingPose::left_behind(const Pose& X, const ContactBounds& bounds) const {
+  const Vector6 lag = pose_error(X, X_d_);
+  return lag.head<3>().norm() > largest_lag(bounds) || lag.tail<3>().norm() > kLargestLagAngle;
 }
 
 void FollowingPose::start(const Pose& X) {
   X_d_ = X;
+  yields_ = false;
   motion_.start(6);
   force_.start(3);
   moment_.start(3);
 }
 
 void FollowingPose::advance(const Pose& X, const Vector6& V, const ContactBounds& bounds, double dt) {
+  yields_ = false;
   move(V, pose_error(X, X_d_), bounds, dt);
 }
 
-void FollowingPose::brake(const ContactBounds& bounds, double dt) {
-  move(JointVector::Zero(6), dt * motion_.velocity(), bounds, dt);  // to where it would be
+void FollowingPose::brake(const Pose& X_WE, const ContactBounds& bounds, double dt) {
+  if (!yields_ && motion_.rests() && std::max(force_.share(), moment_.share()) > kYieldsFrom) {
+    yields_ = true;
+    X_yields_ = X_WE;
+  }
+  JointVector way = dt * motion_.velocity();  // to where it would be
+  if (yields_) way = pose_error(X_yields_, X_d_);
+  move(JointVector::Zero(6), way, bounds, dt);
 }
 
 void FollowingPose::move(const JointVector& velocity, const JointVector& difference,
@@ -93,6 +123,7 @@ void FollowingPose::resist(const Vector6& pull, double force_share, double momen
 void FollowingPose::carry(const Pose& X) {
   motion_.carry(X_d_.rotation * X.position);
   X_d_ = X_d_ * X;
+  X_yields_ = X_yields_ * X;
 }
 
 CartesianTarget FollowingPose::target() const {

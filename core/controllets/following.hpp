@@ -17,22 +17,46 @@ ParameterSpec clutch_parameter();
 ParameterSpec alignment_parameter();
 ParameterSpec leading_axes_parameter();
 ParameterSpec leading_scale_parameter();
+inline constexpr const char* kSlippedDoc =
+    "1: the follower was left behind, so its clutch opened; set `clutch` to false and to true again.";
 
 // A leader whose states fail to arrive leads nowhere: its last velocity no longer counts after 3 periods, so
 // that the set-point brakes. The safety stage holds the follower soon after.
 inline constexpr double kLeaderFalters = 0.003;  // [s]
 
-// Detects positions that jump: the leader's joints turned farther since its last packet than they can. It is
-// then not known where the leader is, so the law faults and its arms are held.
-class LeaderWatch {
+// Detects positions that jump: the joints turned farther since the arm's last packet than they can. It is
+// then not known where the arm is, so the law faults and its arms are held.
+class JumpDetector {
  public:
-  void start(const OwnedArm& leader);
-  bool jumped(const OwnedArm& leader);  // since the last call; also if a position is not a number
+  void start(const OwnedArm& arm);
+  bool jumped(const OwnedArm& arm);  // since the last call; also if a position is not a number
 
  private:
   JointVector q_;
   RobotTime t_;
 };
+
+// How far a set-point may be left behind. Farther, it would go on for long after its leader has stopped, on a
+// way that nobody led, and the leader would have to go back as far until the follower does.
+inline constexpr double kLargestLagAngle = 0.5;   // of a hand [rad]
+double largest_lag(const ContactBounds& bounds);  // of a hand: its way in 0.5 s at its greatest speed [m]
+
+// The clutch between leader and follower: closed as the parameter `clutch` asks, until the set-point is left
+// behind. It then slips, which opens it until the parameter is set to false and to true again. An alignment
+// may begin far away: it slips only after it has arrived once.
+class Clutch {
+ public:
+  void start() { arrived_ = slipped_ = false; }
+  bool turn(bool asked, bool left_behind);  // whether it is closed
+  bool slipped() const { return slipped_; }
+
+ private:
+  bool arrived_ = false, slipped_ = false;
+};
+
+// An open clutch does not press on: a set-point at rest whose pull is above this share of what is allowed
+// goes to where its hand is. Below, loads that nobody declared and friction do not make an arm sag.
+inline constexpr double kYieldsFrom = 0.5;
 
 // The set-point of a hand that follows a pose.
 class FollowingPose {
@@ -40,14 +64,15 @@ class FollowingPose {
   void start(const Pose& X);
   // Towards the target X with velocity V, world axes. `bounds` limit the hand's speed.
   void advance(const Pose& X, const Vector6& V, const ContactBounds& bounds, double dt);
-  // Brakes to rest.
-  void brake(const ContactBounds& bounds, double dt);
+  // Brakes to rest; then yields to a hand at X_WE that is pulled hard (kYieldsFrom).
+  void brake(const Pose& X_WE, const ContactBounds& bounds, double dt);
   // What pulled the hand in this tick: the set-point waits for it from the next one on.
   void resist(const Vector6& pull, double force_share, double moment_share, double dt);
   void carry(const Pose& X);  // the end effector was redefined, X away from the old one
 
   const Pose& X() const { return X_d_; }
   CartesianTarget target() const;
+  bool left_behind(const Pose& X, const ContactBounds& bounds) const;  // by the target X
 
  private:
   void move(const JointVector& velocity, const JointVector& difference, const ContactBounds& bounds,
@@ -56,6 +81,8 @@ class FollowingPose {
   Pose X_d_;
   FollowingMotion motion_;
   Resistance force_, moment_;
+  bool yields_ = false;
+  Pose X_yields_;  // to here
 };
 
 }  // namespace multipanda

@@ -48,6 +48,7 @@ JointVector FollowingMotion::desired(const JointVector& difference, const JointV
                                      double dt) const {
   const auto part = [&](const JointVector& x) { return JointVector(x.segment(limits.first, limits.count)); };
   JointVector e = part(difference) - dt * part(v_), v = part(target_velocity);  // at the end of this tick
+  clamp_norm(v, limits.speed);  // else a velocity that does not belong to the target's way would carry it off
   if (resistance.waits() == Resistance::Waits::along) {
     // First, so that a way on which it waits takes no speed from the others.
     resistance.hold_back(e);
@@ -71,6 +72,11 @@ void FollowingMotion::advance(const JointVector& v_w, const FollowingLimits& lim
   clamp_norm(j, limits.jerk);
   a += dt * j;
   v += dt * a;
+}
+
+bool FollowingMotion::rests() const {
+  constexpr double kRests = 0.01;  // [m/s], [rad/s]
+  return v_.norm() < kRests;
 }
 
 void FollowingMotion::carry(const Vector3& p) {

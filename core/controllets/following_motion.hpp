@@ -56,6 +56,7 @@ class FollowingMotion {
   // `v_w`: of these coordinates only.
   void advance(const JointVector& v_w, const FollowingLimits& limits, double dt);
 
+  bool rests() const;  // or nearly
   const JointVector& velocity() const { return v_; }
   const JointVector& acceleration() const { return a_; }
   // The coordinates are those of a twist, about another point of the same body: p further, in the same axes.

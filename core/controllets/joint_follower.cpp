@@ -49,88 +49,119 @@ class JointFollower final : public Controllet {
         .outputs = spec_table<kOutputCount>(
             output_at<kLargestError>("largest_error_rad", "Largest |q_d - q| of all joints."),
             output_at<kLargestLag>("largest_lag_rad",
-                                   "Largest way of a joint from its set-point to where the leader leads."))};
+                                   "Largest way of a joint from its set-point to where the leader leads."),
+            output_at<kSlipped>("slipped", kSlippedDoc))};
   }
 
   LawResult start(ControlContext& context) override {
     const JointVector& q = context.arms[0].q();
     q_led_ = q_d_ = q_begin_ = q;
+    yields_ = false;
+    clutch_.start();
     q_leader_ = context.observed[0].q();
-    watch_.start(context.observed[0]);
+    jumps_.start(context.observed[0]);
     motion_.start(q.size());
     resistance_.start(q.size(), Resistance::Waits::all);
     return LawResult::ok;
   }
 
   LawResult update(ControlContext& context) override {
-    if (watch_.jumped(context.observed[0])) return LawResult::fault;
+    if (jumps_.jumped(context.observed[0])) return LawResult::fault;
     OwnedArm& arm = context.arms[0];
     const ParameterSet& parameters = *context.parameters;
+    const Elbow elbow(*arm.terms);
     const JointVector dq_led = lead(context);
-    follow(dq_led, context);
+    if (clutch_.turn(parameters.flag(kClutch), left_behind(context))) {
+      yields_ = false;
+      follow(q_goal_, dq_led, elbow, context);
+    } else {
+      brake(elbow, context);
+    }
     JointGains gains{.stiffness = parameters.joints(kStiffness),
-                     .damping_ratio = parameters.number(kDampingRatio)};
+                     .damping_ratio = parameters.number(kDampingRatio),
+                     .elbow = &elbow};
     const JointTarget target{q_d_, motion_.velocity(), motion_.acceleration()};
     JointPull pull;
     const LawResult result = joint_impedance_law(gains, target, context.contact, arm, pull);
     resistance_.update(pull.torque, pull.share, context.dt);
     context.outputs[kLargestError] = (q_d_ - arm.q()).lpNorm<Eigen::Infinity>();
-    context.outputs[kLargestLag] = (q_led_ - q_d_).lpNorm<Eigen::Infinity>();
+    context.outputs[kLargestLag] = (q_goal_ - q_d_).lpNorm<Eigen::Infinity>();
+    context.outputs[kSlipped] = clutch_.slipped() ? 1 : 0;
     return result;
   }
 
  private:
   enum Parameter : std::size_t { kStiffness, kDampingRatio, kClutch, kAlignment, kScale, kParameterCount };
-  enum Output : std::size_t { kLargestError, kLargestLag, kOutputCount };
+  enum Output : std::size_t { kLargestError, kLargestLag, kSlipped, kOutputCount };
 
   // They limit the vector of all joints.
   static constexpr double kSpeed = 1, kAcceleration = 2.5, kJerk = 200;  // [rad/s], [rad/s^2], [rad/s^3]
 
-  // Moves q_led_ with the leader; returns its velocity.
+  // How far the joints, all of them together, may be left behind [rad].
+  static constexpr double kLargestLagOfAJoint = 0.6;
+
+  // Moves q_led_ with the leader, and q_goal_, which stays within the arm's own limits or where it began.
+  // Returns the goal's velocity.
   JointVector lead(const ControlContext& context) {
+    constexpr double kMargin = 0.05;  // to the ends of the range [rad]
     const ParameterSet& parameters = *context.parameters;
     const OwnedArm& leader = context.observed[0];
     const JointVector scale = parameters.joints(kScale);
     const bool match = parameters.choice(kAlignment) == static_cast<std::size_t>(Alignment::match);
-    const JointVector sign = scale.unaryExpr([](double s) { return s < 0 ? -1.0 : 1.0; });
+    const JointVector sign = scale.unaryExpr([](double s) { return s < 0 ? -1.0 : s > 0 ? 1.0 : 0.0; });
     const JointVector& factor = match ? sign : scale;
-    if (!parameters.flag(kClutch)) {
-      q_led_ = q_d_ + context.dt * motion_.velocity();  // where it would be: it brakes
-    } else if (match) {
-      q_led_ = sign.cwiseProduct(leader.q());
+    if (match) {
+      q_led_ = sign.cwiseProduct(leader.q()).array() + (sign.array() == 0).select(q_begin_.array(), 0.0);
     } else {
       q_led_ += scale.cwiseProduct(leader.q() - q_leader_);
     }
     q_leader_ = leader.q();
-    if (!parameters.flag(kClutch) || leader.state->age_s > kLeaderFalters) {
-      return JointVector::Zero(q_d_.size());
+    JointVector dq_led = factor.cwiseProduct(leader.dq());
+    if (leader.state->age_s > kLeaderFalters) dq_led.setZero();
+    const ArmLimits& own = context.arms[0].model().limits();
+    const JointVector low = (own.q_min.array() + kMargin).min(q_begin_.array());
+    const JointVector high = (own.q_max.array() - kMargin).max(q_begin_.array());
+    q_goal_ = q_led_.cwiseMax(low).cwiseMin(high);
+    for (Eigen::Index i = 0; i < dq_led.size(); ++i) {
+      if (q_goal_[i] != q_led_[i]) dq_led[i] = 0;
     }
-    return factor.cwiseProduct(leader.dq());
+    return dq_led;
   }
 
-  // The set-point stays within the arm's own limits, or where it began.
-  void follow(const JointVector& dq_led, const ControlContext& context) {
-    const OwnedArm& arm = context.arms[0];
-    const ArmLimits& own = arm.model().limits();
-    const JointVector low = own.q_min.cwiseMin(q_begin_), high = own.q_max.cwiseMax(q_begin_);
-    const JointVector goal = q_led_.cwiseMax(low).cwiseMin(high);
+  bool left_behind(const ControlContext& context) const {
+    const JointVector lag = q_goal_ - q_d_;
+    const Vector3 of_hand = context.arms[0].terms->J_V_WE().topRows<3>().lazyProduct(lag);
+    return lag.lpNorm<Eigen::Infinity>() > kLargestLagOfAJoint ||
+           of_hand.norm() > largest_lag(context.contact);
+  }
+
+  void follow(const JointVector& goal, const JointVector& dq_goal, const Elbow& elbow,
+              const ControlContext& context) {
     const FollowingLimits limits{
         .first = 0, .count = q_d_.size(), .speed = kSpeed, .acceleration = kAcceleration, .jerk = kJerk};
-    JointVector dq_goal = dq_led;
-    for (Eigen::Index i = 0; i < dq_goal.size(); ++i) {
-      if (goal[i] != q_led_[i]) dq_goal[i] = 0;
-    }
     JointVector v_w = motion_.desired(goal - q_d_, dq_goal, limits, resistance_, context.dt);
-    if (std::isfinite(context.contact.hand_speed)) {
-      const double hand = arm.terms->J_V_WE().topRows<3>().lazyProduct(v_w).norm();
-      if (hand > context.contact.hand_speed) v_w *= context.contact.hand_speed / hand;
-    }
+    const Vector3 hand = context.arms[0].terms->J_V_WE().topRows<3>().lazyProduct(v_w);
+    const double fastest = std::max(hand.norm(), elbow.velocity(v_w).norm());
+    if (fastest > context.contact.hand_speed) v_w *= context.contact.hand_speed / fastest;
     motion_.advance(v_w, limits, context.dt);
     q_d_ += context.dt * motion_.velocity();
   }
 
-  LeaderWatch watch_;
-  JointVector q_led_, q_leader_, q_d_, q_begin_;
+  // To rest, then, where the arm is pulled hard, to where it is. What the leader leads to begins here again.
+  void brake(const Elbow& elbow, const ControlContext& context) {
+    if (!yields_ && motion_.rests() && resistance_.share() > kYieldsFrom) {
+      yields_ = true;
+      q_yields_ = context.arms[0].q();
+    }
+    const JointVector where_it_would_be = q_d_ + context.dt * motion_.velocity();
+    follow(yields_ ? q_yields_ : where_it_would_be, JointVector::Zero(q_d_.size()), elbow, context);
+    q_led_ = q_goal_ = q_d_;
+  }
+
+  JumpDetector jumps_;
+  Clutch clutch_;
+  bool yields_ = false;
+  JointVector q_led_, q_goal_, q_leader_, q_d_, q_begin_, q_yields_;
   FollowingMotion motion_;
   Resistance resistance_;
 };

@@ -10,17 +10,24 @@ namespace {
 
 // The pull of all joints acts at the hand like the wrench J_bar^T tau, J_bar = M^-1 J^T Lambda (Khatib
 // 1987), more near a singular pose (TaskSpace::press): the force that keeps the hand where it is. The whole
-// pull is scaled until that keeps to its bounds.
-void bound(const ContactBounds& contact, OwnedArm& arm, const JointVector& damping, JointVector& tau,
-           JointPull& drawn) {
+// pull is scaled until that keeps to its bounds. A motion of the null space does not show at the hand, so the
+// force at the elbow may be bounded likewise.
+void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, const JointVector& damping,
+           JointVector& tau, JointPull& drawn) {
   const TaskSpace& task = arm.terms->task();
   const Matrix6 press = task.press();
   const auto at_hand = [&](const JointVector& x) {
     return Vector6(press * Vector6(task.J_bar.transpose().lazyProduct(x)));
   };
   const JointVector pull = tau - arm.terms->c() + damping;
-  const BoundedPull bounded =
-      bound_pull(contact, at_hand(pull), at_hand(damping), arm.terms->V_WE().linear());
+  BoundedPull bounded = bound_pull(contact, at_hand(pull), at_hand(damping), arm.terms->V_WE().linear());
+  if (elbow != nullptr) {
+    Vector6 pushes = Vector6::Zero(), damps = Vector6::Zero();
+    pushes.head<3>() = elbow->force(pull);
+    damps.head<3>() = elbow->force(damping);
+    const double share = bound_pull(contact, pushes, damps, elbow->velocity(arm.dq())).force_share;
+    bounded.force_share = std::max(bounded.force_share, share);
+  }
   drawn = {pull, std::max(bounded.force_share, bounded.moment_share)};
   if (bounded.factor() < 1) tau -= (1 - bounded.factor()) * pull;
 }
@@ -57,7 +64,8 @@ LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target
   }
   if (gains.acceleration_feedforward) tau += M.lazyProduct(target.ddq_d);
   pull = {JointVector::Zero(arm.q().size()), 0};
-  if (std::isfinite(contact.spring_force + contact.spring_moment)) bound(contact, arm, damping, tau, pull);
+  if (std::isfinite(contact.spring_force + contact.spring_moment))
+    bound(contact, gains.elbow, arm, damping, tau, pull);
   if (!tau.allFinite()) return LawResult::fault;
   *arm.tau = tau;
   return LawResult::ok;

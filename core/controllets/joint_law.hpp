@@ -1,6 +1,6 @@
 #pragma once
 
-#include "core/controllets/controllet.hpp"
+#include "core/controllets/elbow.hpp"
 
 // Joint impedance of one arm, shared by the controllets that follow joints. Loop thread, no allocation.
 namespace multipanda {
@@ -17,6 +17,7 @@ struct JointGains {
   JointVector given;     // D, if it is given [N m s/rad] (n x 1)
   JointVector bearable;  // for `diagonal` (n x 1)
   bool acceleration_feedforward = true;
+  const Elbow* elbow = nullptr;  // where the pull keeps to the bounds for contact, too
 };
 
 struct JointTarget {

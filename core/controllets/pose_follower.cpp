@@ -8,37 +8,40 @@ namespace {
 class PoseFollower final : public Controllet {
  public:
   static ControlletDescriptor descriptor() {
-    return {
-        .type = "pose_follower",
-        .doc = "The hand follows that of another arm, the leader, which it observes and does not own.",
-        .observes = 1,
-        .parameters = spec_table<kParameterCount>(
-            cartesian_parameters(), parameter_at<kClutch>(clutch_parameter()),
-            parameter_at<kAlignment>(alignment_parameter()), parameter_at<kAxes>(leading_axes_parameter()),
-            parameter_at<kScale>(leading_scale_parameter())),
-        .outputs = spec_table<kOutputCount>(
-            cartesian_outputs(),
-            output_at<kLag, 3>("lag_m", "Way from the set-point to where the leader leads, world axes."))};
+    return {.type = "pose_follower",
+            .doc = "The hand follows that of another arm, the leader, which it observes and does not own.",
+            .observes = 1,
+            .parameters =
+                spec_table<kParameterCount>(cartesian_parameters(), parameter_at<kClutch>(clutch_parameter()),
+                                            parameter_at<kAlignment>(alignment_parameter()),
+                                            parameter_at<kAxes>(leading_axes_parameter()),
+                                            parameter_at<kScale>(leading_scale_parameter())),
+            .outputs = spec_table<kOutputCount>(
+                cartesian_outputs(),
+                output_at<kLag, 3>("lag_m", "Way from the set-point to where the leader leads, world axes."),
+                output_at<kSlipped>("slipped", kSlippedDoc))};
   }
 
   LawResult start(ControlContext& context) override {
     OwnedArm& arm = context.arms[0];
     q_N_ = arm.q();
-    watch_.start(context.observed[0]);
+    jumps_.start(context.observed[0]);
+    clutch_.start();
     led_.start(context.observed[0], arm.terms->X_WE());
     follows_.start(arm.terms->X_WE());
     return LawResult::ok;
   }
 
   LawResult update(ControlContext& context) override {
-    if (watch_.jumped(context.observed[0])) return LawResult::fault;
+    if (jumps_.jumped(context.observed[0])) return LawResult::fault;
     OwnedArm& arm = context.arms[0];
     const ParameterSet& parameters = *context.parameters;
     lead(context);
-    if (parameters.flag(kClutch)) {
+    const bool left_behind = follows_.left_behind(led_.X(), context.contact);
+    if (clutch_.turn(parameters.flag(kClutch), left_behind)) {
       follows_.advance(led_.X(), led_.V(), context.contact, context.dt);
     } else {
-      follows_.brake(context.contact, context.dt);
+      follows_.brake(arm.terms->X_WE(), context.contact, context.dt);
       led_.place(follows_.X());
     }
     TaskForce force;
@@ -49,6 +52,7 @@ class PoseFollower final : public Controllet {
     show(force, context.outputs);
     const Vector3 lag = led_.X().position - follows_.X().position;
     std::copy_n(lag.data(), 3, context.outputs.begin() + kLag);
+    context.outputs[kSlipped] = clutch_.slipped() ? 1 : 0;
     return result;
   }
 
@@ -65,7 +69,7 @@ class PoseFollower final : public Controllet {
     kScale,
     kParameterCount
   };
-  enum Output : std::size_t { kLag = kCartesianOutputSize, kOutputCount = kLag + 3 };
+  enum Output : std::size_t { kLag = kCartesianOutputSize, kSlipped = kLag + 3, kOutputCount };
 
   // Where the leader leads in this tick.
   void lead(const ControlContext& context) {
@@ -84,7 +88,8 @@ class PoseFollower final : public Controllet {
     if (leader.state->age_s > kLeaderFalters) led_.stand();
   }
 
-  LeaderWatch watch_;
+  JumpDetector jumps_;
+  Clutch clutch_;
   JointVector q_N_;
   LedPose led_;
   FollowingPose follows_;

@@ -5,63 +5,13 @@
 #include <numbers>
 
 #include "core/controllets/damping_design.hpp"
-#include "core/controllets/energy_balance.hpp"
 #include "core/controllets/force_law.hpp"
 #include "core/controllets/teleoperation_channel.hpp"
 #include "core/controllets/teleoperation_descriptor.hpp"
+#include "core/controllets/teleoperation_side.hpp"
 
 namespace multipanda::teleoperation {
 namespace {
-
-// One arm's energy: the tank supplies all work of the arm's torque, features and limits included.
-struct Side {
-  EnergyTank tank;
-  EnergyBalance balance;
-  double valve = 0;  // of the pull
-
-  void start(const OwnedArm& arm, double energy_j, const TankLimits& limits) {
-    tank.start(energy_j, limits);
-    balance.start(arm.q());
-    valve = tank.valve(limits);
-  }
-  // Closes the last period: the torque was constant in it, so this work is exact.
-  void close(const OwnedArm& arm, const TankLimits& limits, double dt) {
-    balance.close(arm.q(), arm.state->tau_J_d);
-    tank.give(balance.work(kForcePart) + balance.work_of_others());
-    valve = std::min(tank.valve(limits), valve + dt / Fade::kDuration);
-  }
-  // What the tank lets through of a pull: where it supplies power its valve's share, where it takes power all
-  // of it; and at most a tenth of the tank per tick. `D` [N s/m, N m s/rad] is the damping of the law.
-  Vector6 let_through(const Vector6& pull, const Vector6& V, const Matrix6& D, const TankLimits& limits,
-                      double dt) const {
-    Vector6 passed = pull;
-    for (const Eigen::Index first : {0, 3}) {
-      const double size = pull.segment<3>(first).norm();
-      if (!(size > 1e-9)) continue;
-      const Vector3 n = pull.segment<3>(first) / size;
-      const double damping = n.dot(D.block<3, 3>(first, first) * n);
-      passed.segment<3>(first) *= force_share(ValveLaw::passive, 1, valve, n.dot(V.segment<3>(first)),
-                                              incoming_speed_for(size, 1, valve, damping));
-    }
-    return passed * tank.affordable(passed.dot(V) * dt, 0.1, limits);
-  }
-};
-
-// The share of a pull that the joints bear on top of the rest of the torque, with gravity and without: the
-// first is what a joint measures, which stops its arm beyond its limit, the second is the command, which has
-// the same limit. With 60 N and 15 N m a wrist of 12 N m soon gets there.
-double bearable_share(const OwnedArm& arm, const JointVector& pull, const JointVector& rest) {
-  constexpr double kShare = 0.9;  // of the limit
-  const JointVector& g = arm.terms->g();
-  double share = 1;
-  for (Eigen::Index i = 0; i < pull.size(); ++i) {
-    const double size = std::abs(pull[i]), way = pull[i] > 0 ? 1 : -1;
-    const double loaded = way * rest[i] + std::max(0.0, way * g[i]);
-    const double room = std::max(0.0, kShare * arm.model().limits().tau_max[i] - loaded);
-    if (size > room) share = std::min(share, room / size);
-  }
-  return share;
-}
 
 Vector6 rotated(const Matrix3& R, const Vector6& x) {
   Vector6 y;
@@ -77,7 +27,7 @@ class Teleoperation final : public Controllet {
     const ParameterSet& parameters = *context.parameters;
     OwnedArm& follower = context.arms[1];
     if (needs_estimate(parameters) && !follower.state->has_wrench_estimate) return LawResult::fault;
-    watch_.start(context.arms[0]);
+    for (std::size_t i = 0; i < 2; ++i) jumps_[i].start(context.arms[i]);
     const TankLimits limits = tank_limits(parameters);
     for (std::size_t i = 0; i < 2; ++i)
       sides_[i].start(context.arms[i], parameters.number(kTankStart), limits);
@@ -86,20 +36,23 @@ class Teleoperation final : public Controllet {
     led_.start(context.arms[0], follower.terms->X_WE());
     follows_.start(follower.terms->X_WE());
     q_N_ = follower.q();
+    p_offset_.setZero();
+    R_offset_.setIdentity();
     alignments_ = aligned_ = 0;
-    closed_ = false;
+    closed_ = faded_out_ = unattended_ = slipped_ = false;
+    driven_s_ = 0;
     engaged_.reset(false);
     correction_.reset(Vector6::Zero());
-    V_felt_.setZero();
-    F_felt_.setZero();
-    X_led_ = X_felt_ = led_.X();
+    felt_ = {.X_led = led_.X(), .X = led_.X()};
     return LawResult::ok;
   }
 
   LawResult update(ControlContext& context) override {
     const ParameterSet& parameters = *context.parameters;
     if (needs_estimate(parameters) && !context.arms[1].state->has_wrench_estimate) return LawResult::fault;
-    if (watch_.jumped(context.arms[0])) return LawResult::fault;
+    for (std::size_t i = 0; i < 2; ++i) {
+      if (jumps_[i].jumped(context.arms[i])) return LawResult::fault;
+    }
     const TankLimits limits = tank_limits(parameters);
     for (std::size_t i = 0; i < 2; ++i) sides_[i].close(context.arms[i], limits, context.dt);
     turn_clutch(parameters);
@@ -113,8 +66,10 @@ class Teleoperation final : public Controllet {
     return LawResult::ok;
   }
 
-  // A leader's new end effector is seen by LedPose. A follower's is aligned again where it is.
+  // Both are aligned again where they are, as if the clutch had been opened and closed. (LedPose sees a
+  // leader's new end effector.)
   void end_effector_moved(ControlContext& /*context*/, std::size_t arm, const Pose& X) override {
+    closed_ = false;
     if (arm == 0) return;
     follows_.carry(X);
     aligned_ = 0;
@@ -128,10 +83,17 @@ class Teleoperation final : public Controllet {
     return {0, parameters.number(kTankMax), parameters.number(kTankClosing)};
   }
 
+  // Both sides align anew when it closes, and when the axes change; what the leader felt fades out before.
   void turn_clutch(const ParameterSet& parameters) {
-    const bool closed = parameters.flag(kClutch);
-    if (closed && !closed_) ++alignments_;
+    if (!parameters.flag(kClutch)) unattended_ = false;
+    const bool closed = parameters.flag(kClutch) && !unattended_;
+    const std::size_t axes = parameters.choice(kAxes);
+    if (closed && (!closed_ || axes != axes_)) {
+      ++alignments_;
+      faded_out_ = false;
+    }
     closed_ = closed;
+    axes_ = axes;
   }
 
   // Where the leader leads in this tick.
@@ -168,25 +130,33 @@ class Teleoperation final : public Controllet {
 
     const double delay = context.parameters->number(kDelay), loss = context.parameters->number(kLoss);
     to_follower_.send(forth, loss);
-    sides_[1].tank.give(-to_follower_.receive(context.time_s, delay));
+    sides_[1].tank.give(-to_follower_.receive(context.time_s, delay, context.dt));
     align();
+    slip(from_led(to_follower_.newest().X), context.contact);
     back.alignment = aligned_;
     back.X = to_led(follower.terms->X_WE());
     back.V = follower.terms->V_WE().vector;
     back.F = wrench_at_hand(follower);
     to_leader_.send(back, loss);
-    sides_[0].tank.give(-to_leader_.receive(context.time_s, delay));
+    sides_[0].tank.give(-to_leader_.receive(context.time_s, delay, context.dt));
   }
 
-  // The follower: whenever the clutch has been closed, what the leader leads to begins at its set-point.
+  // The follower: whenever the clutch has been closed, what the leader leads to begins at its set-point. If
+  // that is left behind later, the clutch slips until it is opened.
   void align() {
     const TeleoperationPacket& packet = to_follower_.newest();
-    const std::uint32_t alignment = to_follower_.any() ? packet.alignment : 0;
+    if (packet.alignment == 0) slipped_ = false;
+    const std::uint32_t alignment = to_follower_.any() && !slipped_ ? packet.alignment : 0;
     if (alignment != 0 && alignment != aligned_) {
       p_offset_ = follows_.X().position - packet.X.position;
       R_offset_ = packet.X.rotation.transpose() * follows_.X().rotation;
     }
     aligned_ = alignment;
+  }
+  void slip(const Pose& X_t, const ContactBounds& bounds) {
+    if (aligned_ == 0 || !follows_.left_behind(X_t, bounds)) return;
+    slipped_ = true;
+    aligned_ = 0;
   }
   Pose from_led(const Pose& X) const { return {X.rotation * R_offset_, X.position + p_offset_}; }
   Pose to_led(const Pose& X) const { return {X.rotation * R_offset_.transpose(), X.position - p_offset_}; }
@@ -202,9 +172,9 @@ class Teleoperation final : public Controllet {
     const ParameterSet& parameters = *context.parameters;
     const TeleoperationPacket& packet = to_follower_.newest();
     if (aligned_ != 0) {
-      follows_.advance(from_led(packet.X), velocity(packet, context), context.contact, context.dt);
+      follows_.advance(from_led(packet.X), to_follower_.trust() * packet.V, context.contact, context.dt);
     } else {
-      follows_.brake(context.contact, context.dt);
+      follows_.brake(arm.terms->X_WE(), context.contact, context.dt);
     }
     const ImpedanceGains gains = impedance_gains(parameters, context.contact);
     const CartesianTarget target = follows_.target();
@@ -240,42 +210,59 @@ class Teleoperation final : public Controllet {
     return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
   }
 
-  // Of what the other side sent. One whose packets falter counts as resting.
-  static Vector6 velocity(const TeleoperationPacket& packet, const ControlContext& context) {
-    constexpr double kFalters = 0.01;  // [s]
-    const double age = context.time_s - packet.sent_s;
-    return age > context.parameters->number(kDelay) + kFalters ? Vector6(Vector6::Zero()) : packet.V;
-  }
-
   // The leader: what it feels, and its damping.
   LawResult reflect(ControlContext& context, const TankLimits& limits) {
     OwnedArm& arm = context.arms[0];
     const ParameterSet& parameters = *context.parameters;
     const TeleoperationPacket& packet = to_leader_.newest();
-    const bool coupled = closed_ && to_leader_.any() && packet.alignment == alignments_;
+    if (engaged_.value() == 0) faded_out_ = true;
+    const bool coupled = closed_ && faded_out_ && to_leader_.any() && packet.alignment == alignments_;
     if (coupled) {
-      X_led_ = led_.X();
-      X_felt_ = packet.X;
-      V_felt_ = velocity(packet, context);
-      F_felt_ = packet.F;
-    } else {
-      V_felt_.setZero();
+      felt_ = {led_.X(), packet.X, map_, to_leader_.trust() * packet.V, packet.F};
     }
     const double engaged = engaged_.towards(coupled, context.dt);
+    if (!coupled && engaged == 0) correction_.reset(Vector6::Zero());
     ModelTerms& terms = *arm.terms;
     const Vector6 V = terms.V_WE().vector;
     Matrix6 D = Matrix6::Zero();
     D.diagonal().head<3>().setConstant(parameters.number(kLeaderDamping) + refill(parameters));
     const Coupling coupling = coupling_of(parameters, terms);
-    Vector6 V_felt = rotated(map_.transpose(), V_felt_);
+    Vector6 V_felt = rotated(felt_.map.transpose(), felt_.V);
     V_felt.head<3>() /= parameters.number(kScale);
-    const Vector6 spring = coupling.spring + coupling.D * V_felt;
-    correct(parameters, coupled, spring - coupling.D * V, context.time_s - packet.sent_s, context.dt);
+    const Vector6 damper = coupling.D * V_felt, felt = coupling.spring + damper - coupling.D * V;
+    if (coupled) correct(parameters, felt, context.time_s - packet.sent_s, context.dt);
     D += engaged * coupling.D;
-    const Vector6 pull = engaged * (spring + correction_.value());
+    const Vector6 drive = coupling.spring + correction_.value();
+    attend(arm, drive, coupled, context.dt);
+    const Vector6 pull = engaged * (bound_drive(drive, V, context.contact) + damper);
     const BoundedPull bounded = bound_pull(context.contact, pull, D * V, V.head<3>());
     const JointVector rest = -parameters.number(kLeaderJointDamping) * arm.dq();
     return apply(context, 0, bounded.remaining(pull), D, rest, limits);
+  }
+
+  // What drives the leader ends at kDriveEnds along its motion, below the speed of a hand: where nobody holds
+  // it, the coupling moves it no faster.
+  static Vector6 bound_drive(const Vector6& drive, const Vector6& V, const ContactBounds& bounds) {
+    constexpr double kDriveEnds = 0.2;  // [m/s]: 60 N over it are the most that bound_pull falls with speed
+    const double size = drive.head<3>().norm();
+    if (!(size > 0) || !std::isfinite(bounds.spring_force)) return drive;
+    const double speed = std::max(0.0, drive.head<3>().dot(V.head<3>()) / size);
+    const double most = bounds.spring_force * std::max(0.0, 1 - speed / kDriveEnds);
+    Vector6 left = drive;
+    left.head<3>() *= std::min(1.0, most / size);
+    return left;
+  }
+
+  // A leader that the follower drives, and that nobody resists, is held by nobody: its clutch opens. A person
+  // who leads is ahead of the follower, so the coupling resists the motion.
+  void attend(const OwnedArm& arm, const Vector6& drive, bool coupled, double dt) {
+    constexpr double kMoves = 0.05, kDrives = 2, kResists = 3, kLongest = 0.5;  // [m/s], [N], [N], [s]
+    const Vector3 v = arm.terms->V_WE().linear();
+    const double speed = v.norm();
+    const bool driven = coupled && speed > kMoves && drive.head<3>().dot(v) > kDrives * speed;
+    const bool free = arm.state->has_wrench_estimate && wrench_at_hand(arm).head<3>().norm() < kResists;
+    driven_s_ = driven && free ? driven_s_ + dt : 0;
+    if (driven_s_ > kLongest) unattended_ = true;
   }
 
   // A spring and damper between both hands, in the leader's axes:
@@ -293,15 +280,15 @@ class Teleoperation final : public Controllet {
     const double turning = gains.rotational_stiffness.maxCoeff(), asked = parameters.number(kForceScale);
     const double force_scale =
         std::min({asked, kStiffest / std::max(1.0, stiffest), kStiffestTurning / std::max(1.0, turning)});
-    const TaskStiffness K = gains.stiffness(X_felt_.rotation);
+    const TaskStiffness K = gains.stiffness(felt_.X.rotation);
     Matrix6 own = force_scale * K.matrix();
     own.topLeftCorner<3, 3>() *= scale;
     for (const Eigen::Index row : {0, 3}) {
-      const Matrix3 block = map_.transpose() * own.block<3, 3>(row, row) * map_;
+      const Matrix3 block = felt_.map.transpose() * own.block<3, 3>(row, row) * felt_.map;
       own.block<3, 3>(row, row) = block;
     }
-    const Vector6 spring = spring_wrench(K, pose_error(X_felt_, X_led_));
-    return {force_scale * rotated(map_.transpose(), spring),
+    const Vector6 spring = spring_wrench(K, pose_error(felt_.X, felt_.X_led));
+    return {force_scale * rotated(felt_.map.transpose(), spring),
             task_damping(terms.task().Lambda, own, gains.damping_ratio)};
   }
 
@@ -309,16 +296,17 @@ class Teleoperation final : public Controllet {
   // it they remain, since an impact that kicks the leader would lift the follower off, again and again. The
   // cutoff is lower where packets are old, 1 / (4 age) [rad/s], so that the reply to the leader's own motion
   // does not make it swing.
-  void correct(const ParameterSet& parameters, bool coupled, const Vector6& felt, double age, double dt) {
-    if (!needs_estimate(parameters) || !coupled) return correction_.reset(Vector6::Zero());
-    const Vector6 F = -parameters.number(kForceScale) * rotated(map_.transpose(), F_felt_);
+  void correct(const ParameterSet& parameters, const Vector6& felt, double age, double dt) {
+    const Vector6 F = -parameters.number(kForceScale) * rotated(felt_.map.transpose(), felt_.F);
     const double cutoff =
         std::min(parameters.number(kCutoff), 1 / (8 * std::numbers::pi * std::max(age, 1e-6)));
-    correction_.update(F - felt, cutoff, dt);
+    const bool by_estimate = needs_estimate(parameters);  // otherwise what is left of it fades
+    correction_.update(by_estimate ? Vector6(F - felt) : Vector6(Vector6::Zero()), cutoff, dt);
   }
 
   double refill(const ParameterSet& parameters) const {
     const double below = parameters.number(kRefillBelow);
+    if (unattended_) return parameters.number(kRefillDamping);  // it comes to rest
     if (!(below > 0)) return 0;
     return parameters.number(kRefillDamping) *
            std::clamp((below - sides_[0].tank.energy()) / below, 0.0, 1.0);
@@ -340,25 +328,37 @@ class Teleoperation final : public Controllet {
     out[kAge] = to_follower_.any() ? context.time_s - to_follower_.newest().sent_s : 0;
     const Vector6 error = pose_error(from_led(led_.X()), context.arms[1].terms->X_WE());
     std::copy_n(error.data(), 6, out.begin() + kError);
+    out[kSlipped] = slipped_ || unattended_ ? 1 : 0;
   }
 
   static constexpr double kStiffest = 5000, kStiffestTurning = 300;  // [N/m], [N m/rad]
 
   std::array<Side, 2> sides_;
   TeleoperationChannel to_follower_, to_leader_;
-  LeaderWatch watch_;
+  std::array<JumpDetector, 2> jumps_;
   LedPose led_;            // the leader's side
   FollowingPose follows_;  // the follower's side
   JointVector q_N_;
   Matrix3 map_ = Matrix3::Identity();
   bool closed_ = false;
+  std::size_t axes_ = 0;
   std::uint32_t alignments_ = 0;  // the leader's side: times that the clutch was closed
+  bool faded_out_ = false;        // what the leader felt, since then
+  bool unattended_ = false;       // nobody held the leader, until the clutch is opened
+  double driven_s_ = 0;           // for how long it was driven
   std::uint32_t aligned_ = 0;     // the follower's side: the one that it is aligned to; 0: none
+  bool slipped_ = false;          // it was left behind, until the clutch is opened
   Vector3 p_offset_ = Vector3::Zero();
   Matrix3 R_offset_ = Matrix3::Identity();
   Fade engaged_;
-  Pose X_led_, X_felt_;  // while the clutch is open: when it was opened
-  Vector6 V_felt_ = Vector6::Zero(), F_felt_ = Vector6::Zero();
+  // What the leader feels comes from these: where it led, and the follower's packet. While the clutch is
+  // open, as they were when it was opened, so that all parts fade out together.
+  struct Felt {
+    Pose X_led, X;
+    Matrix3 map = Matrix3::Identity();
+    Vector6 V = Vector6::Zero(), F = Vector6::Zero();
+  };
+  Felt felt_;
   LowPass<Vector6> correction_;
 };
 

@@ -1,12 +1,14 @@
 #include "core/controllets/teleoperation_channel.hpp"
 
+#include <algorithm>
+
 namespace multipanda {
 
 void TeleoperationChannel::start(std::uint32_t seed) {
   first_ = count_ = 0;
   newest_ = {};
   any_ = false;
-  under_way_ = lost_ = 0;
+  under_way_ = lost_ = trust_ = 0;
   random_.seed(seed);
 }
 
@@ -22,8 +24,9 @@ void TeleoperationChannel::send(const TeleoperationPacket& packet, double loss) 
   under_way_ += packet.energy;
 }
 
-double TeleoperationChannel::receive(double now_s, double delay_s) {
-  constexpr double kRounding = 1e-6;  // of loop times [s]
+double TeleoperationChannel::receive(double now_s, double delay_s, double dt) {
+  constexpr double kLate = 0.005, kFade = 0.02;  // [s]
+  constexpr double kRounding = 1e-6;             // of loop times [s]
   double energy = 0;
   while (count_ > 0 && ring_[first_].sent_s + delay_s <= now_s + kRounding) {
     newest_ = ring_[first_];
@@ -34,6 +37,8 @@ double TeleoperationChannel::receive(double now_s, double delay_s) {
     --count_;
   }
   if (count_ == 0) under_way_ = 0;  // no rounding is left over
+  const bool late = !any_ || now_s - newest_.sent_s > delay_s + kLate;
+  trust_ = std::clamp(trust_ + (late ? -dt : dt) / kFade, 0.0, 1.0);
   return energy;
 }
 

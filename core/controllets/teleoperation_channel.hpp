@@ -29,10 +29,13 @@ class TeleoperationChannel {
   void start(std::uint32_t seed);
   // `loss`: the probability that the packet never arrives. Without room it is lost, too.
   void send(const TeleoperationPacket& packet, double loss);
-  // Takes what has arrived by now. Returns its energy [J].
-  double receive(double now_s, double delay_s);
+  // Takes what has arrived by now, once per tick of dt. Returns its energy [J].
+  double receive(double now_s, double delay_s, double dt);
 
   bool any() const { return any_; }  // something has arrived since start()
+  // How far the velocity of the newest packet counts, 0 to 1: it fades while packets are late, so that a
+  // channel that falters neither drives on nor shakes a hand.
+  double trust() const { return trust_; }
   const TeleoperationPacket& newest() const { return newest_; }
   double under_way() const { return under_way_; }  // energy [J]
   double lost() const { return lost_; }            // energy [J]
@@ -44,7 +47,7 @@ class TeleoperationChannel {
   std::size_t first_ = 0, count_ = 0;
   TeleoperationPacket newest_;
   bool any_ = false;
-  double under_way_ = 0, lost_ = 0;
+  double under_way_ = 0, lost_ = 0, trust_ = 0;
   std::minstd_rand random_;
 };
 

@@ -1,5 +1,6 @@
 #include "core/controllets/teleoperation_channel.hpp"
 
+#include <cmath>
 #include <random>
 
 #include <gtest/gtest.h>
@@ -21,7 +22,7 @@ TEST(TeleoperationChannel, DeliversInOrderAfterTheDelay) {
   for (int k = 0; k < 300; ++k) {
     const double t = 0.001 * k;
     channel.send(packet(t, 0), 0);
-    channel.receive(t, 0.05);
+    channel.receive(t, 0.05, 0.001);
     ASSERT_EQ(channel.any(), k >= 50) << k;
     if (k < 50) continue;
     ASSERT_NEAR(channel.newest().X.position.x(), t - 0.05, 1e-12) << k;
@@ -32,7 +33,7 @@ TEST(TeleoperationChannel, DeliversWithoutDelayInTheSameTick) {
   TeleoperationChannel channel;
   channel.start(1);
   channel.send(packet(3, 0.25), 0);
-  EXPECT_EQ(channel.receive(3, 0), 0.25);
+  EXPECT_EQ(channel.receive(3, 0, 0.001), 0.25);
   EXPECT_EQ(channel.newest().sent_s, 3);
   EXPECT_EQ(channel.under_way(), 0);
 }
@@ -56,12 +57,36 @@ TEST(TeleoperationChannel, NeverCreatesEnergy) {
       const double energy = between(0, 0.01);
       channel.send(packet(t, energy), loss);
       sent += energy;
-      received += channel.receive(t, delay);
+      received += channel.receive(t, delay, 0.001);
       ASSERT_GE(channel.under_way(), -1e-12);
       ASSERT_NEAR(received + channel.under_way() + channel.lost(), sent, 1e-9) << seed << " " << k;
     }
     EXPECT_GT(channel.lost(), 0.1 * sent);
     EXPECT_GT(received, 0.1 * sent);
+  }
+}
+
+// Trust in a velocity comes and goes within 20 ms, so nothing that it drives steps; half of the packets
+// suffice.
+TEST(TeleoperationChannel, TrustsWhatArrivesInTime) {
+  for (const double loss : {0.0, 0.5, 0.95}) {
+    TeleoperationChannel channel;
+    channel.start(3);
+    double before = 0, mean = 0, least = 1;
+    for (int k = 0; k < 20000; ++k) {
+      const double t = 0.001 * k;
+      channel.send(packet(t, 0), loss);
+      channel.receive(t, 0.03, 0.001);
+      ASSERT_LE(std::abs(channel.trust() - before), 0.05 + 1e-12) << k;
+      before = channel.trust();
+      if (k < 200) continue;
+      mean += channel.trust() / 19800;
+      least = std::min(least, channel.trust());
+    }
+    EXPECT_TRUE(loss > 0 || least == 1);
+    EXPECT_TRUE(loss > 0.5 || mean > 0.99) << mean;
+    // It grows within 6 ticks of a packet that arrives, 1 - 0.95^6 = 26 % of the time; else it falls.
+    EXPECT_TRUE(loss < 0.95 || mean < 0.26) << mean;
   }
 }
 
@@ -73,7 +98,7 @@ TEST(TeleoperationChannel, LosesTheShareThatIsAskedForAndTheSameAfterARestart) {
     for (int k = 0; k < 10000; ++k) {
       const double t = 0.001 * k;
       channel.send(packet(t, 1), 0.3);
-      if (channel.receive(t, 0) > 0) run.push_back(k);
+      if (channel.receive(t, 0, 0.001) > 0) run.push_back(k);
     }
   }
   EXPECT_EQ(arrived[0], arrived[1]);

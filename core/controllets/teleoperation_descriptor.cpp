@@ -51,12 +51,14 @@ ControlletDescriptor descriptor() {
                                     .initial = {5},
                                     .max = 50,
                                     .doc = "Initial energy of each tank."}),
-          parameter_at<kTankMax>({.name = "tank_max_j",
-                                  .unit = "J",
-                                  .initial = {10},
-                                  .min = 0.5,
-                                  .max = 50,
-                                  .doc = "Largest energy of a tank; what is returned above it is lost."}),
+          parameter_at<kTankMax>(
+              {.name = "tank_max_j",
+               .unit = "J",
+               .initial = {10},
+               .min = 0.5,
+               .max = 50,
+               .doc = "Largest energy of a tank, from the next start on; what is returned above it "
+                      "is lost."}),
           parameter_at<kTankClosing>({.name = "tank_closing_j",
                                       .unit = "J",
                                       .initial = {0.1},
@@ -99,7 +101,10 @@ ControlletDescriptor descriptor() {
                                        "Force of the law on the follower's hand, world axes."),
           output_at<kFollowerForce + 3, 3>("follower_moment_nm", "Its moment."),
           output_at<kError, 3>("position_error_m", "From the follower's hand to where the leader leads now."),
-          output_at<kError + 3, 3>("orientation_error_rad", "The same, log(R_d R^T)."))};
+          output_at<kError + 3, 3>("orientation_error_rad", "The same, log(R_d R^T)."),
+          output_at<kSlipped>("slipped",
+                              "1: the follower was left behind, or nobody held the leader, so the "
+                              "clutch opened; set `clutch` to false and to true again."))};
 }
 
 }  // namespace multipanda::teleoperation

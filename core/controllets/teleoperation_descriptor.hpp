@@ -40,7 +40,8 @@ enum Output : std::size_t {
   kLeaderForce,
   kFollowerForce = kLeaderForce + 6,
   kError = kFollowerForce + 6,
-  kOutputCount = kError + 6
+  kSlipped = kError + 6,
+  kOutputCount
 };
 
 ControlletDescriptor descriptor();

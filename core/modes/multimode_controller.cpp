@@ -91,6 +91,12 @@ ArmSet MultimodeController::arms_of(InstanceSet set) const {
   return arms;
 }
 
+ArmSet MultimodeController::observed_by(InstanceSet set) const {
+  ArmSet arms;
+  for_each(set, [&](InstanceIndex i) { arms |= instances_[i]->observed(); });
+  return arms;
+}
+
 // The instances that run after `request`: the activated ones, the active ones that share no arm with them and
 // are not deactivated, and the holds of all arms that then have no owner.
 SwitchPlan MultimodeController::plan(InstanceSet active, const Request& request) const {
@@ -135,7 +141,8 @@ Verdict MultimodeController::check(const Request& request) const {
       if (observes_itself(next.start | next.keep)) return Verdict::observes_itself;
       const InstanceSet laws =
           request.activate & ~((InstanceSet{1} << arm_count()) - 1);  // holds may always run
-      return arms_of(laws).overlaps(stopped()) ? Verdict::arm_stopped : Verdict::accepted;
+      return (arms_of(laws) | observed_by(laws)).overlaps(stopped()) ? Verdict::arm_stopped
+                                                                     : Verdict::accepted;
     }
     case Request::Kind::resume:
       return (request.arms - ArmSet::all(arm_count())).empty() ? Verdict::accepted : Verdict::unknown_arm;

@@ -103,6 +103,7 @@ class MultimodeController {
   InstanceIndex hold_of(ArmIndex arm) const { return static_cast<InstanceIndex>(arm); }
   InstanceSet all_instances() const;
   ArmSet arms_of(InstanceSet set) const;
+  ArmSet observed_by(InstanceSet set) const;
   SwitchPlan plan(InstanceSet active, const Request& request) const;
   bool observes_itself(InstanceSet instances) const;
 
@@ -119,7 +120,9 @@ class MultimodeController {
   bool overtaken_by_stop(const Mailbox::Posted& posted) const;
   void take_waiting_starts(const Tick& tick);
   void watch_arm(ArmIndex arm, const Tick& tick);
+  Finding inspect_observed(ArmIndex arm) const;
   void inspect_observed(const Tick& tick);
+  bool sees_observed(InstanceIndex instance) const;  // none of the arms that it observes is lost
   void report_hold(ArmIndex arm, const Finding& finding, const Tick& tick);
   void emit(Event event, const Tick& tick);
   void emit_finding(EventKind kind, ArmIndex arm, InstanceIndex instance, const Finding& finding,

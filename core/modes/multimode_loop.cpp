@@ -88,8 +88,9 @@ void MultimodeController::give_up_starts(ArmSet arms) {
 void MultimodeController::take_waiting_starts(const Tick& tick) {
   give_up_starts(stopped_);
   for_each(waiting_, [&](InstanceIndex i) {
+    if (instances_[i]->observed().overlaps(stopped_)) waiting_ &= ~bit(i);
     const ArmSet arms = instances_[i]->arms();
-    if ((waiting_ & bit(i)) == 0 || !ready_.contains(arms)) return;
+    if ((waiting_ & bit(i)) == 0 || !ready_.contains(arms) || !sees_observed(i)) return;
     waiting_ &= ~bit(i);
     bool free = true;
     for_each(arms, [&](ArmIndex arm) {
@@ -203,11 +204,7 @@ Verdict MultimodeController::apply_switch(const Request& request, Answer& answer
   for_each(arms_of(answer.plan.start & ~holds), [&](ArmIndex arm) {
     ready = ready && !safety_.inspect(arm, blocks_.conditions[arm], blocks_.states[arm], blocks_.terms[arm]);
   });
-  for_each(answer.plan.start, [&](InstanceIndex i) {
-    for_each(instances_[i]->observed(), [&](ArmIndex arm) {
-      ready = ready && !safety_.inspect_observed(arm, blocks_.conditions[arm], blocks_.states[arm]);
-    });
-  });
+  for_each(answer.plan.start, [&](InstanceIndex i) { ready = ready && sees_observed(i); });
   if (!ready) return Verdict::arm_not_ready;
   bool started = true;
   for_each(answer.plan.start,
@@ -314,15 +311,26 @@ void MultimodeController::inspect(const Tick& tick) {
   inspect_observed(tick);
 }
 
-// What a lost arm last did is no set-point. The arms of its followers are held until they are switched again,
-// which aligns them again.
+// What a lost arm last did is no set-point, and who stops an arm stops what follows it. The followers' arms
+// are held until they are switched again, which aligns them again.
+Finding MultimodeController::inspect_observed(ArmIndex arm) const {
+  if (stopped_.contains(arm)) return {Intervention::observed_arm_lost};
+  return safety_.inspect_observed(arm, blocks_.conditions[arm], blocks_.states[arm]);
+}
+
 void MultimodeController::inspect_observed(const Tick& tick) {
   for_each(active_, [&](InstanceIndex i) {
     for_each(instances_[i]->observed(), [&](ArmIndex arm) {
-      const Finding finding = safety_.inspect_observed(arm, blocks_.conditions[arm], blocks_.states[arm]);
-      if (finding) evict(i, instances_[i]->arms().first(), finding, tick, false);
+      if (const Finding finding = inspect_observed(arm))
+        evict(i, instances_[i]->arms().first(), finding, tick, false);
     });
   });
+}
+
+bool MultimodeController::sees_observed(InstanceIndex instance) const {
+  bool sees = true;
+  for_each(instances_[instance]->observed(), [&](ArmIndex arm) { sees = sees && !inspect_observed(arm); });
+  return sees;
 }
 
 // The hold itself failed: only the arm's own gravity compensation remains. Nobody needs to hear this of an

@@ -91,6 +91,25 @@ TEST_F(Observed, WhoseErrorHoldsTheirFollowersOnly) {
   }
 }
 
+// Who stops an arm stops what follows it, also through another follower, in the same cycle.
+TEST_F(Observed, ThatAreStoppedStopTheirFollowers) {
+  ASSERT_TRUE(loop.activate({"w01", "w12", "s2"}).accepted());
+  loop.modes().stop(ArmSet::of(2));
+  loop.step();
+  EXPECT_FALSE(runs("w12"));
+  EXPECT_EQ(loop.modes().owner(1), 1);
+  EXPECT_TRUE(runs("w01"));  // what it observes is held, and moves no more
+  loop.modes().stop(ArmSet::of(1));
+  loop.step();
+  EXPECT_FALSE(runs("w01"));
+  EXPECT_EQ(lost(), 1u);
+  EXPECT_EQ(loop.activate({"w01"}).verdict, Verdict::arm_stopped);
+  ASSERT_TRUE(loop.ask({.kind = Request::Kind::resume, .arms = ArmSet::of(1)}).accepted());
+  loop.steps(10);
+  EXPECT_FALSE(runs("w01"));  // it does not go on by itself
+  EXPECT_TRUE(loop.activate({"w01"}).accepted());
+}
+
 TEST_F(Observed, MayBeGuidedByHand) {
   ASSERT_TRUE(loop.activate({"w01"}).accepted());
   leader_mode = ArmMode::guiding;

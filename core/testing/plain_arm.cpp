@@ -32,6 +32,12 @@ Eigen::MatrixXd PlainArm::jacobian(const Eigen::VectorXd& q) const {
   return point_jacobian(joints(q), joint_count() - 1, end_effector(q).position);
 }
 
+Vector3 PlainArm::elbow(const Eigen::VectorXd& q) const { return joints(q)[joint_count() / 2].position; }
+
+Eigen::MatrixXd PlainArm::elbow_jacobian(const Eigen::VectorXd& q) const {
+  return point_jacobian(joints(q), joint_count() / 2, elbow(q)).topRows(3);
+}
+
 Eigen::MatrixXd PlainArm::mass(const Eigen::VectorXd& q) const {
   const auto X_WJ = joints(q);
   Eigen::MatrixXd M = Eigen::MatrixXd::Zero(q.size(), q.size());

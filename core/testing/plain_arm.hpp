@@ -15,7 +15,9 @@ class PlainArm {
 
   std::size_t joint_count() const { return arm_.links.size(); }
   Pose end_effector(const Eigen::VectorXd& q) const;
-  Eigen::MatrixXd jacobian(const Eigen::VectorXd& q) const;  // of E's origin, linear first
+  Eigen::MatrixXd jacobian(const Eigen::VectorXd& q) const;        // of E's origin, linear first
+  Vector3 elbow(const Eigen::VectorXd& q) const;                   // origin of the middle joint
+  Eigen::MatrixXd elbow_jacobian(const Eigen::VectorXd& q) const;  // (3 x n)
   Eigen::MatrixXd mass(const Eigen::VectorXd& q) const;
   Eigen::VectorXd coriolis(const Eigen::VectorXd& q, const Eigen::VectorXd& dq) const;  // C dq
 

@@ -18,7 +18,7 @@ namespace {
 
 constexpr double kMass = 0.6, kStiffness = 75e3;  // [kg], [N/m]
 constexpr double kHalf = 0.05;                    // of the box that stands for the person's hand [m]
-constexpr double kFree = 0.12, kBeyond = 0.3;     // way to the hand, and from there to the goal [m]
+constexpr double kFree = 0.12;                    // way to the person's hand [m]
 constexpr double kBefore = 0.3, kWatched = 6;     // [s]
 // Rotor inertia seen at the joints, of the size that MuJoCo Menagerie's model of FR3 has [kg m^2].
 constexpr std::array<double, 7> kMotor = {0.195, 0.195, 0.195, 0.195, 0.074, 0.074, 0.074};
@@ -167,10 +167,10 @@ void remove_hand(MujocoBackend& backend) {
 }
 
 // A person leads the leader of a teleoperation downwards, as far as the goals of the others are.
-void lead(MujocoBackend& backend, teleoperation::Operator& person, double seconds) {
+void lead(MujocoBackend& backend, teleoperation::Operator& person, double way, double seconds) {
   constexpr double kSpeed = 0.4;  // faster than the follower's hand may be [m/s]
   Pose X = person.start();
-  X.position.z() -= std::clamp(kSpeed * seconds, 0.0, kFree + kBeyond);
+  X.position.z() -= std::clamp(kSpeed * seconds, 0.0, way);
   person.apply(backend, X);
 }
 
@@ -189,7 +189,7 @@ void set_goals(const Press& press, const Scene& scene, MultimodeController& mode
   };
   Kinematics kinematics(scene.arms[0]);
   Pose X = kinematics.at(scene.arms[0].q_start);
-  const Vector3 way(0, 0, -(kFree + kBeyond));
+  const Vector3 way(0, 0, -(kFree + press.beyond));
   if (press.controllet == "joint_impedance") {
     X.position += way;
     const JointVector q = kinematics.to(X, scene.arms[0].q_start);
@@ -245,7 +245,7 @@ Outcome run(const Press& press) {
   JointVector q = joint_constant(7, 0), dq = q;
   double touched_at = 0, low = 1e9, high = 0;
   for (int k = 0; k < static_cast<int>(1000 * (kBefore + kWatched)); ++k) {
-    if (person) lead(backend, *person, 1e-3 * k - kBefore);
+    if (person) lead(backend, *person, kFree + press.beyond, 1e-3 * k - kBefore);
     cycle.step(backend.wait());
     const double t = 1e-3 * k, force = force_on(backend, joint);
     const bool let_go =
@@ -267,6 +267,7 @@ Outcome run(const Press& press) {
     if (!outcome.touched) continue;
     double& largest = t - touched_at < kTransientTime ? outcome.impact : outcome.later;
     largest = std::max(largest, force);
+    outcome.at_end = force;
     if (t < kBefore + kWatched - 1) continue;
     low = std::min(low, force);
     high = std::max(high, force);

@@ -14,6 +14,7 @@ struct Press {
   bool bounded = true;          // with the bounds for contact
   double released_after_s = 0;  // since it was touched, the person's hand is gone; 0: never
   double stiffness = 0;         // of cartesian_impedance [N/m]; 0: its usual one
+  double beyond = 0.3;          // way from the person's hand to the goal [m]
 };
 
 inline constexpr int kPoses = 4;
@@ -24,6 +25,7 @@ inline constexpr double kTransient = 280, kQuasiStatic = 140, kTransientTime = 0
 struct Outcome {
   double impact = 0, later = 0;  // largest force of the spring until and after kTransientTime [N]
   double swing = 0;              // of the force in the last second [N]
+  double at_end = 0;             // [N]
   double hand_speed = 0;         // largest speed of the robot's hand before it touched [m/s]
   double let_go_speed = 0;       // the same after the person's hand is gone [m/s]
   bool touched = false;
