@@ -26,6 +26,7 @@ int run(const std::string& name) {
   }
   for (const auto& text : scene.lifted) fmt::print("  contact bound lifted: {}\n", text);
   for (const auto& text : scene.lowered) fmt::print("  {}\n", text);
+  for (const auto& text : scene.near_leaders) fmt::print("  {}\n", text);
   for (InstanceIndex i = 0; i < session.modes().instance_count(); ++i) {
     const Instance& instance = session.modes().instance(i);
     std::vector<std::string> arms, features;

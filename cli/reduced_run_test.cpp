@@ -43,6 +43,7 @@ SeenRun seen(const Scene& scene, const Course& course) {
   RecordLayout layout;
   layout.arms = {{.name = "near", .joint_count = 7}, {.name = "far", .joint_count = 7}};
   layout.instances.resize(2);
+  layout.instances[0].name = "follow";
   layout.instances[1].inputs.resize(1);
   SeenRun run(scene);
   run.begin(layout);
@@ -100,6 +101,24 @@ TEST_F(ReducedRunTest, FirstRunOnPhysicalArmsUntilOneSucceeded) {
   scene.text += " ";  // changed: another scene
   EXPECT_TRUE(ReducedRun(scene, Reduction::as_usual, memory_).reduced());
   EXPECT_FALSE(ReducedRun(scene, Reduction::refused, memory_).reduced());
+}
+
+// The leader's motion says nothing of its follower, whose law takes no commands.
+TEST_F(ReducedRunTest, FollowersHaveToMoveThemselves) {
+  Scene scene = scene_with("172.16.0.2");
+  scene.arms[0].fci.emplace().address = "172.16.0.3";
+  scene.arms[0].name = "near";
+  scene.controllets[0].name = "follow";
+  scene.controllets[0].arms = {0};
+  scene.controllets[0].observes = {1};
+  scene.active = {"follow"};
+  EXPECT_NE(seen(scene, {1, 9.5, 10}).missing().find("moved arm 'near', which follows, for 0.0 s"),
+            std::string::npos);
+  EXPECT_EQ(seen(scene, {1, 9.5, 10, 0.1, 0, 0}).missing(), "");
+  scene.timeline.clear();  // led by hand
+  scene.arms[1].fci.reset();
+  EXPECT_NE(seen(scene, {0, 5, 6, 0.1, 0, 0}).missing(), "");
+  EXPECT_EQ(seen(scene, {0, 11, 12, 0.1, 0, 0}).missing(), "");
 }
 
 TEST_F(ReducedRunTest, ArmsOfThisComputerAreNotReduced) {

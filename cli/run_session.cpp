@@ -67,6 +67,7 @@ RunSummary run_session(Session& session, StopSignals& signals, const Console& co
     console.line(fmt::format("contact bound lifted by the scene: {}", text));
   }
   for (const auto& text : session.scene().lowered) console.line(text);
+  for (const auto& text : session.scene().near_leaders) console.line(text);
   signals.attach(session);
   LiveDisplay display(console, session.scene().name, session.duration_s());
   session.start();

@@ -32,7 +32,16 @@ double speed_of(const ArmSample& arm, std::size_t joints) {
 
 bool is_physical(const SceneArm& arm) { return arm.fci && !is_on_this_computer(arm.fci->address); }
 
-SeenRun::SeenRun(const Scene& scene) : moving_s_(scene.arms.size()) {
+SeenRun::SeenRun(const Scene& scene) : follows_(scene.arms.size()), moving_s_(scene.arms.size()) {
+  for (const auto& config : scene.controllets) {
+    const bool leads_its_own = config.type == "teleoperation";
+    if (config.observes.empty() && !leads_its_own) continue;
+    followers_.insert(config.name);
+    const bool active =
+        std::find(scene.active.begin(), scene.active.end(), config.name) != scene.active.end();
+    for (std::size_t i = leads_its_own ? 1 : 0; i < config.arms.size(); ++i)
+      follows_[config.arms[i]] = follows_[config.arms[i]] || active;
+  }
   for (const auto& arm : scene.arms) {
     names_.push_back(arm.name);
     physical_.push_back(is_physical(arm));
@@ -46,7 +55,8 @@ SeenRun::SeenRun(const Scene& scene) : moving_s_(scene.arms.size()) {
 
 void SeenRun::begin(const RecordLayout& layout) {
   for (const auto& arm : layout.arms) joints_.push_back(arm.joint_count);
-  for (const auto& instance : layout.instances) commanded_.push_back(!instance.inputs.empty());
+  for (const auto& instance : layout.instances)
+    commanded_.push_back(!instance.inputs.empty() || followers_.contains(instance.name));
 }
 
 void SeenRun::take(const CycleRecord& record) {
@@ -72,6 +82,10 @@ std::string SeenRun::missing() const {
   for (std::size_t i = 0; i < physical_.size(); ++i) {
     if (!physical_[i]) continue;
     most = std::max(most, moving_s_[i]);
+    if (timeline_moves_ && follows_[i] && moving_s_[i] < kTimelineMotion_s) {
+      return fmt::format("moved arm '{}', which follows, for {:.1f} s; expected {:g} s", names_[i],
+                         moving_s_[i], kTimelineMotion_s);
+    }
     if (!timeline_moves_ && moving_s_[i] < kCommandedMotion_s) {
       return fmt::format("moved arm '{}' for {:.1f} s; expected {:g} s for each arm", names_[i], moving_s_[i],
                          kCommandedMotion_s);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <set>
 #include <string>
 #include <vector>
 
@@ -17,7 +18,7 @@ bool is_physical(const SceneArm& arm);  // not on this computer
 // A scene whose timeline moves arms has been seen when the timeline was over, a physical arm had moved for
 // kTimelineMotion_s, and all of them were at rest for kRest_s: with lower bounds a motion takes longer than
 // the timeline says. Any other scene moves as programs command it: every physical arm must have moved for
-// kCommandedMotion_s.
+// kCommandedMotion_s. An arm that follows another has been seen when it moved itself.
 class SeenRun {
  public:
   static constexpr double kMoving = 0.02;         // [rad/s]
@@ -34,6 +35,8 @@ class SeenRun {
  private:
   std::vector<std::string> names_;  // of the arms
   std::vector<bool> physical_;
+  std::vector<bool> follows_;        // of each arm: it is led from the start
+  std::set<std::string> followers_;  // instances that are led, without commands
   bool timeline_moves_ = false;
   double timeline_ends_s_ = 0;
 

@@ -174,6 +174,7 @@ void visit(Archive& archive, SceneReader& reader) {
                 std::to_string(kMaxInstances) + " with the holds of the arms), found " +
                 std::to_string(scene.controllets.size()));
   }
+  note_near_leaders(scene);
   read_active(archive, reader);
   read_timeline(archive, reader);
   archive.section(Key("ros", "How `run --ros` shows the run in ROS 2."), scene.ros);

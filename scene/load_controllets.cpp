@@ -364,6 +364,25 @@ void visit(Archive& archive, InstanceConfig& config, SceneReader& reader) {
   places[config.name] = archive.self().place();
 }
 
+// A follower that touches its leader pushes what leads it, and nothing ends that.
+void note_near_leaders(Scene& scene) {
+  constexpr double kBothReach = 2;  // two Franka arms with hands and tools [m]
+  for (const auto& config : scene.controllets) {
+    const auto& features = config.features;
+    if (std::find(features.begin(), features.end(), "collision_avoidance") != features.end()) continue;
+    for (const ArmIndex leader : config.observes) {
+      for (const ArmIndex own : config.arms) {
+        const Vector3 between = scene.arms[own].X_WB.position - scene.arms[leader].X_WB.position;
+        if (between.norm() > kBothReach) continue;
+        scene.near_leaders.push_back("'" + config.name + "': arm '" + scene.arms[own].name +
+                                     "' may reach its leader '" + scene.arms[leader].name +
+                                     "' and push it on; keep their workspaces apart, or add the feature "
+                                     "collision_avoidance");
+      }
+    }
+  }
+}
+
 void read_active(Archive& archive, SceneReader& reader) {
   const auto names = archive.names(
       Key("active",

@@ -53,6 +53,7 @@ void visit(Archive& archive, OtherInput& input);
 void visit(Archive& archive, RosSection& ros);
 void visit(Archive& archive, RosSection::Rates& rates);
 void visit(Archive& archive, Pose& X);  // a section of its own
+void note_near_leaders(Scene& scene);
 void read_active(Archive& archive, SceneReader& reader);
 void read_timeline(Archive& archive, SceneReader& reader);  // after read_active
 
