@@ -7,6 +7,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "core/modes/registry.hpp"
 #include "scene/build.hpp"
 #include "scene/scene_reference.hpp"
 #include "scene/testing/test_scenes.hpp"
@@ -144,6 +145,25 @@ TEST(Load, SpeedsLoweredByTheContactBoundsAreTold) {
                                    "hand_speed_m_per_s in the scene's contact_bounds lifts it"));
   EXPECT_THAT(lowered("contact_bounds: {hand_speed_m_per_s: 0.4}\n", "pose: {max_speed_m_per_s: 0.4}"),
               testing::IsEmpty());
+}
+
+// A follower that touches its leader pushes what leads it.
+TEST(Load, FollowersThatMayReachTheirLeadersAreTold) {
+  const Registry types = Registry::with_builtins();
+  const auto near = [&](const std::string& y, const std::string& keys) {
+    return parse_scene("arms: [{name: left}, {name: right, base: {position_m: [0, " + y +
+                           ", 0]}}]\ncontrollets: [{name: f, type: pose_follower, arms: right, observes: "
+                           "left" +
+                           keys + "}]\n",
+                       "s.yaml", types)
+        .near_leaders;
+  };
+  EXPECT_THAT(near("1.5", ""),
+              testing::ElementsAre(testing::AllOf(testing::HasSubstr("'f': arm 'right' may reach its leader "
+                                                                     "'left'"),
+                                                  testing::HasSubstr("collision_avoidance"))));
+  EXPECT_THAT(near("1.5", ", features: [joint_limits, collision_avoidance]"), testing::IsEmpty());
+  EXPECT_THAT(near("2.5", ""), testing::IsEmpty());
 }
 
 TEST(Load, ReadsWhatIsWritten) {

@@ -83,7 +83,7 @@ class Teleoperation final : public Controllet {
     return {0, parameters.number(kTankMax), parameters.number(kTankClosing)};
   }
 
-  // Both sides align anew when it closes, and when the axes change; what the leader felt fades out before.
+  // Both sides align again when it closes, and when the axes change; what the leader felt fades out before.
   void turn_clutch(const ParameterSet& parameters) {
     if (!parameters.flag(kClutch)) unattended_ = false;
     const bool closed = parameters.flag(kClutch) && !unattended_;

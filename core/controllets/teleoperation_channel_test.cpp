@@ -66,8 +66,8 @@ TEST(TeleoperationChannel, NeverCreatesEnergy) {
   }
 }
 
-// Trust in a velocity comes and goes within 20 ms, so nothing that it drives steps; half of the packets
-// suffice.
+// Trust in a velocity comes and goes within 20 ms, so nothing that it drives steps. Half of
+// the packets suffice.
 TEST(TeleoperationChannel, TrustsWhatArrivesInTime) {
   for (const double loss : {0.0, 0.5, 0.95}) {
     TeleoperationChannel channel;

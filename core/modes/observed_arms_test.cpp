@@ -91,7 +91,7 @@ TEST_F(Observed, WhoseErrorHoldsTheirFollowersOnly) {
   }
 }
 
-// Who stops an arm stops what follows it, also through another follower, in the same cycle.
+// A stop of an arm stops what follows it, also through another follower, in the same cycle.
 TEST_F(Observed, ThatAreStoppedStopTheirFollowers) {
   ASSERT_TRUE(loop.activate({"w01", "w12", "s2"}).accepted());
   loop.modes().stop(ArmSet::of(2));
