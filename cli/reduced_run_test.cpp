@@ -115,6 +115,11 @@ TEST_F(ReducedRunTest, FollowersHaveToMoveThemselves) {
   EXPECT_NE(seen(scene, {1, 9.5, 10}).missing().find("moved arm 'near', which follows, for 0.0 s"),
             std::string::npos);
   EXPECT_EQ(seen(scene, {1, 9.5, 10, 0.1, 0, 0}).missing(), "");
+  scene.active.clear();  // no matter when it begins
+  EXPECT_EQ(seen(scene, {1, 9.5, 10}).missing(), "");
+  scene.timeline.push_back(
+      {.at_s = 1, .what = TimelineEvent::What::switch_controllets, .activate = {"follow"}});
+  EXPECT_NE(seen(scene, {1, 9.5, 10}).missing(), "");
   scene.timeline.clear();  // led by hand
   scene.arms[1].fci.reset();
   EXPECT_NE(seen(scene, {0, 5, 6, 0.1, 0, 0}).missing(), "");

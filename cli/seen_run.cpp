@@ -28,6 +28,16 @@ double speed_of(const ArmSample& arm, std::size_t joints) {
   return speed;
 }
 
+// At the start or by the timeline.
+bool is_started(const Scene& scene, const std::string& name) {
+  const auto names = [&](const std::vector<std::string>& list) {
+    return std::find(list.begin(), list.end(), name) != list.end();
+  };
+  return names(scene.active) ||
+         std::any_of(scene.timeline.begin(), scene.timeline.end(),
+                     [&](const TimelineEvent& event) { return names(event.activate); });
+}
+
 }  // namespace
 
 bool is_physical(const SceneArm& arm) { return arm.fci && !is_on_this_computer(arm.fci->address); }
@@ -37,10 +47,8 @@ SeenRun::SeenRun(const Scene& scene) : follows_(scene.arms.size()), moving_s_(sc
     const bool leads_its_own = config.type == "teleoperation";
     if (config.observes.empty() && !leads_its_own) continue;
     followers_.insert(config.name);
-    const bool active =
-        std::find(scene.active.begin(), scene.active.end(), config.name) != scene.active.end();
     for (std::size_t i = leads_its_own ? 1 : 0; i < config.arms.size(); ++i)
-      follows_[config.arms[i]] = follows_[config.arms[i]] || active;
+      follows_[config.arms[i]] = follows_[config.arms[i]] || is_started(scene, config.name);
   }
   for (const auto& arm : scene.arms) {
     names_.push_back(arm.name);

@@ -56,20 +56,30 @@ double largest_lag(const ContactBounds& bounds) {
   return kTime * std::min(kSpeed, bounds.hand_speed);
 }
 
-bool Clutch::turn(bool asked, bool left_behind) {
+double strain_of(const Vector6& spring, const ContactBounds& bounds) {
+  const BoundedPull pull = bound_pull(tighter(bounds, {}), spring, Vector6::Zero(), Vector3::Zero());
+  return std::max(pull.force_share, pull.moment_share);
+}
+
+bool Clutch::turn(bool asked, bool left_behind, double strain, double dt) {
+  constexpr double kBlocked = 0.8, kFor_s = 0.3;
   if (!asked) {
     start();
-  } else if (!left_behind) {
-    arrived_ = true;
-  } else if (arrived_) {
-    slipped_ = true;
+    return false;
   }
-  return asked && !slipped_;
+  arrived_ = arrived_ || !left_behind;
+  blocked_s_ = strain > kBlocked && !arrived_ ? blocked_s_ + dt : 0;
+  if ((arrived_ && left_behind) || blocked_s_ > kFor_s || strain > kLargestStrain) slipped_ = true;
+  return !slipped_;
 }
 
 bool FollowingPose::left_behind(const Pose& X, const ContactBounds& bounds) const {
   const Vector6 lag = pose_error(X, X_d_);
   return lag.head<3>().norm() > largest_lag(bounds) || lag.tail<3>().norm() > kLargestLagAngle;
+}
+
+double FollowingPose::strain(const Pose& X_WE, const ImpedanceGains& gains) const {
+  return strain_of(spring_wrench(gains.stiffness(X_d_.rotation), pose_error(X_d_, X_WE)), gains.contact);
 }
 
 void FollowingPose::start(const Pose& X) {
@@ -85,8 +95,8 @@ void FollowingPose::advance(const Pose& X, const Vector6& V, const ContactBounds
   move(V, pose_error(X, X_d_), bounds, dt);
 }
 
-void FollowingPose::brake(const Pose& X_WE, const ContactBounds& bounds, double dt) {
-  if (!yields_ && motion_.rests() && std::max(force_.share(), moment_.share()) > kYieldsFrom) {
+void FollowingPose::brake(const Pose& X_WE, double strain, const ContactBounds& bounds, double dt) {
+  if (!yields_ && motion_.rests() && strain > kYieldsFrom) {
     yields_ = true;
     X_yields_ = X_WE;
   }

@@ -41,21 +41,28 @@ class JumpDetector {
 inline constexpr double kLargestLagAngle = 0.5;   // of a hand [rad]
 double largest_lag(const ContactBounds& bounds);  // of a hand: its way in 0.5 s at its greatest speed [m]
 
+// Strain: the pull of springs between set-point and arm, over what the bounds for contact allow; over the
+// usual bounds where a scene lifts them.
+double strain_of(const Vector6& spring, const ContactBounds& bounds);
+// A strain beyond which nothing goes on: 180 N, 45 N m. Only lifted bounds let it come to that.
+inline constexpr double kLargestStrain = 3;
+
 // The clutch between leader and follower: closed as the parameter `clutch` asks, until the set-point is left
-// behind. It then slips, which opens it until the parameter is set to false and to true again. An alignment
-// may begin far away: it slips only after it has arrived once.
+// behind, or the strain is too large. It then slips, which opens it until the parameter is set to false and
+// to true again. An alignment may begin far away: before it has arrived once, it slips if it is blocked.
 class Clutch {
  public:
-  void start() { arrived_ = slipped_ = false; }
-  bool turn(bool asked, bool left_behind);  // whether it is closed
+  void start() { *this = {}; }
+  bool turn(bool asked, bool left_behind, double strain, double dt);  // whether it is closed
   bool slipped() const { return slipped_; }
 
  private:
   bool arrived_ = false, slipped_ = false;
+  double blocked_s_ = 0;
 };
 
-// An open clutch does not press on: a set-point at rest whose pull is above this share of what is allowed
-// goes to where its hand is. Below, loads that nobody declared and friction do not make an arm sag.
+// An open clutch does not press on: a set-point at rest goes to where its hand is if the strain is above
+// this. Below, loads that nobody declared and friction do not make an arm sag.
 inline constexpr double kYieldsFrom = 0.5;
 
 // The set-point of a hand that follows a pose.
@@ -64,8 +71,8 @@ class FollowingPose {
   void start(const Pose& X);
   // Towards the target X with velocity V, world axes. `bounds` limit the hand's speed.
   void advance(const Pose& X, const Vector6& V, const ContactBounds& bounds, double dt);
-  // Brakes to rest; then yields to a hand at X_WE that is pulled hard (kYieldsFrom).
-  void brake(const Pose& X_WE, const ContactBounds& bounds, double dt);
+  // Brakes to rest; then yields to a hand at X_WE whose strain is above kYieldsFrom.
+  void brake(const Pose& X_WE, double strain, const ContactBounds& bounds, double dt);
   // What pulled the hand in this tick: the set-point waits for it from the next one on.
   void resist(const Vector6& pull, double force_share, double moment_share, double dt);
   void carry(const Pose& X);  // the end effector was redefined, X away from the old one
@@ -73,6 +80,7 @@ class FollowingPose {
   const Pose& X() const { return X_d_; }
   CartesianTarget target() const;
   bool left_behind(const Pose& X, const ContactBounds& bounds) const;  // by the target X
+  double strain(const Pose& X_WE, const ImpedanceGains& gains) const;
 
  private:
   void move(const JointVector& velocity, const JointVector& difference, const ContactBounds& bounds,

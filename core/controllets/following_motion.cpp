@@ -41,6 +41,21 @@ void Resistance::hold_back(JointVector& motion) const {
   }
 }
 
+void Resistance::relieve(JointVector& way, const JointVector& target_velocity) const {
+  constexpr double kLight = 0.3, kHard = 0.5;  // shares of the allowed pull
+  constexpr double kGoes = 0.02;               // [m/s], [rad/s]
+  const double size = pull_.norm();
+  if (!(share_ > kLight && size > 0)) return;
+  const double along = pull_.dot(way) / size, back = -pull_.dot(target_velocity) / size;
+  if (!(along > 0 && back > 0)) return;
+  const double taken = std::min(1.0, back / kGoes) * std::min(1.0, (share_ - kLight) / (kHard - kLight));
+  if (waits_ == Waits::all) {
+    way *= 1 - taken;
+  } else {
+    way -= taken * along / size * pull_;
+  }
+}
+
 void FollowingMotion::start(Eigen::Index coordinates) { v_ = a_ = JointVector::Zero(coordinates); }
 
 JointVector FollowingMotion::desired(const JointVector& difference, const JointVector& target_velocity,
@@ -49,6 +64,7 @@ JointVector FollowingMotion::desired(const JointVector& difference, const JointV
   const auto part = [&](const JointVector& x) { return JointVector(x.segment(limits.first, limits.count)); };
   JointVector e = part(difference) - dt * part(v_), v = part(target_velocity);  // at the end of this tick
   clamp_norm(v, limits.speed);  // else a velocity that does not belong to the target's way would carry it off
+  resistance.relieve(e, v);
   if (resistance.waits() == Resistance::Waits::along) {
     // First, so that a way on which it waits takes no speed from the others.
     resistance.hold_back(e);

@@ -33,6 +33,9 @@ class Resistance {
   void update(const JointVector& pull, double share, double dt);
   // What is left of a motion that loads the arm, by 0.8 of the allowed pull all of it, by the whole nothing.
   void hold_back(JointVector& motion) const;
+  // What is left of the way to a target that goes back, with this velocity: the set-point relieves the arm as
+  // the target goes, instead of making up for its lag first. While the pull is light, the whole way is left.
+  void relieve(JointVector& way, const JointVector& target_velocity) const;
   Waits waits() const { return waits_; }
   const JointVector& pull() const { return pull_; }
   double share() const { return share_; }

@@ -71,11 +71,12 @@ class JointFollower final : public Controllet {
     const ParameterSet& parameters = *context.parameters;
     const Elbow elbow(*arm.terms);
     const JointVector dq_led = lead(context);
-    if (clutch_.turn(parameters.flag(kClutch), left_behind(context))) {
+    const double strain = strain_at(elbow, context);
+    if (clutch_.turn(parameters.flag(kClutch), left_behind(context), strain, context.dt)) {
       yields_ = false;
       follow(q_goal_, dq_led, elbow, context);
     } else {
-      brake(elbow, context);
+      brake(strain, elbow, context);
     }
     JointGains gains{.stiffness = parameters.joints(kStiffness),
                      .damping_ratio = parameters.number(kDampingRatio),
@@ -135,6 +136,15 @@ class JointFollower final : public Controllet {
            of_hand.norm() > largest_lag(context.contact);
   }
 
+  double strain_at(const Elbow& elbow, const ControlContext& context) const {
+    const OwnedArm& arm = context.arms[0];
+    const JointVector spring = context.parameters->joints(kStiffness).cwiseProduct(q_d_ - arm.q());
+    Vector6 at_elbow = Vector6::Zero();
+    at_elbow.head<3>() = elbow.force(spring);
+    return std::max(strain_of(press_at_hand(*arm.terms, spring), context.contact),
+                    strain_of(at_elbow, context.contact));
+  }
+
   void follow(const JointVector& goal, const JointVector& dq_goal, const Elbow& elbow,
               const ControlContext& context) {
     const FollowingLimits limits{
@@ -148,8 +158,8 @@ class JointFollower final : public Controllet {
   }
 
   // To rest, then, where the arm is pulled hard, to where it is. What the leader leads to begins here again.
-  void brake(const Elbow& elbow, const ControlContext& context) {
-    if (!yields_ && motion_.rests() && resistance_.share() > kYieldsFrom) {
+  void brake(double strain, const Elbow& elbow, const ControlContext& context) {
+    if (!yields_ && motion_.rests() && strain > kYieldsFrom) {
       yields_ = true;
       q_yields_ = context.arms[0].q();
     }

@@ -6,10 +6,15 @@
 #include "core/controllets/damping_design.hpp"
 
 namespace multipanda {
+
+Vector6 press_at_hand(ModelTerms& terms, const JointVector& tau) {
+  const TaskSpace& task = terms.task();
+  return task.press() * Vector6(task.J_bar.transpose().lazyProduct(tau));
+}
+
 namespace {
 
-// The pull of all joints acts at the hand like the wrench J_bar^T tau, J_bar = M^-1 J^T Lambda (Khatib
-// 1987), more near a singular pose (TaskSpace::press): the force that keeps the hand where it is. The whole
+// The pull of all joints acts at the hand like a wrench, the force that keeps the hand where it is. The whole
 // pull is scaled until that keeps to its bounds. A motion of the null space does not show at the hand, so the
 // force at the elbow may be bounded likewise.
 void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, const JointVector& damping,

@@ -37,16 +37,17 @@ class PoseFollower final : public Controllet {
     OwnedArm& arm = context.arms[0];
     const ParameterSet& parameters = *context.parameters;
     lead(context);
+    const ImpedanceGains gains = impedance_gains(parameters, context.contact);
     const bool left_behind = follows_.left_behind(led_.X(), context.contact);
-    if (clutch_.turn(parameters.flag(kClutch), left_behind)) {
+    const double strain = follows_.strain(arm.terms->X_WE(), gains);
+    if (clutch_.turn(parameters.flag(kClutch), left_behind, strain, context.dt)) {
       follows_.advance(led_.X(), led_.V(), context.contact, context.dt);
     } else {
-      follows_.brake(arm.terms->X_WE(), context.contact, context.dt);
+      follows_.brake(arm.terms->X_WE(), strain, context.contact, context.dt);
       led_.place(follows_.X());
     }
     TaskForce force;
-    const LawResult result = cartesian_impedance_law(impedance_gains(parameters, context.contact),
-                                                     null_space_gains(parameters, context.contact),
+    const LawResult result = cartesian_impedance_law(gains, null_space_gains(parameters, context.contact),
                                                      follows_.target(), arm, q_N_, force);
     follows_.resist(force.pull, force.bounded.force_share, force.bounded.moment_share, context.dt);
     show(force, context.outputs);

@@ -40,10 +40,10 @@ class Teleoperation final : public Controllet {
     R_offset_.setIdentity();
     alignments_ = aligned_ = 0;
     closed_ = faded_out_ = unattended_ = slipped_ = false;
-    driven_s_ = 0;
+    driven_s_ = slipped_at_s_ = 0;
     engaged_.reset(false);
     correction_.reset(Vector6::Zero());
-    felt_ = {.X_led = led_.X(), .X = led_.X()};
+    felt_ = {};
     return LawResult::ok;
   }
 
@@ -70,7 +70,12 @@ class Teleoperation final : public Controllet {
   // leader's new end effector.)
   void end_effector_moved(ControlContext& /*context*/, std::size_t arm, const Pose& X) override {
     closed_ = false;
-    if (arm == 0) return;
+    if (arm == 0) {  // what it feels fades out where it was
+      const Vector3 p_back = -(felt_.R * X.position);
+      felt_.spring = shifted({felt_.spring}, p_back).vector;
+      correction_.reset(shifted({correction_.value()}, p_back).vector);
+      return;
+    }
     follows_.carry(X);
     aligned_ = 0;
   }
@@ -132,7 +137,7 @@ class Teleoperation final : public Controllet {
     to_follower_.send(forth, loss);
     sides_[1].tank.give(-to_follower_.receive(context.time_s, delay, context.dt));
     align();
-    slip(from_led(to_follower_.newest().X), context.contact);
+    slip(context);
     back.alignment = aligned_;
     back.X = to_led(follower.terms->X_WE());
     back.V = follower.terms->V_WE().vector;
@@ -145,7 +150,7 @@ class Teleoperation final : public Controllet {
   // that is left behind later, the clutch slips until it is opened.
   void align() {
     const TeleoperationPacket& packet = to_follower_.newest();
-    if (packet.alignment == 0) slipped_ = false;
+    if (packet.alignment == 0 && packet.sent_s >= slipped_at_s_) slipped_ = false;
     const std::uint32_t alignment = to_follower_.any() && !slipped_ ? packet.alignment : 0;
     if (alignment != 0 && alignment != aligned_) {
       p_offset_ = follows_.X().position - packet.X.position;
@@ -153,10 +158,18 @@ class Teleoperation final : public Controllet {
     }
     aligned_ = alignment;
   }
-  void slip(const Pose& X_t, const ContactBounds& bounds) {
-    if (aligned_ == 0 || !follows_.left_behind(X_t, bounds)) return;
+  void slip(const ControlContext& context) {
+    if (aligned_ == 0 || !(follows_.left_behind(from_led(to_follower_.newest().X), context.contact) ||
+                           strain(context) > kLargestStrain)) {
+      return;
+    }
     slipped_ = true;
+    slipped_at_s_ = context.time_s;  // a clutch that was opened before does not end it
     aligned_ = 0;
+  }
+  double strain(const ControlContext& context) const {
+    return follows_.strain(context.arms[1].terms->X_WE(),
+                           impedance_gains(*context.parameters, context.contact));
   }
   Pose from_led(const Pose& X) const { return {X.rotation * R_offset_, X.position + p_offset_}; }
   Pose to_led(const Pose& X) const { return {X.rotation * R_offset_.transpose(), X.position - p_offset_}; }
@@ -174,7 +187,7 @@ class Teleoperation final : public Controllet {
     if (aligned_ != 0) {
       follows_.advance(from_led(packet.X), to_follower_.trust() * packet.V, context.contact, context.dt);
     } else {
-      follows_.brake(arm.terms->X_WE(), context.contact, context.dt);
+      follows_.brake(arm.terms->X_WE(), strain(context), context.contact, context.dt);
     }
     const ImpedanceGains gains = impedance_gains(parameters, context.contact);
     const CartesianTarget target = follows_.target();
@@ -217,22 +230,17 @@ class Teleoperation final : public Controllet {
     const TeleoperationPacket& packet = to_leader_.newest();
     if (engaged_.value() == 0) faded_out_ = true;
     const bool coupled = closed_ && faded_out_ && to_leader_.any() && packet.alignment == alignments_;
-    if (coupled) {
-      felt_ = {led_.X(), packet.X, map_, to_leader_.trust() * packet.V, packet.F};
-    }
+    if (coupled) felt_ = coupling_of(parameters, arm);
     const double engaged = engaged_.towards(coupled, context.dt);
-    if (!coupled && engaged == 0) correction_.reset(Vector6::Zero());
-    ModelTerms& terms = *arm.terms;
-    const Vector6 V = terms.V_WE().vector;
-    Matrix6 D = Matrix6::Zero();
-    D.diagonal().head<3>().setConstant(parameters.number(kLeaderDamping) + refill(parameters));
-    const Coupling coupling = coupling_of(parameters, terms);
-    Vector6 V_felt = rotated(felt_.map.transpose(), felt_.V);
-    V_felt.head<3>() /= parameters.number(kScale);
-    const Vector6 damper = coupling.D * V_felt, felt = coupling.spring + damper - coupling.D * V;
-    if (coupled) correct(parameters, felt, context.time_s - packet.sent_s, context.dt);
-    D += engaged * coupling.D;
-    const Vector6 drive = coupling.spring + correction_.value();
+    if (!coupled && engaged == 0) {
+      correction_.reset(Vector6::Zero());
+      felt_ = {};
+    }
+    const Vector6 V = arm.terms->V_WE().vector, damper = felt_.D * felt_.V;
+    if (coupled) correct(parameters, felt_.spring + damper - felt_.D * V, packet, context);
+    Matrix6 D = engaged * felt_.D;
+    D.diagonal().head<3>().array() += parameters.number(kLeaderDamping) + refill(parameters, engaged);
+    const Vector6 drive = felt_.spring + correction_.value();
     attend(arm, drive, coupled, context.dt);
     const Vector6 pull = engaged * (bound_drive(drive, V, context.contact) + damper);
     const BoundedPull bounded = bound_pull(context.contact, pull, D * V, V.head<3>());
@@ -241,13 +249,13 @@ class Teleoperation final : public Controllet {
   }
 
   // What drives the leader ends at kDriveEnds along its motion, below the speed of a hand: where nobody holds
-  // it, the coupling moves it no faster.
+  // it, the coupling moves it no faster; nor does it drive harder where a scene lifts the bounds.
   static Vector6 bound_drive(const Vector6& drive, const Vector6& V, const ContactBounds& bounds) {
     constexpr double kDriveEnds = 0.2;  // [m/s]: 60 N over it are the most that bound_pull falls with speed
     const double size = drive.head<3>().norm();
-    if (!(size > 0) || !std::isfinite(bounds.spring_force)) return drive;
+    if (!(size > 0)) return drive;
     const double speed = std::max(0.0, drive.head<3>().dot(V.head<3>()) / size);
-    const double most = bounds.spring_force * std::max(0.0, 1 - speed / kDriveEnds);
+    const double most = tighter(bounds, {}).spring_force * std::max(0.0, 1 - speed / kDriveEnds);
     Vector6 left = drive;
     left.head<3>() *= std::min(1.0, most / size);
     return left;
@@ -268,48 +276,59 @@ class Teleoperation final : public Controllet {
   // A spring and damper between both hands, in the leader's axes:
   //   K x~ + D (V_f - V_l),   x~ from where the leader leads to the follower's hand
   // K is that of the follower, times the scales, so that both feel the same force at rest; no stiffer than K
-  // may be, whatever the scales are.
+  // may be, whatever the scales are. While the clutch is open, all parts stay as they were when it was
+  // opened, so that they fade out together.
   struct Coupling {
-    Vector6 spring;
-    Matrix6 D;
+    Vector6 spring = Vector6::Zero();
+    Matrix6 D = Matrix6::Zero();
+    Vector6 V = Vector6::Zero();      // of the follower
+    Matrix3 R = Matrix3::Identity();  // of the leader's hand
   };
-  Coupling coupling_of(const ParameterSet& parameters, ModelTerms& terms) const {
+  Coupling coupling_of(const ParameterSet& parameters, const OwnedArm& leader) const {
+    const TeleoperationPacket& packet = to_leader_.newest();
     const double scale = parameters.number(kScale);
     const ImpedanceGains gains = impedance_gains(parameters);
     const double stiffest = scale * gains.translational_stiffness.maxCoeff();
     const double turning = gains.rotational_stiffness.maxCoeff(), asked = parameters.number(kForceScale);
     const double force_scale =
         std::min({asked, kStiffest / std::max(1.0, stiffest), kStiffestTurning / std::max(1.0, turning)});
-    const TaskStiffness K = gains.stiffness(felt_.X.rotation);
+    const TaskStiffness K = gains.stiffness(packet.X.rotation);
     Matrix6 own = force_scale * K.matrix();
     own.topLeftCorner<3, 3>() *= scale;
     for (const Eigen::Index row : {0, 3}) {
-      const Matrix3 block = felt_.map.transpose() * own.block<3, 3>(row, row) * felt_.map;
+      const Matrix3 block = map_.transpose() * own.block<3, 3>(row, row) * map_;
       own.block<3, 3>(row, row) = block;
     }
-    const Vector6 spring = spring_wrench(K, pose_error(felt_.X, felt_.X_led));
-    return {force_scale * rotated(felt_.map.transpose(), spring),
-            task_damping(terms.task().Lambda, own, gains.damping_ratio)};
+    const Vector6 spring = spring_wrench(K, pose_error(packet.X, led_.X()));
+    Coupling coupling{.spring = force_scale * rotated(map_.transpose(), spring),
+                      .D = task_damping(leader.terms->task().Lambda, own, gains.damping_ratio),
+                      .V = to_leader_.trust() * rotated(map_.transpose(), packet.V),
+                      .R = leader.terms->X_WE().rotation};
+    coupling.V.head<3>() /= scale;
+    return coupling;
   }
 
   // Position-force: below the cutoff, what the follower exerts replaces the spring and damper, `felt`. Above
   // it they remain, since an impact that kicks the leader would lift the follower off, again and again. The
   // cutoff is lower where packets are old, 1 / (4 age) [rad/s], so that the reply to the leader's own motion
   // does not make it swing.
-  void correct(const ParameterSet& parameters, const Vector6& felt, double age, double dt) {
-    const Vector6 F = -parameters.number(kForceScale) * rotated(felt_.map.transpose(), felt_.F);
-    const double cutoff =
-        std::min(parameters.number(kCutoff), 1 / (8 * std::numbers::pi * std::max(age, 1e-6)));
+  void correct(const ParameterSet& parameters, const Vector6& felt, const TeleoperationPacket& packet,
+               const ControlContext& context) {
+    const Vector6 F = -parameters.number(kForceScale) * rotated(map_.transpose(), packet.F);
+    const double age = context.time_s - packet.sent_s,
+                 cutoff =
+                     std::min(parameters.number(kCutoff), 1 / (8 * std::numbers::pi * std::max(age, 1e-6)));
     const bool by_estimate = needs_estimate(parameters);  // otherwise what is left of it fades
-    correction_.update(by_estimate ? Vector6(F - felt) : Vector6(Vector6::Zero()), cutoff, dt);
+    correction_.update(by_estimate ? Vector6(F - felt) : Vector6(Vector6::Zero()), cutoff, context.dt);
   }
 
-  double refill(const ParameterSet& parameters) const {
+  // Additional damping of the leader: while its tank is nearly empty, and as far as the coupling does not act
+  // though the clutch is asked to be closed, since perhaps nobody holds it.
+  double refill(const ParameterSet& parameters, double engaged) const {
     const double below = parameters.number(kRefillBelow);
-    if (unattended_) return parameters.number(kRefillDamping);  // it comes to rest
-    if (!(below > 0)) return 0;
-    return parameters.number(kRefillDamping) *
-           std::clamp((below - sides_[0].tank.energy()) / below, 0.0, 1.0);
+    const double empty = below > 0 ? std::clamp((below - sides_[0].tank.energy()) / below, 0.0, 1.0) : 0;
+    const double open = parameters.flag(kClutch) ? 1 - engaged : 0;
+    return parameters.number(kRefillDamping) * std::max(empty, open);
   }
 
   void show(ControlContext& context) const {
@@ -348,17 +367,11 @@ class Teleoperation final : public Controllet {
   double driven_s_ = 0;           // for how long it was driven
   std::uint32_t aligned_ = 0;     // the follower's side: the one that it is aligned to; 0: none
   bool slipped_ = false;          // it was left behind, until the clutch is opened
+  double slipped_at_s_ = 0;
   Vector3 p_offset_ = Vector3::Zero();
   Matrix3 R_offset_ = Matrix3::Identity();
   Fade engaged_;
-  // What the leader feels comes from these: where it led, and the follower's packet. While the clutch is
-  // open, as they were when it was opened, so that all parts fade out together.
-  struct Felt {
-    Pose X_led, X;
-    Matrix3 map = Matrix3::Identity();
-    Vector6 V = Vector6::Zero(), F = Vector6::Zero();
-  };
-  Felt felt_;
+  Coupling felt_;
   LowPass<Vector6> correction_;
 };
 

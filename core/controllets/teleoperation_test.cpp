@@ -297,6 +297,11 @@ TEST(Teleoperation, SlipsWhenTheFollowerIsLeftBehind) {
     for (const std::size_t i : {0u, 1u}) EXPECT_LT(arms.wrench(i).norm(), 0.1) << architecture << i;
     arms.lead(-way, 3);
     EXPECT_LT(arms.wrench(0).norm(), 5) << architecture;  // its own damping
+    for (int k = 0; k < 100; ++k) ASSERT_EQ(arms.tick(0.3 * way), LawResult::ok);
+    // Perhaps nobody holds it: 5 N s/m of its own and 30 N s/m more; and 0.1 N m s/rad of the joints.
+    const Vector3 v = arms.V_WE(0).head<3>(), F = arms.wrench(0).head<3>();
+    EXPECT_NEAR(-F.dot(v) / v.squaredNorm(), 35, 5) << architecture;
+    arms.wait(0.01);
     EXPECT_LT(arms.wrench(1).norm(), 0.1) << architecture;
     arms.rig.set("clutch", {0});
     arms.wait(0.1);
@@ -308,11 +313,38 @@ TEST(Teleoperation, SlipsWhenTheFollowerIsLeftBehind) {
   }
 }
 
+// The person who opened the clutch before the follower slipped has not seen it slip, so it stays open.
+TEST(Teleoperation, AnOldOpeningDoesNotEndANewSlip) {
+  Held arms(38);
+  arms.rig.bound({});
+  arms.rig.set("channel_delay_s", {0.2});
+  ASSERT_EQ(arms.rig.start(), LawResult::ok);
+  arms.wait(0.5);
+  JointVector way = arms.draw.joints(7, 1);
+  way *= 0.6 / (arms.plain[0].jacobian(arms.q[0]) * way).head<3>().norm();  // 0.6 m/s of the hand
+  int ticks = 0;
+  for (; ticks < 1000 && arms.rig.output("slipped")[0] == 0; ++ticks) {
+    ASSERT_EQ(arms.tick(way), LawResult::ok);
+  }
+  // The same again, with an opening of 10 ms that begins 0.1 s before it slips.
+  Held again(38);
+  again.rig.bound({});
+  again.rig.set("channel_delay_s", {0.2});
+  ASSERT_EQ(again.rig.start(), LawResult::ok);
+  again.wait(0.5);
+  for (int k = 0; k < ticks + 400; ++k) {
+    if (k == ticks - 100) again.rig.set("clutch", {0});
+    if (k == ticks - 90) again.rig.set("clutch", {1});
+    ASSERT_EQ(again.tick(k < ticks ? way : JointVector(JointVector::Zero(7))), LawResult::ok);
+    ASSERT_EQ(again.rig.output("slipped")[0], k >= ticks - 1 ? 1 : 0) << k;
+  }
+}
+
 // The clutch opened, and the axes changed, in the middle of a motion: what the leader feels fades.
 TEST(Teleoperation, LetsALeaderGoWithoutAKickInMotion) {
   for (const double architecture : {0.0, 1.0}) {
     for (const double delay : {0.0, 0.1}) {
-      for (const char* what : {"clutch", "axes", "architecture"}) {
+      for (const char* what : {"clutch", "axes", "architecture", "clutch and stiffness"}) {
         Held arms(35);
         arms.rig.bound({});
         arms.rig.set("architecture", {architecture});
@@ -332,8 +364,14 @@ TEST(Teleoperation, LetsALeaderGoWithoutAKickInMotion) {
           arms.q[1] = begin + led[at] - led[0];
           arms.rig.place(1, arms.q[1], arms.dq[1]);
           if (k == 500) {
-            const bool opens = std::string(what) == "clutch";
-            arms.rig.set(what, {opens ? 0.0 : std::string(what) == "axes" ? 1.0 : 1.0 - architecture});
+            const std::string_view name = what;
+            if (name.starts_with("clutch")) {
+              arms.rig.set("clutch", {0});
+            } else {
+              arms.rig.set(what, {name == "axes" ? 1.0 : 1.0 - architecture});
+            }
+            if (name.ends_with("stiffness"))
+              arms.rig.set("translational_stiffness_n_per_m", {5000, 5000, 5000});
           }
           ASSERT_EQ(arms.tick(way * std::min(1.0, 0.005 * k)), LawResult::ok);
           const Vector6 F = arms.wrench(0);

@@ -119,6 +119,7 @@ class MultimodeController {
   void stop_now(ArmSet arms, const Tick& tick);
   bool overtaken_by_stop(const Mailbox::Posted& posted) const;
   void take_waiting_starts(const Tick& tick);
+  void give_up_starts_that_observe(ArmSet arms);
   void watch_arm(ArmIndex arm, const Tick& tick);
   Finding inspect_observed(ArmIndex arm) const;
   void inspect_observed(const Tick& tick);
@@ -140,14 +141,15 @@ class MultimodeController {
   std::vector<ScheduledRequest> schedule_;
   std::size_t next_scheduled_ = 0;
 
-  InstanceSet active_ = 0;                       // loop
-  ArmSet stopped_;                               // loop
-  ArmSet asked_to_stop_;                         // loop: of those, all that the schedule may not resume
-  std::array<HostTime, kMaxArms> stopped_at_{};  // loop: when the arm was last stopped
-  Verdict batch_verdict_ = Verdict::accepted;    // loop: of the batch that is being taken
-  InstanceSet waiting_ = 0;                      // loop: starts waiting for their arms
-  ArmSet ready_;                                 // loop: arms that are ready for them
-  std::atomic<InstanceSet> active_shared_{0};    // copies for other threads
+  InstanceSet active_ = 0;                        // loop
+  ArmSet stopped_;                                // loop
+  ArmSet asked_to_stop_;                          // loop: of those, all that the schedule may not resume
+  std::array<HostTime, kMaxArms> stopped_at_{};   // loop: when the arm was last stopped
+  Verdict batch_verdict_ = Verdict::accepted;     // loop: of the batch that is being taken
+  InstanceSet waiting_ = 0;                       // loop: starts waiting for their arms
+  std::array<double, kMaxInstances> waited_s_{};  // loop: for observed arms only, since their own were ready
+  ArmSet ready_;                                  // loop: arms that are ready for them
+  std::atomic<InstanceSet> active_shared_{0};     // copies for other threads
   std::atomic<std::uint32_t> stopped_shared_{0};
   std::array<std::atomic<InstanceIndex>, kMaxArms> owners_{};
   std::atomic<std::uint32_t> stop_requests_{0};

@@ -75,6 +75,7 @@ bool MultimodeController::overtaken_by_stop(const Mailbox::Posted& posted) const
 
 void MultimodeController::start_when_ready(InstanceSet instances) {
   waiting_ = instances & all_instances();
+  waited_s_.fill(0);
   ready_ = {};
 }
 
@@ -84,13 +85,21 @@ void MultimodeController::give_up_starts(ArmSet arms) {
   });
 }
 
+void MultimodeController::give_up_starts_that_observe(ArmSet arms) {
+  for_each(waiting_, [&](InstanceIndex i) {
+    if (instances_[i]->observed().overlaps(arms)) waiting_ &= ~bit(i);
+  });
+}
+
 // After all other requests of this boundary, which may have canceled waiting starts.
 void MultimodeController::take_waiting_starts(const Tick& tick) {
+  constexpr double kPatience_s = 5;  // with observed arms: nobody expects a start that comes minutes later
   give_up_starts(stopped_);
+  give_up_starts_that_observe(stopped_);
   for_each(waiting_, [&](InstanceIndex i) {
-    if (instances_[i]->observed().overlaps(stopped_)) waiting_ &= ~bit(i);
     const ArmSet arms = instances_[i]->arms();
-    if ((waiting_ & bit(i)) == 0 || !ready_.contains(arms) || !sees_observed(i)) return;
+    if ((waiting_ & bit(i)) == 0 || !ready_.contains(arms)) return;            // one before it may cancel it
+    if (!sees_observed(i) && (waited_s_[i] += tick.dt) < kPatience_s) return;  // then it is refused
     waiting_ &= ~bit(i);
     bool free = true;
     for_each(arms, [&](ArmIndex arm) {
@@ -183,6 +192,7 @@ void MultimodeController::apply(const Request& request, std::uint64_t ticket, Ho
         stopped_shared_.store(stopped_.bits(), std::memory_order_release);
         for_each(arms, [&](ArmIndex arm) { instances_[hold_of(arm)]->set_stopped(false); });
         give_up_starts(arms);  // a resume starts nothing by itself
+        give_up_starts_that_observe(arms);
         event.kind = EventKind::resumed;
         event.arms = arms.bits();
         break;

@@ -110,6 +110,28 @@ TEST_F(Observed, ThatAreStoppedStopTheirFollowers) {
   EXPECT_TRUE(loop.activate({"w01"}).accepted());
 }
 
+// A start that waits for its own arms waits for the leader, too, though not for minutes: nobody would expect
+// it to move. A resume of the leader ends it, as any start that waits.
+TEST_F(Observed, AreWaitedForSomeSecondsOnly) {
+  enum class Ends { in_time, too_late, resumed };
+  for (const Ends ends : {Ends::in_time, Ends::too_late, Ends::resumed}) {
+    leader_mode = ArmMode::user_stopped;
+    loop.modes().start_when_ready(loop.set({"w01"}));
+    for (int k = 0; k < (ends == Ends::too_late ? 5500 : 2000); ++k) {
+      loop.modes().set_ready(ArmSet::of(0));
+      loop.step();
+    }
+    if (ends == Ends::resumed) {
+      ASSERT_TRUE(loop.ask({.kind = Request::Kind::resume, .arms = ArmSet::of(1)}).accepted());
+    }
+    EXPECT_FALSE(runs("w01"));
+    leader_mode = ArmMode::move;
+    loop.steps(10);
+    EXPECT_EQ(runs("w01"), ends == Ends::in_time) << static_cast<int>(ends);
+    ASSERT_TRUE(loop.ask({.deactivate = loop.set({"w01"})}).accepted());
+  }
+}
+
 TEST_F(Observed, MayBeGuidedByHand) {
   ASSERT_TRUE(loop.activate({"w01"}).accepted());
   leader_mode = ArmMode::guiding;
