@@ -35,7 +35,7 @@ class SeenRun {
  private:
   std::vector<std::string> names_;  // of the arms
   std::vector<bool> physical_;
-  std::vector<bool> follows_;        // of each arm: it is led from the start
+  std::vector<bool> follows_;        // of each arm: it is led from the start, or by the timeline
   std::set<std::string> followers_;  // instances that are led, without commands
   bool timeline_moves_ = false;
   double timeline_ends_s_ = 0;

@@ -48,6 +48,11 @@ BoundedPull bound_pull(const ContactBounds& bounds, const Vector6& pull, const V
           share_of(moment, bounds.spring_moment + along(pull.tail<3>(), moment, damping.tail<3>()))};
 }
 
+double strain_of(const Vector6& spring, const ContactBounds& bounds) {
+  const BoundedPull pull = bound_pull(tighter(bounds, {}), spring, Vector6::Zero(), Vector3::Zero());
+  return std::max(pull.force_share, pull.moment_share);
+}
+
 Vector6 BoundedPull::remaining(const Vector6& pull) const {
   Vector6 left = pull;
   if (force_share > 1) left.head<3>() /= force_share;

@@ -41,6 +41,10 @@ struct BoundedPull {
 BoundedPull bound_pull(const ContactBounds& bounds, const Vector6& pull, const Vector6& damping,
                        const Vector3& v);
 
+// Strain: the pull of springs between set-point and arm (6 x 1) [N, N m], over what the bounds allow; over
+// the usual bounds where a scene lifts them.
+double strain_of(const Vector6& spring, const ContactBounds& bounds);
+
 // The largest c in [0, 1] with |base + c extra| <= limit, for |base| <= limit.
 double largest_share(const Vector3& base, const Vector3& extra, double limit);
 

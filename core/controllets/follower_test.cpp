@@ -15,33 +15,8 @@ using namespace test;
 
 // Arm 0 follows, arm 1 leads; both bases are rotated and off the origin. The follower is held where it is, so
 // that its error shows its set-point.
-struct Pair : MovingLaw {
-  Pair(const ControlletType& type, std::uint32_t seed = 5) : MovingLaw(type, 2, seed) {
-    for (std::size_t i = 0; i < 2; ++i) {
-      q[i] = bent(7) + draw.joints(7, 0.1);
-      dq[i] = JointVector::Zero(7);
-      rig.place(i, q[i], dq[i]);
-    }
-  }
-  // One tick in which the leader moves with this velocity.
-  LawResult tick(const JointVector& velocity) {
-    q[1] += 0.001 * velocity;
-    dq[1] = velocity;
-    rig.place(1, q[1], dq[1]);
-    return rig.tick(0.001);
-  }
-  // A smooth motion of the leader from rest to rest.
-  void lead(const JointVector& way, double seconds) {
-    const int ticks = static_cast<int>(seconds * 1000);
-    for (int k = 0; k < ticks; ++k) {
-      const double s = (k + 0.5) / ticks;
-      ASSERT_EQ(tick(30 * s * s * (1 - s) * (1 - s) / seconds * way), LawResult::ok);
-    }
-  }
-  void wait(double seconds) {
-    for (int k = 0; k < static_cast<int>(seconds * 1000); ++k)
-      ASSERT_EQ(tick(JointVector::Zero(7)), LawResult::ok);
-  }
+struct Pair : LedLaw {
+  explicit Pair(const ControlletType& type, std::uint32_t seed = 5) : LedLaw(type, 1, seed) {}
   Pose set_point() {
     const Pose X = X_WE(0);
     return {exp_rotation(shown("orientation_error_rad")) * X.rotation,

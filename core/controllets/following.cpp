@@ -56,11 +56,6 @@ double largest_lag(const ContactBounds& bounds) {
   return kTime * std::min(kSpeed, bounds.hand_speed);
 }
 
-double strain_of(const Vector6& spring, const ContactBounds& bounds) {
-  const BoundedPull pull = bound_pull(tighter(bounds, {}), spring, Vector6::Zero(), Vector3::Zero());
-  return std::max(pull.force_share, pull.moment_share);
-}
-
 bool Clutch::turn(bool asked, bool left_behind, double strain, double dt) {
   constexpr double kBlocked = 0.8, kFor_s = 0.3;
   if (!asked) {

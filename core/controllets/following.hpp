@@ -41,10 +41,7 @@ class JumpDetector {
 inline constexpr double kLargestLagAngle = 0.5;   // of a hand [rad]
 double largest_lag(const ContactBounds& bounds);  // of a hand: its way in 0.5 s at its greatest speed [m]
 
-// Strain: the pull of springs between set-point and arm, over what the bounds for contact allow; over the
-// usual bounds where a scene lifts them.
-double strain_of(const Vector6& spring, const ContactBounds& bounds);
-// A strain beyond which nothing goes on: 180 N, 45 N m. Only lifted bounds let it come to that.
+// A strain (strain_of()) beyond which nothing goes on: 180 N, 45 N m. Only lifted bounds let it come to that.
 inline constexpr double kLargestStrain = 3;
 
 // The clutch between leader and follower: closed as the parameter `clutch` asks, until the set-point is left

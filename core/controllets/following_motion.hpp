@@ -37,8 +37,6 @@ class Resistance {
   // the target goes, instead of making up for its lag first. While the pull is light, the whole way is left.
   void relieve(JointVector& way, const JointVector& target_velocity) const;
   Waits waits() const { return waits_; }
-  const JointVector& pull() const { return pull_; }
-  double share() const { return share_; }
 
  private:
   JointVector pull_;

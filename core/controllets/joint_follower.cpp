@@ -26,18 +26,8 @@ class JointFollower final : public Controllet {
         .doc = "The joints follow those of another arm, the leader, which it observes and does not own.",
         .observes = 1,
         .parameters = spec_table<kParameterCount>(
-            parameter_at<kStiffness>(
-                {.name = "stiffness_nm_per_rad",
-                 .unit = "N m/rad",
-                 .size = ParameterSpec::kPerJoint,
-                 .initial = {600, 600, 600, 600, 250, 150, 50, 50, 50, 50, 50, 50, 50, 50, 50, 50},
-                 .max = 1000,
-                 .doc = "Joint stiffness K."}),
-            parameter_at<kDampingRatio>({.name = "damping_ratio",
-                                         .initial = {1.0},
-                                         .min = 0.1,
-                                         .max = 2,
-                                         .doc = "Damping ratio zeta of every mode."}),
+            parameter_at<kStiffness>(joint_stiffness_parameter()),
+            parameter_at<kDampingRatio>(joint_damping_ratio_parameter()),
             parameter_at<kClutch>(clutch_parameter()), parameter_at<kAlignment>(alignment_parameter()),
             parameter_at<kScale>({.name = "joint_scale",
                                   .size = ParameterSpec::kPerJoint,
@@ -57,6 +47,7 @@ class JointFollower final : public Controllet {
     const JointVector& q = context.arms[0].q();
     q_led_ = q_d_ = q_begin_ = q;
     yields_ = false;
+    strain_ = 0;
     clutch_.start();
     q_leader_ = context.observed[0].q();
     jumps_.start(context.observed[0]);
@@ -71,12 +62,11 @@ class JointFollower final : public Controllet {
     const ParameterSet& parameters = *context.parameters;
     const Elbow elbow(*arm.terms);
     const JointVector dq_led = lead(context);
-    const double strain = strain_at(elbow, context);
-    if (clutch_.turn(parameters.flag(kClutch), left_behind(context), strain, context.dt)) {
+    if (clutch_.turn(parameters.flag(kClutch), left_behind(context), strain_, context.dt)) {
       yields_ = false;
       follow(q_goal_, dq_led, elbow, context);
     } else {
-      brake(strain, elbow, context);
+      brake(elbow, context);
     }
     JointGains gains{.stiffness = parameters.joints(kStiffness),
                      .damping_ratio = parameters.number(kDampingRatio),
@@ -85,6 +75,7 @@ class JointFollower final : public Controllet {
     JointPull pull;
     const LawResult result = joint_impedance_law(gains, target, context.contact, arm, pull);
     resistance_.update(pull.torque, pull.share, context.dt);
+    strain_ = pull.strain;
     context.outputs[kLargestError] = (q_d_ - arm.q()).lpNorm<Eigen::Infinity>();
     context.outputs[kLargestLag] = (q_goal_ - q_d_).lpNorm<Eigen::Infinity>();
     context.outputs[kSlipped] = clutch_.slipped() ? 1 : 0;
@@ -136,15 +127,6 @@ class JointFollower final : public Controllet {
            of_hand.norm() > largest_lag(context.contact);
   }
 
-  double strain_at(const Elbow& elbow, const ControlContext& context) const {
-    const OwnedArm& arm = context.arms[0];
-    const JointVector spring = context.parameters->joints(kStiffness).cwiseProduct(q_d_ - arm.q());
-    Vector6 at_elbow = Vector6::Zero();
-    at_elbow.head<3>() = elbow.force(spring);
-    return std::max(strain_of(press_at_hand(*arm.terms, spring), context.contact),
-                    strain_of(at_elbow, context.contact));
-  }
-
   void follow(const JointVector& goal, const JointVector& dq_goal, const Elbow& elbow,
               const ControlContext& context) {
     const FollowingLimits limits{
@@ -158,8 +140,8 @@ class JointFollower final : public Controllet {
   }
 
   // To rest, then, where the arm is pulled hard, to where it is. What the leader leads to begins here again.
-  void brake(double strain, const Elbow& elbow, const ControlContext& context) {
-    if (!yields_ && motion_.rests() && strain > kYieldsFrom) {
+  void brake(const Elbow& elbow, const ControlContext& context) {
+    if (!yields_ && motion_.rests() && strain_ > kYieldsFrom) {
       yields_ = true;
       q_yields_ = context.arms[0].q();
     }
@@ -171,6 +153,7 @@ class JointFollower final : public Controllet {
   JumpDetector jumps_;
   Clutch clutch_;
   bool yields_ = false;
+  double strain_ = 0;  // in the last tick
   JointVector q_led_, q_goal_, q_leader_, q_d_, q_begin_, q_yields_;
   FollowingMotion motion_;
   Resistance resistance_;

@@ -17,18 +17,8 @@ class JointImpedance final : public Controllet {
         .inputs = spec_table<kInputCount>(
             input_at<kJoints>({.name = "joints", .quantity = Quantity::joints, .doc = "q_d [rad]."})),
         .parameters = spec_table<kParameterCount>(
-            parameter_at<kStiffness>(
-                {.name = "stiffness_nm_per_rad",
-                 .unit = "N m/rad",
-                 .size = ParameterSpec::kPerJoint,
-                 .initial = {600, 600, 600, 600, 250, 150, 50, 50, 50, 50, 50, 50, 50, 50, 50, 50},
-                 .max = 1000,
-                 .doc = "Joint stiffness K."}),
-            parameter_at<kDampingRatio>({.name = "damping_ratio",
-                                         .initial = {1.0},
-                                         .min = 0.1,
-                                         .max = 2,
-                                         .doc = "Damping ratio zeta of every mode."}),
+            parameter_at<kStiffness>(joint_stiffness_parameter()),
+            parameter_at<kDampingRatio>(joint_damping_ratio_parameter()),
             parameter_at<kDampingDesign>(choice_parameter("damping_design", {"coupled", "diagonal", "given"},
                                                           "D from the full M and K, from the M_ii and K_i of "
                                                           "each joint, or from damping_nms_per_rad.")),

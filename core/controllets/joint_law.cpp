@@ -6,19 +6,14 @@
 #include "core/controllets/damping_design.hpp"
 
 namespace multipanda {
-
-Vector6 press_at_hand(ModelTerms& terms, const JointVector& tau) {
-  const TaskSpace& task = terms.task();
-  return task.press() * Vector6(task.J_bar.transpose().lazyProduct(tau));
-}
-
 namespace {
 
-// The pull of all joints acts at the hand like a wrench, the force that keeps the hand where it is. The whole
+// The pull of all joints acts at the hand like the wrench J_bar^T tau, J_bar = M^-1 J^T Lambda (Khatib
+// 1987), more near a singular pose (TaskSpace::press): the force that keeps the hand where it is. The whole
 // pull is scaled until that keeps to its bounds. A motion of the null space does not show at the hand, so the
 // force at the elbow may be bounded likewise.
-void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, const JointVector& damping,
-           JointVector& tau, JointPull& drawn) {
+void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, const JointVector& spring,
+           const JointVector& damping, JointVector& tau, JointPull& drawn) {
   const TaskSpace& task = arm.terms->task();
   const Matrix6 press = task.press();
   const auto at_hand = [&](const JointVector& x) {
@@ -32,12 +27,32 @@ void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, cons
     damps.head<3>() = elbow->force(damping);
     const double share = bound_pull(contact, pushes, damps, elbow->velocity(arm.dq())).force_share;
     bounded.force_share = std::max(bounded.force_share, share);
+    pushes.head<3>() = elbow->force(spring);
+    drawn.strain = std::max(strain_of(at_hand(spring), contact), strain_of(pushes, contact));
   }
-  drawn = {pull, std::max(bounded.force_share, bounded.moment_share)};
+  drawn.torque = pull;
+  drawn.share = std::max(bounded.force_share, bounded.moment_share);
   if (bounded.factor() < 1) tau -= (1 - bounded.factor()) * pull;
 }
 
 }  // namespace
+
+ParameterSpec joint_stiffness_parameter() {
+  return {.name = "stiffness_nm_per_rad",
+          .unit = "N m/rad",
+          .size = ParameterSpec::kPerJoint,
+          .initial = {600, 600, 600, 600, 250, 150, 50, 50, 50, 50, 50, 50, 50, 50, 50, 50},
+          .max = 1000,
+          .doc = "Joint stiffness K."};
+}
+
+ParameterSpec joint_damping_ratio_parameter() {
+  return {.name = "damping_ratio",
+          .initial = {1.0},
+          .min = 0.1,
+          .max = 2,
+          .doc = "Damping ratio zeta of every mode."};
+}
 
 LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target,
                               const ContactBounds& contact, OwnedArm& arm, JointPull& pull) {
@@ -45,7 +60,8 @@ LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target
   const JointVector& K = gains.stiffness;
   const JointVector error = target.q_d - arm.q();
   const JointVector velocity_error = target.dq_d - arm.dq();
-  JointVector tau = K.cwiseProduct(error) + arm.terms->c();
+  const JointVector spring = K.cwiseProduct(error);
+  JointVector tau = spring + arm.terms->c();
   JointVector damping;  // D dq
   switch (gains.design) {
     case JointGains::Damping::coupled: {
@@ -68,9 +84,9 @@ LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target
     }
   }
   if (gains.acceleration_feedforward) tau += M.lazyProduct(target.ddq_d);
-  pull = {JointVector::Zero(arm.q().size()), 0};
-  if (std::isfinite(contact.spring_force + contact.spring_moment))
-    bound(contact, gains.elbow, arm, damping, tau, pull);
+  pull = {JointVector::Zero(arm.q().size()), 0, 0};
+  if (gains.elbow != nullptr || std::isfinite(contact.spring_force + contact.spring_moment))
+    bound(contact, gains.elbow, arm, spring, damping, tau, pull);
   if (!tau.allFinite()) return LawResult::fault;
   *arm.tau = tau;
   return LawResult::ok;

@@ -24,16 +24,17 @@ struct JointTarget {
   JointVector q_d, dq_d, ddq_d;  // (n x 1)
 };
 
+ParameterSpec joint_stiffness_parameter();
+ParameterSpec joint_damping_ratio_parameter();
+
 // The pull of the set-point, without damping, and its share of what the bounds for contact allow, zero where
 // they are lifted.
 struct JointPull {
   JointVector torque;
   double share = 0;
+  double strain =
+      0;  // of the springs K (q_d - q) at hand and elbow (strain_of()); only if gains.elbow is set
 };
-
-// What a torque presses with on something that holds the hand, (6 x 1) [N, N m], world axes: J_bar^T tau,
-// J_bar = M^-1 J^T Lambda (Khatib 1987), more near a singular pose (TaskSpace::press).
-Vector6 press_at_hand(ModelTerms& terms, const JointVector& tau);
 
 // tau = K (q_d - q) + D (dq_d - dq) + C dq [+ M ddq_d], the pull within the bounds for contact. The result is
 // in arm.tau; fault if it is not finite.

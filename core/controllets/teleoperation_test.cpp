@@ -14,35 +14,13 @@ namespace {
 using namespace test;
 
 // Arm 0 leads, arm 1 follows and stays where it is. Both bases are rotated and off the origin.
-struct Held : MovingLaw {
-  explicit Held(std::uint32_t seed = 21) : MovingLaw(teleoperation_controllet(), 2, seed) {
-    for (std::size_t i = 0; i < 2; ++i) {
-      q[i] = bent(7) + draw.joints(7, 0.1);
-      dq[i] = JointVector::Zero(7);
-      rig.place(i, q[i], dq[i]);
-      rig.state(i).has_wrench_estimate = true;
-    }
+struct Held : LedLaw {
+  explicit Held(std::uint32_t seed = 21) : LedLaw(teleoperation_controllet(), 0, seed) {
+    for (std::size_t i = 0; i < 2; ++i) rig.state(i).has_wrench_estimate = true;
     rig.set("nullspace_stiffness_nm_per_rad", {0});
   }
   Matrix3 R_map() {
     return rig.terms(1).model().X_WB().rotation * rig.terms(0).model().X_WB().rotation.transpose();
-  }
-  LawResult tick(const JointVector& velocity) {
-    q[0] += 0.001 * velocity;
-    dq[0] = velocity;
-    rig.place(0, q[0], dq[0]);
-    return rig.tick(0.001);
-  }
-  void lead(const JointVector& way, double seconds) {
-    const int ticks = static_cast<int>(seconds * 1000);
-    for (int k = 0; k < ticks; ++k) {
-      const double s = (k + 0.5) / ticks;
-      ASSERT_EQ(tick(30 * s * s * (1 - s) * (1 - s) / seconds * way), LawResult::ok);
-    }
-  }
-  void wait(double seconds) {
-    for (int k = 0; k < static_cast<int>(seconds * 1000); ++k)
-      ASSERT_EQ(tick(JointVector::Zero(7)), LawResult::ok);
   }
 };
 
@@ -422,6 +400,29 @@ TEST(Teleoperation, LetsGoOfALeaderThatNobodyHolds) {
     }
     EXPECT_EQ(arms.rig.output("slipped")[0], held ? 0 : 1);
   }
+}
+
+// Also where a scene lifts the bounds, a follower that is pushed ahead drives its leader with 60 N at most.
+TEST(Teleoperation, DrivesTheLeaderNoHarderWithLiftedBounds) {
+  Held arms(39);
+  ASSERT_EQ(arms.rig.start(), LawResult::ok);
+  arms.wait(0.5);
+  const Eigen::MatrixXd J = arms.plain[1].jacobian(arms.q[1]);
+  Vector6 along = Vector6::Zero();
+  along.head<3>() = 0.08 * arms.draw.vector3(1).normalized();  // 120 N with 1500 N/m
+  const JointVector way = J.transpose() * (J * J.transpose()).ldlt().solve(along);
+  for (int k = 0; k < 1000; ++k) {
+    arms.q[1] += 0.001 * way;
+    arms.dq[1] = way;
+    arms.rig.place(1, arms.q[1], arms.dq[1]);
+    ASSERT_EQ(arms.tick(JointVector::Zero(7)), LawResult::ok);
+  }
+  arms.dq[1].setZero();
+  arms.rig.place(1, arms.q[1], arms.dq[1]);
+  arms.wait(0.3);
+  EXPECT_EQ(arms.rig.output("slipped")[0], 0);
+  EXPECT_GT(arms.wrench(1).head<3>().norm(), 100);
+  EXPECT_NEAR(arms.wrench(0).head<3>().norm(), 60, 0.1);
 }
 
 // Of 20 packets of the follower one arrives. Its velocity then drives the leader little, and never in steps.

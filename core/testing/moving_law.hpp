@@ -87,4 +87,37 @@ struct MovingLaw {
   std::vector<JointVector> q, dq;
 };
 
+// Two arms near a bent pose, at rest. The test moves the one that leads; the other stays where it is.
+struct LedLaw : MovingLaw {
+  LedLaw(const ControlletType& type, std::size_t leader, std::uint32_t seed)
+      : MovingLaw(type, 2, seed), leads(leader) {
+    for (std::size_t i = 0; i < 2; ++i) {
+      q[i] = bent(7) + draw.joints(7, 0.1);
+      dq[i] = JointVector::Zero(7);
+      rig.place(i, q[i], dq[i]);
+    }
+  }
+  // One tick in which the leader moves with this velocity.
+  LawResult tick(const JointVector& velocity) {
+    q[leads] += 0.001 * velocity;
+    dq[leads] = velocity;
+    rig.place(leads, q[leads], dq[leads]);
+    return rig.tick(0.001);
+  }
+  // A smooth motion of the leader from rest to rest.
+  void lead(const JointVector& way, double seconds) {
+    const int ticks = static_cast<int>(seconds * 1000);
+    for (int k = 0; k < ticks; ++k) {
+      const double s = (k + 0.5) / ticks;
+      ASSERT_EQ(tick(30 * s * s * (1 - s) * (1 - s) / seconds * way), LawResult::ok);
+    }
+  }
+  void wait(double seconds) {
+    for (int k = 0; k < static_cast<int>(seconds * 1000); ++k)
+      ASSERT_EQ(tick(JointVector::Zero(7)), LawResult::ok);
+  }
+
+  std::size_t leads;
+};
+
 }  // namespace multipanda::test
