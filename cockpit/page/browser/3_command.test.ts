@@ -30,17 +30,8 @@ const commands = (backend: string) => () => {
   });
 
   const tab = (name: string) => cockpit.page.getByRole("tab", { name, exact: true }).click();
-  const box = async () => {
-    const { page } = cockpit;
-    return page.evaluate(() => {
-      const { session } = (window as never as { cockpit: { session: SessionLike } }).cockpit;
-      const k = session.scene.bodies.findIndex((body) => body.name === "box");
-      return Array.from(session.state.bodies).slice(7 * k, 7 * k + 3);
-    });
-  };
   interface SessionLike {
     scene: { bodies: { name: string }[] };
-    state: { bodies: ArrayLike<number> };
   }
 
   test("a switch shows what it cost, and is on the timeline", async () => {
@@ -146,7 +137,22 @@ const commands = (backend: string) => () => {
   test("an object is placed and pushed, and a reset puts it back", async () => {
     const { page } = cockpit;
     await tab("World");
-    const start = await box();
+    const box = await page.evaluate(() =>
+      (window as never as { cockpit: { session: SessionLike } }).cockpit.session.scene.bodies.findIndex(
+        (body) => body.name === "box",
+      ),
+    );
+    const start = Array.from((await stateOf(page)).bodies).slice(7 * box, 7 * box + 3);
+    const lies = (at: number[]) =>
+      until(
+        page,
+        ({ box, at }) =>
+          at.every((value, axis) => {
+            const { state } = (window as never as Window_).cockpit.session;
+            return Math.abs(state.bodies[7 * box + axis]! - value) < 0.01;
+          }),
+        { box, at },
+      );
     await page.getByRole("combobox", { name: "Object" }).selectOption("box");
     for (const [axis, value] of [
       ["x", "0.55"],
@@ -158,30 +164,12 @@ const commands = (backend: string) => () => {
       await number.press("Enter");
     }
     await page.getByRole("button", { name: "Place object" }).click();
-    await page.waitForTimeout(600);
-    const [x = NaN, y = NaN] = await box();
-    assert.ok(Math.abs(x - 0.55) < 0.01 && Math.abs(y - 0.1) < 0.01, `${x}, ${y}`);
-    await hold(page, page.getByRole("button", { name: "Push against x" }), async () => {
-      await page.waitForFunction(
-        (from) => {
-          const { session } = (window as never as { cockpit: { session: SessionLike } }).cockpit;
-          const k = session.scene.bodies.findIndex((body) => body.name === "box");
-          return session.state.bodies[7 * k]! < from - 0.005;
-        },
-        x,
-        { timeout: kPatience },
-      );
-    });
-    await page.getByRole("button", { name: "Reset simulation" }).click();
-    await page.waitForFunction(
-      (start) => {
-        const { session } = (window as never as { cockpit: { session: SessionLike } }).cockpit;
-        const k = session.scene.bodies.findIndex((body) => body.name === "box");
-        return start.every((value, axis) => Math.abs(session.state.bodies[7 * k + axis]! - value) < 0.01);
-      },
-      start,
-      { timeout: kPatience },
+    await lies([0.55, 0.1]);
+    await hold(page, page.getByRole("button", { name: "Push against x" }), () =>
+      until(page, (box) => (window as never as Window_).cockpit.session.state.bodies[7 * box]! < 0.545, box),
     );
+    await page.getByRole("button", { name: "Reset simulation" }).click();
+    await lies(start);
   });
 
   test("episodes are marked", async () => {

@@ -143,7 +143,18 @@ export interface Window_ {
 }
 
 export async function until<T>(page: Page, condition: (argument: T) => boolean, argument?: T): Promise<void> {
-  await page.waitForFunction(condition as never, argument as never, { timeout: kPatience, polling: 20 });
+  try {
+    await page.waitForFunction(condition as never, argument as never, { timeout: kPatience, polling: 20 });
+  } catch (error) {
+    throw new Error(`${(error as Error).message}\n${await saidBy(page)}`);
+  }
+}
+
+/** What a page tells about the run, for a test that waited in vain: its messages, and who leads each arm. */
+export async function saidBy(page: Page): Promise<string> {
+  const messages = await page.locator(".toast p").allTextContents();
+  const arms = await page.locator(".arm-card").allTextContents();
+  return [...messages, ...arms.map((card) => card.slice(0, 200))].join("\n");
 }
 
 export async function stateOf(page: Page): Promise<LiveState> {
