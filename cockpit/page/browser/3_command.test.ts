@@ -2,16 +2,20 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { after, before, suite, test } from "node:test";
+import type { LiveState } from "../src/model/live.ts";
 import {
+  ask,
   atRest,
+  carriedOut,
+  heldUntil,
   hold,
   kBackends,
-  kPatience,
   open,
+  ownerOf,
+  patiently,
   Run,
   stateOf,
   takeControl,
-  until,
   type Cockpit,
   type Window_,
 } from "./support.ts";
@@ -30,15 +34,17 @@ const commands = (backend: string) => () => {
   });
 
   const tab = (name: string) => cockpit.page.getByRole("tab", { name, exact: true }).click();
-  interface SessionLike {
-    scene: { bodies: { name: string }[] };
-  }
+  const button = (name: string) => cockpit.page.getByRole("button", { name });
+  const says = (text: string | RegExp) => () => cockpit.page.getByText(text).first().isVisible();
 
   test("a switch shows what it cost, and is on the timeline", async () => {
     const { page } = cockpit;
     await tab("Laws");
-    await page.getByRole("button", { name: "Activate dual" }).click();
-    await page.getByText(/Started dual\..*first torque.*Largest torque step of a joint: left/).waitFor();
+    await ask(
+      page,
+      button("Activate dual"),
+      says(/Started dual\..*first torque.*Largest torque step of a joint: left/),
+    );
     await tab("Timeline");
     await page.getByRole("region", { name: "Events" }).getByText("switched").first().waitFor();
   });
@@ -47,48 +53,45 @@ const commands = (backend: string) => () => {
     const { page } = cockpit;
     await tab("Laws");
     const feature = page.getByRole("checkbox", { name: "joint limits" });
+    const isOnCard = () => page.getByRole("region", { name: "Arm left" }).getByText("+ joint limits").isVisible();
+    const set = async (on: boolean) => {
+      if ((await feature.isChecked()) !== on) await feature.click();
+      await carriedOut(page, async () => (await isOnCard()) === on && (await feature.isChecked()) === on, "dual");
+    };
     assert.ok(await feature.isChecked());
-    const card = page.getByRole("region", { name: "Arm left" });
-    await card.getByText("+ joint limits").waitFor();
-    await feature.uncheck();
-    await card
-      .getByText("+ joint limits")
-      .waitFor({ state: "detached" })
-      .catch(() => {});
-    await until(page, () => !/joint limits/.test(document.querySelector(".arm-card")!.textContent!));
-    await page.getByRole("checkbox", { name: "joint limits" }).check();
-    await card.getByText("+ joint limits").waitFor();
+    await patiently(page, "dual", async () => {
+      for (const on of [true, false, true]) await set(on);
+    });
   });
 
   test("a parameter is set within its bounds, with its unit", async () => {
     const { page } = cockpit;
+    const kName = "left_cartesian";
     await tab("Laws");
-    await page.getByRole("button", { name: "Activate left_cartesian" }).click();
-    await until(
-      page,
-      () => (window as never as Window_).cockpit.session.state.arms[0]!.controllet === "left_cartesian",
-    );
+    await ask(page, button(`Activate ${kName}`), async () => (await ownerOf(page)) === kName);
     const number = page.getByRole("spinbutton", { name: /^translational stiffness 1 \[N\/m\]/ });
     await page.locator("summary", { hasText: "translational stiffness" }).click();
-    await number.fill("250");
-    await number.press("Enter");
-    await until(page, () =>
-      (window as never as { cockpit: { session: { list: ListLike } } }).cockpit.session.list.some(
-        (one) =>
-          one.name === "left_cartesian" &&
-          one.parameters.some(
-            (parameter) => /^translational_stiffness/.test(parameter.name) && parameter.value[0] === 250,
+    const isSet = () =>
+      page.evaluate(
+        (name) =>
+          (window as never as { cockpit: { session: { list: ListLike } } }).cockpit.session.list.some(
+            (one) =>
+              one.name === name &&
+              one.parameters.some(({ name, value }) => /^translational_stiffness/.test(name) && value[0] === 250),
           ),
-      ),
-    );
+        kName,
+      );
+    await patiently(page, kName, async () => {
+      await number.fill("250");
+      await number.press("Enter");
+      await carriedOut(page, isSet, kName);
+    });
   });
   type ListLike = { name: string; parameters: { name: string; value: number[] }[] }[];
 
   test("what is refused is said with its reason", async () => {
-    const { page } = cockpit;
     await tab("Arms");
-    await page.getByRole("button", { name: "Recover: left" }).click();
-    await page.getByText(/Refused: .*error/).waitFor({ timeout: kPatience });
+    await ask(cockpit.page, button("Recover: left"), says(/Refused: .*error/));
   });
 
   test("a load is declared, an arm's stop button pressed and released", async () => {
@@ -98,38 +101,30 @@ const commands = (backend: string) => () => {
     const mass = page.getByRole("spinbutton", { name: "Mass [kg], number" }).first();
     await mass.fill("0.1");
     await mass.press("Enter");
-    await page.getByRole("button", { name: "Declare load: left" }).click();
-    await page.getByText("a payload of 0.1 kg is declared").waitFor();
-    const mode = page.getByRole("region", { name: "Arm left" }).getByText("user stopped");
-    await page.getByRole("button", { name: "Press user stop: left" }).click();
-    await page.getByText("Pressed.").waitFor();
-    await mode.waitFor();
-    await page.getByRole("button", { name: "Release user stop: left" }).click();
-    await page.getByText("Released.").waitFor();
-    await mode.waitFor({ state: "detached" });
+    await ask(page, button("Declare load: left"), says("a payload of 0.1 kg is declared"));
+    const isStopped = () => page.getByRole("region", { name: "Arm left" }).getByText("user stopped").isVisible();
+    await ask(page, button("Press user stop: left"), async () => (await says("Pressed.")()) && (await isStopped()));
+    await ask(page, button("Release user stop: left"), async () => (await says("Released.")()) && !(await isStopped()));
   });
 
+  const cycle = async () => (await stateOf(cockpit.page)).cycle;
   const pauses = async () => {
     const { page } = cockpit;
     await tab("World");
-    await page.getByRole("button", { name: "Pause simulation" }).click();
-    const go = page.getByRole("button", { name: "Continue simulation" });
-    await go.waitFor();
-    const before = await stateOf(page);
-    await page.getByRole("button", { name: "Step 10 ms" }).click();
-    await until(page, (cycle) => (window as never as Window_).cockpit.session.state.cycle >= cycle + 10, before.cycle);
-    await go.click();
+    const go = button("Continue simulation");
+    await ask(page, button("Pause simulation"), () => go.isVisible());
+    const before = await cycle();
+    await ask(page, button("Step 10 ms"), async () => (await cycle()) >= before + 10);
+    await ask(page, go, () => button("Pause simulation").isVisible());
     // It goes on, and has not been paused once more.
-    await until(page, (cycle) => (window as never as Window_).cockpit.session.state.cycle > cycle + 500, before.cycle);
-    await page.getByRole("button", { name: "Pause simulation" }).waitFor();
+    await carriedOut(page, async () => (await cycle()) > before + 500);
+    await button("Pause simulation").waitFor();
   };
   const refusesToPause = async () => {
-    const { page } = cockpit;
     await tab("World");
-    await page.getByRole("button", { name: "Pause simulation" }).click();
-    await page.getByText(/^pause: .*not support/).waitFor();
-    const { cycle } = await stateOf(page);
-    await until(page, (cycle) => (window as never as Window_).cockpit.session.state.cycle > cycle + 10, cycle);
+    await ask(cockpit.page, button("Pause simulation"), says(/^pause: .*not support/));
+    const before = await cycle();
+    await carriedOut(cockpit.page, async () => (await cycle()) > before + 10);
   };
   if (backend === "virtual") test("a world of virtual arms does not pause, and the page says so", refusesToPause);
   else test("the simulation pauses, steps and continues", pauses);
@@ -138,47 +133,39 @@ const commands = (backend: string) => () => {
     const { page } = cockpit;
     await tab("World");
     const box = await page.evaluate(() =>
-      (window as never as { cockpit: { session: SessionLike } }).cockpit.session.scene.bodies.findIndex(
-        (body) => body.name === "box",
-      ),
+      (window as never as Window_).cockpit.session.scene.bodies.findIndex((body) => body.name === "box"),
     );
-    const start = Array.from((await stateOf(page)).bodies).slice(7 * box, 7 * box + 3);
-    const lies = (at: number[]) =>
-      until(
-        page,
-        ({ box, at }) =>
-          at.every((value, axis) => {
-            const { state } = (window as never as Window_).cockpit.session;
-            return Math.abs(state.bodies[7 * box + axis]! - value) < 0.01;
-          }),
-        { box, at },
-      );
+    const position = async () => Array.from((await stateOf(page)).bodies).slice(7 * box, 7 * box + 3);
+    const start = await position();
+    const lies = (at: number[]) => async () => {
+      const now = await position();
+      return at.every((value, axis) => Math.abs(now[axis]! - value) < 0.01);
+    };
     await page.getByRole("combobox", { name: "Object" }).selectOption("box");
-    for (const [axis, value] of [
-      ["x", "0.55"],
-      ["y", "0.1"],
-      ["z", "0.235"],
-    ]) {
-      const number = page.getByRole("spinbutton", { name: `${axis} [m], number` });
-      await number.fill(value!);
-      await number.press("Enter");
-    }
-    await page.getByRole("button", { name: "Place object" }).click();
-    await lies([0.55, 0.1]);
-    await hold(page, page.getByRole("button", { name: "Push against x" }), () =>
-      until(page, (box) => (window as never as Window_).cockpit.session.state.bodies[7 * box]! < 0.545, box),
+    await patiently(page, undefined, async () => {
+      for (const [axis, value] of [
+        ["x", "0.55"],
+        ["y", "0.1"],
+        ["z", "0.235"],
+      ]) {
+        const number = page.getByRole("spinbutton", { name: `${axis} [m], number` });
+        await number.fill(value!);
+        await number.press("Enter");
+      }
+      await button("Place object").click();
+      await carriedOut(page, lies([0.55, 0.1]));
+    });
+    const x = Function(`return (state) => state.bodies[${7 * box}]`)() as (state: LiveState) => number;
+    await patiently(page, undefined, () =>
+      hold(page, button("Push against x"), () => heldUntil(page, x, -0.005, 0.55)),
     );
-    await page.getByRole("button", { name: "Reset simulation" }).click();
-    await lies(start);
+    await ask(page, button("Reset simulation"), lies(start));
   });
 
   test("episodes are marked", async () => {
-    const { page } = cockpit;
     await tab("World");
-    await page.getByRole("button", { name: "Episode: start" }).click();
-    await page.getByText("Episode 1: start.").waitFor();
-    await page.getByRole("button", { name: "Episode: success" }).click();
-    await page.getByText("Episode 1: success.").waitFor();
+    await ask(cockpit.page, button("Episode: start"), says("Episode 1: start."));
+    await ask(cockpit.page, button("Episode: success"), says("Episode 1: success."));
   });
 
   test("a plot runs, freezes, and is saved as CSV and PNG", async () => {
@@ -227,10 +214,9 @@ const commands = (backend: string) => () => {
       await width.focus();
       await page.keyboard.press("Home");
       for (let k = 0; k < 40; ++k) await page.keyboard.press("ArrowRight"); // mm, of the cube between the fingers
-      await page.getByRole("button", { name: "Grasp: left" }).click();
-      await until(page, () => (window as never as Window_).cockpit.session.state.arms[0]!.gripper!.grasped);
-      await page.getByRole("button", { name: "Open: left" }).click();
-      await until(page, () => (window as never as Window_).cockpit.session.state.arms[0]!.gripper!.width_m > 0.07);
+      const gripper = async () => (await stateOf(page)).arms[0]!.gripper!;
+      await ask(page, page.getByRole("button", { name: "Grasp: left" }), async () => (await gripper()).grasped);
+      await ask(page, page.getByRole("button", { name: "Open: left" }), async () => (await gripper()).width_m > 0.07);
       await context.close();
     } finally {
       await own.end();

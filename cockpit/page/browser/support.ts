@@ -133,6 +133,7 @@ export interface Window_ {
   cockpit: {
     session: {
       request(word: string, fields: object): Promise<{ ok: boolean }>;
+      scene: { arms: { name: string }[]; bodies: { name: string }[] };
       state: LiveState;
       control: { mine: boolean; taken: boolean; watchers: number };
     };
@@ -197,10 +198,13 @@ export async function drag(page: Page, from: readonly [number, number], to: read
 /** The computer was too busy to read the button in time: the page or the run has let go, as they should. */
 export class Late extends Error {}
 
-/** Repeats what holds a button in real time as long as the computer comes too late; `owner` leads the first arm. */
-export async function patiently(page: Page, owner: string, act: () => Promise<void>): Promise<void> {
+/** Repeats what depends on real time as long as the computer comes too late; `owner`, if any, leads the first arm. */
+export async function patiently(page: Page, owner: string | undefined, act: () => Promise<void>): Promise<void> {
   for (let tries = 1; ; ++tries) {
-    await activateAtOnce(page, owner);
+    if (owner) await activateAtOnce(page, owner);
+    await page.evaluate(() =>
+      document.querySelectorAll<HTMLElement>(".toast button").forEach((close) => close.click()),
+    );
     try {
       await act();
       return;
@@ -215,12 +219,38 @@ export async function ownerOf(page: Page, arm = 0): Promise<string> {
   return page.evaluate((arm) => (window as never as Window_).cockpit.session.state.arms[arm]!.controllet, arm);
 }
 
+/** Waits for what a request does; the run refuses requests of a page that draws too late, and may stop an arm. */
+export async function carriedOut(page: Page, done: () => Promise<boolean>, owner?: string): Promise<void> {
+  const begun = Date.now();
+  const late = page.getByText(/ask again once it shows new states/);
+  while (!(await done())) {
+    if ((await late.count()) > 0) throw new Late("the page had not seen a new state for too long");
+    if (owner && (await ownerOf(page)) !== owner) throw new Late(`${await ownerOf(page)} has taken the arm`);
+    if (Date.now() - begun > kPatience) throw new Error(`not carried out: ${done}\n${await saidBy(page)}`);
+    await page.waitForTimeout(20);
+  }
+}
+
+/** Clicks until the run has done what this asks for. */
+export function ask(page: Page, button: Locator, done: () => Promise<boolean>, owner?: string): Promise<void> {
+  return patiently(page, owner, async () => {
+    await button.click();
+    await carriedOut(page, done, owner);
+  });
+}
+
+/** An arm that a busy computer has stopped is recovered first. */
 async function activateAtOnce(page: Page, owner: string): Promise<void> {
-  if ((await ownerOf(page)) === owner) return;
-  await page.evaluate(
-    (owner) => (window as never as Window_).cockpit.session.request("switch", { activate: [owner] }),
-    owner,
-  );
+  for (let tries = 1; tries <= 8 && (await ownerOf(page)) !== owner; ++tries) {
+    const done = await page.evaluate(async (owner) => {
+      const { session } = (window as never as Window_).cockpit;
+      const { ok } = await session.request("switch", { activate: [owner] });
+      if (!ok) for (const { name } of session.scene.arms) await session.request("recover", { arm: name });
+      return ok;
+    }, owner);
+    if (done) break;
+    await page.waitForTimeout(300);
+  }
   await until(page, (owner) => (window as never as Window_).cockpit.session.state.arms[0]!.controllet === owner, owner);
 }
 
