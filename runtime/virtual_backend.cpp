@@ -172,8 +172,8 @@ void VirtualBackend::read(ArmSet due, std::span<ArmState> states) {
   for (ArmIndex i = 0; i < states.size(); ++i) {
     if (!due.contains(i)) continue;
     ArmState& state = states[i];
-    if (self.truth.message_id != state.sequence && !self.world.view().read(state.sequence, self.truth))
-      continue;
+    const auto period = self.world.view().period_of(i, state.sequence);
+    if (!period || (self.truth.period != *period && !self.world.view().read(*period, self.truth))) continue;
     state.has_contact_truth = true;
     state.F_K_W_true = self.truth.F_K_W_true[i];
   }
@@ -207,7 +207,7 @@ std::string VirtualBackend::fault() const { return self_->world.fault(); }
 std::optional<Pose> VirtualBackend::object_pose(const std::string& name) const {
   const auto& names = self_->world.view().objects();
   const auto at = std::find(names.begin(), names.end(), name);
-  if (at == names.end() || self_->truth.message_id == 0) return std::nullopt;
+  if (at == names.end() || self_->truth.period == 0) return std::nullopt;
   return self_->truth.X_WO[static_cast<std::size_t>(at - names.begin())];
 }
 

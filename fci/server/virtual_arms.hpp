@@ -138,6 +138,7 @@ class VirtualArms {
   HostTime step_due() const;
   bool grippers_move() const;
   void step();
+  void send_state(ArmIndex arm, std::int64_t count);  // the count-th of the arm
   void advance_world();
   void tend(HostTime now);
   void take_words();

@@ -67,12 +67,42 @@ TEST(VirtualArms, bothArmsMoveInTheSamePeriods) {
   // The true value for comparison: a free fall in semi-implicit steps, as MuJoCo saw it at the beginning of
   // the last.
   auto truth = arms.view().make_snapshot();
+  ASSERT_EQ(arms.view().period_of(0, l.message_id), l.message_id);
   ASSERT_TRUE(arms.view().read(l.message_id, truth));
-  EXPECT_EQ(truth.message_id, l.message_id);
+  EXPECT_EQ(truth.period, l.message_id);
   const auto n = static_cast<double>(l.message_id - 2);
   EXPECT_NEAR(truth.X_WO.at(0).position.z(), 0.5 - 9.81e-6 * n * (n + 1) / 2, 1e-6);
   EXPECT_EQ(truth.F_K_W_true.size(), 2u);
   EXPECT_FALSE(arms.view().read(l.message_id + 1, truth));
+}
+
+// An arm whose clock is fast numbers its states ahead of the world; the exact values are those of the period
+// in which it measured, however far the numbers part.
+TEST(VirtualArms, exactValuesAreFoundWhateverAnArmsClockCounts) {
+  VirtualArmOptions own = options(WorldPace::realtime);
+  own.clocks = {{.phase_s = 0, .drift_ppm = 0}, {.phase_s = 0.0003, .drift_ppm = 300'000}};
+  VirtualArms arms(two_arms(), own);
+  arms.start();
+  TestProgram left(arms.place(0)), right(arms.place(1));
+  constexpr std::uint64_t kApart = VirtualWorldView::kKept + 50;
+  auto truth = arms.view().make_snapshot();
+  std::uint64_t before = 0;
+  std::size_t seen = 0;
+  for (RobotState r = right.read(); r.message_id < arms.view().newest() + kApart; r = right.read()) {
+    const auto period = arms.view().period_of(1, r.message_id);
+    if (!period || !arms.view().read(*period, truth)) continue;  // this test was late by more than kKept
+    ++seen;
+    EXPECT_GE(*period, before);
+    EXPECT_LE(*period, arms.view().newest());
+    before = *period;
+    const double n = static_cast<double>(*period) - 2;
+    EXPECT_NEAR(truth.X_WO.at(0).position.z(), 0.5 - 9.81e-6 * n * (n + 1) / 2, 1e-6 * std::abs(n) + 1e-6);
+  }
+  const RobotState r = right.read_newest_or(right.read());
+  const auto period = arms.view().period_of(1, r.message_id);
+  ASSERT_TRUE(period);
+  EXPECT_LT(*period + VirtualWorldView::kKept, r.message_id);
+  EXPECT_GT(seen, 300u);
 }
 
 // One program stops answering: its arm stops, and the other one is not affected.

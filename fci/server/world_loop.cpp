@@ -65,7 +65,12 @@ void VirtualArms::step() {
   }
   for (auto& port : ports_) port->command();
   advance_world();
-  for (auto& port : ports_) port->stepped(plant_.periods());
+  for (ArmIndex i = 0; i < ports_.size(); ++i) send_state(i, plant_.periods());
+}
+
+void VirtualArms::send_state(ArmIndex arm, std::int64_t count) {
+  view_.note_sent(arm, static_cast<std::uint64_t>(count) + 1);
+  ports_[arm]->stepped(count);
 }
 
 // The world and what moves in it without an arm's commands.
@@ -157,7 +162,7 @@ void VirtualArms::run_own_clocks() {
       if (!due) continue;
       if (port.has_command()) plant_.begin_timeline();
       port.command();
-      port.stepped(++sent[i]);
+      send_state(i, ++sent[i]);
       clocks[i].sent(host_now());
       port.tend(host_now());
     }
