@@ -16,7 +16,8 @@ SMALLEST = "arms: [{name: left}]\n"
 
 
 def shipped_scenes():
-    files = [f for folder in ("config", "experiments", "examples", "tests") for f in (ROOT / folder).rglob("*.yaml")]
+    folders = ("config", "experiments", "examples", "python", "tests")
+    files = [f for folder in folders for f in (ROOT / folder).rglob("*.yaml")]
     return sorted(f for f in files if re.search(r"^arms:", f.read_text(encoding="utf-8"), re.MULTILINE))
 
 

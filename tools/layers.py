@@ -167,6 +167,11 @@ LAYERS = [
         "support config_file core models scene logs backends runtime experiments",
     ),
     layer(
+        "gym_worlds",
+        "worlds with their control loops, stepped by Python for learning ([gymnasium.md](docs/gymnasium.md))",
+        "core device scene backends/mujoco",
+    ),
+    layer(
         "motion_generators",
         "motion generators, each a process of its own ([motion_generator.md](docs/motion_generator.md))",
         "support config_file core models runtime",

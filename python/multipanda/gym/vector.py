@@ -1,0 +1,194 @@
+"""A task in N worlds at once, as Gymnasium's vector environment; the worlds run on threads of the native module."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from ..tasks.actions import LEAD_STEPS
+from ..tasks.rotations import Array
+from ..tasks.task import Numbers, Start, Task
+from .worlds import Worlds
+
+Mask = NDArray[np.bool_]
+Info = dict[str, Any]
+
+
+def spaces_of(task: Task, action: str, privileged: bool) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
+    """The spaces of one world: observation and action."""
+    names = task.observation_names + (task.privileged_names if privileged else [])
+    observation = gymnasium.spaces.Box(-np.inf, np.inf, (len(names),), np.float32)
+    return observation, gymnasium.spaces.Box(-1, 1, (task.mapping(action).size,), np.float32)
+
+
+class TaskVectorEnv(VectorEnv[Any, Any, Any]):
+    """A task in N worlds.
+
+    World k of an environment that was reset with seed s is, to the bit, the single environment that was reset with seed
+    s + k; with a list of seeds each world has its own.
+
+    Attributes:
+        task: The task.
+        mapping: From actions to set-points.
+        worlds: The worlds of the native module.
+        action_kind: `pose`, `impedance`, `wrench` or `joints`.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        num_envs: int = 1,
+        *,
+        action: str = "pose",
+        privileged: bool = False,
+        plants: bool = False,
+        rate_hz: float = 20,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 0,
+        render_mode: str | None = None,
+    ) -> None:
+        """
+        Args:
+            task: The task.
+            num_envs: How many worlds.
+            action: Kind of actions: one of `task.actions`.
+            privileged: Whether observations end with true contact forces and the poses of objects, which no arm knows.
+            plants: Whether each episode draws other arms: masses, friction, delay (docs/simulation.md, hidden plants).
+            rate_hz: Actions per second: a divisor of 1000, from 5 to 200.
+            max_episode_steps: Length of an episode; by default the task's.
+            autoreset_mode: NEXT_STEP, or DISABLED: reset with the option `reset_mask`.
+            threads: How many threads step the worlds; 0: as many as there are processors.
+            render_mode: None: nothing is rendered.
+
+        Raises:
+            ValueError: A kind of action, rate, mode or rendering that there is not.
+        """
+        mode = AutoresetMode(autoreset_mode)
+        if mode is AutoresetMode.SAME_STEP:
+            raise ValueError("expected autoreset_mode NEXT_STEP or DISABLED, found SAME_STEP")
+        if render_mode is not None:
+            raise ValueError(
+                f"expected render_mode None, found '{render_mode}': record a run and see its report instead"
+            )
+        if not 5 <= rate_hz <= 200 or abs(1000 / rate_hz - round(1000 / rate_hz)) > 1e-9:
+            raise ValueError(f"expected a rate_hz from 5 to 200 that divides 1000, found {rate_hz}")
+        self.task, self.num_envs, self.action_kind, self.mode = task, num_envs, action, mode
+        self.privileged_observation = privileged
+        self.render_mode = None
+        self.metadata = {"render_modes": [], "render_fps": rate_hz, "autoreset_mode": mode}
+        self.mapping = task.mapping(action)
+        self.mapping.rate_hz = rate_hz
+        self.limit = max_episode_steps or round(task.seconds * rate_hz)
+        self.single_observation_space, self.single_action_space = spaces_of(task, action, privileged)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.worlds = Worlds(task, num_envs, self.mapping.controllets, plants=plants, threads=threads)
+        self._randoms: list[np.random.Generator] = []
+        self._numbers: Numbers = {}
+        self._steps = np.zeros(num_envs, dtype=np.int64)
+        self._over = np.zeros(num_envs, dtype=np.bool_)  # these worlds begin again at the next step
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, Info]:
+        """Begins episodes: in all worlds, or in those of `options["reset_mask"]`."""
+        mask = np.ones(self.num_envs, dtype=np.bool_)
+        if options is not None and options.get("reset_mask") is not None:
+            mask = np.asarray(options["reset_mask"])
+            if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
+                raise ValueError(f"expected a reset_mask of {self.num_envs} booleans, one of them at least True")
+            if not self._randoms and not mask.all():
+                raise ValueError("expected a first reset of all worlds, found a reset_mask")
+        self._seed(seed, mask)
+        self._begin(mask)
+        return self._observation(), {}
+
+    def _seed(self, seed: int | list[int | None] | None, mask: Mask) -> None:
+        if isinstance(seed, (int, np.integer)):
+            super().reset(seed=int(seed))
+            seeds: list[int | None] = [int(seed) + k for k in range(self.num_envs)]
+        else:
+            seeds = [None] * self.num_envs if seed is None else list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"expected {self.num_envs} seeds, found {len(seeds)}")
+        if not self._randoms:
+            self._randoms = [gymnasium.utils.seeding.np_random(one)[0] for one in seeds]
+            return
+        for k, one in enumerate(seeds):
+            if mask[k] and one is not None:
+                self._randoms[k] = gymnasium.utils.seeding.np_random(one)[0]
+
+    def _begin(self, mask: Mask) -> None:
+        """Draws and starts an episode in each world of the mask; the others stand still."""
+        starts: dict[int, Start] = {}
+        seeds = np.zeros(self.num_envs, dtype=np.uint64)
+        for k in map(int, np.flatnonzero(mask)):
+            starts[k] = self.task.draw(self._randoms[k])
+            seeds[k] = np.uint64(self._randoms[k].integers(1, 2**53))
+        for k, start in starts.items():
+            for name, value in start.numbers.items():
+                if name not in self._numbers:
+                    self._numbers[name] = np.zeros((self.num_envs, len(value)))
+                self._numbers[name][k] = value
+        self.worlds.reset(mask, seeds, starts)
+        self.mapping.reset(self.worlds.states(), mask)
+        self._steps[mask] = 0
+        self._over[mask] = False
+
+    def _time(self) -> Array:
+        time: Array = self._steps / self.mapping.rate_hz
+        return time
+
+    def _observation(self) -> Any:
+        values = self.task.observe(self.worlds.states(), self._numbers, self._time())
+        if self.privileged_observation:
+            values = np.concatenate([values, self.task.privileged(self.worlds.truth())], axis=1)
+        return values.astype(np.float32)
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, Info]:
+        """One action in each world. A world whose episode has ended begins again instead (NEXT_STEP)."""
+        if not self._randoms:
+            raise gymnasium.error.ResetNeeded("expected reset() before the first step()")
+        begins = self._over.copy()
+        if self.mode is AutoresetMode.DISABLED and begins.any():
+            raise gymnasium.error.ResetNeeded(f"worlds {np.flatnonzero(begins)} have ended: reset them by reset_mask")
+        if begins.any():
+            self._begin(begins)
+        runs = ~begins
+        states = self.worlds.states()
+        due = (self._steps + LEAD_STEPS) / self.mapping.rate_hz
+        command = self.mapping.command(actions, states, self.task.around(self._numbers, due))
+        if begins.any():
+            self.mapping.reset(states, begins)  # the action of a world that begins again moves nothing
+        refused = self.worlds.send(command, runs)
+        self.worlds.step(self.mapping.cycles, runs)
+        self._steps[runs] += 1
+        return self._judged(runs, refused)
+
+    def _judged(self, runs: Mask, refused: Mask) -> tuple[Any, Any, Any, Any, Info]:
+        judgment = self.task.judge(self.worlds.states(), self.worlds.truth(), self._numbers, self._time())
+        stopped = (self.worlds.stopped() | refused) & runs
+        terminated = (judgment.failed & runs) | stopped
+        truncated = (self._steps >= self.limit) & runs & ~terminated
+        reward = np.where(runs & ~stopped, judgment.reward, 0.0)
+        self._over = terminated | truncated
+        info: Info = {"is_success": judgment.success & runs & ~stopped, "_is_success": runs.copy()}
+        for name, value in judgment.measures.items():
+            info[name], info["_" + name] = value, runs.copy()
+        info["stopped"], info["_stopped"] = stopped, runs.copy()
+        if stopped.any():
+            reasons = np.full(self.num_envs, None, dtype=object)
+            for k in np.flatnonzero(stopped):
+                reasons[k] = self.worlds.reason(int(k))
+            info["reason"], info["_reason"] = reasons, stopped.copy()
+        return self._observation(), reward, terminated, truncated, info
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Releases the worlds."""
+        self.worlds.close()

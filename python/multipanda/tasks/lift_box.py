@@ -1,0 +1,81 @@
+"""LiftBox: two arms squeeze a box between their pads and lift it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .actions import ActionMapping, JointsPart, ParameterPart, PosePart, ScalarPart
+from .arms import States
+from .rotations import Array, rotate
+from .task import JOINTS_HIGH_RAD, JOINTS_LOW_RAD, SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
+
+LEFT_RAD = np.array([0.17439, 0.12345, -0.01783, -2.0577, -0.9564, 1.50686, 1.71419])
+MIRROR = np.array([-1, 1, -1, 1, -1, 1, -1])
+BOX_M = np.array([0.5, 0.0, 0.35])  # where it stands
+SUCCESS_M, SUCCESS_RAD = 0.015, 0.15
+
+
+class LiftBox(Task):
+    """Two arms, coupled by one law, squeeze a box of 1 kg and lift it by 5 to 15 cm. Actions move the frame of the box
+    and set the squeeze; its mass is not declared.
+
+    Reward: 1 - tanh(error of the box's height / 0.05 m), zero while the box is tilted by more than 0.5 rad. Success:
+    within 15 mm of the height and 0.15 rad of upright. A box that has fallen ends the episode.
+    """
+
+    name = "LiftBox"
+    scene = SCENES / "lift_box.yaml"
+    arms = (TaskArm("left", pose_of([0, 0.26, 0])), TaskArm("right", pose_of([0, -0.26, 0])))
+    actions = ("pose", "impedance", "joints")
+    seconds = 7.0
+    objects = ("box",)
+
+    def _mapping(self, kind: str) -> ActionMapping:
+        if kind == "joints":
+            limits = {"low_rad": JOINTS_LOW_RAD, "high_rad": JOINTS_HIGH_RAD}
+            parts = [
+                JointsPart(f"{arm.name}_joint", arm.name, step_rad=0.02, leash_rad=0.15, **limits) for arm in self.arms
+            ]
+            return ActionMapping(["left_joint", "right_joint"], parts)
+        pose = PosePart(
+            "grasp",
+            "pose",
+            ["left", "right"],
+            pose_of([0, 0, 0]),
+            step_m=0.01,
+            low_m=[0.4, -0.1, 0.3],
+            high_m=[0.6, 0.1, 0.6],
+            axes_of_world=True,
+        )
+        squeeze = ScalarPart("grasp", "squeeze", "N", 0, 40)
+        if kind == "pose":
+            return ActionMapping(["grasp"], [pose, squeeze])
+        stiffness = ParameterPart("grasp", "translational_stiffness_n_per_m", "N/m", 150, 2000, count=3)
+        return ActionMapping(["grasp"], [pose, squeeze, stiffness])
+
+    def draw(self, random: np.random.Generator) -> Start:
+        shift = random.uniform(-0.004, 0.004, 2)
+        return Start(
+            q_rad={
+                "left": LEFT_RAD + random.uniform(-0.003, 0.003, 7),
+                "right": MIRROR * LEFT_RAD + random.uniform(-0.003, 0.003, 7),
+            },
+            objects={"box": pose_of([BOX_M[0] + shift[0], BOX_M[1] + shift[1], BOX_M[2] + 0.0005])},
+            numbers={"height_m": BOX_M[2] + random.uniform(0.05, 0.15, 1)},
+        )
+
+    @property
+    def goal_names(self) -> list[str]:
+        return ["height of the box [m]"]
+
+    def goal(self, numbers: Numbers, t_s: Array) -> Array:
+        return numbers["height_m"]
+
+    def judge(self, states: States, truth: Truth, numbers: Numbers, t_s: Array) -> Judgment:
+        box = truth.objects["box"]
+        error = np.abs(box[:, 2] - numbers["height_m"][:, 0])
+        upright = rotate(box[:, 3:], np.broadcast_to([0.0, 0.0, 1.0], (len(box), 3)))[:, 2]
+        tilt = np.arccos(np.clip(upright, -1, 1))
+        reward = np.where(tilt < 0.5, 1 - np.tanh(error / 0.05), 0)
+        success = (error < SUCCESS_M) & (tilt < SUCCESS_RAD)
+        return Judgment(reward, success, box[:, 2] < 0.2, {"height_error_m": error, "tilt_rad": tilt})
