@@ -9,9 +9,9 @@ import {
   carriedOut,
   heldUntil,
   hold,
+  Late,
   kBackends,
   open,
-  ownerOf,
   patiently,
   Run,
   stateOf,
@@ -68,26 +68,27 @@ const commands = (backend: string) => () => {
     const { page } = cockpit;
     const kName = "left_cartesian";
     await tab("Laws");
-    await ask(page, button(`Activate ${kName}`), async () => (await ownerOf(page)) === kName);
+    const listed = async () =>
+      (
+        await page.evaluate(
+          () => (window as never as { cockpit: { session: { list: ListLike } } }).cockpit.session.list,
+        )
+      ).find((one) => one.name === kName)!;
+    // The panel is built anew by the list that says that it is active.
+    await ask(page, button(`Activate ${kName}`), async () => (await listed()).active);
     const number = page.getByRole("spinbutton", { name: /^translational stiffness 1 \[N\/m\]/ });
-    await page.locator("summary", { hasText: "translational stiffness" }).click();
-    const isSet = () =>
-      page.evaluate(
-        (name) =>
-          (window as never as { cockpit: { session: { list: ListLike } } }).cockpit.session.list.some(
-            (one) =>
-              one.name === name &&
-              one.parameters.some(({ name, value }) => /^translational_stiffness/.test(name) && value[0] === 250),
-          ),
-        kName,
-      );
+    const isSet = async () =>
+      (await listed()).parameters.some(({ name, value }) => /^translational_stiffness/.test(name) && value[0] === 250);
     await patiently(page, kName, async () => {
-      await number.fill("250");
+      if (!(await number.isVisible())) await page.locator("summary", { hasText: "translational stiffness" }).click();
+      await number.fill("250", { timeout: 3000 }).catch((error: Error) => {
+        throw new Late(error.message);
+      });
       await number.press("Enter");
       await carriedOut(page, isSet, kName);
     });
   });
-  type ListLike = { name: string; parameters: { name: string; value: number[] }[] }[];
+  type ListLike = { name: string; active: boolean; parameters: { name: string; value: number[] }[] }[];
 
   test("what is refused is said with its reason", async () => {
     await tab("Arms");
