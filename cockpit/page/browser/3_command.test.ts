@@ -74,7 +74,7 @@ const commands = (backend: string) => () => {
           () => (window as never as { cockpit: { session: { list: ListLike } } }).cockpit.session.list,
         )
       ).find((one) => one.name === kName)!;
-    // The panel is built anew by the list that says that it is active.
+    // The list that says that it is active also rebuilds the panel.
     await ask(page, button(`Activate ${kName}`), async () => (await listed()).active);
     const number = page.getByRole("spinbutton", { name: /^translational stiffness 1 \[N\/m\]/ });
     const isSet = async () =>
