@@ -60,6 +60,8 @@ def stage(build, folder, site_packages):
         shutil.copy(path, folder)
     shutil.copy(ROOT / "python" / "multipanda_launcher.py", folder)
     shutil.copytree(ROOT / "python" / "multipanda", folder / "multipanda", ignore=shutil.ignore_patterns("__pycache__"))
+    native = ROOT / "python" / "multipanda_native"
+    shutil.copytree(native, folder / "multipanda_native", ignore=shutil.ignore_patterns("__pycache__"))
     call("cmake", "--install", build, "--component", "package", "--strip", "--prefix", folder / "multipanda")
     if (folder / ROS).exists():
         shutil.copy(ROOT / "python" / "multipanda_ros_start.py", folder)
