@@ -77,12 +77,23 @@ PAGES = {
             "tasks.drive.Drive",
         ),
     ),
+    "native": Page(
+        "Worlds",
+        "Simulated worlds in your own process, in the package `multipanda_native`; the guide is [Worlds in"
+        " Python](../native.md).",
+        ("multipanda_native.World", "multipanda_native.Batch", "multipanda_native.Arm"),
+    ),
     "errors": Page(
         "Errors",
         "Every error has `cause` and `next_step`.",
         ("Error", "Refused", "Timeout", "Disconnected", "VersionMismatch", "ProgramMissing"),
     ),
 }
+
+
+def full_name(entry):
+    """A name with its package, which is multipanda unless it names another."""
+    return entry if entry.startswith("multipanda_") else f"multipanda.{entry}"
 
 
 def pages(package):
@@ -92,6 +103,6 @@ def pages(package):
         return result
     for name, page in PAGES.items():
         lines = [f"# {page.title}", "", page.text, ""]
-        lines += [f"::: multipanda.{entry}\n" for entry in page.names]
+        lines += [f"::: {full_name(entry)}\n" for entry in page.names]
         result[f"python_api/{name}.md"] = "\n".join(lines)
     return result

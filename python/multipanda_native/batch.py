@@ -20,7 +20,7 @@ class Batch:
 
     World k with a seed is, to the bit, the `World` of that seed, with any number of threads. Every method takes the
     `mask` of the worlds that it acts on, None for all; the others stand still. What a world refuses raises nothing:
-    `refusal(k)` tells it, and `stopped()` includes that world.
+    `refusal(k)` tells it, and `stopped()` includes that world. Unknown names and wrong sizes raise ValueError.
 
     Attributes:
         arms: The arms by name: arrays with a row per world, which change with every step.

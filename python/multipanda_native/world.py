@@ -23,7 +23,8 @@ class World:
     """A simulated world of a scene with its control loop. It is at rest until `step`.
 
     Unless its beginning says otherwise, it does what `multipanda run` does: the same controllets, the same timeline,
-    and with the same seed the same noise. Use it from one thread at a time.
+    and with the same seed the same noise. Use it from one thread at a time. Commands raise ValueError for unknown names
+    and wrong sizes, and Refused for what is known to be refused; the rest is decided in the next cycle: see `step`.
 
     Attributes:
         arms: Its arms by name; their arrays change with every step.

@@ -3,6 +3,7 @@
 
 import gc
 import pickle
+import re
 import subprocess
 import sys
 import threading
@@ -291,6 +292,17 @@ class Commands(unittest.TestCase):
         batch.step(30, np.array([False, True]))
         np.testing.assert_array_equal(batch.arms["arm"].q_rad[0], still)
         self.assertEqual([batch.cycles(0), batch.cycles(1)], [1, 31])
+
+
+class Page(unittest.TestCase):
+    def test_the_lines_of_the_page(self):
+        page = (harness.ROOT / "docs/native.md").read_text(encoding="utf-8")
+        first, second = re.findall(r"```python\n(.*?)```", page, re.S)
+        names = {}
+        exec(first, names)
+        np.testing.assert_allclose(names["left"].X_WE[:3], names["goal"][:3], atol=0.01)
+        exec(second, names)
+        self.assertEqual(names["batch"].cycles(63), 501)
 
 
 class Views(unittest.TestCase):
