@@ -53,8 +53,14 @@ def paused(run):
         run.pause(False)
 
 
+def now(run):
+    """The run, whose states are from now on newer than this call: the robot is another client of it."""
+    run.ask({"do": "channels"})
+    return run
+
+
 def held(run, arms=BOTH):
-    return all(run.arms[arm].state.held for arm in arms)
+    return all(now(run).arms[arm].state.held for arm in arms)
 
 
 def measured(run, robot):
@@ -237,11 +243,13 @@ class TwoArms(unittest.TestCase):
             good = measured(run, robot)
             robot.act(good)
             run.stop("right")
+            now(robot.client)
             for _ in range(2):
                 with self.assertRaisesRegex(mp.Refused, "'right' is stopped"):
                     robot.act(good)
                 self.assertTrue(held(run))
             run.resume()
+            now(robot.client)
             robot.act(good)
             self.assertFalse(held(run, ["left"]) or held(run, ["right"]))
 
@@ -255,6 +263,7 @@ class TwoArms(unittest.TestCase):
                 run.step(round(1e3 * TIMEOUT_S) + 50)
                 run.pause(False)
                 self.assertTrue(held(run))
+                now(robot.client)
                 self.assertEqual(run.arms["left"].state.last_intervention, "reference_stale")
 
     def test_arms_that_somebody_else_has_taken_are_not_taken_back(self):
@@ -262,17 +271,33 @@ class TwoArms(unittest.TestCase):
             good = measured(run, robot)
             robot.act(good)
             run.switch("right_cartesian")
+            now(robot.client)
             with self.assertRaisesRegex(mp.Refused, "right_joint lost 'right', which right_cartesian owns now"):
                 robot.act(good)
-            self.assertEqual(run.arms["right"].state.controllet, "right_cartesian")
+            self.assertEqual(now(run).arms["right"].state.controllet, "right_cartesian")
             self.assertTrue(held(run, ["left"]))
             with self.assertRaisesRegex(mp.Refused, "'right' is owned by right_cartesian"):
                 robot.act(good)
             run.switch(deactivate="right_cartesian")
+            now(robot.client)
             robot.act(good)
-            run.switch(deactivate="left_joint")  # after a silence it would begin again; this was somebody's decision
+            run.switch(deactivate="left_joint")
+            now(robot.client)
+            # After a silence it would begin again; this was somebody's decision.
             with self.assertRaisesRegex(mp.Refused, "left_joint lost 'left', which left_hold owns now"):
                 robot.act(good)
+
+    def test_a_controllet_that_somebody_else_streams_to_is_left_alone(self):
+        with joined(two_arms("left_joint"), arms=BOTH) as (run, robot):
+            good = measured(run, robot)
+            with run["left_joint"].stream("joints") as other:
+                other.send(run.arms["left"].state.q_rad)
+                with self.assertRaisesRegex(mp.Refused, "somebody else streams to left_joint of 'left'"):
+                    robot.act(good)
+                self.assertTrue(held(run, ["right"]))
+                other.send(run.arms["left"].state.q_rad)
+            now(robot.client)
+            robot.act(good)
 
     def test_an_arm_in_user_stop_is_not_moved(self):
         with joined(two_arms(), arms=BOTH) as (run, robot):
@@ -280,6 +305,7 @@ class TwoArms(unittest.TestCase):
             robot.act(good)
             run.arms["left"].user_stop(True)
             until(lambda: run.arms["left"].state.mode == "user_stopped", "the stop button")
+            now(robot.client)
             with self.assertRaises(mp.Refused):
                 robot.act(good)
             self.assertTrue(held(run))
@@ -382,6 +408,14 @@ class Fingers(unittest.TestCase):
             self.assertAlmostEqual(robot.observe()["left_gripper.pos"], 0.06, delta=1e-3)
             to(0.0, lambda fingers: fingers.grasped)  # the box between them is 0.04 m wide
             self.assertAlmostEqual(robot.observe()["left_gripper.pos"], 0.04, delta=2e-3)
+            with self.assertRaisesRegex(ValueError, "at most 0.2 m for the fingers of 'left'"):
+                robot.act(hand | {"left_gripper.pos": 0.3})
+            self.assertTrue(held(run, ["left"]))
+            with self.assertLogs("multipanda.lerobot", "WARNING") as said:
+                robot.act(hand | {"left_gripper.pos": 0.15})  # wider than this hand opens
+                until(lambda: said.output, "the answer of the hand")
+            robot.act(hand | {"left_gripper.pos": 0.0})
+            until(lambda: run.arms["left"].state.gripper.grasped, "grasped again")
             robot.disconnect()
             self.assertTrue(run.arms["left"].state.gripper.grasped)
 
@@ -435,20 +469,22 @@ class Leaders(unittest.TestCase):
             ):
                 with self.assertRaisesRegex(mp.Refused, expected):
                     ArmsLeader(LeaderSettings(socket=socket, **settings)).connect()
-                self.assertTrue(run.arms["left_leader"].state.held)
+                self.assertTrue(held(run, ["left_leader"]))
             self.assertEqual(run.arms["right_leader"].state.controllet, "right_lead")
             leader = ArmsLeader(LeaderSettings(socket=socket, leaders=["left_leader"], arms=["left"]))
             leader.connect()
-            self.assertEqual(run.arms["left_leader"].state.controllet, "left_guide")
+            until(lambda: run.arms["left_leader"].state.controllet == "left_guide", "it is soft")
             self.assertEqual(list(leader.read()), leader.action_names)
             run.stop("left_leader")
+            now(leader.client)
             with self.assertRaisesRegex(mp.Refused, "'left_leader' is owned by left_leader_hold: it is stopped"):
                 leader.read()
             leader.disconnect()
             run.resume()
             leader.connect()
+            until(lambda: not run.arms["left_leader"].state.held, "it is soft")
             leader.disconnect()
-            self.assertTrue(run.arms["left_leader"].state.held)
+            until(lambda: run.arms["left_leader"].state.held, "it is held")
 
     def test_a_space_mouse_leads_while_its_button_is_held(self):
         device = Device()
@@ -469,11 +505,21 @@ class Leaders(unittest.TestCase):
                 self.assertLess(rise(), 2e-3)  # nobody holds the button
                 device.press(1)
                 until(lambda: rise() > 0.03, "the hand rises")
+                led = mouse._mice["left"]
+
+                def ahead():
+                    """Of the target, of the hand [m]."""
+                    robot.act(mouse.read())
+                    return led.target.position_m[2] - run.arms["left"].state.pose.position_m[2]
+
+                until(lambda: ahead() > 4e-3, "the target leads the hand")
                 device.press(0)
+                until(lambda: ahead() is not None and not led.grip.held, "the button is let go")
+                self.assertLess(led.target.position_m[2] - run.arms["left"].state.pose.position_m[2], 2e-3)
+                let_go = rise()
                 device.let_cap_go()
                 until(lambda: rise() is not None and np.max(np.abs(run.arms["left"].state.dq_rad_per_s)) < 5e-3, "rest")
-                there = rise()
-                self.assertLess(there, 0.2)
+                self.assertLess(rise() - let_go, 0.02)
                 side = np.linalg.norm((run.arms["left"].state.pose.position_m - start)[:2])
                 self.assertLess(side, 5e-3)
                 device.press(2)
@@ -541,11 +587,11 @@ class Packages(unittest.TestCase):
         self.assertEqual(robot.get_observation()["top"].shape, (4, 6, 3))
         run = robot.arms.client
         robot.send_action({n: v for n, v in robot.get_observation().items() if n in robot.action_features})
-        self.assertFalse(run.arms["left"].state.held)
+        self.assertFalse(held(run, ["left"]))
         robot.cameras["top"].is_connected = False  # unplugged
         with self.assertRaisesRegex(ConnectionError, "not connected"):
             robot.get_observation()
-        self.assertTrue(run.arms["left"].state.held)
+        self.assertTrue(held(run, ["left"]))
         robot.disconnect()
         config.cameras["top"].fails = True
         with self.assertRaisesRegex(ConnectionError, "no camera"):

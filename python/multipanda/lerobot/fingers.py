@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
+import logging
 import threading
 
 from ..arm import Gripper
 from ..errors import Error
 from ..state import GripperState
 
+_LOGGER = logging.getLogger("multipanda.lerobot")
+WIDEST_M = 0.2  # wider than any hand opens
 _ANY_WIDTH_M = 1.0  # a grasp of a policy does not know what it grasps
 _JOIN_S = 2.0
 
@@ -26,6 +28,7 @@ class Fingers:
         """
         self._gripper, self._grasp_below_m, self._force_n, self._step_m = gripper, grasp_below_m, force_n, step_m
         self._sent: float | None = None
+        self._closed = False
         self._threads: list[threading.Thread] = []
 
     def aim(self, width_m: float, state: GripperState | None) -> None:
@@ -42,13 +45,17 @@ class Fingers:
         self._threads[-1].start()
 
     def _move(self, width_m: float, grasp: bool) -> None:
-        with contextlib.suppress(Error):  # it missed, the next motion has ended it, or the run is over
+        try:
             if grasp:
                 self._gripper.grasp(0, force_n=self._force_n, tolerance_m=_ANY_WIDTH_M)
             else:
                 self._gripper.move(width_m)
+        except Error as wrong:
+            if width_m == self._sent and not self._closed:  # otherwise the next motion has ended it, or the run is over
+                _LOGGER.warning("fingers: %s", wrong)
 
     def close(self) -> None:
         """Waits a little for answers. What is held stays held."""
+        self._closed = True
         for thread in self._threads:
             thread.join(_JOIN_S)

@@ -15,7 +15,7 @@ from ..errors import Error, Refused
 from ..follow import Events
 from ..state import ArmState, Array, Pose, RunState
 from ..stream import Stream
-from .fingers import Fingers
+from .fingers import WIDEST_M, Fingers
 from .names import SteadySigns, action_names, gripper_name, in_world, quantity_names, state_names, state_values
 from .runs import arms_of, close_run, connected, entries, open_run, started_here, take_from, why, with_grippers
 from .settings import RobotSettings
@@ -190,6 +190,10 @@ class ArmsRobot:
             targets[arm] = target
             if arm in self._fingers:
                 widths[arm] = numbers[gripper_name(arm)]
+                if widths[arm] > WIDEST_M:
+                    raise ValueError(
+                        f"action: expected at most {WIDEST_M} m for the fingers of '{arm}', found {widths[arm]:g}"
+                    )
         return targets, widths
 
     def _check(self, target: Array, state: ArmState) -> None:
@@ -242,6 +246,14 @@ class ArmsRobot:
                     f"'{arm}' is owned by {owned.controllet}, which this robot has not activated",
                     "deactivate it first: the arm is held then",
                 )
+        laws = {self._laws[arm][0].name: arm for arm in begun}
+        for channel in client.ask({"do": "channels"})["channels"]:
+            if channel["controllet"] in laws:
+                raise Refused(
+                    "two_owners",
+                    f"somebody else streams to {channel['controllet']} of '{laws[channel['controllet']]}'",
+                    "end that stream first",
+                )
         self._taken |= set(begun)
         answer = client.switch([self._laws[arm][0].name for arm in begun])
         for arm in begun:
@@ -284,9 +296,9 @@ class ArmsRobot:
         client, self._client = self._client, None
         if client is None:
             return
-        close_run(client)
         for fingers in self._fingers.values():
             fingers.close()
+        close_run(client)
 
 
 def _jump(found: str, most: str) -> Refused:
