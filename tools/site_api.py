@@ -55,8 +55,9 @@ PAGES = {
     ),
     "learning": Page(
         "Learning",
-        "Tasks for policies and the mapping from actions to set-points; the guides are [Gymnasium](../gymnasium.md) and"
-        " [From learning to an arm](../learning_to_arm.md).",
+        "Tasks for policies and the mapping from actions to set-points, and what LeRobot's packages are made of; the"
+        " guides are [Gymnasium](../gymnasium.md), [From learning to an arm](../learning_to_arm.md) and"
+        " [LeRobot](../lerobot.md).",
         (
             "tasks.Task",
             "tasks.TaskArm",
@@ -75,6 +76,13 @@ PAGES = {
             "tasks.GripperPart",
             "tasks.drive.drive",
             "tasks.drive.Drive",
+            "lerobot.RunSettings",
+            "lerobot.RobotSettings",
+            "lerobot.ArmsRobot",
+            "lerobot.LeaderSettings",
+            "lerobot.ArmsLeader",
+            "lerobot.SpaceMouseSettings",
+            "lerobot.SpaceMouseLeader",
         ),
     ),
     "native": Page(
