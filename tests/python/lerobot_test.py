@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import unittest
 
 import harness  # first: it sets the paths
@@ -25,8 +26,8 @@ BOTH = ["left", "right"]
 ALL_ACTIVE = "active: [left_lead, right_lead, left_follow, right_follow]"
 FOLLOWERS = (
     "  # The left pair again",
-    "  - {name: left_joint, type: joint_impedance, arms: left, inputs: {joints: {timeout_s: 0.5}}}\n"
-    "  - {name: right_pose, type: cartesian_impedance, arms: right, inputs: {pose: {timeout_s: 0.5}}}\n"
+    "  - {name: left_joint, type: joint_impedance, arms: left, inputs: {joints: {timeout_s: 1}}}\n"
+    "  - {name: right_pose, type: cartesian_impedance, arms: right, inputs: {pose: {timeout_s: 1}}}\n"
     "  # The left pair again",
 )
 
@@ -54,8 +55,9 @@ def paused(run):
 
 
 def now(run):
-    """The run, whose states are from now on newer than this call: the robot is another client of it."""
-    run.ask({"do": "channels"})
+    """The run, once its newest cycle began after this call: the robot is another client of it."""
+    begin_ns = time.monotonic_ns()
+    until(lambda: run.record().start_ns > begin_ns, "the next cycle")
     return run
 
 
@@ -143,6 +145,9 @@ class TwoArms(unittest.TestCase):
         with joined(two_arms(), arms=["right", "left"], observe=quantities) as (run, robot):
             self.assertTrue(held(run))
             with paused(run):
+                run.step(2)
+                stood = run.state().t_s
+                until(lambda: robot.client.state().t_s >= stood and run.state().t_s >= stood, "the last cycle")
                 seen = robot.observe()
                 self.assertEqual(list(seen), robot.state_names)
                 for arm in BOTH:
@@ -456,6 +461,27 @@ class Leaders(unittest.TestCase):
             for device in (hands, leader, robot):
                 device.disconnect()
 
+    def test_the_scene_of_the_guide(self):
+        text = (ROOT / "docs/lerobot.md").read_text(encoding="utf-8").partition("```yaml\n")[2].partition("```")[0]
+        path = harness.FOLDER / "my_pair.yaml"
+        path.write_text(text, encoding="utf-8")
+        with mp.run(path) as run:
+            self.assertTrue(held(run, ["leader", "follower"]))
+            leader = ArmsLeader(LeaderSettings(socket=str(run.connection.path), leaders=["leader"], arms=["follower"]))
+            robot = ArmsRobot(RobotSettings(socket=str(run.connection.path), arms=["follower"]))
+            leader.connect()
+            robot.connect()
+
+            def led():
+                robot.act(leader.read())
+                owners = {name: state.controllet for name, state in now(run).state().arms.items()}
+                return owners == {"leader": "guide", "follower": "joint"}
+
+            until(led, "both are led")  # the follower's 0.2 s may pass on a busy computer
+            robot.disconnect()
+            leader.disconnect()
+            self.assertTrue(held(run, ["leader", "follower"]))
+
     def test_a_leader_is_soft_while_it_is_connected_and_held_afterwards(self):
         with mp.run(edited("leaders_and_followers", "soft", (ALL_ACTIVE, "active: [right_lead]"))) as run:
             socket = str(run.connection.path)
@@ -508,7 +534,7 @@ class Leaders(unittest.TestCase):
                 led = mouse._mice["left"]
 
                 def ahead():
-                    """Of the target, of the hand [m]."""
+                    """How far the target is above the hand [m]."""
                     robot.act(mouse.read())
                     return led.target.position_m[2] - run.arms["left"].state.pose.position_m[2]
 
