@@ -70,9 +70,10 @@ class Batch:
         Args:
             seeds: A seed per world; those outside of the mask are not used.
             mask: The worlds.
-            hidden, active: As for `World.reset`.
+            hidden: As for `World.reset`.
             q_start_rad: By arm, a row per world [rad].
             objects: By free object, a row per world: x y z [m], qw qx qy qz.
+            active: As for `World.reset`.
 
         Raises:
             ValueError: A name, a size or a number that is not accepted.

@@ -44,7 +44,11 @@ class World:
         """
         Args:
             scene: A scene's name or file.
-            seed, hidden, q_start_rad, objects, active: As for `reset`, which this calls.
+            seed: As for `reset`, which this calls.
+            hidden: As for `reset`.
+            q_start_rad: As for `reset` [rad].
+            objects: As for `reset`.
+            active: As for `reset`.
 
         Raises:
             ValueError: The scene or the beginning is not accepted.
@@ -138,11 +142,14 @@ class World:
         """A set-point that is approached smoothly and stays.
 
         Args:
-            controllet, input_name, values: As for `target`.
+            controllet: The controllet's name; it must be active.
+            input_name: One of its inputs.
+            values: As for `target`.
             duration_s: Time to reach it; longer if limits of speed require it [s].
 
         Raises:
-            ValueError, Refused: As for `target`.
+            ValueError: An unknown name, or a wrong size.
+            Refused: As for `target`.
         """
         self._tell("goal", [controllet, input_name], [duration_s, *_numbers(values)])
 
