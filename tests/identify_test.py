@@ -67,7 +67,7 @@ class Identify(unittest.TestCase):
         for cut in sixty:
             self.assertAlmostEqual(cut["expected"]["mean"] / cut["test"]["mean"], 1, delta=0.15)
         self.assertEqual(len(result["parameters"]["link4"]["com_m"]), 3)
-        self.assertEqual(len(result["base_parameters"]["values"][0]), 4)
+        self.assertEqual(len(result["base_parameters"]["values"][0]), 5)
         names = [m["name"] for m in result["models_beside"]]
         self.assertIn("fer", names)
         self.assertIn("fer_maker", names)

@@ -67,7 +67,7 @@ TEST_F(RealPanda, is_predicted_better_than_by_published_parameters_with_physical
     ++compared;
   }
   EXPECT_EQ(compared, 2);
-  EXPECT_GT(id.rmse_all.mean(), 0.03);       // below the noise with measured ddq it would be overfitted
+  EXPECT_GT(id.rmse_all.mean(), 0.03);  // below the noise with measured ddq it would be overfitted
   EXPECT_TRUE(id.consistent);
   EXPECT_TRUE(id.dissipative);
   // Published parameters on these 7.5 s, computed independently: 0.395 rigid, 0.242 with their friction.

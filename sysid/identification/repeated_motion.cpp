@@ -8,11 +8,11 @@ namespace {
 
 using Eigen::Index;
 
-constexpr Index kShortest = 100;  // of a period [kept rows of 10 ms]
-constexpr Index kStep = 5;        // between tried periods and compared rows
-constexpr double kSame = 0.03;    // largest difference of a joint's position [rad]
-constexpr double kMovingJoint = 0.1;   // of the fastest joint [rad/s]
-constexpr double kShare = 0.2;    // of the moving rows, which the repetition must cover
+constexpr Index kShortest = 100;      // of a period [kept rows of 10 ms]
+constexpr Index kStep = 5;            // between tried periods and compared rows
+constexpr double kSame = 0.03;        // largest difference of a joint's position [rad]
+constexpr double kMovingJoint = 0.1;  // of the fastest joint [rad/s]
+constexpr double kShare = 0.2;        // of the moving rows, which the repetition must cover
 
 }  // namespace
 
