@@ -88,7 +88,7 @@ class LerobotWheels(unittest.TestCase):
             self.assertEqual(files, {f"{name}/{part}.py" for part in ("__init__", "config_multipanda", "multipanda")})
             self.assertEqual(metadata["Name"], name)  # not lerobot-robot-multipanda: LeRobot imports this text
             self.assertEqual(metadata["Version"], made.wheel().name.split("-")[1])
-            needed = {line.split(">")[0].split("=")[0].strip() for line in metadata.get_all("Requires-Dist")}
+            needed = {re.match(r"[\w.-]+", line).group() for line in metadata.get_all("Requires-Dist")}
             self.assertEqual(needed, {"lerobot", "numpy"})
 
 
