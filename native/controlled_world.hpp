@@ -37,14 +37,19 @@ class ControlledWorld {
   // Tells the world something, from the next cycle on. Throws std::invalid_argument: unknown names, wrong
   // sizes; CommandRefused: what is known to be refused at once. The rest is decided in the next cycle: see
   // refusal().
-  //   target           controllet, input; values     a sample of a stream
-  //   goal             controllet, input; duration [s], values
-  //   parameter        controllet, name; values (one number: for all). No effect if it is that already.
-  //   switch           names to activate, "-" with names to deactivate, "!" alone: only the former; all or
-  //   nothing feature          controllet, feature; 1 or 0 stop, resume     arms gripper_grasp    arm; width
-  //   [m], speed [m/s], force [N], tolerance [m] gripper_move     arm; width [m], speed [m/s] gripper_homing
-  //   arm user_stop        arm; 1 or 0 recover          arm place            object; x y z [m], qw qx qy qz
-  //   push             object; fx fy fz [N], duration [s]
+  //   target          controllet, input; a sample of a stream
+  //   goal            controllet, input; duration [s], values
+  //   parameter       controllet, name; values, or one for all of them
+  //   switch          names to start; "-NAME" to stop; "!": stop all others, too
+  //   feature         controllet, feature; 1 or 0
+  //   stop, resume    arms
+  //   gripper_grasp   arm; width [m], speed [m/s], force [N], tolerance [m]
+  //   gripper_move    arm; width [m], speed [m/s]
+  //   gripper_homing  arm
+  //   user_stop       arm; 1 or 0
+  //   recover         arm
+  //   place           free object; x y z [m], qw qx qy qz
+  //   push            free object; fx fy fz [N], duration [s]
   void command(std::string what, std::vector<std::string> names, std::vector<double> values);
 
   // Runs the loop. Throws std::runtime_error: the simulation has failed.

@@ -28,8 +28,9 @@ namespace multipanda::test {
 // `./multipanda test --full` makes a study of every case (docs/studies.md). It sets MULTIPANDA_SERIES:
 //     count         no case runs; their number is recorded as `cases`
 //     case:17       this case runs
-//     figures:FILE  no case runs; `FIGURE value value ...`, a line per figure, is what all of them have
-//     recorded tenth         the tenth, whatever MULTIPANDA_FULL says
+//     figures:FILE  no case runs; the file has what all of them have recorded,
+//                   a line per figure: `FIGURE value value ...`
+//     tenth         the tenth runs, whatever MULTIPANDA_FULL says
 // Without it the tenth runs, and with MULTIPANDA_FULL=1 every case.
 class Series {
  public:

@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import unittest
 
@@ -18,6 +19,7 @@ from harness import PATIENCE, ROOT, until
 from lerobot_scenes import TIMEOUT_S, edited, two_arms
 from multipanda.lerobot import ArmsLeader, ArmsRobot, LeaderSettings, RobotSettings, SpaceMouseLeader
 from multipanda.lerobot import SpaceMouseSettings as MouseSettings
+from multipanda.lerobot.fingers import Fingers as OneHand
 from multipanda.lerobot.names import SteadySigns, quantity_names
 from space_mouse_device import Device
 
@@ -423,6 +425,48 @@ class Fingers(unittest.TestCase):
             until(lambda: run.arms["left"].state.gripper.grasped, "grasped again")
             robot.disconnect()
             self.assertTrue(run.arms["left"].state.gripper.grasped)
+
+
+class Hand:
+    """A hand whose motions last until stop() ends them."""
+
+    def __init__(self):
+        self.asked, self.ended = [], threading.Event()
+
+    def move(self, width_m):
+        self.asked.append(width_m)
+        self.ended.wait(60)
+
+    def grasp(self, width_m, **_):
+        self.move(width_m)
+
+    def stop(self):
+        self.asked.append("stop")
+        self.ended.set()
+
+
+class FingersOfAHeldRobot(unittest.TestCase):
+    def test_a_motion_under_way_is_ended_and_may_begin_again(self):
+        hand = Hand()
+        fingers = OneHand(hand, grasp_below_m=0.01, force_n=20, step_m=0.004)
+        fingers.stop()  # nothing moves: what is held is not let go
+        self.assertEqual(hand.asked, [])
+        fingers.aim(0.0, None)
+        until(lambda: hand.asked == [0], "the grasp")
+        fingers.stop()
+        fingers.close()
+        self.assertEqual(hand.asked, [0, "stop"])
+        fingers.aim(0.0, None)
+        until(lambda: hand.asked == [0, "stop", 0], "the grasp again")
+
+    def test_holding_the_robot_ends_it(self):
+        robot = ArmsRobot(RobotSettings(arms=["left"], grippers=["left"]))
+        hand = Hand()
+        robot._fingers["left"] = OneHand(hand, grasp_below_m=0.01, force_n=20, step_m=0.004)
+        robot._fingers["left"].aim(0.05, None)
+        until(lambda: hand.asked == [0.05], "the motion")
+        robot.hold()
+        self.assertEqual(hand.asked, [0.05, "stop"])
 
 
 class Leaders(unittest.TestCase):

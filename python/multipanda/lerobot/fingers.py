@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 
@@ -53,6 +54,14 @@ class Fingers:
         except Error as wrong:
             if width_m == self._sent and not self._closed:  # otherwise the next motion has ended it, or the run is over
                 _LOGGER.warning("fingers: %s", wrong)
+
+    def stop(self) -> None:
+        """Ends a motion that is under way, so that nobody's finger is grasped once the arms are held. What is held stays
+        held. Never raises."""
+        if any(thread.is_alive() for thread in self._threads):
+            with contextlib.suppress(Error, OSError):
+                self._gripper.stop()
+            self._sent = None  # the next width is sent, even if it is the same
 
     def close(self) -> None:
         """Waits a little for answers. What is held stays held."""

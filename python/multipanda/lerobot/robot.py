@@ -280,7 +280,13 @@ class ArmsRobot:
         return ""
 
     def hold(self) -> None:
-        """Holds the arms that this robot moves, all at the same cycle. Never raises. The next action begins again."""
+        """Holds the arms that this robot moves, all at the same cycle, and ends motions of fingers. Never raises. The
+        next action begins again."""
+        self._hold_arms()
+        for fingers in self._fingers.values():
+            fingers.stop()
+
+    def _hold_arms(self) -> None:
         taken, self._taken = self._taken, set()
         streams, self._streams = self._streams, {}
         if self._client is None or not taken:
@@ -292,7 +298,7 @@ class ArmsRobot:
 
     def disconnect(self) -> None:
         """Holds the arms, and ends a run that connect() has started. May be called again; raises nothing."""
-        self.hold()
+        self._hold_arms()
         client, self._client = self._client, None
         if client is None:
             return
