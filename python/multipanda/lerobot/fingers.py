@@ -56,8 +56,10 @@ class Fingers:
                 _LOGGER.warning("fingers: %s", wrong)
 
     def stop(self) -> None:
-        """Ends a motion that is under way, so that nobody's finger is grasped once the arms are held. What is held stays
-        held. Never raises."""
+        """Ends a motion that is under way, so that no hand closes on a person once the arms are held.
+
+        What is held stays held. Never raises.
+        """
         if any(thread.is_alive() for thread in self._threads):
             with contextlib.suppress(Error, OSError):
                 self._gripper.stop()
