@@ -18,6 +18,7 @@ fi
 # shellcheck disable=SC2086
 cmake --build --preset "$preset" --target $targets
 # A test program that was not built has no label, so it is not run. Scripts need the program.
+# The first fault ends the run: a run that is stopped for lack of time must not hide it (in_time.sh).
 # Long series stay short here: the sanitizers look for faults of the code, not of the mathematics.
 exec env -u MULTIPANDA_FULL \
-  ctest --test-dir "build-$preset" -L '^(core|cockpit)$' -LE '^(script|lint)$' -E '^cockpit_page' --no-tests=error --output-on-failure -j 2
+  ctest --stop-on-failure --test-dir "build-$preset" -L '^(core|cockpit)$' -LE '^(script|lint)$' -E '^cockpit_page' --no-tests=error --output-on-failure -j 2

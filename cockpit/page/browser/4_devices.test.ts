@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
-import { after, afterEach, before, suite, test } from "node:test";
+import { after, afterEach, before, suite, test, type TestContext } from "node:test";
 import {
   atRest,
   handMoves,
@@ -12,6 +12,7 @@ import {
   Run,
   stateOf,
   takeControl,
+  unlessTooSlow,
   until,
   type Cockpit,
   type Window_,
@@ -30,6 +31,8 @@ const devices = (backend: string) => () => {
     return cockpit;
   }
 
+  const moves = (t: TestContext, page: Cockpit["page"], owner: string, act: () => Promise<void>) =>
+    unlessTooSlow(t, page, () => patiently(page, owner, act));
   const hand = async ({ page }: Cockpit, arm: number) => (await stateOf(page)).arms[arm]!.hand.position;
   async function leave({ page, context }: Cockpit): Promise<void> {
     await atRest(page);
@@ -37,7 +40,7 @@ const devices = (backend: string) => () => {
     await context.close();
   }
 
-  test("a gamepad leads one hand while its bumper is held, then two hands", async () => {
+  test("a gamepad leads one hand while its bumper is held, then two hands", async (t) => {
     const cockpit = await lead(() => {
       const pad = {
         id: "Test pad",
@@ -69,7 +72,7 @@ const devices = (backend: string) => () => {
     await set([0, 0, 0, 0], false, 1); // without the bumper nothing moves
     await page.waitForTimeout(300);
     assert.ok(Math.abs((await hand(cockpit, 0))[2] - from[2]) < 1e-3);
-    await patiently(page, "left_cartesian", async () => {
+    await moves(t, page, "left_cartesian", async () => {
       await set([0, 0, 0, 0], true, 1);
       await handMoves(page, 0, 2, 0.01).finally(() => set([0, 0, 0, 0], false, 1));
     });
@@ -77,7 +80,7 @@ const devices = (backend: string) => () => {
 
     await page.getByRole("checkbox", { name: "Gamepad: both sticks lead a hand" }).check();
     await page.getByRole("radio", { name: "Base" }).check();
-    await patiently(page, "left_cartesian", async () => {
+    await moves(t, page, "left_cartesian", async () => {
       await set([0, -1, 0, -1], true); // both sticks away from the operator: along the bases' x
       await Promise.all([handMoves(page, 0, 0, 0.01), handMoves(page, 1, 0, 0.01)]).catch(async (error) => {
         await set([0, 0, 0, 0], false);
@@ -92,7 +95,7 @@ const devices = (backend: string) => () => {
     await leave(cockpit);
   });
 
-  test("a SpaceMouse over WebHID leads the hand by its reports", async () => {
+  test("a SpaceMouse over WebHID leads the hand by its reports", async (t) => {
     const cockpit = await lead(() => {
       const device = Object.assign(new EventTarget(), {
         productName: "Test SpaceMouse",
@@ -135,14 +138,14 @@ const devices = (backend: string) => () => {
     await report(1, 0, 0, 0, 0, 0xa2, 0xfe); // the cap is lifted: z is -350 on the device
     await page.waitForTimeout(300);
     assert.ok(Math.abs((await hand(cockpit, 0))[2] - from[2]) < 1e-3, "it moved without its button");
-    await patiently(page, "left_cartesian", async () => {
+    await moves(t, page, "left_cartesian", async () => {
       await report(3, 1);
       await handMoves(page, 0, 2, 0.01).finally(() => report(3, 0));
     });
     await leave(cockpit);
   });
 
-  test("a headset's controller leads the hand while it is squeezed", async () => {
+  test("a headset's controller leads the hand while it is squeezed", async (t) => {
     const emulator = readFileSync(createRequire(import.meta.url).resolve("iwer/build/iwer.js"), "utf8");
     const cockpit = await lead(`${emulator};
   delete Navigator.prototype.xr;
@@ -169,7 +172,7 @@ const devices = (backend: string) => () => {
     await move(1.05, 0); // moved without squeezing: nothing
     await page.waitForTimeout(300);
     assert.ok(Math.abs((await hand(cockpit, 0))[2] - from[2]) < 1e-3);
-    await patiently(page, "left_cartesian", async () => {
+    await moves(t, page, "left_cartesian", async () => {
       await move(1.05, 1);
       await until(page, () => (window as never as Window_).cockpit.held());
       await move(1.1, 1);
@@ -181,7 +184,7 @@ const devices = (backend: string) => () => {
     await page.waitForTimeout(300);
     assert.ok(Math.abs((await hand(cockpit, 0))[2] - arrived[2]) < 2e-3);
     // A controller that is not seen any more is let go, and holds nothing when it is seen again.
-    await patiently(page, "left_cartesian", async () => {
+    await moves(t, page, "left_cartesian", async () => {
       await move(1.5, 1);
       await until(page, () => (window as never as Window_).cockpit.held());
       await page.evaluate(() => Object.assign(window, { lost: true }));

@@ -2,11 +2,11 @@
 // computer that they are measured on; without a graphics card most of both is drawing.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { gizmoHandle, open, ownerOf, Run, takeControl, until, type Window_ } from "./support.ts";
+import { gizmoHandle, holding, open, ownerOf, Run, takeControl, until, type Window_ } from "./support.ts";
 
 const kCount = process.env["COCKPIT_FOR_DOCS"] ? 20 : 4; // of drags; many where pictures and figures are asked for
 
-test("latencies: state to picture, drag to torque", async () => {
+test("latencies: state to picture, drag to torque", async (t) => {
   const run = await Run.idle("two_arms");
   try {
     const { page, context } = await open(run.url);
@@ -27,30 +27,32 @@ test("latencies: state to picture, drag to torque", async () => {
     }, kCount);
     print("state to picture", pictures);
 
-    await takeControl(page);
-    await watchTorques(page);
-    await page.getByRole("tab", { name: "Move" }).click();
-    await page.getByRole("checkbox", { name: "Drag the target in the picture" }).check();
-    await page.getByRole("button", { name: "Side" }).click();
-    const delays: number[] = [];
-    for (let tries = 0; tries < 2 * kCount && delays.length < kCount; ++tries) {
-      if ((await ownerOf(page)) !== "left_cartesian") {
-        await page.evaluate(() =>
-          (window as never as Window_).cockpit.session.request("switch", { activate: ["left_cartesian"] }),
-        );
+    await holding(t, page, "drag to torque", async () => {
+      await takeControl(page);
+      await watchTorques(page);
+      await page.getByRole("tab", { name: "Move" }).click();
+      await page.getByRole("checkbox", { name: "Drag the target in the picture" }).check();
+      await page.getByRole("button", { name: "Side" }).click();
+      const delays: number[] = [];
+      for (let tries = 0; tries < 2 * kCount && delays.length < kCount; ++tries) {
+        if ((await ownerOf(page)) !== "left_cartesian") {
+          await page.evaluate(() =>
+            (window as never as Window_).cockpit.session.request("switch", { activate: ["left_cartesian"] }),
+          );
+        }
+        await page.waitForTimeout(500); // at rest
+        const [x = NaN, y = NaN] = await gizmoHandle(page);
+        await page.mouse.move(x, y);
+        await page.mouse.down();
+        await page.waitForTimeout(200);
+        await page.mouse.move(x, y + (tries % 2 ? -8 : 8));
+        await page.waitForTimeout(400);
+        await page.mouse.up();
+        const delay = await page.evaluate(() => (window as never as Torques).delay());
+        if (delay !== undefined) delays.push(delay);
       }
-      await page.waitForTimeout(500); // at rest
-      const [x = NaN, y = NaN] = await gizmoHandle(page);
-      await page.mouse.move(x, y);
-      await page.mouse.down();
-      await page.waitForTimeout(200);
-      await page.mouse.move(x, y + (tries % 2 ? -8 : 8));
-      await page.waitForTimeout(400);
-      await page.mouse.up();
-      const delay = await page.evaluate(() => (window as never as Torques).delay());
-      if (delay !== undefined) delays.push(delay);
-    }
-    print("drag to torque", delays);
+      print("drag to torque", delays);
+    });
     await context.close();
   } finally {
     await run.end();

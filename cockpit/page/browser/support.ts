@@ -5,7 +5,7 @@ import { mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
-import { after } from "node:test";
+import { after, type TestContext } from "node:test";
 import { chromium, type Browser, type BrowserContext, type Locator, type Page } from "playwright-core";
 import type { LiveState } from "../src/model/live.ts";
 
@@ -138,7 +138,7 @@ export interface Window_ {
       control: { mine: boolean; taken: boolean; watchers: number };
     };
     line: { latencies: number[] };
-    stage: { pictures: number; drawSharply(): void };
+    stage: { pictures: number; touch(): void; drawSharply(): void };
     held(): boolean;
   };
 }
@@ -193,6 +193,58 @@ export async function drag(page: Page, from: readonly [number, number], to: read
     await page.mouse.move(...([0, 1].map((i) => from[i]! + (k / kSteps) * (to[i]! - from[i]!)) as [number, number]));
     await page.waitForTimeout(25);
   }
+}
+
+/**
+ * Why this computer cannot hold a motion, if so: a hold ends when the page shows states later than 100 ms, so a computer
+ * without a graphics card that draws a moving arm slower than that moves nothing. Measured on a page that draws all the
+ * time; `6_pace` tells a slow page from a slow computer.
+ */
+export async function tooSlowToHold(page: Page): Promise<string | undefined> {
+  const kLate = 90; // [ms]
+  const late = await page.evaluate(async (late) => {
+    const { stage } = (window as never as Window_).cockpit;
+    const gaps: number[] = [];
+    await new Promise<void>((done) => {
+      const begun = performance.now();
+      let last = begun;
+      const frame = (now: number) => {
+        gaps.push(now - last);
+        last = now;
+        stage.touch();
+        if (now - begun < 3000) requestAnimationFrame(frame);
+        else done();
+      };
+      requestAnimationFrame(frame);
+    });
+    return gaps.filter((gap) => gap > late).length / gaps.length;
+  }, kLate);
+  return late > 0.1 ? `${(100 * late).toFixed(0)} % of the pictures came later than ${kLate} ms` : undefined;
+}
+
+/** A part of a test that holds motions; skipped where the computer cannot hold one, with the figure. */
+export async function holding(t: TestContext, page: Page, name: string, act: () => Promise<void>): Promise<void> {
+  await t.test(name, async (t) => {
+    const why = page.isClosed() ? undefined : await tooSlowToHold(page);
+    if (why === undefined) await unlessTooSlow(t, page, act);
+    else skip(t, why);
+  });
+}
+
+/** Skips a test that came too late in vain if the computer turns out to be too slow to hold a motion. */
+export async function unlessTooSlow(t: TestContext, page: Page, act: () => Promise<void>): Promise<void> {
+  try {
+    await act();
+  } catch (error) {
+    const why = error instanceof Late && !page.isClosed() ? await tooSlowToHold(page) : undefined;
+    if (why === undefined) throw error;
+    skip(t, why);
+  }
+}
+
+function skip(t: TestContext, why: string): void {
+  console.log(`skipped: ${t.name}: this computer draws too slowly to hold a motion: ${why}`);
+  t.skip(why);
 }
 
 /** The computer was too busy to read the button in time: the page or the run has let go, as they should. */
