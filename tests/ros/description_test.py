@@ -7,6 +7,7 @@ launch files if the package `launch` is installed.
 import functools
 import importlib.util
 import itertools
+import json
 import math
 import pathlib
 import re
@@ -235,6 +236,7 @@ class Bringup(unittest.TestCase):
         "one_arm.yaml": LAYOUTS["single"],
         "two_arms.yaml": LAYOUTS["dual"],
         "mixed.yaml": LAYOUTS["mixed"],
+        "three_arms.yaml": ["left", "right", "third"],
         "four_arms.yaml": LAYOUTS["four_arms"],
     }
 
@@ -274,6 +276,60 @@ class Bringup(unittest.TestCase):
         self.assertLessEqual(set(parameters["active"]), set(parameters["controllets"]))
         owners = [arm for name in parameters["active"] for arm in parameters["controllets"][name]["arms"]]
         self.assertEqual(sorted(owners), sorted(parameters["arm_names"]))
+
+    def test_every_law_is_offered(self):
+        """One word per law of one arm, one per law of two: all types of the reference but those that need partners."""
+        reference = (
+            (ROOT / "docs/scene_reference.md").read_text().split("## Controllet types", 1)[1].split("\n## ", 1)[0]
+        )
+        types = set(re.findall(r"^### (\w+)$", reference, re.MULTILINE))
+        followers = {"hold", "joint_follower", "pose_follower", "teleoperation"}  # hold is always there
+        for file, names in self.FILES.items():
+            if file == "mixed.yaml":
+                continue
+            data, _, _ = controllers_of(file, names)
+            offered = data["multimode_controller"]["ros__parameters"]["controllets"].values()
+            expected = types - followers
+            if len(names) == 1:
+                expected -= {"dual_cartesian_impedance", "coupled_dual_cartesian_impedance", "coupled_ufic"}
+            self.assertEqual({instance["type"] for instance in offered}, expected, file)
+            for name in names:
+                self.assertEqual(
+                    sum(name in c["arms"] for c in offered), 5 + 3 * (len(names) % 2 == 0 or name != names[-1])
+                )
+
+    def test_every_law_runs_on_simulated_arms(self):
+        """The controllets of each default file are switched through in one run of the program, as a scene."""
+        program = ROOT / "build" / "multipanda"
+        if not program.exists():
+            self.skipTest(f"{program} is not built")
+        for file, names in self.FILES.items():
+            data, _, _ = controllers_of(file, names)
+            sections = [s["ros__parameters"] for s in data.values() if "controllets" in s["ros__parameters"]]
+            controllets = {k: v for section in sections for k, v in section["controllets"].items()}
+            arms = {k: v for section in sections for k, v in section["arms"].items()}
+            switches = [
+                {"at_s": round(0.1 * (k + 1), 3), "switch": {"activate": [name]}} for k, name in enumerate(controllets)
+            ]
+            scene = {
+                "name": "bringup",
+                "arms": [{"name": name, **arm} for name, arm in arms.items()],
+                "controllets": [{"name": name, **controllet} for name, controllet in controllets.items()],
+                "active": [name for section in sections for name in section["active"]],
+                "timeline": switches,
+            }
+            with tempfile.TemporaryDirectory() as folder:
+                path = pathlib.Path(folder) / "bringup.yaml"
+                path.write_text(yaml.safe_dump(scene, sort_keys=False))
+                seconds = str(0.1 * (len(switches) + 2))
+                command = [program, "run", path, "--fast", "--seconds", seconds, "--json"]
+                done = subprocess.run(command, capture_output=True, text=True, timeout=100)
+            self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+            run = json.loads(done.stdout)
+            self.assertTrue(run["success"])
+            accepted = [switch["started"] + switch["kept"] for switch in run["switches"] if switch["accepted"]]
+            for name, active in zip(controllets, accepted[1:], strict=True):
+                self.assertIn(name, active)
 
     def test_arguments_are_checked(self):
         for wrong in (

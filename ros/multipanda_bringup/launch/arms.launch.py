@@ -29,7 +29,7 @@ ARGUMENTS = {
     "scene": ("", "Scene file for the simulated arms, with its objects"),
     "controllers_file": (
         "",
-        "Controllers (default: config/one_arm.yaml, two_arms.yaml or four_arms.yaml, by the number of arms)",
+        "Controllers (default: one_arm, two_arms, three_arms or four_arms.yaml of config, by the number of arms)",
     ),
     "rviz": ("false", "Show the arms in rviz"),
 }
@@ -45,7 +45,7 @@ def set_up(context):
     ).toxml()
     file = given["controllers_file"]
     if not file:
-        by_count = {1: "one_arm", 2: "two_arms", 4: "four_arms"}
+        by_count = {1: "one_arm", 2: "two_arms", 3: "three_arms", 4: "four_arms"}
         if len(arms) not in by_count:
             raise ValueError(
                 f"controllers_file: no default for {len(arms)} arms; write a file like {share}/config/two_arms.yaml"

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import yaml
 
+from .controllets import controllets_for
+
 KINDS = ("mujoco", "fci", "mock")
 PAIR = [[0.0, 0.26, 0.0, 0.0, 0.0, 0.0], [0.0, -0.26, 0.0, 0.0, 0.0, 0.0]]
 SQUARE = [
@@ -129,7 +131,8 @@ def renamed(data, names):
 def controllers(data, arms):
     """Reads a controllers.yaml for these arms: (parameters, names that start, names that are only loaded).
 
-    Its own arms, in their order, get the names of `arms`; the multimode controllers get the arms' models.
+    Its own arms, in their order, get the names of `arms`; the multimode controllers get the arms' models, and every law
+    if the file lists no controllets.
     """
     its_own = data["controller_manager"]["ros__parameters"]["multipanda_arms"]
     if len(its_own) != len(arms):
@@ -142,8 +145,9 @@ def controllers(data, arms):
     known = {a.name: a for a in arms}
     for section in data.values():
         parameters = section["ros__parameters"]
-        if "controllets" not in parameters:
+        if "arm_names" not in parameters:
             continue
+        parameters.setdefault("controllets", controllets_for(parameters["arm_names"]))
         parameters["arms"] = {}
         for name in parameters["arm_names"]:
             arm = known[name]
