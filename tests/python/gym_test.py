@@ -100,7 +100,7 @@ class Checkers(unittest.TestCase):
 
     def test_what_is_refused(self):
         for options, said in (
-            ({"action": "wrench"}, "pose, impedance, joints"),
+            ({"action": "torque"}, "pose, impedance, wrench, joints"),
             ({"render_mode": "human"}, "render_mode None"),
             ({"rate_hz": 30}, "divides 1000"),
             ({"autoreset_mode": AutoresetMode.SAME_STEP}, "SAME_STEP"),
@@ -285,6 +285,62 @@ class Solvable(unittest.TestCase):
     def test_handover(self):
         _, rewards, successes = self.solved("Handover", count=2)
         self.assertTrue(successes[-5:].all(), rewards[-1])
+
+
+class OtherKinds(unittest.TestCase):
+    """Kinds of actions that no scripted policy uses do what they say."""
+
+    def test_reach_by_wrenches(self):
+        """The law that takes wrenches follows poses, too, as long as no force is asked for: 1 is 0 N along z."""
+        envs = make_vec("Reach", 4, action="wrench")
+        policy, none = SCRIPTED["Reach"][1], np.tile([0.0, 0.0, 1.0], (4, 1))
+        _, _, successes = rollout(envs, lambda seen: np.hstack([policy(seen), none]), seed=100)
+        envs.close()
+        self.assertTrue(successes[-10:].all())
+
+    def test_each_arm_presses_on_the_box(self):
+        """With a law per arm both pads press with the 20 N that an action of 0 asks for, by the simulation's forces."""
+        task = TASKS["LiftBox"]()
+        width = len(task.observation_names)
+        envs = make_vec("LiftBox", 2, action="wrench", privileged=True)
+
+        def press(seen):
+            action = np.zeros((len(seen), 12))
+            approaching = Observed(task, seen[:, :width]).seconds < 1  # the poses go 2 cm into the box
+            action[:, 1], action[:, 7] = np.where(approaching, -0.25, 0), np.where(approaching, 0.25, 0)
+            return action
+
+        rows, _, _ = rollout(envs, press, seed=100)
+        envs.close()
+        for arm, force in (("left", -20.0), ("right", 20.0)):
+            true = 10 * rows[-20:, :, width + task.privileged_names.index(f"{arm}_true_fy [10 N]")]
+            np.testing.assert_allclose(true, force, atol=0.5, err_msg=arm)
+
+    def test_joints_lift_what_a_gripper_holds(self):
+        """A hand grasps the bar, then its shoulder leans back: the bar moves with the hand as one body."""
+        task = TASKS["Handover"]()
+        envs = make_vec("Handover", 2, action="joints", privileged=True, max_episode_steps=70)
+        width = len(task.observation_names)
+
+        def lean(seen):
+            action = np.zeros((len(seen), 16))
+            action[:, 7], action[:, 15] = 1, -1
+            action[:, 1] = np.where(Observed(task, seen[:, :width]).seconds > 1.5, -0.3, 0)
+            return action
+
+        rows, _, _ = rollout(envs, lean, seed=100)
+        envs.close()
+        at = task.observation_names.index("left_x [m]")
+        hand, x, y = rows[:, :, at : at + 3], rows[:, :, at + 3 : at + 6], rows[:, :, at + 6 : at + 9]
+        axes = np.stack([x, y, np.cross(x, y)], axis=-1)
+        place = width + task.privileged_names.index("bar_x [m]")
+        bar = rows[:, :, place : place + 3]
+        for world in range(2):
+            before, after = 25, -1
+            in_hand = axes[before, world].T @ (bar[before, world] - hand[before, world])
+            expected = hand[after, world] + axes[after, world] @ in_hand
+            self.assertGreater(hand[after, world, 2] - hand[before, world, 2], 0.05)
+            np.testing.assert_allclose(bar[after, world], expected, atol=0.004)
 
 
 if __name__ == "__main__":

@@ -240,8 +240,8 @@ class Mapping(unittest.TestCase):
         ):
             with self.assertRaisesRegex(ValueError, said):
                 mapping.command(action, states)
-        with self.assertRaisesRegex(ValueError, "pose, impedance, joints; found 'wrench'"):
-            TASKS["Reach"]().mapping("wrench")
+        with self.assertRaisesRegex(ValueError, "pose, impedance, wrench, joints; found 'torque'"):
+            TASKS["Reach"]().mapping("torque")
 
 
 class Tasks(unittest.TestCase):

@@ -1,5 +1,6 @@
 """Runs the example of the documentation as a user does, also with names in a namespace: examples_test.py PROGRAM."""
 
+import re
 import signal
 import subprocess
 import sys
@@ -34,6 +35,29 @@ class Examples(unittest.TestCase):
             for line in ("owner left_joint", "['left_cartesian'] instead of ['left_joint']", "arrived"):
                 self.assertIn(line, steps.stdout)
             self.assertEqual(run.end(signal.SIGTERM), 0, "".join(run.output))
+
+    def test_two_arms(self):
+        """The tutorial: what the page shows is what the script says, but for the numbers of cycles."""
+        domain = ros_run.own_domain(5)
+        script = ros_run.ROOT / "examples/ros/two_arms.py"
+        with ros_run.Run(PROGRAM, "two_arms", "--no-timeline", "--seconds", "300", domain=domain) as run:
+            done = subprocess.run(
+                [sys.executable, script],
+                capture_output=True,
+                text=True,
+                env=ros_run.environment(domain),
+                timeout=150,
+                check=False,
+            )
+            self.assertEqual(done.returncode, 0, done.stdout + done.stderr + "".join(run.output))
+            self.assertEqual(run.end(signal.SIGTERM), 0, "".join(run.output))
+        page = (ros_run.ROOT / "docs/tutorials/two_arms_with_ros.md").read_text()
+        shown = [line.strip() for line in page.split("owners:", 1)[1].split("What [the script]")[0].splitlines()]
+        said = done.stdout.removeprefix("owners:").splitlines()
+        plain = [re.sub(r"cycle \d+|[\d.]+ (mm|N m)", "", line.strip()) for line in said]
+        self.assertEqual(plain, [re.sub(r"cycle \d+|[\d.]+ (mm|N m)", "", line) for line in shown if line])
+        (apart,) = re.findall(r"changed by ([\d.]+) mm", done.stdout)
+        self.assertLess(float(apart), 2)
 
     def test_names(self):
         domain = ros_run.own_domain(4)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from .actions import ActionMapping, GripperPart, ParameterPart, Part, PosePart
+from .actions import ActionMapping, GripperPart, JointsPart, ParameterPart, Part, PosePart, WrenchPart
 from .arms import States
 from .reach import READY_RAD
 from .rotations import Array, compose, from_rpy
-from .task import SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
+from .task import JOINTS_HIGH_RAD, JOINTS_LOW_RAD, SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
 
 BAR_M = np.array([0.4, 0.0, 0.4755])  # where the bar lies
 GRASP_M = 0.08  # from the bar's middle to where a hand grasps it
@@ -32,31 +32,38 @@ class Handover(Task):
         TaskArm("left", pose_of([0, 0, 0])),
         TaskArm("right", pose_of([1.0, 0, 0], from_rpy(np.array([0, 0, np.pi])).tolist())),
     )
-    actions = ("pose", "impedance")
+    actions = ("pose", "impedance", "wrench", "joints")
     seconds = 10.0
     objects = ("bar",)
     grippers = ("left", "right")
 
     def _mapping(self, kind: str) -> ActionMapping:
         parts: list[Part] = []
+        laws = {"wrench": "force", "joints": "joint"}
         for arm in self.arms:
-            parts += [
-                PosePart(
-                    f"{arm.name}_cartesian",
-                    "pose",
-                    [arm.name],
-                    arm.base,
-                    step_m=0.01,
-                    low_m=[0.25, -0.2, 0.4],
-                    high_m=[0.6, 0.2, 0.7],
-                    leash_m=0.1,
-                ),
-                GripperPart(arm.name, width_m=0.04, force_n=40),
-            ]
+            law = f"{arm.name}_{laws.get(kind, 'cartesian')}"
+            if kind == "joints":
+                limits = {"low_rad": JOINTS_LOW_RAD, "high_rad": JOINTS_HIGH_RAD}
+                parts.append(JointsPart(law, arm.name, step_rad=0.02, leash_rad=0.15, **limits))
+            else:
+                parts.append(
+                    PosePart(
+                        law,
+                        "pose",
+                        [arm.name],
+                        arm.base,
+                        step_m=0.01,
+                        low_m=[0.25, -0.2, 0.4],
+                        high_m=[0.6, 0.2, 0.7],
+                        leash_m=0.1,
+                    )
+                )
+            parts.append(GripperPart(arm.name, width_m=0.04, force_n=40))
             if kind == "impedance":
-                law = f"{arm.name}_cartesian"
-                parts += [ParameterPart(law, "translational_stiffness_n_per_m", "N/m", 100, 2000, count=3)]
-        return ActionMapping(["left_cartesian", "right_cartesian"], parts)
+                parts.append(ParameterPart(law, "translational_stiffness_n_per_m", "N/m", 100, 2000, count=3))
+            if kind == "wrench":
+                parts.append(WrenchPart(law, arm.base, low_n=[-5, -5, -20], high_n=[5, 5, 0]))
+        return ActionMapping([f"{arm.name}_{laws.get(kind, 'cartesian')}" for arm in self.arms], parts)
 
     def draw(self, random: np.random.Generator) -> Start:
         return Start(

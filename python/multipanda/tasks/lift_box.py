@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .actions import ActionMapping, JointsPart, ParameterPart, PosePart, ScalarPart
+from .actions import ActionMapping, JointsPart, ParameterPart, Part, PosePart, ScalarPart, WrenchPart
 from .arms import States
 from .rotations import Array, rotate
 from .task import JOINTS_HIGH_RAD, JOINTS_LOW_RAD, SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
@@ -16,8 +16,9 @@ SUCCESS_M, SUCCESS_RAD = 0.015, 0.15
 
 
 class LiftBox(Task):
-    """Two arms, coupled by one law, squeeze a box of 1 kg and lift it by 5 to 15 cm. Actions move the frame of the box
-    and set the squeeze; its mass is not declared.
+    """Two arms squeeze a box of 1 kg and lift it by 5 to 15 cm; its mass is not declared. With `pose` and `impedance`,
+    one law couples both arms: actions move the frame of the box and set the squeeze. With `wrench` and `joints`, each
+    arm has a law of its own.
 
     Reward: 1 - tanh(error of the box's height / 0.05 m), zero while the box is tilted by more than 0.5 rad. Success:
     within 15 mm of the height and 0.15 rad of upright. A box that has fallen ends the episode.
@@ -26,7 +27,7 @@ class LiftBox(Task):
     name = "LiftBox"
     scene = SCENES / "lift_box.yaml"
     arms = (TaskArm("left", pose_of([0, 0.26, 0])), TaskArm("right", pose_of([0, -0.26, 0])))
-    actions = ("pose", "impedance", "joints")
+    actions = ("pose", "impedance", "wrench", "joints")
     seconds = 7.0
     objects = ("box",)
 
@@ -37,6 +38,25 @@ class LiftBox(Task):
                 JointsPart(f"{arm.name}_joint", arm.name, step_rad=0.02, leash_rad=0.15, **limits) for arm in self.arms
             ]
             return ActionMapping(["left_joint", "right_joint"], parts)
+        if kind == "wrench":
+            forces: list[Part] = []
+            for arm in self.arms:
+                law = f"{arm.name}_force"
+                inwards = (-40, 0) if arm.name == "left" else (0, 40)  # the law presses that way only
+                forces += [
+                    PosePart(
+                        law,
+                        "pose",
+                        [arm.name],
+                        arm.base,
+                        step_m=0.01,
+                        low_m=[0.35, -0.5, 0.25],
+                        high_m=[0.65, 0.5, 0.65],
+                        leash_m=0.1,
+                    ),
+                    WrenchPart(law, arm.base, low_n=[-10, inwards[0], -10], high_n=[10, inwards[1], 10]),
+                ]
+            return ActionMapping([f"{arm.name}_force" for arm in self.arms], forces)
         pose = PosePart(
             "grasp",
             "pose",

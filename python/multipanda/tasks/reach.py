@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .actions import ActionMapping, JointsPart, ParameterPart, PosePart
+from .actions import ActionMapping, JointsPart, ParameterPart, PosePart, WrenchPart
 from .arms import States, in_base
 from .rotations import Array
 from .task import JOINTS_HIGH_RAD, JOINTS_LOW_RAD, SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
@@ -23,7 +23,7 @@ class Reach(Task):
     name = "Reach"
     scene = SCENES / "reach.yaml"
     arms = (TaskArm("arm", pose_of([0, 0, 0])),)
-    actions = ("pose", "impedance", "joints")
+    actions = ("pose", "impedance", "wrench", "joints")
     seconds = 4.0
 
     def _mapping(self, kind: str) -> ActionMapping:
@@ -32,8 +32,9 @@ class Reach(Task):
                 "joint", "arm", step_rad=0.025, low_rad=JOINTS_LOW_RAD, high_rad=JOINTS_HIGH_RAD, leash_rad=0.15
             )
             return ActionMapping(["joint"], [part])
+        law = "force" if kind == "wrench" else "cartesian"
         pose = PosePart(
-            "cartesian",
+            law,
             "pose",
             ["arm"],
             self.arms[0].base,
@@ -45,10 +46,13 @@ class Reach(Task):
             leash_rad=0.4,
         )
         if kind == "pose":
-            return ActionMapping(["cartesian"], [pose])
-        stiffness = ParameterPart("cartesian", "translational_stiffness_n_per_m", "N/m", 100, 2000, count=3)
-        damping = ParameterPart("cartesian", "damping_ratio", "", 0.5, 1.5, log=False)
-        return ActionMapping(["cartesian"], [pose, stiffness, damping])
+            return ActionMapping([law], [pose])
+        if kind == "wrench":
+            force = WrenchPart(law, self.arms[0].base, low_n=[-5, -5, -20], high_n=[5, 5, 0])
+            return ActionMapping([law], [pose, force])
+        stiffness = ParameterPart(law, "translational_stiffness_n_per_m", "N/m", 100, 2000, count=3)
+        damping = ParameterPart(law, "damping_ratio", "", 0.5, 1.5, log=False)
+        return ActionMapping([law], [pose, stiffness, damping])
 
     def draw(self, random: np.random.Generator) -> Start:
         start = READY_RAD + random.uniform(-0.05, 0.05, 7)
