@@ -19,6 +19,7 @@ configure_file(${CMAKE_CURRENT_LIST_DIR}/eigen_indexed_view.h.in
                ${CMAKE_BINARY_DIR}/eigen/Eigen/src/plugins/IndexedViewMethods.h COPYONLY)
 set_target_properties(Eigen3::Eigen PROPERTIES INTERFACE_INCLUDE_DIRECTORIES ${CMAKE_BINARY_DIR}/eigen)
 find_package(pinocchio REQUIRED)
+find_package(assimp REQUIRED)  # reads the meshes of URDFs; comes with coal
 find_package(yaml-cpp REQUIRED)
 find_package(fmt REQUIRED)
 find_package(CLI11 REQUIRED)

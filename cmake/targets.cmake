@@ -10,7 +10,9 @@ include(GoogleTest)
 if(MULTIPANDA_PCH)
   set(MULTIPANDA_PCH_HEADERS <algorithm> <array> <atomic> <cmath> <filesystem> <functional> <future> <map> <memory>
       <optional> <random> <span> <stdexcept> <string> <thread> <vector> <Eigen/Core> <Eigen/Geometry>)
-  file(WRITE ${CMAKE_BINARY_DIR}/pch.cpp "")
+  if(NOT EXISTS ${CMAKE_BINARY_DIR}/pch.cpp)  # a newer one would compile everything again
+    file(WRITE ${CMAKE_BINARY_DIR}/pch.cpp "")
+  endif()
   add_library(multipanda_pch STATIC ${CMAKE_BINARY_DIR}/pch.cpp)
   target_link_libraries(multipanda_pch PRIVATE multipanda_flags Eigen3::Eigen)
   target_precompile_headers(multipanda_pch PRIVATE ${MULTIPANDA_PCH_HEADERS})

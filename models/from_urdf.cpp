@@ -26,6 +26,11 @@ class ChainReader {
  public:
   ChainReader(const UrdfTree& tree, const UrdfChain& chain) : tree_(tree), chain_(chain) {}
 
+  std::vector<AttachedShape> shapes() {
+    read();
+    return std::move(shapes_);
+  }
+
   RobotDescription read() {
     check_names();
     find_path();
@@ -122,6 +127,10 @@ class ChainReader {
       const RigidBody here = moved(body, X_SL);
       bodies_[segment] = bodies_[segment].mass > 0 ? merged(bodies_[segment], here) : here;
     }
+    if (const auto found = tree_.collisions.find(link); found != tree_.collisions.end()) {
+      for (const UrdfGeometry& shape : found->second)
+        shapes_.push_back({segment, X_SL * shape.X_LG, shape, link});
+    }
     for (const UrdfJoint* joint : tree_.child_joints(link)) {
       const auto place = std::find(arm_.begin(), arm_.end(), joint);
       if (place != arm_.end()) {
@@ -192,7 +201,7 @@ class ChainReader {
     robot_.name = tree_.name;
     robot_.title = tree_.name + ", " + chain_.base_link + " to " + chain_.tip_link;
     for (const UrdfJoint* joint : arm_) robot_.joint_names.push_back(joint->name);
-    // Capsules along the links, because the meshes of the URDF are not read.
+    // Thin capsules along the links, because the looks of the URDF are not read.
     for (std::size_t i = 0; i <= arm_.size(); ++i) {
       Shape stick;
       stick.link = "link" + std::to_string(i);
@@ -209,6 +218,7 @@ class ChainReader {
   std::vector<const UrdfJoint*> path_;  // from the base to the tip
   std::vector<const UrdfJoint*> arm_;   // of them, those that move
   std::vector<RigidBody> bodies_;       // per segment
+  std::vector<AttachedShape> shapes_;
   RobotDescription robot_;
 };
 
@@ -217,6 +227,11 @@ class ChainReader {
 RobotDescription robot_from_urdf(const std::string& urdf_text, const UrdfChain& chain) {
   const UrdfTree tree = parse_urdf(urdf_text);
   return ChainReader(tree, chain).read();
+}
+
+std::vector<AttachedShape> attached_shapes(const std::string& urdf_text, const UrdfChain& chain) {
+  const UrdfTree tree = parse_urdf(urdf_text);
+  return ChainReader(tree, chain).shapes();
 }
 
 std::filesystem::path urdf_file(const std::string& name, const std::filesystem::path& folder) {

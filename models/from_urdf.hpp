@@ -4,8 +4,10 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "models/robot_description.hpp"
+#include "models/urdf_tree.hpp"
 
 namespace multipanda {
 
@@ -38,6 +40,16 @@ RobotDescription robot_from_urdf(const std::string& urdf_text, const UrdfChain& 
 inline constexpr double kUrdfAcceleration = 10;  // [rad/s^2]
 inline constexpr double kUrdfJerk = 5000;        // [rad/s^3]
 inline constexpr double kUrdfTorqueRate = 1000;  // [N m/s]
+
+// A collision geometry that moves with joint `segment` of the arm (0: with the base), in that link's frame.
+struct AttachedShape {
+  std::size_t segment = 0;
+  Pose X_SG;
+  UrdfGeometry shape;
+  std::string link;  // by the URDF's name
+};
+// All of an arm, in the order of the file. Throws as robot_from_urdf.
+std::vector<AttachedShape> attached_shapes(const std::string& urdf_text, const UrdfChain& chain);
 
 // The file behind "package://NAME/REST" (REST below the folder of that name in the share folders of
 // AMENT_PREFIX_PATH, or in the Python environment's example-robot-data), or behind a path, relative to

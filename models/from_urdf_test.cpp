@@ -2,6 +2,10 @@
 // and as MuJoCo finds in the MJCF that is written from the import.
 #include "models/from_urdf.hpp"
 
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -250,6 +254,92 @@ TEST_P(KnownRobots, AreTheSameArm) {
   const RobotDescription arm = load_robot(file);
   EXPECT_EQ(arm.joint_count(), known.joints);
   expect_same_arm(arm, content(original), known.base, known.tip, known.held, 40);
+}
+
+// Corners of a binary STL file, read without the library that the import uses.
+std::vector<Vector3> corners(const std::filesystem::path& file) {
+  const std::string bytes = content(file);
+  std::uint32_t count = 0;
+  std::memcpy(&count, bytes.data() + 80, 4);
+  std::vector<Vector3> points;
+  for (std::uint32_t triangle = 0; triangle < count; ++triangle) {
+    for (int corner = 0; corner < 3; ++corner) {
+      float xyz[3];
+      std::memcpy(xyz, bytes.data() + 84 + 50 * triangle + 12 + 12 * corner, 12);
+      points.emplace_back(xyz[0], xyz[1], xyz[2]);
+    }
+  }
+  return points;
+}
+
+std::vector<Vector3> surface(const UrdfGeometry& shape, Random& random) {
+  std::vector<Vector3> points;
+  if (shape.kind == UrdfGeometry::Kind::mesh) {
+    points = corners(urdf_file(shape.file, {}));
+    for (auto& p : points) p = p.cwiseProduct(shape.scale);
+    return points;
+  }
+  for (int k = 0; k < 200; ++k) {
+    const double angle = random.uniform(-M_PI, M_PI), z = random.uniform(-1, 1), side = z < 0 ? -0.5 : 0.5;
+    const double across = std::sqrt(1 - z * z);
+    const Vector3 round{std::cos(angle), std::sin(angle), 0};
+    if (shape.kind == UrdfGeometry::Kind::box) {
+      points.push_back(
+          Vector3(random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5), side).cwiseProduct(shape.size));
+    } else if (shape.kind == UrdfGeometry::Kind::cylinder) {
+      points.push_back(shape.radius * round + Vector3(0, 0, side * shape.length));
+    } else {
+      points.push_back(shape.radius * (across * round + Vector3(0, 0, z)));
+    }
+  }
+  return points;
+}
+
+double outside(const Vector3& p, const Capsule& capsule, const Pose& X) {
+  const Vector3 from = X * capsule.from, along = X * capsule.to - from;
+  const double t = along.squaredNorm() > 0 ? along.dot(p - from) / along.squaredNorm() : 0;
+  return (p - from - std::clamp(t, 0.0, 1.0) * along).norm() - capsule.radius;
+}
+
+// Every shape of a moving link, placed by Pinocchio from the original, is inside one of the capsules of the
+// import, placed by Pinocchio from the URDF that is written from it.
+TEST_P(KnownRobots, AreInsideTheirCapsules) {
+  const Known& known = GetParam();
+  const std::string file = std::string(MULTIPANDA_SOURCE_DIR "/tests/models/") + known.model + ".yaml";
+  std::string original;
+  try {
+    original = content(urdf_file(Node::load(file).yaml()["urdf"].Scalar(), {}));
+  } catch (const std::invalid_argument&) {
+    GTEST_SKIP() << "example-robot-data is not installed";
+  }
+  const RobotDescription arm = load_robot(file);
+  PinocchioArm reference(original, known.base, arm.joint_names, known.held), ours(to_urdf(arm));
+  Random random(17);
+  const Pose X_WB = random.pose();
+  reference.place_base(X_WB);
+  ours.place_base(X_WB);
+  const VectorXd q = random.between(arm.limits.q_min, arm.limits.q_max), still = VectorXd::Zero(q.size());
+  const UrdfChain chain{.base_link = known.base, .tip_link = known.tip, .held_joints = known.held};
+  std::size_t tested = 0;
+  for (const AttachedShape& attached : attached_shapes(original, chain)) {
+    if (attached.segment == 0) continue;
+    SCOPED_TRACE(attached.link);
+    const std::string link = "link" + std::to_string(attached.segment);
+    const Pose X_WL = reference.terms(q, still, {attached.link}).poses[0];
+    const Pose X_WS = ours.terms(q, still, {link}).poses[0];
+    double worst = -1;
+    for (const auto& p : surface(attached.shape, random)) {
+      double least = 1;
+      for (const auto& capsule : arm.capsules) {
+        if (capsule.link == link)
+          least = std::min(least, outside(X_WL * (attached.shape.X_LG * p), capsule, X_WS));
+      }
+      worst = std::max(worst, least);
+      ++tested;
+    }
+    EXPECT_LT(worst, 1e-6);
+  }
+  EXPECT_GT(tested, 1000u);
 }
 
 INSTANTIATE_TEST_SUITE_P(

@@ -8,6 +8,7 @@
 #include "models/known_robots.hpp"
 #include "models/load_parts.hpp"
 #include "models/robot_description.hpp"
+#include "models/urdf_collision.hpp"
 #include "support/spelling.hpp"
 
 // From YAML to RobotDescription. A file may name a `base`: it then has all sections of the base except those
@@ -271,6 +272,11 @@ RobotDescription read_urdf(const Document& document) {
     std::ifstream stream(file);
     const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
     RobotDescription robot = robot_from_urdf(text, chain);
+    if (const Node* home = document.find("home_rad")) read_home(*home, robot);
+    if (document.find("self_collision") == nullptr) {
+      fit_collision(text, chain, file.parent_path(), robot);
+      if (!robot.capsules.empty()) robot.visuals.clear();  // they look better than the thin ones
+    }
     if (const Node* joints = document.find("joints")) {
       const std::size_t n = robot.joint_count();
       read_joints(*joints, robot);
@@ -344,7 +350,7 @@ RobotDescription load_robot(const std::string& name_or_path) {
   robot.file = file;
   robot.name = document.text("name");
   if (!imported || document.find("title") != nullptr) robot.title = document.text("title");
-  robot.origin = document.origin;
+  for (const auto& [section, text] : document.origin) robot.origin[section] = text;
   if (!imported || document.find("interface_limits") != nullptr) {
     read_interface_limits(document.at("interface_limits"), robot);
   }

@@ -93,6 +93,33 @@ RigidBody read_inertial(const Element& link) {
   return moved(body, read_origin(*inertial));
 }
 
+UrdfGeometry read_collision(const Element& collision) {
+  UrdfGeometry result;
+  result.X_LG = read_origin(collision);
+  const auto geometry = collision.find("geometry");
+  if (!geometry) refuse(collision.where, "expected <geometry>");
+  for (const auto& [name, xml] : *geometry->xml) {
+    if (name == "<xmlattr>") continue;
+    const Element shape{&xml, geometry->where + ": <" + name + ">"};
+    if (name == "box") {
+      result.kind = UrdfGeometry::Kind::box;
+      result.size = shape.vector3("size").cwiseAbs();
+    } else if (name == "cylinder" || name == "sphere") {
+      result.kind = name == "sphere" ? UrdfGeometry::Kind::sphere : UrdfGeometry::Kind::cylinder;
+      result.radius = std::abs(shape.number("radius"));
+      if (name == "cylinder") result.length = std::abs(shape.number("length"));
+    } else if (name == "mesh") {
+      result.kind = UrdfGeometry::Kind::mesh;
+      result.file = shape.text("filename");
+      if (shape.attribute("scale")) result.scale = shape.vector3("scale");
+    } else {
+      result.file = name;
+    }
+    return result;
+  }
+  refuse(geometry->where, "expected a shape");
+}
+
 UrdfJoint read_joint(const Element& element, const std::string& name) {
   static const std::vector<std::string> kTypes{"fixed",     "revolute", "continuous",
                                                "prismatic", "floating", "planar"};
@@ -219,6 +246,10 @@ UrdfTree parse_urdf(const std::string& text) {
     if (kind == "link") {
       if (!tree.links.emplace(name, read_inertial(element)).second)
         refuse(element.where, "duplicate name; remove one");
+      for (const auto& [part, inner] : xml) {
+        if (part == "collision")
+          tree.collisions[name].push_back(read_collision({&inner, element.where + ": <collision>"}));
+      }
     } else {
       if (tree.joint(name) != nullptr) refuse(element.where, "duplicate name; remove one");
       tree.joints.push_back(read_joint(element, name));

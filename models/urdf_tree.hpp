@@ -8,8 +8,8 @@
 #include "core/types/spatial.hpp"
 #include "models/rigid_body.hpp"
 
-// A URDF as plain data: its links' masses and its joints. Geometry, transmissions, sensors and plugins are
-// not read.
+// A URDF as plain data: its links' masses and collision geometry, and its joints. Looks, transmissions,
+// sensors and plugins are not read.
 namespace multipanda {
 
 struct UrdfMimic {
@@ -35,10 +35,22 @@ struct UrdfJoint {
   Pose pose_at(double position) const;
 };
 
+// A <collision> of a link.
+struct UrdfGeometry {
+  enum class Kind { box, cylinder, sphere, mesh, unknown };
+  Kind kind = Kind::unknown;
+  Pose X_LG;                        // in the link
+  Vector3 size = Vector3::Zero();   // box: full edge lengths [m]
+  double radius = 0, length = 0;    // cylinder (along z), sphere [m]
+  std::string file;                 // mesh: as written; unknown: the name of the element
+  Vector3 scale = Vector3::Ones();  // mesh
+};
+
 struct UrdfTree {
   std::string name;
-  std::map<std::string, RigidBody> links;  // mass 0: none is given
-  std::vector<UrdfJoint> joints;           // in the order of the file
+  std::map<std::string, RigidBody> links;                       // mass 0: none is given
+  std::map<std::string, std::vector<UrdfGeometry>> collisions;  // by link
+  std::vector<UrdfJoint> joints;                                // in the order of the file
 
   std::vector<std::string> link_names() const;
   std::vector<std::string> joint_names() const;

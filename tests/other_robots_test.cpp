@@ -2,12 +2,14 @@
 // pose, on a base away from the origin, next to its second arm. Skipped without the Python package
 // example-robot-data.
 #include <cmath>
+#include <map>
 #include <sstream>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "config_file/node.hpp"
+#include "core/geometry/distance.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/testing/test_arm.hpp"
 #include "models/arm_source.hpp"
@@ -104,6 +106,71 @@ TEST_P(OtherRobots, ArriveInCartesianImpedance) {
     RecordProperty(names[i] + "_mm", std::to_string(1e3 * distance));
     RecordProperty(names[i] + "_deg", std::to_string(angle * 180 / M_PI));
   }
+}
+
+// Capsules come from the geometry of the URDF: every vertex of a link's meshes is inside of them, at any
+// joint angles, and no pair that is checked overlaps at home.
+TEST_P(OtherRobots, HaveCapsulesAroundTheirGeometry) {
+  for (const auto& name : GetParam()) {
+    if (!is_installed(name)) GTEST_SKIP() << "example-robot-data is not installed, needed by " << name;
+    const RobotDescription robot = load_robot(model_file(name));
+    SCOPED_TRACE(name + ": " + robot.origin.at("self_collision"));
+    EXPECT_GE(robot.capsules.size(), robot.joint_count());
+    EXPECT_LE(robot.capsules.size(), 3 * robot.joint_count());
+    for (const auto& capsule : robot.capsules) {
+      EXPECT_GT(capsule.radius, 0.005);
+      EXPECT_LT(capsule.radius, 0.2);
+      EXPECT_LT((capsule.to - capsule.from).norm(), 0.7);
+    }
+    const auto source = std::make_shared<const ArmModel>(arm_model_source(robot, Pose{}, false));
+    EXPECT_GT(source->self_pairs().size(), 0u);
+  }
+}
+
+// A hand is sent into its own upper arm: with the feature the capsules stay apart.
+TEST(OtherRobotsAvoid, TheirOwnArm) {
+  if (!is_installed("ur5")) GTEST_SKIP() << "example-robot-data is not installed";
+  const Registry registry = Registry::with_builtins();
+  std::map<std::string, double> smallest;
+  for (const std::string features : {"", "collision_avoidance"}) {
+    const Scene scene =
+        parse_scene("arms: [{name: arm, model: " + model_file("ur5") +
+                        ", hand: false, base: {position_m: [0.3, -0.2, 0.5], rpy_rad: [0, 0, 0.7]}}]\n"
+                        "controllets: [{name: joint, type: joint_impedance, arms: arm, parameters: "
+                        "{stiffness_nm_per_rad: 60}, features: [" +
+                        features +
+                        "]}]\nactive: [joint]\ntimeline: [{at_s: 0.2, reference: {controllet: "
+                        "joint, input: joints, q_rad: [0, -1.2, 2.9, -1.7, -1.5, 0], duration_s: 4}}]\n",
+                    "avoid.yaml", registry);
+    const RobotDescription robot = load_robot(model_file("ur5"));
+    ModelTerms model(std::make_shared<const ArmModel>(arm_model_source(robot, Pose{}, false)));
+    double least = 1;
+    SessionOptions options{.paced = false, .duration_s = 6};
+    options.observer = [&](const CycleRecord& record) {
+      const auto n = static_cast<Eigen::Index>(model.joint_count());
+      model.update(Eigen::Map<const Eigen::VectorXd>(record.arms[0].q.data(), n),
+                   joint_constant(model.joint_count(), 0));
+      const auto& parts = model.model().collision_shapes();
+      for (const auto& [a, b] : model.model().self_pairs()) {
+        const auto end = [&](std::size_t part, const Vector3& p) {
+          return model.X_WJ(static_cast<std::size_t>(parts[part].joint)) * (parts[part].X_JS * p);
+        };
+        const double apart =
+            closest_capsules(end(a, parts[a].shape.p0), end(a, parts[a].shape.p1), parts[a].shape.radius,
+                             end(b, parts[b].shape.p0), end(b, parts[b].shape.p1), parts[b].shape.radius)
+                .distance;
+        least = std::min(least, apart);
+      }
+    };
+    Session session(scene, registry, std::move(options));
+    session.start();
+    const RunSummary summary = session.finish();
+    // Without the feature the simulated arm stops itself, as a Panda does.
+    EXPECT_EQ(summary.faults().empty(), !features.empty()) << testing::PrintToString(summary.faults());
+    smallest[features] = least;
+  }
+  EXPECT_LT(smallest[""], 0.005);
+  EXPECT_GT(smallest["collision_avoidance"], 0.01);
 }
 
 INSTANTIATE_TEST_SUITE_P(Imported, OtherRobots,

@@ -70,9 +70,16 @@ class CollisionAvoidance final : public Feature {
   explicit CollisionAvoidance(const FeatureContext& context) : pairs_(context) {
     slot_.fill(kNotOwn);
     for (std::size_t i = 0; i < context.own.size(); ++i) slot_[context.own[i]] = i;
+    if (pairs_.size() > 0) return;
+    // Without a pair it would be on and do nothing.
+    refusal_ =
+        "there is nothing to keep apart: arm '" + context.arms[context.own[0]]->name() +
+        "' has no collision shapes, or nothing that they could meet; give its model 'self_collision', or "
+        "remove the feature";
   }
 
-  LawResult start(ControlContext&) override { return LawResult::ok; }
+  std::string_view refusal() const override { return refusal_; }
+  LawResult start(ControlContext&) override { return refusal_.empty() ? LawResult::ok : LawResult::fault; }
 
   LawResult update(ControlContext& context) override {
     const auto& parameters = *context.parameters;
@@ -183,6 +190,7 @@ class CollisionAvoidance final : public Feature {
   ArmSet factored_;                           // arms whose factor is this cycle's
   std::size_t nearest_ = 0;
   double active_ = 0, potential_ = 0, largest_force_ = 0;
+  std::string refusal_;
 };
 
 }  // namespace

@@ -1,0 +1,160 @@
+#include "models/urdf_collision.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <mutex>
+#include <random>
+#include <stdexcept>
+#include <utility>
+
+#include "models/capsule_fit.hpp"
+#include "models/urdf_tree.hpp"
+
+namespace multipanda {
+namespace {
+
+using Points = std::vector<Vector3>;
+
+Points points_of(const UrdfGeometry& shape, const std::filesystem::path& folder) {
+  switch (shape.kind) {
+    case UrdfGeometry::Kind::box:
+      return box_points(shape.size);
+    case UrdfGeometry::Kind::cylinder:
+      return cylinder_points(shape.radius, shape.length);
+    case UrdfGeometry::Kind::sphere:
+      return sphere_points(shape.radius);
+    case UrdfGeometry::Kind::mesh:
+      return mesh_points(urdf_file(shape.file, folder), shape.scale);
+    case UrdfGeometry::Kind::unknown:
+      break;
+  }
+  throw std::invalid_argument("the geometry <" + shape.file + "> is not known");
+}
+
+// Poses of link1 to linkN in the base.
+std::vector<Pose> poses(const RobotDescription& robot, const JointVector& q) {
+  std::vector<Pose> result;
+  Pose X;
+  for (std::size_t i = 0; i < robot.joint_count(); ++i) {
+    const Eigen::AngleAxisd turn(q[static_cast<Eigen::Index>(i)], Vector3::UnitZ());
+    X = X * robot.joints[i].pose() * Pose{turn.toRotationMatrix(), Vector3::Zero()};
+    result.push_back(X);
+  }
+  return result;
+}
+
+std::size_t link_of(const Capsule& capsule) { return std::stoul(capsule.link.substr(4)); }
+
+// Which pairs of links overlap in a configuration: (n + 1) x (n + 1).
+Eigen::MatrixXi overlaps(const RobotDescription& robot, const JointVector& q) {
+  const auto X = poses(robot, q);
+  const auto count = static_cast<Eigen::Index>(robot.joint_count() + 1);
+  Eigen::MatrixXi result = Eigen::MatrixXi::Zero(count, count);
+  for (std::size_t a = 0; a < robot.capsules.size(); ++a) {
+    for (std::size_t b = a + 1; b < robot.capsules.size(); ++b) {
+      const Capsule &one = robot.capsules[a], &other = robot.capsules[b];
+      const std::size_t i = link_of(one), j = link_of(other);
+      if (j <= i + 1) continue;  // neighbors are ignored anyway
+      const Pose &X_i = X[i - 1], &X_j = X[j - 1];
+      const double d = segment_distance(X_i * one.from, X_i * one.to, X_j * other.from, X_j * other.to);
+      if (d < one.radius + other.radius)
+        result(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = 1;
+    }
+  }
+  return result;
+}
+
+void ignore_touching_pairs(RobotDescription& robot) {
+  constexpr int kSamples = 400;
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> uniform;
+  const auto n = static_cast<Eigen::Index>(robot.joint_count());
+  Eigen::MatrixXi often = Eigen::MatrixXi::Zero(n + 1, n + 1);
+  for (int k = 0; k < kSamples; ++k) {
+    JointVector q(n);
+    for (Eigen::Index i = 0; i < n; ++i)
+      q[i] = robot.limits.q_min[i] + uniform(random) * (robot.limits.q_max[i] - robot.limits.q_min[i]);
+    often += overlaps(robot, q);
+  }
+  const Eigen::MatrixXi home = overlaps(robot, robot.q_home);
+  for (Eigen::Index i = 1; i <= n; ++i) {
+    for (Eigen::Index j = i + 2; j <= n; ++j) {
+      if (home(i, j) > 0 || often(i, j) > kOften * kSamples)
+        robot.ignored_pairs.emplace_back("link" + std::to_string(i), "link" + std::to_string(j));
+    }
+  }
+}
+
+std::string millimeters(double length) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.0f mm", 1e3 * length);
+  return text;
+}
+
+// What a fit depends on, but for the meshes' content.
+using Fitted = std::map<std::string, std::pair<std::vector<Capsule>, std::string>>;
+std::string key_of(const std::string& urdf_text, const UrdfChain& chain,
+                   const std::filesystem::path& folder) {
+  std::string key = folder.string() + '\n' + chain.base_link + '\n' + chain.tip_link + '\n';
+  for (const auto& [joint, position] : chain.held_joints)
+    key += joint + ' ' + std::to_string(position) + '\n';
+  return key + urdf_text;
+}
+
+void fit(const std::string& urdf_text, const UrdfChain& chain, const std::filesystem::path& folder,
+         RobotDescription& robot) {
+  std::vector<std::vector<Points>> shapes(robot.joint_count() + 1);
+  std::string unread;
+  for (const AttachedShape& attached : attached_shapes(urdf_text, chain)) {
+    if (attached.segment == 0) continue;
+    try {
+      Points points = points_of(attached.shape, folder);
+      for (auto& p : points) p = attached.X_SG * p;
+      shapes[attached.segment].push_back(std::move(points));
+    } catch (const std::invalid_argument& error) {
+      unread += "; not read, of the link '" + attached.link + "': " + error.what();
+    }
+  }
+  std::string wider, without;
+  for (std::size_t i = 1; i < shapes.size(); ++i) {
+    const std::string link = "link" + std::to_string(i);
+    double most = 0;
+    for (const FittedCapsule& fitted : fit_capsules(std::move(shapes[i]), kMostCapsules)) {
+      robot.capsules.push_back({link, fitted.from, fitted.to, fitted.radius});
+      most = std::max(most, fitted.excess);
+    }
+    (most > 0 ? wider : without) += (most > 0 ? wider : without).empty() ? "" : ", ";
+    if (most > 0)
+      wider += link + " " + millimeters(most);
+    else
+      without += link;
+  }
+  std::string text = "Capsules fitted to the collision geometry of the URDF.";
+  if (!wider.empty()) text += " They reach at most so far beyond it: " + wider + ".";
+  text += " None around link0, the body that carries the arm.";
+  if (!without.empty()) text += " The URDF has no collision geometry of " + without + ".";
+  robot.origin["self_collision"] = text + (unread.empty() ? "" : " Incomplete" + unread + ".");
+}
+
+}  // namespace
+
+// A scene loads the same robot several times, and a fit takes up to seconds, so a process does it once.
+void fit_collision(const std::string& urdf_text, const UrdfChain& chain, const std::filesystem::path& folder,
+                   RobotDescription& robot) {
+  static std::mutex mutex;
+  static Fitted known;
+  const std::lock_guard lock(mutex);
+  const auto [place, is_new] = known.try_emplace(key_of(urdf_text, chain, folder));
+  auto& [capsules, text] = place->second;
+  if (is_new) {
+    fit(urdf_text, chain, folder, robot);
+    capsules = robot.capsules;
+    text = robot.origin["self_collision"];
+  }
+  robot.capsules = capsules;
+  robot.origin["self_collision"] = text;
+  ignore_touching_pairs(robot);
+}
+
+}  // namespace multipanda

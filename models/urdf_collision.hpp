@@ -1,0 +1,20 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "models/from_urdf.hpp"
+
+namespace multipanda {
+
+// Gives an imported arm capsules around the <collision> geometry of its moving links, at most kMostCapsules
+// per link of the arm, each containing what it is fitted to. The base has none: two arms of one robot share
+// it. Pairs of links that overlap at home, or in more than kOften of random configurations, are ignored:
+// there the capsules are wider than the links. robot.origin["self_collision"] says what was found, how much
+// wider the capsules are, and what could not be read; meshes are looked up as urdf_file does, from `folder`.
+inline constexpr std::size_t kMostCapsules = 3;
+inline constexpr double kOften = 0.3;
+void fit_collision(const std::string& urdf_text, const UrdfChain& chain, const std::filesystem::path& folder,
+                   RobotDescription& robot);
+
+}  // namespace multipanda
