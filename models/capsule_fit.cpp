@@ -99,7 +99,8 @@ FittedCapsule along(const Points& points, const Vector3& u) {
   const Vector3 x = u.unitOrthogonal(), y = u.cross(x);
   std::vector<Point2> flat;
   for (const auto& p : points) flat.emplace_back(x.dot(p), y.dot(p));
-  const Circle circle = smallest_circle(flat);
+  Circle circle = smallest_circle(flat);
+  for (const auto& p : flat) circle.radius = std::max(circle.radius, (p - circle.center).norm());  // rounding
   FittedCapsule best;
   double least = std::numeric_limits<double>::infinity();
   for (int k = 0; k < 10; ++k) {
@@ -167,6 +168,15 @@ FittedCapsule fit_capsule(const Points& points) {
     }
   }
   FittedCapsule result = along(shuffled, axis);
+  // MuJoCo and the readers of model files know no capsule without length or radius.
+  constexpr double kLeastRadius = 1e-3, kLeastLength = 1e-4;  // [m]
+  result.radius = std::max(result.radius, kLeastRadius);
+  if ((result.to - result.from).norm() < kLeastLength) {
+    const Vector3 middle = 0.5 * (result.from + result.to);
+    result.from = middle - 0.5 * kLeastLength * axis;
+    result.to = middle + 0.5 * kLeastLength * axis;
+    result.radius += 0.5 * kLeastLength;  // what was inside stays inside
+  }
   for (const auto& d : all_directions()) {
     const double reach = std::max(d.dot(result.from), d.dot(result.to)) + result.radius;
     result.excess = std::max(result.excess, reach - support(few, d));
@@ -175,10 +185,13 @@ FittedCapsule fit_capsule(const Points& points) {
 }
 
 std::vector<FittedCapsule> fit_capsules(std::vector<Points> shapes, std::size_t most) {
+  const std::vector<Points> all = shapes;
   std::vector<FittedCapsule> capsules;
-  for (auto& shape : shapes) {
-    capsules.push_back(fit_capsule(shape));
-    shape = outermost(shape);
+  std::vector<std::vector<std::size_t>> members;  // of each shape: those that share its capsule
+  for (std::size_t k = 0; k < shapes.size(); ++k) {
+    capsules.push_back(fit_capsule(shapes[k]));
+    members.push_back({k});
+    shapes[k] = outermost(shapes[k]);  // enough to compare unions
   }
   struct Union {
     std::size_t a, b;
@@ -205,6 +218,7 @@ std::vector<FittedCapsule> fit_capsules(std::vector<Points> shapes, std::size_t 
     shapes[a].insert(shapes[a].end(), shapes[b].begin(), shapes[b].end());
     shapes[a] = outermost(shapes[a]);
     capsules[a] = best.capsule;
+    members[a].insert(members[a].end(), members[b].begin(), members[b].end());
     gone[b] = true;
     for (std::size_t other = 0; other < shapes.size() && left - 1 > most; ++other) {
       if (other != a && !gone[other]) unite(std::min(a, other), std::max(a, other));
@@ -212,7 +226,11 @@ std::vector<FittedCapsule> fit_capsules(std::vector<Points> shapes, std::size_t 
   }
   std::vector<FittedCapsule> kept;
   for (std::size_t k = 0; k < capsules.size(); ++k) {
-    if (!gone[k]) kept.push_back(capsules[k]);
+    if (gone[k]) continue;
+    Points points;
+    for (const std::size_t member : members[k])
+      points.insert(points.end(), all[member].begin(), all[member].end());
+    kept.push_back(members[k].size() == 1 ? capsules[k] : fit_capsule(points));
   }
   return kept;
 }

@@ -28,6 +28,7 @@ class ChainReader {
 
   std::vector<AttachedShape> shapes() {
     read();
+    attach(chain_.base_link, 0, Pose{});
     return std::move(shapes_);
   }
 
@@ -127,17 +128,11 @@ class ChainReader {
       const RigidBody here = moved(body, X_SL);
       bodies_[segment] = bodies_[segment].mass > 0 ? merged(bodies_[segment], here) : here;
     }
-    if (const auto found = tree_.collisions.find(link); found != tree_.collisions.end()) {
-      for (const UrdfGeometry& shape : found->second)
-        shapes_.push_back({segment, X_SL * shape.X_LG, shape, link});
-    }
     for (const UrdfJoint* joint : tree_.child_joints(link)) {
       const auto place = std::find(arm_.begin(), arm_.end(), joint);
       if (place != arm_.end()) {
         const auto i = static_cast<std::size_t>(place - arm_.begin());
-        // The child frame, rotated so that z is the joint axis.
-        const Pose X_CS{Quaternion::FromTwoVectors(Vector3::UnitZ(), joint->axis).toRotationMatrix(),
-                        Vector3::Zero()};
+        const Pose X_CS = axis_frame(*joint);
         robot_.joints[i] = placement_of(X_SL * joint->X_PC * X_CS);
         collect(joint->child, i + 1, X_CS.inverse());
       } else {
@@ -145,6 +140,37 @@ class ChainReader {
         if (segment == 0 && !on_path && joint->type != "fixed") continue;
         collect(joint->child, segment, X_SL * joint->pose_at(position(*joint)));
       }
+    }
+  }
+
+  // The frame of a segment in that of its link: z is the joint's axis.
+  static Pose axis_frame(const UrdfJoint& joint) {
+    return {Quaternion::FromTwoVectors(Vector3::UnitZ(), joint.axis).toRotationMatrix(), Vector3::Zero()};
+  }
+
+  // The positions of a joint outside of the arm in which its shapes are seen.
+  std::vector<double> seen_positions(const UrdfJoint& joint) const {
+    if (joint.type == "fixed" || is_held(joint)) return {position(joint)};
+    if (!joint.lower || !joint.upper) return {position(joint)};
+    return {*joint.lower, 0.5 * (*joint.lower + *joint.upper), *joint.upper};
+  }
+
+  // As collect, for shapes.
+  void attach(const std::string& link, std::size_t segment, const Pose& X_SL) {
+    if (const auto found = tree_.collisions.find(link); found != tree_.collisions.end()) {
+      for (const UrdfGeometry& shape : found->second)
+        shapes_.push_back({segment, X_SL * shape.X_LG, shape, link});
+    }
+    for (const UrdfJoint* joint : tree_.child_joints(link)) {
+      const auto place = std::find(arm_.begin(), arm_.end(), joint);
+      if (place != arm_.end()) {
+        attach(joint->child, static_cast<std::size_t>(place - arm_.begin()) + 1,
+               axis_frame(*joint).inverse());
+        continue;
+      }
+      const bool on_path = std::find(path_.begin(), path_.end(), joint) != path_.end();
+      if (segment == 0 && !on_path && joint->type != "fixed") continue;
+      for (const double at : seen_positions(*joint)) attach(joint->child, segment, X_SL * joint->pose_at(at));
     }
   }
 
@@ -235,10 +261,13 @@ std::vector<AttachedShape> attached_shapes(const std::string& urdf_text, const U
 }
 
 std::filesystem::path urdf_file(const std::string& name, const std::filesystem::path& folder) {
-  const std::string scheme = "package://";
+  const std::string scheme = "package://", file_scheme = "file://";
+  std::error_code unreadable;
   if (name.rfind(scheme, 0) != 0) {
-    const std::filesystem::path path = folder / name;  // an absolute name stays as it is
-    if (!std::filesystem::exists(path)) refuse("there is no file " + path.string());
+    const bool is_url = name.rfind(file_scheme, 0) == 0;
+    const std::filesystem::path path =
+        folder / (is_url ? name.substr(file_scheme.size()) : name);  // an absolute name stays as it is
+    if (!std::filesystem::exists(path, unreadable)) refuse("there is no file " + path.string());
     return path;
   }
   const std::string rest = name.substr(scheme.size());
@@ -256,7 +285,7 @@ std::filesystem::path urdf_file(const std::string& name, const std::filesystem::
   }
   std::string searched;
   for (const auto& place : places) {
-    if (std::filesystem::exists(place / rest)) return place / rest;
+    if (std::filesystem::exists(place / rest, unreadable)) return place / rest;
     searched += (searched.empty() ? "" : ", ") + place.string();
   }
   refuse("there is no file " + rest + " in " + searched +

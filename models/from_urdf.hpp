@@ -48,7 +48,9 @@ struct AttachedShape {
   UrdfGeometry shape;
   std::string link;  // by the URDF's name
 };
-// All of an arm, in the order of the file. Throws as robot_from_urdf.
+// All of an arm, link by link. What a joint outside of the arm moves, such as a finger, comes three times:
+// with that joint at its lower limit, in the middle and at its upper limit, if it has them and is not held.
+// Throws as robot_from_urdf.
 std::vector<AttachedShape> attached_shapes(const std::string& urdf_text, const UrdfChain& chain);
 
 // The file behind "package://NAME/REST" (REST below the folder of that name in the share folders of

@@ -369,8 +369,12 @@ RobotDescription load_robot(const std::string& name_or_path) {
 std::vector<std::filesystem::path> robot_files(const std::string& name_or_path) {
   const Document document = read_document(file_of(name_or_path), 0);
   auto files = document.files;
-  if (const Node* urdf = document.find("urdf"))
+  if (const Node* urdf = document.find("urdf")) {
     files.push_back(urdf_file(urdf->text(Key("urdf")), std::filesystem::path(urdf->file()).parent_path()));
+    if (document.find("self_collision") == nullptr) {
+      for (auto& mesh : mesh_files(files.back())) files.push_back(std::move(mesh));
+    }
+  }
   return files;
 }
 

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <assimp/Importer.hpp>
 #include <assimp/config.h>
 #include <assimp/scene.h>
@@ -41,6 +42,12 @@ std::vector<Vector3> mesh_points(const std::filesystem::path& file, const Vector
     if (!p.allFinite())
       throw std::invalid_argument("the mesh " + file.string() + " has a point that is not finite");
   }
+  // In STL files every triangle has its own corners.
+  const auto before = [](const Vector3& a, const Vector3& b) {
+    return std::lexicographical_compare(a.begin(), a.end(), b.begin(), b.end());
+  };
+  std::sort(points.begin(), points.end(), before);
+  points.erase(std::unique(points.begin(), points.end()), points.end());
   return points;
 }
 

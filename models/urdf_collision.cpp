@@ -2,9 +2,12 @@
 
 #include <cmath>
 #include <cstdio>
+#include <fstream>
+#include <iterator>
 #include <map>
 #include <mutex>
 #include <random>
+#include <set>
 #include <stdexcept>
 #include <utility>
 
@@ -29,7 +32,7 @@ Points points_of(const UrdfGeometry& shape, const std::filesystem::path& folder)
     case UrdfGeometry::Kind::unknown:
       break;
   }
-  throw std::invalid_argument("the geometry <" + shape.file + "> is not known");
+  throw std::invalid_argument(shape.file);
 }
 
 // Poses of link1 to linkN in the base.
@@ -65,7 +68,8 @@ Eigen::MatrixXi overlaps(const RobotDescription& robot, const JointVector& q) {
   return result;
 }
 
-void ignore_touching_pairs(RobotDescription& robot) {
+// Returns a sentence about them.
+std::string ignore_touching_pairs(RobotDescription& robot) {
   constexpr int kSamples = 400;
   std::mt19937 random(1);
   std::uniform_real_distribution<double> uniform;
@@ -78,12 +82,17 @@ void ignore_touching_pairs(RobotDescription& robot) {
     often += overlaps(robot, q);
   }
   const Eigen::MatrixXi home = overlaps(robot, robot.q_home);
+  std::string ignored;
   for (Eigen::Index i = 1; i <= n; ++i) {
     for (Eigen::Index j = i + 2; j <= n; ++j) {
-      if (home(i, j) > 0 || often(i, j) > kOften * kSamples)
-        robot.ignored_pairs.emplace_back("link" + std::to_string(i), "link" + std::to_string(j));
+      if (home(i, j) == 0 && often(i, j) <= kOften * kSamples) continue;
+      const std::string one = "link" + std::to_string(i), other = "link" + std::to_string(j);
+      robot.ignored_pairs.emplace_back(one, other);
+      ignored += (ignored.empty() ? "" : ", ") + one + " and " + other +
+                 (home(i, j) > 0 ? " (overlap at home)" : " (overlap often)");
     }
   }
+  return ignored.empty() ? "" : " Not kept apart: neighbors, and " + ignored + ".";
 }
 
 std::string millimeters(double length) {
@@ -104,23 +113,28 @@ std::string key_of(const std::string& urdf_text, const UrdfChain& chain,
 
 void fit(const std::string& urdf_text, const UrdfChain& chain, const std::filesystem::path& folder,
          RobotDescription& robot) {
-  std::vector<std::vector<Points>> shapes(robot.joint_count() + 1);
-  std::string unread;
+  // By link of the arm, then by link of the URDF: all positions of a finger are one shape.
+  std::vector<std::map<std::string, Points>> found(robot.joint_count() + 1);
   for (const AttachedShape& attached : attached_shapes(urdf_text, chain)) {
     if (attached.segment == 0) continue;
     try {
-      Points points = points_of(attached.shape, folder);
-      for (auto& p : points) p = attached.X_SG * p;
-      shapes[attached.segment].push_back(std::move(points));
+      auto& points = found[attached.segment][attached.link];
+      for (const auto& p : points_of(attached.shape, folder)) points.push_back(attached.X_SG * p);
     } catch (const std::invalid_argument& error) {
-      unread += "; not read, of the link '" + attached.link + "': " + error.what();
+      throw std::invalid_argument(
+          "a collision shape of the link '" + attached.link + "' cannot be read: " + error.what() +
+          ". Without it the arm would not be kept clear there. Correct it, or write the "
+          "shapes into the model file ('self_collision: {capsules: {}, ignored_pairs: []}' "
+          "has none, and collision_avoidance then does not see the arm)");
     }
   }
   std::string wider, without;
-  for (std::size_t i = 1; i < shapes.size(); ++i) {
+  for (std::size_t i = 1; i < found.size(); ++i) {
     const std::string link = "link" + std::to_string(i);
+    std::vector<Points> shapes;
+    for (auto& [name, points] : found[i]) shapes.push_back(std::move(points));
     double most = 0;
-    for (const FittedCapsule& fitted : fit_capsules(std::move(shapes[i]), kMostCapsules)) {
+    for (const FittedCapsule& fitted : fit_capsules(std::move(shapes), kMostCapsules)) {
       robot.capsules.push_back({link, fitted.from, fitted.to, fitted.radius});
       most = std::max(most, fitted.excess);
     }
@@ -134,7 +148,7 @@ void fit(const std::string& urdf_text, const UrdfChain& chain, const std::filesy
   if (!wider.empty()) text += " They reach at most so far beyond it: " + wider + ".";
   text += " None around link0, the body that carries the arm.";
   if (!without.empty()) text += " The URDF has no collision geometry of " + without + ".";
-  robot.origin["self_collision"] = text + (unread.empty() ? "" : " Incomplete" + unread + ".");
+  robot.origin["self_collision"] = text;
 }
 
 }  // namespace
@@ -145,16 +159,30 @@ void fit_collision(const std::string& urdf_text, const UrdfChain& chain, const s
   static std::mutex mutex;
   static Fitted known;
   const std::lock_guard lock(mutex);
-  const auto [place, is_new] = known.try_emplace(key_of(urdf_text, chain, folder));
-  auto& [capsules, text] = place->second;
-  if (is_new) {
+  const std::string key = key_of(urdf_text, chain, folder);
+  auto place = known.find(key);
+  if (place == known.end()) {
     fit(urdf_text, chain, folder, robot);
-    capsules = robot.capsules;
-    text = robot.origin["self_collision"];
+    place = known.emplace(key, std::pair(robot.capsules, robot.origin["self_collision"])).first;
   }
-  robot.capsules = capsules;
-  robot.origin["self_collision"] = text;
-  ignore_touching_pairs(robot);
+  robot.capsules = place->second.first;
+  robot.origin["self_collision"] = place->second.second + ignore_touching_pairs(robot);
+}
+
+std::vector<std::filesystem::path> mesh_files(const std::filesystem::path& urdf) {
+  std::ifstream stream(urdf);
+  const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+  std::set<std::filesystem::path> files;
+  for (const auto& [link, shapes] : parse_urdf(text).collisions) {
+    for (const auto& shape : shapes) {
+      if (shape.kind != UrdfGeometry::Kind::mesh) continue;
+      try {
+        files.insert(urdf_file(shape.file, urdf.parent_path()));
+      } catch (const std::invalid_argument&) {  // of another part of the robot: it is not needed
+      }
+    }
+  }
+  return {files.begin(), files.end()};
 }
 
 }  // namespace multipanda

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "models/from_urdf.hpp"
 
@@ -11,10 +12,15 @@ namespace multipanda {
 // per link of the arm, each containing what it is fitted to. The base has none: two arms of one robot share
 // it. Pairs of links that overlap at home, or in more than kOften of random configurations, are ignored:
 // there the capsules are wider than the links. robot.origin["self_collision"] says what was found, how much
-// wider the capsules are, and what could not be read; meshes are looked up as urdf_file does, from `folder`.
+// wider the capsules are, and which pairs are ignored. Meshes are looked up as urdf_file does, from `folder`.
+// Throws std::invalid_argument if a shape of a moving link cannot be read: an arm with gaps would seem
+// protected.
 inline constexpr std::size_t kMostCapsules = 3;
 inline constexpr double kOften = 0.3;
 void fit_collision(const std::string& urdf_text, const UrdfChain& chain, const std::filesystem::path& folder,
                    RobotDescription& robot);
+
+// The meshes of all <collision> geometry of a URDF that exist.
+std::vector<std::filesystem::path> mesh_files(const std::filesystem::path& urdf);
 
 }  // namespace multipanda

@@ -113,11 +113,22 @@ UrdfGeometry read_collision(const Element& collision) {
       result.file = shape.text("filename");
       if (shape.attribute("scale")) result.scale = shape.vector3("scale");
     } else {
-      result.file = name;
+      result.file = "the shape <" + name + "> is not known";
     }
     return result;
   }
   refuse(geometry->where, "expected a shape");
+}
+
+// A mistake in a shape concerns only those who use it.
+UrdfGeometry collision_or_reason(const Element& collision) {
+  try {
+    return read_collision(collision);
+  } catch (const std::invalid_argument& error) {
+    UrdfGeometry unknown;
+    unknown.file = error.what();
+    return unknown;
+  }
 }
 
 UrdfJoint read_joint(const Element& element, const std::string& name) {
@@ -248,7 +259,7 @@ UrdfTree parse_urdf(const std::string& text) {
         refuse(element.where, "duplicate name; remove one");
       for (const auto& [part, inner] : xml) {
         if (part == "collision")
-          tree.collisions[name].push_back(read_collision({&inner, element.where + ": <collision>"}));
+          tree.collisions[name].push_back(collision_or_reason({&inner, element.where + ": <collision>"}));
       }
     } else {
       if (tree.joint(name) != nullptr) refuse(element.where, "duplicate name; remove one");

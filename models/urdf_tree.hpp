@@ -42,7 +42,7 @@ struct UrdfGeometry {
   Pose X_LG;                        // in the link
   Vector3 size = Vector3::Zero();   // box: full edge lengths [m]
   double radius = 0, length = 0;    // cylinder (along z), sphere [m]
-  std::string file;                 // mesh: as written; unknown: the name of the element
+  std::string file;                 // mesh: as written; unknown: what is wrong
   Vector3 scale = Vector3::Ones();  // mesh
 };
 

@@ -24,8 +24,8 @@ ConvexShape convex_shape(ShapeType shape, const Vector3& size) {
 
 void add_tool_shapes(const std::vector<ToolShape>& tool, const Pose& X_JF, ArmModelSource& source) {
   auto& parts = source.collision_shapes;
-  int last = -1;
-  for (const auto& part : parts) last = std::max(last, part.joint);
+  // Of the arm, not of its shapes: the last link may have none.
+  const int last = static_cast<int>(source.limits.q_min.size()) - 1;
   const std::size_t others = parts.size();
   for (std::size_t i = 0; i < tool.size(); ++i) {
     parts.push_back(
