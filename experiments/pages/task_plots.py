@@ -87,7 +87,7 @@ def six_bars(summary, variants, plants, published):
         names, colors = [f"{p}, against target" for p in plants], [color(p, plants) for p in plants]
         if len(plants) > 1:
             groups.append(values(plants[-1], "between_plants"))
-            names.append(f"{plants[-1]} against {plants[0]}")
+            names.append(f"{plants[-1]} against {plants[-2] if plants[-1] == 'measured' else plants[0]}")
             colors.append(BETWEEN)
         _bars(axis, groups, names, colors)
         for line in published:
@@ -277,7 +277,8 @@ def _draw_force(axis, runs):
         _line(
             axis, force["t"], force["estimate"], color=ESTIMATE, linewidth=0.8, linestyle=looks, label=f"estimate{who}"
         )
-        _line(axis, force["t"], force["true"], color=TRUE, linewidth=1.0, linestyle=looks, label=f"true{who}")
+        if not run.measured:
+            _line(axis, force["t"], force["true"], color=TRUE, linewidth=1.0, linestyle=looks, label=f"true{who}")
         if force is run.forces[-1]:
             _line(
                 axis, force["t"], force["desired"], color=DESIRED, linewidth=0.9, linestyle=(0, (4, 2)), label="desired"
@@ -299,7 +300,8 @@ def _draw_force_error(axis, runs):
     old = getattr(axis.figure, "_force_error_limit", 0.0)
     axis.figure._force_error_limit = limit = max(limit, old)
     axis.set_ylim(-limit, limit)
-    axis.set_title("true minus desired force, all repeats" if len(runs) > 1 else "true minus desired force")
+    which = "estimated" if runs[0].measured else "true"
+    axis.set_title(f"{which} minus desired force" + (", all repeats" if len(runs) > 1 else ""))
     axis.set_ylabel("error [N]")
 
 
@@ -326,9 +328,14 @@ def _draw_path_error(axis, runs):
 def _draw_lift(axis, runs):
     run = runs[0]
     grasp = run.measure["grasp"]
-    t, p, _ = run.object_pose(grasp["name"])
+    pose = run.object_pose(grasp["name"])
     target = run.target(grasp["instance"], grasp["input"])
-    _line(axis, t, 1e3 * (p[:, 2] - p[0, 2]), color=TRUE, label=f"{grasp['name']}, up")
+    if pose is not None:
+        _line(axis, pose[0], 1e3 * (pose[1][:, 2] - pose[1][0, 2]), color=TRUE, label=f"{grasp['name']}, up")
+    else:  # the hands show what they carry
+        for arm, looks in zip(run.arms, _arm_styles(run)):
+            t, p, _ = run.pose(arm)
+            _line(axis, t, 1e3 * (p[:, 2] - p[0, 2]), color=ESTIMATE, linestyle=looks, label=f"hand, {arm}, up")
     if target is not None:
         _line(
             axis,
@@ -345,7 +352,11 @@ def _draw_lift(axis, runs):
 
 def _draw_tilt(axis, runs):
     for number, run in enumerate(runs):
-        t, _, q = run.object_pose(run.measure["grasp"]["name"])
+        pose = run.object_pose(run.measure["grasp"]["name"])
+        if pose is None:
+            axis.text(0.5, 0.5, "not measured on arms", transform=axis.transAxes, ha="center", color=style.FAINT)
+            break
+        t, _, q = pose
         tilt = np.linalg.norm(metrics.rotation_error(np.repeat(q[:1], len(q), axis=0), q), axis=1)
         _line(axis, t, np.degrees(tilt), color="#7b3fa0", alpha=1 if number == 0 else 0.25, linewidth=0.9)
     axis.set_title("rotation of the object since the start")
