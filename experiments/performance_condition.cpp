@@ -8,6 +8,7 @@
 #include "core/types/time.hpp"
 #include "experiments/command_trace.hpp"
 #include "experiments/generator_process.hpp"
+#include "experiments/motion_extent.hpp"
 #include "experiments/performance_runs.hpp"
 #include "experiments/process_usage.hpp"
 #include "logs/npz.hpp"
@@ -109,8 +110,12 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   for (const auto& arm : opened.scene.arms) arms.push_back(arm.name);
 
   std::unique_ptr<CommandTrace> trace;
+  std::optional<MotionExtent> extent;
   SessionOptions options{.paced = true, .backend = run.backend, .duration_s = 0.0, .socket = own_socket()};
-  options.observer = [&trace](const CycleRecord& record) { trace->take(record); };
+  options.observer = [&trace, &extent](const CycleRecord& record) {
+    trace->take(record);
+    if (extent) extent->take(record);
+  };
   options.on_loop = [&trace](const Tick& tick, const Backend&) { trace->step_done(tick); };
   // A unique name, so that no other node on this machine is mistaken for it.
   const std::string node = run.ros ? fmt::format("experiment_{}", getpid()) : "";
@@ -118,6 +123,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   const fs::path socket = options.socket;
   if (run.viewer != nullptr) run.viewer->prepare(opened.scene, options);
   Session session(opened.scene, opened.registry, std::move(options));
+  if (run.rehearsal) extent.emplace(session.scene(), session.models());
   const InstanceIndex instance = session.modes().find(condition.controllet);
   if (instance == kNoInstance)
     throw std::invalid_argument("condition " + condition.name + ": the scene has no controllet '" +
@@ -182,6 +188,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
               {"usage", usage.rows()},
               {"scene_text", opened.scene.text}};
   record.update(of_summary(summary));
+  if (extent) record["extent"] = extent->json();
   return record;
 }
 

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "experiments/command_trace.hpp"
+#include "experiments/motion_extent.hpp"
 #include "experiments/performance_runs.hpp"
 
 namespace multipanda {
@@ -99,15 +100,21 @@ Json run_switching(const PerformanceRun& run) {
   const std::size_t samples = kLead + 2 * switching.trials * kCyclesPerTrial;
 
   std::unique_ptr<CommandTrace> trace, undisturbed;
+  std::optional<MotionExtent> extent;
+  const bool on_arms = run.backend.kind == BackendKind::fci || run.backend.kind == BackendKind::as_scene;
   std::vector<Trial> trials;
   ArmIndex bystander = 0;
   RunSummary summary;
   {
     SessionOptions options{.paced = true, .backend = run.backend, .duration_s = 0.0};
-    options.observer = [&trace](const CycleRecord& record) { trace->take(record); };
+    options.observer = [&trace, &extent](const CycleRecord& record) {
+      trace->take(record);
+      if (extent) extent->take(record);
+    };
     if (run.viewer != nullptr) run.viewer->prepare(opened.scene, options);
     Session session(opened.scene, opened.registry, std::move(options));
     trace = trace_of(session, samples);
+    if (run.rehearsal) extent.emplace(session.scene(), session.models());
     MultimodeController& modes = session.modes();
     bystander = arm_named(modes, switching.bystander);
     const InstanceSet sets[] = {bit(instance_named(modes, switching.controllets[0])),
@@ -145,7 +152,7 @@ Json run_switching(const PerformanceRun& run) {
     summary = session.finish();
   }
   if (run.progress.stopped()) return {};
-  {
+  if (!on_arms && !run.rehearsal) {  // arms cannot repeat a run to the bit
     const double seconds = 1e-3 * static_cast<double>(std::min(trace->count(), samples));
     SessionOptions options{.paced = false, .backend = run.backend, .duration_s = seconds};
     options.observer = [&undisturbed](const CycleRecord& record) { undisturbed->take(record); };
@@ -157,7 +164,8 @@ Json run_switching(const PerformanceRun& run) {
   // The end of the run, when all arms go to hold, affects the bystander and is not compared.
   const std::uint64_t last = trials.empty() ? 0 : trials.back().answer.cycle;
   std::size_t compared = 0;
-  const std::size_t different = different_cycles(*trace, *undisturbed, bystander, last, compared);
+  const std::size_t different =
+      undisturbed ? different_cycles(*trace, *undisturbed, bystander, last, compared) : 0;
 
   Json list = Json::array();
   for (const auto& trial : trials) {
@@ -175,7 +183,8 @@ Json run_switching(const PerformanceRun& run) {
     }
     list.push_back(std::move(entry));
   }
-  return {{"trials", switching.trials},
+  return {{"extent", extent ? extent->json() : Json::array()},
+          {"trials", switching.trials},
           {"controllets", switching.controllets},
           {"controllet", switching.controllet},
           {"feature", switching.feature},
