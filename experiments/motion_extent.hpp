@@ -24,9 +24,9 @@ class MotionExtent {
   // the hand, along the base's z).
   nlohmann::ordered_json json() const;
 
-  // A run on arms that goes farther than its simulation did has missed something: a surface that is not there, or an
-  // object. The first arm whose hand is beyond these margins, in words; empty: none. `expected`: json() of the
-  // simulation. Same thread as take().
+  // A run on arms that goes farther than its simulation did has missed something: a surface that is not
+  // there, or an object. The first arm whose hand is beyond these margins, in words; empty: none. `expected`:
+  // json() of the simulation. Same thread as take().
   static constexpr double kFarther = 0.05;  // [m] from the start, below and above the simulation's
   static constexpr double kFaster = 0.25;   // [m/s]
   std::string beyond(const nlohmann::ordered_json& expected) const;

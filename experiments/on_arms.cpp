@@ -13,15 +13,20 @@
 namespace multipanda {
 namespace {
 
-std::string point(const Vector3& p) { return fmt::format("({:.3f}, {:.3f}, {:.3f}) m", p.x(), p.y(), p.z()); }
+// To three digits, and never "-0.000".
+double rounded(double value) { return std::round(value * 1e3) * 1e-3 + 0.0; }
 
-std::string place(const Pose& X) {
+std::string point_text(const Vector3& p) {
+  return fmt::format("({:.3f}, {:.3f}, {:.3f}) m", rounded(p.x()), rounded(p.y()), rounded(p.z()));
+}
+
+std::string pose_text(const Pose& X) {
   const Matrix3& R = X.rotation;
   const double roll = std::atan2(R(2, 1), R(2, 2)), pitch = std::asin(std::clamp(-R(2, 0), -1.0, 1.0)),
                yaw = std::atan2(R(1, 0), R(0, 0));
-  std::string text = point(X.position);
+  std::string text = point_text(X.position);
   if (std::max({std::abs(roll), std::abs(pitch), std::abs(yaw)}) > 1e-4)
-    text += fmt::format(", turned by roll {:.3f}, pitch {:.3f}, yaw {:.3f} rad", roll, pitch, yaw);
+    text += fmt::format(", turned by roll {:.3f}, pitch {:.3f}, yaw {:.3f} rad", rounded(roll), rounded(pitch), rounded(yaw));
   return text;
 }
 
@@ -42,7 +47,7 @@ std::string shape_of(const SceneObject& object) {
   return "plane";
 }
 
-std::string numbers(const JointVector& values) {
+std::string list_of(const JointVector& values) {
   std::vector<double> list(values.begin(), values.end());
   return fmt::format("{:g}", fmt::join(list, ", "));
 }
@@ -114,7 +119,7 @@ std::vector<PlacedObject> objects_to_place(const Scene& scene) {
       text += fmt::format(", surface of {:g} kN/m", object.contact->stiffness_n_per_m * 1e-3);
     for (const auto& arm : scene.arms) {
       const Pose X_BO = arm.X_WB.inverse() * object.X_WO;
-      text += fmt::format("\n    its center at {} in the base frame of arm '{}'", place(X_BO), arm.name);
+      text += fmt::format("\n    its center at {} in the base frame of arm '{}'", pose_text(X_BO), arm.name);
       if (object.shape == ShapeType::box && X_BO.rotation.isApprox(Matrix3::Identity(), 1e-4))
         text += fmt::format(" (upper face at z = {:.3f} m)", X_BO.position.z() + object.size.z() / 2);
     }
@@ -129,15 +134,15 @@ std::string describe_arm(const SceneArm& arm) {
                   arm.hand ? "with its hand" : "without hand");
   if (arm.tool.mass > 0)
     text += fmt::format(", a tool of {:g} kg with its center of mass at {} in the flange", arm.tool.mass,
-                        point(arm.tool.p_FC));
+                        point_text(arm.tool.p_FC));
   if (arm.load_declared.mass > 0) text += fmt::format(", a payload of {:g} kg", arm.load_declared.mass);
-  text += fmt::format("\n    end effector at {} in the flange", place(arm_config(arm).frames.X_FE));
+  text += fmt::format("\n    end effector at {} in the flange", pose_text(arm_config(arm).frames.X_FE));
   const bool kept = !arm.collision && arm.fci && arm.fci->keep_collision_thresholds;
   if (kept) return text + "\n    its thresholds are left as an earlier program has set them";
   const auto limits = arm.collision.value_or(careful_thresholds(*build_arm_model(arm)));
   std::vector<double> wrench(limits.nominal.wrench_upper.begin(), limits.nominal.wrench_upper.end());
   return text + fmt::format("\n    stops itself above [{:g}] N, N m at K and [{}] N m at the joints ({})",
-                            fmt::join(wrench, ", "), numbers(limits.nominal.torque_upper),
+                            fmt::join(wrench, ", "), list_of(limits.nominal.torque_upper),
                             arm.collision ? "'collision' of the scene" : "the default of arms");
 }
 

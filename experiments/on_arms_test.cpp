@@ -216,10 +216,9 @@ TEST(MotionExtentOf, ASwingingJoint) {
   EXPECT_THAT(describe_extent(extent.json()), HasSubstr("joint 1 by 0.30 rad"));
 
   EXPECT_EQ(extent.beyond(extent.json()), "");
-  for (const auto& [key, change, says] : {std::tuple{"hand_m", -0.06, "went"},
-                                          std::tuple{"hand_m_per_s", -0.3, "moved at"},
-                                          std::tuple{"lowest_m", 0.06, "sank"},
-                                          std::tuple{"highest_m", -0.06, "rose"}}) {
+  for (const auto& [key, change, says] :
+       {std::tuple{"hand_m", -0.06, "went"}, std::tuple{"hand_m_per_s", -0.3, "moved at"},
+        std::tuple{"lowest_m", 0.06, "sank"}, std::tuple{"highest_m", -0.06, "rose"}}) {
     Json expected = extent.json();
     expected[0][key] = expected[0][key].get<double>() + change;
     EXPECT_THAT(extent.beyond(expected), HasSubstr(says));

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Experiments on arms of another process, as a person runs them: arms_experiment_test.py PROGRAM [TestCase...]
 
-`multipanda experiment NAME --backend fci` controls strict virtual arms (`multipanda virtual-arm --strict`) in real time.
-By default one short task; with MULTIPANDA_FULL set, every task. With MULTIPANDA_LOCKSTEP set the tasks run in
+`multipanda experiment NAME --backend fci` controls strict virtual arms (`multipanda virtual-arm --strict`) in real
+time. By default one short task; with MULTIPANDA_FULL set, every task. With MULTIPANDA_LOCKSTEP set the tasks run in
 lock-step, for a busy computer.
 """
 
