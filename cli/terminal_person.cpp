@@ -9,6 +9,21 @@ namespace multipanda::cli {
 namespace {
 
 constexpr int kLook_ms = 100;
+constexpr int kQuietLooks = 10;  // no key for this long before a question can be answered
+
+// Discards what is typed until nothing was for a while: the second Enter of a double press, or one that is
+// held down, would confirm a question that nobody has read. False: withdrawn, or the terminal is gone.
+bool wait_for_quiet(const std::function<bool()>& withdrawn) {
+  for (int quiet = 0; quiet < kQuietLooks;) {
+    if (withdrawn() || tcflush(STDIN_FILENO, TCIFLUSH) != 0) return false;
+    pollfd input{STDIN_FILENO, POLLIN, 0};
+    const int ready = poll(&input, 1, kLook_ms);
+    if (ready < 0 && errno != EINTR) return false;
+    if (ready > 0 && (input.revents & (POLLHUP | POLLERR)) != 0) return false;
+    quiet = ready > 0 ? 0 : quiet + 1;
+  }
+  return true;
+}
 
 }  // namespace
 
@@ -19,7 +34,7 @@ bool TerminalPerson::confirm(const Question& question, const std::function<bool(
   for (;;) {
     // An Enter that was meant for an earlier question, or pressed by mistake while an arm moved, confirms
     // nothing.
-    if (tcflush(STDIN_FILENO, TCIFLUSH) != 0) return false;
+    if (!wait_for_quiet(withdrawn)) return false;
     console_.raw("  [Enter: yes, q: stop] > ");
     for (;;) {
       if (withdrawn()) {

@@ -6,7 +6,7 @@
 namespace multipanda::cli {
 
 // A person at the terminal: Enter alone means yes, q and Enter or the end of the input mean stop. Keys
-// pressed before a question was printed do not count.
+// pressed before the prompt do not count; it appears after a second without any.
 class TerminalPerson final : public Person {
  public:
   explicit TerminalPerson(const Console& console) : console_(console) {}
