@@ -13,7 +13,9 @@ namespace multipanda {
 namespace {
 
 constexpr int kPieces = 100;
-constexpr double kFar = 0.5;  // bounding spheres farther apart than this are not looked at [m]
+constexpr double kInfinite = std::numeric_limits<double>::infinity();
+constexpr double kUsual = 0.02;  // margin by which the pairs are compared [m]
+constexpr double kFar = 0.5;     // bounding spheres farther apart than this are not looked at [m]
 
 struct Body {
   std::string name;
@@ -54,6 +56,10 @@ class Bodies {
       if (with_objects || obstacle.shape.kind == ConvexShape::Kind::half_space)
         obstacles_.push_back(obstacle);
     }
+    for (std::size_t i = 0; i < bodies_.size(); ++i) {
+      if (!bodies_[i].against_obstacles || bodies_[i].joint < 0) continue;
+      for (std::size_t k = 0; k < obstacles_.size(); ++k) obstacle_pairs_.emplace_back(i, k);
+    }
   }
 
   void place(std::size_t arm, const JointVector& q) {
@@ -66,30 +72,34 @@ class Bodies {
     }
   }
 
-  double least(std::string& pair) const {
-    double least = std::numeric_limits<double>::infinity();
-    const auto look = [&](const Body& a, const ConvexShape& shape, const Pose& X_W, const std::string& name) {
-      const double distance = closest_points(a.shape, a.X_WS, shape, X_W).distance;
-      if (distance >= least) return;
-      least = distance;
-      pair = a.name + ", " + name;
-    };
+  // Signed, of every pair in a fixed order; infinite: far apart [m].
+  std::vector<double> distances() const {
+    std::vector<double> list;
     for (const auto& [i, k] : pairs_) {
       const Body &a = bodies_[i], &b = bodies_[k];
       const double apart = (a.X_WS * a.sphere.center - b.X_WS * b.sphere.center).norm();
-      if (apart - a.sphere.radius - b.sphere.radius < std::min(least, kFar)) look(a, b.shape, b.X_WS, b.name);
+      list.push_back(apart - a.sphere.radius - b.sphere.radius < kFar
+                         ? closest_points(a.shape, a.X_WS, b.shape, b.X_WS).distance
+                         : kInfinite);
     }
-    for (const auto& body : bodies_) {
-      if (!body.against_obstacles || body.joint < 0) continue;
-      for (const auto& obstacle : obstacles_) look(body, obstacle.shape, obstacle.X_WO, obstacle.name);
-    }
-    return least;
+    for (const auto& [i, k] : obstacle_pairs_)
+      list.push_back(
+          closest_points(bodies_[i].shape, bodies_[i].X_WS, obstacles_[k].shape, obstacles_[k].X_WO)
+              .distance);
+    return list;
+  }
+
+  std::string name_of(std::size_t pair) const {
+    if (pair < pairs_.size())
+      return bodies_[pairs_[pair].first].name + ", " + bodies_[pairs_[pair].second].name;
+    const auto& [body, obstacle] = obstacle_pairs_[pair - pairs_.size()];
+    return bodies_[body].name + ", " + obstacles_[obstacle].name;
   }
 
  private:
   std::vector<ModelTerms> terms_;
   std::vector<Body> bodies_;
-  std::vector<std::pair<std::size_t, std::size_t>> pairs_;
+  std::vector<std::pair<std::size_t, std::size_t>> pairs_, obstacle_pairs_;
   std::vector<Obstacle> obstacles_;
 };
 
@@ -101,21 +111,25 @@ bool PathClearance::blocked(double margin) const {
 
 PathClearance path_clearance(const Scene& scene, const std::vector<JointMove>& moves, bool with_objects) {
   Bodies bodies(scene, with_objects);
-  PathClearance result{.least = std::numeric_limits<double>::infinity(), .pair = {}};
   for (std::size_t i = 0; i < scene.arms.size(); ++i) bodies.place(i, scene.arms[i].q_start);
+  std::vector<double> first, last, least;
   for (int k = 0; k <= kPieces; ++k) {
     for (const auto& move : moves) {
       const JointVector way = move.goal - move.from;
       bodies.place(move.arm, move.from + k * way / kPieces);
     }
-    std::string pair;
-    const double distance = bodies.least(pair);
-    if (k == 0) result.at_start = distance;
-    if (k == kPieces) result.at_end = distance;
-    if (distance < result.least) {
-      result.least = distance;
-      result.pair = pair;
-    }
+    last = bodies.distances();
+    if (k == 0) first = least = last;
+    for (std::size_t pair = 0; pair < last.size(); ++pair) least[pair] = std::min(least[pair], last[pair]);
+  }
+  PathClearance result{.at_start = kInfinite, .at_end = kInfinite, .least = kInfinite, .pair = {}};
+  double worst = kInfinite;
+  for (std::size_t pair = 0; pair < least.size(); ++pair) {
+    const double spare = least[pair] - std::min({kUsual, first[pair], last[pair]});
+    if (spare >= worst) continue;
+    worst = spare;
+    result = {
+        .at_start = first[pair], .at_end = last[pair], .least = least[pair], .pair = bodies.name_of(pair)};
   }
   return result;
 }

@@ -8,15 +8,16 @@
 
 namespace multipanda {
 
-// Where the arms come closest to each other, to themselves or to what is fixed in the scene, on the way of
-// motions that begin together and take equally long. The shapes are those of collision avoidance, so a
+// Where the arms come too close to each other, to themselves or to what stands in the scene, on the way of
+// motions that begin together and take equally long: the pair of bodies that comes nearest, compared with its
+// own distances at both ends. The shapes are those of collision avoidance, so a
 // mounted tool counts only with its tool_shapes.
 struct PathClearance {
-  double at_start = 0, at_end = 0, least = 0;  // [m]
-  std::string pair;                            // of the least: "left link5, right hand"
+  double at_start = 0, at_end = 0, least = 0;  // of this pair; infinite: all stay far apart [m]
+  std::string pair;                            // "left link5, right hand"
 
   // Closer than `margin` where neither end of the path is. The ends do not count: an arm may start in
-  // contact.
+  // contact, but only what it touches there may be near on the way.
   bool blocked(double margin) const;
 };
 
