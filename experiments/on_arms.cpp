@@ -26,7 +26,8 @@ std::string pose_text(const Pose& X) {
                yaw = std::atan2(R(1, 0), R(0, 0));
   std::string text = point_text(X.position);
   if (std::max({std::abs(roll), std::abs(pitch), std::abs(yaw)}) > 1e-4)
-    text += fmt::format(", turned by roll {:.3f}, pitch {:.3f}, yaw {:.3f} rad", rounded(roll), rounded(pitch), rounded(yaw));
+    text += fmt::format(", turned by roll {:.3f}, pitch {:.3f}, yaw {:.3f} rad", rounded(roll),
+                        rounded(pitch), rounded(yaw));
   return text;
 }
 
@@ -66,7 +67,8 @@ Experiment for_arms(Experiment experiment, std::vector<std::string>& left_out) {
     }
   }
   for (auto& change : experiment.vary) {
-    if (!change.key.starts_with("arms.")) change.by = 0;  // still drawn, so that the starts are the same
+    if (!change.key.starts_with("arms.") || change.key.find(".start_rad") == std::string::npos)
+      change.by = 0;  // still drawn, so that the starts are the same
   }
   std::erase_if(experiment.variants, [&](const ExperimentVariant& variant) {
     const bool plant = std::any_of(variant.set.begin(), variant.set.end(), [](const Override& change) {
@@ -82,6 +84,16 @@ Experiment for_arms(Experiment experiment, std::vector<std::string>& left_out) {
 }
 
 BackendOptions backend_of(const Scene& scene, const BackendOptions& options) {
+  for (const auto& arm : scene.arms) {
+    if (!arm.fci ||
+        std::ranges::any_of(options.addresses, [&](const auto& each) { return each.first == arm.name; }))
+      continue;
+    throw std::invalid_argument(
+        fmt::format("arm '{0}' has the address {1} in its scene, but no --address; add --address {0}={1}, so "
+                    "that it is known "
+                    "which arms move",
+                    arm.name, arm.fci->address));
+  }
   BackendOptions backend = options;
   std::erase_if(backend.addresses, [&](const auto& address) {
     return std::ranges::none_of(scene.arms, [&](const SceneArm& arm) { return arm.name == address.first; });

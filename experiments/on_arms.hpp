@@ -20,7 +20,7 @@ inline constexpr const char* kMeasured = "measured";
 Experiment for_arms(Experiment experiment, std::vector<std::string>& left_out);
 
 // The backend of a scene: its arms that have an address in `options` are reached there; the others, if there
-// are any, are simulated here.
+// are any, are simulated here. Throws std::invalid_argument: an arm has an address only in its scene.
 BackendOptions backend_of(const Scene& scene, const BackendOptions& options);
 // Throws std::invalid_argument: an arm of the scene has no address.
 void check_addresses_of_all(const Scene& scene, const BackendOptions& options);

@@ -34,7 +34,7 @@ AnswerFile::AnswerFile(const std::filesystem::path& file, const std::string& exp
     const auto space = text.find(' ');
     const std::string word = text.substr(0, space),
                       rest = space == std::string::npos ? std::string() : trimmed(text.substr(space));
-    if (word == "experiment" && !rest.empty()) {
+    if (word == "experiment" && !rest.empty() && about.empty()) {
       about = rest;
     } else if (word == "arm" && !rest.empty()) {
       found.push_back(rest);
