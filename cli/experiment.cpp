@@ -7,9 +7,11 @@
 #include "cli/cockpit_arguments.hpp"
 #include "cli/console.hpp"
 #include "cli/program.hpp"
+#include "cli/reduced_run.hpp"
 #include "cli/terminal_person.hpp"
 #include "experiments/kinds.hpp"
 #include "logs/recorder.hpp"
+#include "scene/load.hpp"
 #include "support/address.hpp"
 #include "support/signals.hpp"
 #include "support/spelling.hpp"
@@ -136,6 +138,19 @@ std::unique_ptr<Person> person_for(const ExperimentArguments& options, const Exp
                                       [&console](const std::string& text) { console.line(text); });
 }
 
+// A person may confirm by habit that the scene has run with lower bounds; the memory of such runs says
+// whether. No more than a warning: a scene whose motion lasts longer than the run never counts.
+void warn_of_first_run(const Experiment& experiment, const BackendOptions& backend, const Console& console) {
+  if (experiment.scene.empty()) return;
+  const Scene scene = with_connections(open_scene(experiment.scene).scene, backend);
+  if (!ReducedRun(scene, Reduction::as_usual, ReducedRun::first_runs_file()).reduced()) return;
+  console.line(
+      fmt::format("WARNING: no first run of this scene on physical arms is remembered, and an experiment "
+                  "keeps the scene's full "
+                  "bounds; first: multipanda run {} --backend fci --reduced --address ARM=ADDRESS",
+                  experiment.scene));
+}
+
 std::string resume_command(const ExperimentArguments& options, const fs::path& directory) {
   std::string text = "multipanda experiment " + options.name + " --resume " + directory.string();
   if (options.backend.backend != "mujoco") text += " --backend " + options.backend.backend;
@@ -191,6 +206,8 @@ int run(const ExperimentArguments& options) {
   if (!options.beside.empty() && (all || experiments.front().kind != kTaskKind))
     throw UsageError("experiment: --beside needs a single experiment that runs a scene");
   const std::unique_ptr<Person> person = person_for(options, experiments.front(), backend, console);
+
+  if (person != nullptr) warn_of_first_run(experiments.front(), backend, console);
 
   std::atomic<bool> stop{false};
   const SignalWatch watch([&](int) {

@@ -1,11 +1,11 @@
 #include "experiments/arm_steps.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include <fmt/format.h>
 
 #include "core/state/arm_mode_name.hpp"
-#include "experiments/motion_extent.hpp"
 #include "experiments/on_arms.hpp"
 #include "experiments/path_clearance.hpp"
 #include "runtime/motion/joint_move.hpp"
@@ -18,6 +18,25 @@ namespace {
 // Slower and softer than the bounds for arms beside people.
 constexpr ContactBounds kStartBounds{
     .hand_speed = ArmSteps::kStartHandSpeed, .spring_force = 30, .spring_moment = 7.5};
+
+constexpr double kUnderControl_s = 1;  // of loop time, until every arm is
+
+std::string mounted_text(const Scene& scene) {
+  std::string text;
+  for (const auto& arm : scene.arms) text += "\n  " + describe_arm(arm);
+  return text;
+}
+
+std::string bounds_text(const Scene& scene) {
+  std::string text;
+  for (const auto& lifted : scene.lifted) text += "\n  lifted: " + lifted;
+  for (const auto& arm : scene.arms) {
+    for (const auto& loosened : arm.loosened)
+      text += fmt::format("\n  arm '{}', looser than the manufacturer's: {}", arm.name, loosened);
+  }
+  if (scene.lifted.empty()) return text + " those for arms beside people.";
+  return text + "\n  With these bounds an arm can injure: nobody is within reach while a run lasts.";
+}
 
 std::string modes_of(const RunStatus& status, std::size_t arm) {
   return fmt::format("arm '{}' is in mode {}{}", status.arms[arm].arm, to_string(status.arms[arm].mode),
@@ -32,8 +51,38 @@ std::string stopped_arm(const RunStatus& status, std::vector<bool>& moved) {
     const bool moves = status.arms[i].mode == ArmMode::move;
     if (moved[i] && !moves) return modes_of(status, i);
     moved[i] = moved[i] || moves;
+    if (!moved[i] && status.time_s > kUnderControl_s) return modes_of(status, i);
   }
   return {};
+}
+
+ArmWatch::ArmWatch(const Scene& scene, const std::vector<std::shared_ptr<const ArmModel>>& models,
+                   nlohmann::ordered_json expected)
+    : expected_(std::move(expected)), extent_(scene, models), seen_(scene.arms.size()) {
+  if (!expected_.is_array() || expected_.size() != scene.arms.size())
+    throw ExperimentInterrupted(
+        "it is not known how far the arms moved in simulation; begin a new experiment");
+  for (const auto& arm : scene.arms) starts_.push_back(arm.q_start);
+}
+
+void ArmWatch::take(const CycleRecord& record) {
+  extent_.take(record);
+  if (!beyond_ && !(where_ = extent_.beyond(expected_)).empty()) beyond_ = true;
+  for (std::size_t i = 0; i < starts_.size(); ++i) {
+    const ArmSample& sample = record.arms[i];
+    if (seen_[i] || sample.sequence == 0) continue;
+    seen_[i] = true;  // the first one: the timeline has moved nothing yet
+    for (Eigen::Index j = 0; j < starts_[i].size(); ++j) {
+      if (std::abs(sample.q[static_cast<std::size_t>(j)] - starts_[i][j]) > ArmSteps::kStartError)
+        off_start_ = true;
+    }
+  }
+}
+
+std::string ArmWatch::trouble(const RunStatus& status) {
+  if (off_start_) return "it began too far from its start; was an arm moved?";
+  if (beyond_) return where_ + "; is an object missing?";
+  return stopped_arm(status, moved_);
 }
 
 void ArmSteps::say(const std::string& text) const {
@@ -50,15 +99,12 @@ void ArmSteps::ask(const std::string& key, const std::string& text,
 void ArmSteps::check_list(const Scene& scene, std::size_t runs, double seconds) {
   say(fmt::format("\nCheck-list of {} on arms: {} run{} of {:.0f} s in total. Nothing has moved yet.",
                   experiment_.name, runs, runs == 1 ? "" : "s", seconds));
-  std::string text = "1. What is mounted, and set in each arm's web interface, is exactly this:";
-  bool physical = false;
-  for (const auto& arm : scene.arms) {
-    text += "\n  " + describe_arm(arm);
-    physical = physical || (arm.fci && !is_on_this_computer(arm.fci->address));
-  }
-  ask("mounted", text);
+  const bool physical = std::ranges::any_of(
+      scene.arms, [](const SceneArm& arm) { return arm.fci && !is_on_this_computer(arm.fci->address); });
+  mounted_ = mounted_text(scene);
+  ask("mounted", "1. What is mounted, and set in each arm's web interface, is exactly this:" + mounted_);
   const auto objects = objects_to_place(scene);
-  text =
+  std::string text =
       "2. Nobody and nothing is within reach of the arms. Objects of the scene are placed later, when it "
       "says so:";
   for (const auto& object : objects) text += fmt::format(" {}", object.name);
@@ -67,43 +113,57 @@ void ArmSteps::check_list(const Scene& scene, std::size_t runs, double seconds) 
       "3. A person who watches the arms holds the user stop. It is pressed whenever somebody reaches in: "
       "between "
       "two runs the arms hold themselves, and only the button keeps them there.");
-  text = "4. The scene's bounds are accepted:";
-  for (const auto& lifted : scene.lifted) text += "\n  lifted: " + lifted;
-  for (const auto& arm : scene.arms) {
-    for (const auto& loosened : arm.loosened)
-      text += fmt::format("\n  arm '{}', looser than the manufacturer's: {}", arm.name, loosened);
-  }
-  if (scene.lifted.empty()) text += " those for arms beside people.";
-  ask("bounds",
-      text + (scene.lifted.empty()
-                  ? ""
-                  : "\n  With these bounds an arm can injure: nobody is within reach while a run lasts."));
+  bounds_ = bounds_text(scene);
+  ask("bounds", "4. The scene's bounds are accepted:" + bounds_);
   if (physical)
     ask("tried",
         "5. This very scene has run in simulation and on virtual arms, and once on these arms with "
         "`multipanda run SCENE --backend fci --reduced`.");
 }
 
+// The check-list describes the first run; another variant may have other tools, thresholds or bounds.
+void ArmSteps::confirm_set_up(const Scene& scene, const std::string& what) {
+  if (const std::string mounted = mounted_text(scene); mounted != mounted_) {
+    ask("mounted",
+        fmt::format("{}: what is mounted, and set, differs from the run before; it is now exactly this:{}",
+                    what, mounted));
+    mounted_ = mounted;
+  }
+  if (const std::string bounds = bounds_text(scene); bounds != bounds_) {
+    ask("bounds",
+        fmt::format("{}: its bounds differ from the run before; these are accepted:{}", what, bounds));
+    bounds_ = bounds;
+  }
+}
+
 void ArmSteps::before_run(const Scene& scene, const std::string& what, double seconds,
                           const nlohmann::ordered_json& extent) {
+  confirm_set_up(scene, what);
   const auto objects = objects_to_place(scene);
   std::string all, names;
   for (const auto& object : objects) {
     all += object.text + '\n';
     names += (names.empty() ? "" : ", ") + object.name;
   }
-  const bool changed = all != placed_;
+  // A free object is no longer where it was placed: an arm has pushed it, or holds it.
+  const bool changed = all != placed_ || std::ranges::any_of(scene.objects, [](const SceneObject& object) {
+                         return !object.fixed;
+                       });
   if (changed && cleared_ && !placed_.empty())
     ask("remove",
-        fmt::format("{}: other objects are needed. Remove what was placed; the arms go to their start first.",
-                    what));
-  to_start(scene, changed || !cleared_);
+        fmt::format(
+            "{}: its objects are placed anew. Remove all that was placed, with the user stop pressed, and "
+            "release it again; the arms go to their start first.",
+            what));
+  to_start(scene, changed || !cleared_, kNear);
   cleared_ = true;
   if (changed) {
     for (const auto& object : objects)
       ask("place " + object.name,
           fmt::format("Place, with the user stop pressed, and release it again:\n  {}", object.text));
     placed_ = all;
+    // With the user stop pressed an arm can be moved by hand.
+    if (!objects.empty()) to_start(scene, false, JointMove::kTolerance_rad);
   }
   ask("run", fmt::format("Run {}: {:.1f} s. In simulation it moved:\n{}\n  Expected objects: {}. Nobody is "
                          "within reach, and the user stop is "
@@ -112,7 +172,7 @@ void ArmSteps::before_run(const Scene& scene, const std::string& what, double se
 }
 
 // In a session of its own. While the question stands, the arms are under control and stay where they are.
-void ArmSteps::to_start(const Scene& given, bool cleared) {
+void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
   Scene scene = given;
   scene.controllets.clear();
   scene.active.clear();
@@ -165,7 +225,7 @@ void ArmSteps::to_start(const Scene& given, bool cleared) {
   for (auto& move : moves) {
     move.plan(measured.q(move), kStartSpeed, scene.arms[move.arm], kStartHandSpeed);
     longest = std::max(longest, move.duration_s);
-    needed = needed || move.largest_way() > kNear;
+    needed = needed || move.largest_way() > near;
   }
   if (needed) {
     std::string text = fmt::format("{} to the start, {:.1f} s, straight in joint space:",

@@ -1,10 +1,15 @@
 #pragma once
 
+#include <atomic>
+#include <memory>
 #include <string>
+#include <vector>
 
 #include "core/modes/registry.hpp"
 #include "experiments/kinds.hpp"
+#include "experiments/motion_extent.hpp"
 #include "experiments/person.hpp"
+#include "runtime/run_monitor.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
@@ -31,9 +36,10 @@ class ArmSteps {
 
   // `runs` on arms of `seconds` in total are about to begin; `scene` is the first.
   void check_list(const Scene& scene, std::size_t runs, double seconds);
-  // Clears the place if other objects stood there, moves the arms to the scene's start, has the scene's
-  // objects placed, and announces the run. `what`: "k10, repeat 1". `extent`: of the run in simulation
-  // (MotionExtent).
+  // Asks again what is mounted and which bounds are lifted, if that differs from the run before. Clears the
+  // place if other objects stood there, or objects that the arms have moved; moves the arms to the scene's
+  // start, has the scene's objects placed, looks whether an arm was moved meanwhile, and announces the run.
+  // `what`: "k10, repeat 1". `extent`: of the run in simulation (MotionExtent).
   void before_run(const Scene& scene, const std::string& what, double seconds,
                   const nlohmann::ordered_json& extent);
 
@@ -41,18 +47,41 @@ class ArmSteps {
   void ask(const std::string& key, const std::string& text,
            const std::function<bool()>& withdrawn = {}) const;  // throws
   void say(const std::string& text) const;
-  void to_start(const Scene& scene, bool cleared);
+  void to_start(const Scene& scene, bool cleared, double near);
+  void confirm_set_up(const Scene& scene, const std::string& what);
 
   const Experiment& experiment_;
   const ExperimentOptions& options_;
   const ExperimentProgress& progress_;
   const Registry& registry_;
-  std::string placed_;  // texts of the objects that stand there
+  std::string placed_;            // texts of the objects that stand there
+  std::string mounted_, bounds_;  // texts that were confirmed
   bool cleared_ = false;
 };
 
-// Why an arm of a run no longer follows it, by the newest status: "arm 'left' is in mode reflex (...)";
-// empty: none. `moved` remembers which arms have been under control.
+// Why an arm of a run does not follow it, by the newest status: "arm 'left' is in mode reflex (...)"; empty:
+// none. `moved` remembers which arms have been under control: all of them must be within the first second,
+// since the others would move alone.
 std::string stopped_arm(const RunStatus& status, std::vector<bool>& moved);
+
+// Watches a run on arms from beside the loop: whoever waits for its end stops all arms when one has trouble.
+class ArmWatch {
+ public:
+  // `expected`: the extent of its simulation. Throws ExperimentInterrupted if there is none for every arm.
+  ArmWatch(const Scene& scene, const std::vector<std::shared_ptr<const ArmModel>>& models,
+           nlohmann::ordered_json expected);
+
+  void take(const CycleRecord& record);                   // in order, one thread
+  std::string trouble(const RunStatus& status);           // another thread; empty: none
+  const MotionExtent& extent() const { return extent_; }  // after the run
+
+ private:
+  std::vector<JointVector> starts_;
+  nlohmann::ordered_json expected_;
+  MotionExtent extent_;
+  std::vector<bool> seen_, moved_;
+  std::string where_;  // before `beyond_`
+  std::atomic<bool> off_start_{false}, beyond_{false};
+};
 
 }  // namespace multipanda

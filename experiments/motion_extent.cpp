@@ -71,6 +71,7 @@ nlohmann::ordered_json MotionExtent::json() const {
 std::string MotionExtent::beyond(const nlohmann::ordered_json& expected) const {
   for (std::size_t i = 0; i < arms_.size() && i < expected.size(); ++i) {
     const Arm& arm = arms_[i];
+    if (!arm.begun) continue;
     const auto more = [&](const char* what, double value, const char* key, double margin, const char* unit) {
       const double bound = expected[i].at(key).get<double>() + margin;
       return (margin > 0 ? value > bound : value < bound)

@@ -8,9 +8,11 @@
 #include <numbers>
 #include <tuple>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "experiments/arm_steps.hpp"
 #include "experiments/beside_log.hpp"
 #include "experiments/finished_runs.hpp"
 #include "experiments/motion_extent.hpp"
@@ -136,6 +138,68 @@ TEST(OnArms, ArmsWithoutAddressAreNamedOrSimulated) {
   const Scene mixed = with_connections(scene, backend_of(scene, options));
   EXPECT_TRUE(mixed.arms[0].fci.has_value());
   EXPECT_FALSE(mixed.arms[1].fci.has_value());
+  // An address that only the scene has would move an arm that no answer names.
+  Scene own = scene;
+  own.arms[1].fci.emplace().address = "192.0.2.7";
+  EXPECT_THAT(refusal([&] { (void)backend_of(own, options); }), HasSubstr("add --address b=192.0.2.7"));
+}
+
+TEST(OnArms, OnlyStartsVary) {
+  Experiment given = load_experiment("task-3");
+  given.vary = {{.key = "arms.arm.start_rad", .by = 0.1},
+                {.key = "arms.arm.tool.mass_kg", .by = 0.1},
+                {.key = "objects.table.position_m.2", .by = 0.1}};
+  std::vector<std::string> left_out;
+  const Experiment arms = for_arms(given, left_out);
+  EXPECT_EQ(arms.vary[0].by, 0.1);
+  EXPECT_EQ(arms.vary[1].by, 0);
+  EXPECT_EQ(arms.vary[2].by, 0);
+}
+
+RunStatus status_of(double time_s, ArmMode left, ArmMode right) {
+  RunStatus status;
+  status.time_s = time_s;
+  status.arms.resize(2);
+  status.arms[0].arm = "left";
+  status.arms[1].arm = "right";
+  status.arms[0].mode = left;
+  status.arms[1].mode = right;
+  return status;
+}
+
+TEST(OnArms, AnArmThatStopsOrNeverMovesStopsTheOther) {
+  std::vector<bool> moved;
+  EXPECT_EQ(stopped_arm(status_of(0.1, ArmMode::idle, ArmMode::idle), moved), "");
+  EXPECT_EQ(stopped_arm(status_of(0.2, ArmMode::move, ArmMode::move), moved), "");
+  EXPECT_EQ(stopped_arm(status_of(5, ArmMode::move, ArmMode::move), moved), "");
+  EXPECT_THAT(stopped_arm(status_of(5.1, ArmMode::move, ArmMode::idle), moved), HasSubstr("arm 'right'"));
+  moved.clear();  // the user stop of one arm was pressed from the beginning
+  EXPECT_EQ(stopped_arm(status_of(0.5, ArmMode::move, ArmMode::user_stopped), moved), "");
+  EXPECT_THAT(stopped_arm(status_of(1.1, ArmMode::move, ArmMode::user_stopped), moved),
+              HasSubstr("arm 'right'"));
+}
+
+TEST(OnArms, ARunIsWatchedFromItsFirstSampleOn) {
+  const Scene scene = scene_of("arms: [{name: arm}]\n");
+  const Json expected =
+      Json::array({{{"hand_m", 1}, {"hand_m_per_s", 1}, {"lowest_m", 0.2}, {"highest_m", 2}}});
+  const std::vector<std::shared_ptr<const ArmModel>> models{build_arm_model(scene.arms[0])};
+  const auto trouble = [&](double off, std::uint64_t cycle) {
+    ArmWatch watch(scene, models, expected);
+    CycleRecord record;
+    record.cycle = cycle;
+    record.arms.resize(1);
+    watch.take(record);  // no state of the arm yet
+    record.arms[0].sequence = 1;
+    for (std::size_t j = 0; j < 7; ++j)
+      record.arms[0].q[j] = scene.arms[0].q_start[static_cast<Eigen::Index>(j)] + (j == 3 ? off : 0);
+    watch.take(record);
+    return watch.trouble({});
+  };
+  EXPECT_EQ(trouble(0.04, 1), "");
+  EXPECT_THAT(trouble(0.06, 1), HasSubstr("too far from its start"));
+  EXPECT_THAT(trouble(-0.06, 4000), HasSubstr("too far from its start")) << "an arm that reports late";
+  EXPECT_THROW(ArmWatch(scene, models, Json()), ExperimentInterrupted) << "nothing to compare with";
 }
 
 // Joint 1 turns a stretched arm by half a turn: its hand passes through the other arm, although both ends are
@@ -174,6 +238,31 @@ TEST(PathClearance, ObjectsCountOnlyWhenTheyAreThere) {
   const PathClearance with = path_clearance(scene, {move}, true);
   EXPECT_TRUE(with.blocked(0.02));
   EXPECT_THAT(with.pair, HasSubstr("post"));
+}
+
+// A contact where the path begins permits nothing else on the way.
+TEST(PathClearance, AContactAtTheStartDoesNotHideAnotherObject) {
+  const std::string head =
+      "arms: [{name: arm}]\n"
+      "objects:\n"
+      "  - {name: post, shape: cylinder, diameter_m: 0.05, length_m: 1.5, position_m: [0.5, 0, 0.75]}\n";
+  Scene scene = scene_of(head);
+  JointMove move{.arm = 0, .from = scene.arms[0].q_start, .goal = scene.arms[0].q_start};
+  move.from[0] = -1;
+  move.goal[0] = 1;
+  ModelTerms terms(build_arm_model(scene.arms[0]));
+  terms.set_config(arm_config(scene.arms[0]).frames, {}, {});
+  terms.update(move.from, JointVector::Zero(7));
+  const Vector3 p = terms.X_WE().position;  // the hand begins deep inside a ball
+  Scene touching =
+      scene_of(head + fmt::format("  - {{name: ball, shape: sphere, diameter_m: 0.3, position_m: "
+                                  "[{}, {}, {}]}}\n",
+                                  p.x(), p.y(), p.z()));
+  const PathClearance both = path_clearance(touching, {move}, true);
+  EXPECT_TRUE(both.blocked(0.02));
+  EXPECT_THAT(both.pair, HasSubstr("post"));
+  touching.objects.erase(touching.objects.begin());
+  EXPECT_FALSE(path_clearance(touching, {move}, true).blocked(0.02)) << "it only leaves the ball";
 }
 
 TEST(PathClearance, AnArmMayLeaveAContact) {

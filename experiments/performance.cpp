@@ -74,6 +74,7 @@ class OnArms {
     if (options.person == nullptr)
       throw std::invalid_argument(experiment.name + ": a run on arms needs a person who confirms its steps");
     check_addresses_of_all(scene(run.settings.scene, {}), options.backend);
+    if (run.settings.switching) (void)backend_of(scene(run.settings.switching->scene, {}), options.backend);
   }
 
   bool active() const { return active_; }
@@ -100,8 +101,8 @@ class OnArms {
       throw ExperimentInterrupted(fmt::format("{}: its simulation failed ({}), so it does not run on arms",
                                               name, record["faults"].front().get<std::string>()));
     const Scene given = scene(scene_path, set);
-    steps_.before_run(with_connections(given, backend_of(given, options_.backend)), name, seconds,
-                      record["extent"]);
+    expected_ = record["extent"];
+    steps_.before_run(with_connections(given, backend_of(given, options_.backend)), name, seconds, expected_);
   }
 
   // Ends the experiment if a run on arms had faults.
@@ -113,7 +114,10 @@ class OnArms {
 
   PerformanceRun run(const std::string& scene_path) const {
     PerformanceRun run = run_;
-    if (active_) run.backend = backend_of(scene(scene_path, {}), options_.backend);
+    if (active_) {
+      run.backend = backend_of(scene(scene_path, {}), options_.backend);
+      run.expected = expected_;
+    }
     return run;
   }
 
@@ -132,6 +136,7 @@ class OnArms {
   const PerformanceRun& run_;
   const Registry registry_;
   ArmSteps steps_;
+  Json expected_;  // the extent of the last rehearsal
 };
 
 }  // namespace

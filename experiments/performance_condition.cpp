@@ -6,9 +6,9 @@
 #include <fmt/format.h>
 
 #include "core/types/time.hpp"
+#include "experiments/arm_steps.hpp"
 #include "experiments/command_trace.hpp"
 #include "experiments/generator_process.hpp"
-#include "experiments/motion_extent.hpp"
 #include "experiments/performance_runs.hpp"
 #include "experiments/process_usage.hpp"
 #include "logs/npz.hpp"
@@ -111,10 +111,12 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
 
   std::unique_ptr<CommandTrace> trace;
   std::optional<MotionExtent> extent;
+  std::optional<ArmWatch> watch;
   SessionOptions options{.paced = true, .backend = run.backend, .duration_s = 0.0, .socket = own_socket()};
-  options.observer = [&trace, &extent](const CycleRecord& record) {
+  options.observer = [&trace, &extent, &watch](const CycleRecord& record) {
     trace->take(record);
     if (extent) extent->take(record);
+    if (watch) watch->take(record);
   };
   options.on_loop = [&trace](const Tick& tick, const Backend&) { trace->step_done(tick); };
   // A unique name, so that no other node on this machine is mistaken for it.
@@ -124,6 +126,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   if (run.viewer != nullptr) run.viewer->prepare(opened.scene, options);
   Session session(opened.scene, opened.registry, std::move(options));
   if (run.rehearsal) extent.emplace(session.scene(), session.models());
+  if (run.on_arms()) watch.emplace(session.scene(), session.models(), run.expected);
   const InstanceIndex instance = session.modes().find(condition.controllet);
   if (instance == kNoInstance)
     throw std::invalid_argument("condition " + condition.name + ": the scene has no controllet '" +
@@ -142,7 +145,11 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
                               .ros_node = run.ros ? "/" + node : "",
                               .seconds = settings.lead_s + 2 * duration_s + 2 * kPatience,
                               .messages = run.folder / (name + "_generator.txt")});
-  const auto over = [&] { return run.progress.stopped() || session.wait_for_end(0); };
+  std::string trouble;
+  const auto over = [&] {
+    if (watch && trouble.empty() && !(trouble = watch->trouble(session.status())).empty()) session.stop();
+    return run.progress.stopped() || !trouble.empty() || session.wait_for_end(0);
+  };
   const HostTime begin = host_now();
   while (!trace->started() && !over() && generator.running() && seconds(host_now() - begin) < kPatience)
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
@@ -169,6 +176,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   session.stop();
   const RunSummary summary = session.finish();
   if (run.progress.stopped()) return {};
+  if (!trouble.empty()) throw ExperimentInterrupted(name + ": " + trouble);
 
   const fs::path file = run.folder / (name + ".npz");
   trace->write(file);

@@ -20,6 +20,10 @@ struct PerformanceRun {
   bool ros = false;  // set-points come by ROS topics
   // A run in simulation before one on arms: its record has "extent", the arms' motion (motion_extent.hpp).
   bool rehearsal = false;
+  // On arms: the extent of its rehearsal. A run that goes beyond it, and an arm that stops, end it with
+  // ExperimentInterrupted.
+  nlohmann::ordered_json expected = {};
+  bool on_arms() const { return backend.kind == BackendKind::fci || backend.kind == BackendKind::as_scene; }
 };
 
 // A paced run with set-points at 1 kHz from a motion generator in a separate process. Throws

@@ -6,8 +6,8 @@
 
 #include <fmt/format.h>
 
+#include "experiments/arm_steps.hpp"
 #include "experiments/command_trace.hpp"
-#include "experiments/motion_extent.hpp"
 #include "experiments/performance_runs.hpp"
 
 namespace multipanda {
@@ -101,20 +101,23 @@ Json run_switching(const PerformanceRun& run) {
 
   std::unique_ptr<CommandTrace> trace, undisturbed;
   std::optional<MotionExtent> extent;
-  const bool on_arms = run.backend.kind == BackendKind::fci || run.backend.kind == BackendKind::as_scene;
+  std::optional<ArmWatch> watch;
+  std::string trouble;
   std::vector<Trial> trials;
   ArmIndex bystander = 0;
   RunSummary summary;
   {
     SessionOptions options{.paced = true, .backend = run.backend, .duration_s = 0.0};
-    options.observer = [&trace, &extent](const CycleRecord& record) {
+    options.observer = [&trace, &extent, &watch](const CycleRecord& record) {
       trace->take(record);
       if (extent) extent->take(record);
+      if (watch) watch->take(record);
     };
     if (run.viewer != nullptr) run.viewer->prepare(opened.scene, options);
     Session session(opened.scene, opened.registry, std::move(options));
     trace = trace_of(session, samples);
     if (run.rehearsal) extent.emplace(session.scene(), session.models());
+    if (run.on_arms()) watch.emplace(session.scene(), session.models(), run.expected);
     MultimodeController& modes = session.modes();
     bystander = arm_named(modes, switching.bystander);
     const InstanceSet sets[] = {bit(instance_named(modes, switching.controllets[0])),
@@ -127,7 +130,11 @@ Json run_switching(const PerformanceRun& run) {
     const Viewed viewed(run.viewer, session);
     if (run.progress.stopped()) return {};
     session.start();
-    while (trace->count() < kLead && !session.wait_for_end(0.01)) {
+    const auto running = [&] {
+      if (watch && trouble.empty() && !(trouble = watch->trouble(session.status())).empty()) session.stop();
+      return !run.progress.stopped() && trouble.empty() && !session.wait_for_end(0);
+    };
+    while (trace->count() < kLead && running() && !session.wait_for_end(0.01)) {
     }
     std::mt19937_64 random(run.experiment.seed);
     std::uniform_real_distribution<double> pause(kPauseLow, kPauseHigh);
@@ -136,7 +143,6 @@ Json run_switching(const PerformanceRun& run) {
       Trial& trial = trials.emplace_back(Trial{.kind = kind, .to = to, .answer = {}, .queued = {}});
       trial.answer = ask_and_note(modes, request, trial.queued);
     };
-    const auto running = [&] { return !run.progress.stopped() && !session.wait_for_end(0); };
     // Feature first: its controllet runs from the start.
     for (std::size_t i = 0; i < switching.trials && running(); ++i) {
       const bool on = i % 2 != 0;  // the feature is on at the start of the run
@@ -152,7 +158,8 @@ Json run_switching(const PerformanceRun& run) {
     summary = session.finish();
   }
   if (run.progress.stopped()) return {};
-  if (!on_arms && !run.rehearsal) {  // arms cannot repeat a run to the bit
+  if (!trouble.empty()) throw ExperimentInterrupted("switching: " + trouble);
+  if (!run.on_arms() && !run.rehearsal) {  // arms cannot repeat a run to the bit
     const double seconds = 1e-3 * static_cast<double>(std::min(trace->count(), samples));
     SessionOptions options{.paced = false, .backend = run.backend, .duration_s = seconds};
     options.observer = [&undisturbed](const CycleRecord& record) { undisturbed->take(record); };

@@ -289,18 +289,18 @@ class TaskRunner {
     if (viewer != nullptr) viewer->prepare(scene, session_options);
     std::optional<RunData> data;
     std::optional<MotionExtent> extent;
-    std::atomic<bool> off_start{false}, beyond{false};
-    std::string where;  // the observer's, before `beyond`
+    std::optional<ArmWatch> watch;
     session_options.observer = [&](const CycleRecord& cycle) {
       data->take(cycle);
       if (extent) extent->take(cycle);
-      if (measured && !beyond && !(where = extent->beyond(expected_)).empty()) beyond = true;
-      if (measured && begins_off_start(cycle, session_scene_)) off_start = true;
+      if (watch) watch->take(cycle);
     };
-    if (measured) session_scene_ = scene;
     Session session(std::move(scene), registry_, std::move(session_options));
     data.emplace(session.scene(), session.layout(), session.models(), kModelEvery);
-    if (on_arms_) extent.emplace(session.scene(), session.models());
+    if (measured)
+      watch.emplace(session.scene(), session.models(), expected_);
+    else if (on_arms_)
+      extent.emplace(session.scene(), session.models());
     const Viewed viewed(viewer, session);
     if (progress_.stopped()) {
       std::error_code ignored;
@@ -309,12 +309,8 @@ class TaskRunner {
     }
     session.start();
     std::string trouble;
-    std::vector<bool> moved;
     while (!session.wait_for_end(measured ? 0.02 : 0.1)) {
-      if (measured && trouble.empty())
-        trouble = off_start ? "it began too far from its start; was an arm moved?"
-                  : beyond  ? where + "; is an object missing?"
-                            : stopped_arm(session.status(), moved);
+      if (watch && trouble.empty()) trouble = watch->trouble(session.status());
       if (progress_.stopped() || !trouble.empty()) session.stop();
     }
     if (measured) {
@@ -344,6 +340,7 @@ class TaskRunner {
     record["faults"] = summary.faults();
     if (!trouble.empty()) record["faults"].insert(record["faults"].begin(), trouble);
     if (extent) record["extent"] = extent->json();
+    if (watch) record["extent"] = watch->extent().json();
     record["interventions"] = Json::array();
     for (const auto& seen : summary.interventions)
       record["interventions"].push_back(
@@ -361,21 +358,6 @@ class TaskRunner {
           plan["runs"], [&](const Json& run) { return run["variant"] == log.variant->name; });
       plan["runs"].push_back(beside_run(log, *like, options_.directory));
     }
-  }
-
-  // In its first cycles, before the timeline has moved anything.
-  static bool begins_off_start(const CycleRecord& record, const Scene& scene) {
-    constexpr std::uint64_t kFirst = 50;
-    if (record.cycle > kFirst) return false;
-    for (std::size_t i = 0; i < scene.arms.size(); ++i) {
-      if (record.arms[i].sequence == 0) continue;
-      for (Eigen::Index j = 0; j < scene.arms[i].q_start.size(); ++j) {
-        if (std::abs(record.arms[i].q[static_cast<std::size_t>(j)] - scene.arms[i].q_start[j]) >
-            ArmSteps::kStartError)
-          return true;
-      }
-    }
-    return false;
   }
 
   void say(const std::string& text) const {
@@ -403,8 +385,7 @@ class TaskRunner {
   const Registry registry_;
   FinishedRuns finished_runs_;
   std::vector<BesideLog> beside_;
-  Scene session_scene_;  // of the run on arms
-  Json expected_;        // the extent of its simulation
+  Json expected_;  // the extent of the simulation of the run on arms
   std::vector<Json> done_;
   std::size_t end_ = 0;  // of the runs that the workers take
   std::atomic<std::size_t> next_{0};

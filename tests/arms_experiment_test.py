@@ -185,6 +185,20 @@ class Refused(unittest.TestCase):
             done = self.words("task-1", *words, "--address", "arm=127.0.0.9")
             self.assertIn("yes.txt:2: expected", done.stderr)
 
+    def test_a_first_run_on_physical_arms_is_warned_of(self):
+        with tempfile.TemporaryDirectory() as folder:
+            os.environ["XDG_STATE_HOME"] = folder
+            try:
+                # An address for documentation: no arm is there, and none is connected.
+                words = [PROGRAM, "experiment", "task-1", "--repeats", "1", "--backend", "fci"]
+                seen = AtTheTerminal([*words, "--address", "arm=192.0.2.7", "--out", folder])
+                seen.expect("WARNING: no first run of this scene on physical arms")
+                seen.expect(QUESTION)
+                seen.press("q\n")
+                self.assertEqual(seen.end(), 1)
+            finally:
+                del os.environ["XDG_STATE_HOME"]
+
     def test_what_arms_cannot_do(self):
         with tempfile.TemporaryDirectory() as folder:
             file = pathlib.Path(folder, "yes.txt")
@@ -208,6 +222,8 @@ class Short(unittest.TestCase):
                 seen.read(0)
                 self.assertEqual(len(re.findall(QUESTION, seen.text[seen.at :])), 0, "answered by itself")
                 seen.press("\n")
+                time.sleep(0.3)
+                seen.press("\n")  # a double press confirms one question
             # From 0.15 rad off, at up to a tenth of 2.175 rad/s.
             way = seen.expect(
                 r"joints by up to ([0-9.]+) rad at up to ([0-9.]+) rad/s, the hand at up to ([0-9.]+) m/s"
