@@ -202,13 +202,13 @@ TEST(OnArms, ARunIsWatchedFromItsFirstSampleOn) {
   EXPECT_THROW(ArmWatch(scene, models, Json()), ExperimentInterrupted) << "nothing to compare with";
 }
 
-// Joint 1 turns a stretched arm by half a turn: its hand passes through the other arm, although both ends are
-// free.
+// Joint 1 turns an arm by half a turn: its hand, 0.31 m in front of the base, passes through that of the other
+// arm, although both ends are free.
 TEST(PathClearance, FindsWhatBothEndsDoNotShow) {
   Scene scene = scene_of(
       "arms:\n"
       "  - {name: left, base: {position_m: [0, 0, 0]}}\n"
-      "  - {name: right, base: {position_m: [0.75, 0, 0]}}\n");
+      "  - {name: right, base: {position_m: [0.6, 0, 0]}}\n");
   JointMove move{.arm = 0, .from = scene.arms[0].q_start, .goal = scene.arms[0].q_start};
   move.from[0] = -std::numbers::pi / 2;
   move.goal[0] = std::numbers::pi / 2;
@@ -230,7 +230,7 @@ TEST(PathClearance, ObjectsCountOnlyWhenTheyAreThere) {
       "arms: [{name: arm}]\n"
       "objects:\n"
       "  - {name: floor, shape: plane}\n"
-      "  - {name: post, shape: cylinder, diameter_m: 0.05, length_m: 1.5, position_m: [0.5, 0, 0.75]}\n");
+      "  - {name: post, shape: cylinder, diameter_m: 0.05, length_m: 1.5, position_m: [0.31, 0, 0.75]}\n");
   JointMove move{.arm = 0, .from = scene.arms[0].q_start, .goal = scene.arms[0].q_start};
   move.from[0] = -1;
   move.goal[0] = 1;
@@ -245,24 +245,31 @@ TEST(PathClearance, AContactAtTheStartDoesNotHideAnotherObject) {
   const std::string head =
       "arms: [{name: arm}]\n"
       "objects:\n"
-      "  - {name: post, shape: cylinder, diameter_m: 0.05, length_m: 1.5, position_m: [0.5, 0, 0.75]}\n";
+      "  - {name: post, shape: cylinder, diameter_m: 0.05, length_m: 1.5, position_m: [0.31, 0, 0.75]}\n";
   Scene scene = scene_of(head);
   JointMove move{.arm = 0, .from = scene.arms[0].q_start, .goal = scene.arms[0].q_start};
   move.from[0] = -1;
   move.goal[0] = 1;
   ModelTerms terms(build_arm_model(scene.arms[0]));
   terms.set_config(arm_config(scene.arms[0]).frames, {}, {});
-  terms.update(move.from, JointVector::Zero(7));
-  const Vector3 p = terms.X_WE().position;  // the hand begins deep inside a ball
+  JointVector behind = move.from;
+  behind[0] -= 0.3;  // 9 cm: the ball touches the hand from where it does not go
+  terms.update(behind, JointVector::Zero(7));
+  const Vector3 p = terms.X_WE().position;
   Scene touching =
-      scene_of(head + fmt::format("  - {{name: ball, shape: sphere, diameter_m: 0.3, position_m: "
+      scene_of(head + fmt::format("  - {{name: ball, shape: sphere, diameter_m: 0.2, position_m: "
                                   "[{}, {}, {}]}}\n",
                                   p.x(), p.y(), p.z()));
   const PathClearance both = path_clearance(touching, {move}, true);
   EXPECT_TRUE(both.blocked(0.02));
   EXPECT_THAT(both.pair, HasSubstr("post"));
   touching.objects.erase(touching.objects.begin());
-  EXPECT_FALSE(path_clearance(touching, {move}, true).blocked(0.02)) << "it only leaves the ball";
+  const PathClearance ball = path_clearance(touching, {move}, true);
+  EXPECT_LT(ball.at_start, 0.0);
+  EXPECT_FALSE(ball.blocked(0.02)) << "it only leaves the ball: " << ball.pair << ' ' << ball.least;
+  std::swap(move.from, move.goal);
+  move.goal[0] = 2 * behind[0] - move.goal[0];  // through the ball, to its other side
+  EXPECT_TRUE(path_clearance(touching, {move}, true).blocked(0.02));
 }
 
 TEST(PathClearance, AnArmMayLeaveAContact) {

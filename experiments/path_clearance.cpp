@@ -126,7 +126,7 @@ PathClearance path_clearance(const Scene& scene, const std::vector<JointMove>& m
   double worst = kInfinite;
   for (std::size_t pair = 0; pair < least.size(); ++pair) {
     const double spare = least[pair] - std::min({kUsual, first[pair], last[pair]});
-    if (spare >= worst) continue;
+    if (spare > worst || (spare == worst && least[pair] >= result.least)) continue;
     worst = spare;
     result = {
         .at_start = first[pair], .at_end = last[pair], .least = least[pair], .pair = bodies.name_of(pair)};
