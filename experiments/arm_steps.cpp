@@ -1,7 +1,10 @@
 #include "experiments/arm_steps.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <limits>
+#include <thread>
 
 #include <fmt/format.h>
 
@@ -43,6 +46,11 @@ std::string modes_of(const RunStatus& status, std::size_t arm) {
                      status.arms[arm].errors.empty() ? "" : " (" + status.arms[arm].errors + ")");
 }
 
+std::string in_hold(const std::string& arm, ArmMode mode) {
+  return mode == ArmMode::move ? fmt::format("arm '{}' was put into hold", arm)
+                               : fmt::format("arm '{}' is in mode {}", arm, to_string(mode));
+}
+
 }  // namespace
 
 std::string stopped_arm(const RunStatus& status, std::vector<bool>& moved) {
@@ -56,33 +64,59 @@ std::string stopped_arm(const RunStatus& status, std::vector<bool>& moved) {
   return {};
 }
 
-ArmWatch::ArmWatch(const Scene& scene, const std::vector<std::shared_ptr<const ArmModel>>& models,
+ArmWatch::ArmWatch(const Scene& scene, const RecordLayout& layout,
+                   const std::vector<std::shared_ptr<const ArmModel>>& models,
                    nlohmann::ordered_json expected)
-    : expected_(std::move(expected)), extent_(scene, models), seen_(scene.arms.size()) {
+    : expected_(std::move(expected)), extent_(scene, models) {
   if (!expected_.is_array() || expected_.size() != scene.arms.size())
     throw ExperimentInterrupted(
         "it is not known how far the arms moved in simulation; begin a new experiment");
-  for (const auto& arm : scene.arms) starts_.push_back(arm.q_start);
+  for (const auto& arm : scene.arms) {
+    const auto hold = std::ranges::find(layout.instances, arm.name + "_hold", &RecordLayout::Instance::name);
+    arms_.push_back({.name = arm.name,
+                     .start = arm.q_start,
+                     .hold = static_cast<std::size_t>(hold - layout.instances.begin())});
+  }
+  const bool holds_on_purpose = std::ranges::any_of(scene.timeline, [](const TimelineEvent& event) {
+    return event.what == TimelineEvent::What::stop || event.only || !event.deactivate.empty() ||
+           std::ranges::any_of(event.activate, [](const auto& name) { return name.ends_with("_hold"); });
+  });
+  // At the end of a run all arms go to hold.
+  end_s_ = holds_on_purpose       ? 0
+           : scene.duration_s > 0 ? scene.duration_s - 0.01
+                                  : std::numeric_limits<double>::infinity();
+}
+
+std::string ArmWatch::look(const CycleRecord& record) {
+  for (std::size_t i = 0; i < arms_.size(); ++i) {
+    Arm& arm = arms_[i];
+    const ArmSample& sample = record.arms[i];
+    if (sample.sequence == 0) continue;
+    if (!arm.seen) {  // the timeline has moved nothing yet
+      arm.seen = true;
+      for (Eigen::Index j = 0; j < arm.start.size(); ++j) {
+        if (std::abs(sample.q[static_cast<std::size_t>(j)] - arm.start[j]) > ArmSteps::kStartError)
+          return fmt::format("arm '{}' began too far from its start; was it moved?", arm.name);
+      }
+    }
+    const bool holds = sample.owner == arm.hold;
+    // Such as after states that are too old: the others would go on with their timeline.
+    if (holds && arm.controlled && record.t.seconds() < end_s_)
+      return in_hold(arm.name, static_cast<ArmMode>(sample.mode));
+    arm.controlled = arm.controlled || !holds;
+  }
+  const std::string where = extent_.beyond(expected_);
+  return where.empty() ? where : where + "; is an object missing?";
 }
 
 void ArmWatch::take(const CycleRecord& record) {
   extent_.take(record);
-  if (!beyond_ && !(where_ = extent_.beyond(expected_)).empty()) beyond_ = true;
-  for (std::size_t i = 0; i < starts_.size(); ++i) {
-    const ArmSample& sample = record.arms[i];
-    if (seen_[i] || sample.sequence == 0) continue;
-    seen_[i] = true;  // the first one: the timeline has moved nothing yet
-    for (Eigen::Index j = 0; j < starts_[i].size(); ++j) {
-      if (std::abs(sample.q[static_cast<std::size_t>(j)] - starts_[i][j]) > ArmSteps::kStartError)
-        off_start_ = true;
-    }
-  }
+  if (found_ || (what_ = look(record)).empty()) return;
+  found_ = true;
 }
 
 std::string ArmWatch::trouble(const RunStatus& status) {
-  if (off_start_) return "it began too far from its start; was an arm moved?";
-  if (beyond_) return where_ + "; is an object missing?";
-  return stopped_arm(status, moved_);
+  return found_ ? what_ : stopped_arm(status, moved_);
 }
 
 void ArmSteps::say(const std::string& text) const {
@@ -195,8 +229,15 @@ void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
   session.start();
   std::string trouble;
   std::vector<bool> moved;
+  bool begun = false;
   const auto broken = [&] {
-    if (trouble.empty()) trouble = stopped_arm(session.status(), moved);
+    const RunStatus status = session.status();
+    if (trouble.empty()) trouble = stopped_arm(status, moved);
+    for (std::size_t i = 0; begun && trouble.empty() && i < moves.size(); ++i) {
+      // The others would come to places on the way that nobody has checked.
+      const ArmStatus& arm = status.arms[moves[i].arm];
+      if (arm.controllet != move_controllet(scene.arms[moves[i].arm])) trouble = in_hold(arm.arm, arm.mode);
+    }
     if (trouble.empty() && session.wait_for_end(0)) trouble = "the connection ended";
     return progress_.stopped() || !trouble.empty();
   };
@@ -212,15 +253,18 @@ void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
   };
   if (!measured.wait_for_all(broken)) throw interrupted(trouble.empty() ? "stopped" : trouble);
   // An arm that is in a reflex from before keeps that, so it was never seen moving.
-  (void)measured.wait_until(measured.t() + 0.3, broken);
-  const RunStatus status = session.status();
+  RunStatus status;
+  for (const double t = measured.t() + 0.3; (status = session.status()).time_s < t && !broken();)
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  if (status.arms.empty()) throw interrupted(trouble.empty() ? "stopped" : trouble);
   for (std::size_t i = 0; i < status.arms.size(); ++i) {
     if (status.arms[i].mode != ArmMode::move)
       throw interrupted(
           modes_of(status, i) + "; remove the cause, see that nobody is in its way, and clear it: " +
           "multipanda run SCENE --backend fci, and multipanda ctl recover " + status.arms[i].arm);
   }
-  double longest = 0;
+  begun = true;
+  double longest = kStartLeast_s;
   bool needed = false;
   for (auto& move : moves) {
     move.plan(measured.q(move), kStartSpeed, scene.arms[move.arm], kStartHandSpeed);

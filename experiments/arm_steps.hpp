@@ -26,6 +26,7 @@ class ArmSteps {
  public:
   // Of joints, as a fraction of the slowest one's limit, and of the hand, on the way to the start.
   static constexpr double kStartSpeed = 0.1, kStartHandSpeed = 0.1;  // [1], [m/s]
+  static constexpr double kStartLeast_s = 1;                         // of that way, however short
   static constexpr double kMargin = 0.02;      // between arms and what they could hit, on that way [m]
   static constexpr double kNear = 0.002;       // an arm this near to its start needs no motion [rad]
   static constexpr double kStartError = 0.05;  // a run that begins farther from its start is stopped [rad]
@@ -68,20 +69,29 @@ std::string stopped_arm(const RunStatus& status, std::vector<bool>& moved);
 class ArmWatch {
  public:
   // `expected`: the extent of its simulation. Throws ExperimentInterrupted if there is none for every arm.
-  ArmWatch(const Scene& scene, const std::vector<std::shared_ptr<const ArmModel>>& models,
-           nlohmann::ordered_json expected);
+  ArmWatch(const Scene& scene, const RecordLayout& layout,
+           const std::vector<std::shared_ptr<const ArmModel>>& models, nlohmann::ordered_json expected);
 
   void take(const CycleRecord& record);                   // in order, one thread
   std::string trouble(const RunStatus& status);           // another thread; empty: none
   const MotionExtent& extent() const { return extent_; }  // after the run
 
  private:
-  std::vector<JointVector> starts_;
+  struct Arm {
+    std::string name;
+    JointVector start;
+    std::size_t hold = 0;  // instance
+    bool seen = false, controlled = false;
+  };
+  std::string look(const CycleRecord& record);
+
+  std::vector<Arm> arms_;
   nlohmann::ordered_json expected_;
   MotionExtent extent_;
-  std::vector<bool> seen_, moved_;
-  std::string where_;  // before `beyond_`
-  std::atomic<bool> off_start_{false}, beyond_{false};
+  double end_s_ = 0;         // no arm goes to hold before [s]
+  std::vector<bool> moved_;  // of the thread that asks
+  std::string what_;         // before `found_`
+  std::atomic<bool> found_{false};
 };
 
 }  // namespace multipanda

@@ -179,13 +179,22 @@ TEST(OnArms, AnArmThatStopsOrNeverMovesStopsTheOther) {
               HasSubstr("arm 'right'"));
 }
 
+// Holds come first, one per arm, as in a session.
+RecordLayout layout_of(const Scene& scene) {
+  RecordLayout layout;
+  for (const auto& arm : scene.arms) layout.instances.emplace_back().name = arm.name + "_hold";
+  for (const auto& each : scene.controllets) layout.instances.emplace_back().name = each.name;
+  return layout;
+}
+
 TEST(OnArms, ARunIsWatchedFromItsFirstSampleOn) {
   const Scene scene = scene_of("arms: [{name: arm}]\n");
   const Json expected =
       Json::array({{{"hand_m", 1}, {"hand_m_per_s", 1}, {"lowest_m", 0.2}, {"highest_m", 2}}});
   const std::vector<std::shared_ptr<const ArmModel>> models{build_arm_model(scene.arms[0])};
+  const RecordLayout layout = layout_of(scene);
   const auto trouble = [&](double off, std::uint64_t cycle) {
-    ArmWatch watch(scene, models, expected);
+    ArmWatch watch(scene, layout, models, expected);
     CycleRecord record;
     record.cycle = cycle;
     record.arms.resize(1);
@@ -199,11 +208,48 @@ TEST(OnArms, ARunIsWatchedFromItsFirstSampleOn) {
   EXPECT_EQ(trouble(0.04, 1), "");
   EXPECT_THAT(trouble(0.06, 1), HasSubstr("too far from its start"));
   EXPECT_THAT(trouble(-0.06, 4000), HasSubstr("too far from its start")) << "an arm that reports late";
-  EXPECT_THROW(ArmWatch(scene, models, Json()), ExperimentInterrupted) << "nothing to compare with";
+  EXPECT_THROW(ArmWatch(scene, layout, models, Json()), ExperimentInterrupted) << "nothing to compare with";
 }
 
-// Joint 1 turns an arm by half a turn: its hand, 0.31 m in front of the base, passes through that of the other
-// arm, although both ends are free.
+// The other arm of the scene would go on with its timeline.
+TEST(OnArms, AnArmThatIsPutIntoHoldEndsTheRun) {
+  const std::string head =
+      "duration_s: 4\n"
+      "arms: [{name: left, base: {position_m: [1, 2, 0], rpy_rad: [0, 0, 1]}}, {name: right}]\n"
+      "controllets:\n"
+      "  - {name: a, type: joint_impedance, arms: left}\n"
+      "  - {name: b, type: joint_impedance, arms: right}\n"
+      "active: [a, b]\n";
+  const auto trouble = [](const std::string& text, double t_s, bool first_held) {
+    const Scene scene = scene_of(text);
+    const Json free{{"hand_m", 9}, {"hand_m_per_s", 9}, {"lowest_m", -9}, {"highest_m", 9}};
+    ArmWatch watch(scene, layout_of(scene), {build_arm_model(scene.arms[0]), build_arm_model(scene.arms[1])},
+                   Json::array({free, free}));
+    CycleRecord record;
+    record.arms.resize(2);
+    for (std::size_t i = 0; i < 2; ++i) {
+      record.arms[i].sequence = 1;
+      record.arms[i].owner = static_cast<std::uint16_t>(first_held ? i : i + 2);
+      record.arms[i].mode = static_cast<std::uint8_t>(ArmMode::move);
+      for (std::size_t j = 0; j < 7; ++j)
+        record.arms[i].q[j] = scene.arms[i].q_start[static_cast<Eigen::Index>(j)];
+    }
+    watch.take(record);
+    record.t = LoopTime::from_seconds(t_s);
+    record.arms[0].owner = 2;
+    record.arms[1].owner = 1;
+    watch.take(record);
+    return watch.trouble({});
+  };
+  EXPECT_EQ(trouble(head, 2, false), "arm 'right' was put into hold");
+  EXPECT_EQ(trouble(head, 2, true), "") << "it has not begun yet";
+  EXPECT_EQ(trouble(head, 3.995, false), "") << "the end of the run";
+  EXPECT_EQ(trouble(head + "timeline: [{at_s: 1, switch: {deactivate: [b]}}]\n", 2, false), "")
+      << "on purpose";
+}
+
+// Joint 1 turns an arm by half a turn: its hand, 0.31 m in front of the base, passes through that of the
+// other arm, although both ends are free.
 TEST(PathClearance, FindsWhatBothEndsDoNotShow) {
   Scene scene = scene_of(
       "arms:\n"

@@ -126,7 +126,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   if (run.viewer != nullptr) run.viewer->prepare(opened.scene, options);
   Session session(opened.scene, opened.registry, std::move(options));
   if (run.rehearsal) extent.emplace(session.scene(), session.models());
-  if (run.on_arms()) watch.emplace(session.scene(), session.models(), run.expected);
+  if (run.on_arms()) watch.emplace(session.scene(), session.layout(), session.models(), run.expected);
   const InstanceIndex instance = session.modes().find(condition.controllet);
   if (instance == kNoInstance)
     throw std::invalid_argument("condition " + condition.name + ": the scene has no controllet '" +

@@ -117,7 +117,7 @@ Json run_switching(const PerformanceRun& run) {
     Session session(opened.scene, opened.registry, std::move(options));
     trace = trace_of(session, samples);
     if (run.rehearsal) extent.emplace(session.scene(), session.models());
-    if (run.on_arms()) watch.emplace(session.scene(), session.models(), run.expected);
+    if (run.on_arms()) watch.emplace(session.scene(), session.layout(), session.models(), run.expected);
     MultimodeController& modes = session.modes();
     bystander = arm_named(modes, switching.bystander);
     const InstanceSet sets[] = {bit(instance_named(modes, switching.controllets[0])),

@@ -298,7 +298,7 @@ class TaskRunner {
     Session session(std::move(scene), registry_, std::move(session_options));
     data.emplace(session.scene(), session.layout(), session.models(), kModelEvery);
     if (measured)
-      watch.emplace(session.scene(), session.models(), expected_);
+      watch.emplace(session.scene(), session.layout(), session.models(), expected_);
     else if (on_arms_)
       extent.emplace(session.scene(), session.models());
     const Viewed viewed(viewer, session);
