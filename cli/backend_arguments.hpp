@@ -16,8 +16,7 @@ struct BackendArguments {
 };
 
 void add_backend_arguments(CLI::App* command, BackendArguments& arguments);
-// --backend and --address of experiments: simulated arms, virtual ones, or all arms over the control
-// interface.
+// --backend and --address of experiments: simulated arms, virtual ones, or all of another process.
 void add_experiment_arguments(CLI::App* command, BackendArguments& arguments);
 
 // Throws UsageError for invalid arguments or a combination that is not allowed.

@@ -32,8 +32,7 @@ bool TerminalPerson::present() { return isatty(STDIN_FILENO) != 0 && tcgetpgrp(S
 bool TerminalPerson::confirm(const Question& question, const std::function<bool()>& withdrawn) {
   console_.line(question.text);
   for (;;) {
-    // An Enter that was meant for an earlier question, or pressed by mistake while an arm moved, confirms
-    // nothing.
+    // An Enter for an earlier question, or one that was pressed while an arm moved, confirms nothing.
     if (!wait_for_quiet(withdrawn)) return false;
     console_.raw("  [Enter: yes, q: stop] > ");
     for (;;) {

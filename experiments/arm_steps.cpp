@@ -186,7 +186,7 @@ void ArmSteps::before_run(const Scene& scene, const std::string& what, double se
   if (changed && cleared_ && !placed_.empty())
     ask("remove",
         fmt::format(
-            "{}: its objects are placed anew. Remove all that was placed, with the user stop pressed, and "
+            "{}: its objects are placed again. Remove all that was placed, with the user stop pressed, and "
             "release it again; the arms go to their start first.",
             what));
   to_start(scene, changed || !cleared_, kNear);
@@ -277,7 +277,7 @@ void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
     for (auto& move : moves) {
       move.duration_s = longest;
       text += fmt::format(
-          "\n  arm '{}': joints by up to {:.2f} rad at up to {:.2f} rad/s, the hand at up to {:.2f} m/s",
+          "\n  arm '{}': joints by up to {:.3f} rad at up to {:.2f} rad/s, the hand at up to {:.2f} m/s",
           scene.arms[move.arm].name, move.largest_way(), move.joint_speed(), move.hand_speed());
     }
     const PathClearance clearance = path_clearance(given, moves, !cleared);

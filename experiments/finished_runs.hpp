@@ -13,8 +13,8 @@ namespace multipanda {
 class FinishedRuns {
  public:
   // `what` describes the experiment with everything that decides what a run is. `resume`: reads what is
-  // finished; otherwise begins anew. Throws std::invalid_argument if the folder has nothing to resume, or was
-  // begun with a different `what`; the message names the first key that differs.
+  // finished; otherwise begins again. Throws std::invalid_argument if the folder has nothing to resume, or
+  // was begun with a different `what`; the message names the first key that differs.
   FinishedRuns(std::filesystem::path folder, nlohmann::ordered_json what, bool resume);
 
   const nlohmann::ordered_json* find(const std::string& run) const;  // nullptr: not finished

@@ -35,8 +35,7 @@ struct PlacedObject {
 };
 std::vector<PlacedObject> objects_to_place(const Scene& scene);  // without planes
 
-// What must be mounted on an arm, where it is reached, and when it stops by itself; one text of several
-// lines.
+// What must be mounted on an arm, where it is reached, and when it stops by itself; several lines.
 std::string describe_arm(const SceneArm& arm);
 
 }  // namespace multipanda

@@ -411,8 +411,8 @@ TEST_F(Finished, RunsAreKeptAndOnlyTheSameExperimentGoesOn) {
               HasSubstr("another seed: 1, now 2"));
   again.remove_file();
   EXPECT_THAT(refusal([&] { FinishedRuns(folder, what, true); }), HasSubstr("no interrupted experiment"));
-  FinishedRuns anew(folder, what, false);
-  EXPECT_EQ(anew.count(), 0u);
+  FinishedRuns fresh(folder, what, false);
+  EXPECT_EQ(fresh.count(), 0u);
 }
 
 class Beside : public Folder {};

@@ -281,7 +281,8 @@ class TaskRunner {
       session_options.backend = {.kind = BackendKind::mujoco};
     }
     session_options.log_every.model = kModelEvery;
-    if (!objects.empty())
+    const bool traced = !objects.empty() && !measured;  // nothing measures objects beside arms
+    if (traced)
       session_options.on_loop = [&objects](const Tick& tick, const Backend& backend) {
         objects.take(tick, backend);
       };
@@ -328,7 +329,7 @@ class TaskRunner {
     data->write(arrays);
     record["log"] = fs::relative(log, options_.directory).string();
     record["npz"] = fs::relative(arrays, options_.directory).string();
-    if (!objects.empty()) {
+    if (traced) {
       const fs::path file = options_.directory / "data" / (name + "_objects.npz");
       objects.write(file);
       record["objects"] = fs::relative(file, options_.directory).string();

@@ -3,7 +3,7 @@
 
 `multipanda experiment NAME --backend fci` controls strict virtual arms (`multipanda virtual-arm --strict`), which wait
 for every command, so that a busy computer disturbs nothing. By default one short motion; with MULTIPANDA_FULL set,
-every task. With MULTIPANDA_REALTIME set all arms keep the wall clock's time, which needs an idle computer.
+resumption, a table that is missing, and every task. With MULTIPANDA_REALTIME set all arms keep the wall clock's time, which needs an idle computer.
 """
 
 import json
@@ -26,6 +26,7 @@ PROGRAM = ""
 SOURCE = pathlib.Path(__file__).resolve().parent.parent
 FULL = bool(os.environ.get("MULTIPANDA_FULL"))
 REALTIME = bool(os.environ.get("MULTIPANDA_REALTIME"))
+LONG_RUNS = unittest.skipUnless(FULL, "long: with MULTIPANDA_FULL")
 GENERAL = ["mounted", "clear", "user-stop", "bounds", "to-start", "run"]
 
 SHORT = """
@@ -56,7 +57,8 @@ controllets:
   - {{name: joints, type: joint_impedance, arms: arm}}
 active: [joints]
 timeline:
-  - {{at_s: 0.3, motion: {{controllet: joints, input: joints, rise: [0, 0, 0, 0.1, 0, 0, 0], period_s: 1, cycles: {cycles}}}}}
+  - at_s: 0.3
+    motion: {{controllet: joints, input: joints, rise: [0, 0, 0, 0.1, 0, 0, 0], period_s: 1, cycles: {cycles}}}
 """
 LONG = 9  # s of motion, for runs that are interrupted
 READY = [0, -0.7854, 0, -2.3562, 0, 1.5708, 0.7854]
@@ -281,6 +283,7 @@ class Short(unittest.TestCase):
         sent = bench.arms.ended["arms"]["arm"]
         self.assertEqual(sent["commands_received"], 0, sent)  # no arm was ever commanded
 
+    @LONG_RUNS
     def test_an_interrupted_experiment_is_resumed(self):
         with Bench(repeats=2, cycles=LONG) as bench:
             seen = AtTheTerminal(bench.words(*bench.answers([*GENERAL, "place shelf"])))
@@ -312,6 +315,7 @@ class Short(unittest.TestCase):
             self.assertEqual(sorted((r["plant"], r["repeat"]) for r in results["runs"]),
                              [("measured", 1), ("measured", 2), ("realistic", 1), ("realistic", 2)])  # fmt: skip
 
+    @LONG_RUNS
     def test_a_surface_that_is_missing_ends_the_run(self):
         """Task 3 looks for its table; the virtual arm's world has none, as if nobody had placed it."""
         with tempfile.TemporaryDirectory() as folder:
@@ -363,27 +367,27 @@ class Tasks(unittest.TestCase):
             self.assertEqual(results["problems"], [], done.stdout)
             self.assertEqual(done.returncode, 0)
 
-    @unittest.skipUnless(FULL, "long: with MULTIPANDA_FULL")
+    @LONG_RUNS
     def test_task_1(self):
         self.check("task-1", None, ["arm"], [])
 
-    @unittest.skipUnless(FULL, "long: with MULTIPANDA_FULL")
+    @LONG_RUNS
     def test_task_2(self):
         self.check("task-2", None, ["arm"], [])
 
-    @unittest.skipUnless(FULL, "long: with MULTIPANDA_FULL")
+    @LONG_RUNS
     def test_task_3(self):
         self.check("task-3", "k10", ["arm"], ["table"])
 
-    @unittest.skipUnless(FULL, "long: with MULTIPANDA_FULL")
+    @LONG_RUNS
     def test_task_4(self):
         self.check("task-4", "mu03_k10", ["arm"], ["table"])
 
-    @unittest.skipUnless(FULL, "long: with MULTIPANDA_FULL")
+    @LONG_RUNS
     def test_task_5(self):
         self.check("task-5", "known", ["left", "right"], ["table", "box"])
 
-    @unittest.skipUnless(FULL, "long: with MULTIPANDA_FULL")
+    @LONG_RUNS
     def test_ufic_vs_impedance(self):
         self.check("ufic-vs-impedance", "ufic_k10,impedance_k10", ["arm"], ["table"])
 

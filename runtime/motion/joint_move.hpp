@@ -36,8 +36,8 @@ struct JointMove {
 
 // The name of the controllet that moves an arm.
 std::string move_controllet(const SceneArm& arm);
-// Adds it to the scene, active from the start, with the scene's bounds for contact. It begins at the measured
-// configuration.
+// Adds it to the scene, active from the start, with the scene's bounds for contact. It begins where the arm
+// is measured to be.
 JointMove add_joint_move(Scene& scene, ArmIndex arm, JointVector goal);
 
 // The measured configurations during a run. take(): one thread; the rest: any thread.
