@@ -3,7 +3,8 @@
 
 `multipanda experiment NAME --backend fci` controls strict virtual arms (`multipanda virtual-arm --strict`), which wait
 for every command, so that a busy computer disturbs nothing. By default one short motion; with MULTIPANDA_FULL set,
-resumption, a table that is missing, and every task. With MULTIPANDA_REALTIME set all arms keep the wall clock's time, which needs an idle computer.
+resumption, a table that is missing, and every task, too. With MULTIPANDA_REALTIME set all arms keep the wall clock's
+time, which needs an idle computer.
 """
 
 import json

@@ -57,7 +57,7 @@ def figure(simulated, measured, arm, published, names):
                 right.axhline(sign * factor * bound, color=style.LIMIT, linewidth=0.9, linestyle=(0, (4, 3)))
         left.set_title(title)
         left.set_ylabel(f"[{unit}]")
-        right.set_title("difference" + (f", paper: ± {factor * bound:g} {unit}" if bound is not None else ""))
+        right.set_title(f"difference [{unit}]" + (f", paper: ± {factor * bound:g} {unit}" if bound is not None else ""))
         left.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=6, handlelength=0.8, labelspacing=0.2)
     for axis in axes[-1]:
         axis.set_xlabel("time in the window [s]")
@@ -95,4 +95,6 @@ def table(summary, variants, published, measured):
     if not rows:
         return []
     head = ["variant", "quantity", "measured against simulated, RMSE", "the paper, up to", ""]
+    if not paper:  # it has no figures of this experiment
+        return [page.table(head[:3], [row[:3] for row in rows], (2,))]
     return [page.table(head, rows, (2, 3), beyond)]

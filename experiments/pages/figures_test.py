@@ -243,8 +243,8 @@ class Figures(unittest.TestCase):
         ]
         canvas = beside.figure(one, other, "arm", published, ("simulated", "measured"))
         rows = [axis.get_title(loc="left") for axis in canvas.axes]
-        self.assertIn("difference, paper: ± 1.7 N", rows)
-        places = [line.get_ydata()[0] for line in canvas.axes[rows.index("difference, paper: ± 1.7 N")].lines[-2:]]
+        self.assertIn("difference [N], paper: ± 1.7 N", rows)
+        places = [line.get_ydata()[0] for line in canvas.axes[rows.index("difference [N], paper: ± 1.7 N")].lines[-2:]]
         self.assertEqual(places, [-1.7, 1.7])
         summary = {("measured", "a"): {"between_plants": task_metrics.difference(other, one)}}
         (table,) = beside.table(summary, [{"name": "a", "label": "a"}], published, "measured")

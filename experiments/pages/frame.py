@@ -82,7 +82,8 @@ def published(plan, summary, plants, variants, number):
         ),
         page.paragraph(
             (
-                "The paper compares its simulation with a real arm; so does the last column. " + arms_sentence(plan)
+                "The paper compares its simulation with a real arm; the last column corresponds to it. "
+                + arms_sentence(plan)
                 if plants[-1] == "measured"
                 else "The paper compares its simulation with a real arm; nothing here ran on one. The last column "
                 "corresponds to it: two plants under the same controllet."

@@ -265,9 +265,8 @@ def _sections(plan, results, summary, variants, drawn, folder):
         pictures = [
             part
             for v in variants
-            for name in drawn
-            if name.startswith(f"beside_{v['name']}_") and drawn[name]
-            for part in shown(name, f"{v['label']}, arm {name.rpartition('_')[2]}, first repeat.")
+            for arm in sorted({arm for run in plan["runs"] for arms in run["instance_arms"].values() for arm in arms})
+            for part in shown(f"beside_{v['name']}_{arm}", f"{v['label']}, arm '{arm}', first repeat.")
         ]
         sections.append(
             (
@@ -290,7 +289,7 @@ def _sections(plan, results, summary, variants, drawn, folder):
             sections.append(
                 (
                     f"v-{v['name']}",
-                    v["label"][:1].upper() + v["label"][1:],
+                    v["label"][:1].upper() + v["label"][1:] if v["label"][:1].isascii() else v["label"],
                     [
                         *([page.paragraph(f"Changed in the scene: {changed}.")] if changed else []),
                         *shown(

@@ -259,9 +259,12 @@ def sheet(runs_by_plant, label):
     for row in range(len(rows)):
         if getattr(axes[row][0], "from_zero", False):  # only now are all plots that share the axis drawn
             axes[row][0].set_ylim(0, None)
-        handles, labels = axes[row][0].get_legend_handles_labels()
-        if handles:
-            axes[row][-1].legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+        shown = {}  # of all plants: arms show other things than simulations
+        for axis in axes[row]:
+            for handle, name in zip(*axis.get_legend_handles_labels()):
+                shown.setdefault(name, handle)
+        if shown:
+            axes[row][-1].legend(shown.values(), shown.keys(), loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return figure
 
 
