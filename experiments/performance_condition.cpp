@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "core/types/time.hpp"
 #include "experiments/arm_steps.hpp"
@@ -176,7 +177,11 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   session.stop();
   const RunSummary summary = session.finish();
   if (run.progress.stopped()) return {};
-  if (!trouble.empty()) throw ExperimentInterrupted(name + ": " + trouble);
+  if (!trouble.empty()) {
+    std::vector<std::string> causes = summary.faults();
+    causes.insert(causes.begin(), trouble);
+    throw ExperimentInterrupted(fmt::format("{}: {}", name, fmt::join(causes, "; ")));
+  }
 
   const fs::path file = run.folder / (name + ".npz");
   trace->write(file);

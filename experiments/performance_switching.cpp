@@ -5,6 +5,7 @@
 #include <thread>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "experiments/arm_steps.hpp"
 #include "experiments/command_trace.hpp"
@@ -158,7 +159,11 @@ Json run_switching(const PerformanceRun& run) {
     summary = session.finish();
   }
   if (run.progress.stopped()) return {};
-  if (!trouble.empty()) throw ExperimentInterrupted("switching: " + trouble);
+  if (!trouble.empty()) {
+    std::vector<std::string> causes = summary.faults();
+    causes.insert(causes.begin(), trouble);
+    throw ExperimentInterrupted(fmt::format("{}: {}", "switching", fmt::join(causes, "; ")));
+  }
   if (!run.on_arms() && !run.rehearsal) {  // arms cannot repeat a run to the bit
     const double seconds = 1e-3 * static_cast<double>(std::min(trace->count(), samples));
     SessionOptions options{.paced = false, .backend = run.backend, .duration_s = seconds};

@@ -7,6 +7,7 @@
 #include <thread>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "experiments/arm_steps.hpp"
 #include "experiments/beside_log.hpp"
@@ -224,7 +225,8 @@ class TaskRunner {
       done_[i] = run_one(run);
       if (progress_.stopped()) throw ExperimentInterrupted("stopped during " + run.name());
       if (const Json& faults = done_[i]["faults"]; !faults.empty())
-        throw ExperimentInterrupted(fmt::format("{}: {}", run.name(), faults.front().get<std::string>()));
+        throw ExperimentInterrupted(
+            fmt::format("{}: {}", run.name(), fmt::join(faults.get<std::vector<std::string>>(), "; ")));
       finished_runs_.add(run.name(), done_[i]);
     }
   }

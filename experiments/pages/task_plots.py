@@ -2,6 +2,7 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from experiments.pages import task_metrics
 from report import metrics, series, style
@@ -104,8 +105,9 @@ def six_bars(summary, variants, plants, published):
         axis.set_ylim(bottom=0)
         _ticks(axis, variants)
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncol=len(labels), bbox_to_anchor=(0.5, 0.0))
-    figure.tight_layout(rect=(0, 0.3 / figure.get_size_inches()[1], 1, 1), h_pad=1.0)
+    lines = 1 if len(labels) <= 4 else 2  # what one line has room for
+    figure.legend(handles, labels, loc="lower center", ncol=-(-len(labels) // lines), bbox_to_anchor=(0.5, 0.0))
+    figure.tight_layout(rect=(0, (0.1 + 0.2 * lines) / figure.get_size_inches()[1], 1, 1), h_pad=1.0)
     return figure
 
 
@@ -256,6 +258,8 @@ def sheet(runs_by_plant, label):
         axes[0][column].set_title(f"{plant}: {axes[0][column].get_title(loc='left')}", loc="left")
         axes[-1][column].set_xlabel("time [s]")
         axes[-1][column].set_xlim(*first.run.time_range)
+        if len(plants) > 2:  # narrow columns, whose last number would meet the next first one
+            axes[-1][column].xaxis.set_major_locator(MaxNLocator(3, integer=True))
     for row in range(len(rows)):
         if getattr(axes[row][0], "from_zero", False):  # only now are all plots that share the axis drawn
             axes[row][0].set_ylim(0, None)
