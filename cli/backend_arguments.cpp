@@ -21,13 +21,19 @@ void add_backend_arguments(CLI::App* command, BackendArguments& arguments) {
       ->type_name("ARM=ADDRESS");
 }
 
-void add_simulation_arguments(CLI::App* command, BackendArguments& arguments) {
+void add_experiment_arguments(CLI::App* command, BackendArguments& arguments) {
   arguments.backend = "mujoco";
   command
-      ->add_option("--backend", arguments.backend,
-                   "Arms: mujoco (simulated) or virtual (virtual arms in this process, over sockets)")
-      ->check(CLI::IsMember({"mujoco", "virtual"}))
+      ->add_option(
+          "--backend", arguments.backend,
+          "Arms: mujoco (simulated), virtual (virtual arms in this process, over sockets), or fci (real "
+          "arms, or virtual ones of another process): a person confirms every step")
+      ->check(CLI::IsMember({"mujoco", "virtual", "fci"}))
       ->capture_default_str();
+  command
+      ->add_option("--address", arguments.addresses,
+                   "Address of an arm, once per arm of the scene; needs --backend fci")
+      ->type_name("ARM=ADDRESS");
 }
 
 BackendOptions backend_options(const BackendArguments& arguments) {

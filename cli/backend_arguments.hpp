@@ -16,8 +16,8 @@ struct BackendArguments {
 };
 
 void add_backend_arguments(CLI::App* command, BackendArguments& arguments);
-// --backend with simulated arms only, for runs that start again from the scene: no --address.
-void add_simulation_arguments(CLI::App* command, BackendArguments& arguments);
+// --backend and --address of experiments: simulated arms, virtual ones, or all of another process.
+void add_experiment_arguments(CLI::App* command, BackendArguments& arguments);
 
 // Throws UsageError for invalid arguments or a combination that is not allowed.
 BackendOptions backend_options(const BackendArguments& arguments);

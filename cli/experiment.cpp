@@ -1,13 +1,18 @@
 #include <algorithm>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "cli/backend_arguments.hpp"
 #include "cli/cockpit_arguments.hpp"
 #include "cli/console.hpp"
 #include "cli/program.hpp"
+#include "cli/reduced_run.hpp"
+#include "cli/terminal_person.hpp"
 #include "experiments/kinds.hpp"
 #include "logs/recorder.hpp"
+#include "scene/load.hpp"
+#include "support/address.hpp"
 #include "support/signals.hpp"
 #include "support/spelling.hpp"
 
@@ -23,8 +28,8 @@ struct ExperimentArguments {
   std::vector<std::string> set;
   bool fast = false, json = false, keep_data = false;
   std::string generator = "socket", pace = "realtime";
-  std::vector<std::string> only;
-  std::string out = "runs";
+  std::vector<std::string> only, beside;
+  std::string out = "runs", resume, answers;
   BackendArguments backend;
   CockpitArguments cockpit;
 };
@@ -101,6 +106,64 @@ void change(Experiment& experiment, const ExperimentArguments& options) {
   }
 }
 
+// The person who confirms the steps of an experiment on arms: at the terminal, or a file for virtual arms.
+std::unique_ptr<Person> person_for(const ExperimentArguments& options, const Experiment& experiment,
+                                   const BackendOptions& backend, const Console& console) {
+  if (backend.kind != BackendKind::fci) {
+    if (!options.answers.empty())
+      throw UsageError("experiment: --yes-to answers the steps of arms; it needs --backend fci");
+    return nullptr;
+  }
+  if (backend.addresses.empty()) {
+    throw UsageError(
+        "experiment: --backend fci needs the address of every arm, such as --address arm=172.16.0.2; see "
+        "multipanda experiment list and the scene for their names");
+  }
+  if (options.answers.empty()) {
+    if (TerminalPerson::present()) return std::make_unique<TerminalPerson>(console);
+    throw UsageError(
+        "experiment: a run on arms asks a person at a terminal before anything moves, and standard input is "
+        "none; "
+        "tests on virtual arms answer by --yes-to FILE");
+  }
+  for (const auto& [arm, address] : backend.addresses) {
+    if (is_on_this_computer(address)) continue;
+    throw UsageError(
+        fmt::format("experiment: --yes-to answers for virtual arms on this computer only, and arm '{}' is at "
+                    "{}; a person at "
+                    "a terminal has to confirm what a real arm does",
+                    arm, address));
+  }
+  return std::make_unique<AnswerFile>(options.answers, experiment.name, backend.addresses,
+                                      [&console](const std::string& text) { console.line(text); });
+}
+
+// A person may confirm by habit that the scene has run with lower bounds; the memory of such runs says
+// whether. No more than a warning: a scene whose motion lasts longer than the run never counts.
+void warn_of_first_run(const Experiment& experiment, const BackendOptions& backend, const Console& console) {
+  if (experiment.scene.empty()) return;
+  const Scene scene = with_connections(open_scene(experiment.scene).scene, backend);
+  if (!ReducedRun(scene, Reduction::as_usual, ReducedRun::first_runs_file()).reduced()) return;
+  console.line(
+      fmt::format("WARNING: no first run of this scene on physical arms is remembered, and an experiment "
+                  "keeps the scene's full "
+                  "bounds; first: multipanda run {} --backend fci --reduced --address ARM=ADDRESS",
+                  experiment.scene));
+}
+
+std::string resume_command(const ExperimentArguments& options, const fs::path& directory) {
+  std::string text = "multipanda experiment " + options.name + " --resume " + directory.string();
+  if (options.backend.backend != "mujoco") text += " --backend " + options.backend.backend;
+  for (const auto& address : options.backend.addresses) text += " --address " + address;
+  if (options.repeats) text += fmt::format(" --repeats {}", *options.repeats);
+  if (options.seed) text += fmt::format(" --seed {}", *options.seed);
+  for (const auto& set : options.set) text += " --set '" + set + "'";
+  if (!options.only.empty()) text += fmt::format(" --only {}", fmt::join(options.only, ","));
+  if (options.fast) text += " --fast";
+  if (!options.answers.empty()) text += " --yes-to " + options.answers;
+  return text;
+}
+
 // Prints one line per exceeded limit, with the worst figure.
 void print_result(const ExperimentResult& result, const Console& console) {
   std::size_t limits = 0;
@@ -136,6 +199,16 @@ int run(const ExperimentArguments& options) {
   if (backend.lockstep && backend.kind != BackendKind::virtual_arms)
     throw UsageError("experiment: --pace needs --backend virtual; the world of simulated arms always waits");
 
+  if (backend.kind == BackendKind::fci && all)
+    throw UsageError("experiment all: --backend fci runs one experiment at a time; name it");
+  if (!options.resume.empty() && (all || experiments.front().kind != kTaskKind))
+    throw UsageError("experiment: --resume needs a single experiment that runs a scene");
+  if (!options.beside.empty() && (all || experiments.front().kind != kTaskKind))
+    throw UsageError("experiment: --beside needs a single experiment that runs a scene");
+  const std::unique_ptr<Person> person = person_for(options, experiments.front(), backend, console);
+
+  if (person != nullptr) warn_of_first_run(experiments.front(), backend, console);
+
   std::atomic<bool> stop{false};
   const SignalWatch watch([&](int) {
     stop = true;
@@ -148,7 +221,9 @@ int run(const ExperimentArguments& options) {
   const ExperimentProgress progress{.line = [&](const std::string& text) { console.line(text); },
                                     .stop = &stop};
   const fs::path directory =
-      make_run_directory(options.out, all ? "experiments" : "experiment_" + experiments.front().name);
+      !options.resume.empty()
+          ? fs::path(options.resume)
+          : make_run_directory(options.out, all ? "experiments" : "experiment_" + experiments.front().name);
   std::vector<ExperimentResult> results;
   auto list = nlohmann::ordered_json::array();
   for (const auto& experiment : experiments) {
@@ -158,6 +233,9 @@ int run(const ExperimentArguments& options) {
                                   .only = options.only,
                                   .keep_data = options.keep_data,
                                   .backend = backend,
+                                  .person = person.get(),
+                                  .beside = options.beside,
+                                  .resume = !options.resume.empty(),
                                   .viewer = cockpit ? &cockpit : nullptr,
                                   .ros = options.generator == "ros"};
     fs::create_directories(run_options.directory);
@@ -172,7 +250,10 @@ int run(const ExperimentArguments& options) {
       throw;
     }
     if (result.stopped) {
-      console.line("stopped: no report");
+      if (!result.why_stopped.empty()) console.line("stopped: " + result.why_stopped);
+      console.line("no report; finished runs are kept");
+      if (!all && experiment.kind == kTaskKind)
+        console.line("go on with: " + resume_command(options, run_options.directory));
       return kFailed;
     }
     print_result(result, console);
@@ -197,11 +278,13 @@ int run(const ExperimentArguments& options) {
 void add_experiment(Program& program) {
   auto options = std::make_shared<ExperimentArguments>();
   CLI::App* command = program.add(
-      "experiment", "Run an experiment on simulated arms and report figures, limits and pictures",
+      "experiment", "Run an experiment on simulated or real arms and report figures, limits and pictures",
       "  multipanda experiment list\n"
       "  multipanda experiment task-1                      with its five repeats, in real time\n"
       "  multipanda experiment task-1 --fast --repeats 1   a quick look\n"
       "  multipanda experiment task-3 --fast --backend virtual   with virtual arms and the network client\n"
+      "  multipanda experiment task-3 --only k10 --backend fci --address arm=172.16.0.2   on an arm, step by "
+      "step\n"
       "  multipanda experiment controller-performance --backend virtual --generator ros\n"
       "  multipanda experiment all --fast                  all experiments and one page\n"
       "Fails (exit code 1) if a figure exceeds its limit or a run failed.");
@@ -227,7 +310,25 @@ void add_experiment(Program& program) {
                    "Folder in which a new folder with logs, figures and page is created")
       ->type_name("DIR")
       ->capture_default_str();
-  add_simulation_arguments(command, options->backend);
+  command
+      ->add_option("--beside", options->beside,
+                   "Log of arms to be shown beside the simulated runs, with the paper's bounds; VARIANT=LOG "
+                   "if several "
+                   "variants run, or the folder of an experiment on arms; may be repeated")
+      ->type_name("LOG")
+      ->take_all();
+  command
+      ->add_option(
+          "--resume", options->resume,
+          "Go on with an interrupted experiment in its folder DIR; finished runs are kept. The other "
+          "arguments are those that it was begun with")
+      ->type_name("DIR");
+  add_experiment_arguments(command, options->backend);
+  command
+      ->add_option(
+          "--yes-to", options->answers,
+          "Answers to the questions before each step, instead of keys; virtual arms on this computer only")
+      ->type_name("FILE");
   add_cockpit_arguments(command, options->cockpit,
                         "Show the runs in a browser on this computer, one at a time, at a port of 127.0.0.1");
   command

@@ -1,7 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <condition_variable>
-#include <mutex>
 #include <numbers>
 #include <stop_token>
 #include <thread>
@@ -12,18 +10,13 @@
 #include "cli/program.hpp"
 #include "cli/reduced_run.hpp"
 #include "cli/run_session.hpp"
-#include "core/model/model_terms.hpp"
-#include "core/trajectory/quintic.hpp"
+#include "runtime/motion/joint_move.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 #include "support/spelling.hpp"
 
 namespace multipanda::cli {
 namespace {
-
-constexpr double kSettle_s = 1.0;        // after the motion, before the result is evaluated
-constexpr double kLargestSpeed = 0.2;    // fraction of the joints' velocity limits
-constexpr double kTolerance_rad = 0.02;  // of every joint at the end
 
 struct MoveOptions {
   std::string scene;
@@ -75,123 +68,36 @@ JointVector goal_of(const MoveOptions& options, const SceneArm& arm) {
   return goal;
 }
 
-struct Motion {
-  ArmIndex arm = 0;
-  JointVector goal;
-  double slowest_joint = 0;  // velocity limit [rad/s]
-  double duration_s = 0;
-
-  // A minimum-jerk motion keeps every joint below its fraction of the speed limit, and the hand below what it
-  // may reach.
-  void plan(const JointVector& from, double speed, const SceneArm& scene_arm, double hand_speed) {
-    duration_s = rest_to_rest_duration(hand_way(from, scene_arm), hand_speed);
-    for (Eigen::Index j = 0; j < goal.size(); ++j) {
-      duration_s =
-          std::max(duration_s, rest_to_rest_duration(std::abs(goal[j] - from[j]), speed * slowest_joint));
-    }
-  }
-
- private:
-  // The most that the hand moves per share of the straight path in joint space [m].
-  double hand_way(const JointVector& from, const SceneArm& scene_arm) const {
-    constexpr int kPieces = 200;
-    ModelTerms terms(build_arm_model(scene_arm));
-    const ArmConfig config = arm_config(scene_arm);
-    terms.set_config(config.frames, config.tool, config.load);
-    const JointVector way = goal - from;
-    double most = 0;
-    for (int k = 0; k <= kPieces; ++k) {
-      terms.update(from + k * way / kPieces, way);
-      most = std::max(most, terms.V_WE().linear().norm());
-    }
-    return most;
-  }
-};
-
-std::string controllet_of(const SceneArm& arm) { return arm.name + "_move"; }
-
-// Adds a joint_impedance for an arm that moves; it begins at the measured configuration.
-Motion add_motion(const MoveOptions& options, ArmIndex index, Scene& scene) {
-  const SceneArm& arm = scene.arms[index];
-  Motion motion{.arm = index, .goal = goal_of(options, arm)};
-  motion.slowest_joint = arm.safety.joints.dq_max.minCoeff();
-  const std::string name = controllet_of(arm);
-  InputSpec joints{.name = "joints", .quantity = Quantity::joints};
-  joints.max_speed = kLargestSpeed * motion.slowest_joint;
-  scene.controllets.push_back({.name = name, .type = "joint_impedance", .arms = {index}, .inputs = {joints}});
-  scene.active.push_back(name);
-  return motion;
-}
-
 // Simulated arms start at the scene's configuration: the motion is an event of the timeline.
-void schedule(const Motion& motion, Scene& scene) {
+void schedule(const JointMove& motion, Scene& scene) {
   TimelineEvent event{.at_s = 0.001,
                       .what = TimelineEvent::What::set_reference,
-                      .controllet = controllet_of(scene.arms[motion.arm]),
+                      .controllet = move_controllet(scene.arms[motion.arm]),
                       .name = "joints"};
   event.values.assign(motion.goal.begin(), motion.goal.end());
   event.duration_s = motion.duration_s;
   scene.timeline.push_back(event);
-  scene.duration_s = std::max(scene.duration_s, std::ceil(motion.duration_s + kSettle_s));
+  scene.duration_s = std::max(scene.duration_s, std::ceil(motion.duration_s + JointMove::kSettle_s));
 }
 
-// The measured configurations during the run.
-class Positions {
- public:
-  explicit Positions(std::size_t arms) : q_(arms) {}
-
-  void take(const CycleRecord& record) {
-    const std::lock_guard lock(mutex_);
-    for (std::size_t i = 0; i < q_.size(); ++i) q_[i] = record.arms[i].q;
-    t_ = record.t.seconds();
-    seen_ = seen_ || std::all_of(record.arms.begin(), record.arms.end(),
-                                 [](const ArmSample& arm) { return arm.sequence > 0; });
-    changed_.notify_all();
-  }
-  std::vector<JointArray> q() const {
-    const std::lock_guard lock(mutex_);
-    return q_;
-  }
-  double t() const {
-    const std::lock_guard lock(mutex_);
-    return t_;
-  }
-  // Waits until every arm has reported its configuration. False: stopped before.
-  bool wait_for_all(const std::stop_token& stop) {
-    std::unique_lock lock(mutex_);
-    return changed_.wait(lock, stop, [this] { return seen_; });
-  }
-  bool wait_until(double t_s, const std::stop_token& stop) {
-    std::unique_lock lock(mutex_);
-    return changed_.wait(lock, stop, [&] { return t_ >= t_s; });
-  }
-
- private:
-  mutable std::mutex mutex_;
-  std::condition_variable_any changed_;
-  std::vector<JointArray> q_;
-  double t_ = 0;
-  bool seen_ = false;
-};
-
 // Motions of real arms are planned from their measured configuration, once it is known.
-void move_from_measured(std::vector<Motion>& motions, double speed, Session& session, Positions& positions,
-                        const std::stop_token& stop) {
-  if (!positions.wait_for_all(stop)) return;
-  const std::vector<JointArray> q = positions.q();
+void move_from_measured(std::vector<JointMove>& motions, double speed, Session& session,
+                        MeasuredJoints& measured, const std::stop_token& stop) {
+  const auto stopped = [&stop] { return stop.stop_requested(); };
+  if (!measured.wait_for_all(stopped)) return;
   double longest_s = 0;
-  for (Motion& motion : motions) {
-    motion.plan(Eigen::Map<const Eigen::VectorXd>(q[motion.arm].data(), motion.goal.size()), speed,
-                session.scene().arms[motion.arm], session.scene().contact_bounds.hand_speed);
+  for (JointMove& motion : motions) {
+    motion.plan(measured.q(motion), speed, session.scene().arms[motion.arm],
+                session.scene().contact_bounds.hand_speed);
     longest_s = std::max(longest_s, motion.duration_s);
-    const InstanceIndex instance = session.modes().find(controllet_of(session.scene().arms[motion.arm]));
+    const InstanceIndex instance = session.modes().find(move_controllet(session.scene().arms[motion.arm]));
     Request request{.kind = Request::Kind::set_target, .instance = instance};
     request.target.size = static_cast<std::uint8_t>(motion.goal.size());
     std::copy(motion.goal.begin(), motion.goal.end(), request.target.values.begin());
     request.target.duration_s = motion.duration_s;
     (void)session.modes().ask(request);  // a refusal shows at the end: the arm did not arrive
   }
-  (void)positions.wait_until(positions.t() + longest_s + kSettle_s, stop);
+  (void)measured.wait_until(measured.t() + longest_s + JointMove::kSettle_s, stopped);
   session.stop();
 }
 
@@ -216,16 +122,16 @@ int run(const MoveOptions& options) {
   scene.active.clear();
   scene.timeline.clear();
   const bool measured = !is_simulated(scene, session_options.backend);
-  std::vector<Motion> motions;
-  scene.duration_s = measured ? 0 : kSettle_s;
+  std::vector<JointMove> motions;
+  scene.duration_s = measured ? 0 : JointMove::kSettle_s;
   for (ArmIndex i = 0; i < scene.arms.size(); ++i) {
     if (!options.arm.empty() && scene.arms[i].name != options.arm) continue;
-    motions.push_back(add_motion(options, i, scene));
+    motions.push_back(add_joint_move(scene, i, goal_of(options, scene.arms[i])));
     if (measured) continue;
     motions.back().plan(scene.arms[i].q_start, options.speed, scene.arms[i], scene.contact_bounds.hand_speed);
     schedule(motions.back(), scene);
   }
-  Positions positions(scene.arms.size());
+  MeasuredJoints positions(scene.arms.size());
   session_options.observer = [&positions](const CycleRecord& record) { positions.take(record); };
   StopSignals signals(console);
   Session session(std::move(scene), opened.registry, std::move(session_options));
@@ -244,12 +150,12 @@ int run(const MoveOptions& options) {
 
   bool arrived = true;
   const std::vector<JointArray> q = positions.q();
-  for (const Motion& motion : motions) {
+  for (const JointMove& motion : motions) {
     double error = 0;
     for (Eigen::Index j = 0; j < motion.goal.size(); ++j) {
       error = std::max(error, std::abs(motion.goal[j] - q[motion.arm][static_cast<std::size_t>(j)]));
     }
-    const bool there = error <= kTolerance_rad;
+    const bool there = error <= JointMove::kTolerance_rad;
     arrived = arrived && there;
     console.line(fmt::format("arm '{}' {} (largest joint error {:.4f} rad)", names[motion.arm],
                              there ? "reached its goal" : "did not reach its goal", error));
@@ -276,7 +182,7 @@ void add_move(Program& program) {
   command->add_option("--arm", options->arm, "Arm to move; the others are held (default: all)")
       ->type_name("NAME");
   command->add_option("--speed", options->speed, "Fraction of the joints' velocity limits, at most 0.2")
-      ->check(CLI::Range(0.01, kLargestSpeed))
+      ->check(CLI::Range(0.01, JointMove::kLargestSpeed))
       ->capture_default_str();
   command->add_flag("--full-speed", options->full_speed,
                     "The scene's own bounds, also before its first run on physical arms");

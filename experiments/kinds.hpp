@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "experiments/experiment.hpp"
+#include "experiments/person.hpp"
 #include "runtime/session_viewer.hpp"
 
 // Kinds of experiments and their runners. Each kind has a page of the same name in experiments/pages.
@@ -20,9 +21,13 @@ struct ExperimentOptions {
   std::filesystem::path directory;     // existing folder for logs, plots, page and results
   std::vector<std::string> only;       // variants by name or tag; empty: all
   bool keep_data = false;              // keep the arrays from which the figures are computed
-  BackendOptions backend;              // simulated arms: `mujoco` or `virtual_arms`
-  SessionViewer* viewer = nullptr;     // sees one run at a time, except unpaced checks; none: nobody looks
-  bool ros = false;  // kind `performance`: set-points come by ROS topics instead of the socket
+  BackendOptions backend;              // `mujoco`, `virtual_arms`, or `fci`: arms that are not simulated here
+  // Confirms every step of an experiment with `fci`; required there, unused otherwise.
+  Person* person = nullptr;
+  std::vector<std::string> beside;  // logs of arms to be shown beside simulated runs (beside_log.hpp)
+  bool resume = false;  // `directory` has the finished runs of an interrupted experiment; only the rest runs
+  SessionViewer* viewer = nullptr;  // sees one run at a time, except unpaced checks; none: nobody looks
+  bool ros = false;                 // kind `performance`: set-points come by ROS topics instead of the socket
 };
 
 // Progress lines for the user, and the request to stop. Called from several threads, one at a time.
@@ -36,6 +41,7 @@ struct ExperimentProgress {
 struct ExperimentResult {
   std::string name;
   bool stopped = false;
+  std::string why_stopped;            // of an experiment on arms; empty: it was asked
   bool passed = false;                // every limit held and every run completed
   std::filesystem::path page;         // report.html
   nlohmann::ordered_json results;     // as results.json, docs/experiments.md

@@ -7,8 +7,12 @@
 
 #include <fmt/format.h>
 
+#include "experiments/arm_steps.hpp"
+#include "experiments/on_arms.hpp"
 #include "experiments/performance_runs.hpp"
 #include "experiments/process_usage.hpp"
+#include "scene/build.hpp"
+#include "support/address.hpp"
 #include "support/spelling.hpp"
 
 namespace multipanda {
@@ -16,6 +20,8 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
+
+constexpr double kSwitching_s = 3;  // about, of all trials
 
 // Raises the priority of the threads around the loop (live input, relay, generator) above other programs
 // during its lifetime. The loop has its own priority, but delayed threads around it lose set-points.
@@ -53,6 +59,86 @@ std::vector<PerformanceSettings::Condition> chosen(const Experiment& experiment,
   return list;
 }
 
+// The steps of a person around the runs on arms; each run is rehearsed in simulation, which tells how far the
+// arms will move. Without arms it does nothing.
+class OnArms {
+ public:
+  OnArms(const Experiment& experiment, const ExperimentOptions& options, const PerformanceRun& run)
+      : active_(options.backend.kind == BackendKind::fci),
+        experiment_(experiment),
+        options_(paced(options)),
+        run_(run),
+        registry_(build_registry({})),
+        steps_(experiment_, options_, run.progress, registry_) {
+    if (!active_) return;
+    if (options.person == nullptr)
+      throw std::invalid_argument(experiment.name + ": a run on arms needs a person who confirms its steps");
+    check_addresses_of_all(scene(run.settings.scene, {}), options.backend);
+    if (run.settings.switching) (void)backend_of(scene(run.settings.switching->scene, {}), options.backend);
+  }
+
+  bool active() const { return active_; }
+
+  void check_list(std::size_t runs, double seconds) {
+    if (!active_) return;
+    const Scene first = scene(run_.settings.scene, run_.settings.conditions.front().set);
+    steps_.check_list(with_connections(first, backend_of(first, options_.backend)), runs, seconds);
+  }
+
+  // `rehearse`: runs the same in simulation and returns its record.
+  template <typename Rehearse>
+  void before(const std::string& name, const std::string& scene_path, const std::vector<Override>& set,
+              double seconds, Rehearse rehearse) {
+    if (!active_) return;
+    if (run_.progress.line) run_.progress.line("  " + name + ": first in simulation, the arms do not move");
+    PerformanceRun simulated = run_;
+    simulated.backend = {.kind = BackendKind::mujoco};
+    simulated.viewer = nullptr;
+    simulated.rehearsal = true;
+    const Json record = rehearse(simulated);
+    if (run_.progress.stopped()) throw ExperimentInterrupted("stopped");
+    if (!record["faults"].empty())
+      throw ExperimentInterrupted(fmt::format("{}: its simulation failed ({}), so it does not run on arms",
+                                              name, record["faults"].front().get<std::string>()));
+    const Scene given = scene(scene_path, set);
+    expected_ = record["extent"];
+    steps_.before_run(with_connections(given, backend_of(given, options_.backend)), name, seconds, expected_);
+  }
+
+  // Ends the experiment if a run on arms had faults.
+  void after(const std::string& name, const Json& record) const {
+    if (!active_ || run_.progress.stopped() || record["faults"].empty()) return;
+    throw ExperimentInterrupted(
+        fmt::format("{}: {}; no further run begins", name, record["faults"].front().get<std::string>()));
+  }
+
+  PerformanceRun run(const std::string& scene_path) const {
+    PerformanceRun run = run_;
+    if (active_) {
+      run.backend = backend_of(scene(scene_path, {}), options_.backend);
+      run.expected = expected_;
+    }
+    return run;
+  }
+
+ private:
+  static ExperimentOptions paced(ExperimentOptions options) {
+    options.fast = false;  // only shorter here
+    return options;
+  }
+  Scene scene(const std::string& path, const std::vector<Override>& set) const {
+    return changed_scene(experiment_, path, run_.settings.plant, set).scene;
+  }
+
+  const bool active_;
+  const Experiment& experiment_;
+  const ExperimentOptions options_;
+  const PerformanceRun& run_;
+  const Registry registry_;
+  ArmSteps steps_;
+  Json expected_;  // the extent of the last rehearsal
+};
+
 }  // namespace
 
 ExperimentResult run_performance(const Experiment& experiment, const ExperimentOptions& options,
@@ -89,31 +175,55 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
   for (const auto& condition : conditions)
     plan["conditions"].push_back({{"name", condition.name}, {"label", condition.label}});
 
+  OnArms arms(experiment, options, run);
+  plan["arms"] = Json::array();
+  for (const auto& [arm, address] : options.backend.addresses)
+    plan["arms"].push_back(
+        {{"arm", arm}, {"address", address}, {"on_this_computer", is_on_this_computer(address)}});
+  const double duration_s = plan["duration_s"].get<double>() + settings.lead_s;
+  try {
+    arms.check_list(conditions.size() * repeats + (settings.switching ? 1 : 0),
+                    static_cast<double>(conditions.size() * repeats) * duration_s);
+  } catch (const ExperimentInterrupted& interrupted) {
+    return {.name = experiment.name, .stopped = true, .why_stopped = interrupted.what()};
+  }
   auto preferred = std::make_unique<Preferred>();
   plan["priority"] = preferred->described();
   plan["runs"] = Json::array();
-  // Repeats in the outer loop, so that a lasting disturbance of the machine affects all conditions.
-  for (std::size_t repeat = 1; repeat <= repeats; ++repeat) {
-    for (const auto& condition : conditions) {
-      Json record = run_condition(run, condition, repeat);
-      if (progress.stopped()) return stopped();
-      say(fmt::format("{:<6} repeat {}  {} cycles, {} lost", condition.name, repeat,
-                      record["samples"].get<std::size_t>(), record["overruns"].get<std::uint64_t>()));
-      plan["runs"].push_back(std::move(record));
+  try {
+    // Repeats in the outer loop, so that a lasting disturbance of the machine affects all conditions.
+    for (std::size_t repeat = 1; repeat <= repeats; ++repeat) {
+      for (const auto& condition : conditions) {
+        arms.before(
+            condition.name, settings.scene, condition.set, duration_s,
+            [&](const PerformanceRun& simulated) { return run_condition(simulated, condition, repeat); });
+        Json record = run_condition(arms.run(settings.scene), condition, repeat);
+        if (progress.stopped()) return stopped();
+        arms.after(condition.name, record);
+        say(fmt::format("{:<6} repeat {}  {} cycles, {} lost", condition.name, repeat,
+                        record["samples"].get<std::size_t>(), record["overruns"].get<std::uint64_t>()));
+        plan["runs"].push_back(std::move(record));
+      }
     }
-  }
-  plan["delay_checks"] = Json::array();
-  if (settings.delay_check) {
-    for (const double delay_s : settings.delay_check->delays_s) {
-      if (progress.stopped()) return stopped();
-      plan["delay_checks"].push_back(run_delay_check(run, delay_s));
+    plan["delay_checks"] = Json::array();
+    if (settings.delay_check &&
+        !arms.active()) {  // the delay of an arm is not known, so there is nothing to find
+      for (const double delay_s : settings.delay_check->delays_s) {
+        if (progress.stopped()) return stopped();
+        plan["delay_checks"].push_back(run_delay_check(run, delay_s));
+      }
+      say(fmt::format("command delay measured with {} known delays", plan["delay_checks"].size()));
     }
-    say(fmt::format("command delay measured with {} known delays", plan["delay_checks"].size()));
-  }
-  if (settings.switching) {
-    plan["switching"] = run_switching(run);
-    if (progress.stopped()) return stopped();
-    say(fmt::format("{} switches", plan["switching"]["list"].size()));
+    if (settings.switching) {
+      arms.before("switching", settings.switching->scene, {}, kSwitching_s,
+                  [](const PerformanceRun& simulated) { return run_switching(simulated); });
+      plan["switching"] = run_switching(arms.run(settings.switching->scene));
+      if (progress.stopped()) return stopped();
+      arms.after("switching", plan["switching"]);
+      say(fmt::format("{} switches", plan["switching"]["list"].size()));
+    }
+  } catch (const ExperimentInterrupted& interrupted) {
+    return {.name = experiment.name, .stopped = true, .why_stopped = interrupted.what()};
   }
   preferred.reset();
   plan["load_after"] = machine_usage().load_1min;

@@ -4,8 +4,10 @@
 #include <unistd.h>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "core/types/time.hpp"
+#include "experiments/arm_steps.hpp"
 #include "experiments/command_trace.hpp"
 #include "experiments/generator_process.hpp"
 #include "experiments/performance_runs.hpp"
@@ -109,8 +111,14 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   for (const auto& arm : opened.scene.arms) arms.push_back(arm.name);
 
   std::unique_ptr<CommandTrace> trace;
+  std::optional<MotionExtent> extent;
+  std::optional<ArmWatch> watch;
   SessionOptions options{.paced = true, .backend = run.backend, .duration_s = 0.0, .socket = own_socket()};
-  options.observer = [&trace](const CycleRecord& record) { trace->take(record); };
+  options.observer = [&trace, &extent, &watch](const CycleRecord& record) {
+    trace->take(record);
+    if (extent) extent->take(record);
+    if (watch) watch->take(record);
+  };
   options.on_loop = [&trace](const Tick& tick, const Backend&) { trace->step_done(tick); };
   // A unique name, so that no other node on this machine is mistaken for it.
   const std::string node = run.ros ? fmt::format("experiment_{}", getpid()) : "";
@@ -118,6 +126,8 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   const fs::path socket = options.socket;
   if (run.viewer != nullptr) run.viewer->prepare(opened.scene, options);
   Session session(opened.scene, opened.registry, std::move(options));
+  if (run.rehearsal) extent.emplace(session.scene(), session.models());
+  if (run.on_arms()) watch.emplace(session.scene(), session.layout(), session.models(), run.expected);
   const InstanceIndex instance = session.modes().find(condition.controllet);
   if (instance == kNoInstance)
     throw std::invalid_argument("condition " + condition.name + ": the scene has no controllet '" +
@@ -136,7 +146,11 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
                               .ros_node = run.ros ? "/" + node : "",
                               .seconds = settings.lead_s + 2 * duration_s + 2 * kPatience,
                               .messages = run.folder / (name + "_generator.txt")});
-  const auto over = [&] { return run.progress.stopped() || session.wait_for_end(0); };
+  std::string trouble;
+  const auto over = [&] {
+    if (watch && trouble.empty() && !(trouble = watch->trouble(session.status())).empty()) session.stop();
+    return run.progress.stopped() || !trouble.empty() || session.wait_for_end(0);
+  };
   const HostTime begin = host_now();
   while (!trace->started() && !over() && generator.running() && seconds(host_now() - begin) < kPatience)
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
@@ -163,6 +177,11 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   session.stop();
   const RunSummary summary = session.finish();
   if (run.progress.stopped()) return {};
+  if (!trouble.empty()) {
+    std::vector<std::string> causes = summary.faults();
+    causes.insert(causes.begin(), trouble);
+    throw ExperimentInterrupted(fmt::format("{}: {}", name, fmt::join(causes, "; ")));
+  }
 
   const fs::path file = run.folder / (name + ".npz");
   trace->write(file);
@@ -182,6 +201,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
               {"usage", usage.rows()},
               {"scene_text", opened.scene.text}};
   record.update(of_summary(summary));
+  if (extent) record["extent"] = extent->json();
   return record;
 }
 

@@ -18,6 +18,12 @@ struct PerformanceRun {
   BackendOptions backend;
   SessionViewer* viewer = nullptr;
   bool ros = false;  // set-points come by ROS topics
+  // A run in simulation before one on arms: its record has "extent", the arms' motion (motion_extent.hpp).
+  bool rehearsal = false;
+  // On arms: the extent of its rehearsal. A run that goes beyond it, and an arm that stops, end it with
+  // ExperimentInterrupted.
+  nlohmann::ordered_json expected = {};
+  bool on_arms() const { return backend.kind == BackendKind::fci || backend.kind == BackendKind::as_scene; }
 };
 
 // A paced run with set-points at 1 kHz from a motion generator in a separate process. Throws
@@ -29,8 +35,8 @@ nlohmann::ordered_json run_condition(const PerformanceRun& run,
 // of measurement must find it.
 nlohmann::ordered_json run_delay_check(const PerformanceRun& run, double delay_s);
 
-// A paced run with switches of controllets and of a feature, requested at random times. A second, unpaced run
-// without switches gives the reference that the bystander arm must equal to the bit.
+// A paced run with switches of controllets and of a feature, requested at random times. With simulated arms a
+// second, unpaced run without switches gives the reference that the bystander arm must equal to the bit.
 nlohmann::ordered_json run_switching(const PerformanceRun& run);
 
 }  // namespace multipanda

@@ -5,7 +5,9 @@
 #include <thread>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
+#include "experiments/arm_steps.hpp"
 #include "experiments/command_trace.hpp"
 #include "experiments/performance_runs.hpp"
 
@@ -99,15 +101,24 @@ Json run_switching(const PerformanceRun& run) {
   const std::size_t samples = kLead + 2 * switching.trials * kCyclesPerTrial;
 
   std::unique_ptr<CommandTrace> trace, undisturbed;
+  std::optional<MotionExtent> extent;
+  std::optional<ArmWatch> watch;
+  std::string trouble;
   std::vector<Trial> trials;
   ArmIndex bystander = 0;
   RunSummary summary;
   {
     SessionOptions options{.paced = true, .backend = run.backend, .duration_s = 0.0};
-    options.observer = [&trace](const CycleRecord& record) { trace->take(record); };
+    options.observer = [&trace, &extent, &watch](const CycleRecord& record) {
+      trace->take(record);
+      if (extent) extent->take(record);
+      if (watch) watch->take(record);
+    };
     if (run.viewer != nullptr) run.viewer->prepare(opened.scene, options);
     Session session(opened.scene, opened.registry, std::move(options));
     trace = trace_of(session, samples);
+    if (run.rehearsal) extent.emplace(session.scene(), session.models());
+    if (run.on_arms()) watch.emplace(session.scene(), session.layout(), session.models(), run.expected);
     MultimodeController& modes = session.modes();
     bystander = arm_named(modes, switching.bystander);
     const InstanceSet sets[] = {bit(instance_named(modes, switching.controllets[0])),
@@ -120,7 +131,11 @@ Json run_switching(const PerformanceRun& run) {
     const Viewed viewed(run.viewer, session);
     if (run.progress.stopped()) return {};
     session.start();
-    while (trace->count() < kLead && !session.wait_for_end(0.01)) {
+    const auto running = [&] {
+      if (watch && trouble.empty() && !(trouble = watch->trouble(session.status())).empty()) session.stop();
+      return !run.progress.stopped() && trouble.empty() && !session.wait_for_end(0);
+    };
+    while (trace->count() < kLead && running() && !session.wait_for_end(0.01)) {
     }
     std::mt19937_64 random(run.experiment.seed);
     std::uniform_real_distribution<double> pause(kPauseLow, kPauseHigh);
@@ -129,7 +144,6 @@ Json run_switching(const PerformanceRun& run) {
       Trial& trial = trials.emplace_back(Trial{.kind = kind, .to = to, .answer = {}, .queued = {}});
       trial.answer = ask_and_note(modes, request, trial.queued);
     };
-    const auto running = [&] { return !run.progress.stopped() && !session.wait_for_end(0); };
     // Feature first: its controllet runs from the start.
     for (std::size_t i = 0; i < switching.trials && running(); ++i) {
       const bool on = i % 2 != 0;  // the feature is on at the start of the run
@@ -145,7 +159,12 @@ Json run_switching(const PerformanceRun& run) {
     summary = session.finish();
   }
   if (run.progress.stopped()) return {};
-  {
+  if (!trouble.empty()) {
+    std::vector<std::string> causes = summary.faults();
+    causes.insert(causes.begin(), trouble);
+    throw ExperimentInterrupted(fmt::format("{}: {}", "switching", fmt::join(causes, "; ")));
+  }
+  if (!run.on_arms() && !run.rehearsal) {  // arms cannot repeat a run to the bit
     const double seconds = 1e-3 * static_cast<double>(std::min(trace->count(), samples));
     SessionOptions options{.paced = false, .backend = run.backend, .duration_s = seconds};
     options.observer = [&undisturbed](const CycleRecord& record) { undisturbed->take(record); };
@@ -157,7 +176,8 @@ Json run_switching(const PerformanceRun& run) {
   // The end of the run, when all arms go to hold, affects the bystander and is not compared.
   const std::uint64_t last = trials.empty() ? 0 : trials.back().answer.cycle;
   std::size_t compared = 0;
-  const std::size_t different = different_cycles(*trace, *undisturbed, bystander, last, compared);
+  const std::size_t different =
+      undisturbed ? different_cycles(*trace, *undisturbed, bystander, last, compared) : 0;
 
   Json list = Json::array();
   for (const auto& trial : trials) {
@@ -175,7 +195,8 @@ Json run_switching(const PerformanceRun& run) {
     }
     list.push_back(std::move(entry));
   }
-  return {{"trials", switching.trials},
+  return {{"extent", extent ? extent->json() : Json::array()},
+          {"trials", switching.trials},
           {"controllets", switching.controllets},
           {"controllet", switching.controllet},
           {"feature", switching.feature},

@@ -1,16 +1,25 @@
 // Runs a task's sessions, several at once unless they are paced by the wall clock.
 #include <algorithm>
+#include <cmath>
 #include <fstream>
+#include <functional>
 #include <mutex>
 #include <thread>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
+#include "experiments/arm_steps.hpp"
+#include "experiments/beside_log.hpp"
+#include "experiments/finished_runs.hpp"
 #include "experiments/kinds.hpp"
+#include "experiments/motion_extent.hpp"
+#include "experiments/on_arms.hpp"
 #include "experiments/run_data.hpp"
 #include "experiments/task_runs.hpp"
 #include "logs/npz.hpp"
 #include "scene/build.hpp"
+#include "support/address.hpp"
 
 namespace multipanda {
 namespace {
@@ -71,44 +80,91 @@ class ObjectTrace {
   std::vector<Track> tracks_;
 };
 
+// What decides what a run is: an experiment can only be resumed as it was begun.
+Json identity(const Experiment& experiment, const ExperimentOptions& options,
+              const std::vector<TaskRun>& runs) {
+  Json what = describe(experiment);
+  for (const char* ours : {"machine", "description", "published", "show", "limits"}) what.erase(ours);
+  Json addresses = Json::object();
+  std::string scenes;
+  for (const auto& run : runs) scenes += run.name() + '\n' + task_scene_text(experiment, run);
+  for (const auto& [arm, address] : options.backend.addresses) addresses[arm] = address;
+  what["fast"] = options.fast;
+  what["backend"] = name_of(options.backend.kind);
+  what["addresses"] = addresses;
+  what["runs_and_scenes"] = fmt::format("{:016x}", std::hash<std::string>{}(scenes));
+  return what;
+}
+
 class TaskRunner {
  public:
   TaskRunner(const Experiment& experiment, const ExperimentOptions& options,
              const ExperimentProgress& progress)
-      : experiment_(experiment),
+      : on_arms_(options.backend.kind == BackendKind::fci),
+        experiment_(on_arms_ ? for_arms(experiment, left_out_) : experiment),
         options_(options),
         progress_(progress),
         repeats_(options.repeats.value_or(experiment.repeats)),
-        runs_(task_runs(experiment, repeats_, options.only)),
-        registry_(build_registry(scene_plugins(task_scene_text(experiment, runs_.at(0)), experiment.scene))) {
+        runs_(ordered(task_runs(experiment_, repeats_, options.only))),
+        registry_(build_registry(scene_plugins(task_scene_text(experiment_, runs_.at(0)), experiment.scene))),
+        finished_runs_(options.directory, identity(experiment_, options, runs_), options.resume) {
+    if (on_arms_ && options.person == nullptr)
+      throw std::invalid_argument(experiment.name + ": a run on arms needs a person who confirms its steps");
     // All scenes are read before the first run, so that an invalid variant is refused at once.
     for (const auto& run : runs_) {
-      if (run.repeat == 1) (void)task_scene(experiment_, run, registry_);
+      const bool measured = run.plant == kMeasured;
+      if (run.repeat != 1 && !measured) continue;
+      const Scene scene = task_scene(experiment_, run, registry_);
+      if (scene.duration_s == 0)
+        throw std::invalid_argument(experiment_.scene + ": the scene of an experiment needs a duration_s");
+      if (!measured) continue;
+      check_for_arms(scene, run.variant->name);
+      check_addresses_of_all(scene, options_.backend);
+      (void)with_connections(scene, options_.backend);
     }
     done_.resize(runs_.size());
+    beside_ = beside_logs(options.beside, chosen_variants(experiment_, options.only));
+    if (!beside_.empty() && on_arms_)
+      throw std::invalid_argument(experiment.name +
+                                  ": runs on arms have their simulation beside them; leave "
+                                  "--beside out");
   }
 
   ExperimentResult run() {
     fs::create_directories(options_.directory / "logs");
     fs::create_directories(options_.directory / "data");
-    const std::size_t workers = options_.fast && options_.viewer == nullptr
-                                    ? std::clamp<std::size_t>(std::thread::hardware_concurrency(), 1,
-                                                              std::min<std::size_t>(runs_.size(), 8))
-                                    : 1;
-    {
-      std::vector<std::jthread> threads;
-      for (std::size_t i = 1; i < workers; ++i) threads.emplace_back([this] { work(); });
-      work();
+    for (const auto& name : left_out_)
+      say("  variant " + name + " changes the simulated plant and is left out on arms");
+    std::size_t simulated = runs_.size();
+    if (on_arms_) {
+      simulated = static_cast<std::size_t>(
+          std::ranges::count_if(runs_, [](const TaskRun& run) { return run.plant != kMeasured; }));
+      say(fmt::format("simulating the {} runs first; the arms are not connected yet", simulated));
     }
+    run_simulated(simulated);
     if (failure_) std::rethrow_exception(failure_);
     if (progress_.stopped()) return {.name = experiment_.name, .stopped = true};
+    if (on_arms_) {
+      try {
+        run_on_arms(simulated);
+      } catch (const std::exception& error) {
+        return {.name = experiment_.name, .stopped = true, .why_stopped = error.what()};
+      }
+    }
     Json plan = describe(experiment_);
     plan["repeats"] = repeats_;
     plan["fast"] = options_.fast;
     plan["backend"] = name_of(options_.backend.kind);
+    plan["left_out"] = left_out_;
+    plan["arms"] = Json::array();
+    for (const auto& [arm, address] : options_.backend.addresses)
+      plan["arms"].push_back(
+          {{"arm", arm}, {"address", address}, {"on_this_computer", is_on_this_computer(address)}});
     plan["runs"] = Json::array();
     for (auto& done : done_) plan["runs"].push_back(std::move(done));
+    add_beside(plan);
     ExperimentResult result = evaluate(experiment_, plan, options_);
+    finished_runs_.remove_file();
     if (!options_.keep_data) {
       std::error_code ignored;
       fs::remove_all(options_.directory / "data", ignored);
@@ -117,26 +173,95 @@ class TaskRunner {
   }
 
  private:
+  // On arms, all simulations come first.
+  static std::vector<TaskRun> ordered(std::vector<TaskRun> runs) {
+    std::ranges::stable_partition(runs, [](const TaskRun& run) { return run.plant != kMeasured; });
+    return runs;
+  }
+
+  void run_simulated(std::size_t count) {
+    end_ = count;
+    const bool alone = !(options_.fast || on_arms_) || (options_.viewer != nullptr && !on_arms_);
+    const std::size_t workers = alone ? 1
+                                      : std::clamp<std::size_t>(std::thread::hardware_concurrency(), 1,
+                                                                std::min<std::size_t>(count, 8));
+    std::vector<std::jthread> threads;
+    for (std::size_t i = 1; i < workers; ++i) threads.emplace_back([this] { work(); });
+    work();
+  }
+
+  // One after the other, each confirmed. Throws ExperimentInterrupted, or what a session throws.
+  void run_on_arms(std::size_t first) {
+    std::size_t left = 0;
+    double seconds = 0;
+    std::optional<Scene> first_scene;
+    for (std::size_t i = first; i < runs_.size(); ++i) {
+      if (finished_runs_.find(runs_[i].name()) != nullptr) continue;
+      Scene scene = with_connections(task_scene(experiment_, runs_[i], registry_), options_.backend);
+      seconds += scene.duration_s;
+      ++left;
+      if (!first_scene) first_scene = std::move(scene);
+    }
+    ArmSteps steps(experiment_, options_, progress_, registry_);
+    if (first_scene) steps.check_list(*first_scene, left, seconds);
+    for (std::size_t i = first; i < runs_.size(); ++i) {
+      const TaskRun& run = runs_[i];
+      if (const Json* finished = finished_runs_.find(run.name())) {
+        done_[i] = *finished;
+        ++finished_;
+        continue;
+      }
+      const auto twin = std::ranges::find_if(done_, [&](const Json& done) {
+        return done.is_object() && done["plant"] != kMeasured && done["variant"] == run.variant->name &&
+               done["repeat"] == run.repeat;
+      });
+      if (!(*twin)["faults"].empty())
+        throw ExperimentInterrupted(fmt::format("{}: its simulation failed ({}), so it does not run on arms",
+                                                run.name(), (*twin)["faults"].front().get<std::string>()));
+      const Scene scene = with_connections(task_scene(experiment_, run, registry_), options_.backend);
+      steps.before_run(scene, fmt::format("{}, repeat {}", run.variant->label, run.repeat), scene.duration_s,
+                       (*twin)["extent"]);
+      expected_ = (*twin)["extent"];
+      done_[i] = run_one(run);
+      if (progress_.stopped()) throw ExperimentInterrupted("stopped during " + run.name());
+      if (const Json& faults = done_[i]["faults"]; !faults.empty())
+        throw ExperimentInterrupted(
+            fmt::format("{}: {}", run.name(), fmt::join(faults.get<std::vector<std::string>>(), "; ")));
+      finished_runs_.add(run.name(), done_[i]);
+    }
+  }
+
   void work() {
     for (;;) {
       const std::size_t index = next_.fetch_add(1);
-      if (index >= runs_.size() || progress_.stopped()) return;
+      if (index >= end_ || progress_.stopped()) return;
       try {
+        {
+          const std::lock_guard lock(mutex_);
+          if (const Json* finished = finished_runs_.find(runs_[index].name())) {
+            done_[index] = *finished;
+            ++finished_;
+            continue;
+          }
+        }
         done_[index] = run_one(runs_[index]);
+        if (progress_.stopped()) return;
+        const std::lock_guard lock(mutex_);
+        finished_runs_.add(runs_[index].name(), done_[index]);
       } catch (...) {
         const std::lock_guard lock(mutex_);
         if (!failure_) failure_ = std::current_exception();
-        next_ = runs_.size();
+        next_ = end_;
       }
     }
   }
 
   Json run_one(const TaskRun& run) {
     Scene scene = task_scene(experiment_, run, registry_);
-    if (scene.duration_s == 0)
-      throw std::invalid_argument(experiment_.scene + ": the scene of an experiment needs a duration_s");
     const std::string name = run.name();
+    const bool measured = run.plant == kMeasured;
     const fs::path scratch = options_.directory / "logs" / (name + ".part");
+    fs::remove_all(scratch);  // of a run that was interrupted
     ObjectTrace objects(scene, scene.duration_s);
     Json instance_arms = Json::object();
     for (const auto& instance : scene.controllets) {
@@ -153,36 +278,60 @@ class TaskRunner {
                 {"timeline", timeline_of(scene.text)}};
 
     SessionOptions session_options{.paced = !options_.fast, .backend = options_.backend, .record = scratch};
+    if (on_arms_ && !measured) {
+      session_options.paced = false;
+      session_options.backend = {.kind = BackendKind::mujoco};
+    }
     session_options.log_every.model = kModelEvery;
-    if (!objects.empty())
+    const bool traced = !objects.empty() && !measured;  // nothing measures objects beside arms
+    if (traced)
       session_options.on_loop = [&objects](const Tick& tick, const Backend& backend) {
         objects.take(tick, backend);
       };
-    if (options_.viewer != nullptr) options_.viewer->prepare(scene, session_options);
+    SessionViewer* viewer = on_arms_ && !measured ? nullptr : options_.viewer;
+    if (viewer != nullptr) viewer->prepare(scene, session_options);
     std::optional<RunData> data;
-    session_options.observer = [&data](const CycleRecord& cycle) { data->take(cycle); };
+    std::optional<MotionExtent> extent;
+    std::optional<ArmWatch> watch;
+    session_options.observer = [&](const CycleRecord& cycle) {
+      data->take(cycle);
+      if (extent) extent->take(cycle);
+      if (watch) watch->take(cycle);
+    };
     Session session(std::move(scene), registry_, std::move(session_options));
     data.emplace(session.scene(), session.layout(), session.models(), kModelEvery);
-    const Viewed viewed(options_.viewer, session);
+    if (measured)
+      watch.emplace(session.scene(), session.layout(), session.models(), expected_);
+    else if (on_arms_)
+      extent.emplace(session.scene(), session.models());
+    const Viewed viewed(viewer, session);
     if (progress_.stopped()) {
       std::error_code ignored;
       fs::remove_all(scratch, ignored);
       return {};
     }
     session.start();
-    while (!session.wait_for_end(0.1)) {
-      if (progress_.stopped()) session.stop();
+    std::string trouble;
+    while (!session.wait_for_end(measured ? 0.02 : 0.1)) {
+      if (watch && trouble.empty()) trouble = watch->trouble(session.status());
+      if (progress_.stopped() || !trouble.empty()) session.stop();
+    }
+    if (measured) {
+      for (const auto& news : session.status().news) say("  " + news);
     }
     const RunSummary summary = session.finish();
+    if (measured && trouble.empty() && summary.end != RunEnd::duration && !progress_.stopped())
+      trouble = "it ended before its time";
 
-    const fs::path log = options_.directory / "logs" / (name + ".mcap");
+    const bool cut = measured && (!trouble.empty() || progress_.stopped());
+    const fs::path log = options_.directory / "logs" / (name + (cut ? "_interrupted.mcap" : ".mcap"));
     fs::rename(summary.log, log);
     fs::remove_all(scratch);
     const fs::path arrays = options_.directory / "data" / (name + ".npz");
     data->write(arrays);
     record["log"] = fs::relative(log, options_.directory).string();
     record["npz"] = fs::relative(arrays, options_.directory).string();
-    if (!objects.empty()) {
+    if (traced) {
       const fs::path file = options_.directory / "data" / (name + "_objects.npz");
       objects.write(file);
       record["objects"] = fs::relative(file, options_.directory).string();
@@ -192,12 +341,30 @@ class TaskRunner {
     record["elapsed_s"] = summary.elapsed_s;
     record["overruns"] = summary.overruns;
     record["faults"] = summary.faults();
+    if (!trouble.empty()) record["faults"].insert(record["faults"].begin(), trouble);
+    if (extent) record["extent"] = extent->json();
+    if (watch) record["extent"] = watch->extent().json();
     record["interventions"] = Json::array();
     for (const auto& seen : summary.interventions)
       record["interventions"].push_back(
           {{"arm", seen.arm}, {"rule", to_string(seen.rule)}, {"count", seen.count}});
     say(run, summary);
     return record;
+  }
+
+  // Logs that were measured elsewhere, as runs of one more plant.
+  void add_beside(Json& plan) const {
+    if (beside_.empty()) return;
+    plan["plants"].push_back(kMeasured);
+    for (const auto& log : beside_) {
+      const auto like = std::ranges::find_if(
+          plan["runs"], [&](const Json& run) { return run["variant"] == log.variant->name; });
+      plan["runs"].push_back(beside_run(log, *like, options_.directory));
+    }
+  }
+
+  void say(const std::string& text) const {
+    if (progress_.line) progress_.line(text);
   }
 
   void say(const TaskRun& run, const RunSummary& summary) {
@@ -211,13 +378,19 @@ class TaskRunner {
     progress_.line(line);
   }
 
-  const Experiment& experiment_;
+  const bool on_arms_;
+  std::vector<std::string> left_out_;  // variants that no arm can run
+  const Experiment experiment_;
   const ExperimentOptions& options_;
   const ExperimentProgress& progress_;
   const std::size_t repeats_;
   const std::vector<TaskRun> runs_;
   const Registry registry_;
+  FinishedRuns finished_runs_;
+  std::vector<BesideLog> beside_;
+  Json expected_;  // the extent of the simulation of the run on arms
   std::vector<Json> done_;
+  std::size_t end_ = 0;  // of the runs that the workers take
   std::atomic<std::size_t> next_{0};
   std::mutex mutex_;
   std::size_t finished_ = 0;

@@ -4,6 +4,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "experiments/on_arms.hpp"
 #include "experiments/seeded_draw.hpp"
 #include "experiments/yaml_tree.hpp"
 #include "support/spelling.hpp"
@@ -56,7 +57,7 @@ std::string task_scene_text(const Experiment& experiment, const TaskRun& run) {
   YAML::Node root = YAML::Load(read_file(experiment.scene));
   for (const auto& change : experiment.set) put(root, change);
   for (const auto& change : run.variant->set) put(root, change);
-  root["plant"]["fidelity"] = run.plant;
+  if (run.plant != kMeasured) root["plant"]["fidelity"] = run.plant;
   root["seed"] = std::to_string(experiment.seed * 1000 + run.repeat);
   SeededDraw draw(experiment.seed, run.repeat);
   for (const auto& change : experiment.vary) vary(root, change, draw);

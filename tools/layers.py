@@ -159,7 +159,7 @@ LAYERS = [
     layer(
         "experiments",
         "experiments as data, their runners and pages ([experiments.md](docs/experiments.md))",
-        "support config_file core scene logs backends report runtime",
+        "support config_file core device scene logs backends report runtime runtime/motion",
     ),
     layer(
         "study",

@@ -10,7 +10,7 @@ import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent.parent))
 
-from experiments.pages import task_metrics, task_page, verdicts  # noqa: E402
+from experiments.pages import beside, task_metrics, task_page, verdicts  # noqa: E402
 from experiments.pages.task_run import TaskRun, rotate, rotate_back  # noqa: E402
 
 PERIOD = 0.001
@@ -199,6 +199,57 @@ class Figures(unittest.TestCase):
         self.assertEqual(figures["held"], 1)
         arrays["arm/wrench/contact_force"][t > 10] = 0
         self.assertEqual(task_metrics.figures(run_of(arrays, measure, {"box/pose": pose}))[0]["held"], 0)
+
+    def test_arms_have_estimates_only(self):
+        """A measured run: no contact truth, no objects. The estimate is 0.3 N above the sine of 0.4 N."""
+        arrays = invent()
+        arrays["arm/wrench/has_contact_truth"][:] = 0
+        t = arrays["arm/wrench/t"]
+        arrays["arm/wrench/estimated_force"][t < CONTACT] = 0
+        arrays["arm/wrench/estimated_force"][(t > 0.5) & (t < 0.51), 2] = -5  # 10 ms of noise are no contact
+        measure = dict(MEASURE, grasp={"name": "box", "instance": "press", "input": "pose"})
+        with self.assertRaises(ValueError):
+            task_metrics.figures(run_of(arrays, measure))  # a simulation always has true forces
+        run = run_of(arrays, measure, plant="measured")
+        figures, _ = task_metrics.figures(run)
+        self.assertAlmostEqual(figures["force_rmse_n"], np.sqrt(0.08 + 0.09), places=6)
+        self.assertAlmostEqual(figures["force_est_rmse_n"], figures["force_rmse_n"])
+        self.assertAlmostEqual(figures["contact_s"], CONTACT)
+        for name in task_metrics.NOT_ON_ARMS:
+            self.assertNotIn(name, figures)
+        limits = [{"metric": "held", "at_most": {}, "at_least": {"measured": 1, "ideal": 1}, "variants": []}]
+        runs = [{"plant": p, "variant": "a", "repeat": 1, "metrics": {}} for p in ("measured", "ideal")]
+        variants = [{"name": "a", "tags": [], "reported": False}]
+        rows = verdicts.judge(limits, runs, variants, ["ideal", "measured"], {("measured", "held")})
+        self.assertEqual([row["plant"] for row in rows], ["ideal"])
+
+    def test_measured_beside_simulated(self):
+        """Both estimates are compared, 0.2 N apart, although the simulation also has true forces; joints 0.05 rad."""
+        arrays = invent()
+        arrays["arm/wrench/has_contact_truth"][:] = 0
+        arrays["arm/wrench/estimated_force"][:, 1] += 0.2
+        arrays["arm/state/q"] = arrays["arm/state/q"] + 0.05
+        one = task_metrics.series_of(run_of(invent()))
+        other = task_metrics.series_of(run_of(arrays, plant="measured"))
+        for a, b in ((one, other), (other, one)):
+            found = task_metrics.difference(a, b)
+            self.assertAlmostEqual(found["f_rmse_n"], 0.2, places=6)
+            self.assertAlmostEqual(found["q_rmse_rad"], 0.05, places=6)
+        # Two simulations are compared by their true forces.
+        self.assertAlmostEqual(task_metrics.difference(one, dict(one))["f_rmse_n"], 0)
+        published = [
+            {"metric": "f_rmse_n", "value": 1.7, "text": ""},
+            {"metric": "q_rmse_rad", "value": 0.04, "text": ""},
+        ]
+        canvas = beside.figure(one, other, "arm", published, ("simulated", "measured"))
+        rows = [axis.get_title(loc="left") for axis in canvas.axes]
+        self.assertIn("difference [N], paper: ± 1.7 N", rows)
+        places = [line.get_ydata()[0] for line in canvas.axes[rows.index("difference [N], paper: ± 1.7 N")].lines[-2:]]
+        self.assertEqual(places, [-1.7, 1.7])
+        summary = {("measured", "a"): {"between_plants": task_metrics.difference(other, one)}}
+        (table,) = beside.table(summary, [{"name": "a", "label": "a"}], published, "measured")
+        self.assertIn("beyond", table)  # 0.05 rad
+        self.assertIn("within", table)
 
     def test_loss(self):
         arrays = invent()

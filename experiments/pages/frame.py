@@ -41,6 +41,17 @@ def verdict(results):
     return parts
 
 
+def arms_sentence(plan):
+    """Which arms `measured` means; virtual arms are named as such."""
+    arms = plan.get("arms") or []
+    if not arms:
+        return "The runs named measured are a log that was recorded elsewhere."
+    named = ", ".join(f"{a['arm']} at {a['address']}" for a in arms)
+    if all(a["on_this_computer"] for a in arms):
+        return f"The runs named measured are of virtual arms in another process ({named}): no real arm took part."
+    return f"The runs named measured are of the arms {named}."
+
+
 def published(plan, summary, plants, variants, number):
     """Figures of the paper next to this project's: the largest over variants, between plants and against the target."""
     if not plan["published"]:
@@ -64,16 +75,20 @@ def published(plan, summary, plants, variants, number):
             [
                 "the paper, simulation against real arm",
                 *(f"{p}, against target" for p in plants),
-                f"{plants[-1]} against {plants[0]}",
+                f"{plants[-1]} against {plants[-2] if plants[-1] == 'measured' else plants[0]}",
             ],
             rows,
             range(1, 2 + len(plants)),
         ),
         page.paragraph(
-            "The paper compares its simulation with a real arm; nothing here ran on one. The last column "
-            "corresponds to "
-            "it: two plants "
-            "under the same controllet. Ours are the largest of all variants and repeats."
+            (
+                "The paper compares its simulation with a real arm; the last column corresponds to it. "
+                + arms_sentence(plan)
+                if plants[-1] == "measured"
+                else "The paper compares its simulation with a real arm; nothing here ran on one. The last column "
+                "corresponds to it: two plants under the same controllet."
+            )
+            + " Ours are the largest of all variants and repeats."
         ),
     ]
 
@@ -106,7 +121,11 @@ def how(plan):
     if plan.get("set"):
         facts.append(("Set in every scene", "; ".join(f"{k} = {v}" for k, v in plan["set"].items())))
     facts.append(
-        ("Force", "true: the simulator's contact force; estimate: from joint torques. Limits are about the true one.")
+        (
+            "Force",
+            "true: the simulator's contact force; estimate: from joint torques. Limits are about the true one"
+            + (", of arms about the estimate." if "measured" in plan.get("plants", []) else "."),
+        )
     )
     facts += [(key, value) for key, value in plan["machine"].items()]
     parts.append(page.facts(facts))

@@ -137,12 +137,14 @@ _OF_LOCK_STEP = ("samples_missing", "delay_error_us", "delay_by_sequence_error_u
 
 def limits_of(plan):
     """The limits that hold for the backend of this run."""
-    if plan.get("backend") != "virtual":
+    if plan.get("backend") not in ("virtual", "fci"):
         return plan["limits"]
     out = []
     for limit in plan["limits"]:
         if limit["metric"] == "bystander_different":  # how many periods pass before an arm's first command, differs
             continue
+        if plan.get("backend") == "fci" and "switching" not in limit["variants"]:
+            continue  # the delay of an arm is not known
         if plan.get("pace") == "lockstep":
             out.append(limit)
             continue
@@ -312,8 +314,13 @@ def _sections(plan, results, variants, drawn):
             [
                 page.paragraph(
                     _way(plan)
-                    + f"The arms use a torque {first['configured_delay_ms']:g} ms after it was sent (fidelity set "
-                    f"{plan['runs'][0]['plant']}). Two measurements: (a) as in the "
+                    + (
+                        ""
+                        if plan.get("backend") == "fci"
+                        else f"The arms use a torque {first['configured_delay_ms']:g} ms after it was sent (fidelity "
+                        f"set {plan['runs'][0]['plant']}). "
+                    )
+                    + "Two measurements: (a) as in the "
                     "paper: torques sent and torques in use, interpolated linearly over the union of their time "
                     "stamps, "
                     "then cross-correlated, here for each "
@@ -402,7 +409,9 @@ def _paper_table(plan, results):
     whole = [c["whole_us"]["median"] for c in conditions.values()]
     if delays:
         ours["delay_ms"] = (
-            f"{_range(delays)} ms by the plant, as configured; computing adds {_range(whole)} µs on an arm"
+            f"{_range(delays)} ms, end to end"
+            if plan.get("backend") == "fci"
+            else f"{_range(delays)} ms by the plant, as configured; computing adds {_range(whole)} µs on an arm"
         )
     first = next(iter(conditions))
     parts = [
@@ -429,9 +438,8 @@ def _paper_table(plan, results):
     cpu = [c["usage"]["process_percent"]["median"] for c in conditions.values() if c["usage"].get("process_percent")]
     rows = [[line["text"], ours.get(line["metric"])] for line in plan["published"]]
     if cpu:
-        rows.append(
-            ["CPU of one core: small in the paper, which gives no number.", f"{_range(cpu, 2)} %, simulation included"]
-        )
+        simulation = "" if plan.get("backend") == "fci" else ", simulation included"
+        rows.append(["CPU of one core: small in the paper, which gives no number.", f"{_range(cpu, 2)} %{simulation}"])
     return page.Raw(
         "<h3>Comparison with the paper</h3>"
         + page.table(["the paper: two real arms, a 16-core mini PC", "this run"], rows)
@@ -527,6 +535,8 @@ def _input(plan):
 
 
 def _way(plan):
+    if plan.get("backend") == "fci":
+        return frame.arms_sentence(plan) + " End to end, per arm: client, network, arm, and back. "
     if plan.get("backend") != "virtual":
         return ""
     return (
@@ -535,6 +545,11 @@ def _way(plan):
 
 
 def _meaning(plan):
+    if plan.get("backend") == "fci":
+        return (
+            "Arms keep their own time: a torque that arrives too late for its period is used in a later one, or never "
+            "('not found'). Their own delay is not known, so no limit applies."
+        )
     if plan.get("backend") == "virtual" and plan.get("pace") == "lockstep":
         return (
             "The virtual arms run in lock-step: they wait for the torque. So the measured delay is that of the plant "
@@ -625,6 +640,14 @@ def _load_table(conditions):
 
 def _switch_text(s):
     different = s["bystander_different"]
+    if not s["bystander_cycles"]:
+        return [
+            page.paragraph(
+                "A request that arrives during a cycle is taken at the next boundary; the new law gives its first "
+                "torque in that same cycle. Arms cannot repeat a run to the bit, so the third arm of the scene was "
+                "not compared."
+            )
+        ]
     same = (
         f"identical to the bit in all {s['bystander_cycles']} cycles to a run in which nothing was switched"
         if different == 0

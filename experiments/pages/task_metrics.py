@@ -54,6 +54,8 @@ SIX = (
     ("f", "f_rmse_n", "f_max_n"),
     ("c_err", "c_err_rmse_nm", "c_err_max_nm"),
 )
+# What arms cannot measure: it needs poses of objects, or true forces.
+NOT_ON_ARMS = ("held", "slip_m", "tilt_rad", "lift_error_m", "energy_gain_w")
 IMPACT_S = 0.3  # after contact: the impact of the moving tool
 
 
@@ -195,6 +197,8 @@ def _energy(run, out):
         return
     t, energy = stored
     out["stored_energy_max_j"] = float(np.nanmax(energy))
+    if run.measured:  # the power from the environment is not known
+        return
     out["energy_gain_w"] = energy_gain(run, t, energy)
 
 
@@ -223,7 +227,10 @@ def _grasp(run, out):
     grasp = run.measure.get("grasp")
     if not grasp or run.window is None:
         return
-    t, p, q = run.object_pose(grasp["name"])
+    pose = run.object_pose(grasp["name"])
+    if pose is None:
+        return
+    t, p, q = pose
     inside = run.inside(t)
     if not inside.any():
         return
@@ -296,7 +303,7 @@ def _finite(figures):
 def series_of(run):
     """The six quantities in the window on a grid of their own, times from its beginning; for comparisons.
 
-    Force: the true one if a force is controlled, otherwise the estimate.
+    Force: the true one if a force is controlled and it is known, otherwise the estimate, which is also in "f_est".
     """
     if run.window is None or not run.window_is_whole:
         return None
@@ -305,20 +312,20 @@ def series_of(run):
     out = {}
     for arm in run.arms:
         t, q = run.state(arm, "q")
-        force = metrics.wrench(
-            run.run,
-            arm,
-            "contact" if run.forces else "estimated",
-            "has_contact_truth" if run.forces else "has_estimate",
-        )
+        estimate = metrics.wrench(run.run, arm, "estimated", "has_estimate")
+        true = metrics.wrench(run.run, arm, "contact", "has_contact_truth") if run.forces else None
+        force = estimate if run.measured or not run.forces else true
         series = {
             "q": (t, q),
             "dq": run.state(arm, "dq"),
             "tau": run.torque(arm),
             "x": run.pose(arm)[:2],
             "f": (force[0], force[1]) if force else None,
+            "f_est": (estimate[0], estimate[1]) if estimate else None,
             "c_err": run.control_error(arm),
         }
+        if run.measured:
+            series.pop("f")
         for key, pair in series.items():
             if pair is not None and pair[1] is not None:
                 out[arm, key] = np.column_stack(
@@ -328,9 +335,10 @@ def series_of(run):
 
 
 def difference(a, b):
-    """RMSE and largest difference of two runs' series, as six()."""
+    """RMSE and largest difference of two runs' series, as six(). Forces: the estimates, if one run has no others."""
     if a is None or b is None:
         return {}
+    a, b = comparable(a, b), comparable(b, a)
     out = {}
     for key, rmse, largest in SIX:
         parts = []
@@ -345,6 +353,19 @@ def difference(a, b):
             pooled = np.concatenate(parts)
             out[rmse], out[largest] = rms(pooled), float(np.max(np.abs(pooled)))
     return _finite(out)
+
+
+def comparable(a, b):
+    """`a` with its estimated forces as "f" where `b` has none but those."""
+    estimated = {arm for arm, name in b if name == "f_est" and (arm, "f") not in b}
+    own = {arm for arm, name in a if name == "f_est" and (arm, "f") not in a}
+    out = dict(a)
+    for arm in estimated | own:
+        if (arm, "f_est") in a:
+            out[arm, "f"] = a[arm, "f_est"]
+        else:
+            out.pop((arm, "f"), None)
+    return out
 
 
 def mean_series(many):

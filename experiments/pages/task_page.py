@@ -7,8 +7,8 @@ import pathlib
 
 import numpy as np
 
-from experiments.pages import frame, task_metrics, task_plots, verdicts
-from experiments.pages.task_run import TaskRun
+from experiments.pages import beside, frame, task_metrics, task_plots, verdicts
+from experiments.pages.task_run import MEASURED, TaskRun
 from report import page, style
 
 _runs = []  # of this process and of the workers that are forked from it
@@ -57,7 +57,7 @@ def summarize(plan, runs, series):
                 if len(mine) > 1
                 else []
             )
-            first = plan["plants"][0]
+            first = _simulated(plan["plants"])
             plants = (
                 [
                     task_metrics.difference(
@@ -82,6 +82,11 @@ def summarize(plan, runs, series):
                 "between_plants": task_metrics.pooled(plants),
             }
     return summary
+
+
+def _simulated(plants):
+    """The plant that the others are compared with: the first, or the one that a measured run corresponds to."""
+    return plants[-2] if plants[-1] == MEASURED and len(plants) > 1 else plants[0]
 
 
 def _draw(job):
@@ -148,7 +153,8 @@ def make(plan, folder):
     present = {r["variant"] for r in runs}
     variants = [v for v in plan["variants"] if v["name"] in present]
     plants = plan["plants"]
-    rows = verdicts.judge(plan["limits"], runs, variants, plants)
+    not_on_arms = {(MEASURED, metric) for metric in task_metrics.NOT_ON_ARMS}
+    rows = verdicts.judge(plan["limits"], runs, variants, plants, not_on_arms)
     summary = summarize(plan, runs, series)
     problems, notes = _problems(plan, rows, runs)
     results = {
@@ -165,6 +171,8 @@ def make(plan, folder):
         "runs": runs,
         "summary": list(summary.values()),
         "published": plan["published"],
+        "arms": plan.get("arms") or [],
+        "left_out": plan.get("left_out") or [],
         "machine": plan["machine"],
     }
 
@@ -189,6 +197,18 @@ def make(plan, folder):
         jobs.append(
             (f"runs_{v['name']}", task_plots.sheet, ({p: rows for p, rows in by_plant.items() if rows}, v["label"]))
         )
+    if MEASURED in plants:
+        simulated = _simulated(plants)
+        for v in variants:
+            pair = [places.get((p, v["name"], 1)) for p in (simulated, MEASURED)]
+            if None in pair:
+                continue
+            one, other = (series[i] for i in pair)
+            for arm in _runs[pair[1]].arms:
+                jobs.append(
+                    (f"beside_{v['name']}_{arm}", beside.figure,
+                     (one, other, arm, plan["published"], (f"simulated ({simulated})", "measured")))
+                )  # fmt: skip
     _draw.out = folder
     drawn = dict(_pool(_draw, sorted(jobs, key=lambda job: job[1] is not task_plots.sheet)))
     frame.write(folder, plan, results, _sections(plan, results, summary, variants, drawn, folder))
@@ -210,6 +230,7 @@ def _sections(plan, results, summary, variants, drawn, folder):
             "Verdict",
             [
                 *frame.verdict(results),
+                *_on_arms(plan),
                 *shown("limits", "Every limited figure: mean of the repeats, their span, and the limits."),
                 *_limit_table(results, variants),
             ],
@@ -228,9 +249,8 @@ def _sections(plan, results, summary, variants, drawn, folder):
                     "desired force "
                     "(without contact: the estimate against zero), control error C = τ_J_d − (τ_J − g)."
                     + (
-                        f" {plants[-1]} against {plants[0]}: the same repeat on both plants, as the paper compares "
-                        "simulation and "
-                        "real arm."
+                        f" {plants[-1]} against {_simulated(plants)}: the same repeat on both plants, as the paper "
+                        "compares simulation and real arm."
                         if len(plants) > 1
                         else ""
                     )
@@ -241,6 +261,24 @@ def _sections(plan, results, summary, variants, drawn, folder):
             ],
         )
     )
+    if MEASURED in plants:
+        pictures = [
+            part
+            for v in variants
+            for arm in sorted({arm for run in plan["runs"] for arms in run["instance_arms"].values() for arm in arms})
+            for part in shown(f"beside_{v['name']}_{arm}", f"{v['label']}, arm '{arm}', first repeat.")
+        ]
+        sections.append(
+            (
+                "beside",
+                "Measured beside simulated",
+                [
+                    page.paragraph(frame.arms_sentence(plan) + " Forces of both are the estimated ones."),
+                    *beside.table(summary, variants, plan["published"], MEASURED),
+                    *pictures,
+                ],
+            )
+        )
     if drawn.get("paths"):
         sections.append(
             ("paths", "Paths", shown("paths", "Path of the end effector in the window, seen from above, first repeat."))
@@ -251,7 +289,7 @@ def _sections(plan, results, summary, variants, drawn, folder):
             sections.append(
                 (
                     f"v-{v['name']}",
-                    v["label"][:1].upper() + v["label"][1:],
+                    v["label"][:1].upper() + v["label"][1:] if v["label"][:1].isascii() else v["label"],
                     [
                         *([page.paragraph(f"Changed in the scene: {changed}.")] if changed else []),
                         *shown(
@@ -265,6 +303,28 @@ def _sections(plan, results, summary, variants, drawn, folder):
     sections.append(("runs", "Runs", [_run_table(results)]))
     sections.append(("how", "How it was measured", frame.how(plan)))
     return sections
+
+
+def _on_arms(plan):
+    """What a reader must know about figures of arms."""
+    if MEASURED not in plan["plants"]:
+        return []
+    limited = {row["metric"] for row in plan["limits"]}
+    absent = [task_metrics.NAMES[name][0] for name in task_metrics.NOT_ON_ARMS if name in limited]
+    lines = [
+        frame.arms_sentence(plan)
+        + " Their forces are those that the arm estimates from its joint torques: nothing measures the true ones. "
+        + (
+            f"The limits are those of the plant {plan['plants'][0]}."
+            if plan.get("arms")
+            else "No limit applies to them."
+        )
+    ]
+    if absent:
+        lines.append("Not measured on arms, and not judged there: " + ", ".join(absent) + ".")
+    if plan.get("left_out"):
+        lines.append("Left out, since they change the simulated plant: " + ", ".join(plan["left_out"]) + ".")
+    return [page.box(lines, fine=True)]
 
 
 def _limit_table(results, variants):
@@ -309,7 +369,7 @@ def _six_table(plan, summary, variants):
             for values, what in (
                 *parts,
                 (entry["between_repeats"], "mean of repeats"),
-                (entry["between_plants"], plan["plants"][0]),
+                (entry["between_plants"], _simulated(plan["plants"])),
             ):
                 if not any(rmse in values for _, rmse, _ in task_metrics.SIX):
                     continue

@@ -2,6 +2,7 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from experiments.pages import task_metrics
 from report import metrics, series, style
@@ -87,7 +88,7 @@ def six_bars(summary, variants, plants, published):
         names, colors = [f"{p}, against target" for p in plants], [color(p, plants) for p in plants]
         if len(plants) > 1:
             groups.append(values(plants[-1], "between_plants"))
-            names.append(f"{plants[-1]} against {plants[0]}")
+            names.append(f"{plants[-1]} against {plants[-2] if plants[-1] == 'measured' else plants[0]}")
             colors.append(BETWEEN)
         _bars(axis, groups, names, colors)
         for line in published:
@@ -104,8 +105,9 @@ def six_bars(summary, variants, plants, published):
         axis.set_ylim(bottom=0)
         _ticks(axis, variants)
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncol=len(labels), bbox_to_anchor=(0.5, 0.0))
-    figure.tight_layout(rect=(0, 0.3 / figure.get_size_inches()[1], 1, 1), h_pad=1.0)
+    lines = 1 if len(labels) <= 4 else 2  # what one line has room for
+    figure.legend(handles, labels, loc="lower center", ncol=-(-len(labels) // lines), bbox_to_anchor=(0.5, 0.0))
+    figure.tight_layout(rect=(0, (0.1 + 0.2 * lines) / figure.get_size_inches()[1], 1, 1), h_pad=1.0)
     return figure
 
 
@@ -256,12 +258,17 @@ def sheet(runs_by_plant, label):
         axes[0][column].set_title(f"{plant}: {axes[0][column].get_title(loc='left')}", loc="left")
         axes[-1][column].set_xlabel("time [s]")
         axes[-1][column].set_xlim(*first.run.time_range)
+        if len(plants) > 2:  # narrow columns, whose last number would meet the next first one
+            axes[-1][column].xaxis.set_major_locator(MaxNLocator(3, integer=True))
     for row in range(len(rows)):
         if getattr(axes[row][0], "from_zero", False):  # only now are all plots that share the axis drawn
             axes[row][0].set_ylim(0, None)
-        handles, labels = axes[row][0].get_legend_handles_labels()
-        if handles:
-            axes[row][-1].legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+        shown = {}  # of all plants: arms show other things than simulations
+        for axis in axes[row]:
+            for handle, name in zip(*axis.get_legend_handles_labels()):
+                shown.setdefault(name, handle)
+        if shown:
+            axes[row][-1].legend(shown.values(), shown.keys(), loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return figure
 
 
@@ -277,7 +284,8 @@ def _draw_force(axis, runs):
         _line(
             axis, force["t"], force["estimate"], color=ESTIMATE, linewidth=0.8, linestyle=looks, label=f"estimate{who}"
         )
-        _line(axis, force["t"], force["true"], color=TRUE, linewidth=1.0, linestyle=looks, label=f"true{who}")
+        if not run.measured:
+            _line(axis, force["t"], force["true"], color=TRUE, linewidth=1.0, linestyle=looks, label=f"true{who}")
         if force is run.forces[-1]:
             _line(
                 axis, force["t"], force["desired"], color=DESIRED, linewidth=0.9, linestyle=(0, (4, 2)), label="desired"
@@ -299,7 +307,8 @@ def _draw_force_error(axis, runs):
     old = getattr(axis.figure, "_force_error_limit", 0.0)
     axis.figure._force_error_limit = limit = max(limit, old)
     axis.set_ylim(-limit, limit)
-    axis.set_title("true minus desired force, all repeats" if len(runs) > 1 else "true minus desired force")
+    which = "estimated" if runs[0].measured else "true"
+    axis.set_title(f"{which} minus desired force" + (", all repeats" if len(runs) > 1 else ""))
     axis.set_ylabel("error [N]")
 
 
@@ -326,9 +335,14 @@ def _draw_path_error(axis, runs):
 def _draw_lift(axis, runs):
     run = runs[0]
     grasp = run.measure["grasp"]
-    t, p, _ = run.object_pose(grasp["name"])
+    pose = run.object_pose(grasp["name"])
     target = run.target(grasp["instance"], grasp["input"])
-    _line(axis, t, 1e3 * (p[:, 2] - p[0, 2]), color=TRUE, label=f"{grasp['name']}, up")
+    if pose is not None:
+        _line(axis, pose[0], 1e3 * (pose[1][:, 2] - pose[1][0, 2]), color=TRUE, label=f"{grasp['name']}, up")
+    else:  # the hands show what they carry
+        for arm, looks in zip(run.arms, _arm_styles(run)):
+            t, p, _ = run.pose(arm)
+            _line(axis, t, 1e3 * (p[:, 2] - p[0, 2]), color=ESTIMATE, linestyle=looks, label=f"hand, {arm}, up")
     if target is not None:
         _line(
             axis,
@@ -345,7 +359,11 @@ def _draw_lift(axis, runs):
 
 def _draw_tilt(axis, runs):
     for number, run in enumerate(runs):
-        t, _, q = run.object_pose(run.measure["grasp"]["name"])
+        pose = run.object_pose(run.measure["grasp"]["name"])
+        if pose is None:
+            axis.text(0.5, 0.5, "not measured on arms", transform=axis.transAxes, ha="center", color=style.FAINT)
+            break
+        t, _, q = pose
         tilt = np.linalg.norm(metrics.rotation_error(np.repeat(q[:1], len(q), axis=0), q), axis=1)
         _line(axis, t, np.degrees(tilt), color="#7b3fa0", alpha=1 if number == 0 else 0.25, linewidth=0.9)
     axis.set_title("rotation of the object since the start")

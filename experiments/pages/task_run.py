@@ -8,6 +8,9 @@ import numpy as np
 from report import loading, metrics
 
 TOUCHING_N = 0.1  # true contact force above which a tool touches
+TOUCHING_EST_N = 2.0  # the same for an estimated force, which is never quite zero, for TOUCHING_EST_S
+TOUCHING_EST_S = 0.02
+MEASURED = "measured"  # the plant of runs on arms, which have no true forces and no poses of objects
 
 
 class TaskRun:
@@ -24,11 +27,19 @@ class TaskRun:
     repeat = property(lambda self: self.entry["repeat"])
     arms = property(lambda self: self.run.arms)
 
+    @property
+    def measured(self):
+        """Whether the run was on arms: its forces are the estimated ones."""
+        return self.plant == MEASURED
+
     # Forces ----------------------------------------------------------------------------------------------------------
 
     @cached_property
     def forces(self):
-        """Per controlled force: {"arm", "t", "desired", "true", "estimate"} along its direction, each (N) [N]."""
+        """Per controlled force: {"arm", "t", "desired", "true", "estimate"} along its direction, each (N) [N].
+
+        On arms `true` is the estimate, too.
+        """
         out = []
         for item in self.measure.get("force") or []:
             arm, direction = item["arm"], np.array(item["direction"], dtype=float)
@@ -37,6 +48,8 @@ class TaskRun:
                 metrics.wrench(self.run, arm, "contact", "has_contact_truth"),
                 metrics.wrench(self.run, arm, "estimated", "has_estimate"),
             )
+            if true is None and self.measured:
+                true = estimate
             if t is None or true is None:
                 raise ValueError(f"the log of {self.entry['name']} has no contact force of arm {arm}")
             topic = f"{item['instance']}/outputs/{item['desired']}"
@@ -63,8 +76,7 @@ class TaskRun:
         """Time of each arm's first contact in `force` [s]; NaN: never."""
         times = []
         for force in self.forces:
-            touching = np.flatnonzero(force["true"] > TOUCHING_N)
-            times.append(float(force["t"][touching[0]]) if len(touching) else float("nan"))
+            times.append(first_touch(force["t"], force["true"], self.measured))
         return times
 
     @cached_property
@@ -199,12 +211,24 @@ class TaskRun:
     # Objects ---------------------------------------------------------------------------------------------------------
 
     def object_pose(self, name):
-        """t, position (N x 3), quaternion w x y z (N x 4) of a free object."""
+        """t, position (N x 3), quaternion w x y z (N x 4) of a free object; None on arms, which do not know it."""
+        if self._objects is None and self.measured:
+            return None
         if self._objects is None:
             raise ValueError(f"no object was traced in {self.entry['name']}")
         with np.load(self._objects) as archive:
             rows = archive[f"{name}/pose"]
         return rows[:, 0], rows[:, 1:4], rows[:, 4:8]
+
+
+def first_touch(t, force, estimated):
+    """Time of the first contact by a force along its direction [s]; NaN: never. An estimate has to last."""
+    if not estimated:
+        touching = np.flatnonzero(force > TOUCHING_N)
+        return float(t[touching[0]]) if len(touching) else float("nan")
+    rows = max(1, round(TOUCHING_EST_S / float(np.median(np.diff(t)))))
+    lasting = np.convolve(np.nan_to_num(force) > TOUCHING_EST_N, np.ones(rows), "valid") >= rows
+    return float(t[np.argmax(lasting)]) if lasting.any() else float("nan")
 
 
 def rotate(q, v):

@@ -7,8 +7,8 @@ def chosen(limit, variants):
     return [v for v in variants if (set(names) & set(v["tags"]) if names else not v["reported"])]
 
 
-def judge(limits, runs, variants, plants):
-    """One row per limit, plant and variant: the worst repeat counts.
+def judge(limits, runs, variants, plants, left_out=()):
+    """One row per limit, plant and variant: the worst repeat counts. No row for `left_out`: pairs of plant and metric.
 
     limits, variants: of the plan; runs: [{"plant", "variant", "repeat", "metrics": {...}}]; plants: [""] if none.
     """
@@ -16,7 +16,7 @@ def judge(limits, runs, variants, plants):
     for limit in limits:
         for bound, worst_of in (("at_most", max), ("at_least", min)):
             for plant in plants:
-                if plant not in limit[bound]:
+                if plant not in limit[bound] or (plant, limit["metric"]) in left_out:
                     continue
                 value = limit[bound][plant]
                 for variant in chosen(limit, variants):

@@ -1,0 +1,33 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "experiments/experiment.hpp"
+#include "experiments/kinds.hpp"
+
+namespace multipanda {
+
+// A log of arms that is shown beside the simulated runs of a variant.
+struct BesideLog {
+  const ExperimentVariant* variant = nullptr;
+  std::size_t repeat = 1;
+  std::filesystem::path log;
+};
+
+// The logs that `--beside` names: "VARIANT=LOG", "LOG" if only one variant runs, or the folder of an
+// experiment on arms, which has a log of each variant and repeat. Throws std::invalid_argument: no such log
+// or variant.
+std::vector<BesideLog> beside_logs(const std::vector<std::string>& named,
+                                   const std::vector<const ExperimentVariant*>& variants);
+
+// Exports the log to `folder`/data, and returns the run as the page's plan has it. `like`: the same variant's
+// run in simulation. The timeline is that of the scene in the log. Throws std::runtime_error (unreadable) or
+// std::invalid_argument (another scene's arms).
+nlohmann::ordered_json beside_run(const BesideLog& log, const nlohmann::ordered_json& like,
+                                  const std::filesystem::path& folder);
+
+}  // namespace multipanda

@@ -1,0 +1,161 @@
+#include "experiments/on_arms.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "device/arm_settings.hpp"
+#include "scene/build.hpp"
+
+namespace multipanda {
+namespace {
+
+// To three digits, and never "-0.000".
+double rounded(double value) { return std::round(value * 1e3) * 1e-3 + 0.0; }
+
+std::string point_text(const Vector3& p) {
+  return fmt::format("({:.3f}, {:.3f}, {:.3f}) m", rounded(p.x()), rounded(p.y()), rounded(p.z()));
+}
+
+std::string pose_text(const Pose& X) {
+  const Matrix3& R = X.rotation;
+  const double roll = std::atan2(R(2, 1), R(2, 2)), pitch = std::asin(std::clamp(-R(2, 0), -1.0, 1.0)),
+               yaw = std::atan2(R(1, 0), R(0, 0));
+  std::string text = point_text(X.position);
+  if (std::max({std::abs(roll), std::abs(pitch), std::abs(yaw)}) > 1e-4)
+    text += fmt::format(", turned by roll {:.3f}, pitch {:.3f}, yaw {:.3f} rad", rounded(roll),
+                        rounded(pitch), rounded(yaw));
+  return text;
+}
+
+std::string shape_of(const SceneObject& object) {
+  const Vector3& size = object.size;
+  switch (object.shape) {
+    case ShapeType::box:
+      return fmt::format("box of {:g} x {:g} x {:g} m", size.x(), size.y(), size.z());
+    case ShapeType::sphere:
+      return fmt::format("sphere of {:g} m diameter", size.x());
+    case ShapeType::cylinder:
+      return fmt::format("cylinder of {:g} m diameter, {:g} m long", size.x(), size.z());
+    case ShapeType::capsule:
+      return fmt::format("capsule of {:g} m diameter, {:g} m long", size.x(), size.z());
+    case ShapeType::plane:
+      break;
+  }
+  return "plane";
+}
+
+std::string list_of(const JointVector& values) {
+  std::vector<double> list(values.begin(), values.end());
+  return fmt::format("{:g}", fmt::join(list, ", "));
+}
+
+}  // namespace
+
+Experiment for_arms(Experiment experiment, std::vector<std::string>& left_out) {
+  const auto& plants = experiment.plants;
+  const std::string simulated =
+      std::find(plants.begin(), plants.end(), "realistic") != plants.end() ? "realistic" : plants.back();
+  experiment.plants = {simulated, kMeasured};
+  for (auto& limit : experiment.limits) {
+    for (auto* bounds : {&limit.at_most, &limit.at_least}) {
+      if (const auto found = bounds->find(simulated); found != bounds->end())
+        (*bounds)[kMeasured] = found->second;
+    }
+  }
+  for (auto& change : experiment.vary) {
+    if (!change.key.starts_with("arms.") || change.key.find(".start_rad") == std::string::npos)
+      change.by = 0;  // still drawn, so that the starts are the same
+  }
+  std::erase_if(experiment.variants, [&](const ExperimentVariant& variant) {
+    const bool plant = std::any_of(variant.set.begin(), variant.set.end(), [](const Override& change) {
+      return change.key == "plant" || change.key.starts_with("plant.");
+    });
+    if (plant) left_out.push_back(variant.name);
+    return plant;
+  });
+  if (experiment.variants.empty())
+    throw std::invalid_argument(experiment.name +
+                                ": every variant changes the simulated plant; none runs on arms");
+  return experiment;
+}
+
+BackendOptions backend_of(const Scene& scene, const BackendOptions& options) {
+  for (const auto& arm : scene.arms) {
+    if (!arm.fci ||
+        std::ranges::any_of(options.addresses, [&](const auto& each) { return each.first == arm.name; }))
+      continue;
+    throw std::invalid_argument(
+        fmt::format("arm '{0}' has the address {1} in its scene, but no --address; add --address {0}={1}, so "
+                    "that it is known "
+                    "which arms move",
+                    arm.name, arm.fci->address));
+  }
+  BackendOptions backend = options;
+  std::erase_if(backend.addresses, [&](const auto& address) {
+    return std::ranges::none_of(scene.arms, [&](const SceneArm& arm) { return arm.name == address.first; });
+  });
+  backend.kind = backend.addresses.size() == scene.arms.size() ? BackendKind::fci : BackendKind::as_scene;
+  return backend;
+}
+
+void check_addresses_of_all(const Scene& scene, const BackendOptions& options) {
+  for (const auto& arm : scene.arms) {
+    if (std::ranges::any_of(options.addresses, [&](const auto& each) { return each.first == arm.name; }))
+      continue;
+    throw std::invalid_argument(fmt::format("arm '{0}' has no address; add --address {0}=ADDRESS", arm.name));
+  }
+}
+
+void check_for_arms(const Scene& scene, const std::string& variant) {
+  for (const auto& event : scene.timeline) {
+    if (event.what != TimelineEvent::What::place) continue;
+    throw std::invalid_argument(fmt::format(
+        "variant '{}': the timeline places the object '{}' at {:g} s, which only a simulation does; run this "
+        "experiment on simulated arms",
+        variant, event.object, event.at_s));
+  }
+}
+
+std::vector<PlacedObject> objects_to_place(const Scene& scene) {
+  std::vector<PlacedObject> list;
+  for (const auto& object : scene.objects) {
+    if (object.shape == ShapeType::plane) continue;
+    std::string text = fmt::format("{}: {}, {}", object.name, shape_of(object),
+                                   object.fixed ? "fixed" : fmt::format("free, {:g} kg", object.mass));
+    text += fmt::format(", friction {:g}", object.friction);
+    if (object.contact)
+      text += fmt::format(", surface of {:g} kN/m", object.contact->stiffness_n_per_m * 1e-3);
+    for (const auto& arm : scene.arms) {
+      const Pose X_BO = arm.X_WB.inverse() * object.X_WO;
+      text += fmt::format("\n    its center at {} in the base frame of arm '{}'", pose_text(X_BO), arm.name);
+      if (object.shape == ShapeType::box && X_BO.rotation.isApprox(Matrix3::Identity(), 1e-4))
+        text += fmt::format(" (upper face at z = {:.3f} m)", X_BO.position.z() + object.size.z() / 2);
+    }
+    list.push_back({.name = object.name, .text = text});
+  }
+  return list;
+}
+
+std::string describe_arm(const SceneArm& arm) {
+  std::string text =
+      fmt::format("arm '{}' at {}: {}, {}", arm.name, arm.fci ? arm.fci->address : "(simulated)", arm.model,
+                  arm.hand ? "with its hand" : "without hand");
+  if (arm.tool.mass > 0)
+    text += fmt::format(", a tool of {:g} kg with its center of mass at {} in the flange", arm.tool.mass,
+                        point_text(arm.tool.p_FC));
+  if (arm.load_declared.mass > 0) text += fmt::format(", a payload of {:g} kg", arm.load_declared.mass);
+  text += fmt::format("\n    end effector at {} in the flange", pose_text(arm_config(arm).frames.X_FE));
+  const bool kept = !arm.collision && arm.fci && arm.fci->keep_collision_thresholds;
+  if (kept) return text + "\n    its thresholds are left as an earlier program has set them";
+  const auto limits = arm.collision.value_or(careful_thresholds(*build_arm_model(arm)));
+  std::vector<double> wrench(limits.nominal.wrench_upper.begin(), limits.nominal.wrench_upper.end());
+  return text + fmt::format("\n    stops itself above [{:g}] N, N m at K and [{}] N m at the joints ({})",
+                            fmt::join(wrench, ", "), list_of(limits.nominal.torque_upper),
+                            arm.collision ? "'collision' of the scene" : "the default of arms");
+}
+
+}  // namespace multipanda
