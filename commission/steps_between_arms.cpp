@@ -1,0 +1,152 @@
+#include <cmath>
+#include <fstream>
+#include <limits>
+
+#include <fmt/format.h>
+
+#include "commission/limits.hpp"
+#include "commission/rigid_fit.hpp"
+#include "commission/scene_base.hpp"
+#include "commission/tour.hpp"
+#include "scene/load.hpp"
+
+// Where the bases stand to each other: laws that couple arms turn millimeters between them into squeezing
+// force.
+namespace multipanda::commission {
+namespace {
+
+// The end effector's origin in the arm's base, at rest; the arm is led by hand meanwhile.
+Vector3 tip_in_base(Context& context, ArmIndex arm) {
+  ArmsRun& run = *context.run;
+  const std::size_t n = run.joint_count(arm);
+  int still = 0;
+  constexpr int kStill = 30;  // samples of 10 cycles
+  (void)run.watch(kGuideWait_s, 10, [&](const Track& track) {
+    double fastest = 0;
+    for (std::size_t j = 0; j < n; ++j) fastest = std::max(fastest, std::abs(track.arms[arm].back().dq[j]));
+    still = fastest < kStillSpeed ? still + 1 : 0;
+    return still >= kStill;
+  });
+  if (still < kStill)
+    throw ArmLeft(
+        fmt::format("arm '{}' did not rest on the point within {:g} s", context.arm(arm).name, kGuideWait_s));
+  const JointVector q = run.watch(0.2).mean(arm, &ArmSample::q, n);
+  ModelTerms terms = run.terms(arm);
+  terms.update(q, JointVector::Zero(q.size()));
+  return context.arm(arm).X_WB.inverse() * terms.X_WE().position;
+}
+
+std::vector<Vector3> led_points(Context& context, ArmIndex arm, int count) {
+  const std::string& name = context.arm(arm).name;
+  std::vector<Vector3> points;
+  context.person.ready(
+      fmt::format("bases.{}", name),
+      fmt::format("Take the hand of arm '{}'. After this key it can be led; the other arms stay in hold.",
+                  name));
+  context.run->lead(arm, Law::guide);
+  for (int k = 1; k <= count; ++k) {
+    context.person.ready(
+        fmt::format("bases.{}.{}", name, k),
+        fmt::format("Put the tip of arm '{}' on point {} of {}, hold it still; then this key.", name, k,
+                    count));
+    points.push_back(tip_in_base(context, arm));
+    context.say(fmt::format("  point {}: [{:.4f}, {:.4f}, {:.4f}] m in its base", k, points.back().x(),
+                            points.back().y(), points.back().z()));
+  }
+  context.person.ready(
+      fmt::format("bases.{}.away", name),
+      fmt::format("Lead arm '{}' away from the points, hold it still; then this key: it is held there.",
+                  name));
+  context.run->lead(arm, Law::hold);
+  return points;
+}
+
+Json row(const Vector3& v) { return {v.x(), v.y(), v.z()}; }
+
+StepResult run_bases(Context& context) {
+  StepResult result;
+  const auto count = static_cast<int>(
+      context.person.number("bases.points",
+                            fmt::format("Mark points that all arms reach (dimples in a plate, not in a line, "
+                                        "{:.0f} cm or more apart). How many? {} to {}",
+                                        300 * kBaseWidth_m, kFewestPoints, kMostPoints),
+                            kFewestPoints, kMostPoints));
+  const auto first = led_points(context, 0, count);
+  std::string text = context.setup.scene.text;
+  for (ArmIndex i = 1; i < context.arm_count(); ++i) {
+    const std::string& name = context.arm(i).name;
+    const auto points = led_points(context, i, count);
+    const RigidFit fit = fit_rigid(first, points);
+    const Pose X_WB = context.arm(0).X_WB * fit.X_AB;
+    const Vector6 moved = pose_error(X_WB, context.arm(i).X_WB);
+    std::string each;
+    for (const double residual : fit.residual_m)
+      each += fmt::format("{}{:.1f}", each.empty() ? "" : ", ", 1e3 * residual);
+    result.add({.arm = name,
+                .quantity = "width of the points beside their line",
+                .value = 1e3 * fit.width_m,
+                .unit = "mm",
+                .limit = 1e3 * kBaseWidth_m,
+                .at_least = true,
+                .found = "they lie nearly on a line: the rotation about it is unknown",
+                .remedy = "choose points that span a triangle or a square"});
+    result.add({.arm = name,
+                .quantity = "residual of the points, rms",
+                .value = 1e3 * fit.rms_m,
+                .unit = "mm",
+                .limit = 1e3 * kBaseResidual_m,
+                .found = "of the points: " + each + " mm",
+                .remedy = "repeat the worst point; check 'end_effector' of both arms: the tip must be the "
+                          "point that touches"});
+    result.readings.push_back({.arm = name,
+                               .quantity = "uncertain rotation about the line of the points",
+                               .value = 1e3 * fit.angle_rad,
+                               .unit = "mrad",
+                               .limit = kShown});
+    result.add({.arm = name,
+                .quantity = "base away from the scene's",
+                .value = 1e3 * moved.head<3>().norm(),
+                .unit = "mm",
+                .limit = 1e3 * kBaseMoved_m,
+                .found = "another scene, or points of different order",
+                .remedy = "measure the bases with a tape and correct the scene, then repeat"});
+    result.readings.push_back({.arm = name,
+                               .quantity = "base turned from the scene's",
+                               .value = 180 / M_PI * moved.tail<3>().norm(),
+                               .unit = "degrees",
+                               .limit = kShown});
+    result.measured[name] = {{"residual_m", fit.residual_m},
+                             {"position_m", row(X_WB.position)},
+                             {"rpy_rad", row(rpy_of(X_WB.rotation))},
+                             {"scene_position_m", row(context.arm(i).X_WB.position)},
+                             {"scene_rpy_rad", row(rpy_of(context.arm(i).X_WB.rotation))}};
+    if (result.verdict == Verdict::no_go) return result;
+    text = with_base(
+        text, name, X_WB,
+        fmt::format("base of '{}' from {} common points, residual {:.2f} mm", name, count, 1e3 * fit.rms_m));
+  }
+  const auto file = context.setup.folder / "scene.yaml";
+  std::ofstream(file) << text;
+  try {
+    (void)open_scene(file.string());
+    result.notes.push_back("the measured bases are in " + file.string());
+  } catch (const std::exception& error) {
+    result.notes.push_back("the measured bases are in " + file.string() +
+                           ", which can be used beside the files that it names: " + error.what());
+  }
+  return result;
+}
+
+}  // namespace
+
+void add_steps_between_arms(std::vector<Step>& steps, const TourSetup& setup) {
+  steps.push_back(
+      {"bases", "Where the bases stand to each other",
+       fmt::format("You lead the tip of each of the {} arms to the same points. Nothing moves by itself. "
+                   "No-go: a residual above {:g} mm (rms), points within {:.0f} mm "
+                   "of a line, or a base more than {:.0f} mm from the scene's.",
+                   setup.scene.arms.size(), 1e3 * kBaseResidual_m, 1e3 * kBaseWidth_m, 1e3 * kBaseMoved_m),
+       true, false, run_bases});
+}
+
+}  // namespace multipanda::commission
