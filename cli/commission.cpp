@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <atomic>
 #include <fcntl.h>
 #include <filesystem>
@@ -14,6 +15,7 @@
 #include "runtime/backends.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
+#include "support/address.hpp"
 #include "support/signals.hpp"
 
 namespace multipanda::cli {
@@ -104,6 +106,11 @@ int run(CommissionOptions options) {
                        "' has not seven joints; the control interface is that of Franka's arms");
     setup.addresses.push_back(arm.fci->address);
   }
+  for (const auto& arm : setup.scene.arms) {
+    if (arm.loosened.empty()) continue;
+    throw UsageError("commission: the scene loosens limits of arm '" + arm.name + "': " +
+                     arm.loosened.front() + "; the first hour keeps those of the manufacturer: take it out");
+  }
   if (state.is_null())
     state = commission::new_state(setup);
   else
@@ -129,6 +136,7 @@ int run(CommissionOptions options) {
   };
   commission::Person person({.file = file,
                              .named = named,
+                             .early = std::ranges::all_of(setup.addresses, is_on_this_computer),
                              .source = "the answers of " + options.answers,
                              .show =
                                  [&](const std::string& id, const std::string& text) {
@@ -178,7 +186,12 @@ int run(CommissionOptions options) {
   } catch (const std::exception& error) {
     console.line(std::string("no page: ") + error.what());
   }
-  console.line(complete ? "all steps are done: go"
+  std::string left_out;
+  for (const auto& [id, result] : end.state["steps"].items()) {
+    if (result["verdict"] == "skipped") left_out += " " + id;
+  }
+  console.line(complete ? "all steps are done: go" +
+                              (left_out.empty() ? "" : "; skipped, so not known:" + left_out)
                         : fmt::format("ended at '{}' ({}); go on with: multipanda commission --resume {}",
                                       end.step, to_string(end.verdict), folder.string()));
   if (!page.empty()) console.line("page: " + page);

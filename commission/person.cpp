@@ -20,11 +20,7 @@ std::string trimmed(const std::string& text) {
 }  // namespace
 
 std::optional<std::string> Person::line() {
-  // A key that was pressed before the question was read answers nothing.
-  if (!options_.named && isatty(options_.file) != 0) {
-    (void)tcflush(options_.file, TCIFLUSH);
-    rest_.clear();
-  }
+  if (!options_.named && isatty(options_.file) != 0) forget_keys();
   for (;;) {
     if (const auto end = rest_.find('\n'); end != std::string::npos) {
       std::string found = trimmed(rest_.substr(0, end));
@@ -47,7 +43,32 @@ std::optional<std::string> Person::line() {
   }
 }
 
+bool Person::is_answered() const {
+  pollfd waiting{options_.file, POLLIN, 0};
+  return !rest_.empty() || (::poll(&waiting, 1, 0) > 0 && (waiting.revents & POLLIN) != 0);
+}
+
+// A key that was pressed before the question was read answers nothing, nor one that bounces, is pressed twice
+// or kept down: keys count from a pause on.
+void Person::forget_keys() {
+  constexpr int kLook_ms = 100, kLooks = 3;
+  for (int quiet = 0; quiet < kLooks;) {
+    if (options_.meanwhile) options_.meanwhile();
+    (void)tcflush(options_.file, TCIFLUSH);
+    pollfd waiting{options_.file, POLLIN, 0};
+    const bool pressed = ::poll(&waiting, 1, kLook_ms) > 0 && (waiting.revents & POLLIN) != 0;
+    quiet = pressed ? 0 : quiet + 1;
+  }
+  rest_.clear();
+}
+
 std::string Person::answer(const std::string& id, const std::string& text) {
+  if (options_.named && !options_.early && is_answered()) {
+    throw Ended(
+        fmt::format("{}: an answer was there before '{}' was asked; with real arms each answer comes after "
+                    "its question, from a terminal or a pipe",
+                    options_.source, id));
+  }
   options_.show(id, text);
   const std::optional<std::string> read = line();
   if (!read) {

@@ -22,6 +22,9 @@ class Person {
   struct Options {
     int file = 0;        // descriptor to read from
     bool named = false;  // lines name their question
+    // With `named`: an answer may be there before its question. For virtual arms only; for others it is
+    // refused, because whoever wrote it has not seen the arm.
+    bool early = false;
     std::string source;  // for messages: "the answers of answers.txt"
     std::function<void(const std::string& id, const std::string& text)> show;  // presents a question
     std::function<void()> meanwhile;                                           // see meanwhile()
@@ -39,6 +42,8 @@ class Person {
   std::string answer(const std::string& id, const std::string& text);
   void refuse(const std::string& id, const std::string& found, const std::string& expected) const;
   std::optional<std::string> line();  // none: the end of the input
+  bool is_answered() const;           // something can be read already
+  void forget_keys();
 
   Options options_;
   std::string rest_;  // read, and not yet a line
