@@ -59,7 +59,7 @@ Scene commission_scene(Scene scene) {
   scene.active.clear();
   scene.timeline.clear();
   scene.duration_s = 0;
-  scene.contact_bounds.hand_speed = std::min(scene.contact_bounds.hand_speed, kHandSpeed);
+  scene.contact_bounds = tighter(scene.contact_bounds, ContactBounds{.hand_speed = kHandSpeed});
   for (ArmIndex i = 0; i < scene.arms.size(); ++i) {
     SceneArm& arm = scene.arms[i];
     for (const auto& [law, type] : kLaws) {
@@ -109,6 +109,7 @@ void ArmsRun::take(const CycleRecord& record) {
 
 void ArmsRun::start() {
   session_->start();
+  started_ = true;
   const HostTime begin = host_now();
   std::unique_lock lock(mutex_);
   const auto all_seen = [this] {
@@ -136,8 +137,12 @@ void ArmsRun::start() {
   expected_from_ = cycle_ + 1;
 }
 
+void ArmsRun::halt() {
+  if (started_ && !ended_) session_->modes().stop(ArmSet::all(arm_count()));
+}
+
 void ArmsRun::end() {
-  if (ended_) return;
+  if (ended_ || !started_) return;
   ended_ = true;
   session_->stop();
   while (!session_->wait_for_end(1)) {
@@ -159,6 +164,17 @@ std::string ArmsRun::why_left(ArmIndex arm) const {
   if (expected_[arm] != kNoInstance && cycle_ >= expected_from_ && now.owner != expected_[arm]) {
     return fmt::format("arm '{}' was taken from '{}' and is held: a limit or the safety stage acted", name,
                        session_->layout().instances[expected_[arm]].name);
+  }
+  if (expected_[arm] != kNoInstance && expected_[arm] == instance(arm, Law::guide)) {
+    const double fastest = std::abs(*std::max_element(
+        now.dq.begin(), now.dq.begin() + 4, [](double a, double b) { return std::abs(a) < std::abs(b); }));
+    if (!(fastest <= kGuideSpeed)) {
+      return fmt::format(
+          "arm '{}' turned a joint by {:.1f} rad/s while it was led, expected {:g} rad/s at most: it falls "
+          "or "
+          "rises (a wrong load), or it was led too fast; it is held",
+          name, fastest, kGuideSpeed);
+    }
   }
   return {};
 }

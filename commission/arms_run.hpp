@@ -33,7 +33,8 @@ struct Track {
 };
 
 // The scene with the tour's own controllets in place of its own, and with its careful bounds: collision
-// thresholds no higher than careful_thresholds(), hands no faster than the tour's motions need, no timeline.
+// thresholds no higher than careful_thresholds(), hands no faster than the tour's motions need, springs that
+// pull no more than usual, no timeline.
 Scene commission_scene(Scene scene);
 
 // The run of a tour: all arms in hold from its start to its end. Every motion is a goal of a controllet that
@@ -49,7 +50,9 @@ class ArmsRun {
 
   void start();  // until all arms are in hold; throws std::runtime_error with the reason
   void end();    // arms hold, then hold themselves
-  // Throws ArmLeft if an arm is not under the law that the tour gave it, or the run has ended.
+  void halt();   // all arms go to hold, whatever leads them; does not wait
+  // Throws ArmLeft if an arm is not under the law that the tour gave it, falls while it is led, or the run
+  // has ended.
   void check() const;
 
   const Scene& scene() const { return session_->scene(); }
@@ -91,7 +94,7 @@ class ArmsRun {
   unsigned every_ = 1, skip_ = 0;
   Track track_;
   std::unique_ptr<Session> session_;
-  bool ended_ = false;
+  bool started_ = false, ended_ = false;
   std::function<bool()> stopped_;
 };
 

@@ -22,6 +22,9 @@ inline constexpr double kHoldDrift_m = 0.01, kHoldDrift_rad = 0.05;
 inline constexpr double kGuided_m = 0.03;      // a person has led the flange
 inline constexpr double kGuideDrift_m = 0.02;  // of the flange, let go, within a second
 inline constexpr double kGuideWait_s = 60;
+// Of joints 1 to 4, which carry the arm, while a person leads it: faster is a fall, and the arm is held
+// [rad/s].
+inline constexpr double kGuideSpeed = 1;
 
 // --- payload ---
 inline constexpr double kPayload_kg = 0.15;
@@ -51,5 +54,8 @@ inline constexpr double kStillSpeed = 0.02;       // [rad/s]
 inline constexpr double kBaseResidual_m = 0.003;  // rms
 inline constexpr double kBaseWidth_m = 0.05;
 inline constexpr double kBaseMoved_m = 0.05;  // from the scene's: more is another scene, or a wrong point
+// The same. Points in mirrored order fit a base that is turned over, whose gravity the arm would be thrown
+// by.
+inline constexpr double kBaseTurned_rad = 0.1;
 
 }  // namespace multipanda::commission

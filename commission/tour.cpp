@@ -95,6 +95,8 @@ TourEnd run_tour(Context& context, Json state, const std::function<void(const St
       result = failed(error.what(), "remove the cause, then resume the tour");
     }
     if (ended.empty() && context.stopped && context.stopped()) ended = "stopped on request";
+    // An exception may leave an arm soft: it is held before anything is written.
+    if (context.run && (!ended.empty() || result.verdict == Verdict::no_go)) context.run->halt();
     if (!ended.empty()) {
       end = {.verdict = Verdict::skipped, .step = step.id, .state = {}};
       context.say(ended + (context.run ? "; the arms are held" : "; no arm has moved"));
