@@ -110,11 +110,14 @@ StepResult run_bases(Context& context) {
                 .limit = 1e3 * kBaseMoved_m,
                 .found = "another scene, or points of different order",
                 .remedy = "measure the bases with a tape and correct the scene, then repeat"});
-    result.readings.push_back({.arm = name,
-                               .quantity = "base turned from the scene's",
-                               .value = 180 / M_PI * moved.tail<3>().norm(),
-                               .unit = "degrees",
-                               .limit = kShown});
+    result.add(
+        {.arm = name,
+         .quantity = "base turned from the scene's",
+         .value = 180 / M_PI * moved.tail<3>().norm(),
+         .unit = "degrees",
+         .limit = 180 / M_PI * kBaseTurned_rad,
+         .found = "another scene, or points of different order",
+         .remedy = "lead both arms to the points in the same order, or correct the scene, then repeat"});
     result.measured[name] = {{"residual_m", fit.residual_m},
                              {"position_m", row(X_WB.position)},
                              {"rpy_rad", row(rpy_of(X_WB.rotation))},
@@ -144,8 +147,9 @@ void add_steps_between_arms(std::vector<Step>& steps, const TourSetup& setup) {
       {"bases", "Where the bases stand to each other",
        fmt::format("You lead the tip of each of the {} arms to the same points. Nothing moves by itself. "
                    "No-go: a residual above {:g} mm (rms), points within {:.0f} mm "
-                   "of a line, or a base more than {:.0f} mm from the scene's.",
-                   setup.scene.arms.size(), 1e3 * kBaseResidual_m, 1e3 * kBaseWidth_m, 1e3 * kBaseMoved_m),
+                   "of a line, or a base more than {:.0f} mm or {:.0f} degrees from the scene's.",
+                   setup.scene.arms.size(), 1e3 * kBaseResidual_m, 1e3 * kBaseWidth_m, 1e3 * kBaseMoved_m,
+                   180 / M_PI * kBaseTurned_rad),
        true, false, run_bases});
 }
 
