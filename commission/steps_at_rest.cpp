@@ -99,6 +99,8 @@ StepResult run_network(Context& context) {
     const auto card = doctor::read_network_card(address, files);
     take(result, doctor::judge_network_card(card, purpose), name);
     const auto round_trip = doctor::read_round_trip(address, context.setup.seconds);
+    if (round_trip.us.empty())
+      result.notes.push_back(address_of(context, i) + ": no echo; round trip not judged");
     if (!round_trip.us.empty()) {
       auto sorted = round_trip.us;
       std::sort(sorted.begin(), sorted.end());
@@ -246,6 +248,13 @@ StepResult run_model(Context& context) {
     const SceneArm& arm = context.arm(i);
     const auto config = fci::fci_arm_config(arm, context.setup.addresses[i]);
     if (!link->dialect().has_model_text()) {
+      constexpr int kOldestFr3 = 6;
+      if (link->version() >= kOldestFr3 && arm.model.starts_with("fer")) {
+        result.fail(
+            fmt::format("{} has protocol version {}: an FR3", address_of(context, i), link->version()),
+            "a Panda, as the scene's model '" + arm.model + "' says",
+            "set 'model: fr3' in the scene, or exchange the addresses");
+      }
       result.notes.push_back(
           fmt::format("{} has protocol version {} and sends its model as a library, which is not "
                       "compared; gravity at rest tells its masses",
