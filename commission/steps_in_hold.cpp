@@ -36,13 +36,20 @@ StepResult run_hold(Context& context) {
                                           context.stopped);
   ArmsRun& run = *context.run;
   run.start();
-  const Track track = run.watch(kWatched_s);
+  const Track track = run.watch(kWatched_s, 1, [&](const Track& seen) {
+    for (ArmIndex i = 0; i < context.arm_count(); ++i) {
+      const JointVector way =
+          joints_of(run, i, seen.arms[i].back()) - joints_of(run, i, seen.arms[i].front());
+      if (way.lpNorm<Eigen::Infinity>() > kHoldDrift_rad) return true;
+    }
+    return false;
+  });
   for (ArmIndex i = 0; i < context.arm_count(); ++i) {
     ModelTerms terms = run.terms(i);
     const JointVector q0 = joints_of(run, i, track.arms[i].front());
     const Vector3 p0 = flange_of(terms, q0);
     double away = 0, turned = 0;
-    for (std::size_t k = 0; k < track.t.size(); k += 10) {
+    for (std::size_t k = 0; k < track.t.size(); ++k) {
       const JointVector q = joints_of(run, i, track.arms[i][k]);
       turned = std::max(turned, (q - q0).lpNorm<Eigen::Infinity>());
       away = std::max(away, (flange_of(terms, q) - p0).norm());
@@ -62,6 +69,70 @@ StepResult run_hold(Context& context) {
                 .unit = "rad",
                 .limit = kHoldDrift_rad,
                 .remedy = remedy});
+  }
+  return result;
+}
+
+// Waits for a mode of the arm; the others must stay in hold.
+bool wait_for_mode(Context& context, ArmIndex arm, ArmMode mode, bool is) {
+  bool seen = false;
+  (void)context.run->watch(kButtonWait_s, 10, [&](const Track& track) {
+    seen = (static_cast<ArmMode>(track.arms[arm].back().mode) == mode) == is;
+    return seen;
+  });
+  return seen;
+}
+
+// Before anything is led or moves: what the person holds must stop the arm that they mean.
+StepResult run_button(Context& context) {
+  StepResult result;
+  ArmsRun& run = *context.run;
+  for (ArmIndex i = 0; i < context.arm_count(); ++i) {
+    const std::string& name = context.arm(i).name;
+    context.person.ready(
+        "button." + name,
+        fmt::format(
+            "After this key, press the user stop of arm '{}' within {:g} s. The arm stays where it is.", name,
+            kButtonWait_s));
+    const ArmSample before = run.newest(i);
+    run.excuse(i);
+    context.say("  now press the user stop of arm '" + name + "'");
+    if (!wait_for_mode(context, i, ArmMode::user_stopped, true)) {
+      result.fail(fmt::format("the user stop of arm '{}' was not seen within {:g} s", name, kButtonWait_s),
+                  "the mode 'user stopped' of this arm",
+                  "check that the button belongs to this arm; do not go on without a user stop that works");
+      break;
+    }
+    context.say("  seen; now release it");
+    if (!wait_for_mode(context, i, ArmMode::user_stopped, false)) {
+      result.fail(
+          fmt::format("the user stop of arm '{}' was not released within {:g} s", name, kButtonWait_s),
+          "the button released", "release it, then resume the tour");
+      break;
+    }
+    context.person.ready(
+        "button." + name + ".recover",
+        fmt::format("After this key arm '{}' begins to hold again, where it is now. Stand clear.", name));
+    const RequestAnswer answer = run.request(i, RecoverFromError{});
+    if (!answer.success) {
+      result.fail(fmt::format("arm '{}' did not recover: {}", name, answer.reason), "hold again",
+                  "remove the cause, then resume the tour");
+      break;
+    }
+    (void)wait_for_mode(context, i, ArmMode::move, true);
+    run.excuse({});
+    (void)run.watch(1);
+    const ArmSample after = run.newest(i);
+    double moved = 0;
+    for (std::size_t j = 0; j < run.joint_count(i); ++j)
+      moved = std::max(moved, std::abs(after.q[j] - before.q[j]));
+    result.add({.arm = name,
+                .quantity = "joint moved by stop and recovery",
+                .value = moved,
+                .unit = "rad",
+                .limit = kHoldDrift_rad,
+                .remedy = "repeat the step on gravity: the arm sank or rose"});
+    if (result.verdict == Verdict::no_go) break;
   }
   return result;
 }
@@ -141,11 +212,12 @@ StepResult run_payload(Context& context) {
     double external = 0;
     for (int pose = 1; pose <= kPoses; ++pose) {
       if (pose > 1) {
-        context.person.ready(fmt::format("payload.{}.{}", name, pose),
-                             fmt::format("Pose {} of {}: after this key, lead arm '{}' to another pose (a "
-                                         "joint by {:.0f} degrees or more, the hand by {:.0f} cm), "
-                                         "hold it still for half a second; then it is held, and you let go.",
-                                         pose, kPoses, name, 180 / M_PI * kPoseApart_rad, 100 * kGuided_m));
+        context.person.ready(
+            fmt::format("payload.{}.{}", name, pose),
+            fmt::format("Pose {} of {}: take the hand of arm '{}'. After this key, lead it "
+                        "to another pose (a joint by {:.0f} degrees or more, the hand by {:.0f} cm), "
+                        "hold it still for half a second; then it is held, and you let go.",
+                        pose, kPoses, name, 180 / M_PI * kPoseApart_rad, 100 * kGuided_m));
         run.lead(i, Law::guide);
         const double led = wait_for_guiding(context, i, samples.back().q, kPoseApart_rad);
         run.lead(i, Law::hold);
@@ -211,6 +283,13 @@ void add_steps_in_hold(std::vector<Step>& steps, const TourSetup& setup) {
            "on {} in hold between the steps.",
            all, 1e3 * kHoldDrift_m, kHoldDrift_rad, one ? "it is" : "they are"),
        true, true, run_hold});
+  steps.push_back(
+      {"button", "User stop and recovery",
+       fmt::format("You press and release the user stop of each arm, one after the other; then it holds "
+                   "again. No-go: a button that is not seen within {:g} s or stops another arm, or a "
+                   "joint that moves by {:g} rad.",
+                   kButtonWait_s, kHoldDrift_rad),
+       true, true, run_button});
   steps.push_back({"guiding", "Hand guiding",
                    fmt::format("You lead each arm by hand, one after the other. The arm adds no motion of "
                                "its own. No-go: it drifts more than {:.0f} mm when you let go.",

@@ -99,16 +99,6 @@ StepResult run_cartesian_motion(Context& context) {
   return result;
 }
 
-// Waits for a mode of the arm; the others must stay in hold.
-bool wait_for_mode(Context& context, ArmIndex arm, ArmMode mode, bool is) {
-  bool seen = false;
-  (void)context.run->watch(kButtonWait_s, 10, [&](const Track& track) {
-    seen = (static_cast<ArmMode>(track.arms[arm].back().mode) == mode) == is;
-    return seen;
-  });
-  return seen;
-}
-
 StepResult run_stop(Context& context) {
   StepResult result;
   ArmsRun& run = *context.run;
@@ -132,51 +122,6 @@ StepResult run_stop(Context& context) {
                 .unit = "rad",
                 .limit = kStopAngle_rad,
                 .remedy = "do not go on: the stop of the program is too slow"});
-    if (result.verdict == Verdict::no_go) break;
-
-    context.person.ready(
-        "stop." + name + ".button",
-        fmt::format(
-            "After this key, press the user stop of arm '{}' within {:g} s. The arm stays where it is.", name,
-            kButtonWait_s));
-    const ArmSample before = run.newest(i);
-    run.excuse(i);
-    context.say("  now press the user stop of arm '" + name + "'");
-    if (!wait_for_mode(context, i, ArmMode::user_stopped, true)) {
-      result.fail(fmt::format("the user stop of arm '{}' was not seen within {:g} s", name, kButtonWait_s),
-                  "the mode 'user stopped' of this arm",
-                  "check that the button belongs to this arm; do not go on without a user stop that works");
-      break;
-    }
-    context.say("  seen; now release it");
-    if (!wait_for_mode(context, i, ArmMode::user_stopped, false)) {
-      result.fail(
-          fmt::format("the user stop of arm '{}' was not released within {:g} s", name, kButtonWait_s),
-          "the button released", "release it, then resume the tour");
-      break;
-    }
-    context.person.ready(
-        "stop." + name + ".recover",
-        fmt::format("After this key arm '{}' begins to hold again, where it is now. {}", name, kClear));
-    const RequestAnswer answer = run.request(i, RecoverFromError{});
-    if (!answer.success) {
-      result.fail(fmt::format("arm '{}' did not recover: {}", name, answer.reason), "hold again",
-                  "remove the cause, then resume the tour");
-      break;
-    }
-    (void)wait_for_mode(context, i, ArmMode::move, true);
-    run.excuse({});
-    (void)run.watch(1);
-    const ArmSample after = run.newest(i);
-    double moved = 0;
-    for (std::size_t j = 0; j < run.joint_count(i); ++j)
-      moved = std::max(moved, std::abs(after.q[j] - before.q[j]));
-    result.add({.arm = name,
-                .quantity = "joint moved by stop and recovery",
-                .value = moved,
-                .unit = "rad",
-                .limit = kHoldDrift_rad,
-                .remedy = "repeat the step on gravity: the arm sank or rose"});
     if (result.verdict == Verdict::no_go) break;
   }
   return result;
@@ -272,7 +217,7 @@ StepResult run_weight(Context& context) {
                               0, 1.5);
     if (kg < 0.2) {
       result.notes.push_back("arm '" + name + "': no weight; its forces were not checked");
-      if (context.arm_count() == 1) result.verdict = Verdict::skipped;
+      if (result.verdict == Verdict::go) result.verdict = Verdict::skipped;
       continue;
     }
     context.person.ready("weight." + name + ".without", "Nothing at the hand, hands off; then this key.");
@@ -317,8 +262,8 @@ void add_steps_in_motion(std::vector<Step>& steps, const TourSetup& setup) {
                                        "{:.0f} mm or {:g} rad off, or a wrong direction",
                                        100 * kCartesianStep_m, 1e3 * kCartesianError_m, kCartesianError_rad)),
                    true, false, run_cartesian_motion});
-  steps.push_back({"stop", "Stop and recovery",
-                   per_arm(fmt::format("is stopped in a small motion, then by its button. No-go: more than "
+  steps.push_back({"stop", "Stop",
+                   per_arm(fmt::format("is stopped in a small motion. No-go: more than "
                                        "{:g} s or {:g} rad until it rests",
                                        kStopTime_s, kStopAngle_rad)),
                    true, false, run_stop});

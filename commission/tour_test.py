@@ -167,13 +167,17 @@ class Tour:
             return "4"
         elif step == "bases" and len(more) == 2:
             # The plate with dimples stands in the true world; the person leads away at the end, then lets go below.
-            point = [0.42, 0.0, 0.45] if more[1] == "away" else self.points()[int(more[1]) - 1]
+            point = [0.42, 0.0, 0.45] if more[1] == "away" else list(self.points(name)[int(more[1]) - 1])
             if more[1] == "away":
                 point[1] = 0.35 if name == "left" else -0.35
             self.arms.control(f"lead {name} {' '.join(map(str, point))} {LONG}")
         return "go"
 
-    def points(self):
+    points_of = None
+
+    def points(self, name):
+        if self.points_of:
+            return self.points_of[name]
         return [[0.40, -0.06, 0.40], [0.52, -0.06, 0.42], [0.40, 0.06, 0.44], [0.52, 0.08, 0.40]]
 
     def lead(self, name, away):
@@ -267,7 +271,7 @@ class WholeTour(unittest.TestCase):
             tour.asked.clear()
             self.complete(tour, tour.run(resume=True))
             # What protects the arms is repeated, what was measured is not.
-            for step in ("versions", "identity", "model", "end_effector", "gravity", "hold"):
+            for step in ("versions", "identity", "model", "end_effector", "gravity", "hold", "button"):
                 self.assertIn(step, first)
                 self.assertIn(step, tour.asked)
             for step in ("doctor", "network", "guiding", "joint_motion"):
@@ -326,12 +330,15 @@ class Refusals(unittest.TestCase):
 
     def test_nothing_is_assumed(self):
         with tempfile.TemporaryDirectory() as folder:
+            safety = "{allow_looser_limits: true, torque_max_nm: [90, 80, 87, 87, 12, 12, 12]}"
+            pathlib.Path(folder, "loose.yaml").write_text(f"arms: [{{name: left, model: fer, safety: {safety}}}]\n")
             for words, text in (
                 (["127.0.0.9", "--out", f"{folder}/a"], "no terminal"),
                 (["127.0.0.9", "127.0.0.8", "--scene", "one_arm", "--out", f"{folder}/a"], "1 arm"),
                 (["--out", f"{folder}/a"], "address"),
                 (["--resume", f"{folder}/a"], "there is no"),
                 (["127.0.0.9", "--answers", f"{folder}/none", "--out", f"{folder}/a"], "cannot open"),
+                (["127.0.0.9", "--scene", f"{folder}/loose.yaml", "--out", f"{folder}/a"], "loosens limits"),
             ):
                 done = self.call(*words)
                 self.assertEqual(done.returncode, 2, done.stderr)
@@ -347,13 +354,64 @@ class Refusals(unittest.TestCase):
         with tour:
 
             def answer(asked):
-                if asked == "guiding":  # it waits for a key, in hold, when the arm stops itself
+                if asked == "button":  # it waits for a key, in hold, when the arm stops itself
                     tour.arms.control("reflex left joint_reflex")
                 return None
 
             self.assertEqual(tour.run(answer, page=False), 1)
+            self.assertEqual(tour.end["step"], "button")
+            self.assertIn("joint_reflex", tour.steps["button"]["found"])
+
+    def test_the_button_of_another_arm_ends_the_tour_before_anything_moves(self):
+        tour = Tour(["left", "right"])
+        usual = tour.act
+
+        def act(said):
+            if "press the user stop of arm 'left'" in said:
+                tour.arms.control("user-stop right on")
+            else:
+                usual(said)
+
+        tour.act = act
+        with tour:
+            self.assertEqual(tour.run(page=False), 1, "".join(tour.text))
+            self.assertEqual(tour.end["step"], "button")
+            self.assertIn("'right': its user stop", tour.steps["button"]["found"])
+            self.assertNotIn("guiding", tour.asked)
+
+    # A load that the pose at rest hides would let a led arm fall: nobody holds it here.
+    def test_an_arm_that_falls_while_it_is_led_is_held(self):
+        tour = Tour(["left"])
+        tour.lead = lambda name, away: tour.arms.control(f"push {name} 0 0 -12 {LONG}")
+        with tour:
+            self.assertEqual(tour.run(page=False), 1, "".join(tour.text))
             self.assertEqual(tour.end["step"], "guiding")
-            self.assertIn("joint_reflex", tour.steps["guiding"]["found"])
+            self.assertIn("falls", tour.steps["guiding"]["found"])
+
+    def test_points_in_mirrored_order_write_no_scene(self):
+        """Two arms face each other; on a plate near the height of their bases the mirrored order fits a base that is
+        turned over, 40 mm away, without any residual."""
+        names = ["left", "right"]
+        bases = {
+            "left": {"position": [0, 0, 0], "rpy": [0, 0, 0]},
+            "right": {"position": [1.1, 0, 0], "rpy": [0, 0, 3.141592653589793]},
+        }
+        tour = Tour(names, *[scene_text(names, bases=bases)] * 2)
+        plate = {"left": [[0.49, -0.06, 0.02], [0.61, -0.06, 0.02], [0.49, 0.06, 0.02], [0.61, 0.06, 0.02]]}
+        plate["right"] = [[x, -y, z] for x, y, z in plate["left"]]
+        with tour:
+            self.assertEqual(tour.run(lambda asked: "quit" if asked == "guiding" else None, page=False), 1)
+            file = tour.folder / "out" / "commission.json"
+            state = json.loads(file.read_text())
+            for step in ("guiding", "payload", "joint_motion", "cartesian_motion", "stop", "delay", "noise", "weight"):
+                state["steps"][step] = {"verdict": "go"}  # as if they were done: this is about the points
+            file.write_text(json.dumps(state))
+            tour.points_of = plate
+            self.assertEqual(tour.run(page=False, resume=True), 1, "".join(tour.text[-20:]))
+            self.assertEqual(tour.end["step"], "bases")
+            self.assertEqual(tour.steps["bases"]["verdict"], "no-go")
+            self.assertIn("turned from the scene", tour.steps["bases"]["found"])
+            self.assertFalse((tour.folder / "out" / "scene.yaml").exists())
 
     def test_ctrl_c_while_it_waits_holds_the_arm(self):
         tour = Tour(["left"])
