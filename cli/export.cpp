@@ -8,12 +8,16 @@
 #include "cli/report.hpp"
 #include "models/to_mjcf.hpp"
 #include "models/to_urdf.hpp"
+#include "report/lerobot.hpp"
 
 namespace multipanda::cli {
 namespace {
 
 struct ExportOptions {
-  std::string what, out;
+  std::vector<std::string> all;  // logs, or one model
+  std::string what, out, lerobot;
+  std::vector<std::string> leaders;
+  LerobotOptions dataset;
   bool csv = false, npz = false, urdf = false, mjcf = false, hand = false;
 };
 
@@ -35,11 +39,33 @@ int export_model(const ExportOptions& options) {
   return kSuccess;
 }
 
-int run(const ExportOptions& options) {
+// Makes a data set for LeRobot of the marked episodes of all logs.
+int export_dataset(LerobotOptions dataset, const ExportOptions& options) {
+  for (const std::string& pair : options.leaders) {
+    const auto equal = pair.find('=');
+    if (equal == 0 || equal == std::string::npos || equal + 1 == pair.size())
+      throw UsageError("export: --leader: expected ARM=LEADER, found " + pair);
+    dataset.leaders[pair.substr(0, equal)] = pair.substr(equal + 1);
+  }
+  std::vector<std::filesystem::path> logs;
+  for (const std::string& log : options.all) logs.push_back(find_log(log));
+  const LerobotResult result = export_lerobot(logs, options.lerobot, dataset);
+  for (const auto& note : result.notes) fmt::print(stderr, "note: {}\n", note);
+  fmt::print(stderr, "{}\n", result.said);
+  fmt::print("{}\n", options.lerobot);
+  return kSuccess;
+}
+
+int run(ExportOptions options) {
   namespace fs = std::filesystem;
+  if (!options.lerobot.empty()) return export_dataset(options.dataset, options);
+  if (options.all.size() != 1)
+    throw UsageError("export: expected one log or model; only --lerobot takes several");
+  options.what = options.all.front();
   if (options.urdf || options.mjcf) return export_model(options);
   if (!options.csv && !options.npz) {
-    throw UsageError("export: name a format: --csv or --npz for a log, --urdf or --mjcf for a model");
+    throw UsageError(
+        "export: name a format: --csv, --npz or --lerobot for a log, --urdf or --mjcf for a model");
   }
   const fs::path log = find_log(options.what);
   fs::path out = options.out;
@@ -54,14 +80,18 @@ int run(const ExportOptions& options) {
 
 void add_export(Program& program) {
   auto options = std::make_shared<ExportOptions>();
-  CLI::App* command =
-      program.add("export", "Export a log as CSV tables or numpy archive, or a robot model as URDF or MJCF",
-                  "  multipanda export runs/20260102_120000_two_arms/log.mcap --csv --out tables\n"
-                  "  multipanda export runs --npz                      of the newest run in runs\n"
-                  "  multipanda export identified.yaml --urdf --mjcf --hand --out models");
+  CLI::App* command = program.add(
+      "export",
+      "Export a log as CSV tables, numpy archive or LeRobot data set, or a robot model as URDF or MJCF",
+      "  multipanda export runs/20260102_120000_two_arms/log.mcap --csv --out tables\n"
+      "  multipanda export runs --npz                      of the newest run in runs\n"
+      "  multipanda export runs/one runs/two --lerobot data/stack --fps 30 --task 'Stack the boxes'\n"
+      "  multipanda export identified.yaml --urdf --mjcf --hand --out models");
   command
-      ->add_option("what", options->what,
-                   "Log file or folder of its run; with --urdf or --mjcf name or file of a model")
+      ->add_option(
+          "what", options->all,
+          "Log file or folder of its run, several with --lerobot; with --urdf or --mjcf name or file of "
+          "a model")
       ->required()
       ->type_name("LOG|MODEL");
   CLI::Option* csv = command->add_flag(
@@ -79,6 +109,49 @@ void add_export(Program& program) {
                    "Folder for --csv, --urdf and --mjcf, file for --npz (default: see the formats; models: "
                    "this folder)")
       ->type_name("PATH");
+  LerobotOptions& dataset = options->dataset;
+  CLI::Option* lerobot =
+      command
+          ->add_option(
+              "--lerobot", options->lerobot,
+              "Write a LeRobot data set (v3.0) of the logs' marked episodes into this new folder; needs "
+              "the Python package pyarrow (docs/lerobot.md)")
+          ->type_name("DIR")
+          ->excludes(csv)
+          ->excludes("--npz")
+          ->excludes(urdf)
+          ->excludes(mjcf)
+          ->excludes("--out");
+  const auto option = [&](const char* name, auto& value, const char* text, const char* type) {
+    return command->add_option(name, value, text)->type_name(type)->needs(lerobot);
+  };
+  option("--fps", dataset.fps, "Frames per second of the data set (default 30)", "N")
+      ->check(CLI::Range(1, 1000));
+  option("--task", dataset.task, "What was to be done, in words (default: the scene's name)", "TEXT");
+  option("--arms", dataset.arms, "Arms, in the order of the features (default: all)", "NAMES")
+      ->delimiter(',')
+      ->allow_extra_args(false);
+  option("--action", dataset.action, "Set-points that are the action (default: the first that all arms have)",
+         "KIND")
+      ->check(CLI::IsMember({"joints", "pose"}));
+  option("--observe", dataset.observe,
+         "Measured quantities: joints, velocities, torques, pose, wrench (default: joints)", "NAMES")
+      ->delimiter(',')
+      ->allow_extra_args(false);
+  option("--grippers", dataset.grippers, "Arms whose fingers are part of it", "NAMES")
+      ->delimiter(',')
+      ->allow_extra_args(false);
+  option(
+      "--leader", options->leaders,
+      "Use the measured motion of LEADER as the action of ARM, for arms that the run itself has made follow",
+      "ARM=LEADER")
+      ->delimiter(',')
+      ->allow_extra_args(false);
+  option("--outcomes", dataset.outcomes,
+         "Episodes that are used: success, failure, discard (default: success)", "NAMES")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->check(CLI::IsMember({"success", "failure", "discard"}));
   program.on(command, [options] { return run(*options); });
 }
 

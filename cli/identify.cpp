@@ -36,12 +36,16 @@ void write_text(const std::string& file, const std::string& text) {
   if (!out) throw std::runtime_error(file + " cannot be written");
 }
 
-void mount(IdentifyArguments& arguments, const MeasuredLog& log, const Console& console) {
-  const Mounting mounting = mounting_of(log, arguments.measured);
+void mount_all(IdentifyArguments& arguments, std::vector<MeasuredLog>& logs, const Console& console) {
   IdentifyOptions& options = arguments.options;
+  const std::vector<Mounting> mountings = mount(logs, arguments.measured, !options.payload);
+  const Mounting& mounting = mountings.front();
   options.hand = mounting.hand;
   options.tool = options.payload ? mounting.tool_without_load : mounting.tool;
   options.gravity_B = mounting.gravity_B;
+  for (std::size_t i = 0; i < logs.size(); ++i) {
+    if (mountings[i].base_told) console.line(fmt::format("{}: {}", logs[i].source, in_words(mountings[i])));
+  }
   if (!mounting.told) return;
   console.line(fmt::format(
       "the log's scene: {}, {}", mounting.hand ? "with hand" : "without hand",
@@ -58,6 +62,12 @@ void say(const Identification& id, const Console& console) {
   if (id.rmse_train.size() > 0) {
     console.line(fmt::format("first two thirds fitted: train {:.4f}, held out {:.4f} N m",
                              id.rmse_train.mean(), id.rmse_heldout.mean()));
+  }
+  if (id.rmse_expected.size() > 0) {
+    console.line(
+        fmt::format("expected on other motion within the same ranges: {:.4f} N m (RMSE at 10 Hz, mean "
+                    "over joints)",
+                    id.rmse_expected.mean()));
   }
   console.line(
       fmt::format("all data: {:.4f} N m; bodies {}; condition number {:.1f} (columns of one length: {:.1f})",
@@ -101,7 +111,7 @@ int run(IdentifyArguments& arguments) {
   std::vector<MeasuredLog> logs;
   for (const std::string& given : arguments.logs)
     std::ranges::move(read_one_arm(given, arguments.measured), std::back_inserter(logs));
-  mount(arguments, logs.front(), console);
+  mount_all(arguments, logs, console);
   Identification id = identify(logs, prior, arguments.options);
   for (const MeasuredLog& log : logs) {
     id.warnings.insert(id.warnings.begin(), log.warnings.begin(), log.warnings.end());
@@ -139,6 +149,7 @@ void add_identify(Program& program) {
                   "  multipanda identify measured.csv --robot fer --out my/panda.yaml\n"
                   "  multipanda identify runs/excitation --robot fer --out my/panda.yaml --report my/page\n"
                   "  multipanda identify runs/with_tool --robot my/panda.yaml --payload --json\n"
+                  "  multipanda identify floor.csv wall.csv --base wall.csv=0,1.5708,0 --out my/panda.yaml\n"
                   "  multipanda predict other.csv --model my/panda.yaml --model fer");
   command->add_option("logs", arguments->logs, "CSV files, logs, or folders of runs, used as one set of data")
       ->required()

@@ -19,12 +19,12 @@ struct PredictArguments {
 
 int run(PredictArguments& arguments) {
   const Console console(arguments.json);
-  const std::vector<MeasuredLog> logs = read_one_arm(arguments.log, arguments.measured);
+  std::vector<MeasuredLog> logs = read_one_arm(arguments.log, arguments.measured);
   if (logs.size() != 1) {
     throw UsageError(
         fmt::format("predict: {} has {} runs; name the folder of one run", arguments.log, logs.size()));
   }
-  const Mounting mounting = mounting_of(logs.front(), arguments.measured);
+  const Mounting mounting = mount(logs, arguments.measured, true).front();
   PredictOptions& options = arguments.options;
   options.hand = mounting.hand;
   options.tool = mounting.tool;

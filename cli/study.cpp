@@ -84,7 +84,8 @@ int run(const StudyArguments& arguments) {
 void add_study(Program& program) {
   auto arguments = std::make_shared<StudyArguments>();
   CLI::App* command = program.add(
-      "study", "Run a scene or an experiment many times: every combination of choices with every seed",
+      "study",
+      "Run a scene, an experiment or a program many times: every combination of choices with every seed",
       "  multipanda study stiffness.yaml                     on all cores; the same command goes on after a "
       "stop\n"
       "  multipanda study stiffness.yaml --executor dask:10.0.0.5:8786\n"
@@ -95,7 +96,9 @@ void add_study(Program& program) {
       ->type_name("DIR");
   command->add_option("--executor", arguments->executor, "local, dask:ADDRESS of a scheduler, or slurm")
       ->capture_default_str();
-  command->add_option("--workers", arguments->workers, "Runs at once (default: one per core; of dask: all)")
+  command
+      ->add_option("--workers", arguments->workers,
+                   "Runs at once (default: one per core; dask: one per thread of its workers; slurm: 4 jobs)")
       ->check(CLI::Range(1, 100000));
   command
       ->add_option(

@@ -1,6 +1,8 @@
 # multipanda_library(NAME [SHARED] [OFF_LOOP] SOURCES ... DEPS ...): a library of ours; include path = folder path.
 # OFF_LOOP: no loop runs its code, so it is compiled with -O1, which takes two thirds of the time of -O3.
-# multipanda_test(NAME SOURCES ... DEPS ... [LABELS ...]): a GoogleTest program; fails to configure without sources.
+# multipanda_test(NAME SOURCES ... DEPS ... [LABELS ...] [SERIES ...]): a GoogleTest program; fails to configure without
+# sources. SERIES: its tests that are long series (core/testing/series.hpp), by name. `ctest -C full`, which is
+# `./multipanda test --full`, makes a study of each, on all cores.
 include(GoogleTest)
 
 # Most of a file's compile time goes into Eigen, the standard library and GoogleTest. With MULTIPANDA_PCH (set by the
@@ -72,7 +74,7 @@ function(multipanda_without_copies name)
 endfunction()
 
 function(multipanda_test name)
-  cmake_parse_arguments(ARG "" "" "SOURCES;DEPS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "" "" "SOURCES;DEPS;LABELS;SERIES" ${ARGN})
   if(NOT ARG_SOURCES)
     message(FATAL_ERROR "multipanda_test(${name}) has no sources; an empty test would always pass")
   endif()
@@ -95,4 +97,9 @@ function(multipanda_test name)
     list(APPEND properties LABELS "${ARG_LABELS}")
   endif()
   gtest_discover_tests(${name} PROPERTIES ${properties} DISCOVERY_TIMEOUT 60)
+  if(ARG_SERIES)
+    add_test(NAME series_${name} CONFIGURATIONS full
+             COMMAND ${MULTIPANDA_VENV}/bin/python -B ${CMAKE_SOURCE_DIR}/tests/series.py $<TARGET_FILE:multipanda> $<TARGET_FILE:${name}> ${ARG_SERIES})
+    set_tests_properties(series_${name} PROPERTIES LABELS series TIMEOUT 36000 RUN_SERIAL ON COST 900)
+  endif()
 endfunction()

@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""Makes the wheel and the .deb from a build: ./multipanda package, or make_packages.py --build build --out dist.
+"""Makes the wheels and the .deb from a build: ./multipanda package, or make_packages.py --build build --out dist.
 
     1. `cmake --install` copies the program, its headers and its own files into a tree that can be moved,
     2. hatchling packs that tree and the Python package into a wheel,
     3. auditwheel adds the shared libraries that the program needs, and names the oldest glibc that all of them accept;
        those of ROS 2 come with the extra `ros` (link_ros.py),
-    4. CPack packs the contents of that wheel, as Debian's Python would have installed it, into a .deb.
+    4. CPack packs the contents of that wheel, as Debian's Python would have installed it, into a .deb,
+    5. hatchling packs the two packages for LeRobot (docs/lerobot.md).
 
 The tools are pinned in requirements-packages.txt and get an environment of their own in the build folder. Nothing is
 compiled here.
@@ -60,6 +61,8 @@ def stage(build, folder, site_packages):
         shutil.copy(path, folder)
     shutil.copy(ROOT / "python" / "multipanda_launcher.py", folder)
     shutil.copytree(ROOT / "python" / "multipanda", folder / "multipanda", ignore=shutil.ignore_patterns("__pycache__"))
+    native = ROOT / "python" / "multipanda_native"
+    shutil.copytree(native, folder / "multipanda_native", ignore=shutil.ignore_patterns("__pycache__"))
     call("cmake", "--install", build, "--component", "package", "--strip", "--prefix", folder / "multipanda")
     if (folder / ROS).exists():
         shutil.copy(ROOT / "python" / "multipanda_ros_start.py", folder)
@@ -95,6 +98,15 @@ def make_wheel(staged, work, out, bin_folder, site_packages):
     for old in out.glob("multipanda-*.whl"):
         old.unlink()
     return pathlib.Path(shutil.copy(wheel, out))
+
+
+def make_lerobot_wheels(out, bin_folder):
+    """The two packages for LeRobot, which are Python alone. Returns their paths."""
+    for old in out.glob("lerobot_*_multipanda-*.whl"):
+        old.unlink()
+    for folder in sorted((ROOT / "python" / "for_lerobot").glob("lerobot_*")):
+        call(bin_folder / "python", "-I", "-m", "hatchling", "build", "-t", "wheel", "-d", out, cwd=folder)
+    return sorted(out.glob("lerobot_*_multipanda-*.whl"))
 
 
 def link(path, target):
@@ -153,7 +165,7 @@ def main():
     bin_folder = tools(work)
     stage(build, work / "wheel", site_packages)
     wheel = make_wheel(work / "wheel", work, out, bin_folder, site_packages)
-    for path in (wheel, make_deb(wheel, work, out, bin_folder)):
+    for path in (wheel, make_deb(wheel, work, out, bin_folder), *make_lerobot_wheels(out, bin_folder)):
         print(f"{path}  {path.stat().st_size / 1e6:.1f} MB")
 
 

@@ -32,6 +32,7 @@ COMPONENTS = (
     Component("fmt", ("debian:libfmt-dev",), ("libfmt-dev", "libfmt9", "libfmt8")),
     Component("JSON for Modern C++", ("debian:nlohmann-json3-dev",), ("nlohmann-json3-dev",)),
     Component("MuJoCo", ("wheel:mujoco-core",), ("mujoco-core",)),
+    Component("nanobind", ("wheel:nanobind",), ("nanobind",)),
     Component("OctoMap", ("file:octomap.txt",), ("cmeel-octomap",)),
     Component("Pinocchio", ("wheel:libpinocchio",), ("libpinocchio",)),
     Component("Qhull", ("wheel:cmeel-qhull",), ("cmeel-qhull",)),

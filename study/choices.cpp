@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <functional>
+#include <regex>
 #include <set>
 
 #include "experiments/kinds.hpp"
@@ -52,11 +53,20 @@ std::vector<SceneRun> scene_runs(const Study& study, const std::vector<Override>
     run.hidden = study.hidden;
     return {run};
   }
-  if (study.kind == Study::Kind::refine) return {};
+  if (study.kind != Study::Kind::experiment) return {};
   const Experiment experiment = load_experiment(study.base);
-  const auto variants = chosen_variants(experiment, study.only);
+  std::vector<std::string> only = study.only;
+  std::vector<Override> set;  // of the scene; `only` chooses variants
+  for (const auto& value : values) {
+    if (value.key == "only") {
+      only = {value.value};
+    } else {
+      set.push_back(value);
+    }
+  }
+  const auto variants = chosen_variants(experiment, only);
   if (experiment.kind != kTaskKind) {
-    if (!values.empty())
+    if (!set.empty())
       throw std::invalid_argument("values need an experiment that runs a scene; " + experiment.name +
                                   " is of kind " + experiment.kind);
     return {};
@@ -65,7 +75,7 @@ std::vector<SceneRun> scene_runs(const Study& study, const std::vector<Override>
   for (const auto* variant : variants) {
     SceneRun run{.scene = experiment.scene, .set = experiment.set, .vary = {}};
     run.set.insert(run.set.end(), variant->set.begin(), variant->set.end());
-    run.set.insert(run.set.end(), values.begin(), values.end());
+    run.set.insert(run.set.end(), set.begin(), set.end());
     runs.push_back(run);
   }
   return runs;
@@ -84,7 +94,32 @@ std::string refined(const Study& study, const std::vector<Override>& values) {
   return name;
 }
 
+// Each {NAME} of the words has a value, and each value is used.
+void check_words(const Study& study, const std::vector<Override>& values) {
+  std::set<std::string> names, given{"seed", "out"};
+  static const std::regex kName("\\{([a-z][a-z0-9_]*)\\}");
+  for (const auto& word : study.program) {
+    for (std::sregex_iterator found(word.begin(), word.end(), kName), end; found != end; ++found)
+      names.insert((*found)[1]);
+  }
+  for (const auto& [key, value, place] : values) {
+    if (key == "seed" || key == "out")
+      throw ConfigError(place, "the study itself gives {" + key + "} a value; choose another name");
+    if (!names.contains(key)) throw ConfigError(place, "no word of `program` contains {" + key + "}");
+    given.insert(key);
+  }
+  for (const auto& name : names) {
+    if (!given.contains(name))
+      throw ConfigError({study.path, 0}, "{" + name + "} in `program` has no value; expected a key '" + name +
+                                             "' in `set` or in every choice of an axis");
+  }
+  if (!names.contains("out"))
+    throw ConfigError({study.path, 0},
+                      "no word of `program` contains {out}, the folder into which it writes result.json");
+}
+
 void check_values(const Study& study, const std::vector<Override>& values) {
+  if (study.kind == Study::Kind::program) check_words(study, values);
   if (study.kind == Study::Kind::refine) (void)load_experiment(refined(study, values));
   for (const auto& run : scene_runs(study, values)) check_scene_run(run);
 }
@@ -100,6 +135,19 @@ std::vector<std::string> study_files(const Study& study) {
   const auto add = [&](const fs::path& file) {
     if (!file.empty()) files.insert(fs::absolute(file).lexically_normal().string());
   };
+  if (study.kind == Study::Kind::program) {
+    for (const auto& word : study.program) {
+      if (fs::is_regular_file(word)) add(word);
+    }
+    for (const auto& file : study.files) {
+      if (!fs::is_directory(file)) add(file);
+      if (!fs::is_directory(file)) continue;
+      for (const auto& entry : fs::recursive_directory_iterator(file)) {
+        if (entry.is_regular_file()) add(entry.path());
+      }
+    }
+    return {files.begin(), files.end()};
+  }
   const auto add_folder = [&](const fs::path& folder) {
     for (const auto& entry : fs::recursive_directory_iterator(folder)) {
       const auto ending = entry.path().extension();

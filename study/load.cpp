@@ -59,25 +59,51 @@ void visit_seeds(Archive& archive, Study& study) {
   archive(Key("count", "How many.").within(1, 1e7).required(), study.seed_count);
 }
 
+std::string absolute(const std::string& path) { return fs::absolute(path).lexically_normal().string(); }
+
+void read_program(const Archive& archive, Study& study) {
+  const Node words = archive.at("program");
+  if (study.program.empty()) words.refuse("`program` has no words");
+  for (auto& word : study.program) {
+    const std::string file = absolute(words.resolved(word));
+    if (fs::is_regular_file(file)) word = file;
+  }
+  study.base = study.program.front();
+  if (study.base.find('/') != std::string::npos && !fs::is_regular_file(study.base))
+    words.refuse("there is no program " + absolute(words.resolved(study.base)));
+  for (auto& file : study.files) {
+    file = absolute(archive.at("files").resolved(file));
+    if (!fs::exists(file)) archive.at("files").refuse("there is no " + file);
+  }
+}
+
 void read_base(Archive& archive, Study& study) {
   std::string scene, experiment, refine;
+  std::vector<std::string>& program = study.program;
   archive(Key("scene", "Name or file of a scene, relative to this file."), scene);
   archive(Key("experiment", "Name or file of an experiment."), experiment);
   archive(Key("refine", "Name of an experiment that `multipanda refine` adapts to hidden plants."), refine);
+  archive(Key("program",
+              "Words of a command that writes result.json into the folder {out}. {seed} is the seed, {KEY} a "
+              "value of `set`. Words that name a file, relative to this one, stand for it."),
+          program);
+  archive(Key("files", "Files and folders that the program depends on, relative to this file."), study.files);
   if (!archive.reading()) return;
-  const auto bases = archive.present({"scene", "experiment", "refine"});
+  const auto bases = archive.present({"scene", "experiment", "refine", "program"});
   if (bases.size() != 1)
-    archive.self().refuse("expected one of the keys 'scene', 'experiment' and 'refine'; found " +
+    archive.self().refuse("expected one of the keys 'scene', 'experiment', 'refine' and 'program'; found " +
                           std::to_string(bases.size()));
   study.base = scene + experiment + refine;
   study.kind = bases.front() == "scene"        ? Study::Kind::scene
                : bases.front() == "experiment" ? Study::Kind::experiment
-                                               : Study::Kind::refine;
+               : bases.front() == "refine"     ? Study::Kind::refine
+                                               : Study::Kind::program;
+  if (study.kind == Study::Kind::program) return read_program(archive, study);
   const bool file = study.base.find('/') != std::string::npos || study.base.ends_with(".yaml");
   if (study.kind == Study::Kind::scene && !file) {
     study.base = (fs::path(scenes_folder()) / (study.base + ".yaml")).string();
   } else if (file) {
-    study.base = archive.at(bases.front()).resolved(study.base);
+    study.base = absolute(archive.at(bases.front()).resolved(study.base));  // workers have other folders
   }
   if (study.kind == Study::Kind::experiment) study.base = load_experiment(study.base).path;
   if (study.kind == Study::Kind::refine) (void)load_experiment(study.base);
@@ -93,6 +119,7 @@ void check_kind(const Archive& archive, const Study& study) {
     foreign.emplace_back("only");
     foreign.emplace_back("repeats");
   }
+  if (study.kind != Study::Kind::program) foreign.emplace_back("files");
   for (const auto& key : archive.present(foreign))
     archive.at(key).refuse(
         "the key '" + key + "' has no meaning here" +
@@ -107,7 +134,9 @@ void visit(Archive& archive, Study& study) {
   archive.about("Study", "The top level of the file.");
   archive(Key("title", "Title. Default: the file's name."), study.title);
   read_base(archive, study);
-  study.set = read_overrides(archive, "Values of every run, by key path; of `refine`: its options.");
+  study.set = read_overrides(
+      archive,
+      "Values of every run, by key path; of `refine`: its options; of `program`: values for its words.");
   archive.list(Key("axes", "What differs between runs.").each("axis"), study.axes);
   archive.list(Key("vary", "What differs with the seed."), study.vary);
   archive(Key("seed_list", "Seeds one by one, instead of `seeds`.").no_default(), study.seeds);
@@ -149,11 +178,12 @@ Study load_study(const std::string& path) {
 }
 
 Json to_json(const Study& study) {
-  static constexpr const char* kKinds[] = {"scene", "experiment", "refine"};
+  static constexpr const char* kKinds[] = {"scene", "experiment", "refine", "program"};
   Json json{{"path", fs::absolute(study.path).lexically_normal().string()},
             {"title", study.title},
             {"kind", kKinds[static_cast<std::size_t>(study.kind)]},
             {"base", study.base},
+            {"program", study.program},
             {"set", overrides(study.set)},
             {"axes", Json::array()},
             {"vary", Json::array()},

@@ -94,6 +94,32 @@ TEST(Studies, AnInvalidFileSaysWhatIsWrong) {
   EXPECT_THAT(refusal("experiment: controller-performance\nset: {a: 1}\n"), HasSubstr("runs a scene"));
   EXPECT_THAT(refusal("refine: task-4\nset: {round: 2}\n"), HasSubstr("'rounds'"));
   EXPECT_THAT(refusal("refine: task-4\nlogs: true\n"), HasSubstr("no meaning"));
+  EXPECT_THAT(refusal("experiment: task-1\naxes: [{name: v, key: only, values: [plain, nothing]}]\n"),
+              HasSubstr("choice 'nothing'"));
+  EXPECT_THAT(refusal("scene: one_arm\nseconds: 1\nfiles: [.]\n"), HasSubstr("no meaning"));
+  EXPECT_THAT(refusal("program: []\n"), HasSubstr("no words"));
+  EXPECT_THAT(refusal("program: [./nothing, '{out}']\n"), HasSubstr("there is no program"));
+  EXPECT_THAT(refusal("program: [x, '{seed}']\n"), HasSubstr("{out}"));
+  EXPECT_THAT(refusal("program: [x, '{out}', '{mode}']\n"), HasSubstr("{mode} in `program` has no value"));
+  EXPECT_THAT(refusal("program: [x, '{out}']\nset: {mode: 1}\n"), HasSubstr("contains {mode}"));
+  EXPECT_THAT(refusal("program: [x, '{out}']\nset: {seed: 1}\n"), HasSubstr("another name"));
+  EXPECT_THAT(refusal("program: [x, '{out}']\nvary: [{key: a, by: 1}]\n"), HasSubstr("no meaning"));
+  EXPECT_THAT(refusal("program: [x, '{out}']\nfiles: [nothing]\n"), HasSubstr("there is no"));
+}
+
+// A program and what it reads decide about its results.
+TEST(Studies, FilesOfAProgramCount) {
+  const fs::path data = kFolder / "data";
+  fs::create_directories(data / "deep");
+  std::ofstream(kFolder / "evaluate.py") << "1\n";
+  std::ofstream(data / "deep" / "a.txt") << "2\n";
+  const Study study = read(
+      "program: [python3, evaluate.py, --mode, '{mode}', --out, '{out}']\nfiles: [data]\n"
+      "axes: [{name: mode, key: mode, values: [slow, fast]}]\n");
+  EXPECT_THAT(study_files(study),
+              ElementsAre((data / "deep" / "a.txt").string(), (kFolder / "evaluate.py").string()));
+  EXPECT_THAT(study.program, ElementsAre("python3", (kFolder / "evaluate.py").string(), "--mode", "{mode}",
+                                         "--out", "{out}"));
 }
 
 }  // namespace

@@ -19,15 +19,18 @@ struct StudyAxis {
 };
 
 struct Study {
-  enum class Kind { scene, experiment, refine };
+  enum class Kind { scene, experiment, refine, program };
 
   std::string path, title;
   Kind kind = Kind::scene;
-  std::string base;             // path of the scene or experiment; name of the experiment to be refined
-  std::vector<Override> set;    // of the scene; of `refine`: options of the command
-  std::vector<StudyAxis> axes;  // every combination of their choices
-  std::vector<Variation> vary;  // by the seed; scenes only
-  std::vector<double> seeds;    // listed, or
+  std::string
+      base;  // path of the scene or experiment; name of the experiment to be refined; first of `program`
+  std::vector<std::string> program;  // words of a command, with {seed}, {out} and {KEY} of `set`
+  std::vector<std::string> files;    // that a program depends on: files, or folders with all that is in them
+  std::vector<Override> set;         // of the scene; of `refine`: options; of `program`: values for its words
+  std::vector<StudyAxis> axes;       // every combination of their choices
+  std::vector<Variation> vary;       // by the seed; scenes only
+  std::vector<double> seeds;         // listed, or
   std::uint64_t first_seed = 1, seed_count = 1;  // ... in a row
   std::optional<double> seconds;                 // of each run; none: the scene's duration_s
   std::size_t repeats = 1;                       // of each variant; experiments only

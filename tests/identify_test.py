@@ -15,6 +15,7 @@ import time
 import unittest
 
 PROGRAM = None
+SCENE = pathlib.Path(__file__).resolve().parents[1] / "experiments" / "scenes" / "excitation_fer.yaml"
 DATA = pathlib.Path(__file__).resolve().parents[2] / "shared" / "data" / "panda_excitation.csv"
 
 
@@ -57,13 +58,23 @@ class Identify(unittest.TestCase):
         self.assertTrue(result["dissipative"])
         self.assertLess(result["rmse_heldout"], 0.115)
         self.assertEqual(sum(s["chosen"] for s in result["cross_validation"]), 1)
+        self.assertLess(result["rmse_expected"]["mean"], 0.13)
+        self.assertGreater(result["rmse_expected"]["mean"], result["rmse_all"]["mean"])
+        self.assertEqual(result["motion"]["repeated_after_s"], [0])
+        # Fitted to 60 % of the file, from either end: the error on the rest is the expected one within 15 %.
+        sixty = [c for c in result["cuts"] if abs(c["trained_to"] - c["trained_from"] - 0.6) < 1e-9]
+        self.assertEqual(len(sixty), 2)
+        for cut in sixty:
+            self.assertAlmostEqual(cut["expected"]["mean"] / cut["test"]["mean"], 1, delta=0.15)
         self.assertEqual(len(result["parameters"]["link4"]["com_m"]), 3)
-        self.assertEqual(len(result["base_parameters"]["values"][0]), 4)
+        self.assertEqual(len(result["base_parameters"]["values"][0]), 5)
         names = [m["name"] for m in result["models_beside"]]
         self.assertIn("fer", names)
         self.assertIn("fer_maker", names)
         self.assertLess(taken, 60)  # 45 s on an idle machine
-        self.assertIn("<html", (page / "identification.html").read_text(encoding="utf-8"))
+        html = (page / "identification.html").read_text(encoding="utf-8")
+        for part in ("<html", "What the model is worth", "unconstrained", "hardly constrained"):
+            self.assertIn(part, html)
         for picture in ("models.png", "torque_0.png"):
             self.assertTrue((page / picture).read_bytes().startswith(b"\x89PNG"))
         self.assertIn("link7", urdf.read_text())
@@ -78,12 +89,55 @@ class Identify(unittest.TestCase):
         self.assertEqual(len(prediction["rmse_unfiltered"]), 7)
         self.assertGreater(prediction["models"][1]["rmse_mean"], 4 * prediction["rmse_mean"])
 
-    def test_refusals_say_what_is_wrong_and_end_as_failures(self):
-        file = self.path / "short.csv"
+    def record(self, name, base):
+        scene = self.path / f"{name}.yaml"
+        text = SCENE.read_text(encoding="utf-8")
+        self.assertIn("    model: fer\n", text)
+        scene.write_text(text.replace("    model: fer\n", f"    model: fer\n    base: {base}\n"), encoding="utf-8")
+        done = call("run", scene, "--fast", "--seconds", 12, "--record", self.path / name)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        return next((self.path / name).iterdir())
+
+    def test_floor_and_wall_in_one_fit(self):
+        floor = self.record("floor", "{position_m: [0, 0, 0]}")
+        wall = self.record("wall", "{position_m: [0, 0.4, 1], rpy_rad: [0, 1.5707963, 0]}")
+        model = self.path / "both.yaml"
+        done = call("identify", floor, wall, "--family", "offset", "--json", "--out", model)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        result = json.loads(done.stdout)
+        # 43 of a level base; two more where gravity is not along the first axis.
+        self.assertEqual(result["base_parameters"]["rank"], 45)
+        self.assertTrue(any("different bases" in warning for warning in result["warnings"]))
+        self.assertEqual(result["parameters"]["base_tilt_rad"], [0, 0])
+        self.assertIn("gravity along (1.00, 0.00, 0.00)", done.stderr)
+        for log in (floor, wall):
+            told = json.loads(call("predict", log, "--model", model, "--json").stdout)
+            self.assertLess(told["rmse_mean"], 0.05)
+        # An option replaces what the scene says, of one log or of all.
+        turned = call("predict", wall, "--model", model, "--json", "--base", f"{wall.name}=0,0,0")
+        self.assertGreater(json.loads(turned.stdout)["rmse_mean"], 5)
+        for bad, what in (("none.csv=0,0,0", "no such log"), ("0,0", "ROLL,PITCH,YAW"), ("=0,0,0", "ROLL,PITCH,YAW")):
+            done = call("identify", floor, wall, "--base", bad)
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn(what, done.stderr)
+        file = self.path / "unknown.csv"
+        self.write_resting(file)
+        done = call("identify", wall, file)
+        self.assertEqual(done.returncode, 1, done.stderr)
+        self.assertIn("with hand", done.stderr)  # the scene has the hand, the file does not say
+        done = call("identify", wall, file, "--hand")
+        self.assertEqual(done.returncode, 1, done.stderr)
+        self.assertIn("its base is unknown", done.stderr)
+
+    def write_resting(self, file):
         names = ["t"] + [f"{q}{j}" for q in ("q", "dq", "tau") for j in range(1, 8)]
         rest = [0, -0.8, 0, -2.4, 0, 1.6, 0.8] + [0] * 7 + [0, -4, 0, 19, 0.7, 2.3, 0]
         lines = [",".join(names)] + [",".join(str(v + 1e-6 * (k % 7)) for v in [0.001 * k, *rest]) for k in range(2000)]
         file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+    def test_refusals_say_what_is_wrong_and_end_as_failures(self):
+        file = self.path / "short.csv"
+        self.write_resting(file)
         done = call("identify", file)
         self.assertEqual(done.returncode, 1)
         self.assertRegex(done.stderr, r"\d")

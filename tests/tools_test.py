@@ -222,10 +222,11 @@ class Promises(Tree):
         self.assertTrue(fault.startswith("docs/promises.md:4: "), fault)
         self.assertEqual(len(self.faults("| it holds | `None.Here` |\n", head="| a | b |\n|---|---|\n")), 1)
 
-    def test_the_page_of_the_project_is_checked(self):
-        text = (check_texts.ROOT / check_texts.PROMISES).read_text()
-        self.assertGreater(text.count("\n| "), 30)
-        self.assertEqual(check_texts.check_promises(check_texts.ROOT), [])
+    def test_the_pages_of_the_project_are_checked(self):
+        existing = check_texts.tests_in_sources(check_texts.ROOT)
+        for page, rows in zip(check_texts.PROVED, (100, 25), strict=True):
+            self.assertGreater((check_texts.ROOT / page).read_text(encoding="utf-8").count("\n| "), rows)
+            self.assertEqual(check_texts.check_proofs(check_texts.ROOT, page, existing), [])
 
 
 class Ros2Control(Tree):

@@ -121,7 +121,7 @@ def check_links(root):
         for match in CALL.finditer(text):
             command, words = match.group(1), match.group(2).split()
             if not words or not re.fullmatch(
-                r"add_(library|executable)|multipanda_\w*(library|module|program|plugin|test)|target_link_libraries|"
+                r"(nanobind_)?add_(library|executable|module)|multipanda_\w*(library|module|program|plugin|test)|target_link_libraries|"
                 r"target_sources",
                 command,
             ):

@@ -2,7 +2,7 @@
 """Checks paths in the project's texts; prints file:line for each fault, ends with 1 if there is one.
 
 A path of somebody's machine works for its author only. A link of a page must lead to a file, and to a heading of it. A
-promise of docs/promises.md must name tests, and the sources must have them.
+promise of docs/promises.md and a row of docs/paper.md must name tests, and the sources must have them.
 """
 
 import pathlib
@@ -53,7 +53,7 @@ def check_links(root):
     return faults
 
 
-PROMISES = pathlib.Path("docs/promises.md")
+PROVED = [pathlib.Path("docs/promises.md"), pathlib.Path("docs/paper.md")]
 GTEST = re.compile(r"^\s*(?:TYPED_)?TEST(?:_F|_P)?\(\s*(\w+)\s*,\s*(\w+)\s*\)", re.M)
 
 
@@ -71,12 +71,12 @@ def tests_in_sources(root):
     return found
 
 
-def check_promises(root):
+def check_proofs(root, page, existing):
     """Every row of a table with the column 'proved by' names at least one test, and each exists."""
-    if not (root / PROMISES).exists():
+    if not (root / page).exists():
         return []
-    faults, rows, column, existing = [], 0, None, tests_in_sources(root)
-    for number, line in enumerate((root / PROMISES).read_text(encoding="utf-8").splitlines(), 1):
+    faults, rows, column = [], 0, None
+    for number, line in enumerate((root / page).read_text(encoding="utf-8").splitlines(), 1):
         cells = [cell.strip() for cell in line.strip().strip("|").split("|")] if line.startswith("|") else []
         if not cells or set(line) <= set("|-: "):
             column = column if cells else None
@@ -89,13 +89,13 @@ def check_promises(root):
         rows += 1
         names = re.findall(r"`([^`]+)`", cells[column]) if column < len(cells) else []
         if not names:
-            faults.append(f"{PROMISES}:{number}: a promise without a test: '{cells[0]}'")
+            faults.append(f"{page}:{number}: a promise without a test: '{cells[0]}'")
         faults += [
-            f"{PROMISES}:{number}: names the test {name}, which no source file has"
+            f"{page}:{number}: names the test {name}, which no source file has"
             for name in names
             if name not in existing
         ]
-    return faults or ([] if rows else [f"{PROMISES}:1: no row with the column 'proved by', nothing would be checked"])
+    return faults or ([] if rows else [f"{page}:1: no row with the column 'proved by', nothing would be checked"])
 
 
 def check(root):
@@ -111,7 +111,8 @@ def check(root):
             match = FORBIDDEN.search(line)
             if match:
                 faults.append(f"{path.relative_to(root)}:{number}: names '{match.group()}', a path of one machine only")
-    return faults + check_links(root) + check_promises(root)
+    existing = tests_in_sources(root)
+    return faults + check_links(root) + [fault for page in PROVED for fault in check_proofs(root, page, existing)]
 
 
 if __name__ == "__main__":

@@ -167,9 +167,9 @@ LAYERS = [
         "support config_file core models scene logs backends runtime experiments",
     ),
     layer(
-        "gym_worlds",
-        "worlds with their control loops, stepped by Python for learning ([gymnasium.md](docs/gymnasium.md))",
-        "core device scene backends/mujoco",
+        "native",
+        "worlds with their control loops, stepped by Python ([native.md](docs/native.md))",
+        "support core device scene backends/mujoco runtime",
     ),
     layer(
         "motion_generators",
@@ -229,7 +229,9 @@ LAYERS = [
         " doctor commission sysid/measured sysid/identification sysid/comparison sysid/excitation sysid/refine soak study",
     ),
     layer(
-        "benchmarks", "the program behind `multipanda bench`", "support core scene logs backends/mujoco runtime ros/rcl"
+        "benchmarks",
+        "the program behind `multipanda bench`",
+        "support core scene logs backends/mujoco runtime native ros/rcl",
     ),
     layer("examples", "starting points for users, each built and run by the tests", "core fci/client ros/adapter"),
     layer("tests", "tests across folders"),
@@ -237,12 +239,12 @@ LAYERS = [
 
 # Third-party headers that only some layers may include (the beginning of the header's path).
 LIBRARIES = {
-    "mujoco": "support backends/mujoco sysid/identification",
+    "mujoco": "support backends/mujoco sysid/identification benchmarks",
     "pinocchio": "core/model sysid/identification benchmarks",
     "yaml-cpp": "config_file models scene runtime/embedded experiments study commission sysid/measured sysid/comparison"
     " sysid/refine",
     "nlohmann": "config_file scene logs report soak runtime cockpit cockpit/server cockpit/view experiments"
-    " study motion_generators doctor commission sysid/identification sysid/comparison"
+    " study native motion_generators doctor commission sysid/identification sysid/comparison"
     " sysid/refine cli benchmarks",
     "CLI": "cli benchmarks",
     "fmt": "soak runtime runtime/motion cockpit/wire cockpit/server experiments study doctor commission sysid/identification"

@@ -55,8 +55,9 @@ PAGES = {
     ),
     "learning": Page(
         "Learning",
-        "Tasks for policies and the mapping from actions to set-points; the guides are [Gymnasium](../gymnasium.md) and"
-        " [From learning to an arm](../learning_to_arm.md).",
+        "Tasks for policies and the mapping from actions to set-points, and what LeRobot's packages are made of; the"
+        " guides are [Gymnasium](../gymnasium.md), [From learning to an arm](../learning_to_arm.md) and"
+        " [LeRobot](../lerobot.md).",
         (
             "tasks.Task",
             "tasks.TaskArm",
@@ -75,7 +76,20 @@ PAGES = {
             "tasks.GripperPart",
             "tasks.drive.drive",
             "tasks.drive.Drive",
+            "lerobot.RunSettings",
+            "lerobot.RobotSettings",
+            "lerobot.ArmsRobot",
+            "lerobot.LeaderSettings",
+            "lerobot.ArmsLeader",
+            "lerobot.SpaceMouseSettings",
+            "lerobot.SpaceMouseLeader",
         ),
+    ),
+    "native": Page(
+        "Worlds",
+        "Simulated worlds in your own process, in the package `multipanda_native`; the guide is [Worlds in"
+        " Python](../native.md).",
+        ("multipanda_native.World", "multipanda_native.Batch", "multipanda_native.Arm"),
     ),
     "errors": Page(
         "Errors",
@@ -85,6 +99,11 @@ PAGES = {
 }
 
 
+def full_name(entry):
+    """A name with its package, which is multipanda unless it names another."""
+    return entry if entry.startswith("multipanda_") else f"multipanda.{entry}"
+
+
 def pages(package):
     """Markdown of each page, by its path in the site; none in a tree without the package's folder."""
     result = {}
@@ -92,6 +111,6 @@ def pages(package):
         return result
     for name, page in PAGES.items():
         lines = [f"# {page.title}", "", page.text, ""]
-        lines += [f"::: multipanda.{entry}\n" for entry in page.names]
+        lines += [f"::: {full_name(entry)}\n" for entry in page.names]
         result[f"python_api/{name}.md"] = "\n".join(lines)
     return result

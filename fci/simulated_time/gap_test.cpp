@@ -1,12 +1,11 @@
 // Up to 19 answers in a row that are lost or late stop no arm; longer gaps end in a hold or in the arm's own
-// stop, and the run says which. 100 seeded gaps; 1000 with MULTIPANDA_FULL=1.
+// stop, and the run says which. 100 seeded gaps; 1000 in the full series.
 #include <array>
 #include <iostream>
-#include <map>
 
 #include <gtest/gtest.h>
 
-#include "core/testing/full_series.hpp"
+#include "core/testing/series.hpp"
 #include "fci/simulated_time/draw.hpp"
 #include "fci/simulated_time/testing/tested_run.hpp"
 
@@ -174,17 +173,13 @@ Outcome run_gap(const Gap& gap) {
 }
 
 TEST(Gaps, UpToNineteenAnswersStopNoArm) {
-  const std::uint64_t gaps = multipanda::test::full_series() ? 1000 : 100;
-  std::map<std::string, int> ends;
-  double seconds = 0;
-  int longest = 0;
-  double first_nm = 0;
-  for (std::uint64_t seed = 1; seed <= gaps; ++seed) {
+  multipanda::test::Series series;
+  for (std::uint64_t seed = 1; seed <= 1000; ++seed) {
+    if (!series.takes(seed <= 100)) continue;
     const Gap gap = drawn(seed, 1, 19);
     const Outcome outcome = run_gap(gap);
     SCOPED_TRACE(text(gap));
-    seconds += outcome.arm_seconds;
-    first_nm = std::max(first_nm, outcome.first_nm);
+    int longest = 0, held = 0;
     for (ArmIndex i = 0; i < 2; ++i) {
       const ReflexDetail& reflex = outcome.reflexes[i];
       EXPECT_EQ(outcome.modes[i], ArmMode::move)
@@ -195,10 +190,14 @@ TEST(Gaps, UpToNineteenAnswersStopNoArm) {
       EXPECT_LE(outcome.accounts[i].torque_rate_max, 1000 * (1 + 1e-5));
       EXPECT_LT(outcome.accounts[i].longest_miss, 20);
       longest = std::max(longest, outcome.accounts[i].longest_miss);
-      ++ends[outcome.held[i] ? "held" : "went on"];
+      held += outcome.held[i];
       // A held arm has an event with the reason.
       EXPECT_TRUE(!outcome.held[i] || outcome.hold_reported[i]) << "arm " << i;
     }
+    series.record("arm_s", outcome.arm_seconds);
+    series.record("first_nm", outcome.first_nm);
+    series.record("longest_miss", longest);
+    series.record("held", held);
     // The gap took place. A stall may fall between two answers, and late ones are taken by some arms.
     const bool must_miss = gap.kind == Kind::answers_lost && gap.moment != Moment::first_cycle;
     if (must_miss) {
@@ -209,17 +208,20 @@ TEST(Gaps, UpToNineteenAnswersStopNoArm) {
       EXPECT_LT(outcome.contact_n, 45);
     }
   }
-  EXPECT_GE(longest, 18);
-  EXPECT_GT(first_nm, 2);  // more than one command can be near zero and near it
-  std::cout << gaps << " gaps, longest " << longest << "; arms that "
-            << "went on " << ends["went on"] << ", were held " << ends["held"] << "; " << seconds
-            << " arm-seconds\n";
+  if (!series.whole()) return;
+  EXPECT_GE(series.largest("longest_miss"), 18);
+  EXPECT_GT(series.largest("first_nm"), 2);  // more than one command can be near zero and near it
+  const auto gaps = static_cast<double>(series.size());
+  std::cout << gaps << " gaps, longest " << series.largest("longest_miss") << "; arms that went on "
+            << 2 * gaps - series.sum("held") << ", were held " << series.sum("held") << "; "
+            << series.sum("arm_s") << " arm-seconds\n";
 }
 
 TEST(Gaps, LongerOnesEndInAHoldOrTheArmsOwnStopAndTheRunSaysWhich) {
-  const std::uint64_t gaps = multipanda::test::full_series() ? 200 : 40;
-  std::map<std::string, int> ends;
-  for (std::uint64_t seed = 1; seed <= gaps; ++seed) {
+  multipanda::test::Series series;
+  for (std::uint64_t seed = 1; seed <= 200; ++seed) {
+    if (!series.takes(seed <= 40)) continue;
+    int stopped = 0, held = 0;
     const Gap gap = drawn(seed + 5000, 21, 50);
     const Outcome outcome = run_gap(gap);
     SCOPED_TRACE(text(gap));
@@ -230,22 +232,25 @@ TEST(Gaps, LongerOnesEndInAHoldOrTheArmsOwnStopAndTheRunSaysWhich) {
         EXPECT_EQ(outcome.modes[i], ArmMode::reflex);
         EXPECT_EQ(outcome.reflexes[i].error, ArmError::communication_constraints_violation);
         EXPECT_TRUE(outcome.mode_reported[i]) << "no event says that arm " << i << " stopped";
-        ++ends["stopped itself"];
+        ++stopped;
       } else if (outcome.held[i]) {
         // The laws of the first cycle start together or not at all.
         EXPECT_TRUE(concerned || gap.moment == Moment::two_arms || gap.moment == Moment::first_cycle)
             << "arm " << i;
         EXPECT_TRUE(outcome.hold_reported[i]) << "no event says that arm " << i << " is held";
-        ++ends["held"];
+        ++held;
       } else {
-        ++ends["went on"];
         EXPECT_LT(outcome.accounts[i].longest_miss, 20);
       }
       EXPECT_LE(outcome.accounts[i].torque_rate_max, 1000 * (1 + 1e-5));
     }
+    series.record("stopped_itself", stopped);
+    series.record("held", held);
   }
-  EXPECT_GT(ends["stopped itself"], 0);
-  for (const auto& [end, count] : ends) std::cout << count << " arms: " << end << "\n";
+  if (!series.whole()) return;
+  EXPECT_GT(series.sum("stopped_itself"), 0);
+  std::cout << 2 * series.size() << " arms: " << series.sum("stopped_itself") << " stopped themselves, "
+            << series.sum("held") << " were held\n";
 }
 
 }  // namespace

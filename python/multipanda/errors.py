@@ -16,6 +16,10 @@ class Error(Exception):
         self.next_step = next_step
         super().__init__(f"{cause}. Next: {next_step}" if next_step else cause)
 
+    def __reduce__(self) -> tuple[type[Error], tuple[str, ...]]:
+        """Errors of other processes arrive as they were raised."""
+        return type(self), (self.cause, self.next_step)
+
 
 class Refused(Error):
     """A request was refused; nothing has changed.
@@ -29,6 +33,9 @@ class Refused(Error):
         self.verdict = verdict
         self.reason = reason
         super().__init__(reason, next_step or _STEPS.get(verdict, ""))
+
+    def __reduce__(self) -> tuple[type[Error], tuple[str, ...]]:
+        return type(self), (self.verdict, self.reason, self.next_step)
 
 
 class Timeout(Error, TimeoutError):

@@ -136,6 +136,8 @@ class _Study:
             self.lost[run.key] += 1
             if self.lost[run.key] < _ATTEMPTS:
                 self.waiting.appendleft(run)
+            elif self.store.machine is None:  # nothing has ever run: the others would fail in the same way
+                raise Error(f"no worker finishes the study's first run: {why}", "see what its messages say") from why
             else:
                 self.errors[run.key] = f"its worker was lost {_ATTEMPTS} times: {why}"
 
@@ -149,7 +151,7 @@ class _Study:
         self.busy_s += answer["busy_s"]
         self.made += len(batch)
 
-    def _progress(self, done: int) -> None:
+    def _progress(self) -> None:
         now = time.monotonic()
         if now - self.said < 1 and self.waiting:
             return
@@ -164,7 +166,6 @@ class _Study:
         self.say(text)
 
     def run(self) -> None:
-        skipped = len(self.runs) - len(self.waiting)
         while self.waiting or self.in_flight:
             self._give()
             self.engine.wait(list(self.in_flight))
@@ -178,7 +179,7 @@ class _Study:
                     self._lose(batch, generation, why)
                 else:
                     self._take(batch, answer)
-            self._progress(skipped)
+            self._progress()
 
 
 def _write_table(path: pathlib.Path, plan: Plan, rows: list[Json]) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import concurrent.futures
+import getpass
 import importlib
 import os
 import pathlib
+import shutil
 import subprocess
 import time
 from collections.abc import Callable
@@ -13,6 +15,8 @@ from typing import Any
 
 from . import study_worker
 from .errors import Error, Refused
+from .program import last_lines
+from .study_plan import sha256
 from .study_worker import work
 
 Json = dict[str, Any]
@@ -106,19 +110,33 @@ class _Slurm(Engine):
             raise Refused(
                 "no_submitit", "the Python package submitit is missing", "pip install 'multipanda[slurm]'"
             ) from None
+        for tool in ("sbatch", "srun", "squeue", "scancel"):
+            if not shutil.which(tool):
+                raise Refused("no_slurm", f"Slurm's command {tool} is missing here", "start the study on a login node")
         self.slots = workers or 4
         self.share = 4 * self.slots
+        parameters: Json = {"cpus_per_task": 1, "timeout_min": 24 * 60}
+        for part in options.split(",") if options else []:
+            name, sign, value = part.partition("=")
+            if not (name and sign and value):
+                raise Refused("bad_option", f"slurm: '{part}' is not a valid option", "slurm:partition=short,mem=2G")
+            parameters["slurm_" + name] = int(value) if value.isdigit() else value
+        # Jobs that a killed study has left in the queue would do the same runs as ours.
+        self._name = "multipanda-" + sha256(os.fsencode(os.path.realpath(folder)))[:12]
+        subprocess.run(["scancel", f"--user={getpass.getuser()}", f"--name={self._name}"], check=False)
         self._jobs = submitit.AutoExecutor(folder=folder / "slurm", cluster="slurm")
-        given = dict(part.split("=", 1) for part in options.split(",") if part)
-        parameters = {"slurm_" + name: int(value) if value.isdigit() else value for name, value in given.items()}
-        self._jobs.update_parameters(**{"name": "multipanda", "cpus_per_task": 1, "timeout_min": 24 * 60, **parameters})
-        self._waiting: set[str] = set()
+        try:
+            self._jobs.update_parameters(**{"name": self._name, **parameters})
+        except Exception as wrong:  # submitit raises NameError and others
+            raise Refused("bad_option", f"slurm: {wrong}", "slurm:partition=short,mem=2G") from None
         self._alive_at = time.monotonic()
 
     def submit(self, task: Json) -> Any:
-        job = _Job(self._jobs.submit(work, task))
-        self._waiting.add(job.number)
-        return job
+        try:
+            return _Job(self._jobs.submit(work, task))
+        except Exception as wrong:  # submitit's, with what sbatch has said
+            said = last_lines(str(wrong), 2)
+            raise Error(f"Slurm does not accept a job: {said}", "correct the options of --executor slurm:...") from None
 
     def wait(self, futures: list[Any]) -> None:
         time.sleep(0.5)
@@ -133,8 +151,8 @@ class _Slurm(Engine):
                 job.missing = job.missing + 1 if job.number not in queued else 0
 
     def close(self, now: bool) -> None:
-        if now and self._waiting:
-            subprocess.run(["scancel", *sorted(self._waiting)], check=False)
+        if now:
+            subprocess.run(["scancel", f"--user={getpass.getuser()}", f"--name={self._name}"], check=False)
 
 
 class _Job:

@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import pathlib
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -48,6 +49,11 @@ def file_digest(path: str | os.PathLike[str]) -> str:
         ) from None
 
 
+def _filled(word: str, values: dict[str, str]) -> str:
+    """The word with a value for each {NAME} that has one; {out} is for the worker."""
+    return re.sub(r"\{([a-z][a-z0-9_]*)\}", lambda found: values.get(found[1], found[0]), word)
+
+
 @dataclass(frozen=True)
 class StudyRun:
     """One run.
@@ -79,6 +85,9 @@ class Plan:
         self._shared: Json = {
             "kind": self.kind,
             "base": pathlib.PurePath(plan["base"]).name,
+            "program": [
+                pathlib.PurePath(word).name if os.path.isabs(word) else word for word in plan.get("program", [])
+            ],
             "files": sha256(canonical(named)),
             **{name: plan.get(name) for name in ("vary", "seconds", "hidden", "logs", "repeats", "only")},
         }
@@ -124,10 +133,13 @@ class Plan:
             return {**job, "seconds": plan.get("seconds"), "hidden": plan["hidden"], "logs": plan["logs"]}
         if self.kind == "experiment":
             words = ["experiment", plan["base"], "--fast", "--seed", str(seed), "--repeats", str(plan["repeats"])]
-            words += ["--only", ",".join(plan["only"])] if plan["only"] else []
+            only = [value for key, value in values if key == "only"][-1:] or plan["only"]
+            words += ["--only", ",".join(only)] if only else []
             for key, value in values:
-                words += ["--set", f"{key}={value}"]
+                words += ["--set", f"{key}={value}"] if key != "only" else []
             return {"command": words}
+        if self.kind == "program":
+            return {"program": [_filled(word, {**dict(values), "seed": str(seed)}) for word in plan["program"]]}
         options = dict(values)  # of refine: later choices replace earlier values
         words = ["refine", options.pop("refine", plan["base"]), "--hidden", str(seed), "--no-page"]
         for name, value in options.items():

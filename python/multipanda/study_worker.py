@@ -10,6 +10,7 @@ import json
 import os
 import pathlib
 import shutil
+import signal
 import subprocess
 import tempfile
 import threading
@@ -82,6 +83,7 @@ def _program() -> _Program:
 
 
 _all: list[_Program] = []
+_commands: set[subprocess.Popen[str]] = set()
 _ending = threading.Event()
 
 
@@ -91,10 +93,13 @@ def begin_programs() -> None:
 
 
 def end_programs() -> None:
-    """Kills the processes that this Python process has started for batches; runs in them are lost."""
+    """Ends the processes that this Python process has started for batches; runs in them are lost."""
     _ending.set()
     for program in list(_all):
         program.process.kill()
+    for command in list(_commands):
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(command.pid, signal.SIGTERM)  # with its children
 
 
 def close_programs() -> None:
@@ -122,32 +127,116 @@ def _refuse_others(task: Json, program: Json, machine: Json) -> None:
             raise Refused("other_file", f"{where} has another {path} than the study", "copy the study's files there")
 
 
-def _run_command(words: list[str]) -> Json:
-    """A long run: a command of the program, in a folder that is removed. It is ended if this thread's process is."""
-    begin = time.monotonic()
+def _ended(words: list[str], folder: str) -> tuple[int, str, str]:
+    """Exit code, standard output and standard error of a command that writes into the folder.
+
+    It ends if this thread's process does, and is tried again if a signal has ended it.
+    """
     guard = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") else []
-    with tempfile.TemporaryDirectory(prefix="multipanda-study-") as folder:
-        done = subprocess.run(
-            [*guard, checked_program(), *words, "--json", "--out", folder],
+    code, out, err = 0, "", ""
+    for _ in range(_ATTEMPTS):
+        if _ending.is_set():
+            break
+        for path in pathlib.Path(folder).iterdir():  # of an attempt before
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        with subprocess.Popen(
+            [*guard, *words],
             stdin=subprocess.DEVNULL,
-            capture_output=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             text=True,
-            check=False,
-            start_new_session=True,
-        )
+            errors="replace",
+            start_new_session=True,  # Ctrl-C is for the study
+        ) as process:
+            _commands.add(process)
+            try:
+                out, err = process.communicate()
+            finally:
+                _commands.discard(process)
+            code = process.returncode
+        if code >= 0:
+            break
+    if _ending.is_set():
+        raise Error("the study was stopped", "start it again: it goes on")
+    return code, out, err
+
+
+def _why(code: int, err: str) -> str:
+    said = last_lines(err, 3)
+    return (f"died twice, by signal {-code}" if code < 0 else f"ended with code {code}") + (f": {said}" if said else "")
+
+
+def _run_program(words: list[str]) -> Json:
+    """A command of the study's own, which writes result.json into a folder that is removed."""
+    begin = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="multipanda-study-") as folder:
+        words = [word.replace("{out}", folder) for word in words]
+        try:
+            code, out, err = _ended(words, folder)
+        except OSError as wrong:
+            return {"error": f"{words[0]} does not start on {os.uname().nodename}: {wrong.strerror}"}
+        if code < 0:
+            return {"error": f"{words[0]} {_why(code, err)}"}
+        path = pathlib.Path(folder) / "result.json"
+        if not path.exists():
+            return {"error": f"{words[0]} wrote no result.json into {{out}}; it {_why(code, err or out)}"}
+        try:
+            result = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError as wrong:
+            return {"error": f"{words[0]} wrote no JSON into result.json: {wrong}"}
+    if not isinstance(result, dict):
+        return {"error": f"{words[0]} wrote no object into result.json"}
+    if "testsuites" in result:
+        figures, faults, whole = test_figures(result)
+    else:
+        figures = {name: value for name, value in result.items() if isinstance(value, (int, float, list))}
+        faults, whole = [str(fault) for fault in figures.pop("faults", [])], True
+    if not whole:
+        return {"error": f"{words[0]}: no test has run; expected one that its filter names and that is not skipped"}
+    if code != 0 and not faults:
+        faults = [f"exit code {code}: {last_lines(err or out, 3)}"]
+    whole_s = time.monotonic() - begin
+    return {
+        "figures": figures,
+        "success": code == 0,
+        "faults": faults,
+        "cost": {"loop_s": whole_s, "whole_s": whole_s},
+        "details": result,
+    }
+
+
+_OF_GOOGLETEST = {"name", "file", "line", "status", "result", "timestamp", "time", "classname", "failures", "skipped"}
+_OF_GOOGLETEST |= {"value_param", "type_param"}
+
+
+def test_figures(report: Json) -> tuple[Json, list[str], bool]:
+    """Properties that the tests of a GoogleTest report have recorded, their failures, and whether a test has run."""
+    figures: Json = {}
+    faults: list[str] = []
+    tests = [test for suite in report["testsuites"] for test in suite.get("testsuite", [])]
+    for test in tests:
+        figures |= {name: float(value) for name, value in test.items() if name not in _OF_GOOGLETEST}
+        faults += [str(failure["failure"]) for failure in test.get("failures", [])]
+    ran = [test for test in tests if test.get("result") == "COMPLETED"]
+    return figures, faults, bool(ran) and not any(test.get("result") == "SKIPPED" for test in tests)
+
+
+def _run_command(words: list[str]) -> Json:
+    """A long run: a command of the program, in a folder that is removed."""
+    begin = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="multipanda-study-") as folder:
+        code, out, err = _ended([checked_program(), *words, "--json", "--out", folder], folder)
     whole_s = time.monotonic() - begin
     try:
-        result = json.loads(done.stdout)
+        result = json.loads(out)
     except ValueError:
-        return {
-            "error": f"multipanda {' '.join(words)} ended with code {done.returncode}: {last_lines(done.stderr, 3)}"
-        }
+        return {"error": f"multipanda {' '.join(words)} {_why(code, err)}"}
     result.pop("machine", None)
     faults = [str(fault) for fault in result.get("problems") or result.get("faults") or []]
     figures = experiment_figures(result) if words[0] == "experiment" else refine_figures(result)
     return {
         "figures": figures,
-        "success": done.returncode == 0,
+        "success": code == 0,
         "faults": faults,
         "cost": {"loop_s": whole_s, "whole_s": whole_s},
         "details": result,
@@ -178,6 +267,8 @@ def refine_figures(result: Json) -> Json:
 def _outcome(job: Json) -> Json:
     if "command" in job:
         return _run_command(job["command"])
+    if "program" in job:
+        return _run_program(job["program"])
     reason = ""
     for _ in range(_ATTEMPTS):
         program = _program()

@@ -257,8 +257,11 @@ std::vector<Trial> trials(FollowedMotion kind) {
 class FollowedMotions : public testing::TestWithParam<FollowedMotion> {};
 
 TEST_P(FollowedMotions, NoReflexOverPhasesDriftsJitterStallsAndLosses) {
+  test::Series series;
   for (const Trial& trial : trials(GetParam())) {
-    const Outcome outcome = follow(trial, test::trial_seconds(4));
+    if (!series.takes(true)) continue;
+    const Outcome outcome = follow(trial, test::trial_seconds(series, 4));
+    series.record("fastest_rad_per_s", outcome.fastest);
     EXPECT_FALSE(outcome.reflex) << trial.robot << ", jitter " << trial.clocks.jitter_ns << " ns, "
                                  << trial.clocks.drift_ppm << " ppm: " << *outcome.reflex;
     EXPECT_GT(outcome.fastest, 0.05);  // it moved
@@ -277,10 +280,12 @@ TEST_P(FollowedMotions, NoReflexOnAnArmThatShowsCommandsOnePacketLater) {
 // ros2_control's node takes the time that it gives to write() after the controllers ran. What they computed
 // is for an earlier instant, by a time that changes from cycle to cycle.
 TEST_P(FollowedMotions, NoReflexWithCommandsThatAreStampedAfterTheControllersRan) {
+  test::Series series;
   for (const std::int64_t update : {60'000, 400'000}) {
     for (Trial trial : trials(GetParam())) {
+      if (!series.takes(true)) continue;
       trial.clocks.update_ns = update;
-      const Outcome outcome = follow(trial, test::trial_seconds(2));
+      const Outcome outcome = follow(trial, test::trial_seconds(series, 2));
       EXPECT_FALSE(outcome.reflex) << trial.robot << ", jitter " << trial.clocks.jitter_ns << " ns, update "
                                    << update << " ns, " << trial.clocks.drift_ppm
                                    << " ppm: " << *outcome.reflex;

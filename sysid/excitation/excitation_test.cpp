@@ -6,7 +6,7 @@
 
 #include "core/geometry/distance.hpp"
 #include "core/testing/dense_algebra.hpp"
-#include "core/testing/full_series.hpp"
+#include "core/testing/series.hpp"
 #include "core/testing/test_arm.hpp"
 #include "models/arm_source.hpp"
 #include "scene/build.hpp"
@@ -144,8 +144,9 @@ TEST(Excitation, IsTwiceAsGoodAsTheBestOfAHundredAndWithinLimits) {
   const RobotDescription robot = load_robot("fer");
   ExcitationOptions options;
   options.seed = 7;
-  // A tenth of the search; the whole one with MULTIPANDA_FULL=1.
-  if (!test::full_series()) options.evaluations = 4000;
+  test::Series series;  // of one case, so that --full keeps its result
+  if (!series.takes(true)) return;
+  if (!series.full()) options.evaluations = 4000;  // a tenth of the search
   options.progress = [](const std::string& line) { std::printf("%s\n", line.c_str()); };
   const Excitation excitation = optimize_excitation(robot, options);
   // The random motions again, by singular values of the whole matrix instead of its square.
@@ -168,6 +169,8 @@ TEST(Excitation, IsTwiceAsGoodAsTheBestOfAHundredAndWithinLimits) {
   for (const auto& motion : random_motions(robot, options)) best = std::min(best, by_singular_values(motion));
   EXPECT_NEAR(by_singular_values(excitation.motion), excitation.condition, 1e-6 * excitation.condition);
   EXPECT_NEAR(best, excitation.random_best, 1e-6 * best);
+  series.record("condition", excitation.condition);
+  series.record("random_best", excitation.random_best);
   EXPECT_LT(excitation.condition, 0.5 * best);
   for (const auto& use : excitation.use) {
     std::printf("%-15s %5.1f %%  %s\n", use.name.c_str(), 100 * use.use, use.worst.c_str());

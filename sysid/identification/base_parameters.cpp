@@ -1,5 +1,6 @@
 #include "sysid/identification/base_parameters.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <random>
@@ -10,6 +11,7 @@
 
 #include "sysid/identification/arm_regressor.hpp"
 #include "sysid/identification/inertial_parameters.hpp"
+#include "sysid/identification/mounting.hpp"
 
 namespace multipanda {
 namespace {
@@ -19,10 +21,10 @@ using Eigen::Index;
 constexpr double kZeroColumn = 1e-9;  // of the longest
 constexpr double kDependent = 1e-8;   // of the first pivot; what depends is at 1e-13
 
-Eigen::MatrixXd at_random_states(const RobotDescription& robot, const Vector3& gravity_B) {
+Eigen::MatrixXd at_random_states(const RobotDescription& robot, const std::vector<Vector3>& gravities_B) {
   ArmRegressor regressor(robot);
   const Index n = regressor.joints();
-  const Index states = 40 * n;
+  const Index states = 40 * n * static_cast<Index>(gravities_B.size());
   std::mt19937_64 random(20240607);
   const auto uniform = [&](double most) {
     return std::uniform_real_distribution<double>(-most, most)(random);
@@ -35,7 +37,8 @@ Eigen::MatrixXd at_random_states(const RobotDescription& robot, const Vector3& g
       dq[j] = uniform(2.0);
       ddq[j] = uniform(8.0);
     }
-    Y.middleRows(s * n, n) = regressor.at(q, dq, ddq, gravity_B);
+    Y.middleRows(s * n, n) =
+        regressor.at(q, dq, ddq, gravities_B[static_cast<std::size_t>(s) % gravities_B.size()]);
   }
   return Y;
 }
@@ -63,8 +66,15 @@ std::string theta_unit(Index column) {
   return k == 0 ? "kg" : k < 4 ? "kg m" : "kg m^2";
 }
 
-BaseParameters base_parameters(const RobotDescription& robot, const Vector3& gravity_B) {
-  Eigen::MatrixXd Y = at_random_states(robot, gravity_B);
+BaseParameters base_parameters(const RobotDescription& robot, std::span<const Vector3> gravities_B) {
+  std::vector<Vector3> different;
+  for (const Vector3& gravity : gravities_B) {
+    const bool known = std::any_of(different.begin(), different.end(),
+                                   [&](const Vector3& other) { return same_gravity(gravity, other); });
+    if (!known) different.push_back(gravity);
+  }
+  if (different.empty()) different.emplace_back(0, 0, -9.81);
+  Eigen::MatrixXd Y = at_random_states(robot, different);
   const Index all = Y.cols();
   const Eigen::VectorXd length = Y.colwise().norm();
   BaseParameters out;

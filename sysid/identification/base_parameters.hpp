@@ -1,5 +1,6 @@
 #pragma once
 
+#include <span>
 #include <string>
 #include <vector>
 
@@ -24,8 +25,9 @@ struct BaseParameters {
 };
 
 // By rank-revealing QR of the column-scaled regressor at seeded random states inside the arm's range: the
-// structure of the arm under this gravity, the same for all data.
-BaseParameters base_parameters(const RobotDescription& robot, const Vector3& gravity_B = {0, 0, -9.81});
+// structure of the arm, the same for all data. With several gravities, of the mountings that it moves in,
+// more is identifiable than with one. Equal ones count once; none: a level base.
+BaseParameters base_parameters(const RobotDescription& robot, std::span<const Vector3> gravities_B = {});
 
 // How well a regressor's columns (m x r) can be distinguished: largest over smallest singular value, as it is
 // and with every column brought to length 1. Infinite for a column of zeros.

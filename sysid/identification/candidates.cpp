@@ -48,6 +48,7 @@ std::vector<Law> laws(bool table) {
   out.push_back({"coulomb", joined_parts(viscous, {{Kind::coulomb}})});
   out.push_back({"presliding3", joined_parts(viscous, three)});
   out.push_back({"stribeck+presliding3", joined_parts(stribeck, three)});
+  out.push_back({"stribeck+presliding4", joined_parts(stribeck, presliding({0.002, 0.01, 0.06, 0.3}))});
   out.push_back(
       {"stribeck+presliding5", joined_parts(stribeck, presliding({0.001, 0.003, 0.01, 0.03, 0.1}))});
   out.push_back({"stribeck+presliding6", joined_parts(stribeck, six)});
@@ -89,17 +90,17 @@ std::size_t coefficient_count(const Family& family, std::size_t joints) {
   return joints * (family.parts.size() + (family.gains ? 1 : 0)) + (family.tilt ? 2 : 0);
 }
 
-Candidates candidates(bool table, const std::vector<std::string>& requested) {
+Candidates candidates(bool table, const std::vector<std::string>& requested, bool one_base) {
   Candidates out;
   for (const Law& law : laws(table)) {
     out.families.push_back(family_of(law, false, false, out.parts));
-    out.families.push_back(family_of(law, true, false, out.parts));
-    out.families.push_back(family_of(law, true, true, out.parts));
+    if (one_base) out.families.push_back(family_of(law, true, false, out.parts));
+    out.families.push_back(family_of(law, one_base, true, out.parts));
   }
   Law inertia = laws(table).back();
   inertia.name += "+joint inertia";
   inertia.parts.push_back({Kind::acceleration});
-  Family family = family_of(inertia, true, true, out.parts);
+  Family family = family_of(inertia, one_base, true, out.parts);
   family.eligible = false;
   std::stable_sort(out.families.begin(), out.families.end(), [](const Family& a, const Family& b) {
     return coefficient_count(a, 7) < coefficient_count(b, 7);
@@ -119,6 +120,28 @@ Candidates payload_candidates() {
   return out;
 }
 
+Eigen::VectorXd expected_rmse(const Eigen::VectorXd& validated, const Eigen::VectorXd& fitted,
+                              std::size_t folds) {
+  const double share = 1 - 1 / static_cast<double>(folds);
+  const Eigen::VectorXd square = fitted.cwiseAbs2();
+  return (square + share * (validated.cwiseAbs2() - square).cwiseMax(0)).cwiseSqrt();
+}
+
+Expected fit_and_expect(std::span<const Equations> blocks, std::span<const Equations> alone,
+                        const FitProblem& problem, const Family& family) {
+  const Equations all = stacked(blocks, [](std::size_t) { return true; });
+  Expected out{fit_consistent(all, problem, family), {}};
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(all.size()));
+  for (std::size_t k = 0; k < blocks.size(); ++k) {
+    const Equations others = stacked(blocks, [k](std::size_t b) { return b != k; });
+    sum += squared_errors(alone[k], problem, fit_consistent(others, problem, family));
+  }
+  const Eigen::Index rows = all.front().rows;
+  out.rmse = expected_rmse(root_mean(sum, rows), root_mean(squared_errors(all, problem, out.fit), rows),
+                           blocks.size());
+  return out;
+}
+
 CrossValidation cross_validate(std::span<const Equations> blocks, std::span<const Equations> alone,
                                const FitProblem& problem, const Candidates& candidates, bool choose,
                                unsigned threads) {
@@ -126,6 +149,7 @@ CrossValidation cross_validate(std::span<const Equations> blocks, std::span<cons
   const Eigen::Index n = static_cast<Eigen::Index>(blocks.front().size());
   const Equations all = stacked(blocks, [](std::size_t) { return true; });
   CrossValidation out;
+  out.folds = folds;
   out.rmse.resize(families);
   out.mean.assign(families, 0);
   if (choose) {

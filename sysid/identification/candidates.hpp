@@ -16,8 +16,9 @@ struct Candidates {
 };
 
 // `table`: the robot has a friction table, whose shape is then a candidate. `requested`: only these; empty:
-// all. Throws std::invalid_argument listing the known names.
-Candidates candidates(bool table, const std::vector<std::string>& requested = {});
+// all. `one_base` false: one tilt cannot hold for all logs, so no family has it. Throws std::invalid_argument
+// listing the known names.
+Candidates candidates(bool table, const std::vector<std::string>& requested = {}, bool one_base = true);
 // Families for a body at the flange of a known arm.
 Candidates payload_candidates();
 
@@ -27,9 +28,24 @@ std::size_t coefficient_count(const Family& family, std::size_t joints);
 struct CrossValidation {
   std::vector<Eigen::VectorXd> rmse;  // per family (n) [N m]
   std::vector<double> mean;           // over joints
-  std::size_t chosen = 0;
+  std::size_t chosen = 0, folds = 0;
   Fit fit;  // of the chosen family, all blocks
 };
+
+// Expected root mean square on motion that is not fitted, from the one on blocks left out, `validated`, and
+// the one on the fitted rows, `fitted` (n x 1 each). A fit without a block has only (folds - 1) / folds of
+// the rows; what it adds to the error of the fitted rows falls with their number:
+//   expected^2 = fitted^2 + (folds - 1) / folds (validated^2 - fitted^2)
+Eigen::VectorXd expected_rmse(const Eigen::VectorXd& validated, const Eigen::VectorXd& fitted,
+                              std::size_t folds);
+
+// The same for one family, fitted to these blocks.
+struct Expected {
+  Fit fit;  // all blocks
+  Eigen::VectorXd rmse;
+};
+Expected fit_and_expect(std::span<const Equations> blocks, std::span<const Equations> alone,
+                        const FitProblem& problem, const Family& family);
 
 // Blocked cross-validation: every block is predicted by a fit to all others. `alone` has the same blocks,
 // each as a separate file (equations_of with `restart`); these are predicted. The choice is the family with

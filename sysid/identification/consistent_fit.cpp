@@ -14,9 +14,9 @@ using Eigen::VectorXd;
 constexpr double kLeastSpread = 1e-3;  // smallest spread for the weights [N m]
 constexpr double kLittle = 1e-9;       // keeps unidentifiable parameters at zero
 // Cost of amplitudes and tilt, chosen by cutting files of real arms (see docs/identification.md). A tilt of
-// 0.3 degrees costs as much as a tenth of one joint's residual.
-constexpr double kFrictionWeight = 0.03;          // [1/(N m)^2]
-constexpr double kTiltWeight = 10 * 9.81 * 9.81;  // [1/rad^2]
+// 0.3 degrees costs as much as a quarter of one joint's residual.
+constexpr double kFrictionWeight = 0.1;            // [1/(N m)^2]
+constexpr double kTiltWeight = 100 * 9.81 * 9.81;  // [1/rad^2]
 
 // Position of each unknown in the vector x = (theta; f of joint 1, ...; a, b; k).
 struct Layout {

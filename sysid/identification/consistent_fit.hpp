@@ -34,7 +34,7 @@ struct FitProblem {
   std::vector<bool> fixed;          // per link: held at the prior
   Eigen::VectorXd hold;             // of every theta: weight of its squared distance to the prior; empty: 0
   Theta known = Theta::Zero();      // added to the last link's: hand, tool
-  double lambda = 1e-3;
+  double lambda = 3e-3;
   double gain_weight = 1;
   int passes = 4;
 };

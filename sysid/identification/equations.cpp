@@ -3,6 +3,7 @@
 #include <Eigen/QR>
 
 #include "sysid/identification/arm_regressor.hpp"
+#include "sysid/identification/repeated_motion.hpp"
 
 namespace multipanda {
 namespace {
@@ -60,7 +61,6 @@ std::vector<Equations> equations_of(std::span<const FilteredLog> logs, const Equ
                                     std::size_t blocks, bool restart) {
   ArmRegressor regressor(*source.robot);
   const Index n = regressor.joints(), parts = static_cast<Index>(source.parts.size());
-  const Eigen::Matrix<double, 3, 2> directions = tilt_directions(source.gravity_B);
   std::vector<Equations> out(blocks, Equations(static_cast<std::size_t>(n)));
   for (Equations& block : out) {
     for (Index j = 0; j < n; ++j) {
@@ -68,12 +68,11 @@ std::vector<Equations> equations_of(std::span<const FilteredLog> logs, const Equ
     }
   }
   for (const FilteredLog& log : logs) {
-    const auto count = static_cast<Index>(log.kept.size());
+    const Vector3 gravity_B = log.gravity_B.value_or(source.gravity_B);
+    const Eigen::Matrix<double, 3, 2> directions = tilt_directions(gravity_B);
     std::vector<Eigen::MatrixXd> friction;  // of the rows from `origin` on
     if (!restart) friction = kept_friction(log, source.parts, source.robot->friction);
-    for (std::size_t b = 0; b < blocks; ++b) {
-      const Index begin = count * static_cast<Index>(b) / static_cast<Index>(blocks);
-      const Index end = count * static_cast<Index>(b + 1) / static_cast<Index>(blocks);
+    for (const auto& [b, begin, end] : block_ranges(log, blocks)) {
       const Index origin = restart ? begin : 0;
       if (restart) friction = restarted_friction(log, begin, end, source.parts, source.robot->friction);
       constexpr Index kAtOnce = 1000;  // rows held uncompressed
@@ -85,7 +84,7 @@ std::vector<Equations> equations_of(std::span<const FilteredLog> logs, const Equ
           const Index at = log.kept[static_cast<std::size_t>(from + i)];
           const Eigen::VectorXd q = log.q.row(at), dq = log.dq.row(at), ddq = log.ddq.row(at);
           for (int what = 0; what < 3; ++what) {
-            const Eigen::MatrixXd& Y = what == 0 ? regressor.at(q, dq, ddq, source.gravity_B)
+            const Eigen::MatrixXd& Y = what == 0 ? regressor.at(q, dq, ddq, gravity_B)
                                                  : regressor.of_field(q, directions.col(what - 1));
             for (Index j = 0; j < n; ++j) {
               const Index width = 10 * (n - j);

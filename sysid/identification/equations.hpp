@@ -26,11 +26,11 @@ using Equations = std::vector<JointEquations>;  // per joint
 struct EquationSource {
   const RobotDescription* robot = nullptr;  // kinematics, and the table for FrictionKind::sigmoid
   std::vector<FrictionPart> parts;
-  Vector3 gravity_B{0, 0, -9.81};
+  Vector3 gravity_B{0, 0, -9.81};  // of logs that do not have their own
 };
 
-// The kept rows of every log, cut into `blocks` parts by time: part k of all logs together. With `restart`,
-// laws with memory start again 0.2 s before each part, as if it were a separate file.
+// The kept rows of every log, cut into `blocks` parts (block_ranges): part k of all logs together. With
+// `restart`, laws with memory start again 0.2 s before each part, as if it were a separate file.
 std::vector<Equations> equations_of(std::span<const FilteredLog> logs, const EquationSource& source,
                                     std::size_t blocks, bool restart = false);
 

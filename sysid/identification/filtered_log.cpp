@@ -42,6 +42,7 @@ FilteredLog filter_log(const MeasuredLog& log, double shortest) {
   }
   FilteredLog out;
   out.source = log.source;
+  out.gravity_B = log.gravity_B;
   const auto count = static_cast<Eigen::Index>(std::floor(log.duration() / kProtocolStep + 1e-6)) + 1;
   out.t =
       log.t[0] + kProtocolStep * Eigen::VectorXd::LinSpaced(count, 0, static_cast<double>(count - 1)).array();

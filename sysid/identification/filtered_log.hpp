@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include <Eigen/Core>
@@ -16,10 +17,11 @@ namespace multipanda {
 // Laws with memory run over the whole series at 1 ms.
 struct FilteredLog {
   std::string source;
-  Eigen::VectorXd t;               // every 1 ms [s] (N)
-  Eigen::MatrixXd q, dq, ddq;      // filtered (N x n)
-  Eigen::MatrixXd tau, tau_raw;    // filtered; as measured, interpolated [N m] (N x n)
-  std::vector<Eigen::Index> kept;  // rows that are used
+  std::optional<Eigen::Vector3d> gravity_B;  // in its base [m/s^2]; none: as the caller says
+  Eigen::VectorXd t;                         // every 1 ms [s] (N)
+  Eigen::MatrixXd q, dq, ddq;                // filtered (N x n)
+  Eigen::MatrixXd tau, tau_raw;              // filtered; as measured, interpolated [N m] (N x n)
+  std::vector<Eigen::Index> kept;            // rows that are used
 
   Eigen::Index joints() const { return q.cols(); }
   Eigen::MatrixXd kept_rows(const Eigen::MatrixXd& series) const;

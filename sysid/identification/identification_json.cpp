@@ -19,6 +19,9 @@ Json numbers(const Vector& values) {
   return std::vector<double>(values.data(), values.data() + values.size());
 }
 
+// Half of the 95 % interval over the value, up to which a figure counts as known.
+constexpr double kConstrained = 0.3;
+
 Json finite(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
 Json to_json(const RigidBody& body) {
@@ -72,6 +75,13 @@ Json with_mean(const JointVector& rmse) {
   return {{"mean", rmse.mean()}, {"joints", numbers(rmse)}};
 }
 
+Json motion(const Identification& id) {
+  return {{"q_min_rad", numbers(id.q_min)},
+          {"q_max_rad", numbers(id.q_max)},
+          {"dq_max_rad_per_s", numbers(id.dq_max)},
+          {"repeated_after_s", id.repeated_after}};
+}
+
 Json base(const LinearFit& linear) {
   Json out{{"rank", linear.base.rank()},
            {"condition_raw", finite(linear.condition.raw)},
@@ -82,10 +92,14 @@ Json base(const LinearFit& linear) {
            {"residuals_correlated_s", 0.01 * static_cast<double>(linear.longest_lag)}};
   for (std::size_t i = 0; i < linear.names.size(); ++i) {
     const auto k = static_cast<Eigen::Index>(i);
+    const double relative = linear.half95[k] / std::abs(linear.value[k]);
     out["values"].push_back({{"name", linear.names[i]},
                              {"unit", linear.units[i]},
                              {"value", finite(linear.value[k])},
-                             {"half95", finite(linear.half95[k])}});
+                             {"half95", finite(linear.half95[k])},
+                             {"constrained", relative < kConstrained ? "yes"
+                                             : relative < 1          ? "hardly"
+                                                                     : "no"}});
   }
   return out;
 }
@@ -101,6 +115,8 @@ Json to_json(const Identification& id) {
            {"rmse_train_joints", numbers(id.rmse_train)},
            {"rmse_heldout_joints", numbers(id.rmse_heldout)},
            {"rmse_all", with_mean(id.rmse_all)},
+           {"rmse_expected", with_mean(id.rmse_expected)},
+           {"motion", motion(id)},
            {"family", id.family},
            {"seconds", id.seconds_used},
            {"cross_validation", Json::array()},
@@ -118,7 +134,8 @@ Json to_json(const Identification& id) {
     out["cuts"].push_back({{"trained_from", cut.from},
                            {"trained_to", cut.to},
                            {"train", with_mean(cut.rmse_train)},
-                           {"test", with_mean(cut.rmse_test)}});
+                           {"test", with_mean(cut.rmse_test)},
+                           {"expected", with_mean(cut.rmse_expected)}});
   }
   for (const ModelBeside& model : id.beside) {
     out["models_beside"].push_back(

@@ -53,6 +53,68 @@ def bars_picture(data, file):
     plt.close(figure)
 
 
+def worth(data):
+    """What the expected error means: its unit, its motion, how well it was predicted on this file."""
+    expected, motion = data["rmse_expected"], data["motion"]
+    if not expected:
+        return "<p>No figure for new motion: one candidate was given, so that nothing was validated.</p>"
+    per_joint = ", ".join(f"{v:.3f}" for v in expected["joints"])
+    text = (
+        f"<p><b>{expected['mean']:.3f} N m</b> is the expected RMSE of a joint's torque, filtered at 10 Hz, on "
+        f"<b>other</b> motion of this arm within the ranges below (per joint {per_joint} N m). It comes from "
+        "blocks that were left out of the fit, a third of the motion each. It does not hold for faster motion, other "
+        "positions, another load or temperature, nor for contact.</p>"
+    )
+    known = [c for c in data["cuts"] if c.get("expected")]
+    if known:
+        apart = [c["expected"]["mean"] / c["test"]["mean"] - 1 for c in known]
+        text += (
+            f"<p>Tried on this file: fitted to a part of it, the same figure was {100 * min(apart):+.0f} % to "
+            f"{100 * max(apart):+.0f} % off the error on the rest (table &ldquo;Cut in time&rdquo;).</p>"
+        )
+    repeated = [s for s in motion["repeated_after_s"] if s > 0]
+    if repeated:
+        text += (
+            f"<p>The motion repeats itself after {figures_of(repeated)} s; repetitions are left out together, so that "
+            "no block was seen before.</p>"
+        )
+    rows = [
+        [f"joint{j + 1}", f"{low:.2f}", f"{high:.2f}", f"{fast:.2f}"]
+        for j, (low, high, fast) in enumerate(
+            zip(motion["q_min_rad"], motion["q_max_rad"], motion["dq_max_rad_per_s"], strict=True)
+        )
+    ]
+    return text + page.table(["", "from [rad]", "to [rad]", "fastest [rad/s]"], rows, numeric=(1, 2, 3))
+
+
+def figures_of(values):
+    return ", ".join(page.figures(v) for v in values)
+
+
+def links_table(data):
+    """Masses and centers as written, marked by what the torque tells of them."""
+    base = data["base_parameters"]
+    alone, combined = set(base["identifiable_alone"]), set(base["identifiable_combined"])
+
+    def cell(link, name, value):
+        mark = "" if f"{link} {name}" in alone else " °" if f"{link} {name}" in combined else " ✗"
+        return f"{value:.4f}{mark}"
+
+    rows = [
+        [link]
+        + [cell(link, "m", body["mass_kg"])]
+        + [cell(link, f"m{axis}", value) for axis, value in zip("xyz", body["com_m"], strict=True)]
+        for link, body in data["parameters"].items()
+        if link.startswith("link") and "mass_kg" in body
+    ]
+    return (
+        "<h2>Links as written</h2><p>No mark: the torque determines it (a center: its product with the mass). "
+        "° : it acts only in sums with other parameters, and the prior decides how such a sum is divided; do not "
+        "read it as a weight. ✗ : no torque depends on it, and it is the prior's value.</p>"
+        + page.table(["link", "mass [kg]", "x [m]", "y [m]", "z [m]"], rows, numeric=(1, 2, 3, 4))
+    )
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data")
@@ -67,18 +129,24 @@ def main():
         "RMSE over time in N m, filtered at 10 Hz; means are over joints.</p>",
     ]
     tiles = [
-        ("fitted to all", data["rmse_all"]["mean"]),
-        ("train", data["rmse_train"]),
-        ("held out", data["rmse_heldout"]),
+        ("expected on new motion [N m]", data["rmse_expected"]["mean"] if data["rmse_expected"] else None),
+        ("fitted to all [N m]", data["rmse_all"]["mean"]),
+        ("first two thirds, fitted [N m]", data["rmse_train"]),
+        ("last third, not fitted [N m]", data["rmse_heldout"]),
     ]
     parts.append(
         '<div class="tiles">'
-        + "".join(f'<div class="tile"><b>{figures(value)}</b><span>{name}</span></div>' for name, value in tiles)
+        + "".join(
+            f'<div class="tile"><b>{figures(value)}</b><span>{name}</span></div>'
+            for name, value in tiles
+            if value is not None
+        )
         + f'<div class="tile"><b>{"yes" if data["consistent"] else "no"}</b>'
         + "<span>physically possible</span></div></div>"
     )
     for warning in data["warnings"]:
         parts.append(f'<div class="box">{page.escape(warning)}</div>')
+    parts.append("<h2>What the model is worth</h2>" + worth(data))
     bars_picture(data, out / "models.png")
     parts.append(
         '<h2>Comparison with other models</h2><figure><img src="models.png" alt="RMSE per joint and model"></figure>'
@@ -102,7 +170,8 @@ def main():
             for s in scores
         ]
         parts.append(
-            "<h2>Candidates</h2><p>Each block of the data is predicted by a fit to the others.</p>"
+            "<h2>Candidates</h2><p>RMSE [N m] on blocks that were left out of the fit. Such a fit has fewer data than "
+            "the final one, so that its error is larger than the expected one.</p>"
             + page.table(
                 ["family", "coefficients", "mean"] + [f"joint{j + 1}" for j in range(joints)],
                 rows,
@@ -114,21 +183,29 @@ def main():
             f"{100 * c['trained_from']:.0f}–{100 * c['trained_to']:.0f} %",
             f"{c['train']['mean']:.4f}",
             f"{c['test']['mean']:.4f}",
+            f"{c['expected']['mean']:.4f}" if c.get("expected") else "",
         ]
         + [f"{v:.3f}" for v in c["test"]["joints"]]
         for c in data["cuts"]
     ]
     if rows:
         parts.append(
-            "<h2>Cut in time</h2><p>One part is fitted, and the rest is predicted as a separate file.</p>"
+            "<h2>Cut in time</h2><p>RMSE [N m]. One part is fitted, and the rest is predicted as a separate file. "
+            "Expected: the error on the rest, estimated from the fitted part alone.</p>"
             + page.table(
-                ["fitted", "train", "test"] + [f"joint{j + 1}" for j in range(joints)],
+                ["fitted", "train", "test", "expected"] + [f"joint{j + 1}" for j in range(joints)],
                 rows,
-                numeric=range(1, joints + 3),
+                numeric=range(1, joints + 4),
             )
         )
     base = data["base_parameters"]
-    rows = [[v["name"], figures(v["value"], 4), figures(v["half95"], 2), v["unit"]] for v in base["values"]]
+    marks = {"yes": "", "hardly": "hardly constrained", "no": "unconstrained"}
+    rows = [
+        [v["name"], figures(v["value"], 4), figures(v["half95"], 2), v["unit"], marks[v["constrained"]]]
+        for v in base["values"]
+    ]
+    parts.append(links_table(data))
+    loose = [sum(v["constrained"] == word for v in base["values"]) for word in ("hardly", "no")]
     parts.append(
         "<h2>Identifiable parameters</h2>"
         f"<p>{base['rank']} combinations of inertial parameters act on torque. Condition number "
@@ -138,7 +215,14 @@ def main():
         "that "
         "their intervals are meaningful. A friction amplitude can be negative here. The model that was written comes "
         "from the constrained fit: all its amplitudes except offsets are at least 0, and every link is physically "
-        "possible.</p>" + page.table(["parameter", "value, unconstrained", "± 95 %", "unit"], rows, numeric=(1, 2))
+        f"possible.</p><p>Of {len(rows)} figures {loose[0]} are hardly constrained by the data (± more than 30 %), and "
+        f"{loose[1]} are unconstrained: their interval contains zero.</p>"
+        + page.table(
+            ["parameter", "value, no prior", "± 95 %", "unit", ""],
+            rows,
+            numeric=(1, 2),
+            bad=[i for i, v in enumerate(base["values"]) if v["constrained"] == "no"],
+        )
     )
     (out / "identification.html").write_text(
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Identification</title>'

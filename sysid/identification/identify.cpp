@@ -9,7 +9,9 @@
 #include "sysid/identification/arm_regressor.hpp"
 #include "sysid/identification/identify_parts.hpp"
 #include "sysid/identification/model_torque.hpp"
+#include "sysid/identification/mounting.hpp"
 #include "sysid/identification/refusals.hpp"
+#include "sysid/identification/repeated_motion.hpp"
 
 namespace multipanda {
 namespace {
@@ -32,6 +34,7 @@ MeasuredLog part_of(const MeasuredLog& log, double from, double to) {
   const Index at = first - times, count = last - first;
   MeasuredLog out;
   out.source = log.source;
+  out.gravity_B = log.gravity_B;
   out.t = log.t.segment(at, count);
   out.q = log.q.middleRows(at, count);
   out.dq = log.dq.middleRows(at, count);
@@ -117,7 +120,8 @@ LinearFit linear_stage(std::span<const FilteredLog> logs, const Candidates& set,
   std::vector<MotionData> data;
   for (const FilteredLog& log : logs) {
     data.push_back({log.kept_rows(log.q), log.kept_rows(log.dq), log.kept_rows(log.ddq),
-                    log.kept_rows(log.tau), kept_friction(log, linear.friction, robot.friction)});
+                    log.kept_rows(log.tau), kept_friction(log, linear.friction, robot.friction),
+                    log.gravity_B});
   }
   return fit_linear(data, robot, linear);
 }
@@ -156,37 +160,57 @@ void put_scores(const CrossValidation& validation, const Candidates& set, std::s
   out.family = set.families[validation.chosen].name;
   for (std::size_t f = 0; choose && f < set.families.size(); ++f) {
     const Family& family = set.families[f];
+    if (f == validation.chosen) {
+      out.rmse_expected = expected_rmse(validation.rmse[f], validation.fit.spread, validation.folds);
+    }
     out.scores.push_back({family.name, coefficient_count(family, joints), validation.rmse[f],
                           validation.mean[f], family.eligible, f == validation.chosen});
   }
 }
 
 void put_held_out(std::span<const MeasuredLog> logs, const EquationSource& source, const FitProblem& problem,
-                  const Family& family, const std::function<void(FilteredLog&)>& prepare,
+                  const Family& family, std::size_t folds, const std::function<void(FilteredLog&)>& prepare,
                   Identification& out) {
-  const auto equations = [&](double from, double to) {
+  const auto part = [&](double from, double to) {
     std::vector<FilteredLog> parts;
     for (const MeasuredLog& log : logs) {
       parts.push_back(filter_log(part_of(log, from, to), 0.5));
       prepare(parts.back());
     }
-    return equations_of(parts, source, 1).front();
+    return parts;
   };
-  for (const auto& [from, to] : {std::pair{0.0, 2.0 / 3}, {0.0, 0.5}, {0.5, 1.0}, {1.0 / 3, 1.0}}) {
+  for (const auto& [from, to] : {std::pair{0.0, 2.0 / 3}, {0.0, 0.6}, {0.4, 1.0}, {1.0 / 3, 1.0}}) {
     double longest_test = 0;
     for (const MeasuredLog& log : logs)
       longest_test = std::max(longest_test, (1 - (to - from)) * log.duration());
     if (longest_test < 0.8) continue;
-    const Equations train = equations(from, to);
-    const Equations test = from > 0 ? equations(0, from) : equations(to, 1);
-    const Fit fit = fit_consistent(train, problem, family);
+    const std::vector<FilteredLog> fitted = part(from, to);
+    const std::vector<Equations> blocks = equations_of(fitted, source, folds);
+    const auto [fit, expected] =
+        fit_and_expect(blocks, equations_of(fitted, source, folds, true), problem, family);
+    const Equations train = stacked(blocks, [](std::size_t) { return true; });
+    const Equations test = equations_of(from > 0 ? part(0, from) : part(to, 1), source, 1).front();
     out.cuts.push_back(
         {from, to, root_mean(squared_errors(train, problem, fit), static_cast<double>(train.front().rows)),
-         root_mean(squared_errors(test, problem, fit), static_cast<double>(test.front().rows))});
+         root_mean(squared_errors(test, problem, fit), static_cast<double>(test.front().rows)),
+         JointVector(expected)});
   }
   if (out.cuts.empty()) return;
   out.rmse_train = out.cuts.front().rmse_train;
   out.rmse_heldout = out.cuts.front().rmse_test;
+}
+
+void put_motion(std::span<const FilteredLog> logs, Identification& out) {
+  for (const FilteredLog& log : logs) {
+    const Eigen::VectorXd low = log.q.colwise().minCoeff(), high = log.q.colwise().maxCoeff(),
+                          fast = log.dq.cwiseAbs().colwise().maxCoeff();
+    const bool first = out.q_min.size() == 0;
+    out.q_min = first ? low : Eigen::VectorXd(out.q_min.cwiseMin(low));
+    out.q_max = first ? high : Eigen::VectorXd(out.q_max.cwiseMax(high));
+    out.dq_max = first ? fast : Eigen::VectorXd(out.dq_max.cwiseMax(fast));
+    const double rows_per_s = 0.1 / kProtocolStep;  // every 10th sample is kept
+    out.repeated_after.push_back(static_cast<double>(repeated_after(log)) / rows_per_s);
+  }
 }
 
 void put_predictions(std::span<const FilteredLog> logs, const RobotDescription& prior,
@@ -241,7 +265,16 @@ Identification identify(std::span<const MeasuredLog> logs, const RobotDescriptio
   const FilteredLogs filtered = filtered_logs(logs, prior);
   out.seconds_used = filtered.seconds;
   const std::size_t n = prior.joint_count();
-  const Candidates set = candidates(prior.friction.has_value(), options.families);
+  std::vector<Vector3> gravities;
+  for (const MeasuredLog& log : logs) gravities.push_back(log.gravity_B.value_or(options.gravity_B));
+  const bool one_base = std::all_of(gravities.begin(), gravities.end(),
+                                    [&](const Vector3& g) { return same_gravity(g, gravities.front()); });
+  const Candidates set = candidates(prior.friction.has_value(), options.families, one_base);
+  if (!one_base) {
+    out.warnings.push_back(
+        "the logs have different bases: tilt is not identified; an error of 0.2 degrees in one of them makes "
+        "about 0.2 N m");
+  }
   const EquationSource source{&prior, set.parts, options.gravity_B};
   const std::size_t folds = std::max<std::size_t>(3, options.folds);
   const std::vector<Equations> blocks = equations_of(filtered.logs, source, folds);
@@ -252,8 +285,12 @@ Identification identify(std::span<const MeasuredLog> logs, const RobotDescriptio
   if (const auto body = known_body(prior, options.hand, options.tool)) problem.known = theta_of(*body);
   Eigen::VectorXd carried = problem.prior;
   carried.tail<10>() += problem.known;
-  refuse_unexplained(all, carried, prior);
-  const BaseParameters base = base_parameters(prior, options.gravity_B);
+  for (const FilteredLog& log : filtered.logs) {
+    refuse_unexplained(log.source,
+                       equations_of(std::span(&log, 1), {&prior, {}, options.gravity_B}, 1).front(), carried,
+                       prior);
+  }
+  const BaseParameters base = base_parameters(prior, gravities);
   refuse_unexciting(condition_of(all, base.leading), out.warnings);
   for (std::size_t i = 0; i < n; ++i) {
     const RigidBody& link = prior.links[i + 1];
@@ -273,14 +310,15 @@ Identification identify(std::span<const MeasuredLog> logs, const RobotDescriptio
       cross_validate(blocks, alone, problem, set, options.choose, options.threads);
   const Family& family = set.families[validation.chosen];
   put_scores(validation, set, n, options.choose, out);
+  put_motion(filtered.logs, out);
   if (options.choose)
     put_held_out(
-        logs, source, problem, family, [](FilteredLog&) {}, out);
+        logs, source, problem, family, folds, [](FilteredLog&) {}, out);
   out.robot = prior;
   for (std::size_t i = 0; i < n; ++i) {
     out.robot.links[i + 1] = body_of(validation.fit.theta.segment<10>(10 * static_cast<Index>(i)));
   }
-  out.robot.base_tilt = validation.fit.tilt;
+  out.robot.base_tilt = validation.fit.tilt;  // zero for several bases
   put_friction(validation.fit, set.parts, family, prior.friction, out.robot);
   out.consistent = std::all_of(out.robot.links.begin() + 1, out.robot.links.end(), &is_physical);
   out.dissipative = !out.robot.link_friction || is_dissipative(*out.robot.link_friction);

@@ -19,15 +19,15 @@ struct IdentifyOptions {
   bool payload = false;               // the prior describes the arm; only a body at the flange is identified
   bool hand = false;                  // the prior's hand is on the flange
   std::optional<RigidBody> tool;      // known body in the flange's frame, in addition to the hand
-  Vector3 gravity_B{0, 0, -9.81};     // in the base, for its assumed mounting [m/s^2]
+  Vector3 gravity_B{0, 0, -9.81};     // in the base, for logs without their own (MeasuredLog) [m/s^2]
   std::vector<std::string> families;  // only these candidates (family_names()); empty: all
   bool choose = true;                 // false: the last of `families`, without cross-validation
-  std::size_t folds = 6;              // blocks of cross-validation; the last third of them is held out
-  double prior_weight = 1e-3;         // of the distance to the prior (lambda)
+  std::size_t folds = 3;              // blocks of cross-validation
+  double prior_weight = 3e-3;         // of the distance to the prior (lambda)
   unsigned threads = 2;
 };
 
-// One candidate in the blocked cross-validation.
+// One candidate in the blocked cross-validation, as measured on the blocks left out.
 struct FamilyScore {
   std::string name;
   std::size_t coefficients = 0;  // in addition to the inertial parameters
@@ -41,6 +41,7 @@ struct FamilyScore {
 struct TimeCut {
   double from = 0, to = 0;            // fraction of the time that is fitted; the rest is the test
   JointVector rmse_train, rmse_test;  // [N m] (n x 1)
+  JointVector rmse_expected;          // of the test, from the fitted part alone (expected_rmse) [N m] (n x 1)
 };
 
 // Another model's prediction of the same data by the same protocol.
@@ -66,11 +67,15 @@ struct Identification {
   std::string family;               // chosen
   std::vector<FamilyScore> scores;  // simplest first
   std::vector<TimeCut> cuts;        // the chosen family, fitted to a part of every log and tested on the rest
-  JointVector rmse_train;           // of the first cut, on the fitted part [N m] (n x 1)
-  JointVector rmse_heldout;         // of the first cut, on the rest
-  JointVector rmse_all;             // of `robot` on all data that it was fitted to
-  bool consistent = false;          // every moving link has a positive definite pseudo-inertia
-  bool dissipative = false;         // no friction amplitude is negative
+  JointVector
+      rmse_expected;  // on motion that is not fitted but alike (expected_rmse) [N m] (n x 1); or empty
+  Eigen::VectorXd q_min, q_max, dq_max;  // of the motion: what `rmse_expected` is about [rad, rad/s] (n x 1)
+  std::vector<double> repeated_after;  // per log: period of a motion that repeats itself [s]; 0: it does not
+  JointVector rmse_train;              // of the first cut, on the fitted part [N m] (n x 1)
+  JointVector rmse_heldout;            // of the first cut, on the rest
+  JointVector rmse_all;                // of `robot` on all data that it was fitted to
+  bool consistent = false;             // every moving link has a positive definite pseudo-inertia
+  bool dissipative = false;            // no friction amplitude is negative
   std::vector<bool> prior_consistent;  // per moving link, of the prior as given
 
   LinearFit linear;  // base parameters and coefficients with intervals

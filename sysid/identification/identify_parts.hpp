@@ -25,8 +25,11 @@ void put_scores(const CrossValidation& validation, const Candidates& candidates,
 // Train and test by time, with files that are actually cut. The first part of every log is fitted, the rest
 // predicted as a log of its own, and for `out.cuts` also with other shares and in reverse order.
 void put_held_out(std::span<const MeasuredLog> logs, const EquationSource& source, const FitProblem& problem,
-                  const Family& family, const std::function<void(FilteredLog&)>& prepare,
+                  const Family& family, std::size_t folds, const std::function<void(FilteredLog&)>& prepare,
                   Identification& out);
+
+// What the motion was: ranges, repetition.
+void put_motion(std::span<const FilteredLog> logs, Identification& out);
 
 // Predictions of all models on all logs: rmse_all, series, other models of the same kinematics.
 void put_predictions(std::span<const FilteredLog> logs, const RobotDescription& prior,

@@ -38,7 +38,8 @@ Stretch rows_of(const MotionData& data, const RobotDescription& robot, const Lin
   VectorXd known = VectorXd::Zero(theta.size());
   if (body) known.tail<10>() = theta_of(*body);
   if (options.body_only) known += theta;
-  const Vector3 true_gravity = tilted(options.gravity_B, robot.base_tilt);
+  const Vector3 gravity = data.gravity_B.value_or(options.gravity_B);
+  const Vector3 true_gravity = tilted(gravity, robot.base_tilt);
   const bool level = robot.base_tilt.isZero(0);
   Stretch out;
   out.A.assign(static_cast<std::size_t>(n), MatrixXd::Zero(N, r + n * k));
@@ -48,14 +49,14 @@ Stretch rows_of(const MotionData& data, const RobotDescription& robot, const Lin
   }
   for (Index t = 0; t < N; ++t) {
     const VectorXd q = data.q.row(t), dq = data.dq.row(t), ddq = data.ddq.row(t);
-    const MatrixXd& Y = regressor.at(q, dq, ddq, options.gravity_B);
+    const MatrixXd& Y = regressor.at(q, dq, ddq, gravity);
     for (Index j = 0; j < n; ++j) {
       out.A[static_cast<std::size_t>(j)].row(t).head(r) = Y.row(j)(base.leading);
     }
     out.y.row(t) -= Y * known;
     if (level) continue;
     out.y.row(t) -=
-        regressor.of_field(q, true_gravity - options.gravity_B) * (options.body_only ? known : theta + known);
+        regressor.of_field(q, true_gravity - gravity) * (options.body_only ? known : theta + known);
   }
   for (Index j = 0; j < n; ++j) {
     for (Index p = 0; p < k; ++p) {
@@ -86,7 +87,9 @@ LinearFit fit_linear(std::span<const MotionData> data, const RobotDescription& r
   ArmRegressor regressor(robot);
   const Index n = regressor.joints();
   LinearFit out;
-  out.base = options.body_only ? last_body(n) : base_parameters(robot, options.gravity_B);
+  std::vector<Vector3> gravities;
+  for (const MotionData& motion : data) gravities.push_back(motion.gravity_B.value_or(options.gravity_B));
+  out.base = options.body_only ? last_body(n) : base_parameters(robot, gravities);
   const Index r = out.base.rank(), k = static_cast<Index>(options.friction.size()), p = r + n * k;
   std::vector<Stretch> stretches;
   for (const MotionData& motion : data) {
@@ -190,7 +193,7 @@ LinearFit fit_linear(std::span<const MeasuredLog> logs, const RobotDescription& 
     const FilteredLog filtered = filter_log(log, kShortestFiltered);
     data.push_back({filtered.kept_rows(filtered.q), filtered.kept_rows(filtered.dq),
                     filtered.kept_rows(filtered.ddq), filtered.kept_rows(filtered.tau),
-                    kept_friction(filtered, options.friction, robot.friction)});
+                    kept_friction(filtered, options.friction, robot.friction), filtered.gravity_B});
   }
   return fit_linear(data, robot, options);
 }

@@ -22,6 +22,7 @@ struct MotionData {
   Eigen::MatrixXd tau;         // [N m] (N x n)
   // One (N x n) for each requested friction part, in the order of LinearOptions::friction. Empty: none.
   std::vector<Eigen::MatrixXd> friction;
+  std::optional<Vector3> gravity_B;  // in its base [m/s^2]; none: LinearOptions::gravity_B
 };
 
 struct LinearOptions {
@@ -29,7 +30,7 @@ struct LinearOptions {
       friction;       // in addition to the rigid body; {} for simulated arms, whose tau has no such friction
   bool hand = false;  // the robot's hand is on the flange
   std::optional<RigidBody> tool;   // known body in the flange's frame, in addition to the hand
-  Vector3 gravity_B{0, 0, -9.81};  // in the base, for its assumed mounting [m/s^2]
+  Vector3 gravity_B{0, 0, -9.81};  // in the base, for data without their own [m/s^2]
   bool body_only = false;          // the links are known: only ten parameters of a body on the last link
   int passes = 3;                  // of weighting the joints by the spread of their residuals
 };

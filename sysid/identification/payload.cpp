@@ -19,7 +19,8 @@ constexpr double kLittlePrior = 1e-7;  // holds only what is unidentifiable near
 // A typical body on a flange.
 RigidBody usual_body() { return {0.5, Vector3(0, 0, 0.05), 0.5 * 2 * 0.05 * 0.05 * Matrix3::Identity()}; }
 
-void take_out_known(FilteredLog& log, const RobotDescription& robot) {
+void take_out_known(FilteredLog& log, const RobotDescription& robot, const Vector3& gravity_B) {
+  log.gravity_B = tilted(log.gravity_B.value_or(gravity_B), robot.base_tilt);
   if (robot.torque_sensor) {
     const TorqueSensor& sensor = *robot.torque_sensor;
     for (Index j = 0; j < log.tau.cols(); ++j) {
@@ -39,19 +40,22 @@ Identification identify_payload(std::span<const MeasuredLog> logs, const RobotDe
   FilteredLogs filtered = filtered_logs(logs, prior);
   out.seconds_used = filtered.seconds;
   const std::vector<FilteredLog> measured = filtered.logs;
-  for (FilteredLog& log : filtered.logs) take_out_known(log, prior);
-  const Vector3 gravity = tilted(options.gravity_B, prior.base_tilt);
+  for (FilteredLog& log : filtered.logs) take_out_known(log, prior, options.gravity_B);
   const auto n = static_cast<Index>(prior.joint_count());
 
   Candidates set = payload_candidates();
-  const EquationSource source{&prior, set.parts, gravity};
+  const EquationSource source{&prior, set.parts, options.gravity_B};
   const std::size_t folds = std::max<std::size_t>(3, options.folds);
   const std::vector<Equations> blocks = equations_of(filtered.logs, source, folds);
   const std::vector<Equations> alone = equations_of(filtered.logs, source, folds, true);
   const Equations all = stacked(blocks, [](std::size_t) { return true; });
   Eigen::VectorXd carried = thetas_of(prior);
   if (const auto body = known_body(prior, options.hand, options.tool)) carried.tail<10>() += theta_of(*body);
-  refuse_unexplained(all, carried, prior);
+  for (const FilteredLog& log : filtered.logs) {
+    refuse_unexplained(log.source,
+                       equations_of(std::span(&log, 1), {&prior, {}, options.gravity_B}, 1).front(), carried,
+                       prior);
+  }
   std::vector<Index> last(10);
   for (Index k = 0; k < 10; ++k) last[static_cast<std::size_t>(k)] = 10 * (n - 1) + k;
   refuse_unexciting(condition_of(all, last), out.warnings);
@@ -66,8 +70,10 @@ Identification identify_payload(std::span<const MeasuredLog> logs, const RobotDe
   const CrossValidation validation = cross_validate(blocks, alone, problem, set, true, options.threads);
   const Family& family = set.families[validation.chosen];
   put_scores(validation, set, prior.joint_count(), true, out);
+  put_motion(filtered.logs, out);
   put_held_out(
-      logs, source, problem, family, [&](FilteredLog& log) { take_out_known(log, prior); }, out);
+      logs, source, problem, family, folds,
+      [&](FilteredLog& log) { take_out_known(log, prior, options.gravity_B); }, out);
   const RigidBody in_link = body_of(validation.fit.theta.tail<10>());
   out.payload = moved(in_link, X_LF.inverse());
   out.robot = prior;
@@ -86,13 +92,13 @@ Identification identify_payload(std::span<const MeasuredLog> logs, const RobotDe
   LinearOptions linear;
   linear.hand = options.hand;
   if (options.tool) linear.tool = options.tool;
-  linear.gravity_B = gravity;
   linear.body_only = true;
   for (const std::size_t p : family.parts) linear.friction.push_back(set.parts[p]);
   std::vector<MotionData> data;
   for (const FilteredLog& log : filtered.logs) {
     data.push_back({log.kept_rows(log.q), log.kept_rows(log.dq), log.kept_rows(log.ddq),
-                    log.kept_rows(log.tau), kept_friction(log, linear.friction, prior.friction)});
+                    log.kept_rows(log.tau), kept_friction(log, linear.friction, prior.friction),
+                    log.gravity_B});
   }
   RobotDescription plain = prior;  // gains and tilt are already subtracted
   plain.torque_sensor.reset();

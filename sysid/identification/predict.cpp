@@ -25,7 +25,7 @@ Eigen::MatrixXd model_torque(const FilteredLog& log, const RobotDescription& rob
   const Eigen::Index n = regressor.joints();
   Eigen::VectorXd theta = thetas_of(robot);
   if (const auto body = known_body(robot, options.hand, options.tool)) theta.tail<10>() += theta_of(*body);
-  const Vector3 gravity = tilted(options.gravity_B, robot.base_tilt);
+  const Vector3 gravity = tilted(log.gravity_B.value_or(options.gravity_B), robot.base_tilt);
   Eigen::MatrixXd out(static_cast<Eigen::Index>(log.kept.size()), n);
   for (Eigen::Index i = 0; i < out.rows(); ++i) {
     const Eigen::Index at = log.kept[static_cast<std::size_t>(i)];

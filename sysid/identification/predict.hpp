@@ -13,7 +13,7 @@ namespace multipanda {
 struct PredictOptions {
   bool hand = false;               // the robot's hand is on the flange
   std::optional<RigidBody> tool;   // known body in the flange's frame, in addition to the hand
-  Vector3 gravity_B{0, 0, -9.81};  // in the base, for its assumed mounting [m/s^2]
+  Vector3 gravity_B{0, 0, -9.81};  // in the base, for logs without their own (MeasuredLog) [m/s^2]
   bool motor_friction = false;     // treats the motors' friction table as if the sensor showed it
 };
 

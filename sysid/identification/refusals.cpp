@@ -39,7 +39,7 @@ void refuse_other_robot(std::span<const MeasuredLog> logs, const RobotDescriptio
   }
 }
 
-void refuse_unexplained(const Equations& equations, const Eigen::VectorXd& theta,
+void refuse_unexplained(const std::string& source, const Equations& equations, const Eigen::VectorXd& theta,
                         const RobotDescription& robot) {
   const auto n = static_cast<Index>(equations.size());
   double left = 0, measured = 0, worst = 0;
@@ -58,12 +58,12 @@ void refuse_unexplained(const Equations& equations, const Eigen::VectorXd& theta
   if (ratio <= kUnexplained) return;
   const double rows = static_cast<double>(equations.front().rows);
   throw LogRefused(fmt::format(
-      "the model {} leaves {:.0f} % of the measured torque unexplained (most at joint{}: {:.2f} N "
+      "{}: the model {} leaves {:.0f} % of the measured torque unexplained (most at joint{}: {:.2f} N "
       "m), expected at most {:.0f} %; "
-      "check the robot, the hand and tool, the order of the joints, and that "
+      "check the robot, the base (--base), the hand and tool, the order of the joints, and that "
       "torques are in N m with "
       "gravity",
-      robot.name, 100 * ratio, worst_joint + 1, std::sqrt(worst / rows), 100 * kUnexplained));
+      source, robot.name, 100 * ratio, worst_joint + 1, std::sqrt(worst / rows), 100 * kUnexplained));
 }
 
 Condition condition_of(const Equations& equations, const std::vector<Index>& leading) {

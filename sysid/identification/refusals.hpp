@@ -13,9 +13,9 @@ namespace multipanda {
 // Throws LogRefused for another joint count and for positions outside the range of `robot`.
 void refuse_other_robot(std::span<const MeasuredLog> logs, const RobotDescription& robot);
 
-// Throws LogRefused if the given robot leaves most of the measured torque unexplained: it is another robot,
-// the units differ, or the joints are in another order. `theta` includes hand and tool (10 n).
-void refuse_unexplained(const Equations& equations, const Eigen::VectorXd& theta,
+// Throws LogRefused if the given robot leaves most of the torque of a log unexplained: it is another one, or
+// on another base, the units differ, or the joints are in another order. `theta` (10 n) has hand and tool.
+void refuse_unexplained(const std::string& source, const Equations& equations, const Eigen::VectorXd& theta,
                         const RobotDescription& robot);
 
 // Condition of the regressor's `leading` columns in these equations.

@@ -102,6 +102,33 @@ std::optional<std::size_t> CsvFile::find(std::string_view name) const {
   return static_cast<std::size_t>(found - names_.begin());
 }
 
+std::optional<std::vector<double>> CsvFile::header(std::string_view key, std::size_t count) const {
+  std::string_view rest(text_);
+  for (std::size_t number = 1; number < header_line_; ++number) {
+    const std::size_t end = rest.find('\n');
+    std::string_view line = trimmed(rest.substr(0, end));
+    rest.remove_prefix(end + 1);
+    if (line.empty() || line.front() != '#') continue;
+    line = trimmed(line.substr(1));
+    if (!line.starts_with(key)) continue;
+    line = trimmed(line.substr(key.size()));
+    if (line.empty() || line.front() != ':') continue;
+    std::string text(line.substr(1));
+    std::replace(text.begin(), text.end(), ',', ' ');
+    std::vector<double> values;
+    bool good = true;
+    for (std::string_view left = trimmed(text); good && !left.empty();) {
+      const std::string_view cell = left.substr(0, left.find_first_of(" \t"));
+      good = as_number(cell, values.emplace_back()) && std::isfinite(values.back());
+      left = trimmed(left.substr(cell.size()));
+    }
+    if (good && values.size() == count) return values;
+    throw LogRefused(path_ + ":" + std::to_string(number) + ": found '" + std::string(key) + ":" + text +
+                     "', expected " + std::to_string(count) + " numbers");
+  }
+  return std::nullopt;
+}
+
 CsvFile::Numbers CsvFile::read(const std::vector<std::size_t>& requested) const {
   Numbers out;
   std::vector<double> flat;

@@ -9,7 +9,8 @@
 #include <Eigen/Core>
 
 // A CSV file with one row of names. Cells are separated by commas, semicolons or tabs. Blanks around them are
-// ignored, strings may be quoted, and lines beginning with # are left out.
+// ignored, strings may be quoted, and lines beginning with # are left out, but those before the names
+// may hold a value each, such as "# base_rpy_rad: 0 1.5708 0".
 namespace multipanda {
 
 class CsvFile {
@@ -20,6 +21,9 @@ class CsvFile {
   const std::vector<std::string>& names() const { return names_; }
   std::optional<std::size_t> find(std::string_view name) const;
   std::size_t header_line() const { return header_line_; }
+  // The numbers of the line "# KEY: ..." before the names, separated by blanks or commas; none: no such line.
+  // Throws LogRefused with file and line unless there are `count` finite ones.
+  std::optional<std::vector<double>> header(std::string_view key, std::size_t count) const;
 
   struct Numbers {
     Eigen::MatrixXd values;          // rows x requested columns

@@ -155,6 +155,25 @@ TEST_F(CsvLogs, AColumnMapNamesColumnsFamiliesAndFactors) {
   }
 }
 
+// A base turned by roll, pitch, yaw shows gravity as the third row of its rotation, downwards:
+// (sin p, -cos p sin r, -cos p cos r) * 9.81.
+TEST_F(CsvLogs, ALineBeforeTheNamesTellsTheBase) {
+  auto lines = good_lines();
+  EXPECT_FALSE(read_measured(put_lines(lines)).at(0).gravity_B);
+  lines.insert(lines.begin(), {"# recorded by hand", "# base_rpy_rad: 0.3, -0.5 2"});
+  const auto log = read_measured(put_lines(lines)).at(0);
+  ASSERT_TRUE(log.gravity_B);
+  const Eigen::Vector3d expected(std::sin(-0.5), -std::cos(0.5) * std::sin(0.3),
+                                 -std::cos(0.5) * std::cos(0.3));
+  EXPECT_LT((*log.gravity_B - 9.81 * expected).norm(), 1e-12);
+  EXPECT_EQ(log.lines[0], 4u);
+  for (const char* bad : {"# base_rpy_rad: 0 1", "# base_rpy_rad: 0 a 1", "#base_rpy_rad: 0 nan 1"}) {
+    lines[1] = bad;
+    EXPECT_THAT(refusal(put_lines(lines)),
+                AllOf(HasSubstr("corrupted.csv:2"), HasSubstr("expected 3 numbers")));
+  }
+}
+
 TEST_F(CsvLogs, NonNumbersAreRefusedWithTheirLine) {
   auto lines = good_lines();
   lines[41] = "0.04,nan" + lines[41].substr(lines[41].find(',', lines[41].find(',') + 1));

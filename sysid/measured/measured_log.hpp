@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -26,8 +27,10 @@ struct MeasuredLog {
   Eigen::MatrixXd quat_EE;  // orientation in the world, w x y z (N x 4)
   Eigen::MatrixXd F_EE;     // estimated wrench, of the arm on its environment, world axes [N, N m] (N x 6)
   Eigen::MatrixXd F_true;   // the same from the simulation's contacts (N x 6)
-  std::string scene_text;   // scene of the run; empty: unknown
-  std::string scene_path;   // path of the scene; relative paths in the scene start at its folder
+  // Gravity in the arm's base [m/s^2], which says how it is mounted; none: the log does not say.
+  std::optional<Eigen::Vector3d> gravity_B;
+  std::string scene_text;             // scene of the run; empty: unknown
+  std::string scene_path;             // path of the scene; relative paths in the scene start at its folder
   std::vector<std::size_t> lines;     // of a CSV file: the line of each sample; otherwise empty
   std::vector<std::string> warnings;  // what is unusual but does not prevent use, with numbers
 
@@ -56,7 +59,8 @@ struct MeasuredLogOptions {
 };
 
 // Reads log.mcap (or the folder of a run that has one), CSV with columns t, q1.., dq1.., tau1.., tables of
-// `export --csv`, or CSV of libfranka (franka::logToCSV). One entry per arm. For MCAP logs x_EE, quat_EE and
+// `export --csv`, or CSV of libfranka (franka::logToCSV). A line "# base_rpy_rad: R P Y" before the names of
+// a CSV file tells the base in the world. One entry per arm. For MCAP logs x_EE, quat_EE and
 // gravity are computed at every sample from the scene in the log. Throws LogRefused, and
 // std::invalid_argument for an unknown arm.
 std::vector<MeasuredLog> read_measured(const std::filesystem::path& path,

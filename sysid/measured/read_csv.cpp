@@ -4,6 +4,7 @@
 #include <charconv>
 #include <set>
 
+#include "core/types/spatial.hpp"
 #include "sysid/measured/csv_file.hpp"
 
 namespace multipanda {
@@ -148,6 +149,8 @@ MeasuredLog read_csv(const std::filesystem::path& path, const MeasuredLogOptions
 
   MeasuredLog log;
   log.source = path.string();
+  if (const auto rpy = file.header("base_rpy_rad", 3))
+    log.gravity_B = rotation_from_rpy({(*rpy)[0], (*rpy)[1], (*rpy)[2]}).transpose() * Vector3(0, 0, -9.81);
   std::vector<std::size_t> requested{time->column};
   std::vector<Slot> slots;
   std::size_t joints = 0;

@@ -4,10 +4,10 @@
 
 #include <gtest/gtest.h>
 
-#include "core/testing/full_series.hpp"
+#include "core/testing/series.hpp"
 
-// MULTIPANDA_FULL=1 runs the full series and prints its figures; otherwise one pose of each controllet,
-// with and without motor inertia in turn.
+// The full series prints its figures; by default one pose of each controllet runs, with and without motor
+// inertia in turn.
 namespace multipanda::press {
 namespace {
 
@@ -31,6 +31,7 @@ Press pressing(const char* controllet, int pose, bool motor_inertia) {
 }
 
 TEST(Press, PersonsHandBetweenArmAndTable) {
+  test::Series series;
   int at = 0;
   for (const char* controllet : kControllets) {
     ++at;
@@ -39,7 +40,7 @@ TEST(Press, PersonsHandBetweenArmAndTable) {
         // With rotor inertia, a hand that is blocked may end in a hold at a joint's velocity limit.
         const bool coupled = std::string_view(controllet) == "coupled_dual_cartesian_impedance";
         if (coupled && !motor_inertia) {
-          if (test::full_series()) {
+          if (series.whole() && series.full()) {
             std::printf(
                 "%s\n",
                 (name({controllet, pose, motor_inertia}) +
@@ -50,11 +51,15 @@ TEST(Press, PersonsHandBetweenArmAndTable) {
           }
           continue;
         }
-        if (!test::full_series() && (pose != at % kPoses || motor_inertia != (at % 2 == 0))) continue;
+        if (!series.takes(pose == at % kPoses && motor_inertia == (at % 2 == 0))) continue;
         const Press press = pressing(controllet, pose, motor_inertia);
         SCOPED_TRACE(name(press));
         const Outcome outcome = run(press);
-        if (test::full_series()) {
+        series.record("impact_n", outcome.impact);
+        series.record("later_n", outcome.later);
+        series.record("swing_n", outcome.swing);
+        series.record("hand_speed_m_per_s", outcome.hand_speed);
+        if (series.full()) {
           std::printf("%-62s impact %5.1f N, later %5.1f N, swing %5.2f N, %5.3f m/s %s\n",
                       name(press).c_str(), outcome.impact, outcome.later, outcome.swing, outcome.hand_speed,
                       outcome.intervention.c_str());
@@ -74,6 +79,7 @@ TEST(Press, PersonsHandBetweenArmAndTable) {
 
 // Held back until the set-point waits, then let go. Soft springs store the most.
 TEST(Press, AnArmThatIsLetGoDoesNotLeap) {
+  test::Series series;
   int at = 0;
   for (const char* controllet : kControllets) {
     ++at;
@@ -82,12 +88,13 @@ TEST(Press, AnArmThatIsLetGoDoesNotLeap) {
         const bool coupled = std::string_view(controllet) == "coupled_dual_cartesian_impedance";
         if (coupled && !motor_inertia) continue;
         const int usual = coupled ? 1 : at % kPoses;  // where it is fastest
-        if (!test::full_series() && (pose != usual || motor_inertia != (at % 2 == 0))) continue;
+        if (!series.takes(pose == usual && motor_inertia == (at % 2 == 0))) continue;
         Press press = pressing(controllet, pose, motor_inertia);
         press.released_after_s = 2;
         SCOPED_TRACE(name(press));
         const Outcome outcome = run(press);
-        if (test::full_series()) {
+        series.record("let_go_speed_m_per_s", outcome.let_go_speed);
+        if (series.full()) {
           std::printf("%-62s let go: %5.3f m/s %s\n", name(press).c_str(), outcome.let_go_speed,
                       outcome.intervention.c_str());
           std::fflush(stdout);
@@ -108,11 +115,15 @@ TEST(Press, AnArmThatIsLetGoDoesNotLeap) {
 // Led farther, it is left behind, and the hand is free within some seconds. (Who leads a `teleoperation`
 // feels the hand, and is not ahead as far. In pose 0 the joints of the leader end before.)
 TEST(Press, AnArmThatIsLeftBehindLetsAHandGo) {
+  test::Series series;
   for (const char* controllet : {"joint_follower", "pose_follower"}) {
-    for (int pose = 1; pose < (test::full_series() ? kPoses : 2); ++pose) {
+    for (int pose = 1; pose < kPoses; ++pose) {
+      if (!series.takes(pose == 1)) continue;
       const Press press{controllet, pose};
       SCOPED_TRACE(name(press));
       const Outcome outcome = run(press);
+      series.record("later_n", outcome.later);
+      series.record("at_end_n", outcome.at_end);
       EXPECT_GT(outcome.impact, 20);
       EXPECT_LE(outcome.later, kQuasiStatic);
       EXPECT_LT(outcome.at_end, 10);  // what is left is the friction of a table against a hand

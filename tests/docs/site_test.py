@@ -104,7 +104,7 @@ class Site(unittest.TestCase):
         for name, page in site_api.PAGES.items():
             anchors = self.pages[self.site / "python_api" / f"{name}.html"].anchors
             for entry in page.names:
-                self.assertIn(f"multipanda.{entry}", anchors)
+                self.assertIn(site_api.full_name(entry), anchors)
 
 
 class Faults(unittest.TestCase):

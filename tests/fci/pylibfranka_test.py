@@ -366,7 +366,10 @@ class Settings(Arms):
         robot.set_EE(pose)
         robot.set_K(pose)
         robot.set_load(0.4, [0.01, 0.02, 0.03], [1e-3, 0, 0, 0, 2e-3, 0, 0, 0, 1.5e-3])
-        state = robot.read_once()
+        for _ in range(2000):  # a state may have been on its way before the settings
+            state = robot.read_once()
+            if state.m_load > 0:
+                break
         np.testing.assert_allclose(state.NE_T_EE, pose, atol=1e-6)
         np.testing.assert_allclose(state.EE_T_K, pose, atol=1e-6)
         np.testing.assert_allclose(pose_of(state.F_T_EE), pose_of(state.F_T_NE) @ pose_of(pose), atol=1e-6)

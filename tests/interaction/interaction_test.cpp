@@ -1,21 +1,27 @@
 // Limits of force control in simulation, measured by the plant's true forces. The program interaction_figures
-// prints the figures as tables. MULTIPANDA_FULL runs every case with five seeds; otherwise a few cases run.
+// prints the figures as tables. The full series are every case with five seeds; by default a few cases run.
 #include <gtest/gtest.h>
 
-#include "core/testing/full_series.hpp"
+#include "core/testing/series.hpp"
 #include "tests/interaction/figures.hpp"
 #include "tests/interaction/passivity.hpp"
 
 namespace multipanda::trial::interaction_test {
 namespace {
 
-std::uint64_t seeds() { return test::full_series() ? 5 : 1; }
+constexpr std::uint64_t kSeeds = 5;
 Change seeded(std::uint64_t seed) {
   return [seed](Scene& scene) { scene.seed = seed; };
 }
 std::string label(const PlantFidelity& plant, const Surface& surface) {
   return plant.name + ", " + std::to_string(surface.stiffness) + " N/m, friction " +
          std::to_string(surface.friction);
+}
+void record(test::Series& series, const TaskFigures& figures) {
+  series.record("force_rms_n", figures.force_rms);
+  series.record("force_max_n", figures.force_max);
+  series.record("peak_n", figures.peak);
+  series.record("rate_nm_per_s", std::max(figures.rate_task, figures.rate_contact));
 }
 const PlantFidelity kPlants[] = {PlantFidelity::ideal(), PlantFidelity::realistic()};
 
@@ -28,12 +34,15 @@ void expect_sound(const TaskFigures& figures, const PlantFidelity& plant, const 
 }
 
 TEST(Interaction, Task3FollowsTheSinusoid) {
+  test::Series series;
   for (const auto& plant : kPlants) {
     const bool realistic = plant.name == "realistic";
     for (const double stiffness : {1e3, 1e4, 1e5}) {
-      for (std::uint64_t seed = 1; seed <= (realistic ? seeds() : 1); ++seed) {
+      for (std::uint64_t seed = 1; seed <= (realistic ? kSeeds : 1); ++seed) {
+        if (!series.takes(seed == 1)) continue;
         const Surface surface{stiffness, 0.3, 0.3};
         const TaskFigures figures = task_figures("task_3", plant, surface, seeded(seed));
+        record(series, figures);
         const std::string what = label(plant, surface);
         expect_sound(figures, plant, what);
         EXPECT_LE(figures.force_rms, realistic ? 0.4 : 0.3) << what;
@@ -47,15 +56,18 @@ TEST(Interaction, Task3FollowsTheSinusoid) {
 }
 
 TEST(Interaction, Task4KeepsForceAndPath) {
+  test::Series series;
   for (const auto& plant : kPlants) {
     const bool realistic = plant.name == "realistic";
     for (const double friction : {0.1, 0.3, 0.5}) {
       for (const double stiffness : {1e3, 1e4, 1e5}) {
-        // Without --full only the corners and the middle run.
-        if (!test::full_series() && (friction == 0.3) != (stiffness == 1e4)) continue;
-        for (std::uint64_t seed = 1; seed <= (realistic ? seeds() : 1); ++seed) {
+        const bool usual = (friction == 0.3) == (stiffness == 1e4);  // the corners and the middle
+        for (std::uint64_t seed = 1; seed <= (realistic ? kSeeds : 1); ++seed) {
+          if (!series.takes(usual && seed == 1)) continue;
           const Surface surface{stiffness, 0.3, friction};
           const TaskFigures figures = task_figures("task_4", plant, surface, seeded(seed));
+          record(series, figures);
+          series.record("path_rms_m", figures.path_rms);
           const std::string what = label(plant, surface);
           expect_sound(figures, plant, what);
           const double soft = realistic ? 0.5 : 0.4, hard = realistic ? 0.25 : 0.1;
@@ -72,11 +84,13 @@ TEST(Interaction, UnmodeledStictionKeepsTheForceWithinLimits) {
   PlantFidelity plant;
   plant.name = "stiction";
   plant.stiction_nm = 0.3;
+  test::Series series;
   for (const char* task : {"task_3", "task_4"}) {
     for (const double stiffness : {1e3, 1e4, 1e5}) {
-      if (!test::full_series() && stiffness == 1e5) continue;
+      if (!series.takes(stiffness != 1e5)) continue;
       const Surface surface{stiffness, 0.3, 0.3};
       const TaskFigures figures = task_figures(task, plant, surface);
+      record(series, figures);
       EXPECT_TRUE(figures.good) << task << stiffness;
       EXPECT_LE(figures.force_rms, 1) << task << stiffness;
     }
@@ -103,17 +117,18 @@ TEST(Interaction, SpeedStaysLowWhenTheTableVanishes) {
 
 // Through contact loss, moving walls and jumping set-points, with tanks nearly empty and full.
 TEST(Interaction, StoredEnergyNeverExceedsItsInput) {
-  const std::uint32_t rounds = test::full_series() ? 5 : 1;
-  for (std::uint32_t seed = 1; seed <= rounds; ++seed) {
+  test::Series series;
+  for (std::uint32_t seed = 1; seed <= kSeeds; ++seed) {
     for (const Disturbance disturbance : kDisturbances) {
       for (const double start : {0.2, 0.5, 2.0, 100.0}) {
-        if (!test::full_series() && disturbance != Disturbance::all &&
-            start != (disturbance == Disturbance::wall ? 0.2 : 2.0)) {
-          continue;
-        }
+        const bool usual =
+            disturbance == Disturbance::all || start == (disturbance == Disturbance::wall ? 0.2 : 2.0);
+        if (!series.takes(usual && seed == 1)) continue;
         const Passivity figures = passivity(disturbance, start, false, seed);
         const std::string what = std::string(name(disturbance)) + ", tanks at " + std::to_string(start) +
                                  " J, seed " + std::to_string(seed);
+        series.record("excess_j", figures.excess);
+        series.record("gain_j", figures.gain);
         EXPECT_TRUE(figures.kept) << what;
         EXPECT_LE(figures.excess, 1e-9) << what;
         EXPECT_LE(figures.gain, 5e-3) << what;

@@ -76,6 +76,22 @@ class CockpitPage(unittest.TestCase):
                 run.stdout.read()
 
 
+class LerobotWheels(unittest.TestCase):
+    def test_each_has_the_name_that_lerobot_imports_and_nothing_else(self):
+        for kind in ("robot", "teleoperator"):
+            name = f"lerobot_{kind}_multipanda"
+            (path,) = made.OUT.glob(f"{name}-*.whl")
+            with zipfile.ZipFile(path) as archive:
+                files = {file for file in archive.namelist() if ".dist-info/" not in file}
+                (about,) = [file for file in archive.namelist() if file.endswith(".dist-info/METADATA")]
+                metadata = HeaderParser().parsestr(archive.read(about).decode())
+            self.assertEqual(files, {f"{name}/{part}.py" for part in ("__init__", "config_multipanda", "multipanda")})
+            self.assertEqual(metadata["Name"], name)  # not lerobot-robot-multipanda: LeRobot imports this text
+            self.assertEqual(metadata["Version"], made.wheel().name.split("-")[1])
+            needed = {re.match(r"[\w.-]+", line).group() for line in metadata.get_all("Requires-Dist")}
+            self.assertEqual(needed, {"lerobot", "numpy"})
+
+
 class Wheel(unittest.TestCase):
     def test_size(self):
         self.assertLess(made.wheel().stat().st_size, 30e6)

@@ -110,6 +110,20 @@ class Environment:
         return done.stdout
 
 
+# One compiled file for every version of Python: a world of the seed, and all of its bits.
+NATIVE = """
+import multipanda_native
+world = multipanda_native.World("one_arm", seed=3, hidden=True)
+world.step(300)
+saved = world.save()
+world.step(200)
+print(world.arms["arm"].q_rad.tobytes().hex())
+world.restore(saved)
+world.step(200)
+print(world.arms["arm"].q_rad.tobytes().hex())
+"""
+
+
 def first_steps_over_ros(environment, number, refusal):
     """The extra `ros` as the refusal names it, then the program and a client of rclpy, both from the wheel."""
     (command,) = re.findall(r"(\S+ -m pip install) '(multipanda\[ros\])'", refusal)
@@ -163,6 +177,7 @@ def whole_use(python, number):
     seen["page"] = (environment.here / environment.call(program, "report", "more").stdout.strip()).read_text()
     seen["two_arms"] = environment.example("two_arms.py")
     seen["stream"] = environment.example("stream_policy.py", "--seconds", "1")
+    seen["native"] = environment.call(environment.bin / "python", "-c", NATIVE).stdout
     if version(python) in WITH_LAW:
         environment.call(environment.bin / "python", "-m", "pip", "install", "-q", "multipanda[law]")
         seen["law"] = environment.example("own_law.py")
@@ -173,6 +188,13 @@ def whole_use(python, number):
     seen["sockets"] = sorted(path.name for path in environment.run.rglob("*") if path.is_file() or path.is_socket())
     shutil.rmtree(environment.bin.parent)
     return seen
+
+
+@functools.cache
+def native_here():
+    """What NATIVE says in this source tree, with its Python."""
+    python = made.BUILD / "share/multipanda-venv/bin/python"
+    return made.output(python, "-c", NATIVE, env={**os.environ, "PYTHONPATH": str(made.ROOT / "python")})
 
 
 class CleanEnvironments(unittest.TestCase):
@@ -203,6 +225,7 @@ class CleanEnvironments(unittest.TestCase):
         self.assertIn("multipanda[report]", seen["run_refused"].stderr)
         self.assertNotEqual(seen["ros_refused"].returncode, 0)
         self.assertRegex(seen["ros_refused"].stderr, r"the ROS 2 libraries are not installed .*'multipanda\[ros\]'")
+        self.assertEqual(seen["native"], native_here())
         if "ros" in seen:
             self.assertRegex(seen["ros"], r"switched: \['left_cartesian'\] instead of")
         if "law" in seen:

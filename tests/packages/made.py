@@ -16,7 +16,7 @@ atexit.register(shutil.rmtree, FOLDER, ignore_errors=True)
 
 
 def wheel():
-    (path,) = OUT.glob("*.whl")
+    (path,) = OUT.glob("multipanda-*.whl")
     return path
 
 

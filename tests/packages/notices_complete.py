@@ -14,8 +14,9 @@ from made import ROOT, output
 sys.path.insert(0, str(ROOT / "packages"))
 from notices import COMPONENTS, canonical, is_of_page  # noqa: E402
 
-# Part of every Linux, and compiled in under the runtime library exception.
-OF_THE_SYSTEM = re.compile(r"^(libc6|libc6-dev|linux-libc-dev|libstdc\+\+.*|libgcc.*|gcc-.*)$")
+# Part of every Linux, and compiled in under the runtime library exception; Python's interface, of which nothing but
+# declarations is compiled in.
+OF_THE_SYSTEM = re.compile(r"^(libc6|libpython3.*-dev|libc6-dev|linux-libc-dev|libstdc\+\+.*|libgcc.*|gcc-.*)$")
 
 
 @functools.cache
@@ -71,7 +72,7 @@ def bundled():
 def compiled_in():
     """Owners of the headers outside this project that went into the program, and one header of each."""
     ninja = ["ninja", "-C", made.BUILD]
-    inputs = output(*ninja, "-t", "inputs", "multipanda").splitlines()
+    inputs = output(*ninja, "-t", "inputs", "multipanda", "multipanda_native_core").splitlines()
     objects = [line for line in inputs if line.endswith(".o")]
     headers = set()
     for line in output(*ninja, "-t", "deps", *objects).splitlines():

@@ -9,6 +9,7 @@ import unittest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "python" / "multipanda"
+NATIVE = ROOT / "python" / "multipanda_native"
 sys.path.insert(0, str(ROOT / "tools"))
 
 import site_api
@@ -27,7 +28,7 @@ class Source:
     def __init__(self):
         self.functions = {}  # (module, class or "", name) -> node
         self.classes = {}  # (module, class) -> node
-        for path in sorted(PACKAGE.glob("*.py")):
+        for path in sorted([*PACKAGE.glob("*.py"), *NATIVE.glob("*.py")]):
             for node in ast.parse(path.read_text(encoding="utf-8")).body:
                 if isinstance(node, ast.ClassDef):
                     self.classes[path.stem, node.name] = node

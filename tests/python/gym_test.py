@@ -170,7 +170,6 @@ class Seeds(unittest.TestCase):
         self.assertEqual(len(logged), 500)
         np.testing.assert_array_equal(np.array(seen), logged)
         self.assertGreater(np.abs(np.diff(logged, axis=0)).max(), 1e-6)  # there is noise
-        worlds.close()
 
     def test_plants_differ(self):
         plain, drawn = make_vec("Reach", 2), make_vec("Reach", 2, plants=True)

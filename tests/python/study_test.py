@@ -3,15 +3,17 @@
 
 import concurrent.futures
 import csv
-import importlib.util
+import importlib
 import json
 import os
 import pathlib
+import pickle
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 
 import harness  # first: it sets the paths
@@ -37,6 +39,11 @@ seeds: {{first: 3, count: {seeds}}}
 
 def program_words():
     return [os.environ["MULTIPANDA_PROGRAM"], "study"]
+
+
+def _use(program):
+    """Initializer of a pool: its processes use this program."""
+    os.environ["MULTIPANDA_PROGRAM"] = program
 
 
 def bare(result):
@@ -345,35 +352,101 @@ class Studies(unittest.TestCase):
         for pool in pools:
             pool.shutdown(wait=True, cancel_futures=True)
 
-    @unittest.skipUnless(
-        importlib.util.find_spec("distributed"), "Dask is not installed: pip install 'multipanda[dask]'"
-    )
-    def test_dask_with_two_worker_processes_one_of_which_is_killed(self):
-        started = []
-        self.addCleanup(lambda: [(p.kill(), p.wait()) for p in started])
-        scheduler_file = self.folder / "scheduler.json"
+    PROGRAM = """import json, os, pathlib, sys, time
+mode, seed, out = sys.argv[1:]
+place = pathlib.Path(__file__).parent
+if (place / "slow").exists():
+    (place / f"begun_{seed}").touch()
+    time.sleep(60)
+if seed == "2" and mode == "die_once" and not (place / "died").exists():
+    (place / "died").touch()
+    os.kill(os.getpid(), 9)
+if mode == "silent": sys.exit(0)
+found = {"x": int(seed) / 3, "y": [1], "faults": ["odd"] * (mode == "odd")}
+pathlib.Path(out, "result.json").write_text(json.dumps(found))
+sys.exit(3 if mode == "bad" else 0)
+"""
 
-        def start(*words):
-            log = open(self.folder / f"dask{len(started)}.log", "w")  # noqa: SIM115
-            self.addCleanup(log.close)
-            words = [sys.executable, "-m", "distributed.cli.dask_" + words[0], *words[1:]]
-            started.append(subprocess.Popen(words, stdout=log, stderr=log, cwd=self.folder))
+    def program(self, modes, count=3):
+        (self.folder / "evaluate.py").write_text(self.PROGRAM)
+        words = f"[{sys.executable}, evaluate.py, '{{mode}}', '{{seed}}', '{{out}}']"
+        axes = f"[{{name: mode, key: mode, values: [{modes}]}}]"
+        return self.file(f"{{program: {words}, axes: {axes}, seeds: {{count: {count}}}}}")
 
-        start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", scheduler_file)
-        until(scheduler_file.exists, "Dask's scheduler")
-        address = json.loads(scheduler_file.read_text())["address"]
-        for _ in range(2):
-            start("worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard", "--no-nanny")
-        until(lambda: (self.folder / "dask2.log").read_text().count("Registered to"), "Dask's workers")
+    def test_a_program_is_run_and_its_file_decides_about_the_results(self):
+        file = self.program("well, odd, bad, die_once, silent")
+        found = mp.study(file, out=self.out)
+        rows = {(row["mode"], row["seed"]): row for row in found.rows}
+        self.assertEqual(len(rows), 12)
+        self.assertEqual({entry["mode"] for entry in found.errors}, {"silent"})
+        self.assertIn("no result.json", found.errors[0]["error"])
+        for (mode, seed), row in rows.items():
+            self.assertEqual((row["x"], row["y"], row["success"]), (seed / 3, [1], mode != "bad"))
+        faults = json.loads((self.out / "study.json").read_text())["faults"]
+        self.assertEqual(sorted({entry["fault"][:11] for entry in faults}), ["exit code 3", "odd"])
+        self.assertIn("well", found.page.read_text())
+        self.assertTrue((self.folder / "died").exists())  # and was tried again
+        self.assertEqual(mp.study(file, out=self.out, page=False).skipped, 12)
+        with open(self.folder / "evaluate.py", "a") as text:
+            text.write("# changed\n")
+        self.assertEqual(mp.study(file, out=self.out, page=False).skipped, 0)
 
-        def kill_one(_text):
-            if len(self.results()) > 3:
-                started[1].kill()
+    def test_a_stopped_study_ends_its_commands(self):
+        """Ctrl-C does not wait for a long run to its end."""
+        file = self.program("well", count=1)
+        (self.folder / "slow").touch()
+        words = [*program_words(), str(file), "--out", str(self.out), "--no-page"]
+        process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        self.addCleanup(process.stderr.close)
+        until((self.folder / "begun_1").exists, "the run")
+        begin = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        self.assertEqual(process.wait(PATIENCE), 130)
+        self.assertLess(time.monotonic() - begin, 30)  # of 60 s
+        self.assertIn("goes on where it was", process.stderr.read())
 
-        executor = f"dask:{address}"
-        found = mp.study(self.file(seeds=30), executor, out=self.out, page=False, batch=4, progress=kill_one)
-        self.assertEqual((len(found.rows), found.errors), (120, []))
-        self.assertEqual(found.rows, mp.study(self.file(seeds=30), out=self.folder / "local", page=False).rows)
+    def test_variants_of_an_experiment_are_runs_of_their_own(self):
+        words = [os.environ["MULTIPANDA_PROGRAM"], "experiment", "list", "--json"]
+        listed = json.loads(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
+        names = [v["name"] for entry in listed if entry["name"] == "contact-loss" for v in entry["variants"]][:2]
+        text = f"{{experiment: contact-loss, axes: [{{name: v, key: only, values: [{', '.join(names)}]}}]}}"
+        found = mp.study(self.file(text), out=self.out, page=False)
+        self.assertEqual([row["v"] for row in found.rows], names)
+        for row in found.rows:
+            figures = {name.split("/")[0] for name in row if "/" in name}
+            self.assertEqual(figures, {row["v"]})
+
+    def test_errors_of_other_processes_arrive_as_they_were_raised(self):
+        def kinds(kind):
+            yield kind
+            for other in kind.__subclasses__():
+                yield from kinds(other)
+
+        for kind in kinds(mp.Error):
+            words = ("verdict", "reason", "step") if issubclass(kind, mp.Refused) else ("cause", "step")
+            error = kind(*words)
+            arrived = pickle.loads(pickle.dumps(error))
+            self.assertIs(type(arrived), kind)
+            self.assertEqual((str(arrived), vars(arrived)), (str(error), vars(error)))
+
+    def test_workers_that_all_fail_end_the_study(self):
+        class Broken(concurrent.futures.ThreadPoolExecutor):
+            def submit(self, work, task):
+                return super().submit(lambda: importlib.import_module("a_module_that_workers_lack"))
+
+        with Broken(1) as broken, self.assertRaises(mp.Error) as caught:
+            mp.study(self.file(), broken, out=self.out, page=False)
+        self.assertIn("a_module_that_workers_lack", str(caught.exception))
+
+    def test_a_process_pool_names_what_it_refuses(self):
+        other = self.folder / "multipanda"
+        shutil.copy2(os.environ["MULTIPANDA_PROGRAM"], other)
+        with open(other, "ab") as file:
+            file.write(b"\n")
+        with concurrent.futures.ProcessPoolExecutor(1, initializer=_use, initargs=(str(other),)) as pool:
+            with self.assertRaises(mp.Refused) as caught:
+                mp.study(self.file(), pool, out=self.out, page=False)
+        self.assertEqual(caught.exception.verdict, "other_program")
 
 
 if __name__ == "__main__":

@@ -1,13 +1,17 @@
 #!/usr/bin/env python3
 """The mapping from actions to set-points, against rotation matrices and closed forms; what tasks declare."""
 
+import contextlib
 import math
+import threading
+import types
 import unittest
+import unittest.mock
 
 import harness  # first: it sets the paths
 import numpy as np
 from harness import ROOT
-from multipanda import Pose
+from multipanda import ArmState, GripperState, Pose, Refused, RunState, Timeout
 from multipanda.tasks import (
     TASKS,
     ActionMapping,
@@ -19,6 +23,7 @@ from multipanda.tasks import (
     ScalarPart,
     WrenchPart,
 )
+from multipanda.tasks import drive as driving
 from multipanda.tasks.rotations import compose, exponential, from_rpy, inverse, logarithm
 
 
@@ -195,6 +200,25 @@ class Mapping(unittest.TestCase):
         for action, command in expected.items():
             np.testing.assert_array_equal(mapping.command(np.array([[action]]), states).grippers["arm"], [command])
 
+    def test_what_a_gripper_holds_at_the_start_stays_held(self):
+        mapping = ActionMapping([], [GripperPart("arm", width_m=0.04, force_n=30)])
+        states = {"arm": states_of([[0, 0, 0, 1.0, 0, 0, 0]] * 2)}
+        states["arm"].gripper[:] = [[0.04, 1], [0.04, 0]]
+        mapping.reset(states)
+        got = mapping.command(np.zeros((2, 1)), states).grippers["arm"]
+        np.testing.assert_array_equal(got, [[0.04, 30], [0.078, 0]])
+
+    def test_how_far_set_points_are_from_hands(self):
+        random = np.random.default_rng(7)
+        base, base_matrix = random_pose(random)
+        nominal = Pose.of(base_matrix @ homogeneous(rodrigues([0, 0, 0.5]), [0.3, 0.4, 0])).values
+        part = PosePart("law", "pose", ["arm"], base, step_m=0.1, around=True)
+        mapping = ActionMapping(["law"], [part])
+        states = {"arm": states_of([nominal])}
+        mapping.reset(states)
+        mapping.command(np.zeros((1, 3)), states, np.array([[0, 0, 0, 1.0, 0, 0, 0]]))
+        np.testing.assert_allclose(mapping.away(states), [0.5, 0.5], atol=1e-9)
+
     def test_only_the_worlds_of_a_mask_begin_anew(self):
         part = PosePart("law", "pose", ["arm"], np.array([0, 0, 0, 1.0, 0, 0, 0]), step_m=0.1)
         mapping = ActionMapping(["law"], [part])
@@ -248,6 +272,260 @@ class Tasks(unittest.TestCase):
         page = (ROOT / "docs" / "gymnasium.md").read_text(encoding="utf-8")
         for name in TASKS:
             self.assertIn(f"multipanda/{name}-v0", page)
+
+
+class FakeRun:
+    """A run as `drive` sees it, on a clock of its own: it notes what is sent, and its hands follow set-points."""
+
+    def __init__(self, task, poses, gripper=None):
+        self.now, self.said, self.task = 0.0, [], task
+        self.poses, self.gripper = dict(poses), gripper
+        self.parameters = {"translational_stiffness_n_per_m": 600.0, "damping_ratio": 1.0}
+        self.owner = {arm.name: f"{arm.name}_hold" for arm in task.arms}
+        self.stopped = set()
+        self.arms = {
+            arm.name: types.SimpleNamespace(base=Pose.of(arm.base), gripper=FakeGripper(self, arm.name))
+            for arm in task.arms
+        }
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+
+    def state(self):
+        zeros = np.zeros(7)
+        arms = {
+            name: ArmState(
+                name, self.now, self.owner[name], "move", name in self.stopped, zeros, zeros, zeros, zeros,
+                Pose.of(pose), np.zeros(6), 0.0, (), "", 0, "", self.gripper,
+            )
+            for name, pose in self.poses.items()
+        }  # fmt: skip
+        return RunState("fake", 1, self.now, 0.0, 1000, 1, 0, arms)
+
+    def switch(self, activate):
+        self.said.append(("switch", self.now))
+        for name in self.owner:
+            self.owner[name] = next((law for law in activate if law.startswith(name)), activate[0])
+
+    def take_arms_from(self, controllets):
+        self.said.append(("held", self.now))
+        self.owner = {name: f"{name}_hold" for name in self.owner}
+
+    def ask(self, request, patience_s):
+        self.said.append((f"{request['action']} {request['arm']}", self.now))
+        self.arms[request["arm"]].gripper.stopped.set()
+
+    def __getitem__(self, name):
+        return FakeControllet(self, name)
+
+    def what(self):
+        return [what for what, _ in self.said]
+
+
+class FakeGripper:
+    """Its motions end when they are stopped."""
+
+    def __init__(self, run, arm):
+        self.run, self.arm, self.stopped = run, arm, threading.Event()
+
+    def move(self, width_m):
+        self.run.said.append((f"move {self.arm}", self.run.now))
+
+    def grasp(self, width_m, force_n):
+        self.run.said.append((f"grasp {self.arm}", self.run.now))
+        self.stopped.wait(harness.PATIENCE)
+
+
+class FakeControllet:
+    def __init__(self, run, name):
+        self.run, self.name, self.parameters = run, name, run.parameters
+
+    def input(self, name):
+        return {"timeout_s": 0.3}
+
+    @contextlib.contextmanager
+    def stream(self, name):
+        def send(values):
+            self.run.said.append((f"sample {self.name}", self.run.now))
+
+        yield types.SimpleNamespace(send=send)
+
+    def set(self, name, value):
+        self.run.said.append((f"set {name}", self.run.now))
+        self.run.parameters[name] = value
+
+
+HAND = [0.4, 0, 0.45, 0, 1, 0, 0]
+
+
+class Driving(unittest.TestCase):
+    """What `drive` sends, and above all what it does not, when something goes wrong."""
+
+    def drive(self, run, policy, numbers=None, **options):
+        numbers = {"point_m": np.array([0.5, 0, 0.4])} if numbers is None else numbers
+        with unittest.mock.patch.object(driving, "time", run):
+            return driving.drive(run, run.task, policy, driving.Start(numbers=numbers), **options)
+
+    def reach(self):
+        return FakeRun(TASKS["Reach"](), {"arm": HAND})
+
+    def handover(self, gripper):
+        right = [0.6, 0, 0.45, 0, 0, 1, 0]
+        return FakeRun(TASKS["Handover"](), {"left": HAND, "right": right}, gripper)
+
+    def test_an_episode(self):
+        run = self.reach()
+        done = self.drive(run, lambda seen: np.zeros(6), seconds=0.5)
+        self.assertEqual(run.what(), ["switch", *["sample cartesian"] * 10, "held"])
+        sent = [t for what, t in run.said if what == "sample cartesian"]
+        np.testing.assert_allclose(np.diff(sent), 0.05)
+        np.testing.assert_allclose(done.t_s, 0.05 * np.arange(10))
+        self.assertEqual(done.latest_s, 0)
+
+    def test_a_wrong_first_action_switches_nothing(self):
+        def raises(seen):
+            raise RuntimeError("no policy")
+
+        for policy, error in (
+            (raises, RuntimeError),
+            (lambda seen: np.full(6, math.nan), ValueError),
+            (lambda seen: np.zeros(5), ValueError),
+            (lambda seen: np.zeros((1, 6)), ValueError),
+        ):
+            run = self.reach()
+            with self.assertRaises(error):
+                self.drive(run, policy)
+            self.assertEqual(run.what(), [])
+
+    def test_whatever_ends_it_the_arms_are_held(self):
+        for error in (RuntimeError, KeyboardInterrupt):
+            run, calls = self.reach(), iter(range(100))
+
+            def policy(seen, calls=calls, error=error):
+                if next(calls) == 3:
+                    raise error
+                return np.zeros(6)
+
+            with self.assertRaises(error):
+                self.drive(run, policy)
+            self.assertEqual(run.what(), ["switch", *["sample cartesian"] * 3, "held"])
+
+    def test_no_action_is_made_up_for(self):
+        """A call that takes 0.22 s delays all after it; two samples never come within one period."""
+        run, calls = self.reach(), iter(range(100))
+
+        def policy(seen):
+            run.now += 0.22 if next(calls) in (0, 4) else 0.01
+            return np.zeros(6)
+
+        done = self.drive(run, policy, seconds=0.5)
+        sent = [t for what, t in run.said if what == "sample cartesian"]
+        self.assertEqual(len(sent), 10)
+        self.assertGreater(min(np.diff(sent)), 0.05 - 0.011)
+        self.assertGreater(done.latest_s, 0.1)
+
+    def test_an_old_action_is_not_sent(self):
+        """While the policy hung, a person may have moved the arm and switched back."""
+        run, calls = self.reach(), iter(range(100))
+
+        def policy(seen):
+            run.now += 0.31 if next(calls) == 2 else 0
+            return np.zeros(6)
+
+        with self.assertRaisesRegex(Timeout, "action 2 came 0.31 s"):
+            self.drive(run, policy)
+        self.assertEqual(run.what(), ["switch", *["sample cartesian"] * 2, "held"])
+
+    def test_far_from_the_start(self):
+        numbers = {"force_n": np.array([10.0]), "surface_error_m": np.zeros(1), "turn": np.ones(1)}
+        for hand in ([0.3069, 0.2, 0.37, 0, 1, 0, 0], [0.3069, 0, 0.37, 0, 0.8, 0.6, 0]):
+            run = FakeRun(TASKS["PressCircle"](), {"arm": hand})
+            with self.assertRaisesRegex(Refused, "near the task's start"):
+                self.drive(run, lambda seen: np.zeros(3), numbers)
+            self.assertEqual(run.what(), [])
+        run = FakeRun(TASKS["Reach"](), {"arm": [0.4, 0.6, 0.45, 0, 1, 0, 0]})  # outside of its box
+        with self.assertRaisesRegex(Refused, "near the task's start"):
+            self.drive(run, lambda seen: np.zeros(6))
+        self.assertEqual(run.what(), [])
+
+    def test_a_blocked_hand_ends_a_path_that_goes_on(self):
+        """PressCircle's path has no leash of its own; this hand does not move at all."""
+        numbers = {"force_n": np.array([10.0]), "surface_error_m": np.zeros(1), "turn": np.ones(1)}
+        run = FakeRun(TASKS["PressCircle"](), {"arm": [0.3069, 0, 0.37, 0, 1, 0, 0]})
+        with self.assertRaisesRegex(Refused, "blocks"):
+            self.drive(run, lambda seen: np.zeros(3), numbers, leash_m=0.06)
+        # On the circle of 5 cm radius 6 cm are reached at an angle of 2 asin(0.6), a little earlier with the height.
+        at_s = 0.5 + 4 * 2 * math.asin(0.6) / (2 * math.pi)
+        self.assertAlmostEqual(len(run.what()) / 20, at_s, delta=0.1)
+        self.assertEqual(run.what()[-1], "held")
+
+    def test_another_base(self):
+        for moved in ([0.02, 0, 0, 1, 0, 0, 0], [0, 0, 0, 0, 0, 0, 1]):
+            run = self.reach()
+            run.arms["arm"].base = Pose.of(moved)
+            with self.assertRaisesRegex(Refused, "base"):
+                self.drive(run, lambda seen: np.zeros(6))
+            self.assertEqual(run.what(), [])
+
+    def test_another_rate(self):
+        run = self.reach()
+        with self.assertRaisesRegex(ValueError, "20 actions per second"):
+            self.drive(run, lambda seen: np.zeros(6), rate_hz=100)
+        self.assertEqual(run.what(), [])
+
+    def test_parameters_are_given_back(self):
+        for seconds, error in ((0.2, None), (0.2, RuntimeError)):
+            run, calls = self.reach(), iter(range(100))
+
+            def policy(seen, calls=calls, error=error):
+                if next(calls) == 2 and error is not None:
+                    raise error
+                return np.ones(10)
+
+            with self.assertRaises(error) if error else contextlib.nullcontext():
+                self.drive(run, policy, action="impedance", seconds=seconds)
+            self.assertIn("set translational_stiffness_n_per_m", run.what()[: run.what().index("held")])
+            self.assertEqual(run.parameters, {"translational_stiffness_n_per_m": 600, "damping_ratio": 1})
+
+    def test_after_a_stop_nothing_moves(self):
+        """One of two arms is stopped while the policy thinks: no sample and no grasp follows, for neither arm."""
+        run, calls = self.handover(GripperState(0.08, 0.08, False, False)), iter(range(100))
+
+        def policy(seen):
+            opens = np.array([0, 0, 0, -1, 0, 0, 0, -1.0])
+            if next(calls) != 3:
+                return opens
+            run.stopped.add("left")
+            run.owner["left"] = "left_hold"
+            return -opens
+
+        with self.assertRaisesRegex(Refused, "'left' has been stopped"):
+            self.drive(run, policy, {"meeting_m": np.array([0.5, 0, 0.53])})
+        self.assertEqual(run.what().count("sample right_cartesian"), 3)
+        self.assertNotIn("grasp left", run.what())
+        self.assertNotIn("grasp right", run.what())
+
+    def test_fingers_that_move_are_stopped(self):
+        """After an exception, and after the arms are held."""
+        run, calls = self.handover(GripperState(0.08, 0.08, False, False)), iter(range(100))
+
+        def policy(seen):
+            if next(calls) == 3:
+                raise RuntimeError
+            return np.array([0, 0, 0, 1, 0, 0, 0, -1.0])
+
+        with self.assertRaises(RuntimeError):
+            self.drive(run, policy, {"meeting_m": np.array([0.5, 0, 0.53])})
+        self.assertEqual(run.what()[-2:], ["held", "stop left"])
+
+    def test_a_missing_gripper_shifts_no_numbers(self):
+        run = self.handover(None)
+        with self.assertRaisesRegex(Refused, "gripper of 'left'"):
+            self.drive(run, lambda seen: np.zeros(8), {"meeting_m": np.array([0.5, 0, 0.53])})
+        self.assertEqual(run.what(), [])
 
 
 if __name__ == "__main__":

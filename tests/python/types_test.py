@@ -8,12 +8,13 @@ import subprocess
 import sys
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-PACKAGE = ROOT / "python" / "multipanda"
+PACKAGES = [ROOT / "python" / name for name in ("multipanda", "multipanda_native")]
 
 
 def main():
-    if not (PACKAGE / "py.typed").exists():
-        sys.exit(f"{PACKAGE} lacks py.typed: its types would not be used")
+    for package in PACKAGES:
+        if not (package / "py.typed").exists():
+            sys.exit(f"{package} lacks py.typed: its types would not be used")
     if importlib.util.find_spec("mypy") is not None:
         command = [sys.executable, "-m", "mypy"]
     elif shutil.which("mypy"):
@@ -21,7 +22,7 @@ def main():
     else:
         print("skipped: mypy is not installed (pip install mypy)")
         return 77
-    command += ["--config-file", str(ROOT / "python" / "mypy.ini"), "--cache-dir", "/dev/null", str(PACKAGE)]
+    command += ["--config-file", str(ROOT / "python" / "mypy.ini"), "--cache-dir", "/dev/null", *map(str, PACKAGES)]
     return subprocess.run(command, cwd=ROOT, check=False).returncode
 
 

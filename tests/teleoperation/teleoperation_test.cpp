@@ -1,12 +1,12 @@
 // Teleoperation in simulation, measured by the plant's true joints and forces. teleoperation_figures prints
-// the figures. MULTIPANDA_FULL runs every case with three seeds; otherwise every 25th,
+// the figures. The full series are every case with three seeds; by default every 25th runs,
 // which meets each delay, loss, table and seed.
 #include <algorithm>
 #include <cmath>
 
 #include <gtest/gtest.h>
 
-#include "core/testing/full_series.hpp"
+#include "core/testing/series.hpp"
 #include "tests/teleoperation/figures.hpp"
 
 namespace multipanda::teleoperation {
@@ -56,6 +56,7 @@ TEST(TeleoperationTrial, HasItsBandwidth) {
 // S = kinetic energy of both arms + tanks + energy under way never grows by more than what the operator and
 // the table put in, with any delay, loss and table.
 TEST(TeleoperationTrial, IsPassive) {
+  test::Series series;
   int at = 0;
   for (const bool force : {false, true}) {
     for (const double tanks : {5.0, 0.05}) {
@@ -63,7 +64,7 @@ TEST(TeleoperationTrial, IsPassive) {
         for (const double loss : {0.0, 0.3}) {
           for (const double table : {1e3, 1e4, 1e5}) {
             for (std::uint32_t seed = 1; seed <= 3; ++seed) {
-              if (++at % 25 != 0 && !test::full_series()) continue;
+              if (!series.takes(++at % 25 == 0)) continue;
               const Trial trial = disturbed({.position_force = force,
                                              .table_n_per_m = table,
                                              .delay_s = delay,
@@ -73,6 +74,10 @@ TEST(TeleoperationTrial, IsPassive) {
               const Outcome outcome = run(trial);
               const Passivity found = passivity(outcome);
               SCOPED_TRACE(name(trial) + ", seed " + std::to_string(seed));
+              series.record("excess_j", found.excess);
+              series.record("gain_j", found.gain);
+              series.record("least_tank_j", found.least_tank);
+              series.record("contact_share", found.contact_share);
               EXPECT_TRUE(outcome.kept) << outcome.rules;
               EXPECT_LE(found.excess, 0);
               EXPECT_LE(found.gain, 1e-3);
@@ -89,9 +94,10 @@ TEST(TeleoperationTrial, IsPassive) {
 
 // A leader that feels nothing gives no energy, so the follower may only take what is in the tanks.
 TEST(TeleoperationTrial, WithoutEnergyTheFollowerFades) {
+  test::Series series;
   for (const double delay : {0.0, 0.1}) {
     for (const double table : {1e3, 1e5}) {
-      if ((delay > 0) != (table > 1e4) && !test::full_series()) continue;
+      if (!series.takes((delay > 0) == (table > 1e4))) continue;
       const Trial trial = disturbed({.plant = PlantFidelity::realistic(),
                                      .table_n_per_m = table,
                                      .delay_s = delay,
@@ -102,6 +108,8 @@ TEST(TeleoperationTrial, WithoutEnergyTheFollowerFades) {
       const Outcome outcome = run(trial);
       const Passivity found = passivity(outcome);
       SCOPED_TRACE(name(trial));
+      series.record("gain_j", found.gain);
+      series.record("least_valve", found.least_valve);
       EXPECT_TRUE(outcome.kept) << outcome.rules;
       EXPECT_LT(found.least_valve, 0.5);
       EXPECT_LE(found.excess, 0);

@@ -166,14 +166,14 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         command = self.mapping.command(actions, states, self.task.around(self._numbers, due))
         if begins.any():
             self.mapping.reset(states, begins)  # the action of a world that begins again moves nothing
-        refused = self.worlds.send(command, runs)
+        self.worlds.send(command, runs)
         self.worlds.step(self.mapping.cycles, runs)
         self._steps[runs] += 1
-        return self._judged(runs, refused)
+        return self._judged(runs)
 
-    def _judged(self, runs: Mask, refused: Mask) -> tuple[Any, Any, Any, Any, Info]:
+    def _judged(self, runs: Mask) -> tuple[Any, Any, Any, Any, Info]:
         judgment = self.task.judge(self.worlds.states(), self.worlds.truth(), self._numbers, self._time())
-        stopped = (self.worlds.stopped() | refused) & runs
+        stopped = self.worlds.stopped() & runs
         terminated = (judgment.failed & runs) | stopped
         truncated = (self._steps >= self.limit) & runs & ~terminated
         reward = np.where(runs & ~stopped, judgment.reward, 0.0)
@@ -188,7 +188,3 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
                 reasons[k] = self.worlds.reason(int(k))
             info["reason"], info["_reason"] = reasons, stopped.copy()
         return self._observation(), reward, terminated, truncated, info
-
-    def close_extras(self, **kwargs: Any) -> None:
-        """Releases the worlds."""
-        self.worlds.close()

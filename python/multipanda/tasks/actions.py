@@ -140,6 +140,13 @@ class PosePart:
             pose[:, 3:] = [1, 0, 0, 0]
         return compose(inverse(self.base), pose)
 
+    def away(self, states: States) -> tuple[float, float]:
+        """The largest distance [m] and angle [rad] of the newest set-points from the hands."""
+        measured = self.measured(states)
+        turn = logarithm(multiply(self.set_point[:, 3:], conjugate(measured[:, 3:])))
+        far = np.linalg.norm(self.set_point[:, :3] - measured[:, :3], axis=1)
+        return float(far.max()), float(np.linalg.norm(turn, axis=1).max())
+
     def reset(self, states: States, mask: Mask) -> None:
         measured = self.measured(states)
         if len(self.set_point) != len(measured):
@@ -320,7 +327,9 @@ class GripperPart:
         count = len(states[self.arm].pose)
         if len(self.closed) != count:
             self.closed = np.zeros(count, dtype=np.bool_)
-        self.closed[mask] = False
+        gripper = states[self.arm].gripper
+        # What is held at the start stays held until the policy opens the hand.
+        self.closed[mask] = False if gripper is None else gripper[mask, 1] > 0.5
 
     def add(self, command: Command, action: Array, states: States, around: Array | None) -> None:
         self.closed = np.where(action[:, 0] > 0.2, True, np.where(action[:, 0] < -0.2, False, self.closed))
@@ -359,6 +368,11 @@ class ActionMapping:
         chosen = np.ones(count, dtype=np.bool_) if mask is None else mask
         for part in self.parts:
             part.reset(states, chosen)
+
+    def away(self, states: States) -> tuple[float, float]:
+        """The largest distance [m] and angle [rad] of the newest set-points of hands from the measured ones."""
+        found = [part.away(states) for part in self.parts if isinstance(part, PosePart)]
+        return max((far for far, _ in found), default=0.0), max((turn for _, turn in found), default=0.0)
 
     def command(self, action: Array, states: States, around: Array | None = None) -> Command:
         """What an action commands.

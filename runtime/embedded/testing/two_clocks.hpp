@@ -7,7 +7,7 @@
 #include <functional>
 #include <random>
 
-#include "core/testing/full_series.hpp"
+#include "core/testing/series.hpp"
 
 namespace multipanda::test {
 
@@ -132,7 +132,7 @@ class Quintics {
   std::mt19937 random_;
 };
 
-// Arm time of one trial [s]: ten minutes with MULTIPANDA_FULL, otherwise what a quick test takes.
-inline double trial_seconds(double quick) { return full_series() ? 600 : quick; }
+// Arm time of one trial [s]: ten minutes in the full series, otherwise what a quick test takes.
+inline double trial_seconds(const Series& series, double quick) { return series.full() ? 600 : quick; }
 
 }  // namespace multipanda::test

@@ -1,0 +1,22 @@
+"""What multipanda's LeRobot packages and the export of logs share: names of features, arms as a robot, leaders, data
+sets. It needs neither LeRobot nor PyTorch (docs/lerobot.md).
+"""
+
+from .leader import ArmsLeader, SpaceMouseLeader
+from .names import ACTIONS, OBSERVED, action_names, state_names
+from .robot import ArmsRobot
+from .settings import LeaderSettings, RobotSettings, RunSettings, SpaceMouseSettings
+
+__all__ = [
+    "ACTIONS",
+    "OBSERVED",
+    "ArmsLeader",
+    "ArmsRobot",
+    "LeaderSettings",
+    "RobotSettings",
+    "RunSettings",
+    "SpaceMouseLeader",
+    "SpaceMouseSettings",
+    "action_names",
+    "state_names",
+]

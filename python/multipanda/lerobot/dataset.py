@@ -1,0 +1,203 @@
+"""Writes a LeRobot data set of version 3.0: parquet tables and JSON, without LeRobot."""
+
+from __future__ import annotations
+
+import json
+import pathlib
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..state import Array
+from .stats import statistics
+
+VERSION = "v3.0"
+ROBOT_TYPE = "multipanda"
+_FILE_MB = 100  # a new file begins above it, at an episode
+_CHUNK = 1000  # files of a folder
+_PATH = "{}/chunk-{:03d}/file-{:03d}.parquet"
+
+
+class ArrowMissing(Exception):
+    """pyarrow is not installed."""
+
+
+def _arrow() -> Any:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as missing:
+        raise ArrowMissing(str(missing)) from None
+    return pyarrow
+
+
+@dataclass
+class Frames:
+    """One episode.
+
+    Attributes:
+        state: observation.state, a row per frame, in the order of the names.
+        action: action, likewise.
+        task: What was to be done.
+        origin: Where it comes from, for meta/multipanda.json.
+    """
+
+    state: Array
+    action: Array
+    task: str
+    origin: dict[str, Any] = field(default_factory=dict)
+
+
+def _features(state_names: list[str], action_names: list[str]) -> dict[str, dict[str, Any]]:
+    def vector(names: list[str]) -> dict[str, Any]:
+        return {"dtype": "float32", "shape": [len(names)], "names": names}
+
+    def scalar(kind: str) -> dict[str, Any]:
+        return {"dtype": kind, "shape": [1], "names": None}
+
+    own = {"action": vector(action_names), "observation.state": vector(state_names), "timestamp": scalar("float32")}
+    return own | {name: scalar("int64") for name in ("frame_index", "episode_index", "index", "task_index")}
+
+
+def _table(columns: dict[str, Any], features: dict[str, dict[str, Any]]) -> Any:
+    """Vectors as lists of fixed size, as LeRobot's own writer has them."""
+    arrow = _arrow()
+    arrays = {}
+    for name, about in features.items():
+        kind = arrow.float32() if about["dtype"] == "float32" else arrow.int64()
+        flat = arrow.array(np.ascontiguousarray(columns[name]).ravel(), kind)
+        vector = about["names"] is not None and about["shape"] != [1]
+        arrays[name] = arrow.FixedSizeListArray.from_arrays(flat, about["shape"][0]) if vector else flat
+    return arrow.table(arrays)
+
+
+class _Shards:
+    """Files of at most about _FILE_MB, one row group per episode."""
+
+    def __init__(self, folder: pathlib.Path, what: str) -> None:
+        self._folder, self._what = folder, what
+        self._writer: Any = None
+        self._bytes = 0
+        self.number = -1
+
+    def add(self, table: Any) -> None:
+        if self._writer is None or self._bytes + table.nbytes > _FILE_MB * 1e6:
+            self.close()
+            self.number += 1
+            path = self._folder / _PATH.format(self._what, *divmod(self.number, _CHUNK))
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._writer = _arrow().parquet.ParquetWriter(str(path), table.schema, compression="snappy")
+            self._bytes = 0
+        self._writer.write_table(table)
+        self._bytes += table.nbytes
+
+    @property
+    def place(self) -> tuple[int, int]:
+        """Chunk and file that were written last."""
+        return divmod(self.number, _CHUNK)
+
+    def close(self) -> None:
+        if self._writer is not None:
+            self._writer.close()
+        self._writer = None
+
+
+def _write_tasks(path: pathlib.Path, tasks: list[str]) -> None:
+    """The table of tasks, with the remark by which pandas makes the texts its index."""
+    arrow = _arrow()
+    table = arrow.table({"task_index": arrow.array(range(len(tasks)), arrow.int64()), "task": tasks})
+
+    def column(name: str, kind: str, of_numpy: str) -> dict[str, Any]:
+        return {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": of_numpy, "metadata": None}
+
+    about = {
+        "index_columns": ["task"],
+        "column_indexes": [],
+        "columns": [column("task_index", "int64", "int64"), column("task", "unicode", "object")],
+        "creator": {"library": "pyarrow", "version": arrow.__version__},
+        "pandas_version": "2.0.0",
+    }
+    arrow.parquet.write_table(table.replace_schema_metadata({"pandas": json.dumps(about)}), str(path))
+
+
+def write_dataset(
+    folder: pathlib.Path, episodes: list[Frames], fps: int, state_names: list[str], action_names: list[str]
+) -> dict[str, Any]:
+    """Writes the data set.
+
+    Args:
+        folder: A new or empty folder.
+        episodes: The episodes, one or more.
+        fps: Frames per second.
+        state_names: Names of observation.state.
+        action_names: Names of action.
+
+    Returns:
+        The contents of meta/info.json.
+
+    Raises:
+        ArrowMissing: pyarrow is not installed.
+    """
+    arrow = _arrow()
+    features = _features(state_names, action_names)
+    tasks = list(dict.fromkeys(episode.task for episode in episodes))
+    data = _Shards(folder, "data")
+    rows: list[dict[str, Any]] = []
+    everything: dict[str, list[Any]] = {name: [] for name in features}
+    begin = 0
+    for number, episode in enumerate(episodes):
+        count = len(episode.state)
+        columns: dict[str, NDArray[Any]] = {
+            "action": episode.action.astype(np.float32),
+            "observation.state": episode.state.astype(np.float32),
+            "timestamp": (np.arange(count) / fps).astype(np.float32),
+            "frame_index": np.arange(count),
+            "episode_index": np.full(count, number),
+            "index": np.arange(begin, begin + count),
+            "task_index": np.full(count, tasks.index(episode.task)),
+        }
+        for name, values in columns.items():
+            everything[name].append(values)
+        data.add(_table(columns, features))
+        chunk, file = data.place
+        row: dict[str, Any] = {
+            "episode_index": number,
+            "tasks": [episode.task],
+            "length": count,
+            "data/chunk_index": chunk,
+            "data/file_index": file,
+            "dataset_from_index": begin,
+            "dataset_to_index": begin + count,
+        }
+        for name in features:
+            row |= {f"stats/{name}/{key}": value for key, value in statistics(columns[name]).items()}
+        rows.append(row | {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0})
+        begin += count
+    data.close()
+    about = _Shards(folder, "meta/episodes")
+    about.add(arrow.Table.from_pylist(rows))
+    about.close()
+    _write_tasks(folder / "meta/tasks.parquet", tasks)
+    info = {
+        "codebase_version": VERSION,
+        "fps": fps,
+        "features": features,
+        "total_episodes": len(episodes),
+        "total_frames": begin,
+        "total_tasks": len(tasks),
+        "chunks_size": _CHUNK,
+        "data_files_size_in_mb": _FILE_MB,
+        "video_files_size_in_mb": 200,
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "video_path": None,
+        "robot_type": ROBOT_TYPE,
+        "splits": {"train": f"0:{len(episodes)}"},
+    }
+    whole = {name: statistics(np.concatenate(parts)) for name, parts in everything.items()}
+    origins = [{"episode_index": k, **episode.origin} for k, episode in enumerate(episodes)]
+    for name, contents in (("info", info), ("stats", whole), ("multipanda", {"episodes": origins})):
+        text = json.dumps(contents, indent=2, ensure_ascii=False, allow_nan=False)
+        (folder / "meta" / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+    return info

@@ -1,0 +1,89 @@
+"""Opens and closes the run of a robot or a leader."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+from ..client import Client, connect
+from ..errors import Disconnected, Error, Refused
+from ..started import Run, run
+from ..state import ArmState, Array
+from .settings import RunSettings
+
+_LOGGER = logging.getLogger("multipanda.lerobot")
+
+
+def open_run(settings: RunSettings) -> Client:
+    """Starts the scene, or attaches to a running one."""
+    if settings.scene is None:
+        return connect(settings.socket)
+    return run(
+        settings.scene,
+        address=settings.addresses,
+        backend=settings.backend,
+        record=settings.record,
+        arguments=settings.arguments,
+    )
+
+
+def close_run(client: Client) -> None:
+    """Ends a run that open_run() has started, in hold; leaves another. What goes wrong is logged, never raised: it
+    would hide why the connection is given up."""
+    try:
+        client.close()
+    except (Error, OSError) as wrong:
+        _LOGGER.error("the run did not end in order: %s", wrong)
+
+
+def connected(client: Client | None, what: str) -> Client:
+    """The run, or Disconnected."""
+    if client is None:
+        raise Disconnected(f"{what} is not connected", "call connect() first")
+    return client
+
+
+def started_here(client: Client) -> bool:
+    """Whether nobody else is expected to command its arms."""
+    return isinstance(client, Run)
+
+
+def arms_of(client: Client, names: list[str], joints: int) -> dict[str, Array]:
+    """The bases X_WB of the arms: x y z [m], qw qx qy qz. Raises Refused if one is missing or has other joints."""
+    bases = {}
+    for name in names:
+        if name not in client.arms:
+            raise Refused("unknown_arm", f"{client.scene} has no arm '{name}'; it has: {', '.join(client.arms)}")
+        arm = client.arms[name]
+        if arm.joints != joints:
+            raise Refused("wrong_size", f"arm '{name}' has {arm.joints} joints, expected {joints}", "set `joints`")
+        bases[name] = arm.base.values
+    return bases
+
+
+def with_grippers(client: Client, names: list[str]) -> None:
+    """Raises Refused unless each of these arms has fingers."""
+    state = client.state()
+    for name in names:
+        if state.arms[name].gripper is None:
+            raise Refused("no_gripper", f"arm '{name}' has no gripper", "leave it out of `grippers`")
+
+
+def why(state: ArmState) -> str:
+    """Why an arm does not do what it did."""
+    if state.stopped:
+        return "it is stopped until resume()"
+    return state.reason or state.last_intervention or "another switch or a stop"
+
+
+def entries(client: Client) -> Mapping[str, dict[str, Any]]:
+    """What the run says about its controllets, by name."""
+    return {entry["name"]: entry for entry in client.listing()["controllets"]}
+
+
+def take_from(client: Client, controllets: list[str]) -> None:
+    """Holds the arms of these controllets; never raises."""
+    with contextlib.suppress(Error, OSError):
+        client.take_arms_from(controllets)

@@ -1,0 +1,247 @@
+"""One world."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from multipanda.errors import Refused
+from numpy.typing import ArrayLike
+
+from ._core import core
+from ._views import Arm, Array, arms_of, objects_of, start_of
+
+_ALONE = np.ones(1, dtype=np.uint8)
+
+
+def _numbers(values: ArrayLike) -> list[float]:
+    return np.asarray(values, dtype=np.float64).ravel().tolist()  # type: ignore[no-any-return]
+
+
+class World:
+    """A simulated world of a scene with its control loop. It is at rest until `step`.
+
+    Unless its beginning says otherwise, it does what `multipanda run` does: the same controllets, the same timeline,
+    and with the same seed the same noise. Use it from one thread at a time. Commands raise ValueError for unknown names
+    and wrong sizes, and Refused for what is known to be refused; the rest is decided in the next cycle: see `step`.
+
+    Attributes:
+        arms: Its arms by name; their arrays change with every step.
+        objects: Poses of free objects in the world by name: x y z [m], qw qx qy qz.
+    """
+
+    def __init__(
+        self,
+        scene: str | os.PathLike[str],
+        seed: int | None = None,
+        *,
+        hidden: bool = False,
+        q_start_rad: Mapping[str, ArrayLike] | None = None,
+        objects: Mapping[str, ArrayLike] | None = None,
+        active: Sequence[str] | None = None,
+    ) -> None:
+        """
+        Args:
+            scene: A scene's name or file.
+            seed: As for `reset`, which this calls.
+            hidden: As for `reset`.
+            q_start_rad: As for `reset` [rad].
+            objects: As for `reset`.
+            active: As for `reset`.
+
+        Raises:
+            ValueError: The scene or the beginning is not accepted.
+        """
+        self._batch = core.Batch(os.fspath(scene), 1, 1)
+        self.arms: dict[str, Arm] = arms_of(self._batch, alone=True)
+        self.objects: dict[str, Array] = objects_of(self._batch, alone=True)
+        self.reset(seed, hidden=hidden, q_start_rad=q_start_rad, objects=objects, active=active)
+
+    def reset(
+        self,
+        seed: int | None = None,
+        *,
+        hidden: bool = False,
+        q_start_rad: Mapping[str, ArrayLike] | None = None,
+        objects: Mapping[str, ArrayLike] | None = None,
+        active: Sequence[str] | None = None,
+    ) -> None:
+        """Builds the world again and runs its first cycle, so that the arms have measured. Nothing of before remains.
+
+        Args:
+            seed: Of the noise; None: the scene's.
+            hidden: Whether the simulated arms differ from their models by a draw of the seed (docs/simulation.md).
+            q_start_rad: Joint angles by arm [rad]; other arms begin as in the scene.
+            objects: Poses of free objects by name: x y z [m], qw qx qy qz; others as in the scene.
+            active: Controllets that run from the first cycle on. None: as the scene says, with its timeline; otherwise
+                the timeline is left out.
+
+        Raises:
+            ValueError: A name, a size or a number that is not accepted.
+        """
+        start = start_of(self._batch.seed if seed is None else seed, hidden, q_start_rad, objects, active)
+        self._batch.reset(_ALONE, [start])
+
+    # --- steps ---
+
+    def step(self, cycles: int = 1) -> None:
+        """Runs the loop for a number of cycles of 1 ms; Python's lock is released.
+
+        Raises:
+            Refused: In its first cycle the loop, an arm or a gripper refused what it was told. All cycles were run.
+        """
+        before = self._batch.refusal(0)
+        self._batch.step(_ALONE, cycles)
+        if self._batch.refusal(0) != before:
+            raise Refused("refused", self._batch.refusal(0)[len(before) :].removeprefix("; ").removeprefix("refused: "))
+
+    @property
+    def cycles(self) -> int:
+        """How many cycles have run since the beginning, the first one included."""
+        return int(self._batch.cycles(0))
+
+    @property
+    def t_s(self) -> float:
+        """Time since the first cycle [s]."""
+        return (self.cycles - 1) / 1000
+
+    @property
+    def active(self) -> list[str]:
+        """The controllets that run now, holds included."""
+        return list(self._batch.active(0))
+
+    @property
+    def held(self) -> str:
+        """Which arms are held, and why; empty if none is."""
+        return str(self._batch.held(0))
+
+    # --- commands: from the next cycle on ---
+
+    def _tell(self, what: str, names: Sequence[str], values: ArrayLike = ()) -> None:
+        try:
+            self._batch.tell(0, what, list(names), _numbers(values))
+        except core.CommandRefused as refused:
+            raise Refused("refused", str(refused)) from None
+
+    def target(self, controllet: str, input_name: str, values: ArrayLike) -> None:
+        """A sample of a stream of set-points, as `multipanda.Stream` sends them: smoothed and bounded on the way.
+
+        Args:
+            controllet: The controllet's name; it must be active.
+            input_name: One of its inputs.
+            values: What the input takes, in SI units and world axes (docs/live_input.md).
+
+        Raises:
+            ValueError: An unknown name, or a wrong size.
+            Refused: The controllet is not active, or a value is not finite or out of reach.
+        """
+        self._tell("target", [controllet, input_name], values)
+
+    def goal(self, controllet: str, input_name: str, values: ArrayLike, duration_s: float = 0) -> None:
+        """A set-point that is approached smoothly and stays.
+
+        Args:
+            controllet: The controllet's name; it must be active.
+            input_name: One of its inputs.
+            values: As for `target`.
+            duration_s: Time to reach it; longer if limits of speed require it [s].
+
+        Raises:
+            ValueError: An unknown name, or a wrong size.
+            Refused: As for `target`.
+        """
+        self._tell("goal", [controllet, input_name], [duration_s, *_numbers(values)])
+
+    def parameter(self, controllet: str, name: str, values: ArrayLike) -> None:
+        """A parameter's new value, in the unit that its name or description has; it is reached within 0.2 s.
+
+        Args:
+            controllet: The controllet's name.
+            name: The parameter; of a feature `feature.name`.
+            values: Its numbers, or one for all of them.
+
+        Raises:
+            ValueError: An unknown name, or a wrong size.
+            Refused: Out of its bounds.
+        """
+        self._tell("parameter", [controllet, name], values)
+
+    def switch(self, activate: Sequence[str] = (), deactivate: Sequence[str] = (), *, only: bool = False) -> None:
+        """Switches controllets between two cycles: all of it, or nothing.
+
+        Args:
+            activate: Controllets to start; other owners of their arms stop.
+            deactivate: Controllets to stop; arms without an owner are held.
+            only: Whether all others stop, too.
+
+        Raises:
+            ValueError: An unknown name.
+            Refused: Two of them own one arm, or an arm is stopped.
+        """
+        self._tell("switch", [*activate, *(f"-{name}" for name in deactivate), *(["!"] if only else [])])
+
+    def feature(self, controllet: str, feature: str, on: bool) -> None:
+        """Turns a feature of a controllet on or off.
+
+        Raises:
+            ValueError: An unknown name.
+            Refused: The feature cannot start.
+        """
+        self._tell("feature", [controllet, feature], [float(on)])
+
+    def stop(self, *arms: str) -> None:
+        """Holds these arms from the next cycle on, until `resume`."""
+        self._tell("stop", arms)
+
+    def resume(self, *arms: str) -> None:
+        """Ends a stop; the arms stay in hold until a controllet is activated."""
+        self._tell("resume", arms)
+
+    def user_stop(self, arm: str, pressed: bool = True) -> None:
+        """Presses or releases the stop button of an arm."""
+        self._tell("user_stop", [arm], [float(pressed)])
+
+    def recover(self, arm: str) -> None:
+        """Clears an arm's error; it stays in hold."""
+        self._tell("recover", [arm])
+
+    def gripper_move(self, arm: str, width_m: float, speed_m_per_s: float = 0.1) -> None:
+        """Moves the fingers to a width [m]. `gripper_answer` tells how it went."""
+        self._tell("gripper_move", [arm], [width_m, speed_m_per_s])
+
+    def gripper_grasp(
+        self, arm: str, width_m: float, force_n: float, speed_m_per_s: float = 0.1, tolerance_m: float = 0.005
+    ) -> None:
+        """Grasps something of about this width [m] with a force [N]."""
+        self._tell("gripper_grasp", [arm], [width_m, speed_m_per_s, force_n, tolerance_m])
+
+    def gripper_answer(self, arm: str) -> str:
+        """How the arm's newest gripper motion ended: `done`, or why it failed; empty while it moves."""
+        return str(self._batch.gripper_answer(0, arm))
+
+    def place(self, name: str, pose: ArrayLike) -> None:
+        """Puts a free object somewhere, at rest: x y z [m], qw qx qy qz. Refused in the next step where it would
+        penetrate another."""
+        self._tell("place", [name], pose)
+
+    def push(self, name: str, force_n: ArrayLike, duration_s: float = 0.2) -> None:
+        """Pushes a free object at its center of mass with a force in world axes [N] for a time [s]."""
+        self._tell("push", [name], [*_numbers(force_n), duration_s])
+
+    # --- save and restore ---
+
+    def save(self) -> bytes:
+        """The world as it is now: how it began and all that it was told since, a few kilobytes.
+
+        Any World or Batch of the same scene can restore it, in another process, too.
+        """
+        return bytes(self._batch.save(0))
+
+    def restore(self, saved: bytes) -> None:
+        """Computes a saved world again, to the bit: this takes as long as its cycles did.
+
+        Raises:
+            ValueError: Other bytes, another scene, or a computer or program that computes other bits.
+        """
+        self._batch.restore(0, saved)
