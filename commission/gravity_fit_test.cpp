@@ -58,9 +58,8 @@ TEST(GravityFit, FindsMassAndCenterOfAnUndeclaredLoad) {
   std::uniform_real_distribution<double> angle(-3, 3), mass(0.3, 2), away(-0.1, 0.1);
   for (int k = 0; k < (test::full_series() ? 200 : 20); ++k) {
     SceneArm arm = turned_arm({angle(random), angle(random) / 2, angle(random)});
-    arm.load_present = {
-        .mass = mass(random), .p_FC = Vector3(away(random), away(random), 0.1), .inertia_C = {}};
-    arm.load_present.inertia_C.setZero();
+    arm.load_present.mass = mass(random);
+    arm.load_present.p_FC = Vector3(away(random), away(random), 0.1);
     std::vector<RestSample> samples;
     for (const auto& q : postures(arm, 4, random)) samples.push_back(at_rest(arm, q, random, 0.002));
     const GravityFit fit = fit_gravity(arm, samples);
