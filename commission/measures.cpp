@@ -149,7 +149,6 @@ CartesianFigures measure_cartesian_motion(ArmsRun& run, ArmIndex arm) {
 }
 
 StopFigures measure_stop(ArmsRun& run, ArmIndex arm) {
-  const std::size_t n = run.joint_count(arm);
   run.lead(arm, Law::joint);
   const JointVector q0 = resting_place(run, arm);
   const auto limits = robot_of(run.scene().arms[arm]).limits;
@@ -169,7 +168,6 @@ StopFigures measure_stop(ArmsRun& run, ArmIndex arm) {
     figures.angle_rad = std::max(figures.angle_rad, std::abs(s.q[0] - at));
   }
   run.resume(arm);
-  (void)n;
   return figures;
 }
 
@@ -178,10 +176,10 @@ DelayFigures lag_of(const std::vector<double>& x, const std::vector<double>& y, 
   DelayFigures best{.torque_delay_s = 0, .fit = -1};
   const auto margin = static_cast<std::size_t>(std::ceil(longest_s / period_s)) + 1;
   if (x.size() != y.size() || x.size() < 4 * margin) return best;
-  for (double lag = 0; lag <= longest_s + 1e-12; lag += period_s / 20) {
+  const double count = static_cast<double>(x.size() - 2 * margin);
+  for (double lag = -longest_s; lag <= longest_s + 1e-12; lag += period_s / 20) {
     double sx = 0, sy = 0, sxx = 0, sxy = 0, syy = 0;
-    const double count = static_cast<double>(x.size() - margin);
-    for (std::size_t k = margin; k < x.size(); ++k) {
+    for (std::size_t k = margin; k < x.size() - margin; ++k) {
       const double at = static_cast<double>(k) - lag / period_s;
       const auto whole = static_cast<std::size_t>(at);
       const double part = at - static_cast<double>(whole);
@@ -193,33 +191,43 @@ DelayFigures lag_of(const std::vector<double>& x, const std::vector<double>& y, 
       syy += y[k] * y[k];
     }
     const double cov = sxy - sx * sy / count, vx = sxx - sx * sx / count, vy = syy - sy * sy / count;
-    const double fit = vx > 0 && vy > 0 ? cov * cov / (vx * vy) : 0;
+    const double fit = vx > 0 && vy > 0 && cov > 0 ? cov * cov / (vx * vy) : 0;
     if (fit > best.fit) best = {.torque_delay_s = lag, .fit = fit};
   }
   return best;
 }
 
+DelayFigures delay_without_friction(const DelayFigures& slow, const DelayFigures& fast) {
+  return {.torque_delay_s = (4 * fast.torque_delay_s - slow.torque_delay_s) / 3,
+          .fit = std::min(slow.fit, fast.fit)};
+}
+
 DelayFigures measure_delay(ArmsRun& run, ArmIndex arm) {
   constexpr std::size_t kJoint = 3;
-  constexpr double kCycles = 8;
+  constexpr double kSwing_s = 2;  // of each period
   const std::size_t n = run.joint_count(arm);
-  run.lead(arm, Law::joint);
-  (void)resting_place(run, arm);
-  run.wiggle(arm, kJoint, kWiggle_rad, kWigglePeriod_s, kCycles);
-  const Track track = run.watch((kCycles + 1) * kWigglePeriod_s);
-  run.lead(arm, Law::hold);
   ModelTerms terms = run.terms(arm);
   const JointVector still = JointVector::Zero(static_cast<Eigen::Index>(n));
-  std::vector<double> sent, shown;
-  for (const auto& sample : track.arms[arm]) {
-    terms.update(joints_of(sample, &ArmSample::q, n), still);
-    sent.push_back(sample.tau_cmd[kJoint]);
-    shown.push_back(sample.tau_J[kJoint] - terms.g()[static_cast<Eigen::Index>(kJoint)]);
-  }
-  const double period = track.t.size() > 1
-                            ? (track.t.back() - track.t.front()) / static_cast<double>(track.t.size() - 1)
-                            : 0.001;
-  return lag_of(sent, shown, period, 0.02);
+  const auto swing = [&](double amplitude, double period_s) {
+    (void)resting_place(run, arm);
+    run.wiggle(arm, kJoint, amplitude, period_s, kSwing_s / period_s);
+    const Track track = run.watch(kSwing_s + period_s);
+    std::vector<double> sent, shown;
+    for (const auto& sample : track.arms[arm]) {
+      terms.update(joints_of(sample, &ArmSample::q, n), still);
+      sent.push_back(sample.tau_cmd[kJoint]);
+      shown.push_back(sample.tau_J[kJoint] - terms.g()[static_cast<Eigen::Index>(kJoint)]);
+    }
+    const double period = track.t.size() > 1
+                              ? (track.t.back() - track.t.front()) / static_cast<double>(track.t.size() - 1)
+                              : 0.001;
+    return lag_of(sent, shown, period, 0.02);
+  };
+  run.lead(arm, Law::joint);
+  const DelayFigures slow = swing(kWiggle_rad, kWigglePeriod_s);
+  const DelayFigures fast = swing(kWiggle_rad / 2, kWigglePeriod_s / 2);
+  run.lead(arm, Law::hold);
+  return delay_without_friction(slow, fast);
 }
 
 NoiseFigures measure_noise(ArmsRun& run, ArmIndex arm, double seconds) {

@@ -30,7 +30,8 @@ struct StopFigures {
 };
 StopFigures measure_stop(ArmsRun& run, ArmIndex arm);
 
-// Joint 4 swings by kWiggle_rad: how much later the measured torque shows the commanded one.
+// Joint 4 swings by kWiggle_rad, then by half of it in half the period: how much later the measured torque
+// shows the commanded one, without what friction feigns.
 struct DelayFigures {
   double torque_delay_s = 0;
   double fit = 0;  // share of the measured torque that the shifted command explains, 0 to 1
@@ -43,10 +44,15 @@ struct NoiseFigures {
 };
 NoiseFigures measure_noise(ArmsRun& run, ArmIndex arm, double seconds);
 
-// The lag of y behind x, by least squares over shifts from 0 to `longest_s` (a y + b fitted at each), samples
-// of `period_s`. `fit`: the coefficient of determination.
+// The lag of y behind x, by least squares over shifts up to `longest_s` either way (a x + b with a > 0 fitted at
+// each), samples of `period_s`. `fit`: the coefficient of determination.
 DelayFigures lag_of(const std::vector<double>& x, const std::vector<double>& y, double period_s,
                     double longest_s);
+
+// The motor also works against friction, which leads the torque of inertia by a quarter of a period: the measured
+// torque seems too early. At the same speed and half the period, inertia takes twice the torque and the shift is
+// half of half of it in time: what is a quarter at `fast` of that at `slow` cancels.
+DelayFigures delay_without_friction(const DelayFigures& slow, const DelayFigures& fast);
 
 Json list(const JointVector& values);
 

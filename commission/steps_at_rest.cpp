@@ -40,15 +40,31 @@ JointVector vector_of(const std::array<double, 7>& values) {
   return Eigen::Map<const Eigen::Matrix<double, 7, 1>>(values.data());
 }
 
-// The mean over `count` states of an arm at rest.
-RestSample rest_sample(ArmConnection& link, int count) {
+double fastest_joint(const RobotState& state) {
+  double fastest = 0;
+  for (const double v : state.dq) fastest = std::max(fastest, std::abs(v));
+  return fastest;
+}
+
+// The mean over `count` states of an arm at rest, and its fastest joint among them. An arm that was touched or let
+// go shortly before may come to rest first.
+struct Rest {
   RestSample mean{JointVector::Zero(7), JointVector::Zero(7)};
+  double fastest = 0;  // [rad/s]
+};
+
+Rest rest_of(ArmConnection& link, int count) {
+  constexpr int kLongest = 5000, kStill = 200;  // states
+  for (int waited = 0, still = 0; waited < kLongest && still < kStill; ++waited)
+    still = fastest_joint(link.next_state()) < kStillSpeed ? still + 1 : 0;
+  Rest rest;
   for (int k = 0; k < count; ++k) {
     const RobotState& state = link.next_state();
-    mean.q += vector_of(state.q) / count;
-    mean.tau_J += vector_of(state.tau_J) / count;
+    rest.mean.q += vector_of(state.q) / count;
+    rest.mean.tau_J += vector_of(state.tau_J) / count;
+    rest.fastest = std::max(rest.fastest, fastest_joint(state));
   }
-  return mean;
+  return rest;
 }
 
 std::string address_of(const Context& context, ArmIndex arm) {
@@ -336,16 +352,14 @@ StepResult run_gravity(Context& context) {
   StepResult result;
   for (ArmIndex i = 0; i < context.arm_count(); ++i) {
     const auto link = connected(context, i);
-    const RobotState& state = link->next_state();
-    double fastest = 0;
-    for (const double v : state.dq) fastest = std::max(fastest, std::abs(v));
-    const RestSample sample = rest_sample(*link, 500);
+    const Rest rest = rest_of(*link, 500);
+    const RestSample& sample = rest.mean;
     const GravityFit fit = fit_gravity(context.arm(i), std::span(&sample, 1));
     const std::string& name = context.arm(i).name;
     result.measured[name]["q"] = std::vector<double>(sample.q.begin(), sample.q.end());
     result.add({.arm = name,
                 .quantity = "fastest joint at rest",
-                .value = fastest,
+                .value = rest.fastest,
                 .unit = "rad/s",
                 .limit = kStillSpeed,
                 .remedy = "wait until the arm rests, and do not touch it"});

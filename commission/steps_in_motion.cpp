@@ -132,8 +132,8 @@ StepResult run_delay(Context& context) {
   for (ArmIndex i = 0; i < context.arm_count(); ++i) {
     const std::string& name = context.arm(i).name;
     ready(context, "delay", i,
-          fmt::format("swings joint 4 by {:.2f} degrees, {:.0f} times a second, for 2 s: the hand trembles "
-                      "by about {:.0f} mm.",
+          fmt::format("swings joint 4 by {:.2f} degrees, {:.0f} times a second, for 2 s, then by half of it "
+                      "twice as fast: the hand trembles by about {:.0f} mm.",
                       180 / M_PI * kWiggle_rad, 1 / kWigglePeriod_s, 1e3 * kWiggle_rad * 0.6));
     const auto figures = measure_delay(*context.run, i);
     result.measured[name] = {{"torque_delay_s", figures.torque_delay_s}};
