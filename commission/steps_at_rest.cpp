@@ -141,15 +141,25 @@ StepResult run_network(Context& context) {
     const std::string cable =
         "check the cable between this computer and the arm's control unit: plugs, bends, another cable; no "
         "switch in between; then resume";
+    const auto share = [&](std::uint64_t states) {
+      return 100 * static_cast<double>(states) / std::max(1.0, sent);
+    };
     result.add({.arm = name,
                 .quantity = "states lost",
-                .value = 100 * static_cast<double>(stream.lost) / std::max(1.0, sent),
+                .value = share(stream.lost - stream.outdated),
                 .unit = "%",
                 .limit = 100 * limit,
-                .found = fmt::format("{} of {:.0f}", stream.lost, sent),
+                .found = fmt::format("{} of {:.0f}", stream.lost - stream.outdated, sent),
                 .remedy = cable});
     result.add({.arm = name,
-                .quantity = "states lost in a row",
+                .quantity = "states read so late that a newer one had come",
+                .value = share(stream.outdated),
+                .unit = "%",
+                .limit = context.virtual_arms() ? kShown : 100 * limit,
+                .found = fmt::format("{} of {:.0f}", stream.outdated, sent),
+                .remedy = "this computer wakes too late: see the doctor's line on timer wake-up"});
+    result.add({.arm = name,
+                .quantity = "states missed in a row",
                 .value = static_cast<double>(stream.lost_in_row),
                 .unit = "",
                 .limit = context.virtual_arms() ? 100.0 : 10.0,

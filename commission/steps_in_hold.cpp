@@ -7,6 +7,7 @@
 #include "commission/gravity_fit.hpp"
 #include "commission/limits.hpp"
 #include "commission/tour.hpp"
+#include "device/arm_error.hpp"
 
 // Torque control begins: hold, hand guiding, payload. The arms yield, and nothing but the person moves them.
 namespace multipanda::commission {
@@ -73,13 +74,18 @@ StepResult run_hold(Context& context) {
   return result;
 }
 
-// Waits for a mode of the arm; the others must stay in hold.
-bool wait_for_mode(Context& context, ArmIndex arm, ArmMode mode, bool is) {
+// Waits for a mode of the arm; the others must stay in hold. `stopped_itself`: a reflex that lasts ends the wait.
+bool wait_for_mode(Context& context, ArmIndex arm, ArmMode mode, bool is, bool* stopped_itself = nullptr) {
   bool seen = false;
+  int in_reflex = 0;
+  constexpr int kLasts = 50;  // samples of 10 cycles; a button may show as a reflex for a moment
   (void)context.run->watch(kButtonWait_s, 10, [&](const Track& track) {
-    seen = (static_cast<ArmMode>(track.arms[arm].back().mode) == mode) == is;
-    return seen;
+    const auto now = static_cast<ArmMode>(track.arms[arm].back().mode);
+    seen = (now == mode) == is;
+    in_reflex = now == ArmMode::reflex ? in_reflex + 1 : 0;
+    return seen || (stopped_itself != nullptr && in_reflex >= kLasts);
   });
+  if (stopped_itself != nullptr) *stopped_itself = !seen && in_reflex >= kLasts;
   return seen;
 }
 
@@ -97,7 +103,14 @@ StepResult run_button(Context& context) {
     const ArmSample before = run.newest(i);
     run.excuse(i);
     context.say("  now press the user stop of arm '" + name + "'");
-    if (!wait_for_mode(context, i, ArmMode::user_stopped, true)) {
+    bool stopped_itself = false;
+    if (!wait_for_mode(context, i, ArmMode::user_stopped, true, &stopped_itself)) {
+      if (stopped_itself) {
+        result.fail(fmt::format("arm '{}' stopped itself: {}", name, error_names(run.newest(i).errors)),
+                    "the mode 'user stopped' of this arm, and no error",
+                    "see docs/errors.md for the cause; free the arm, then resume the tour");
+        break;
+      }
       result.fail(fmt::format("the user stop of arm '{}' was not seen within {:g} s", name, kButtonWait_s),
                   "the mode 'user stopped' of this arm",
                   "check that the button belongs to this arm; do not go on without a user stop that works");
@@ -110,9 +123,13 @@ StepResult run_button(Context& context) {
           "the button released", "release it, then resume the tour");
       break;
     }
+    const std::string errors = error_names(run.newest(i).errors);
+    if (!errors.empty())
+      result.notes.push_back(fmt::format("arm '{}' reported with its user stop: {}", name, errors));
     context.person.ready(
         "button." + name + ".recover",
-        fmt::format("After this key arm '{}' begins to hold again, where it is now. Stand clear.", name));
+        fmt::format("After this key arm '{}' begins to hold again, where it is now{}. Stand clear.", name,
+                    errors.empty() ? "" : ", and its errors are cleared: " + errors));
     const RequestAnswer answer = run.request(i, RecoverFromError{});
     if (!answer.success) {
       result.fail(fmt::format("arm '{}' did not recover: {}", name, answer.reason), "hold again",

@@ -132,6 +132,7 @@ class Tour:
                 said = said or self.usual(asked)
                 if said == "SIGINT":
                     self.process.send_signal(signal.SIGINT)
+                if said in ("SIGINT", "nothing"):
                     continue
                 self.process.stdin.write(f"{asked}: {said}\n")
                 self.process.stdin.flush()
@@ -366,11 +367,22 @@ class Refusals(unittest.TestCase):
             def answer(asked):
                 if asked == "button":  # it waits for a key, in hold, when the arm stops itself
                     tour.arms.control("reflex left joint_reflex")
+                    return "nothing"
                 return None
 
             self.assertEqual(tour.run(answer, page=False), 1)
             self.assertEqual(tour.end["step"], "button")
             self.assertIn("joint_reflex", tour.steps["button"]["found"])
+
+    def test_an_arm_that_stops_itself_while_its_button_is_awaited_is_not_recovered(self):
+        tour = Tour(["left"])
+        usual = tour.act
+        tour.act = lambda said: tour.arms.control("reflex left joint_reflex") if "press the user" in said else usual(said)
+        with tour:
+            self.assertEqual(tour.run(page=False), 1, "".join(tour.text))
+            self.assertEqual(tour.end["step"], "button")
+            self.assertIn("stopped itself: joint_reflex", tour.steps["button"]["found"])
+            self.assertNotIn("button.left.recover", tour.asked)
 
     def test_the_button_of_another_arm_ends_the_tour_before_anything_moves(self):
         tour = Tour(["left", "right"])

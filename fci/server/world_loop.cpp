@@ -326,9 +326,9 @@ void VirtualArms::carry_out(const Control& control) {
   something_happened();
 }
 
-// A critically damped hand: 600 N/m on about 5 kg. Its grip also damps rotations.
+// A slow hand: 600 N/m on about 5 kg, damped so that it moves with at most 25/160 m/s. Its grip also damps rotations.
 Wrench VirtualArms::led_wrench(ArmIndex arm, const Vector3& p_W) const {
-  constexpr double kStiffness = 600, kDamping = 110, kTurning = 1, kMost = 25;
+  constexpr double kStiffness = 600, kDamping = 160, kTurning = 1, kMost = 25;
   const World& world = plant_.world();
   const Pose X_WF = world.X_WF(arm);
   const Pose X_WE = X_WF * plant_.arm(arm).settings().frames.X_FE;
