@@ -1,5 +1,7 @@
+#include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <functional>
 #include <limits>
 
 #include <fmt/format.h>
@@ -15,25 +17,38 @@
 namespace multipanda::commission {
 namespace {
 
-// The end effector's origin in the arm's base, at rest; the arm is led by hand meanwhile.
-Vector3 tip_in_base(Context& context, ArmIndex arm) {
+Vector3 tip_of(ModelTerms& terms, const JointVector& q) {
+  terms.update(q, JointVector::Zero(q.size()));
+  return terms.X_WE().position;
+}
+
+// Waits until the arm, led by hand, rests at a place that `fits` (tip in the world).
+bool wait_for_rest(Context& context, ArmIndex arm, const std::function<bool(const Vector3&)>& fits = {}) {
   ArmsRun& run = *context.run;
   const std::size_t n = run.joint_count(arm);
+  ModelTerms terms = run.terms(arm);
   int still = 0;
   constexpr int kStill = 30;  // samples of 10 cycles
   (void)run.watch(kGuideWait_s, 10, [&](const Track& track) {
+    const ArmSample& now = track.arms[arm].back();
     double fastest = 0;
-    for (std::size_t j = 0; j < n; ++j) fastest = std::max(fastest, std::abs(track.arms[arm].back().dq[j]));
-    still = fastest < kStillSpeed ? still + 1 : 0;
+    for (std::size_t j = 0; j < n; ++j) fastest = std::max(fastest, std::abs(now.dq[j]));
+    const Eigen::Map<const Eigen::VectorXd> q(now.q.data(), static_cast<Eigen::Index>(n));
+    still = fastest < kStillSpeed && (!fits || fits(tip_of(terms, q))) ? still + 1 : 0;
     return still >= kStill;
   });
-  if (still < kStill)
+  return still >= kStill;
+}
+
+// The end effector's origin in the arm's base, at rest; the arm is led by hand meanwhile.
+Vector3 tip_in_base(Context& context, ArmIndex arm) {
+  ArmsRun& run = *context.run;
+  if (!wait_for_rest(context, arm))
     throw ArmLeft(
         fmt::format("arm '{}' did not rest on the point within {:g} s", context.arm(arm).name, kGuideWait_s));
-  const JointVector q = run.watch(0.2).mean(arm, &ArmSample::q, n);
   ModelTerms terms = run.terms(arm);
-  terms.update(q, JointVector::Zero(q.size()));
-  return context.arm(arm).X_WB.inverse() * terms.X_WE().position;
+  const JointVector q = run.watch(0.2).mean(arm, &ArmSample::q, run.joint_count(arm));
+  return context.arm(arm).X_WB.inverse() * tip_of(terms, q);
 }
 
 std::vector<Vector3> led_points(Context& context, ArmIndex arm, int count) {
@@ -53,10 +68,21 @@ std::vector<Vector3> led_points(Context& context, ArmIndex arm, int count) {
     context.say(fmt::format("  point {}: [{:.4f}, {:.4f}, {:.4f}] m in its base", k, points.back().x(),
                             points.back().y(), points.back().z()));
   }
-  context.person.ready(
-      fmt::format("bases.{}.away", name),
-      fmt::format("Lead arm '{}' away from the points, hold it still; then this key: it is held there.",
-                  name));
+  context.person.ready(fmt::format("bases.{}.away", name),
+                       fmt::format("After this key, lead arm '{}' {:.0f} cm or more away from the points and keep "
+                                   "it still; then it is held there.",
+                                   name, 100 * kAway_m));
+  const auto is_away = [&](const Vector3& tip) {
+    const Vector3 tip_B = context.arm(arm).X_WB.inverse() * tip;
+    return std::all_of(points.begin(), points.end(),
+                       [&](const Vector3& point) { return (tip_B - point).norm() > kAway_m; });
+  };
+  if (!wait_for_rest(context, arm, is_away)) {
+    throw ArmLeft(fmt::format("arm '{}' is in the way of the next arm: it was not led {:.0f} cm away from the points "
+                              "within {:g} s",
+                              name, 100 * kAway_m, kGuideWait_s));
+  }
+  context.say(fmt::format("  arm '{}' is held", name));
   context.run->lead(arm, Law::hold);
   return points;
 }

@@ -177,7 +177,7 @@ class Tour:
         elif step == "bases" and name == "points":
             return "4"
         elif step == "bases" and len(more) == 2:
-            # The plate with dimples stands in the true world; the person leads away at the end, then lets go below.
+            # The plate with dimples stands in the true world; the person leads away at the end.
             point = [0.42, 0.0, 0.45] if more[1] == "away" else list(self.points(name)[int(more[1]) - 1])
             if more[1] == "away":
                 point[1] = 0.35 if name == "left" else -0.35
