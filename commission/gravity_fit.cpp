@@ -62,8 +62,8 @@ GravityFit fit_gravity(const SceneArm& arm, std::span<const RestSample> samples)
       terms.update(sample.q, still);
       by_gravity.block(row, axis, n, 1) = terms.g() / kGravity;
     }
-    // A body of mass m at c in the flange: weight m g, moment (R m c) x g about the flange; the joints hold
-    // it.
+    // A body of mass m at c in the flange: weight m g, moment (R m c) x g about the flange, both held
+    // by the joints.
     const auto& J = expected.J_V_WE();
     const Matrix3 R_WF = expected.X_WF().rotation;
     by_load.block(row, 0, n, 1) = -J.topRows<3>().transpose() * gravity_W;

@@ -19,8 +19,7 @@ SceneArm turned_arm(const Vector3& rpy) {
   return arm;
 }
 
-// The torques that hold the true arm, from its model: the load is put into the model, not added by a
-// Jacobian.
+// The torques that hold the true arm, from its model: the load is put into the model.
 RestSample at_rest(SceneArm truth, const JointVector& q, std::mt19937_64& random, double noise_nm) {
   ModelTerms terms(build_arm_model(truth));
   terms.set_config(ArmFrames{}, truth.tool, truth.load_present);

@@ -50,13 +50,12 @@ inline constexpr double kWeightShare = 0.1, kWeightForce = 1.5;  // the larger o
 
 // --- bases ---
 inline constexpr int kFewestPoints = 4, kMostPoints = 12;
-inline constexpr double kStillSpeed = 0.02;       // [rad/s]
-inline constexpr double kAway_m = 0.15;           // of an arm from the points, before the next arm is led to them
+inline constexpr double kStillSpeed = 0.02;  // [rad/s]
+inline constexpr double kAway_m = 0.15;      // of an arm from the points, before the next arm is led to them
 inline constexpr double kBaseResidual_m = 0.003;  // rms
 inline constexpr double kBaseWidth_m = 0.05;
 inline constexpr double kBaseMoved_m = 0.05;  // from the scene's: more is another scene, or a wrong point
-// The same. Points in mirrored order fit a base that is turned over, whose gravity the arm would be thrown
-// by.
+// Points in mirrored order fit a base that is turned over: its gravity would throw the arm.
 inline constexpr double kBaseTurned_rad = 0.1;
 
 }  // namespace multipanda::commission

@@ -44,14 +44,14 @@ struct NoiseFigures {
 };
 NoiseFigures measure_noise(ArmsRun& run, ArmIndex arm, double seconds);
 
-// The lag of y behind x, by least squares over shifts up to `longest_s` either way (a x + b with a > 0 fitted at
-// each), samples of `period_s`. `fit`: the coefficient of determination.
+// The lag of y behind x, by least squares over shifts up to `longest_s` either way (a x + b with a > 0 fitted
+// at each), samples of `period_s`. `fit`: the coefficient of determination.
 DelayFigures lag_of(const std::vector<double>& x, const std::vector<double>& y, double period_s,
                     double longest_s);
 
-// The motor also works against friction, which leads the torque of inertia by a quarter of a period: the measured
-// torque seems too early. At the same speed and half the period, inertia takes twice the torque and the shift is
-// half of half of it in time: what is a quarter at `fast` of that at `slow` cancels.
+// The motor also works against friction, which leads the torque of inertia by a quarter of a period: the
+// measured torque seems too early. At the same speed and half the period, inertia takes twice the torque and
+// the shift is half of half of it in time: what is a quarter at `fast` of that at `slow` cancels.
 DelayFigures delay_without_friction(const DelayFigures& slow, const DelayFigures& fast);
 
 Json list(const JointVector& values);

@@ -77,7 +77,7 @@ TEST(Measures, OnSimulatedArms) {
     if (!realistic) {
       EXPECT_LT(joints.friction_nm.cwiseAbs().maxCoeff(), 0.02);
     } else {
-      // The table of the model at the mean speed of a minimum-jerk motion where it has 70 % of its peak or more.
+      // The model's table at the mean speed of a minimum-jerk motion above 70 % of its peak.
       const auto friction = robot_of(scene.arms[0]).friction;
       ASSERT_TRUE(friction.has_value());
       const double v = 0.8965 * kJointSpeed;
@@ -94,8 +94,8 @@ TEST(Measures, OnSimulatedArms) {
     EXPECT_GT(stop.angle_rad, 1e-5);  // it did move
     const auto delay = measure_delay(run, 0);
     EXPECT_GT(delay.fit, 0.9);
-    // A command is measured one period later; to that the realistic plant adds a period, and a first-order torque
-    // of 50 Hz, computed once per period, whose mean lag is that of a geometric series.
+    // A command is measured one period later; to that the realistic plant adds a period, and a first-order
+    // torque of 50 Hz, computed once per period, whose mean lag is that of a geometric series.
     const double rest = std::exp(-2 * std::numbers::pi * 50 * 0.001);
     EXPECT_NEAR(delay.torque_delay_s, realistic ? 0.002 + 0.001 * rest / (1 - rest) : 0.001,
                 realistic ? 3e-4 : 5e-5);

@@ -46,8 +46,8 @@ double fastest_joint(const RobotState& state) {
   return fastest;
 }
 
-// The mean over `count` states of an arm at rest, and its fastest joint among them. An arm that was touched or let
-// go shortly before may come to rest first.
+// The mean over `count` states of an arm at rest, and its fastest joint among them. An arm that was touched
+// or let go shortly before may come to rest first.
 struct Rest {
   RestSample mean{JointVector::Zero(7), JointVector::Zero(7)};
   double fastest = 0;  // [rad/s]

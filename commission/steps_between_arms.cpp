@@ -12,8 +12,7 @@
 #include "commission/tour.hpp"
 #include "scene/load.hpp"
 
-// Where the bases stand to each other: laws that couple arms turn millimeters between them into squeezing
-// force.
+// Where the bases stand to each other: laws that couple arms squeeze by millimeters between them.
 namespace multipanda::commission {
 namespace {
 
@@ -68,19 +67,21 @@ std::vector<Vector3> led_points(Context& context, ArmIndex arm, int count) {
     context.say(fmt::format("  point {}: [{:.4f}, {:.4f}, {:.4f}] m in its base", k, points.back().x(),
                             points.back().y(), points.back().z()));
   }
-  context.person.ready(fmt::format("bases.{}.away", name),
-                       fmt::format("After this key, lead arm '{}' {:.0f} cm or more away from the points and keep "
-                                   "it still; then it is held there.",
-                                   name, 100 * kAway_m));
+  context.person.ready(
+      fmt::format("bases.{}.away", name),
+      fmt::format("After this key, lead arm '{}' {:.0f} cm or more away from the points and keep "
+                  "it still; then it is held there.",
+                  name, 100 * kAway_m));
   const auto is_away = [&](const Vector3& tip) {
     const Vector3 tip_B = context.arm(arm).X_WB.inverse() * tip;
     return std::all_of(points.begin(), points.end(),
                        [&](const Vector3& point) { return (tip_B - point).norm() > kAway_m; });
   };
   if (!wait_for_rest(context, arm, is_away)) {
-    throw ArmLeft(fmt::format("arm '{}' is in the way of the next arm: it was not led {:.0f} cm away from the points "
-                              "within {:g} s",
-                              name, 100 * kAway_m, kGuideWait_s));
+    throw ArmLeft(
+        fmt::format("arm '{}' is in the way of the next arm: it was not led {:.0f} cm away from the points "
+                    "within {:g} s",
+                    name, 100 * kAway_m, kGuideWait_s));
   }
   context.say(fmt::format("  arm '{}' is held", name));
   context.run->lead(arm, Law::hold);

@@ -74,7 +74,7 @@ StepResult run_hold(Context& context) {
   return result;
 }
 
-// Waits for a mode of the arm; the others must stay in hold. `stopped_itself`: a reflex that lasts ends the wait.
+// Waits for a mode of the arm; the others must stay in hold. A reflex that lasts is told as `stopped_itself`.
 bool wait_for_mode(Context& context, ArmIndex arm, ArmMode mode, bool is, bool* stopped_itself = nullptr) {
   bool seen = false;
   int in_reflex = 0;

@@ -194,8 +194,7 @@ StepResult run_noise(Context& context) {
   return result;
 }
 
-// The change of the estimated force when a known weight hangs at the hand. An arm that carries it pulls it
-// up.
+// The change of the estimated force when a known weight hangs at the hand. It pulls down, the arm up.
 StepResult run_weight(Context& context) {
   StepResult result;
   ArmsRun& run = *context.run;

@@ -268,6 +268,25 @@ class WholeTour(unittest.TestCase):
             self.assertEqual(result["verdict"], "go", step)
             self.assertTrue(all(reading["good"] for reading in result["readings"]), step)
 
+    def test_one_arm(self):
+        tour = Tour(["left"])
+        with tour:
+            self.complete(tour, tour.run())
+            self.assertNotIn("bases", tour.steps)  # there is no second arm
+            self.assertEqual(len(tour.steps), 17)
+            page = (tour.folder / "out" / "commission.html").read_text()
+            self.assertEqual(page.count("<figure>"), 2)
+            self.assertIn("virtual twin", page)
+            self.twin_agrees(tour)
+
+    def twin_agrees(self, tour):
+        """The true arms are ideal, as their twins are."""
+        state = json.loads((tour.folder / "out" / "commission.json").read_text())
+        for name in tour.names:
+            measured = state["steps"]["cartesian_motion"]["measured"][name]["error_m"]
+            self.assertLess(abs(state["twin"][name]["error_m"] - measured), 2e-3)
+
+    @unittest.skipUnless(FULL, "a long one: runs with --full")
     def test_two_arms_and_their_bases(self):
         names = ["left", "right"]
         bases = {**BASES, "right": MOVED}
@@ -295,13 +314,7 @@ class WholeTour(unittest.TestCase):
             page = (out / "commission.html").read_text()
             self.assertEqual(page.count("<figure>"), 4)
             self.assertIn("virtual twin", page)
-            for name in names:
-                self.assertLess(
-                    abs(
-                        state["twin"][name]["error_m"] - state["steps"]["cartesian_motion"]["measured"][name]["error_m"]
-                    ),
-                    2e-3,
-                )
+            self.twin_agrees(tour)
             if keep := os.environ.get("COMMISSION_KEEP"):
                 subprocess.run(["cp", "-r", str(out), keep], check=True)
             checked = subprocess.run([PROGRAM, "check", str(out / "scene.yaml")], capture_output=True, text=True)
@@ -313,7 +326,7 @@ class WholeTour(unittest.TestCase):
         np.testing.assert_allclose(base["rpy_rad"], MOVED["rpy"], atol=6e-3)
         self.assertLess(max(base["residual_m"]), 1e-3)
 
-    @unittest.skipUnless(FULL, "a long series: runs with --full")
+    @unittest.skipUnless(FULL, "a long one: runs with --full")
     def test_one_realistic_arm_on_its_own_clock(self):
         tour = Tour(
             ["left"],
@@ -377,7 +390,9 @@ class Refusals(unittest.TestCase):
     def test_an_arm_that_stops_itself_while_its_button_is_awaited_is_not_recovered(self):
         tour = Tour(["left"])
         usual = tour.act
-        tour.act = lambda said: tour.arms.control("reflex left joint_reflex") if "press the user" in said else usual(said)
+        tour.act = lambda said: (
+            tour.arms.control("reflex left joint_reflex") if "press the user" in said else usual(said)
+        )
         with tour:
             self.assertEqual(tour.run(page=False), 1, "".join(tour.text))
             self.assertEqual(tour.end["step"], "button")
@@ -410,6 +425,7 @@ class Refusals(unittest.TestCase):
             self.assertEqual(tour.end["step"], "guiding")
             self.assertIn("falls", tour.steps["guiding"]["found"])
 
+    @unittest.skipUnless(FULL, "a long one: runs with --full")
     def test_points_in_mirrored_order_write_no_scene(self):
         """Two arms face each other; on a plate near the height of their bases the mirrored order fits a base that is
         turned over, 40 mm away, without any residual."""

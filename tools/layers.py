@@ -226,7 +226,8 @@ LAYERS = [
         "cli",
         "the program `multipanda`; uses ROS only through the loaded module",
         "support config_file core models scene logs fci/server report runtime cockpit experiments motion_generators"
-        " doctor commission sysid/measured sysid/identification sysid/comparison sysid/excitation sysid/refine soak study",
+        " doctor commission sysid/measured sysid/identification sysid/comparison sysid/excitation sysid/refine soak"
+        " study",
     ),
     layer(
         "benchmarks",
@@ -247,8 +248,8 @@ LIBRARIES = {
     " study native motion_generators doctor commission sysid/identification sysid/comparison"
     " sysid/refine cli benchmarks",
     "CLI": "cli benchmarks",
-    "fmt": "soak runtime runtime/motion cockpit/wire cockpit/server experiments study doctor commission sysid/identification"
-    " sysid/comparison sysid/excitation sysid/refine ros/adapter cli benchmarks",
+    "fmt": "soak runtime runtime/motion cockpit/wire cockpit/server experiments study doctor commission"
+    " sysid/identification sysid/comparison sysid/excitation sysid/refine ros/adapter cli benchmarks",
     "rcl": "ros/rcl ros/host ros benchmarks",
     "rmw": "ros/rcl",
     "rclcpp": "ros",

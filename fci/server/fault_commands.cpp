@@ -110,7 +110,7 @@ const std::array kWords{
            return done(arms.push(arm, f, w.size() > 3 ? number(w[3], "seconds") : 0.5));
          }},
     Word{"lead", "ARM X Y Z [SECONDS]",
-         "lead the end effector to a place of the world by hand (m, at most 15 N; default 5 s)", 3,
+         "lead the end effector to a place of the world by hand (m, at most 10 N; default 5 s)", 3,
          [](VirtualArms& arms, ArmIndex arm, const Words& w) {
            Vector3 p;
            for (std::size_t i = 0; i < 3; ++i) p[static_cast<Eigen::Index>(i)] = number(w[i], "a place");

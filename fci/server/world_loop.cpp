@@ -318,21 +318,21 @@ void VirtualArms::carry_out(const Control& control) {
       break;
     case Control::What::push:
     case Control::What::lead:
-      pushes_[control.arm] = {
-          .f_W = control.force,
-          .periods = control.periods,
-          .leads = control.what == Control::What::lead,
-          .R_WE = plant_.world().X_WF(control.arm).rotation * plant_.arm(control.arm).settings().frames.X_FE.rotation};
+      pushes_[control.arm] = {.f_W = control.force,
+                              .periods = control.periods,
+                              .leads = control.what == Control::What::lead,
+                              .R_WE = plant_.world().X_WF(control.arm).rotation *
+                                      plant_.arm(control.arm).settings().frames.X_FE.rotation};
       pushing_ = true;
       break;
   }
   something_happened();
 }
 
-// A slow hand: 600 N/m on about 5 kg, damped so that it moves with at most 15/160 m/s. Its grip also keeps the
-// orientation, with 8 N m at most.
+// A slow hand: 600 N/m on about 5 kg, damped so that it moves with at most 10/160 m/s. Its grip also keeps
+// the orientation, with 8 N m at most.
 Wrench VirtualArms::led_wrench(ArmIndex arm, const Push& hand) const {
-  constexpr double kStiffness = 600, kDamping = 160, kMost = 15;
+  constexpr double kStiffness = 600, kDamping = 160, kMost = 10;
   constexpr double kTwist = 10, kTurning = 1.5, kMostMoment = 8;
   const World& world = plant_.world();
   const Pose X_WF = world.X_WF(arm);
@@ -347,7 +347,8 @@ Wrench VirtualArms::led_wrench(ArmIndex arm, const Push& hand) const {
   F_E_W.force() = kStiffness * off.head<3>();
   F_E_W.torque() = kTwist * off.tail<3>();
   if (const double force = F_E_W.force().norm(); force > kMost) F_E_W.force() *= kMost / force;
-  if (const double moment = F_E_W.torque().norm(); moment > kMostMoment) F_E_W.torque() *= kMostMoment / moment;
+  if (const double moment = F_E_W.torque().norm(); moment > kMostMoment)
+    F_E_W.torque() *= kMostMoment / moment;
   F_E_W.force() -= kDamping * v_E;
   F_E_W.torque() -= kTurning * w;
   return shifted(F_E_W, X_WE.position - X_WF.position);
