@@ -210,6 +210,8 @@ class Mistakes(unittest.TestCase):
 
     def found(self, step, words, tour):
         with tour:
+            # An arm that carries what it does not know sinks a little when its world begins.
+            places = {name: tour.let_go(name) for name in tour.names}
             self.assertEqual(tour.run(page=False), 1, "".join(tour.text))
             self.assertEqual(tour.end["step"], step, "".join(tour.text))
             result = tour.steps[step]
@@ -218,7 +220,7 @@ class Mistakes(unittest.TestCase):
             self.assertTrue(result["expected"] and result["remedy"])
             self.assertEqual(list(tour.steps)[-1], step)  # no later step ran
             for name in tour.names:
-                moved = np.abs(tour.let_go(name) - tour.places[name]["q"])
+                moved = np.abs(tour.let_go(name) - places[name])
                 self.assertLess(moved.max(), 1e-4, name)
             # It cannot be resumed past what was found.
             self.assertEqual(tour.run(page=False, resume=True), 1)
