@@ -88,8 +88,11 @@ class Tour:
         return {"q": np.array(state.q), "tip_B": np.array(state.O_T_EE).reshape(4, 4).T[:3, 3]}
 
     def let_go(self, name):
-        """The joints after nobody has touched the arm for a second of its time."""
         self.free(name)
+        return self.at_rest(name)
+
+    def at_rest(self, name):
+        """The joints after a second of the arm's time."""
         robot = franka.Robot(self.arms.address[name], franka.RealtimeConfig.kIgnore)
         for _ in range(1000):
             state = robot.read_once()
@@ -211,7 +214,7 @@ class Mistakes(unittest.TestCase):
     def found(self, step, words, tour):
         with tour:
             # An arm that carries what it does not know sinks a little when its world begins.
-            places = {name: tour.let_go(name) for name in tour.names}
+            places = {name: tour.at_rest(name) for name in tour.names}
             self.assertEqual(tour.run(page=False), 1, "".join(tour.text))
             self.assertEqual(tour.end["step"], step, "".join(tour.text))
             result = tour.steps[step]
