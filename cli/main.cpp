@@ -78,7 +78,7 @@ int run(int argc, char** argv) {
         add_list,    add_cockpit,    add_report,      add_repair,   add_export,   add_experiment,
         add_compare, add_excite,     add_refine,      add_generate, add_identify, add_predict,
         add_fit,     add_via_points, add_virtual_arm, add_bench,    add_doctor,   add_communication_test,
-        add_soak,    add_study,      add_docs}) {
+        add_soak,    add_study,      add_commission,  add_docs}) {
     add(program);
   }
   try {

@@ -50,6 +50,7 @@ void add_compare(Program& program);
 void add_excite(Program& program);
 void add_refine(Program& program);
 void add_ctl(Program& program);
+void add_commission(Program& program);
 void add_communication_test(Program& program);
 void add_doctor(Program& program);
 void add_generate(Program& program);

@@ -20,13 +20,14 @@ void listen(fci::ArmConnection& link, double seconds, ArmStreamReading& reading)
   reading.gaps_us.reserve(static_cast<std::size_t>(seconds * 2000) + 16);
   const HostTime begin = host_now();
   const HostTime end = begin + std::chrono::nanoseconds(static_cast<std::int64_t>(seconds * 1e9));
-  std::uint64_t before = 0;
+  std::uint64_t before = 0, outdated = 0;
   HostTime arrived{};
   for (HostTime now = begin; now < end; now = host_now()) {
     pollfd waiting{link.udp_file(), POLLIN, 0};
     const timespec patience{0, 10000000};
     if (ppoll(&waiting, 1, &patience, nullptr) <= 0 || !link.receive()) continue;
     const std::uint64_t id = link.newest().message_id;
+    if (before == 0) outdated = link.statistics().superseded;
     if (before != 0) {
       const std::uint64_t lost = id - before - 1;
       reading.lost += lost;
@@ -38,6 +39,7 @@ void listen(fci::ArmConnection& link, double seconds, ArmStreamReading& reading)
     arrived = link.received_at();
   }
   reading.seconds = multipanda::seconds(host_now() - begin);
+  reading.outdated = std::min(reading.lost, link.statistics().superseded - outdated);
 }
 
 }  // namespace

@@ -18,7 +18,9 @@ struct ArmStreamReading {
   std::string errors;                                   // names of active errors; empty: none
   double seconds = 0;                                   // duration of listening
   std::uint64_t states = 0, lost = 0, lost_in_row = 0;  // by the arm's sequence numbers
-  std::vector<double> gaps_us;                          // between the arrivals of two states
+  // Some of those lost did arrive, but this computer woke so late that a newer one was there, too.
+  std::uint64_t outdated = 0;
+  std::vector<double> gaps_us;  // between the arrivals of two states
 };
 // Connects, listens and closes, without any command. The control interface serves one program at a time, so
 // no other program can be connected meanwhile.

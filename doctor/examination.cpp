@@ -26,7 +26,7 @@ Purpose purpose_of(const std::vector<std::string>& addresses) {
 std::vector<Finding> examine(const ExaminationOptions& options,
                              const std::function<void(const Finding&)>& show) {
   const SystemFiles files;
-  const Purpose purpose = purpose_of(options.addresses);
+  const Purpose purpose = options.purpose.value_or(purpose_of(options.addresses));
   std::vector<Finding> findings;
   const auto add = [&](Finding finding) {
     show(finding);

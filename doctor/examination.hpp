@@ -1,6 +1,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 
 #include "doctor/finding.hpp"
 
@@ -10,6 +11,7 @@ struct ExaminationOptions {
   std::vector<std::string> addresses;  // of arms
   std::string scene;                   // whose control cycle is timed
   double seconds = 10;                 // of each measurement
+  std::optional<Purpose> purpose;      // of the computer; none: by the addresses
 };
 
 // Real arms if an address belongs to another computer.

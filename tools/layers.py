@@ -181,6 +181,11 @@ LAYERS = [
         "diagnosis of computer, network and arms ([doctor.md](docs/doctor.md))",
         "support core device scene backends/mujoco fci/wire fci/client runtime",
     ),
+    layer(
+        "commission",
+        "the first hour with real arms, step by step ([commission.md](docs/commission.md))",
+        "support core device models scene fci/wire fci/client report runtime doctor",
+    ),
     layer("sysid/measured", "logs of any source as plain numbers", "config_file core scene logs"),
     layer(
         "sysid/identification",
@@ -221,7 +226,8 @@ LAYERS = [
         "cli",
         "the program `multipanda`; uses ROS only through the loaded module",
         "support config_file core models scene logs fci/server report runtime cockpit experiments motion_generators"
-        " doctor sysid/measured sysid/identification sysid/comparison sysid/excitation sysid/refine soak study",
+        " doctor commission sysid/measured sysid/identification sysid/comparison sysid/excitation sysid/refine soak"
+        " study",
     ),
     layer(
         "benchmarks",
@@ -236,14 +242,14 @@ LAYERS = [
 LIBRARIES = {
     "mujoco": "support backends/mujoco sysid/identification benchmarks",
     "pinocchio": "core/model sysid/identification benchmarks",
-    "yaml-cpp": "config_file models scene runtime/embedded experiments study sysid/measured sysid/comparison"
+    "yaml-cpp": "config_file models scene runtime/embedded experiments study commission sysid/measured sysid/comparison"
     " sysid/refine",
     "nlohmann": "config_file scene logs report soak runtime cockpit cockpit/server cockpit/view experiments"
-    " study native motion_generators doctor sysid/identification sysid/comparison"
+    " study native motion_generators doctor commission sysid/identification sysid/comparison"
     " sysid/refine cli benchmarks",
     "CLI": "cli benchmarks",
-    "fmt": "soak runtime runtime/motion cockpit/wire cockpit/server experiments study doctor sysid/identification"
-    " sysid/comparison sysid/excitation sysid/refine ros/adapter cli benchmarks",
+    "fmt": "soak runtime runtime/motion cockpit/wire cockpit/server experiments study doctor commission"
+    " sysid/identification sysid/comparison sysid/excitation sysid/refine ros/adapter cli benchmarks",
     "rcl": "ros/rcl ros/host ros benchmarks",
     "rmw": "ros/rcl",
     "rclcpp": "ros",

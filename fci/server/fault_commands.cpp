@@ -109,6 +109,13 @@ const std::array kWords{
            for (std::size_t i = 0; i < 3; ++i) f[static_cast<Eigen::Index>(i)] = number(w[i], "a force");
            return done(arms.push(arm, f, w.size() > 3 ? number(w[3], "seconds") : 0.5));
          }},
+    Word{"lead", "ARM X Y Z [SECONDS]",
+         "lead the end effector to a place of the world by hand (m, at most 10 N; default 5 s)", 3,
+         [](VirtualArms& arms, ArmIndex arm, const Words& w) {
+           Vector3 p;
+           for (std::size_t i = 0; i < 3; ++i) p[static_cast<Eigen::Index>(i)] = number(w[i], "a place");
+           return done(arms.lead(arm, p, w.size() > 3 ? number(w[3], "seconds") : 5));
+         }},
 };
 
 std::string list_of(const std::vector<std::string>& names) {
@@ -127,7 +134,7 @@ std::string carry_out(VirtualArms& arms, Words words) {
     const auto arm = arms.find(words[1]);
     if (!arm) throw Expected("there is no arm '" + words[1] + "'; there are " + list_of(arms.names()));
     words.erase(words.begin(), words.begin() + 2);
-    const std::size_t most = word.count + (word.name == "push" ? 1 : 0);
+    const std::size_t most = word.count + (word.name == "push" || word.name == "lead" ? 1 : 0);
     if (words.size() < word.count || words.size() > most) throw Expected(usage);
     return word.run(arms, *arm, words);
   }

@@ -207,4 +207,9 @@ bool VirtualArms::push(ArmIndex arm, const Vector3& f_W, double seconds) {
       {.what = Control::What::push, .arm = arm, .periods = std::lround(1000 * seconds), .force = f_W});
 }
 
+bool VirtualArms::lead(ArmIndex arm, const Vector3& p_W, double seconds) {
+  return post(
+      {.what = Control::What::lead, .arm = arm, .periods = std::lround(1000 * seconds), .force = p_W});
+}
+
 }  // namespace multipanda::fci

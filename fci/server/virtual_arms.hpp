@@ -113,10 +113,13 @@ class VirtualArms {
   bool freeze(ArmIndex arm, double seconds);  // its port neither sends nor receives
   bool close_connection(ArmIndex arm);
   bool push(ArmIndex arm, const Vector3& f_W, double seconds);  // on the flange, world axes [N]
+  // A person's hand leads the end effector's origin to a place of the world [m]: spring, damper, 10 N at
+  // most; it keeps the orientation of the moment.
+  bool lead(ArmIndex arm, const Vector3& p_W, double seconds);
 
  private:
   struct Control {
-    enum class What : std::uint8_t { faults, guiding, raise, freeze, close, push } what{};
+    enum class What : std::uint8_t { faults, guiding, raise, freeze, close, push, lead } what{};
     ArmIndex arm = 0;
     DatagramFaults faults{};
     bool on = false;
@@ -127,7 +130,10 @@ class VirtualArms {
   struct Push {
     Vector3 f_W = Vector3::Zero();
     std::int64_t periods = -1;  // left; -1: none
+    bool leads = false;  // f_W is then the place that the hand leads to, and R_WE how it keeps the hand
+    Matrix3 R_WE = Matrix3::Identity();
   };
+  Wrench led_wrench(ArmIndex arm, const Push& hand) const;
 
   void listen();
   void run();

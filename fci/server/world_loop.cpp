@@ -317,11 +317,41 @@ void VirtualArms::carry_out(const Control& control) {
       port.close_connection();
       break;
     case Control::What::push:
-      pushes_[control.arm] = {.f_W = control.force, .periods = control.periods};
+    case Control::What::lead:
+      pushes_[control.arm] = {.f_W = control.force,
+                              .periods = control.periods,
+                              .leads = control.what == Control::What::lead,
+                              .R_WE = plant_.world().X_WF(control.arm).rotation *
+                                      plant_.arm(control.arm).settings().frames.X_FE.rotation};
       pushing_ = true;
       break;
   }
   something_happened();
+}
+
+// A slow hand: 600 N/m on about 5 kg, damped so that it moves with at most 10/160 m/s. Its grip also keeps
+// the orientation, with 8 N m at most.
+Wrench VirtualArms::led_wrench(ArmIndex arm, const Push& hand) const {
+  constexpr double kStiffness = 600, kDamping = 160, kMost = 10;
+  constexpr double kTwist = 10, kTurning = 1.5, kMostMoment = 8;
+  const World& world = plant_.world();
+  const Pose X_WF = world.X_WF(arm);
+  const Pose X_WE = X_WF * plant_.arm(arm).settings().frames.X_FE;
+  mjtNum velocity[6];  // angular first, at the body's origin
+  const int body = world.arm(arm).last_link;
+  mj_objectVelocity(world.model(), world.data(), mjOBJ_XBODY, body, velocity, 0);
+  const Eigen::Map<const Vector3> w(velocity), v(velocity + 3), p_WL(world.data()->xpos + 3 * body);
+  const Vector3 v_E = v + w.cross(X_WE.position - p_WL);
+  Wrench F_E_W;
+  const Vector6 off = pose_error({hand.R_WE, hand.f_W}, X_WE);
+  F_E_W.force() = kStiffness * off.head<3>();
+  F_E_W.torque() = kTwist * off.tail<3>();
+  if (const double force = F_E_W.force().norm(); force > kMost) F_E_W.force() *= kMost / force;
+  if (const double moment = F_E_W.torque().norm(); moment > kMostMoment)
+    F_E_W.torque() *= kMostMoment / moment;
+  F_E_W.force() -= kDamping * v_E;
+  F_E_W.torque() -= kTurning * w;
+  return shifted(F_E_W, X_WE.position - X_WF.position);
 }
 
 // A force on the flange. MuJoCo expects force and moment at the body's center of mass.
@@ -334,10 +364,10 @@ void VirtualArms::apply_pushes() {
     const int body = world.arm(i).last_link;
     mjtNum* wrench = world.data()->xfrc_applied + 6 * body;
     const Eigen::Map<const Vector3> p_WC(world.data()->xipos + 3 * body);
-    const Vector3 f_W = push.periods > 0 ? push.f_W : Vector3::Zero();
-    Eigen::Map<Vector6> F_C_W(wrench);
-    F_C_W.head<3>() = f_W;
-    F_C_W.tail<3>() = (world.X_WF(i).position - p_WC).cross(f_W);
+    Wrench F_F_W;  // about the flange
+    if (push.periods > 0 && push.leads) F_F_W = led_wrench(i, push);
+    if (push.periods > 0 && !push.leads) F_F_W.force() = push.f_W;
+    Eigen::Map<Vector6>{wrench} = shifted(F_F_W, world.X_WF(i).position - p_WC).vector;
     --push.periods;  // once more with zero, to end it
     pushing_ = true;
   }

@@ -1,0 +1,322 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+
+#include "commission/gravity_fit.hpp"
+#include "commission/limits.hpp"
+#include "commission/tour.hpp"
+#include "device/arm_error.hpp"
+
+// Torque control begins: hold, hand guiding, payload. The arms yield, and nothing but the person moves them.
+namespace multipanda::commission {
+namespace {
+
+Vector3 flange_of(ModelTerms& terms, const JointVector& q) {
+  terms.update(q, JointVector::Zero(q.size()));
+  return terms.X_WF().position;
+}
+
+JointVector joints_of(const ArmsRun& run, ArmIndex arm, const ArmSample& sample) {
+  return Eigen::Map<const Eigen::VectorXd>(sample.q.data(), static_cast<Eigen::Index>(run.joint_count(arm)));
+}
+
+double fastest(const ArmsRun& run, ArmIndex arm, const ArmSample& sample) {
+  double most = 0;
+  for (std::size_t j = 0; j < run.joint_count(arm); ++j) most = std::max(most, std::abs(sample.dq[j]));
+  return most;
+}
+
+// Both checks at once: an arm that goes away is seen before it is far.
+StepResult run_hold(Context& context) {
+  StepResult result;
+  constexpr double kWatched_s = 2;
+  context.run = std::make_unique<ArmsRun>(commission_scene(context.setup.scene), context.registry,
+                                          BackendOptions{.kind = BackendKind::fci}, context.setup.paced,
+                                          context.stopped);
+  ArmsRun& run = *context.run;
+  run.start();
+  const Track track = run.watch(kWatched_s, 1, [&](const Track& seen) {
+    for (ArmIndex i = 0; i < context.arm_count(); ++i) {
+      const JointVector way =
+          joints_of(run, i, seen.arms[i].back()) - joints_of(run, i, seen.arms[i].front());
+      if (way.lpNorm<Eigen::Infinity>() > kHoldDrift_rad) return true;
+    }
+    return false;
+  });
+  for (ArmIndex i = 0; i < context.arm_count(); ++i) {
+    ModelTerms terms = run.terms(i);
+    const JointVector q0 = joints_of(run, i, track.arms[i].front());
+    const Vector3 p0 = flange_of(terms, q0);
+    double away = 0, turned = 0;
+    for (std::size_t k = 0; k < track.t.size(); ++k) {
+      const JointVector q = joints_of(run, i, track.arms[i][k]);
+      turned = std::max(turned, (q - q0).lpNorm<Eigen::Infinity>());
+      away = std::max(away, (flange_of(terms, q) - p0).norm());
+    }
+    const std::string remedy =
+        "end here; the arm compensates a weight that it does not have, or lacks one: repeat the step on "
+        "gravity";
+    result.add({.arm = context.arm(i).name,
+                .quantity = "flange moved in hold",
+                .value = 1e3 * away,
+                .unit = "mm",
+                .limit = 1e3 * kHoldDrift_m,
+                .remedy = remedy});
+    result.add({.arm = context.arm(i).name,
+                .quantity = "joint moved in hold",
+                .value = turned,
+                .unit = "rad",
+                .limit = kHoldDrift_rad,
+                .remedy = remedy});
+  }
+  return result;
+}
+
+// Waits for a mode of the arm; the others must stay in hold. A reflex that lasts is told as `stopped_itself`.
+bool wait_for_mode(Context& context, ArmIndex arm, ArmMode mode, bool is, bool* stopped_itself = nullptr) {
+  bool seen = false;
+  int in_reflex = 0;
+  constexpr int kLasts = 50;  // samples of 10 cycles; a button may show as a reflex for a moment
+  (void)context.run->watch(kButtonWait_s, 10, [&](const Track& track) {
+    const auto now = static_cast<ArmMode>(track.arms[arm].back().mode);
+    seen = (now == mode) == is;
+    in_reflex = now == ArmMode::reflex ? in_reflex + 1 : 0;
+    return seen || (stopped_itself != nullptr && in_reflex >= kLasts);
+  });
+  if (stopped_itself != nullptr) *stopped_itself = !seen && in_reflex >= kLasts;
+  return seen;
+}
+
+// Before anything is led or moves: what the person holds must stop the arm that they mean.
+StepResult run_button(Context& context) {
+  StepResult result;
+  ArmsRun& run = *context.run;
+  for (ArmIndex i = 0; i < context.arm_count(); ++i) {
+    const std::string& name = context.arm(i).name;
+    context.person.ready(
+        "button." + name,
+        fmt::format(
+            "After this key, press the user stop of arm '{}' within {:g} s. The arm stays where it is.", name,
+            kButtonWait_s));
+    const ArmSample before = run.newest(i);
+    run.excuse(i);
+    context.say("  now press the user stop of arm '" + name + "'");
+    bool stopped_itself = false;
+    if (!wait_for_mode(context, i, ArmMode::user_stopped, true, &stopped_itself)) {
+      if (stopped_itself) {
+        result.fail(fmt::format("arm '{}' stopped itself: {}", name, error_names(run.newest(i).errors)),
+                    "the mode 'user stopped' of this arm, and no error",
+                    "see docs/errors.md for the cause; free the arm, then resume the tour");
+        break;
+      }
+      result.fail(fmt::format("the user stop of arm '{}' was not seen within {:g} s", name, kButtonWait_s),
+                  "the mode 'user stopped' of this arm",
+                  "check that the button belongs to this arm; do not go on without a user stop that works");
+      break;
+    }
+    context.say("  seen; now release it");
+    if (!wait_for_mode(context, i, ArmMode::user_stopped, false)) {
+      result.fail(
+          fmt::format("the user stop of arm '{}' was not released within {:g} s", name, kButtonWait_s),
+          "the button released", "release it, then resume the tour");
+      break;
+    }
+    const std::string errors = error_names(run.newest(i).errors);
+    if (!errors.empty())
+      result.notes.push_back(fmt::format("arm '{}' reported with its user stop: {}", name, errors));
+    context.person.ready(
+        "button." + name + ".recover",
+        fmt::format("After this key arm '{}' begins to hold again, where it is now{}. Stand clear.", name,
+                    errors.empty() ? "" : ", and its errors are cleared: " + errors));
+    const RequestAnswer answer = run.request(i, RecoverFromError{});
+    if (!answer.success) {
+      result.fail(fmt::format("arm '{}' did not recover: {}", name, answer.reason), "hold again",
+                  "remove the cause, then resume the tour");
+      break;
+    }
+    (void)wait_for_mode(context, i, ArmMode::move, true);
+    run.excuse({});
+    (void)run.watch(1);
+    const ArmSample after = run.newest(i);
+    double moved = 0;
+    for (std::size_t j = 0; j < run.joint_count(i); ++j)
+      moved = std::max(moved, std::abs(after.q[j] - before.q[j]));
+    result.add({.arm = name,
+                .quantity = "joint moved by stop and recovery",
+                .value = moved,
+                .unit = "rad",
+                .limit = kHoldDrift_rad,
+                .remedy = "repeat the step on gravity: the arm sank or rose"});
+    if (result.verdict == Verdict::no_go) break;
+  }
+  return result;
+}
+
+// Waits until a person has led the flange and it rests again. Returns how far it was led [m].
+double wait_for_guiding(Context& context, ArmIndex arm, const JointVector& from, double joints_apart) {
+  ArmsRun& run = *context.run;
+  ModelTerms terms = run.terms(arm);
+  const Vector3 p0 = flange_of(terms, from);
+  double led = 0;
+  int still = 0;
+  constexpr int kStill = 50;  // samples of 10 cycles
+  (void)run.watch(kGuideWait_s, 10, [&](const Track& track) {
+    const ArmSample& now = track.arms[arm].back();
+    const JointVector q = joints_of(run, arm, now);
+    led = (flange_of(terms, q) - p0).norm();
+    const bool there = led > kGuided_m && (q - from).lpNorm<Eigen::Infinity>() > joints_apart;
+    still = there && fastest(run, arm, now) < kStillSpeed ? still + 1 : 0;
+    return still >= kStill;
+  });
+  context.check_stopped();
+  return still >= kStill ? led : 0;
+}
+
+StepResult run_guiding(Context& context) {
+  StepResult result;
+  ArmsRun& run = *context.run;
+  for (ArmIndex i = 0; i < context.arm_count(); ++i) {
+    const std::string& name = context.arm(i).name;
+    context.person.ready(
+        "guiding." + name,
+        fmt::format("Take the hand of arm '{}'. After this key it compensates its weight and can be led. "
+                    "Lead it {:.0f} cm or more, hold it still for half a second, then let go.",
+                    name, 100 * kGuided_m));
+    const JointVector from = joints_of(run, i, run.newest(i));
+    run.lead(i, Law::guide);
+    const double led = wait_for_guiding(context, i, from, 0);
+    ModelTerms terms = run.terms(i);
+    const Vector3 p0 = flange_of(terms, joints_of(run, i, run.newest(i)));
+    double drift = 0;
+    if (led > 0) {
+      context.say("  now let go, for two seconds");
+      (void)run.watch(2, 10, [&](const Track& track) {
+        drift = (flange_of(terms, joints_of(run, i, track.arms[i].back())) - p0).norm();
+        return drift > kGuideDrift_m;
+      });
+    }
+    run.lead(i, Law::hold);
+    result.add({.arm = name,
+                .quantity = "led by hand",
+                .value = 100 * led,
+                .unit = "cm",
+                .limit = 100 * kGuided_m,
+                .at_least = true,
+                .found = fmt::format("within {:g} s", kGuideWait_s),
+                .remedy = "lead the arm at its hand; if it is stiff, its friction is too high for this law"});
+    result.add({.arm = name,
+                .quantity = "drift when let go",
+                .value = 1e3 * drift,
+                .unit = "mm",
+                .limit = 1e3 * kGuideDrift_m,
+                .remedy = "it sinks or rises: hand, tool and load of the scene or of the arm's settings are "
+                          "not those that it carries"});
+    if (result.verdict == Verdict::no_go) break;
+  }
+  return result;
+}
+
+// Poses for the payload check, each led by hand: in one pose a mass and its place look alike.
+StepResult run_payload(Context& context) {
+  StepResult result;
+  ArmsRun& run = *context.run;
+  constexpr int kPoses = 3;
+  for (ArmIndex i = 0; i < context.arm_count(); ++i) {
+    const std::string& name = context.arm(i).name;
+    std::vector<RestSample> samples;
+    double external = 0;
+    for (int pose = 1; pose <= kPoses; ++pose) {
+      if (pose > 1) {
+        context.person.ready(
+            fmt::format("payload.{}.{}", name, pose),
+            fmt::format("Pose {} of {}: take the hand of arm '{}'. After this key, lead it "
+                        "to another pose (a joint by {:.0f} degrees or more, the hand by {:.0f} cm), "
+                        "hold it still for half a second; then it is held, and you let go.",
+                        pose, kPoses, name, 180 / M_PI * kPoseApart_rad, 100 * kGuided_m));
+        run.lead(i, Law::guide);
+        const double led = wait_for_guiding(context, i, samples.back().q, kPoseApart_rad);
+        run.lead(i, Law::hold);
+        result.add({.arm = name,
+                    .quantity = "led to another pose",
+                    .value = 100 * led,
+                    .unit = "cm",
+                    .limit = 100 * kGuided_m,
+                    .at_least = true,
+                    .found = fmt::format("within {:g} s", kGuideWait_s),
+                    .remedy = "lead the arm further, then keep it still"});
+        if (result.verdict == Verdict::no_go) return result;
+        context.person.ready(fmt::format("payload.{}.{}.free", name, pose),
+                             "Let go of the arm, then this key.");
+      }
+      const Track track = run.watch(1);
+      const std::size_t n = run.joint_count(i);
+      samples.push_back({track.mean(i, &ArmSample::q, n), track.mean(i, &ArmSample::tau_J, n)});
+      external = std::max(external, track.mean(i, &ArmSample::tau_ext, n).lpNorm<Eigen::Infinity>());
+    }
+    const GravityFit fit = fit_gravity(context.arm(i), samples);
+    const std::string remedy =
+        "declare what the flange carries ('tool', 'load_declared', 'hand'), in the arm's web interface, too";
+    result.add({.arm = name,
+                .quantity = "payload beyond the declared one",
+                .value = std::abs(fit.mass_kg),
+                .unit = "kg",
+                .limit = kPayload_kg,
+                .found = fit.text(),
+                .remedy = remedy});
+    result.add({.arm = name,
+                .quantity = "torque at rest in three poses, measured against the scene's",
+                .value = fit.largest_nm,
+                .unit = "N m",
+                .limit = kPayloadTorque,
+                .found = fmt::format("at joint {}, {}", fit.joint + 1, fit.text()),
+                .remedy = remedy});
+    result.add({.arm = name,
+                .quantity = "external torque at rest, by the arm",
+                .value = external,
+                .unit = "N m",
+                .limit = kPayloadTorque,
+                .remedy = remedy});
+    result.readings.push_back({.arm = name,
+                               .quantity = "tilt of the base against the scene",
+                               .value = 180 / M_PI * fit.tilt_rad,
+                               .unit = "degrees",
+                               .limit = kShown});
+  }
+  return result;
+}
+
+}  // namespace
+
+void add_steps_in_hold(std::vector<Step>& steps, const TourSetup& setup) {
+  const bool one = setup.scene.arms.size() == 1;
+  const std::string all = one ? "The arm" : "All arms";
+  steps.push_back(
+      {"hold", "Hold: torque control begins",
+       fmt::format(
+           "{} should stay in place, and yield softly when pushed. Stand clear, user stop in your hand. "
+           "No-go: a flange that moves more than {:.0f} mm or a joint more than {:g} rad in 2 s. From here "
+           "on {} in hold between the steps.",
+           all, 1e3 * kHoldDrift_m, kHoldDrift_rad, one ? "it is" : "they are"),
+       true, true, run_hold});
+  steps.push_back(
+      {"button", "User stop and recovery",
+       fmt::format("You press and release the user stop of each arm, one after the other; then it holds "
+                   "again. No-go: a button that is not seen within {:g} s or stops another arm, or a "
+                   "joint that moves by {:g} rad.",
+                   kButtonWait_s, kHoldDrift_rad),
+       true, true, run_button});
+  steps.push_back({"guiding", "Hand guiding",
+                   fmt::format("You lead each arm by hand, one after the other. The arm adds no motion of "
+                               "its own. No-go: it drifts more than {:.0f} mm when you let go.",
+                               1e3 * kGuideDrift_m),
+                   true, false, run_guiding});
+  steps.push_back({"payload", "Payload, in three poses",
+                   fmt::format("You lead each arm to two more poses. No-go: more than {:g} kg or {:g} N m "
+                               "beyond what is declared.",
+                               kPayload_kg, kPayloadTorque),
+                   true, false, run_payload});
+}
+
+}  // namespace multipanda::commission
