@@ -13,8 +13,8 @@ namespace multipanda {
 // it. Pairs of links that overlap at home, or in more than kOften of random configurations, are ignored:
 // there the capsules are wider than the links. robot.origin["self_collision"] says what was found, how much
 // wider the capsules are, and which pairs are ignored. Meshes are looked up as urdf_file does, from `folder`.
-// Throws std::invalid_argument if a shape of a moving link cannot be read: an arm with gaps would seem
-// protected.
+// Throws std::invalid_argument if a shape of a moving link cannot be read, because an arm with gaps would
+// seem to be protected.
 inline constexpr std::size_t kMostCapsules = 3;
 inline constexpr double kOften = 0.3;
 void fit_collision(const std::string& urdf_text, const UrdfChain& chain, const std::filesystem::path& folder,

@@ -24,7 +24,7 @@ ConvexShape convex_shape(ShapeType shape, const Vector3& size) {
 
 void add_tool_shapes(const std::vector<ToolShape>& tool, const Pose& X_JF, ArmModelSource& source) {
   auto& parts = source.collision_shapes;
-  // Of the arm, not of its shapes: the last link may have none.
+  // The arm's last joint, even if no shape moves with it.
   const int last = static_cast<int>(source.limits.q_min.size()) - 1;
   const std::size_t others = parts.size();
   for (std::size_t i = 0; i < tool.size(); ++i) {
