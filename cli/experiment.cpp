@@ -141,7 +141,12 @@ std::unique_ptr<Person> person_for(const ExperimentArguments& options, const Exp
 // A person may confirm by habit that the scene has run with lower bounds; the memory of such runs says
 // whether. No more than a warning: a scene whose motion lasts longer than the run never counts.
 void warn_of_first_run(const Experiment& experiment, const BackendOptions& backend, const Console& console) {
-  if (experiment.scene.empty()) return;
+  if (experiment.scene.empty()) {
+    console.line(
+        "WARNING: this experiment keeps the full bounds of its scenes; run them first with "
+        "multipanda run SCENE --backend fci --reduced --address ARM=ADDRESS");
+    return;
+  }
   const Scene scene = with_connections(open_scene(experiment.scene).scene, backend);
   if (!ReducedRun(scene, Reduction::as_usual, ReducedRun::first_runs_file()).reduced()) return;
   console.line(

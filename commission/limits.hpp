@@ -40,6 +40,7 @@ inline constexpr double kStopStep_rad = 0.1, kStopSpeed = 0.15;  // the motion t
 inline constexpr double kStopTime_s = 0.5, kStopAngle_rad = 0.03;
 inline constexpr double kButtonWait_s = 60;
 inline constexpr double kWiggle_rad = 0.004, kWigglePeriod_s = 0.25;  // of joint 4, and half of both
+inline constexpr double kLongestLag_s = 0.02;                         // that is searched for
 inline constexpr double kTorqueDelay_s = 0.010;
 inline constexpr double kSuccessRate = 0.9, kSuccessRateVirtual = 0.5;  // of commands, by the arm
 inline constexpr double kNoiseVelocity = 0.02, kNoiseTorque = 0.4;      // [rad/s], [N m], rms

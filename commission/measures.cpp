@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include <fmt/format.h>
+
 #include "commission/limits.hpp"
 #include "scene/build.hpp"
 
@@ -198,8 +200,10 @@ DelayFigures lag_of(const std::vector<double>& x, const std::vector<double>& y, 
 }
 
 DelayFigures delay_without_friction(const DelayFigures& slow, const DelayFigures& fast) {
+  // A lag at the end of what was searched is none that was found.
+  const double most = std::max(std::abs(slow.torque_delay_s), std::abs(fast.torque_delay_s));
   return {.torque_delay_s = (4 * fast.torque_delay_s - slow.torque_delay_s) / 3,
-          .fit = std::min(slow.fit, fast.fit)};
+          .fit = most > 0.95 * kLongestLag_s ? 0 : std::min(slow.fit, fast.fit)};
 }
 
 DelayFigures measure_delay(ArmsRun& run, ArmIndex arm) {
@@ -211,7 +215,13 @@ DelayFigures measure_delay(ArmsRun& run, ArmIndex arm) {
   const auto swing = [&](double amplitude, double period_s) {
     (void)resting_place(run, arm);
     run.wiggle(arm, kJoint, amplitude, period_s, kSwing_s / period_s);
-    const Track track = run.watch(kSwing_s + period_s);
+    const double begin = run.newest(arm).q[kJoint];
+    bool away = false;  // an arm that swings further than asked is ended at once
+    const Track track = run.watch(kSwing_s + period_s, 1, [&](const Track& so_far) {
+      away = std::abs(so_far.arms[arm].back().q[kJoint] - begin) > 4 * kWiggle_rad;
+      return away;
+    });
+    if (away) throw ArmLeft(fmt::format("joint 4 swung further than {:.3f} rad", 4 * kWiggle_rad));
     std::vector<double> sent, shown;
     for (const auto& sample : track.arms[arm]) {
       terms.update(joints_of(sample, &ArmSample::q, n), still);
@@ -221,7 +231,7 @@ DelayFigures measure_delay(ArmsRun& run, ArmIndex arm) {
     const double period = track.t.size() > 1
                               ? (track.t.back() - track.t.front()) / static_cast<double>(track.t.size() - 1)
                               : 0.001;
-    return lag_of(sent, shown, period, 0.02);
+    return lag_of(sent, shown, period, kLongestLag_s);
   };
   run.lead(arm, Law::joint);
   const DelayFigures slow = swing(kWiggle_rad, kWigglePeriod_s);

@@ -158,6 +158,14 @@ StepResult run_network(Context& context) {
                 .limit = context.virtual_arms() ? kShown : 100 * limit,
                 .found = fmt::format("{} of {:.0f}", stream.outdated, sent),
                 .remedy = "this computer wakes too late: see the doctor's line on timer wake-up"});
+    // For the torque both are missed.
+    result.add({.arm = name,
+                .quantity = "states lost or read late",
+                .value = share(stream.lost),
+                .unit = "%",
+                .limit = context.virtual_arms() ? kShown : 100 * limit,
+                .found = fmt::format("{} of {:.0f}", stream.lost, sent),
+                .remedy = "see the two lines above for the cause"});
     result.add({.arm = name,
                 .quantity = "states missed in a row",
                 .value = static_cast<double>(stream.lost_in_row),

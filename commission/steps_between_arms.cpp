@@ -39,6 +39,9 @@ bool wait_for_rest(Context& context, ArmIndex arm, const std::function<bool(cons
   return still >= kStill;
 }
 
+// A joint may turn by so much while a point is read, 0.2 s [rad].
+constexpr double kCreep_rad = 0.002;
+
 // The end effector's origin in the arm's base, at rest; the arm is led by hand meanwhile.
 Vector3 tip_in_base(Context& context, ArmIndex arm) {
   ArmsRun& run = *context.run;
@@ -46,7 +49,17 @@ Vector3 tip_in_base(Context& context, ArmIndex arm) {
     throw ArmLeft(
         fmt::format("arm '{}' did not rest on the point within {:g} s", context.arm(arm).name, kGuideWait_s));
   ModelTerms terms = run.terms(arm);
-  const JointVector q = run.watch(0.2).mean(arm, &ArmSample::q, run.joint_count(arm));
+  const std::size_t n = run.joint_count(arm);
+  const Track track = run.watch(0.2);
+  const auto q_at = [&](const ArmSample& sample) {
+    return JointVector(Eigen::Map<const Eigen::VectorXd>(sample.q.data(), static_cast<Eigen::Index>(n)));
+  };
+  const double crept = (q_at(track.arms[arm].back()) - q_at(track.arms[arm].front())).cwiseAbs().maxCoeff();
+  if (crept > kCreep_rad)
+    throw ArmLeft(
+        fmt::format("arm '{}' was not still on the point: a joint turned by {:.4f} rad within 0.2 s",
+                    context.arm(arm).name, crept));
+  const JointVector q = track.mean(arm, &ArmSample::q, n);
   return context.arm(arm).X_WB.inverse() * tip_of(terms, q);
 }
 
@@ -83,8 +96,8 @@ std::vector<Vector3> led_points(Context& context, ArmIndex arm, int count) {
                     "within {:g} s",
                     name, 100 * kAway_m, kGuideWait_s));
   }
-  context.say(fmt::format("  arm '{}' is held", name));
   context.run->lead(arm, Law::hold);
+  context.say(fmt::format("  arm '{}' is held", name));
   return points;
 }
 

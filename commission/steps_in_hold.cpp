@@ -74,19 +74,22 @@ StepResult run_hold(Context& context) {
   return result;
 }
 
-// Waits for a mode of the arm; the others must stay in hold. A reflex that lasts is told as `stopped_itself`.
+// Waits for a mode of the arm; the others must stay in hold. A reflex that lasts, or one with an error before
+// the mode was seen, is told as `stopped_itself`: whoever holds the button would press it then.
 bool wait_for_mode(Context& context, ArmIndex arm, ArmMode mode, bool is, bool* stopped_itself = nullptr) {
-  bool seen = false;
+  bool seen = false, erred = false;
   int in_reflex = 0;
   constexpr int kLasts = 50;  // samples of 10 cycles; a button may show as a reflex for a moment
   (void)context.run->watch(kButtonWait_s, 10, [&](const Track& track) {
     const auto now = static_cast<ArmMode>(track.arms[arm].back().mode);
     seen = (now == mode) == is;
     in_reflex = now == ArmMode::reflex ? in_reflex + 1 : 0;
+    erred = erred || (now == ArmMode::reflex && track.arms[arm].back().errors != 0);
     return seen || (stopped_itself != nullptr && in_reflex >= kLasts);
   });
-  if (stopped_itself != nullptr) *stopped_itself = !seen && in_reflex >= kLasts;
-  return seen;
+  if (stopped_itself == nullptr) return seen;
+  *stopped_itself = erred || (!seen && in_reflex >= kLasts);
+  return seen && !erred;
 }
 
 // Before anything is led or moves: what the person holds must stop the arm that they mean.
@@ -130,19 +133,32 @@ StepResult run_button(Context& context) {
         "button." + name + ".recover",
         fmt::format("After this key arm '{}' begins to hold again, where it is now{}. Stand clear.", name,
                     errors.empty() ? "" : ", and its errors are cleared: " + errors));
+    if (const std::string now = error_names(run.newest(i).errors); now != errors) {
+      result.fail(fmt::format("arm '{}' stopped itself while the key was awaited: {}", name, now),
+                  "only what the question named", "free the arm, then resume the tour");
+      break;
+    }
     const RequestAnswer answer = run.request(i, RecoverFromError{});
     if (!answer.success) {
       result.fail(fmt::format("arm '{}' did not recover: {}", name, answer.reason), "hold again",
                   "remove the cause, then resume the tour");
       break;
     }
-    (void)wait_for_mode(context, i, ArmMode::move, true);
+    if (!wait_for_mode(context, i, ArmMode::move, true)) {
+      result.fail(fmt::format("arm '{}' did not begin to hold within {:g} s", name, kButtonWait_s),
+                  "hold again", "remove the cause, then resume the tour");
+      break;
+    }
     run.excuse({});
-    (void)run.watch(1);
-    const ArmSample after = run.newest(i);
-    double moved = 0;
-    for (std::size_t j = 0; j < run.joint_count(i); ++j)
-      moved = std::max(moved, std::abs(after.q[j] - before.q[j]));
+    const auto away = [&](const ArmSample& now) {
+      double most = 0;
+      for (std::size_t j = 0; j < run.joint_count(i); ++j)
+        most = std::max(most, std::abs(now.q[j] - before.q[j]));
+      return most;
+    };
+    // An arm that sinks is stopped at once: the no-go below halts it.
+    (void)run.watch(1, 1, [&](const Track& track) { return away(track.arms[i].back()) > kHoldDrift_rad; });
+    const double moved = away(run.newest(i));
     result.add({.arm = name,
                 .quantity = "joint moved by stop and recovery",
                 .value = moved,

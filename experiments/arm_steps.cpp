@@ -51,6 +51,14 @@ std::string in_hold(const std::string& arm, ArmMode mode) {
                                : fmt::format("arm '{}' is in mode {}", arm, to_string(mode));
 }
 
+// On the way to the start nothing presses, so the scene's thresholds may only make an arm more careful.
+void lower(ContactThresholds& thresholds, const ContactThresholds& most) {
+  thresholds.torque_lower = thresholds.torque_lower.cwiseMin(most.torque_lower).eval();
+  thresholds.torque_upper = thresholds.torque_upper.cwiseMin(most.torque_upper).eval();
+  thresholds.wrench_lower = thresholds.wrench_lower.cwiseMin(most.wrench_lower).eval();
+  thresholds.wrench_upper = thresholds.wrench_upper.cwiseMin(most.wrench_upper).eval();
+}
+
 }  // namespace
 
 std::string stopped_arm(const RunStatus& status, std::vector<bool>& moved) {
@@ -77,14 +85,15 @@ ArmWatch::ArmWatch(const Scene& scene, const RecordLayout& layout,
                      .start = arm.q_start,
                      .hold = static_cast<std::size_t>(hold - layout.instances.begin())});
   }
-  const bool holds_on_purpose = std::ranges::any_of(scene.timeline, [](const TimelineEvent& event) {
+  // At the end of a run all arms go to hold, and from the first event on that holds one on purpose.
+  const auto holds_on_purpose = [](const TimelineEvent& event) {
     return event.what == TimelineEvent::What::stop || event.only || !event.deactivate.empty() ||
            std::ranges::any_of(event.activate, [](const auto& name) { return name.ends_with("_hold"); });
-  });
-  // At the end of a run all arms go to hold.
-  end_s_ = holds_on_purpose       ? 0
-           : scene.duration_s > 0 ? scene.duration_s - 0.01
-                                  : std::numeric_limits<double>::infinity();
+  };
+  end_s_ = scene.duration_s > 0 ? scene.duration_s - 0.01 : std::numeric_limits<double>::infinity();
+  for (const auto& event : scene.timeline) {
+    if (holds_on_purpose(event)) end_s_ = std::min(end_s_, event.at_s - 0.01);
+  }
 }
 
 std::string ArmWatch::look(const CycleRecord& record) {
@@ -216,9 +225,23 @@ void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
   scene.duration_s = 0;
   scene.contact_bounds = kStartBounds;
   std::vector<JointMove> moves;
+  std::string unseen;
   for (ArmIndex i = 0; i < scene.arms.size(); ++i) {
-    moves.push_back(add_joint_move(scene, i, scene.arms[i].q_start));
-    scene.controllets.back().features = {"collision_avoidance"};  // arm against arm, and itself
+    SceneArm& arm = scene.arms[i];
+    moves.push_back(add_joint_move(scene, i, arm.q_start));
+    const auto model = build_arm_model(arm);
+    // Arm against arm, and itself. Without shapes the feature would refuse to be on.
+    if (!model->self_pairs().empty())
+      scene.controllets.back().features = {"collision_avoidance"};
+    else
+      unseen += fmt::format(
+          "\n  Arm '{}' has no collision shapes: its way is not checked, see that it is free.", arm.name);
+    const SetCollisionThresholds careful = careful_thresholds(*model);
+    if (!arm.collision) arm.collision = careful;
+    lower(arm.collision->nominal, careful.nominal);
+    if (arm.collision->acceleration)
+      lower(*arm.collision->acceleration, careful.acceleration.value_or(careful.nominal));
+    if (arm.fci) arm.fci->keep_collision_thresholds = false;
   }
   say("connecting to the arms; they are held where they are");
   MeasuredJoints measured(scene.arms.size());
@@ -287,7 +310,9 @@ void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
                       "expected. Guide the arms by hand nearer to their start",
                       clearance.pair, clearance.least, kMargin));
     try {
-      ask("to-start", text + "\n  Nothing may be in the way; the arms do not see it.", broken);
+      if (options_.resume && !cleared)
+        text += "\n  Objects of the interrupted experiment may still stand there: remove them first.";
+      ask("to-start", text + unseen + "\n  Nothing may be in the way; the arms do not see it.", broken);
     } catch (const ExperimentInterrupted& refused) {
       throw interrupted(trouble.empty() ? refused.what() : trouble);
     }

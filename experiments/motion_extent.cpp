@@ -75,14 +75,18 @@ std::string MotionExtent::beyond(const nlohmann::ordered_json& expected) const {
     const auto more = [&](const char* what, double value, const char* key, double margin, const char* unit) {
       const double bound = expected[i].at(key).get<double>() + margin;
       return (margin > 0 ? value > bound : value < bound)
-                 ? fmt::format("the hand of arm '{}' {} {:.2f} {}, in simulation {:.2f} {}", arm.name, what,
+                 ? fmt::format("{} of arm '{}' {} {:.2f} {}, in simulation {:.2f} {}",
+                               std::string(key).starts_with("joint") ? "a joint" : "the hand", arm.name, what,
                                value, unit, bound - margin, unit)
                  : std::string();
     };
-    for (const std::string& text : {more("went", arm.hand, "hand_m", kFarther, "m"),
-                                    more("moved at", arm.hand_speed, "hand_m_per_s", kFaster, "m/s"),
-                                    more("sank to a height of", arm.lowest, "lowest_m", -kFarther, "m"),
-                                    more("rose to a height of", arm.highest, "highest_m", kFarther, "m")}) {
+    for (const std::string& text :
+         {more("went", arm.hand, "hand_m", kFarther, "m"),
+          more("moved at", arm.hand_speed, "hand_m_per_s", kFaster, "m/s"),
+          more("sank to a height of", arm.lowest, "lowest_m", -kFarther, "m"),
+          more("rose to a height of", arm.highest, "highest_m", kFarther, "m"),
+          more("turned by", arm.angle, "joint_rad", kTurnedMore, "rad"),
+          more("turned at", arm.joint_speed, "joint_rad_per_s", kTurnedFaster, "rad/s")}) {
       if (!text.empty()) return text;
     }
   }

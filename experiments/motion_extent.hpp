@@ -25,10 +25,12 @@ class MotionExtent {
   nlohmann::ordered_json json() const;
 
   // A run on arms that goes farther than its simulation did has missed something: a surface that is not
-  // there, or an object. The first arm whose hand is beyond these margins, in words; empty: none. `expected`:
+  // there, or an object. The first arm that is beyond these margins, in words; empty: none. `expected`:
   // json() of the simulation. Same thread as take().
-  static constexpr double kFarther = 0.05;  // [m] from the start, below and above the simulation's
-  static constexpr double kFaster = 0.25;   // [m/s]
+  static constexpr double kFarther = 0.05;      // hand, from the start, below and above the simulation's [m]
+  static constexpr double kFaster = 0.25;       // hand [m/s]
+  static constexpr double kTurnedMore = 0.2;    // joint, such as an elbow that swings aside [rad]
+  static constexpr double kTurnedFaster = 0.7;  // joint [rad/s]
   std::string beyond(const nlohmann::ordered_json& expected) const;
 
  private:

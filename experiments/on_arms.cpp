@@ -110,7 +110,18 @@ void check_addresses_of_all(const Scene& scene, const BackendOptions& options) {
   }
 }
 
+void check_no_recovery(const Scene& scene) {
+  for (const auto& arm : scene.arms) {
+    if (!arm.fci || !arm.fci->recover_at_start) continue;
+    throw std::invalid_argument(fmt::format(
+        "arm '{}': 'recover_at_start' would clear a reflex without a question, and the arm may have "
+        "stopped on a person; remove it from the scene",
+        arm.name));
+  }
+}
+
 void check_for_arms(const Scene& scene, const std::string& variant) {
+  check_no_recovery(scene);
   for (const auto& event : scene.timeline) {
     if (event.what != TimelineEvent::What::place) continue;
     throw std::invalid_argument(fmt::format(
@@ -147,7 +158,9 @@ std::string describe_arm(const SceneArm& arm) {
   if (arm.tool.mass > 0)
     text += fmt::format(", a tool of {:g} kg with its center of mass at {} in the flange", arm.tool.mass,
                         point_text(arm.tool.p_FC));
-  if (arm.load_declared.mass > 0) text += fmt::format(", a payload of {:g} kg", arm.load_declared.mass);
+  if (arm.load_declared.mass > 0)
+    text += fmt::format(", a payload of {:g} kg with its center of mass at {} in the flange",
+                        arm.load_declared.mass, point_text(arm.load_declared.p_FC));
   text += fmt::format("\n    end effector at {} in the flange", pose_text(arm_config(arm).frames.X_FE));
   const bool kept = !arm.collision && arm.fci && arm.fci->keep_collision_thresholds;
   if (kept) return text + "\n    its thresholds are left as an earlier program has set them";

@@ -25,7 +25,12 @@ BackendOptions backend_of(const Scene& scene, const BackendOptions& options);
 // Throws std::invalid_argument: an arm of the scene has no address.
 void check_addresses_of_all(const Scene& scene, const BackendOptions& options);
 
-// Throws std::invalid_argument: the scene's timeline moves objects, which only a simulation does.
+// Throws std::invalid_argument: an arm would clear a reflex by itself. It may have stopped on a person, so on
+// arms only a person clears it.
+void check_no_recovery(const Scene& scene);
+
+// Throws std::invalid_argument: the scene's timeline moves objects, which only a simulation does; or as
+// check_no_recovery.
 void check_for_arms(const Scene& scene, const std::string& variant);
 
 // An object that a person must place, since in the scene it exists by itself.

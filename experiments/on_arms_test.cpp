@@ -189,8 +189,12 @@ RecordLayout layout_of(const Scene& scene) {
 
 TEST(OnArms, ARunIsWatchedFromItsFirstSampleOn) {
   const Scene scene = scene_of("arms: [{name: arm}]\n");
-  const Json expected =
-      Json::array({{{"hand_m", 1}, {"hand_m_per_s", 1}, {"lowest_m", 0.2}, {"highest_m", 2}}});
+  const Json expected = Json::array({{{"hand_m", 1},
+                                      {"hand_m_per_s", 1},
+                                      {"lowest_m", 0.2},
+                                      {"highest_m", 2},
+                                      {"joint_rad", 0.1},
+                                      {"joint_rad_per_s", 0.1}}});
   const std::vector<std::shared_ptr<const ArmModel>> models{build_arm_model(scene.arms[0])};
   const RecordLayout layout = layout_of(scene);
   const auto trouble = [&](double off, std::uint64_t cycle) {
@@ -209,6 +213,29 @@ TEST(OnArms, ARunIsWatchedFromItsFirstSampleOn) {
   EXPECT_THAT(trouble(0.06, 1), HasSubstr("too far from its start"));
   EXPECT_THAT(trouble(-0.06, 4000), HasSubstr("too far from its start")) << "an arm that reports late";
   EXPECT_THROW(ArmWatch(scene, layout, models, Json()), ExperimentInterrupted) << "nothing to compare with";
+  // An elbow that swings aside while the hand stays: in simulation it turned by 0.1 rad.
+  const auto turned = [&](double angle) {
+    MotionExtent extent(scene, models);
+    CycleRecord record;
+    record.arms.resize(1);
+    record.arms[0].sequence = 1;
+    for (std::size_t j = 0; j < 7; ++j)
+      record.arms[0].q[j] = scene.arms[0].q_start[static_cast<Eigen::Index>(j)];
+    extent.take(record);
+    ++record.cycle;  // of these, the hand is not computed in every one
+    record.arms[0].q[2] += angle;
+    extent.take(record);
+    return extent.beyond(expected);
+  };
+  EXPECT_EQ(turned(0.29), "");
+  EXPECT_THAT(turned(0.31), HasSubstr("a joint of arm 'arm' turned by 0.31 rad, in simulation 0.10 rad"));
+}
+
+// A reflex may have stopped an arm on a person.
+TEST(OnArms, NoSceneClearsAReflexByItself) {
+  const Scene scene = scene_of("arms: [{name: arm, fci: {address: 127.0.0.1, recover_at_start: true}}]\n");
+  EXPECT_THAT(refusal([&] { check_for_arms(scene, "any"); }),
+              HasSubstr("'recover_at_start' would clear a reflex"));
 }
 
 // The other arm of the scene would go on with its timeline.
@@ -222,7 +249,8 @@ TEST(OnArms, AnArmThatIsPutIntoHoldEndsTheRun) {
       "active: [a, b]\n";
   const auto trouble = [](const std::string& text, double t_s, bool first_held) {
     const Scene scene = scene_of(text);
-    const Json free{{"hand_m", 9}, {"hand_m_per_s", 9}, {"lowest_m", -9}, {"highest_m", 9}};
+    const Json free{{"hand_m", 9},    {"hand_m_per_s", 9}, {"lowest_m", -9},
+                    {"highest_m", 9}, {"joint_rad", 9},    {"joint_rad_per_s", 9}};
     ArmWatch watch(scene, layout_of(scene), {build_arm_model(scene.arms[0]), build_arm_model(scene.arms[1])},
                    Json::array({free, free}));
     CycleRecord record;
@@ -246,6 +274,9 @@ TEST(OnArms, AnArmThatIsPutIntoHoldEndsTheRun) {
   EXPECT_EQ(trouble(head, 3.995, false), "") << "the end of the run";
   EXPECT_EQ(trouble(head + "timeline: [{at_s: 1, switch: {deactivate: [b]}}]\n", 2, false), "")
       << "on purpose";
+  EXPECT_EQ(trouble(head + "timeline: [{at_s: 3, switch: {deactivate: [b]}}]\n", 2, false),
+            "arm 'right' was put into hold")
+      << "before that";
 }
 
 // Joint 1 turns an arm by half a turn: its hand, 0.31 m in front of the base, passes through that of the

@@ -74,7 +74,12 @@ class OnArms {
     if (options.person == nullptr)
       throw std::invalid_argument(experiment.name + ": a run on arms needs a person who confirms its steps");
     check_addresses_of_all(scene(run.settings.scene, {}), options.backend);
-    if (run.settings.switching) (void)backend_of(scene(run.settings.switching->scene, {}), options.backend);
+    check_no_recovery(scene(run.settings.scene, {}));
+    if (run.settings.switching) {
+      const Scene switching = scene(run.settings.switching->scene, {});
+      (void)backend_of(switching, options.backend);
+      check_no_recovery(switching);
+    }
   }
 
   bool active() const { return active_; }

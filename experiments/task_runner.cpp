@@ -238,7 +238,9 @@ class TaskRunner {
       try {
         {
           const std::lock_guard lock(mutex_);
-          if (const Json* finished = finished_runs_.find(runs_[index].name())) {
+          // Before arms every simulation is made again: what has changed since must not reach an arm unseen.
+          const Json* finished = on_arms_ ? nullptr : finished_runs_.find(runs_[index].name());
+          if (finished != nullptr) {
             done_[index] = *finished;
             ++finished_;
             continue;

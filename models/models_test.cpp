@@ -275,8 +275,8 @@ TEST(Models, AChangedFileIsReadAgain) {
   EXPECT_EQ(load_robot(own).rated_payload, 2);
   EXPECT_THAT(robot_files(own), testing::IsSupersetOf({models_folder() / "fer.yaml", folder / "between.yaml",
                                                        std::filesystem::path(own)}));
-  EXPECT_THAT(robot_files(MULTIPANDA_SOURCE_DIR "/tests/models/ur5.yaml"), testing::SizeIs(2))
-      << "and its URDF";
+  EXPECT_THAT(robot_files(MULTIPANDA_SOURCE_DIR "/tests/models/ur5.yaml"), testing::SizeIs(9))
+      << "and its URDF, and the seven meshes that the capsules are fitted to";
 }
 
 }  // namespace

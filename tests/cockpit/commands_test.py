@@ -144,7 +144,7 @@ class Experiments(unittest.TestCase):
         def assert_stopped(run, runs):
             self.assertEqual(run.wait(), 1)
             self.assertIn("stopped in the cockpit: no further run begins", run.lines)
-            self.assertIn("stopped: no report", run.lines)
+            self.assertIn("no report; finished runs are kept", run.lines)
             self.assertEqual(sum(" repeat " in line for line in run.lines), runs, run.lines)
 
         with self.subTest("between two runs"), begin() as run, run.page() as page:
