@@ -9,10 +9,12 @@
 #include <fmt/format.h>
 
 #include "core/state/arm_mode_name.hpp"
+#include "device/arm_settings.hpp"
 #include "experiments/on_arms.hpp"
 #include "experiments/path_clearance.hpp"
 #include "runtime/motion/joint_move.hpp"
 #include "runtime/session.hpp"
+#include "scene/build.hpp"
 #include "support/address.hpp"
 
 namespace multipanda {

@@ -7,6 +7,9 @@
 #include <stdexcept>
 #include <utility>
 
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+
 namespace multipanda {
 namespace {
 

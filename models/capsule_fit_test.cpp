@@ -1,6 +1,7 @@
 // Capsules around shapes: everything is inside, and they are no larger than closed forms allow.
 #include "models/capsule_fit.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <random>
