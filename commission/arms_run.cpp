@@ -32,18 +32,6 @@ std::string name_of(const std::string& arm, Law law) {
   return {};
 }
 
-template <class Values>
-void lower(Values& values, const Values& most) {
-  values = values.cwiseMin(most);
-}
-
-void lower(ContactThresholds& set, const ContactThresholds& most) {
-  lower(set.torque_lower, most.torque_lower);
-  lower(set.torque_upper, most.torque_upper);
-  lower(set.wrench_lower, most.wrench_lower);
-  lower(set.wrench_upper, most.wrench_upper);
-}
-
 }  // namespace
 
 JointVector Track::mean(ArmIndex arm, JointArray ArmSample::*quantity, std::size_t joints) const {
@@ -67,11 +55,7 @@ Scene commission_scene(Scene scene) {
       config.contact = scene.contact_bounds;
       scene.controllets.push_back(config);
     }
-    const SetCollisionThresholds careful = careful_thresholds(*build_arm_model(arm));
-    if (!arm.collision) arm.collision = careful;
-    lower(arm.collision->nominal, careful.nominal);
-    if (arm.collision->acceleration)
-      lower(*arm.collision->acceleration, careful.acceleration.value_or(careful.nominal));
+    arm.collision = careful_thresholds(*build_arm_model(arm), arm.collision);
     // A reflex may have stopped on a person; only they clear it.
     if (arm.fci) arm.fci->recover_at_start = false;
   }

@@ -62,6 +62,23 @@ SetCollisionThresholds careful_thresholds(const ArmModel& model) {
   return set;
 }
 
+SetCollisionThresholds careful_thresholds(const ArmModel& model,
+                                          const std::optional<SetCollisionThresholds>& given) {
+  const SetCollisionThresholds careful = careful_thresholds(model);
+  if (!given) return careful;
+  const auto lower = [](ContactThresholds set, const ContactThresholds& most) {
+    set.torque_lower = JointVector(set.torque_lower.cwiseMin(most.torque_lower));
+    set.torque_upper = JointVector(set.torque_upper.cwiseMin(most.torque_upper));
+    set.wrench_lower = Vector6(set.wrench_lower.cwiseMin(most.wrench_lower));
+    set.wrench_upper = Vector6(set.wrench_upper.cwiseMin(most.wrench_upper));
+    return set;
+  };
+  SetCollisionThresholds result{.nominal = lower(given->nominal, careful.nominal)};
+  if (given->acceleration)
+    result.acceleration = lower(*given->acceleration, careful.acceleration.value_or(careful.nominal));
+  return result;
+}
+
 std::string check_load(const Load& load) {
   if (!std::isfinite(load.mass) || load.mass < 0) return "the load's mass must be 0 or more kilograms";
   if (load.mass > kMostMass || load.p_FC.norm() > kMostLength)

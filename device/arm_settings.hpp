@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "core/cycle/backend.hpp"
@@ -27,6 +28,9 @@ ArmSettings default_settings(const ArmModel& model);
 // transient limit of ISO/TS 15066 for hand and fingers, and at 40 N m in a joint (60 N at 0.65 m) or its
 // largest torque. Contact is reported from 20 N m and 20 N on, as libfranka's examples do.
 SetCollisionThresholds careful_thresholds(const ArmModel& model);
+// The same, or `given` where that is lower: for motions that press on nothing, whatever the scene allows.
+SetCollisionThresholds careful_thresholds(const ArmModel& model,
+                                          const std::optional<SetCollisionThresholds>& given);
 
 // Why the load is invalid, or an empty string.
 std::string check_load(const Load& load);

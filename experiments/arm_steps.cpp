@@ -53,14 +53,6 @@ std::string in_hold(const std::string& arm, ArmMode mode) {
                                : fmt::format("arm '{}' is in mode {}", arm, to_string(mode));
 }
 
-// On the way to the start nothing presses, so the scene's thresholds may only make an arm more careful.
-void lower(ContactThresholds& thresholds, const ContactThresholds& most) {
-  thresholds.torque_lower = thresholds.torque_lower.cwiseMin(most.torque_lower).eval();
-  thresholds.torque_upper = thresholds.torque_upper.cwiseMin(most.torque_upper).eval();
-  thresholds.wrench_lower = thresholds.wrench_lower.cwiseMin(most.wrench_lower).eval();
-  thresholds.wrench_upper = thresholds.wrench_upper.cwiseMin(most.wrench_upper).eval();
-}
-
 }  // namespace
 
 std::string stopped_arm(const RunStatus& status, std::vector<bool>& moved) {
@@ -238,11 +230,7 @@ void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
     else
       unseen += fmt::format(
           "\n  Arm '{}' has no collision shapes: its way is not checked, see that it is free.", arm.name);
-    const SetCollisionThresholds careful = careful_thresholds(*model);
-    if (!arm.collision) arm.collision = careful;
-    lower(arm.collision->nominal, careful.nominal);
-    if (arm.collision->acceleration)
-      lower(*arm.collision->acceleration, careful.acceleration.value_or(careful.nominal));
+    arm.collision = careful_thresholds(*model, arm.collision);
     if (arm.fci) arm.fci->keep_collision_thresholds = false;
   }
   say("connecting to the arms; they are held where they are");
