@@ -120,7 +120,7 @@ TEST(Ufic, AForceThatMayPullKeepsToTheBound) {
       bench.ticks(500);
       if (type.descriptor.type == "ufic") {
         const Pose X = bench.rig.input("pose").pose();
-        bench.rig.input("pose").start({X.rotation, X.position + Vector3(0, 0, draw.uniform(-0.1, 0.1))});
+        bench.rig.input("pose").start(Pose{X.rotation, X.position + Vector3(0, 0, draw.uniform(-0.1, 0.1))});
       }
       bench.ticks(2000);
       if (bench.rig.terms(0).task().floored) continue;
