@@ -121,6 +121,28 @@ void read_parameters(const Node& values, SceneReader& reader, InstanceConfig& co
   read_presets(values, reader, config);
 }
 
+// Presets, and options with which a law does more than its usual form dares beside a person.
+void note_options(const Node& values, const InstanceConfig& config, Scene& scene) {
+  struct Option {
+    const char *name, *text;
+  };
+  static constexpr Option kOptions[] = {
+      {"force_may_pull", "force_may_pull: true, so a wrong estimate draws the hand back"},
+      {"force_feedback", "force_feedback: always, which pushes in free air"},
+      {"valve_law", "valve_law: paper, which is not passive"},
+      {"nullspace_damping_of", "nullspace_damping_of: joints, which may supply energy"}};
+  for (const auto& [name, value] : values.pairs()) {
+    if (name == "preset")
+      scene.unsafer_laws.push_back("'" + config.name + "': preset " + in_quotes(value.yaml().Scalar()));
+  }
+  for (const auto& [name, text] : kOptions) {
+    for (const auto& given : config.parameters) {
+      if (given.name == name && given.values.at(0) != 0)
+        scene.unsafer_laws.push_back("'" + config.name + "': " + text);
+    }
+  }
+}
+
 template <typename Input>
 InputSpec overridden(const Node& node, const InputSpec& own) {
   Input input{own};
@@ -407,7 +429,10 @@ void visit(Archive& archive, InstanceConfig& config, SceneReader& reader) {
   check_observed(archive, observed, descriptor, reader, config);
   check_features(features, reader, config);
   replace_hold(archive, config, reader);
-  if (parameters) read_parameters(*parameters, reader, config);
+  if (parameters) {
+    read_parameters(*parameters, reader, config);
+    note_options(*parameters, config, reader.scene);
+  }
   if (overrides) read_inputs(*overrides, descriptor, reader.scene, config);
   places[config.name] = archive.self().place();
 }

@@ -146,6 +146,18 @@ TEST(Load, PresetsGiveValuesUnlessTheSceneDoes) {
   }
 }
 
+TEST(Load, NamesLawsWithoutAllSafeguards) {
+  const auto named = [](const std::string& parameters) {
+    return parse("arms: [{name: left}]\ncontrollets: [{name: a, arms: left, type: ufic, parameters: {" +
+                 parameters + "}}]\n")
+        .unsafer_laws;
+  };
+  EXPECT_TRUE(named("force_may_pull: false, valve_law: passive").empty());
+  EXPECT_THAT(named("force_may_pull: true"), testing::ElementsAre(testing::HasSubstr("'a': force_may_pull")));
+  EXPECT_EQ(named("preset: paper").size(), 5u);  // the preset and all it gives up
+  EXPECT_EQ(named("preset: paper, force_feedback: in_contact").size(), 4u);
+}
+
 // Every preset of every type names its parameters and keeps to their bounds.
 TEST(Load, EveryPresetIsAccepted) {
   const Registry registry = Registry::with_builtins();

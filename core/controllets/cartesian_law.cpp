@@ -16,7 +16,9 @@ TaskStiffness ImpedanceGains::stiffness(const Matrix3& R_W_d) const {
 
 Matrix6 ImpedanceGains::given_damping(const Matrix3& R_W_d) const {
   const Matrix3 R = axes == StiffnessAxes::end_effector ? R_W_d : Matrix3(Matrix3::Identity());
-  return TaskStiffness::along(R, translational_damping, rotational_damping).matrix();
+  return TaskStiffness::along(R, translational_damping.cwiseMax(kLeastDampingTime * translational_stiffness),
+                              rotational_damping.cwiseMax(kLeastDampingTime * rotational_stiffness))
+      .matrix();
 }
 
 Matrix6 ImpedanceGains::damping(const Matrix3& R_W_d, const Matrix6& K, ModelTerms& terms) const {
@@ -71,11 +73,12 @@ double share_within(const ContactBounds& contact, const TaskSpace& task, const J
   return std::min({1.0, kShare * contact.spring_force / force, kShare * contact.spring_moment / moment});
 }
 
-JointMatrix given_null_space_damping(double damping, OwnedArm& arm) {
+JointMatrix given_null_space_damping(const NullSpaceGains& gains, OwnedArm& arm) {
   JointMatrix M = arm.terms->M();
   const JointVector& motors = arm.model().motor_inertia();
   if (motors.size() == M.rows()) M.diagonal() += motors;
-  return limited_damping(M, JointMatrix(damping * JointMatrix::Identity(M.rows(), M.cols())));
+  const double d = std::max(gains.damping, kLeastDampingTime * gains.stiffness);
+  return limited_damping(M, JointMatrix(d * JointMatrix::Identity(M.rows(), M.cols())));
 }
 
 }  // namespace
@@ -88,7 +91,7 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
   const JointVector stiffness = JointVector::Constant(n, gains.stiffness);
   const JointVector D = diagonal_damping(M, stiffness, gains.damping_ratio);
   JointMatrix D_given;
-  if (gains.damping_given) D_given = given_null_space_damping(gains.damping, arm);
+  if (gains.damping_given) D_given = given_null_space_damping(gains, arm);
   const auto damped = [&](const JointVector& dq) -> JointVector {
     if (gains.damping_given) return D_given.lazyProduct(dq);
     return D.cwiseProduct(dq);

@@ -38,7 +38,7 @@ struct ImpedanceGains {
   TaskStiffness stiffness(const Matrix3& R_W_d) const;  // world axes, for the set-point's orientation
   // D_c at E, world axes, for the stiffness K (6 x 6): designed, or given within what the inertia bears.
   Matrix6 damping(const Matrix3& R_W_d, const Matrix6& K, ModelTerms& terms) const;
-  Matrix6 given_damping(const Matrix3& R_W_d) const;  // not limited
+  Matrix6 given_damping(const Matrix3& R_W_d) const;  // kLeastDampingTime K at least; not limited above
 };
 
 // The inertia (6 x 6) at E that a given damping acts on: Lambda, with the motors that the model states.

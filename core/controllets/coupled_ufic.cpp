@@ -146,8 +146,10 @@ class CoupledUfic final : public Controllet {
 
     const double v_n = n.dot(Vector3(V.segment<3>(6)));
     const Matrix3 D_r = D.block<3, 3>(6, 6);
-    const double most = context.contact.spring_force;
-    const double command = std::clamp(squeeze(settings, v_n, n.dot(D_r * n), dt), -most, most);
+    // Hands that part because their estimates are wrong open no faster than set-points would move them.
+    const double least = -force_at_speed(context.contact, 0.5 * v_n);
+    const double command =
+        std::clamp(squeeze(settings, v_n, n.dot(D_r * n), dt), least, context.contact.spring_force);
     Vector12 force = Vector12::Zero(), force_damping = Vector12::Zero();
     force.segment<3>(6) = -command * n;
     force_damping.segment<3>(6) = -settings.squeeze_damping * v_n * n;

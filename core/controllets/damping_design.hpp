@@ -58,6 +58,11 @@ Matrix limited_damping(const Matrix& inertia, const Matrix& damping) {
   return (Q * d.asDiagonal()).lazyProduct(Q.transpose());
 }
 
+// A spring whose torque acts T late takes the damping T K from a mode. That of two periods and the hold
+// between samples is 2.5 ms: a given damping below kLeastDampingTime K could let the spring oscillate without
+// end, so it counts as that.
+inline constexpr double kLeastDampingTime = 0.004;  // [s]
+
 // What a damping acts on.
 enum class DampingOf : std::uint8_t {
   error,    // set-point minus arm: no lag behind a moving set-point

@@ -120,9 +120,10 @@ class Force final : public Controllet {
     const double room = room_.update(std::min(left, most), most, dt);
     const double deepest =
         std::max(0.0, left_beside(pull_across + along_surface, most) + n.dot(pull) - spring_n);
+    // Nothing stops a hand that retreats because its estimate is wrong: there is no spring along n.
+    const double retreat = std::min(deepest, force_at_speed(context.contact, -v_n));
     const double command =
-        w * gamma *
-        loop_.update(settings.gains, desired, estimated, gamma * w, dt, room, std::min(deepest, most));
+        w * gamma * loop_.update(settings.gains, desired, estimated, gamma * w, dt, room, retreat);
     // With the velocity of the set-point, D_z pulls, too.
     const double approach =
         gains.damping_of == DampingOf::velocity

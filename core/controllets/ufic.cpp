@@ -342,8 +342,11 @@ class Ufic final : public Controllet {
     const double left = left_beside(pull_across + F_t, contact.spring_force) - std::max(0.0, n.dot(pull));
     const double room = room_.update(left, contact.spring_force, dt);
     const double deepest = left_beside(pull_across + F_t, contact.spring_force) - std::max(0.0, -n.dot(pull));
-    const double f = loop_.update(settings.gains, part.desired, part.estimated, w, dt, room,
-                                  std::clamp(deepest, 0.0, contact.spring_force));
+    // Neither back nor, without contact, forth does the force drive the hand faster than a set-point would.
+    const double v_n = n.dot(v);
+    const double forth = always ? std::min(room, force_at_speed(contact, v_n)) : room;
+    const double back = std::clamp(deepest, 0.0, force_at_speed(contact, -v_n));
+    const double f = loop_.update(settings.gains, part.desired, part.estimated, w, dt, forth, back);
     // The valve never damps more than the impedance itself does along the force.
     const auto share = [&](const Vector3& direction, double force) {
       const double damping = direction.dot(D_t * direction);

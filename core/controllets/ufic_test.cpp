@@ -134,6 +134,40 @@ TEST(Ufic, AForceThatMayPullKeepsToTheBound) {
   }
 }
 
+// An estimate that is wrong by 30 N in free air: a force that may pull retreats from it, and feedback that
+// always acts drives the hand after it, but no faster than the pull of a set-point may.
+TEST(Ufic, AWrongEstimateDoesNotThrowTheHand) {
+  struct Case {
+    ControlletType type;
+    double felt;
+    bool back;
+  };
+  for (const auto& [type, felt, back] : {Case{ufic_controllet(), 30, true}, Case{force_controllet(), 30, true},
+                                         Case{ufic_controllet(), -30, false}}) {
+    Bench bench(type);
+    bench.rig.bound({});
+    for (const Preset& preset : type.descriptor.presets) {
+      for (const auto& [parameter, values] : preset.values) {
+        const std::size_t size = bench.rig.parameters().value_size(bench.rig.parameters().find(parameter));
+        bench.rig.set(parameter, values.size() == size ? values : std::vector<double>(size, values[0]));
+      }
+    }
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    bench.want({0, 0, -4});
+    bench.feel({0, 0, -felt});
+    double fastest = 0;
+    for (int k = 0; k < 1200; ++k) {
+      bench.ticks(1);
+      bench.rig.integrate(0.001, {joint_constant(7, 0)}, 1);
+      const double up = bench.rig.terms(0).V_WE().linear().z();
+      fastest = std::max(fastest, back ? up : -up);
+    }
+    RecordProperty(type.descriptor.type + (back ? "_back" : "_forth"), std::to_string(fastest));
+    EXPECT_GT(fastest, 0.05) << type.descriptor.type;
+    EXPECT_LT(fastest, 1.5 * 0.25) << type.descriptor.type;
+  }
+}
+
 // `always`: the feedback presses in free air, within the bound; by default it waits for the contact.
 TEST(Ufic, FeedbackInFreeAirOnRequestOnly) {
   for (const bool always : {false, true}) {
