@@ -8,7 +8,7 @@
 #include "core/controllets/cartesian_impedance.hpp"
 #include "core/controllets/joint_impedance.hpp"
 #include "core/testing/controllet_rig.hpp"
-#include "core/testing/dense_algebra.hpp"
+#include "core/testing/test_arm.hpp"
 #include "models/arm_source.hpp"
 
 namespace multipanda::reference_lag_test {

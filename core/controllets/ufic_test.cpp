@@ -142,8 +142,9 @@ TEST(Ufic, AWrongEstimateDoesNotThrowTheHand) {
     double felt;
     bool back;
   };
-  for (const auto& [type, felt, back] : {Case{ufic_controllet(), 30, true}, Case{force_controllet(), 30, true},
-                                         Case{ufic_controllet(), -30, false}}) {
+  for (const auto& [type, felt, back] :
+       {Case{ufic_controllet(), 30, true}, Case{force_controllet(), 30, true},
+        Case{ufic_controllet(), -30, false}}) {
     Bench bench(type);
     bench.rig.bound({});
     for (const Preset& preset : type.descriptor.presets) {
