@@ -25,6 +25,7 @@ int run(const std::string& name) {
     for (const auto& text : arm.loosened) fmt::print("    looser than the manufacturer's limit: {}\n", text);
   }
   for (const auto& text : scene.lifted) fmt::print("  contact bound lifted: {}\n", text);
+  for (const auto& text : scene.unsafer_laws) fmt::print("  law without all safeguards: {}\n", text);
   for (const auto& text : scene.lowered) fmt::print("  {}\n", text);
   for (const auto& text : scene.near_leaders) fmt::print("  {}\n", text);
   for (InstanceIndex i = 0; i < session.modes().instance_count(); ++i) {

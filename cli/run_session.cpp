@@ -66,6 +66,9 @@ RunSummary run_session(Session& session, StopSignals& signals, const Console& co
   for (const auto& text : session.scene().lifted) {
     console.line(fmt::format("contact bound lifted by the scene: {}", text));
   }
+  for (const auto& text : session.scene().unsafer_laws) {
+    console.line(fmt::format("law without all safeguards: {}", text));
+  }
   for (const auto& text : session.scene().lowered) console.line(text);
   for (const auto& text : session.scene().near_leaders) console.line(text);
   signals.attach(session);

@@ -44,9 +44,41 @@ const ParameterSpec* find_spec(const ControlletDescriptor& descriptor, const std
                            : "; with its unit it is '" + joined(meant, "' or '") + "'"));
 }
 
+std::vector<std::string> preset_names(const ControlletDescriptor& descriptor) {
+  std::vector<std::string> names;
+  for (const Preset& preset : descriptor.presets) names.push_back(preset.name);
+  return names;
+}
+
+// The values of a preset, except those that the scene gives itself.
+void read_preset(const Node& node, const ControlletDescriptor& descriptor, const std::string& prefix,
+                 const SceneReader& reader, InstanceConfig& config) {
+  const std::string name = node.yaml().IsScalar() ? node.yaml().Scalar() : "";
+  const auto preset = std::ranges::find(descriptor.presets, name, &Preset::name);
+  if (preset == descriptor.presets.end()) {
+    node.refuse("'" + descriptor.type + "' has no preset " + in_quotes(name) +
+                name_hint(name, preset_names(descriptor), "it has none; remove this key"));
+  }
+  for (const Preset::Value& value : preset->values) {
+    const std::string full = prefix + value.parameter;
+    if (std::ranges::any_of(config.parameters, [&](const auto& given) { return given.name == full; }))
+      continue;
+    const ParameterSpec& spec = *find_spec(descriptor, value.parameter);
+    const std::size_t count = spec.size == ParameterSpec::kPerJoint ? reader.joint_count(config) : spec.size;
+    std::vector<double> values = value.values;
+    if (values.size() > 1 && values.size() < count) {
+      node.refuse("the preset " + in_quotes(name) + " is made for " + std::to_string(values.size()) +
+                  " joints, found an arm with " + std::to_string(count));
+    }
+    values.resize(count, values[0]);
+    config.parameters.push_back({full, std::move(values)});
+  }
+}
+
 void read_feature_parameters(const FeatureType& feature, const Node& values, SceneReader& reader,
                              InstanceConfig& config) {
   for (const auto& [name, value] : values.pairs()) {
+    if (name == "preset") continue;
     const ParameterSpec* spec = find_spec(feature.descriptor, name);
     if (spec == nullptr) {
       refuse_parameter(value, "feature '" + feature.descriptor.type + "'", name,
@@ -57,8 +89,22 @@ void read_feature_parameters(const FeatureType& feature, const Node& values, Sce
   }
 }
 
+// Presets last, so that what the scene gives itself wins, wherever it stands.
+void read_presets(const Node& values, const SceneReader& reader, InstanceConfig& config) {
+  for (const auto& [name, value] : values.pairs()) {
+    if (name == "preset")
+      read_preset(value, reader.registry.controllet(config.type)->descriptor, "", reader, config);
+    const FeatureType* feature = reader.registry.feature(name);
+    if (feature == nullptr) continue;
+    for (const auto& [key, preset] : value.pairs()) {
+      if (key == "preset") read_preset(preset, feature->descriptor, name + ".", reader, config);
+    }
+  }
+}
+
 void read_parameters(const Node& values, SceneReader& reader, InstanceConfig& config) {
   for (const auto& [name, value] : values.pairs()) {
+    if (name == "preset") continue;
     const FeatureType* feature = reader.registry.feature(name);
     if (feature != nullptr) {
       read_feature_parameters(*feature, value, reader, config);
@@ -71,6 +117,29 @@ void read_parameters(const Node& values, SceneReader& reader, InstanceConfig& co
   for (const auto& parameter : config.parameters) {
     if (!seen.insert(parameter.name).second)
       values.refuse("duplicate parameter '" + parameter.name + "', nested and with a dot; remove one");
+  }
+  read_presets(values, reader, config);
+}
+
+// Presets, and options with which a law does more than its usual form dares beside a person.
+void note_options(const Node& values, const InstanceConfig& config, Scene& scene) {
+  struct Option {
+    const char *name, *text;
+  };
+  static constexpr Option kOptions[] = {
+      {"force_may_pull", "force_may_pull: true, so a wrong estimate draws the hand back"},
+      {"force_feedback", "force_feedback: always, which pushes in free air"},
+      {"valve_law", "valve_law: paper, which is not passive"},
+      {"nullspace_damping_of", "nullspace_damping_of: joints, which may supply energy"}};
+  for (const auto& [name, value] : values.pairs()) {
+    if (name == "preset")
+      scene.unsafer_laws.push_back("'" + config.name + "': preset " + in_quotes(value.yaml().Scalar()));
+  }
+  for (const auto& [name, text] : kOptions) {
+    for (const auto& given : config.parameters) {
+      if (given.name == name && given.values.at(0) != 0)
+        scene.unsafer_laws.push_back("'" + config.name + "': " + text);
+    }
   }
 }
 
@@ -336,10 +405,11 @@ void visit(Archive& archive, InstanceConfig& config, SceneReader& reader) {
       Key("observes", "Names of arms that it reads and does not own, such as the leader of a follower."));
   const auto features = archive.names(
       Key("features", "Features that are on from the start.").like(feature_names(reader.registry)));
-  const auto parameters = archive.open(
-      Key("parameters",
-          "Values of parameters, by name. A single number may replace a list of equal ones. Parameters of "
-          "features: `joint_limits: {range_rad: 0.1}` or `joint_limits.range_rad: 0.1`."));
+  const auto parameters = archive.open(Key(
+      "parameters",
+      "Values of parameters, by name. A single number may replace a list of equal ones. Parameters of "
+      "features: `joint_limits: {range_rad: 0.1}` or `joint_limits.range_rad: 0.1`. `preset` selects named "
+      "values of the type, or of the feature; parameters beside it win."));
   Key inputs(
       "inputs",
       "Overrides of inputs, by name: `pose: {max_speed_m_per_s: 0.2}`. Default: the values of the type.");
@@ -359,7 +429,10 @@ void visit(Archive& archive, InstanceConfig& config, SceneReader& reader) {
   check_observed(archive, observed, descriptor, reader, config);
   check_features(features, reader, config);
   replace_hold(archive, config, reader);
-  if (parameters) read_parameters(*parameters, reader, config);
+  if (parameters) {
+    read_parameters(*parameters, reader, config);
+    note_options(*parameters, config, reader.scene);
+  }
   if (overrides) read_inputs(*overrides, descriptor, reader.scene, config);
   places[config.name] = archive.self().place();
 }

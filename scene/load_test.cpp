@@ -116,6 +116,71 @@ TEST(Load, ContactBoundsHoldForAllControlletsUnlessLifted) {
   EXPECT_EQ(lifted.lifted[0], "spring_force_n: 90 N, usually 60 N");
 }
 
+TEST(Load, PresetsGiveValuesUnlessTheSceneDoes) {
+  const Registry registry = Registry::with_builtins();
+  const auto read = [&](const std::string& law) {
+    return parse_scene("arms: [{name: left}]\ncontrollets: [{name: a, arms: left, " + law + "}]\n", "s.yaml",
+                       registry)
+        .controllets.at(0)
+        .parameters;
+  };
+  const auto value = [](const auto& parameters, const std::string& name) {
+    for (const auto& parameter : parameters) {
+      if (parameter.name == name) return parameter.values;
+    }
+    return std::vector<double>{};
+  };
+  const auto own = read("type: joint_impedance, parameters: {damping_of: error, preset: reference}");
+  EXPECT_EQ(value(own, "stiffness_nm_per_rad"), (std::vector<double>{24, 24, 24, 24, 10, 6, 2}));
+  EXPECT_EQ(value(own, "damping_of"), std::vector<double>{0});
+  EXPECT_EQ(value(own, "damping_design"), std::vector<double>{2});
+  const auto of_feature = read("type: ufic, parameters: {preset: paper, manipulability: {preset: paper}}");
+  EXPECT_EQ(value(of_feature, "rotational_stiffness_nm_per_rad"), (std::vector<double>{10, 10, 10}));
+  EXPECT_EQ(value(of_feature, "manipulability.damping_nms_per_rad"), std::vector<double>{0});
+  try {
+    read("type: ufic, parameters: {preset: papr}");
+    FAIL();
+  } catch (const ConfigError& error) {
+    EXPECT_THAT(error.what(), testing::HasSubstr("no preset 'papr'"));
+    EXPECT_THAT(error.what(), testing::HasSubstr("'paper'"));
+  }
+}
+
+TEST(Load, NamesLawsWithoutAllSafeguards) {
+  const auto named = [](const std::string& parameters) {
+    return parse("arms: [{name: left}]\ncontrollets: [{name: a, arms: left, type: ufic, parameters: {" +
+                 parameters + "}}]\n")
+        .unsafer_laws;
+  };
+  EXPECT_TRUE(named("force_may_pull: false, valve_law: passive").empty());
+  EXPECT_THAT(named("force_may_pull: true"), testing::ElementsAre(testing::HasSubstr("'a': force_may_pull")));
+  EXPECT_EQ(named("preset: paper").size(), 5u);  // the preset and all it gives up
+  EXPECT_EQ(named("preset: paper, force_feedback: in_contact").size(), 4u);
+}
+
+// Every preset of every type names its parameters and keeps to their bounds.
+TEST(Load, EveryPresetIsAccepted) {
+  const Registry registry = Registry::with_builtins();
+  std::size_t seen = 0;
+  const auto check = [&](const ControlletDescriptor& descriptor) {
+    ParameterSet parameters(descriptor.parameters, 7);
+    for (const Preset& preset : descriptor.presets) {
+      for (const auto& [name, values] : preset.values) {
+        SCOPED_TRACE(descriptor.type + ", " + preset.name + ", " + name);
+        const std::size_t i = parameters.find(name);
+        ASSERT_LT(i, parameters.size());
+        std::vector<double> all = values;
+        all.resize(parameters.value_size(i), values.at(0));
+        EXPECT_EQ(parameters.check(i, all), Verdict::accepted);
+        ++seen;
+      }
+    }
+  };
+  for (const auto& type : registry.controllets()) check(type.descriptor);
+  for (const auto& type : registry.features()) check(type.descriptor);
+  EXPECT_GT(seen, 50u);
+}
+
 // Code that adds a controllet to a scene that was read, as `multipanda move` does, gets the same bounds.
 TEST(Load, ContactBoundsHoldForControlletsThatAreAddedLater) {
   Scene scene = parse("arms: [{name: left}]\ncontact_bounds: {spring_force_n: 90}\n");

@@ -180,6 +180,7 @@ struct Scene {
   std::vector<std::string> lifted;   // bounds above the usual ones, as text; printed at the start
   std::vector<std::string>
       lowered;  // speeds of inputs that these bounds lower, as text; printed at the start
+  std::vector<std::string> unsafer_laws;  // presets and options that give up a safeguard, as text; likewise
   std::vector<std::string> near_leaders;  // followers that may push their leaders, as text; printed likewise
   std::vector<InstanceConfig> controllets;
   std::map<std::string, SourcePlace> controllet_places;

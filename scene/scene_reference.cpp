@@ -1,5 +1,7 @@
 #include "scene/scene_reference.hpp"
 
+#include <algorithm>
+
 #include <nlohmann/json.hpp>
 
 #include "config_file/json_schema.hpp"
@@ -66,6 +68,28 @@ void write_descriptor(const ControlletDescriptor& descriptor, bool controllet, s
              code_text(default_text(spec)) + " | " + table_cell(spec.doc) + " |\n";
     }
   }
+  if (!descriptor.presets.empty()) out += "\n| preset | meaning | values |\n|---|---|---|\n";
+  for (const Preset& preset : descriptor.presets) {
+    std::string values;
+    for (const auto& value : preset.values) {
+      const auto spec = std::ranges::find(descriptor.parameters, value.parameter, &ParameterSpec::name);
+      const bool choice = spec != descriptor.parameters.end() && !spec->choices.empty();
+      if (!values.empty()) values += ", ";
+      values += code_text(value.parameter + ": " +
+                          (choice ? spec->choices[static_cast<std::size_t>(value.values[0])]
+                           : value.values.size() > 1 ? list_text(value.values)
+                                                     : number_text(value.values[0])));
+    }
+    out +=
+        "| " + code_text(preset.name) + " | " + table_cell(preset.doc) + " | " + table_cell(values) + " |\n";
+  }
+}
+
+void add_presets(const ControlletDescriptor& descriptor, nlohmann::ordered_json& properties) {
+  if (descriptor.presets.empty()) return;
+  nlohmann::ordered_json names = nlohmann::ordered_json::array();
+  for (const Preset& preset : descriptor.presets) names.push_back(preset.name);
+  properties["preset"] = {{"enum", names}, {"description", "Named values; parameters beside it win."}};
 }
 
 nlohmann::ordered_json parameter_schema(const ParameterSpec& spec) {
@@ -116,11 +140,14 @@ std::string scene_json_schema(const Registry& registry) {
       features[feature.descriptor.type]["properties"][spec.name] = parameter_schema(spec);
       features[feature.descriptor.type + "." + spec.name] = parameter_schema(spec);
     }
+    if (!feature.descriptor.presets.empty())
+      add_presets(feature.descriptor, features[feature.descriptor.type]["properties"]);
   }
   auto& rules = schema["definitions"]["Controllet"]["allOf"];
   for (const auto& type : registry.controllets()) {
     nlohmann::ordered_json parameters = features;
     for (const auto& spec : type.descriptor.parameters) parameters[spec.name] = parameter_schema(spec);
+    add_presets(type.descriptor, parameters);
     rules.push_back(
         {{"if", {{"properties", {{"type", {{"const", type.descriptor.type}}}}}}},
          {"then",

@@ -244,14 +244,14 @@ TEST(BoundedContact, NearStretchedPosesThePostureDrawsTheHandLittle) {
 TEST(BoundedContact, UnderThePapersProjectorThePostureDrawsTheHandLittle) {
   Draw draw(103);
   Law law = laws()[3];
-  law.parameters = {{"projector", {1}}, {"nullspace_stiffness_nm_per_rad", {200}}};
   int leaks = 0;
-  for (int trial = 0; trial < 10; ++trial) {
+  for (int trial = 0; trial < 20; ++trial) {
+    law.parameters = {{"projector", {trial < 10 ? 1.0 : 2.0}}, {"nullspace_stiffness_nm_per_rad", {200}}};
     Bench bench(law, draw);
     bench.rig.place(0, bent(7), JointVector::Zero(7));
     ASSERT_EQ(bench.rig.start(), LawResult::ok);
-    const JointVector q = trial < 7 ? JointVector(bent(7) + draw.joints(7, 0.5))
-                                    : nearly_stretched(bench.plain[0], draw.joints(7, 0.02), 0.004);
+    const JointVector q = trial % 10 < 7 ? JointVector(bent(7) + draw.joints(7, 0.5))
+                                         : nearly_stretched(bench.plain[0], draw.joints(7, 0.02), 0.004);
     bench.rig.input("pose").start(bench.plain[0].end_effector(q));  // no pull but the posture's
     const VectorXd free = bench.wrenches({q}, {JointVector::Zero(7)}, ContactBounds::lifted())[0];
     const VectorXd F = bench.wrenches({q}, {JointVector::Zero(7)}, kBounds)[0];
@@ -259,7 +259,7 @@ TEST(BoundedContact, UnderThePapersProjectorThePostureDrawsTheHandLittle) {
     EXPECT_LT(F.tail<3>().norm(), 0.0501 * kBounds.spring_moment) << trial;
     leaks += free.head<3>().norm() > 0.06 * kBounds.spring_force;
   }
-  EXPECT_GE(leaks, 5);  // without bounds
+  EXPECT_GE(leaks, 10);  // without bounds
 }
 
 TEST(BoundedContact, OneBoundAloneIsNoneOfTheOther) {

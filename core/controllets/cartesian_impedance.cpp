@@ -27,7 +27,8 @@ class CartesianImpedance final : public Controllet {
                      .min = -6.3,
                      .max = 6.3,
                      .doc = "q_N if nullspace_posture is 'given'; approached at 0.5 rad/s."})),
-            .outputs = spec_table<kCartesianOutputSize>(cartesian_outputs())};
+            .outputs = spec_table<kCartesianOutputSize>(cartesian_outputs()),
+            .presets = {paper_preset(), reference_preset()}};
   }
 
   LawResult start(ControlContext& context) override {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/controllets/damping_design.hpp"
 #include "core/types/triangular.hpp"
 
 namespace multipanda {
@@ -15,16 +14,43 @@ TaskStiffness ImpedanceGains::stiffness(const Matrix3& R_W_d) const {
   return {translational_stiffness.asDiagonal(), rotational_stiffness.asDiagonal()};
 }
 
-TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& target, const Pose& X,
-                          const Vector6& V, const Matrix6& Lambda) {
+Matrix6 ImpedanceGains::given_damping(const Matrix3& R_W_d) const {
+  const Matrix3 R = axes == StiffnessAxes::end_effector ? R_W_d : Matrix3(Matrix3::Identity());
+  return TaskStiffness::along(R, translational_damping.cwiseMax(kLeastDampingTime * translational_stiffness),
+                              rotational_damping.cwiseMax(kLeastDampingTime * rotational_stiffness))
+      .matrix();
+}
+
+Matrix6 ImpedanceGains::damping(const Matrix3& R_W_d, const Matrix6& K, ModelTerms& terms) const {
+  if (damping_given) return limited_damping(damped_inertia(terms), given_damping(R_W_d));
+  return task_damping(terms.task().Lambda, K, damping_ratio);
+}
+
+Matrix6 damped_inertia(ModelTerms& terms) {
+  const JointVector& motors = terms.model().motor_inertia();
+  if (motors.size() != terms.M().rows()) return terms.task().Lambda;
+  JointMatrix M = terms.M();
+  M.diagonal() += motors;
+  TaskSpace task;
+  compute_task_space(terms.J_V_WE(), M, task);
+  return task.Lambda;
+}
+
+TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& target, ModelTerms& terms) {
+  const Vector6& V = terms.V_WE().vector;
   const TaskStiffness K = gains.stiffness(target.X_W_d.rotation);
-  const Matrix6 D = task_damping(Lambda, K.matrix(), gains.damping_ratio);
+  const Matrix6 D = gains.damping(target.X_W_d.rotation, K.matrix(), terms);
   TaskForce force;
-  force.error = pose_error(target.X_W_d, X);
+  force.error = pose_error(target.X_W_d, terms.X_WE());
   force.spring = spring_wrench(K, force.error);
   force.total = force.spring;
-  force.total.noalias() += D * (target.V_d.vector - V);
-  if (gains.acceleration_feedforward) force.total.noalias() += Lambda * target.A_d.vector;
+  if (gains.damping_of == DampingOf::velocity) {
+    force.total.noalias() -= D * V;
+  } else {
+    force.total.noalias() += D * (target.V_d.vector - V);
+  }
+  if (gains.acceleration_feedforward) force.total.noalias() += terms.task().Lambda * target.A_d.vector;
+  if (gains.coriolis_feedforward) force.total += terms.task_coriolis(target.V_d.vector);
   if (!std::isfinite(gains.contact.spring_force + gains.contact.spring_moment)) return force;
   const Vector6 damping = D * V;
   force.pull = force.total + damping;
@@ -47,6 +73,14 @@ double share_within(const ContactBounds& contact, const TaskSpace& task, const J
   return std::min({1.0, kShare * contact.spring_force / force, kShare * contact.spring_moment / moment});
 }
 
+JointMatrix given_null_space_damping(const NullSpaceGains& gains, OwnedArm& arm) {
+  JointMatrix M = arm.terms->M();
+  const JointVector& motors = arm.model().motor_inertia();
+  if (motors.size() == M.rows()) M.diagonal() += motors;
+  const double d = std::max(gains.damping, kLeastDampingTime * gains.stiffness);
+  return limited_damping(M, JointMatrix(d * JointMatrix::Identity(M.rows(), M.cols())));
+}
+
 }  // namespace
 
 JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N,
@@ -56,28 +90,34 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
   const JointMatrix& M = arm.terms->M();
   const JointVector stiffness = JointVector::Constant(n, gains.stiffness);
   const JointVector D = diagonal_damping(M, stiffness, gains.damping_ratio);
+  JointMatrix D_given;
+  if (gains.damping_given) D_given = given_null_space_damping(gains, arm);
+  const auto damped = [&](const JointVector& dq) -> JointVector {
+    if (gains.damping_given) return D_given.lazyProduct(dq);
+    return D.cwiseProduct(dq);
+  };
   const JointVector spring = spring_share * gains.stiffness * (q_N - arm.q());
   const Jacobian& J = arm.terms->J_V_WE();
   const TaskSpace& task = arm.terms->task();
   const bool bounded = std::isfinite(gains.contact.spring_force + gains.contact.spring_moment);
   if (gains.projector == Projector::dynamic) {
-    const JointVector dq_null = task.null_space_velocity(J, arm.dq());
-    const JointVector damping = D.cwiseProduct(dq_null);
+    const JointVector dq_null = gains.damping_of_joints ? arm.dq() : task.null_space_velocity(J, arm.dq());
+    const JointVector damping = damped(dq_null);
     if (!task.floored || !bounded) return task.null_space_torque(J, JointVector(spring - damping));
     const JointVector drawn = task.null_space_torque(J, spring);
     return share_within(gains.contact, task, drawn) * drawn - task.null_space_torque(J, damping);
   }
-  // J^+ = J^T (J J^T + eps)^-1. Any eps > 0 keeps N within [0, I]; this value is far below the eigenvalues of
-  // a regular pose.
-  constexpr double kEps = 1e-9;
-  const Matrix6 JJt = J.lazyProduct(J.transpose()) + kEps * Matrix6::Identity();
+  // J^+ = J^T (J J^T + eps)^-1. Any eps > 0 keeps N within [0, I]; that of the paper is far below the
+  // eigenvalues of a regular pose.
+  const double eps = gains.projector == Projector::damped_pseudoinverse ? 0.2 * 0.2 : 1e-9;
+  const Matrix6 JJt = J.lazyProduct(J.transpose()) + eps * Matrix6::Identity();
   Matrix6 L;
   cholesky_factor(JJt, L);
   const auto project = [&](const JointVector& x) -> JointVector {  // I - J^+ J is symmetric
     const Vector6 y = cholesky_solve(L, Vector6(J.lazyProduct(x)));
     return x - J.transpose().lazyProduct(y);
   };
-  const JointVector damping = D.cwiseProduct(project(arm.dq()));
+  const JointVector damping = damped(gains.damping_of_joints ? arm.dq() : project(arm.dq()));
   if (!bounded) return project(spring - damping);
   // Not consistent with the dynamics: in any pose, what the posture draws reaches the hand.
   const JointVector drawn = project(spring);
@@ -88,7 +128,7 @@ LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGa
                                   const CartesianTarget& target, OwnedArm& arm, const JointVector& q_N,
                                   TaskForce& force) {
   ModelTerms& terms = *arm.terms;
-  force = impedance_force(gains, target, terms.X_WE(), terms.V_WE().vector, terms.task().Lambda);
+  force = impedance_force(gains, target, terms);
   *arm.tau = terms.c() + null_space_torque(null_space, arm, q_N);
   *arm.tau += terms.J_V_WE().transpose().lazyProduct(force.total);
   return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
@@ -125,9 +165,77 @@ CartesianParameters cartesian_parameters() {
            .initial = {10.0},
            .max = 200,
            .doc = "Stiffness K_N of every joint towards the null-space posture."}),
-      parameter_at<kProjector>(choice_parameter(
-          "projector", {"dynamic", "paper_pseudoinverse"},
-          "Null-space projector: dynamically consistent, or the pseudo-inverse of the paper.")))};
+      parameter_at<kProjector>(choice_parameter("projector",
+                                                {"dynamic", "paper_pseudoinverse", "damped_pseudoinverse"},
+                                                "Null-space projector: dynamically consistent, the "
+                                                "pseudo-inverse of the paper, or the damped one of "
+                                                "the reference code.")),
+      parameter_at<kDampingOf>(damping_of_parameter()),
+      parameter_at<kCartesianDampingDesign>(
+          choice_parameter("damping_design", {"coupled", "given"},
+                           "D_c from the full Lambda and K_c and D_N from M and K_N, or both from the three "
+                           "parameters below.")),
+      parameter_at<kTranslationalDamping>({.name = "translational_damping_n_s_per_m",
+                                           .unit = "N s/m",
+                                           .size = 3,
+                                           .initial = {40, 40, 40},
+                                           .max = 1000,
+                                           .doc =
+                                               "Damping along x, y, z if damping_design is 'given', in the "
+                                               "axes of the stiffness; at most what the inertia bears."}),
+      parameter_at<kRotationalDamping>({.name = "rotational_damping_nm_s_per_rad",
+                                        .unit = "N m s/rad",
+                                        .size = 3,
+                                        .initial = {7.2, 7.2, 7.2},
+                                        .max = 100,
+                                        .doc = "The same about x, y, z."}),
+      parameter_at<kNullSpaceDamping>({.name = "nullspace_damping_nm_s_per_rad",
+                                       .unit = "N m s/rad",
+                                       .initial = {6.3},
+                                       .max = 50,
+                                       .doc = "D_N of every joint if damping_design is 'given'."}),
+      parameter_at<kNullSpaceDampingOf>(
+          choice_parameter("nullspace_damping_of", {"self_motion", "joints"},
+                           "What D_N acts on: the part of dq that does not move the hand, or all of dq as "
+                           "the paper prints it, "
+                           "which may supply energy.")),
+      parameter_at<kCoriolisFeedforward>(
+          switch_parameter("coriolis_feedforward", false,
+                           "Adds C_c V_d, as the paper prints it, to C dq, which the law compensates in the "
+                           "joints anyway.")))};
+}
+
+Preset paper_preset(std::vector<Preset::Value> more) {
+  Preset preset{.name = "paper",
+                .doc = "The law as the paper prints it, without additions of this project's.",
+                .values = {{"translational_stiffness_n_per_m", {100, 100, 50}},
+                           {"rotational_stiffness_nm_per_rad", {10}},
+                           {"projector", {static_cast<double>(Projector::paper_pseudoinverse)}},
+                           {"nullspace_damping_of", {1}},
+                           {"coriolis_feedforward", {1}}}};
+  for (auto& value : more) {
+    std::erase_if(preset.values, [&](const auto& own) { return own.parameter == value.parameter; });
+    preset.values.push_back(std::move(value));
+  }
+  return preset;
+}
+
+Preset reference_preset() {
+  return {.name = "reference",
+          .doc =
+              "The Cartesian impedance example of the reference code: fixed D = 2 sqrt(K) on the hand's "
+              "velocity (rotation 1.6 sqrt(K)), the damped pseudo-inverse, no feed-forward.",
+          .values = {{"translational_stiffness_n_per_m", {400}},
+                     {"rotational_stiffness_nm_per_rad", {20}},
+                     {"acceleration_feedforward", {0}},
+                     {"nullspace_stiffness_nm_per_rad", {10}},
+                     {"projector", {static_cast<double>(Projector::damped_pseudoinverse)}},
+                     {"damping_of", {1}},
+                     {"damping_design", {1}},
+                     {"translational_damping_n_s_per_m", {40}},  // 2 sqrt(400)
+                     {"rotational_damping_nm_s_per_rad", {1.6 * std::sqrt(20.0)}},
+                     {"nullspace_damping_nm_s_per_rad", {2 * std::sqrt(10.0)}},
+                     {"nullspace_damping_of", {1}}}};
 }
 
 ImpedanceGains impedance_gains(const ParameterSet& parameters, const ContactBounds& contact) {
@@ -136,12 +244,22 @@ ImpedanceGains impedance_gains(const ParameterSet& parameters, const ContactBoun
           parameters.number(kCartesianDampingRatio),
           static_cast<StiffnessAxes>(parameters.choice(kStiffnessAxes)),
           parameters.flag(kAccelerationFeedforward),
-          contact};
+          contact,
+          static_cast<DampingOf>(parameters.choice(kDampingOf)),
+          parameters.choice(kCartesianDampingDesign) != 0,
+          parameters.vector3(kTranslationalDamping),
+          parameters.vector3(kRotationalDamping),
+          parameters.flag(kCoriolisFeedforward)};
 }
 
 NullSpaceGains null_space_gains(const ParameterSet& parameters, const ContactBounds& contact) {
-  return {parameters.number(kNullSpaceStiffness), parameters.number(kCartesianDampingRatio),
-          static_cast<Projector>(parameters.choice(kProjector)), contact};
+  return {parameters.number(kNullSpaceStiffness),
+          parameters.number(kCartesianDampingRatio),
+          static_cast<Projector>(parameters.choice(kProjector)),
+          contact,
+          parameters.choice(kCartesianDampingDesign) != 0,
+          parameters.number(kNullSpaceDamping),
+          parameters.choice(kNullSpaceDampingOf) != 0};
 }
 
 CartesianOutputs cartesian_outputs(const std::string& prefix) {

@@ -3,15 +3,18 @@
 #include <vector>
 
 #include "core/controllets/controllet.hpp"
+#include "core/controllets/damping_design.hpp"
 #include "core/controllets/task_spring.hpp"
 
 // Cartesian impedance of one arm, shared by all Cartesian controllets. Loop thread, no allocation.
 namespace multipanda {
 
 enum class Projector : std::uint8_t {
-  dynamic,             // N = I - J^T J_bar^T: the null-space torque does not accelerate the end effector
-  paper_pseudoinverse  // N = (I - J^+ J)^T, as in the paper: accelerates the end effector through the
-                       // coupling of M
+  dynamic,              // N = I - J^T J_bar^T: the null-space torque does not accelerate the end effector
+  paper_pseudoinverse,  // N = (I - J^+ J)^T, as in the paper: accelerates the end effector through the
+                        // coupling of M
+  damped_pseudoinverse  // the same with J^+ = J^T (J J^T + 0.2^2 I)^-1, as in the reference code: the posture
+                        // pulls at the hand, most in directions in which it moves little
 };
 enum class StiffnessAxes : std::uint8_t {
   world,
@@ -26,15 +29,29 @@ struct ImpedanceGains {
   StiffnessAxes axes = StiffnessAxes::world;
   bool acceleration_feedforward = true;
   ContactBounds contact = ContactBounds::lifted();
+  DampingOf damping_of = DampingOf::error;
+  bool damping_given = false;                       // D_c from the two below, in the axes of the stiffness
+  Vector3 translational_damping = Vector3::Zero();  // [N s/m]
+  Vector3 rotational_damping = Vector3::Zero();     // [N m s/rad]
+  bool coriolis_feedforward = false;                // C_c V_d
 
   TaskStiffness stiffness(const Matrix3& R_W_d) const;  // world axes, for the set-point's orientation
+  // D_c at E, world axes, for the stiffness K (6 x 6): designed, or given within what the inertia bears.
+  Matrix6 damping(const Matrix3& R_W_d, const Matrix6& K, ModelTerms& terms) const;
+  Matrix6 given_damping(const Matrix3& R_W_d) const;  // kLeastDampingTime K at least; not limited above
 };
+
+// The inertia (6 x 6) at E that a given damping acts on: Lambda, with the motors that the model states.
+Matrix6 damped_inertia(ModelTerms& terms);
 
 struct NullSpaceGains {
   double stiffness = 0;      // K_N [N m/rad]
   double damping_ratio = 1;  // of D_N
   Projector projector = Projector::dynamic;
   ContactBounds contact = ContactBounds::lifted();
+  bool damping_given = false;
+  double damping = 0;              // D_N of every joint, if given [N m s/rad]
+  bool damping_of_joints = false;  // -N D_N dq, as printed, in place of -N D_N N^T dq
 };
 
 struct CartesianTarget {
@@ -50,7 +67,7 @@ struct CartesianTarget {
 struct TaskForce {
   Vector6 error;                   // pose_error(X_d, X)
   Vector6 spring;                  // gradient part [N, N m]; less what the bounds for contact take away
-  Vector6 total;                   // spring + D (V_d - V) + Lambda A_d
+  Vector6 total;                   // spring + D (V_d - V) + Lambda A_d [+ C_c V_d]
   Vector6 pull = Vector6::Zero();  // total without damping, before the bounds
   BoundedPull bounded;
 
@@ -60,12 +77,12 @@ struct TaskForce {
   }
 };
 
-// K_c x~ + D_c (V_d - V) + Lambda A_d with D_c by task_damping(Lambda, K_c, zeta).
-TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& target, const Pose& X,
-                          const Vector6& V, const Matrix6& Lambda);
+// K_c x~ + D_c (V_d - V) + Lambda A_d [+ C_c V_d]; with DampingOf::velocity -D_c V.
+TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& target, ModelTerms& terms);
 
-// tau_null = N (K_N (q_N - q) - D_N N^T dq), D_N = 2 zeta sqrt(K_N diag M). With N^T, the damping is
-// dissipative for any projector; -D_N dq inside N is not. Bounded in singular poses: the eigenvalues of N
+// tau_null = N (K_N (q_N - q) - D_N N^T dq), D_N = 2 zeta sqrt(K_N diag M) or given. With N^T, the damping is
+// dissipative for any projector; -D_N dq inside N is not, unless N is symmetric and D_N the same for all
+// joints. Bounded in singular poses: the eigenvalues of N
 // stay within [0, 1]. Near a singular pose, the dynamic projector leaves a part of the spring that presses
 // with the hand (TaskSpace::press); within bounds for contact, the spring is scaled down until that is a
 // twentieth of theirs. `spring_share` scales the spring only; D_N is designed for the full spring.
@@ -86,10 +103,22 @@ enum CartesianParameter : std::size_t {
   kAccelerationFeedforward,
   kNullSpaceStiffness,
   kProjector,
+  kDampingOf,
+  kCartesianDampingDesign,
+  kTranslationalDamping,
+  kRotationalDamping,
+  kNullSpaceDamping,
+  kNullSpaceDampingOf,
+  kCoriolisFeedforward,
   kCartesianParameterCount
 };
 using CartesianParameters = SpecsAt<ParameterSpec, 0, kCartesianParameterCount>;
 CartesianParameters cartesian_parameters();
+// The impedance as the paper prints it: K_c = diag(100, 100, 50, 10, 10, 10), critical D_c on the error, M_c
+// A_d, C_c V_d, the pseudo-inverse, D_N on all of dq; `more` is appended.
+Preset paper_preset(std::vector<Preset::Value> more = {});
+// The impedance of the reference code's example.
+Preset reference_preset();
 ImpedanceGains impedance_gains(const ParameterSet& parameters,
                                const ContactBounds& contact = ContactBounds::lifted());
 NullSpaceGains null_space_gains(const ParameterSet& parameters, const ContactBounds& contact);

@@ -29,12 +29,17 @@ double greatest_force(const ContactBounds& bounds, const Vector3& pull, double s
   const double speed = along(pull, size, v), opposing = along(pull, size, damping);
   if (!(speed > 0) || !std::isfinite(bounds.spring_force + bounds.hand_speed))
     return bounds.spring_force + opposing;
-  const double end = std::max(kPullEnds * bounds.hand_speed, bounds.spring_force / kSteepest);
-  const double left = std::max(0.0, 1 - speed / end);
-  return bounds.spring_force * left + opposing * std::min(1.0, bounds.hand_speed / speed);
+  return force_at_speed(bounds, speed) + opposing * std::min(1.0, bounds.hand_speed / speed);
 }
 
 }  // namespace
+
+double force_at_speed(const ContactBounds& bounds, double speed) {
+  if (!(speed > 0) || !std::isfinite(bounds.spring_force + bounds.hand_speed)) return bounds.spring_force;
+  const double end = std::max(kPullEnds * bounds.hand_speed, bounds.spring_force / kSteepest);
+  const double left = std::max(0.0, 1 - speed / end);
+  return bounds.spring_force * left;
+}
 
 ContactBounds tighter(const ContactBounds& a, const ContactBounds& b) {
   return {std::min(a.hand_speed, b.hand_speed), std::min(a.spring_force, b.spring_force),

@@ -41,6 +41,9 @@ struct BoundedPull {
 BoundedPull bound_pull(const ContactBounds& bounds, const Vector6& pull, const Vector6& damping,
                        const Vector3& v);
 
+// The force that those bounds leave a hand that already moves at `speed` along it [m/s], damping aside [N].
+double force_at_speed(const ContactBounds& bounds, double speed);
+
 // Strain: the pull of springs between set-point and arm (6 x 1) [N, N m], over what the bounds allow; over
 // the usual bounds where a scene lifts them.
 double strain_of(const Vector6& spring, const ContactBounds& bounds);

@@ -2,7 +2,7 @@
 
 #include <Eigen/LU>
 
-#include "core/controllets/task_spring.hpp"
+#include "core/controllets/cartesian_law.hpp"
 
 namespace multipanda {
 namespace {
@@ -48,6 +48,44 @@ Matrix12 CooperativeFrame::inertia(const Matrix6& Lambda_1, const Matrix6& Lambd
   Lambda.bottomRightCorner<6, 6>() = Lambda_2;
   const Matrix12 L_inverse = Eigen::PartialPivLU<Matrix12>(L).inverse();
   return L_inverse.transpose() * (Lambda * L_inverse);
+}
+
+Eigen::Matrix<double, 12, 1> CooperativeFrame::task_coriolis(ModelTerms& first, ModelTerms& second,
+                                                             const Vector6& V_d) const {
+  using Vector12 = Eigen::Matrix<double, 12, 1>;
+  Matrix12 L;
+  L << L_a1, L_a2, L_r1, L_r2;
+  const Matrix12 L_inverse = Eigen::PartialPivLU<Matrix12>(L).inverse();
+  const Vector12 V = L_inverse.leftCols<6>() * V_d;  // of both hands
+  Vector12 F;
+  F << first.task_coriolis(V.head<6>()), second.task_coriolis(V.tail<6>());
+  return L_inverse.transpose() * F;
+}
+
+Matrix12 given_damping(const CooperativeFrame& frame, OwnedArm& first, OwnedArm& second,
+                       const Matrix6& absolute, const Matrix6& relative) {
+  Matrix12 D = Matrix12::Zero();
+  D.topLeftCorner<6, 6>() = absolute;
+  D.bottomRightCorner<6, 6>() = relative;
+  return limited_damping(frame.inertia(damped_inertia(*first.terms), damped_inertia(*second.terms)), D);
+}
+
+ParameterSpec relative_translational_damping_parameter() {
+  return {.name = "relative_translational_damping_n_s_per_m",
+          .unit = "N s/m",
+          .size = 3,
+          .initial = {40, 40, 40},
+          .max = 1000,
+          .doc = "Damping between the hands along x, y, z if damping_design is 'given'."};
+}
+
+ParameterSpec relative_rotational_damping_parameter() {
+  return {.name = "relative_rotational_damping_nm_s_per_rad",
+          .unit = "N m s/rad",
+          .size = 3,
+          .initial = {7.2, 7.2, 7.2},
+          .max = 100,
+          .doc = "The same about x, y, z."};
 }
 
 }  // namespace multipanda

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "core/controllets/controllet.hpp"
 #include "core/model/coupled_modes.hpp"
 
 namespace multipanda {
@@ -34,6 +35,10 @@ struct CooperativeFrame {
   // L^-1.
   Matrix12 inertia(const Matrix6& Lambda_1, const Matrix6& Lambda_2) const;
 
+  // C_c V_d of both hands in these coordinates (12 x 1) [N, N m], for a rigid motion of A with the twist V_d:
+  // L^-T of what each hand needs; dL/dt is left out.
+  Eigen::Matrix<double, 12, 1> task_coriolis(ModelTerms& first, ModelTerms& second, const Vector6& V_d) const;
+
   // If the orientations of the two estimates of A differ by more than this, the object slipped or broke. A
   // pose that is not finite is treated in the same way.
   static constexpr double kLargestRelativeAngle = 2.0;  // [rad]
@@ -43,5 +48,12 @@ struct CooperativeFrame {
   Vector6 relative;  // [p_r; phi]
   Matrix6 L_a1, L_a2, L_r1, L_r2;
 };
+
+// D (12 x 12) of given dampings of A and between the hands, of which no mode gets more than the inertia of
+// both hands bears, motors included.
+Matrix12 given_damping(const CooperativeFrame& frame, OwnedArm& first, OwnedArm& second,
+                       const Matrix6& absolute, const Matrix6& relative);
+ParameterSpec relative_translational_damping_parameter();
+ParameterSpec relative_rotational_damping_parameter();
 
 }  // namespace multipanda

@@ -48,9 +48,15 @@ class CoupledDualCartesianImpedance final : public Controllet {
                  .max = 0.1,
                  .doc =
                      "Desired p_2 - p_1 of the two hands' estimates of A, axes of the set-point; a nonzero "
-                     "offset squeezes an object. Approached from 0 at half the speed limit of pose."})),
+                     "offset squeezes an object. Approached from 0 at half the speed limit of pose."}),
+            parameter_at<kRelativeTranslationalDamping>(relative_translational_damping_parameter()),
+            parameter_at<kRelativeRotationalDamping>(relative_rotational_damping_parameter())),
         .outputs = spec_table<2 * kCartesianOutputSize>(
-            cartesian_outputs("absolute_"), group_at<kCartesianOutputSize>(cartesian_outputs("relative_")))};
+            cartesian_outputs("absolute_"), group_at<kCartesianOutputSize>(cartesian_outputs("relative_"))),
+        .presets = {paper_preset({{"translational_stiffness_n_per_m", {200, 200, 100}},  // of A: both arms
+                                  {"rotational_stiffness_nm_per_rad", {20}},
+                                  {"relative_translational_stiffness_n_per_m", {50, 50, 25}},
+                                  {"relative_rotational_stiffness_nm_per_rad", {5}}})}};
   }
 
   void start_references(ControlContext& context) override {
@@ -106,13 +112,25 @@ class CoupledDualCartesianImpedance final : public Controllet {
     K.topLeftCorner<6, 6>() = K_a.matrix();
     K.bottomRightCorner<6, 6>() = K_r.matrix();
     Vector12 velocity_error;
-    velocity_error << target.V_d.vector - frame.absolute_velocity(V_1, V_2),
-        -frame.relative_velocity(V_1, V_2);
-    velocity_error.segment<3>(6) += target.X_W_d.rotation * offset_.velocity();
-    velocity_error.segment<3>(6) += target.V_d.angular().cross(p_r_d);  // the offset turns with A
-    const Matrix12 D = coupled_damping(Lambda, K, gains.damping_ratio);
+    if (gains.damping_of == DampingOf::velocity) {
+      velocity_error << -frame.absolute_velocity(V_1, V_2), -frame.relative_velocity(V_1, V_2);
+    } else {
+      velocity_error << target.V_d.vector - frame.absolute_velocity(V_1, V_2),
+          -frame.relative_velocity(V_1, V_2);
+      velocity_error.segment<3>(6) += target.X_W_d.rotation * offset_.velocity();
+      velocity_error.segment<3>(6) += target.V_d.angular().cross(p_r_d);  // the offset turns with A
+    }
+    relative_gains.translational_damping = parameters.vector3(kRelativeTranslationalDamping);
+    relative_gains.rotational_damping = parameters.vector3(kRelativeRotationalDamping);
+    const Matrix3& R_d = target.X_W_d.rotation;
+    const Matrix12 D = gains.damping_given ? given_damping(frame, first, second, gains.given_damping(R_d),
+                                                           relative_gains.given_damping(R_d))
+                                           : coupled_damping(Lambda, K, gains.damping_ratio);
     Vector12 force = D * velocity_error;
     if (gains.acceleration_feedforward) force += Lambda.leftCols<6>() * target.A_d.vector;
+    if (gains.coriolis_feedforward) {
+      force += frame.task_coriolis(*first.terms, *second.terms, target.V_d.vector);
+    }
     absolute.total = absolute.spring + force.head<6>();
     relative.total = relative.spring + force.tail<6>();
 
@@ -141,6 +159,8 @@ class CoupledDualCartesianImpedance final : public Controllet {
     kRelativeTranslational = kCartesianParameterCount,
     kRelativeRotational,
     kRelativeOffset,
+    kRelativeTranslationalDamping,
+    kRelativeRotationalDamping,
     kParameterCount
   };
   using Vector12 = Eigen::Matrix<double, 12, 1>;

@@ -106,7 +106,12 @@ class CoupledUfic final : public Controllet {
     V << frame.absolute_velocity(first.terms->V_WE().vector, second.terms->V_WE().vector),
         frame.relative_velocity(first.terms->V_WE().vector, second.terms->V_WE().vector);
     const Matrix12 Lambda = frame.inertia(first.terms->task().Lambda, second.terms->task().Lambda);
-    const Matrix12 D = coupled_damping(Lambda, stiffness(settings, target), settings.absolute.damping_ratio);
+    const Matrix3& R_d = target.X_W_d.rotation;
+    const Matrix12 D =
+        settings.absolute.damping_given
+            ? given_damping(frame, first, second, settings.absolute.given_damping(R_d),
+                            settings.relative.given_damping(R_d))
+            : coupled_damping(Lambda, stiffness(settings, target), settings.absolute.damping_ratio);
     const double set_point_work =
         move_springs(springs_now(settings, target), frame, D * V, settings, context, dt);
     wait_for_hands(context, frame);
@@ -116,13 +121,19 @@ class CoupledUfic final : public Controllet {
     V_d << target.V_d.vector, Vector6::Zero();
     V_d.segment<3>(6) = target.V_d.angular().cross(springs_.p_r_d) + grasp_.distance_rate_d() * n;
 
-    Vector12 feedforward = D * V_d;
+    const bool of_error = settings.absolute.damping_of == DampingOf::error;
+    Vector12 feedforward = of_error ? Vector12(D * V_d) : Vector12(Vector12::Zero());
+    if (settings.absolute.coriolis_feedforward) {
+      feedforward += frame.task_coriolis(*first.terms, *second.terms, target.V_d.vector);
+    }
     if (settings.absolute.acceleration_feedforward) {
       feedforward += Lambda.leftCols<6>() * target.A_d.vector;
     }
     feedforward.head<3>() += carried(settings, target, frame, dt);
     // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
-    feedforward.segment<3>(6) += settings.squeeze_damping * n.dot(Vector3(V_d.segment<3>(6))) * n;
+    if (of_error) {
+      feedforward.segment<3>(6) += settings.squeeze_damping * n.dot(Vector3(V_d.segment<3>(6))) * n;
+    }
     feedforward *= s;
     if (std::isfinite(context.contact.spring_force + context.contact.spring_moment)) {
       feedforward *= feedforward_share(context, frame, s * springs_.wrench(frame), feedforward, D * V);
@@ -135,7 +146,10 @@ class CoupledUfic final : public Controllet {
 
     const double v_n = n.dot(Vector3(V.segment<3>(6)));
     const Matrix3 D_r = D.block<3, 3>(6, 6);
-    const double command = std::min(squeeze(settings, v_n, n.dot(D_r * n), dt), context.contact.spring_force);
+    // Hands that part because their estimates are wrong open no faster than set-points would move them.
+    const double least = -force_at_speed(context.contact, 0.5 * v_n);
+    const double command =
+        std::clamp(squeeze(settings, v_n, n.dot(D_r * n), dt), least, context.contact.spring_force);
     Vector12 force = Vector12::Zero(), force_damping = Vector12::Zero();
     force.segment<3>(6) = -command * n;
     force_damping.segment<3>(6) = -settings.squeeze_damping * v_n * n;
@@ -328,7 +342,7 @@ class CoupledUfic final : public Controllet {
     const double estimated = 0.5 * (measured_.first_n + measured_.second_n);
     const double w = grasp_.force_share();
     const double f = w * loop_.update(settings.force, grasp_.desired_n(), estimated, w, dt);
-    return multipanda::force_share(settings.valve_law, gamma_, alpha_f_, -v_n,
+    return multipanda::force_share(settings.valve_law, gamma_, alpha_f_, f < 0 ? v_n : -v_n,
                                    incoming_speed_for(f, gamma_, alpha_f_, damping)) *
            f;
   }

@@ -1,5 +1,7 @@
 #include "core/controllets/coupled_ufic_descriptor.hpp"
 
+#include "core/controllets/cooperative_frame.hpp"
+
 namespace multipanda::coupled_ufic {
 
 ControlletDescriptor descriptor() {
@@ -146,7 +148,11 @@ ControlletDescriptor descriptor() {
                                       .initial = {0.1},
                                       .min = 0.01,
                                       .max = 10,
-                                      .doc = "Range above E_min over which the valves close."})),
+                                      .doc = "Range above E_min over which the valves close."}),
+          parameter_at<kForceFeedforward>(force_feedforward_parameter()),
+          parameter_at<kForceMayPull>(force_may_pull_parameter()),
+          parameter_at<kRelativeTranslationalDamping>(relative_translational_damping_parameter()),
+          parameter_at<kRelativeRotationalDamping>(relative_rotational_damping_parameter())),
       .outputs = spec_table<kOutputCount>(
           output_at<kDesired>("force_desired_n", "F_d: desired squeeze of each hand."),
           output_at<kEstimated>("force_estimated_n", "Mean estimated squeeze."),
@@ -185,15 +191,29 @@ ControlletDescriptor descriptor() {
           output_at<kAbsoluteError + 3, 3>("absolute_orientation_error_rad", "log(R_d R_a^T), world axes."),
           output_at<kRelativeError, 3>("relative_position_error_m",
                                        "p_r,d - p_r, world axes; only across n during a grasp."),
-          output_at<kRelativeError + 3, 3>("relative_orientation_error_rad", "-phi, world axes."))};
+          output_at<kRelativeError + 3, 3>("relative_orientation_error_rad", "-phi, world axes.")),
+      .presets = {paper_preset({{"translational_stiffness_n_per_m", {200, 200, 100}},  // of A: both arms
+                                {"rotational_stiffness_nm_per_rad", {20}},
+                                {"relative_translational_stiffness_n_per_m", {50, 50, 25}},
+                                {"relative_rotational_stiffness_nm_per_rad", {5}},
+                                {"force_proportional", {1}},
+                                {"force_derivative_s", {0.05}},
+                                {"force_integral_per_s", {0.25}},
+                                {"force_feedforward", {0}},
+                                {"force_may_pull", {1}},
+                                {"valve_law", {1}},
+                                {"d_max_m", {0.05}},
+                                {"squeeze_damping_n_s_per_m", {0}},
+                                {"object_mass_kg", {0}},
+                                {"vertical_integral_n_per_m_s", {0}}})}};
 }
 
 Settings::Settings(const ParameterSet& p, const ContactBounds& contact)
     : absolute(impedance_gains(p)),
       relative(absolute),
       null_space(null_space_gains(p, contact)),
-      force{p.number(kProportional), p.number(kDerivative), p.number(kIntegral), p.number(kErrorCutoff),
-            p.number(kIntegralLimit)},
+      force{p.number(kProportional),  p.number(kDerivative),     p.number(kIntegral),  p.number(kErrorCutoff),
+            p.number(kIntegralLimit), p.flag(kForceFeedforward), p.flag(kForceMayPull)},
       grasp{.contact_threshold_n = p.number(kContactThreshold),
             .closing_speed = 2 * p.number(kApproachSpeed),
             .ramp_s = p.number(kRamp),
@@ -207,6 +227,8 @@ Settings::Settings(const ParameterSet& p, const ContactBounds& contact)
       vertical_integral_limit(p.number(kVerticalIntegralLimit)) {
   relative.translational_stiffness = p.vector3(kRelativeTranslational);
   relative.rotational_stiffness = p.vector3(kRelativeRotational);
+  relative.translational_damping = p.vector3(kRelativeTranslationalDamping);
+  relative.rotational_damping = p.vector3(kRelativeRotationalDamping);
 }
 
 }  // namespace multipanda::coupled_ufic

@@ -33,6 +33,10 @@ enum Parameter : std::size_t {
   kTankMin,
   kTankMax,
   kTankClosing,
+  kForceFeedforward,
+  kForceMayPull,
+  kRelativeTranslationalDamping,
+  kRelativeRotationalDamping,
   kParameterCount
 };
 

@@ -14,4 +14,11 @@ JointVector diagonal_damping(const JointMatrix& M, const JointVector& stiffness,
   return 2.0 * zeta * (stiffness.array() * M.diagonal().array()).sqrt().matrix();
 }
 
+ParameterSpec damping_of_parameter() {
+  return choice_parameter(
+      "damping_of", {"error", "velocity"},
+      "What D acts on: the set-point's velocity minus the arm's, or the arm's alone, which "
+      "then lags by K^-1 D times the set-point's velocity.");
+}
+
 }  // namespace multipanda

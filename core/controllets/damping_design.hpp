@@ -1,7 +1,9 @@
 #pragma once
 
 #include <cmath>
+#include <cstdint>
 
+#include "core/controllets/parameters.hpp"
 #include "core/model/coupled_modes.hpp"
 
 // Damping for a full inertia matrix and a full stiffness matrix. With the generalized eigenvalues k of
@@ -41,5 +43,31 @@ JointMatrix joint_damping(const JointMatrix& M, const JointVector& stiffness, do
 
 // Each joint alone: d_i = 2 zeta sqrt(k_i M_ii), (n x 1) [N m s/rad]. Cheaper; exact only if M is diagonal.
 JointVector diagonal_damping(const JointMatrix& M, const JointVector& stiffness, double zeta);
+
+// A given damping (n x n), symmetric and positive semi-definite, of which no mode gets more than
+// kLargestModalDamping: with damping = Q diag(d) Q^T, every d is limited. Unchanged if none is above.
+template <typename Matrix>
+Matrix limited_damping(const Matrix& inertia, const Matrix& damping) {
+  const CoupledModes<Matrix> modes(inertia, damping);
+  if (modes.k.maxCoeff() <= kLargestModalDamping) return damping;
+  const Matrix Q = modes.L.lazyProduct(modes.U);
+  auto d = modes.k;
+  for (double& of_mode : d) {
+    if (of_mode > kLargestModalDamping && std::isfinite(of_mode)) of_mode = kLargestModalDamping;
+  }
+  return (Q * d.asDiagonal()).lazyProduct(Q.transpose());
+}
+
+// A spring whose torque acts T late takes the damping T K from a mode. That of two periods and the hold
+// between samples is 2.5 ms: a given damping below kLeastDampingTime K could let the spring oscillate without
+// end, so it counts as that.
+inline constexpr double kLeastDampingTime = 0.004;  // [s]
+
+// What a damping acts on.
+enum class DampingOf : std::uint8_t {
+  error,    // set-point minus arm: no lag behind a moving set-point
+  velocity  // the arm alone, as in the manufacturer's examples: a set-point with velocity v leads by K^-1 D v
+};
+ParameterSpec damping_of_parameter();
 
 }  // namespace multipanda

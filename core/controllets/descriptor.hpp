@@ -15,6 +15,18 @@ struct OutputSpec {
   std::string doc;
 };
 
+// Named values of several parameters, which a scene selects by `preset` under `parameters`. One number stands
+// for all of a parameter; a parameter per joint may have more than the arm has joints.
+struct Preset {
+  struct Value {
+    std::string parameter;
+    std::vector<double> values;
+  };
+  std::string name;  // "paper"
+  std::string doc;
+  std::vector<Value> values;
+};
+
 // Declares a controllet or feature, as data. Scene files, the socket, docs and ROS interfaces are generated
 // from it, so that a controllet contains no communication code.
 struct ControlletDescriptor {
@@ -27,6 +39,7 @@ struct ControlletDescriptor {
   std::vector<InputSpec> inputs;
   std::vector<ParameterSpec> parameters;
   std::vector<OutputSpec> outputs;
+  std::vector<Preset> presets = {};
 };
 
 }  // namespace multipanda

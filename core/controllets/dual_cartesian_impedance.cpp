@@ -49,7 +49,8 @@ class DualCartesianImpedance final : public Controllet {
                                           "the second, world axes; a change is approached at half the speed "
                                           "limit of common_pose."})),
         .outputs = spec_table<2 * kCartesianOutputSize>(
-            cartesian_outputs("first_"), group_at<kCartesianOutputSize>(cartesian_outputs("second_")))};
+            cartesian_outputs("first_"), group_at<kCartesianOutputSize>(cartesian_outputs("second_"))),
+        .presets = {paper_preset()}};
   }
 
   // The common pose begins midway between the hands.

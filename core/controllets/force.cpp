@@ -44,7 +44,12 @@ class Force final : public Controllet {
             output_at<kGamma>("gamma_f", "Fading factor beyond the last contact."),
             output_at<kApproaching>("approaching", "1 while approaching a surface, otherwise 0."),
             output_at<kError, 3>("position_error_m", "Deviation from the held pose, world axes."),
-            output_at<kError + 3, 3>("orientation_error_rad", "Deviation from the held pose, world axes."))};
+            output_at<kError + 3, 3>("orientation_error_rad", "Deviation from the held pose, world axes.")),
+        .presets = {paper_preset({{"force_proportional", {1}},
+                                  {"force_derivative_s", {0}},
+                                  {"force_integral_per_s", {2}},
+                                  {"force_may_pull", {1}},
+                                  {"force_damping_n_s_per_m", {0}}})}};
   }
 
   LawResult start(ControlContext& context) override {
@@ -98,7 +103,7 @@ class Force final : public Controllet {
     target.V_d.linear() = n * speed;
 
     const ImpedanceGains gains = impedance_gains(parameters, context.contact);
-    TaskForce force = impedance_force(gains, target, terms.X_WE(), terms.V_WE().vector, terms.task().Lambda);
+    TaskForce force = impedance_force(gains, target, terms);
     const Vector3 spring = force.spring.head<3>();
     pull_share_ = n.dot(spring) > 0 ? force.bounded.force_share : 0;
     const double v_n = n.dot(Vector3(terms.V_WE().linear()));
@@ -113,10 +118,18 @@ class Force final : public Controllet {
     const double spring_n = w * n.dot(spring);
     const double left = left_beside(pull_across + along_surface, most) - n.dot(pull) + spring_n;
     const double room = room_.update(std::min(left, most), most, dt);
-    const double command = w * gamma * loop_.update(settings.gains, desired, estimated, gamma * w, dt, room);
+    const double deepest =
+        std::max(0.0, left_beside(pull_across + along_surface, most) + n.dot(pull) - spring_n);
+    // Nothing stops a hand that retreats because its estimate is wrong: there is no spring along n.
+    const double retreat = std::min(deepest, force_at_speed(context.contact, -v_n));
+    const double command =
+        w * gamma * loop_.update(settings.gains, desired, estimated, gamma * w, dt, room, retreat);
     // With the velocity of the set-point, D_z pulls, too.
-    const double approach = std::min(
-        settings.damping * speed, std::max(0.0, most - n.dot(pull)) + settings.damping * std::max(0.0, v_n));
+    const double approach =
+        gains.damping_of == DampingOf::velocity
+            ? 0.0
+            : std::min(settings.damping * speed,
+                       std::max(0.0, most - n.dot(pull)) + settings.damping * std::max(0.0, v_n));
     force.total.head<3>() += n * (command - spring_n - settings.damping * v_n + approach) + along_surface;
 
     *arm.tau = terms.c() + null_space_torque(null_space_gains(parameters, context.contact), arm, q_N_);

@@ -45,20 +45,21 @@ void ForceLoop::start() {
 }
 
 double ForceLoop::update(const ForceGains& gains, double desired_n, double estimated_n, double weight,
-                         double dt, double most_n) {
+                         double dt, double most_n, double deepest_n) {
   const double before = error_.value();
   const double e = error_.update(desired_n - estimated_n, gains.error_cutoff_hz, dt);
   const double feedback = gains.proportional * e + gains.derivative_s * (e - before) / dt;
   const double grown = integral_ + gains.integral_per_s * weight * e * dt;
   // While clamped, the integral may only change away from the clamp.
-  const double unclamped = desired_n + weight * (feedback + integral_);
-  const bool low = unclamped < 0;
+  const double base = gains.feedforward ? desired_n : 0, least_n = gains.may_pull ? -deepest_n : 0;
+  const double unclamped = base + weight * (feedback + integral_);
+  const bool low = unclamped < least_n;
   const bool high = unclamped > most_n;
   if ((!low || grown > integral_) && (!high || grown < integral_)) {
     integral_ = std::clamp(grown, -gains.integral_limit_n, gains.integral_limit_n);
   }
   if (weight <= 0) integral_ *= std::exp(-dt / Fade::kDuration);
-  return std::clamp(desired_n + weight * (feedback + integral_), 0.0, most_n);
+  return std::clamp(base + weight * (feedback + integral_), least_n, most_n);
 }
 
 double ForceRoom::update(double left, double most, double dt) {
@@ -115,17 +116,32 @@ ForceParameters force_parameters() {
            .initial = {3},
            .min = 0.1,
            .max = 10,
-           .doc = "Cut-off of the low-pass on that estimate; it chatters above 5 Hz."}))};
+           .doc = "Cut-off of the low-pass on that estimate; it chatters above 5 Hz."}),
+      parameter_at<kForceFeedforward>(force_feedforward_parameter()),
+      parameter_at<kForceMayPull>(force_may_pull_parameter()))};
 }
 
 ForceSettings force_settings(const ParameterSet& parameters, std::size_t first) {
   const auto number = [&](ForceParameter p) { return parameters.number(first + p); };
   return {{number(kForceProportional), number(kForceDerivative), number(kForceIntegral), number(kErrorCutoff),
-           number(kIntegralLimit)},
+           number(kIntegralLimit), parameters.flag(first + kForceFeedforward),
+           parameters.flag(first + kForceMayPull)},
           number(kForceDamping),
           number(kContactThreshold),
           number(kTangentialGain),
           number(kTangentialCutoff)};
+}
+
+ParameterSpec force_feedforward_parameter() {
+  return switch_parameter("force_feedforward", true,
+                          "Feeds F_d forward; without it, the feedback alone produces the force.");
+}
+
+ParameterSpec force_may_pull_parameter() {
+  return switch_parameter(
+      "force_may_pull", false,
+      "Lets the commanded force become negative, as the paper prints it; a tool that only "
+      "rests on a surface then lifts off.");
 }
 
 ParameterSpec press_direction_parameter() {

@@ -88,17 +88,20 @@ struct ForceGains {
   double integral_per_s = 0;    // I [1/s]
   double error_cutoff_hz = 10;  // of e [Hz]
   double integral_limit_n = 0;  // limit of |I int e| [N]
+  bool feedforward = true;      // F_d itself, beside the feedback
+  bool may_pull = false;        // f may be negative
 };
 
 // The law above for one scalar force.
 class ForceLoop {
  public:
   void start();
-  // Returns f in [0, most_n] [N] for the desired and estimated force [N] and the weight w in [0, 1]. The
-  // integral grows with w only and not while clamped. Without contact (w = 0) it decays with time constant
-  // Fade::kDuration.
+  // Returns f in [0, most_n] [N], or in [-deepest_n, most_n] if it may pull, for the desired and estimated
+  // force [N] and the weight w in [0, 1]. The integral grows with w only and not while clamped. Without
+  // contact (w = 0) it decays with time constant Fade::kDuration.
   double update(const ForceGains& gains, double desired_n, double estimated_n, double weight, double dt,
-                double most_n = std::numeric_limits<double>::infinity());
+                double most_n = std::numeric_limits<double>::infinity(),
+                double deepest_n = std::numeric_limits<double>::infinity());
   double integral() const { return integral_; }  // I int e dt [N]
 
  private:
@@ -129,10 +132,14 @@ enum ForceParameter : std::size_t {
   kContactThreshold,
   kTangentialGain,
   kTangentialCutoff,
+  kForceFeedforward,
+  kForceMayPull,
   kForceParameterCount
 };
 using ForceParameters = SpecsAt<ParameterSpec, 0, kForceParameterCount>;
 ForceParameters force_parameters();
+ParameterSpec force_feedforward_parameter();
+ParameterSpec force_may_pull_parameter();
 ParameterSpec press_direction_parameter();
 InputSpec wrench_input();  // F_d
 

@@ -120,6 +120,27 @@ TEST(ForceLoop, NeverPullsAndDoesNotWindUp) {
 
 // Less would be pressed than desired, but the integral keeps the command above zero: it may fall until it
 // no longer does.
+// As printed: without F_d fed forward f is the feedback alone, and it may pull, no deeper than allowed.
+TEST(ForceLoop, WithoutFeedforwardAndClampItIsTheFeedbackAlone) {
+  const auto settled = [](const ForceGains& gains, double desired, double estimated, double deepest) {
+    ForceLoop loop;
+    loop.start();
+    double f = 0;
+    for (int i = 0; i < 3000; ++i) f = loop.update(gains, desired, estimated, 1, 0.001, 60, deepest);
+    return f;
+  };
+  ForceGains gains{.proportional = 0.5, .error_cutoff_hz = 50, .integral_limit_n = 20};
+  EXPECT_NEAR(settled(gains, 10, 4, 60), 10 + 0.5 * 6, 1e-9);
+  gains.feedforward = false;
+  EXPECT_NEAR(settled(gains, 10, 4, 60), 0.5 * 6, 1e-9);
+  EXPECT_EQ(settled(gains, 4, 10, 60), 0);
+  gains.may_pull = true;
+  EXPECT_NEAR(settled(gains, 4, 10, 60), -3, 1e-9);
+  EXPECT_EQ(settled(gains, 4, 10, 2), -2);
+  gains.integral_per_s = 5;  // no windup beyond what it may pull
+  EXPECT_EQ(settled(gains, 4, 10, 2), -2);
+}
+
 TEST(ForceLoop, TheIntegralFallsUntilTheCommandIsZero) {
   ForceLoop loop;
   loop.start();

@@ -73,7 +73,7 @@ class JointFollower final : public Controllet {
                      .elbow = &elbow};
     const JointTarget target{q_d_, motion_.velocity(), motion_.acceleration()};
     JointPull pull;
-    const LawResult result = joint_impedance_law(gains, target, context.contact, arm, pull);
+    const LawResult result = joint_impedance_law(gains, target, arm.dq(), context.contact, arm, pull);
     resistance_.update(pull.torque, pull.share, context.dt);
     strain_ = pull.strain;
     context.outputs[kLargestError] = (q_d_ - arm.q()).lpNorm<Eigen::Infinity>();

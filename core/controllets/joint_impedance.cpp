@@ -30,17 +30,38 @@ class JointImpedance final : public Controllet {
                  .initial = {2, 2, 2, 1, 1, 1, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5},
                  .max = 50,
                  .doc = "Joint damping D if damping_design is 'given'; at most what the inertia of the "
-                        "joint bears at 1 kHz."})),
+                        "joint bears at 1 kHz."}),
+            parameter_at<kDampingOf>(damping_of_parameter()),
+            parameter_at<kVelocityWeight>(
+                {.name = "velocity_weight",
+                 .initial = {1.0},
+                 .min = 0.5,
+                 .max = 1,
+                 .doc =
+                     "Weight a of the newest velocity in what D sees of dq: a dq + (1 - a) times that of the "
+                     "cycle before. 1: dq itself."})),
         .outputs = spec_table<kOutputCount>(
             output_at<kLargestError>("largest_error_rad", "Largest |q_d - q| of all joints."),
-            output_at<kLargestTorque>("largest_torque_nm", "Largest |tau| of all joints."))};
+            output_at<kLargestTorque>("largest_torque_nm", "Largest |tau| of all joints.")),
+        .presets = {{"reference",
+                     "The manufacturer's joint impedance example: its gains, D on a hardly filtered dq, no "
+                     "feed-forward.",
+                     {{"stiffness_nm_per_rad", {24, 24, 24, 24, 10, 6, 2}},
+                      {"damping_design", {2}},
+                      {"damping_nms_per_rad", {2, 2, 2, 1, 1, 1, 0.5}},
+                      {"damping_of", {1}},
+                      {"velocity_weight", {0.99}},
+                      {"acceleration_feedforward", {0}}}}}};
   }
 
   void bound_parameters(ParameterSet& parameters) const override {
     bound_damping(*model_, kDamping, parameters);
   }
 
-  LawResult start(ControlContext&) override { return LawResult::ok; }
+  LawResult start(ControlContext& context) override {
+    dq_ = context.arms[0].dq();
+    return LawResult::ok;
+  }
 
   LawResult update(ControlContext& context) override {
     OwnedArm& arm = context.arms[0];
@@ -51,10 +72,13 @@ class JointImpedance final : public Controllet {
                            .design = static_cast<JointGains::Damping>(parameters.choice(kDampingDesign)),
                            .given = parameters.joints(kDamping),
                            .bearable = bearable_,
-                           .acceleration_feedforward = parameters.flag(kFeedforward)};
+                           .acceleration_feedforward = parameters.flag(kFeedforward),
+                           .damping_of = static_cast<DampingOf>(parameters.choice(kDampingOf))};
+    const double weight = parameters.number(kVelocityWeight);
+    dq_ = weight < 1 ? JointVector(weight * arm.dq() + (1 - weight) * dq_) : arm.dq();
     const JointTarget target{reference.joints(), reference.joint_velocity(), reference.joint_acceleration()};
     JointPull pull;
-    if (joint_impedance_law(gains, target, context.contact, arm, pull) != LawResult::ok)
+    if (joint_impedance_law(gains, target, dq_, context.contact, arm, pull) != LawResult::ok)
       return LawResult::fault;
     reference.resist(pull.torque, pull.share);
     context.outputs[kLargestError] = (target.q_d - arm.q()).lpNorm<Eigen::Infinity>();
@@ -70,12 +94,15 @@ class JointImpedance final : public Controllet {
     kDampingDesign,
     kFeedforward,
     kDamping,
+    kDampingOf,
+    kVelocityWeight,
     kParameterCount
   };
   enum Output : std::size_t { kLargestError, kLargestTorque, kOutputCount };
 
   std::shared_ptr<const ArmModel> model_;
   JointVector bearable_;  // greatest damping of each joint [N m s/rad] (n x 1)
+  JointVector dq_;        // velocity that D sees [rad/s] (n x 1)
 };
 
 }  // namespace

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/controllets/damping_design.hpp"
-
 namespace multipanda {
 namespace {
 
@@ -54,12 +52,13 @@ ParameterSpec joint_damping_ratio_parameter() {
           .doc = "Damping ratio zeta of every mode."};
 }
 
-LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target,
+LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target, const JointVector& dq,
                               const ContactBounds& contact, OwnedArm& arm, JointPull& pull) {
   const JointMatrix& M = arm.terms->M();
   const JointVector& K = gains.stiffness;
   const JointVector error = target.q_d - arm.q();
-  const JointVector velocity_error = target.dq_d - arm.dq();
+  const JointVector velocity_error =
+      gains.damping_of == DampingOf::velocity ? JointVector(-dq) : JointVector(target.dq_d - dq);
   const JointVector spring = K.cwiseProduct(error);
   JointVector tau = spring + arm.terms->c();
   JointVector damping;  // D dq
@@ -67,19 +66,19 @@ LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target
     case JointGains::Damping::coupled: {
       const JointMatrix D = joint_damping(M, K, gains.damping_ratio);
       tau += D.lazyProduct(velocity_error);
-      damping = D.lazyProduct(arm.dq());
+      damping = D.lazyProduct(dq);
       break;
     }
     case JointGains::Damping::diagonal: {  // of each joint while all others stand still, so perhaps more than
                                            // it bears
       const JointVector D = diagonal_damping(M, K, gains.damping_ratio).cwiseMin(gains.bearable);
       tau += D.cwiseProduct(velocity_error);
-      damping = D.cwiseProduct(arm.dq());
+      damping = D.cwiseProduct(dq);
       break;
     }
     case JointGains::Damping::given: {
       tau += gains.given.cwiseProduct(velocity_error);
-      damping = gains.given.cwiseProduct(arm.dq());
+      damping = gains.given.cwiseProduct(dq);
       break;
     }
   }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "core/controllets/damping_design.hpp"
 #include "core/controllets/elbow.hpp"
 
 // Joint impedance of one arm, shared by the controllets that follow joints. Loop thread, no allocation.
@@ -17,6 +18,7 @@ struct JointGains {
   JointVector given;     // D, if it is given [N m s/rad] (n x 1)
   JointVector bearable;  // for `diagonal` (n x 1)
   bool acceleration_feedforward = true;
+  DampingOf damping_of = DampingOf::error;
   const Elbow* elbow = nullptr;  // where the pull keeps to the bounds for contact, too
 };
 
@@ -36,9 +38,10 @@ struct JointPull {
       0;  // of the springs K (q_d - q) at hand and elbow (strain_of()); only if gains.elbow is set
 };
 
-// tau = K (q_d - q) + D (dq_d - dq) + C dq [+ M ddq_d], the pull within the bounds for contact. The result is
-// in arm.tau; fault if it is not finite.
-LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target,
+// tau = K (q_d - q) + D (dq_d - dq) + C dq [+ M ddq_d], the pull within the bounds for contact; `dq` is what
+// D sees of the arm's velocity (n x 1). With DampingOf::velocity -D dq instead of D (dq_d - dq). The result
+// is in arm.tau; fault if it is not finite.
+LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target, const JointVector& dq,
                               const ContactBounds& contact, OwnedArm& arm, JointPull& pull);
 
 }  // namespace multipanda

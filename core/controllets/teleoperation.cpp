@@ -192,11 +192,10 @@ class Teleoperation final : public Controllet {
     const ImpedanceGains gains = impedance_gains(parameters, context.contact);
     const CartesianTarget target = follows_.target();
     ModelTerms& terms = *arm.terms;
-    const Matrix6& Lambda = terms.task().Lambda;
     const Vector6 V = terms.V_WE().vector;
-    const TaskForce force = impedance_force(gains, target, terms.X_WE(), V, Lambda);
-    const Matrix6 D =
-        task_damping(Lambda, gains.stiffness(target.X_W_d.rotation).matrix(), gains.damping_ratio);
+    const TaskForce force = impedance_force(gains, target, terms);
+    const Matrix3& R_d = target.X_W_d.rotation;
+    const Matrix6 D = gains.damping(R_d, gains.stiffness(R_d).matrix(), terms);
     const Vector6 damping = D * V;
     follows_.resist(force.pull, force.bounded.force_share, force.bounded.moment_share, context.dt);
     const JointVector rest =

@@ -71,7 +71,11 @@ class Ufic final : public Controllet {
                                         .min = 0.01,
                                         .max = 10,
                                         .doc = "Range above E_min over which the valves close."}),
-            parameter_at<kPressDirection>(press_direction_parameter())),
+            parameter_at<kPressDirection>(press_direction_parameter()),
+            parameter_at<kFeedback>(choice_parameter(
+                "force_feedback", {"in_contact", "always"},
+                "When the feedback of the force acts: faded in at contact, or always as the paper prints it, "
+                "which pushes in free air, too."))),
         .outputs = spec_table<kOutputCount>(
             output_at<kDesired>("force_desired_n", "F_d along n."),
             output_at<kEstimated>("force_estimated_n", "F_hat along n."),
@@ -99,7 +103,17 @@ class Ufic final : public Controllet {
             output_at<kCreated>("energy_made_up_j", "Valve law 'paper': energy that empty tanks supplied."),
             output_at<kAcross, 3>("tangential_force_n", "Part of F_f' across n, world axes."),
             output_at<kError, 3>("position_error_m", "p_d - p, world axes."),
-            output_at<kError + 3, 3>("orientation_error_rad", "log(R_d R^T), world axes."))};
+            output_at<kError + 3, 3>("orientation_error_rad", "log(R_d R^T), world axes.")),
+        .presets = {paper_preset({{"force_proportional", {1}},
+                                  {"force_derivative_s", {0.05}},
+                                  {"force_integral_per_s", {0.25}},
+                                  {"force_feedforward", {0}},
+                                  {"force_may_pull", {1}},
+                                  {"force_feedback", {1}},
+                                  {"valve_law", {1}},
+                                  {"d_max_m", {0.05}},
+                                  {"force_damping_n_s_per_m", {0}},
+                                  {"tangential_gain", {0}}})}};
   }
 
   LawResult start(ControlContext& context) override {
@@ -141,13 +155,15 @@ class Ufic final : public Controllet {
     const Vector6 V = terms.V_WE().vector;
     const Matrix6& Lambda = terms.task().Lambda;
     const Matrix6 K = gains.stiffness(target.X_W_d.rotation).matrix();
-    const Matrix6 D = task_damping(Lambda, K, gains.damping_ratio);
+    const Matrix6 D = gains.damping(target.X_W_d.rotation, K, terms);
     const double set_point_work = move_spring(target, gains, terms.X_WE(), V, D * V, context);
     const double s = spring_.scale;
     const Vector6 error = pose_error(target.X_W_d, terms.X_WE());
     const Vector6 spring = s * spring_wrench(spring_.stiffness, error);
-    Vector6 feedforward = s * (D * target.V_d.vector);
+    const bool of_error = gains.damping_of == DampingOf::error;
+    Vector6 feedforward = of_error ? Vector6(s * (D * target.V_d.vector)) : Vector6(Vector6::Zero());
     if (gains.acceleration_feedforward) feedforward.noalias() += s * (Lambda * target.A_d.vector);
+    if (gains.coriolis_feedforward) feedforward += s * terms.task_coriolis(target.V_d.vector);
     Vector6 opposing = D * V;
     // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
     const ForceSettings settings = force_settings(parameters, kForceGroup);
@@ -156,7 +172,7 @@ class Ufic final : public Controllet {
     if (!F_d.allFinite() || !F_hat.allFinite())
       return LawResult::fault;  // a clamp would hide a value that is not finite
     const Vector3 n = direction_.update(F_d, context.dt);
-    feedforward.head<3>() += s * settings.damping * n.dot(Vector3(target.V_d.linear())) * n;
+    if (of_error) feedforward.head<3>() += s * settings.damping * n.dot(Vector3(target.V_d.linear())) * n;
     opposing.head<3>() += settings.damping * n.dot(v) * n;
     const BoundedPull requested = bound_pull(context.contact, spring + feedforward, opposing, v);
     bound_feedforward(requested, spring, feedforward);
@@ -167,9 +183,9 @@ class Ufic final : public Controllet {
 
     // Force part
     const Matrix3 D_t = D.topLeftCorner<3, 3>();
-    const ForcePart force =
-        force_part(settings, law, parameters.number(kReach), F_d, F_hat, terms.X_WE().position, v, D_t,
-                   (spring + feedforward).head<3>(), context.contact, context.dt);
+    const ForcePart force = force_part(settings, law, parameters.choice(kFeedback) != 0,
+                                       parameters.number(kReach), F_d, F_hat, terms.X_WE().position, v, D_t,
+                                       (spring + feedforward).head<3>(), context.contact, context.dt);
     // At most a tenth of the tank per tick: a fast set-point cannot overdraw it before its valve has closed.
     feedforward *= balance_.impedance.affordable(feedforward.dot(V) * context.dt, 0.1, limits_);
 
@@ -218,6 +234,7 @@ class Ufic final : public Controllet {
     kTankMax,
     kTankClosing,
     kPressDirection,
+    kFeedback,
     kParameterCount
   };
   enum Output : std::size_t {
@@ -299,9 +316,9 @@ class Ufic final : public Controllet {
     feedforward *= c;
   }
 
-  ForcePart force_part(const ForceSettings& settings, ValveLaw law, double reach, const Vector3& F_d,
-                       const Vector3& F_hat, const Vector3& p, const Vector3& v, const Matrix3& D_t,
-                       const Vector3& pull, const ContactBounds& contact, double dt) {
+  ForcePart force_part(const ForceSettings& settings, ValveLaw law, bool always, double reach,
+                       const Vector3& F_d, const Vector3& F_hat, const Vector3& p, const Vector3& v,
+                       const Matrix3& D_t, const Vector3& pull, const ContactBounds& contact, double dt) {
     ForcePart part;
     const Vector3& n = direction_.n();
     part.desired = std::max(0.0, n.dot(F_d));
@@ -314,7 +331,7 @@ class Ufic final : public Controllet {
     const double shape = touched_ ? contact_shape((p - p_c_).norm(), reach) : 0.0;
     gamma_ = std::min(shape, gamma_ + dt / Fade::kDuration);
     alpha_f_ = std::min(balance_.force.valve(limits_), alpha_f_ + dt / Fade::kDuration);
-    const double w = fade_.towards(detector_.in_contact(), dt);
+    const double w = fade_.towards(always || detector_.in_contact(), dt);
     Vector3 F_t = settings.tangential_gain * w *
                   direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
     // A hand in the way is felt like friction, and would be pushed harder and harder.
@@ -324,14 +341,19 @@ class Ufic final : public Controllet {
     // With what presses along n and across it already, the force keeps to the bound.
     const double left = left_beside(pull_across + F_t, contact.spring_force) - std::max(0.0, n.dot(pull));
     const double room = room_.update(left, contact.spring_force, dt);
-    const double f = loop_.update(settings.gains, part.desired, part.estimated, w, dt, room);
+    const double deepest = left_beside(pull_across + F_t, contact.spring_force) - std::max(0.0, -n.dot(pull));
+    // Neither back nor, without contact, forth does the force drive the hand faster than a set-point would.
+    const double v_n = n.dot(v);
+    const double forth = always ? std::min(room, force_at_speed(contact, v_n)) : room;
+    const double back = std::clamp(deepest, 0.0, force_at_speed(contact, -v_n));
+    const double f = loop_.update(settings.gains, part.desired, part.estimated, w, dt, forth, back);
     // The valve never damps more than the impedance itself does along the force.
     const auto share = [&](const Vector3& direction, double force) {
       const double damping = direction.dot(D_t * direction);
       return force_share(law, gamma_, alpha_f_, direction.dot(v),
                          incoming_speed_for(force, gamma_, alpha_f_, damping));
     };
-    part.command = share(n, f) * f;
+    part.command = (f < 0 ? share(-n, f) : share(n, f)) * f;
     part.across = size > 1e-9 ? Vector3(share(F_t / size, size) * F_t) : Vector3(Vector3::Zero());
     part.F = n * part.command + part.across;
     return part;

@@ -98,6 +98,94 @@ TEST(Ufic, TorqueIsTheStatedLaw) {
   EXPECT_GE(checked, 8);
 }
 
+// A force that may pull keeps to the bound, too, together with a spring that pulls the same way: within 60 N
+// for the drawn hand at rest, whatever is felt.
+TEST(Ufic, AForceThatMayPullKeepsToTheBound) {
+  Draw draw(83);
+  for (const auto& type : {ufic_controllet(), force_controllet()}) {
+    double deepest = 0;
+    for (int trial = 0; trial < 12; ++trial) {
+      Bench bench(type, draw.pose(1));
+      bench.rig.bound({});
+      bench.rig.set("press_direction", {0, 0, -1});
+      bench.rig.set("force_may_pull", {1});
+      bench.rig.set("force_feedforward", {0});
+      bench.rig.set("force_proportional", {5});
+      bench.rig.set("force_integral_per_s", {20});
+      bench.rig.set("force_integral_limit_n", {100});
+      bench.rig.set("nullspace_stiffness_nm_per_rad", {0});
+      ASSERT_EQ(bench.rig.start(), LawResult::ok);
+      bench.want({0, 0, -3});
+      bench.feel({draw.uniform(-10, 10), 0, -60});  // pressed far harder than desired
+      bench.ticks(500);
+      if (type.descriptor.type == "ufic") {
+        const Pose X = bench.rig.input("pose").pose();
+        bench.rig.input("pose").start(Pose{X.rotation, X.position + Vector3(0, 0, draw.uniform(-0.1, 0.1))});
+      }
+      bench.ticks(2000);
+      if (bench.rig.terms(0).task().floored) continue;
+      const JointVector q = bench.rig.state(0).q;
+      const MatrixXd J = bench.plain.jacobian(q), M = bench.plain.mass(q);
+      const Vector6 F = task_inertia(J, M) * J * inverse(M) * VectorXd(bench.rig.tau(0));
+      EXPECT_LE(F.head<3>().norm(), 60 + 1e-6) << type.descriptor.type << ", trial " << trial;
+      deepest = std::min(deepest, bench.number("force_command_n"));
+    }
+    EXPECT_LT(deepest, -20) << type.descriptor.type;  // it did pull
+  }
+}
+
+// An estimate that is wrong by 30 N in free air: a force that may pull retreats from it, and feedback that
+// always acts drives the hand after it, but no faster than the pull of a set-point may.
+TEST(Ufic, AWrongEstimateDoesNotThrowTheHand) {
+  struct Case {
+    ControlletType type;
+    double felt;
+    bool back;
+  };
+  for (const auto& [type, felt, back] :
+       {Case{ufic_controllet(), 30, true}, Case{force_controllet(), 30, true},
+        Case{ufic_controllet(), -30, false}}) {
+    Bench bench(type);
+    bench.rig.bound({});
+    for (const Preset& preset : type.descriptor.presets) {
+      for (const auto& [parameter, values] : preset.values) {
+        const std::size_t size = bench.rig.parameters().value_size(bench.rig.parameters().find(parameter));
+        bench.rig.set(parameter, values.size() == size ? values : std::vector<double>(size, values[0]));
+      }
+    }
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    bench.want({0, 0, -4});
+    bench.feel({0, 0, -felt});
+    double fastest = 0;
+    for (int k = 0; k < 1200; ++k) {
+      bench.ticks(1);
+      bench.rig.integrate(0.001, {joint_constant(7, 0)}, 1);
+      const double up = bench.rig.terms(0).V_WE().linear().z();
+      fastest = std::max(fastest, back ? up : -up);
+    }
+    RecordProperty(type.descriptor.type + (back ? "_back" : "_forth"), std::to_string(fastest));
+    EXPECT_GT(fastest, 0.05) << type.descriptor.type;
+    EXPECT_LT(fastest, 1.5 * 0.25) << type.descriptor.type;
+  }
+}
+
+// `always`: the feedback presses in free air, within the bound; by default it waits for the contact.
+TEST(Ufic, FeedbackInFreeAirOnRequestOnly) {
+  for (const bool always : {false, true}) {
+    Bench bench(ufic_controllet());
+    bench.rig.set("force_feedback", {always ? 1.0 : 0.0});
+    bench.rig.set("force_feedforward", {0});
+    bench.rig.set("force_proportional", {1});
+    bench.rig.set("force_integral_per_s", {0});
+    bench.rig.set("valve_law", {1});
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    bench.want({0, 0, -10});
+    bench.feel({0, 0, 0});
+    bench.ticks(2000);
+    EXPECT_NEAR(bench.number("force_command_n"), always ? 10 : 0, 1e-6);
+  }
+}
+
 // A hand held beside a tool that presses: what the arm feels across the pressing direction is what it pushes
 // with, as from friction. Fed forward, it would grow for as long as the hand is held there.
 TEST(Ufic, AHandInTheWayIsNoFrictionToOvercome) {

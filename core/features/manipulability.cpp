@@ -32,7 +32,10 @@ class ManipulabilityFeature final : public Feature {
         .outputs = spec_table<kOutputCount>(
             output_at<kSmallest>("manipulability", "Smallest m of the arms."),
             output_at<kPotential>("potential_j", "Potential V, summed over the arms [J]."),
-            output_at<kLargest>("largest_torque_nm", "Largest joint torque of this cycle [N m]."))};
+            output_at<kLargest>("largest_torque_nm", "Largest joint torque of this cycle [N m].")),
+        .presets = {{"paper",
+                     "The paper's potential alone.",
+                     {{"gain_nm", {10}}, {"threshold", {0.1}}, {"damping_nms_per_rad", {0}}}}}};
   }
 
   LawResult start(ControlContext&) override { return LawResult::ok; }

@@ -213,6 +213,53 @@ const JointVector& ModelTerms::momentum_drift() {
   return momentum_drift_;
 }
 
+// C dq is quadratic in dq, so C(dq) v is its polar form: the sweeps of need_motion() with one factor dq and
+// one factor v, averaged over which is which.
+JointVector ModelTerms::coriolis_times(const JointVector& v) {
+  need_inertias();
+  auto& d = scratch_->data;
+  pinocchio::Motion own = pinocchio::Motion::Zero(), other = own, a = own;
+  for (Eigen::Index i = 0; i < q_.size(); ++i) {
+    const auto k = static_cast<std::size_t>(i) + 1;
+    const pinocchio::Motion joint(dq_[i] * d.J.col(i)), other_joint(v[i] * d.J.col(i));
+    a += 0.5 * (own.cross(other_joint) + other.cross(joint));
+    own += joint;
+    other += other_joint;
+    const pinocchio::Force h = d.oinertias[k] * own, other_h = d.oinertias[k] * other;
+    d.of[k] = d.oinertias[k] * a + 0.5 * (own.cross(other_h) + other.cross(h));
+  }
+  JointVector torque(q_.size());
+  pinocchio::Force F = pinocchio::Force::Zero();
+  for (Eigen::Index i = q_.size() - 1; i >= 0; --i) {
+    F += d.of[static_cast<std::size_t>(i) + 1];
+    torque[i] = pinocchio::Motion(d.J.col(i)).dot(F);
+  }
+  return torque;
+}
+
+// With column j of J = [l_j; z_j] and omega_j the angular velocity of link j:
+//   dz_j/dt = omega_j x z_j,   dl_j/dt = omega_j x l_j + z_j x sum over k > j of l_k dq_k.
+Vector6 ModelTerms::jacobian_rate_times(const JointVector& v) {
+  const Jacobian& J = J_V_WE();
+  Vector3 omega = V_WE().angular(), beyond = Vector3::Zero();  // beyond: sum over k > j
+  Vector6 rate = Vector6::Zero();
+  for (Eigen::Index j = q_.size() - 1; j >= 0; --j) {
+    const Vector3 l = J.col(j).head<3>(), z = J.col(j).tail<3>();
+    rate.head<3>() += v[j] * (omega.cross(l) + z.cross(beyond));
+    rate.tail<3>() += v[j] * omega.cross(z);
+    omega -= dq_[j] * z;
+    beyond += dq_[j] * l;
+  }
+  return rate;
+}
+
+Vector6 ModelTerms::task_coriolis(const Vector6& V) {
+  const TaskSpace& space = task();
+  const JointVector v = space.J_bar.lazyProduct(V);
+  return Vector6(space.J_bar.transpose().lazyProduct(coriolis_times(v))) -
+         space.Lambda * jacobian_rate_times(v);
+}
+
 const TaskSpace& ModelTerms::task() {
   if (first(kTask)) compute_task_space(J_V_WE(), M(), task_);
   return task_;

@@ -55,6 +55,12 @@ class ModelTerms {
 
   Jacobian J_V_WK();  // at the stiffness frame's origin, world axes (6 x n)
 
+  JointVector coriolis_times(const JointVector& v);   // C(q, dq) v by Christoffel symbols (n x 1) [N m]
+  Vector6 jacobian_rate_times(const JointVector& v);  // (dJ_V_WE/dt) v (6 x 1)
+  // C_c V (6 x 1) [N, N m], C_c = J_bar^T C J_bar - Lambda dJ/dt J_bar: what a motion of E with the twist V
+  // needs at constant V, beside the self-motion. dLambda/dt - 2 C_c is skew on twists.
+  Vector6 task_coriolis(const Vector6& V);
+
   // Task space at E, world axes
   const TaskSpace& task();
   double manipulability();                       // sqrt(det(J J^T)), J = J_V_WE

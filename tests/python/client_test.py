@@ -302,7 +302,7 @@ class TwoArms(unittest.TestCase):
         text = mp.stubs(self.run_)
         compile(text, "stubs", "exec")
         self.assertIn("class LeftCartesian(mp.Controllet):", text)
-        self.assertIn('    projector: Literal["dynamic", "paper_pseudoinverse"]', text)
+        self.assertIn('    projector: Literal["dynamic", "paper_pseudoinverse", "damped_pseudoinverse"]', text)
         self.assertIn("0 to 5000 N/m", text)
 
     def test_a_table(self):
