@@ -106,8 +106,11 @@ Registry build_registry(const std::vector<std::string>& plugins) {
 RobotDescription robot_of(const SceneArm& arm) { return load_robot(arm.model); }
 
 RobotDescription plant_robot_of(const SceneArm& arm) {
-  if (arm.plant_robot) return *arm.plant_robot;
-  return arm.plant_model.empty() ? robot_of(arm) : load_robot(arm.plant_model);
+  RobotDescription robot = arm.plant_robot           ? *arm.plant_robot
+                           : arm.plant_model.empty() ? robot_of(arm)
+                                                     : load_robot(arm.plant_model);
+  robot.motor_inertia = acting_motor_inertia(robot, arm.rotor_hidden);
+  return robot;
 }
 
 Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant) {

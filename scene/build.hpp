@@ -20,6 +20,7 @@ Registry build_registry(const std::vector<std::string>& plugins);
 RobotDescription robot_of(const SceneArm& arm);
 
 // The robot of the simulated arm: plant_robot, otherwise plant_model, otherwise the robot of its controllers.
+// Its motor_inertia is what acts in the plant.
 // Throws std::invalid_argument.
 RobotDescription plant_robot_of(const SceneArm& arm);
 // Pose of its base in the plant: X_WB, turned by the tilt of `plant`.

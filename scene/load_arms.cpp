@@ -341,6 +341,7 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
     archive.at("known_friction")
         .refuse("the model " + in_quotes(robot->name) + " has no friction table; write 'none'");
   }
+  if (archive.reading()) arm.rotor_hidden = reader.scene.plant.rotor_hidden;
   if (robot) {
     const JointLimits& own = robot->limits;
     arm.safety.joints = {own.q_min,
