@@ -169,6 +169,8 @@ std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm) {
 
 std::shared_ptr<const ArmModel> build_controller_model(const SceneArm& arm) {
   ArmModelSource source = model_source(arm);
+  if (arm.known_rotor_inertia)
+    source.known_motor_inertia = acting_motor_inertia(robot_of(arm), arm.rotor_hidden);
   ArmLimits& own = source.limits;
   const ArmLimits& scene = arm.safety.joints;
   if (scene.q_min.size() == own.q_min.size()) {

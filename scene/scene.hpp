@@ -92,6 +92,7 @@ struct SceneArm {
   // How much of the rotors' inertia the torque loop of the simulated arm hides: the links move as if the rest
   // were fixed to the joint (acting_motor_inertia).
   double rotor_hidden = 1;
+  bool known_rotor_inertia = false;  // the mass matrix of the controllers contains what acts of it
   bool known_friction = false;       // controllers know the model's friction table
   std::optional<FciConnection> fci;  // a real arm; none: simulated, unless an option of the run overrides it
   // Set on the arm at the start; none: the arm keeps its own.

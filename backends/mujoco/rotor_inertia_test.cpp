@@ -198,6 +198,26 @@ TEST(RotorInertia, ControllersKnowTheLinksOnly) {
   EXPECT_GT(terms.model().least_inertia()[6], 0.08);  // 0.8 x 0.1 of the rotor
 }
 
+// Unless the scene says so: then their mass matrix has what acts, and what the sensor is compared with has not.
+TEST(RotorInertia, ControllersKnowItIfTheSceneSaysSo) {
+  SceneArm arm = seven(0.2);
+  arm.safety = SafetyLimits::of(*build_arm_model(arm));
+  ModelTerms links(build_controller_model(arm));
+  arm.known_rotor_inertia = true;
+  ModelTerms all(build_controller_model(arm));
+  for (ModelTerms* terms : {&links, &all}) terms->update(ready(), joint_constant(7, 0.3));
+  const JointVector rotors = 0.8 * load_robot("fer").rotor_inertia;
+  JointMatrix expected = links.M();
+  expected.diagonal() += rotors;
+  EXPECT_EQ(all.M(), expected);
+  EXPECT_EQ(all.momentum(), links.momentum());
+  EXPECT_EQ(all.momentum_drift(), links.momentum_drift());
+  EXPECT_EQ(all.c(), links.c());
+  EXPECT_EQ(all.g(), links.g());
+  // Bounds of damping count the motors once.
+  EXPECT_LT((all.model().least_inertia() - links.model().least_inertia()).norm(), 1e-12);
+}
+
 // The arm's own hold knows its rotors: a joint with 0.2 kg m^2 of them on FR3's bare wrist (0.002 kg m^2)
 // comes to rest without swinging.
 TEST(RotorInertia, TheArmsOwnHoldIsDamped) {
