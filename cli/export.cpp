@@ -18,6 +18,7 @@ struct ExportOptions {
   std::string what, out, lerobot;
   std::vector<std::string> leaders;
   LerobotOptions dataset;
+  double rotor_hidden = 0;
   bool csv = false, npz = false, urdf = false, mjcf = false, hand = false;
 };
 
@@ -35,7 +36,9 @@ int export_model(const ExportOptions& options) {
     fmt::print("{}\n", file.string());
   };
   if (options.urdf) write(".urdf", to_urdf(robot, {.hand = options.hand}));
-  if (options.mjcf) write(".xml", to_mjcf(robot, {.hand = options.hand, .friction = true}));
+  if (options.mjcf)
+    write(".xml",
+          to_mjcf(robot, {.hand = options.hand, .friction = true, .rotor_hidden = options.rotor_hidden}));
   return kSuccess;
 }
 
@@ -103,6 +106,14 @@ void add_export(Program& program) {
   CLI::Option* mjcf = command->add_flag(
       "--mjcf", options->mjcf, "Write the model with motor inertia and viscous and dry friction as NAME.xml");
   for (CLI::Option* format : {urdf, mjcf}) format->excludes(csv)->excludes("--npz");
+  command
+      ->add_option(
+          "--rotor-hidden", options->rotor_hidden,
+          "With --mjcf: how much of the rotors' inertia is left out, as if a torque loop of the arm hid it, "
+          "0 to 1; the rest becomes armature. Other programs have no such loop")
+      ->check(CLI::Range(0.0, 1.0))
+      ->needs(mjcf)
+      ->capture_default_str();
   command->add_flag("--hand", options->hand, "Include the closed hand on the flange");
   command
       ->add_option("--out", options->out,

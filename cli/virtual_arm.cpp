@@ -39,6 +39,7 @@ struct VirtualArmArguments {
   fci::DatagramFaults faults;
   std::uint64_t seed = 1;
   std::optional<std::uint64_t> hidden;
+  std::optional<double> rotor_hidden;
   double seconds = 0;
   bool no_gripper = false, real_time_thread = false, idle_stands_still = false, json = false,
        until_input_ends = false;
@@ -194,6 +195,9 @@ void wait_for_end(fci::VirtualArms& arms, int end_file, const VirtualArmArgument
 int run(const VirtualArmArguments& arguments) {
   const Console console(arguments.json);
   OpenedScene opened = open_scene(arguments.scene);
+  if (arguments.rotor_hidden) {
+    for (SceneArm& arm : opened.scene.arms) arm.rotor_hidden = *arguments.rotor_hidden;
+  }
   const Scene shown = opened.scene;  // as it is known: hidden parameters stay hidden
   if (arguments.hidden) hide(opened.scene, *arguments.hidden);  // without any message about the draw
   fci::VirtualArmOptions options;
@@ -335,6 +339,13 @@ void add_virtual_arm(Program& program) {
                    "delay, tool) with "
                    "this seed and keep them hidden, for trials of identify and refine")
       ->type_name("SEED");
+  command
+      ->add_option(
+          "--rotor-hidden", arguments->rotor_hidden,
+          "How much of the rotors' inertia the arms' torque loops hide, 0 to 1, in place of the scene's "
+          "plant.rotor_inertia_hidden")
+      ->check(CLI::Range(0.0, 1.0))
+      ->type_name("SHARE");
   command->add_option("--seconds", arguments->seconds, "End after this time [s] (default: at Ctrl-C)")
       ->check(CLI::PositiveNumber);
   command->add_flag("--no-gripper", arguments->no_gripper, "Keep hands closed and offer no gripper ports");

@@ -10,10 +10,10 @@ std::map<std::string, std::string> exported_models() {
   for (const auto& name : available_robots()) {
     const RobotDescription robot = load_robot(name);
     files[name + ".urdf"] = to_urdf(robot);
-    files[name + ".xml"] = to_mjcf(robot);
+    files[name + ".xml"] = to_mjcf(robot, {.rotor_hidden = 0});
     if (!robot.hand) continue;
     files[name + "_hand.urdf"] = to_urdf(robot, {.hand = true});
-    files[name + "_hand.xml"] = to_mjcf(robot, {.hand = true});
+    files[name + "_hand.xml"] = to_mjcf(robot, {.hand = true, .rotor_hidden = 0});
   }
   return files;
 }

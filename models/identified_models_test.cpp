@@ -69,6 +69,7 @@ RobotDescription random_robot(const RobotDescription& base, unsigned seed) {
   if (seed % 7 == 0) robot.torque_sensor->gain.resize(0);
   robot.actuation = Actuation{draw.between(30, 100), draw.between(0, 0.003)};
   robot.motor_inertia = draw.joints(n, 0, 0.5);
+  robot.rotor_inertia = draw.joints(n, 0, 0.9);
   robot.base_tilt = {draw.between(-0.05, 0.05), draw.between(-0.05, 0.05)};
   robot.q_home += draw.joints(n, -1e-3, 1e-3);
   return robot;
@@ -119,6 +120,7 @@ void expect_same(const RobotDescription& a, const RobotDescription& b) {
   EXPECT_EQ(a.actuation.value().torque_bandwidth_hz, b.actuation.value().torque_bandwidth_hz);
   EXPECT_EQ(a.actuation->command_delay, b.actuation->command_delay);
   expect_same(a.motor_inertia, b.motor_inertia);
+  expect_same(a.rotor_inertia, b.rotor_inertia);
   EXPECT_EQ(a.base_tilt, b.base_tilt);
   expect_same(a.q_home, b.q_home);
 }
@@ -227,6 +229,9 @@ TEST(WrittenRobots, AreExported) {
   write_robot(robot, nominal, scratch("exported.yaml"));
   const RobotDescription read = load_robot(scratch("exported.yaml").string());
   EXPECT_THAT(to_urdf(read, {.hand = true}), HasSubstr("<mass value=\"3.0625\"/>"));
+  // Without its own, an arm has the rotors of its model, as far as no torque loop hides them.
+  EXPECT_THAT(to_mjcf(nominal), HasSubstr("armature=\"0\""));
+  EXPECT_THAT(to_mjcf(nominal, {.rotor_hidden = 0.75}), HasSubstr("armature=\"0.025\""));
   const std::string plant = to_mjcf(read), whole = to_mjcf(read, {.friction = true});
   EXPECT_THAT(plant, AllOf(HasSubstr("mass=\"3.0625\""),
                            HasSubstr("armature=\"0.40625\" damping=\"0\" frictionloss=\"0\"")));

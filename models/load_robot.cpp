@@ -30,6 +30,7 @@ const std::vector<std::string> kSections{"name",
                                          "torque_sensor",
                                          "actuation",
                                          "motor_inertia_kg_m2",
+                                         "rotor_inertia_kg_m2",
                                          "base_tilt_rad",
                                          "rated_payload_kg",
                                          "home_rad",
@@ -319,6 +320,8 @@ void read_own(const Document& document, RobotDescription& robot) {
   if (const auto* section = own("actuation")) robot.actuation = read_as<Actuation>(*section);
   if (const auto* section = own("motor_inertia_kg_m2"))
     robot.motor_inertia = read_joint_vector(*section, Key("motor_inertia_kg_m2").at_least(0), n);
+  if (const auto* section = own("rotor_inertia_kg_m2"))
+    robot.rotor_inertia = read_joint_vector(*section, Key("rotor_inertia_kg_m2").at_least(0), n);
   if (const auto* section = own("rated_payload_kg"))
     robot.rated_payload = section->number(Key("rated_payload_kg").above(0));
   if (const auto* section = own("base_tilt_rad")) {

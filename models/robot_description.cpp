@@ -22,6 +22,12 @@ Pose Placement::pose() const {
   return Pose::from(position, q);
 }
 
+JointVector acting_motor_inertia(const RobotDescription& robot, double hidden) {
+  if (robot.motor_inertia.size() > 0) return robot.motor_inertia;
+  if (robot.rotor_inertia.size() == 0 || hidden >= 1) return {};
+  return (1 - hidden) * robot.rotor_inertia;
+}
+
 RigidBody rigid_hand(const HandDescription& hand) {
   const Pose X_HL = hand.finger_mount.pose();
   const RigidBody left = moved(hand.finger, X_HL);

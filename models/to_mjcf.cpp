@@ -18,7 +18,10 @@ std::string rotation_of(const Placement& placement) { return exact(placement.pos
 // Writes one arm: the text so far, and the data that every part needs.
 class ArmWriter {
  public:
-  ArmWriter(const RobotDescription& robot, const MjcfOptions& options) : robot_(robot), options_(options) {
+  ArmWriter(const RobotDescription& robot, const MjcfOptions& options)
+      : robot_(robot),
+        options_(options),
+        motor_inertia_(acting_motor_inertia(robot, options.rotor_hidden)) {
     use_meshes_ = !options.meshes.empty() && !robot.meshes.empty();
   }
 
@@ -142,7 +145,7 @@ class ArmWriter {
     if (i > 0) {
       const auto j = static_cast<Eigen::Index>(i - 1);
       const Placement& placement = robot_.joints[i - 1];
-      const double motor = robot_.motor_inertia.size() > 0 ? robot_.motor_inertia[j] : 0.0;
+      const double motor = motor_inertia_.size() > 0 ? motor_inertia_[j] : 0.0;
       xml_.open(
           "body",
           {{"name", named(link)}, {"pos", exact(placement.position)}, {"quat", rotation_of(placement)}});
@@ -281,6 +284,7 @@ class ArmWriter {
 
   const RobotDescription& robot_;
   const MjcfOptions& options_;
+  JointVector motor_inertia_;
   bool use_meshes_ = false;
   XmlText xml_;
 };

@@ -32,13 +32,17 @@ struct MjcfOptions {
   // and presliding amplitudes together as frictionloss. For other programs; our own plant simulates
   // the complete law.
   bool friction = false;
+  // How much of the rotors' inertia the torque loop of the arm hides, 0 to 1; the rest is armature. Other
+  // programs have no such loop.
+  double rotor_hidden = 1;
   bool finger_servo = true;      // false: no actuator `fingers`; the force on the finger joints is applied
   std::string prefix;            // put before every name
   std::filesystem::path meshes;  // folder of meshes to show in place of the primitives; empty: primitives
 };
 
 // MJCF of one arm: body link0 at the origin, joints and torque motors (gear 1, no limit of control)
-// joint1..jointN, sites `flange` and `hand_tcp`. Armature is the motors' inertia; damping and friction are
+// joint1..jointN, sites `flange` and `hand_tcp`. Armature is the motors' inertia that
+// acts (acting_motor_inertia); damping and friction are
 // zero: the plant simulates them. Visible geoms are in group 2 and touch
 // nothing, collision capsules are in group 3. No <option>: the scene sets time step and integrator. Throws
 // std::invalid_argument if a hand is requested and the robot has none.

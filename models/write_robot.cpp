@@ -180,6 +180,10 @@ std::string whole_text(const RobotDescription& robot, const RobotDescription& ba
     text += "motor_inertia_kg_m2: " +
             (robot.motor_inertia.size() > 0 ? list(robot.motor_inertia) : std::string("none")) + "\n";
   }
+  if (!same(robot.rotor_inertia, base.rotor_inertia)) {
+    text += "rotor_inertia_kg_m2: " +
+            (robot.rotor_inertia.size() > 0 ? list(robot.rotor_inertia) : std::string("none")) + "\n";
+  }
   if (robot.base_tilt != base.base_tilt) text += "base_tilt_rad: " + list(robot.base_tilt) + "\n";
   if (robot.rated_payload != base.rated_payload) {
     text += "rated_payload_kg: " + (robot.rated_payload ? exact(*robot.rated_payload) : std::string("none")) +

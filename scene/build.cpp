@@ -106,8 +106,11 @@ Registry build_registry(const std::vector<std::string>& plugins) {
 RobotDescription robot_of(const SceneArm& arm) { return load_robot(arm.model); }
 
 RobotDescription plant_robot_of(const SceneArm& arm) {
-  if (arm.plant_robot) return *arm.plant_robot;
-  return arm.plant_model.empty() ? robot_of(arm) : load_robot(arm.plant_model);
+  RobotDescription robot = arm.plant_robot           ? *arm.plant_robot
+                           : arm.plant_model.empty() ? robot_of(arm)
+                                                     : load_robot(arm.plant_model);
+  robot.motor_inertia = acting_motor_inertia(robot, arm.rotor_hidden);
+  return robot;
 }
 
 Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant) {
@@ -166,6 +169,8 @@ std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm) {
 
 std::shared_ptr<const ArmModel> build_controller_model(const SceneArm& arm) {
   ArmModelSource source = model_source(arm);
+  if (arm.known_rotor_inertia)
+    source.known_motor_inertia = acting_motor_inertia(robot_of(arm), arm.rotor_hidden);
   ArmLimits& own = source.limits;
   const ArmLimits& scene = arm.safety.joints;
   if (scene.q_min.size() == own.q_min.size()) {

@@ -20,6 +20,7 @@ Registry build_registry(const std::vector<std::string>& plugins);
 RobotDescription robot_of(const SceneArm& arm);
 
 // The robot of the simulated arm: plant_robot, otherwise plant_model, otherwise the robot of its controllers.
+// Its motor_inertia is what acts in the plant.
 // Throws std::invalid_argument.
 RobotDescription plant_robot_of(const SceneArm& arm);
 // Pose of its base in the plant: X_WB, turned by the tilt of `plant`.
@@ -34,7 +35,7 @@ double largest_payload(const SceneArm& arm, const RobotDescription& robot);
 // (arm_config). `limits` are those of the model file; those of the scene are in SceneArm::safety.
 std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm);
 
-// The same with the limits that the scene tightens: for the controllers, so that holds, features and checks
+// The same with known_rotor_inertia, and with the limits that the scene tightens: for the controllers, so that holds, features and checks
 // of goals keep to them. The plant and the arm's own checks keep those of the model file. Position limits
 // that the scene loosens stay those of the model.
 std::shared_ptr<const ArmModel> build_controller_model(const SceneArm& arm);

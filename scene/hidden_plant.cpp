@@ -90,12 +90,13 @@ RobotDescription draw_hidden_plant(const RobotDescription& nominal, std::uint64_
 }
 
 void hide(Scene& scene, std::uint64_t seed) {
-  const double stiction = scene.plant.stiction_nm;
+  const double stiction = scene.plant.stiction_nm, rotor_hidden = scene.plant.rotor_hidden;
   scene.plant = PlantFidelity::realistic();
   // With the seed of the scene the noise would equal that of the simulation in comparisons, sample by sample,
   // and cancel.
   scene.seed ^= 0x9E3779B97F4A7C15u * (seed + 1);
   scene.plant.stiction_nm = stiction;
+  scene.plant.rotor_hidden = rotor_hidden;
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {
     const RobotDescription nominal = robot_of(scene.arms[i]);
     if (!nominal.friction) scene.plant.joint_friction = false;

@@ -341,6 +341,20 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
     archive.at("known_friction")
         .refuse("the model " + in_quotes(robot->name) + " has no friction table; write 'none'");
   }
+  if (archive.reading()) arm.rotor_hidden = reader.scene.plant.rotor_hidden;
+  std::string rotors = "none";
+  archive(Key("known_rotor_inertia",
+              "`model`: the mass matrix of the controllers contains the motors' inertia that acts by their model, "
+              "`motor_inertia_kg_m2` or what `rotor_inertia_hidden` leaves of `rotor_inertia_kg_m2`.")
+              .one_of({"none", "model"}),
+          rotors);
+  arm.known_rotor_inertia = rotors == "model";
+  if (arm.known_rotor_inertia && acting_motor_inertia(*robot, arm.rotor_hidden).size() == 0) {
+    archive.at("known_rotor_inertia")
+        .refuse("nothing acts of the motors' inertia by the model " + in_quotes(robot->name) +
+                "; write 'none', or 'rotor_inertia_hidden' below 1 in 'plant' with a model that has "
+                "'rotor_inertia_kg_m2'");
+  }
   if (robot) {
     const JointLimits& own = robot->limits;
     arm.safety.joints = {own.q_min,

@@ -200,6 +200,11 @@ const std::vector<Refusal> kArm{
     {"fingers without hand", one_arm("hand: false\n    fingers: movable"), 4, {"the arm has no hand"}},
     {"vacuum and hand", one_arm("vacuum: true"), 3, {"'hand: false'"}},
     {"known friction", one_arm("known_friction: true"), 3, {"'none' or 'model'", "found 'true'"}},
+    {"rotors", "plant: {rotor_inertia_hidden: 1.5}\narms:\n  - name: left\n", 1, {"0 to 1", "1.5"}},
+    {"known rotors, all hidden",
+     one_arm("known_rotor_inertia: model"),
+     3,
+     {"nothing acts", "'rotor_inertia_hidden' below 1"}},
     {"old states", one_arm("safety: {max_state_age_s: 0.01}"), 3, {"looser than the usual 0.002"}},
 };
 

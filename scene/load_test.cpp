@@ -296,7 +296,7 @@ TEST(Load, ReadsWhatIsWritten) {
 
 TEST(Load, ReadsInteraction) {
   const Scene scene = parse(
-      "plant: {noslip_iterations: 5, stiction_nm: 0.3}\n"
+      "plant: {noslip_iterations: 5, stiction_nm: 0.3, rotor_inertia_hidden: 0.25}\n"
       "arms:\n"
       "  - name: left\n"
       "    known_friction: model\n"
@@ -320,6 +320,7 @@ TEST(Load, ReadsInteraction) {
   EXPECT_EQ(scene.plant.name, "ideal (changed)");
   const SceneArm& arm = scene.arms.at(0);
   EXPECT_TRUE(arm.known_friction);
+  EXPECT_EQ(arm.rotor_hidden, 0.25);
   ASSERT_EQ(arm.tool_shapes.size(), 2u);
   EXPECT_EQ(arm.tool_shapes[0].shape, ShapeType::sphere);
   EXPECT_EQ(arm.tool_shapes[0].size.x(), 0.04);
@@ -345,6 +346,7 @@ TEST(Load, ReadsInteraction) {
 
   const Scene plain = parse("arms:\n  - name: left\n");
   EXPECT_FALSE(plain.arms[0].known_friction);
+  EXPECT_EQ(plain.arms[0].rotor_hidden, 1);
   EXPECT_TRUE(plain.arms[0].tool_shapes.empty());
   EXPECT_EQ(plain.noslip_iterations, 0u);
   EXPECT_EQ(plain.plant.stiction_nm, 0);

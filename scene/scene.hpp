@@ -28,6 +28,8 @@ struct PlantFidelity {
   double command_delay_s = 0;      // whole control periods
   double noise_q_rad = 0, noise_dq_rad_per_s = 0, noise_tau_nm = 0;  // standard deviations, white
   double stiction_nm = 0;  // dry friction of every joint, unknown to the controllers
+  // How much of the rotors' inertia the arms' own torque loops hide, 0 to 1; read into SceneArm::rotor_hidden.
+  double rotor_hidden = 1;
   static PlantFidelity ideal() { return {}; }
   static PlantFidelity realistic() {
     return {.name = "realistic",
@@ -87,6 +89,10 @@ struct SceneArm {
   // Everything that the flange may carry, hand and tool included [kg]; none: the model's rated payload.
   std::optional<double> largest_load;
   std::vector<ToolShape> tool_shapes;
+  // How much of the rotors' inertia the torque loop of the simulated arm hides: the links move as if the rest
+  // were fixed to the joint (acting_motor_inertia).
+  double rotor_hidden = 1;
+  bool known_rotor_inertia = false;  // the mass matrix of the controllers contains what acts of it
   bool known_friction = false;       // controllers know the model's friction table
   std::optional<FciConnection> fci;  // a real arm; none: simulated, unless an option of the run overrides it
   // Set on the arm at the start; none: the arm keeps its own.

@@ -248,6 +248,9 @@ class Runs(unittest.TestCase):
             self.assertEqual(answer.returncode, 0, answer.stderr)
             self.assertEqual(answer.stdout.split(), [f"{folder}/own_hand.urdf", f"{folder}/own_hand.xml"])
             self.assertIn('armature="0.25" damping="7.5"', pathlib.Path(folder, "own_hand.xml").read_text())
+            answer = call("export", "fer", "--mjcf", "--rotor-hidden", "0.5", "--out", folder)
+            self.assertEqual(answer.returncode, 0, answer.stderr)
+            self.assertIn('armature="0.05"', pathlib.Path(folder, "fer.xml").read_text())
             self.assertIn('<robot name="own"', pathlib.Path(folder, "own_hand.urdf").read_text())
 
     def test_hidden_plants_are_not_revealed(self):

@@ -20,20 +20,24 @@ std::uint64_t seed_of(std::uint64_t scene_seed, std::size_t arm) {
 SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm) {
   const ArmConfig config = arm_config(scene.arms[arm]);
   const RobotDescription robot = robot_of(scene.arms[arm]), plant = plant_robot_of(scene.arms[arm]);
-  return {.model = build_arm_model(scene.arms[arm]),
-          .frames = config.frames,
-          .tool = config.tool,
-          .load = config.load,
-          .plant = scene.plant,
-          .seed = seed_of(scene.seed, arm),
-          .period_s = kArmPeriod,
-          .thresholds = scene.arms[arm].collision,
-          .joint_stiffness = scene.arms[arm].joint_stiffness,
-          .cartesian_stiffness = scene.arms[arm].cartesian_stiffness,
-          .actuation = plant.actuation,
-          .torque_sensor = plant.torque_sensor,
-          .friction = friction_of(scene, robot),
-          .motion_limits = MotionLimits::of(robot)};
+  // The firmware knows the rotors of the arm's model, not the motor_inertia of an individual arm.
+  const bool individual = robot.motor_inertia.size() > 0;
+  return {
+      .model = build_arm_model(scene.arms[arm]),
+      .frames = config.frames,
+      .tool = config.tool,
+      .load = config.load,
+      .plant = scene.plant,
+      .seed = seed_of(scene.seed, arm),
+      .period_s = kArmPeriod,
+      .thresholds = scene.arms[arm].collision,
+      .joint_stiffness = scene.arms[arm].joint_stiffness,
+      .cartesian_stiffness = scene.arms[arm].cartesian_stiffness,
+      .actuation = plant.actuation,
+      .torque_sensor = plant.torque_sensor,
+      .rotor_inertia = individual ? JointVector() : acting_motor_inertia(robot, scene.arms[arm].rotor_hidden),
+      .friction = friction_of(scene, robot),
+      .motion_limits = MotionLimits::of(robot)};
 }
 
 std::optional<JointFriction> friction_of(const Scene& scene, const RobotDescription& robot) {

@@ -46,8 +46,10 @@ JointVector joint_effort(const JointMatrix& M, const JointVector& stiffness, con
 
 }  // namespace
 
-InternalControllers::InternalControllers(std::size_t joint_count, std::optional<JointFriction> friction)
+InternalControllers::InternalControllers(std::size_t joint_count, std::optional<JointFriction> friction,
+                                         JointVector rotor_inertia)
     : friction_(std::move(friction)),
+      rotor_inertia_(std::move(rotor_inertia)),
       tau_(joint_constant(joint_count, 0)),
       tau_slow_(tau_),
       ddq_filtered_(tau_) {}
@@ -63,7 +65,7 @@ const JointVector& InternalControllers::joint_impedance(ModelTerms& terms, const
                                                         const JointVector& dq_d, const JointVector& ddq_d,
                                                         const JointVector& stiffness) {
   const JointVector e = q_d - terms.q(), de = dq_d - terms.dq();
-  const JointMatrix& M = terms.M();
+  const JointMatrix& M = inertia(terms);
   ddq_filtered_ += kArmPeriod * kFeedforward * (ddq_d - ddq_filtered_);
   if (e.size() == 7) {
     tau_ = joint_effort<7>(M, stiffness, e, de, tau_slow_);
@@ -73,6 +75,13 @@ const JointVector& InternalControllers::joint_impedance(ModelTerms& terms, const
   tau_ += M.lazyProduct(ddq_filtered_) + terms.c();
   add_friction(dq_d);
   return tau_;
+}
+
+const JointMatrix& InternalControllers::inertia(ModelTerms& terms) {
+  if (rotor_inertia_.size() == 0) return terms.M();
+  M_ = terms.M();
+  M_.diagonal() += rotor_inertia_;
+  return M_;
 }
 
 void InternalControllers::add_friction(const JointVector& dq_d) {
@@ -98,7 +107,7 @@ const JointVector& InternalControllers::cartesian_impedance(ModelTerms& terms, c
   A_filtered_ += kArmPeriod * kFeedforward * (A_d - A_filtered_);
 
   const Jacobian J = terms.J_V_WK();
-  const JointMatrix& M = terms.M();
+  const JointMatrix& M = inertia(terms);
   TaskSpace task;
   compute_task_space(J, M, task);
   Matrix6 K = Matrix6::Zero();

@@ -32,7 +32,9 @@ class InternalControllers {
   static constexpr double kFeedforward = 100;  // [rad/s]
   static constexpr double kNullSpace = 20;     // w_n [rad/s]
 
-  explicit InternalControllers(std::size_t joint_count, std::optional<JointFriction> friction = {});
+  // rotor_inertia: added to the diagonal of M [kg m^2] (n x 1); empty: none.
+  explicit InternalControllers(std::size_t joint_count, std::optional<JointFriction> friction = {},
+                               JointVector rotor_inertia = {});
 
   // Starts a motion: resets the slow part and the filters.
   void start();
@@ -48,8 +50,11 @@ class InternalControllers {
 
  private:
   void add_friction(const JointVector& dq_d);
+  const JointMatrix& inertia(ModelTerms& terms);
 
   std::optional<JointFriction> friction_;
+  JointVector rotor_inertia_;
+  JointMatrix M_;
   JointVector tau_, tau_slow_, ddq_filtered_;
   Vector6 F_slow_ = Vector6::Zero(), A_filtered_ = Vector6::Zero();
 };

@@ -95,7 +95,7 @@ SimulatedArm::SimulatedArm(SimulatedArmConfig config, const JointVector& q_start
       start_settings_(settings_),
       model_(config_.model),
       desired_(config_.model, config_.motion_limits),
-      controllers_(config_.model->joint_count(), config_.friction),
+      controllers_(config_.model->joint_count(), config_.friction, config_.rotor_inertia),
       torque_rate_(config_.model->limits().tau_rate_max, config_.period_s),
       measured_limits_(config_.motion_limits, config_.model->limits().tau_max, config_.workspace),
       self_collision_(*config_.model),

@@ -41,6 +41,9 @@ struct SimulatedArmConfig {
   // Of this arm alone, in place of the fidelity's tracking, delay and noise on tau; none: as there.
   std::optional<Actuation> actuation;
   std::optional<TorqueSensor> torque_sensor;
+  // What the rotors add to the joints' inertia, as the arm's own controllers know it [kg m^2] (n x 1); empty:
+  // none.
+  JointVector rotor_inertia = {};
   std::optional<JointFriction> friction;  // of the joints: what the arm's own controllers know of it
   MotionLimits motion_limits;             // of the control interface: MotionLimits::of(robot)
   std::optional<WorkspaceBox> workspace;  // of the end effector's origin, in B; none: not watched

@@ -28,8 +28,8 @@ void SimulatedArm::update_model(const JointVector& q, const JointVector& dq) {
   if (model_.q() != q || model_.dq() != dq) model_.update(q, dq);
 }
 
-// tau = M (w^2 (q_hold - q) - 2 w dq) + c; a joint that still moves is only braked, and held where it stops.
-// Whatever is missing to its weight then pulls it away by a few thousandths of a radian.
+// tau = M (w^2 (q_hold - q) - 2 w dq) + c, M with the rotors; a joint that still moves is only braked, and
+// held where it stops. Whatever is missing to its weight then pulls it away by a few thousandths of a radian.
 const JointVector& SimulatedArm::hold_torque(const JointVector& q, const JointVector& dq) {
   const auto& limit = config_.model->limits().tau_max;
   JointVector acceleration = -2 * kHoldFrequency * dq;
@@ -44,6 +44,7 @@ const JointVector& SimulatedArm::hold_torque(const JointVector& q, const JointVe
   }
   tau_hold_ = model_.c();
   tau_hold_ += model_.M().lazyProduct(acceleration);
+  if (config_.rotor_inertia.size() > 0) tau_hold_ += config_.rotor_inertia.cwiseProduct(acceleration);
   tau_hold_ = tau_hold_.cwiseMax(-limit).cwiseMin(limit);
   return tau_hold_;
 }

@@ -102,6 +102,9 @@ ArmModel::ArmModel(ArmModelSource source)
   if (source_.motor_inertia.size() != 0 && source_.motor_inertia.size() != p.model.nv) {
     refuse(source_.name, "motor_inertia must have one value per joint");
   }
+  if (source_.known_motor_inertia.size() != 0 && source_.known_motor_inertia.size() != p.model.nv) {
+    refuse(source_.name, "known_motor_inertia must have one value per joint");
+  }
   check_collision_shapes(source_, joint_count_);
 }
 

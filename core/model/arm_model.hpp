@@ -55,6 +55,9 @@ struct ArmModelSource {
   // The heaviest payload that may be declared, hand and tool not counted [kg]; none: no bound is known.
   std::optional<double> largest_load = {};
   JointVector motor_inertia = {};  // seen at the joint [kg m^2] (n x 1); empty: none, or not known
+  // The part of it that the mass matrix of ModelTerms contains (n x 1); empty: none. Momentum, Coriolis and
+  // gravity torque remain those of the links, as the torque sensor measures them.
+  JointVector known_motor_inertia = {};
   Load tool = {};  // what the flange carries from the start, for bounds before the first state
   std::vector<CollisionShape> collision_shapes;  // empty: no collision checks
   std::vector<std::pair<std::size_t, std::size_t>>
@@ -80,6 +83,7 @@ class ArmModel {
   const std::vector<CollisionShape>& collision_shapes() const { return source_.collision_shapes; }
   const std::vector<std::pair<std::size_t, std::size_t>>& self_pairs() const { return source_.self_pairs; }
   const JointVector& motor_inertia() const { return source_.motor_inertia; }  // empty: none
+  const JointVector& known_motor_inertia() const { return source_.known_motor_inertia; }  // empty: none
   // The least inertia that a torque of one joint accelerates in any pose, with tool and motor, the other
   // joints free (n x 1) [kg m^2]. Computed at the first call; any thread except the loop's.
   const JointVector& least_inertia() const;

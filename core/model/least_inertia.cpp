@@ -39,6 +39,7 @@ const JointVector& ArmModel::least_inertia() const {
     for (int k = 0; k < kDrawnPoses; ++k) {
       terms.update(drawn_pose(*this, k, engine), JointVector::Zero(least.size()));
       JointMatrix M = terms.M();
+      if (source_.known_motor_inertia.size() == least.size()) M.diagonal() -= source_.known_motor_inertia;
       if (source_.motor_inertia.size() == least.size()) M.diagonal() += source_.motor_inertia;
       keep_least(M, least);
     }

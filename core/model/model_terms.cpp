@@ -151,6 +151,7 @@ const JointMatrix& ModelTerms::M() {
     const Vector6 F = (d.oYcrb[static_cast<std::size_t>(j) + 1] * S).toVector();
     for (Eigen::Index i = 0; i <= j; ++i) M_(i, j) = M_(j, i) = d.J.col(i).dot(F);
   }
+  if (model_->known_motor_inertia().size() > 0) M_.diagonal() += model_->known_motor_inertia();
   return M_;
 }
 

@@ -257,6 +257,42 @@ class TorqueControl(Arms):
         np.testing.assert_allclose(state.q, q, atol=1e-3)
 
 
+class ManufacturersGains(Arms):
+    """The gains of the manufacturer's joint impedance examples, on arms with the inertia of their motors."""
+
+    options = ("--rotor-hidden", "0")
+    # joint_impedance_control.cpp, joint_impedance_example.py
+    GAINS = {
+        "C++ example": ([600, 600, 600, 600, 250, 150, 50], [50, 50, 50, 50, 30, 25, 15]),
+        "Python example": ([50] * 7, [2 * math.sqrt(50)] * 7),
+    }
+
+    def test_a_joint_impedance_moves_smoothly_and_comes_to_rest(self):
+        for name in self.names:
+            for of, (k, d) in self.GAINS.items():
+                with self.subTest(arm=name, gains=of):
+                    self.lead(self.robot(name), np.array(k), np.array(d))
+
+    def lead(self, robot, k, d):
+        model = robot.load_model()
+        q_start = np.array(robot.read_once().q)
+        amplitude = np.array([0.1, 0.1, -0.1, 0.1, 0.2, -0.2, 0.3])
+        rates = []
+
+        def law(state, n):
+            t = min(n / 2000, 1)
+            q_d = q_start + amplitude * t**3 * (10 - 15 * t + 6 * t * t)
+            if n > 1:
+                rates.append(np.array(state.dtau_J))
+            return list(k * (q_d - np.array(state.q)) - d * np.array(state.dq) + model.coriolis(state))
+
+        state = torque_loop(robot.start_torque_control(), 3500, law)
+        # Critically or more damped: it lags by D dq / K and arrives; an unstable wrist rattles at the limits of its rate.
+        np.testing.assert_allclose(state.q, q_start + amplitude, atol=5e-3)
+        self.assertLess(np.abs(state.dq).max(), 0.02)
+        self.assertLess(np.abs(np.array(rates)[-500:]).max(), 10)
+
+
 class MotionGenerators(Arms):
     def finish(self, control, make, cycles, value):
         for n in range(cycles):
