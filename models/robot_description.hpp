@@ -130,8 +130,8 @@ struct RobotDescription {
   std::optional<CartesianLimits> cartesian;
   std::optional<PositionBasedVelocity> position_based_velocity;
   std::optional<JointFriction> friction;  // between motor and torque sensor
-  // Of rotors and gears, reflected to each joint, before the torque sensor [kg m^2] (n x 1); empty: not known.
-  // How much of it a simulated arm shows is said by the scene (acting_motor_inertia).
+  // Of rotors and gears, reflected to each joint, before the torque sensor [kg m^2] (n x 1); empty: not
+  // known. How much of it a simulated arm shows is said by the scene (acting_motor_inertia).
   JointVector rotor_inertia;
   // Properties of an individual arm rather than of its model, as found by identification; none or empty:
   // perfect, level, or as in the scene's fidelity. The arm's own controllers do not know any of it.
@@ -154,9 +154,9 @@ struct RobotDescription {
   std::size_t joint_count() const { return joints.size(); }
 };
 
-// What the motors add to the inertia of each joint, before the torque sensor [kg m^2] (n x 1); empty: nothing.
-// The motor_inertia of an individual arm acts as it is; otherwise what the arm's torque loop leaves of the
-// rotors' inertia, (1 - hidden) rotor_inertia. `hidden`: 0 to 1.
+// What the motors add to the inertia of each joint, before the torque sensor [kg m^2] (n x 1); empty:
+// nothing. The motor_inertia of an individual arm acts as it is; otherwise what the arm's torque loop leaves
+// of the rotors' inertia, (1 - hidden) rotor_inertia. `hidden`: 0 to 1.
 JointVector acting_motor_inertia(const RobotDescription& robot, double hidden);
 
 // The hand with both fingers closed as one rigid body, in the hand's frame.

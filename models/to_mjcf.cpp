@@ -19,9 +19,7 @@ std::string rotation_of(const Placement& placement) { return exact(placement.pos
 class ArmWriter {
  public:
   ArmWriter(const RobotDescription& robot, const MjcfOptions& options)
-      : robot_(robot),
-        options_(options),
-        motor_inertia_(acting_motor_inertia(robot, options.rotor_hidden)) {
+      : robot_(robot), options_(options), motor_inertia_(acting_motor_inertia(robot, options.rotor_hidden)) {
     use_meshes_ = !options.meshes.empty() && !robot.meshes.empty();
   }
 

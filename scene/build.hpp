@@ -35,9 +35,9 @@ double largest_payload(const SceneArm& arm, const RobotDescription& robot);
 // (arm_config). `limits` are those of the model file; those of the scene are in SceneArm::safety.
 std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm);
 
-// The same with known_rotor_inertia, and with the limits that the scene tightens: for the controllers, so that holds, features and checks
-// of goals keep to them. The plant and the arm's own checks keep those of the model file. Position limits
-// that the scene loosens stay those of the model.
+// The same with known_rotor_inertia, and with the limits that the scene tightens: for the controllers, so
+// that holds, features and checks of goals keep to them. The plant and the arm's own checks keep those of the
+// model file. Position limits that the scene loosens stay those of the model.
 std::shared_ptr<const ArmModel> build_controller_model(const SceneArm& arm);
 
 // What the motors of real arms are assumed to add to each joint's inertia, as long as a model file states

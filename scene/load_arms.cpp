@@ -344,7 +344,8 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
   if (archive.reading()) arm.rotor_hidden = reader.scene.plant.rotor_hidden;
   std::string rotors = "none";
   archive(Key("known_rotor_inertia",
-              "`model`: the mass matrix of the controllers contains the motors' inertia that acts by their model, "
+              "`model`: the mass matrix of the controllers contains the motors' inertia that acts by their "
+              "model, "
               "`motor_inertia_kg_m2` or what `rotor_inertia_hidden` leaves of `rotor_inertia_kg_m2`.")
               .one_of({"none", "model"}),
           rotors);

@@ -75,11 +75,13 @@ void visit(Archive& archive, PlantFidelity& plant, Scene& scene) {
   noise("noise_tau_nm", plant.noise_tau_nm, "joint torques");
   archive(Key("stiction_nm", "Dry friction of every joint, unknown to the controllers.").within(0, 5),
           plant.stiction_nm);
-  archive(Key("rotor_inertia_hidden",
-              "How much of the rotors' inertia the arms' own torque loops hide. 1: the links move as if the motors "
-              "had none; 0: all of it acts, as armature. A model with `motor_inertia_kg_m2` shows that instead.")
-              .within(0, 1),
-          plant.rotor_hidden);
+  archive(
+      Key("rotor_inertia_hidden",
+          "How much of the rotors' inertia the arms' own torque loops hide. 1: the links move as if the "
+          "motors "
+          "had none; 0: all of it acts, as armature. A model with `motor_inertia_kg_m2` shows that instead.")
+          .within(0, 1),
+      plant.rotor_hidden);
   archive(Key("noslip_iterations",
               "Iterations of the contact solver that remove creep from friction: 5 for held objects.")
               .within(0, 100),
@@ -88,9 +90,9 @@ void visit(Archive& archive, PlantFidelity& plant, Scene& scene) {
   const double periods = plant.command_delay_s / kArmPeriod;
   if (std::abs(periods - std::round(periods)) > 1e-6)
     archive.at("command_delay_s").expected("whole control periods of 0.001 s");
-  const auto changed = archive.present({"joint_friction", "torque_bandwidth_hz", "command_delay_s",
-                                        "noise_q_rad", "noise_dq_rad_per_s", "noise_tau_nm", "stiction_nm",
-                                        "rotor_inertia_hidden"});
+  const auto changed =
+      archive.present({"joint_friction", "torque_bandwidth_hz", "command_delay_s", "noise_q_rad",
+                       "noise_dq_rad_per_s", "noise_tau_nm", "stiction_nm", "rotor_inertia_hidden"});
   if (!changed.empty()) plant.name += " (changed)";
 }
 

@@ -28,7 +28,8 @@ struct PlantFidelity {
   double command_delay_s = 0;      // whole control periods
   double noise_q_rad = 0, noise_dq_rad_per_s = 0, noise_tau_nm = 0;  // standard deviations, white
   double stiction_nm = 0;  // dry friction of every joint, unknown to the controllers
-  // How much of the rotors' inertia the arms' own torque loops hide, 0 to 1; read into SceneArm::rotor_hidden.
+  // How much of the rotors' inertia the arms' own torque loops hide, 0 to 1; read into
+  // SceneArm::rotor_hidden.
   double rotor_hidden = 1;
   static PlantFidelity ideal() { return {}; }
   static PlantFidelity realistic() {

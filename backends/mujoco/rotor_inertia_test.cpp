@@ -198,7 +198,8 @@ TEST(RotorInertia, ControllersKnowTheLinksOnly) {
   EXPECT_GT(terms.model().least_inertia()[6], 0.08);  // 0.8 x 0.1 of the rotor
 }
 
-// Unless the scene says so: then their mass matrix has what acts, and what the sensor is compared with has not.
+// Unless the scene says so: then their mass matrix has what acts, and what the sensor is compared with has
+// not.
 TEST(RotorInertia, ControllersKnowItIfTheSceneSaysSo) {
   SceneArm arm = seven(0.2);
   arm.safety = SafetyLimits::of(*build_arm_model(arm));

@@ -155,6 +155,7 @@ class SimulatedArm {
   void watch_measurement();
   void publish_condition();
   void publish_interface();
+  void publish_report();
 
   SimulatedArmConfig config_;
   ArmSettings settings_, start_settings_;

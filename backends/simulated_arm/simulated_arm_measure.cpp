@@ -77,7 +77,7 @@ void SimulatedArm::watch_measurement() {
 void SimulatedArm::publish_condition() {
   state_.mode = interface_.mode = mode();
   state_.errors = interface_.errors = errors_;
-  interface_.reflex_reason = reflex_reason_;
+  interface_.reflex_reason = state_.report.last_motion_errors = reflex_reason_;
   const bool moves = state_.mode == ArmMode::move;
   interface_.controller = moves ? motion_.controller : ArmController::other;
   interface_.generator = moves ? motion_.generator : MotionGenerator::idle;
@@ -118,6 +118,28 @@ void SimulatedArm::publish_interface() {
   interface_.F_K_B.torque() = R_BW * contact_.F_K_W().torque();
   interface_.joint_contact = contact_.joint_contact();
   interface_.cartesian_contact = contact_.cartesian_contact();
+  publish_report();
+}
+
+// The part of the interface that leaves with the state.
+void SimulatedArm::publish_report() {
+  const auto raised = [](const auto& levels) {
+    unsigned bits = 0;
+    for (Eigen::Index i = 0; i < levels.size(); ++i) bits |= (levels[i] != 0 ? 1u : 0u) << i;
+    return bits;
+  };
+  InterfaceReport& report = state_.report;
+  report.present = true;
+  report.q_d = interface_.q_d;
+  report.dq_d = interface_.dq_d;
+  report.theta = interface_.theta;
+  report.X_BE_d = interface_.X_BE_d;
+  report.X_BE_c = interface_.X_BE_c;
+  report.elbow = interface_.elbow;
+  report.joint_contact = static_cast<std::uint16_t>(raised(interface_.joint_contact));
+  report.joint_collision = static_cast<std::uint16_t>(raised(interface_.joint_collision));
+  report.cartesian_contact = static_cast<std::uint8_t>(raised(interface_.cartesian_contact));
+  report.cartesian_collision = static_cast<std::uint8_t>(raised(interface_.cartesian_collision));
 }
 
 }  // namespace multipanda

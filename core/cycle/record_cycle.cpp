@@ -15,6 +15,27 @@ void copy_wrench(const Wrench& from, std::array<double, 6>& to) {
   std::copy_n(from.vector.data(), from.vector.size(), to.begin());
 }
 
+void copy_pose(const Pose& from, std::array<double, 12>& to) {
+  std::copy_n(from.position.data(), 3, to.begin());
+  std::copy_n(from.rotation.data(), 9, to.begin() + 3);
+}
+
+void set_report(ArmSample& sample, const InterfaceReport& report) {
+  sample.has_report = report.present;
+  if (!report.present) return;
+  copy_joints(report.q_d, sample.q_d);
+  copy_joints(report.dq_d, sample.dq_d);
+  copy_joints(report.theta, sample.theta);
+  copy_pose(report.X_BE_d, sample.X_BE_d);
+  copy_pose(report.X_BE_c, sample.X_BE_c);
+  sample.elbow = report.elbow;
+  sample.joint_contact = report.joint_contact;
+  sample.joint_collision = report.joint_collision;
+  sample.cartesian_contact = report.cartesian_contact;
+  sample.cartesian_collision = report.cartesian_collision;
+  sample.last_motion_errors = report.last_motion_errors;
+}
+
 }  // namespace
 
 void set_state(ArmSample& sample, const ArmState& state) {
@@ -40,6 +61,7 @@ void set_state(ArmSample& sample, const ArmState& state) {
   copy_joints(state.tau_ext_hat, sample.tau_ext);
   copy_wrench(state.F_K_W_est, sample.F_K_W_est);
   copy_wrench(state.F_K_W_true, sample.F_K_W_true);
+  set_report(sample, state.report);
 }
 
 // Copies what this step read, decided and sent into a slot of the ring. A full ring counts as a lost record.

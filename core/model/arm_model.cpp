@@ -70,6 +70,7 @@ ArmModel::ArmModel(ArmModelSource source)
   }
   for (pinocchio::JointIndex j = 1; j < p.model.joints.size(); ++j) {
     if (p.model.parents[j] != j - 1) refuse(source_.name, "the URDF branches; expected a chain of joints");
+    prismatic_.push_back(p.model.joints[j].shortname().starts_with("JointModelP"));
   }
   if (!p.model.existFrame(source_.flange))
     refuse(source_.name, "the URDF has no link '" + source_.flange + "'");

@@ -76,13 +76,15 @@ class ArmModel {
 
   const std::string& name() const { return source_.name; }
   std::size_t joint_count() const { return joint_count_; }
+  // A prismatic joint has meters, newtons and kilograms where a revolute one has rad, N m and kg m^2.
+  bool is_prismatic(std::size_t joint) const { return prismatic_[joint]; }
   const Pose& X_WB() const { return source_.X_WB; }
   const ArmLimits& limits() const { return source_.limits; }
   const JointVector& q_home() const { return source_.q_home; }
   const std::string& urdf() const { return source_.urdf; }
   const std::vector<CollisionShape>& collision_shapes() const { return source_.collision_shapes; }
   const std::vector<std::pair<std::size_t, std::size_t>>& self_pairs() const { return source_.self_pairs; }
-  const JointVector& motor_inertia() const { return source_.motor_inertia; }  // empty: none
+  const JointVector& motor_inertia() const { return source_.motor_inertia; }              // empty: none
   const JointVector& known_motor_inertia() const { return source_.known_motor_inertia; }  // empty: none
   // The least inertia that a torque of one joint accelerates in any pose, with tool and motor, the other
   // joints free (n x 1) [kg m^2]. Computed at the first call; any thread except the loop's.
@@ -103,6 +105,7 @@ class ArmModel {
 
   ArmModelSource source_;
   std::size_t joint_count_ = 0;
+  std::vector<bool> prismatic_;  // per joint
   std::unique_ptr<Pinocchio> pinocchio_;
   std::unique_ptr<LeastInertia> least_ = std::make_unique<LeastInertia>();
 };

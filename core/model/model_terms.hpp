@@ -49,7 +49,8 @@ class ModelTerms {
   const JointMatrix& M();  // mass matrix (n x n) [kg m^2], with ArmModel::known_motor_inertia
   const JointVector& c();  // C(q, dq) dq (n x 1) [N m]
   const JointVector& g();  // gravity torque that holds the arm still (n x 1) [N m]
-  // Generalized momentum p = M dq of the links, and its drift: dp/dt = tau + tau_on_arm + drift, drift = C^T dq - g.
+  // Generalized momentum p = M dq of the links, and its drift: dp/dt = tau + tau_on_arm + drift, drift = C^T
+  // dq - g.
   const JointVector& momentum();        // (n x 1) [N m s]
   const JointVector& momentum_drift();  // (n x 1) [N m]
 

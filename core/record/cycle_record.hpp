@@ -35,6 +35,14 @@ struct ArmSample {
   // Last reported state of the gripper; widths in [m]
   bool has_gripper = false, gripper_grasped = false, gripper_moving = false;
   double gripper_width = 0, gripper_max_width = 0;
+  // InterfaceReport. A pose: position, then the columns of the rotation.
+  bool has_report = false;
+  JointArray q_d{}, dq_d{}, theta{};
+  std::array<double, 12> X_BE_d{}, X_BE_c{};
+  std::array<double, 2> elbow{};
+  std::uint16_t joint_contact = 0, joint_collision = 0;
+  std::uint8_t cartesian_contact = 0, cartesian_collision = 0;
+  std::uint64_t last_motion_errors = 0;
 };
 
 struct ReferenceSample {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 
 #include "core/types/joints.hpp"
@@ -46,6 +47,21 @@ struct GripperState {
   bool moving = false;              // a request is in progress
 };
 
+// What the arm's own interface follows and signals beside its measurements. For display and records; no law
+// reads it. `present` is false if the backend does not provide it.
+struct InterfaceReport {
+  bool present = false;
+  JointVector q_d, dq_d;                 // desired joint motion [rad], [rad/s] (n x 1)
+  JointVector theta;                     // motor position [rad] (n x 1)
+  Pose X_BE_d, X_BE_c;                   // O_T_EE_d: desired; O_T_EE_c: last commanded
+  std::array<double, 2> elbow{};         // position of joint 3 [rad], sign of joint 4
+  std::uint16_t joint_contact = 0;       // bit i: joint i+1 is above its lower threshold
+  std::uint16_t joint_collision = 0;     // above its upper threshold; kept until recovery
+  std::uint8_t cartesian_contact = 0;    // bits: x y z roll pitch yaw, in K
+  std::uint8_t cartesian_collision = 0;  // kept until recovery
+  std::uint64_t last_motion_errors = 0;  // why the last motion ended; bit i: error flag i
+};
+
 struct ArmState {
   // Packet
   std::uint64_t sequence = 0;  // counts the arm's packets; 0: none yet
@@ -81,6 +97,7 @@ struct ArmState {
   std::uint64_t errors = 0;  // bit i: the i-th error flag of the control interface
   double command_success_rate = 1;
   GripperState gripper;
+  InterfaceReport report;
 };
 
 }  // namespace multipanda

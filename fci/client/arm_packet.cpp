@@ -30,6 +30,37 @@ Load combined(const Load& a, const Load& b, double sign) {
   return sum;
 }
 
+// Bit i: level i is not zero.
+template <std::size_t N>
+std::uint16_t raised(const std::array<double, N>& levels) {
+  unsigned bits = 0;
+  for (std::size_t i = 0; i < N; ++i) bits |= (levels[i] != 0 ? 1u : 0u) << i;
+  return static_cast<std::uint16_t>(bits);
+}
+
+std::uint64_t flags(const std::array<std::uint8_t, kErrorCount>& errors) {
+  std::uint64_t bits = 0;
+  for (std::size_t i = 0; i < kErrorCount; ++i) {
+    if (errors[i] != 0) bits |= std::uint64_t{1} << i;
+  }
+  return bits;
+}
+
+void fill_report(const RobotState& packet, InterfaceReport& report) {
+  report.present = true;
+  copy(packet.q_d, report.q_d);
+  copy(packet.dq_d, report.dq_d);
+  copy(packet.theta, report.theta);
+  report.X_BE_d = pose_of(packet.O_T_EE_d);
+  report.X_BE_c = pose_of(packet.O_T_EE_c);
+  report.elbow = packet.elbow;
+  report.joint_contact = raised(packet.joint_contact);
+  report.joint_collision = raised(packet.joint_collision);
+  report.cartesian_contact = static_cast<std::uint8_t>(raised(packet.cartesian_contact));
+  report.cartesian_collision = static_cast<std::uint8_t>(raised(packet.cartesian_collision));
+  report.last_motion_errors = flags(packet.reflex_reason);
+}
+
 }  // namespace
 
 Pose pose_of(const std::array<double, 16>& T) {
@@ -84,11 +115,9 @@ void ArmPacket::fill(const RobotState& packet, bool commanded, ArmState& state) 
   state.tool = tool_;
   state.load = load_;
 
-  state.errors = 0;
-  for (std::size_t i = 0; i < kErrorCount; ++i) {
-    if (packet.errors[i] != 0) state.errors |= std::uint64_t{1} << i;
-  }
+  state.errors = flags(packet.errors);
   state.command_success_rate = packet.control_command_success_rate;
+  fill_report(packet, state.report);
 }
 
 }  // namespace multipanda::fci

@@ -21,21 +21,22 @@ struct Gains {
   const char* of;
   Seven K, D;  // [N m/rad], [N m s/rad]
 };
-const Gains kCpp{"joint_impedance_control.cpp", {600, 600, 600, 600, 250, 150, 50}, {50, 50, 50, 50, 30, 25, 15}};
+const Gains kCpp{
+    "joint_impedance_control.cpp", {600, 600, 600, 600, 250, 150, 50}, {50, 50, 50, 50, 30, 25, 15}};
 const double kCritical = 2 * std::sqrt(50.0);
 const Gains kPython{"joint_impedance_example.py",
                     {50, 50, 50, 50, 50, 50, 50},
                     {kCritical, kCritical, kCritical, kCritical, kCritical, kCritical, kCritical}};
 
 struct Motion {
-  bool moved = true;    // the arm followed all the time
-  double error = 0;     // at the end [rad]
-  double speed = 0;     // largest in the last 0.3 s [rad/s]
-  double swing = 0;     // largest change of a joint's velocity within 1 ms in the last 0.3 s [rad/s]
+  bool moved = true;  // the arm followed all the time
+  double error = 0;   // at the end [rad]
+  double speed = 0;   // largest in the last 0.3 s [rad/s]
+  double swing = 0;   // largest change of a joint's velocity within 1 ms in the last 0.3 s [rad/s]
 };
 
-// Leads every joint of one arm along a minimum-jerk path of 2 s with the examples' law, tau = K (q_d - q) - D dq + c,
-// and waits for 2 s.
+// Leads every joint of one arm along a minimum-jerk path of 2 s with the examples' law, tau = K (q_d - q) - D
+// dq + c, and waits for 2 s.
 Motion lead(const char* model, double rotor_hidden, const PlantFidelity& plant, const Gains& gains) {
   SceneArm arm = arm_named("arm", pose(0.2, -0.3, 0.1, 0, 0, 0.8));
   arm.model = model;
@@ -104,8 +105,8 @@ TEST(ExampleGains, MoveArmsWithRotorsAndComeToRest) {
   }
 }
 
-// The same on links whose motors an ideal torque loop hides: FR3's wrist is too light for 15 N m s/rad at 1 kHz. It
-// rattles until the arm stops.
+// The same on links whose motors an ideal torque loop hides: FR3's wrist is too light for 15 N m s/rad at 1
+// kHz. It rattles until the arm stops.
 TEST(ExampleGains, AreTooMuchForAWristWithoutItsRotor) {
   const Motion motion = lead("fr3", 1, {}, kCpp);
   EXPECT_TRUE(!motion.moved || motion.swing > 0.1) << motion.swing;
