@@ -79,6 +79,16 @@ struct Actuation {
   double command_delay = 0;        // not necessarily whole control periods [s]
 };
 
+// What lies between motor and link beside the rotor. Every vector is (n x 1), or empty: none.
+struct Transmission {
+  // The arm measures its joints at the motors: q = q_link + tau_J / stiffness. It is the static part of an
+  // elastic joint; no resonance. [N m/rad]
+  JointVector stiffness;
+  // Ripple of motor and gear: amplitude sin(cycles q_link + phase), added to the motor's torque [N m], [1],
+  // [rad]; the three have the same size.
+  JointVector ripple, ripple_cycles, ripple_phase;
+};
+
 // All points within `radius` of the segment from one point to the other, in the frame of `link`.
 struct Capsule {
   std::string link;                                      // "link0" to "linkN", or "hand"
@@ -138,6 +148,7 @@ struct RobotDescription {
   std::optional<FrictionLaw> link_friction;   // beyond the torque sensor, which measures it
   std::optional<TorqueSensor> torque_sensor;  // in place of the fidelity's noise on tau
   std::optional<Actuation> actuation;         // in place of the fidelity's bandwidth and delay
+  std::optional<Transmission> transmission;   // in place of the fidelity's; not in model files
   JointVector motor_inertia;                  // seen at the joint, before the torque sensor [kg m^2] (n x 1)
   Eigen::Vector2d base_tilt = Eigen::Vector2d::Zero();  // true base in B: Ry(second) Rx(first) [rad]
   std::optional<double> rated_payload;  // everything that the flange may carry, hand and tool included [kg]

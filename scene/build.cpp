@@ -113,6 +113,20 @@ RobotDescription plant_robot_of(const SceneArm& arm) {
   return robot;
 }
 
+Transmission transmission_of(const PlantFidelity& plant, std::size_t n) {
+  Transmission t;
+  if (plant.transmission_stiffness_nm_per_rad > 0)
+    t.stiffness = joint_constant(n, plant.transmission_stiffness_nm_per_rad);
+  if (plant.gear_ripple_nm > 0) {
+    constexpr std::size_t kLargeJoints = 4;
+    t.ripple = joint_constant(n, plant.gear_ripple_nm);
+    t.ripple_cycles = joint_constant(n, 160);
+    t.ripple_cycles.head(static_cast<Eigen::Index>(std::min(n, kLargeJoints))).setConstant(240);
+    t.ripple_phase = JointVector::LinSpaced(static_cast<Eigen::Index>(n), 0, static_cast<double>(n - 1));
+  }
+  return t;
+}
+
 Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant) {
   if (plant.base_tilt.isZero(0)) return arm.X_WB;
   Pose X_WB = arm.X_WB;

@@ -23,6 +23,9 @@ RobotDescription robot_of(const SceneArm& arm);
 // Its motor_inertia is what acts in the plant.
 // Throws std::invalid_argument.
 RobotDescription plant_robot_of(const SceneArm& arm);
+// What the scene's plant says of the transmission of `n` joints. Cycles of ripple per turn as in the data of
+// a real Panda: 240 in joints 1 to 4, 160 in the others; phases differ between joints.
+Transmission transmission_of(const PlantFidelity& plant, std::size_t n);
 // Pose of its base in the plant: X_WB, turned by the tilt of `plant`.
 Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant);
 

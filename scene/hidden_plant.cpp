@@ -13,6 +13,7 @@ constexpr double kMass = 0.10, kCenter = 0.010, kPayload = 1.0, kPayloadReach = 
 constexpr double kPayloadRadius = 0.03;  // radius of the payload, a ball [m]
 constexpr double kLeastFriction = 0.5, kMostFriction = 1.5;
 constexpr double kDelay = 0.003, kLeastBandwidth = 30, kMostBandwidth = 100, kTorqueNoise = 0.05;
+constexpr double kRotor = 0.3, kLeastTransmission = 0.5, kMostTransmission = 1.5;
 constexpr double kToolShift = 0.005, kToolTurn = 2 * std::numbers::pi / 180;
 
 class Draw {
@@ -59,8 +60,8 @@ RigidBody drawn_link(const RigidBody& nominal, Draw& draw) {
 
 }  // namespace
 
-RobotDescription draw_hidden_plant(const RobotDescription& nominal, std::uint64_t seed,
-                                   std::size_t arm_index) {
+RobotDescription draw_hidden_plant(const RobotDescription& nominal, std::uint64_t seed, std::size_t arm_index,
+                                   const PlantFidelity& means) {
   Draw draw(seed, arm_index);
   RobotDescription robot = nominal;
   for (std::size_t i = 1; i < robot.links.size(); ++i) robot.links[i] = drawn_link(nominal.links[i], draw);
@@ -86,21 +87,31 @@ RobotDescription draw_hidden_plant(const RobotDescription& nominal, std::uint64_
   const Pose X_LF = nominal.flange.pose();
   robot.flange.position = X_LF.position + X_LF.rotation * shift;
   robot.flange.rpy = rpy_of(X_LF.rotation * turn.toRotationMatrix());
+
+  // After all others, so that a seed draws these as it did before.
+  for (double& inertia : robot.rotor_inertia) inertia *= draw.between(1 - kRotor, 1 + kRotor);
+  Transmission transmission = transmission_of(means, nominal.joint_count());
+  for (JointVector* part : {&transmission.stiffness, &transmission.ripple}) {
+    for (double& value : *part) value *= draw.between(kLeastTransmission, kMostTransmission);
+  }
+  for (double& phase : transmission.ripple_phase) phase = draw.between(0, 2 * std::numbers::pi);
+  robot.transmission = transmission;
   return robot;
 }
 
 void hide(Scene& scene, std::uint64_t seed) {
-  const double stiction = scene.plant.stiction_nm, rotor_hidden = scene.plant.rotor_hidden;
+  const PlantFidelity given = scene.plant;
   scene.plant = PlantFidelity::realistic();
   // With the seed of the scene the noise would equal that of the simulation in comparisons, sample by sample,
   // and cancel.
   scene.seed ^= 0x9E3779B97F4A7C15u * (seed + 1);
-  scene.plant.stiction_nm = stiction;
-  scene.plant.rotor_hidden = rotor_hidden;
+  scene.plant.stiction_nm = given.stiction_nm;
+  scene.plant.rotor_hidden = given.rotor_hidden;
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {
     const RobotDescription nominal = robot_of(scene.arms[i]);
     if (!nominal.friction) scene.plant.joint_friction = false;
-    scene.arms[i].plant_robot = std::make_shared<RobotDescription>(draw_hidden_plant(nominal, seed, i));
+    scene.arms[i].plant_robot =
+        std::make_shared<RobotDescription>(draw_hidden_plant(nominal, seed, i, given));
   }
 }
 

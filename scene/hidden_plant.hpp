@@ -18,10 +18,16 @@ namespace multipanda {
 //   actuation               delay 0 to 3 ms, any fraction; bandwidth 30 to 100 Hz
 //   torque sensor           noise 0.05 N m
 //   mounting on the flange  +-5 mm per axis, turned by up to 2 degrees about any axis
+//   rotors                  inertia times 0.7 to 1.3 in each joint, if the model has one
+//
+// and, about the means of the scene's `plant` (hide() only), where they are not zero:
+//
+//   transmission stiffness  times 0.5 to 1.5 in each joint
+//   gear ripple             amplitude times 0.5 to 1.5, any phase, in each joint
 //
 // The same seed and index give the same arm in every scene.
-RobotDescription draw_hidden_plant(const RobotDescription& nominal, std::uint64_t seed,
-                                   std::size_t arm_index);
+RobotDescription draw_hidden_plant(const RobotDescription& nominal, std::uint64_t seed, std::size_t arm_index,
+                                   const PlantFidelity& means = {});
 
 // Replaces every simulated arm of the scene by such an arm; other noise is as in PlantFidelity::realistic(),
 // drawn from another seed than the scene's own. The models of controllers and arm firmware, and the scene's

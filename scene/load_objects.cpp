@@ -82,17 +82,30 @@ void visit(Archive& archive, PlantFidelity& plant, Scene& scene) {
           "had none; 0: all of it acts, as armature. A model with `motor_inertia_kg_m2` shows that instead.")
           .within(0, 1),
       plant.rotor_hidden);
+  archive(Key("transmission_stiffness_nm_per_rad",
+              "Every joint is elastic and measured at its motor: q = q_link + tau_J / stiffness; 0: rigid.")
+              .within(0, 1e6),
+          plant.transmission_stiffness_nm_per_rad);
+  archive(Key("gear_ripple_nm",
+              "Amplitude of torque ripple of every joint, 240 cycles per turn in joints 1 to 4, 160 in the "
+              "others, as measured on a Panda.")
+              .within(0, 2),
+          plant.gear_ripple_nm);
   archive(Key("noslip_iterations",
               "Iterations of the contact solver that remove creep from friction: 5 for held objects.")
               .within(0, 100),
           scene.noslip_iterations);
   if (!archive.reading()) return;
+  constexpr double kSoftest = 1000;
+  if (const double k = plant.transmission_stiffness_nm_per_rad; k > 0 && k < kSoftest)
+    archive.at("transmission_stiffness_nm_per_rad").expected("0 (rigid) or at least 1000 N m/rad");
   const double periods = plant.command_delay_s / kArmPeriod;
   if (std::abs(periods - std::round(periods)) > 1e-6)
     archive.at("command_delay_s").expected("whole control periods of 0.001 s");
   const auto changed =
       archive.present({"joint_friction", "torque_bandwidth_hz", "command_delay_s", "noise_q_rad",
-                       "noise_dq_rad_per_s", "noise_tau_nm", "stiction_nm", "rotor_inertia_hidden"});
+                       "noise_dq_rad_per_s", "noise_tau_nm", "stiction_nm", "rotor_inertia_hidden",
+                       "transmission_stiffness_nm_per_rad", "gear_ripple_nm"});
   if (!changed.empty()) plant.name += " (changed)";
 }
 

@@ -31,6 +31,8 @@ struct PlantFidelity {
   // How much of the rotors' inertia the arms' own torque loops hide, 0 to 1; read into
   // SceneArm::rotor_hidden.
   double rotor_hidden = 1;
+  // Transmission of every joint; 0: none. In hidden plants a mean: each joint has 0.5 to 1.5 of it.
+  double transmission_stiffness_nm_per_rad = 0, gear_ripple_nm = 0;
   static PlantFidelity ideal() { return {}; }
   static PlantFidelity realistic() {
     return {.name = "realistic",

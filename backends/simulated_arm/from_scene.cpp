@@ -35,6 +35,8 @@ SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm) {
       .cartesian_stiffness = scene.arms[arm].cartesian_stiffness,
       .actuation = plant.actuation,
       .torque_sensor = plant.torque_sensor,
+      .transmission =
+          plant.transmission ? *plant.transmission : transmission_of(scene.plant, robot.joint_count()),
       .rotor_inertia = individual ? JointVector() : acting_motor_inertia(robot, scene.arms[arm].rotor_hidden),
       .friction = friction_of(scene, robot),
       .motion_limits = MotionLimits::of(robot)};

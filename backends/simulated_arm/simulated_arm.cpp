@@ -47,6 +47,20 @@ SimulatedArmConfig checked(SimulatedArmConfig config, const JointVector& q_start
     }
     config.plant.noise_tau_nm = config.torque_sensor->noise;
   }
+  const Transmission& t = config.transmission;
+  for (const auto* v : {&t.stiffness, &t.ripple, &t.ripple_cycles, &t.ripple_phase}) {
+    if (v->size() != 0 && v->size() != n) {
+      throw std::invalid_argument("the transmission of arm model '" + name + "' is given for " +
+                                  std::to_string(v->size()) + " joints, the arm has " + std::to_string(n));
+    }
+  }
+  if (t.ripple.size() != t.ripple_cycles.size() || t.ripple.size() != t.ripple_phase.size()) {
+    throw std::invalid_argument("the ripple of arm model '" + name +
+                                "' needs amplitude, cycles and phase of every joint");
+  }
+  if (t.stiffness.size() > 0 && !(t.stiffness.array() > 0).all()) {
+    throw std::invalid_argument("the transmission stiffness of arm model '" + name + "' must be positive");
+  }
   if (config.actuation) {
     config.plant.torque_bandwidth_hz = config.actuation->torque_bandwidth_hz;
     config.plant.command_delay_s = config.actuation->command_delay;
@@ -107,6 +121,7 @@ SimulatedArm::SimulatedArm(SimulatedArmConfig config, const JointVector& q_start
   if (delay_fraction_ < kRounding) delay_fraction_ = 0;
   delay_line_.assign(static_cast<std::size_t>(std::ceil(periods - kRounding)), {.valid = false, .tau = zero});
   in_use_.tau = zero;
+  q_motor_ = zero;
   last_command_ = tau_wanted_ = tau_follow_ = tau_tracked_ = tau_motor_ = q_hold_ = tau_hold_ = zero;
   state_.q = state_.dq = state_.tau_J = state_.tau_J_d = zero;
   interface_.joint_contact = interface_.joint_collision = interface_.dtau_J = interface_.tau_ext_hat = zero;

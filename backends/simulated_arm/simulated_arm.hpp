@@ -41,6 +41,7 @@ struct SimulatedArmConfig {
   // Of this arm alone, in place of the fidelity's tracking, delay and noise on tau; none: as there.
   std::optional<Actuation> actuation;
   std::optional<TorqueSensor> torque_sensor;
+  Transmission transmission = {};
   // What the rotors add to the joints' inertia, as the arm's own controllers know it [kg m^2] (n x 1); empty:
   // none.
   JointVector rotor_inertia = {};
@@ -150,6 +151,7 @@ class SimulatedArm {
   const JointVector& hold_torque(const JointVector& q, const JointVector& dq);
   const JointVector& guided_torque(const JointVector& q, const JointVector& dq);
   const JointVector& follow_torque();
+  void add_ripple(const JointVector& q);
   void update_model(const JointVector& q, const JointVector& dq);
   void sense(const PlantMeasurement& plant);
   void watch_measurement();
@@ -203,6 +205,7 @@ class SimulatedArm {
   Command in_use_;
   JointVector last_command_, tau_wanted_, tau_follow_, tau_tracked_, tau_motor_;
   JointVector tau_shown_;  // by the torque sensors, before noise
+  JointVector q_motor_;    // positions that the sensors see, before noise
 
   // Holding by itself
   JointVector q_hold_, tau_hold_;

@@ -31,7 +31,11 @@ void SimulatedArm::sense(const PlantMeasurement& plant) {
     if (deviation <= 0) return;
     for (Eigen::Index i = 0; i < to.size(); ++i) to[i] += deviation * normal_(random_);
   };
-  noisy(plant.q, config_.plant.noise_q_rad, state_.q);
+  q_motor_ = plant.q;
+  if (const JointVector& k = config_.transmission.stiffness; k.size() > 0) {
+    q_motor_ += plant.tau_link.cwiseQuotient(k);
+  }
+  noisy(q_motor_, config_.plant.noise_q_rad, state_.q);
   noisy(plant.dq, config_.plant.noise_dq_rad_per_s, state_.dq);
   interface_.dtau_J = -state_.tau_J / config_.period_s;
   tau_shown_ = plant.tau_link;
@@ -108,7 +112,7 @@ void SimulatedArm::publish_desired() {
 
 void SimulatedArm::publish_interface() {
   publish_desired();
-  interface_.theta = state_.q;  // the joints are rigid: the motor position equals the link position
+  interface_.theta = state_.q;  // rigid joints, or elastic ones that are measured at the motors
   interface_.dtheta = state_.dq;
   interface_.elbow = elbow_of(state_.q);
   interface_.tau_ext_hat = contact_.tau_ext_hat();

@@ -96,6 +96,13 @@ const JointVector& SimulatedArm::follow_torque() {
   return tau_follow_;
 }
 
+void SimulatedArm::add_ripple(const JointVector& q) {
+  const Transmission& t = config_.transmission;
+  for (Eigen::Index i = 0; i < t.ripple.size(); ++i) {
+    tau_motor_[i] += t.ripple[i] * std::sin(t.ripple_cycles[i] * q[i] + t.ripple_phase[i]);
+  }
+}
+
 const JointVector& SimulatedArm::motor_torque(const JointVector& q, const JointVector& dq, double dt) {
   update_model(q, dq);
   if (!moving_) braking_s_ += dt;
@@ -115,6 +122,7 @@ const JointVector& SimulatedArm::motor_torque(const JointVector& q, const JointV
     tau_tracked_ = tau_wanted_;
   }
   tau_motor_ = tau_tracked_ + model_.g();
+  add_ripple(q);
   return tau_motor_;
 }
 

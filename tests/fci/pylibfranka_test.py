@@ -287,7 +287,7 @@ class ManufacturersGains(Arms):
             return list(k * (q_d - np.array(state.q)) - d * np.array(state.dq) + model.coriolis(state))
 
         state = torque_loop(robot.start_torque_control(), 3500, law)
-        # Critically or more damped: it lags by D dq / K and arrives; an unstable wrist rattles at the limits of its rate.
+        # Critically or more damped: it lags by D dq / K and arrives; an unstable wrist rattles at its limits.
         np.testing.assert_allclose(state.q, q_start + amplitude, atol=5e-3)
         self.assertLess(np.abs(state.dq).max(), 0.02)
         self.assertLess(np.abs(np.array(rates)[-500:]).max(), 10)
