@@ -21,6 +21,7 @@ namespace fs = std::filesystem;
 struct RefineArguments {
   std::string experiment, target = "virtual", out = "runs";
   std::uint64_t hidden = 1;
+  std::string drives = "ideal";
   std::vector<std::string> addresses;
   bool cleared = false, json = false, no_page = false;
   RefineOptions options;
@@ -31,8 +32,10 @@ RefineTarget target_of(const RefineArguments& arguments) {
   if (arguments.target == "virtual") {
     if (!arguments.addresses.empty()) throw UsageError("refine: --address needs --target fci");
     target.hidden = arguments.hidden;
+    target.motors = arguments.drives == "motors";
     return target;
   }
+  if (arguments.drives != "ideal") throw UsageError("refine: --drives is for virtual arms only");
   if (arguments.addresses.empty())
     throw UsageError("refine: --target fci needs --address ARM=ADDRESS for every arm");
   BackendArguments backend{.backend = "fci", .addresses = arguments.addresses};
@@ -99,6 +102,12 @@ void add_refine(Program& program) {
       ->check(CLI::IsMember({"virtual", "fci"}))
       ->capture_default_str();
   command->add_option("--hidden", arguments->hidden, "Seed of the hidden parameters of the virtual arms")
+      ->capture_default_str();
+  command
+      ->add_option("--drives", arguments->drives,
+                   "Drives of these arms: ideal, or motors (rotors, elastic joints and gear ripple, which "
+                   "no identified model has)")
+      ->check(CLI::IsMember({"ideal", "motors"}))
       ->capture_default_str();
   command->add_option("--address", arguments->addresses, "Address of a real arm, once per arm")
       ->type_name("ARM=ADDRESS");

@@ -39,7 +39,7 @@ struct VirtualArmArguments {
   fci::DatagramFaults faults;
   std::uint64_t seed = 1;
   std::optional<std::uint64_t> hidden;
-  std::optional<double> rotor_hidden;
+  std::optional<double> rotor_hidden, transmission_stiffness, gear_ripple;
   double seconds = 0;
   bool no_gripper = false, real_time_thread = false, idle_stands_still = false, json = false,
        until_input_ends = false;
@@ -195,9 +195,12 @@ void wait_for_end(fci::VirtualArms& arms, int end_file, const VirtualArmArgument
 int run(const VirtualArmArguments& arguments) {
   const Console console(arguments.json);
   OpenedScene opened = open_scene(arguments.scene);
-  if (arguments.rotor_hidden) {
-    for (SceneArm& arm : opened.scene.arms) arm.rotor_hidden = *arguments.rotor_hidden;
-  }
+  PlantFidelity& fidelity = opened.scene.plant;
+  for (SceneArm& arm : opened.scene.arms)
+    arm.rotor_hidden = arguments.rotor_hidden.value_or(arm.rotor_hidden);
+  fidelity.transmission_stiffness_nm_per_rad =
+      arguments.transmission_stiffness.value_or(fidelity.transmission_stiffness_nm_per_rad);
+  fidelity.gear_ripple_nm = arguments.gear_ripple.value_or(fidelity.gear_ripple_nm);
   const Scene shown = opened.scene;  // as it is known: hidden parameters stay hidden
   if (arguments.hidden) hide(opened.scene, *arguments.hidden);  // without any message about the draw
   fci::VirtualArmOptions options;
@@ -346,6 +349,18 @@ void add_virtual_arm(Program& program) {
           "plant.rotor_inertia_hidden")
       ->check(CLI::Range(0.0, 1.0))
       ->type_name("SHARE");
+  command
+      ->add_option("--transmission-stiffness", arguments->transmission_stiffness,
+                   "Elastic joints, measured at their motors [N m/rad], in place of the scene's "
+                   "plant.transmission_stiffness_nm_per_rad")
+      ->check(CLI::Range(1e3, 1e6))
+      ->type_name("NUMBER");
+  command
+      ->add_option("--gear-ripple", arguments->gear_ripple,
+                   "Amplitude of the joints' torque ripple [N m], in place of the scene's "
+                   "plant.gear_ripple_nm")
+      ->check(CLI::Range(0.0, 2.0))
+      ->type_name("NUMBER");
   command->add_option("--seconds", arguments->seconds, "End after this time [s] (default: at Ctrl-C)")
       ->check(CLI::PositiveNumber);
   command->add_flag("--no-gripper", arguments->no_gripper, "Keep hands closed and offer no gripper ports");

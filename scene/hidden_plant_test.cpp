@@ -77,6 +77,40 @@ TEST(HiddenPlants, FillTheirRanges) {
   EXPECT_TRUE(fills(turn, 0, 2 * M_PI / 180));
 }
 
+// Rotors always, transmissions where the scene has them; neither changes what the seed drew before them.
+TEST(HiddenPlants, DrawRotorsAndTransmissionsAfterTheRest) {
+  const RobotDescription nominal = load_robot("fer");
+  const PlantFidelity means{.transmission_stiffness_nm_per_rad = 1e4, .gear_ripple_nm = 0.2};
+  Range rotor, stiffness, ripple, phase;
+  std::set<double> stiffnesses;
+  for (std::uint64_t seed = 0; seed < 300; ++seed) {
+    const RobotDescription robot = draw_hidden_plant(nominal, seed, seed % 3, means),
+                           without = draw_hidden_plant(nominal, seed, seed % 3);
+    EXPECT_EQ(robot.flange.rpy, without.flange.rpy);
+    EXPECT_EQ(robot.rotor_inertia, without.rotor_inertia);
+    EXPECT_EQ(without.transmission->stiffness.size(), 0);
+    EXPECT_EQ(without.transmission->ripple.size(), 0);
+    const Transmission& t = *robot.transmission;
+    for (int j = 0; j < 7; ++j) {
+      rotor.add(robot.rotor_inertia[j] / nominal.rotor_inertia[j]);
+      stiffness.add(t.stiffness[j]);
+      stiffnesses.insert(t.stiffness[j]);
+      ripple.add(t.ripple[j]);
+      phase.add(t.ripple_phase[j]);
+      EXPECT_EQ(t.ripple_cycles[j], j < 4 ? 240 : 160);
+    }
+  }
+  const auto fills = [](const Range& range, double low, double high) {
+    const double slack = 0.02 * (high - low);
+    return range.low >= low && range.high <= high && range.low < low + slack && range.high > high - slack;
+  };
+  EXPECT_TRUE(fills(rotor, 0.7, 1.3));
+  EXPECT_TRUE(fills(stiffness, 5e3, 1.5e4));
+  EXPECT_EQ(stiffnesses.size(), 7 * 300u);  // every joint of every arm differs
+  EXPECT_TRUE(fills(ripple, 0.1, 0.3));
+  EXPECT_TRUE(fills(phase, 0, 2 * M_PI));
+}
+
 bool same(const RobotDescription& a, const RobotDescription& b) {
   for (std::size_t i = 0; i < a.links.size(); ++i) {
     if (a.links[i].mass != b.links[i].mass || a.links[i].com != b.links[i].com) return false;

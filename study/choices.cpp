@@ -83,7 +83,8 @@ std::vector<SceneRun> scene_runs(const Study& study, const std::vector<Override>
 
 // The experiment that these values refine.
 std::string refined(const Study& study, const std::vector<Override>& values) {
-  static const std::vector<std::string> kOptions{"family", "plant", "refine", "repeats", "rounds", "variant"};
+  static const std::vector<std::string> kOptions{"drives",  "family", "plant",  "refine",
+                                                 "repeats", "rounds", "variant"};
   std::string name = study.base;
   for (const auto& [key, value, place] : values) {
     if (std::find(kOptions.begin(), kOptions.end(), key) == kOptions.end())

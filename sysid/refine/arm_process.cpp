@@ -56,6 +56,10 @@ std::vector<std::string> ArmProcess::arguments(const Options& options) {
                                "--idle-stands-still",
                                "--no-gripper",
                                "--json"};
+  if (options.motors) {
+    all.insert(all.end(),
+               {"--rotor-hidden", "0.5", "--transmission-stiffness", "10000", "--gear-ripple", "0.2"});
+  }
   for (const auto& [arm, address] : options.addresses) all.insert(all.end(), {"--bind", arm + "=" + address});
   return all;
 }

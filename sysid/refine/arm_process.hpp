@@ -18,6 +18,7 @@ class ArmProcess {
     std::filesystem::path program;  // multipanda itself
     std::filesystem::path scene;
     std::uint64_t hidden = 1;                                    // seed of the plants
+    bool motors = false;                                         // RefineTarget::motors
     std::vector<std::pair<std::string, std::string>> addresses;  // arm, loopback address
     std::filesystem::path messages;                              // file for its messages
   };

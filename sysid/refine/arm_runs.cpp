@@ -81,6 +81,7 @@ class Runner {
       ArmProcess::Options process_options{.program = settings_.program,
                                           .scene = scratch / "scene.yaml",
                                           .hidden = *target.hidden,
+                                          .motors = target.motors,
                                           .messages = scratch / "arms.txt"};
       write_text(process_options.scene, run.scene);
       const auto places = free_addresses(scene.arms.size());
@@ -128,7 +129,10 @@ class Runner {
 }  // namespace
 
 std::string RefineTarget::words() const {
-  if (hidden) return fmt::format("virtual arms of another process, hidden plants of seed {}", *hidden);
+  if (hidden) {
+    return fmt::format("virtual arms of another process, hidden plants of seed {}{}", *hidden,
+                       motors ? " with rotors, elastic joints and gear ripple" : "");
+  }
   if (!known.empty()) return "virtual arms of this process, known plants";
   std::string text = "real arms";
   for (const auto& [arm, address] : addresses) text += fmt::format(", {} at {}", arm, address);

@@ -23,7 +23,10 @@ Json refine_json(const Experiment& experiment, const ExperimentVariant& variant,
             {"target", options.target.words()}, {"repeats", options.repeats},
             {"plant", options.plant},           {"faults", result.faults},
             {"before", per_arm(result.before)}, {"rounds", Json::array()}};
-  if (options.target.hidden) json["hidden_seed"] = *options.target.hidden;
+  if (options.target.hidden) {
+    json["hidden_seed"] = *options.target.hidden;
+    json["hidden_motors"] = options.target.motors;
+  }
   bool worse = false;
   for (const auto& round : result.rounds) {
     Json one{{"models", Json::object()}, {"after", per_arm(round.comparisons)}, {"changes", Json::object()}};
