@@ -95,6 +95,7 @@ int fit_actuation_of(FitArguments& arguments, const MeasuredLog& log, const Scen
                               {"delay_half95_s", quick.delay_half95},
                               {"bandwidth_half95_hz", quick.bandwidth_half95}}},
                             {"friction_scale", list(quick.friction_scale)},
+                            {"motor_inertia_kg_m2", list(quick.motor_inertia)},
                             {"friction_scale_half95", list(quick.friction_scale_half95)},
                             {"torque_noise_nm", quick.noise},
                             {"fit", rollout_json(found.fit)}}

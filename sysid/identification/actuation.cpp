@@ -42,9 +42,11 @@ class Problem {
     }
     weight_ = MatrixXd::Ones(rows_, joints_);
     friction_.resize(rows_, has_friction_ ? joints_ : 0);
+    ddq_.resize(rows_, joints_);
     Index at = 0;
     each([&](const CommandedStretch& s, Index begin, Index rows) {
       if (has_friction_) friction_.middleRows(at, rows) = s.friction.bottomRows(rows);
+      ddq_.middleRows(at, rows) = s.ddq.bottomRows(rows);
       (void)begin;
       at += rows;
     });
@@ -54,6 +56,7 @@ class Problem {
   bool has_friction() const { return has_friction_; }
   double period() const { return stretches_[0].period; }
   const MatrixXd& friction() const { return friction_; }
+  const MatrixXd& ddq() const { return ddq_; }
 
   // beyond - tracked (rows x n), before friction and offset are subtracted.
   MatrixXd raw(const Actuation& actuation) const {
@@ -128,8 +131,39 @@ class Problem {
   std::vector<Index> begins_;
   Index joints_ = 0, rows_ = 0;
   bool has_friction_ = false;
-  MatrixXd friction_, weight_;
+  MatrixXd friction_, ddq_, weight_;
 };
+
+// What the motors add to the inertia of joint j, by -I_m ddq in its residual: least squares beside friction
+// and offset. Judged by blocked cross-validation: 0 unless each of kParts contiguous parts of the data,
+// predicted from the others, is at least kGain better with it than without.
+double added_inertia(const Problem& problem, const Eigen::Ref<const VectorXd>& raw, Index j) {
+  constexpr Index kParts = 6;
+  constexpr double kGain = 0.01;
+  const Index rows = problem.rows();
+  MatrixXd columns(rows, problem.has_friction() ? 3 : 2);
+  columns.col(0) = -problem.ddq().col(j);
+  columns.col(1).setOnes();
+  if (problem.has_friction()) columns.col(2) = -problem.friction().col(j);
+  const VectorXd w = problem.weight().col(j);
+  const auto solved = [&](const MatrixXd& X, const VectorXd& weight) -> VectorXd {
+    MatrixXd H = X.transpose() * weight.asDiagonal() * X;
+    H.diagonal().array() += 1e-9 * H.diagonal().maxCoeff();
+    return H.ldlt().solve(X.transpose() * weight.cwiseProduct(raw));
+  };
+  const auto without = columns.rightCols(columns.cols() - 1);
+  for (Index part = 0; part < kParts; ++part) {
+    const Index from = part * rows / kParts, count = (part + 1) * rows / kParts - from;
+    VectorXd others = w;
+    others.segment(from, count).setZero();
+    const auto left_out = [&](const MatrixXd& X) {
+      const VectorXd e = raw - X * solved(X, others);
+      return std::sqrt(e.segment(from, count).cwiseAbs2().dot(w.segment(from, count)));
+    };
+    if (!(left_out(columns) < (1 - kGain) * left_out(without))) return 0;
+  }
+  return std::max(0.0, solved(columns, w)[0]);
+}
 
 // Delay, and the time constant 1 / (2 pi bandwidth). Unlike the bandwidth, it enters almost linearly.
 Eigen::Vector2d coordinates(const Actuation& a) {
@@ -321,8 +355,11 @@ MatrixXd tracked_torque(const MatrixXd& tau_cmd, const Actuation& actuation, dou
   return tracked;
 }
 
-ActuationFit fit_actuation(std::span<const MeasuredLog> logs, const RobotDescription& prior,
-                           const ActuationOptions& options) {
+namespace {
+
+// The fit with the prior's motor inertia; `found`: what motors add beyond it.
+ActuationFit fit_once(std::span<const MeasuredLog> logs, const RobotDescription& prior,
+                      const ActuationOptions& options, JointVector& found) {
   std::vector<CommandedStretch> stretches;
   for (const auto& log : logs) {
     for (auto& stretch : commanded_stretches(log, prior, kShortestStretch + options.settle))
@@ -348,7 +385,27 @@ ActuationFit fit_actuation(std::span<const MeasuredLog> logs, const RobotDescrip
                      " % of the rows; was the arm under torque control?");
   }
   warn(fit, out, problem.rows());
+  const MatrixXd raw = problem.raw(fit.actuation);
+  found = JointVector::Zero(n);
+  for (Index j = 0; j < n; ++j) found[j] = added_inertia(problem, raw.col(j), j);
   return fit;
+}
+
+}  // namespace
+
+ActuationFit fit_actuation(std::span<const MeasuredLog> logs, const RobotDescription& prior,
+                           const ActuationOptions& options) {
+  JointVector found, more;
+  const ActuationFit fit = fit_once(logs, prior, options, found);
+  if (prior.motor_inertia.size() > 0 || found.isZero(0)) return fit;
+  // Again with it, since it delays the torque as a lower bandwidth does, and once more for what that hid.
+  RobotDescription with = prior;
+  with.motor_inertia = found;
+  (void)fit_once(logs, with, options, more);
+  with.motor_inertia += more;
+  ActuationFit better = fit_once(logs, with, options, more);
+  better.motor_inertia = with.motor_inertia;
+  return better;
 }
 
 void apply(const ActuationFit& fit, RobotDescription& robot) {
@@ -362,6 +419,7 @@ void apply(const ActuationFit& fit, RobotDescription& robot) {
     robot.torque_sensor = TorqueSensor{.gain = JointVector::Ones(n), .offset = JointVector::Zero(n)};
   }
   robot.torque_sensor->noise = fit.noise;
+  if (fit.motor_inertia.size() == n) robot.motor_inertia = fit.motor_inertia;
 }
 
 }  // namespace multipanda

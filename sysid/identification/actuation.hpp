@@ -13,8 +13,9 @@
 //   u_k = (1 - f) tau_cmd[k-D] + f tau_cmd[k-D-1]        delay of D + f periods: mean of the held command
 //   x_k = x_(k-1) + (1 - exp(-2 pi bandwidth dt)) (u_k - x_(k-1))                first-order tracking
 //   tau_J[k+1] = x_k + g(q_k) - scale tau_f(dq_(k+1)) - I_m ddq + offset + noise
-// g comes from the arm's own model, tau_f from the prior's sigmoid table. Masses, payload and contact do not
-// occur, because the links are behind the sensor.
+// g comes from the arm's own model, tau_f from the prior's sigmoid table. I_m is the prior's motor inertia;
+// if it has none, what motors add is estimated for each joint and kept only where it predicts left-out sixths
+// of the data better. Masses, payload and contact do not occur, because the links are behind the sensor.
 namespace multipanda {
 
 struct ActuationOptions {
@@ -31,6 +32,7 @@ struct ActuationFit {
   JointVector friction_scale,
       friction_scale_half95;  // of the prior's table (n x 1); empty: the prior has no table
   JointVector offset;         // of the torque sensor [N m] (n x 1)
+  JointVector motor_inertia;  // found, not the prior's [kg m^2] (n x 1), 0: no gain; empty: in no joint
   double noise = 0;           // of the torque sensor, white [N m]
   JointVector rms;            // residual [N m] (n x 1)
   std::size_t samples = 0;    // rows used
@@ -44,7 +46,8 @@ struct ActuationFit {
 ActuationFit fit_actuation(std::span<const MeasuredLog> logs, const RobotDescription& prior,
                            const ActuationOptions& options = {});
 
-// Writes the fit into the robot: actuation, friction table, noise of the torque sensor.
+// Writes the fit into the robot: actuation, friction table, noise of the torque sensor, motor inertia if
+// found.
 void apply(const ActuationFit& fit, RobotDescription& robot);
 
 // The torque x that the motors make from the commands, per row k as above (N x n); `tau_cmd` has no gaps.

@@ -81,6 +81,32 @@ TEST(Actuation, IntervalsContainTheTruth) {
   EXPECT_GE(friction, static_cast<int>(0.89 * 7 * kTrials));
 }
 
+// Half of the rotors' inertia acts, and the prior knows of none. Where it is found the rest is as without
+// motors.
+TEST(Actuation, FindsTheMotorsThatActAndNoOthers) {
+  Scene scene = scene_of({loaded_arm()}, plant(0.001, 50));
+  scene.arms[0].rotor_hidden = 0.5;
+  scene.seed = 21;
+  const RobotDescription prior = load_robot("fer");
+  const MeasuredLog log = record(scene, RichMotion(21), {.duration_s = 8, .dither_nm = 0.5});
+  const ActuationFit fit = fit_actuation(std::span(&log, 1), prior);
+  ASSERT_EQ(fit.motor_inertia.size(), 7);
+  for (Eigen::Index j = 0; j < 7; ++j) {
+    EXPECT_NEAR(fit.motor_inertia[j], 0.5 * prior.rotor_inertia[j], 0.05 * prior.rotor_inertia[j])
+        << "joint " << j + 1;
+    EXPECT_NEAR(fit.friction_scale[j], 1, 0.05);
+  }
+  EXPECT_NEAR(1e3 * fit.actuation.command_delay, 1, 0.1);
+  EXPECT_NEAR(fit.actuation.torque_bandwidth_hz, 50, 2);
+  RobotDescription robot = prior;
+  apply(fit, robot);
+  EXPECT_EQ(robot.motor_inertia, fit.motor_inertia);
+
+  scene.arms[0].rotor_hidden = 1;
+  const MeasuredLog hidden = record(scene, RichMotion(21), {.duration_s = 8, .dither_nm = 0.5});
+  EXPECT_EQ(fit_actuation(std::span(&hidden, 1), prior).motor_inertia.size(), 0);
+}
+
 // Without fast commands only the sum of delay and lag is identifiable, and the fit warns of it.
 TEST(Actuation, SlowCommandsGiveWideIntervals) {
   const MeasuredLog log = log_of(0.001, 50, {.duration_s = 5}, 7);

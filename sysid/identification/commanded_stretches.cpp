@@ -17,8 +17,11 @@ double table(const JointFriction& f, Index j, double dq) {
 CommandedStretch stretch_of(const MeasuredLog& log, const RobotDescription& prior, double period, Index first,
                             Index rows) {
   const Index n = log.joints();
-  CommandedStretch s{
-      .period = period, .command = log.tau_cmd.middleRows(first, rows - 1), .beyond = {}, .friction = {}};
+  CommandedStretch s{.period = period,
+                     .command = log.tau_cmd.middleRows(first, rows - 1),
+                     .beyond = {},
+                     .ddq = {},
+                     .friction = {}};
   s.beyond = log.tau.middleRows(first + 1, rows - 1);
   if (prior.torque_sensor) {
     for (Index j = 0; j < n; ++j) {
@@ -27,13 +30,12 @@ CommandedStretch stretch_of(const MeasuredLog& log, const RobotDescription& prio
     }
   }
   s.beyond -= log.gravity.middleRows(first, rows - 1);
-  if (prior.motor_inertia.size() == n) {
-    for (Index k = 0; k + 1 < rows; ++k) {
-      const Index a = std::max(first, first + k - 5), b = std::min(first + rows - 1, first + k + 6);
-      s.beyond.row(k) +=
-          prior.motor_inertia.transpose().cwiseProduct(log.dq.row(b) - log.dq.row(a)) / (log.t[b] - log.t[a]);
-    }
+  s.ddq.resize(rows - 1, n);
+  for (Index k = 0; k + 1 < rows; ++k) {
+    const Index a = std::max(first, first + k - 5), b = std::min(first + rows - 1, first + k + 6);
+    s.ddq.row(k) = (log.dq.row(b) - log.dq.row(a)) / (log.t[b] - log.t[a]);
   }
+  if (prior.motor_inertia.size() == n) s.beyond += s.ddq * prior.motor_inertia.asDiagonal();
   if (!prior.friction) return s;
   s.friction.resize(rows - 1, n);
   for (Index k = 0; k + 1 < rows; ++k) {

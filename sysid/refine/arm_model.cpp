@@ -84,6 +84,7 @@ RefinedArm identify_arm(const SceneArm& arm, const RobotDescription& prior, std:
                   {"bandwidth_hz", actuation.actuation.torque_bandwidth_hz},
                   {"bandwidth_half95_hz", actuation.bandwidth_half95},
                   {"friction_scale", list(actuation.friction_scale)},
+                  {"motor_inertia_kg_m2", list(actuation.motor_inertia)},
                   {"torque_noise_nm", actuation.noise}};
   return result;
 }

@@ -17,8 +17,8 @@ namespace multipanda {
 // The arms to be modeled. They return only logs.
 struct RefineTarget {
   std::optional<std::uint64_t> hidden;  // virtual arms of another process, drawn from this seed
-  // They have what no model of identify can express: half of the rotors' inertia acts, joints are elastic
-  // (10,000 N m/rad on average) and measured at their motors, gears ripple (0.2 N m).
+  // They have what no identified model can express: joints are elastic (10,000 N m/rad on average) and
+  // measured at their motors, gears ripple (0.2 N m); and half of the rotors' inertia acts.
   bool motors = false;
   std::vector<std::pair<std::string, std::string>> addresses;  // otherwise real arms: name, address
   // Otherwise virtual arms of this process, whose models are in these files (arm -> file): for tests.

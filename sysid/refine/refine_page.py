@@ -26,6 +26,7 @@ FOUND = (
     ("delay_s", "command delay", "ms"),
     ("bandwidth_hz", "torque bandwidth", "Hz"),
     ("friction_scale", "friction before the sensor, times the table", ""),
+    ("motor_inertia_kg_m2", "inertia that the motors add (0: no gain in cross-validation)", "kg m²"),
     ("torque_noise_nm", "noise of the torque sensor", "N m"),
 )
 
@@ -88,7 +89,7 @@ def shown(key, value, found):
     if isinstance(value, bool):
         return "yes" if value else "NO"
     if isinstance(value, list):
-        return ", ".join(page.figures(v) for v in value)
+        return ", ".join(page.figures(v) for v in value) or "none"
     if isinstance(value, str):
         return value
     scale = 1e3 if key == "delay_s" else 1.0
