@@ -119,7 +119,8 @@ void ArmWatch::take(const CycleRecord& record) {
 }
 
 std::string ArmWatch::trouble(const RunStatus& status) {
-  return found_ ? what_ : stopped_arm(status, moved_);
+  if (found_) return what_;
+  return status.refusal.empty() ? stopped_arm(status, moved_) : status.refusal;
 }
 
 void ArmSteps::say(const std::string& text) const {

@@ -156,6 +156,26 @@ TEST(OnArms, OnlyStartsVary) {
   EXPECT_EQ(arms.vary[2].by, 0);
 }
 
+// A watch asks the status of a run: what its scene wanted and the loop refused ends it on arms.
+TEST(OnArms, ARefusedRequestOfTheSceneIsTrouble) {
+  RecordLayout layout;
+  layout.instances.push_back({.name = "a"});
+  RunMonitor monitor(layout, {}, [](std::size_t, Intervention) { return std::uint64_t{0}; });
+  monitor.take(Event{.kind = EventKind::switch_refused, .verdict = Verdict::start_refused, .ticket = 7});
+  monitor.publish();
+  EXPECT_EQ(monitor.status().refusal, "") << "somebody else asked for it and was told";
+  monitor.take(Event{.kind = EventKind::switched});
+  monitor.take(Event{.kind = EventKind::parameter_set, .instance = 0});
+  monitor.publish();
+  EXPECT_EQ(monitor.status().refusal, "");
+  monitor.take(Event{.kind = EventKind::switch_refused,
+                     .verdict = Verdict::start_refused,
+                     .t = LoopTime::from_seconds(1.25)});
+  monitor.take(Event{.kind = EventKind::feature_set, .verdict = Verdict::start_refused, .instance = 0});
+  monitor.publish();
+  EXPECT_THAT(monitor.status().refusal, HasSubstr("at 1.250 s the loop refused a switch"));
+}
+
 RunStatus status_of(double time_s, ArmMode left, ArmMode right) {
   RunStatus status;
   status.time_s = time_s;

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <fstream>
 #include <functional>
+#include <map>
 #include <mutex>
 #include <thread>
 
@@ -113,8 +114,9 @@ class TaskRunner {
     // All scenes are read before the first run, so that an invalid variant is refused at once.
     for (const auto& run : runs_) {
       const bool measured = run.plant == kMeasured;
-      if (run.repeat != 1 && !measured) continue;
+      if (run.repeat != 1 && !on_arms_) continue;
       const Scene scene = task_scene(experiment_, run, registry_);
+      if (on_arms_) scenes_.emplace(run.name(), scene);
       if (scene.duration_s == 0)
         throw std::invalid_argument(experiment_.scene + ": the scene of an experiment needs a duration_s");
       if (!measured) continue;
@@ -197,7 +199,7 @@ class TaskRunner {
     std::optional<Scene> first_scene;
     for (std::size_t i = first; i < runs_.size(); ++i) {
       if (finished_runs_.find(runs_[i].name()) != nullptr) continue;
-      Scene scene = with_connections(task_scene(experiment_, runs_[i], registry_), options_.backend);
+      Scene scene = with_connections(scene_of(runs_[i]), options_.backend);
       seconds += scene.duration_s;
       ++left;
       if (!first_scene) first_scene = std::move(scene);
@@ -218,7 +220,7 @@ class TaskRunner {
       if (!(*twin)["faults"].empty())
         throw ExperimentInterrupted(fmt::format("{}: its simulation failed ({}), so it does not run on arms",
                                                 run.name(), (*twin)["faults"].front().get<std::string>()));
-      const Scene scene = with_connections(task_scene(experiment_, run, registry_), options_.backend);
+      const Scene scene = with_connections(scene_of(run), options_.backend);
       steps.before_run(scene, fmt::format("{}, repeat {}", run.variant->label, run.repeat), scene.duration_s,
                        (*twin)["extent"]);
       expected_ = (*twin)["extent"];
@@ -229,6 +231,12 @@ class TaskRunner {
             fmt::format("{}: {}", run.name(), fmt::join(faults.get<std::vector<std::string>>(), "; ")));
       finished_runs_.add(run.name(), done_[i]);
     }
+  }
+
+  // On arms, what was read at the start: a file that is saved while a question stands changes nothing.
+  Scene scene_of(const TaskRun& run) const {
+    const auto read = scenes_.find(run.name());
+    return read != scenes_.end() ? read->second : task_scene(experiment_, run, registry_);
   }
 
   void work() {
@@ -259,7 +267,7 @@ class TaskRunner {
   }
 
   Json run_one(const TaskRun& run) {
-    Scene scene = task_scene(experiment_, run, registry_);
+    Scene scene = scene_of(run);
     const std::string name = run.name();
     const bool measured = run.plant == kMeasured;
     const fs::path scratch = options_.directory / "logs" / (name + ".part");
@@ -389,6 +397,7 @@ class TaskRunner {
   const std::vector<TaskRun> runs_;
   const Registry registry_;
   FinishedRuns finished_runs_;
+  std::map<std::string, Scene> scenes_;  // of the runs on arms and their simulations
   std::vector<BesideLog> beside_;
   Json expected_;  // the extent of the simulation of the run on arms
   std::vector<Json> done_;

@@ -40,7 +40,19 @@ void RunMonitor::take(const CycleRecord& record) {
   last_ = record;
 }
 
+void RunMonitor::note_refusal(const Event& event) {
+  const bool refused = event.kind == EventKind::switch_refused || event.verdict != Verdict::accepted;
+  if (!refused || event.ticket != 0 || !refusal_.empty()) return;
+  refusal_ = fmt::format("at {:.3f} s the loop refused {} ({})", event.t.seconds(),
+                         event.kind == EventKind::parameter_set ? "a parameter"
+                         : event.kind == EventKind::feature_set ? "a feature"
+                         : event.kind == EventKind::target_set  ? "a set-point"
+                                                                : "a switch",
+                         to_string(event.verdict));
+}
+
 void RunMonitor::take(const Event& event) {
+  note_refusal(event);
   switch (event.kind) {
     case EventKind::switched:
     case EventKind::switch_refused:
@@ -230,6 +242,7 @@ void RunMonitor::publish() {
   next.overruns = last_.overruns;
   for (std::size_t arm = 0; arm < layout_.arms.size(); ++arm) next.arms.push_back(arm_status(arm));
   next.events = events_;
+  next.refusal = refusal_;
   for (const auto& news : news_) {
     const std::uint64_t count = news.rule == Intervention::none ? 0 : counted_(news.arm, news.rule);
     next.news.push_back(count > 1 ? fmt::format("{}, {} cycles so far", news.text, count) : news.text);

@@ -40,7 +40,9 @@ struct RunStatus {
   double cycle_us_worst = 0;  // so far
   std::uint64_t cycles = 0, overruns = 0;
   std::vector<ArmStatus> arms;
-  std::uint64_t events = 0;      // so far; the newest are in `news`
+  std::uint64_t events = 0;  // so far; the newest are in `news`
+  // The first request of the scene itself (its start or timeline) that the loop refused; empty: none.
+  std::string refusal;
   std::deque<std::string> news;  // one line per event, newest last; repeated interventions share a line
 };
 
@@ -76,6 +78,7 @@ class RunMonitor {
 
   ArmStatus arm_status(std::size_t arm) const;
   std::optional<double> output_error(std::size_t arm, std::string_view suffix) const;
+  void note_refusal(const Event& event);
   void add_switch(const Event& event);
   void add_intervention(const Event& event);
   struct News {
@@ -99,6 +102,7 @@ class RunMonitor {
   std::vector<SwitchReport> switches_;
   std::vector<InterventionReport> interventions_;
   std::deque<News> news_;
+  std::string refusal_;
   std::uint64_t events_ = 0;
 
   std::chrono::steady_clock::time_point begin_, published_;
