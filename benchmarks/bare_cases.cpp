@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include "benchmarks/bare_libraries.hpp"
+#include "benchmarks/bare/bare_libraries.hpp"
 
 namespace multipanda::bench {
 namespace {

@@ -83,8 +83,9 @@ const std::vector<ExperimentKind>& experiment_kinds() {
        run_task},
       {"performance",
        "Two arms under a motion generator: cycle time, command delay, load, switching.",
-       {"samples_missing", "delay_error_us", "delay_by_sequence_error_us", "torques_unmatched",
-        "generator_lost", "switches_late", "switches_refused", "switches_missing", "bystander_different"},
+       {"control_ratio", "samples_missing", "delay_error_us", "delay_by_sequence_error_us",
+        "torques_unmatched", "generator_lost", "switches_late", "switches_refused", "switches_missing",
+        "bystander_different"},
        run_performance},
   };
   return kinds;

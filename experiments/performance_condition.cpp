@@ -1,5 +1,6 @@
 #include <chrono>
 #include <cmath>
+#include <numeric>
 #include <thread>
 #include <unistd.h>
 
@@ -8,6 +9,7 @@
 
 #include "core/types/time.hpp"
 #include "experiments/arm_steps.hpp"
+#include "experiments/bare_math.hpp"
 #include "experiments/command_trace.hpp"
 #include "experiments/generator_process.hpp"
 #include "experiments/performance_runs.hpp"
@@ -139,6 +141,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
                                                                .streaming = true});
   const Viewed viewed(run.viewer, session);
   if (run.progress.stopped()) return {};
+  const double bare_us = bare_math_us(session.models());
   session.start();
   GeneratorProcess generator({.program = own_program(),
                               .course = condition.course,
@@ -200,6 +203,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
               {"usage_columns", UsageSeries::columns()},
               {"usage", usage.rows()},
               {"scene_text", opened.scene.text}};
+  if (std::isfinite(bare_us)) record["bare_us"] = std::midpoint(bare_us, bare_math_us(session.models()));
   record.update(of_summary(summary));
   if (extent) record["extent"] = extent->json();
   return record;

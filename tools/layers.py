@@ -156,10 +156,11 @@ LAYERS = [
         " cockpit/view",
         "backends/mujoco",
     ),
+    layer("benchmarks/bare", "a law with the libraries alone: the yardstick of a control cycle", "core"),
     layer(
         "experiments",
         "experiments as data, their runners and pages ([experiments.md](docs/experiments.md))",
-        "support config_file core device scene logs backends report runtime runtime/motion",
+        "support config_file core device scene logs backends report runtime runtime/motion benchmarks/bare",
     ),
     layer(
         "study",
@@ -232,7 +233,7 @@ LAYERS = [
     layer(
         "benchmarks",
         "the program behind `multipanda bench`",
-        "support core scene logs backends/mujoco runtime native ros/rcl",
+        "support core scene logs backends/mujoco runtime native ros/rcl benchmarks/bare",
     ),
     layer("examples", "starting points for users, each built and run by the tests", "core fci/client ros/adapter"),
     layer("tests", "tests across folders"),
@@ -241,7 +242,7 @@ LAYERS = [
 # Third-party headers that only some layers may include (the beginning of the header's path).
 LIBRARIES = {
     "mujoco": "support backends/mujoco sysid/identification benchmarks",
-    "pinocchio": "core/model sysid/identification benchmarks",
+    "pinocchio": "core/model sysid/identification benchmarks/bare",
     "yaml-cpp": "config_file models scene runtime/embedded experiments study commission sysid/measured sysid/comparison"
     " sysid/refine",
     "nlohmann": "config_file scene logs report soak runtime cockpit cockpit/server cockpit/view experiments"

@@ -7,6 +7,7 @@ from experiments.pages.performance_metrics import Trace
 from report import page, style
 
 LABELS = {
+    "control_ratio": ("control function over the bare mathematics of its law, medians", ""),
     "samples_missing": ("cycles missing", ""),
     "delay_error_us": ("delay by correlation, error", "µs"),
     "delay_by_sequence_error_us": ("delay by sequence number, error", "µs"),
@@ -35,6 +36,7 @@ def _runs(plan, traces):
     for entry, trace in traces:
         arms, metrics = performance_metrics.delay_figures(trace)
         metrics["samples_missing"] = entry["wanted_samples"] - entry["samples"]
+        metrics["control_ratio"] = performance_metrics.control_ratio(trace)
         channels = entry["generator"].get("channels") or []
         metrics["generator_lost"] = sum(c.get("lost", 0) for c in channels) if channels else None
         delays.setdefault(entry["condition"], []).append(arms)
@@ -143,7 +145,7 @@ def limits_of(plan):
     for limit in plan["limits"]:
         if limit["metric"] == "bystander_different":  # how many periods pass before an arm's first command, differs
             continue
-        if plan.get("backend") == "fci" and "switching" not in limit["variants"]:
+        if plan.get("backend") == "fci" and limit["metric"] in _OF_LOCK_STEP:
             continue  # the delay of an arm is not known
         if plan.get("pace") == "lockstep":
             out.append(limit)
@@ -298,7 +300,8 @@ def _sections(plan, results, variants, drawn):
                     "models and observers, as the paper "
                     "measured it. Whole step: also stores the records. Start deviation: deviation of the time "
                     "between two cycle "
-                    "starts from one period."
+                    "starts from one period. Bare mathematics: the law of the first condition for both arms with "
+                    "Pinocchio and Eigen alone, once per millisecond just before and after the condition."
                 ),
                 _cycle_table(conditions),
                 *shown("stages", "Medians of the stages of a step."),
@@ -343,7 +346,9 @@ def _sections(plan, results, variants, drawn):
                     f"of both arms, {_input(plan)} and this measurement (about "
                     f"{_trace_mb(plan):.0f} MB). Its memory is locked, so all of it counts as resident. One process "
                     "runs all conditions; memory that it "
-                    "keeps after one condition counts in the next. The generator is a separate process."
+                    "keeps after one condition counts in the next. The generator is a separate process. Control: the "
+                    "mean step of every cycle, over the period; the rest is the simulation, the pacing and this "
+                    "measurement. With --backend fci and virtual arms of another process, no simulation is in it."
                 ),
                 _load_table(conditions),
                 *shown("usage", "First repeat of each condition."),
@@ -482,17 +487,21 @@ def _cycle_table(conditions):
             ("whole step", c["whole_us"]),
             ("start deviation", c["jitter_us"]),
         ):
+            ratio = f["median"] / c["bare_us"] if what == "control function" and f and c["bare_us"] else None
             rows.append(
                 [
                     name if what == "control function" else "",
                     what,
                     *(_us(f, key) for key in ("median", "mean", "p99", "p999", "worst")),
+                    page.figures(ratio) if ratio else "",
                     str(f["count"]) if f else None,
                     str(c["cycles_lost"]) if what == "start deviation" else "",
                 ]
             )
     return page.table(
-        ["condition", "[µs]", "median", "mean", "99 %", "99.9 %", "worst", "cycles", "lost"], rows, range(2, 9)
+        ["condition", "[µs]", "median", "mean", "99 %", "99.9 %", "worst", "over bare", "cycles", "lost"],
+        rows,
+        range(2, 10),
     )
 
 
@@ -579,6 +588,7 @@ def _delay_table(conditions):
                     arm,
                     f"{c['configured_delay_ms']:g}",
                     f"{a['median']:.4f}" if a else None,
+                    f"{a['median'] - c['configured_delay_ms']:+.4f}" if a else None,
                     f"{a['least']:.4f} … {a['worst']:.4f}" if a else None,
                     f"{b['mean']:.4f}" if b else None,
                     f"{b['least']:.4f} … {b['worst']:.4f}" if b else None,
@@ -592,6 +602,7 @@ def _delay_table(conditions):
             "arm",
             "configured [ms]",
             "correlation, median [ms]",
+            "of it the command path [ms]",
             "its windows [ms]",
             "sequence number, mean [ms]",
             "its cycles [ms]",
@@ -599,7 +610,7 @@ def _delay_table(conditions):
             "not found",
         ],
         rows,
-        range(2, 9),
+        range(2, 10),
     )
 
 
@@ -614,8 +625,11 @@ def _load_table(conditions):
                 name,
                 *(
                     f"{u[k]['median']:.1f} ({u[k]['p1']:.1f} … {u[k]['p99']:.1f})"
-                    for k in ("process_percent", "loop_percent", "generator_percent")
+                    for k in ("process_percent", "loop_percent")
                 ),
+                f"{c['control_percent']:.1f}",
+                f"{max(u['process_percent']['mean'] - c['control_percent'], 0):.1f}",
+                f"{u['generator_percent']['median']:.1f}",
                 f"{u['others_percent']['mean']:.0f}",
                 f"{u['loop_waited_percent']['mean']:.2f}",
                 f"{u['memory_mb']['median']:.0f} ({u['memory_percent']['median']:.2f} %)",
@@ -627,6 +641,8 @@ def _load_table(conditions):
             "condition",
             "control process [%]",
             "its loop [%]",
+            "control [%]",
+            "simulation and the rest [%]",
             "generator [%]",
             "everybody else [%]",
             "loop waited for a core [%]",
@@ -634,7 +650,7 @@ def _load_table(conditions):
             "readings",
         ],
         rows,
-        range(1, 8),
+        range(1, 10),
     )
 
 

@@ -139,6 +139,12 @@ def _feature_figures(traces):
     return out
 
 
+def control_ratio(trace):
+    """The control function's median over that of the bare law of the same minute; None: there is no such law."""
+    bare = trace.entry.get("bare_us")
+    return float(np.median(trace.control_us) / bare) if bare else None
+
+
 def condition_figures(traces, machine_memory_mb):
     """Figures of one condition over all its repeats."""
     usage = np.concatenate(
@@ -155,6 +161,10 @@ def condition_figures(traces, machine_memory_mb):
         "stages_us": {name: spread(stages[:, i]) for i, name in enumerate(STAGES)},
         "period_us": spread(period),
         "jitter_us": spread(np.abs(period - 1e6 * traces[0].entry["period_s"])),
+        "control_percent": 1e-4
+        * float(np.mean(np.concatenate([t.whole_us for t in traces])))
+        / traces[0].entry["period_s"],
+        "bare_us": float(np.mean([t.entry["bare_us"] for t in traces])) if "bare_us" in traces[0].entry else None,
         "features": _feature_figures(traces),
         "configured_delay_ms": traces[0].entry["command_delay_s"] * 1e3,
     }

@@ -106,6 +106,7 @@ def plan_in(folder, count=3000):
                 "at_least": {},
                 "variants": ["condition", "delay_check"],
             },
+            {"metric": "control_ratio", "at_most": {"": 3}, "at_least": {}, "variants": ["NF"]},
             {"metric": "switches_late", "at_most": {"": 0}, "at_least": {}, "variants": ["switching"]},
             {"metric": "bystander_different", "at_most": {"": 0}, "at_least": {}, "variants": ["switching"]},
         ],
@@ -135,6 +136,7 @@ def plan_in(folder, count=3000):
                 "arms": ARMS,
                 "wanted_samples": count,
                 "samples": count,
+                "bare_us": 8.0,
                 "period_s": 0.001,
                 "plant": "realistic",
                 "command_delay_s": 0.001,
@@ -194,6 +196,8 @@ class Page(unittest.TestCase):
         )
         nf, ca = results["conditions"]["NF"], results["conditions"]["CA"]
         self.assertAlmostEqual(nf["control_us"]["median"], 20)
+        ratio = [r for r in results["limits"] if r["metric"] == "control_ratio"]
+        self.assertEqual([(r["variant"], r["worst"]) for r in ratio], [("NF", 2.5)])
         self.assertAlmostEqual(nf["control_us"]["worst"], 200)
         self.assertAlmostEqual(nf["control_us"]["mean"], 20 * 0.99 + 200 * 0.01)
         self.assertAlmostEqual(nf["whole_us"]["median"], 22.5)
@@ -269,6 +273,9 @@ class Page(unittest.TestCase):
 
     def test_what_else_fails(self):
         for change, expected in (
+            # 20 us against 8 are 2.5 times, against 6 more than allowed.
+            (lambda p: p["runs"][0].update(bare_us=6.0), "medians 3.33"),
+            (lambda p: p["runs"][0].pop("bare_us"), "control_ratio could not be measured"),
             (lambda p: p["switching"]["list"][4].update(cycles_late=1), "switches later than the next cycle 1"),
             (lambda p: p["switching"].update(bystander_different=7), "cycles in which the bystander differs 7"),
             (lambda p: p["switching"].update(bystander_cycles=0), "bystander_different could not be measured"),

@@ -1,4 +1,4 @@
-#include "benchmarks/bare_libraries.hpp"
+#include "benchmarks/bare/bare_libraries.hpp"
 
 #include <cmath>
 #include <stdexcept>
