@@ -156,7 +156,7 @@ TEST(OnArms, OnlyStartsVary) {
   EXPECT_EQ(arms.vary[2].by, 0);
 }
 
-// A watch asks the status of a run: what its scene wanted and the loop refused ends it on arms.
+// A watch asks the status of a run: what its scene requested and the loop refused ends it on arms.
 TEST(OnArms, ARefusedRequestOfTheSceneIsTrouble) {
   RecordLayout layout;
   layout.instances.push_back({.name = "a"});

@@ -122,8 +122,8 @@ TEST(RotorInertia, TheSensorStaysOnTheLinksSide) {
   }
 }
 
-// The work of the commanded torques is the kinetic energy of links and rotors: 1/2 dq^T (M + B) dq, both
-// shares.
+// The work of the commanded torques is the kinetic energy of links and rotors,
+// 1/2 dq^T (M + B) dq, for both shares.
 TEST(RotorInertia, WorkBecomesKineticEnergyOfLinksAndRotors) {
   for (const double hidden : {0.0, 1.0}) {
     const SceneArm arm = seven(hidden);
@@ -198,8 +198,8 @@ TEST(RotorInertia, ControllersKnowTheLinksOnly) {
   EXPECT_GT(terms.model().least_inertia()[6], 0.08);  // 0.8 x 0.1 of the rotor
 }
 
-// Unless the scene says so: then their mass matrix has what acts, and what the sensor is compared with has
-// not.
+// Unless the scene says so: then their mass matrix contains what acts,
+// and the torques that the sensor is compared with do not.
 TEST(RotorInertia, ControllersKnowItIfTheSceneSaysSo) {
   SceneArm arm = seven(0.2);
   arm.safety = SafetyLimits::of(*build_arm_model(arm));

@@ -42,8 +42,8 @@ struct SimulatedArmConfig {
   std::optional<Actuation> actuation;
   std::optional<TorqueSensor> torque_sensor;
   Transmission transmission = {};
-  // What the rotors add to the joints' inertia, as the arm's own controllers know it [kg m^2] (n x 1); empty:
-  // none.
+  // What the rotors add to the joints' inertia, as the arm's own controllers
+  // know it [kg m^2] (n x 1); empty: none.
   JointVector rotor_inertia = {};
   std::optional<JointFriction> friction;  // of the joints: what the arm's own controllers know of it
   MotionLimits motion_limits;             // of the control interface: MotionLimits::of(robot)

@@ -46,8 +46,8 @@ struct ActuationFit {
 ActuationFit fit_actuation(std::span<const MeasuredLog> logs, const RobotDescription& prior,
                            const ActuationOptions& options = {});
 
-// Writes the fit into the robot: actuation, friction table, noise of the torque sensor, motor inertia if
-// found.
+// Writes the fit into the robot: actuation, friction table, noise of the
+// torque sensor, and the motor inertia if it was found.
 void apply(const ActuationFit& fit, RobotDescription& robot);
 
 // The torque x that the motors make from the commands, per row k as above (N x n); `tau_cmd` has no gaps.

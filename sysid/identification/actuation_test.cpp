@@ -81,8 +81,8 @@ TEST(Actuation, IntervalsContainTheTruth) {
   EXPECT_GE(friction, static_cast<int>(0.89 * 7 * kTrials));
 }
 
-// Half of the rotors' inertia acts, and the prior knows of none. Where it is found the rest is as without
-// motors.
+// Half of the rotors' inertia acts, and the prior knows of none.
+// Where it is found, the rest is as without motors.
 TEST(Actuation, FindsTheMotorsThatActAndNoOthers) {
   Scene scene = scene_of({loaded_arm()}, plant(0.001, 50));
   scene.arms[0].rotor_hidden = 0.5;
