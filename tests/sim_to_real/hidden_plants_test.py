@@ -9,7 +9,9 @@ The runs are a study (docs/studies.md): a stopped one goes on where it was if it
 
 Every seed draws the plants of virtual arms in another process (`virtual-arm --hidden SEED`); `refine` uses only their
 logs. Limits: the ratio of task 4's force RMSE after and before refinement has a median of at most 0.5 and a worst value
-of at most 0.8. No figure of any task and arm grows by more than twice its spread over repeats.
+of at most 0.8. No figure of any task and arm grows by more than twice its spread over repeats, with one exception:
+with motors, the control error (C_err) may grow by a tenth. Most of it is then ripple of the gears (0.2 N m), which no
+identified model has, and what the model does add to the simulation's own error has no reason to match it.
 """
 
 import argparse
@@ -30,6 +32,7 @@ import multipanda as mp  # noqa: E402  the path comes first
 VARIANTS = {"task-1": None, "task-2": None, "task-3": "k10", "task-4": "mu03_k10", "task-5": "known"}
 REPEATS = 3
 MEDIAN, WORST = 0.5, 0.8
+RIPPLE = 1.1  # after/before of the control error, with ripple that no model has
 FULL = os.environ.get("MULTIPANDA_FULL") == "1"
 
 
@@ -93,7 +96,7 @@ def table(results):
     return "\n".join(lines) + "\n"
 
 
-def verdicts(results):
+def verdicts(results, drives):
     """(failures, lines to print)."""
     lines, failures = [], []
     ratios = [c["ratio"] for task, _, _, c in changes_of(results) if task == "task-4" and c["name"] == "F_EE"]
@@ -111,8 +114,10 @@ def verdicts(results):
                 f"{task}, seed {seed}, {arm}: {change['name']} grew from {change['before']:.4g} "
                 f"to {change['after']:.4g} {change['unit']}, spread {change['spread']:.3g}"
             )
-            lines.append("worse: " + text)
-            failures.append(text)
+            explained = drives == "motors" and change["name"] == "C_err" and change["ratio"] <= RIPPLE
+            lines.append("worse: " + text + (" (ripple)" if explained else ""))
+            if not explained:
+                failures.append(text)
     return failures, lines
 
 
@@ -159,7 +164,7 @@ def main():
     print(table(results))
     if arguments.table:
         arguments.table.write_text(table(results))
-    failures, lines = verdicts(results)
+    failures, lines = verdicts(results, arguments.drives)
     print("\n".join(lines))
     if failures:
         print(f"FAILED: {len(failures)}")
