@@ -147,9 +147,11 @@ TEST(Load, PresetsGiveValuesUnlessTheSceneDoes) {
 }
 
 TEST(Load, NamesLawsWithoutAllSafeguards) {
-  const auto named = [](const std::string& parameters) {
-    return parse("arms: [{name: left}]\ncontrollets: [{name: a, arms: left, type: ufic, parameters: {" +
-                 parameters + "}}]\n")
+  const Registry registry = Registry::with_builtins();
+  const auto named = [&](const std::string& parameters) {
+    return parse_scene("arms: [{name: left}]\ncontrollets: [{name: a, arms: left, type: ufic, parameters: {" +
+                           parameters + "}}]\n",
+                       "s.yaml", registry)
         .unsafer_laws;
   };
   EXPECT_TRUE(named("force_may_pull: false, valve_law: passive").empty());

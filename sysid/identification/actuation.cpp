@@ -134,10 +134,22 @@ class Problem {
   MatrixXd friction_, ddq_, weight_;
 };
 
+// The mean over 11 rows about each, so that noise of the measured velocity does not weaken what ddq explains.
+MatrixXd smoothed(const MatrixXd& x) {
+  constexpr Index kHalf = 5;
+  MatrixXd sums = MatrixXd::Zero(x.rows() + 1, x.cols()), mean(x.rows(), x.cols());
+  for (Index k = 0; k < x.rows(); ++k) sums.row(k + 1) = sums.row(k) + x.row(k);
+  for (Index k = 0; k < x.rows(); ++k) {
+    const Index from = std::max<Index>(k - kHalf, 0), to = std::min(k + kHalf + 1, x.rows());
+    mean.row(k) = (sums.row(to) - sums.row(from)) / static_cast<double>(to - from);
+  }
+  return mean;
+}
+
 // What the motors add to the inertia of joint j, by -I_m ddq in its residual: least squares beside friction
 // and offset. Judged by blocked cross-validation: 0 unless each of kParts contiguous parts of the data,
 // predicted from the others, is at least kGain better with it than without.
-double added_inertia(const Problem& problem, const Eigen::Ref<const VectorXd>& raw, Index j) {
+double added_inertia(const Problem& problem, const VectorXd& residual, Index j) {
   constexpr Index kParts = 6;
   constexpr double kGain = 0.01;
   const Index rows = problem.rows();
@@ -145,6 +157,8 @@ double added_inertia(const Problem& problem, const Eigen::Ref<const VectorXd>& r
   columns.col(0) = -problem.ddq().col(j);
   columns.col(1).setOnes();
   if (problem.has_friction()) columns.col(2) = -problem.friction().col(j);
+  columns = smoothed(columns);
+  const VectorXd raw = smoothed(residual);
   const VectorXd w = problem.weight().col(j);
   const auto solved = [&](const MatrixXd& X, const VectorXd& weight) -> VectorXd {
     MatrixXd H = X.transpose() * weight.asDiagonal() * X;

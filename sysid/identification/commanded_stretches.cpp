@@ -32,7 +32,7 @@ CommandedStretch stretch_of(const MeasuredLog& log, const RobotDescription& prio
   s.beyond -= log.gravity.middleRows(first, rows - 1);
   s.ddq.resize(rows - 1, n);
   for (Index k = 0; k + 1 < rows; ++k) {
-    const Index a = std::max(first, first + k - 5), b = std::min(first + rows - 1, first + k + 6);
+    const Index a = std::max(first, first + k - 1), b = std::min(first + rows - 1, first + k + 2);
     s.ddq.row(k) = (log.dq.row(b) - log.dq.row(a)) / (log.t[b] - log.t[a]);
   }
   if (prior.motor_inertia.size() == n) s.beyond += s.ddq * prior.motor_inertia.asDiagonal();
