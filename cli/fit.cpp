@@ -62,7 +62,10 @@ int fit_surface_of(FitArguments& arguments, const MeasuredLog& log, const Scene&
 int fit_actuation_of(FitArguments& arguments, const MeasuredLog& log, const Scene& scene,
                      const Console& console) {
   const std::size_t arm = arm_of(scene, log);
+  // Not what a simulation lets act of the rotors: that is no figure of this arm.
   RobotDescription robot = plant_robot_of(scene.arms[arm]);
+  const SceneArm& own = scene.arms[arm];
+  robot.motor_inertia = (own.plant_model.empty() ? robot_of(own) : load_robot(own.plant_model)).motor_inertia;
   const ActuationFit quick = fit_actuation(std::span(&log, 1), robot);
   console.line(fmt::format(
       "in closed form: delay {:.3f} +- {:.3f} ms, bandwidth {:.2f} +- {:.2f} Hz, noise {:.4f} N m",

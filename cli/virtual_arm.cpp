@@ -353,7 +353,7 @@ void add_virtual_arm(Program& program) {
       ->add_option("--transmission-stiffness", arguments->transmission_stiffness,
                    "Elastic joints, measured at their motors [N m/rad], in place of the scene's "
                    "plant.transmission_stiffness_nm_per_rad")
-      ->check(CLI::Range(1e3, 1e6))
+      ->check(CLI::Range(5e3, 1e6))
       ->type_name("NUMBER");
   command
       ->add_option("--gear-ripple", arguments->gear_ripple,

@@ -39,7 +39,8 @@ std::string bounds_text(const Scene& scene) {
     for (const auto& loosened : arm.loosened)
       text += fmt::format("\n  arm '{}', looser than the manufacturer's: {}", arm.name, loosened);
   }
-  if (scene.lifted.empty()) return text + " those for arms beside people.";
+  for (const auto& law : scene.unsafer_laws) text += "\n  gives up a safeguard: " + law;
+  if (scene.lifted.empty() && scene.unsafer_laws.empty()) return text + " those for arms beside people.";
   return text + "\n  With these bounds an arm can injure: nobody is within reach while a run lasts.";
 }
 
@@ -120,7 +121,8 @@ void ArmWatch::take(const CycleRecord& record) {
 
 std::string ArmWatch::trouble(const RunStatus& status) {
   if (found_) return what_;
-  return status.refusal.empty() ? stopped_arm(status, moved_) : status.refusal;
+  const std::string stopped = stopped_arm(status, moved_);  // first: it may be why the loop refused
+  return stopped.empty() ? status.refusal : stopped;
 }
 
 void ArmSteps::say(const std::string& text) const {

@@ -140,8 +140,8 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
                                                                .instance = instance,
                                                                .streaming = true});
   const Viewed viewed(run.viewer, session);
-  if (run.progress.stopped()) return {};
   const double bare_us = bare_math_us(session.models());
+  if (run.progress.stopped()) return {};
   session.start();
   GeneratorProcess generator({.program = own_program(),
                               .course = condition.course,

@@ -183,8 +183,12 @@ std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm) {
 
 std::shared_ptr<const ArmModel> build_controller_model(const SceneArm& arm) {
   ArmModelSource source = model_source(arm);
-  if (arm.known_rotor_inertia)
-    source.known_motor_inertia = acting_motor_inertia(robot_of(arm), arm.rotor_hidden);
+  if (arm.known_rotor_inertia) {
+    // How much a simulation hides says nothing of a real arm: there only what was identified of it counts.
+    const RobotDescription robot = robot_of(arm);
+    source.known_motor_inertia =
+        is_physical(arm) ? robot.motor_inertia : acting_motor_inertia(robot, arm.rotor_hidden);
+  }
   ArmLimits& own = source.limits;
   const ArmLimits& scene = arm.safety.joints;
   if (scene.q_min.size() == own.q_min.size()) {

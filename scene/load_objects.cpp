@@ -96,9 +96,9 @@ void visit(Archive& archive, PlantFidelity& plant, Scene& scene) {
               .within(0, 100),
           scene.noslip_iterations);
   if (!archive.reading()) return;
-  constexpr double kSoftest = 1000;
+  constexpr double kSoftest = 5000;
   if (const double k = plant.transmission_stiffness_nm_per_rad; k > 0 && k < kSoftest)
-    archive.at("transmission_stiffness_nm_per_rad").expected("0 (rigid) or at least 1000 N m/rad");
+    archive.at("transmission_stiffness_nm_per_rad").expected("0 (rigid) or at least 5000 N m/rad");
   const double periods = plant.command_delay_s / kArmPeriod;
   if (std::abs(periods - std::round(periods)) > 1e-6)
     archive.at("command_delay_s").expected("whole control periods of 0.001 s");

@@ -7,6 +7,21 @@
 
 namespace multipanda {
 
+namespace {
+
+// Links and motors, those that M contains already counted once.
+JointMatrix mass_with_motors(ModelTerms& terms) {
+  JointMatrix M = terms.M();
+  const JointVector& motors = terms.model().motor_inertia();
+  const JointVector& known = terms.model().known_motor_inertia();
+  if (motors.size() != M.rows()) return M;
+  M.diagonal() += motors;
+  if (known.size() == M.rows()) M.diagonal() -= known;
+  return M;
+}
+
+}  // namespace
+
 TaskStiffness ImpedanceGains::stiffness(const Matrix3& R_W_d) const {
   if (axes == StiffnessAxes::end_effector) {
     return TaskStiffness::along(R_W_d, translational_stiffness, rotational_stiffness);
@@ -27,12 +42,9 @@ Matrix6 ImpedanceGains::damping(const Matrix3& R_W_d, const Matrix6& K, ModelTer
 }
 
 Matrix6 damped_inertia(ModelTerms& terms) {
-  const JointVector& motors = terms.model().motor_inertia();
-  if (motors.size() != terms.M().rows()) return terms.task().Lambda;
-  JointMatrix M = terms.M();
-  M.diagonal() += motors;
+  if (terms.model().motor_inertia().size() != terms.M().rows()) return terms.task().Lambda;
   TaskSpace task;
-  compute_task_space(terms.J_V_WE(), M, task);
+  compute_task_space(terms.J_V_WE(), mass_with_motors(terms), task);
   return task.Lambda;
 }
 
@@ -74,9 +86,7 @@ double share_within(const ContactBounds& contact, const TaskSpace& task, const J
 }
 
 JointMatrix given_null_space_damping(const NullSpaceGains& gains, OwnedArm& arm) {
-  JointMatrix M = arm.terms->M();
-  const JointVector& motors = arm.model().motor_inertia();
-  if (motors.size() == M.rows()) M.diagonal() += motors;
+  const JointMatrix M = mass_with_motors(*arm.terms);
   const double d = std::max(gains.damping, kLeastDampingTime * gains.stiffness);
   return limited_damping(M, JointMatrix(d * JointMatrix::Identity(M.rows(), M.cols())));
 }

@@ -149,7 +149,8 @@ class CoupledUfic final : public Controllet {
     // Hands that part because their estimates are wrong open no faster than set-points would move them.
     const double least = -force_at_speed(context.contact, 0.5 * v_n);
     const double command =
-        std::clamp(squeeze(settings, v_n, n.dot(D_r * n), dt), least, context.contact.spring_force);
+        std::clamp(squeeze(settings, v_n, n.dot(D_r * n), -least, context.contact.spring_force, dt), least,
+                   context.contact.spring_force);
     Vector12 force = Vector12::Zero(), force_damping = Vector12::Zero();
     force.segment<3>(6) = -command * n;
     force_damping.segment<3>(6) = -settings.squeeze_damping * v_n * n;
@@ -338,10 +339,12 @@ class CoupledUfic final : public Controllet {
 
   // F_f' along -n of the relative motion: the force of each hand. The valve never damps more than `damping`,
   // what the impedance itself does along n.
-  double squeeze(const Settings& settings, double v_n, double damping, double dt) {
+  double squeeze(const Settings& settings, double v_n, double damping, double deepest, double most,
+                 double dt) {
     const double estimated = 0.5 * (measured_.first_n + measured_.second_n);
     const double w = grasp_.force_share();
-    const double f = w * loop_.update(settings.force, grasp_.desired_n(), estimated, w, dt);
+    // What the share w takes away later does not let the integral grow now.
+    const double f = w * loop_.update(settings.force, grasp_.desired_n(), estimated, w, dt, most, deepest);
     return multipanda::force_share(settings.valve_law, gamma_, alpha_f_, f < 0 ? v_n : -v_n,
                                    incoming_speed_for(f, gamma_, alpha_f_, damping)) *
            f;

@@ -222,6 +222,11 @@ TEST(LimitedDamping, CountsTheMotorsOfTheModel) {
   EXPECT_NEAR((MatrixXd(damped_inertia(light)) - task_inertia(J, M)).norm(), 0, 1e-6);
   EXPECT_NEAR((MatrixXd(damped_inertia(heavy)) - task_inertia(J, M + 0.1 * MatrixXd::Identity(7, 7))).norm(),
               0, 1e-6);
+  // Motors that M contains already count once.
+  geared.known_motor_inertia = joint_constant(7, 0.06);
+  ModelTerms known(std::make_shared<const ArmModel>(geared));
+  known.update(bent(7), joint_constant(7, 0));
+  EXPECT_NEAR((MatrixXd(damped_inertia(known)) - MatrixXd(damped_inertia(heavy))).norm(), 0, 1e-6);
 }
 
 // C_c by its definition: V^T (dLambda/dt - 2 C_c) V = 0 with Lambda by differences along the motion, for any

@@ -359,6 +359,7 @@ void ArmDriver::fill(HostTime now, ArmState& state) noexcept {
   state.mode = mode(now);
   if (state.mode != ArmMode::move) commanded_ = refused_ = false;
   packet_.fill(newest(), commanded_, state);
+  state.report.present = state.mode != ArmMode::disconnected;
   success_.take(state.sequence, state.mode == ArmMode::move, state.command_success_rate, now.seconds());
   if (success_.take_low()) {
     low_success_.store(state.command_success_rate, std::memory_order_release);

@@ -42,10 +42,12 @@ class Problem {
     }
     weight_ = MatrixXd::Ones(rows_, joints_);
     friction_.resize(rows_, has_friction_ ? joints_ : 0);
+    q_.resize(rows_, joints_);
     ddq_.resize(rows_, joints_);
     Index at = 0;
     each([&](const CommandedStretch& s, Index begin, Index rows) {
       if (has_friction_) friction_.middleRows(at, rows) = s.friction.bottomRows(rows);
+      q_.middleRows(at, rows) = s.q.bottomRows(rows);
       ddq_.middleRows(at, rows) = s.ddq.bottomRows(rows);
       (void)begin;
       at += rows;
@@ -56,6 +58,7 @@ class Problem {
   bool has_friction() const { return has_friction_; }
   double period() const { return stretches_[0].period; }
   const MatrixXd& friction() const { return friction_; }
+  const MatrixXd& q() const { return q_; }
   const MatrixXd& ddq() const { return ddq_; }
 
   // beyond - tracked (rows x n), before friction and offset are subtracted.
@@ -131,7 +134,7 @@ class Problem {
   std::vector<Index> begins_;
   Index joints_ = 0, rows_ = 0;
   bool has_friction_ = false;
-  MatrixXd friction_, ddq_, weight_;
+  MatrixXd friction_, q_, ddq_, weight_;
 };
 
 // The mean over 11 rows about each, so that noise of the measured velocity does not weaken what ddq explains.
@@ -153,10 +156,12 @@ double added_inertia(const Problem& problem, const VectorXd& residual, Index j) 
   constexpr Index kParts = 6;
   constexpr double kGain = 0.01;
   const Index rows = problem.rows();
-  MatrixXd columns(rows, problem.has_friction() ? 3 : 2);
+  MatrixXd columns(rows, problem.has_friction() ? 4 : 3);
   columns.col(0) = -problem.ddq().col(j);
   columns.col(1).setOnes();
-  if (problem.has_friction()) columns.col(2) = -problem.friction().col(j);
+  // An error of the gravity model changes with q, which in one sine is -ddq: what both explain is nobody's.
+  columns.col(2) = problem.q().col(j).array() - problem.q().col(j).mean();
+  if (problem.has_friction()) columns.col(3) = -problem.friction().col(j);
   columns = smoothed(columns);
   const VectorXd raw = smoothed(residual);
   const VectorXd w = problem.weight().col(j);
@@ -176,7 +181,7 @@ double added_inertia(const Problem& problem, const VectorXd& residual, Index j) 
     };
     if (!(left_out(columns) < (1 - kGain) * left_out(without))) return 0;
   }
-  return std::max(0.0, solved(columns, w)[0]);
+  return solved(columns, w)[0];
 }
 
 // Delay, and the time constant 1 / (2 pi bandwidth). Unlike the bandwidth, it enters almost linearly.
@@ -402,6 +407,7 @@ ActuationFit fit_once(std::span<const MeasuredLog> logs, const RobotDescription&
   const MatrixXd raw = problem.raw(fit.actuation);
   found = JointVector::Zero(n);
   for (Index j = 0; j < n; ++j) found[j] = added_inertia(problem, raw.col(j), j);
+  if (prior.motor_inertia.size() == 0) found = found.cwiseMax(0).eval();
   return fit;
 }
 
@@ -416,7 +422,7 @@ ActuationFit fit_actuation(std::span<const MeasuredLog> logs, const RobotDescrip
   RobotDescription with = prior;
   with.motor_inertia = found;
   (void)fit_once(logs, with, options, more);
-  with.motor_inertia += more;
+  with.motor_inertia = (with.motor_inertia + more).cwiseMax(0);
   ActuationFit better = fit_once(logs, with, options, more);
   better.motor_inertia = with.motor_inertia;
   return better;

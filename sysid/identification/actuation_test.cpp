@@ -103,8 +103,12 @@ TEST(Actuation, FindsTheMotorsThatActAndNoOthers) {
   EXPECT_EQ(robot.motor_inertia, fit.motor_inertia);
 
   scene.arms[0].rotor_hidden = 1;
-  const MeasuredLog hidden = record(scene, RichMotion(21), {.duration_s = 8, .dither_nm = 0.5});
+  MeasuredLog hidden = record(scene, RichMotion(21), {.duration_s = 8, .dither_nm = 0.5});
   EXPECT_EQ(fit_actuation(std::span(&hidden, 1), prior).motor_inertia.size(), 0);
+  // Nor where gravity is wrong by 1 N m/rad, which looks like inertia in slow motion.
+  hidden.gravity += hidden.q;
+  const JointVector none = fit_actuation(std::span(&hidden, 1), prior).motor_inertia;
+  EXPECT_LT(none.size() == 0 ? 0 : none.maxCoeff(), 0.01);
 }
 
 // Without fast commands only the sum of delay and lag is identifiable, and the fit warns of it.

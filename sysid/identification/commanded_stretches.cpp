@@ -20,6 +20,7 @@ CommandedStretch stretch_of(const MeasuredLog& log, const RobotDescription& prio
   CommandedStretch s{.period = period,
                      .command = log.tau_cmd.middleRows(first, rows - 1),
                      .beyond = {},
+                     .q = {},
                      .ddq = {},
                      .friction = {}};
   s.beyond = log.tau.middleRows(first + 1, rows - 1);
@@ -30,6 +31,7 @@ CommandedStretch stretch_of(const MeasuredLog& log, const RobotDescription& prio
     }
   }
   s.beyond -= log.gravity.middleRows(first, rows - 1);
+  s.q = log.q.middleRows(first, rows - 1);
   s.ddq.resize(rows - 1, n);
   for (Index k = 0; k + 1 < rows; ++k) {
     const Index a = std::max(first, first + k - 1), b = std::min(first + rows - 1, first + k + 2);

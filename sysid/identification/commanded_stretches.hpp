@@ -14,6 +14,7 @@ struct CommandedStretch {
   double period = 0.001;     // [s]
   Eigen::MatrixXd command;   // (N x n)
   Eigen::MatrixXd beyond;    // tau_J[k+1] - g(q_k) + I_m ddq: tracking less friction (N x n)
+  Eigen::MatrixXd q;         // (N x n)
   Eigen::MatrixXd ddq;       // mean over 3 periods [rad/s^2] (N x n)
   Eigen::MatrixXd friction;  // of the prior's table at dq_(k+1) (N x n); no columns: the prior has no table
 };
