@@ -160,14 +160,14 @@ class Torques(unittest.TestCase):
             dq = np.array(arm["dq"])
             if sample["started"]:
                 before = dq
-            late, before = (1 - given["velocity_weight"][0]) * (dq - before), dq
+            before = dq + (1 - given["velocity_weight"][0]) * (before - dq)
             design, ahead = int(given["damping_design"][0]), given["acceleration_feedforward"][0]
             seen.add((design, ahead))
             if design != 2 or ahead != 1 or given["damping_of"][0] != 0:
                 continue
             values = {name: given[name] for name in impedance.declaration.parameters}
             tau = impedance.evaluate(arm, inputs=sample["inputs"], parameters=values).tau
-            tau = tau + np.array(given["damping_nms_per_rad"]) * late  # its D sees a part of the last velocity
+            tau = tau + np.array(given["damping_nms_per_rad"]) * (dq - before)  # its D sees a filtered velocity
             np.testing.assert_allclose(tau, arm["tau"], rtol=1e-9, atol=1e-9)
         self.assertIn((2, 1.0), seen)
 
