@@ -201,6 +201,8 @@ int run(const VirtualArmArguments& arguments) {
   fidelity.transmission_stiffness_nm_per_rad =
       arguments.transmission_stiffness.value_or(fidelity.transmission_stiffness_nm_per_rad);
   fidelity.gear_ripple_nm = arguments.gear_ripple.value_or(fidelity.gear_ripple_nm);
+  if (arguments.rotor_hidden || arguments.transmission_stiffness || arguments.gear_ripple)
+    fidelity.name += " (changed)";
   const Scene shown = opened.scene;  // as it is known: hidden parameters stay hidden
   if (arguments.hidden) hide(opened.scene, *arguments.hidden);  // without any message about the draw
   fci::VirtualArmOptions options;

@@ -230,6 +230,9 @@ TEST(OnArms, ARunIsWatchedFromItsFirstSampleOn) {
     return watch.trouble({});
   };
   EXPECT_EQ(trouble(0.04, 1), "");
+  RunStatus refused;
+  refused.refusal = "at 1 s the loop refused a switch (not active)";
+  EXPECT_EQ(ArmWatch(scene, layout, models, expected).trouble(refused), refused.refusal);
   EXPECT_THAT(trouble(0.06, 1), HasSubstr("too far from its start"));
   EXPECT_THAT(trouble(-0.06, 4000), HasSubstr("too far from its start")) << "an arm that reports late";
   EXPECT_THROW(ArmWatch(scene, layout, models, Json()), ExperimentInterrupted) << "nothing to compare with";

@@ -233,7 +233,8 @@ class TaskRunner {
     }
   }
 
-  // On arms, what was read at the start: a file that is saved while a question stands changes nothing.
+  // On arms, the scene as it was read at the start: saving it while a question stands changes nothing. Model
+  // files are read again.
   Scene scene_of(const TaskRun& run) const {
     const auto read = scenes_.find(run.name());
     return read != scenes_.end() ? read->second : task_scene(experiment_, run, registry_);

@@ -219,6 +219,19 @@ TEST(RotorInertia, ControllersKnowItIfTheSceneSaysSo) {
   EXPECT_LT((all.model().least_inertia() - links.model().least_inertia()).norm(), 1e-12);
 }
 
+// What a simulation hides says nothing of a real arm: there only the inertia that was identified counts.
+TEST(RotorInertia, ARealArmsMassMatrixDoesNotFollowTheSimulation) {
+  SceneArm arm = seven(0.2);
+  arm.safety = SafetyLimits::of(*build_arm_model(arm));
+  arm.known_rotor_inertia = true;
+  const auto known = [&](const char* address) {
+    arm.fci = FciConnection{.address = address};
+    return build_controller_model(arm)->known_motor_inertia();
+  };
+  EXPECT_EQ(known("127.0.0.1"), JointVector(0.8 * load_robot("fer").rotor_inertia));
+  EXPECT_EQ(known("172.16.0.2").size(), 0);
+}
+
 // The arm's own hold knows its rotors: a joint with 0.2 kg m^2 of them on FR3's bare wrist (0.002 kg m^2)
 // that is pushed comes back as a critically damped oscillator of 60 rad/s does, q = q_0 + v t exp(-60 t).
 TEST(RotorInertia, TheArmsOwnHoldIsDamped) {
