@@ -588,8 +588,8 @@ def _delay_table(conditions):
                     arm,
                     f"{c['configured_delay_ms']:g}",
                     f"{a['median']:.4f}" if a else None,
-                    f"{a['median'] - c['configured_delay_ms']:+.4f}" if a else None,
                     f"{a['least']:.4f} … {a['worst']:.4f}" if a else None,
+                    f"{a['median'] - c['configured_delay_ms']:.4f}" if a else None,
                     f"{b['mean']:.4f}" if b else None,
                     f"{b['least']:.4f} … {b['worst']:.4f}" if b else None,
                     str(b["count"]) if b else "0",
@@ -602,8 +602,8 @@ def _delay_table(conditions):
             "arm",
             "configured [ms]",
             "correlation, median [ms]",
-            "of it the command path [ms]",
             "its windows [ms]",
+            "median beyond the plant [ms]",
             "sequence number, mean [ms]",
             "its cycles [ms]",
             "torques found",
@@ -623,10 +623,9 @@ def _load_table(conditions):
         rows.append(
             [
                 name,
-                *(
-                    f"{u[k]['median']:.1f} ({u[k]['p1']:.1f} … {u[k]['p99']:.1f})"
-                    for k in ("process_percent", "loop_percent")
-                ),
+                f"{u['process_percent']['median']:.1f} ({u['process_percent']['p1']:.1f} … "
+                f"{u['process_percent']['p99']:.1f})",
+                f"{u['loop_percent']['median']:.1f}",
                 f"{c['control_percent']:.1f}",
                 f"{max(u['process_percent']['mean'] - c['control_percent'], 0):.1f}",
                 f"{u['generator_percent']['median']:.1f}",
