@@ -39,7 +39,8 @@ SetCollisionThresholds most_thresholds(const AdapterContext& run, ArmIndex arm) 
 
 template <class S, class Request>
 void ArmServices::offer(const std::string& name, const std::string& alias, const std::string& doc,
-                        std::function<Request(const typename S::Request&)> read, double timeout_s) {
+                        std::type_identity_t<std::function<Request(const typename S::Request&)>> read,
+                        double timeout_s) {
   const AdapterContext* run = &run_;
   const auto callback = [run, arm = arm_, read, timeout_s](const typename S::Request& request, auto reply) {
     const auto answered = [run, reply](const RequestAnswer& answer) {

@@ -2,6 +2,7 @@
 
 #include <memory>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "ros/adapter/adapter_part.hpp"
@@ -22,7 +23,8 @@ class ArmServices : public AdapterPart {
   // std::invalid_argument, which refuses the request.
   template <class S, class Request = ArmRequest>
   void offer(const std::string& name, const std::string& alias, const std::string& doc,
-             std::function<Request(const typename S::Request&)> read, double timeout_s = kArmTimeout);
+             std::type_identity_t<std::function<Request(const typename S::Request&)>> read,
+             double timeout_s = kArmTimeout);
   void offer_vacuum();
 
   const AdapterContext& run_;

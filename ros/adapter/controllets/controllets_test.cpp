@@ -9,6 +9,7 @@
 
 #include "core/testing/test_world.hpp"
 #include "ros/adapter/controllets/input_port.hpp"
+#include "ros/adapter/controllets/inputs.hpp"
 #include "ros/adapter/controllets/mode_messages.hpp"
 #include "ros/adapter/controllets/parameter_table.hpp"
 #include "ros/adapter/rate_divider.hpp"
@@ -68,7 +69,9 @@ InputCodec plain_codec(std::string controllet, std::string input, std::string to
       std::move(controllet), std::move(input), [](const PoseStamped&, InputValues&) {}, std::move(topic));
 }
 
-TEST_F(Fixture, CodecsOfATypeServeEveryInputOfAQuantity) {
+struct Codecs : testing::Test, Fixture {};
+
+TEST_F(Codecs, OfATypeServeEveryInputOfAQuantity) {
   const auto nothing = [](const PoseStamped&, InputValues&) {};
   const std::vector<InputCodec> codecs{plain_codec("cartesian_impedance", "pose", ""),
                                        plain_codec("cartesian_impedance", "pose", "second"),
@@ -91,7 +94,7 @@ TEST_F(Fixture, CodecsOfATypeServeEveryInputOfAQuantity) {
   }
 }
 
-TEST_F(Fixture, CodecsThatCannotBeServedAreRefused) {
+TEST_F(Codecs, ThatCannotBeServedAreRefused) {
   const auto nothing = [](const PoseStamped&, InputValues&) {};
   const auto refusal = [&](const std::vector<InputCodec>& codecs) -> std::string {
     try {
