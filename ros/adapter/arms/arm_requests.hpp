@@ -107,12 +107,19 @@ inline double positive(double value, const char* what) {
   throw std::invalid_argument(fmt::format("{}: expected more than 0, found {:.4g}", what, value));
 }
 
+// Shorter than a service waits: the answer is always the gripper's own.
+inline double vacuum_timeout(double value) {
+  constexpr double kMost = 60;  // [s]
+  if (positive(value, "timeout [s]") <= kMost) return value;
+  throw std::invalid_argument(fmt::format("timeout [s]: expected at most {:g}, found {:.4g}", kMost, value));
+}
+
 inline GripperRequest read_request(const multipanda_msgs::srv::VacuumOn::Request& request) {
-  return VacuumOn{positive(request.vacuum_mbar, "vacuum_mbar"), positive(request.timeout, "timeout [s]")};
+  return VacuumOn{positive(request.vacuum_mbar, "vacuum_mbar"), vacuum_timeout(request.timeout)};
 }
 
 inline GripperRequest read_request(const multipanda_msgs::srv::VacuumDrop::Request& request) {
-  return VacuumDrop{positive(request.timeout, "timeout [s]")};
+  return VacuumDrop{vacuum_timeout(request.timeout)};
 }
 
 // Refuses thresholds of the reflex above `most`: the arm would press harder on a person before it stops.

@@ -81,6 +81,9 @@ TEST(ArmRequests, GuidingAndVacuumAreRead) {
   EXPECT_EQ(pump.timeout_s, VacuumOn{}.timeout_s);
   on.vacuum_mbar = -3;
   EXPECT_THROW((void)read_request(on), std::invalid_argument);
+  on.vacuum_mbar = 100;
+  on.timeout = 61;  // longer than a service waits
+  EXPECT_THROW((void)read_request(on), std::invalid_argument);
   multipanda_msgs::srv::VacuumDrop::Request drop;
   drop.timeout = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THROW((void)read_request(drop), std::invalid_argument);
