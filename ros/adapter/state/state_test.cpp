@@ -26,6 +26,7 @@
 namespace multipanda::ros::state_test {
 namespace {
 
+using test::Received;
 using test::StateFixture;
 using testing::Contains;
 using testing::ElementsAre;
@@ -523,23 +524,6 @@ TEST(State, FlagsOfContactAndCollisionFollowFromAWeight) {
   EXPECT_THAT(state.cartesian_collision, testing::Each(false));
   EXPECT_THAT(state.last_motion_error_names, ElementsAre("joint_reflex"));
 }
-
-// Messages of a topic. The executor's thread counts them.
-template <class M>
-struct Received {
-  Received(StateFixture& fixture, Node& node, const std::string& name, const Qos& qos = Qos::reliable(2000))
-      : subscription(fixture.executor(), node, name, qos, Doc{}, [this](const M& message) {
-          const std::lock_guard lock(mutex);
-          messages.push_back(message);
-        }) {}
-  std::size_t count() {
-    const std::lock_guard lock(mutex);
-    return messages.size();
-  }
-  std::mutex mutex;
-  std::vector<M> messages;
-  Subscription<M> subscription;
-};
 
 std::string with_rates(const std::string& rates) { return kArms + "ros: {rates_hz: {" + rates + "}}\n"; }
 
