@@ -209,11 +209,11 @@ void Markers::on_loop(const Tick& tick, const Backend& backend) {
 }
 
 void Markers::take(const CycleRecord& record) {
-  models_.take(record);
   if (!turn_.due(record.cycle)) return;
   const bool watched = publisher_.subscribers() > 0;
   watched_.store(watched, std::memory_order_relaxed);
   if (!watched) return;
+  models_.take(record);
   const auto stamp = to_time(run_.stamps.of(record));
   for (Marker& marker : message_.markers) {
     marker.header.stamp = stamp;
