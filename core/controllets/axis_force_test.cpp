@@ -79,7 +79,7 @@ TEST(AxisForce, AnAxisThatWasPushedBackLosesItsContact) {
   EXPECT_LT(std::abs(axis.f), 1e-9);
 }
 
-// The way beyond the contact is counted along the goal: another direction begins anew.
+// The way beyond the contact is counted along the goal: another direction begins at zero.
 TEST(AxisForce, AGoalOfTheOtherSignBeginsANewWay) {
   Axis axis;
   axis.now.desired = axis.now.estimated = 10;

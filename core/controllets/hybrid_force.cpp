@@ -163,12 +163,13 @@ class HybridForce final : public Controllet {
     if (axes.any()) {
       const Vector6 pull = project(axes, context.contact, terms.V_WE().vector, force);
       command = axis_forces(axes, gains.stiffness(target.X_W_d.rotation), F_d, F_hat, pull, terms, context);
-      command += bridged(axes, command, context.dt);
-      force.total = pull - force.damping + axes.in_world(command - damping(axes, parameters, terms));
+      force.total = pull - force.damping - axes.in_world(damping(axes, parameters, terms));
     } else {
       watch(axes, F_d, F_hat, terms, context);
     }
+    if (redefined_ || bridging_.value() > 0) command += bridged(axes, command, context.dt);
     commanded_ = axes.in_world(command);
+    if (!command.isZero(0)) force.total += commanded_;
 
     *arm.tau = terms.c() + null_space_torque(null_space_gains(parameters, context.contact), arm, q_N_);
     *arm.tau += terms.J_V_WE().transpose().lazyProduct(force.total);
@@ -358,7 +359,6 @@ class HybridForce final : public Controllet {
       axis_[i].update(settings[i / 3], {.desired = desired[k], .estimated = estimated[k], .speed = V[k]},
                       context.dt);
     }
-    redefined_ = false;
   }
 
   Vector6 axis_forces(const WeightedAxes& axes, const TaskStiffness& K, const Vector6& F_d,

@@ -346,34 +346,43 @@ TEST(HybridForceBounds, ThePullThatIsLeftIsBoundedAgain) {
 }
 
 // Another end effector while a force and moments act, about 15 cm away: from the wrench before to the one
-// about the new point it takes a fade.
+// about the new point it takes a fade, also where the axes are released meanwhile.
 TEST(HybridForceBounds, ARedefinedEndEffectorCausesNoStep) {
-  for (const bool of_hand : {false, true}) {
-    Bench bench(Pose{rotation_from_rpy({0.3, -0.2, 0.7}), Vector3(0.1, 0.2, -0.1)});
-    bench.rig.bound({});
-    bench.rig.set("force_frame", {of_hand ? 1.0 : 0.0});
-    for (const int axis : {2, 3, 4}) bench.select(axis);
-    ASSERT_EQ(bench.rig.start(), LawResult::ok);
-    const Matrix3 R = of_hand ? bench.X().rotation : Matrix3(Matrix3::Identity());
-    Vector3 f = R * Vector3(0, 0, -10), m = R * Vector3(0.6, -0.8, 0);
-    bench.want(six(f, 1.5 * m));
-    bench.feel(six(f, m));
-    bench.ticks(3000);
-    const Vector3 at = bench.X().position;
-    JointVector before = bench.rig.tau(0);
-    const JointVector first = before;
-    EXPECT_GT(bench.command().norm(), 7);
-    bench.rig.redefine(0, {rotation_from_rpy({0.3, -0.2, 0.5}), Vector3(0.1, -0.08, 0.08)});
-    ASSERT_GT((bench.X().position - at).norm(), 0.14);
-    bench.feel(six(f, m + (at - bench.X().position).cross(f)));  // the same, about the new point
-    double step = 0;
-    for (int t = 0; t < 600; ++t) {
-      bench.ticks(1);
-      step = std::max(step, (bench.rig.tau(0) - before).lpNorm<Eigen::Infinity>());
-      before = bench.rig.tau(0);
+  for (const int released : {-1, 0, 50, 120}) {
+    for (const bool of_hand : {false, true}) {
+      Bench bench(Pose{rotation_from_rpy({0.3, -0.2, 0.7}), Vector3(0.1, 0.2, -0.1)});
+      bench.rig.bound({});
+      bench.rig.set("force_frame", {of_hand ? 1.0 : 0.0});
+      for (const int axis : {2, 3, 4}) bench.select(axis);
+      ASSERT_EQ(bench.rig.start(), LawResult::ok);
+      const Matrix3 R = of_hand ? bench.X().rotation : Matrix3(Matrix3::Identity());
+      const Vector3 f = R * Vector3(0, 0, -10), m = R * Vector3(0.6, -0.8, 0);
+      bench.want(six(f, 1.5 * m));
+      bench.feel(six(f, m));
+      bench.ticks(3000);
+      const Vector3 at = bench.X().position;
+      JointVector before = bench.rig.tau(0);
+      const JointVector first = before;
+      EXPECT_GT(bench.command().norm(), 7);
+      double step = 0;
+      for (int t = 0; t < 600; ++t) {
+        if (t == released)
+          for (const int axis : {2, 3, 4}) bench.select(axis, false);
+        if (t == 100) {
+          bench.rig.redefine(0, {rotation_from_rpy({0.3, -0.2, 0.5}), Vector3(0.1, -0.08, 0.08)});
+          ASSERT_GT((bench.X().position - at).norm(), 0.14);
+          bench.feel(six(f, m + (at - bench.X().position).cross(f)));  // the same, about the new point
+        }
+        bench.ticks(1);
+        step = std::max(step, (bench.rig.tau(0) - before).lpNorm<Eigen::Infinity>());
+        before = bench.rig.tau(0);
+      }
+      EXPECT_LT(step, 0.1) << released << " " << of_hand;
+      EXPECT_GT((before - first).lpNorm<Eigen::Infinity>(), 0.5) << released << " " << of_hand;
+      if (released >= 0) {
+        EXPECT_LT(before.norm(), 1e-6);  // nothing stays
+      }
     }
-    EXPECT_LT(step, 0.1) << of_hand;
-    EXPECT_GT((before - first).lpNorm<Eigen::Infinity>(), 0.5) << of_hand;
   }
 }
 
