@@ -107,6 +107,14 @@ inline double positive(double value, const char* what) {
   throw std::invalid_argument(fmt::format("{}: expected more than 0, found {:.4g}", what, value));
 }
 
+// Below the least, a gripper would call the vacuum reached while what it holds falls.
+inline double vacuum(double mbar) {
+  constexpr double kLeast = 50, kMost = 1000;  // of the air's 1013 [mbar]
+  if (std::isfinite(mbar) && mbar >= kLeast && mbar <= kMost) return mbar;
+  throw std::invalid_argument(
+      fmt::format("vacuum_mbar: expected {:g} to {:g}, found {:.4g}", kLeast, kMost, mbar));
+}
+
 // Shorter than a service waits: the answer is always the gripper's own.
 inline double vacuum_timeout(double value) {
   constexpr double kMost = 60;  // [s]
@@ -115,11 +123,21 @@ inline double vacuum_timeout(double value) {
 }
 
 inline GripperRequest read_request(const multipanda_msgs::srv::VacuumOn::Request& request) {
-  return VacuumOn{positive(request.vacuum_mbar, "vacuum_mbar"), vacuum_timeout(request.timeout)};
+  return VacuumOn{vacuum(request.vacuum_mbar), vacuum_timeout(request.timeout)};
 }
 
 inline GripperRequest read_request(const multipanda_msgs::srv::VacuumDrop::Request& request) {
   return VacuumDrop{vacuum_timeout(request.timeout)};
+}
+
+// Refuses a lower threshold above its upper one: nothing would be reported before the arm stops.
+inline void refuse_unordered(const SetCollisionThresholds& asked) {
+  for (const auto& set : {asked.nominal, asked.acceleration.value_or(asked.nominal)}) {
+    if ((set.torque_lower.array() <= set.torque_upper.array()).all() &&
+        (set.wrench_lower.array() <= set.wrench_upper.array()).all())
+      continue;
+    throw std::invalid_argument("a lower threshold is above its upper one: expected lower <= upper");
+  }
 }
 
 // Refuses thresholds of the reflex above `most`: the arm would press harder on a person before it stops.

@@ -85,6 +85,7 @@ ArmServices::ArmServices(const AdapterContext& run, ArmIndex arm) : run_(run), a
       "scene.",
       [n, most = most_thresholds(run, arm)](const auto& request) {
         const ArmRequest read = read_request(request, n);
+        refuse_unordered(std::get<SetCollisionThresholds>(read));
         refuse_looser(std::get<SetCollisionThresholds>(read), most);
         return read;
       });
@@ -95,8 +96,15 @@ ArmServices::ArmServices(const AdapterContext& run, ArmIndex arm) : run_(run), a
                                     reads);
   offer<srv::SetGuidingMode>(
       "set_guiding_mode", "",
-      "Axes that are free while a person holds the guiding buttons. The service itself frees nothing.",
-      reads);
+      "Axes that are free while a person holds the guiding buttons. The service itself frees nothing. A real "
+      "arm must be in hold: torque control is interrupted for it.",
+      [run = &run, arm, n](const auto& request) {
+        // A real arm takes it beside a motion only: what a controllet holds with it would be let go.
+        const bool simulated = run->backend->capabilities(arm).simulated;
+        if (!simulated && run->modes->owner(arm) >= run->modes->arm_count())
+          throw std::invalid_argument("a controllet controls the arm: switch the arm to hold first");
+        return read_request(request, n);
+      });
   if (run.backend->capabilities(arm).has_vacuum) offer_vacuum();
   if (run.backend->capabilities(arm).simulated) {
     offer<std_srvs::srv::SetBool>(

@@ -79,6 +79,8 @@ TEST(ArmRequests, GuidingAndVacuumAreRead) {
   const auto pump = std::get<VacuumOn>(read_request(on));
   EXPECT_EQ(pump.pressure_mbar, VacuumOn{}.pressure_mbar);
   EXPECT_EQ(pump.timeout_s, VacuumOn{}.timeout_s);
+  on.vacuum_mbar = 1;  // reached while what is held falls
+  EXPECT_THROW((void)read_request(on), std::invalid_argument);
   on.vacuum_mbar = -3;
   EXPECT_THROW((void)read_request(on), std::invalid_argument);
   on.vacuum_mbar = 100;

@@ -242,6 +242,29 @@ TEST(Inputs, InvalidNumbersAreRefused) {
               HasSubstr("5 values; expected 6"));
 }
 
+// Of two topics that stream to one input, the first has it until it is silent: an operator who lets go finds
+// the arm held, whatever another sender does.
+TEST(Inputs, AnotherTopicsStreamIsRefusedWhileOneStreams) {
+  Fixture fixture;
+  InputPort port(fixture.run, fixture.loop.find("pose0"), 0);
+  ASSERT_TRUE(fixture.loop.activate({"pose0"}).accepted());
+  const Reference& reference = fixture.loop.modes().instance(fixture.loop.find("pose0")).inputs()[0];
+  const Pose X = reference.pose();
+  const int operators = 0, trackers = 0;
+  port.receive(pose_message(X, ""), Delivery::stream, 0, &operators);
+  port.receive(pose_message(X, ""), Delivery::stream, 0, &trackers);
+  EXPECT_EQ(port.counts().refused, 1u);
+  EXPECT_THAT(port.counts().last_reason, HasSubstr("another topic"));
+  port.receive(pose_message(X, ""), Delivery::stream, 0, &operators);
+  port.receive(pose_message(X, ""), Delivery::goal, 0, &trackers);
+  EXPECT_EQ(port.counts().refused, 1u);
+  const HostTime silent =
+      host_now() + std::chrono::nanoseconds(std::llround(1.2e9 * reference.spec().timeout_s));
+  while (host_now() < silent) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  port.receive(pose_message(X, ""), Delivery::stream, 0, &trackers);
+  EXPECT_EQ(port.counts().refused, 1u);
+}
+
 // Only accepted messages reach the loop. Refused ones are counted, with the newest reason, and reported.
 TEST(Inputs, PosesOutOfReachAreRefusedWithTheDistance) {
   Fixture fixture;

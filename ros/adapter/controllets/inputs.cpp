@@ -37,9 +37,11 @@ class CodecSubscription : public SubscriptionBase {
       codec_.read(message_.get(), values);
     } catch (const std::exception& error) {
       values.refusal = error.what();
+    } catch (...) {
+      values.refusal = "its codec failed";
     }
     if (values.refusal.empty()) {
-      port_.receive(values.numbers, values.frame, delivery_, waited_s());
+      port_.receive(values.numbers, values.frame, delivery_, waited_s(), this);
     } else {
       port_.refuse(values.refusal);
     }
@@ -69,7 +71,7 @@ class InputSubscription : public SubscriptionBase {
  private:
   bool take() override {
     if (!take_any(&message_)) return false;
-    port_.receive(message_, delivery_, waited_s());
+    port_.receive(message_, delivery_, waited_s(), this);
     return true;
   }
 
