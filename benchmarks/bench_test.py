@@ -71,6 +71,10 @@ class Json(unittest.TestCase):
         cycle, limits = self.results["cycle_us"], self.results["limits_us"]
         expected = cycle["dual_cartesian_impedance/2"]["median"] / limits["dual_cartesian_impedance"]["median"]
         self.assertAlmostEqual(self.results["ratios"]["dual_cartesian_impedance/2 to bare math"], expected, 3)
+        ros = self.results["ros_us"]
+        if ros:
+            expected = ros["cycle_with_adapter"]["median"] / ros["cycle_without"]["median"]
+            self.assertAlmostEqual(self.results["ratios"]["cycle with the ROS adapter to without"], expected, 3)
 
     def test_features_neither_allocate_nor_lock(self):
         for key, calls in self.results["loop_calls"].items():

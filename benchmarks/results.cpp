@@ -118,6 +118,8 @@ nlohmann::ordered_json measure_all(const Effort& effort) {
       results["ros_us"] = {{"adapter_in_loop", json_of(times.adapter_us)},
                            {"cycle_with_adapter", json_of(times.with_us)},
                            {"cycle_without", json_of(times.without_us)}};
+      results["ratios"]["cycle with the ROS adapter to without"] =
+          ratio(results["ros_us"]["cycle_with_adapter"], results["ros_us"]["cycle_without"]);
     }
   }
   const std::size_t cycles = std::min<std::size_t>(250, effort.samples);

@@ -19,8 +19,8 @@ struct RosTimes {
 // Runs two simulated arms (the scene two_arms) at 1 kHz with the ROS adapter. A client process switches by
 // the service ~/switch_controllets at seeded random moments, alternating between two Cartesian impedances
 // and DC. A trial lasts from just before the client sends the request until the loop has written the first
-// torque of the new controllets, both on this computer's steady clock. Then measures the same run without
-// an adapter.
+// torque of the new controllets, both on this computer's steady clock. Cycle times come
+// from three runs with the adapter and three without, in turns.
 RosTimes measure_ros(const Registry& registry, std::size_t trials);
 
 }  // namespace multipanda::bench
