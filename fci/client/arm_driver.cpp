@@ -194,6 +194,12 @@ std::string ArmDriver::ctl_command(const char* word) const {
 std::future<RequestAnswer> ArmDriver::prepare() {
   return post([this] {
     left_ = false;
+    settings_ = {.frames = config_.frames,
+                 .load = config_.load,
+                 .joint_stiffness = config_.joint_stiffness,
+                 .cartesian_stiffness = config_.cartesian_stiffness,
+                 .thresholds = config_.thresholds,
+                 .changed = {}};
     connect_and_configure();
     return RequestAnswer{true, {}};
   });

@@ -99,7 +99,7 @@ class ArmDriver {
   void connect_end_effector();
   void check_model();
   bool configure();
-  void send_configuration();
+  void send_settings();
   std::string in_reflex(const RobotState& state) const;
   void check_end_effector(const RobotState& state);
   void start_requested_motion();
@@ -107,6 +107,7 @@ class ArmDriver {
   void set_frames(const ArmFrames& frames);
   void set_load(const Load& load);
   void apply(const ArmRequest& request);
+  void remember(const char* changed);
   void apply_beside_motion(const ArmRequest& request);
   RequestAnswer recover();
   RequestAnswer reconnect();
@@ -115,8 +116,20 @@ class ArmDriver {
   [[noreturn]] void refuse(const std::string& text) const;
   std::string ctl_command(const char* word) const;  // "`multipanda ctl recover left`"
 
+  // Sent at the start and after each reconnection: the scene's, and what requests of this run have changed
+  // since, which an arm that was switched off has forgotten.
+  struct Settings {
+    ArmFrames frames;
+    Load load;
+    std::optional<JointVector> joint_stiffness;
+    std::optional<Vector6> cartesian_stiffness;
+    std::optional<SetCollisionThresholds> thresholds;
+    std::string changed;  // names of what requests have changed
+  };
+
   const FciArmConfig config_;
   const FciOptions& options_;
+  Settings settings_;  // commander
   ArmConnection link_;
   std::unique_ptr<EndEffector> end_effector_;
   std::atomic<bool> end_effector_connected_{false};

@@ -130,7 +130,7 @@ bool ArmDriver::configure() {
            "and it is recovered now, as `recover_at_start` asks");
     link_.recover();
   }
-  send_configuration();
+  send_settings();
   return true;
 }
 
@@ -139,14 +139,20 @@ std::string ArmDriver::in_reflex(const RobotState& state) const {
          "and it stays stopped: see that nobody is in its way, then run " + ctl_command("recover");
 }
 
-void ArmDriver::send_configuration() {
+void ArmDriver::send_settings() {
   if (!is_mode(link_.look(), RobotMode::idle)) refuse(refusal_in_mode(config_.name, link_.last_state()));
   check_end_effector(link_.last_state());
-  set_frames(config_.frames);
-  set_load(config_.load);
-  if (config_.joint_stiffness) link_.set_joint_impedance(to_array<7>(*config_.joint_stiffness));
-  if (config_.cartesian_stiffness) link_.set_cartesian_impedance(to_array<6>(*config_.cartesian_stiffness));
-  if (config_.thresholds) link_.set_collision_behavior(to_request(*config_.thresholds));
+  set_frames(settings_.frames);
+  set_load(settings_.load);
+  if (settings_.joint_stiffness) link_.set_joint_impedance(to_array<7>(*settings_.joint_stiffness));
+  if (settings_.cartesian_stiffness) {
+    link_.set_cartesian_impedance(to_array<6>(*settings_.cartesian_stiffness));
+  }
+  if (settings_.thresholds) link_.set_collision_behavior(to_request(*settings_.thresholds));
+  if (!settings_.changed.empty()) {
+    notify("it has the " + settings_.changed + " that this run has set since its start, not the scene's" +
+           (settings_.load.mass > 0 ? ": it compensates a load of " + grams(settings_.load.mass) : ""));
+  }
 }
 
 // The end effector in the arm's settings must match the scene: the arm compensates its weight.
@@ -191,21 +197,45 @@ void ArmDriver::set_load(const Load& load) {
 }
 
 void ArmDriver::apply(const ArmRequest& request) {
-  const auto set = Overloaded{
-      [this](const SetLoad& r) { set_load(r.load); },
-      [this](const SetFrames& r) {
-        const RobotState& state = link_.look();
-        set_frames({r.X_FE.value_or(with_proper_rotation(pose_of(state.F_T_EE))),
-                    r.X_EK.value_or(with_proper_rotation(pose_of(state.EE_T_K)))});
-      },
-      [this](const SetJointStiffness& r) { link_.set_joint_impedance(to_array<7>(r.stiffness)); },
-      [this](const SetCartesianStiffness& r) { link_.set_cartesian_impedance(to_array<6>(r.stiffness)); },
-      [this](const SetCollisionThresholds& r) { link_.set_collision_behavior(to_request(r)); },
-      [this](const SetGuidingMode& r) { link_.set_guiding_mode(r.axes, r.elbow); },
-      // request() has handled these.
-      [](const RecoverFromError&) {}, [](const Reconnect&) {}, [](const StopMotion&) {},
-      [](const SetUserStop&) {}};
+  const auto set =
+      Overloaded{[this](const SetLoad& r) {
+                   set_load(r.load);
+                   settings_.load = r.load;
+                   remember("load");
+                 },
+                 [this](const SetFrames& r) {
+                   const RobotState& state = link_.look();
+                   const ArmFrames frames{r.X_FE.value_or(with_proper_rotation(pose_of(state.F_T_EE))),
+                                          r.X_EK.value_or(with_proper_rotation(pose_of(state.EE_T_K)))};
+                   set_frames(frames);
+                   settings_.frames = frames;
+                   remember("frames");
+                 },
+                 [this](const SetJointStiffness& r) {
+                   link_.set_joint_impedance(to_array<7>(r.stiffness));
+                   settings_.joint_stiffness = r.stiffness;
+                   remember("joint stiffness");
+                 },
+                 [this](const SetCartesianStiffness& r) {
+                   link_.set_cartesian_impedance(to_array<6>(r.stiffness));
+                   settings_.cartesian_stiffness = r.stiffness;
+                   remember("Cartesian stiffness");
+                 },
+                 [this](const SetCollisionThresholds& r) {
+                   link_.set_collision_behavior(to_request(r));
+                   settings_.thresholds = r;
+                   remember("collision thresholds");
+                 },
+                 [this](const SetGuidingMode& r) { link_.set_guiding_mode(r.axes, r.elbow); },
+                 // request() has handled these.
+                 [](const RecoverFromError&) {}, [](const Reconnect&) {}, [](const StopMotion&) {},
+                 [](const SetUserStop&) {}};
   std::visit(set, request);
+}
+
+void ArmDriver::remember(const char* changed) {
+  std::string& names = settings_.changed;
+  if (names.find(changed) == std::string::npos) names += (names.empty() ? "" : ", ") + std::string(changed);
 }
 
 // Arms accept settings only at rest. Torque control of an arm at rest is interrupted for the

@@ -41,7 +41,8 @@ struct FciArmConfig {
   // The same hand as the arm declares it; none: `hand`.
   std::optional<Load> hand_declared;
 
-  // Sent to the arm at the start and after each reconnection, and checked in its state. The end effector's
+  // Sent to the arm at the start and after each reconnection, then with what requests of the run have changed
+  // since, and checked in its state. The end effector's
   // mass can only be set in the arm's settings: a difference is reported.
   ArmFrames frames;
   Load tool, load;

@@ -324,6 +324,50 @@ TEST_F(Backends, ALostConnectionIsReportedAndRestoredOnRequest) {
   EXPECT_FALSE(answer(backend_->request(0, Reconnect{})).success);
 }
 
+// An arm that was switched off has forgotten what the run has set: it would sink under its load, or stop
+// later than its user has asked for.
+TEST_F(Backends, AReconnectedArmGetsWhatTheRunHasChanged) {
+  FciArmConfig left = config(0);
+  left.thresholds =
+      SetCollisionThresholds{.nominal = {JointVector::Constant(7, 10), JointVector::Constant(7, 40),
+                                         Vector6::Constant(10), Vector6::Constant(80)},
+                             .acceleration = {}};
+  begin({}, {left, config(1)});
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  SetLoad load{.load = config(0).load};
+  load.load.mass = 1.2;
+  SetCollisionThresholds lower = *left.thresholds;
+  lower.nominal.wrench_upper.setConstant(25);
+  for (const ArmRequest& request : {ArmRequest(load), ArmRequest(lower)}) {
+    const RequestAnswer set = answer(backend_->request(0, request));
+    ASSERT_TRUE(set.success) << set.reason;
+  }
+  const auto reconnect = [&] {
+    fakes_[0]->hang_up();
+    while (cycle_->data().state[0].mode != ArmMode::disconnected) step();
+    // Another program has had the arm meanwhile.
+    fakes_[0]->change([](RobotState& s) { s.m_load = 0; });
+    const RequestAnswer back = answer(backend_->request(0, Reconnect{}));
+    ASSERT_TRUE(back.success) << back.reason;
+    while (cycle_->data().state[0].mode != ArmMode::move) step();
+  };
+  const std::size_t asked = fakes_[0]->asked().size();
+  reconnect();
+  EXPECT_GT(fakes_[0]->asked().size(), asked);
+  EXPECT_EQ(fakes_[0]->last<SetLoadRequest>().m_load, 1.2);
+  EXPECT_EQ(fakes_[0]->last<SetCollisionBehaviorRequest>().upper_force_thresholds_nominal[2], 25);
+  EXPECT_NEAR(cycle_->data().state[0].load.mass, 1.2, 1e-9) << "the controllers' model has it, too";
+  EXPECT_THAT(said_, HasSubstr("load, collision thresholds"));
+  EXPECT_THAT(said_, HasSubstr("1200 g"));
+
+  // A refused setting is not one of the run.
+  SetLoad heavier = load;
+  heavier.load.mass = 100;
+  EXPECT_FALSE(answer(backend_->request(0, heavier)).success);
+  reconnect();
+  EXPECT_EQ(fakes_[0]->last<SetLoadRequest>().m_load, 1.2);
+}
+
 // A connection without a loop would start a motion that nobody answers.
 TEST_F(Backends, AnArmThatTheRunHasLeftIsNotReconnected) {
   begin();
