@@ -119,6 +119,7 @@ class ArmConnection {
   bool receive() noexcept;  // takes what has arrived; true: newest() is newer than before
   const RobotState& newest() const noexcept { return port_.state(); }
   HostTime received_at() const noexcept { return port_.received_at(); }
+  bool is_stale() const noexcept { return port_.is_stale(); }                // newest() is not to be acted on
   bool send(RobotCommand& command) noexcept { return port_.send(command); }  // answers newest()
   // The running motion's command that ends it: its flag depends on version and generator.
   static void mark_finished(const Dialect& dialect, bool has_generator, RobotCommand& command) noexcept;

@@ -348,9 +348,7 @@ RequestAnswer ArmDriver::stop() {
 
 // --- loop ---
 
-void ArmDriver::receive() noexcept {
-  if (link_.receive()) unread_ = true;
-}
+void ArmDriver::receive() noexcept { unread_ = link_.receive() || (unread_ && !link_.is_stale()); }
 
 ArmMode ArmDriver::mode(HostTime now) const noexcept {
   const Phase phase = this->phase();

@@ -356,7 +356,7 @@ TEST_F(Backends, AReconnectedArmGetsWhatTheRunHasChanged) {
   EXPECT_GT(fakes_[0]->asked().size(), asked);
   EXPECT_EQ(fakes_[0]->last<SetLoadRequest>().m_load, 1.2);
   EXPECT_EQ(fakes_[0]->last<SetCollisionBehaviorRequest>().upper_force_thresholds_nominal[2], 25);
-  EXPECT_NEAR(cycle_->data().state[0].load.mass, 1.2, 1e-9) << "the controllers' model has it, too";
+  EXPECT_NEAR(cycle_->data().state[0].load.mass, 1.2, 1e-6) << "the controllers' model has it, too";
   EXPECT_THAT(said_, HasSubstr("load, collision thresholds"));
   EXPECT_THAT(said_, HasSubstr("1200 g"));
 

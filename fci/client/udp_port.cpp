@@ -68,8 +68,12 @@ bool UdpPort::receive() noexcept {
     ++count;
   }
   constexpr int kBacklog = 8;  // datagrams, fewer than any buffer holds
-  if (count >= kBacklog && has_overflowed()) fresh_ = false;
+  if (count >= kBacklog && has_overflowed()) {
+    fresh_ = false;
+    stale_ = true;
+  }
   if (fresh_) {
+    stale_ = false;
     received_at_ = host_now();
     counters_.success_rate.store(state().control_command_success_rate, std::memory_order_relaxed);
   }

@@ -37,6 +37,8 @@ class UdpPort {
   // The newest state; its message_id is 0 before the first one.
   const RobotState& state() const noexcept { return intake_.state(); }
   HostTime received_at() const noexcept { return received_at_; }
+  // Whether state() may be of long ago: the socket's buffer overflowed, and no state has come since.
+  bool is_stale() const noexcept { return stale_; }
   // States in a row that never came before state(), and the arm's clock between the two last states taken.
   std::uint64_t gap() const noexcept { return intake_.gap(); }
   // Answers state(): sends `command` with the number of the state.
@@ -59,7 +61,7 @@ class UdpPort {
   std::uint32_t address_ = 0;
 
   StateIntake intake_;
-  bool fresh_ = false;
+  bool fresh_ = false, stale_ = false;
   std::uint32_t dropped_ = 0;  // datagrams that found the socket's buffer full, by has_overflowed()
   sockaddr_in source_{};
   HostTime received_at_;
