@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <sys/eventfd.h>
 #include <unistd.h>
+#include <utility>
 
 #include "core/types/time.hpp"
 #include "fci/client/arm_state_text.hpp"
@@ -35,6 +36,7 @@ MotionRequest request_of(ArmMotion motion) {
 ArmDriver::ArmDriver(FciArmConfig config, const FciOptions& options)
     : config_(std::move(config)),
       options_(options),
+      settings_(config_),
       link_({.name = config_.name,
              .address = config_.address,
              .port = config_.port,
@@ -194,12 +196,7 @@ std::string ArmDriver::ctl_command(const char* word) const {
 std::future<RequestAnswer> ArmDriver::prepare() {
   return post([this] {
     left_ = false;
-    settings_ = {.frames = config_.frames,
-                 .load = config_.load,
-                 .joint_stiffness = config_.joint_stiffness,
-                 .cartesian_stiffness = config_.cartesian_stiffness,
-                 .thresholds = config_.thresholds,
-                 .changed = {}};
+    settings_ = Settings(config_);
     connect_and_configure();
     return RequestAnswer{true, {}};
   });
@@ -263,6 +260,11 @@ void ArmDriver::start_requested_motion() {
   enter(Phase::starting);
   try {
     if (!configured_ && !(configured_ = configure())) refuse(in_reflex(link_.look()));
+    if (std::exchange(load_is_unknown_, false)) {
+      refuse("this run declared a load of " + grams(settings_.load.mass) + ", and the arm has " +
+             grams(link_.last_state().m_load) + " now: set the load that it carries, then run " +
+             ctl_command("recover"));
+    }
     if (motion == ArmMotion::none) {
       enter(Phase::stopped);
       return;

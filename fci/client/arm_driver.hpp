@@ -107,7 +107,16 @@ class ArmDriver {
   void set_frames(const ArmFrames& frames);
   void set_load(const Load& load);
   void apply(const ArmRequest& request);
+  // Each tells the arm, and remembers what it has accepted.
+  void set(const SetLoad& request);
+  void set(const SetFrames& request);
+  void set(const SetJointStiffness& request);
+  void set(const SetCartesianStiffness& request);
+  void set(const SetCollisionThresholds& request);
+  void set(const SetGuidingMode& request);
+  void set(const auto&) {}  // request() has handled it
   void remember(const char* changed);
+  void send_load();
   void apply_beside_motion(const ArmRequest& request);
   RequestAnswer recover();
   RequestAnswer reconnect();
@@ -119,6 +128,13 @@ class ArmDriver {
   // Sent at the start and after each reconnection: the scene's, and what requests of this run have changed
   // since, which an arm that was switched off has forgotten.
   struct Settings {
+    explicit Settings(const FciArmConfig& scene)
+        : frames(scene.frames),
+          load(scene.load),
+          joint_stiffness(scene.joint_stiffness),
+          cartesian_stiffness(scene.cartesian_stiffness),
+          thresholds(scene.thresholds) {}
+    bool has_changed(const char* name) const { return changed.find(name) != std::string::npos; }
     ArmFrames frames;
     Load load;
     std::optional<JointVector> joint_stiffness;
@@ -129,7 +145,8 @@ class ArmDriver {
 
   const FciArmConfig config_;
   const FciOptions& options_;
-  Settings settings_;  // commander
+  Settings settings_;             // commander
+  bool load_is_unknown_ = false;  // commander: no motion starts until a person has said which load is carried
   ArmConnection link_;
   std::unique_ptr<EndEffector> end_effector_;
   std::atomic<bool> end_effector_connected_{false};

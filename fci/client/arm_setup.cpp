@@ -2,7 +2,6 @@
 #include <cmath>
 #include <cstdio>
 
-#include "core/types/overloaded.hpp"
 #include "fci/client/arm_driver.hpp"
 #include "fci/client/arm_state_text.hpp"
 #include "fci/client/model_check.hpp"
@@ -49,8 +48,6 @@ double worst_torque(const Load& a, const Load& b) {
   constexpr double kGravity = 9.81, kReach = 0.855;  // of the flange, by the arms' data sheets [m]
   return kGravity * (std::abs(a.mass - b.mass) * kReach + (a.mass * a.p_FC - b.mass * b.p_FC).norm());
 }
-
-std::string grams(double mass) { return std::to_string(std::lround(mass * 1000)) + " g"; }
 
 }  // namespace
 
@@ -142,17 +139,32 @@ std::string ArmDriver::in_reflex(const RobotState& state) const {
 void ArmDriver::send_settings() {
   if (!is_mode(link_.look(), RobotMode::idle)) refuse(refusal_in_mode(config_.name, link_.last_state()));
   check_end_effector(link_.last_state());
-  set_frames(settings_.frames);
-  set_load(settings_.load);
-  if (settings_.joint_stiffness) link_.set_joint_impedance(to_array<7>(*settings_.joint_stiffness));
-  if (settings_.cartesian_stiffness) {
-    link_.set_cartesian_impedance(to_array<6>(*settings_.cartesian_stiffness));
+  try {
+    set_frames(settings_.frames);
+    send_load();
+    if (settings_.joint_stiffness) link_.set_joint_impedance(to_array<7>(*settings_.joint_stiffness));
+    if (settings_.cartesian_stiffness) {
+      link_.set_cartesian_impedance(to_array<6>(*settings_.cartesian_stiffness));
+    }
+    if (settings_.thresholds) link_.set_collision_behavior(to_request(*settings_.thresholds));
+  } catch (const ConnectionError& error) {
+    if (error.is_fatal() || settings_.changed.empty()) throw;
+    refuse(std::string(error.what()) + "; requests of this run have changed its " + settings_.changed +
+           ": start the run again for the scene's");
   }
-  if (settings_.thresholds) link_.set_collision_behavior(to_request(*settings_.thresholds));
   if (!settings_.changed.empty()) {
-    notify("it has the " + settings_.changed + " that this run has set since its start, not the scene's" +
-           (settings_.load.mass > 0 ? ": it compensates a load of " + grams(settings_.load.mass) : ""));
+    notify("it has the " + settings_.changed + " that requests of this run have set" +
+           (settings_.has_changed("load") ? "; it compensates a load of " + grams(link_.last_state().m_load)
+                                          : ""));
   }
+}
+
+// An arm whose load is another than this run has declared was switched off, or had another program, and what
+// it carries now is not known: with a wrong load it would rise or sink as soon as it is under control.
+void ArmDriver::send_load() {
+  load_is_unknown_ =
+      settings_.has_changed("load") && !is_close(payload_of(link_.last_state()), settings_.load);
+  if (!load_is_unknown_) set_load(settings_.load);
 }
 
 // The end effector in the arm's settings must match the scene: the arm compensates its weight.
@@ -197,41 +209,43 @@ void ArmDriver::set_load(const Load& load) {
 }
 
 void ArmDriver::apply(const ArmRequest& request) {
-  const auto set =
-      Overloaded{[this](const SetLoad& r) {
-                   set_load(r.load);
-                   settings_.load = r.load;
-                   remember("load");
-                 },
-                 [this](const SetFrames& r) {
-                   const RobotState& state = link_.look();
-                   const ArmFrames frames{r.X_FE.value_or(with_proper_rotation(pose_of(state.F_T_EE))),
-                                          r.X_EK.value_or(with_proper_rotation(pose_of(state.EE_T_K)))};
-                   set_frames(frames);
-                   settings_.frames = frames;
-                   remember("frames");
-                 },
-                 [this](const SetJointStiffness& r) {
-                   link_.set_joint_impedance(to_array<7>(r.stiffness));
-                   settings_.joint_stiffness = r.stiffness;
-                   remember("joint stiffness");
-                 },
-                 [this](const SetCartesianStiffness& r) {
-                   link_.set_cartesian_impedance(to_array<6>(r.stiffness));
-                   settings_.cartesian_stiffness = r.stiffness;
-                   remember("Cartesian stiffness");
-                 },
-                 [this](const SetCollisionThresholds& r) {
-                   link_.set_collision_behavior(to_request(r));
-                   settings_.thresholds = r;
-                   remember("collision thresholds");
-                 },
-                 [this](const SetGuidingMode& r) { link_.set_guiding_mode(r.axes, r.elbow); },
-                 // request() has handled these.
-                 [](const RecoverFromError&) {}, [](const Reconnect&) {}, [](const StopMotion&) {},
-                 [](const SetUserStop&) {}};
-  std::visit(set, request);
+  std::visit([this](const auto& r) { set(r); }, request);
 }
+
+void ArmDriver::set(const SetLoad& request) {
+  set_load(request.load);
+  settings_.load = request.load;
+  remember("load");
+}
+
+// A frame that is not given stays as this run has set it; what the arm shows may be of an earlier program.
+void ArmDriver::set(const SetFrames& request) {
+  const ArmFrames frames{request.X_FE.value_or(settings_.frames.X_FE),
+                         request.X_EK.value_or(settings_.frames.X_EK)};
+  set_frames(frames);
+  settings_.frames = frames;
+  remember("frames");
+}
+
+void ArmDriver::set(const SetJointStiffness& request) {
+  link_.set_joint_impedance(to_array<7>(request.stiffness));
+  settings_.joint_stiffness = request.stiffness;
+  remember("joint stiffness");
+}
+
+void ArmDriver::set(const SetCartesianStiffness& request) {
+  link_.set_cartesian_impedance(to_array<6>(request.stiffness));
+  settings_.cartesian_stiffness = request.stiffness;
+  remember("Cartesian stiffness");
+}
+
+void ArmDriver::set(const SetCollisionThresholds& request) {
+  link_.set_collision_behavior(to_request(request));
+  settings_.thresholds = request;
+  remember("collision thresholds");
+}
+
+void ArmDriver::set(const SetGuidingMode& request) { link_.set_guiding_mode(request.axes, request.elbow); }
 
 void ArmDriver::remember(const char* changed) {
   std::string& names = settings_.changed;

@@ -1,5 +1,7 @@
 #include "fci/client/arm_state_text.hpp"
 
+#include <cmath>
+
 #include "fci/wire/error_flags.hpp"
 
 namespace multipanda::fci {
@@ -55,5 +57,7 @@ std::string refusal_in_mode(const std::string& arm, const RobotState& state) {
   }
   return text + "check the arm's web interface";
 }
+
+std::string grams(double mass_kg) { return std::to_string(std::lround(mass_kg * 1000)) + " g"; }
 
 }  // namespace multipanda::fci

@@ -17,5 +17,6 @@ std::string_view mode_name(std::uint8_t robot_mode);
 std::string error_list(const RobotState& state);
 // Why an arm in this mode refuses a request, and the remedy.
 std::string refusal_in_mode(const std::string& arm, const RobotState& state);
+std::string grams(double mass_kg);  // "1200 g"
 
 }  // namespace multipanda::fci
