@@ -6,7 +6,6 @@
 #include <stdexcept>
 #include <sys/eventfd.h>
 #include <unistd.h>
-#include <utility>
 
 #include "core/types/time.hpp"
 #include "fci/client/arm_state_text.hpp"
@@ -197,6 +196,7 @@ std::future<RequestAnswer> ArmDriver::prepare() {
   return post([this] {
     left_ = false;
     settings_ = Settings(config_);
+    load_is_unknown_ = false;
     connect_and_configure();
     return RequestAnswer{true, {}};
   });
@@ -260,15 +260,11 @@ void ArmDriver::start_requested_motion() {
   enter(Phase::starting);
   try {
     if (!configured_ && !(configured_ = configure())) refuse(in_reflex(link_.look()));
-    if (std::exchange(load_is_unknown_, false)) {
-      refuse("this run declared a load of " + grams(settings_.load.mass) + ", and the arm has " +
-             grams(link_.last_state().m_load) + " now: set the load that it carries, then run " +
-             ctl_command("recover"));
-    }
     if (motion == ArmMotion::none) {
       enter(Phase::stopped);
       return;
     }
+    if (load_is_unknown_) refuse(unknown_load() + ", then run " + ctl_command("recover"));
     link_.start_motion(request_of(motion));
     link_.wait_until_running();
   } catch (const ConnectionError& error) {

@@ -106,6 +106,7 @@ class ArmDriver {
   void change_motion();
   void set_frames(const ArmFrames& frames);
   void set_load(const Load& load);
+  void confirm_load(const Load& load);
   void apply(const ArmRequest& request);
   // Each tells the arm, and remembers what it has accepted.
   void set(const SetLoad& request);
@@ -117,6 +118,7 @@ class ArmDriver {
   void set(const auto&) {}  // request() has handled it
   void remember(const char* changed);
   void send_load();
+  std::string unknown_load() const;
   void apply_beside_motion(const ArmRequest& request);
   RequestAnswer recover();
   RequestAnswer reconnect();
@@ -146,7 +148,7 @@ class ArmDriver {
   const FciArmConfig config_;
   const FciOptions& options_;
   Settings settings_;             // commander
-  bool load_is_unknown_ = false;  // commander: no motion starts until a person has said which load is carried
+  bool load_is_unknown_ = false;  // commander: no motion starts until a request has set the load
   ArmConnection link_;
   std::unique_ptr<EndEffector> end_effector_;
   std::atomic<bool> end_effector_connected_{false};

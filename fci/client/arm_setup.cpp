@@ -149,14 +149,23 @@ void ArmDriver::send_settings() {
     if (settings_.thresholds) link_.set_collision_behavior(to_request(*settings_.thresholds));
   } catch (const ConnectionError& error) {
     if (error.is_fatal() || settings_.changed.empty()) throw;
-    refuse(std::string(error.what()) + "; requests of this run have changed its " + settings_.changed +
-           ": start the run again for the scene's");
+    throw ConnectionError(error.kind(), std::string(error.what()) +
+                                            "; requests of this run have changed its " + settings_.changed +
+                                            ": reconnect once the cause is gone, or start the run again "
+                                            "with the scene's");
   }
-  if (!settings_.changed.empty()) {
+  if (load_is_unknown_) {
+    notify(unknown_load());
+  } else if (!settings_.changed.empty()) {
     notify("it has the " + settings_.changed + " that requests of this run have set" +
-           (settings_.has_changed("load") ? "; it compensates a load of " + grams(link_.last_state().m_load)
-                                          : ""));
+           (settings_.has_changed("load") ? "; it compensates a load of " + grams(settings_.load.mass) : ""));
   }
+}
+
+std::string ArmDriver::unknown_load() const {
+  return "this run declared a load of " + grams(settings_.load.mass) + ", and the arm has one of " +
+         grams(link_.last_state().m_load) +
+         " now, or with another center of mass or inertia: set the load that it carries";
 }
 
 // An arm whose load is another than this run has declared was switched off, or had another program, and what
@@ -202,6 +211,10 @@ void ArmDriver::set_frames(const ArmFrames& frames) {
 
 void ArmDriver::set_load(const Load& load) {
   link_.set_load(load);
+  confirm_load(load);
+}
+
+void ArmDriver::confirm_load(const Load& load) {
   if (!link_.wait_for_state([&](const RobotState& s) { return is_close(payload_of(s), load); })) {
     refuse("it accepted a load of " + grams(load.mass) + ", but its state shows " +
            grams(link_.last_state().m_load));
@@ -212,10 +225,20 @@ void ArmDriver::apply(const ArmRequest& request) {
   std::visit([this](const auto& r) { set(r); }, request);
 }
 
+// Forgotten only if the arm refuses it: if the connection is lost meanwhile, the arm may have it or not, and
+// is asked which load it has after the reconnection.
 void ArmDriver::set(const SetLoad& request) {
-  set_load(request.load);
+  const Settings before = settings_;
   settings_.load = request.load;
   remember("load");
+  try {
+    link_.set_load(request.load);
+  } catch (const ConnectionError& error) {
+    if (!error.is_fatal()) settings_ = before;
+    throw;
+  }
+  confirm_load(request.load);
+  load_is_unknown_ = false;
 }
 
 // A frame that is not given stays as this run has set it; what the arm shows may be of an earlier program.
