@@ -137,6 +137,7 @@ std::future<RequestAnswer> EndEffectorConnection::request(const GripperRequest& 
   try {
     channel_.send(entry.message, kTimeout);
   } catch (const ConnectionError& error) {
+    if (error.is_fatal()) present_ = false;  // run() finds out, too, and answers what else is running
     return refuse(error.what());
   }
   running_.push_back(std::move(entry));
