@@ -34,6 +34,15 @@ std_msgs::msg::ColorRGBA color(const Rgba& rgba) {
 
 Pose along_z(double z) { return {Matrix3::Identity(), {0, 0, z}}; }
 
+// Known without a world, as beside real arms and under ros2_control.
+std::vector<std::optional<Pose>> places_of_fixed(const std::vector<SceneObject>& objects) {
+  std::vector<std::optional<Pose>> X_WO(objects.size());
+  for (std::size_t i = 0; i < objects.size(); ++i) {
+    if (objects[i].fixed) X_WO[i] = objects[i].X_WO;
+  }
+  return X_WO;
+}
+
 }  // namespace
 
 Markers::Markers(const AdapterContext& run)
@@ -46,7 +55,7 @@ Markers::Markers(const AdapterContext& run)
               "For viewers such as rviz: objects, targets and tanks of active controllets, forces (1 m "
               "for 200 N)."}),
       every_(turn_),
-      X_WO_(run.scene->objects.size()),
+      X_WO_(places_of_fixed(run.scene->objects)),
       newest_(X_WO_) {
   for (std::size_t i = 0; i < X_WO_.size(); ++i) add_object(run.scene->objects[i], i);
   for (InstanceIndex i = 0; i < run.modes->instance_count(); ++i) {
@@ -201,9 +210,7 @@ void Markers::on_loop(const Tick& tick, const Backend& backend) {
   if (!every_.due(tick.cycle) || !watched_.load(std::memory_order_relaxed)) return;
   const auto& objects = run_.scene->objects;
   for (std::size_t i = 0; i < objects.size(); ++i) {
-    X_WO_[i] = backend.object_pose(objects[i].name);
-    // Beside real arms only what cannot move has a known place.
-    if (!X_WO_[i] && objects[i].fixed) X_WO_[i] = objects[i].X_WO;
+    if (const auto X_WO = backend.object_pose(objects[i].name); X_WO || !objects[i].fixed) X_WO_[i] = X_WO;
   }
   newest_.write(X_WO_);
 }

@@ -124,7 +124,7 @@ struct Shown : testing::Test {
       Tick tick;
       tick.cycle = record.cycle;
       tick.t = record.t;
-      part.on_loop(tick, fixture.backend());
+      if (has_world) part.on_loop(tick, fixture.backend());
       part.take(copy);
       newest_ns = record.t.ns;
       records[newest_ns] = {copy, *fixture.backend().object_pose("ball")};
@@ -154,6 +154,7 @@ struct Shown : testing::Test {
   Node listener{fixture.context(), "listener"};
   test::Received<MarkerArray> received{fixture, listener, "/multipanda/markers"};
   std::function<void(CycleRecord&)> edit;
+  bool has_world = true;
   std::int64_t newest_ns = 0;
   std::map<std::int64_t, std::pair<CycleRecord, Pose>> records;
   MarkerArray last;
@@ -254,6 +255,15 @@ TEST_F(Shown, NamespacesIdsAndFramesStayWhileActionsChange) {
   for (const auto& [space, id] : {std::pair("tanks", 0), std::pair("tanks", 1), std::pair("tanks", 2),
                                   std::pair("tanks", 3), std::pair("targets", 1)})
     EXPECT_EQ(find(last, space, id).action, Marker::DELETE) << space << id;
+}
+
+// As under ros2_control, whose controller has no world to ask.
+TEST_F(Shown, FixedObjectsAreWhereTheSceneHasThemWithoutAWorld) {
+  has_world = false;
+  next();
+  expect_pose(find(last, "objects", 0), turned({2, 1, 0.5}, 0.3, -0.2, 0.9));
+  EXPECT_TRUE(there(last, "objects", 1));
+  EXPECT_FALSE(there(last, "objects", 4)) << "nobody knows where the ball is";
 }
 
 // Without a viewer neither the loop nor the publisher's thread works for markers.
