@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <limits>
 
 #include "core/controllets/axis_force.hpp"
 #include "core/controllets/cartesian_law.hpp"
@@ -27,6 +29,11 @@ struct WeightedAxes {
     return x;
   }
   bool any() const { return (weight.array() > 0).any(); }
+  // Each of n equal parts at right angles gets 1 / this of what all of them may reach together. `kind`: 0
+  // forces, 1 moments.
+  double parts(std::size_t kind) const {
+    return std::sqrt(std::max(1.0, weight.segment<3>(static_cast<Eigen::Index>(3 * kind)).sum()));
+  }
   // (I - W) x. Forces and moments have separate projectors, so that no unit is mixed with another.
   Vector6 rest(const Vector6& x) const {
     return in_world(in_frame(x).cwiseProduct(Vector6::Ones() - weight));
@@ -128,6 +135,11 @@ class HybridForce final : public Controllet {
     offset_ = {};
     displaced_ = false;
     waits_ = false;
+    bridge_.setZero();
+    commanded_.setZero();
+    bridging_.reset(false);
+    redefined_ = false;
+    context.inputs[kPose].bound_hand_speed(std::numeric_limits<double>::infinity(), 0);
     planned_.fill(context.inputs[kPose].planned());
     return LawResult::ok;
   }
@@ -149,13 +161,15 @@ class HybridForce final : public Controllet {
     waits_ = std::max(force.bounded.force_share, force.bounded.moment_share) > kWaitsFrom;
     Vector6 command = Vector6::Zero();  // f, force frame
     if (axes.any()) {
-      const Vector6 pull = axes.rest(force.total + force.damping);
-      force.pull = axes.rest(force.pull);
+      const Vector6 pull = project(axes, context.contact, terms.V_WE().vector, force);
       command = axis_forces(axes, gains.stiffness(target.X_W_d.rotation), F_d, F_hat, pull, terms, context);
-      force.total = pull - force.damping + axes.in_world(command - damping(axes, parameters, terms));
+      force.total = pull - force.damping - axes.in_world(damping(axes, parameters, terms));
     } else {
-      for (AxisForce& axis : axis_) axis.update({}, {}, context.dt);
+      watch(axes, F_d, F_hat, terms, context);
     }
+    if (redefined_ || bridging_.value() > 0) command += bridged(axes, command, context.dt);
+    commanded_ = axes.in_world(command);
+    if (!command.isZero(0)) force.total += commanded_;
 
     *arm.tau = terms.c() + null_space_torque(null_space_gains(parameters, context.contact), arm, q_N_);
     *arm.tau += terms.J_V_WE().transpose().lazyProduct(force.total);
@@ -177,6 +191,12 @@ class HybridForce final : public Controllet {
     Controllet::end_effector_moved(context, arm, X);
     offset_.position = X_d.position - context.inputs[kPose].pose().position;
     R_EF_ = X.rotation.transpose() * R_EF_;  // selected axes do not turn with the definition
+    // The same wrench as before, about the new point.
+    const Pose& X_WE = context.arms[arm].terms->X_WE();
+    Wrench before;
+    before.vector = commanded_;
+    commanded_ = shifted(before, (X_WE * X.inverse()).position - X_WE.position).vector;
+    redefined_ = true;
   }
 
  private:
@@ -210,12 +230,14 @@ class HybridForce final : public Controllet {
     kOutputCount = kError + kAxes
   };
 
-  static constexpr double kTurnLimit = 0.5;  // where moments begin to fall with the speed along them [rad/s]
+  // Moments fall with the speed along them, from half of kTurnLimit on, and end at kTopTurning [rad/s].
+  static constexpr double kTurnLimit = 0.5, kTopTurning = 1.5;
   // The most that force and damping of an axis may fall with its speed, over its inertia [1/s]: they act some
   // periods late (damping_design.hpp), and several axes may share a mode.
   static constexpr double kSteepest = 200, kDamping = 60;
   static constexpr double kReturnTime = 0.3, kReturnSpeed = 0.05, kReturnTurning = 0.2;  // [s, m/s, rad/s]
-  static constexpr double kWaitsFrom = 0.8;  // share of the allowed pull
+  static constexpr double kReturnShare = 0.2;  // of the hand's speed
+  static constexpr double kWaitsFrom = 0.8;    // share of the allowed pull
 
   Pose set_point(const ControlContext& context) const {
     const Pose& X = context.inputs[kPose].pose();
@@ -240,9 +262,11 @@ class HybridForce final : public Controllet {
 
   // The set-point, which follows the arm along the axes that the impedance has left, and from there on holds
   // still along an axis that is released, until the next goal of the input.
-  CartesianTarget follow(const WeightedAxes& axes, const ControlContext& context) {
-    const Reference& input = context.inputs[kPose];
-    if (displaced_) come_back(axes, input, context.dt);
+  CartesianTarget follow(const WeightedAxes& axes, ControlContext& context) {
+    Reference& input = context.inputs[kPose];
+    const double most = context.contact.hand_speed;
+    const double back = displaced_ ? come_back(axes, input, most, context.dt) : 0;
+    input.bound_hand_speed(back > 0 ? most - back : std::numeric_limits<double>::infinity(), 0);
     CartesianTarget target = CartesianTarget::of(input);
     target.X_W_d = set_point(context);
     if (displaced_) {
@@ -271,31 +295,74 @@ class HybridForce final : public Controllet {
     return {exp_rotation(error.tail<3>()) * X.rotation, X.position + error.head<3>()};
   }
 
-  // After the next goal, the set-point comes back to that of the input along released axes.
-  void come_back(const WeightedAxes& axes, const Reference& input, double dt) {
+  // After the next goal, the set-point comes back to that of the input along released axes, in addition to
+  // the input's own motion. Returns its speed [m/s].
+  double come_back(const WeightedAxes& axes, const Reference& input, double hand_speed, double dt) {
     Vector6 offset;
     offset << offset_.position, log_rotation(offset_.rotation);
-    Vector6 left = axes.in_frame(offset);
+    Vector6 left = axes.in_frame(offset), step = Vector6::Zero();
     for (std::size_t i = 0; i < kAxes; ++i) {
-      if (waits_ || !axis_[i].idle() || planned_[i] == input.planned()) continue;
-      const double fastest = (i < 3 ? kReturnSpeed : kReturnTurning) * dt;
-      double& way = left[static_cast<Eigen::Index>(i)];
-      way -= std::clamp(way * dt / kReturnTime, -fastest, fastest);
+      const auto k = static_cast<Eigen::Index>(i);
+      if (!waits_ && axis_[i].idle() && planned_[i] != input.planned()) step[k] = left[k] * dt / kReturnTime;
     }
+    const auto clamp = [](auto part, double most) {
+      const double size = part.norm();
+      if (size > most) part *= most / size;
+    };
+    clamp(step.head<3>(), std::min(kReturnSpeed, kReturnShare * hand_speed) * dt);
+    clamp(step.tail<3>(), kReturnTurning * dt);
+    left -= step;
     constexpr double kThere = 1e-7;
     if (!axes.any() && left.norm() < kThere) {
       offset_ = {};
       displaced_ = false;
-      return;
+    } else if (!step.isZero(0)) {
+      offset = axes.in_world(left);
+      offset_ = {exp_rotation(offset.tail<3>()), offset.head<3>()};
     }
-    if (left == axes.in_frame(offset)) return;
-    offset = axes.in_world(left);
-    offset_ = {exp_rotation(offset.tail<3>()), offset.head<3>()};
+    return step.head<3>().norm() / dt;
+  }
+
+  // The pull that the projection leaves, damping aside. It may point elsewhere than before, along a faster
+  // motion, so it is bounded again.
+  static Vector6 project(const WeightedAxes& axes, const ContactBounds& contact, const Vector6& V,
+                         TaskForce& force) {
+    const Vector6 pull = axes.rest(force.total + force.damping);
+    force.pull = axes.rest(force.pull);
+    const BoundedPull again = bound_pull(contact, pull, force.damping, V.head<3>());
+    force.bounded.force_share = std::max(force.bounded.force_share, again.force_share);
+    force.bounded.moment_share = std::max(force.bounded.moment_share, again.moment_share);
+    return again.remaining(pull);
+  }
+
+  // Another end effector means other moments and another point for the forces: from the wrench before to the
+  // new one it takes a fade. Returns what to add, force frame.
+  Vector6 bridged(const WeightedAxes& axes, const Vector6& command, double dt) {
+    if (redefined_) {
+      bridge_ = commanded_ - axes.in_world(command);
+      bridging_.reset(true);
+      redefined_ = false;
+    }
+    const Vector6 left = axes.in_frame(bridge_) * bridging_.value();
+    bridging_.towards(false, dt);
+    return left;
+  }
+
+  // Contact is shown for axes that are not selected, too.
+  void watch(const WeightedAxes& axes, const Vector6& F_d, const Vector6& F_hat, ModelTerms& terms,
+             const ControlContext& context) {
+    const Vector6 desired = axes.in_frame(F_d), estimated = axes.in_frame(F_hat);
+    const Vector6 V = axes.in_frame(terms.V_WE().vector);
+    const AxisSettings settings[] = {force_axis(axes, context), moment_axis(axes, context)};
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      const auto k = static_cast<Eigen::Index>(i);
+      axis_[i].update(settings[i / 3], {.desired = desired[k], .estimated = estimated[k], .speed = V[k]},
+                      context.dt);
+    }
   }
 
   Vector6 axis_forces(const WeightedAxes& axes, const TaskStiffness& K, const Vector6& F_d,
                       const Vector6& F_hat, const Vector6& pull, ModelTerms& terms, ControlContext& context) {
-    const ParameterSet& parameters = *context.parameters;
     const ContactBounds& contact = context.contact;
     const Vector6 desired = axes.in_frame(F_d), estimated = axes.in_frame(F_hat);
     const Vector6 V = axes.in_frame(terms.V_WE().vector), pulled = axes.in_frame(pull);
@@ -303,17 +370,28 @@ class HybridForce final : public Controllet {
     stiffness << (axes.R.transpose() * K.translation * axes.R).diagonal(),
         (axes.R.transpose() * K.rotation * axes.R).diagonal();
     const Vector6 inertia = inertias(axes, terms);
-    const double room[] = {
-        room_for(0, pulled.head<3>(), axes.weight.head<3>(), contact.spring_force, context.dt),
-        room_for(1, pulled.tail<3>(), axes.weight.tail<3>(), contact.spring_moment, context.dt)};
-    const AxisSettings settings[] = {force_axis(parameters, contact), moment_axis(parameters)};
+    const double room[] = {room_for(0, axes, pulled.head<3>(), contact.spring_force, context.dt),
+                           room_for(1, axes, pulled.tail<3>(), contact.spring_moment, context.dt)};
+    const AxisSettings settings[] = {force_axis(axes, context), moment_axis(axes, context)};
+    // All axes of a kind together keep to the bound.
+    const double limit[] = {contact.hand_speed / axes.parts(0), turn_limit(axes, contact)};
+    // What an axis bears unfelt ends at 1.5 times the limit, or at kTopTurning, although it falls no more
+    // steeply than the axis bears.
+    const double falls[] = {limit[0], (kTopTurning / kTurnLimit - 0.5) * limit[1]};
     for (std::size_t i = 0; i < kAxes; ++i) {
       const auto k = static_cast<Eigen::Index>(i);
       const std::size_t kind = i / 3;
-      const AxisState now{desired[k], estimated[k], V[k], stiffness[k], room[kind], pulled[k]};
+      const double steepest = kSteepest * inertia[k];
+      const AxisState now{.desired = desired[k],
+                          .estimated = estimated[k],
+                          .speed = V[k],
+                          .stiffness = stiffness[k],
+                          .room = room[kind],
+                          .pull = pulled[k],
+                          .unfelt = steepest * falls[kind],
+                          .slow = 0.5 * limit[kind]};
       const double f = axis_[i].update(settings[kind], now, context.dt);
-      const double limit = kind == 0 || !std::isfinite(contact.hand_speed) ? contact.hand_speed : kTurnLimit;
-      command[k] = f * share_at_axis_speed(f, f < 0 ? -V[k] : V[k], limit, kSteepest * inertia[k]);
+      command[k] = f * share_at_axis_speed(f, f < 0 ? -V[k] : V[k], limit[kind], steepest);
     }
     // While axes fade, the pull along them and their forces are not at right angles.
     command.head<3>() *= largest_share(pulled.head<3>(), command.head<3>(), contact.spring_force);
@@ -321,11 +399,16 @@ class HybridForce final : public Controllet {
     return command;
   }
 
-  // What each of n selected axes may reach, so that all of them together with the pull across them keep to
-  // the bound.
-  double room_for(std::size_t kind, const Vector3& pulled, const Vector3& weight, double most, double dt) {
+  // What each selected axis may reach: all of them, with the pull across them, keep to the bound.
+  double room_for(std::size_t kind, const WeightedAxes& axes, const Vector3& pulled, double most, double dt) {
+    const Vector3 weight = axes.weight.segment<3>(static_cast<Eigen::Index>(3 * kind));
     const Vector3 across = (weight.array() > 0).select(0.0, pulled);
-    return room_[kind].update(left_beside(across, most), most, dt) / std::sqrt(std::max(1.0, weight.sum()));
+    return room_[kind].update(left_beside(across, most), most, dt) / axes.parts(kind);
+  }
+
+  // The limit of each moment's speed; infinite where speeds are not bounded [rad/s].
+  static double turn_limit(const WeightedAxes& axes, const ContactBounds& contact) {
+    return std::isfinite(contact.hand_speed) ? kTurnLimit / axes.parts(1) : contact.hand_speed;
   }
 
   // Each axis alone has this inertia while the others are free to move [kg, kg m^2].
@@ -346,13 +429,17 @@ class HybridForce final : public Controllet {
     return axes.weight.cwiseProduct(d).cwiseProduct(axes.in_frame(terms.V_WE().vector));
   }
 
-  static AxisSettings force_axis(const ParameterSet& parameters, const ContactBounds& contact) {
+  static AxisSettings force_axis(const WeightedAxes& axes, const ControlContext& context) {
+    const ParameterSet& parameters = *context.parameters;
     return {kForceAxis, gains(parameters, kIntegral, kForceLimit), parameters.number(kForceThreshold),
-            std::min(parameters.number(kApproachSpeed), contact.hand_speed), parameters.number(kReach)};
+            std::min(parameters.number(kApproachSpeed), context.contact.hand_speed / axes.parts(0)),
+            parameters.number(kReach)};
   }
-  static AxisSettings moment_axis(const ParameterSet& parameters) {
+  static AxisSettings moment_axis(const WeightedAxes& axes, const ControlContext& context) {
+    const ParameterSet& parameters = *context.parameters;
     return {kMomentAxis, gains(parameters, kMomentIntegral, kMomentLimit),
-            parameters.number(kMomentThreshold), parameters.number(kTurningSpeed),
+            parameters.number(kMomentThreshold),
+            std::min(parameters.number(kTurningSpeed), turn_limit(axes, context.contact)),
             parameters.number(kAngularReach)};
   }
   static ForceGains gains(const ParameterSet& parameters, std::size_t integral, std::size_t limit) {
@@ -370,6 +457,11 @@ class HybridForce final : public Controllet {
   Pose offset_;                         // of the set-point against the input: R_d = R_o R, p_d = p + p_o
   bool displaced_ = false, waits_ = false;
   std::array<std::uint64_t, kAxes> planned_{};  // goals of the input while the axis had a force
+  // The wrench of the axes in the last tick, about E as it is now, and what is left of it after E was
+  // redefined. World axes [N, N m].
+  Vector6 commanded_ = Vector6::Zero(), bridge_ = Vector6::Zero();
+  Fade bridging_;
+  bool redefined_ = false;
 };
 
 }  // namespace

@@ -1,5 +1,5 @@
-// Forces and moments along any subset of axes: the law against textbook algebra, closed loops with the arm's
-// own equations of motion against springs of closed form, and selected axes in free space.
+// Forces and moments along any subset of axes: the law against textbook algebra, and closed loops with the
+// arm's own equations of motion against springs of closed form. Its bounds: hybrid_force_bounds_test.cpp.
 #include "core/controllets/hybrid_force.hpp"
 
 #include <limits>
@@ -10,71 +10,11 @@
 #include "core/controllets/cartesian_impedance.hpp"
 #include "core/controllets/damping_design.hpp"
 #include "core/controllets/force.hpp"
-#include "core/testing/controllet_rig.hpp"
 #include "core/testing/dense_algebra.hpp"
-#include "core/testing/plain_arm.hpp"
+#include "core/testing/hybrid_force_bench.hpp"
 
 namespace multipanda::hybrid_force_test {
 namespace {
-
-using namespace test;
-using Eigen::MatrixXd;
-using Eigen::VectorXd;
-
-const Pose kTool{rotation_from_rpy({0.3, -0.2, 0.5}), Vector3(0.02, -0.01, 0.1)};
-const char* const kAxisNames[] = {"force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z"};
-
-Vector6 six(const Vector3& linear, const Vector3& angular) {
-  Vector6 x;
-  x << linear, angular;
-  return x;
-}
-
-struct Bench {
-  explicit Bench(const Pose& X_WB = {}, const ControlletType& type = hybrid_force_controllet())
-      : arm(TestArm::make(7)), plain(arm, X_WB, kTool), rig(type, {arm.model(X_WB)}) {
-    rig.frames(0, {kTool, {}});
-    rig.place(0, bent(7), joint_constant(7, 0));
-    rig.state(0).has_wrench_estimate = true;
-  }
-  void select(int axis, bool on = true) { rig.set(kAxisNames[axis], {on ? 1.0 : 0.0}); }
-  void feel(const Vector6& F) { rig.state(0).F_K_W_est.vector = F; }
-  void want(const Vector6& F, double duration_s = 0.4) {
-    Target target;
-    target.size = 6;
-    target.duration_s = duration_s;
-    std::copy_n(F.data(), 6, target.values.begin());
-    rig.input("wrench").set(target);
-  }
-  void ticks(int count) {
-    for (int i = 0; i < count; ++i) ASSERT_EQ(rig.tick(0.001), LawResult::ok);
-  }
-  const Pose& X() { return rig.terms(0).X_WE(); }
-  Vector6 V() { return rig.terms(0).V_WE().vector; }
-  Vector3 three(const char* output) {
-    const auto values = rig.output(output);
-    return {values[0], values[1], values[2]};
-  }
-  Vector6 command() { return six(three("commanded_force_n"), three("commanded_moment_nm")); }
-  // The wrench of the torque, by the dynamically consistent inverse.
-  Vector6 wrench() {
-    const JointVector q = rig.state(0).q, dq = rig.state(0).dq;
-    const MatrixXd J = plain.jacobian(q), M = plain.mass(q);
-    return task_inertia(J, M) * J * inverse(M) * VectorXd(rig.tau(0) - JointVector(plain.coriolis(q, dq)));
-  }
-  // One period of the arm's own motion under this wrench on it.
-  void move(const Vector6& on_arm) { rig.integrate(0.001, {rig.terms(0).J_V_WE().transpose() * on_arm}, 2); }
-
-  TestArm arm;
-  PlainArm plain;
-  ControlletRig rig;
-};
-
-// What a 30 Hz observer shows of a wrench.
-struct Observer {
-  Vector6 shown = Vector6::Zero();
-  const Vector6& update(const Vector6& F) { return shown += 0.17 * (F - shown); }
-};
 
 TEST(HybridForce, WithoutAxesItIsTheCartesianImpedanceToTheBit) {
   Draw draw(201);
@@ -329,129 +269,6 @@ TEST(HybridForce, ZeroMomentsLayAToolFlat) {
     }
     EXPECT_NEAR(bench.three("estimated_force_n").z(), -15, 0.3);
   }
-}
-
-// Nothing to press on, everything selected, far more desired than is allowed: it moves at the speeds of
-// approach, never pushes harder than desired, and the integrals stay empty.
-TEST(HybridForce, InFreeSpaceSelectedAxesDoNotRunAway) {
-  Draw draw(204);
-  for (int trial = 0; trial < 6; ++trial) {
-    Bench bench(draw.pose(1));
-    bench.rig.bound({});
-    for (int i = 0; i < 6; ++i) bench.select(i, trial == 0 || i % 6 == trial - 1 || draw.coin());
-    bench.rig.set("force_frame", {trial % 2 == 0 ? 1.0 : 0.0});
-    ASSERT_EQ(bench.rig.start(), LawResult::ok);
-    const Vector3 force = 100 * draw.vector3(1).normalized(), moment = 20 * draw.vector3(1).normalized();
-    bench.want(six(force, moment));
-    double fast = 0, turning = 0;
-    for (int t = 0; t < 2500; ++t) {
-      bench.ticks(1);
-      bench.move(Vector6::Zero());
-      if (bench.rig.terms(0).task().floored) break;
-      fast = std::max(fast, bench.V().head<3>().norm());
-      turning = std::max(turning, bench.V().tail<3>().norm());
-    }
-    EXPECT_LT(fast, 1.5 * 0.02 * std::sqrt(3.0)) << trial;
-    EXPECT_LT(turning, 1.5 * 0.1 * std::sqrt(3.0)) << trial;
-    EXPECT_GT(fast + turning, 0.01) << trial;
-  }
-}
-
-// A contact that disappears at full force and moment.
-TEST(HybridForce, LosingContactTheHandStaysSlow) {
-  Draw draw(205);
-  double fast = 0, turning = 0;
-  for (int trial = 0; trial < 8; ++trial) {
-    Bench bench(draw.pose(1));
-    bench.rig.bound({});
-    for (int i = 0; i < 6; ++i) bench.select(i, draw.coin() || i == trial % 6);
-    ASSERT_EQ(bench.rig.start(), LawResult::ok);
-    const Vector6 F = six(40 * draw.vector3(1).normalized(), 3 * draw.vector3(1).normalized());
-    bench.want(F);
-    bench.feel(F);
-    bench.ticks(2000);
-    bench.feel(Vector6::Zero());
-    const Pose start = bench.X();
-    for (int t = 0; t < 1000; ++t) {
-      bench.ticks(1);
-      bench.move(Vector6::Zero());
-      if (bench.rig.terms(0).task().floored) break;
-      fast = std::max(fast, bench.V().head<3>().norm());
-      turning = std::max(turning, bench.V().tail<3>().norm());
-    }
-    EXPECT_LT((bench.X().position - start.position).norm(), 0.15) << trial;
-  }
-  RecordProperty("fast_m_per_s", std::to_string(fast));
-  RecordProperty("turning_rad_per_s", std::to_string(turning));
-  EXPECT_GT(fast, 0.05);
-  EXPECT_LT(fast, 1.5 * 0.25);
-  EXPECT_LT(turning, 2);
-}
-
-// An estimate that is wrong by much in free air draws the hand; no faster than allowed.
-TEST(HybridForce, AWrongEstimateDoesNotThrowTheHand) {
-  double fast = 0, turning = 0;
-  for (const double sign : {1.0, -1.0}) {
-    for (int axis = 0; axis < 6; ++axis) {
-      Bench bench;
-      bench.rig.bound({});
-      if (axis < 3) {
-        bench.rig.set("force_proportional", {5});
-        bench.rig.set("force_integral_per_s", {20});
-        bench.rig.set("force_integral_limit_n", {100});
-      }
-      bench.select(axis);
-      ASSERT_EQ(bench.rig.start(), LawResult::ok);
-      Vector6 felt = Vector6::Zero();
-      felt[axis] = sign * (axis < 3 ? 30 : 4);
-      bench.feel(felt);
-      for (int t = 0; t < 1000; ++t) {
-        bench.ticks(1);
-        bench.move(Vector6::Zero());
-        fast = std::max(fast, bench.V().head<3>().norm());
-        turning = std::max(turning, std::abs(bench.V()[axis < 3 ? 3 : axis]));
-      }
-    }
-  }
-  RecordProperty("fast_m_per_s", std::to_string(fast));
-  RecordProperty("turning_rad_per_s", std::to_string(turning));
-  EXPECT_GT(fast, 0.05);
-  EXPECT_LT(fast, 1.5 * 0.25);
-  EXPECT_LT(turning, 2);
-}
-
-// Whatever is felt and asked, at rest the hand presses with the bounds at most.
-TEST(HybridForce, ForcesAndSpringTogetherKeepToTheBounds) {
-  Draw draw(206);
-  double hardest = 0, strongest = 0;
-  for (int trial = 0; trial < 16; ++trial) {
-    Bench bench(draw.pose(1));
-    bench.rig.bound({});
-    bench.rig.set("nullspace_stiffness_nm_per_rad", {0});
-    bench.rig.set("force_frame", {trial % 2 == 0 ? 1.0 : 0.0});
-    bench.rig.set("force_proportional", {draw.uniform(0, 5)});
-    bench.rig.set("force_integral_limit_n", {100});
-    bench.rig.set("moment_integral_limit_nm", {20});
-    for (int i = 0; i < 6; ++i) bench.select(i, draw.coin());
-    ASSERT_EQ(bench.rig.start(), LawResult::ok);
-    const Pose start = bench.rig.input("pose").pose();
-    bench.rig.input("pose").set(
-        pose_target({exp_rotation(draw.vector3(1)) * start.rotation, start.position + draw.vector3(0.4)}));
-    bench.want(six(draw.vector3(90), draw.vector3(20)));
-    bench.feel(six(draw.vector3(20), draw.vector3(3)));
-    for (int t = 0; t < 3000; ++t) {
-      if (t % 500 == 250) bench.select(static_cast<int>(draw.index(6)), draw.coin());
-      bench.ticks(1);
-      if (t % 10 != 0) continue;
-      const Vector6 F = (bench.rig.terms(0).task().J_bar.transpose() * bench.rig.tau(0));
-      hardest = std::max(hardest, F.head<3>().norm());
-      strongest = std::max(strongest, F.tail<3>().norm());
-    }
-  }
-  EXPECT_LE(hardest, 60.01);
-  EXPECT_LE(strongest, 15.01);
-  EXPECT_GT(hardest, 50);
-  EXPECT_GT(strongest, 12);
 }
 
 // Selecting and releasing axes, another frame and other gains, while spring and forces are far from rest: no
