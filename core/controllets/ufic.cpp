@@ -319,6 +319,7 @@ class Ufic final : public Controllet {
     room_.start();
     fade_.reset(false);
     across_.reset(Vector3::Zero());
+    command_ = 0;
   }
 
   static TankLimits tank_limits(const ParameterSet& parameters) {
@@ -388,7 +389,7 @@ class Ufic final : public Controllet {
                   direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
     // A hand in the way is felt like friction, and would be pushed harder and harder.
     const Vector3 pull_across = direction_.across(pull);
-    F_t *= largest_share(pull, F_t, contact.spring_force);
+    F_t *= largest_share(pull + std::max(0.0, command_) * n, F_t, contact.spring_force);
     const double size = F_t.norm();
     // With what presses along n and across it already, the force keeps to the bound.
     const double left = left_beside(pull_across + F_t, contact.spring_force) - std::max(0.0, n.dot(pull));
@@ -405,7 +406,7 @@ class Ufic final : public Controllet {
       return force_share(law, gamma_, alpha_f_, direction.dot(v),
                          incoming_speed_for(force, gamma_, alpha_f_, damping));
     };
-    part.command = (f < 0 ? share(-n, f) : share(n, f)) * f;
+    part.command = command_ = (f < 0 ? share(-n, f) : share(n, f)) * f;
     part.across = size > 1e-9 ? Vector3(share(F_t / size, size) * F_t) : Vector3(Vector3::Zero());
     part.F = n * part.command + part.across;
     return part;
@@ -448,6 +449,7 @@ class Ufic final : public Controllet {
   ForceRoom room_;
   Fade fade_;
   LowPass<Vector3> across_;
+  double command_ = 0;  // along n, of the last tick [N]
   UficAxes axes_;
   TankLimits limits_;
   TankBalance balance_{1};
