@@ -112,7 +112,7 @@ class ForceLoop {
  private:
   LowPass<double> error_;
   double integral_ = 0;
-  double low_ = 0, high_ = 0;  // of the integral [N]
+  double low_ = -std::numeric_limits<double>::infinity(), high_ = -low_;  // of the integral [N]
 };
 
 // What a force may reach beside pulls across it. Falls at once with what they leave, and rises slowly: a pull

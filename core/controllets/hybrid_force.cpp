@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include <Eigen/Eigenvalues>
+
 #include "core/controllets/axis_force.hpp"
 #include "core/controllets/cartesian_law.hpp"
 
@@ -162,12 +164,14 @@ class HybridForce final : public Controllet {
     Vector6 command = Vector6::Zero();  // f, force frame
     if (axes.any()) {
       const Vector6 pull = project(axes, context.contact, terms.V_WE().vector, force);
-      command = axis_forces(axes, gains.stiffness(target.X_W_d.rotation), F_d, F_hat, pull, terms, context);
+      command = axis_forces(axes, gains.stiffness(target.X_W_d.rotation), F_d, F_hat, pull,
+                            target.V_d.linear(), terms, context);
       force.total = pull - force.damping - axes.in_world(damping(axes, parameters, terms));
     } else {
       watch(axes, F_d, F_hat, terms, context);
     }
-    if (redefined_ || bridging_.value() > 0) command += bridged(axes, command, context.dt);
+    if (redefined_ || bridging_.value() > 0)
+      command += bridged(axes, command, terms.V_WE().vector, context.contact.hand_speed, context.dt);
     commanded_ = axes.in_world(command);
     if (!command.isZero(0)) force.total += commanded_;
 
@@ -235,6 +239,9 @@ class HybridForce final : public Controllet {
   // The most that force and damping of an axis may fall with its speed, over its inertia [1/s]: they act some
   // periods late (damping_design.hpp), and several axes may share a mode.
   static constexpr double kSteepest = 200, kDamping = 60;
+  // A redefined end effector's old wrench leaves so much faster where the hand moves: a wrench that nothing
+  // resists any more.
+  static constexpr double kYields = 10;
   static constexpr double kReturnTime = 0.3, kReturnSpeed = 0.05, kReturnTurning = 0.2;  // [s, m/s, rad/s]
   static constexpr double kReturnShare = 0.2;  // of the hand's speed
   static constexpr double kWaitsFrom = 0.8;    // share of the allowed pull
@@ -337,14 +344,16 @@ class HybridForce final : public Controllet {
 
   // Another end effector means other moments and another point for the forces: from the wrench before to the
   // new one it takes a fade. Returns what to add, force frame.
-  Vector6 bridged(const WeightedAxes& axes, const Vector6& command, double dt) {
+  Vector6 bridged(const WeightedAxes& axes, const Vector6& command, const Vector6& V, double hand_speed,
+                  double dt) {
     if (redefined_) {
       bridge_ = commanded_ - axes.in_world(command);
       bridging_.reset(true);
       redefined_ = false;
     }
     const Vector6 left = axes.in_frame(bridge_) * bridging_.value();
-    bridging_.towards(false, dt);
+    const bool moves = V.head<3>().norm() > 0.5 * hand_speed || V.tail<3>().norm() > 0.5 * kTurnLimit;
+    bridging_.towards(false, moves ? kYields * dt : dt);
     return left;
   }
 
@@ -353,7 +362,7 @@ class HybridForce final : public Controllet {
              const ControlContext& context) {
     const Vector6 desired = axes.in_frame(F_d), estimated = axes.in_frame(F_hat);
     const Vector6 V = axes.in_frame(terms.V_WE().vector);
-    const AxisSettings settings[] = {force_axis(axes, context), moment_axis(axes, context)};
+    const AxisSettings settings[] = {force_axis(axes, context, Vector3::Zero()), moment_axis(axes, context)};
     for (std::size_t i = 0; i < kAxes; ++i) {
       const auto k = static_cast<Eigen::Index>(i);
       axis_[i].update(settings[i / 3], {.desired = desired[k], .estimated = estimated[k], .speed = V[k]},
@@ -362,17 +371,18 @@ class HybridForce final : public Controllet {
   }
 
   Vector6 axis_forces(const WeightedAxes& axes, const TaskStiffness& K, const Vector6& F_d,
-                      const Vector6& F_hat, const Vector6& pull, ModelTerms& terms, ControlContext& context) {
+                      const Vector6& F_hat, const Vector6& pull, const Vector3& goal_speed, ModelTerms& terms,
+                      ControlContext& context) {
     const ContactBounds& contact = context.contact;
     const Vector6 desired = axes.in_frame(F_d), estimated = axes.in_frame(F_hat);
     const Vector6 V = axes.in_frame(terms.V_WE().vector), pulled = axes.in_frame(pull);
     Vector6 stiffness, command;
     stiffness << (axes.R.transpose() * K.translation * axes.R).diagonal(),
         (axes.R.transpose() * K.rotation * axes.R).diagonal();
-    const Vector6 inertia = inertias(axes, terms);
+    const Vector6 inertia = borne_inertias(axes, terms);
     const double room[] = {room_for(0, axes, pulled.head<3>(), contact.spring_force, context.dt),
                            room_for(1, axes, pulled.tail<3>(), contact.spring_moment, context.dt)};
-    const AxisSettings settings[] = {force_axis(axes, context), moment_axis(axes, context)};
+    const AxisSettings settings[] = {force_axis(axes, context, goal_speed), moment_axis(axes, context)};
     // All axes of a kind together keep to the bound.
     const double limit[] = {contact.hand_speed / axes.parts(0), turn_limit(axes, contact)};
     // What an axis bears unfelt ends at 1.5 times the limit, or at kTopTurning, although it falls no more
@@ -411,13 +421,24 @@ class HybridForce final : public Controllet {
     return std::isfinite(contact.hand_speed) ? kTurnLimit / axes.parts(1) : contact.hand_speed;
   }
 
-  // Each axis alone has this inertia while the others are free to move [kg, kg m^2].
-  static Vector6 inertias(const WeightedAxes& axes, ModelTerms& terms) {
-    const Matrix6& A = terms.task().mobility;
-    Vector6 mobility;
-    mobility << (axes.R.transpose() * A.topLeftCorner<3, 3>() * axes.R).diagonal(),
-        (axes.R.transpose() * A.bottomRightCorner<3, 3>() * axes.R).diagonal();
-    return mobility.cwiseMax(1e-6).cwiseInverse();
+  // What each axis has of the inertia that it moves while the others are free to move [kg, kg m^2]: selected
+  // axes that move the same joint share it. The largest eigenvalue of B_ij = sqrt(s_i s_j) A_ij / sqrt(A_ii
+  // A_jj) is what they do to one mode together: 1 for axes that are not coupled.
+  static Vector6 borne_inertias(const WeightedAxes& axes, ModelTerms& terms) {
+    Matrix6 turn = Matrix6::Zero();
+    turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = axes.R;
+    const Matrix6 A = turn.transpose() * terms.task().mobility * turn;
+    const Vector6 mobility = A.diagonal().cwiseMax(1e-6);
+    const Vector6 scale = axes.weight.cwiseQuotient(mobility).cwiseSqrt();
+    const Matrix6 B = scale.asDiagonal() * A * scale.asDiagonal();
+    const double shared = std::max(1.0, largest_eigenvalue(B));
+    return mobility.cwiseInverse() / shared;
+  }
+
+  static double largest_eigenvalue(const Matrix6& B) {
+    Eigen::SelfAdjointEigenSolver<Matrix6> solver;
+    solver.compute(B, Eigen::EigenvaluesOnly);
+    return solver.eigenvalues()[5];
   }
 
   // W D_W V, force frame.
@@ -425,15 +446,17 @@ class HybridForce final : public Controllet {
     Vector6 d;
     d << Vector3::Constant(parameters.number(kLinearDamping)),
         Vector3::Constant(parameters.number(kAngularDamping));
-    d = d.cwiseMin(kDamping * inertias(axes, terms));
+    d = d.cwiseMin(kDamping * borne_inertias(axes, terms));
     return axes.weight.cwiseProduct(d).cwiseProduct(axes.in_frame(terms.V_WE().vector));
   }
 
-  static AxisSettings force_axis(const WeightedAxes& axes, const ControlContext& context) {
+  // v_a has what the set-point's own motion across the selected axes leaves of the hand's speed.
+  static AxisSettings force_axis(const WeightedAxes& axes, const ControlContext& context,
+                                 const Vector3& goal_speed) {
     const ParameterSet& parameters = *context.parameters;
+    const double left = left_beside(goal_speed, context.contact.hand_speed) / axes.parts(0);
     return {kForceAxis, gains(parameters, kIntegral, kForceLimit), parameters.number(kForceThreshold),
-            std::min(parameters.number(kApproachSpeed), context.contact.hand_speed / axes.parts(0)),
-            parameters.number(kReach)};
+            std::min(parameters.number(kApproachSpeed), left), parameters.number(kReach)};
   }
   static AxisSettings moment_axis(const WeightedAxes& axes, const ControlContext& context) {
     const ParameterSet& parameters = *context.parameters;

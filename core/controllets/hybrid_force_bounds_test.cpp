@@ -169,8 +169,8 @@ TEST(HybridForceBounds, AxesTogetherKeepToTheBoundsOfOne) {
     RecordProperty(moments ? "approach_rad_per_s" : "approach_m_per_s", std::to_string(approach));
     RecordProperty(moments ? "drawn_rad_per_s" : "drawn_m_per_s", std::to_string(drawn));
     const double limit = moments ? kTurning : kHand;
-    EXPECT_LT(approach, 1.03 * limit);  // 3 %: axes that the inertia couples
-    EXPECT_GT(approach, 0.9 * limit);
+    EXPECT_LT(approach, 1.05 * limit);  // 5 %: axes that the inertia couples
+    EXPECT_GT(approach, 0.8 * limit);
     EXPECT_LT(drawn, 1.05 * (moments ? 3 : 1.5) * limit);  // where the reduction ends
     EXPECT_GT(drawn, 0.5 * limit);
   }
@@ -224,6 +224,70 @@ TEST(HybridForceBounds, AWrongMomentDoesNotSpinALightAxis) {
   RecordProperty("turning_rad_per_s", std::to_string(fastest));
   EXPECT_GT(fastest, 0.3);
   EXPECT_LT(least, 0.002);  // a light axis, indeed
+}
+
+// A wrist of 0.002 kg m^2 that lies diagonally in the force frame, all three moments, torques that act 3 ms
+// late: axes that share a joint share what it bears.
+TEST(HybridForceBounds, MomentsThatShareALightJointBearADelay) {
+  TestArm arm = light_wrist();
+  arm.links[6].inertia_C = 2e-3 * Matrix3::Identity();
+  arm.X_JF.rotation =
+      Eigen::Quaterniond::FromTwoVectors(Vector3(1, 1, 1), Vector3::UnitZ()).toRotationMatrix() *
+      kTool.rotation.transpose();
+  constexpr int kLate = 3;
+  double fastest = 0;
+  for (const double goal : {0.0, 3.0, -15.0}) {
+    for (const double felt : {0.0, 4.0, -15.0}) {
+      Bench bench({}, hybrid_force_controllet(), arm);
+      bench.rig.bound({});
+      bench.rig.set("force_frame", {1});
+      bench.rig.set("moment_integral_per_s", {50});
+      bench.rig.set("moment_integral_limit_nm", {20});
+      bench.rig.set("force_proportional", {5});
+      for (const int axis : {3, 4, 5}) bench.select(axis);
+      ASSERT_EQ(bench.rig.start(), LawResult::ok);
+      std::vector<JointVector> sent(kLate, bench.rig.tau(0));
+      double turning = 0;
+      for (int t = 0; t < 700; ++t) {
+        const Vector3 a = bench.X().rotation * Vector3(1, 1, 1).normalized();
+        if (t == 0) bench.want(six(Vector3::Zero(), goal * a), 0.1);
+        bench.feel(six(Vector3::Zero(), felt * a));
+        bench.ticks(1);
+        sent.push_back(bench.rig.tau(0));
+        const JointVector acts = sent[static_cast<std::size_t>(t)];
+        bench.rig.integrate(0.001, {acts - bench.rig.tau(0)}, 2);
+        if (bench.rig.terms(0).task().floored) break;
+        turning = std::max(turning, bench.V().tail<3>().norm());
+      }
+      EXPECT_LT(turning, 2) << "goal " << goal << ", felt " << felt;
+      fastest = std::max(fastest, turning);
+    }
+  }
+  RecordProperty("turning_rad_per_s", std::to_string(fastest));
+  EXPECT_GT(fastest, 0.3);
+}
+
+// An approach and a goal across it share the hand's speed.
+TEST(HybridForceBounds, ApproachAndGoalShareTheHandsSpeed) {
+  Bench bench(Pose{rotation_from_rpy({0.2, -0.1, 1}), Vector3(0.3, -0.2, 0.1)});
+  bench.rig.bound({.hand_speed = 0.1});
+  bench.rig.set("approach_speed_m_per_s", {0.2});
+  bench.select(2);
+  ASSERT_EQ(bench.rig.start(), LawResult::ok);
+  bench.want(six({0, 0, -40}, Vector3::Zero()));
+  Pose goal = bench.X();
+  goal.position += Vector3(0.1, 0.05, 0);
+  bench.rig.input("pose").set(pose_target(goal));
+  double fastest = 0, down = 0;
+  for (int t = 0; t < 2500; ++t) {
+    bench.ticks(1);
+    bench.move(Vector6::Zero());
+    fastest = std::max(fastest, bench.V().head<3>().norm());
+    down = std::max(down, -bench.V()[2]);
+  }
+  EXPECT_LT(fastest, 1.1 * 0.1);  // while the goal gains speed, the axis loses it a little later
+  EXPECT_GT(fastest, 0.09);
+  EXPECT_GT(down, 0.06);  // and it does approach when the goal leaves it the speed
 }
 
 // The same wrist against a spring: where a reaction holds the axis, the whole moment is reached.

@@ -127,12 +127,22 @@ TEST(HybridForce, TorqueIsTheStatedLaw) {
     const MatrixXd Lambda = task_inertia(J, M), A = inverse(Lambda);
     MatrixXd S = MatrixXd::Zero(6, 6), D_f = MatrixXd::Zero(6, 6);  // projector and added damping
     VectorXd f = VectorXd::Zero(6);
+    // What the axes do to one mode together: the largest eigenvalue of their mobility, each scaled to 1.
+    MatrixXd scaled = MatrixXd::Zero(6, 6);
+    for (int i = 0; i < 6; ++i) {
+      if (!on[i]) continue;
+      VectorXd a = VectorXd::Zero(6);
+      a.segment(i < 3 ? 0 : 3, 3) = R.col(i % 3);
+      scaled.col(i) = a / std::sqrt(a.dot(A * a));
+    }
+    const MatrixXd together = scaled.transpose() * A * scaled;
+    const double shared = std::max(1.0, eigenvalues(together).real().maxCoeff());
     for (int i = 0; i < 6; ++i) {
       if (!on[i]) continue;
       VectorXd a = VectorXd::Zero(6);
       a.segment(i < 3 ? 0 : 3, 3) = R.col(i % 3);
       S += a * a.transpose();
-      D_f += std::min(i < 3 ? 100.0 : 2.0, 60 / a.dot(A * a)) * a * a.transpose();
+      D_f += std::min(i < 3 ? 100.0 : 2.0, 60 / a.dot(A * a) / shared) * a * a.transpose();
       f += (a.dot(desired) + 0.15 * error_f[i]) * a;
     }
     const MatrixXd rest = MatrixXd::Identity(6, 6) - S;
