@@ -5,8 +5,6 @@
 #include <cmath>
 #include <limits>
 
-#include <Eigen/Eigenvalues>
-
 #include "core/controllets/axis_force.hpp"
 #include "core/controllets/cartesian_law.hpp"
 
@@ -379,7 +377,7 @@ class HybridForce final : public Controllet {
     Vector6 stiffness, command;
     stiffness << (axes.R.transpose() * K.translation * axes.R).diagonal(),
         (axes.R.transpose() * K.rotation * axes.R).diagonal();
-    const Vector6 inertia = borne_inertias(axes, terms);
+    const Vector6 inertia = borne(axes, terms);
     const double room[] = {room_for(0, axes, pulled.head<3>(), contact.spring_force, context.dt),
                            room_for(1, axes, pulled.tail<3>(), contact.spring_moment, context.dt)};
     const AxisSettings settings[] = {force_axis(axes, context, goal_speed), moment_axis(axes, context)};
@@ -421,24 +419,10 @@ class HybridForce final : public Controllet {
     return std::isfinite(contact.hand_speed) ? kTurnLimit / axes.parts(1) : contact.hand_speed;
   }
 
-  // What each axis has of the inertia that it moves while the others are free to move [kg, kg m^2]: selected
-  // axes that move the same joint share it. The largest eigenvalue of B_ij = sqrt(s_i s_j) A_ij / sqrt(A_ii
-  // A_jj) is what they do to one mode together: 1 for axes that are not coupled.
-  static Vector6 borne_inertias(const WeightedAxes& axes, ModelTerms& terms) {
+  static Vector6 borne(const WeightedAxes& axes, ModelTerms& terms) {
     Matrix6 turn = Matrix6::Zero();
     turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = axes.R;
-    const Matrix6 A = turn.transpose() * terms.task().mobility * turn;
-    const Vector6 mobility = A.diagonal().cwiseMax(1e-6);
-    const Vector6 scale = axes.weight.cwiseQuotient(mobility).cwiseSqrt();
-    const Matrix6 B = scale.asDiagonal() * A * scale.asDiagonal();
-    const double shared = std::max(1.0, largest_eigenvalue(B));
-    return mobility.cwiseInverse() / shared;
-  }
-
-  static double largest_eigenvalue(const Matrix6& B) {
-    Eigen::SelfAdjointEigenSolver<Matrix6> solver;
-    solver.compute(B, Eigen::EigenvaluesOnly);
-    return solver.eigenvalues()[5];
+    return borne_inertias(turn.transpose() * terms.task().mobility * turn, axes.weight);
   }
 
   // W D_W V, force frame.
@@ -446,7 +430,7 @@ class HybridForce final : public Controllet {
     Vector6 d;
     d << Vector3::Constant(parameters.number(kLinearDamping)),
         Vector3::Constant(parameters.number(kAngularDamping));
-    d = d.cwiseMin(kDamping * borne_inertias(axes, terms));
+    d = d.cwiseMin(kDamping * borne(axes, terms));
     return axes.weight.cwiseProduct(d).cwiseProduct(axes.in_frame(terms.V_WE().vector));
   }
 

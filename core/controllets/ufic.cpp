@@ -137,6 +137,10 @@ class Ufic final : public Controllet {
     direction_.start(parameters.vector3(kPressDirection));
     start_direction();
     axes_.start();
+    F_f_.setZero();
+    bridge_.setZero();
+    bridging_.reset(false);
+    redefined_ = false;
     limits_ = tank_limits(parameters);
     balance_.start(context.arms, parameters.number(kTankStart), limits_);
     alpha_f_ = balance_.force.valve(limits_);
@@ -180,11 +184,12 @@ class Ufic final : public Controllet {
     if (!F_d6.allFinite() || !F_hat6.allFinite())
       return LawResult::fault;  // a clamp would hide a value that is not finite
     axes_.select(parameters, kAxesGroup, terms.X_WE().rotation, context.dt);
+    axes_.bear(terms.task().mobility);
     const double of_n = 1 - axes_.weight();  // the share of the law along one direction
     const Vector3 n = direction_.update(F_d, context.dt);
     const auto damped = [&](const Vector3& speed, double scale) -> Vector3 {  // scale D_z speed
       return scale * of_n * settings.damping * n.dot(speed) * n +
-             scale * settings.damping * axes_.along(speed);
+             scale * axes_.damped(speed, settings.damping);
     };
     if (of_error) feedforward.head<3>() += damped(target.V_d.linear(), s);
     opposing.head<3>() += damped(v, 1);
@@ -207,7 +212,6 @@ class Ufic final : public Controllet {
                                 .V = V,
                                 .pull = pull,
                                 .D = D,
-                                .Lambda = Lambda,
                                 .X_WE = terms.X_WE(),
                                 .alpha_f = alpha_f_,
                                 .bounds = context.contact},
@@ -215,8 +219,12 @@ class Ufic final : public Controllet {
     if (axes_.weight() >= 1) start_direction();  // it begins again when no axis is selected any more
     force.scale(of_n);
     F_f.head<3>() += force.F;
-    if (axes_.any())
+    if (redefined_ || bridging_.value() > 0) F_f += bridged(F_f, V, context);
+    if (axes_.any() || bridging_.value() > 0) {
       F_f.head<3>() *= largest_share(pull.head<3>(), F_f.head<3>(), context.contact.spring_force);
+      F_f.tail<3>() *= largest_share(pull.tail<3>(), F_f.tail<3>(), context.contact.spring_moment);
+    }
+    F_f_ = F_f;
     // At most a tenth of the tank per tick: a fast set-point cannot overdraw it before its valve has closed.
     feedforward *= balance_.impedance.affordable(feedforward.dot(V) * context.dt, 0.1, limits_);
 
@@ -248,6 +256,11 @@ class Ufic final : public Controllet {
     const Pose X_WE_old = X_WE * X.inverse();
     p_c_ += X_WE.position - X_WE_old.position;
     axes_.end_effector_moved(X);
+    // The same wrench as before, about the new point.
+    Wrench before;
+    before.vector = F_f_;
+    F_f_ = shifted(before, X_WE_old.position - X_WE.position).vector;
+    redefined_ = true;
     const double moved = spring_.energy_at(X_WE_old) - spring_.energy;  // stored in the last period
     spring_.X_d = spring_.X_d * X;
     const double energy = spring_.energy_at(X_WE);
@@ -310,6 +323,21 @@ class Ufic final : public Controllet {
     }
   };
 
+  // Another end effector means other moments and another point for the forces: from the wrench before to the
+  // new one it takes a fade, a shorter one where nothing resists it any more. Returns what to add.
+  Vector6 bridged(const Vector6& F_f, const Vector6& V, const ControlContext& context) {
+    if (redefined_) {
+      bridge_ = F_f_ - F_f;
+      bridging_.reset(true);
+      redefined_ = false;
+    }
+    const Vector6 left = bridge_ * bridging_.value() * alpha_f_;
+    const bool moves = V.head<3>().norm() > 0.5 * context.contact.hand_speed ||
+                       V.tail<3>().norm() > 0.5 * UficAxes::kTurnLimit;
+    bridging_.towards(false, moves ? 10 * context.dt : context.dt);
+    return left;
+  }
+
   // The law along one direction, as without contact.
   void start_direction() {
     touched_ = false;
@@ -319,7 +347,6 @@ class Ufic final : public Controllet {
     room_.start();
     fade_.reset(false);
     across_.reset(Vector3::Zero());
-    command_ = 0;
   }
 
   static TankLimits tank_limits(const ParameterSet& parameters) {
@@ -389,7 +416,7 @@ class Ufic final : public Controllet {
                   direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
     // A hand in the way is felt like friction, and would be pushed harder and harder.
     const Vector3 pull_across = direction_.across(pull);
-    F_t *= largest_share(pull + std::max(0.0, command_) * n, F_t, contact.spring_force);
+    F_t *= largest_share(pull_across, F_t, contact.spring_force);
     const double size = F_t.norm();
     // With what presses along n and across it already, the force keeps to the bound.
     const double left = left_beside(pull_across + F_t, contact.spring_force) - std::max(0.0, n.dot(pull));
@@ -406,7 +433,7 @@ class Ufic final : public Controllet {
       return force_share(law, gamma_, alpha_f_, direction.dot(v),
                          incoming_speed_for(force, gamma_, alpha_f_, damping));
     };
-    part.command = command_ = (f < 0 ? share(-n, f) : share(n, f)) * f;
+    part.command = (f < 0 ? share(-n, f) : share(n, f)) * f;
     part.across = size > 1e-9 ? Vector3(share(F_t / size, size) * F_t) : Vector3(Vector3::Zero());
     // What is felt across n may point elsewhere than the pull along it: the sum keeps to the bound, too.
     const double whole = largest_share(pull, n * part.command + part.across, contact.spring_force);
@@ -453,8 +480,11 @@ class Ufic final : public Controllet {
   ForceRoom room_;
   Fade fade_;
   LowPass<Vector3> across_;
-  double command_ = 0;  // along n, of the last tick [N]
   UficAxes axes_;
+  // F_f' of the last tick, about E as it is now, and what is left of it after E was redefined. World axes.
+  Vector6 F_f_ = Vector6::Zero(), bridge_ = Vector6::Zero();
+  Fade bridging_;
+  bool redefined_ = false;
   TankLimits limits_;
   TankBalance balance_{1};
   SpringState spring_;

@@ -55,7 +55,7 @@ void UficAxes::Axis::start() {
   room.start();
   contact.reset(false);
   touched = false;
-  gamma = 0;
+  gamma = pushed = borne = 0;
 }
 
 void UficAxes::start() {
@@ -94,10 +94,19 @@ void UficAxes::select(const ParameterSet& parameters, std::size_t first, const M
 void UficAxes::end_effector_moved(const Pose& X) {
   R_EF_ = X.rotation.transpose() * R_EF_;  // selected axes do not turn with the definition
   for (Axis& axis : axis_) axis.touched_at = axis.touched_at * X;
+  for (std::size_t i = 3; i < 6; ++i) axis_[i].start();  // moments about another point: no contact was felt
 }
 
-Vector3 UficAxes::along(const Vector3& v) const {
-  return R_ * Vector3((R_.transpose() * v).cwiseProduct(sigma_.head<3>()));
+void UficAxes::bear(const Matrix6& mobility) {
+  if (!any()) return;
+  Matrix6 turn = Matrix6::Zero();
+  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = R_;
+  inertia_ = borne_inertias(turn.transpose() * mobility * turn, sigma_);
+}
+
+Vector3 UficAxes::damped(const Vector3& v, double damping) const {
+  const Vector3 D = (kDamping * inertia_.head<3>()).cwiseMin(damping);
+  return R_ * Vector3((R_.transpose() * v).cwiseProduct(sigma_.head<3>()).cwiseProduct(D));
 }
 
 Vector6 UficAxes::in_frame(const Vector6& x) const {
@@ -112,17 +121,14 @@ Vector6 UficAxes::in_world(const Vector6& y) const {
   return x;
 }
 
-// `most` [N, N m]: what the axis may reach beside the others and the pull.
-double UficAxes::update(std::size_t i, const ForceGains& gains, double threshold, double reach, double most,
-                        ValveLaw law, const Instant& now, double dt) {
+// `shape`: gamma of the place where it is now.
+double UficAxes::update(std::size_t i, const ForceGains& gains, double threshold, double shape,
+                        const Limits& limits, ValveLaw law, const Instant& now, double dt) {
   const auto k = static_cast<Eigen::Index>(i);
   Axis& axis = axis_[i];
-  const bool moment = i >= 3;
-  const double least = (moment ? kMomentAxis : kForceAxis).least;
+  const double least = (i >= 3 ? kMomentAxis : kForceAxis).least;
   if (axis.contact.value() <= 0 && axis.sign * now.F_d[k] < -least) {
-    axis.start();  // f is 0 here
-    axis.selection.reset(false);
-    sigma_[k] = 0;
+    axis.start();  // f is 0 here, and comes back with gamma
     axis.sign = -axis.sign;
   }
   const double desired = std::max(0.0, axis.sign * now.F_d[k]), estimated = axis.sign * now.F_hat[k];
@@ -130,16 +136,19 @@ double UficAxes::update(std::size_t i, const ForceGains& gains, double threshold
     axis.touched = true;
     axis.touched_at = now.X_WE;
   }
-  const double away = !axis.touched ? 0
-                      : moment
-                          ? log_rotation(now.X_WE.rotation * axis.touched_at.rotation.transpose()).norm()
-                          : (now.X_WE.position - axis.touched_at.position).norm();
   // Decreases at once, increases no faster than a fade.
-  const double shape = axis.touched ? contact_shape(away, reach) : 0;
-  axis.gamma = std::min(shape, axis.gamma + dt / Fade::kDuration);
-  const double w = axis.contact.towards(axis.detector.in_contact(), dt);
-  const double f = axis.loop.update(gains, desired, estimated, w, dt, most);
+  axis.gamma = std::min(axis.detector.in_contact() ? 1.0 : axis.touched ? shape : 0.0,
+                        axis.gamma + dt / Fade::kDuration);
   const double speed = axis.sign * now.V[k];
+  const bool slow = std::abs(speed) < limits.slow, withstands = axis.pushed > 0.5 * limits.unfelt;
+  axis.borne += !slow ? -dt / kGivingWay : withstands ? dt / kBearing : -dt / kBearing;
+  axis.borne = std::clamp(axis.borne, 0.0, 1.0);
+  const double most =
+      std::min(limits.room, limits.unfelt + axis.borne * std::max(0.0, axis.detector.force()));
+  // Where the valve is closed the integral does not grow behind it.
+  const double w = axis.contact.towards(axis.detector.in_contact(), dt) * axis.gamma * now.alpha_f;
+  const double f = axis.loop.update(gains, desired, estimated, w, dt, most);
+  axis.pushed = f;
   const double rho = force_share(law, axis.gamma, now.alpha_f, speed,
                                  incoming_speed_for(f, axis.gamma, now.alpha_f, now.D(k, k)));
   return axis.sign * sigma_[k] * rho * f;
@@ -153,10 +162,9 @@ Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double rea
   }
   Matrix6 turn = Matrix6::Zero();
   turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = R_.transpose();
-  const Matrix6 D = turn * world.D * turn.transpose(), Lambda = turn * world.Lambda * turn.transpose();
+  const Matrix6 D = turn * world.D * turn.transpose();
   const Instant now{in_frame(world.F_d), in_frame(world.F_hat), in_frame(world.V), in_frame(world.pull),
-                    D,                   Lambda,                world.X_WE,        world.alpha_f,
-                    world.bounds};
+                    D,                   world.X_WE,            world.alpha_f,     world.bounds};
   ForceGains moments = settings.gains;
   moments.integral_per_s = parameters.number(first + kMomentIntegral);
   moments.integral_limit_n = parameters.number(first + kMomentLimit);
@@ -176,16 +184,25 @@ Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double rea
     Vector3 across = now.pull.segment<3>(begin) + F_.segment<3>(begin);
     across[k - begin] = 0;
     const double left = left_beside(across, bound) - std::max(0.0, axis.sign * now.pull[k]);
-    const double steepest = kSteepest * Lambda(k, k);
+    const double steepest = kSteepest * inertia_[k];
     const AxisKind& kind = moment ? kMomentAxis : kForceAxis;
-    double most = std::min(axis.room.update(left, bound, dt), kind.most + 2 * std::abs(now.F_d[k]));
-    if (moment) most = std::min(most, steepest * kTopTurning);
-    const double f = moment ? update(i, moments, parameters.number(first + kMomentThreshold),
-                                     parameters.number(first + kMomentReach), most, law, now, dt)
-                            : update(i, forces, settings.contact_threshold, reach, most, law, now, dt);
     // All axes of a kind together keep to its speed.
     const double parts = std::sqrt(std::max(1.0, sigma_.segment<3>(begin).sum()));
     const double limit = (moment ? kTurnLimit : now.bounds.hand_speed) / parts;
+    // What is borne unfelt ends at 1.5 times the limit, or at kTopTurning, although it falls no more steeply.
+    const double falls = moment ? (kTopTurning / kTurnLimit - 0.5) * limit : limit;
+    const Limits limits{
+        .room = std::min(axis.room.update(left, bound, dt), kind.most + 2 * std::abs(now.F_d[k])),
+        .unfelt = steepest * falls,
+        .slow = 0.5 * limit};
+    double shape = contact_shape((now.X_WE.position - axis.touched_at.position).norm(), reach);
+    if (moment) {
+      const double turned = log_rotation(now.X_WE.rotation * axis.touched_at.rotation.transpose()).norm();
+      shape *= contact_shape(turned, parameters.number(first + kMomentReach));
+    }
+    const double f = moment ? update(i, moments, parameters.number(first + kMomentThreshold), shape, limits,
+                                     law, now, dt)
+                            : update(i, forces, settings.contact_threshold, shape, limits, law, now, dt);
     F[k] = f * share_at_axis_speed(f, f < 0 ? -now.V[k] : now.V[k], limit, steepest);
   }
   F.head<3>() *= largest_share(now.pull.head<3>(), F.head<3>(), now.bounds.spring_force);
