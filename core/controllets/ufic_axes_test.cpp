@@ -89,7 +89,16 @@ TEST(UficAxes, TorqueIsTheStatedLaw) {
     const Vector6 d = frame.transpose() * F_d, e = d - Vector6(frame.transpose() * F_hat);
     Vector6 along = frame.transpose() * (pose.twist().vector - Vector6(V));
     along.tail<3>().setZero();
-    F += frame * selected.cwiseProduct(Vector6(d + P * e + 70 * along));
+    // D_z is at most 60 1/s times the inertia, which axes that move one joint share.
+    const MatrixXd A = frame.transpose() * inverse(Lambda) * frame;
+    MatrixXd scaled = MatrixXd::Zero(6, 6);
+    for (int i = 0; i < 6; ++i)
+      for (int j = 0; j < 6; ++j)
+        scaled(i, j) = selected[i] * selected[j] * A(i, j) / std::sqrt(A(i, i) * A(j, j));
+    const double shared = std::max(1.0, eigenvalues(scaled).real().maxCoeff());
+    Vector6 D_z;
+    for (int i = 0; i < 6; ++i) D_z[i] = std::min(70.0, 60 / A(i, i) / shared);
+    F += frame * selected.cwiseProduct(Vector6(d + P * e + D_z.cwiseProduct(along)));
     const MatrixXd N = null_space_projector(J, M);
     const VectorXd D_N = 2 * (10 * M.diagonal().array()).sqrt();
     const VectorXd null = N * (10 * (bent(7) - q) - D_N.asDiagonal() * N.transpose() * dq);
