@@ -38,9 +38,8 @@ class Ufic final : public Controllet {
                 {.name = "pose", .quantity = Quantity::pose, .doc = "Set-point X_WE, in the world frame."}),
             input_at<kWrench>({.name = "wrench",
                                .quantity = Quantity::wrench,
-                               .doc =
-                                   "F_d, desired wrench that the arm exerts at E, world axes; its moment "
-                                   "counts about selected axes only.",
+                               .doc = "F_d, desired wrench that the arm exerts at E, world axes; its moment "
+                                      "counts about selected axes only.",
                                .max_speed = 60})),
         .parameters = spec_table<kParameterCount>(
             cartesian, group_at<kForceGroup>(force_parameters()),
@@ -203,9 +202,9 @@ class Ufic final : public Controllet {
     // Force part
     const Matrix3 D_t = D.topLeftCorner<3, 3>();
     const Vector6 pull = spring + feedforward;
-    ForcePart force = force_part(settings, law, parameters.choice(kFeedback) != 0, parameters.number(kReach),
-                                 F_d, F_hat, terms.X_WE().position, v, D_t, pull.head<3>(), context.contact,
-                                 context.dt);
+    ForcePart force =
+        force_part(settings, law, parameters.choice(kFeedback) != 0, parameters.number(kReach), F_d, F_hat,
+                   terms.X_WE().position, v, D_t, pull.head<3>(), context.contact, context.dt);
     Vector6 F_f = axes_.update(settings, law, parameters.number(kReach), parameters, kAxesGroup,
                                {.F_d = F_d6,
                                 .F_hat = F_hat6,

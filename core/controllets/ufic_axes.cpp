@@ -137,10 +137,12 @@ double UficAxes::update(std::size_t i, const ForceGains& gains, double threshold
     axis.touched_at = now.X_WE;
   }
   // Decreases at once, increases no faster than a fade.
-  axis.gamma = std::min(axis.detector.in_contact() ? 1.0 : axis.touched ? shape : 0.0,
+  axis.gamma = std::min(axis.detector.in_contact() ? 1.0
+                        : axis.touched             ? shape
+                                                   : 0.0,
                         axis.gamma + dt / Fade::kDuration);
   const double speed = axis.sign * now.V[k];
-  const bool slow = std::abs(speed) < limits.slow, withstands = axis.pushed > 0.5 * limits.unfelt;
+  const bool slow = std::abs(speed)<limits.slow, withstands = axis.pushed> 0.5 * limits.unfelt;
   axis.borne += !slow ? -dt / kGivingWay : withstands ? dt / kBearing : -dt / kBearing;
   axis.borne = std::clamp(axis.borne, 0.0, 1.0);
   const double most =
@@ -163,8 +165,8 @@ Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double rea
   Matrix6 turn = Matrix6::Zero();
   turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = R_.transpose();
   const Matrix6 D = turn * world.D * turn.transpose();
-  const Instant now{in_frame(world.F_d), in_frame(world.F_hat), in_frame(world.V), in_frame(world.pull),
-                    D,                   world.X_WE,            world.alpha_f,     world.bounds};
+  const Instant now{in_frame(world.F_d), in_frame(world.F_hat), in_frame(world.V), in_frame(world.pull), D,
+                    world.X_WE,          world.alpha_f,         world.bounds};
   ForceGains moments = settings.gains;
   moments.integral_per_s = parameters.number(first + kMomentIntegral);
   moments.integral_limit_n = parameters.number(first + kMomentLimit);
@@ -200,9 +202,9 @@ Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double rea
       const double turned = log_rotation(now.X_WE.rotation * axis.touched_at.rotation.transpose()).norm();
       shape *= contact_shape(turned, parameters.number(first + kMomentReach));
     }
-    const double f = moment ? update(i, moments, parameters.number(first + kMomentThreshold), shape, limits,
-                                     law, now, dt)
-                            : update(i, forces, settings.contact_threshold, shape, limits, law, now, dt);
+    const double f =
+        moment ? update(i, moments, parameters.number(first + kMomentThreshold), shape, limits, law, now, dt)
+               : update(i, forces, settings.contact_threshold, shape, limits, law, now, dt);
     F[k] = f * share_at_axis_speed(f, f < 0 ? -now.V[k] : now.V[k], limit, steepest);
   }
   F.head<3>() *= largest_share(now.pull.head<3>(), F.head<3>(), now.bounds.spring_force);

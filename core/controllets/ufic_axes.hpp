@@ -7,13 +7,14 @@
 #include "core/controllets/force_law.hpp"
 
 // The force part of `ufic` along a subset of six axes of a frame, each with its own loop:
-//   F_i = sigma_i rho_i s_i f_i,   f_i = max(0, d_i + w_i (P e + D de/dt + I int w_i e dt)),  w_i = c_i gamma_i alpha_f
-//   d_i = max(0, s_i F_d,i),   e = d_i - s_i F_hat,i,   s_i = +-1: the side that F_d presses towards
+//   F_i = sigma_i rho_i s_i f_i,   f_i = max(0, d_i + w_i (P e + D de/dt + I int w_i e dt)),  w_i = c_i
+//   gamma_i alpha_f d_i = max(0, s_i F_d,i),   e = d_i - s_i F_hat,i,   s_i = +-1: the side that F_d presses
+//   towards
 // sigma fades in while the axis is selected, c while it is in contact; rho is the valve of the force tank
 // with a gamma per axis, about the place of its last contact (a moment: and its orientation). A desired force
 // of the other sign is one of 0 until contact is lost. Of an axis with little inertia f keeps to what its
-// speed can end in time, plus the reaction where the axis withstands f (axis_force.hpp). Forces in N along, moments in N m about the axes of R, at E, that the arm exerts.
-// Loop thread, no allocation.
+// speed can end in time, plus the reaction where the axis withstands f (axis_force.hpp). Forces in N along,
+// moments in N m about the axes of R, at E, that the arm exerts. Loop thread, no allocation.
 namespace multipanda {
 
 // --- descriptor ---
@@ -32,8 +33,8 @@ class UficAxes {
  public:
   // About an axis, or of several together; they fall with the speed along them from half of it on [rad/s].
   static constexpr double kTurnLimit = 0.5;
-  // The most that a force and D_z may fall with the speed of their axis, over the inertia that it bears [1/s]:
-  // they act some periods late. A moment ends at kTopTurning [rad/s].
+  // The most that a force and D_z may fall with the speed of their axis, over the inertia that it bears
+  // [1/s]: they act some periods late. A moment ends at kTopTurning [rad/s].
   static constexpr double kSteepest = 200, kDamping = 60, kTopTurning = 1.5;
 
   void start();
@@ -50,11 +51,11 @@ class UficAxes {
   Vector3 damped(const Vector3& v, double damping) const;
 
   struct Instant {
-    Vector6 F_d, F_hat;         // at E
-    Vector6 V, pull;            // of E; of the impedance
-    const Matrix6& D;           // damping of the impedance
+    Vector6 F_d, F_hat;  // at E
+    Vector6 V, pull;     // of E; of the impedance
+    const Matrix6& D;    // damping of the impedance
     const Pose& X_WE;
-    double alpha_f;             // valve of the force tank
+    double alpha_f;  // valve of the force tank
     const ContactBounds& bounds;
   };
   // F, all in world axes.

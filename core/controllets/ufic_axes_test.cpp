@@ -10,11 +10,11 @@ namespace multipanda::ufic_axes_test {
 namespace {
 
 using namespace test;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
 using hybrid_force_test::kTool;
 using hybrid_force_test::Observer;
 using hybrid_force_test::six;
-using Eigen::MatrixXd;
-using Eigen::VectorXd;
 
 struct Bench : hybrid_force_test::Bench {
   explicit Bench(const Pose& X_WB = {}) : hybrid_force_test::Bench(X_WB, ufic_controllet()) {
@@ -187,8 +187,8 @@ TEST(UficAxes, TanksSupplyAllEnergyThatGoesIn) {
   }
 }
 
-// An estimate that shows contact where nothing is: neither one axis nor three throw or spin the hand, with the
-// law that is passive and with the paper's.
+// An estimate that shows contact where nothing is: neither one axis nor three throw or spin the hand, with
+// the law that is passive and with the paper's.
 TEST(UficAxes, AWrongEstimateDoesNotThrowOrSpinTheHand) {
   for (const double valve : {0.0, 1.0}) {
     for (const auto& axes : {std::vector<int>{5}, {3, 4, 5}, {2}, {0, 1, 2}, {0, 1, 2, 3, 4, 5}}) {
