@@ -251,7 +251,8 @@ Track ArmsRun::watch(double duration, unsigned every, const std::function<bool(c
   }
   recording_ = false;
   if (why.empty() && stopping_) {
-    why = fmt::format("arm '{}' was told to stop and is not held", session_->scene().arms[*stopping_].name);
+    why = fmt::format("arm '{}' was told to stop and is not held: press its user stop",
+                      session_->scene().arms[*stopping_].name);
   }
   if (!why.empty()) throw ArmLeft(why);
   return std::exchange(track_, Track{{}, std::vector<std::vector<ArmSample>>(newest_.size())});

@@ -162,9 +162,10 @@ class HybridForce final : public Controllet {
     Vector6 command = Vector6::Zero();  // f, force frame
     if (axes.any()) {
       const Vector6 pull = project(axes, context.contact, terms.V_WE().vector, force);
+      const Vector6 inertia = borne(axes, terms);
       command = axis_forces(axes, gains.stiffness(target.X_W_d.rotation), F_d, F_hat, pull,
-                            target.V_d.linear(), terms, context);
-      force.total = pull - force.damping - axes.in_world(damping(axes, parameters, terms));
+                            target.V_d.linear(), inertia, terms, context);
+      force.total = pull - force.damping - axes.in_world(damping(axes, parameters, inertia, terms));
     } else {
       watch(axes, F_d, F_hat, terms, context);
     }
@@ -369,15 +370,14 @@ class HybridForce final : public Controllet {
   }
 
   Vector6 axis_forces(const WeightedAxes& axes, const TaskStiffness& K, const Vector6& F_d,
-                      const Vector6& F_hat, const Vector6& pull, const Vector3& goal_speed, ModelTerms& terms,
-                      ControlContext& context) {
+                      const Vector6& F_hat, const Vector6& pull, const Vector3& goal_speed,
+                      const Vector6& inertia, ModelTerms& terms, ControlContext& context) {
     const ContactBounds& contact = context.contact;
     const Vector6 desired = axes.in_frame(F_d), estimated = axes.in_frame(F_hat);
     const Vector6 V = axes.in_frame(terms.V_WE().vector), pulled = axes.in_frame(pull);
     Vector6 stiffness, command;
     stiffness << (axes.R.transpose() * K.translation * axes.R).diagonal(),
         (axes.R.transpose() * K.rotation * axes.R).diagonal();
-    const Vector6 inertia = borne(axes, terms);
     const double room[] = {room_for(0, axes, pulled.head<3>(), contact.spring_force, context.dt),
                            room_for(1, axes, pulled.tail<3>(), contact.spring_moment, context.dt)};
     const AxisSettings settings[] = {force_axis(axes, context, goal_speed), moment_axis(axes, context)};
@@ -426,11 +426,12 @@ class HybridForce final : public Controllet {
   }
 
   // W D_W V, force frame.
-  static Vector6 damping(const WeightedAxes& axes, const ParameterSet& parameters, ModelTerms& terms) {
+  static Vector6 damping(const WeightedAxes& axes, const ParameterSet& parameters, const Vector6& inertia,
+                         ModelTerms& terms) {
     Vector6 d;
     d << Vector3::Constant(parameters.number(kLinearDamping)),
         Vector3::Constant(parameters.number(kAngularDamping));
-    d = d.cwiseMin(kDamping * borne(axes, terms));
+    d = d.cwiseMin(kDamping * inertia);
     return axes.weight.cwiseProduct(d).cwiseProduct(axes.in_frame(terms.V_WE().vector));
   }
 

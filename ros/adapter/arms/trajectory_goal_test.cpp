@@ -68,6 +68,19 @@ TEST(CollisionThresholds, AreNotRaisedAboveTheScenes) {
   EXPECT_THAT(refusal(), HasSubstr("upper_torque_thresholds_acceleration of joint 7: 40"));
 }
 
+TEST(CollisionThresholds, LowerOnesAreNotAboveUpperOnes) {
+  SetCollisionThresholds asked;
+  asked.nominal.torque_lower = asked.nominal.torque_upper = JointVector::LinSpaced(7, 10, 40);
+  asked.nominal.wrench_lower = asked.nominal.wrench_upper = Vector6::LinSpaced(6, 30, 5);
+  EXPECT_NO_THROW(refuse_unordered(asked));
+  asked.acceleration = asked.nominal;
+  asked.acceleration->wrench_lower[5] = 5.5;
+  EXPECT_THROW(refuse_unordered(asked), std::invalid_argument);
+  asked.acceleration.reset();
+  asked.nominal.torque_lower[2] = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW(refuse_unordered(asked), std::invalid_argument);
+}
+
 TEST(ArmRequests, GuidingAndVacuumAreRead) {
   multipanda_msgs::srv::SetGuidingMode::Request guiding;
   guiding.axes = {true, false, true, false, false, true};

@@ -38,7 +38,7 @@ class CodecSubscription : public SubscriptionBase {
     } catch (const std::exception& error) {
       values.refusal = error.what();
     } catch (...) {
-      values.refusal = "its codec failed";
+      values.refusal = "its codec threw something that is no std::exception; repair the codec";
     }
     if (values.refusal.empty()) {
       port_.receive(values.numbers, values.frame, delivery_, waited_s(), this);
