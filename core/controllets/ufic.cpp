@@ -259,7 +259,7 @@ class Ufic final : public Controllet {
     Wrench before;
     before.vector = F_f_;
     F_f_ = shifted(before, X_WE_old.position - X_WE.position).vector;
-    redefined_ = true;
+    redefined_ = axes_.any() || bridging_.value() > 0;
     const double moved = spring_.energy_at(X_WE_old) - spring_.energy;  // stored in the last period
     spring_.X_d = spring_.X_d * X;
     const double energy = spring_.energy_at(X_WE);

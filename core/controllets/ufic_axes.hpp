@@ -12,7 +12,7 @@
 //   towards
 // sigma fades in while the axis is selected, c while it is in contact; rho is the valve of the force tank
 // with a gamma per axis, about the place of its last contact (a moment: and its orientation). A desired force
-// of the other sign is one of 0 until contact is lost. Of an axis with little inertia f keeps to what its
+// of the other sign is one of 0 until contact is lost. Where an axis has little inertia, f keeps to what its
 // speed can end in time, plus the reaction where the axis withstands f (axis_force.hpp). Forces in N along,
 // moments in N m about the axes of R, at E, that the arm exerts. Loop thread, no allocation.
 namespace multipanda {
@@ -61,7 +61,7 @@ class UficAxes {
   // F, all in world axes.
   Vector6 update(const ForceSettings& settings, ValveLaw law, double reach, const ParameterSet& parameters,
                  std::size_t first, const Instant& now, double dt);
-  // Of the last update, axes of the frame.
+  // F of the last update, axes of the frame.
   const Vector6& force() const { return F_; }
   bool in_contact(std::size_t i) const { return axis_[i].detector.in_contact(); }
 

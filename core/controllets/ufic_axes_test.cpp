@@ -2,33 +2,11 @@
 
 #include "core/controllets/damping_design.hpp"
 #include "core/controllets/task_spring.hpp"
-#include "core/controllets/ufic.hpp"
-#include "core/testing/hybrid_force_bench.hpp"
+#include "core/testing/ufic_axes_bench.hpp"
 
 // `ufic` with forces and moments along a subset of six axes.
 namespace multipanda::ufic_axes_test {
 namespace {
-
-using namespace test;
-using Eigen::MatrixXd;
-using Eigen::VectorXd;
-using hybrid_force_test::kTool;
-using hybrid_force_test::Observer;
-using hybrid_force_test::six;
-
-struct Bench : hybrid_force_test::Bench {
-  explicit Bench(const Pose& X_WB = {}) : hybrid_force_test::Bench(X_WB, ufic_controllet()) {
-    rig.state(0).tau_J_d = joint_constant(7, 0);
-  }
-  Vector6 of_axes() { return six(three("axes_force_n"), three("axes_moment_nm")); }
-  double number(std::string_view output) { return rig.output(output)[0]; }
-};
-
-Matrix6 both(const Matrix3& R) {
-  Matrix6 turn = Matrix6::Zero();
-  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = R;
-  return turn;
-}
 
 // In contact along every selected axis, filters at rest, tanks full: the torque is the stated sum, computed
 // with explicit inverses. In the frame of the end effector the feedback is left out, since the estimate
@@ -118,9 +96,9 @@ TEST(UficAxes, EachAxisReachesItsForce) {
     for (const int axis : {0, 2, 4}) bench.select(axis);
     ASSERT_EQ(bench.rig.start(), LawResult::ok);
     const Pose X0 = bench.X();
-    const Vector6 wanted = six({6, 0, -10}, {0, 1, 0});
+    const Vector6 desired = six({6, 0, -10}, {0, 1, 0});
     Observer observer;
-    bench.want(both(X0.rotation) * wanted);
+    bench.want(both(X0.rotation) * desired);
     // The set-point leads the tool into the surfaces.
     bench.rig.input("pose").start(X0 * Pose{rotation_from_rpy({0, 0.035, 0}), Vector3(0.005, 0, -0.01)});
     Vector6 felt = Vector6::Zero();
@@ -135,9 +113,9 @@ TEST(UficAxes, EachAxisReachesItsForce) {
       bench.ticks(1);
       bench.move(-exerted);
     }
-    EXPECT_NEAR(felt[0], wanted[0], 0.1) << stiffness;
-    EXPECT_NEAR(felt[2], wanted[2], 0.1) << stiffness;
-    EXPECT_NEAR(felt[4], wanted[4], 0.02) << stiffness;
+    EXPECT_NEAR(felt[0], desired[0], 0.1) << stiffness;
+    EXPECT_NEAR(felt[2], desired[2], 0.1) << stiffness;
+    EXPECT_NEAR(felt[4], desired[4], 0.02) << stiffness;
   }
 }
 
@@ -203,12 +181,12 @@ TEST(UficAxes, AWrongEstimateDoesNotThrowOrSpinTheHand) {
         bench.rig.set("force_integral_limit_n", {100});
         for (const int axis : axes) bench.select(axis);
         ASSERT_EQ(bench.rig.start(), LawResult::ok);
-        Vector6 wanted = Vector6::Zero();
-        for (const int axis : axes) wanted[axis] = axis < 3 ? 30 : 10;
-        bench.want(both(bench.X().rotation) * wanted);
+        Vector6 desired = Vector6::Zero();
+        for (const int axis : axes) desired[axis] = axis < 3 ? 30 : 10;
+        bench.want(both(bench.X().rotation) * desired);
         double fastest = 0, spin = 0;
         for (int k = 0; k < 2000; ++k) {
-          bench.feel(felt * (both(bench.X().rotation) * wanted));
+          bench.feel(felt * (both(bench.X().rotation) * desired));
           bench.ticks(1);
           bench.move(Vector6::Zero());
           fastest = std::max(fastest, bench.V().head<3>().norm());
