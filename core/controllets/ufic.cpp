@@ -1,6 +1,7 @@
 #include "core/controllets/ufic.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/damping_design.hpp"
@@ -138,7 +139,6 @@ class Ufic final : public Controllet {
     axes_.start();
     F_f_.setZero();
     bridge_.setZero();
-    bridging_.reset(false);
     redefined_ = false;
     limits_ = tank_limits(parameters);
     balance_.start(context.arms, parameters.number(kTankStart), limits_);
@@ -218,8 +218,9 @@ class Ufic final : public Controllet {
     if (axes_.weight() >= 1) start_direction();  // it begins again when no axis is selected any more
     force.scale(of_n);
     F_f.head<3>() += force.F;
-    if (redefined_ || bridging_.value() > 0) F_f += bridged(F_f, V, context);
-    if (axes_.any() || bridging_.value() > 0) {
+    const bool bridges = redefined_ || !bridge_.isZero(0);
+    if (bridges) F_f += bridged(F_f, V, context);
+    if (axes_.any() || bridges) {
       F_f.head<3>() *= largest_share(pull.head<3>(), F_f.head<3>(), context.contact.spring_force);
       F_f.tail<3>() *= largest_share(pull.tail<3>(), F_f.tail<3>(), context.contact.spring_moment);
     }
@@ -259,7 +260,7 @@ class Ufic final : public Controllet {
     Wrench before;
     before.vector = F_f_;
     F_f_ = shifted(before, X_WE_old.position - X_WE.position).vector;
-    redefined_ = axes_.any() || bridging_.value() > 0;
+    redefined_ = axes_.any() || !bridge_.isZero(0);
     const double moved = spring_.energy_at(X_WE_old) - spring_.energy;  // stored in the last period
     spring_.X_d = spring_.X_d * X;
     const double energy = spring_.energy_at(X_WE);
@@ -322,19 +323,22 @@ class Ufic final : public Controllet {
     }
   };
 
-  // Another end effector means other moments and another point for the forces: from the wrench before to the
-  // new one it takes a fade, a shorter one where nothing resists it any more. Returns what to add.
+  // Another end effector means other moments and another point for the forces: what the wrench before had
+  // beyond the new one decays, faster where nothing resists it any more. It keeps nothing of an earlier
+  // redefinition, so that a stream of them holds no force. Returns what to add.
   Vector6 bridged(const Vector6& F_f, const Vector6& V, const ControlContext& context) {
+    constexpr double kDecay = 0.06, kMovedOn = 0.002, kClosing = 0.1;  // [s], [s], of alpha_f
     if (redefined_) {
       bridge_ = F_f_ - F_f;
-      bridging_.reset(true);
+      bridge_alpha_ = std::max(kClosing, alpha_f_);  // F_f_ has this much of its valve
       redefined_ = false;
     }
-    const Vector6 left = bridge_ * bridging_.value() * alpha_f_;
-    const bool moves = V.head<3>().norm() > 0.5 * context.contact.hand_speed ||
-                       V.tail<3>().norm() > 0.5 * UficAxes::kTurnLimit;
-    bridging_.towards(false, moves ? 10 * context.dt : context.dt);
-    return left;
+    const double speed = V.head<3>().norm() / std::max(1e-3, context.contact.hand_speed);
+    const double turning = V.tail<3>().norm() / UficAxes::kTurnLimit;
+    const double beyond = std::max(0.0, std::max(speed, turning) - 0.5);
+    bridge_ *= std::exp(-context.dt * (1 / kDecay + beyond / kMovedOn));
+    if (bridge_.squaredNorm() < 1e-6) bridge_.setZero();
+    return std::min(1.0, alpha_f_ / bridge_alpha_) * bridge_;
   }
 
   // The law along one direction, as without contact.
@@ -482,7 +486,7 @@ class Ufic final : public Controllet {
   UficAxes axes_;
   // F_f' of the last tick, about E as it is now, and what is left of it after E was redefined. World axes.
   Vector6 F_f_ = Vector6::Zero(), bridge_ = Vector6::Zero();
-  Fade bridging_;
+  double bridge_alpha_ = 1;
   bool redefined_ = false;
   TankLimits limits_;
   TankBalance balance_{1};

@@ -67,6 +67,7 @@ void UficAxes::start() {
   all_.reset(false);
   sigma_.setZero();
   F_.setZero();
+  inertia_.setOnes();
   frame_ = 0;
   R_.setIdentity();
   R_EF_.setIdentity();
@@ -150,10 +151,12 @@ double UficAxes::update(std::size_t i, const ForceGains& gains, double threshold
   // Where the valve is closed the integral does not grow behind it.
   const double w = axis.contact.towards(axis.detector.in_contact(), dt) * axis.gamma * now.alpha_f;
   const double f = axis.loop.update(gains, desired, estimated, w, dt, most);
-  axis.pushed = f;
+  // The valve damps no more than D_z may: D_c is that of an axis whose neighbors are held.
+  const double damping = std::min(now.D(k, k), kDamping * inertia_[k]);
   const double rho = force_share(law, axis.gamma, now.alpha_f, speed,
-                                 incoming_speed_for(f, axis.gamma, now.alpha_f, now.D(k, k)));
-  return axis.sign * sigma_[k] * rho * f;
+                                 incoming_speed_for(f, axis.gamma, now.alpha_f, damping));
+  axis.pushed = sigma_[k] * rho * f;  // an axis withstands what acts, not what its valve holds back
+  return axis.sign * axis.pushed;
 }
 
 Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double reach,
@@ -171,6 +174,7 @@ Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double rea
   moments.integral_per_s = parameters.number(first + kMomentIntegral);
   moments.integral_limit_n = parameters.number(first + kMomentLimit);
   moments.may_pull = false;
+  moments.derivative_s = 0;  // of an estimated moment on a light wrist it is noise
   ForceGains forces = settings.gains;
   forces.may_pull = false;
   Vector6 F = Vector6::Zero();
@@ -205,7 +209,8 @@ Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double rea
     const double f =
         moment ? update(i, moments, parameters.number(first + kMomentThreshold), shape, limits, law, now, dt)
                : update(i, forces, settings.contact_threshold, shape, limits, law, now, dt);
-    F[k] = f * share_at_axis_speed(f, f < 0 ? -now.V[k] : now.V[k], limit, steepest);
+    // f has sigma, and so has its slope: fading axes that share a joint share what it bears, too.
+    F[k] = f * share_at_axis_speed(f, f < 0 ? -now.V[k] : now.V[k], limit, sigma_[k] * steepest);
   }
   F.head<3>() *= largest_share(now.pull.head<3>(), F.head<3>(), now.bounds.spring_force);
   F.tail<3>() *= largest_share(now.pull.tail<3>(), F.tail<3>(), now.bounds.spring_moment);

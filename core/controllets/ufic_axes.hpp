@@ -7,14 +7,14 @@
 #include "core/controllets/force_law.hpp"
 
 // The force part of `ufic` along a subset of six axes of a frame, each with its own loop:
-//   F_i = sigma_i rho_i s_i f_i,   f_i = max(0, d_i + w_i (P e + D de/dt + I int w_i e dt)),  w_i = c_i
-//   gamma_i alpha_f d_i = max(0, s_i F_d,i),   e = d_i - s_i F_hat,i,   s_i = +-1: the side that F_d presses
-//   towards
-// sigma fades in while the axis is selected, c while it is in contact; rho is the valve of the force tank
-// with a gamma per axis, about the place of its last contact (a moment: and its orientation). A desired force
-// of the other sign is one of 0 until contact is lost. Where an axis has little inertia, f keeps to what its
-// speed can end in time, plus the reaction where the axis withstands f (axis_force.hpp). Forces in N along,
-// moments in N m about the axes of R, at E, that the arm exerts. Loop thread, no allocation.
+//   F_i = sigma_i rho_i s_i f_i,   f_i = max(0, d_i + w_i (P e + D de/dt + I int w_i e dt))
+//   d_i = max(0, s_i F_d,i),   e = d_i - s_i F_hat,i,   w_i = c_i gamma_i alpha_f;   moments without D
+// s_i = +-1: the side that F_d presses towards; a desired force of the other sign is one of 0 until contact
+// is lost. sigma fades in while the axis is selected, c while it is in contact. gamma falls with the way from
+// the place of the last contact, that of a moment with the angle, too. rho is the valve of the force tank,
+// with this gamma. Where an axis has little inertia, f keeps to `unfelt`, which its speed can end in time,
+// plus the reaction where the axis withstands what acts (axis_force.hpp). Forces in N along, moments in N m
+// about the axes of R, at E, that the arm exerts. Loop thread, no allocation.
 namespace multipanda {
 
 // --- descriptor ---
@@ -33,8 +33,9 @@ class UficAxes {
  public:
   // About an axis, or of several together; they fall with the speed along them from half of it on [rad/s].
   static constexpr double kTurnLimit = 0.5;
-  // The most that a force and D_z may fall with the speed of their axis, over the inertia that it bears
-  // [1/s]: they act some periods late. A moment ends at kTopTurning [rad/s].
+  // The most that a force falls with the speed of its axis, and the most damping of D_z and of the valve,
+  // over the inertia that the axis bears [1/s]: they act some periods late. A moment ends at kTopTurning
+  // [rad/s].
   static constexpr double kSteepest = 200, kDamping = 60, kTopTurning = 1.5;
 
   void start();
@@ -75,7 +76,7 @@ class UficAxes {
     Pose touched_at;
     bool touched = false;
     double gamma = 0, sign = 1;
-    double pushed = 0;  // f of the last tick
+    double pushed = 0;  // what acted along `sign` in the last tick
     double borne = 0;   // share of the reaction that counts
   };
   struct Limits {

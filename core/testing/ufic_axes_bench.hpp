@@ -1,5 +1,6 @@
 #pragma once
 
+#include <deque>
 #include <vector>
 
 #include "core/controllets/ufic.hpp"
@@ -26,6 +27,23 @@ struct Bench : hybrid_force_test::Bench {
   }
   Vector6 of_axes() { return six(three("axes_force_n"), three("axes_moment_nm")); }
   double number(std::string_view output) { return rig.output(output)[0]; }
+};
+
+// Moves an arm by torques that act some periods late. The tanks book what is commanded.
+class Late {
+ public:
+  explicit Late(Bench& bench, std::size_t periods = 3) : bench_(bench), sent_(periods, bench.rig.tau(0)) {}
+  void move(const Vector6& on_arm) {
+    const JointVector tau = bench_.rig.tau(0);
+    sent_.push_back(tau);
+    bench_.rig.state(0).tau_J_d = tau;
+    bench_.rig.integrate(0.001, {sent_.front() - tau + bench_.rig.terms(0).J_V_WE().transpose() * on_arm}, 2);
+    sent_.pop_front();
+  }
+
+ private:
+  Bench& bench_;
+  std::deque<JointVector> sent_;
 };
 
 inline Matrix6 both(const Matrix3& R) {
