@@ -96,42 +96,46 @@ TEST(UficAxesDelay, AWrongEstimateAfterAWaitDoesNotSpinALightWrist) {
 }
 
 // A force and a moment wait in free air while somebody pushes the hand back against them: the valve lets them
-// oppose that motion, as a damper no stronger than a late torque bears. Were it stronger, the hand would
-// shake, and the shaking would fill the tank.
+// oppose that motion, as a damper no stronger than a late torque bears. With the damping of the impedance,
+// which is that of an axis whose neighbors are held, the hand would shake and fill the tank by shaking.
 TEST(UficAxesDelay, AForceThatWaitsDoesNotShakeAHandThatIsPushedBack) {
-  for (const double stiffness : {800.0, 2000.0}) {
+  double largest = 0;
+  for (const double inertia : {2e-3, 5e-3}) {
     TestArm arm = light_wrist();
-    arm.links[6].inertia_C = 5e-3 * Matrix3::Identity();
-    Bench bench({}, arm);
-    bench.rig.bound({});
-    bench.rig.set("force_frame", {1});
-    bench.rig.set("translational_stiffness_n_per_m", {stiffness});
-    bench.rig.set("rotational_stiffness_nm_per_rad", {stiffness * 0.03});
-    bench.rig.set("tank_start_j", {0.3});
-    bench.select_all({2, 3});
-    ASSERT_EQ(bench.rig.start(), LawResult::ok);
-    const Matrix6 R = both(bench.X().rotation);
-    bench.want(R * six({0, 0, 30}, {10, 0, 0}));
-    bench.ticks(1000);
-    const double tank = bench.number("force_tank_j");
-    Late late(bench);
-    JointVector before = bench.rig.tau(0);
-    double step = 0, work = 0;
-    for (int t = 0; t < 1000; ++t) {
-      const Vector6 push = R * six({0, 0, -20}, {-6, 0, 0});
-      bench.ticks(1);
-      if (t > 100) step = std::max(step, (bench.rig.tau(0) - before).lpNorm<Eigen::Infinity>());
-      before = bench.rig.tau(0);
-      const Pose X = bench.X();
-      late.move(push);
-      work += push.dot(pose_error(bench.X(), X));
+    arm.links[6].inertia_C = inertia * Matrix3::Identity();
+    for (int trial = 0; trial < 18; ++trial) {
+      const bool of_hand = trial % 2 == 1;
+      const int force = trial / 2 % 3, moment = 3 + trial / 6;
+      Bench bench({}, arm);
+      bench.rig.bound({});
+      bench.rig.set("force_frame", {of_hand ? 1.0 : 0.0});
+      bench.rig.set("translational_stiffness_n_per_m", {2000});
+      bench.rig.set("tank_start_j", {0.3});
+      bench.select_all({force, moment});
+      ASSERT_EQ(bench.rig.start(), LawResult::ok);
+      const Matrix6 R = both(of_hand ? bench.X().rotation : Matrix3(Matrix3::Identity()));
+      bench.want(R * (30 * Vector6::Unit(force) + 10 * Vector6::Unit(moment)));
+      bench.ticks(1000);
+      const double tank = bench.number("force_tank_j");
+      const Vector6 push = R * (-20 * Vector6::Unit(force) - 6 * Vector6::Unit(moment));
+      Late late(bench);
+      JointVector before = bench.rig.tau(0);
+      double step = 0, work = 0;
+      for (int t = 0; t < 1000; ++t) {
+        bench.ticks(1);
+        if (t > 100) step = std::max(step, (bench.rig.tau(0) - before).lpNorm<Eigen::Infinity>());
+        before = bench.rig.tau(0);
+        const Pose X = bench.X();
+        late.move(push);
+        work += push.dot(pose_error(bench.X(), X));
+      }
+      EXPECT_LT(step, 0.2) << inertia << ", trial " << trial;
+      EXPECT_LT(bench.number("force_tank_j") - tank, work) << inertia << ", trial " << trial;
+      EXPECT_GT(work, 0.1) << inertia << ", trial " << trial;
+      largest = std::max(largest, step);
     }
-    std::printf("SHAKE %g: step %g Nm, tank %g -> %g, work %g\n", stiffness, step, tank,
-                bench.number("force_tank_j"), work);
-    EXPECT_LT(step, 0.5) << stiffness;
-    EXPECT_LT(bench.number("force_tank_j") - tank, work) << stiffness;
-    EXPECT_GT(work, 0.1) << stiffness;
   }
+  RecordProperty("step_nm_per_ms", std::to_string(largest));
 }
 
 }  // namespace
