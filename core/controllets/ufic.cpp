@@ -139,6 +139,7 @@ class Ufic final : public Controllet {
     axes_.start();
     F_f_.setZero();
     bridge_.setZero();
+    F_f_alpha_ = bridge_alpha_ = 1;
     redefined_ = false;
     limits_ = tank_limits(parameters);
     balance_.start(context.arms, parameters.number(kTankStart), limits_);
@@ -225,6 +226,7 @@ class Ufic final : public Controllet {
       F_f.tail<3>() *= largest_share(pull.tail<3>(), F_f.tail<3>(), context.contact.spring_moment);
     }
     F_f_ = F_f;
+    F_f_alpha_ = alpha_f_;
     // At most a tenth of the tank per tick: a fast set-point cannot overdraw it before its valve has closed.
     feedforward *= balance_.impedance.affordable(feedforward.dot(V) * context.dt, 0.1, limits_);
 
@@ -324,17 +326,21 @@ class Ufic final : public Controllet {
   };
 
   // Another end effector means other moments and another point for the forces: what the wrench before had
-  // beyond the new one decays, faster where nothing resists it any more. It keeps nothing of an earlier
-  // redefinition, so that a stream of them holds no force. Returns what to add.
+  // beyond the new one decays, faster where it moves the hand: nothing resists it any more. It keeps nothing
+  // of an earlier redefinition, so that a stream of them holds no force. Returns what to add.
   Vector6 bridged(const Vector6& F_f, const Vector6& V, const ControlContext& context) {
     constexpr double kDecay = 0.06, kMovedOn = 0.002, kClosing = 0.1;  // [s], [s], of alpha_f
     if (redefined_) {
       bridge_ = F_f_ - F_f;
-      bridge_alpha_ = std::max(kClosing, alpha_f_);  // F_f_ has this much of its valve
+      bridge_alpha_ = std::max(kClosing, F_f_alpha_);
       redefined_ = false;
     }
-    const double speed = V.head<3>().norm() / std::max(1e-3, context.contact.hand_speed);
-    const double turning = V.tail<3>().norm() / UficAxes::kTurnLimit;
+    const auto along = [](const Vector3& f, const Vector3& v) {
+      const double size = f.norm();
+      return size > 1e-9 ? f.dot(v) / size : 0.0;
+    };
+    const double speed = along(bridge_.head<3>(), V.head<3>()) / std::max(1e-3, context.contact.hand_speed);
+    const double turning = along(bridge_.tail<3>(), V.tail<3>()) / UficAxes::kTurnLimit;
     const double beyond = std::max(0.0, std::max(speed, turning) - 0.5);
     bridge_ *= std::exp(-context.dt * (1 / kDecay + beyond / kMovedOn));
     if (bridge_.squaredNorm() < 1e-6) bridge_.setZero();
@@ -486,7 +492,7 @@ class Ufic final : public Controllet {
   UficAxes axes_;
   // F_f' of the last tick, about E as it is now, and what is left of it after E was redefined. World axes.
   Vector6 F_f_ = Vector6::Zero(), bridge_ = Vector6::Zero();
-  double bridge_alpha_ = 1;
+  double F_f_alpha_ = 1, bridge_alpha_ = 1;  // valves of those two
   bool redefined_ = false;
   TankLimits limits_;
   TankBalance balance_{1};

@@ -143,7 +143,9 @@ double UficAxes::update(std::size_t i, const ForceGains& gains, double threshold
                                                    : 0.0,
                         axis.gamma + dt / Fade::kDuration);
   const double speed = axis.sign * now.V[k];
-  const bool slow = std::abs(speed)<limits.slow, withstands = axis.pushed> 0.5 * limits.unfelt;
+  // What the impedance takes back is not borne by the environment.
+  const double borne = axis.pushed + std::min(0.0, axis.sign * now.pull[k]);
+  const bool slow = std::abs(speed)<limits.slow, withstands = borne> 0.5 * limits.unfelt;
   axis.borne += !slow ? -dt / kGivingWay : withstands ? dt / kBearing : -dt / kBearing;
   axis.borne = std::clamp(axis.borne, 0.0, 1.0);
   const double most =

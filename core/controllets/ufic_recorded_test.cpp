@@ -67,7 +67,7 @@ Sums sums_of(const Case& of) {
   return sums;
 }
 
-// Where they were recorded every torque is the same to the bit; elsewhere sines may round another last digit.
+// Where they were recorded every torque was the same to the bit; elsewhere sines round another last digit.
 TEST(UficRecorded, AlongOneDirectionTheTorquesAreAsRecorded) {
   const Case cases[] = {{0,
                          0,
