@@ -96,8 +96,7 @@ TEST(UficAxesDelay, AWrongEstimateAfterAWaitDoesNotSpinALightWrist) {
 }
 
 // The same after a contact that was felt where nothing is, or with the paper's valve, which needs none: then
-// F_d acts in free air, and the impedance alone holds the hand. That is no reaction of the environment
-// either.
+// F_d acts in free air, and the impedance alone holds the hand. The environment bears nothing then.
 TEST(UficAxesDelay, AnAxisThatItsImpedanceHoldsWithstandsNothing) {
   double fastest = 0, held = 1;
   for (int trial = 0; trial < 16; ++trial) {
