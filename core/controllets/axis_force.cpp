@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include <Eigen/Eigenvalues>
+
 #include "core/controllets/energy_tank.hpp"
 
 namespace multipanda {
@@ -92,6 +94,15 @@ double AxisForce::update(const AxisSettings& settings, const AxisState& now, dou
                      std::min(std::max(0.0, now.desired), up));
   pushed_ = w * gamma_ * pressed + (1 - w) * free_;
   return weight() * pushed_;
+}
+
+Vector6 borne_inertias(const Matrix6& mobility, const Vector6& weight) {
+  const Vector6 own = mobility.diagonal().cwiseMax(1e-6);
+  const Vector6 scale = weight.cwiseQuotient(own).cwiseSqrt();
+  const Matrix6 B = scale.asDiagonal() * mobility * scale.asDiagonal();
+  Eigen::SelfAdjointEigenSolver<Matrix6> modes;
+  modes.compute(B, Eigen::EigenvaluesOnly);
+  return own.cwiseInverse() / std::max(1.0, modes.eigenvalues()[5]);
 }
 
 double share_at_axis_speed(double force, double along, double limit, double steepest) {

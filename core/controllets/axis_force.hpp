@@ -83,6 +83,12 @@ class AxisForce {
   bool selected_ = false, contact_ = false, pressing_ = false;
 };
 
+// What each axis of a frame has of the inertia that it moves while the others are free to move [kg, kg m^2]:
+// axes with a weight that move the same joint share it. The largest eigenvalue of B_ij = sqrt(s_i s_j) A_ij /
+// sqrt(A_ii A_jj) is what they do to one mode together: 1 for axes that are not coupled. `mobility` A: in the
+// axes of the frame.
+Vector6 borne_inertias(const Matrix6& mobility, const Vector6& weight);
+
 // The share of a force that is left at the speed `along` it: 1 up to half the limit, 0 from one and a half
 // times the limit on. It falls by no more than `steepest` per speed, because it acts like damping and some
 // periods late.

@@ -5,8 +5,6 @@
 #include <cmath>
 #include <limits>
 
-#include <Eigen/Eigenvalues>
-
 #include "core/controllets/axis_force.hpp"
 #include "core/controllets/cartesian_law.hpp"
 
@@ -164,7 +162,7 @@ class HybridForce final : public Controllet {
     Vector6 command = Vector6::Zero();  // f, force frame
     if (axes.any()) {
       const Vector6 pull = project(axes, context.contact, terms.V_WE().vector, force);
-      const Vector6 inertia = borne_inertias(axes, terms);
+      const Vector6 inertia = borne(axes, terms);
       command = axis_forces(axes, gains.stiffness(target.X_W_d.rotation), F_d, F_hat, pull,
                             target.V_d.linear(), inertia, terms, context);
       force.total = pull - force.damping - axes.in_world(damping(axes, parameters, inertia, terms));
@@ -421,24 +419,10 @@ class HybridForce final : public Controllet {
     return std::isfinite(contact.hand_speed) ? kTurnLimit / axes.parts(1) : contact.hand_speed;
   }
 
-  // What each axis has of the inertia that it moves while the others are free to move [kg, kg m^2]: selected
-  // axes that move the same joint share it. The largest eigenvalue of B_ij = sqrt(s_i s_j) A_ij / sqrt(A_ii
-  // A_jj) is what they do to one mode together: 1 for axes that are not coupled.
-  static Vector6 borne_inertias(const WeightedAxes& axes, ModelTerms& terms) {
+  static Vector6 borne(const WeightedAxes& axes, ModelTerms& terms) {
     Matrix6 turn = Matrix6::Zero();
     turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = axes.R;
-    const Matrix6 A = turn.transpose() * terms.task().mobility * turn;
-    const Vector6 mobility = A.diagonal().cwiseMax(1e-6);
-    const Vector6 scale = axes.weight.cwiseQuotient(mobility).cwiseSqrt();
-    const Matrix6 B = scale.asDiagonal() * A * scale.asDiagonal();
-    const double shared = std::max(1.0, largest_eigenvalue(B));
-    return mobility.cwiseInverse() / shared;
-  }
-
-  static double largest_eigenvalue(const Matrix6& B) {
-    Eigen::SelfAdjointEigenSolver<Matrix6> solver;
-    solver.compute(B, Eigen::EigenvaluesOnly);
-    return solver.eigenvalues()[5];
+    return borne_inertias(turn.transpose() * terms.task().mobility * turn, axes.weight);
   }
 
   // W D_W V, force frame.

@@ -176,16 +176,6 @@ TEST(HybridForceBounds, AxesTogetherKeepToTheBoundsOfOne) {
   }
 }
 
-// The tool's z is the axis of the last joint, which turns little.
-TestArm light_wrist() {
-  TestArm light = TestArm::make(7);
-  light.X_JF.rotation = kTool.rotation.transpose();
-  light.links[6].mass = 0.3;
-  light.links[6].p_JC = {0, 0, 0.02};
-  light.links[6].inertia_C = 1e-3 * Matrix3::Identity();
-  return light;
-}
-
 // A wrist that its links alone give 0.001 kg m^2 about the tool's axis, all gains at their maxima, and an
 // estimate in free air that is missing, of the wrong sign, or as if the goal were reached.
 TEST(HybridForceBounds, AWrongMomentDoesNotSpinALightAxis) {

@@ -50,6 +50,10 @@ std::vector<Law> laws() {
        {"pose", "wrench"},
        {{"force_z", {1}}, {"moment_x", {1}}, {"force_frame", {1}}, {"approach_speed_m_per_s", {0.1}}}},
       {ufic_controllet(), 1, {"pose", "wrench"}, {{"valve_law", {1}}, {"tank_min_j", {150}}}},
+      {ufic_controllet(),
+       1,
+       {"pose", "wrench"},
+       {{"force_z", {1}}, {"force_x", {1}}, {"moment_x", {1}}, {"force_frame", {1}}}},
       {coupled_ufic_controllet(), 2, {"pose", "squeeze"}, {{"valve_law", {1}}, {"tank_min_j", {150}}}}};
 }
 

@@ -1,12 +1,14 @@
 #include "core/controllets/ufic.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/damping_design.hpp"
 #include "core/controllets/energy_balance.hpp"
 #include "core/controllets/energy_tank.hpp"
 #include "core/controllets/force_law.hpp"
+#include "core/controllets/ufic_axes.hpp"
 
 namespace multipanda {
 namespace {
@@ -35,7 +37,11 @@ class Ufic final : public Controllet {
         .inputs = spec_table<kInputCount>(
             input_at<kPose>(
                 {.name = "pose", .quantity = Quantity::pose, .doc = "Set-point X_WE, in the world frame."}),
-            input_at<kWrench>(wrench_input())),
+            input_at<kWrench>({.name = "wrench",
+                               .quantity = Quantity::wrench,
+                               .doc = "F_d, desired wrench that the arm exerts at E, world axes; its moment "
+                                      "counts about selected axes only.",
+                               .max_speed = 60})),
         .parameters = spec_table<kParameterCount>(
             cartesian, group_at<kForceGroup>(force_parameters()),
             parameter_at<kValveLaw>(choice_parameter(
@@ -75,7 +81,8 @@ class Ufic final : public Controllet {
             parameter_at<kFeedback>(choice_parameter(
                 "force_feedback", {"in_contact", "always"},
                 "When the feedback of the force acts: faded in at contact, or always as the paper prints it, "
-                "which pushes in free air, too."))),
+                "which pushes in free air, too; along selected axes at contact.")),
+            group_at<kAxesGroup>(ufic_axes_parameters())),
         .outputs = spec_table<kOutputCount>(
             output_at<kDesired>("force_desired_n", "F_d along n."),
             output_at<kEstimated>("force_estimated_n", "F_hat along n."),
@@ -103,7 +110,11 @@ class Ufic final : public Controllet {
             output_at<kCreated>("energy_made_up_j", "Valve law 'paper': energy that empty tanks supplied."),
             output_at<kAcross, 3>("tangential_force_n", "Part of F_f' across n, world axes."),
             output_at<kError, 3>("position_error_m", "p_d - p, world axes."),
-            output_at<kError + 3, 3>("orientation_error_rad", "log(R_d R^T), world axes.")),
+            output_at<kError + 3, 3>("orientation_error_rad", "log(R_d R^T), world axes."),
+            output_at<kAxesForce, 3>("axes_force_n", "F_f' along selected axes, axes of the force frame."),
+            output_at<kAxesForce + 3, 3>("axes_moment_nm", "Its moment."),
+            output_at<kAxesContact, 6>("axes_in_contact",
+                                       "1 for each selected axis along which contact is detected.")),
         .presets = {paper_preset({{"force_proportional", {1}},
                                   {"force_derivative_s", {0.05}},
                                   {"force_integral_per_s", {0.25}},
@@ -123,14 +134,13 @@ class Ufic final : public Controllet {
     const ParameterSet& parameters = *context.parameters;
     q_N_ = arm.q();
     p_c_ = arm.terms->X_WE().position;
-    touched_ = false;
-    gamma_ = 0;
     direction_.start(parameters.vector3(kPressDirection));
-    detector_.start();
-    loop_.start();
-    room_.start();
-    fade_.reset(false);
-    across_.reset(Vector3::Zero());
+    start_direction();
+    axes_.start();
+    F_f_.setZero();
+    bridge_.setZero();
+    F_f_alpha_ = bridge_alpha_ = 1;
+    redefined_ = false;
     limits_ = tank_limits(parameters);
     balance_.start(context.arms, parameters.number(kTankStart), limits_);
     alpha_f_ = balance_.force.valve(limits_);
@@ -167,13 +177,22 @@ class Ufic final : public Controllet {
     Vector6 opposing = D * V;
     // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
     const ForceSettings settings = force_settings(parameters, kForceGroup);
-    const Vector3 F_d = context.inputs[kWrench].vector().head<3>();
-    const Vector3 F_hat = arm.state->F_K_W_est.force(), v = V.head<3>();
-    if (!F_d.allFinite() || !F_hat.allFinite())
+    const Vector6 F_d6 = context.inputs[kWrench].vector();
+    const Vector3 p_EK = terms.X_WK().position - terms.X_WE().position;
+    const Vector6 F_hat6 = shifted(arm.state->F_K_W_est, p_EK).vector;
+    const Vector3 F_d = F_d6.head<3>(), F_hat = arm.state->F_K_W_est.force(), v = V.head<3>();
+    if (!F_d6.allFinite() || !F_hat6.allFinite())
       return LawResult::fault;  // a clamp would hide a value that is not finite
+    axes_.select(parameters, kAxesGroup, terms.X_WE().rotation, context.dt);
+    axes_.bear(terms.task().mobility);
+    const double of_n = 1 - axes_.weight();  // the share of the law along one direction
     const Vector3 n = direction_.update(F_d, context.dt);
-    if (of_error) feedforward.head<3>() += s * settings.damping * n.dot(Vector3(target.V_d.linear())) * n;
-    opposing.head<3>() += settings.damping * n.dot(v) * n;
+    const auto damped = [&](const Vector3& speed, double scale) -> Vector3 {  // scale D_z speed
+      return scale * of_n * settings.damping * n.dot(speed) * n +
+             scale * axes_.damped(speed, settings.damping);
+    };
+    if (of_error) feedforward.head<3>() += damped(target.V_d.linear(), s);
+    opposing.head<3>() += damped(v, 1);
     const BoundedPull requested = bound_pull(context.contact, spring + feedforward, opposing, v);
     bound_feedforward(requested, spring, feedforward);
     context.inputs[kPose].resist(spring + feedforward, std::max(spring_share_, requested.force_share),
@@ -183,9 +202,31 @@ class Ufic final : public Controllet {
 
     // Force part
     const Matrix3 D_t = D.topLeftCorner<3, 3>();
-    const ForcePart force = force_part(settings, law, parameters.choice(kFeedback) != 0,
-                                       parameters.number(kReach), F_d, F_hat, terms.X_WE().position, v, D_t,
-                                       (spring + feedforward).head<3>(), context.contact, context.dt);
+    const Vector6 pull = spring + feedforward;
+    ForcePart force =
+        force_part(settings, law, parameters.choice(kFeedback) != 0, parameters.number(kReach), F_d, F_hat,
+                   terms.X_WE().position, v, D_t, pull.head<3>(), context.contact, context.dt);
+    Vector6 F_f = axes_.update(settings, law, parameters.number(kReach), parameters, kAxesGroup,
+                               {.F_d = F_d6,
+                                .F_hat = F_hat6,
+                                .V = V,
+                                .pull = pull,
+                                .D = D,
+                                .X_WE = terms.X_WE(),
+                                .alpha_f = alpha_f_,
+                                .bounds = context.contact},
+                               context.dt);
+    if (axes_.weight() >= 1) start_direction();  // it begins again when no axis is selected any more
+    force.scale(of_n);
+    F_f.head<3>() += force.F;
+    const bool bridges = redefined_ || !bridge_.isZero(0);
+    if (bridges) F_f += bridged(F_f, V, context);
+    if (axes_.any() || bridges) {
+      F_f.head<3>() *= largest_share(pull.head<3>(), F_f.head<3>(), context.contact.spring_force);
+      F_f.tail<3>() *= largest_share(pull.tail<3>(), F_f.tail<3>(), context.contact.spring_moment);
+    }
+    F_f_ = F_f;
+    F_f_alpha_ = alpha_f_;
     // At most a tenth of the tank per tick: a fast set-point cannot overdraw it before its valve has closed.
     feedforward *= balance_.impedance.affordable(feedforward.dot(V) * context.dt, 0.1, limits_);
 
@@ -202,8 +243,8 @@ class Ufic final : public Controllet {
     balance.open(kFeedforwardPart, joints(feedforward));
     balance.open(kNullSpacePart, tau_null);
     balance.open(kCoriolisPart, terms.c());
-    balance.open(kForcePart, joints(along(force.F)));
-    balance.open(kForceDampingPart, joints(along(-settings.damping * n.dot(v) * n)));
+    balance.open(kForcePart, joints(F_f));
+    balance.open(kForceDampingPart, joints(along(damped(v, -1))));
     *arm.tau = balance.sum();
 
     show(context, force, error, set_point_work, arm);
@@ -216,6 +257,12 @@ class Ufic final : public Controllet {
     const Pose& X_WE = context.arms[0].terms->X_WE();
     const Pose X_WE_old = X_WE * X.inverse();
     p_c_ += X_WE.position - X_WE_old.position;
+    axes_.end_effector_moved(X);
+    // The same wrench as before, about the new point.
+    Wrench before;
+    before.vector = F_f_;
+    F_f_ = shifted(before, X_WE_old.position - X_WE.position).vector;
+    redefined_ = axes_.any() || !bridge_.isZero(0);
     const double moved = spring_.energy_at(X_WE_old) - spring_.energy;  // stored in the last period
     spring_.X_d = spring_.X_d * X;
     const double energy = spring_.energy_at(X_WE);
@@ -235,7 +282,8 @@ class Ufic final : public Controllet {
     kTankClosing,
     kPressDirection,
     kFeedback,
-    kParameterCount
+    kAxesGroup,
+    kParameterCount = kAxesGroup + kUficAxesParameterCount
   };
   enum Output : std::size_t {
     kDesired,
@@ -260,14 +308,55 @@ class Ufic final : public Controllet {
     kCreated,
     kAcross,
     kError = kAcross + 3,
-    kOutputCount = kError + 6
+    kAxesForce = kError + 6,
+    kAxesContact = kAxesForce + 6,
+    kOutputCount = kAxesContact + 6
   };
 
   struct ForcePart {
     Vector3 F;  // F_f'
     double desired = 0, estimated = 0, command = 0;
     Vector3 across;  // tangential part of F_f'
+
+    void scale(double share) {
+      F *= share;
+      command *= share;
+      across *= share;
+    }
   };
+
+  // Another end effector means other moments and another point for the forces: what the wrench before had
+  // beyond the new one decays, faster where it moves the hand: nothing resists it any more. It keeps nothing
+  // of an earlier redefinition, so that a stream of them holds no force. Returns what to add.
+  Vector6 bridged(const Vector6& F_f, const Vector6& V, const ControlContext& context) {
+    constexpr double kDecay = 0.06, kMovedOn = 0.002, kClosing = 0.1;  // [s], [s], of alpha_f
+    if (redefined_) {
+      bridge_ = F_f_ - F_f;
+      bridge_alpha_ = std::max(kClosing, F_f_alpha_);
+      redefined_ = false;
+    }
+    const auto along = [](const Vector3& f, const Vector3& v) {
+      const double size = f.norm();
+      return size > 1e-9 ? f.dot(v) / size : 0.0;
+    };
+    const double speed = along(bridge_.head<3>(), V.head<3>()) / std::max(1e-3, context.contact.hand_speed);
+    const double turning = along(bridge_.tail<3>(), V.tail<3>()) / UficAxes::kTurnLimit;
+    const double beyond = std::max(0.0, std::max(speed, turning) - 0.5);
+    bridge_ *= std::exp(-context.dt * (1 / kDecay + beyond / kMovedOn));
+    if (bridge_.squaredNorm() < 1e-6) bridge_.setZero();
+    return std::min(1.0, alpha_f_ / bridge_alpha_) * bridge_;
+  }
+
+  // The law along one direction, as without contact.
+  void start_direction() {
+    touched_ = false;
+    gamma_ = 0;
+    detector_.start();
+    loop_.start();
+    room_.start();
+    fade_.reset(false);
+    across_.reset(Vector3::Zero());
+  }
 
   static TankLimits tank_limits(const ParameterSet& parameters) {
     return {parameters.number(kTankMin), parameters.number(kTankMax), parameters.number(kTankClosing)};
@@ -386,6 +475,8 @@ class Ufic final : public Controllet {
     out[kCreated] = balance_.created();
     std::copy_n(force.across.data(), 3, out.begin() + kAcross);
     std::copy_n(error.data(), 6, out.begin() + kError);
+    std::copy_n(axes_.force().data(), 6, out.begin() + kAxesForce);
+    for (std::size_t i = 0; i < 6; ++i) out[kAxesContact + i] = axes_.in_contact(i);
   }
 
   JointVector q_N_;
@@ -398,6 +489,11 @@ class Ufic final : public Controllet {
   ForceRoom room_;
   Fade fade_;
   LowPass<Vector3> across_;
+  UficAxes axes_;
+  // F_f' of the last tick, about E as it is now, and what is left of it after E was redefined. World axes.
+  Vector6 F_f_ = Vector6::Zero(), bridge_ = Vector6::Zero();
+  double F_f_alpha_ = 1, bridge_alpha_ = 1;  // valves of those two
+  bool redefined_ = false;
   TankLimits limits_;
   TankBalance balance_{1};
   SpringState spring_;

@@ -25,6 +25,16 @@ inline Vector6 six(const Vector3& linear, const Vector3& angular) {
   return x;
 }
 
+// The tool's z is the axis of the last joint, which turns little.
+inline TestArm light_wrist() {
+  TestArm light = TestArm::make(7);
+  light.X_JF.rotation = kTool.rotation.transpose();
+  light.links[6].mass = 0.3;
+  light.links[6].p_JC = {0, 0, 0.02};
+  light.links[6].inertia_C = 1e-3 * Matrix3::Identity();
+  return light;
+}
+
 struct Bench {
   explicit Bench(const Pose& X_WB = {}, const ControlletType& type = hybrid_force_controllet(),
                  const TestArm& of = TestArm::make(7))

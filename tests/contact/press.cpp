@@ -118,6 +118,7 @@ Scene scene_of(const Press& press, std::size_t arms) {
     law.parameters = {
         {"approach_speed_m_per_s", {0.2}}, {"force_z", {1}}, {"moment_x", {1}}, {"moment_y", {1}}};
   }
+  if (press.axes) law.parameters = {{"force_z", {1}}, {"moment_x", {1}}, {"moment_y", {1}}};
   if (press.stiffness > 0) law.parameters = {{"translational_stiffness_n_per_m", {press.stiffness}}};
   if (press.bounded) law.contact = ContactBounds{};
   scene.contact_bounds = law.contact;
@@ -191,6 +192,9 @@ void set_goals(const Press& press, const Scene& scene, MultimodeController& mode
     scheduled.request.target = target;
     schedule.push_back(scheduled);
   };
+  Target force;
+  force.size = 6;
+  force.values[2] = -200;  // more than is allowed
   Kinematics kinematics(scene.arms[0]);
   Pose X = kinematics.at(scene.arms[0].q_start);
   const Vector3 way(0, 0, -(kFree + press.beyond));
@@ -202,10 +206,7 @@ void set_goals(const Press& press, const Scene& scene, MultimodeController& mode
     std::copy_n(q.data(), 7, target.values.begin());
     ask("joints", target);
   } else if (press.controllet == "force" || press.controllet == "hybrid_force") {
-    Target target;
-    target.size = 6;
-    target.values[2] = -200;  // more than is allowed
-    ask("wrench", target);
+    ask("wrench", force);
   } else if (law.find_input("first_pose") < law.inputs().size()) {
     X.position += way;
     ask("first_pose", pose_target(X));
@@ -218,6 +219,7 @@ void set_goals(const Press& press, const Scene& scene, MultimodeController& mode
     }
     X.position += way;
     ask("pose", pose_target(X));
+    if (press.axes) ask("wrench", force);
   }
   modes.schedule(schedule);
 }
@@ -225,7 +227,7 @@ void set_goals(const Press& press, const Scene& scene, MultimodeController& mode
 }  // namespace
 
 std::string name(const Press& press) {
-  return press.controllet + ", pose " + std::to_string(press.pose) +
+  return press.controllet + (press.axes ? " along axes" : "") + ", pose " + std::to_string(press.pose) +
          (press.motor_inertia ? ", motor inertia" : "") + (press.released_after_s > 0 ? ", let go" : "") +
          (press.bounded ? "" : ", bounds lifted");
 }

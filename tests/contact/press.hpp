@@ -14,6 +14,7 @@ struct Press {
   bool bounded = true;          // with the bounds for contact
   double released_after_s = 0;  // since it was touched, the person's hand is gone; 0: never
   double stiffness = 0;         // of cartesian_impedance [N/m]; 0: its usual one
+  bool axes = false;            // of ufic: a force along z, no moments about x and y
   double beyond = 0.3;          // way from the person's hand to the goal [m]
 };
 

@@ -21,12 +21,17 @@ const char* const kControllets[] = {"cartesian_impedance",
                                     "coupled_ufic",
                                     "joint_follower",
                                     "pose_follower",
-                                    "teleoperation"};
+                                    "teleoperation",
+                                    "ufic along axes"};
 
 // An arm that is led, no farther than it may be left behind: it presses on.
 Press pressing(const char* controllet, int pose, bool motor_inertia) {
   Press press{controllet, pose, motor_inertia};
   const std::string_view name(controllet);
+  if (name == "ufic along axes") {
+    press.controllet = "ufic";
+    press.axes = true;
+  }
   if (name.ends_with("_follower") || name == "teleoperation") press.beyond = 0.1;
   return press;
 }
