@@ -357,6 +357,25 @@ TEST(ArmConnection, CountsLostAndLateDatagrams) {
   EXPECT_EQ(link.next_state().message_id, newest);
 }
 
+// A full buffer keeps the oldest datagrams: what it held is not to be acted on, what comes next is.
+TEST(ArmConnection, AStateOfAnOverflowedBufferIsStale) {
+  FakeArm arm(5);
+  ArmConnection link(options_for(arm));
+  link.connect();
+  arm.set_automatic(false);
+  (void)link.receive();
+  EXPECT_FALSE(link.is_stale());
+  for (int k = 0; k < 400; ++k) (void)arm.publish();  // more than the buffer holds
+  EXPECT_FALSE(link.receive());
+  EXPECT_TRUE(link.is_stale());
+  EXPECT_FALSE(link.receive());
+  EXPECT_TRUE(link.is_stale()) << "nothing has come since";
+  const std::uint64_t newest = arm.publish();
+  EXPECT_TRUE(link.receive());
+  EXPECT_FALSE(link.is_stale());
+  EXPECT_EQ(link.newest().message_id, newest);
+}
+
 TEST(ArmConnection, TakesStatesOnlyFromTheArmsPort) {
   FakeArm arm(10);
   arm.set_automatic(false);

@@ -271,8 +271,8 @@ void ArmDriver::set(const SetCollisionThresholds& request) {
 void ArmDriver::set(const SetGuidingMode& request) { link_.set_guiding_mode(request.axes, request.elbow); }
 
 void ArmDriver::remember(const char* changed) {
-  std::string& names = settings_.changed;
-  if (names.find(changed) == std::string::npos) names += (names.empty() ? "" : ", ") + std::string(changed);
+  if (settings_.has_changed(changed)) return;
+  settings_.changed += (settings_.changed.empty() ? "" : ", ") + std::string(changed);
 }
 
 // Arms accept settings only at rest. Torque control of an arm at rest is interrupted for the

@@ -41,9 +41,9 @@ struct FciArmConfig {
   // The same hand as the arm declares it; none: `hand`.
   std::optional<Load> hand_declared;
 
-  // Sent to the arm at the start and after each reconnection, then with what requests of the run have changed
-  // since, and checked in its state. The end effector's
-  // mass can only be set in the arm's settings: a difference is reported.
+  // Sent to the arm at the start and after each reconnection, and checked in its state. Requests of the run
+  // replace them; a load that was requested is not sent to an arm that has lost it, which waits for a new
+  // request. The end effector's mass can only be set in the arm's settings: a difference is reported.
   ArmFrames frames;
   Load tool, load;
   std::optional<JointVector> joint_stiffness;  // of the arm's own controllers; none: as the arm has it
