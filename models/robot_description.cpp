@@ -22,6 +22,10 @@ Pose Placement::pose() const {
   return Pose::from(position, q);
 }
 
+bool RobotDescription::has_prismatic_joints() const {
+  return std::find(prismatic.begin(), prismatic.end(), true) != prismatic.end();
+}
+
 JointVector acting_motor_inertia(const RobotDescription& robot, double hidden) {
   if (robot.motor_inertia.size() > 0) return robot.motor_inertia;
   if (robot.rotor_inertia.size() == 0 || hidden >= 1) return {};

@@ -14,7 +14,7 @@
 
 // The data of one arm model, read from one YAML file (docs/models.md has every key).
 // The arm is a chain: link0 (base), joint1, link1, ... jointN, linkN, flange, and perhaps a hand on the
-// flange. Every joint is revolute and turns about the z axis of the link that it moves.
+// flange. Every joint turns about the z axis of the link that it moves, or slides along it (prismatic).
 namespace multipanda {
 
 // Pose of a frame in its parent, as the manufacturer publishes it.
@@ -24,7 +24,8 @@ struct Placement {
   Pose pose() const;
 };
 
-// Every vector (n x 1).
+// Every vector (n x 1). Here and in all that has one number per joint, a prismatic joint has m for rad, N for
+// N m and kg for kg m^2.
 struct JointLimits {
   JointVector q_min, q_max;  // [rad]
   JointVector dq_max;        // [rad/s]
@@ -133,6 +134,7 @@ struct RobotDescription {
   std::map<std::string, std::string> origin;  // per section: source of the values and changes to them
 
   std::vector<Placement> joints;         // joint i+1 in link i; (n)
+  std::vector<bool> prismatic;           // per joint; empty: all turn
   std::vector<std::string> joint_names;  // names in the URDF, if imported; otherwise empty
   Placement flange;                      // in the last link
   std::vector<RigidBody> links;          // (n + 1), link0 first
@@ -163,6 +165,8 @@ struct RobotDescription {
   std::optional<HandDescription> hand;
 
   std::size_t joint_count() const { return joints.size(); }
+  bool is_prismatic(std::size_t joint) const { return joint < prismatic.size() && prismatic[joint]; }
+  bool has_prismatic_joints() const;
 };
 
 // What the motors add to the inertia of each joint, before the torque sensor [kg m^2] (n x 1); empty:

@@ -40,8 +40,11 @@ std::vector<Pose> poses(const RobotDescription& robot, const JointVector& q) {
   std::vector<Pose> result;
   Pose X;
   for (std::size_t i = 0; i < robot.joint_count(); ++i) {
-    const Eigen::AngleAxisd turn(q[static_cast<Eigen::Index>(i)], Vector3::UnitZ());
-    X = X * robot.joints[i].pose() * Pose{turn.toRotationMatrix(), Vector3::Zero()};
+    const double at = q[static_cast<Eigen::Index>(i)];
+    const Pose X_J = robot.is_prismatic(i)
+                         ? Pose{Matrix3::Identity(), at * Vector3::UnitZ()}
+                         : Pose{Eigen::AngleAxisd(at, Vector3::UnitZ()).toRotationMatrix(), Vector3::Zero()};
+    X = X * robot.joints[i].pose() * X_J;
     result.push_back(X);
   }
   return result;

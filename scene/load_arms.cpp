@@ -50,6 +50,11 @@ void check_plant_model(const Archive& archive, const RobotDescription& robot, Sc
                 " joints; expected " + std::to_string(robot.joint_count()) + ", as many as " +
                 in_quotes(arm.model) + " has");
   }
+  for (std::size_t i = 0; i < robot.joint_count(); ++i) {
+    if (robot.is_prismatic(i) != plant.is_prismatic(i))
+      node.refuse(joint_name(static_cast<Eigen::Index>(i)) + " is revolute in one of " +
+                  in_quotes(arm.model) + " and " + in_quotes(arm.plant_model) + ", prismatic in the other");
+  }
   if (arm.hand && !plant.hand)
     node.refuse("the model " + in_quotes(arm.plant_model) + " has no hand; expected one, or 'hand: false'");
 }
@@ -71,7 +76,8 @@ void check_start(const Archive& archive, const RobotDescription& robot, const Sc
     archive.at("start_rad")
         .items()[static_cast<std::size_t>(i)]
         .refuse("unreachable start: " + joint_name(i) + " of " + in_quotes(arm.model) + " has the range " +
-                number_text(limits.q_min[i]) + " to " + number_text(limits.q_max[i]) + " rad, found " +
+                number_text(limits.q_min[i]) + " to " + number_text(limits.q_max[i]) +
+                (robot.is_prismatic(static_cast<std::size_t>(i)) ? " m" : " rad") + ", found " +
                 number_text(arm.q_start[i]));
   }
 }

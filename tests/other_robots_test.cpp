@@ -2,25 +2,58 @@
 // pose, on a base away from the origin, next to its second arm. Skipped without the Python package
 // example-robot-data.
 #include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <map>
 #include <sstream>
+#include <unistd.h>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "backends/simulated_arm/kinematic_chain.hpp"
 #include "config_file/node.hpp"
 #include "core/geometry/distance.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/testing/test_arm.hpp"
 #include "models/arm_source.hpp"
 #include "models/from_urdf.hpp"
+#include "models/testing/panda_on_axis.hpp"
 #include "runtime/session.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda::other_robots_test {
 namespace {
 
+std::string content(const std::filesystem::path& file) {
+  std::ifstream stream(file);
+  return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+}
+
+// A Panda on a linear axis, written for this run.
+std::string panda_on_axis_file() {
+  static const std::string file = [] {
+    const std::string panda = "package://example-robot-data/robots/panda_description/urdf/panda.urdf";
+    const auto folder = std::filesystem::path(testing::TempDir()) / ("axis_" + std::to_string(::getpid()));
+    std::filesystem::create_directories(folder);
+    std::string urdf = panda;
+    try {
+      std::ofstream(folder / "panda_on_axis.urdf") << test::panda_on_axis(content(urdf_file(panda, {})));
+      urdf = (folder / "panda_on_axis.urdf").string();
+    } catch (const std::invalid_argument&) {  // not installed: the tests skip it
+    }
+    const auto path = folder / "panda_on_axis.yaml";
+    std::ofstream(path) << "name: panda_on_axis\nurdf: " << urdf
+                        << "\nbase_link: rail\ntip_link: panda_hand_tcp\n"
+                           "home_rad: [0.1, 0, -0.785, 0, -2.356, 0, 1.571, 0.785]\n";
+    return path.string();
+  }();
+  return file;
+}
+
 std::string model_file(const std::string& name) {
+  if (name == "panda_on_axis") return panda_on_axis_file();
   return MULTIPANDA_SOURCE_DIR "/tests/models/" + name + ".yaml";
 }
 
@@ -173,8 +206,65 @@ TEST(OtherRobotsAvoid, TheirOwnArm) {
   EXPECT_GT(smallest["collision_avoidance"], 0.01);
 }
 
+// Joint impedance holds a Panda on a vertical axis. A weight at the hand that nobody knows of lets the axis
+// sink by m g / K, whatever the other joints do: it acts along the axis with its whole weight.
+TEST(PandaOnAxis, SinksByTheWeightOverTheStiffness) {
+  if (!is_installed("panda_on_axis")) GTEST_SKIP() << "example-robot-data is not installed";
+  const Registry registry = Registry::with_builtins();
+  constexpr double kStiffness = 5000, kMass = 2;
+  for (const double mass : {0.0, kMass}) {
+    const Scene scene =
+        parse_scene("arms: [{name: arm, model: " + model_file("panda_on_axis") +
+                        ", hand: false, base: {position_m: [0.4, 0.1, 2], rpy_rad: [pi/2, 0, 0]}" +
+                        (mass > 0 ? ", load_present: {mass_kg: 2}" : "") +
+                        "}]\ncontrollets: [{name: joint, type: joint_impedance, arms: arm, parameters: "
+                        "{stiffness_nm_per_rad: "
+                        "[5000, 600, 600, 600, 600, 250, 150, 50]}}]\nactive: [joint]\n",
+                    "axis.yaml", registry);
+    JointArray q{};
+    SessionOptions options{.paced = false, .duration_s = 5};
+    options.observer = [&](const CycleRecord& record) { q = record.arms[0].q; };
+    Session session(scene, registry, std::move(options));
+    session.start();
+    const RunSummary summary = session.finish();
+    EXPECT_THAT(summary.faults(), testing::IsEmpty());
+    EXPECT_THAT(summary.interventions, testing::IsEmpty());
+    const double sunk = scene.arms[0].q_start[0] - q[0];
+    EXPECT_NEAR(sunk, mass * 9.81 / kStiffness, 2e-5);  // 3.92 mm
+    if (mass > 0) continue;
+    for (std::size_t i = 0; i < 8; ++i)
+      EXPECT_NEAR(q[i], scene.arms[0].q_start[static_cast<Eigen::Index>(i)], 1e-5);
+  }
+}
+
+// The simulated arm's own kinematics against those of Pinocchio.
+TEST(PandaOnAxis, HasTheSameKinematicsInTheSimulatedArm) {
+  if (!is_installed("panda_on_axis")) GTEST_SKIP() << "example-robot-data is not installed";
+  test::Draw draw(4);
+  const Pose X_WB = draw.pose(2);
+  const RobotDescription robot = load_robot(model_file("panda_on_axis"));
+  const auto model = std::make_shared<const ArmModel>(arm_model_source(robot, X_WB, false));
+  ASSERT_TRUE(model->is_prismatic(0));
+  ModelTerms terms(model);
+  const KinematicChain chain(model);
+  for (int k = 0; k < 50; ++k) {
+    const JointVector q = draw.joints(8, 1);
+    terms.update(q, joint_constant(8, 0));
+    Jacobian J_V_BE;
+    const Pose X_WE = X_WB * chain.X_BE(q, J_V_BE);
+    EXPECT_LT((X_WE.position - terms.X_WE().position).norm(), 1e-12);
+    EXPECT_LT((X_WE.rotation - terms.X_WE().rotation).norm(), 1e-12);
+    for (Eigen::Index i = 0; i < 8; ++i) {
+      const Vector6 column = terms.J_V_WE().col(i);
+      EXPECT_LT((X_WB.rotation * J_V_BE.col(i).head<3>() - column.head<3>()).norm(), 1e-12);
+      EXPECT_LT((X_WB.rotation * J_V_BE.col(i).tail<3>() - column.tail<3>()).norm(), 1e-12);
+    }
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Imported, OtherRobots,
                          testing::Values(std::vector<std::string>{"ur5"},
+                                         std::vector<std::string>{"panda_on_axis"},
                                          std::vector<std::string>{"baxter_left", "baxter_right"},
                                          std::vector<std::string>{"tiago_pro_left", "tiago_pro_right"}),
                          [](const auto& param) { return param.param[0]; });

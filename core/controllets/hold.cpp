@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 
+#include "core/controllets/prismatic_parameters.hpp"
 #include "core/model/coupled_modes.hpp"
 #include "core/types/triangular.hpp"
 
@@ -11,6 +12,15 @@ namespace {
 
 class Hold final : public Controllet {
  public:
+  explicit Hold(ArmModels arms) : usual_(kUsualStiffness) {
+    for (std::size_t i = 0; i < arms[0]->joint_count(); ++i) {
+      largest_push_[i] = kUsualStiffness[i] / 30;
+      if (!arms[0]->is_prismatic(i)) continue;
+      usual_[i] = usual_prismatic_stiffness(*arms[0], i);
+      largest_push_[i] = std::min(usual_[i] / 30, ContactBounds{}.spring_force);
+    }
+  }
+
   static ControlletDescriptor descriptor() {
     return {.type = "hold",
             .doc = "Holds one arm where it is: a soft, damped joint spring. The safe default of every arm.",
@@ -53,7 +63,7 @@ class Hold final : public Controllet {
     for (Eigen::Index i = 0; i < stiffness.size(); ++i) {
       const auto k = static_cast<std::size_t>(i);
       stiffness[i] = K[k];
-      design[i] = std::max(K[k], kUsualStiffness[k]);
+      design[i] = std::max(K[k], usual_[k]);
     }
     *arm.tau = torque(arm, stiffness, design, context.parameters->number(kDampingRatio)) + arm.terms->c();
     return LawResult::ok;
@@ -90,19 +100,15 @@ class Hold final : public Controllet {
 
   // At which a joint beyond its limits is brought back to them: a stiffness times the whole distance would
   // throw it.
-  static constexpr double kReturnSpeed = 0.1;  // [rad/s]
+  static constexpr double kReturnSpeed = 0.1;  // [rad/s], [m/s]
   static constexpr std::array<double, kMaxJoints> kUsualStiffness = {300, 300, 300, 300, 120, 80, 40, 40,
                                                                      40,  40,  40,  40,  40,  40, 40, 40};
-
-  // [N m] with which a joint on its way back pushes what is in its way, a person perhaps: q_0 then waits.
-  // More than damping at kReturnSpeed and friction need.
-  static double largest_push(std::size_t joint) { return kUsualStiffness[joint] / 30; }
 
   void lead_back(const JointVector& q, std::span<const double> K, double reach) {
     for (Eigen::Index i = 0; i < q.size(); ++i) {
       const double step = std::clamp(q_end_[i] - q_0_[i], -reach, reach), lead = q_0_[i] - q[i];
       const auto k = static_cast<std::size_t>(i);
-      if (step * lead > 0 && K[k] * std::abs(lead) > largest_push(k)) continue;
+      if (step * lead > 0 && K[k] * std::abs(lead) > largest_push_[k]) continue;
       q_0_[i] += step;
     }
   }
@@ -124,6 +130,10 @@ class Hold final : public Controllet {
     entered_ = true;
   }
 
+  std::array<double, kMaxJoints> usual_;  // default stiffness [N m/rad], [N/m]
+  // With which a joint on its way back pushes what is in its way, a person perhaps: q_0 then waits. More than
+  // damping at kReturnSpeed and friction need, if it is a revolute one [N m], [N].
+  std::array<double, kMaxJoints> largest_push_{};
   JointVector q_0_, q_end_;
   bool entered_ = false, stopped_ = false;
 };

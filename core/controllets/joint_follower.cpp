@@ -13,7 +13,15 @@ namespace {
 class JointFollower final : public Controllet {
  public:
   explicit JointFollower(ArmModels arms) {
-    if (arms[0]->joint_count() == arms[1]->joint_count()) return;
+    if (arms[0]->joint_count() == arms[1]->joint_count()) {
+      for (std::size_t i = 0; i < arms[0]->joint_count(); ++i) {
+        if (arms[0]->is_prismatic(i) == arms[1]->is_prismatic(i)) continue;
+        throw std::invalid_argument("joint_follower: joint " + std::to_string(i + 1) + " of '" +
+                                    arms[0]->name() + "' and of its leader '" + arms[1]->name() +
+                                    "' are not of the same type, revolute or prismatic; use pose_follower");
+      }
+      return;
+    }
     throw std::invalid_argument("joint_follower: '" + arms[0]->name() + "' has " +
                                 std::to_string(arms[0]->joint_count()) + " joints, its leader '" +
                                 arms[1]->name() + "' " + std::to_string(arms[1]->joint_count()) +
