@@ -1,5 +1,7 @@
 #include "models/arm_source.hpp"
 
+#include <algorithm>
+
 #include "models/to_urdf.hpp"
 
 namespace multipanda {
@@ -19,6 +21,13 @@ CollisionShape part(const std::string& name, int joint, const Capsule& capsule, 
 void add_collision_shapes(const RobotDescription& robot, bool hand, ArmModelSource& source) {
   const int last = static_cast<int>(robot.joint_count()) - 1;
   auto& parts = source.collision_shapes;
+  for (const BaseHull& corners : robot.base_hulls) {
+    ConvexShape shape;
+    shape.kind = ConvexShape::Kind::vertices;
+    shape.vertex_count = static_cast<std::uint8_t>(std::min(corners.size(), kMaxShapeVertices));
+    std::copy_n(corners.begin(), shape.vertex_count, shape.vertex.begin());
+    parts.push_back({"link0", -1, shape, Pose{}, false});
+  }
   for (int link = 0; link <= last + 1; ++link) {
     const std::string name = "link" + std::to_string(link);
     for (const auto& capsule : robot.capsules) {

@@ -29,7 +29,15 @@ class ChainReader {
 
   std::vector<AttachedShape> shapes() {
     read();
-    attach(chain_.base_link, 0, Pose{});
+    // What base_link is fixed to belongs to the base.
+    std::string root = chain_.base_link;
+    Pose X_BR;
+    for (const UrdfJoint* joint = tree_.parent_joint(root); joint != nullptr && joint->type == "fixed";
+         joint = tree_.parent_joint(root)) {
+      X_BR = X_BR * joint->X_PC.inverse();
+      root = joint->parent;
+    }
+    attach(root, 0, X_BR);
     return std::move(shapes_);
   }
 

@@ -53,9 +53,10 @@ struct AttachedShape {
   UrdfGeometry shape;
   std::string link;  // by the URDF's name
 };
-// All of an arm, link by link. What a joint outside of the arm moves, such as a finger, comes three times:
-// with that joint at its lower limit, in the middle and at its upper limit, if it has them and is not held.
-// Throws as robot_from_urdf.
+// All of an arm, link by link, and all that is fixed to the base: also what carries base_link, but nothing
+// that another joint moves, such as a head or another arm. What a joint outside of the arm moves, such as a
+// finger, comes three times: with that joint at its lower limit, in the middle and at its upper limit, if it
+// has them and is not held. Throws as robot_from_urdf.
 std::vector<AttachedShape> attached_shapes(const std::string& urdf_text, const UrdfChain& chain);
 
 // The file behind "package://NAME/REST" (REST below the folder of that name in the share folders of

@@ -14,8 +14,11 @@
 #include <gtest/gtest.h>
 
 #include "config_file/node.hpp"
+#include "models/capsule_fit.hpp"
+#include "models/testing/hull_faces.hpp"
 #include "models/testing/odd_robot.hpp"
 #include "models/to_urdf.hpp"
+#include "models/urdf_collision.hpp"
 #include "models/urdf_tree.hpp"
 
 namespace multipanda::from_urdf_test {
@@ -160,7 +163,10 @@ std::vector<Vector3> corners(const std::filesystem::path& file) {
 std::vector<Vector3> surface(const UrdfGeometry& shape, Random& random) {
   std::vector<Vector3> points;
   if (shape.kind == UrdfGeometry::Kind::mesh) {
-    points = corners(urdf_file(shape.file, {}));
+    const std::filesystem::path file = urdf_file(shape.file, {});
+    const std::string ending = file.extension().string();
+    if (ending != ".stl" && ending != ".STL") return mesh_points(file, shape.scale);
+    points = corners(file);
     for (auto& p : points) p = p.cwiseProduct(shape.scale);
     return points;
   }
@@ -186,8 +192,8 @@ double outside(const Vector3& p, const Capsule& capsule, const Pose& X) {
   return (p - from - std::clamp(t, 0.0, 1.0) * along).norm() - capsule.radius;
 }
 
-// Every shape of a moving link, placed by Pinocchio from the original, is inside one of the capsules of the
-// import, placed by Pinocchio from the URDF that is written from it.
+// Every shape of a link, placed by Pinocchio from the original, is inside one of the capsules of the import,
+// placed by Pinocchio from the URDF that is written from it; every shape of the base inside one of its hulls.
 TEST_P(KnownRobots, AreInsideTheirCapsules) {
   const Known& known = GetParam();
   const std::string file = std::string(MULTIPANDA_SOURCE_DIR "/tests/models/") + known.model + ".yaml";
@@ -205,10 +211,28 @@ TEST_P(KnownRobots, AreInsideTheirCapsules) {
   ours.place_base(X_WB);
   const VectorXd q = random.between(arm.limits.q_min, arm.limits.q_max), still = VectorXd::Zero(q.size());
   const UrdfChain chain{.base_link = known.base, .tip_link = known.tip, .held_joints = known.held};
-  std::size_t tested = 0;
+  std::vector<HullFaces> base(arm.base_hulls.begin(), arm.base_hulls.end());
+  EXPECT_GT(base.size(), 0u);
+  EXPECT_LE(base.size(), kMostBaseHulls);
+  std::size_t tested = 0, of_base = 0;
   for (const AttachedShape& attached : attached_shapes(original, chain)) {
-    if (attached.segment == 0) continue;
     SCOPED_TRACE(attached.link);
+    if (attached.segment == 0) {
+      const Pose X_BL = reference.terms(q, still, {known.base}).poses[0].inverse() *
+                        reference.terms(q, still, {attached.link}).poses[0];
+      std::vector<Vector3> points = surface(attached.shape, random);
+      for (auto& p : points) p = X_BL * (attached.shape.X_LG * p);
+      // Which of them share a hull does not show: one hull has to contain all of the shape.
+      double least = 1;
+      for (const HullFaces& hull : base) {
+        double worst = -1;
+        for (const auto& p : points) worst = std::max(worst, hull.outside(p));
+        least = std::min(least, worst);
+      }
+      EXPECT_LT(least, 1e-6);
+      ++of_base;
+      continue;
+    }
     const std::string link = "link" + std::to_string(attached.segment);
     const Pose X_WL = reference.terms(q, still, {attached.link}).poses[0];
     const Pose X_WS = ours.terms(q, still, {link}).poses[0];
@@ -225,6 +249,7 @@ TEST_P(KnownRobots, AreInsideTheirCapsules) {
     EXPECT_LT(worst, 1e-6);
   }
   EXPECT_GT(tested, 1000u);
+  EXPECT_GT(of_base, 0u);
 }
 
 INSTANTIATE_TEST_SUITE_P(

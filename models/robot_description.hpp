@@ -97,6 +97,9 @@ struct Capsule {
   double radius = 0;                                     // [m]
 };
 
+// The convex hull of some points, at most 32, in the frame of link0.
+using BaseHull = std::vector<Vector3>;
+
 enum class ShapeKind { capsule, cylinder, sphere, box };
 
 // A primitive for visualization; a box is also the collision shape of a finger.
@@ -157,6 +160,8 @@ struct RobotDescription {
   JointVector q_home;                   // the `ready` configuration [rad]
 
   std::vector<Capsule> capsules;  // of the links, not of the hand
+  // More of link0, for distances only: worlds of a simulation have no such bodies. Of imported arms.
+  std::vector<BaseHull> base_hulls;
   std::vector<std::pair<std::string, std::string>>
       ignored_pairs;  // pairs of links that never touch, or always touch
 

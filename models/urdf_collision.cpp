@@ -1,16 +1,19 @@
 #include "models/urdf_collision.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <iterator>
 #include <map>
 #include <mutex>
+#include <optional>
 #include <random>
 #include <set>
 #include <stdexcept>
 #include <utility>
 
+#include "models/body_hull.hpp"
 #include "models/capsule_fit.hpp"
 #include "models/urdf_tree.hpp"
 
@@ -68,6 +71,15 @@ Eigen::MatrixXi overlaps(const RobotDescription& robot, const JointVector& q) {
         result(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = 1;
     }
   }
+  for (const Capsule& capsule : robot.capsules) {
+    const std::size_t j = link_of(capsule);
+    int& found = result(0, static_cast<Eigen::Index>(j));
+    if (j < 2 || found > 0) continue;
+    const Pose& X_j = X[j - 1];
+    found = std::any_of(robot.base_hulls.begin(), robot.base_hulls.end(), [&](const BaseHull& hull) {
+      return hull_overlaps(hull, X_j * capsule.from, X_j * capsule.to, capsule.radius);
+    });
+  }
   return result;
 }
 
@@ -86,7 +98,7 @@ std::string ignore_touching_pairs(RobotDescription& robot) {
   }
   const Eigen::MatrixXi home = overlaps(robot, robot.q_home);
   std::string ignored;
-  for (Eigen::Index i = 1; i <= n; ++i) {
+  for (Eigen::Index i = 0; i <= n; ++i) {
     for (Eigen::Index j = i + 2; j <= n; ++j) {
       if (home(i, j) == 0 && often(i, j) <= kOften * kSamples) continue;
       const std::string one = "link" + std::to_string(i), other = "link" + std::to_string(j);
@@ -105,7 +117,12 @@ std::string millimeters(double length) {
 }
 
 // What a fit depends on, but for the meshes' content.
-using Fitted = std::map<std::string, std::pair<std::vector<Capsule>, std::string>>;
+struct Fit {
+  std::vector<Capsule> capsules;
+  std::vector<BaseHull> base_hulls;
+  std::string text;
+};
+using Fitted = std::map<std::string, Fit>;
 std::string key_of(const std::string& urdf_text, const UrdfChain& chain,
                    const std::filesystem::path& folder) {
   std::string key = folder.string() + '\n' + chain.base_link + '\n' + chain.tip_link + '\n';
@@ -118,8 +135,11 @@ void fit(const std::string& urdf_text, const UrdfChain& chain, const std::filesy
          RobotDescription& robot) {
   // By link of the arm, then by link of the URDF: all positions of a finger are one shape.
   std::vector<std::map<std::string, Points>> found(robot.joint_count() + 1);
+  // The base's are fitted in the frame of its first link R that has any, whatever link is the arm's
+  // base_link: arms of one robot then have equal ones.
+  std::optional<Pose> first;
   for (const AttachedShape& attached : attached_shapes(urdf_text, chain)) {
-    if (attached.segment == 0) continue;
+    if (attached.segment == 0 && !first) first = attached.X_SG * attached.shape.X_LG.inverse();
     try {
       auto& points = found[attached.segment][attached.link];
       for (const auto& p : points_of(attached.shape, folder)) points.push_back(attached.X_SG * p);
@@ -131,7 +151,19 @@ void fit(const std::string& urdf_text, const UrdfChain& chain, const std::filesy
           "has none, and collision_avoidance then does not see the arm)");
     }
   }
+  const Pose X_BR = first.value_or(Pose{});
   std::string wider, without;
+  std::vector<Points> of_base;
+  for (auto& [name, points] : found[0]) of_base.push_back(std::move(points));
+  for (Points& points : of_base) {
+    for (auto& p : points) p = X_BR.inverse() * p;
+  }
+  double base_excess = 0;
+  for (FittedHull& hull : fit_hulls(std::move(of_base), kMostBaseHulls)) {
+    for (auto& p : hull.corners) p = X_BR * p;
+    robot.base_hulls.push_back(std::move(hull.corners));
+    base_excess = std::max(base_excess, hull.excess);
+  }
   for (std::size_t i = 1; i < found.size(); ++i) {
     const std::string link = "link" + std::to_string(i);
     std::vector<Points> shapes;
@@ -149,7 +181,13 @@ void fit(const std::string& urdf_text, const UrdfChain& chain, const std::filesy
   }
   std::string text = "Capsules fitted to the collision geometry of the URDF.";
   if (!wider.empty()) text += " They reach at most so far beyond it: " + wider + ".";
-  text += " None around link0, the body that carries the arm.";
+  if (robot.base_hulls.empty()) {
+    text += " The URDF has no collision geometry of link0, the body that carries the arm.";
+  } else {
+    text += " Around link0, the body that carries the arm: convex hulls (" +
+            std::to_string(robot.base_hulls.size()) + "), at most " + millimeters(base_excess) +
+            " beyond those of its parts.";
+  }
   if (!without.empty()) text += " The URDF has no collision geometry of " + without + ".";
   robot.origin["self_collision"] = text;
 }
@@ -166,10 +204,11 @@ void fit_collision(const std::string& urdf_text, const UrdfChain& chain, const s
   auto place = known.find(key);
   if (place == known.end()) {
     fit(urdf_text, chain, folder, robot);
-    place = known.emplace(key, std::pair(robot.capsules, robot.origin["self_collision"])).first;
+    place = known.emplace(key, Fit{robot.capsules, robot.base_hulls, robot.origin["self_collision"]}).first;
   }
-  robot.capsules = place->second.first;
-  robot.origin["self_collision"] = place->second.second + ignore_touching_pairs(robot);
+  robot.capsules = place->second.capsules;
+  robot.base_hulls = place->second.base_hulls;
+  robot.origin["self_collision"] = place->second.text + ignore_touching_pairs(robot);
 }
 
 std::vector<std::filesystem::path> mesh_files(const std::filesystem::path& urdf) {

@@ -155,9 +155,32 @@ TEST_P(OtherRobots, HaveCapsulesAroundTheirGeometry) {
       EXPECT_LT(capsule.radius, 0.2);
       EXPECT_LT((capsule.to - capsule.from).norm(), 0.7);
     }
-    const auto source = std::make_shared<const ArmModel>(arm_model_source(robot, Pose{}, false));
-    EXPECT_GT(source->self_pairs().size(), 0u);
+    EXPECT_GT(robot.base_hulls.size(), 0u);
+    const ArmModel model(arm_model_source(robot, Pose{}, false));
+    std::size_t with_base = 0;
+    for (const auto& [a, b] : model.self_pairs()) with_base += model.collision_shapes()[a].joint < 0 ? 1 : 0;
+    EXPECT_GT(with_base, 0u);
+    EXPECT_GT(model.self_pairs().size(), with_base);
   }
+}
+
+enum class Base { both, with, without };
+
+// The least distance of the pairs that a model names: with its base, without it, or both [m].
+double nearest(ModelTerms& terms, Base base) {
+  const auto& parts = terms.model().collision_shapes();
+  const auto placed = [&](const CollisionShape& part) {
+    return (part.joint < 0 ? terms.model().X_WB() : terms.X_WJ(static_cast<std::size_t>(part.joint))) *
+           part.X_JS;
+  };
+  double least = 1;
+  for (const auto& [a, b] : terms.model().self_pairs()) {
+    if (base != Base::both && (parts[a].joint < 0) != (base == Base::with)) continue;
+    const double apart =
+        closest_points(parts[a].shape, placed(parts[a]), parts[b].shape, placed(parts[b])).distance;
+    least = std::min(least, apart);
+  }
+  return least;
 }
 
 // A hand is sent into its own upper arm: with the feature the capsules stay apart.
@@ -183,22 +206,68 @@ TEST(OtherRobotsAvoid, TheirOwnArm) {
       const auto n = static_cast<Eigen::Index>(model.joint_count());
       model.update(Eigen::Map<const Eigen::VectorXd>(record.arms[0].q.data(), n),
                    joint_constant(model.joint_count(), 0));
-      const auto& parts = model.model().collision_shapes();
-      for (const auto& [a, b] : model.model().self_pairs()) {
-        const auto end = [&](std::size_t part, const Vector3& p) {
-          return model.X_WJ(static_cast<std::size_t>(parts[part].joint)) * (parts[part].X_JS * p);
-        };
-        const double apart =
-            closest_capsules(end(a, parts[a].shape.p0), end(a, parts[a].shape.p1), parts[a].shape.radius,
-                             end(b, parts[b].shape.p0), end(b, parts[b].shape.p1), parts[b].shape.radius)
-                .distance;
-        least = std::min(least, apart);
-      }
+      least = std::min(least, nearest(model, Base::both));
     };
     Session session(scene, registry, std::move(options));
     session.start();
     const RunSummary summary = session.finish();
     // Without the feature the simulated arm stops itself, as a Panda does.
+    EXPECT_EQ(summary.faults().empty(), !features.empty()) << testing::PrintToString(summary.faults());
+    smallest[features] = least;
+  }
+  EXPECT_LT(smallest[""], 0.005);
+  EXPECT_GT(smallest["collision_avoidance"], 0.01);
+}
+
+// An arm is sent through the torso that carries it and its twin: with the feature it stays clear.
+TEST(OtherRobotsAvoid, TheBodyThatCarriesThem) {
+  if (!is_installed("baxter_left")) GTEST_SKIP() << "example-robot-data is not installed";
+  const Registry registry = Registry::with_builtins();
+  const Pose X_WB{rotation_from_rpy({0.1, -0.2, 0.7}), {0.3, -0.2, 0.5}};
+  ModelTerms model(
+      std::make_shared<const ArmModel>(arm_model_source(load_robot(model_file("baxter_left")), X_WB, false)));
+  const ArmLimits& limits = model.model().limits();
+  const JointVector rest = joint_constant(7, 0);
+  test::Draw draw(21);
+  JointVector goal;
+  do {  // inside of the base, and clear of the arm itself all the way
+    goal = model.model().q_home() + draw.joints(7, 1.2);
+    goal = goal.cwiseMax(limits.q_min).cwiseMin(limits.q_max).eval();
+    model.update(goal, rest);
+    if (nearest(model, Base::with) > -0.03) continue;
+    double clear = 1;
+    for (const double part : {0.25, 0.5, 0.75, 1.0}) {
+      model.update(model.model().q_home() + part * (goal - model.model().q_home()), rest);
+      clear = std::min(clear, nearest(model, Base::without));
+    }
+    if (clear > 0.05) break;
+  } while (true);
+  std::ostringstream q_goal;
+  for (const double q : goal) q_goal << (q_goal.tellp() == 0 ? "" : ", ") << q;
+  std::string arms;
+  for (const std::string side : {"left", "right"})
+    arms += "  - {name: " + side + ", model: " + model_file("baxter_" + side) + ", hand: false, base: {" +
+            listed(X_WB) + "}}\n";
+  std::map<std::string, double> smallest;
+  for (const std::string features : {"", "collision_avoidance"}) {
+    const Scene scene =
+        parse_scene("arms:\n" + arms +
+                        "controllets: [{name: joint, type: joint_impedance, arms: left, "
+                        "parameters: {stiffness_nm_per_rad: 40}, features: [" +
+                        features +
+                        "]}]\nactive: [joint]\ntimeline: [{at_s: 0.2, reference: {controllet: "
+                        "joint, input: joints, q_rad: [" +
+                        q_goal.str() + "], duration_s: 4}}]\n",
+                    "torso.yaml", registry);
+    double least = 1;
+    SessionOptions options{.paced = false, .duration_s = 6};
+    options.observer = [&](const CycleRecord& record) {
+      model.update(Eigen::Map<const Eigen::VectorXd>(record.arms[0].q.data(), 7), rest);
+      least = std::min(least, nearest(model, Base::with));
+    };
+    Session session(scene, registry, std::move(options));
+    session.start();
+    const RunSummary summary = session.finish();
     EXPECT_EQ(summary.faults().empty(), !features.empty()) << testing::PrintToString(summary.faults());
     smallest[features] = least;
   }

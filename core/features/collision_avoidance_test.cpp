@@ -329,6 +329,32 @@ TEST(CollisionPairs, AreThoseThatAnOwnArmCanMove) {
   }
 }
 
+// Each arm is kept from the base by its own model. The other arm's copy counts only where it is another body.
+TEST(CollisionPairs, ArmsOfOneRobotHaveOneBase) {
+  const std::vector<Vector3> corners{{0, 0, 0}, {0.2, 0, 0}, {0, 0.3, 0}, {0, 0, -0.4}};
+  const std::vector<ConvexShape> bases{ConvexShape::capsule({0, 0, -0.2}, {0, 0, 0.1}, 0.1),
+                                       ConvexShape::hull(corners)};
+  for (const ConvexShape& base : bases) {
+    for (const double apart : {0.0, 0.01}) {
+      Models models;
+      for (std::uint32_t k = 0; k < 2; ++k) {
+        const Pose X_WB{rotation_from_rpy({0.2, -0.4, 0.3}), {k * apart, 0, 0.1}};
+        auto source = TestArm::make(7, 1 + k).source(X_WB, "arm" + std::to_string(k));
+        source.collision_shapes = {{"link0", -1, base, {}, false},
+                                   {"link6", 5, ConvexShape::sphere({0, 0, 0.1 + k}, 0.05), {}}};
+        source.self_pairs = {{0, 1}};
+        models.push_back(std::make_shared<const ArmModel>(std::move(source)));
+      }
+      for (const std::vector<ArmIndex>& own : {std::vector<ArmIndex>{0, 1}, {0}}) {
+        const CollisionPairs pairs(
+            FeatureContext{.arms = models, .own = own, .obstacles = {}, .friction_compensated = {}});
+        // Each own arm with its base, and the arms with each other; a second base meets each arm once more.
+        EXPECT_EQ(pairs.size(), own.size() + 1 + (apart > 0 ? own.size() : 0));
+      }
+    }
+  }
+}
+
 TEST(CollisionAvoidance, DampsApproachOnly) {
   Draw draw(64);
   const Models models = made_up();

@@ -13,7 +13,8 @@ namespace multipanda {
 
 // The pairs of shapes that concern some arms of a scene (`own`), and their distances:
 //   - an own arm with itself: the pairs that its model names (ArmModel::self_pairs),
-//   - an own arm with any other arm, of any owner: all pairs in which either shape can move,
+//   - an own arm with any other arm, of any owner: all pairs in which either shape can move; but a base
+//     that both have, equal shapes at the same place, is to each of them only its own base,
 //   - an own arm's moving shapes with the obstacles.
 // Shapes are placed in the world once per cycle. Built before the loop; nothing allocates afterwards.
 class CollisionPairs {
