@@ -165,6 +165,9 @@ std::string resume_command(const ExperimentArguments& options, const fs::path& d
   for (const auto& set : options.set) text += " --set '" + set + "'";
   if (!options.only.empty()) text += fmt::format(" --only {}", fmt::join(options.only, ","));
   if (options.fast) text += " --fast";
+  if (options.keep_data) text += " --keep-data";
+  if (options.generator != "socket") text += " --generator " + options.generator;
+  if (options.pace == "lockstep") text += " --pace lockstep";
   if (!options.answers.empty()) text += " --yes-to " + options.answers;
   return text;
 }
@@ -206,8 +209,8 @@ int run(const ExperimentArguments& options) {
 
   if (backend.kind == BackendKind::fci && all)
     throw UsageError("experiment all: --backend fci runs one experiment at a time; name it");
-  if (!options.resume.empty() && (all || experiments.front().kind != kTaskKind))
-    throw UsageError("experiment: --resume needs a single experiment that runs a scene");
+  if (!options.resume.empty() && all)
+    throw UsageError("experiment all: --resume goes on with one experiment; name it");
   if (!options.beside.empty() && (all || experiments.front().kind != kTaskKind))
     throw UsageError("experiment: --beside needs a single experiment that runs a scene");
   const std::unique_ptr<Person> person = person_for(options, experiments.front(), backend, console);
@@ -257,8 +260,7 @@ int run(const ExperimentArguments& options) {
     if (result.stopped) {
       if (!result.why_stopped.empty()) console.line("stopped: " + result.why_stopped);
       console.line("no report; finished runs are kept");
-      if (!all && experiment.kind == kTaskKind)
-        console.line("go on with: " + resume_command(options, run_options.directory));
+      if (!all) console.line("go on with: " + resume_command(options, run_options.directory));
       return kFailed;
     }
     print_result(result, console);

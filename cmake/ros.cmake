@@ -105,7 +105,7 @@ endfunction()
 
 # Interfaces that no installed package provides are built here; the others are imported.
 set(MULTIPANDA_OWN_INTERFACES "")
-foreach(package multipanda_msgs control_msgs tf2_msgs)
+foreach(package multipanda_msgs control_msgs tf2_msgs visualization_msgs)
   set(found FALSE)
   if(NOT package STREQUAL multipanda_msgs OR MULTIPANDA_INSTALLED_MESSAGES)
     find_package(${package} QUIET)

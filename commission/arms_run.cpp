@@ -23,6 +23,8 @@ constexpr std::array kLaws{std::pair{Law::guide, "gravity_compensation"},
 constexpr double kHandSpeed = 0.1;  // of set-points [m/s]
 constexpr double kPatience_s = 20;  // for what the loop or an arm must do
 constexpr std::chrono::milliseconds kLook{50};
+// An arm may tell that a motion is over before it tells why: so long its state is waited for [s].
+constexpr double kExplains_s = 0.1;
 
 std::string name_of(const std::string& arm, Law law) {
   if (law == Law::hold) return arm + "_hold";
@@ -83,6 +85,10 @@ void ArmsRun::take(const CycleRecord& record) {
   newest_ = record.arms;
   cycle_ = record.cycle;
   t_ = record.t.seconds();
+  if (stopping_ && newest_[*stopping_].owner == expected_[*stopping_]) {
+    stopping_.reset();
+    expected_from_ = cycle_;
+  }
   if (recording_ && ++skip_ >= every_) {
     skip_ = 0;
     track_.t.push_back(t_ - begin_);
@@ -163,12 +169,31 @@ std::string ArmsRun::why_left(ArmIndex arm) const {
   return {};
 }
 
-void ArmsRun::check() const {
-  if (session_->wait_for_end(0)) throw ArmLeft("the run of the arms has ended");
-  const std::lock_guard lock(mutex_);
+std::string ArmsRun::why_left() const {
+  std::string why;
+  for (ArmIndex i = 0; i < newest_.size() && why.empty(); ++i) why = why_left(i);
+  return why;
+}
+
+bool ArmsRun::unexplained() const {
+  bool found = false;
   for (ArmIndex i = 0; i < newest_.size(); ++i) {
-    if (const std::string why = why_left(i); !why.empty()) throw ArmLeft(why);
+    if (why_left(i).empty()) continue;
+    const auto mode = static_cast<ArmMode>(newest_[i].mode);
+    if (takes_commands(mode) || mode == ArmMode::user_stopped || mode == ArmMode::disconnected ||
+        newest_[i].errors != 0)
+      return false;
+    found = true;
   }
+  return found;
+}
+
+void ArmsRun::check() {
+  if (session_->wait_for_end(0)) throw ArmLeft("the run of the arms has ended");
+  std::unique_lock lock(mutex_);
+  if (why_left().empty()) return;
+  changed_.wait_for(lock, std::chrono::duration<double>(kExplains_s), [this] { return !unexplained(); });
+  if (const std::string why = why_left(); !why.empty()) throw ArmLeft(why);
 }
 
 ArmSample ArmsRun::newest(ArmIndex arm) const {
@@ -207,8 +232,10 @@ Track ArmsRun::watch(double duration, unsigned every, const std::function<bool(c
   };
   while (t_ < begin_ + duration && why.empty() && !is_enough()) {
     changed_.wait_for(lock, kLook);
-    for (ArmIndex i = 0; i < newest_.size(); ++i) {
-      if (why.empty()) why = why_left(i);
+    why = why_left();
+    if (!why.empty() && unexplained()) {
+      changed_.wait_for(lock, std::chrono::duration<double>(kExplains_s), [this] { return !unexplained(); });
+      why = why_left();
     }
     if (t_ != t_heard) {
       t_heard = t_;
@@ -223,6 +250,10 @@ Track ArmsRun::watch(double duration, unsigned every, const std::function<bool(c
     if (stopped_ && stopped_()) why = "stopped on request";
   }
   recording_ = false;
+  if (why.empty() && stopping_) {
+    why = fmt::format("arm '{}' was told to stop and is not held: press its user stop",
+                      session_->scene().arms[*stopping_].name);
+  }
   if (!why.empty()) throw ArmLeft(why);
   return std::exchange(track_, Track{{}, std::vector<std::vector<ArmSample>>(newest_.size())});
 }
@@ -261,9 +292,9 @@ void ArmsRun::lead(ArmIndex arm, Law law) {
 void ArmsRun::stop(ArmIndex arm) {
   {
     const std::lock_guard lock(mutex_);
-    constexpr std::uint64_t kTaken = 100;  // cycles; a stop is taken in the next one
-    expected_from_ = cycle_ + kTaken;
+    expected_from_ = std::numeric_limits<std::uint64_t>::max();  // until it is seen in hold
     expected_[arm] = instance(arm, Law::hold);
+    stopping_ = arm;
   }
   session_->modes().stop(ArmSet::of(arm));
 }

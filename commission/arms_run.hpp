@@ -53,7 +53,7 @@ class ArmsRun {
   void halt();   // all arms go to hold, whatever leads them; does not wait
   // Throws ArmLeft if an arm is not under the law that the tour gave it, falls while it is led, or the run
   // has ended.
-  void check() const;
+  void check();
 
   const Scene& scene() const { return session_->scene(); }
   std::size_t arm_count() const { return scene().arms.size(); }
@@ -81,6 +81,8 @@ class ArmsRun {
   Request goal(ArmIndex arm, Law law) const;
   InstanceIndex instance(ArmIndex arm, Law law) const;
   std::string why_left(ArmIndex arm) const;  // empty: as expected. With mutex_
+  std::string why_left() const;              // of the first arm that left
+  bool unexplained() const;                  // all that left have stopped without a reason yet
 
   mutable std::mutex mutex_;
   std::condition_variable changed_;
@@ -88,6 +90,7 @@ class ArmsRun {
   std::vector<InstanceIndex> expected_;
   std::optional<ArmIndex> excused_;
   std::uint64_t cycle_ = 0, expected_from_ = 0;  // the newest record's; since when expected_ holds
+  std::optional<ArmIndex> stopping_;             // asked to hold, and not yet seen in hold
   double t_ = 0;
   bool recording_ = false;
   double begin_ = 0;

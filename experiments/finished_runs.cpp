@@ -13,6 +13,18 @@ using Json = nlohmann::ordered_json;
 
 }  // namespace
 
+Json what_decides(const Experiment& experiment, const ExperimentOptions& options, const std::string& scenes) {
+  Json what = describe(experiment);
+  for (const char* shown : {"machine", "description", "published", "show", "limits"}) what.erase(shown);
+  Json addresses = Json::object();
+  for (const auto& [arm, address] : options.backend.addresses) addresses[arm] = address;
+  what["fast"] = options.fast;
+  what["backend"] = name_of(options.backend.kind);
+  what["addresses"] = addresses;
+  what["runs_and_scenes"] = fmt::format("{:016x}", std::hash<std::string>{}(scenes));
+  return what;
+}
+
 FinishedRuns::FinishedRuns(fs::path folder, Json what, bool resume)
     : file_(std::move(folder) / "finished_runs.json"), what_(std::move(what)) {
   if (!resume) return;

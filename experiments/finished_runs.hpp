@@ -6,13 +6,20 @@
 
 #include <nlohmann/json.hpp>
 
+#include "experiments/kinds.hpp"
+
 namespace multipanda {
+
+// What decides what the runs of an experiment are, besides their `scenes` (texts of all of them): the
+// experiment without what only its page shows, the backend and the addresses.
+nlohmann::ordered_json what_decides(const Experiment& experiment, const ExperimentOptions& options,
+                                    const std::string& scenes);
 
 // The finished runs of an experiment, kept in its folder so that an interrupted experiment can be resumed.
 // One thread at a time.
 class FinishedRuns {
  public:
-  // `what` describes the experiment with everything that decides what a run is. `resume`: reads what is
+  // `what`: of what_decides(). `resume`: reads what is
   // finished; otherwise begins again. Throws std::invalid_argument if the folder has nothing to resume, or
   // was begun with a different `what`; the message names the first key that differs.
   FinishedRuns(std::filesystem::path folder, nlohmann::ordered_json what, bool resume);

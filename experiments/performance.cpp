@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "experiments/arm_steps.hpp"
+#include "experiments/finished_runs.hpp"
 #include "experiments/on_arms.hpp"
 #include "experiments/performance_runs.hpp"
 #include "experiments/process_usage.hpp"
@@ -144,6 +145,22 @@ class OnArms {
   Json expected_;  // the extent of the last rehearsal
 };
 
+// The runs and what they were asked for: an experiment can only be resumed as it was begun.
+Json identity(const Experiment& experiment, const ExperimentOptions& options,
+              const PerformanceSettings& settings,
+              const std::vector<PerformanceSettings::Condition>& conditions) {
+  std::string scenes;
+  for (const auto& condition : conditions)
+    scenes +=
+        condition.name + '\n' + changed_scene_text(experiment, settings.scene, settings.plant, condition.set);
+  if (settings.switching)
+    scenes += changed_scene_text(experiment, settings.switching->scene, settings.plant, {});
+  Json what = what_decides(experiment, options, scenes);
+  what["generator"] = options.ros ? "ros" : "socket";
+  what["pace"] = options.backend.lockstep ? "lockstep" : "realtime";
+  return what;
+}
+
 }  // namespace
 
 ExperimentResult run_performance(const Experiment& experiment, const ExperimentOptions& options,
@@ -161,6 +178,8 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
                            .backend = options.backend,
                            .viewer = options.viewer,
                            .ros = options.ros};
+  FinishedRuns finished(options.directory, identity(experiment, options, settings, conditions),
+                        options.resume);
   fs::create_directories(run.folder);
   const auto say = [&](const std::string& text) {
     if (progress.line) progress.line("  " + text);
@@ -199,6 +218,11 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
     // Repeats in the outer loop, so that a lasting disturbance of the machine affects all conditions.
     for (std::size_t repeat = 1; repeat <= repeats; ++repeat) {
       for (const auto& condition : conditions) {
+        const std::string name = fmt::format("{}_{}", condition.name, repeat);
+        if (const Json* before = finished.find(name)) {
+          plan["runs"].push_back(*before);
+          continue;
+        }
         arms.before(
             condition.name, settings.scene, condition.set, duration_s,
             [&](const PerformanceRun& simulated) { return run_condition(simulated, condition, repeat); });
@@ -207,6 +231,7 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
         arms.after(condition.name, record);
         say(fmt::format("{:<6} repeat {}  {} cycles, {} lost", condition.name, repeat,
                         record["samples"].get<std::size_t>(), record["overruns"].get<std::uint64_t>()));
+        finished.add(name, record);
         plan["runs"].push_back(std::move(record));
       }
     }
@@ -233,6 +258,7 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
   preferred.reset();
   plan["load_after"] = machine_usage().load_1min;
   ExperimentResult result = evaluate(experiment, plan, options);
+  finished.remove_file();
   if (!options.keep_data) {
     std::error_code ignored;
     fs::remove_all(run.folder, ignored);

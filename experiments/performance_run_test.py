@@ -10,6 +10,7 @@ switch is recorded, the delay of the plant is found, the bystander is not affect
 import json
 import os
 import pathlib
+import signal
 import subprocess
 import sys
 import tempfile
@@ -203,6 +204,28 @@ class Words(unittest.TestCase):
                 done = experiment(file, "--fast", "--out", folder, "--only", "NF")
                 self.assertNotEqual(done.returncode, 0, change)
                 self.assertIn(expected, done.stderr, change)
+
+    def test_an_interrupted_experiment_goes_on_where_it_was(self):
+        with tempfile.TemporaryDirectory() as folder:
+            words = [PROGRAM, "experiment", "controller-performance", "--fast", "--repeats", "1", "--only", "NF,CA"]
+            with subprocess.Popen([*words, "--out", folder], stdout=subprocess.PIPE, text=True) as begun:
+                said = []
+                for line in begun.stdout:
+                    said.append(line)
+                    if line.lstrip().startswith("NF") and "repeat 1" in line:
+                        begun.send_signal(signal.SIGINT)
+            self.assertEqual(begun.returncode, 1, said)
+            command = next(line for line in said if "go on with: " in line).split("go on with: ")[1].split()
+            for wrong in (["--seed", "9"], ["--pace", "lockstep", "--backend", "virtual"]):
+                self.assertIn("was begun with another", experiment(*command[2:], *wrong).stderr)
+            done = experiment(*command[2:], "--json")
+            results = json.loads(done.stdout)
+            self.assertNotIn("NF     repeat", done.stderr)  # it had finished
+            self.assertIn("CA     repeat 1", done.stderr)
+            self.assertEqual(list(results["conditions"]), ["NF", "CA"])
+            self.assertEqual([c["cycles"] for c in results["conditions"].values()], [3000, 3000])
+            again = experiment(*command[2:])
+            self.assertIn("no interrupted experiment", again.stderr)
 
     def test_only_one_condition(self):
         with tempfile.TemporaryDirectory() as folder:

@@ -81,20 +81,10 @@ class ObjectTrace {
   std::vector<Track> tracks_;
 };
 
-// What decides what a run is: an experiment can only be resumed as it was begun.
-Json identity(const Experiment& experiment, const ExperimentOptions& options,
-              const std::vector<TaskRun>& runs) {
-  Json what = describe(experiment);
-  for (const char* ours : {"machine", "description", "published", "show", "limits"}) what.erase(ours);
-  Json addresses = Json::object();
+std::string scenes_of(const Experiment& experiment, const std::vector<TaskRun>& runs) {
   std::string scenes;
   for (const auto& run : runs) scenes += run.name() + '\n' + task_scene_text(experiment, run);
-  for (const auto& [arm, address] : options.backend.addresses) addresses[arm] = address;
-  what["fast"] = options.fast;
-  what["backend"] = name_of(options.backend.kind);
-  what["addresses"] = addresses;
-  what["runs_and_scenes"] = fmt::format("{:016x}", std::hash<std::string>{}(scenes));
-  return what;
+  return scenes;
 }
 
 class TaskRunner {
@@ -108,7 +98,8 @@ class TaskRunner {
         repeats_(options.repeats.value_or(experiment.repeats)),
         runs_(ordered(task_runs(experiment_, repeats_, options.only))),
         registry_(build_registry(scene_plugins(task_scene_text(experiment_, runs_.at(0)), experiment.scene))),
-        finished_runs_(options.directory, identity(experiment_, options, runs_), options.resume) {
+        finished_runs_(options.directory, what_decides(experiment_, options, scenes_of(experiment_, runs_)),
+                       options.resume) {
     if (on_arms_ && options.person == nullptr)
       throw std::invalid_argument(experiment.name + ": a run on arms needs a person who confirms its steps");
     // All scenes are read before the first run, so that an invalid variant is refused at once.

@@ -136,7 +136,7 @@ TEST(DescriptorDocs, StateTheDefaultsAndBoundsOfEveryParameter) {
     expect_documented(type.descriptor, "features", {});
     ++types;
   }
-  EXPECT_EQ(types, 16u);
+  EXPECT_EQ(types, 17u);
 }
 
 }  // namespace

@@ -28,7 +28,8 @@ std::string_view to_string(ArmReply reply) {
              "width "
              "was not reached";
     case ArmReply::vacuum_unsuccessful:
-      return "the vacuum gripper did not reach its vacuum in time: nothing was picked up";
+      return "the vacuum gripper did not succeed in time: nothing was picked up, or what it held was not "
+             "released";
     case ArmReply::gripper_aborted:
       return "the gripper's motion was ended by a stop or by another motion";
     case ArmReply::loop_ended:

@@ -63,10 +63,10 @@ TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& ta
   }
   if (gains.acceleration_feedforward) force.total.noalias() += terms.task().Lambda * target.A_d.vector;
   if (gains.coriolis_feedforward) force.total += terms.task_coriolis(target.V_d.vector);
+  force.damping = D * V;
   if (!std::isfinite(gains.contact.spring_force + gains.contact.spring_moment)) return force;
-  const Vector6 damping = D * V;
-  force.pull = force.total + damping;
-  force.bounded = bound_pull(gains.contact, force.pull, damping, V.head<3>());
+  force.pull = force.total + force.damping;
+  force.bounded = bound_pull(gains.contact, force.pull, force.damping, V.head<3>());
   if (force.bounded.factor() < 1) {
     const Vector6 taken = force.pull - force.bounded.remaining(force.pull);
     force.spring -= taken;

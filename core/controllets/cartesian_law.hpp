@@ -69,6 +69,7 @@ struct TaskForce {
   Vector6 spring;                  // gradient part [N, N m]; less what the bounds for contact take away
   Vector6 total;                   // spring + D (V_d - V) + Lambda A_d [+ C_c V_d]
   Vector6 pull = Vector6::Zero();  // total without damping, before the bounds
+  Vector6 damping;                 // D V
   BoundedPull bounded;
 
   // Tells the reference of this hand's set-point.

@@ -42,6 +42,19 @@ const Vector3& ForceDirection::update(const Vector3& F_d, double dt) {
 void ForceLoop::start() {
   error_.reset(0);
   integral_ = 0;
+  release();
+}
+
+void ForceLoop::release() {
+  high_ = std::numeric_limits<double>::infinity();
+  low_ = -high_;
+}
+
+void ForceLoop::restrain(double low_n, double high_n, double dt) {
+  const double inside = std::clamp(integral_, low_n, high_n);
+  integral_ = inside + (integral_ - inside) * std::exp(-dt / kRestraint);
+  low_ = std::min(low_n, integral_);
+  high_ = std::max(high_n, integral_);
 }
 
 double ForceLoop::update(const ForceGains& gains, double desired_n, double estimated_n, double weight,
@@ -56,7 +69,8 @@ double ForceLoop::update(const ForceGains& gains, double desired_n, double estim
   const bool low = unclamped < least_n;
   const bool high = unclamped > most_n;
   if ((!low || grown > integral_) && (!high || grown < integral_)) {
-    integral_ = std::clamp(grown, -gains.integral_limit_n, gains.integral_limit_n);
+    integral_ =
+        std::clamp(grown, std::max(low_, -gains.integral_limit_n), std::min(high_, gains.integral_limit_n));
   }
   if (weight <= 0) integral_ *= std::exp(-dt / Fade::kDuration);
   return std::clamp(base + weight * (feedback + integral_), least_n, most_n);

@@ -103,10 +103,16 @@ class ForceLoop {
                 double most_n = std::numeric_limits<double>::infinity(),
                 double deepest_n = std::numeric_limits<double>::infinity());
   double integral() const { return integral_; }  // I int e dt [N]
+  // Before update(): the integral keeps to [low, high], which contains 0, from now on. What is beyond decays
+  // with time constant kRestraint; at once it would be a step of the torque.
+  static constexpr double kRestraint = 0.02;  // [s]
+  void restrain(double low_n, double high_n, double dt);
+  void release();  // from restrain()
 
  private:
   LowPass<double> error_;
   double integral_ = 0;
+  double low_ = -std::numeric_limits<double>::infinity(), high_ = -low_;  // of the integral [N]
 };
 
 // What a force may reach beside pulls across it. Falls at once with what they leave, and rises slowly: a pull

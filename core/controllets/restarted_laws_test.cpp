@@ -9,6 +9,7 @@
 #include "core/controllets/force.hpp"
 #include "core/controllets/gravity_compensation.hpp"
 #include "core/controllets/hold.hpp"
+#include "core/controllets/hybrid_force.hpp"
 #include "core/controllets/joint_follower.hpp"
 #include "core/controllets/joint_impedance.hpp"
 #include "core/controllets/pose_follower.hpp"
@@ -44,6 +45,10 @@ std::vector<Law> laws() {
        {},
        {{"architecture", {1}}, {"channel_delay_s", {0.05}}, {"channel_loss", {0.3}}}},
       {force_controllet(), 1, {"wrench"}, {{"approach_speed_m_per_s", {0.1}}}},
+      {hybrid_force_controllet(),
+       1,
+       {"pose", "wrench"},
+       {{"force_z", {1}}, {"moment_x", {1}}, {"force_frame", {1}}, {"approach_speed_m_per_s", {0.1}}}},
       {ufic_controllet(), 1, {"pose", "wrench"}, {{"valve_law", {1}}, {"tank_min_j", {150}}}},
       {coupled_ufic_controllet(), 2, {"pose", "squeeze"}, {{"valve_law", {1}}, {"tank_min_j", {150}}}}};
 }

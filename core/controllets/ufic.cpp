@@ -355,6 +355,10 @@ class Ufic final : public Controllet {
     };
     part.command = (f < 0 ? share(-n, f) : share(n, f)) * f;
     part.across = size > 1e-9 ? Vector3(share(F_t / size, size) * F_t) : Vector3(Vector3::Zero());
+    // What is felt across n may point elsewhere than the pull along it: the sum keeps to the bound, too.
+    const double whole = largest_share(pull, n * part.command + part.across, contact.spring_force);
+    part.command *= whole;
+    part.across *= whole;
     part.F = n * part.command + part.across;
     return part;
   }

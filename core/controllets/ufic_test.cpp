@@ -250,6 +250,27 @@ TEST(Ufic, AHandInTheWayIsNoFrictionToOvercome) {
   }
 }
 
+// A hand that is held while it presses obliquely, with the set-point below it: what is felt across the force
+// is fed forward like friction, beside what the spring presses with.
+TEST(Ufic, AHeldHandThatPressesObliquelyIsNotPushedBeyondTheBound) {
+  Bench bench(ufic_controllet());
+  bench.rig.bound({});
+  ASSERT_EQ(bench.rig.start(), LawResult::ok);
+  Pose goal = bench.rig.terms(0).X_WE();
+  goal.position += Vector3(0.05, 0, -0.2);
+  bench.rig.input("pose").set(pose_target(goal, 2));
+  bench.want({30, 0, -40});
+  double largest = 0;
+  for (int k = 0; k < 8000; ++k) {
+    bench.ticks(1);
+    const Vector3 push = (bench.rig.terms(0).task().J_bar.transpose() * bench.rig.tau(0)).head<3>();
+    largest = std::max(largest, push.norm());
+    bench.feel(push);  // all of it, in every direction
+  }
+  EXPECT_LE(largest, 60.5);
+  EXPECT_GT(largest, 50);
+}
+
 // A set-point below the surface or beside the hand, and a force into it: not their sum presses on a hand.
 TEST(Ufic, ForceAndSpringTogetherKeepToTheBound) {
   struct Case {

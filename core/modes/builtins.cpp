@@ -6,6 +6,7 @@
 #include "core/controllets/force.hpp"
 #include "core/controllets/gravity_compensation.hpp"
 #include "core/controllets/hold.hpp"
+#include "core/controllets/hybrid_force.hpp"
 #include "core/controllets/joint_follower.hpp"
 #include "core/controllets/joint_impedance.hpp"
 #include "core/controllets/pose_follower.hpp"
@@ -28,6 +29,7 @@ Registry Registry::with_builtins() {
   registry.add(dual_cartesian_impedance_controllet());
   registry.add(coupled_dual_cartesian_impedance_controllet());
   registry.add(force_controllet());
+  registry.add(hybrid_force_controllet());
   registry.add(ufic_controllet());
   registry.add(coupled_ufic_controllet());
   registry.add(joint_follower_controllet());

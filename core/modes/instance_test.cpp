@@ -447,11 +447,11 @@ TEST(RegistryTypes, HasEveryControlletAndFeatureOfMultipanda) {
     return list;
   };
   const Registry registry = Registry::with_builtins();
-  EXPECT_EQ(
-      names(registry.controllets()),
-      (std::vector<std::string>{"hold", "gravity_compensation", "joint_impedance", "cartesian_impedance",
-                                "dual_cartesian_impedance", "coupled_dual_cartesian_impedance", "force",
-                                "ufic", "coupled_ufic", "joint_follower", "pose_follower", "teleoperation"}));
+  EXPECT_EQ(names(registry.controllets()),
+            (std::vector<std::string>{"hold", "gravity_compensation", "joint_impedance",
+                                      "cartesian_impedance", "dual_cartesian_impedance",
+                                      "coupled_dual_cartesian_impedance", "force", "hybrid_force", "ufic",
+                                      "coupled_ufic", "joint_follower", "pose_follower", "teleoperation"}));
   EXPECT_EQ(names(registry.features()),
             (std::vector<std::string>{"joint_limits", "collision_avoidance", "manipulability",
                                       "friction_compensation"}));

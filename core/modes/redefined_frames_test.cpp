@@ -22,6 +22,7 @@ struct Law {
 const Law kLaws[] = {{"cartesian_impedance", 1, "pose"},
                      {"ufic", 1, "pose"},
                      {"force", 1, nullptr},
+                     {"hybrid_force", 1, "pose"},
                      {"dual_cartesian_impedance", 2, nullptr},
                      {"dual_cartesian_impedance", 2, "first_pose"},
                      {"coupled_dual_cartesian_impedance", 2, "pose"},

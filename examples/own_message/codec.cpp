@@ -1,6 +1,8 @@
-// Set-points in a message type other than the default: a user's own, or here a
-// geometry_msgs/TransformStamped, as trackers send it. The codec only reads the message; topics, frames,
-// checks, counters and goals stay multipanda's.
+// Set-points in message types other than the default: a user's own, or here two of geometry_msgs. The codecs
+// only read the messages; topics, frames, checks, counters and goals stay multipanda's.
+//   cartesian_impedance's pose takes TransformStamped, as trackers send it, in place of PoseStamped;
+//   every input that takes poses, of any law, also takes a plain Pose, on .../plain and .../plain/goal.
+#include <geometry_msgs/msg/pose.hpp>
 #include <geometry_msgs/msg/transform_stamped.hpp>
 
 #include "core/plugin/plugin.hpp"
@@ -22,6 +24,12 @@ void values_of(const TransformStamped& message, multipanda::ros::InputValues& va
   values.frame = message.header.frame_id;
 }
 
+void values_of_plain(const geometry_msgs::msg::Pose& message, multipanda::ros::InputValues& values) {
+  const auto& p = message.position;
+  const auto& q = message.orientation;
+  values.numbers = {p.x, p.y, p.z, q.w, q.x, q.y, q.z};  // in the frame of the input
+}
+
 }  // namespace
 
 // A library in a scene's `plugins:` registers its controllets; this one has none.
@@ -29,4 +37,6 @@ MULTIPANDA_PLUGIN(registry) { (void)registry; }
 
 MULTIPANDA_INPUT_CODECS(codecs) {
   codecs.push_back(multipanda::ros::input_codec<TransformStamped>("cartesian_impedance", "pose", values_of));
+  codecs.push_back(multipanda::ros::input_codec_for<geometry_msgs::msg::Pose>(multipanda::Quantity::pose,
+                                                                              "plain", values_of_plain));
 }

@@ -26,7 +26,8 @@ RequestAnswer answer_of(GripperStatus status, bool vacuum) {
       return {.success = true, .reason = {}};
     case GripperStatus::unsuccessful:
       return {.success = false,
-              .reason = vacuum ? "the vacuum gripper did not reach its vacuum in time: nothing was picked up"
+              .reason = vacuum ? "the vacuum gripper did not succeed in time: nothing was picked up, or "
+                                 "what it held was not released"
                                : "the gripper motion did not succeed: nothing of that width was "
                                  "grasped, or the width was not reached"};
     case GripperStatus::aborted:

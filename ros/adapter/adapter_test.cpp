@@ -22,6 +22,7 @@
 #include <std_msgs/msg/float64_multi_array.hpp>
 #include <thread>
 #include <unistd.h>
+#include <visualization_msgs/msg/marker_array.hpp>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -372,6 +373,12 @@ TEST_F(Run, AcceptsADumpOfAllParameters) {
 
 // After all the calls above, the loop's thread has neither allocated nor locked.
 TEST_F(Run, NeitherAllocatesNorLocksInTheLoop) {
+  // With a viewer, the loop also reads the places of objects.
+  std::atomic<int> drawn{0};
+  const Subscription<visualization_msgs::msg::MarkerArray> viewer(
+      client->executor, client->node, "/multipanda/markers", Qos::reliable(), Doc{},
+      [&](const visualization_msgs::msg::MarkerArray&) { ++drawn; });
+  ASSERT_TRUE(wait_for([&] { return drawn > 3; }));
   if (!kLoopGuardWorks) GTEST_SKIP() << "sanitizers replace malloc themselves";
   const std::uint64_t first = counted->cycles;
   ASSERT_TRUE(wait_for([&] { return counted->cycles > first + 1000; }));
@@ -427,6 +434,28 @@ TEST(ARunWithACodec, TakesItsMessagesAndCleansUp) {
     goal.transform.rotation.w = 0;
     goals.publish(goal);
     ASSERT_TRUE(wait_for([&] { return line().level == Diagnostic::Level::ok; }));
+
+    // A second type for the same law, beside the first: the newest message of either counts.
+    const auto received = [&] { return line().values.at(0).second; };
+    EXPECT_EQ(received(), "2");
+    Publisher<geometry_msgs::msg::Pose> plain(node, "/multipanda/cartesian/pose/plain/goal", Qos::reliable(),
+                                              {});
+    ASSERT_TRUE(wait_for([&] { return plain.subscribers() > 0; }));
+    geometry_msgs::msg::Pose pose;
+    pose.orientation.w = 0.5;
+    plain.publish(pose);
+    ASSERT_TRUE(wait_for([&] { return line().level == Diagnostic::Level::warn; }));
+    EXPECT_THAT(line().message, HasSubstr("unit quaternion"));
+    pose.position.x = 0.45;
+    pose.position.z = 0.5;
+    pose.orientation.x = 1;
+    pose.orientation.w = 0;
+    plain.publish(pose);
+    ASSERT_TRUE(wait_for([&] { return line().level == Diagnostic::Level::ok; }));
+    EXPECT_EQ(received(), "4");
+    goals.publish(goal);
+    EXPECT_TRUE(wait_for([&] { return received() == "5"; }));
+    EXPECT_EQ(line().level, Diagnostic::Level::ok);
     run.stop();
     (void)run.finish();
   }

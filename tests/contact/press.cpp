@@ -114,6 +114,10 @@ Scene scene_of(const Press& press, std::size_t arms) {
   if (press.controllet == "dual_cartesian_impedance") law.parameters = {{"goals", {1}}};
   if (press.controllet == "coupled_dual_cartesian_impedance") law.parameters = {{"damping_ratio", {0.5}}};
   if (press.controllet == "force") law.parameters = {{"approach_speed_m_per_s", {0.2}}};
+  if (press.controllet == "hybrid_force") {
+    law.parameters = {
+        {"approach_speed_m_per_s", {0.2}}, {"force_z", {1}}, {"moment_x", {1}}, {"moment_y", {1}}};
+  }
   if (press.stiffness > 0) law.parameters = {{"translational_stiffness_n_per_m", {press.stiffness}}};
   if (press.bounded) law.contact = ContactBounds{};
   scene.contact_bounds = law.contact;
@@ -197,7 +201,7 @@ void set_goals(const Press& press, const Scene& scene, MultimodeController& mode
     target.size = 7;
     std::copy_n(q.data(), 7, target.values.begin());
     ask("joints", target);
-  } else if (press.controllet == "force") {
+  } else if (press.controllet == "force" || press.controllet == "hybrid_force") {
     Target target;
     target.size = 6;
     target.values[2] = -200;  // more than is allowed

@@ -295,7 +295,7 @@ class Bringup(unittest.TestCase):
             self.assertEqual({instance["type"] for instance in offered}, expected, file)
             for name in names:
                 self.assertEqual(
-                    sum(name in c["arms"] for c in offered), 5 + 3 * (len(names) % 2 == 0 or name != names[-1])
+                    sum(name in c["arms"] for c in offered), 6 + 3 * (len(names) % 2 == 0 or name != names[-1])
                 )
 
     def test_every_law_runs_on_simulated_arms(self):

@@ -17,9 +17,11 @@ import unittest
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM, BUILD = (sys.argv.pop(1) for _ in range(2)) if len(sys.argv) > 2 else ("", "")
 ROS_LIBRARIES = re.compile(r"lib(rcl|rmw|rosidl|fastdds|fastcdr|tracetools|lttng|python)\S*")
-# Computed from the definitions in the packages' own repositories (control_msgs 6, tf2_msgs): fields and order.
+# Computed from the definitions in the packages' own repositories (control_msgs 6, tf2_msgs,
+# visualization_msgs 5): fields and order.
 PUBLIC = {
     "tf2_msgs/msg/TFMessage": "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+    "visualization_msgs/msg/MarkerArray": "RIHS01_86cb8800b6fb05b5eff1abd7a56f62a5641d3ae9a1c29e78e67e704f1d067dcf",
     "control_msgs/action/FollowJointTrajectory": "RIHS01_ff29901b2693f5deb847e96084a1c2cdb26e70b7c847be21859b70a55fb29cf0",  # noqa: E501
     "control_msgs/action/GripperCommand": "RIHS01_e17c0e644eccf14bea84a0a93e0977182872c2eb7873ca6694900059b46dbc84",
 }
@@ -61,7 +63,8 @@ class Environment(unittest.TestCase):
 
     def test_python_imports_the_messages_of_the_build(self):
         program = (
-            "import rclpy, multipanda_msgs.srv, multipanda_msgs.action, control_msgs.action, tf2_msgs.msg;"
+            "import rclpy, multipanda_msgs.srv, multipanda_msgs.action, control_msgs.action, tf2_msgs.msg,"
+            " visualization_msgs.msg;"
             " print(multipanda_msgs.__file__)"
         )
         path = {} if pathlib.Path(BUILD).resolve() == ROOT / "build" else {"PYTHONPATH": f"{BUILD}/python"}

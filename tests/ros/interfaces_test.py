@@ -46,6 +46,7 @@ SERVICES += [
         "set_tool_frame",
         "set_stiffness_frame",
         "set_collision_behavior",
+        "set_guiding_mode",
         "set_joint_stiffness",
         "set_cartesian_stiffness",
         "joint_via_motion/_action/send_goal",

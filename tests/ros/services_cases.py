@@ -16,6 +16,7 @@ from multipanda_msgs.srv import (
     SetCartesianStiffness,
     SetCollisionBehavior,
     SetFeatures,
+    SetGuidingMode,
     SetJointStiffness,
     SetLoad,
     SetStiffnessFrame,
@@ -305,17 +306,39 @@ class ArmServices(RosCase):
             wrong = self.call(service, f"/left/{name}", **{key: [-1.0] * len(good)})
             self.assertFalse(wrong.success)
         self.refused(self.call(SetJointStiffness, "/left/set_joint_stiffness", joint_stiffness=[1.0] * 3), "7")
-        torques, forces = [20.0] * 7, [20.0] * 6
-        thresholds = {
-            f"{side}_{kind}_thresholds_nominal": [scale * v for v in values]
-            for side, scale in (("lower", 1.0), ("upper", 4.0))
-            for kind, values in (("torque", torques), ("force", forces))
-        }
-        response = self.call(SetCollisionBehavior, "/left/set_collision_behavior", **thresholds)
-        self.assertTrue(response.success or response.error)
         self.refused(
             self.call(SetCollisionBehavior, "/left/set_collision_behavior", lower_torque_thresholds_nominal=[1.0]), "7"
         )
+
+    def test_reflex_thresholds_may_be_lowered_and_not_raised(self):
+        most = [87.0] * 4 + [12.0] * 3, [100.0] * 6  # of a simulated arm without 'collision' in its scene
+
+        def thresholds(share, kind="upper"):
+            return {
+                f"{kind}_{what}_thresholds_nominal": [share * v for v in values]
+                for what, values in zip(("torque", "force"), most, strict=True)
+            }
+
+        def ask(**more):
+            return self.call(
+                SetCollisionBehavior, "/left/set_collision_behavior", **{**thresholds(0.2, "lower"), **more}
+            )
+
+        for what, name in (("torque", "joint 6"), ("force", "axis 6")):
+            high = thresholds(0.8)
+            high[f"upper_{what}_thresholds_nominal"][5] = 101.0
+            self.refused(ask(**high), f"{what}_thresholds_nominal of {name}: 101")
+        self.assertTrue(ask(**thresholds(0.8)).success)
+        response = ask(**thresholds(1.0))
+        self.assertTrue(response.success, response.error)
+
+    def test_guiding_mode_frees_nothing_by_itself(self):
+        before = self.state("left")
+        response = self.call(SetGuidingMode, "/left/set_guiding_mode", axes=[True] * 3 + [False] * 3, elbow=True)
+        self.assertTrue(response.success, response.error)
+        after = self.state("left")
+        self.assertEqual((after.mode, after.owner), (before.mode, before.owner))
+        self.assertNotIn("/left/vacuum/on", dict(self.client.node.get_service_names_and_types()))  # it has a hand
 
     def test_stop_button_and_recovery(self):
         self.refused(self.call(RecoverFromError, "/left/recover"))

@@ -14,6 +14,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker, MarkerArray
 
 FIXED = {
     "/joint_states": "sensor_msgs/msg/JointState",
@@ -23,6 +24,7 @@ FIXED = {
     "/clock": "rosgraph_msgs/msg/Clock",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     "/simulation/object_poses": "multipanda_msgs/msg/ObjectPoses",
+    "/multipanda/markers": "visualization_msgs/msg/MarkerArray",
     "/multipanda/loop_statistics": "multipanda_msgs/msg/LoopStatistics",
     "/multipanda/events": "multipanda_msgs/msg/Event",
     "/multipanda/switch_events": "multipanda_msgs/msg/Switch",
@@ -246,6 +248,28 @@ class Topics(RosCase):
         message = self.topic(ObjectPoses, "/simulation/object_poses").next(2)
         self.assertEqual((list(message.names), message.header.frame_id), (["box"], "world"))
         np.testing.assert_allclose(kinematics.of_pose(message.poses[0])[:3, 3], [-0.6, 0, 0.33], atol=2e-3)  # at rest
+
+    def test_markers(self):
+        topic = self.topic(MarkerArray, "/multipanda/markers")
+        message = topic.next(3)
+        self.client.forget(topic)  # large messages take Python's time from the other tests
+        markers = {(m.ns, m.id): m for m in message.markers}
+        self.assertEqual(len(markers), len(message.markers))
+        self.assertEqual({m.header.frame_id for m in message.markers}, {"world"})
+
+        def position(key):
+            self.assertEqual(markers[key].action, Marker.ADD, key)
+            return kinematics.of_pose(markers[key].pose)[:3, 3]
+
+        np.testing.assert_allclose(position(("objects", 1)), [-0.6, 0, 0.15], atol=1e-9)
+        np.testing.assert_allclose(position(("objects", 2)), [-0.6, 0, 0.33], atol=2e-3)  # at rest
+        # Targets are numbered as the controllets of the scene; the poses are the third and fourth.
+        for arm, number in (("left", 2), ("right", 3)):
+            reference = self.topic(PoseStamped, f"/multipanda/{arm}_pose/pose/reference").next(2)
+            np.testing.assert_allclose(
+                position(("targets", number)), kinematics.of_pose(reference.pose)[:3, 3], atol=2e-3
+            )
+        self.assertEqual(markers["targets", 0].action, Marker.DELETE)  # left_joint is not active
 
     def test_statistics_diagnostics_and_events(self):
         before, after = self.statistics(), self.statistics()

@@ -68,10 +68,15 @@ const kCartesian = "left_cartesian";
 
 async function byMouse({ page }: Cockpit): Promise<void> {
   await page.getByRole("tab", { name: "Move" }).click();
-  await patiently(page, kCartesian, () => hold(page, up(page), () => handMoves(page, 0, 2, 0.02)));
-  await assertStays(page);
-  // The controllet is still active: the next hold needs no switch.
-  assert.equal((await stateOf(page)).arms[0]!.controllet, kCartesian);
+  // The controllet is still active: the next hold needs no switch. A picture that came late as the button was let go
+  // ends in the hold of a silent input instead, so it is tried again.
+  for (let tries = 1; ; ++tries) {
+    await patiently(page, kCartesian, () => hold(page, up(page), () => handMoves(page, 0, 2, 0.02)));
+    await assertStays(page);
+    const owner = (await stateOf(page)).arms[0]!.controllet;
+    if (owner === kCartesian) return;
+    if (tries === 3) throw new Late(`the arm was led by ${owner} after the button was let go, expected ${kCartesian}`);
+  }
 }
 
 /** Keeps a key down until the hand has moved. */

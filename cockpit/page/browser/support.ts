@@ -291,19 +291,17 @@ export function ask(page: Page, button: Locator, done: () => Promise<boolean>, o
   });
 }
 
-/** An arm that a busy computer has stopped is recovered first. */
+/** An arm that a busy computer has stopped is recovered first, however often that happens. */
 async function activateAtOnce(page: Page, owner: string): Promise<void> {
-  for (let tries = 1; tries <= 8 && (await ownerOf(page)) !== owner; ++tries) {
-    const done = await page.evaluate(async (owner) => {
+  for (const begun = Date.now(); (await ownerOf(page)) !== owner;) {
+    if (Date.now() - begun > 2 * kPatience) throw new Error(`${owner} cannot be started\n${await saidBy(page)}`);
+    await page.evaluate(async (owner) => {
       const { session } = (window as never as Window_).cockpit;
       const { ok } = await session.request("switch", { activate: [owner] });
       if (!ok) for (const { name } of session.scene.arms) await session.request("recover", { arm: name });
-      return ok;
     }, owner);
-    if (done) break;
-    await page.waitForTimeout(300);
+    for (let wait = 0; wait < 10 && (await ownerOf(page)) !== owner; ++wait) await page.waitForTimeout(50);
   }
-  await until(page, (owner) => (window as never as Window_).cockpit.session.state.arms[0]!.controllet === owner, owner);
 }
 
 /** Waits until a number of the state has changed by at least so much, from now or `from`, while something is held. */

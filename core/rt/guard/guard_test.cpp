@@ -81,6 +81,8 @@ TEST_F(GuardTest, EveryControlletWithEveryFeatureAndEverySwitch) {
     for (ArmIndex arm = 0; arm < type.descriptor.arms; ++arm) config.arms.push_back(arm);
     for (ArmIndex k = 0; k < type.descriptor.observes; ++k)
       config.observes.push_back(type.descriptor.arms + k);
+    if (config.type == "hybrid_force")  // with axes: without, its force part rests
+      config.parameters = {{"force_z", {1}}, {"moment_x", {1}}, {"force_frame", {1}}};
     configs.push_back(config);
   }
   TestLoop loop(2, configs, registry, 20000);

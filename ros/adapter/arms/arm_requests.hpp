@@ -5,10 +5,13 @@
 #include <cstddef>
 #include <multipanda_msgs/srv/set_cartesian_stiffness.hpp>
 #include <multipanda_msgs/srv/set_collision_behavior.hpp>
+#include <multipanda_msgs/srv/set_guiding_mode.hpp>
 #include <multipanda_msgs/srv/set_joint_stiffness.hpp>
 #include <multipanda_msgs/srv/set_load.hpp>
 #include <multipanda_msgs/srv/set_stiffness_frame.hpp>
 #include <multipanda_msgs/srv/set_tool_frame.hpp>
+#include <multipanda_msgs/srv/vacuum_drop.hpp>
+#include <multipanda_msgs/srv/vacuum_on.hpp>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -92,6 +95,71 @@ inline ArmRequest read_request(const multipanda_msgs::srv::SetJointStiffness::Re
 inline ArmRequest read_request(const multipanda_msgs::srv::SetCartesianStiffness::Request& request,
                                std::size_t /*n*/) {
   return SetCartesianStiffness{vector6(request.cartesian_stiffness)};
+}
+
+inline ArmRequest read_request(const multipanda_msgs::srv::SetGuidingMode::Request& request,
+                               std::size_t /*n*/) {
+  return SetGuidingMode{.axes = request.axes, .elbow = static_cast<bool>(request.elbow)};
+}
+
+inline double positive(double value, const char* what) {
+  if (std::isfinite(value) && value > 0) return value;
+  throw std::invalid_argument(fmt::format("{}: expected more than 0, found {:.4g}", what, value));
+}
+
+// Below the least, a gripper would call the vacuum reached while what it holds falls.
+inline double vacuum(double mbar) {
+  constexpr double kLeast = 50, kMost = 1000;  // of the air's 1013 [mbar]
+  if (std::isfinite(mbar) && mbar >= kLeast && mbar <= kMost) return mbar;
+  throw std::invalid_argument(
+      fmt::format("vacuum_mbar: expected {:g} to {:g}, found {:.4g}", kLeast, kMost, mbar));
+}
+
+// Shorter than a service waits: the answer is always the gripper's own.
+inline double vacuum_timeout(double value) {
+  constexpr double kMost = 60;  // [s]
+  if (positive(value, "timeout [s]") <= kMost) return value;
+  throw std::invalid_argument(fmt::format("timeout [s]: expected at most {:g}, found {:.4g}", kMost, value));
+}
+
+inline GripperRequest read_request(const multipanda_msgs::srv::VacuumOn::Request& request) {
+  return VacuumOn{vacuum(request.vacuum_mbar), vacuum_timeout(request.timeout)};
+}
+
+inline GripperRequest read_request(const multipanda_msgs::srv::VacuumDrop::Request& request) {
+  return VacuumDrop{vacuum_timeout(request.timeout)};
+}
+
+// Refuses a lower threshold above its upper one: nothing would be reported before the arm stops.
+inline void refuse_unordered(const SetCollisionThresholds& asked) {
+  for (const auto& set : {asked.nominal, asked.acceleration.value_or(asked.nominal)}) {
+    if ((set.torque_lower.array() <= set.torque_upper.array()).all() &&
+        (set.wrench_lower.array() <= set.wrench_upper.array()).all())
+      continue;
+    throw std::invalid_argument("a lower threshold is above its upper one: expected lower <= upper");
+  }
+}
+
+// Refuses thresholds of the reflex above `most`: the arm would press harder on a person before it stops.
+inline void refuse_looser(const SetCollisionThresholds& asked, const SetCollisionThresholds& most) {
+  const auto compare = [](const auto& found, const auto& limit, const char* what, const char* where) {
+    for (Eigen::Index i = 0; i < found.size(); ++i) {
+      if (found[i] <= limit[i] * (1 + 1e-9)) continue;
+      throw std::invalid_argument(
+          fmt::format("{} {}{}: {:.4g} is above {:.4g}, up to which the scene lets the arm press before it "
+                      "stops; ask for less, or raise 'collision' of the arm in the scene",
+                      what, where, i + 1, found[i], limit[i]));
+    }
+  };
+  const auto both = [&](const ContactThresholds& found, const ContactThresholds& limit, const char* torque,
+                        const char* force) {
+    compare(found.torque_upper, limit.torque_upper, torque, "of joint ");
+    compare(found.wrench_upper, limit.wrench_upper, force, "of axis ");
+  };
+  const ContactThresholds& accelerating = most.acceleration ? *most.acceleration : most.nominal;
+  both(asked.nominal, most.nominal, "upper_torque_thresholds_nominal", "upper_force_thresholds_nominal");
+  both(asked.acceleration ? *asked.acceleration : asked.nominal, accelerating,
+       "upper_torque_thresholds_acceleration", "upper_force_thresholds_acceleration");
 }
 
 }  // namespace multipanda::ros

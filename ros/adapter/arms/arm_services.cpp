@@ -5,6 +5,7 @@
 #include <std_srvs/srv/trigger.hpp>
 #include <stdexcept>
 
+#include "device/arm_settings.hpp"
 #include "ros/adapter/arms/arm_requests.hpp"
 #include "ros/adapter/arms/request_arm.hpp"
 #include "ros/rcl/rcl.hpp"
@@ -25,26 +26,36 @@ void set_result(Response& response, const RequestAnswer& answer) {
   }
 }
 
+// Thresholds that a service may set: the scene's; without any, the careful ones on a real arm and the
+// greatest useful ones in simulation.
+SetCollisionThresholds most_thresholds(const AdapterContext& run, ArmIndex arm) {
+  if (run.scene != nullptr && run.scene->arms.at(arm).collision) return *run.scene->arms[arm].collision;
+  const ArmModel& model = *run.models[arm];
+  return run.backend->capabilities(arm).simulated ? default_settings(model).thresholds
+                                                  : careful_thresholds(model);
+}
+
 }  // namespace
 
-template <class S>
+template <class S, class Request>
 void ArmServices::offer(const std::string& name, const std::string& alias, const std::string& doc,
-                        std::function<ArmRequest(const typename S::Request&)> read) {
+                        std::type_identity_t<std::function<Request(const typename S::Request&)>> read,
+                        double timeout_s) {
   const AdapterContext* run = &run_;
-  const auto callback = [run, arm = arm_, read](const typename S::Request& request, auto reply) {
+  const auto callback = [run, arm = arm_, read, timeout_s](const typename S::Request& request, auto reply) {
     const auto answered = [run, reply](const RequestAnswer& answer) {
       typename S::Response response;
       set_result(response, answer);
       run->count_request(answer.success);
       reply(std::move(response));
     };
-    ArmRequest converted;
+    Request converted;
     try {
       converted = read(request);
     } catch (const std::invalid_argument& error) {
       return answered({.success = false, .reason = error.what()});
     }
-    request_arm(*run, arm, std::move(converted), kArmTimeout, answered);
+    request_arm(*run, arm, std::move(converted), timeout_s, answered);
   };
   const std::string full = run_.modes->arm_name(arm_) + "/" + name;
   services_.push_back(std::make_unique<Service<S>>(*run_.executor, *run_.node, full, Doc{"", doc}, callback));
@@ -70,12 +81,31 @@ ArmServices::ArmServices(const AdapterContext& run, ArmIndex arm) : run_(run), a
                                 "Stiffness frame in the end effector, X_EK.", reads);
   offer<srv::SetCollisionBehavior>(
       "set_collision_behavior", "param_service_server/set_collision_behavior",
-      "Thresholds of contact (lower) and of the arm's reflex (upper) [N m; N, N m].", reads);
+      "Thresholds of contact (lower) and of the arm's reflex (upper) [N m; N, N m]. Not above those of the "
+      "scene.",
+      [n, most = most_thresholds(run, arm)](const auto& request) {
+        const ArmRequest read = read_request(request, n);
+        refuse_unordered(std::get<SetCollisionThresholds>(read));
+        refuse_looser(std::get<SetCollisionThresholds>(read), most);
+        return read;
+      });
   offer<srv::SetJointStiffness>("set_joint_stiffness", "param_service_server/set_joint_stiffness",
                                 "Stiffness of the arm's own joint controller [N m/rad].", reads);
   offer<srv::SetCartesianStiffness>("set_cartesian_stiffness", "param_service_server/set_cartesian_stiffness",
                                     "Stiffness of the arm's own Cartesian controller, in K [N/m, N m/rad].",
                                     reads);
+  offer<srv::SetGuidingMode>(
+      "set_guiding_mode", "",
+      "Axes that are free while a person holds the guiding buttons. The service itself frees nothing. A real "
+      "arm must be in hold: torque control is interrupted for it.",
+      [run = &run, arm, n](const auto& request) {
+        // A real arm takes it beside a motion only: what a controllet holds with it would be let go.
+        const bool simulated = run->backend->capabilities(arm).simulated;
+        if (!simulated && run->modes->owner(arm) >= run->modes->arm_count())
+          throw std::invalid_argument("a controllet controls the arm: switch the arm to hold first");
+        return read_request(request, n);
+      });
+  if (run.backend->capabilities(arm).has_vacuum) offer_vacuum();
   if (run.backend->capabilities(arm).simulated) {
     offer<std_srvs::srv::SetBool>(
         "set_user_stop", "", "Presses (true) or releases (false) the simulated arm's user stop.",
@@ -84,6 +114,18 @@ ArmServices::ArmServices(const AdapterContext& run, ArmIndex arm) : run_(run), a
     offer<std_srvs::srv::Trigger>("reconnect", "", "Reconnects after a lost connection.",
                                   [](const auto&) { return Reconnect{}; });
   }
+}
+
+void ArmServices::offer_vacuum() {
+  offer<srv::VacuumOn, GripperRequest>(
+      "vacuum/on", "", "Evacuates the vacuum gripper; success: an object is held.",
+      [](const auto& request) { return read_request(request); }, kGripperTimeout);
+  offer<srv::VacuumDrop, GripperRequest>(
+      "vacuum/drop", "", "Releases what the vacuum gripper holds: it falls unless something supports it.",
+      [](const auto& request) { return read_request(request); }, kGripperTimeout);
+  offer<std_srvs::srv::Trigger, GripperRequest>("vacuum/stop", "",
+                                                "Switches the pump off: a held object falls sooner or later.",
+                                                [](const auto&) { return VacuumStop{}; });
 }
 
 }  // namespace multipanda::ros

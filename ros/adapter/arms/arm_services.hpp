@@ -2,15 +2,18 @@
 
 #include <memory>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "ros/adapter/adapter_part.hpp"
+#include "ros/adapter/arms/request_arm.hpp"
 #include "ros/rcl/executor.hpp"
 
 namespace multipanda::ros {
 
-// Services of one arm that its backend answers: recovery, loads, frames, stiffnesses, contact thresholds.
-// Each also has its name in multipanda_ros2.
+// Services of one arm that its backend answers: recovery, loads, frames, stiffnesses, contact thresholds,
+// guiding, vacuum gripper.
+// Those that multipanda_ros2 has also have its names.
 class ArmServices : public AdapterPart {
  public:
   ArmServices(const AdapterContext& run, ArmIndex arm);
@@ -18,9 +21,11 @@ class ArmServices : public AdapterPart {
  private:
   // Offers service S under the arm's name and, if `alias` is not empty, under the alias. `read` may throw
   // std::invalid_argument, which refuses the request.
-  template <class S>
+  template <class S, class Request = ArmRequest>
   void offer(const std::string& name, const std::string& alias, const std::string& doc,
-             std::function<ArmRequest(const typename S::Request&)> read);
+             std::type_identity_t<std::function<Request(const typename S::Request&)>> read,
+             double timeout_s = kArmTimeout);
+  void offer_vacuum();
 
   const AdapterContext& run_;
   const ArmIndex arm_;

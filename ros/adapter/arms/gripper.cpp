@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "ros/adapter/arms/arm_requests.hpp"
 #include "ros/adapter/arms/request_arm.hpp"
 #include "ros/adapter/state/messages.hpp"
 
@@ -18,11 +19,6 @@ constexpr std::size_t kFingers = 2;
 double not_negative(double value, const char* what) {
   if (std::isfinite(value) && value >= 0) return value;
   throw std::invalid_argument(fmt::format("{}: expected 0 or more, found {:.4g}", what, value));
-}
-
-double positive(double value, const char* what) {
-  if (std::isfinite(value) && value > 0) return value;
-  throw std::invalid_argument(fmt::format("{}: expected more than 0, found {:.4g}", what, value));
 }
 
 }  // namespace

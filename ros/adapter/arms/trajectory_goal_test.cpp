@@ -33,6 +33,77 @@ FollowJointTrajectory::Goal two_points() {
   return goal;
 }
 
+// Thresholds of a service may be lower than the scene's, and no number of them higher.
+TEST(CollisionThresholds, AreNotRaisedAboveTheScenes) {
+  SetCollisionThresholds scene;
+  scene.nominal.torque_lower = scene.nominal.torque_upper = JointVector::LinSpaced(7, 10, 40);
+  scene.nominal.wrench_lower = scene.nominal.wrench_upper = Vector6::LinSpaced(6, 30, 5);
+  SetCollisionThresholds asked = scene;
+  const auto refusal = [&]() -> std::string {
+    try {
+      refuse_looser(asked, scene);
+      return "accepted";
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+  };
+  EXPECT_EQ(refusal(), "accepted");
+  asked.nominal.torque_upper[2] = 21;
+  EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("upper_torque_thresholds_nominal of joint 3: 21"),
+                                          HasSubstr("above 20"), HasSubstr("'collision'")));
+  asked.nominal.torque_upper[2] = 1;
+  asked.nominal.torque_lower[2] = 500;  // only reports
+  EXPECT_EQ(refusal(), "accepted");
+  asked.nominal.wrench_upper[5] = 5.5;
+  EXPECT_THAT(refusal(), HasSubstr("upper_force_thresholds_nominal of axis 6: 5.5"));
+  asked = scene;
+  asked.acceleration = scene.nominal;
+  asked.acceleration->torque_upper[0] = 11;
+  EXPECT_THAT(refusal(), HasSubstr("upper_torque_thresholds_acceleration of joint 1: 11"));
+  scene.acceleration = asked.acceleration;
+  EXPECT_EQ(refusal(), "accepted");
+  // Without thresholds of their own, accelerating arms get the nominal ones.
+  scene.acceleration->torque_upper[6] = 35;
+  asked.acceleration.reset();
+  EXPECT_THAT(refusal(), HasSubstr("upper_torque_thresholds_acceleration of joint 7: 40"));
+}
+
+TEST(CollisionThresholds, LowerOnesAreNotAboveUpperOnes) {
+  SetCollisionThresholds asked;
+  asked.nominal.torque_lower = asked.nominal.torque_upper = JointVector::LinSpaced(7, 10, 40);
+  asked.nominal.wrench_lower = asked.nominal.wrench_upper = Vector6::LinSpaced(6, 30, 5);
+  EXPECT_NO_THROW(refuse_unordered(asked));
+  asked.acceleration = asked.nominal;
+  asked.acceleration->wrench_lower[5] = 5.5;
+  EXPECT_THROW(refuse_unordered(asked), std::invalid_argument);
+  asked.acceleration.reset();
+  asked.nominal.torque_lower[2] = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW(refuse_unordered(asked), std::invalid_argument);
+}
+
+TEST(ArmRequests, GuidingAndVacuumAreRead) {
+  multipanda_msgs::srv::SetGuidingMode::Request guiding;
+  guiding.axes = {true, false, true, false, false, true};
+  guiding.elbow = true;
+  const auto mode = std::get<SetGuidingMode>(read_request(guiding, 7));
+  EXPECT_THAT(mode.axes, ::testing::ElementsAre(true, false, true, false, false, true));
+  EXPECT_TRUE(mode.elbow);
+  multipanda_msgs::srv::VacuumOn::Request on;  // with the defaults of the definition
+  const auto pump = std::get<VacuumOn>(read_request(on));
+  EXPECT_EQ(pump.pressure_mbar, VacuumOn{}.pressure_mbar);
+  EXPECT_EQ(pump.timeout_s, VacuumOn{}.timeout_s);
+  on.vacuum_mbar = 1;  // reached while what is held falls
+  EXPECT_THROW((void)read_request(on), std::invalid_argument);
+  on.vacuum_mbar = -3;
+  EXPECT_THROW((void)read_request(on), std::invalid_argument);
+  on.vacuum_mbar = 100;
+  on.timeout = 61;  // longer than a service waits
+  EXPECT_THROW((void)read_request(on), std::invalid_argument);
+  multipanda_msgs::srv::VacuumDrop::Request drop;
+  drop.timeout = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW((void)read_request(drop), std::invalid_argument);
+}
+
 TEST(TrajectoryGoal, AcceptsSomeJointsInAnyOrder) {
   auto goal = two_points();
   auto& tolerance = goal.path_tolerance.emplace_back();

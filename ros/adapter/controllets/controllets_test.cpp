@@ -9,6 +9,7 @@
 
 #include "core/testing/test_world.hpp"
 #include "ros/adapter/controllets/input_port.hpp"
+#include "ros/adapter/controllets/inputs.hpp"
 #include "ros/adapter/controllets/mode_messages.hpp"
 #include "ros/adapter/controllets/parameter_table.hpp"
 #include "ros/adapter/rate_divider.hpp"
@@ -62,6 +63,58 @@ struct Fixture {
   AdapterContext run;
   std::vector<std::string> warnings;
 };
+
+InputCodec plain_codec(std::string controllet, std::string input, std::string topic) {
+  return input_codec<PoseStamped>(
+      std::move(controllet), std::move(input), [](const PoseStamped&, InputValues&) {}, std::move(topic));
+}
+
+struct Codecs : testing::Test, Fixture {};
+
+TEST_F(Codecs, OfATypeServeEveryInputOfAQuantity) {
+  const auto nothing = [](const PoseStamped&, InputValues&) {};
+  const std::vector<InputCodec> codecs{plain_codec("cartesian_impedance", "pose", ""),
+                                       plain_codec("cartesian_impedance", "pose", "second"),
+                                       input_codec_for<PoseStamped>(Quantity::pose, "tracker", nothing)};
+  const MultimodeController& modes = loop.modes();
+  check_codecs(codecs, modes);
+  for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
+    const Instance& instance = modes.instance(i);
+    const bool cartesian = instance.descriptor().type == "cartesian_impedance";
+    for (const Reference& input : instance.inputs()) {
+      std::vector<std::string> topics;
+      for (const auto* codec : more_codecs_for(codecs, instance, input.spec()))
+        topics.push_back(codec->topic);
+      std::vector<std::string> expected;
+      if (cartesian) expected.push_back("second");
+      if (input.spec().quantity == Quantity::pose) expected.push_back("tracker");
+      EXPECT_EQ(topics, expected) << instance.name() << "/" << input.spec().name;
+      EXPECT_EQ(codec_for(codecs, instance, input.spec()) != nullptr, cartesian);
+    }
+  }
+}
+
+TEST_F(Codecs, ThatCannotBeServedAreRefused) {
+  const auto nothing = [](const PoseStamped&, InputValues&) {};
+  const auto refusal = [&](const std::vector<InputCodec>& codecs) -> std::string {
+    try {
+      check_codecs(codecs, loop.modes());
+      return "accepted";
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+  };
+  EXPECT_THAT(refusal({plain_codec("cartesian_impedance", "poes", "")}),
+              testing::AllOf(HasSubstr("no input 'poes'"), HasSubstr("did you mean 'pose'")));
+  EXPECT_EQ(refusal({plain_codec("virtual_wall", "wall", "")}), "accepted") << "no such controllet here";
+  EXPECT_THAT(refusal({plain_codec("cartesian_impedance", "pose", "a"),
+                       input_codec_for<PoseStamped>(Quantity::pose, "a", nothing)}),
+              HasSubstr("the same topic of input 'pose'"));
+  EXPECT_THAT(refusal({input_codec_for<PoseStamped>(Quantity::pose, "", nothing)}),
+              HasSubstr("for a quantity needs one"));
+  for (const char* topic : {"goal", "reference", "7th", "a/b", "a b", "a__b"})
+    EXPECT_THAT(refusal({plain_codec("cartesian_impedance", "pose", topic)}), HasSubstr("expected letters"));
+}
 
 PoseStamped pose_message(const Pose& X, std::string frame) {
   PoseStamped message;
@@ -187,6 +240,29 @@ TEST(Inputs, InvalidNumbersAreRefused) {
   EXPECT_THAT(*fixture.reader(Quantity::scalar, 0).read(scalar, target), HasSubstr("not finite"));
   EXPECT_THAT(*fixture.reader(Quantity::twist, 0).read(std::vector<double>(5, 0.0), "", target),
               HasSubstr("5 values; expected 6"));
+}
+
+// Of two topics that stream to one input, the first has it until it is silent: an operator who lets go finds
+// the arm held, whatever another sender does.
+TEST(Inputs, AnotherTopicsStreamIsRefusedWhileOneStreams) {
+  Fixture fixture;
+  InputPort port(fixture.run, fixture.loop.find("pose0"), 0);
+  ASSERT_TRUE(fixture.loop.activate({"pose0"}).accepted());
+  const Reference& reference = fixture.loop.modes().instance(fixture.loop.find("pose0")).inputs()[0];
+  const Pose X = reference.pose();
+  const int operators = 0, trackers = 0;
+  port.receive(pose_message(X, ""), Delivery::stream, 0, &operators);
+  port.receive(pose_message(X, ""), Delivery::stream, 0, &trackers);
+  EXPECT_EQ(port.counts().refused, 1u);
+  EXPECT_THAT(port.counts().last_reason, HasSubstr("another topic"));
+  port.receive(pose_message(X, ""), Delivery::stream, 0, &operators);
+  port.receive(pose_message(X, ""), Delivery::goal, 0, &trackers);
+  EXPECT_EQ(port.counts().refused, 1u);
+  const HostTime silent =
+      host_now() + std::chrono::nanoseconds(std::llround(1.2e9 * reference.spec().timeout_s));
+  while (host_now() < silent) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  port.receive(pose_message(X, ""), Delivery::stream, 0, &trackers);
+  EXPECT_EQ(port.counts().refused, 1u);
 }
 
 // Only accepted messages reach the loop. Refused ones are counted, with the newest reason, and reported.

@@ -1,5 +1,8 @@
 #include "ros/adapter/controllets/input_port.hpp"
 
+#include <chrono>
+#include <cmath>
+
 #include <fmt/format.h>
 
 #include "runtime/request_text.hpp"
@@ -26,16 +29,20 @@ InputPort::InputPort(const AdapterContext& run, InstanceIndex instance, std::siz
       name_(run.modes->instance(instance).name() + "/" + reference_->spec().name) {}
 
 void InputPort::receive(const std::vector<double>& values, const std::string& frame, Delivery delivery,
-                        double waited_s) {
+                        double waited_s, const void* from) {
   Target target;
   target.delivery = delivery;
-  conclude(reader_.read(values, frame, target), target, waited_s);
+  conclude(reader_.read(values, frame, target), target, waited_s, from);
 }
 
 void InputPort::refuse(const std::string& why) { note(why, false); }
 
-void InputPort::conclude(InputReader::Refusal refusal, const Target& target, double waited_s) {
+void InputPort::conclude(InputReader::Refusal refusal, const Target& target, double waited_s,
+                         const void* from) {
   if (refusal) return note(std::move(*refusal), false);
+  const bool stream = target.delivery == Delivery::stream;
+  if (stream && from != streams_ && host_now() < streams_until_)
+    return note("another topic of this input streams to it: stop that one first", false);
   // What an overloaded computer hands over this late was for an arm that was somewhere else.
   const double patience =
       target.delivery == Delivery::stream ? reference_->spec().timeout_s : MultimodeController::kPatience;
@@ -63,6 +70,10 @@ void InputPort::conclude(InputReader::Refusal refusal, const Target& target, dou
   }
   if (verdict != Verdict::accepted)
     return note(reason(*run_.modes, request, verdict), verdict == Verdict::not_active);
+  if (stream) {
+    streams_ = from;
+    streams_until_ = host_now() + std::chrono::nanoseconds(std::llround(1e9 * reference_->spec().timeout_s));
+  }
   run_.counters->samples_accepted.fetch_add(1, std::memory_order_relaxed);
   const std::lock_guard lock(mutex_);
   ++counts_.received;

@@ -23,16 +23,17 @@ class InputPort {
     bool last_not_active = false;  // refused only because the controllet is not active
   };
 
-  // Runs in the executor's thread. `waited_s`: the message, before this thread took it.
+  // Runs in the executor's thread. `waited_s`: the message, before this thread took it. `from`: the topic.
+  // While one topic streams, streams of another are refused: an operator who lets go must find the arm held.
   template <class M>
-  void receive(const M& message, Delivery delivery, double waited_s = 0) {
+  void receive(const M& message, Delivery delivery, double waited_s = 0, const void* from = nullptr) {
     Target target;
     target.delivery = delivery;
     InputReader::Refusal refusal = reader_.read(message, target);
-    conclude(std::move(refusal), target, waited_s);
+    conclude(std::move(refusal), target, waited_s, from);
   }
   void receive(const std::vector<double>& values, const std::string& frame, Delivery delivery,
-               double waited_s = 0);
+               double waited_s = 0, const void* from = nullptr);
   void refuse(const std::string& why);  // for a message that cannot be read at all
 
   const std::string& name() const { return name_; }  // "pose0/pose"
@@ -42,7 +43,7 @@ class InputPort {
   Diagnostic diagnostic() const;
 
  private:
-  void conclude(InputReader::Refusal refusal, const Target& target, double waited_s);
+  void conclude(InputReader::Refusal refusal, const Target& target, double waited_s, const void* from);
   void note(std::string reason, bool not_active);
 
   const AdapterContext& run_;
@@ -51,6 +52,8 @@ class InputPort {
   Reference* reference_;
   InputReader reader_;
   std::string name_;
+  const void* streams_ = nullptr;  // the topic that streams, until then
+  HostTime streams_until_{};
   mutable std::mutex mutex_;
   Counts counts_;
 };

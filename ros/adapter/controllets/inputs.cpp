@@ -1,6 +1,7 @@
 #include "ros/adapter/controllets/inputs.hpp"
 
 #include <algorithm>
+#include <map>
 #include <stdexcept>
 
 #include <fmt/format.h>
@@ -36,9 +37,11 @@ class CodecSubscription : public SubscriptionBase {
       codec_.read(message_.get(), values);
     } catch (const std::exception& error) {
       values.refusal = error.what();
+    } catch (...) {
+      values.refusal = "its codec threw something that is no std::exception; repair the codec";
     }
     if (values.refusal.empty()) {
-      port_.receive(values.numbers, values.frame, delivery_, waited_s());
+      port_.receive(values.numbers, values.frame, delivery_, waited_s(), this);
     } else {
       port_.refuse(values.refusal);
     }
@@ -68,7 +71,7 @@ class InputSubscription : public SubscriptionBase {
  private:
   bool take() override {
     if (!take_any(&message_)) return false;
-    port_.receive(message_, delivery_, waited_s());
+    port_.receive(message_, delivery_, waited_s(), this);
     return true;
   }
 
@@ -104,14 +107,76 @@ Doc doc_of(const InputPort& port, Delivery delivery) {
   return {fmt::format("up to 1000 Hz; silent for {:g} s: held", spec.timeout_s), "stream: " + text};
 }
 
+bool applies(const InputCodec& codec, const Instance& instance, const InputSpec& input) {
+  if (codec.controllet.empty()) return codec.quantity == input.quantity;
+  return codec.controllet == instance.descriptor().type && codec.input == input.name;
+}
+
+// Only a codec for one input may do without a topic of its own.
+bool is_topic(const InputCodec& codec) {
+  const std::string& name = codec.topic;
+  if (name.empty()) return !codec.controllet.empty();
+  constexpr const char* kLetters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_";
+  return std::string(kLetters).find(name[0]) != std::string::npos &&
+         name.find_first_not_of(std::string(kLetters) + "0123456789") == std::string::npos &&
+         name.find("__") == std::string::npos && name != "goal" && name != "reference";
+}
+
 }  // namespace
 
 const InputCodec* codec_for(const std::vector<InputCodec>& codecs, const Instance& instance,
                             const InputSpec& input) {
   const auto found = std::find_if(codecs.begin(), codecs.end(), [&](const InputCodec& codec) {
-    return codec.controllet == instance.descriptor().type && codec.input == input.name;
+    return codec.topic.empty() && applies(codec, instance, input);
   });
   return found == codecs.end() ? nullptr : &*found;
+}
+
+std::vector<const InputCodec*> more_codecs_for(const std::vector<InputCodec>& codecs,
+                                               const Instance& instance, const InputSpec& input) {
+  std::vector<const InputCodec*> found;
+  for (const auto& codec : codecs) {
+    if (!codec.topic.empty() && applies(codec, instance, input)) found.push_back(&codec);
+  }
+  return found;
+}
+
+void check_codecs(const std::vector<InputCodec>& codecs, const MultimodeController& modes) {
+  for (const auto& codec : codecs) {
+    if (!is_topic(codec)) {
+      throw std::invalid_argument(fmt::format(
+          "input codec for {}: topic '{}': expected letters, digits and _, no digit first, no name of the "
+          "adapter's own{}",
+          codec.message_type, codec.topic,
+          codec.controllet.empty() ? "; a codec for a quantity needs one" : ""));
+    }
+  }
+  for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
+    const Instance& instance = modes.instance(i);
+    std::vector<std::string> inputs;
+    for (const Reference& reference : instance.inputs()) {
+      inputs.push_back(reference.spec().name);
+      std::map<std::string, const InputCodec*> topics;
+      for (const auto& codec : codecs) {
+        if (!applies(codec, instance, reference.spec())) continue;
+        const auto [other, added] = topics.emplace(codec.topic, &codec);
+        if (!added) {
+          throw std::invalid_argument(fmt::format(
+              "two input codecs, for {} and {}, have the same topic of input '{}' of '{}': give one of them "
+              "another topic",
+              other->second->message_type, codec.message_type, inputs.back(), instance.descriptor().type));
+        }
+      }
+    }
+    for (const auto& codec : codecs) {
+      if (codec.controllet != instance.descriptor().type ||
+          std::find(inputs.begin(), inputs.end(), codec.input) != inputs.end())
+        continue;
+      throw std::invalid_argument(fmt::format("input codec for {}: controllet '{}' has no input '{}'{}",
+                                              codec.message_type, codec.controllet, codec.input,
+                                              name_hint(codec.input, inputs, "it has none")));
+    }
+  }
 }
 
 void Inputs::take(const Event& event) {
@@ -120,24 +185,33 @@ void Inputs::take(const Event& event) {
 
 Inputs::Inputs(const AdapterContext& run, const std::vector<InputCodec>& codecs) : reach_(run.reach) {
   MultimodeController& modes = *run.modes;
+  check_codecs(codecs, modes);
   for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
     for (std::size_t k = 0; k < modes.instance(i).inputs().size(); ++k) {
       ports_.push_back(std::make_unique<InputPort>(run, i, k));
-      open(run, *ports_.back(), codec_for(codecs, modes.instance(i), ports_.back()->spec()));
+      InputPort& port = *ports_.back();
+      if (const InputCodec* codec = codec_for(codecs, modes.instance(i), port.spec())) {
+        open(run, port, *codec);
+      } else {
+        open(run, port);
+      }
+      for (const InputCodec* codec : more_codecs_for(codecs, modes.instance(i), port.spec()))
+        open(run, port, *codec);
     }
   }
 }
 
-void Inputs::open(const AdapterContext& run, InputPort& port, const InputCodec* codec) {
-  if (codec != nullptr) {
-    for (const Delivery delivery : {Delivery::stream, Delivery::goal}) {
-      const bool goal = delivery == Delivery::goal;
-      subscriptions_.push_back(std::make_unique<CodecSubscription>(
-          run, "~/" + port.name() + (goal ? "/goal" : ""), goal ? kGoalQos : kStreamQos,
-          doc_of(port, delivery), *codec, port, delivery));
-    }
-    return;
+void Inputs::open(const AdapterContext& run, InputPort& port, const InputCodec& codec) {
+  const std::string topic = "~/" + port.name() + (codec.topic.empty() ? "" : "/" + codec.topic);
+  for (const Delivery delivery : {Delivery::stream, Delivery::goal}) {
+    const bool goal = delivery == Delivery::goal;
+    subscriptions_.push_back(
+        std::make_unique<CodecSubscription>(run, topic + (goal ? "/goal" : ""), goal ? kGoalQos : kStreamQos,
+                                            doc_of(port, delivery), codec, port, delivery));
   }
+}
+
+void Inputs::open(const AdapterContext& run, InputPort& port) {
   switch (port.spec().quantity) {
     case Quantity::pose:
       return subscribe<geometry_msgs::msg::PoseStamped>(run, port);

@@ -9,19 +9,22 @@
 
 namespace multipanda::ros {
 
-// Subscribes to two topics for each input of each controllet instance:
+// Subscribes to two topics for each input of each controllet instance, and to two more for each codec beside
+// the standard type:
 //   ~/<instance>/<input>        a stream; the arm is held when it falls silent
 //   ~/<instance>/<input>/goal   sent once, approached smoothly, stays in force
 class Inputs : public AdapterPart {
  public:
-  // Throws std::invalid_argument for a codec whose input does not exist.
+  // Throws std::invalid_argument for a codec whose input does not exist, without a valid topic, or whose
+  // topic another one has.
   Inputs(const AdapterContext& run, const std::vector<InputCodec>& codecs);
   std::vector<Diagnostic> diagnostics() const override;
   void take(const Event& event) override;  // end effectors, for the check of reach
   const std::vector<std::unique_ptr<InputPort>>& ports() const { return ports_; }
 
  private:
-  void open(const AdapterContext& run, InputPort& port, const InputCodec* codec);
+  void open(const AdapterContext& run, InputPort& port);
+  void open(const AdapterContext& run, InputPort& port, const InputCodec& codec);
   template <class M>
   void subscribe(const AdapterContext& run, InputPort& port);
 
@@ -30,7 +33,14 @@ class Inputs : public AdapterPart {
   std::vector<std::unique_ptr<Incoming>> subscriptions_;  // destroyed before the ports
 };
 
-// Returns the codec of an input, or nullptr.
+// Throws std::invalid_argument, as Inputs does.
+void check_codecs(const std::vector<InputCodec>& codecs, const MultimodeController& modes);
+
+// Returns the codecs of an input that have topics of their own.
+std::vector<const InputCodec*> more_codecs_for(const std::vector<InputCodec>& codecs,
+                                               const Instance& instance, const InputSpec& input);
+
+// Returns the codec that replaces the standard type of an input, or nullptr.
 const InputCodec* codec_for(const std::vector<InputCodec>& codecs, const Instance& instance,
                             const InputSpec& input);
 

@@ -160,6 +160,10 @@ ModeServices::List::Response ModeServices::list_controllets() const {
       input.quantity = to_string(spec.quantity);
       input.topic = run_.node->resolve(topic_of(instance.name(), spec.name));
       input.type = codec != nullptr ? codec->message_type : message_type(spec.quantity);
+      for (const InputCodec* more : more_codecs_for(codecs_, instance, spec)) {
+        input.more_topics.push_back(input.topic + "/" + more->topic);
+        input.more_types.push_back(more->message_type);
+      }
       if (spec.quantity != Quantity::joints && spec.quantity != Quantity::scalar) {
         input.frame = spec.frame;
         input.frames.push_back(spec.frame);

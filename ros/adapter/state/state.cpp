@@ -2,6 +2,7 @@
 
 #include "ros/adapter/state/arm_topics.hpp"
 #include "ros/adapter/state/loop_topics.hpp"
+#include "ros/adapter/state/markers.hpp"
 #include "ros/adapter/state/simulation_services.hpp"
 #include "ros/adapter/state/world_topics.hpp"
 
@@ -19,6 +20,7 @@ AdapterParts make_state(const AdapterContext& run) {
     parts.push_back(std::make_unique<SimulationServices>(run));
     break;
   }
+  parts.push_back(std::make_unique<Markers>(run));
   parts.push_back(std::make_unique<LoopTopics>(run));
   parts.push_back(std::make_unique<DiagnosticsTopic>(run));
   return parts;

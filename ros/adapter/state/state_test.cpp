@@ -26,6 +26,7 @@
 namespace multipanda::ros::state_test {
 namespace {
 
+using test::Received;
 using test::StateFixture;
 using testing::Contains;
 using testing::ElementsAre;
@@ -369,22 +370,160 @@ TEST_F(Arms, SettingsFollowTheArmsReport) {
   EXPECT_TRUE(state.error_names.empty());
 }
 
-// Messages of a topic. The executor's thread counts them.
-template <class M>
-struct Received {
-  Received(StateFixture& fixture, Node& node, const std::string& name, const Qos& qos = Qos::reliable(2000))
-      : subscription(fixture.executor(), node, name, qos, Doc{}, [this](const M& message) {
-          const std::lock_guard lock(mutex);
-          messages.push_back(message);
-        }) {}
-  std::size_t count() {
-    const std::lock_guard lock(mutex);
-    return messages.size();
+// The report's bits become flags of joints and axes; its poses, given in the base, are in the world.
+TEST_F(Arms, ReportHasFlagsAndPosesInTheWorld) {
+  std::mt19937_64 random(4);
+  CycleRecord record = random_record(random);
+  ArmSample& sample = record.arms[0];
+  view->take(record);
+  multipanda_msgs::msg::RobotState state;
+  fill_first(record, state);
+  EXPECT_FALSE(state.has_report);
+  EXPECT_TRUE(state.q_d.empty() && state.theta.empty() && state.joint_contact.empty());
+
+  // Half a turn about x, then a quarter about z, written by hand: columns of the rotation.
+  const std::array<double, 12> X_BE{0.3, -0.2, 0.5, 0, 1, 0, 1, 0, 0, 0, 0, -1};
+  sample.has_report = true;
+  sample.q_d = random_joints(random, 2);
+  sample.dq_d = random_joints(random, 1);
+  sample.theta = random_joints(random, 2);
+  sample.X_BE_d = X_BE;
+  sample.X_BE_c = X_BE;
+  sample.X_BE_c[2] = 0.7;
+  sample.elbow = {0.25, -1};
+  sample.joint_contact = 0b1010010;
+  sample.joint_collision = 0b0000010;
+  sample.cartesian_contact = 0b100001;
+  sample.cartesian_collision = 0b000100;
+  sample.last_motion_errors = 1ull << 7;
+  fill_first(record, state);
+  EXPECT_TRUE(state.has_report);
+  for (std::size_t i = 0; i < 7; ++i) {
+    EXPECT_EQ(state.q_d.at(i), sample.q_d[i]);
+    EXPECT_EQ(state.dq_d.at(i), sample.dq_d[i]);
+    EXPECT_EQ(state.theta.at(i), sample.theta[i]);
   }
-  std::mutex mutex;
-  std::vector<M> messages;
-  Subscription<M> subscription;
-};
+  EXPECT_THAT(state.elbow, ElementsAre(0.25, -1));
+  EXPECT_THAT(state.joint_contact, ElementsAre(false, true, false, false, true, false, true));
+  EXPECT_THAT(state.joint_collision, ElementsAre(false, true, false, false, false, false, false));
+  EXPECT_THAT(state.cartesian_contact, ElementsAre(true, false, false, false, false, true));
+  EXPECT_THAT(state.cartesian_collision, ElementsAre(false, false, true, false, false, false));
+  EXPECT_THAT(state.last_motion_error_names, ElementsAre("cartesian_reflex"));
+
+  const Pose& X_WB = scene.arms[0].X_WB;
+  const auto expect_pose = [&](const geometry_msgs::msg::Pose& found, double z) {
+    const Vector3 p = X_WB.position + X_WB.rotation * Vector3(0.3, -0.2, z);
+    EXPECT_LT((Vector3(found.position.x, found.position.y, found.position.z) - p).norm(), 1e-12);
+    const Quaternion q(found.orientation.w, found.orientation.x, found.orientation.y, found.orientation.z);
+    EXPECT_LT((q * Vector3::UnitX() - X_WB.rotation * Vector3::UnitY()).norm(), 1e-12);
+    EXPECT_LT((q * Vector3::UnitZ() + X_WB.rotation * Vector3::UnitZ()).norm(), 1e-12);
+  };
+  expect_pose(state.pose_desired, 0.5);
+  expect_pose(state.pose_commanded, 0.7);
+
+  sample.last_motion_errors = 0;
+  fill_first(record, state);
+  EXPECT_TRUE(state.last_motion_error_names.empty());
+}
+
+// A value in the middle of the widest gap between the sizes of these numbers.
+double in_widest_gap(const Eigen::VectorXd& numbers, double& gap) {
+  std::vector<double> sizes;
+  for (const double number : numbers) sizes.push_back(std::abs(number));
+  std::sort(sizes.begin(), sizes.end());
+  gap = 0;
+  double middle = 0;
+  for (std::size_t i = 1; i < sizes.size(); ++i) {
+    if (sizes[i] - sizes[i - 1] <= gap) continue;
+    gap = sizes[i] - sizes[i - 1];
+    middle = (sizes[i] + sizes[i - 1]) / 2;
+  }
+  return middle;
+}
+
+// An arm on a rotated base holds an undeclared payload. Which joints and axes report contact, and later a
+// collision, follows from the payload's weight by finite differences of its height.
+TEST(State, FlagsOfContactAndCollisionFollowFromAWeight) {
+  StateFixture fixture(
+      "arms:\n"
+      "  - name: left\n"
+      "    base: {position_m: [0, 0, 1], rpy_rad: [0.5, -0.4, 1.0]}\n"
+      "    stiffness_frame: {position_m: [0.05, 0.02, 0.03], rpy_rad: [0.3, 0.2, -0.5]}\n"
+      "    load_present: {mass_kg: 1.2, com_m: [0.03, -0.02, 0.15], inertia_kg_m2: {xx: 0.001, yy: 0.001, "
+      "zz: 0.001}}\n");
+  const ArmConfig config = arm_config(fixture.scene().arms[0]);
+  ModelTerms terms(fixture.run_context().models[0]);
+  terms.set_config(config.frames, config.tool, config.load);
+  const JointVector zero = JointVector::Zero(7);
+  ArmSample sample;
+  const auto run = [&](std::size_t cycles) {
+    fixture.run(cycles, {}, [&](const CycleRecord& record) { sample = record.arms[0]; });
+    terms.update(JointVector(Eigen::Map<const Eigen::VectorXd>(sample.q.data(), 7)), zero);
+    multipanda_msgs::msg::RobotState state;
+    fill_state(sample, config.frames, config.tool, config.load, terms, state);
+    return state;
+  };
+  multipanda_msgs::msg::RobotState state = run(4000);  // comes to rest
+  EXPECT_THAT(state.joint_contact, testing::Each(false));
+
+  constexpr double kWeight = 9.81 * 1.2;  // [N]
+  const JointVector q = Eigen::Map<const Eigen::VectorXd>(sample.q.data(), 7);
+  Eigen::VectorXd expected(7);
+  for (int i = 0; i < 7; ++i) {
+    const auto height = [&](double step) {
+      JointVector moved = q;
+      moved[i] += step;
+      terms.update(moved, zero);
+      return (terms.X_WF() * Vector3(0.03, -0.02, 0.15)).z();
+    };
+    expected[i] = kWeight * (height(1e-6) - height(-1e-6)) / 2e-6;
+  }
+  terms.update(q, zero);
+  const Eigen::VectorXd force = terms.X_WK().rotation.transpose() * Vector3(0, 0, kWeight);
+  double gap = 0, force_gap = 0;
+  const double torque_limit = in_widest_gap(expected, gap), force_limit = in_widest_gap(force, force_gap);
+  ASSERT_GT(gap, 0.5);
+  ASSERT_GT(force_gap, 0.8);
+
+  ContactThresholds thresholds;
+  thresholds.torque_lower = JointVector::Constant(7, torque_limit);
+  thresholds.torque_upper = JointVector::Constant(7, 80);
+  thresholds.wrench_lower << force_limit, force_limit, force_limit, 100, 100, 100;
+  thresholds.wrench_upper = Vector6::Constant(100);
+  (void)fixture.backend().request(
+      ArmIndex{0}, ArmRequest(SetCollisionThresholds{.nominal = thresholds, .acceleration = {}}));
+  state = run(300);
+  EXPECT_EQ(state.mode, multipanda_msgs::msg::RobotState::MODE_MOVE);
+  ASSERT_EQ(state.joint_contact.size(), 7u);
+  for (std::size_t i = 0; i < 7; ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    EXPECT_EQ(state.joint_contact[i], std::abs(expected[k]) > torque_limit) << "joint " << i + 1;
+  }
+  for (std::size_t i = 0; i < 6; ++i) {
+    EXPECT_EQ(state.cartesian_contact[i],
+              i < 3 && std::abs(force[static_cast<Eigen::Index>(i)]) > force_limit)
+        << "axis " << i;
+  }
+  EXPECT_THAT(state.joint_collision, testing::Each(false));
+  EXPECT_EQ(state.last_motion_errors, 0u);
+  // The desired pose is that of the desired joints.
+  terms.update(JointVector(Eigen::Map<const Eigen::VectorXd>(state.q_d.data(), 7)), zero);
+  const auto& p = state.pose_desired.position;
+  EXPECT_LT((Vector3(p.x, p.y, p.z) - terms.X_WE().position).norm(), 1e-3);
+  EXPECT_NEAR(state.elbow[0], state.q_d[2], 1e-2);
+
+  thresholds.torque_upper = thresholds.torque_lower;
+  (void)fixture.backend().request(
+      ArmIndex{0}, ArmRequest(SetCollisionThresholds{.nominal = thresholds, .acceleration = {}}));
+  state = run(300);
+  EXPECT_EQ(state.mode, multipanda_msgs::msg::RobotState::MODE_REFLEX);
+  for (std::size_t i = 0; i < 7; ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    EXPECT_EQ(state.joint_collision[i], std::abs(expected[k]) > torque_limit) << "joint " << i + 1;
+  }
+  EXPECT_THAT(state.cartesian_collision, testing::Each(false));
+  EXPECT_THAT(state.last_motion_error_names, ElementsAre("joint_reflex"));
+}
 
 std::string with_rates(const std::string& rates) { return kArms + "ros: {rates_hz: {" + rates + "}}\n"; }
 

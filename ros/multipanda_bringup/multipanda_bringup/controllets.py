@@ -17,6 +17,7 @@ def controllets_for(arms):
             ("joint", "joint_impedance"),
             ("guide", "gravity_compensation"),
             ("force", "force"),  # presses with the force that it is sent
+            ("hybrid", "hybrid_force"),  # forces and moments along the axes that are selected
             ("ufic", "ufic"),  # force and impedance at once
         ):
             found[f"{arm}_{law}"] = {"type": type_name, "arms": [arm]}

@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -44,6 +45,23 @@ class StateFixture {
   RosOptions options_;
   AdapterCounters counters_;
   AdapterContext run_;
+};
+
+// Messages of a topic. The executor's thread counts them.
+template <class M>
+struct Received {
+  Received(StateFixture& fixture, Node& node, const std::string& name, const Qos& qos = Qos::reliable(2000))
+      : subscription(fixture.executor(), node, name, qos, Doc{}, [this](const M& message) {
+          const std::lock_guard lock(mutex);
+          messages.push_back(message);
+        }) {}
+  std::size_t count() {
+    const std::lock_guard lock(mutex);
+    return messages.size();
+  }
+  std::mutex mutex;
+  std::vector<M> messages;
+  Subscription<M> subscription;
 };
 
 // Polls until the condition holds; returns false after the deadline.

@@ -1,0 +1,91 @@
+#pragma once
+
+#include <limits>
+
+#include "core/controllets/force_law.hpp"
+
+// Force or moment along one axis of a frame, for laws that control a subset of six axes. Numbers are in N, m,
+// m/s, kg for forces and in N m, rad, rad/s, kg m^2 for moments. Loop thread, no allocation.
+//
+//   f = sigma (w gamma f_c + (1 - w) f_0)
+//   f_c = F_d + w gamma (P e_f + I int w gamma e_f dt),  e = F_d - F_hat    in contact
+//   f_0 = K int (v_a - v) dt, between 0 and F_d                            without contact
+// sigma fades in while the axis is selected, w while it is in contact, and gamma fades beyond the last
+// contact. f_0 is the spring of a set-point that advances at v_a towards F_d: a free axis moves at v_a, and
+// an obstacle that the estimate does not show is pushed with F_d at most.
+// An axis with little inertia is fast before a bound on its speed can act, some periods late. There f keeps
+// to `unfelt`, plus the reaction F_hat along f where the axis has been slow: a wrong estimate holds no axis.
+// Without contact the integral is no larger than what is still felt, so that it drives no free axis.
+namespace multipanda {
+
+// What differs between forces and moments.
+struct AxisKind {
+  double least;        // below it, F_d has no direction [N, N m]
+  double loss;         // way beyond the last contact after which it is lost [m, rad]
+  double pulls_up_to;  // below it f may act against F_d, fading: a tool cannot pull on a surface [N, N m]
+  double most;         // f keeps to it against F_d, and to it + 2 |F_d| along F_d, whatever the room [N, N m]
+};
+inline constexpr AxisKind kForceAxis{
+    .least = ForceDirection::kLeastForce, .loss = 0.005, .pulls_up_to = 2, .most = 60};
+inline constexpr AxisKind kMomentAxis{.least = 0.05, .loss = 0.03, .pulls_up_to = 0.2, .most = 15};
+
+struct AxisSettings {
+  AxisKind kind = kForceAxis;
+  ForceGains gains;           // always with feed-forward; `may_pull` follows from F_d
+  double threshold = 0;       // contact [N, N m]
+  double approach_speed = 0;  // v_a [m/s, rad/s]
+  double reach = 0;           // width of gamma [m, rad]
+};
+
+// One axis at one instant.
+struct AxisState {
+  double desired = 0, estimated = 0;  // F_d, F_hat [N, N m]
+  double speed = 0;                   // of the arm along it [m/s, rad/s]
+  double stiffness = 0;               // K_c along it [N/m, N m/rad]
+  double room = 0;                    // what f and `pull` may reach together [N, N m]
+  double pull = 0;                    // along it, of the impedance, which fades out
+  // What f may reach without a reaction that is felt, and the speed up to which a reaction counts.
+  double unfelt = std::numeric_limits<double>::infinity();  // [N, N m]
+  double slow = std::numeric_limits<double>::infinity();    // [m/s, rad/s]
+};
+
+class AxisForce {
+ public:
+  void start();
+  // Advances sigma; before update(), so that the impedance has left the axis by the same share.
+  void select(bool selected, double dt);
+  double weight() const { return selection_.value(); }  // sigma
+  bool selected() const { return selected_; }
+  // Whether the impedance has left it altogether.
+  bool full() const { return weight() >= 1; }
+  // Whether it has no force, and has had none since.
+  bool idle() const { return weight() <= 0; }
+
+  // f, after select() of the same tick.
+  double update(const AxisSettings& settings, const AxisState& now, double dt);
+  bool in_contact() const { return contact_; }
+
+ private:
+  void update_contact(const AxisSettings& settings, const AxisState& now, int sign, double dt);
+  void rest();  // as unselected: the next selection starts again, except for what the estimate shows
+
+  static constexpr double kBearing = 0.5, kGivingWay = 0.02;  // borne_ from one end to the other [s]
+
+  Fade selection_, pressing_fade_;
+  ContactDetector plus_, minus_;  // of a force along and against the axis
+  ForceLoop loop_;
+  double free_ = 0;  // f_0
+  double gamma_ = 1;
+  double beyond_ = 0;  // way along F_d since the last contact
+  double pushed_ = 0;  // f of the last tick, without sigma
+  double borne_ = 0;   // share of the reaction that counts: of an axis that withstands half of `unfelt`
+  int sign_ = 0;       // of F_d when it last had a direction
+  bool selected_ = false, contact_ = false, pressing_ = false;
+};
+
+// The share of a force that is left at the speed `along` it: 1 up to half the limit, 0 from one and a half
+// times the limit on. It falls by no more than `steepest` per speed, because it acts like damping and some
+// periods late.
+double share_at_axis_speed(double force, double along, double limit, double steepest);
+
+}  // namespace multipanda

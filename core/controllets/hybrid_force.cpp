@@ -1,0 +1,495 @@
+#include "core/controllets/hybrid_force.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include <Eigen/Eigenvalues>
+
+#include "core/controllets/axis_force.hpp"
+#include "core/controllets/cartesian_law.hpp"
+
+namespace multipanda {
+namespace {
+
+constexpr std::size_t kAxes = 6;
+
+// Axes of the force frame, in world axes, and a weight for each.
+struct WeightedAxes {
+  Matrix3 R = Matrix3::Identity();
+  Vector6 weight = Vector6::Zero();
+
+  Vector6 in_frame(const Vector6& x) const {
+    Vector6 y;
+    y << R.transpose() * x.head<3>(), R.transpose() * x.tail<3>();
+    return y;
+  }
+  Vector6 in_world(const Vector6& y) const {
+    Vector6 x;
+    x << R * y.head<3>(), R * y.tail<3>();
+    return x;
+  }
+  bool any() const { return (weight.array() > 0).any(); }
+  // Each of n equal parts at right angles gets 1 / this of what all of them may reach together. `kind`: 0
+  // forces, 1 moments.
+  double parts(std::size_t kind) const {
+    return std::sqrt(std::max(1.0, weight.segment<3>(static_cast<Eigen::Index>(3 * kind)).sum()));
+  }
+  // (I - W) x. Forces and moments have separate projectors, so that no unit is mixed with another.
+  Vector6 rest(const Vector6& x) const {
+    return in_world(in_frame(x).cwiseProduct(Vector6::Ones() - weight));
+  }
+};
+
+ParameterSpec number(std::string name, std::string unit, double initial, double min, double max,
+                     std::string doc) {
+  return {.name = std::move(name),
+          .unit = std::move(unit),
+          .initial = {initial},
+          .min = min,
+          .max = max,
+          .doc = std::move(doc)};
+}
+
+class HybridForce final : public Controllet {
+ public:
+  static ControlletDescriptor descriptor() {
+    ForceParameters force = force_parameters();
+    const auto axis = [](const char* name, const char* what) {
+      return switch_parameter(name, false, std::string("Controls the ") + what + " of the force frame.");
+    };
+    return {
+        .type = "hybrid_force",
+        .doc =
+            "Controls forces and moments along any subset of six axes; the end effector is a spring and "
+            "damper "
+            "about its set-point along the others.",
+        .inputs = spec_table<kInputCount>(
+            input_at<kPose>({.name = "pose",
+                             .quantity = Quantity::pose,
+                             .doc = "Set-point X_WE, in the world frame; ignored along selected axes."}),
+            input_at<kWrench>({.name = "wrench",
+                               .quantity = Quantity::wrench,
+                               .doc =
+                                   "F_d, desired wrench that the arm exerts at E, world axes; its part along "
+                                   "selected axes counts.",
+                               .max_speed = 60})),
+        .parameters = spec_table<kParameterCount>(
+            cartesian_parameters(), parameter_at<kFirstAxis>(axis("force_x", "force along x")),
+            parameter_at<kFirstAxis + 1>(axis("force_y", "force along y")),
+            parameter_at<kFirstAxis + 2>(axis("force_z", "force along z")),
+            parameter_at<kFirstAxis + 3>(axis("moment_x", "moment about x")),
+            parameter_at<kFirstAxis + 4>(axis("moment_y", "moment about y")),
+            parameter_at<kFirstAxis + 5>(axis("moment_z", "moment about z")),
+            parameter_at<kFrame>(choice_parameter(
+                "force_frame", {"world", "end_effector"},
+                "Axes that are selected: those of the world, or those of the end effector.")),
+            parameter_at<kProportional>(force[kForceProportional]),
+            parameter_at<kIntegral>(force[kForceIntegral]),
+            parameter_at<kMomentIntegral>(number("moment_integral_per_s", "1/s", 2, 0, 50,
+                                                 "Gain I of moments; what they turn is softer.")),
+            parameter_at<kCutoff>(force[kErrorCutoff]), parameter_at<kForceLimit>(force[kIntegralLimit]),
+            parameter_at<kMomentLimit>(number("moment_integral_limit_nm", "N m", 3, 0, 20,
+                                              "Limit of the integral part of a moment.")),
+            parameter_at<kForceThreshold>(force[kContactThreshold]),
+            parameter_at<kMomentThreshold>(
+                number("moment_threshold_nm", "N m", 0.5, 0.1, 10,
+                       "Estimated moment that counts as contact; contact is lost below half of it.")),
+            parameter_at<kLinearDamping>(number("force_damping_n_s_per_m", "N s/m", 100, 0, 300,
+                                                "Damping along axes with a force, in addition to that of the "
+                                                "impedance; at most what the inertia bears.")),
+            parameter_at<kAngularDamping>(number("moment_damping_nm_s_per_rad", "N m s/rad", 2, 0, 20,
+                                                 "The same about axes with a moment.")),
+            parameter_at<kApproachSpeed>(
+                number("approach_speed_m_per_s", "m/s", 0.02, 0, 0.2,
+                       "Speed along an axis with a desired force that touches nothing.")),
+            parameter_at<kTurningSpeed>(number("turning_speed_rad_per_s", "rad/s", 0.1, 0, 0.5,
+                                               "The same about an axis with a desired moment.")),
+            parameter_at<kReach>(number("d_max_m", "m", 0.02, 0.001, 1,
+                                        "Width of gamma: a force fades beyond the last contact.")),
+            parameter_at<kAngularReach>(
+                number("phi_max_rad", "rad", 0.1, 0.01, 1, "The same for a moment."))),
+        .outputs = spec_table<kOutputCount>(
+            output_at<kDesired, 3>("desired_force_n", "F_d, axes of the force frame."),
+            output_at<kDesired + 3, 3>("desired_moment_nm", "Its moment."),
+            output_at<kEstimated, 3>("estimated_force_n", "F_hat at E, axes of the force frame."),
+            output_at<kEstimated + 3, 3>("estimated_moment_nm", "Its moment."),
+            output_at<kCommand, 3>("commanded_force_n", "f, axes of the force frame."),
+            output_at<kCommand + 3, 3>("commanded_moment_nm", "Its moment."),
+            output_at<kContact, 6>("in_contact", "1 for each axis along which contact is detected."),
+            output_at<kWeight, 6>(
+                "axis_weight", "Per axis: 1 under force control, 0 under impedance, between while it fades."),
+            output_at<kError, 3>("position_error_m", "p_d - p along axes of the impedance, world axes."),
+            output_at<kError + 3, 3>("orientation_error_rad", "log(R_d R^T), the same.")),
+        .presets = {}};
+  }
+
+  LawResult start(ControlContext& context) override {
+    const OwnedArm& arm = context.arms[0];
+    if (!arm.state->has_wrench_estimate)
+      return LawResult::fault;  // without an estimate the force has no feedback
+    q_N_ = arm.q();
+    for (AxisForce& axis : axis_) axis.start();
+    for (ForceRoom& room : room_) room.start();
+    frame_ = context.parameters->choice(kFrame);
+    R_EF_.setIdentity();
+    offset_ = {};
+    displaced_ = false;
+    waits_ = false;
+    bridge_.setZero();
+    commanded_.setZero();
+    bridging_.reset(false);
+    redefined_ = false;
+    context.inputs[kPose].bound_hand_speed(std::numeric_limits<double>::infinity(), 0);
+    planned_.fill(context.inputs[kPose].planned());
+    return LawResult::ok;
+  }
+
+  LawResult update(ControlContext& context) override {
+    OwnedArm& arm = context.arms[0];
+    ModelTerms& terms = *arm.terms;
+    const ParameterSet& parameters = *context.parameters;
+    const Vector6 F_d = context.inputs[kWrench].vector();
+    const Vector3 p_EK = terms.X_WK().position - terms.X_WE().position;
+    const Vector6 F_hat = shifted(arm.state->F_K_W_est, p_EK).vector;
+    if (!F_d.allFinite() || !F_hat.allFinite())
+      return LawResult::fault;  // a clamp would hide a value that is not finite
+
+    const WeightedAxes axes = select(parameters, context);
+    const CartesianTarget target = follow(axes, context);
+    const ImpedanceGains gains = impedance_gains(parameters, context.contact);
+    TaskForce force = impedance_force(gains, target, terms);
+    waits_ = std::max(force.bounded.force_share, force.bounded.moment_share) > kWaitsFrom;
+    Vector6 command = Vector6::Zero();  // f, force frame
+    if (axes.any()) {
+      const Vector6 pull = project(axes, context.contact, terms.V_WE().vector, force);
+      const Vector6 inertia = borne_inertias(axes, terms);
+      command = axis_forces(axes, gains.stiffness(target.X_W_d.rotation), F_d, F_hat, pull,
+                            target.V_d.linear(), inertia, terms, context);
+      force.total = pull - force.damping - axes.in_world(damping(axes, parameters, inertia, terms));
+    } else {
+      watch(axes, F_d, F_hat, terms, context);
+    }
+    if (redefined_ || bridging_.value() > 0)
+      command += bridged(axes, command, terms.V_WE().vector, context.contact.hand_speed, context.dt);
+    commanded_ = axes.in_world(command);
+    if (!command.isZero(0)) force.total += commanded_;
+
+    *arm.tau = terms.c() + null_space_torque(null_space_gains(parameters, context.contact), arm, q_N_);
+    *arm.tau += terms.J_V_WE().transpose().lazyProduct(force.total);
+    force.report(context.inputs[kPose]);
+
+    const auto out = context.outputs;
+    const Vector6 desired = axes.in_frame(F_d), estimated = axes.in_frame(F_hat);
+    std::copy_n(desired.data(), kAxes, out.begin() + kDesired);
+    std::copy_n(estimated.data(), kAxes, out.begin() + kEstimated);
+    std::copy_n(command.data(), kAxes, out.begin() + kCommand);
+    for (std::size_t i = 0; i < kAxes; ++i) out[kContact + i] = axis_[i].in_contact();
+    std::copy_n(axes.weight.data(), kAxes, out.begin() + kWeight);
+    std::copy_n(force.error.data(), kAxes, out.begin() + kError);
+    return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
+  }
+
+  void end_effector_moved(ControlContext& context, std::size_t arm, const Pose& X) override {
+    const Pose X_d = set_point(context) * X;
+    Controllet::end_effector_moved(context, arm, X);
+    offset_.position = X_d.position - context.inputs[kPose].pose().position;
+    R_EF_ = X.rotation.transpose() * R_EF_;  // selected axes do not turn with the definition
+    // The same wrench as before, about the new point.
+    const Pose& X_WE = context.arms[arm].terms->X_WE();
+    Wrench before;
+    before.vector = commanded_;
+    commanded_ = shifted(before, (X_WE * X.inverse()).position - X_WE.position).vector;
+    redefined_ = true;
+  }
+
+ private:
+  enum Input : std::size_t { kPose, kWrench, kInputCount };
+  enum Parameter : std::size_t {
+    kFirstAxis = kCartesianParameterCount,
+    kFrame = kFirstAxis + kAxes,
+    kProportional,
+    kIntegral,
+    kMomentIntegral,
+    kCutoff,
+    kForceLimit,
+    kMomentLimit,
+    kForceThreshold,
+    kMomentThreshold,
+    kLinearDamping,
+    kAngularDamping,
+    kApproachSpeed,
+    kTurningSpeed,
+    kReach,
+    kAngularReach,
+    kParameterCount
+  };
+  enum Output : std::size_t {
+    kDesired,
+    kEstimated = kDesired + kAxes,
+    kCommand = kEstimated + kAxes,
+    kContact = kCommand + kAxes,
+    kWeight = kContact + kAxes,
+    kError = kWeight + kAxes,
+    kOutputCount = kError + kAxes
+  };
+
+  // Moments fall with the speed along them, from half of kTurnLimit on, and end at kTopTurning [rad/s].
+  static constexpr double kTurnLimit = 0.5, kTopTurning = 1.5;
+  // The most that force and damping of an axis may fall with its speed, over its inertia [1/s]: they act some
+  // periods late (damping_design.hpp), and several axes may share a mode.
+  static constexpr double kSteepest = 200, kDamping = 60;
+  // A redefined end effector's old wrench leaves so much faster where the hand moves: a wrench that nothing
+  // resists any more.
+  static constexpr double kYields = 10;
+  static constexpr double kReturnTime = 0.3, kReturnSpeed = 0.05, kReturnTurning = 0.2;  // [s, m/s, rad/s]
+  static constexpr double kReturnShare = 0.2;  // of the hand's speed
+  static constexpr double kWaitsFrom = 0.8;    // share of the allowed pull
+
+  Pose set_point(const ControlContext& context) const {
+    const Pose& X = context.inputs[kPose].pose();
+    return displaced_ ? Pose{offset_.rotation * X.rotation, X.position + offset_.position} : X;
+  }
+
+  // Advances the selection. Another force frame is taken when no axis has a force any more.
+  WeightedAxes select(const ParameterSet& parameters, const ControlContext& context) {
+    const bool idle = std::all_of(axis_.begin(), axis_.end(), [](const auto& axis) { return axis.idle(); });
+    if (idle) {
+      frame_ = parameters.choice(kFrame);
+      R_EF_.setIdentity();
+    }
+    WeightedAxes axes;
+    if (frame_ != 0) axes.R = context.arms[0].terms->X_WE().rotation * R_EF_;
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      axis_[i].select(parameters.flag(kFirstAxis + i) && frame_ == parameters.choice(kFrame), context.dt);
+      axes.weight[static_cast<Eigen::Index>(i)] = axis_[i].weight();
+    }
+    return axes;
+  }
+
+  // The set-point, which follows the arm along the axes that the impedance has left, and from there on holds
+  // still along an axis that is released, until the next goal of the input.
+  CartesianTarget follow(const WeightedAxes& axes, ControlContext& context) {
+    Reference& input = context.inputs[kPose];
+    const double most = context.contact.hand_speed;
+    const double back = displaced_ ? come_back(axes, input, most, context.dt) : 0;
+    input.bound_hand_speed(back > 0 ? most - back : std::numeric_limits<double>::infinity(), 0);
+    CartesianTarget target = CartesianTarget::of(input);
+    target.X_W_d = set_point(context);
+    if (displaced_) {
+      target.V_d.angular() = offset_.rotation * target.V_d.angular();
+      target.A_d.angular() = offset_.rotation * target.A_d.angular();
+    }
+    if (!axes.any()) return target;
+    const Pose& X = context.arms[0].terms->X_WE();
+    const Vector6 error = pose_error(target.X_W_d, X);
+    Vector6 kept = axes.in_frame(error);
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      if (axis_[i].full()) kept[static_cast<Eigen::Index>(i)] = 0;
+      if (!axis_[i].idle()) planned_[i] = input.planned();
+    }
+    const Pose X_kept = displaced(X, axes.in_world(kept));
+    offset_ = {X_kept.rotation * input.pose().rotation.transpose(), X_kept.position - input.pose().position};
+    displaced_ = true;
+    target.X_W_d = displaced(X, axes.rest(error));
+    target.V_d.vector = axes.rest(target.V_d.vector);
+    target.A_d.vector = axes.rest(target.A_d.vector);
+    return target;
+  }
+
+  // The pose whose error against X is this.
+  static Pose displaced(const Pose& X, const Vector6& error) {
+    return {exp_rotation(error.tail<3>()) * X.rotation, X.position + error.head<3>()};
+  }
+
+  // After the next goal, the set-point comes back to that of the input along released axes, in addition to
+  // the input's own motion. Returns its speed [m/s].
+  double come_back(const WeightedAxes& axes, const Reference& input, double hand_speed, double dt) {
+    Vector6 offset;
+    offset << offset_.position, log_rotation(offset_.rotation);
+    Vector6 left = axes.in_frame(offset), step = Vector6::Zero();
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      const auto k = static_cast<Eigen::Index>(i);
+      if (!waits_ && axis_[i].idle() && planned_[i] != input.planned()) step[k] = left[k] * dt / kReturnTime;
+    }
+    const auto clamp = [](auto part, double most) {
+      const double size = part.norm();
+      if (size > most) part *= most / size;
+    };
+    clamp(step.head<3>(), std::min(kReturnSpeed, kReturnShare * hand_speed) * dt);
+    clamp(step.tail<3>(), kReturnTurning * dt);
+    left -= step;
+    constexpr double kThere = 1e-7;
+    if (!axes.any() && left.norm() < kThere) {
+      offset_ = {};
+      displaced_ = false;
+    } else if (!step.isZero(0)) {
+      offset = axes.in_world(left);
+      offset_ = {exp_rotation(offset.tail<3>()), offset.head<3>()};
+    }
+    return step.head<3>().norm() / dt;
+  }
+
+  // The pull that the projection leaves, damping aside. It may point elsewhere than before, along a faster
+  // motion, so it is bounded again.
+  static Vector6 project(const WeightedAxes& axes, const ContactBounds& contact, const Vector6& V,
+                         TaskForce& force) {
+    const Vector6 pull = axes.rest(force.total + force.damping);
+    force.pull = axes.rest(force.pull);
+    const BoundedPull again = bound_pull(contact, pull, force.damping, V.head<3>());
+    force.bounded.force_share = std::max(force.bounded.force_share, again.force_share);
+    force.bounded.moment_share = std::max(force.bounded.moment_share, again.moment_share);
+    return again.remaining(pull);
+  }
+
+  // Another end effector means other moments and another point for the forces: from the wrench before to the
+  // new one it takes a fade. Returns what to add, force frame.
+  Vector6 bridged(const WeightedAxes& axes, const Vector6& command, const Vector6& V, double hand_speed,
+                  double dt) {
+    if (redefined_) {
+      bridge_ = commanded_ - axes.in_world(command);
+      bridging_.reset(true);
+      redefined_ = false;
+    }
+    const Vector6 left = axes.in_frame(bridge_) * bridging_.value();
+    const bool moves = V.head<3>().norm() > 0.5 * hand_speed || V.tail<3>().norm() > 0.5 * kTurnLimit;
+    bridging_.towards(false, moves ? kYields * dt : dt);
+    return left;
+  }
+
+  // Contact is shown for axes that are not selected, too.
+  void watch(const WeightedAxes& axes, const Vector6& F_d, const Vector6& F_hat, ModelTerms& terms,
+             const ControlContext& context) {
+    const Vector6 desired = axes.in_frame(F_d), estimated = axes.in_frame(F_hat);
+    const Vector6 V = axes.in_frame(terms.V_WE().vector);
+    const AxisSettings settings[] = {force_axis(axes, context, Vector3::Zero()), moment_axis(axes, context)};
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      const auto k = static_cast<Eigen::Index>(i);
+      axis_[i].update(settings[i / 3], {.desired = desired[k], .estimated = estimated[k], .speed = V[k]},
+                      context.dt);
+    }
+  }
+
+  Vector6 axis_forces(const WeightedAxes& axes, const TaskStiffness& K, const Vector6& F_d,
+                      const Vector6& F_hat, const Vector6& pull, const Vector3& goal_speed,
+                      const Vector6& inertia, ModelTerms& terms, ControlContext& context) {
+    const ContactBounds& contact = context.contact;
+    const Vector6 desired = axes.in_frame(F_d), estimated = axes.in_frame(F_hat);
+    const Vector6 V = axes.in_frame(terms.V_WE().vector), pulled = axes.in_frame(pull);
+    Vector6 stiffness, command;
+    stiffness << (axes.R.transpose() * K.translation * axes.R).diagonal(),
+        (axes.R.transpose() * K.rotation * axes.R).diagonal();
+    const double room[] = {room_for(0, axes, pulled.head<3>(), contact.spring_force, context.dt),
+                           room_for(1, axes, pulled.tail<3>(), contact.spring_moment, context.dt)};
+    const AxisSettings settings[] = {force_axis(axes, context, goal_speed), moment_axis(axes, context)};
+    // All axes of a kind together keep to the bound.
+    const double limit[] = {contact.hand_speed / axes.parts(0), turn_limit(axes, contact)};
+    // What an axis bears unfelt ends at 1.5 times the limit, or at kTopTurning, although it falls no more
+    // steeply than the axis bears.
+    const double falls[] = {limit[0], (kTopTurning / kTurnLimit - 0.5) * limit[1]};
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      const auto k = static_cast<Eigen::Index>(i);
+      const std::size_t kind = i / 3;
+      const double steepest = kSteepest * inertia[k];
+      const AxisState now{.desired = desired[k],
+                          .estimated = estimated[k],
+                          .speed = V[k],
+                          .stiffness = stiffness[k],
+                          .room = room[kind],
+                          .pull = pulled[k],
+                          .unfelt = steepest * falls[kind],
+                          .slow = 0.5 * limit[kind]};
+      const double f = axis_[i].update(settings[kind], now, context.dt);
+      command[k] = f * share_at_axis_speed(f, f < 0 ? -V[k] : V[k], limit[kind], steepest);
+    }
+    // While axes fade, the pull along them and their forces are not at right angles.
+    command.head<3>() *= largest_share(pulled.head<3>(), command.head<3>(), contact.spring_force);
+    command.tail<3>() *= largest_share(pulled.tail<3>(), command.tail<3>(), contact.spring_moment);
+    return command;
+  }
+
+  // What each selected axis may reach: all of them, with the pull across them, keep to the bound.
+  double room_for(std::size_t kind, const WeightedAxes& axes, const Vector3& pulled, double most, double dt) {
+    const Vector3 weight = axes.weight.segment<3>(static_cast<Eigen::Index>(3 * kind));
+    const Vector3 across = (weight.array() > 0).select(0.0, pulled);
+    return room_[kind].update(left_beside(across, most), most, dt) / axes.parts(kind);
+  }
+
+  // The limit of each moment's speed; infinite where speeds are not bounded [rad/s].
+  static double turn_limit(const WeightedAxes& axes, const ContactBounds& contact) {
+    return std::isfinite(contact.hand_speed) ? kTurnLimit / axes.parts(1) : contact.hand_speed;
+  }
+
+  // What each axis has of the inertia that it moves while the others are free to move [kg, kg m^2]: selected
+  // axes that move the same joint share it. The largest eigenvalue of B_ij = sqrt(s_i s_j) A_ij / sqrt(A_ii
+  // A_jj) is what they do to one mode together: 1 for axes that are not coupled.
+  static Vector6 borne_inertias(const WeightedAxes& axes, ModelTerms& terms) {
+    Matrix6 turn = Matrix6::Zero();
+    turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = axes.R;
+    const Matrix6 A = turn.transpose() * terms.task().mobility * turn;
+    const Vector6 mobility = A.diagonal().cwiseMax(1e-6);
+    const Vector6 scale = axes.weight.cwiseQuotient(mobility).cwiseSqrt();
+    const Matrix6 B = scale.asDiagonal() * A * scale.asDiagonal();
+    const double shared = std::max(1.0, largest_eigenvalue(B));
+    return mobility.cwiseInverse() / shared;
+  }
+
+  static double largest_eigenvalue(const Matrix6& B) {
+    Eigen::SelfAdjointEigenSolver<Matrix6> solver;
+    solver.compute(B, Eigen::EigenvaluesOnly);
+    return solver.eigenvalues()[5];
+  }
+
+  // W D_W V, force frame.
+  static Vector6 damping(const WeightedAxes& axes, const ParameterSet& parameters, const Vector6& inertia,
+                         ModelTerms& terms) {
+    Vector6 d;
+    d << Vector3::Constant(parameters.number(kLinearDamping)),
+        Vector3::Constant(parameters.number(kAngularDamping));
+    d = d.cwiseMin(kDamping * inertia);
+    return axes.weight.cwiseProduct(d).cwiseProduct(axes.in_frame(terms.V_WE().vector));
+  }
+
+  // v_a has what the set-point's own motion across the selected axes leaves of the hand's speed.
+  static AxisSettings force_axis(const WeightedAxes& axes, const ControlContext& context,
+                                 const Vector3& goal_speed) {
+    const ParameterSet& parameters = *context.parameters;
+    const double left = left_beside(goal_speed, context.contact.hand_speed) / axes.parts(0);
+    return {kForceAxis, gains(parameters, kIntegral, kForceLimit), parameters.number(kForceThreshold),
+            std::min(parameters.number(kApproachSpeed), left), parameters.number(kReach)};
+  }
+  static AxisSettings moment_axis(const WeightedAxes& axes, const ControlContext& context) {
+    const ParameterSet& parameters = *context.parameters;
+    return {kMomentAxis, gains(parameters, kMomentIntegral, kMomentLimit),
+            parameters.number(kMomentThreshold),
+            std::min(parameters.number(kTurningSpeed), turn_limit(axes, context.contact)),
+            parameters.number(kAngularReach)};
+  }
+  static ForceGains gains(const ParameterSet& parameters, std::size_t integral, std::size_t limit) {
+    return {.proportional = parameters.number(kProportional),
+            .integral_per_s = parameters.number(integral),
+            .error_cutoff_hz = parameters.number(kCutoff),
+            .integral_limit_n = parameters.number(limit)};
+  }
+
+  JointVector q_N_;
+  std::array<AxisForce, kAxes> axis_;
+  std::array<ForceRoom, 2> room_;       // of forces and of moments
+  std::size_t frame_ = 0;               // of the axes that are selected now
+  Matrix3 R_EF_ = Matrix3::Identity();  // the force frame in E, if it moves with E
+  Pose offset_;                         // of the set-point against the input: R_d = R_o R, p_d = p + p_o
+  bool displaced_ = false, waits_ = false;
+  std::array<std::uint64_t, kAxes> planned_{};  // goals of the input while the axis had a force
+  // The wrench of the axes in the last tick, about E as it is now, and what is left of it after E was
+  // redefined. World axes [N, N m].
+  Vector6 commanded_ = Vector6::Zero(), bridge_ = Vector6::Zero();
+  Fade bridging_;
+  bool redefined_ = false;
+};
+
+}  // namespace
+
+ControlletType hybrid_force_controllet() { return controllet_type<HybridForce>(); }
+
+}  // namespace multipanda
