@@ -45,7 +45,7 @@ class Json(unittest.TestCase):
             set(self.results["ros_us"]), {"adapter_in_loop", "cycle_with_adapter", "cycle_without"} if ros else set()
         )
         self.assertEqual(set(self.results["realtime_factor"]), set(ARMS) | {"2+features"})
-        acting = {"collision_avoidance", "joint_limits", "manipulability", "all"}
+        acting = {"collision_avoidance", "collision_avoidance+hulls", "joint_limits", "manipulability", "all"}
         self.assertLessEqual(acting | {"none"}, set(self.results["features_us"]))
         self.assertLessEqual(acting, set(self.results["feature_adds_us"]))
         self.assertEqual(
@@ -71,6 +71,10 @@ class Json(unittest.TestCase):
         cycle, limits = self.results["cycle_us"], self.results["limits_us"]
         expected = cycle["dual_cartesian_impedance/2"]["median"] / limits["dual_cartesian_impedance"]["median"]
         self.assertAlmostEqual(self.results["ratios"]["dual_cartesian_impedance/2 to bare math"], expected, 3)
+        hulls = "cycle with collision_avoidance, with base hulls to without"
+        features = self.results["features_us"]
+        expected = features["collision_avoidance+hulls"]["median"] / features["collision_avoidance"]["median"]
+        self.assertAlmostEqual(self.results["ratios"][hulls], expected, 3)
 
     def test_features_neither_allocate_nor_lock(self):
         for key, calls in self.results["loop_calls"].items():

@@ -9,11 +9,14 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
+#include <set>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "config_file/node.hpp"
+#include "models/arm_source.hpp"
 #include "models/capsule_fit.hpp"
 #include "models/testing/hull_faces.hpp"
 #include "models/testing/odd_robot.hpp"
@@ -250,6 +253,45 @@ TEST_P(KnownRobots, AreInsideTheirCapsules) {
   }
   EXPECT_GT(tested, 1000u);
   EXPECT_GT(of_base, 0u);
+}
+
+// A box as a hull.
+std::vector<Vector3> box_hull(const Vector3& center) {
+  std::vector<Vector3> corners = box_points({0.1, 0.2, 0.3});
+  for (auto& p : corners) p += center;
+  return corners;
+}
+
+// What one hull of a base overlaps says nothing of the others.
+TEST(BaseHulls, AreNamedAndIgnoredOneByOne) {
+  RobotDescription robot = load_robot("fer");
+  robot.base_hulls = {box_hull({-0.5, 0, 0}), box_hull({-0.5, 0.5, 0}), box_hull({-0.5, 1, 0})};
+  robot.ignored_pairs.emplace_back("link0.2", "link5");
+  robot.ignored_pairs.emplace_back("hand", "link0.3");
+  const ArmModelSource source = arm_model_source(robot, Pose{}, true);
+  const auto& parts = source.collision_shapes;
+  std::map<std::string, std::set<std::string>> met;
+  for (const auto& [a, b] : source.self_pairs) met[parts[a].name].insert(parts[b].name);
+  EXPECT_THAT(met["link0.1"],
+              testing::UnorderedElementsAre("link2", "link3", "link4", "link5", "link6", "link7", "hand"));
+  EXPECT_THAT(met["link0.2"],
+              testing::UnorderedElementsAre("link2", "link3", "link4", "link6", "link7", "hand"));
+  EXPECT_THAT(met["link0.3"],
+              testing::UnorderedElementsAre("link2", "link3", "link4", "link5", "link6", "link7"));
+}
+
+TEST(BaseHulls, WithTooManyCornersAreRefused) {
+  RobotDescription robot = load_robot("fer");
+  robot.base_hulls = {box_hull({-0.5, 0, 0}), std::vector<Vector3>(kMaxShapeVertices, {-0.5, 0, 0})};
+  EXPECT_NO_THROW(arm_model_source(robot, Pose{}, true));
+  robot.base_hulls[1].emplace_back(-0.6, 0, 0);  // it would be outside of what is left
+  try {
+    (void)arm_model_source(robot, Pose{}, true);
+    FAIL() << "accepted";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_THAT(error.what(), testing::AllOf(HasSubstr("link0.2"), HasSubstr("33 corners"),
+                                             HasSubstr("1 to 32"), HasSubstr("'fer'")));
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(

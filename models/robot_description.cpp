@@ -39,6 +39,8 @@ RigidBody rigid_hand(const HandDescription& hand) {
   return merged(hand.body, merged(left, right));
 }
 
+std::string hull_name(std::size_t k) { return "link0." + std::to_string(k + 1); }
+
 bool is_ignored_pair(const RobotDescription& robot, const std::string& a, const std::string& b) {
   const auto i = link_index(a, robot.joint_count());
   const auto j = link_index(b, robot.joint_count());

@@ -160,10 +160,13 @@ struct RobotDescription {
   JointVector q_home;                   // the `ready` configuration [rad]
 
   std::vector<Capsule> capsules;  // of the links, not of the hand
-  // More of link0, for distances only: worlds of a simulation have no such bodies. Of imported arms.
+  // More of an imported arm's link0, for distances only: worlds of a simulation have no such bodies.
   std::vector<BaseHull> base_hulls;
   std::vector<std::pair<std::string, std::string>>
       ignored_pairs;  // pairs of links that never touch, or always touch
+  // Those of an arm whose shapes were fitted to a URDF, neighbors left out: "link0.2 and link5 (overlap
+  // at home)". A hull of the base is "link0.k", as many as base_hulls, from 1.
+  std::vector<std::string> unguarded_pairs;
 
   std::vector<Shape> visuals;                 // empty: the capsules are shown
   std::map<std::string, std::string> meshes;  // link -> file below a folder of meshes, if one is installed
@@ -182,8 +185,11 @@ JointVector acting_motor_inertia(const RobotDescription& robot, double hidden);
 // The hand with both fingers closed as one rigid body, in the hand's frame.
 RigidBody rigid_hand(const HandDescription& hand);
 
-// Whether two links ("link0".."linkN", "hand") are never checked against each other: neighbors and
-// ignored_pairs. The hand's neighbor is the last link.
+// The name of a hull of the base, number k from 0: "link0.1", ...
+std::string hull_name(std::size_t k);
+
+// Whether two links ("link0".."linkN", "hand", or a hull of the base) are never checked against each other:
+// neighbors and ignored_pairs. The hand's neighbor is the last link.
 bool is_ignored_pair(const RobotDescription& robot, const std::string& a, const std::string& b);
 
 // Reads a robot by name ("fer": models/fer.yaml of the project, or of the folder in the environment variable

@@ -55,30 +55,44 @@ std::vector<Pose> poses(const RobotDescription& robot, const JointVector& q) {
 
 std::size_t link_of(const Capsule& capsule) { return std::stoul(capsule.link.substr(4)); }
 
-// Which pairs of links overlap in a configuration: (n + 1) x (n + 1).
+// A shape's row among all bodies that overlap: the hulls of the base, each for itself, then link1 to linkN.
+struct Rows {
+  explicit Rows(const RobotDescription& robot)
+      : hulls(robot.base_hulls.size()), count(static_cast<Eigen::Index>(hulls + robot.joint_count())) {}
+  Eigen::Index of_hull(std::size_t k) const { return static_cast<Eigen::Index>(k); }
+  Eigen::Index of_link(std::size_t link) const { return static_cast<Eigen::Index>(hulls + link - 1); }
+  std::string name(Eigen::Index row) const {
+    const auto i = static_cast<std::size_t>(row);
+    return i < hulls ? hull_name(i) : "link" + std::to_string(i - hulls + 1);
+  }
+  std::size_t hulls;
+  Eigen::Index count;
+};
+
+// Which of them overlap in a configuration; neighbors, which are ignored anyway, never.
 Eigen::MatrixXi overlaps(const RobotDescription& robot, const JointVector& q) {
   const auto X = poses(robot, q);
-  const auto count = static_cast<Eigen::Index>(robot.joint_count() + 1);
-  Eigen::MatrixXi result = Eigen::MatrixXi::Zero(count, count);
+  const Rows rows(robot);
+  Eigen::MatrixXi result = Eigen::MatrixXi::Zero(rows.count, rows.count);
   for (std::size_t a = 0; a < robot.capsules.size(); ++a) {
     for (std::size_t b = a + 1; b < robot.capsules.size(); ++b) {
       const Capsule &one = robot.capsules[a], &other = robot.capsules[b];
       const std::size_t i = link_of(one), j = link_of(other);
-      if (j <= i + 1) continue;  // neighbors are ignored anyway
+      if (j <= i + 1) continue;
       const Pose &X_i = X[i - 1], &X_j = X[j - 1];
       const double d = segment_distance(X_i * one.from, X_i * one.to, X_j * other.from, X_j * other.to);
-      if (d < one.radius + other.radius)
-        result(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = 1;
+      if (d < one.radius + other.radius) result(rows.of_link(i), rows.of_link(j)) = 1;
     }
   }
   for (const Capsule& capsule : robot.capsules) {
     const std::size_t j = link_of(capsule);
-    int& found = result(0, static_cast<Eigen::Index>(j));
-    if (j < 2 || found > 0) continue;
+    if (j < 2) continue;
     const Pose& X_j = X[j - 1];
-    found = std::any_of(robot.base_hulls.begin(), robot.base_hulls.end(), [&](const BaseHull& hull) {
-      return hull_overlaps(hull, X_j * capsule.from, X_j * capsule.to, capsule.radius);
-    });
+    for (std::size_t k = 0; k < rows.hulls; ++k) {
+      int& found = result(rows.of_hull(k), rows.of_link(j));
+      if (found == 0)
+        found = hull_overlaps(robot.base_hulls[k], X_j * capsule.from, X_j * capsule.to, capsule.radius);
+    }
   }
   return result;
 }
@@ -89,7 +103,8 @@ std::string ignore_touching_pairs(RobotDescription& robot) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> uniform;
   const auto n = static_cast<Eigen::Index>(robot.joint_count());
-  Eigen::MatrixXi often = Eigen::MatrixXi::Zero(n + 1, n + 1);
+  const Rows rows(robot);
+  Eigen::MatrixXi often = Eigen::MatrixXi::Zero(rows.count, rows.count);
   for (int k = 0; k < kSamples; ++k) {
     JointVector q(n);
     for (Eigen::Index i = 0; i < n; ++i)
@@ -98,13 +113,13 @@ std::string ignore_touching_pairs(RobotDescription& robot) {
   }
   const Eigen::MatrixXi home = overlaps(robot, robot.q_home);
   std::string ignored;
-  for (Eigen::Index i = 0; i <= n; ++i) {
-    for (Eigen::Index j = i + 2; j <= n; ++j) {
+  for (Eigen::Index i = 0; i < rows.count; ++i) {
+    for (Eigen::Index j = i + 1; j < rows.count; ++j) {
       if (home(i, j) == 0 && often(i, j) <= kOften * kSamples) continue;
-      const std::string one = "link" + std::to_string(i), other = "link" + std::to_string(j);
-      robot.ignored_pairs.emplace_back(one, other);
-      ignored += (ignored.empty() ? "" : ", ") + one + " and " + other +
-                 (home(i, j) > 0 ? " (overlap at home)" : " (overlap often)");
+      robot.ignored_pairs.emplace_back(rows.name(i), rows.name(j));
+      robot.unguarded_pairs.push_back(rows.name(i) + " and " + rows.name(j) +
+                                      (home(i, j) > 0 ? " (overlap at home)" : " (overlap often)"));
+      ignored += (ignored.empty() ? "" : ", ") + robot.unguarded_pairs.back();
     }
   }
   return ignored.empty() ? "" : " Not kept apart: neighbors, and " + ignored + ".";

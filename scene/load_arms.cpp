@@ -4,6 +4,8 @@
 #include <Eigen/Eigenvalues>
 
 #include "config_file/text.hpp"
+#include "core/model/prismatic_joints.hpp"
+#include "models/arm_source.hpp"
 #include "models/load_parts.hpp"
 #include "scene/build.hpp"
 #include "scene/load_parts.hpp"
@@ -157,6 +159,13 @@ void check_load(const Archive& archive, const RobotDescription& robot, SceneArm&
         .refuse(
             "the model " + in_quotes(robot.name) +
             " has no 'rated_payload_kg': what it can carry is not known; add 'largest_load_kg' to this arm");
+  }
+  if (payload > 0 && robot.has_prismatic_joints()) {
+    ArmModelSource source = arm_model_source(robot, arm.X_WB, arm.hand);
+    source.name = arm.name;
+    source.tool = arm.tool;
+    const std::string why = too_heavy_for_an_axis(ArmModel(std::move(source)), payload);
+    if (!why.empty()) archive.at("load_declared").refuse(why);
   }
   if (!most || payload + arm.tool.mass == 0 || fixed + payload <= *most) return;
   archive.at(archive.has("load_declared") ? "load_declared" : "tool")
@@ -364,6 +373,7 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
   }
   if (robot) {
     const JointLimits& own = robot->limits;
+    arm.unguarded = robot->unguarded_pairs;
     arm.safety.joints = {own.q_min,
                          own.q_max,
                          own.dq_max,

@@ -1,11 +1,13 @@
 // The same controllets on robots of other manufacturers, imported from their URDFs: each arm must reach a
 // pose, on a base away from the origin, next to its second arm. Skipped without the Python package
 // example-robot-data.
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <map>
+#include <set>
 #include <sstream>
 #include <unistd.h>
 
@@ -141,6 +143,43 @@ TEST_P(OtherRobots, ArriveInCartesianImpedance) {
   }
 }
 
+// No pair of shapes that is checked overlaps at home; those that are not checked are neighbors, or named with
+// what they do: one hull of the base may be, and another one not.
+void expect_only_overlaps_ignored(const RobotDescription& robot) {
+  const Pose X_WB{rotation_from_rpy({0.1, -0.2, 0.7}), {0.3, -0.2, 0.5}};
+  ModelTerms terms(std::make_shared<const ArmModel>(arm_model_source(robot, X_WB, false)));
+  terms.update(robot.q_home, joint_constant(robot.joint_count(), 0));
+  const auto& parts = terms.model().collision_shapes();
+  const auto placed = [&](const CollisionShape& part) {
+    return (part.joint < 0 ? X_WB : terms.X_WJ(static_cast<std::size_t>(part.joint))) * part.X_JS;
+  };
+  const auto& checked = terms.model().self_pairs();
+  std::set<std::string> overlap, named;
+  for (std::size_t a = 0; a < parts.size(); ++a) {
+    for (std::size_t b = a + 1; b < parts.size(); ++b) {
+      if (parts[b].joint <= parts[a].joint + 1) continue;
+      const double apart =
+          closest_points(parts[a].shape, placed(parts[a]), parts[b].shape, placed(parts[b])).distance;
+      const std::string pair = parts[a].name + " and " + parts[b].name;
+      if (apart < -1e-3) overlap.insert(pair);
+      if (std::find(checked.begin(), checked.end(), std::pair(a, b)) != checked.end()) {
+        EXPECT_GT(apart, -1e-3) << pair;
+      } else {
+        named.insert(pair);
+      }
+    }
+  }
+  std::set<std::string> at_home, all;
+  for (const std::string& text : robot.unguarded_pairs) {
+    const std::string pair = text.substr(0, text.find(" ("));
+    all.insert(pair);
+    if (text.ends_with("(overlap at home)")) at_home.insert(pair);
+  }
+  EXPECT_EQ(named, all);
+  for (const auto& pair : overlap) EXPECT_EQ(at_home.count(pair), 1u) << pair;
+  testing::Test::RecordProperty(robot.name + "_unguarded", testing::PrintToString(robot.unguarded_pairs));
+}
+
 // Capsules come from the geometry of the URDF: every vertex of a link's meshes is inside of them, at any
 // joint angles, and no pair that is checked overlaps at home.
 TEST_P(OtherRobots, HaveCapsulesAroundTheirGeometry) {
@@ -161,6 +200,9 @@ TEST_P(OtherRobots, HaveCapsulesAroundTheirGeometry) {
     for (const auto& [a, b] : model.self_pairs()) with_base += model.collision_shapes()[a].joint < 0 ? 1 : 0;
     EXPECT_GT(with_base, 0u);
     EXPECT_GT(model.self_pairs().size(), with_base);
+    RecordProperty(name + "_pairs", std::to_string(model.self_pairs().size()));
+    RecordProperty(name + "_with_base", std::to_string(with_base));
+    expect_only_overlaps_ignored(robot);
   }
 }
 
@@ -270,9 +312,88 @@ TEST(OtherRobotsAvoid, TheBodyThatCarriesThem) {
     const RunSummary summary = session.finish();
     EXPECT_EQ(summary.faults().empty(), !features.empty()) << testing::PrintToString(summary.faults());
     smallest[features] = least;
+    EXPECT_EQ(scene.arms[0].unguarded, load_robot(model_file("baxter_left")).unguarded_pairs);  // it is told
+    EXPECT_FALSE(scene.arms[0].unguarded.empty());
   }
   EXPECT_LT(smallest[""], 0.005);
   EXPECT_GT(smallest["collision_avoidance"], 0.01);
+}
+
+// Where an arm reaches into a hull, the feature would throw it out of there: it is not switched on, and the
+// arm is held.
+TEST(OtherRobotsAvoid, NotFromWithinTheBodyThatCarriesThem) {
+  if (!is_installed("baxter_left")) GTEST_SKIP() << "example-robot-data is not installed";
+  const Registry registry = Registry::with_builtins();
+  const RobotDescription robot = load_robot(model_file("baxter_left"));
+  ModelTerms model(std::make_shared<const ArmModel>(arm_model_source(robot, Pose{}, false)));
+  test::Draw draw(22);
+  JointVector q;
+  do {  // clear of the arm itself, so that its own reflex does not decide
+    q = robot.q_home + draw.joints(7, 1.2);
+    q = q.cwiseMax(robot.limits.q_min).cwiseMin(robot.limits.q_max).eval();
+    model.update(q, joint_constant(7, 0));
+  } while (nearest(model, Base::with) > -0.03 || nearest(model, Base::without) < 0.05);
+  for (const bool inside : {true, false}) {
+    const JointVector start = inside ? q : robot.q_home;
+    const Scene scene = parse_scene(
+        "arms: [{name: left, model: " + model_file("baxter_left") +
+            ", hand: false, start_rad: " + listed(std::vector<double>(start.begin(), start.end())) +
+            "}]\ncontrollets: [{name: joint, type: joint_impedance, arms: left, features: "
+            "[collision_avoidance]}]\nactive: [joint]\n",
+        "inside.yaml", registry);
+    JointVector end = start;
+    SessionOptions options{.paced = false, .duration_s = 0.5};
+    options.observer = [&](const CycleRecord& record) {
+      end = Eigen::Map<const Eigen::VectorXd>(record.arms[0].q.data(), 7);
+    };
+    Session session(scene, registry, std::move(options));
+    session.start();
+    (void)session.finish();
+    const InstanceIndex joint = session.modes().find("joint");
+    EXPECT_EQ((session.modes().active() & bit(joint)) != 0, !inside);
+    EXPECT_LT((end - start).lpNorm<Eigen::Infinity>(), 0.01);
+  }
+}
+
+// A carriage is sent 0.5 m in a second, freely and against a wall: it is no faster than a hand may be, and
+// presses no harder, whatever the stiffness times the way that is left.
+TEST(PandaOnAxis, MovesItsCarriageAsAHand) {
+  if (!is_installed("panda_on_axis")) GTEST_SKIP() << "example-robot-data is not installed";
+  const Registry registry = Registry::with_builtins();
+  const Pose X_WB{rotation_from_rpy({0, 0, 0.7}), {0.4, 0.1, 0.5}};
+  const Vector3 wall = X_WB * Vector3(0, 0.7, 0.04);
+  for (const bool blocked : {false, true}) {
+    const std::string object = "objects: [{name: wall, shape: box, size_m: [0.4, 0.2, 0.3], fixed: true, " +
+                               listed(Pose{X_WB.rotation, wall}) + "}]\n";
+    const Scene scene = parse_scene(
+        "arms: [{name: arm, model: " + model_file("panda_on_axis") + ", hand: false, base: {" + listed(X_WB) +
+            "}}]\n" + (blocked ? object : "") +
+            "controllets: [{name: joint, type: joint_impedance, arms: arm}]\nactive: [joint]\ntimeline: "
+            "[{at_s: "
+            "0.2, reference: {controllet: joint, input: joints, q_rad: [0.6, 0, -0.785, 0, -2.356, 0, 1.571, "
+            "0.785], duration_s: 1}}]\n",
+        "carriage.yaml", registry);
+    double fastest = 0, at_end = 0, force_at_end = 0;
+    SessionOptions options{.paced = false, .duration_s = 6};
+    options.observer = [&](const CycleRecord& record) {
+      fastest = std::max(fastest, std::abs(record.arms[0].dq[0]));
+      at_end = record.arms[0].q[0];
+      force_at_end = record.arms[0].tau_cmd[0];
+    };
+    Session session(scene, registry, std::move(options));
+    session.start();
+    const RunSummary summary = session.finish();
+    EXPECT_THAT(summary.faults(), testing::IsEmpty());
+    EXPECT_THAT(summary.interventions, testing::IsEmpty());
+    EXPECT_LT(fastest, 1.05 * 0.25);
+    if (blocked) {
+      EXPECT_LT(at_end, 0.55);
+      EXPECT_GT(force_at_end, 30);
+      EXPECT_LT(force_at_end, 60.5);
+    } else {
+      EXPECT_NEAR(at_end, 0.6, 1e-3);
+    }
+  }
 }
 
 // Joint impedance holds a Panda on a vertical axis. A weight at the hand that nobody knows of lets the axis

@@ -16,6 +16,7 @@ class Hold final : public Controllet {
     for (std::size_t i = 0; i < arms[0]->joint_count(); ++i) {
       largest_push_[i] = kUsualStiffness[i] / 30;
       if (!arms[0]->is_prismatic(i)) continue;
+      slides_[i] = true;
       usual_[i] = usual_prismatic_stiffness(*arms[0], i);
       largest_push_[i] = std::min(usual_[i] / 30, ContactBounds{}.spring_force);
     }
@@ -54,7 +55,8 @@ class Hold final : public Controllet {
     if (context.stopped) {
       stay(arm.q(), !stopped_);
     } else {
-      lead_back(arm.q(), context.parameters->values(kStiffness), kReturnSpeed * context.dt);
+      lead_back(arm.q(), context.parameters->values(kStiffness), kReturnSpeed * context.dt,
+                context.contact.spring_force);
     }
     stopped_ = context.stopped;
     const auto K = context.parameters->values(kStiffness);
@@ -104,11 +106,13 @@ class Hold final : public Controllet {
   static constexpr std::array<double, kMaxJoints> kUsualStiffness = {300, 300, 300, 300, 120, 80, 40, 40,
                                                                      40,  40,  40,  40,  40,  40, 40, 40};
 
-  void lead_back(const JointVector& q, std::span<const double> K, double reach) {
+  // `force`: the bound for contact, of carriages.
+  void lead_back(const JointVector& q, std::span<const double> K, double reach, double force) {
     for (Eigen::Index i = 0; i < q.size(); ++i) {
       const double step = std::clamp(q_end_[i] - q_0_[i], -reach, reach), lead = q_0_[i] - q[i];
       const auto k = static_cast<std::size_t>(i);
-      if (step * lead > 0 && K[k] * std::abs(lead) > largest_push_[k]) continue;
+      const double most = slides_[k] ? std::min(largest_push_[k], force) : largest_push_[k];
+      if (step * lead > 0 && K[k] * std::abs(lead) > most) continue;
       q_0_[i] += step;
     }
   }
@@ -134,6 +138,7 @@ class Hold final : public Controllet {
   // With which a joint on its way back pushes what is in its way, a person perhaps: q_0 then waits. More than
   // damping at kReturnSpeed and friction need, if it is a revolute one [N m], [N].
   std::array<double, kMaxJoints> largest_push_{};
+  std::array<bool, kMaxJoints> slides_{};
   JointVector q_0_, q_end_;
   bool entered_ = false, stopped_ = false;
 };

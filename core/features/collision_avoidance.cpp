@@ -70,6 +70,14 @@ class CollisionAvoidance final : public Feature {
   explicit CollisionAvoidance(const FeatureContext& context) : pairs_(context) {
     slot_.fill(kNotOwn);
     for (std::size_t i = 0; i < context.own.size(); ++i) slot_[context.own[i]] = i;
+    for (std::size_t i = 0; i < pairs_.size(); ++i) {
+      if (!pairs_.has_base_hull(i)) continue;
+      condition_ =
+          "no arm may reach into a hull around a base when it is switched on: hulls are wider than the "
+          "bodies, "
+          "and would throw the arm out; move it away first, or give its model 'self_collision'";
+      break;
+    }
     if (pairs_.size() > 0) return;
     // Without a pair it would be on and do nothing.
     refusal_ =
@@ -79,7 +87,16 @@ class CollisionAvoidance final : public Feature {
   }
 
   std::string_view refusal() const override { return refusal_; }
-  LawResult start(ControlContext&) override { return refusal_.empty() ? LawResult::ok : LawResult::fault; }
+  std::string_view start_condition() const override { return condition_; }
+  LawResult start(ControlContext& context) override {
+    if (!refusal_.empty()) return LawResult::fault;
+    pairs_.place(context.scene_arms);
+    for (std::size_t i = 0; i < pairs_.size(); ++i) {
+      if (!pairs_.has_base_hull(i) || !(pairs_.at_least(i) < 0)) continue;
+      if (pairs_.closest(i).distance < 0) return LawResult::fault;
+    }
+    return LawResult::ok;
+  }
 
   LawResult update(ControlContext& context) override {
     const auto& parameters = *context.parameters;
@@ -191,6 +208,7 @@ class CollisionAvoidance final : public Feature {
   std::size_t nearest_ = 0;
   double active_ = 0, potential_ = 0, largest_force_ = 0;
   std::string refusal_;
+  std::string_view condition_;  // of the start; only with hulls around bases
 };
 
 }  // namespace

@@ -355,6 +355,55 @@ TEST(CollisionPairs, ArmsOfOneRobotHaveOneBase) {
   }
 }
 
+// A hull around a base is wider than the body: an arm that reaches into it is not thrown out. Other shapes
+// push it out gently enough.
+TEST(CollisionAvoidance, IsNotSwitchedOnWithinAHullOfABase) {
+  const std::vector<Vector3> corners{
+      {-1.6, -1.6, -1}, {1.6, -1.6, -1}, {-1.6, 1.6, -1}, {1.6, 1.6, -1}, {0, 0, 1.3}};
+  for (const bool hull : {true, false}) {
+    for (const bool of_another : {false, true}) {
+      Models models;
+      for (std::uint32_t k = 0; k < 2; ++k) {
+        auto source =
+            TestArm::make(7, 1 + k).source({rotation_from_rpy({0.2, -0.4, 0.3}), {6.0 * k, 0, 0.1}});
+        source.collision_shapes = {{"link0.1",
+                                    -1,
+                                    hull ? ConvexShape::hull(corners) : ConvexShape::sphere({0, 0, 0}, 0.9),
+                                    {},
+                                    false},
+                                   {"link6", 5, ConvexShape::sphere({0, 0, 0}, 0.05), {}}};
+        if (k == 0) source.self_pairs = {{0, 1}};
+        models.push_back(std::make_shared<const ArmModel>(std::move(source)));
+      }
+      // An arm that reaches into its own base, or one that stands in that of another.
+      if (of_another) {
+        auto source = TestArm::make(7, 2).source(models[0]->X_WB());
+        source.collision_shapes = {{"link6", 5, ConvexShape::sphere({0, 0, 0}, 0.05), {}}};
+        models[1] = std::make_shared<const ArmModel>(std::move(source));
+      }
+      ControlletRig rig(collision_avoidance_feature(), models, {},
+                        of_another ? std::vector<ArmIndex>{1} : std::vector<ArmIndex>{0});
+      const std::size_t arm = of_another ? 1 : 0;
+      Draw draw(17);
+      int inside = 0;
+      for (int trial = 0; trial < 200; ++trial) {
+        for (std::size_t i = 0; i < 2; ++i) rig.place(i, draw.joints(7, 1.5), zero(7));
+        const Vector3 p = models[0]->X_WB().inverse() * rig.terms(arm).X_WJ(5).position;
+        // Planes of the pyramid: z = -1, and four through the tip, 2.3 high and 1.6 wide.
+        const double side = std::max(std::abs(p.x()), std::abs(p.y()));
+        const double distance =
+            std::max(-1 - p.z(), (2.3 * side - 1.6 * (1.3 - p.z())) / std::hypot(2.3, 1.6));
+        if (distance > -0.01 && distance < 0.06) continue;  // beside an edge it is farther than from a plane
+        const bool refused = hull && distance < 0;
+        inside += distance < 0;
+        EXPECT_EQ(rig.start(), refused ? LawResult::fault : LawResult::ok) << distance;
+      }
+      EXPECT_GT(inside, 5);
+      EXPECT_LT(inside, 195);
+    }
+  }
+}
+
 TEST(CollisionAvoidance, DampsApproachOnly) {
   Draw draw(64);
   const Models models = made_up();

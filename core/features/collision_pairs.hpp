@@ -46,6 +46,8 @@ class CollisionPairs {
   // Updates the poses of all shapes and obstacles for this cycle. The shapes of an arm whose joint positions
   // are not finite stay where they were last; at_least() of those that never had a place is not a number.
   void place(std::span<OwnedArm> scene_arms);
+  // Whether one of them is a hull around the base of an arm.
+  bool has_base_hull(std::size_t i) const { return is_base_hull(pairs_[i].a) || is_base_hull(pairs_[i].b); }
   // A lower bound of the distance, from the bounding spheres.
   double at_least(std::size_t i) const {
     const Sphere &a = spheres_[pairs_[i].a], &b = spheres_[pairs_[i].b];
@@ -67,6 +69,10 @@ class CollisionPairs {
     double offset = 0;  // half space: normal . p for the points of its plane
   };
   void add(ArmIndex arm, int joint, const ConvexShape& shape, const Pose& X_JS);
+  bool is_base_hull(std::size_t i) const {
+    const Body& body = bodies_[i];
+    return body.joint < 0 && body.arm != kNoArm && body.shape.kind == ConvexShape::Kind::vertices;
+  }
   void fix(Body& body, const ConvexShape& shape, const Pose& X_JS);
   void place(std::size_t body, const Pose& X_WJ);
   void place_obstacles();

@@ -1,6 +1,7 @@
 #include "core/features/joint_limits.hpp"
 
 #include <algorithm>
+#include <limits>
 
 #include "core/controllets/bearable_damping.hpp"
 
@@ -43,9 +44,10 @@ class JointLimits final : public Feature {
                                             .doc = "The same distance of prismatic joints."}),
                 parameter_at<kLinearStiffness>({.name = "stiffness_n_per_m",
                                                 .unit = "N/m",
-                                                .initial = {2000.0},
+                                                .initial = {1200.0},
                                                 .max = 20000,
-                                                .doc = "The same slope of prismatic joints."}),
+                                                .doc = "The same slope of prismatic joints; the repulsion "
+                                                       "keeps to the bounds for contact."}),
                 parameter_at<kLinearDamping>({.name = "damping_n_s_per_m",
                                               .unit = "N s/m",
                                               .initial = {200.0},
@@ -63,20 +65,20 @@ class JointLimits final : public Feature {
     const Gains turning{parameters.number(kRange), parameters.number(kStiffness),
                         parameters.number(kDamping)};
     const Gains sliding{parameters.number(kLinearRange), parameters.number(kLinearStiffness),
-                        parameters.number(kLinearDamping)};
+                        parameters.number(kLinearDamping), context.contact.spring_force};
     double largest = 0;
     for (std::size_t a = 0; a < context.arms.size(); ++a) {
       OwnedArm& arm = context.arms[a];
       const auto& limits = arm.model().limits();
       for (Eigen::Index i = 0; i < arm.q().size(); ++i) {
-        const auto& [r, k, damping] =
+        const auto& [r, k, damping, most] =
             arm.model().is_prismatic(static_cast<std::size_t>(i)) ? sliding : turning;
         const double above = r - (arm.q()[i] - limits.q_min[i]);  // > 0: within the lower range
         const double below = r - (limits.q_max[i] - arm.q()[i]);
         const double D = std::min(damping, bearable_[a][i]);
         double tau = 0;
-        if (above > 0) tau += k * above - (arm.dq()[i] < 0 ? D * above / r * arm.dq()[i] : 0);
-        if (below > 0) tau -= k * below + (arm.dq()[i] > 0 ? D * below / r * arm.dq()[i] : 0);
+        if (above > 0) tau += std::min(k * above, most) - (arm.dq()[i] < 0 ? D * above / r * arm.dq()[i] : 0);
+        if (below > 0) tau -= std::min(k * below, most) + (arm.dq()[i] > 0 ? D * below / r * arm.dq()[i] : 0);
         (*arm.tau)[i] += tau;
         largest = std::max(largest, std::abs(tau));
       }
@@ -99,6 +101,7 @@ class JointLimits final : public Feature {
 
   struct Gains {
     double range, stiffness, damping;
+    double most = std::numeric_limits<double>::infinity();  // of the spring: of a carriage [N]
   };
 
   std::vector<JointVector> bearable_;  // of each arm

@@ -228,9 +228,9 @@ ControlContext Instance::context(const Tick& tick) {
 }
 
 ControlContext Instance::feature_context(FeatureSlot& slot, const Tick& tick) {
-  return {dt_,        tick.t.seconds(), feature_arms_,
-          {},         &slot.parameters, std::span(outputs_).subspan(slot.output_offset, slot.output_count),
-          scene_arms_};
+  return {dt_,         tick.t.seconds(), feature_arms_,
+          {},          &slot.parameters, std::span(outputs_).subspan(slot.output_offset, slot.output_count),
+          scene_arms_, contact_};
 }
 
 LawResult Instance::start(const Tick& tick) try {

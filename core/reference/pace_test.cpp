@@ -372,6 +372,40 @@ TEST(Pace, FollowsALeverThatGrows) {
   }
 }
 
+// Two axes on each other that move against each other: the hand rests, and what the first one moves keeps to
+// the speed of a hand. Neither joint alone shows how fast the second one of two parallel axes is.
+TEST(Pace, KeepsCarriagesWithinTheSpeedOfHands) {
+  constexpr double kGreatest = 0.2;
+  for (const double second : {-1.0, 1.0}) {
+    for (const Delivery delivery : {Delivery::goal, Delivery::stream}) {
+      Reference reference({.name = "joints", .quantity = Quantity::joints, .max_speed = 1}, 2);
+      reference.start(joint_constant(2, 0));
+      Jacobian J = Jacobian::Zero(6, 2);
+      J(0, 0) = 0.6;
+      J(1, 0) = 0.8;
+      J.col(1) = second * J.col(0);
+      Target target;
+      target.size = 2;
+      target.values[0] = target.values[1] = 0.5;
+      target.delivery = delivery;
+      double t = 0, fastest = 0;
+      for (int k = 0; k < 10000; ++k) {
+        if (k == 0 || (delivery == Delivery::stream && k % 5 == 0)) {
+          ASSERT_EQ(reference.post(target), Verdict::accepted);
+        }
+        reference.bound_hand_speed(kGreatest, J);
+        reference.advance(kDt, t += kDt);
+        const JointVector& v = reference.joint_velocity();
+        fastest = std::max({fastest, std::abs(v[0]), std::abs(v[0] + second * v[1])});
+      }
+      EXPECT_LT(fastest, 1.05 * kGreatest);
+      EXPECT_GT(fastest, 0.5 * kGreatest);
+      EXPECT_NEAR(reference.joints()[0], 0.5, 1e-6);
+      EXPECT_NEAR(reference.joints()[1], 0.5, 1e-6);
+    }
+  }
+}
+
 // Without a Jacobian that is known, or before the first one, a joint reference keeps to its own limits.
 TEST(Pace, IsFullWhereTheHandIsNotKnown) {
   Reference free({.name = "joints", .quantity = Quantity::joints}, 7);

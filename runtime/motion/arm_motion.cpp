@@ -7,7 +7,9 @@
 #include <fmt/ranges.h>
 
 #include "core/model/model_terms.hpp"
+#include "core/model/prismatic_joints.hpp"
 #include "core/state/arm_mode_name.hpp"
+#include "core/types/carriage_speed.hpp"
 #include "runtime/request_text.hpp"
 #include "scene/build.hpp"
 
@@ -20,6 +22,9 @@ constexpr double kLatest = 0.05;         // largest delay of a record that is co
 // Between two looks at the hand's speed along a motion [s], and the most looks at a long one.
 constexpr double kHandSpeedStep = 0.005, kMostHandSpeeds = 5000;
 constexpr int kSlowerRounds = 8;
+// A carriage accelerates with this share of the force that the bounds for contact leave it: a heavy one could
+// not follow a faster set-point.
+constexpr double kCarriageShare = 0.5;
 constexpr double kAtGoal = 1e-3, kAtRest = 1e-3;
 // Look-ahead of a motion that takes over from another [s]: it must be planned by then, so longer ones are
 // tried if planning was too slow.
@@ -110,10 +115,19 @@ bool ArmMotion::ready(Quantity quantity, HostTime since) const {
 }
 
 JointMotionLimits ArmMotion::joint_limits(const Input& input) const {
-  const ArmLimits& arm = run_.models[arm_]->limits();
-  return {.velocity = arm.dq_max.cwiseMin(spec(input).max_speed),
-          .acceleration = arm.ddq_max.cwiseMin(kAcceleration),
-          .jerk = joint_constant(n_, kJerk)};
+  const ArmModel& model = *run_.models[arm_];
+  const ArmLimits& arm = model.limits();
+  JointMotionLimits limits{.velocity = arm.dq_max.cwiseMin(spec(input).max_speed),
+                           .acceleration = arm.ddq_max.cwiseMin(kAcceleration),
+                           .jerk = joint_constant(n_, kJerk)};
+  const double force = run_.modes->instance(input.instance).contact().spring_force;
+  for (std::size_t i = 0; i < n_; ++i) {
+    if (!model.is_prismatic(i)) continue;
+    const auto k = static_cast<Eigen::Index>(i);
+    limits.acceleration[k] =
+        std::min(limits.acceleration[k], kCarriageShare * force / model.least_inertia()[k]);
+  }
+  return limits;
 }
 
 PoseMotionLimits ArmMotion::pose_limits(const Input& input) const {
@@ -138,7 +152,8 @@ double ArmMotion::top_hand_speed(const JointMotion& motion) const {
   for (double t = 0; t < motion.duration(); t += step) {
     const JointSample sample = motion.sample(t);
     terms.update(sample.position, sample.velocity);
-    fastest = std::max(fastest, terms.V_WE().linear().norm());
+    const double carriage = carriage_speed(terms.J_V_WE(), sample.velocity);
+    fastest = std::max({fastest, terms.V_WE().linear().norm(), carriage});
   }
   return fastest;
 }
@@ -165,9 +180,10 @@ void ArmMotion::check_joints(const JointVector& q) const {
   const ArmLimits& limits = run_.models[arm_]->limits();
   for (Eigen::Index j = 0; j < q.size(); ++j) {
     if (q[j] >= limits.q_min[j] && q[j] <= limits.q_max[j]) continue;  // false for NaN
-    throw MotionRefused(fmt::format("{} cannot go to {:.4g} rad: expected {:.4g} to {:.4g}",
-                                    joint_text(run_.modes->arm_name(arm_), j), q[j], limits.q_min[j],
-                                    limits.q_max[j]));
+    const bool slides = run_.models[arm_]->is_prismatic(static_cast<std::size_t>(j));
+    throw MotionRefused(fmt::format("{} cannot go to {:.4g} {}: expected {:.4g} to {:.4g}",
+                                    joint_text(run_.modes->arm_name(arm_), j), q[j], slides ? "m" : "rad",
+                                    limits.q_min[j], limits.q_max[j]));
   }
 }
 
@@ -254,11 +270,12 @@ void ArmMotion::follow(const TrajectoryGoal& goal, std::shared_ptr<MotionListene
 void ArmMotion::check_trajectory(const JointMotion& motion, const Input& input) const {
   const double allowed = allowed_hand_speed(input);
   if (const double fastest = std::isfinite(allowed) ? top_hand_speed(motion) : 0; fastest > 1.001 * allowed)
-    throw MotionRefused(
-        fmt::format("the trajectory moves the hand of '{}' at {:.3g} m/s, which may reach {:.3g} m/s beside "
-                    "people; give it {:.2g} times the time, or lift hand_speed_m_per_s in the scene's "
-                    "contact_bounds",
-                    run_.modes->arm_name(arm_), fastest, allowed, fastest / allowed));
+    throw MotionRefused(fmt::format(
+        "the trajectory moves the hand{} of '{}' at {:.3g} m/s, which may reach {:.3g} m/s beside "
+        "people; give it {:.2g} times the time, or lift hand_speed_m_per_s in the scene's "
+        "contact_bounds",
+        has_prismatic_joints(*run_.models[arm_]) ? " or a carriage" : "", run_.modes->arm_name(arm_), fastest,
+        allowed, fastest / allowed));
   const JointPeaks peaks = motion.peaks();
   const ArmLimits& limits = run_.models[arm_]->limits();
   const std::string& arm = run_.modes->arm_name(arm_);

@@ -23,10 +23,10 @@ struct JointMove {
   JointVector from, goal;    // [rad] (n x 1)
   double slowest_joint = 0;  // velocity limit of the slowest joint [rad/s]
   double duration_s = 0;
-  double hand_way = 0;  // the most that the hand moves per share of the path [m]
+  double hand_way = 0;  // the most that the hand, or a carriage, moves per share of the path [m]
 
-  // Every joint stays below `speed`, a fraction of the slowest joint's limit, and the hand below `hand_speed`
-  // [m/s]. Off the loop: it evaluates the arm's model along the path.
+  // Every joint stays below `speed`, a fraction of the slowest joint's limit, and the hand and what prismatic
+  // joints move below `hand_speed` [m/s]. Off the loop: it evaluates the arm's model along the path.
   void plan(const JointVector& start, double speed, const SceneArm& scene_arm, double hand_speed);
 
   double largest_way() const { return (goal - from).cwiseAbs().maxCoeff(); }  // of a joint [rad]
