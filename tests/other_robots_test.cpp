@@ -355,45 +355,31 @@ TEST(OtherRobotsAvoid, NotFromWithinTheBodyThatCarriesThem) {
   }
 }
 
-// A carriage is sent 0.5 m in a second, freely and against a wall: it is no faster than a hand may be, and
-// presses no harder, whatever the stiffness times the way that is left.
-TEST(PandaOnAxis, MovesItsCarriageAsAHand) {
+// A carriage is sent 0.5 m in a second: it is no faster than a hand may be, and arrives later.
+TEST(PandaOnAxis, MovesItsCarriageAtTheSpeedOfHands) {
   if (!is_installed("panda_on_axis")) GTEST_SKIP() << "example-robot-data is not installed";
   const Registry registry = Registry::with_builtins();
   const Pose X_WB{rotation_from_rpy({0, 0, 0.7}), {0.4, 0.1, 0.5}};
-  const Vector3 wall = X_WB * Vector3(0, 0.7, 0.04);
-  for (const bool blocked : {false, true}) {
-    const std::string object = "objects: [{name: wall, shape: box, size_m: [0.4, 0.2, 0.3], fixed: true, " +
-                               listed(Pose{X_WB.rotation, wall}) + "}]\n";
-    const Scene scene = parse_scene(
-        "arms: [{name: arm, model: " + model_file("panda_on_axis") + ", hand: false, base: {" + listed(X_WB) +
-            "}}]\n" + (blocked ? object : "") +
-            "controllets: [{name: joint, type: joint_impedance, arms: arm}]\nactive: [joint]\ntimeline: "
-            "[{at_s: "
-            "0.2, reference: {controllet: joint, input: joints, q_rad: [0.6, 0, -0.785, 0, -2.356, 0, 1.571, "
-            "0.785], duration_s: 1}}]\n",
-        "carriage.yaml", registry);
-    double fastest = 0, at_end = 0, force_at_end = 0;
-    SessionOptions options{.paced = false, .duration_s = 6};
-    options.observer = [&](const CycleRecord& record) {
-      fastest = std::max(fastest, std::abs(record.arms[0].dq[0]));
-      at_end = record.arms[0].q[0];
-      force_at_end = record.arms[0].tau_cmd[0];
-    };
-    Session session(scene, registry, std::move(options));
-    session.start();
-    const RunSummary summary = session.finish();
-    EXPECT_THAT(summary.faults(), testing::IsEmpty());
-    EXPECT_THAT(summary.interventions, testing::IsEmpty());
-    EXPECT_LT(fastest, 1.05 * 0.25);
-    if (blocked) {
-      EXPECT_LT(at_end, 0.55);
-      EXPECT_GT(force_at_end, 30);
-      EXPECT_LT(force_at_end, 60.5);
-    } else {
-      EXPECT_NEAR(at_end, 0.6, 1e-3);
-    }
-  }
+  const Scene scene = parse_scene(
+      "arms: [{name: arm, model: " + model_file("panda_on_axis") + ", hand: false, base: {" + listed(X_WB) +
+          "}}]\ncontrollets: [{name: joint, type: joint_impedance, arms: arm}]\nactive: [joint]\ntimeline: "
+          "[{at_s: 0.2, reference: {controllet: joint, input: joints, q_rad: [0.6, 0, -0.785, 0, -2.356, 0, "
+          "1.571, 0.785], duration_s: 1}}]\n",
+      "carriage.yaml", registry);
+  double fastest = 0, at_end = 0;
+  SessionOptions options{.paced = false, .duration_s = 6};
+  options.observer = [&](const CycleRecord& record) {
+    fastest = std::max(fastest, std::abs(record.arms[0].dq[0]));
+    at_end = record.arms[0].q[0];
+  };
+  Session session(scene, registry, std::move(options));
+  session.start();
+  const RunSummary summary = session.finish();
+  EXPECT_THAT(summary.faults(), testing::IsEmpty());
+  EXPECT_THAT(summary.interventions, testing::IsEmpty());
+  EXPECT_LT(fastest, 1.05 * 0.25);
+  EXPECT_GT(fastest, 0.1);
+  EXPECT_NEAR(at_end, 0.6, 1e-3);
 }
 
 // Joint impedance holds a Panda on a vertical axis. A weight at the hand that nobody knows of lets the axis

@@ -160,8 +160,8 @@ TEST(PrismaticJoints, PressWithTheBoundForContact) {
     const JointVector pull = 40 * sign * rig.terms(0).M() * n;
     ASSERT_GT(pull.head<2>().lpNorm<Eigen::Infinity>(), 500);
     const JointVector K = rig.parameters().joints(rig.parameters().find("stiffness_nm_per_rad"));
-    rig.input("joints").start(JointVector(q + pull.cwiseQuotient(K)));
     ASSERT_EQ(rig.start(), LawResult::ok);
+    rig.input("joints").start(JointVector(q + pull.cwiseQuotient(K)));
     ASSERT_EQ(rig.update(), LawResult::ok);
     EXPECT_LT((rig.tau(0) - pull).norm(), 1e-9);  // lifted: the stiffness times the error
     rig.bound({});
