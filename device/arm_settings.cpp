@@ -8,7 +8,6 @@
 
 #include <Eigen/Eigenvalues>
 
-#include "core/model/prismatic_joints.hpp"
 #include "core/types/overloaded.hpp"
 
 namespace multipanda {
@@ -119,7 +118,6 @@ std::string check_request(const ArmRequest& request, const ArmModel& model) {
         set->load.mass, set->load.p_FC.norm(), moment, model.name().c_str(), most);
     return text.data();
   }
-  if (std::string why = too_heavy_for_an_axis(model, set->load.mass); !why.empty()) return why;
   if (!model.largest_load() || set->load.mass <= *model.largest_load()) return {};
   std::snprintf(
       text.data(), text.size(),

@@ -36,46 +36,18 @@ TEST(DeclaredPayload, WeighsNoMoreAtTheFlangeThanTheWeakestJointCarries) {
   EXPECT_THAT(refusal(model, 2.1, {0, 0, 0}), HasSubstr("too heavy"));
 }
 
-// A slide of 30 kg, its axis up to vertical and 600 N strong, and behind it a joint that turns, perhaps with
-// another slide.
-std::string lift(double tilt, const std::string& second, double mass) {
-  const auto link = [](const char* name, double m) {
-    return std::string("<link name='") + name + "'><inertial><mass value='" + std::to_string(m) +
-           "'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial></link>";
-  };
-  const auto joint = [](const char* name, const std::string& type, const char* parent, const char* child,
-                        const char* axis, const char* effort) {
-    return std::string("<joint name='") + name + "' type='" + type + "'><parent link='" + parent +
-           "'/><child link='" + child + "'/><axis xyz='" + axis +
-           "'/><limit lower='-1' upper='1' velocity='1' effort='" + effort + "'/></joint>";
-  };
-  ArmModelSource source;
-  source.name = "lift";
-  source.urdf = "<robot name='lift'><link name='base'/>" + link("carriage", 25) + link("boom", 3) +
-                link("tip", 2) + joint("slide", "prismatic", "base", "carriage", "0 1 0", "600") +
-                joint("turn", "revolute", "carriage", "boom", "0 0 1", "900") +
-                joint("last", second, "boom", "tip", "1 0 0", second == "prismatic" ? "40" : "900") +
-                "</robot>";
-  source.flange = "tip";
-  source.X_WB = {rotation_from_rpy({tilt, 0, 0.7}), {1, 2, 3}};
-  source.largest_load = 60;
-  return refusal(ArmModel(source), mass, {0, 0, 0});
-}
-
-// Whatever its lever, all of a payload's weight acts along a prismatic joint.
-TEST(DeclaredPayload, WeighsNoMoreThanTheAxesCarry) {
-  const double most = 600 / 9.81 - 30;  // 31.16 kg
-  for (const double sign : {1.0, -1.0}) {
-    EXPECT_EQ(lift(sign * M_PI / 2, "revolute", most - 0.01), "");
-    EXPECT_THAT(lift(sign * M_PI / 2, "revolute", most + 0.01),
-                AllOf(HasSubstr("prismatic joint1"), HasSubstr("600 N"), HasSubstr("30 kg")));
-  }
-  EXPECT_EQ(lift(M_PI / 6, "revolute", 59), "");  // 0.5 g (30 + 59) kg = 437 N
-  EXPECT_EQ(lift(0, "revolute", 59), "");         // level
-  // Behind a joint that turns, an axis counts as vertical: 40 N carry 2 kg and 2.07 kg more.
-  EXPECT_EQ(lift(0, "prismatic", 2.07), "");
-  EXPECT_THAT(lift(0, "prismatic", 2.08), HasSubstr("prismatic joint3"));
-  EXPECT_EQ(lift(0, "prismatic", 0), "");
+// What an axis carries acts along it: its newtons are no bound for a moment.
+TEST(DeclaredPayload, HasNoMomentAboutAPrismaticJoint) {
+  ArmModelSource source = test::TestArm::make().source();
+  const std::string turns = "type='revolute'";
+  source.urdf.replace(source.urdf.find(turns), turns.size(), "type='prismatic'");
+  source.limits.tau_max = joint_constant(7, 12);
+  source.limits.tau_max[0] = 5;
+  source.largest_load = 2;
+  const ArmModel model(source);
+  ASSERT_TRUE(model.is_prismatic(0));
+  EXPECT_EQ(refusal(model, 2, {0, 0, 0.61}), "");
+  EXPECT_THAT(refusal(model, 2, {0, 0, 0.62}), HasSubstr("12 N m"));
 }
 
 }  // namespace

@@ -69,8 +69,9 @@ struct Rows {
   Eigen::Index count;
 };
 
-// Which of them overlap in a configuration; neighbors, which are ignored anyway, never.
-Eigen::MatrixXi overlaps(const RobotDescription& robot, const JointVector& q) {
+// Which of them overlap in a configuration; neighbors, which are ignored anyway, never. A link that is nearer
+// to a hull than `clearance` counts, too.
+Eigen::MatrixXi overlaps(const RobotDescription& robot, const JointVector& q, double clearance = 0) {
   const auto X = poses(robot, q);
   const Rows rows(robot);
   Eigen::MatrixXi result = Eigen::MatrixXi::Zero(rows.count, rows.count);
@@ -91,7 +92,8 @@ Eigen::MatrixXi overlaps(const RobotDescription& robot, const JointVector& q) {
     for (std::size_t k = 0; k < rows.hulls; ++k) {
       int& found = result(rows.of_hull(k), rows.of_link(j));
       if (found == 0)
-        found = hull_overlaps(robot.base_hulls[k], X_j * capsule.from, X_j * capsule.to, capsule.radius);
+        found = hull_overlaps(robot.base_hulls[k], X_j * capsule.from, X_j * capsule.to,
+                              capsule.radius + clearance);
     }
   }
   return result;
@@ -111,7 +113,7 @@ std::string ignore_touching_pairs(RobotDescription& robot) {
       q[i] = robot.limits.q_min[i] + uniform(random) * (robot.limits.q_max[i] - robot.limits.q_min[i]);
     often += overlaps(robot, q);
   }
-  const Eigen::MatrixXi home = overlaps(robot, robot.q_home);
+  const Eigen::MatrixXi home = overlaps(robot, robot.q_home, kClearAtHome);
   std::string ignored;
   for (Eigen::Index i = 0; i < rows.count; ++i) {
     for (Eigen::Index j = i + 1; j < rows.count; ++j) {

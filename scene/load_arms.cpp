@@ -139,7 +139,7 @@ void check_ranges(const Archive& archive, const SafetyLimits& safety, const Scen
     }
     if (arm.q_start[i] < low || arm.q_start[i] > high) {
       archive.self().refuse("unreachable start: " + joint_name(i) + " starts at " +
-                            number_text(arm.q_start[i]) + " rad, this section allows " + number_text(low) +
+                            number_text(arm.q_start[i]) + ", this section allows " + number_text(low) +
                             " to " + number_text(high));
     }
   }
@@ -160,19 +160,23 @@ void check_load(const Archive& archive, const RobotDescription& robot, SceneArm&
             "the model " + in_quotes(robot.name) +
             " has no 'rated_payload_kg': what it can carry is not known; add 'largest_load_kg' to this arm");
   }
-  if (payload > 0 && robot.has_prismatic_joints()) {
-    ArmModelSource source = arm_model_source(robot, arm.X_WB, arm.hand);
-    source.name = arm.name;
-    source.tool = arm.tool;
-    const std::string why = too_heavy_for_an_axis(ArmModel(std::move(source)), payload);
-    if (!why.empty()) archive.at("load_declared").refuse(why);
-  }
   if (!most || payload + arm.tool.mass == 0 || fixed + payload <= *most) return;
   archive.at(archive.has("load_declared") ? "load_declared" : "tool")
       .refuse("too heavy: hand, tool and payload are " + number_text(fixed + payload) +
               " kg, expected at most " + number_text(*most) +
               " kg; if the arm can carry them, write 'largest_load_kg: " +
               number_text(std::ceil(fixed + payload)) + "' in this arm");
+}
+
+// After the safety section: what it leaves of the force counts.
+void check_axes(const Archive& archive, const RobotDescription& robot, const SceneArm& arm) {
+  if (!robot.has_prismatic_joints()) return;
+  ArmModelSource source = arm_model_source(robot, arm.X_WB, arm.hand);
+  source.name = arm.name;
+  source.tool = arm.tool;
+  source.largest_load = largest_payload(arm, robot);
+  const std::string why = weight_on_an_axis(ArmModel(std::move(source)), arm.safety.joints.tau_max);
+  if (!why.empty()) archive.at("model").refuse(why);
 }
 
 std::size_t joint_count_of(const std::optional<RobotDescription>& robot) {
@@ -384,6 +388,7 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
   }
   archive.section(Key("safety", "Limits of the safety stage. Default: those of the model."), arm.safety, arm);
   if (robot && !archive.has("safety")) check_ranges(archive, arm.safety, arm);
+  if (robot) check_axes(archive, *robot, arm);
   archive.section(
       Key("fci",
           "Connection to a real arm; the address alone may be written. The option `--backend` of a "

@@ -66,6 +66,12 @@ void read_preset(const Node& node, const ControlletDescriptor& descriptor, const
       continue;
     const ParameterSpec& spec = *find_spec(descriptor, value.parameter);
     const std::size_t count = spec.size == ParameterSpec::kPerJoint ? reader.joint_count(config) : spec.size;
+    if (spec.size == ParameterSpec::kPerJoint && reader.robots[config.arms[0]].has_prismatic_joints()) {
+      node.refuse(
+          "the preset " + in_quotes(name) + " gives '" + value.parameter +
+          "' for revolute joints, found an arm with a prismatic one, whose unit is another; write the "
+          "preset's values as parameters, with those of the axis");
+    }
     std::vector<double> values = value.values;
     if (values.size() > 1 && values.size() < count) {
       node.refuse("the preset " + in_quotes(name) + " is made for " + std::to_string(values.size()) +

@@ -60,6 +60,7 @@ class Hold final : public Controllet {
     }
     stopped_ = context.stopped;
     const auto K = context.parameters->values(kStiffness);
+    slip(arm, K, context.contact.spring_force);
     JointVector stiffness = arm.q();
     JointVector design = stiffness;
     for (Eigen::Index i = 0; i < stiffness.size(); ++i) {
@@ -114,6 +115,22 @@ class Hold final : public Controllet {
       const double most = slides_[k] ? std::min(largest_push_[k], force) : largest_push_[k];
       if (step * lead > 0 && K[k] * std::abs(lead) > most) continue;
       q_0_[i] += step;
+    }
+  }
+
+  // A carriage resists with no more than the bounds for contact, stopped or not, and stays where it was put:
+  // with K times the way, tens of kilograms would come back at whoever pushed them aside to get free. Its
+  // damping is whole. No carriage bears weight (weight_on_an_axis()), so none sinks.
+  void slip(const OwnedArm& arm, std::span<const double> K, double force) {
+    const auto& limits = arm.model().limits();
+    for (Eigen::Index i = 0; i < q_0_.size(); ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      if (!slides_[k]) continue;
+      const double lead = std::min(force, ContactBounds{}.spring_force) / K[k], q = arm.q()[i];
+      const double kept = std::clamp(q_0_[i], q - lead, q + lead);
+      if (kept == q_0_[i]) continue;
+      q_0_[i] = kept;
+      q_end_[i] = std::clamp(kept, limits.q_min[i], limits.q_max[i]);
     }
   }
 

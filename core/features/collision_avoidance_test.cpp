@@ -404,6 +404,37 @@ TEST(CollisionAvoidance, IsNotSwitchedOnWithinAHullOfABase) {
   }
 }
 
+// Close to a hull the push would begin with four times k r and more. The refusal names the pair.
+TEST(CollisionAvoidance, IsNotSwitchedOnCloseToAHullOfABase) {
+  const Pose X_WB{rotation_from_rpy({0.2, -0.4, 0.3}), {0.3, 0.2, 0.1}};
+  ModelTerms terms(TestArm::make(7).model(X_WB));
+  terms.update(bent(7), zero(7));
+  const Vector3 p = X_WB.inverse() * terms.X_WJ(5).position;
+  for (const double range : {0.05, 0.1}) {
+    for (const double share : {0.19, 0.21}) {
+      const double radius = 0.05, gap = share * range;
+      std::vector<Vector3> corners;  // a box whose face is that far from the sphere
+      for (const double x : {p.x() + radius + gap, p.x() + 1}) {
+        for (const double y : {-0.5, 0.5}) {
+          for (const double z : {-0.5, 0.5}) corners.push_back({x, p.y() + y, p.z() + z});
+        }
+      }
+      auto source = TestArm::make(7).source(X_WB, "left");
+      source.collision_shapes = {{"link0.3", -1, ConvexShape::hull(corners), {}, false},
+                                 {"link6", 5, ConvexShape::sphere({0, 0, 0}, radius), {}}};
+      source.self_pairs = {{0, 1}};
+      ControlletRig rig(collision_avoidance_feature(), {std::make_shared<const ArmModel>(std::move(source))});
+      rig.set("range_m", {range});
+      rig.place(0, bent(7), zero(7));
+      EXPECT_EQ(rig.start_condition().find("link0.3"), std::string::npos);
+      EXPECT_EQ(rig.start(), share < 0.2 ? LawResult::fault : LawResult::ok);
+      const std::string pair = "link0.3 of arm 'left' and link6 of arm 'left' were too near";
+      EXPECT_EQ(rig.start_condition().starts_with(pair), share < 0.2) << rig.start_condition();
+      EXPECT_NE(rig.start_condition().find("a fifth of range_m"), std::string::npos);
+    }
+  }
+}
+
 TEST(CollisionAvoidance, DampsApproachOnly) {
   Draw draw(64);
   const Models models = made_up();

@@ -42,11 +42,13 @@ CollisionPairs::CollisionPairs(const FeatureContext& context) : obstacles_(conte
     const ArmModel& model = *context.arms[arm];
     for (const auto& part : model.collision_shapes()) {
       add(arm, part.joint, part.shape, part.joint < 0 ? model.X_WB() * part.X_JS : part.X_JS);
+      bodies_.back().name = part.name + " of arm '" + model.name() + "'";
     }
   }
   first.push_back(bodies_.size());
   for (const auto& obstacle : obstacles_) {
     add(kNoArm, -1, obstacle.shape, obstacle.X_WO);
+    bodies_.back().name = "'" + obstacle.name + "'";
     X_WO_.push_back(obstacle.X_WO);
   }
   if (bodies_.size() > std::numeric_limits<std::uint16_t>::max()) {

@@ -2,6 +2,7 @@
 
 #include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "core/controllets/controllet.hpp"
@@ -31,6 +32,7 @@ class CollisionPairs {
     bool half_space = false;
     Pose X_WS;                                           // in this cycle
     Vector3 p0 = Vector3::Zero(), p1 = Vector3::Zero();  // in this cycle: a segment's ends in the world
+    std::string name;                                    // for messages: "link5 of arm 'left'"
   };
   struct Pair {
     std::uint16_t a = 0, b = 0;  // bodies

@@ -13,10 +13,14 @@ inline bool has_prismatic_joints(const ArmModel& model) {
   return false;
 }
 
-// Why a payload of `mass` kg is too heavy for a prismatic joint; empty: it is not. All that the joint carries
-// acts along its axis with its whole weight, whatever the lever. The axis is that of the mounting; behind a
-// revolute joint it counts as vertical, since it may be. The payload is in addition to the arm with its tool.
-// Not for the loop.
-std::string too_heavy_for_an_axis(const ArmModel& model, double mass);
+// Why a prismatic joint would bear weight, as text that says what to do; empty: none does. All that such a
+// joint carries acts along its axis with its whole weight, so a joint that bears weight falls as soon as its
+// force is missing, bounded, or computed for another payload, and nothing here closes a brake. An axis may be
+// kLevel from level, in every pose that revolute joints before it can reach, and the weight along it may take
+// kWeightShare of the joint's force, with the tool and the heaviest payload that may be declared.
+// `tau_max` (n x 1): what the commands are limited to, if that is less than the model's. Not for the loop.
+inline constexpr double kLevel = 0.05;  // sine of the angle: 2.9 degrees
+inline constexpr double kWeightShare = 0.25;
+std::string weight_on_an_axis(const ArmModel& model, const JointVector& tau_max);
 
 }  // namespace multipanda

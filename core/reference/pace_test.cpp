@@ -149,6 +149,7 @@ TEST(Pace, JointGoalsKeepTheHandWithinItsSpeed) {
     };
     const auto jacobian = [&](const JointVector& at) {
       Jacobian J = Jacobian::Zero(6, 2);
+      J.row(5).setOnes();
       const Vector3 p = place(at), elbow(kLink * std::cos(at[0]), kLink * std::sin(at[0]), 0);
       J.col(0).head<3>() = Vector3::UnitZ().cross(p);
       J.col(1).head<3>() = Vector3::UnitZ().cross(Vector3(p - elbow));
@@ -351,6 +352,7 @@ TEST(Pace, FollowsALeverThatGrows) {
     target.duration_s = 3;
     target.period_s = 4;
     Jacobian J = Jacobian::Zero(6, 1);
+    J(5, 0) = 1;
     J(0, 0) = 0.1;
     ASSERT_EQ(reference.post(target), Verdict::accepted);
     double t = 0, fastest = 0, late = 0;
@@ -384,6 +386,7 @@ TEST(Pace, KeepsCarriagesWithinTheSpeedOfHands) {
       J(0, 0) = 0.6;
       J(1, 0) = 0.8;
       J.col(1) = second * J.col(0);
+      J *= 1 + 1e-8;  // of a base that is not quite orthonormal
       Target target;
       target.size = 2;
       target.values[0] = target.values[1] = 0.5;

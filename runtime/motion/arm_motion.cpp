@@ -173,6 +173,10 @@ JointMotion ArmMotion::via_motion(const JointSample& start, std::span<const Join
   return motion;
 }
 
+const char* ArmMotion::unit_of(Eigen::Index joint) const {
+  return run_.models[arm_]->is_prismatic(static_cast<std::size_t>(joint)) ? "m" : "rad";
+}
+
 void ArmMotion::check_joints(const JointVector& q) const {
   if (static_cast<std::size_t>(q.size()) != n_)
     throw MotionRefused(fmt::format("'{}' has {} joints, the point has {} positions",
@@ -180,9 +184,8 @@ void ArmMotion::check_joints(const JointVector& q) const {
   const ArmLimits& limits = run_.models[arm_]->limits();
   for (Eigen::Index j = 0; j < q.size(); ++j) {
     if (q[j] >= limits.q_min[j] && q[j] <= limits.q_max[j]) continue;  // false for NaN
-    const bool slides = run_.models[arm_]->is_prismatic(static_cast<std::size_t>(j));
     throw MotionRefused(fmt::format("{} cannot go to {:.4g} {}: expected {:.4g} to {:.4g}",
-                                    joint_text(run_.modes->arm_name(arm_), j), q[j], slides ? "m" : "rad",
+                                    joint_text(run_.modes->arm_name(arm_), j), q[j], unit_of(j),
                                     limits.q_min[j], limits.q_max[j]));
   }
 }
@@ -249,11 +252,11 @@ void ArmMotion::follow(const TrajectoryGoal& goal, std::shared_ptr<MotionListene
           Eigen::Index worst = 0;
           const double off = (points.front().position - start.position).cwiseAbs().maxCoeff(&worst);
           if (off > kStartTolerance)
-            throw MotionRefused(
-                fmt::format("the trajectory starts at {:.4g} rad for {}, whose set-point is at {:.4g} rad; "
-                            "expected within {} rad",
-                            points.front().position[worst], joint_text(run_.modes->arm_name(arm_), worst),
-                            start.position[worst], kStartTolerance));
+            throw MotionRefused(fmt::format(
+                "the trajectory starts at {0:.4g} {1} for {2}, whose set-point is at {3:.4g} {1}; "
+                "expected within {4} {1}",
+                points.front().position[worst], unit_of(worst), joint_text(run_.modes->arm_name(arm_), worst),
+                start.position[worst], kStartTolerance));
           points.erase(points.begin());
           if (points.empty())
             throw MotionRefused(
@@ -282,24 +285,25 @@ void ArmMotion::check_trajectory(const JointMotion& motion, const Input& input) 
   constexpr double kRounding = 1 + 1e-6;
   for (Eigen::Index j = 0; j < peaks.velocity.size(); ++j) {
     const std::string joint = joint_text(arm, j);
+    const char* const unit = unit_of(j);
     if (peaks.lowest[j] < limits.q_min[j] - 1e-6 || peaks.highest[j] > limits.q_max[j] + 1e-6)
       throw MotionRefused(
-          fmt::format("between its points the trajectory takes {} to {:.4g} rad: expected {:.4g} to {:.4g}",
-                      joint, peaks.lowest[j] < limits.q_min[j] ? peaks.lowest[j] : peaks.highest[j],
+          fmt::format("between its points the trajectory takes {} to {:.4g} {}: expected {:.4g} to {:.4g}",
+                      joint, peaks.lowest[j] < limits.q_min[j] ? peaks.lowest[j] : peaks.highest[j], unit,
                       limits.q_min[j], limits.q_max[j]));
     if (peaks.velocity[j] > kRounding * limits.dq_max[j])
-      throw MotionRefused(fmt::format("the trajectory moves {} at {:.4g} rad/s; the arm's limit is {:.4g}",
-                                      joint, peaks.velocity[j], limits.dq_max[j]));
+      throw MotionRefused(fmt::format("the trajectory moves {} at {:.4g} {}/s; the arm's limit is {:.4g}",
+                                      joint, peaks.velocity[j], unit, limits.dq_max[j]));
     if (peaks.velocity[j] > kRounding * spec(input).max_speed)
       throw MotionRefused(
-          fmt::format("the trajectory moves {} at {:.4g} rad/s; the limit of the input {}/{} is {:.4g} "
+          fmt::format("the trajectory moves {} at {:.4g} {}/s; the limit of the input {}/{} is {:.4g} "
                       "(max_speed_rad_per_s of the controllet's `inputs:` in the scene); give it more time",
-                      joint, peaks.velocity[j], run_.modes->instance(input.instance).name(), spec(input).name,
-                      spec(input).max_speed));
+                      joint, peaks.velocity[j], unit, run_.modes->instance(input.instance).name(),
+                      spec(input).name, spec(input).max_speed));
     if (peaks.acceleration[j] > kRounding * limits.ddq_max[j])
       throw MotionRefused(
-          fmt::format("the trajectory accelerates {} at {:.4g} rad/s^2; the arm's limit is {:.4g}", joint,
-                      peaks.acceleration[j], limits.ddq_max[j]));
+          fmt::format("the trajectory accelerates {} at {:.4g} {}/s^2; the arm's limit is {:.4g}", joint,
+                      peaks.acceleration[j], unit, limits.ddq_max[j]));
   }
 }
 
@@ -455,18 +459,19 @@ bool ArmMotion::watch_path(Run& run, const ArmSample& arm, double t) {
   const auto* joints = std::get_if<JointMotion>(&run.motion);
   if (joints == nullptr || run.braking) return true;
   const JointSample desired = joints->sample(t);
-  const auto leaves = [&](const JointVector& tolerance, const JointVector& error, const char* unit) {
+  const auto leaves = [&](const JointVector& tolerance, const JointVector& error, const char* rate) {
     for (Eigen::Index j = 0; j < tolerance.size(); ++j) {
       if (tolerance[j] <= 0 || std::abs(error[j]) <= tolerance[j]) continue;
       brake(run, MotionResult::path_tolerance,
-            fmt::format("{} is {:.4g} {} off its path; the tolerance is {:.4g}",
-                        joint_text(run_.modes->arm_name(arm_), j), std::abs(error[j]), unit, tolerance[j]));
+            fmt::format("{} is {:.4g} {}{} off its path; the tolerance is {:.4g}",
+                        joint_text(run_.modes->arm_name(arm_), j), std::abs(error[j]), unit_of(j), rate,
+                        tolerance[j]));
       return true;
     }
     return false;
   };
-  return !leaves(run.watch.path_position, desired.position - joints_of(arm.q, n_), "rad") &&
-         !leaves(run.watch.path_velocity, desired.velocity - joints_of(arm.dq, n_), "rad/s");
+  return !leaves(run.watch.path_position, desired.position - joints_of(arm.q, n_), "") &&
+         !leaves(run.watch.path_velocity, desired.velocity - joints_of(arm.dq, n_), "/s");
 }
 
 void ArmMotion::notify(Run& run, const ArmSample& arm, double t) {
@@ -506,10 +511,10 @@ void ArmMotion::settle(Run& run, const ArmSample& arm, double t) {
       if (since < std::max(run.watch.goal_time_s, kSettleTime)) return;
       const std::string joint = joint_text(run_.modes->arm_name(arm_), j);
       return end(MotionResult::goal_tolerance,
-                 far ? fmt::format("{} is {:.4g} rad off its goal; the tolerance is {:.4g}", joint,
-                                   std::abs(off[j]), position[j])
-                     : fmt::format("{} moves at {:.4g} rad/s at its goal; the tolerance is {:.4g}", joint,
-                                   speed, velocity[j]));
+                 far ? fmt::format("{} is {:.4g} {} off its goal; the tolerance is {:.4g}", joint,
+                                   std::abs(off[j]), unit_of(j), position[j])
+                     : fmt::format("{} moves at {:.4g} {}/s at its goal; the tolerance is {:.4g}", joint,
+                                   speed, unit_of(j), velocity[j]));
     }
   }
   end(MotionResult::reached, "");

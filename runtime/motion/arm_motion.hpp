@@ -132,6 +132,7 @@ class ArmMotion {
   double allowed_hand_speed(const Input& input) const;
   JointMotion via_motion(const JointSample& start, std::span<const JointVector> via, const Input& input,
                          double scale) const;
+  const char* unit_of(Eigen::Index joint) const;  // of its position: rad, of a prismatic joint m
   void check_joints(const JointVector& q) const;
   void check_trajectory(const JointMotion& motion, const Input& input) const;
   void begin(Quantity quantity, const std::function<Motion(const Start&, const Input&)>& plan,

@@ -525,7 +525,7 @@ class CarriageTest : public ArmMotionTest {
     const std::string model = ", hand: false, model: " + file.string();
     return parse_scene("arms:\n  - {name: left" + model +
                            ", base: {position_m: [0.1, 0.4, 2], rpy_rad: [pi/2, 0.3, 0]}}\n  - {name: right" +
-                           model + ", base: {position_m: [0, -3, 1]}}\n" +
+                           model + ", base: {position_m: [0, -3, 1], rpy_rad: [-pi/2, 0, 0]}}\n" +
                            "controllets:\n  - {name: left_joints, type: joint_impedance, arms: left, inputs: "
                            "{joints: {max_speed_rad_per_s: 2}}}\nactive: [left_joints]\n",
                        "slides.yaml", registry);

@@ -16,7 +16,7 @@ namespace multipanda {
 // A straight minimum-jerk motion in joint space, driven by a joint_impedance of its own.
 struct JointMove {
   static constexpr double kLargestSpeed = 0.2;    // fraction of the joints' velocity limits
-  static constexpr double kTolerance_rad = 0.02;  // of every joint at the end
+  static constexpr double kTolerance_rad = 0.02;  // of every joint at the end; of a prismatic one 0.02 m
   static constexpr double kSettle_s = 1.0;        // after the motion, before the result is evaluated
 
   ArmIndex arm = 0;
@@ -29,7 +29,7 @@ struct JointMove {
   // joints move below `hand_speed` [m/s]. Off the loop: it evaluates the arm's model along the path.
   void plan(const JointVector& start, double speed, const SceneArm& scene_arm, double hand_speed);
 
-  double largest_way() const { return (goal - from).cwiseAbs().maxCoeff(); }  // of a joint [rad]
+  double largest_way() const { return (goal - from).cwiseAbs().maxCoeff(); }  // of a joint [rad], [m]
   double joint_speed() const;                                                 // highest [rad/s]
   double hand_speed() const;                                                  // highest [m/s]
 };
