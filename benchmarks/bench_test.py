@@ -45,7 +45,7 @@ class Json(unittest.TestCase):
             set(self.results["ros_us"]), {"adapter_in_loop", "cycle_with_adapter", "cycle_without"} if ros else set()
         )
         self.assertEqual(set(self.results["realtime_factor"]), set(ARMS) | {"2+features"})
-        acting = {"collision_avoidance", "joint_limits", "manipulability", "all"}
+        acting = {"collision_avoidance", "collision_avoidance+hulls", "joint_limits", "manipulability", "all"}
         self.assertLessEqual(acting | {"none"}, set(self.results["features_us"]))
         self.assertLessEqual(acting, set(self.results["feature_adds_us"]))
         self.assertEqual(
@@ -75,6 +75,10 @@ class Json(unittest.TestCase):
         if ros:
             expected = ros["cycle_with_adapter"]["median"] / ros["cycle_without"]["median"]
             self.assertAlmostEqual(self.results["ratios"]["cycle with the ROS adapter to without"], expected, 3)
+        hulls = "cycle with collision_avoidance, with base hulls to without"
+        features = self.results["features_us"]
+        expected = features["collision_avoidance+hulls"]["median"] / features["collision_avoidance"]["median"]
+        self.assertAlmostEqual(self.results["ratios"][hulls], expected, 3)
 
     def test_features_neither_allocate_nor_lock(self):
         for key, calls in self.results["loop_calls"].items():

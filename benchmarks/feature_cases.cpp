@@ -1,11 +1,14 @@
 #include "benchmarks/feature_cases.hpp"
 
+#include <cmath>
+#include <numbers>
 #include <stdexcept>
 
 #include <fmt/format.h>
 
 #include "benchmarks/loops.hpp"
 #include "core/rt/guard/loop_guard.hpp"
+#include "models/arm_source.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda::bench {
@@ -28,8 +31,40 @@ Scene meeting_scene(const Registry& registry) {
       "meeting.yaml", registry);
 }
 
-std::shared_ptr<MotionLoop> meeting(const Registry& registry, const std::vector<std::string>& features) {
-  const Arms arms(meeting_scene(registry));
+// As many hulls as an imported arm may have, of as many corners: columns behind the base, so long that their
+// bounding spheres rule out no link. None is near enough to push.
+std::vector<BaseHull> columns() {
+  constexpr double kRadius = 0.1, kHalf = 0.45;  // [m]
+  constexpr std::size_t kSides = kMaxShapeVertices / 2;
+  std::vector<BaseHull> hulls(6);
+  for (std::size_t k = 0; k < hulls.size(); ++k) {
+    for (std::size_t i = 0; i < kSides; ++i) {
+      const double angle = 2 * std::numbers::pi * static_cast<double>(i) / kSides;
+      const Vector3 p(-0.35 + kRadius * std::cos(angle),
+                      0.2 * (static_cast<double>(k) - 2.5) + kRadius * std::sin(angle), 0.3);
+      hulls[k].push_back(p + kHalf * Vector3::UnitZ());
+      hulls[k].push_back(p - kHalf * Vector3::UnitZ());
+    }
+  }
+  return hulls;
+}
+
+struct Meeting {
+  std::vector<std::string> features;
+  bool hulls = false;  // around both bases
+};
+
+std::shared_ptr<MotionLoop> meeting(const Registry& registry, const Meeting& how) {
+  const Scene scene = meeting_scene(registry);
+  const auto& features = how.features;
+  Arms arms(scene);
+  for (std::size_t i = 0; how.hulls && i < scene.arms.size(); ++i) {
+    RobotDescription robot = load_robot(scene.arms[i].model);
+    robot.base_hulls = columns();
+    arms.models[i] =
+        std::make_shared<const ArmModel>(arm_model_source(robot, scene.arms[i].X_WB, scene.arms[i].hand));
+    arms.arms[i].model = arms.models[i];
+  }
   return motion_loop(arms, 2, *registry.controllet("dual_cartesian_impedance"), registry, features);
 }
 
@@ -46,7 +81,7 @@ double output(MotionLoop& loop, const std::string& name) {
 
 // Checks that every feature acts in all states of the table.
 void expect_acting(const Registry& registry) {
-  const auto loop = meeting(registry, {"collision_avoidance"});
+  const auto loop = meeting(registry, {{"collision_avoidance"}});
   for (std::size_t k = 0; k < SmoothMotion::kPeriods; ++k) {
     loop->step();
     if (output(*loop, "collision_avoidance.active_pairs") < kPairs ||
@@ -64,15 +99,16 @@ void expect_acting(const Registry& registry) {
   }
 }
 
-std::map<std::string, std::vector<std::string>> combinations(const Registry& registry) {
-  std::map<std::string, std::vector<std::string>> sets{{"none", {}}};
+std::map<std::string, Meeting> combinations(const Registry& registry) {
+  std::map<std::string, Meeting> sets{{"none", {}}};
   std::vector<std::string> all;
   for (const auto& feature : registry.features()) {
     const std::string& name = feature.descriptor.type;
-    sets[name] = {name};
+    sets[name] = {{name}};
     all.push_back(name);
   }
-  sets["all"] = all;
+  sets["all"] = {all};
+  sets["collision_avoidance+hulls"] = {{"collision_avoidance"}, true};
   return sets;
 }
 
@@ -80,11 +116,11 @@ std::map<std::string, std::vector<std::string>> combinations(const Registry& reg
 
 std::vector<Case> feature_cases(const Registry& registry, const Filter& selected) {
   std::vector<Case> cases;
-  for (const auto& [key, features] : combinations(registry)) {
+  for (const auto& [key, how] : combinations(registry)) {
     const std::string name = "features_us/" + key;
     if (!selected(name)) continue;
     if (cases.empty()) expect_acting(registry);
-    const std::shared_ptr<MotionLoop> loop = meeting(registry, features);
+    const std::shared_ptr<MotionLoop> loop = meeting(registry, how);
     const InstanceSet meant = loop->cycle.modes().active();
     cases.push_back({name, [loop] { loop->step(); }, [loop, meant] { loop->expect_active(meant); }});
   }
@@ -94,9 +130,9 @@ std::vector<Case> feature_cases(const Registry& registry, const Filter& selected
 std::map<std::string, LoopCalls> count_feature_calls(const Registry& registry, const Filter& selected) {
   std::map<std::string, LoopCalls> calls;
   if (!kLoopGuardWorks) return calls;
-  for (const auto& [key, features] : combinations(registry)) {
+  for (const auto& [key, how] : combinations(registry)) {
     if (!selected("loop_calls/" + key)) continue;
-    const std::shared_ptr<MotionLoop> loop = meeting(registry, features);
+    const std::shared_ptr<MotionLoop> loop = meeting(registry, how);
     for (int k = 0; k < 100; ++k) loop->step();
     LoopGuard::arm();
     for (int k = 0; k < 10000; ++k) loop->step();

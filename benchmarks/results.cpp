@@ -136,6 +136,10 @@ nlohmann::ordered_json measure_all(const Effort& effort) {
   const Json to_bare =
       ratio(at(cycle, "dual_cartesian_impedance/2"), at(results["limits_us"], "dual_cartesian_impedance"));
   if (!to_bare.is_null()) results["ratios"]["dual_cartesian_impedance/2 to bare math"] = to_bare;
+  const Json hulls = ratio(at(results["features_us"], "collision_avoidance+hulls"),
+                           at(results["features_us"], "collision_avoidance"));
+  if (!hulls.is_null())
+    results["ratios"]["cycle with collision_avoidance, with base hulls to without"] = hulls;
   return results;
 }
 

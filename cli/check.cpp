@@ -23,6 +23,7 @@ int run(const std::string& name) {
     fmt::print("  arm {}: {}{}, {} joints, base at ({:g}, {:g}, {:g}) m\n", arm.name, arm.model,
                arm.hand ? " with hand" : "", arm.q_start.size(), p.x(), p.y(), p.z());
     for (const auto& text : arm.loosened) fmt::print("    looser than the manufacturer's limit: {}\n", text);
+    if (!arm.unguarded.empty()) fmt::print("    not kept apart: {}\n", fmt::join(arm.unguarded, ", "));
   }
   for (const auto& text : scene.lifted) fmt::print("  contact bound lifted: {}\n", text);
   for (const auto& text : scene.unsafer_laws) fmt::print("  law without all safeguards: {}\n", text);

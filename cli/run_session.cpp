@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "cli/key_watch.hpp"
 #include "cli/live_table.hpp"
@@ -55,6 +56,10 @@ RunSummary run_session(Session& session, StopSignals& signals, const Console& co
   for (const auto& arm : session.scene().arms) {
     for (const auto& text : arm.loosened) {
       console.line(fmt::format("arm '{}': looser than the manufacturer's limit: {}", arm.name, text));
+    }
+    if (!arm.unguarded.empty()) {
+      console.line(fmt::format("arm '{}': collision shapes that are not kept apart: {}", arm.name,
+                               fmt::join(arm.unguarded, ", ")));
     }
     if (arm.fci && arm.fci->rate_limit) {
       console.line(fmt::format(

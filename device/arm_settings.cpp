@@ -1,8 +1,10 @@
 #include "device/arm_settings.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 
 #include <Eigen/Eigenvalues>
 
@@ -104,7 +106,10 @@ std::string check_request(const ArmRequest& request, const ArmModel& model) {
   // What hangs farther out than the weakest joint could carry is a mistake, which the arm would push up.
   constexpr double kGravity = 9.81;
   const double moment = kGravity * set->load.mass * set->load.p_FC.norm();
-  const double most = model.limits().tau_max.minCoeff();
+  double most = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < model.joint_count(); ++i) {
+    if (!model.is_prismatic(i)) most = std::min(most, model.limits().tau_max[static_cast<Eigen::Index>(i)]);
+  }
   if (moment > most) {
     std::snprintf(
         text.data(), text.size(),

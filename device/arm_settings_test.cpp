@@ -36,5 +36,19 @@ TEST(DeclaredPayload, WeighsNoMoreAtTheFlangeThanTheWeakestJointCarries) {
   EXPECT_THAT(refusal(model, 2.1, {0, 0, 0}), HasSubstr("too heavy"));
 }
 
+// What an axis carries acts along it: its newtons are no bound for a moment.
+TEST(DeclaredPayload, HasNoMomentAboutAPrismaticJoint) {
+  ArmModelSource source = test::TestArm::make().source();
+  const std::string turns = "type='revolute'";
+  source.urdf.replace(source.urdf.find(turns), turns.size(), "type='prismatic'");
+  source.limits.tau_max = joint_constant(7, 12);
+  source.limits.tau_max[0] = 5;
+  source.largest_load = 2;
+  const ArmModel model(source);
+  ASSERT_TRUE(model.is_prismatic(0));
+  EXPECT_EQ(refusal(model, 2, {0, 0, 0.61}), "");
+  EXPECT_THAT(refusal(model, 2, {0, 0, 0.62}), HasSubstr("12 N m"));
+}
+
 }  // namespace
 }  // namespace multipanda::arm_settings_test

@@ -1,5 +1,8 @@
 #include "models/arm_source.hpp"
 
+#include <algorithm>
+#include <stdexcept>
+
 #include "models/to_urdf.hpp"
 
 namespace multipanda {
@@ -19,6 +22,20 @@ CollisionShape part(const std::string& name, int joint, const Capsule& capsule, 
 void add_collision_shapes(const RobotDescription& robot, bool hand, ArmModelSource& source) {
   const int last = static_cast<int>(robot.joint_count()) - 1;
   auto& parts = source.collision_shapes;
+  for (std::size_t k = 0; k < robot.base_hulls.size(); ++k) {
+    const BaseHull& corners = robot.base_hulls[k];
+    if (corners.empty() || corners.size() > kMaxShapeVertices) {
+      throw std::invalid_argument("model '" + robot.name + "': the hull " + hull_name(k) +
+                                  " of the base has " + std::to_string(corners.size()) +
+                                  " corners; expected 1 to " + std::to_string(kMaxShapeVertices) +
+                                  ", give it fewer or split it into several hulls");
+    }
+    ConvexShape shape;
+    shape.kind = ConvexShape::Kind::vertices;
+    shape.vertex_count = static_cast<std::uint8_t>(corners.size());
+    std::copy(corners.begin(), corners.end(), shape.vertex.begin());
+    parts.push_back({hull_name(k), -1, shape, Pose{}, false});
+  }
   for (int link = 0; link <= last + 1; ++link) {
     const std::string name = "link" + std::to_string(link);
     for (const auto& capsule : robot.capsules) {

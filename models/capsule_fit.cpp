@@ -27,11 +27,6 @@ Points directions(int count) {
   return result;
 }
 
-const Points& all_directions() {
-  static const Points kAll = directions(642);
-  return kAll;
-}
-
 double support(const Points& points, const Vector3& d) {
   double most = -std::numeric_limits<double>::infinity();
   for (const auto& p : points) most = std::max(most, d.dot(p));
@@ -41,7 +36,7 @@ double support(const Points& points, const Vector3& d) {
 // The points that are outermost in some direction: enough to compare directions of the axis.
 Points outermost(const Points& points) {
   std::vector<std::size_t> kept;
-  for (const auto& d : all_directions()) {
+  for (const auto& d : even_directions()) {
     std::size_t best = 0;
     for (std::size_t i = 1; i < points.size(); ++i) {
       if (d.dot(points[i]) > d.dot(points[best])) best = i;
@@ -131,6 +126,11 @@ FittedCapsule along(const Points& points, const Vector3& u) {
 
 }  // namespace
 
+const Points& even_directions() {
+  static const Points kAll = directions(642);
+  return kAll;
+}
+
 double FittedCapsule::volume() const {
   return M_PI * radius * radius * ((to - from).norm() + 4.0 / 3.0 * radius);
 }
@@ -180,7 +180,7 @@ FittedCapsule fit_capsule(const Points& points) {
     result.to = middle + 0.5 * kLeastLength * axis;
     result.radius += 0.5 * kLeastLength;  // what was inside stays inside
   }
-  for (const auto& d : all_directions()) {
+  for (const auto& d : even_directions()) {
     const double reach = std::max(d.dot(result.from), d.dot(result.to)) + result.radius;
     result.excess = std::max(result.excess, reach - support(few, d));
   }
@@ -263,7 +263,7 @@ Points cylinder_points(double radius, double length) {
 Points sphere_points(double radius) {
   Points points;
   // No point of the sphere is farther than 0.1 rad from a direction: 1 / cos(0.1) = 1.005.
-  for (const auto& d : all_directions()) points.push_back(1.006 * radius * d);
+  for (const auto& d : even_directions()) points.push_back(1.006 * radius * d);
   return points;
 }
 

@@ -20,6 +20,9 @@ struct FittedCapsule {
 // from it. Throws std::invalid_argument without points.
 FittedCapsule fit_capsule(const std::vector<Vector3>& points);
 
+// 642 unit vectors all around: no direction is farther than 0.1 rad from one of them.
+const std::vector<Vector3>& even_directions();
+
 // Points whose convex hull contains the shape, in its own frame; round ones are at most 0.6 % too large.
 std::vector<Vector3> box_points(const Vector3& size);                // full edge lengths [m]
 std::vector<Vector3> cylinder_points(double radius, double length);  // along z, the origin in its middle

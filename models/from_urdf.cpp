@@ -6,6 +6,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "models/limit_keys.hpp"
 #include "models/looks.hpp"
 #include "models/urdf_tree.hpp"
 #include "support/own_files.hpp"
@@ -21,14 +22,22 @@ std::string in_quotes(const std::string& text) { return "'" + text + "'"; }
 Placement placement_of(const Pose& X) { return {X.position, rpy_of(X.rotation)}; }
 
 // Extracts one arm from a robot. Segment i is the body that moves with joint i of the arm (0: the base), in a
-// frame whose z axis is the axis of the joint.
+// frame whose z axis is the axis of the joint, about which it turns or along which it slides.
 class ChainReader {
  public:
   ChainReader(const UrdfTree& tree, const UrdfChain& chain) : tree_(tree), chain_(chain) {}
 
   std::vector<AttachedShape> shapes() {
     read();
-    attach(chain_.base_link, 0, Pose{});
+    // What base_link is fixed to belongs to the base.
+    std::string root = chain_.base_link;
+    Pose X_BR;
+    for (const UrdfJoint* joint = tree_.parent_joint(root); joint != nullptr && joint->type == "fixed";
+         joint = tree_.parent_joint(root)) {
+      X_BR = X_BR * joint->X_PC.inverse();
+      root = joint->parent;
+    }
+    attach(root, 0, X_BR);
     return std::move(shapes_);
   }
 
@@ -87,9 +96,9 @@ class ChainReader {
     }
     for (const UrdfJoint* joint : path_) {
       if (joint->type == "fixed" || is_held(*joint)) continue;
-      if (!joint->turns()) {
+      if (!joint->turns() && !joint->slides()) {
         refuse("joint " + in_quotes(joint->name) + " between base_link and tip_link is " + joint->type +
-               "; expected revolute or continuous joints. Hold it (held_joints: {" + joint->name +
+               "; expected revolute, continuous or prismatic joints. Hold it (held_joints: {" + joint->name +
                ": 0.0}), or choose a base_link behind it");
       }
       if (joint->mimic) {
@@ -100,8 +109,9 @@ class ChainReader {
     }
     if (arm_.empty() || arm_.size() > kMaxJoints) {
       refuse("between " + in_quotes(chain_.base_link) + " and " + in_quotes(chain_.tip_link) + " there are " +
-             std::to_string(arm_.size()) + " revolute joints; expected 1 to " + std::to_string(kMaxJoints));
+             std::to_string(arm_.size()) + " joints that move; expected 1 to " + std::to_string(kMaxJoints));
     }
+    for (const UrdfJoint* joint : arm_) robot_.prismatic.push_back(joint->slides());
   }
 
   // The position of a joint that does not belong to the arm.
@@ -198,6 +208,11 @@ class ChainReader {
       const UrdfJoint& joint = *arm_[static_cast<std::size_t>(i)];
       const auto found = chain_.limits.find(joint.name);
       const UrdfLimits given = found == chain_.limits.end() ? UrdfLimits{} : found->second;
+      const LimitKeys& keys = limit_keys(joint.slides());
+      if (given.prismatic && *given.prismatic != joint.slides()) {
+        refuse("joint " + in_quotes(joint.name) + " is " + joint.type + "; expected its limits as " +
+               keys.lower + ", " + keys.upper + ", " + keys.velocity + ", " + keys.effort);
+      }
       const auto one = [&](const std::optional<double>& ours, const std::optional<double>& theirs,
                            const char* key) {
         if (!ours && !theirs) {
@@ -206,20 +221,27 @@ class ChainReader {
         }
         return ours ? *ours : *theirs;
       };
-      limits.q_min[i] = one(given.lower, joint.lower, "lower_rad");
-      limits.q_max[i] = one(given.upper, joint.upper, "upper_rad");
-      limits.dq_max[i] = one(given.velocity, joint.velocity, "velocity_rad_per_s");
-      limits.tau_max[i] = one(given.effort, joint.effort, "effort_nm");
+      limits.q_min[i] = one(given.lower, joint.lower, keys.lower);
+      limits.q_max[i] = one(given.upper, joint.upper, keys.upper);
+      limits.dq_max[i] = one(given.velocity, joint.velocity, keys.velocity);
+      limits.tau_max[i] = one(given.effort, joint.effort, keys.effort);
       const std::string cure = " of joint " + in_quotes(joint.name) +
                                "; a URDF has 0 for unknown values: add the limits (limits: {" + joint.name +
                                ": {...}})";
-      if (limits.q_min[i] >= limits.q_max[i]) refuse("expected lower_rad below upper_rad" + cure);
-      if (limits.dq_max[i] <= 0) refuse("expected velocity_rad_per_s above 0" + cure);
-      if (limits.tau_max[i] <= 0) refuse("expected effort_nm above 0" + cure);
+      const auto expected = [&](const std::string& what) { refuse("expected " + what + cure); };
+      if (limits.q_min[i] >= limits.q_max[i]) expected(std::string(keys.lower) + " below " + keys.upper);
+      if (limits.dq_max[i] <= 0) expected(std::string(keys.velocity) + " above 0");
+      if (limits.tau_max[i] <= 0) expected(std::string(keys.effort) + " above 0");
     }
     limits.ddq_max = JointVector::Constant(n, kUrdfAcceleration);
     limits.dddq_max = JointVector::Constant(n, kUrdfJerk);
     limits.tau_rate_max = JointVector::Constant(n, kUrdfTorqueRate);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      if (!arm_[static_cast<std::size_t>(i)]->slides()) continue;
+      limits.ddq_max[i] = kUrdfLinearAcceleration;
+      limits.dddq_max[i] = kUrdfLinearJerk;
+      limits.tau_rate_max[i] = std::max(kUrdfTorqueRate, limits.tau_max[i] / kUrdfForceRise);
+    }
     robot_.q_home = JointVector::Zero(n).cwiseMax(limits.q_min).cwiseMin(limits.q_max);
   }
 

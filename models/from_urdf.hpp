@@ -13,13 +13,14 @@ namespace multipanda {
 
 // Limits of a joint that replace or complete those of the URDF.
 struct UrdfLimits {
-  std::optional<double> lower, upper;  // [rad]
-  std::optional<double> velocity;      // [rad/s]
-  std::optional<double> effort;        // [N m]
+  std::optional<double> lower, upper;  // [rad], of a prismatic joint [m]
+  std::optional<double> velocity;      // [rad/s], [m/s]
+  std::optional<double> effort;        // [N m], [N]
+  std::optional<bool> prismatic = {};  // whose units they are given in; none: those of the joint
 };
 
-// Selects the part of a robot that is the arm. From base_link to tip_link, every revolute or continuous joint
-// that is not held is a joint of the arm, in this order; all others do not move.
+// Selects the part of a robot that is the arm. From base_link to tip_link, every revolute, continuous or
+// prismatic joint that is not held is a joint of the arm, in this order; all others do not move.
 struct UrdfChain {
   std::string base_link;                      // becomes link0: a scene places it in the world
   std::string tip_link;                       // becomes the flange
@@ -40,6 +41,10 @@ RobotDescription robot_from_urdf(const std::string& urdf_text, const UrdfChain& 
 inline constexpr double kUrdfAcceleration = 10;  // [rad/s^2]
 inline constexpr double kUrdfJerk = 5000;        // [rad/s^3]
 inline constexpr double kUrdfTorqueRate = 1000;  // [N m/s]
+// Those of a prismatic joint. Its force may rise to its limit within 0.1 s, and by at least 1000 N/s.
+inline constexpr double kUrdfLinearAcceleration = 5;  // [m/s^2]
+inline constexpr double kUrdfLinearJerk = 1000;       // [m/s^3]
+inline constexpr double kUrdfForceRise = 0.1;         // [s]
 
 // A collision geometry that moves with joint `segment` of the arm (0: with the base), in that link's frame.
 struct AttachedShape {
@@ -48,9 +53,10 @@ struct AttachedShape {
   UrdfGeometry shape;
   std::string link;  // by the URDF's name
 };
-// All of an arm, link by link. What a joint outside of the arm moves, such as a finger, comes three times:
-// with that joint at its lower limit, in the middle and at its upper limit, if it has them and is not held.
-// Throws as robot_from_urdf.
+// All of an arm, link by link, and all that is fixed to the base: also what carries base_link, but nothing
+// that another joint moves, such as a head or another arm. What a joint outside of the arm moves, such as a
+// finger, comes three times: with that joint at its lower limit, in the middle and at its upper limit, if it
+// has them and is not held. Throws as robot_from_urdf.
 std::vector<AttachedShape> attached_shapes(const std::string& urdf_text, const UrdfChain& chain);
 
 // The file behind "package://NAME/REST" (REST below the folder of that name in the share folders of

@@ -9,16 +9,20 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
+#include <set>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "config_file/node.hpp"
-#include "models/testing/two_engines.hpp"
-#include "models/to_mjcf.hpp"
+#include "models/arm_source.hpp"
+#include "models/capsule_fit.hpp"
+#include "models/testing/hull_faces.hpp"
+#include "models/testing/odd_robot.hpp"
 #include "models/to_urdf.hpp"
+#include "models/urdf_collision.hpp"
 #include "models/urdf_tree.hpp"
-#include "models/xml_text.hpp"
 
 namespace multipanda::from_urdf_test {
 namespace {
@@ -28,128 +32,11 @@ using Eigen::VectorXd;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-std::string content(const std::filesystem::path& file) {
-  std::ifstream stream(file);
-  return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-}
-
-// Bases anywhere, joints anywhere within their limits, against the original.
-void expect_same_arm(const RobotDescription& arm, const std::string& original, const std::string& base,
-                     const std::string& tip, const std::map<std::string, double>& held, int configurations) {
-  PinocchioArm reference(original, base, arm.joint_names, held);
-  PinocchioArm ours(to_urdf(arm));
-  MujocoArm plant(to_mjcf(arm));
-  ASSERT_EQ(reference.joints(), static_cast<int>(arm.joint_count()));
-  ASSERT_EQ(ours.joints(), reference.joints());
-  ASSERT_EQ(plant.joints(), reference.joints());
-  Random random(91);
-  double coriolis = 0, gravity = 0;
-  for (int i = 0; i < configurations && !testing::Test::HasFailure(); ++i) {
-    SCOPED_TRACE(i);
-    const Pose X_WB = random.pose();
-    reference.place_base(X_WB);
-    ours.place_base(X_WB);
-    plant.place_base(X_WB);
-    const VectorXd q = random.between(arm.limits.q_min, arm.limits.q_max);
-    const VectorXd dq = random.between(-arm.limits.dq_max, arm.limits.dq_max);
-    const Terms expected = reference.terms(q, dq, {tip});
-    expect_equal(ours.terms(q, dq, {"flange"}), expected);
-    expect_equal(plant.terms(q, dq, {"flange"}), expected);
-    coriolis = std::max(coriolis, expected.c.norm());
-    gravity = std::max(gravity, expected.g.norm());
-  }
-  EXPECT_GT(coriolis, 0.1);  // the compared values are not zero
-  EXPECT_GT(gravity, 1.0);
-}
-
-// A robot with everything that an import must handle: skew axes, a prismatic joint below the arm, a held
-// joint and a fixed link in the middle of it, side links that rotate, slide and mimic, another arm.
-class OddRobot {
- public:
-  OddRobot() {
-    xml_.open("robot", {{"name", "odd"}});
-    link("ground");
-    joint("mount", "fixed", "ground", "mast");
-    joint("lift", "prismatic", "mast", "chest");
-    joint("shoulder", "revolute", "chest", "upper");
-    joint("cover", "fixed", "upper", "shell");
-    joint("elbow", "continuous", "shell", "lower");
-    joint("twist", "revolute", "lower", "forearm");
-    joint("brake", "revolute", "forearm", "cuff");
-    joint("wrist", "revolute", "cuff", "palm", "0 0 -1");
-    joint("tool_mount", "fixed", "palm", "tool");
-    joint("thumb", "revolute", "palm", "thumb_link");
-    joint("finger", "prismatic", "palm", "finger_link", "0 1 0", {"thumb", "-0.5", "0.02"});
-    joint("other_arm", "revolute", "chest", "other");
-    xml_.close();
-  }
-  const std::string& text() const { return xml_.text(); }
-
- private:
-  struct Follows {
-    std::string joint, multiplier, offset;
-  };
-
-  void link(const std::string& name) {
-    // Eight point masses make a body whose inertia is consistent by construction.
-    RigidBody body;
-    for (int i = 0; i < 8; ++i) {
-      const RigidBody point{random_.uniform(0.1, 0.4), 0.15 * random_.pose().position,
-                            1e-4 * Matrix3::Identity()};
-      body = i == 0 ? point : merged(body, point);
-    }
-    const Pose X_LC{random_.pose().rotation, body.com};  // principal directions are not those of the link
-    const Matrix3 I = X_LC.rotation.transpose() * body.inertia * X_LC.rotation;
-    const Vector3 rpy = X_LC.rotation.eulerAngles(2, 1, 0).reverse();
-    xml_.open("link", {{"name", name}});
-    xml_.open("inertial");
-    xml_.leaf("origin", {{"xyz", exact(body.com)}, {"rpy", exact(rpy)}});
-    xml_.leaf("mass", {{"value", exact(body.mass)}});
-    xml_.leaf("inertia", {{"ixx", exact(I(0, 0))},
-                          {"ixy", exact(I(0, 1))},
-                          {"ixz", exact(I(0, 2))},
-                          {"iyy", exact(I(1, 1))},
-                          {"iyz", exact(I(1, 2))},
-                          {"izz", exact(I(2, 2))}});
-    xml_.close();
-    xml_.close();
-  }
-
-  void joint(const std::string& name, const std::string& type, const std::string& parent,
-             const std::string& child, std::string axis = "", const Follows& follows = {}) {
-    if (axis.empty()) axis = exact(Vector3(random_.pose().position.normalized()));
-    link(child);
-    xml_.open("joint", {{"name", name}, {"type", type}});
-    const Vector3 rpy(random_.uniform(-3, 3), random_.uniform(-1.5, 1.5), random_.uniform(-3, 3));
-    xml_.leaf("origin", {{"xyz", exact(Vector3(0.3 * random_.pose().position))}, {"rpy", exact(rpy)}});
-    xml_.leaf("parent", {{"link", parent}});
-    xml_.leaf("child", {{"link", child}});
-    if (type != "fixed") {
-      xml_.leaf("axis", {{"xyz", axis}});
-      xml_.leaf("limit", {{"lower", "-1.5"}, {"upper", "2"}, {"velocity", "2"}, {"effort", "40"}});
-    }
-    if (!follows.joint.empty()) {
-      xml_.leaf("mimic",
-                {{"joint", follows.joint}, {"multiplier", follows.multiplier}, {"offset", follows.offset}});
-    }
-    xml_.close();
-  }
-
-  Random random_{17};
-  XmlText xml_;
-};
-
 UrdfChain odd_chain() {
   return {.base_link = "mast",
           .tip_link = "tool",
           .held_joints = {{"lift", 0.3}, {"brake", -0.7}, {"thumb", 0.4}},
           .limits = {{"elbow", {.lower = -2.5, .upper = 2.5}}, {"twist", {.upper = 1.0, .effort = 30}}}};
-}
-
-std::string replaced(std::string text, const std::string& from, const std::string& to) {
-  const auto at = text.find(from);
-  EXPECT_NE(at, std::string::npos) << from;
-  return text.replace(at, from.size(), to);
 }
 
 TEST(FromUrdf, EveryChainOfATreeIsTheSameArm) {
@@ -188,15 +75,19 @@ TEST(FromUrdf, ErrorsNameTheCure) {
   EXPECT_THAT(with([](UrdfChain& c) { c.limits["elbw"] = {}; }), HasSubstr("did you mean 'elbow'?"));
   EXPECT_THAT(with([](UrdfChain& c) { std::swap(c.base_link, c.tip_link); }),
               HasSubstr("is not a descendant of"));
-  EXPECT_THAT(with([](UrdfChain& c) { c.held_joints.erase("lift"); }),
-              testing::AllOf(HasSubstr("is prismatic"), HasSubstr("held_joints: {lift: 0.0}")));
+  const std::string planar =
+      replaced(odd, "name=\"lift\" type=\"prismatic\"", "name=\"lift\" type=\"planar\"");
+  UrdfChain free = odd_chain();
+  free.held_joints.erase("lift");
+  EXPECT_THAT(refusal(planar, free),
+              testing::AllOf(HasSubstr("is planar"), HasSubstr("held_joints: {lift: 0.0}")));
   EXPECT_THAT(with([](UrdfChain& c) { c.limits.erase("elbow"); }),
               HasSubstr("limits: {elbow: {lower_rad: ...}}"));
   EXPECT_THAT(with([](UrdfChain& c) { c.limits["twist"].upper = -2; }),
               HasSubstr("lower_rad below upper_rad"));
-  EXPECT_THAT(with([](UrdfChain& c) { c.tip_link = c.base_link; }), HasSubstr("0 revolute joints"));
+  EXPECT_THAT(with([](UrdfChain& c) { c.tip_link = c.base_link; }), HasSubstr("0 joints that move"));
   EXPECT_THAT(with([](UrdfChain& c) { c.tip_link = "finger_link", c.held_joints.erase("thumb"); }),
-              HasSubstr("'finger' between base_link and tip_link is prismatic"));
+              HasSubstr("'finger' mimics 'thumb'"));
 
   const UrdfChain chain = odd_chain();
   EXPECT_THAT(refusal("<robot name='a'><link name='b'>", chain), HasSubstr("is not XML"));
@@ -275,7 +166,10 @@ std::vector<Vector3> corners(const std::filesystem::path& file) {
 std::vector<Vector3> surface(const UrdfGeometry& shape, Random& random) {
   std::vector<Vector3> points;
   if (shape.kind == UrdfGeometry::Kind::mesh) {
-    points = corners(urdf_file(shape.file, {}));
+    const std::filesystem::path file = urdf_file(shape.file, {});
+    const std::string ending = file.extension().string();
+    if (ending != ".stl" && ending != ".STL") return mesh_points(file, shape.scale);
+    points = corners(file);
     for (auto& p : points) p = p.cwiseProduct(shape.scale);
     return points;
   }
@@ -301,8 +195,8 @@ double outside(const Vector3& p, const Capsule& capsule, const Pose& X) {
   return (p - from - std::clamp(t, 0.0, 1.0) * along).norm() - capsule.radius;
 }
 
-// Every shape of a moving link, placed by Pinocchio from the original, is inside one of the capsules of the
-// import, placed by Pinocchio from the URDF that is written from it.
+// Every shape of a link, placed by Pinocchio from the original, is inside one of the capsules of the import,
+// placed by Pinocchio from the URDF that is written from it; every shape of the base inside one of its hulls.
 TEST_P(KnownRobots, AreInsideTheirCapsules) {
   const Known& known = GetParam();
   const std::string file = std::string(MULTIPANDA_SOURCE_DIR "/tests/models/") + known.model + ".yaml";
@@ -320,10 +214,28 @@ TEST_P(KnownRobots, AreInsideTheirCapsules) {
   ours.place_base(X_WB);
   const VectorXd q = random.between(arm.limits.q_min, arm.limits.q_max), still = VectorXd::Zero(q.size());
   const UrdfChain chain{.base_link = known.base, .tip_link = known.tip, .held_joints = known.held};
-  std::size_t tested = 0;
+  std::vector<HullFaces> base(arm.base_hulls.begin(), arm.base_hulls.end());
+  EXPECT_GT(base.size(), 0u);
+  EXPECT_LE(base.size(), kMostBaseHulls);
+  std::size_t tested = 0, of_base = 0;
   for (const AttachedShape& attached : attached_shapes(original, chain)) {
-    if (attached.segment == 0) continue;
     SCOPED_TRACE(attached.link);
+    if (attached.segment == 0) {
+      const Pose X_BL = reference.terms(q, still, {known.base}).poses[0].inverse() *
+                        reference.terms(q, still, {attached.link}).poses[0];
+      std::vector<Vector3> points = surface(attached.shape, random);
+      for (auto& p : points) p = X_BL * (attached.shape.X_LG * p);
+      // Which of them share a hull does not show: one hull has to contain all of the shape.
+      double least = 1;
+      for (const HullFaces& hull : base) {
+        double worst = -1;
+        for (const auto& p : points) worst = std::max(worst, hull.outside(p));
+        least = std::min(least, worst);
+      }
+      EXPECT_LT(least, 1e-6);
+      ++of_base;
+      continue;
+    }
     const std::string link = "link" + std::to_string(attached.segment);
     const Pose X_WL = reference.terms(q, still, {attached.link}).poses[0];
     const Pose X_WS = ours.terms(q, still, {link}).poses[0];
@@ -340,6 +252,46 @@ TEST_P(KnownRobots, AreInsideTheirCapsules) {
     EXPECT_LT(worst, 1e-6);
   }
   EXPECT_GT(tested, 1000u);
+  EXPECT_GT(of_base, 0u);
+}
+
+// A box as a hull.
+std::vector<Vector3> box_hull(const Vector3& center) {
+  std::vector<Vector3> corners = box_points({0.1, 0.2, 0.3});
+  for (auto& p : corners) p += center;
+  return corners;
+}
+
+// What one hull of a base overlaps says nothing of the others.
+TEST(BaseHulls, AreNamedAndIgnoredOneByOne) {
+  RobotDescription robot = load_robot("fer");
+  robot.base_hulls = {box_hull({-0.5, 0, 0}), box_hull({-0.5, 0.5, 0}), box_hull({-0.5, 1, 0})};
+  robot.ignored_pairs.emplace_back("link0.2", "link5");
+  robot.ignored_pairs.emplace_back("hand", "link0.3");
+  const ArmModelSource source = arm_model_source(robot, Pose{}, true);
+  const auto& parts = source.collision_shapes;
+  std::map<std::string, std::set<std::string>> met;
+  for (const auto& [a, b] : source.self_pairs) met[parts[a].name].insert(parts[b].name);
+  EXPECT_THAT(met["link0.1"],
+              testing::UnorderedElementsAre("link2", "link3", "link4", "link5", "link6", "link7", "hand"));
+  EXPECT_THAT(met["link0.2"],
+              testing::UnorderedElementsAre("link2", "link3", "link4", "link6", "link7", "hand"));
+  EXPECT_THAT(met["link0.3"],
+              testing::UnorderedElementsAre("link2", "link3", "link4", "link5", "link6", "link7"));
+}
+
+TEST(BaseHulls, WithTooManyCornersAreRefused) {
+  RobotDescription robot = load_robot("fer");
+  robot.base_hulls = {box_hull({-0.5, 0, 0}), std::vector<Vector3>(kMaxShapeVertices, {-0.5, 0, 0})};
+  EXPECT_NO_THROW(arm_model_source(robot, Pose{}, true));
+  robot.base_hulls[1].emplace_back(-0.6, 0, 0);  // it would be outside of what is left
+  try {
+    (void)arm_model_source(robot, Pose{}, true);
+    FAIL() << "accepted";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_THAT(error.what(), testing::AllOf(HasSubstr("link0.2"), HasSubstr("33 corners"),
+                                             HasSubstr("1 to 32"), HasSubstr("'fer'")));
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(

@@ -6,6 +6,7 @@
 #include "config_file/text.hpp"
 #include "models/from_urdf.hpp"
 #include "models/known_robots.hpp"
+#include "models/limit_keys.hpp"
 #include "models/load_parts.hpp"
 #include "models/robot_description.hpp"
 #include "models/urdf_collision.hpp"
@@ -115,9 +116,21 @@ void read_joints(const Node& node, RobotDescription& robot) {
   const std::size_t n = node.pairs().size();
   if (n == 0 || n > kMaxJoints) node.refuse("expected 1 to " + std::to_string(kMaxJoints) + " joints");
   robot.joints.assign(n, {});
+  const bool imported = !robot.joint_names.empty();
+  robot.prismatic.resize(n, false);
   const auto names = numbered("joint", 1, n);
+  static const std::vector<std::string> kTypes{"revolute", "prismatic"};
   Archive::read(node, [&](Archive& archive) {
-    for (std::size_t i = 0; i < n; ++i) archive.section(Key(names[i]).required(), robot.joints[i]);
+    for (std::size_t i = 0; i < n; ++i) {
+      archive.part(Key(names[i]).required(), [&](Archive& joint) {
+        visit(joint, robot.joints[i]);
+        const std::string own = kTypes[robot.is_prismatic(i) ? 1 : 0];
+        std::string type = own;
+        joint(Key("type").one_of(kTypes), type);
+        if (imported && type != own) joint.at("type").refuse("the URDF says that this joint is " + own);
+        robot.prismatic[i] = type == kTypes[1];
+      });
+    }
   });
 }
 
@@ -138,12 +151,13 @@ void read_limits(const Node& node, RobotDescription& robot) {
     for (std::size_t j = 0; j < n; ++j) {
       const auto i = static_cast<Eigen::Index>(j);
       archive.part(Key("joint" + std::to_string(j + 1)).required(), [&](Archive& joint) {
-        joint(Key("lower_rad").any_turn().required(), limits.q_min[i]);
-        joint(Key("upper_rad").any_turn().required(), limits.q_max[i]);
-        joint(Key("velocity_rad_per_s").above(0).required(), limits.dq_max[i]);
-        joint(Key("effort_nm").above(0).required(), limits.tau_max[i]);
+        const LimitKeys& keys = limit_keys(robot.is_prismatic(j));
+        joint(Key(keys.lower).any_turn().required(), limits.q_min[i]);
+        joint(Key(keys.upper).any_turn().required(), limits.q_max[i]);
+        joint(Key(keys.velocity).above(0).required(), limits.dq_max[i]);
+        joint(Key(keys.effort).above(0).required(), limits.tau_max[i]);
         if (joint.reading() && limits.q_min[i] >= limits.q_max[i])
-          joint.self().refuse("lower_rad must be below upper_rad");
+          joint.self().refuse(std::string(keys.lower) + " must be below " + keys.upper);
       });
     }
   });
@@ -232,10 +246,19 @@ std::map<std::string, UrdfLimits> read_urdf_limits(const Node& node) {
   for (const auto& [name, joint] : node.pairs()) {
     UrdfLimits& own = limits[name];
     Archive::read(joint, [&](Archive& archive) {
-      archive(Key("lower_rad").any_turn(), own.lower);
-      archive(Key("upper_rad").any_turn(), own.upper);
-      archive(Key("velocity_rad_per_s").above(0), own.velocity);
-      archive(Key("effort_nm").above(0), own.effort);
+      for (const bool prismatic : {false, true}) {
+        const LimitKeys& keys = limit_keys(prismatic);
+        archive(Key(keys.lower).any_turn(), own.lower);
+        archive(Key(keys.upper).any_turn(), own.upper);
+        archive(Key(keys.velocity).above(0), own.velocity);
+        archive(Key(keys.effort).above(0), own.effort);
+        for (const char* key : {keys.lower, keys.upper, keys.velocity, keys.effort}) {
+          if (!archive.has(key)) continue;
+          if (own.prismatic.value_or(prismatic) != prismatic)
+            archive.at(key).refuse("expected limits of one kind of joint, found rad and m; remove one");
+          own.prismatic = prismatic;
+        }
+      }
     });
   }
   return limits;

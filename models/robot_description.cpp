@@ -22,6 +22,10 @@ Pose Placement::pose() const {
   return Pose::from(position, q);
 }
 
+bool RobotDescription::has_prismatic_joints() const {
+  return std::find(prismatic.begin(), prismatic.end(), true) != prismatic.end();
+}
+
 JointVector acting_motor_inertia(const RobotDescription& robot, double hidden) {
   if (robot.motor_inertia.size() > 0) return robot.motor_inertia;
   if (robot.rotor_inertia.size() == 0 || hidden >= 1) return {};
@@ -34,6 +38,8 @@ RigidBody rigid_hand(const HandDescription& hand) {
   const RigidBody right = moved(hand.finger, kHalfTurnAboutZ * X_HL);
   return merged(hand.body, merged(left, right));
 }
+
+std::string hull_name(std::size_t k) { return "link0." + std::to_string(k + 1); }
 
 bool is_ignored_pair(const RobotDescription& robot, const std::string& a, const std::string& b) {
   const auto i = link_index(a, robot.joint_count());

@@ -14,7 +14,7 @@
 
 // The data of one arm model, read from one YAML file (docs/models.md has every key).
 // The arm is a chain: link0 (base), joint1, link1, ... jointN, linkN, flange, and perhaps a hand on the
-// flange. Every joint is revolute and turns about the z axis of the link that it moves.
+// flange. Every joint turns about the z axis of the link that it moves, or slides along it (prismatic).
 namespace multipanda {
 
 // Pose of a frame in its parent, as the manufacturer publishes it.
@@ -24,7 +24,8 @@ struct Placement {
   Pose pose() const;
 };
 
-// Every vector (n x 1).
+// Every vector (n x 1). Here and in all that has one number per joint, a prismatic joint has m for rad, N for
+// N m and kg for kg m^2.
 struct JointLimits {
   JointVector q_min, q_max;  // [rad]
   JointVector dq_max;        // [rad/s]
@@ -96,6 +97,9 @@ struct Capsule {
   double radius = 0;                                     // [m]
 };
 
+// The convex hull of some points, at most 32, in the frame of link0.
+using BaseHull = std::vector<Vector3>;
+
 enum class ShapeKind { capsule, cylinder, sphere, box };
 
 // A primitive for visualization; a box is also the collision shape of a finger.
@@ -133,6 +137,7 @@ struct RobotDescription {
   std::map<std::string, std::string> origin;  // per section: source of the values and changes to them
 
   std::vector<Placement> joints;         // joint i+1 in link i; (n)
+  std::vector<bool> prismatic;           // per joint; empty: all turn
   std::vector<std::string> joint_names;  // names in the URDF, if imported; otherwise empty
   Placement flange;                      // in the last link
   std::vector<RigidBody> links;          // (n + 1), link0 first
@@ -155,14 +160,21 @@ struct RobotDescription {
   JointVector q_home;                   // the `ready` configuration [rad]
 
   std::vector<Capsule> capsules;  // of the links, not of the hand
+  // More of an imported arm's link0, for distances only: worlds of a simulation have no such bodies.
+  std::vector<BaseHull> base_hulls;
   std::vector<std::pair<std::string, std::string>>
       ignored_pairs;  // pairs of links that never touch, or always touch
+  // Those of an arm whose shapes were fitted to a URDF, neighbors left out: "link0.2 and link5 (overlap
+  // at home)". A hull of the base is "link0.k", as many as base_hulls, from 1.
+  std::vector<std::string> unguarded_pairs;
 
   std::vector<Shape> visuals;                 // empty: the capsules are shown
   std::map<std::string, std::string> meshes;  // link -> file below a folder of meshes, if one is installed
   std::optional<HandDescription> hand;
 
   std::size_t joint_count() const { return joints.size(); }
+  bool is_prismatic(std::size_t joint) const { return joint < prismatic.size() && prismatic[joint]; }
+  bool has_prismatic_joints() const;
 };
 
 // What the motors add to the inertia of each joint, before the torque sensor [kg m^2] (n x 1); empty:
@@ -173,8 +185,11 @@ JointVector acting_motor_inertia(const RobotDescription& robot, double hidden);
 // The hand with both fingers closed as one rigid body, in the hand's frame.
 RigidBody rigid_hand(const HandDescription& hand);
 
-// Whether two links ("link0".."linkN", "hand") are never checked against each other: neighbors and
-// ignored_pairs. The hand's neighbor is the last link.
+// The name of a hull of the base, number k from 0: "link0.1", ...
+std::string hull_name(std::size_t k);
+
+// Whether two links ("link0".."linkN", "hand", or a hull of the base) are never checked against each other:
+// neighbors and ignored_pairs. The hand's neighbor is the last link.
 bool is_ignored_pair(const RobotDescription& robot, const std::string& a, const std::string& b);
 
 // Reads a robot by name ("fer": models/fer.yaml of the project, or of the folder in the environment variable

@@ -147,12 +147,15 @@ class ArmWriter {
       xml_.open(
           "body",
           {{"name", named(link)}, {"pos", exact(placement.position)}, {"quat", rotation_of(placement)}});
-      xml_.leaf("joint", {{"name", named("joint" + number)},
-                          {"axis", "0 0 1"},
-                          {"range", exact(robot_.limits.q_min[j]) + " " + exact(robot_.limits.q_max[j])},
-                          {"armature", exact(motor)},
-                          {"damping", exact(damping_of(j))},
-                          {"frictionloss", exact(dry_friction_of(j))}});
+      XmlText::Attributes joint{
+          {"name", named("joint" + number)},
+          {"axis", "0 0 1"},
+          {"range", exact(robot_.limits.q_min[j]) + " " + exact(robot_.limits.q_max[j])},
+          {"armature", exact(motor)},
+          {"damping", exact(damping_of(j))},
+          {"frictionloss", exact(dry_friction_of(j))}};
+      if (robot_.is_prismatic(i - 1)) joint.insert(joint.begin() + 1, {"type", "slide"});
+      xml_.leaf("joint", joint);
     }
     write_inertial(robot_.links[i]);
     write_visuals(link_visuals(robot_), link);

@@ -40,7 +40,7 @@ struct MjcfOptions {
   std::filesystem::path meshes;  // folder of meshes to show in place of the primitives; empty: primitives
 };
 
-// MJCF of one arm: body link0 at the origin, joints and torque motors (gear 1, no limit of control)
+// MJCF of one arm: body link0 at the origin, joints (hinge or slide) and motors (gear 1, no limit of control)
 // joint1..jointN, sites `flange` and `hand_tcp`. Armature is the motors' inertia that
 // acts (acting_motor_inertia); damping and friction are
 // zero: the plant simulates them. Visible geoms are in group 2 and touch

@@ -126,7 +126,8 @@ void write_hand(XmlText& xml, const HandDescription& hand, const UrdfOptions& op
 void write_joint(XmlText& xml, const RobotDescription& robot, const std::string& prefix, std::size_t i) {
   const auto j = static_cast<Eigen::Index>(i - 1);
   const Placement& placement = robot.joints[i - 1];
-  xml.open("joint", {{"name", prefix + "joint" + std::to_string(i)}, {"type", "revolute"}});
+  xml.open("joint", {{"name", prefix + "joint" + std::to_string(i)},
+                     {"type", robot.is_prismatic(i - 1) ? "prismatic" : "revolute"}});
   write_origin(xml, placement.position, placement.rpy);
   xml.leaf("parent", {{"link", prefix + "link" + std::to_string(i - 1)}});
   xml.leaf("child", {{"link", prefix + "link" + std::to_string(i)}});

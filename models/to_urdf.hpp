@@ -24,7 +24,8 @@ struct PlacedRobot {
   Pose X_WB;            // its base in the world
 };
 
-// URDF of one arm: links link0..linkN, revolute joints joint1..jointN, then the fixed frame `flange`.
+// URDF of one arm: links link0..linkN, joints joint1..jointN (revolute or prismatic), then the fixed frame
+// `flange`.
 // No joint friction or damping: controllers see the rigid body only. Numbers are exact.
 // Throws std::invalid_argument if a hand is requested and the robot has none.
 std::string to_urdf(const RobotDescription& robot, const UrdfOptions& options = {});

@@ -1,16 +1,19 @@
 #include "models/urdf_collision.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <iterator>
 #include <map>
 #include <mutex>
+#include <optional>
 #include <random>
 #include <set>
 #include <stdexcept>
 #include <utility>
 
+#include "models/body_hull.hpp"
 #include "models/capsule_fit.hpp"
 #include "models/urdf_tree.hpp"
 
@@ -40,8 +43,11 @@ std::vector<Pose> poses(const RobotDescription& robot, const JointVector& q) {
   std::vector<Pose> result;
   Pose X;
   for (std::size_t i = 0; i < robot.joint_count(); ++i) {
-    const Eigen::AngleAxisd turn(q[static_cast<Eigen::Index>(i)], Vector3::UnitZ());
-    X = X * robot.joints[i].pose() * Pose{turn.toRotationMatrix(), Vector3::Zero()};
+    const double at = q[static_cast<Eigen::Index>(i)];
+    const Pose X_J = robot.is_prismatic(i)
+                         ? Pose{Matrix3::Identity(), at * Vector3::UnitZ()}
+                         : Pose{Eigen::AngleAxisd(at, Vector3::UnitZ()).toRotationMatrix(), Vector3::Zero()};
+    X = X * robot.joints[i].pose() * X_J;
     result.push_back(X);
   }
   return result;
@@ -49,20 +55,45 @@ std::vector<Pose> poses(const RobotDescription& robot, const JointVector& q) {
 
 std::size_t link_of(const Capsule& capsule) { return std::stoul(capsule.link.substr(4)); }
 
-// Which pairs of links overlap in a configuration: (n + 1) x (n + 1).
-Eigen::MatrixXi overlaps(const RobotDescription& robot, const JointVector& q) {
+// A shape's row among all bodies that overlap: the hulls of the base, each for itself, then link1 to linkN.
+struct Rows {
+  explicit Rows(const RobotDescription& robot)
+      : hulls(robot.base_hulls.size()), count(static_cast<Eigen::Index>(hulls + robot.joint_count())) {}
+  Eigen::Index of_hull(std::size_t k) const { return static_cast<Eigen::Index>(k); }
+  Eigen::Index of_link(std::size_t link) const { return static_cast<Eigen::Index>(hulls + link - 1); }
+  std::string name(Eigen::Index row) const {
+    const auto i = static_cast<std::size_t>(row);
+    return i < hulls ? hull_name(i) : "link" + std::to_string(i - hulls + 1);
+  }
+  std::size_t hulls;
+  Eigen::Index count;
+};
+
+// Which of them overlap in a configuration; neighbors, which are ignored anyway, never. A link that is nearer
+// to a hull than `clearance` counts, too.
+Eigen::MatrixXi overlaps(const RobotDescription& robot, const JointVector& q, double clearance = 0) {
   const auto X = poses(robot, q);
-  const auto count = static_cast<Eigen::Index>(robot.joint_count() + 1);
-  Eigen::MatrixXi result = Eigen::MatrixXi::Zero(count, count);
+  const Rows rows(robot);
+  Eigen::MatrixXi result = Eigen::MatrixXi::Zero(rows.count, rows.count);
   for (std::size_t a = 0; a < robot.capsules.size(); ++a) {
     for (std::size_t b = a + 1; b < robot.capsules.size(); ++b) {
       const Capsule &one = robot.capsules[a], &other = robot.capsules[b];
       const std::size_t i = link_of(one), j = link_of(other);
-      if (j <= i + 1) continue;  // neighbors are ignored anyway
+      if (j <= i + 1) continue;
       const Pose &X_i = X[i - 1], &X_j = X[j - 1];
       const double d = segment_distance(X_i * one.from, X_i * one.to, X_j * other.from, X_j * other.to);
-      if (d < one.radius + other.radius)
-        result(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = 1;
+      if (d < one.radius + other.radius) result(rows.of_link(i), rows.of_link(j)) = 1;
+    }
+  }
+  for (const Capsule& capsule : robot.capsules) {
+    const std::size_t j = link_of(capsule);
+    if (j < 2) continue;
+    const Pose& X_j = X[j - 1];
+    for (std::size_t k = 0; k < rows.hulls; ++k) {
+      int& found = result(rows.of_hull(k), rows.of_link(j));
+      if (found == 0)
+        found = hull_overlaps(robot.base_hulls[k], X_j * capsule.from, X_j * capsule.to,
+                              capsule.radius + clearance);
     }
   }
   return result;
@@ -74,22 +105,23 @@ std::string ignore_touching_pairs(RobotDescription& robot) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> uniform;
   const auto n = static_cast<Eigen::Index>(robot.joint_count());
-  Eigen::MatrixXi often = Eigen::MatrixXi::Zero(n + 1, n + 1);
+  const Rows rows(robot);
+  Eigen::MatrixXi often = Eigen::MatrixXi::Zero(rows.count, rows.count);
   for (int k = 0; k < kSamples; ++k) {
     JointVector q(n);
     for (Eigen::Index i = 0; i < n; ++i)
       q[i] = robot.limits.q_min[i] + uniform(random) * (robot.limits.q_max[i] - robot.limits.q_min[i]);
     often += overlaps(robot, q);
   }
-  const Eigen::MatrixXi home = overlaps(robot, robot.q_home);
+  const Eigen::MatrixXi home = overlaps(robot, robot.q_home, kClearAtHome);
   std::string ignored;
-  for (Eigen::Index i = 1; i <= n; ++i) {
-    for (Eigen::Index j = i + 2; j <= n; ++j) {
+  for (Eigen::Index i = 0; i < rows.count; ++i) {
+    for (Eigen::Index j = i + 1; j < rows.count; ++j) {
       if (home(i, j) == 0 && often(i, j) <= kOften * kSamples) continue;
-      const std::string one = "link" + std::to_string(i), other = "link" + std::to_string(j);
-      robot.ignored_pairs.emplace_back(one, other);
-      ignored += (ignored.empty() ? "" : ", ") + one + " and " + other +
-                 (home(i, j) > 0 ? " (overlap at home)" : " (overlap often)");
+      robot.ignored_pairs.emplace_back(rows.name(i), rows.name(j));
+      robot.unguarded_pairs.push_back(rows.name(i) + " and " + rows.name(j) +
+                                      (home(i, j) > 0 ? " (overlap at home)" : " (overlap often)"));
+      ignored += (ignored.empty() ? "" : ", ") + robot.unguarded_pairs.back();
     }
   }
   return ignored.empty() ? "" : " Not kept apart: neighbors, and " + ignored + ".";
@@ -102,7 +134,12 @@ std::string millimeters(double length) {
 }
 
 // What a fit depends on, but for the meshes' content.
-using Fitted = std::map<std::string, std::pair<std::vector<Capsule>, std::string>>;
+struct Fit {
+  std::vector<Capsule> capsules;
+  std::vector<BaseHull> base_hulls;
+  std::string text;
+};
+using Fitted = std::map<std::string, Fit>;
 std::string key_of(const std::string& urdf_text, const UrdfChain& chain,
                    const std::filesystem::path& folder) {
   std::string key = folder.string() + '\n' + chain.base_link + '\n' + chain.tip_link + '\n';
@@ -115,8 +152,11 @@ void fit(const std::string& urdf_text, const UrdfChain& chain, const std::filesy
          RobotDescription& robot) {
   // By link of the arm, then by link of the URDF: all positions of a finger are one shape.
   std::vector<std::map<std::string, Points>> found(robot.joint_count() + 1);
+  // The base's are fitted in the frame of its first link R that has any, whatever link is the arm's
+  // base_link: arms of one robot then have equal ones.
+  std::optional<Pose> first;
   for (const AttachedShape& attached : attached_shapes(urdf_text, chain)) {
-    if (attached.segment == 0) continue;
+    if (attached.segment == 0 && !first) first = attached.X_SG * attached.shape.X_LG.inverse();
     try {
       auto& points = found[attached.segment][attached.link];
       for (const auto& p : points_of(attached.shape, folder)) points.push_back(attached.X_SG * p);
@@ -128,7 +168,19 @@ void fit(const std::string& urdf_text, const UrdfChain& chain, const std::filesy
           "has none, and collision_avoidance then does not see the arm)");
     }
   }
+  const Pose X_BR = first.value_or(Pose{});
   std::string wider, without;
+  std::vector<Points> of_base;
+  for (auto& [name, points] : found[0]) of_base.push_back(std::move(points));
+  for (Points& points : of_base) {
+    for (auto& p : points) p = X_BR.inverse() * p;
+  }
+  double base_excess = 0;
+  for (FittedHull& hull : fit_hulls(std::move(of_base), kMostBaseHulls)) {
+    for (auto& p : hull.corners) p = X_BR * p;
+    robot.base_hulls.push_back(std::move(hull.corners));
+    base_excess = std::max(base_excess, hull.excess);
+  }
   for (std::size_t i = 1; i < found.size(); ++i) {
     const std::string link = "link" + std::to_string(i);
     std::vector<Points> shapes;
@@ -146,7 +198,13 @@ void fit(const std::string& urdf_text, const UrdfChain& chain, const std::filesy
   }
   std::string text = "Capsules fitted to the collision geometry of the URDF.";
   if (!wider.empty()) text += " They reach at most so far beyond it: " + wider + ".";
-  text += " None around link0, the body that carries the arm.";
+  if (robot.base_hulls.empty()) {
+    text += " The URDF has no collision geometry of link0, the body that carries the arm.";
+  } else {
+    text += " Around link0, the body that carries the arm: convex hulls (" +
+            std::to_string(robot.base_hulls.size()) + "), at most " + millimeters(base_excess) +
+            " beyond those of its parts.";
+  }
   if (!without.empty()) text += " The URDF has no collision geometry of " + without + ".";
   robot.origin["self_collision"] = text;
 }
@@ -163,10 +221,11 @@ void fit_collision(const std::string& urdf_text, const UrdfChain& chain, const s
   auto place = known.find(key);
   if (place == known.end()) {
     fit(urdf_text, chain, folder, robot);
-    place = known.emplace(key, std::pair(robot.capsules, robot.origin["self_collision"])).first;
+    place = known.emplace(key, Fit{robot.capsules, robot.base_hulls, robot.origin["self_collision"]}).first;
   }
-  robot.capsules = place->second.first;
-  robot.origin["self_collision"] = place->second.second + ignore_touching_pairs(robot);
+  robot.capsules = place->second.capsules;
+  robot.base_hulls = place->second.base_hulls;
+  robot.origin["self_collision"] = place->second.text + ignore_touching_pairs(robot);
 }
 
 std::vector<std::filesystem::path> mesh_files(const std::filesystem::path& urdf) {

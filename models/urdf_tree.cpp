@@ -148,7 +148,7 @@ UrdfJoint read_joint(const Element& element, const std::string& name) {
   joint.X_PC = read_origin(element);
   if (const auto axis = element.find("axis")) joint.axis = axis->vector3("xyz");
   if (joint.axis.norm() < 1e-9) {
-    if (joint.turns() || joint.type == "prismatic")
+    if (joint.turns() || joint.slides())
       refuse(element.where, "expected an axis with a direction, found the zero vector");
     joint.axis = Vector3::UnitX();
   }
@@ -198,7 +198,7 @@ Pose UrdfJoint::pose_at(double position) const {
   if (turns()) {
     return X_PC * Pose{Eigen::AngleAxisd(position, axis).toRotationMatrix(), Vector3::Zero()};
   }
-  if (type == "prismatic") return X_PC * Pose{Matrix3::Identity(), position * axis};
+  if (slides()) return X_PC * Pose{Matrix3::Identity(), position * axis};
   return X_PC;
 }
 

@@ -31,6 +31,7 @@ struct UrdfJoint {
   std::optional<UrdfMimic> mimic;
 
   bool turns() const { return type == "revolute" || type == "continuous"; }
+  bool slides() const { return type == "prismatic"; }
   // Child in parent at `position` [rad] or [m]; a floating or planar joint stays at zero.
   Pose pose_at(double position) const;
 };

@@ -156,7 +156,9 @@ std::string whole_text(const RobotDescription& robot, const RobotDescription& ba
   if (!same(robot.joints, base.joints)) {
     text += "joints:\n";
     for (std::size_t j = 0; j < robot.joint_count(); ++j) {
-      text += "  joint" + std::to_string(j + 1) + ": " + text_of(robot.joints[j]) + "\n";
+      std::string joint = text_of(robot.joints[j]);
+      if (robot.is_prismatic(j)) joint.insert(joint.size() - 1, ", type: prismatic");
+      text += "  joint" + std::to_string(j + 1) + ": " + joint + "\n";
     }
   }
   if (!same(robot.flange, base.flange)) text += "flange: " + text_of(robot.flange) + "\n";
@@ -201,6 +203,10 @@ void check(const RobotDescription& robot, const RobotDescription& base) {
   if (robot.joint_count() != base.joint_count() || robot.links.size() != base.links.size()) {
     refuse("it has " + std::to_string(robot.joint_count()) + " joints, its base " +
            std::to_string(base.joint_count()));
+  }
+  for (std::size_t j = 0; j < robot.joint_count(); ++j) {
+    if (robot.is_prismatic(j) != base.is_prismatic(j))
+      refuse("joint" + std::to_string(j + 1) + " slides in one of them and turns in the other");
   }
   if (!same(robot.limits, base.limits)) refuse("its limits differ from those of its base");
   if (!same(robot.hand, base.hand)) refuse("its hand differs from that of its base");

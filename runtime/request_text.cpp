@@ -17,6 +17,20 @@ std::string shortened(const std::string& name) { return quoted(name.substr(0, 60
 // The shortest text that reads back as the same number.
 std::string shortest(double value) { return nlohmann::json(value).dump(); }
 
+// What the features of these controllets ask of the state when they start.
+std::string conditions_of(const MultimodeController& modes, InstanceSet set) {
+  std::string text;
+  for (; set != 0; set &= set - 1) {
+    const Instance& instance = modes.instance(static_cast<InstanceIndex>(std::countr_zero(set)));
+    for (std::size_t i = 0; i < instance.feature_count(); ++i) {
+      if (!instance.feature_on(i) || instance.start_condition(i).empty()) continue;
+      text += "; '" + instance.feature_descriptor(i).type + "' of '" + instance.name() +
+              "': " + std::string(instance.start_condition(i));
+    }
+  }
+  return text;
+}
+
 }  // namespace
 
 std::vector<std::string> names_of(const MultimodeController& modes, InstanceSet set) {
@@ -79,12 +93,14 @@ std::string reason(const MultimodeController& modes, const Request& request, Ver
     case Verdict::start_refused:
       if (set && request.kind == Request::Kind::set_feature) {
         const Instance& target = modes.instance(request.instance);
-        const std::string_view why = target.feature_refusal(request.index);
+        std::string_view why = target.feature_refusal(request.index);
+        if (why.empty() && verdict == Verdict::start_refused) why = target.start_condition(request.index);
         if (!why.empty())
           return quoted(target.feature_descriptor(request.index).type) + ": " + std::string(why);
       }
       return std::string(to_string(verdict)) + " (" + joined(names_of(modes, request.activate)) +
-             "); nothing was changed; 'state' shows the modes of the arms, 'recover' clears an error";
+             "); nothing was changed; 'state' shows the modes of the arms, 'recover' clears an error" +
+             (verdict == Verdict::start_refused ? conditions_of(modes, request.activate) : "");
     case Verdict::timeout:
       return "the loop did not take the request within 1 s, and it will not be executed: the arms may not be "
              "connected yet, the simulation may be paused, or the run may have ended";

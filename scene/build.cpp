@@ -221,6 +221,12 @@ CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) 
   for (const auto& arm : scene.arms)
     config.arms.push_back({arm.name, build_controller_model(arm), arm.safety});
   config.controllets = scene.controllets;
+  for (ArmIndex arm = 0; arm < scene.arms.size(); ++arm) {  // a hold that the scene does not change
+    InstanceConfig hold{.name = scene.arms[arm].name + "_hold", .type = "hold", .arms = {arm}};
+    const bool changed = std::any_of(scene.controllets.begin(), scene.controllets.end(),
+                                     [&](const auto& own) { return own.name == hold.name; });
+    if (!changed) config.controllets.push_back(std::move(hold));
+  }
   // Every controllet keeps to the scene's bounds, also one that was added after the scene was read.
   for (auto& controllet : config.controllets)
     controllet.contact = tighter(controllet.contact, scene.contact_bounds);

@@ -4,6 +4,8 @@
 #include <Eigen/Eigenvalues>
 
 #include "config_file/text.hpp"
+#include "core/model/prismatic_joints.hpp"
+#include "models/arm_source.hpp"
 #include "models/load_parts.hpp"
 #include "scene/build.hpp"
 #include "scene/load_parts.hpp"
@@ -50,6 +52,11 @@ void check_plant_model(const Archive& archive, const RobotDescription& robot, Sc
                 " joints; expected " + std::to_string(robot.joint_count()) + ", as many as " +
                 in_quotes(arm.model) + " has");
   }
+  for (std::size_t i = 0; i < robot.joint_count(); ++i) {
+    if (robot.is_prismatic(i) != plant.is_prismatic(i))
+      node.refuse(joint_name(static_cast<Eigen::Index>(i)) + " is revolute in one of " +
+                  in_quotes(arm.model) + " and " + in_quotes(arm.plant_model) + ", prismatic in the other");
+  }
   if (arm.hand && !plant.hand)
     node.refuse("the model " + in_quotes(arm.plant_model) + " has no hand; expected one, or 'hand: false'");
 }
@@ -71,7 +78,8 @@ void check_start(const Archive& archive, const RobotDescription& robot, const Sc
     archive.at("start_rad")
         .items()[static_cast<std::size_t>(i)]
         .refuse("unreachable start: " + joint_name(i) + " of " + in_quotes(arm.model) + " has the range " +
-                number_text(limits.q_min[i]) + " to " + number_text(limits.q_max[i]) + " rad, found " +
+                number_text(limits.q_min[i]) + " to " + number_text(limits.q_max[i]) +
+                (robot.is_prismatic(static_cast<std::size_t>(i)) ? " m" : " rad") + ", found " +
                 number_text(arm.q_start[i]));
   }
 }
@@ -131,7 +139,7 @@ void check_ranges(const Archive& archive, const SafetyLimits& safety, const Scen
     }
     if (arm.q_start[i] < low || arm.q_start[i] > high) {
       archive.self().refuse("unreachable start: " + joint_name(i) + " starts at " +
-                            number_text(arm.q_start[i]) + " rad, this section allows " + number_text(low) +
+                            number_text(arm.q_start[i]) + ", this section allows " + number_text(low) +
                             " to " + number_text(high));
     }
   }
@@ -158,6 +166,17 @@ void check_load(const Archive& archive, const RobotDescription& robot, SceneArm&
               " kg, expected at most " + number_text(*most) +
               " kg; if the arm can carry them, write 'largest_load_kg: " +
               number_text(std::ceil(fixed + payload)) + "' in this arm");
+}
+
+// After the safety section: what it leaves of the force counts.
+void check_axes(const Archive& archive, const RobotDescription& robot, const SceneArm& arm) {
+  if (!robot.has_prismatic_joints()) return;
+  ArmModelSource source = arm_model_source(robot, arm.X_WB, arm.hand);
+  source.name = arm.name;
+  source.tool = arm.tool;
+  source.largest_load = largest_payload(arm, robot);
+  const std::string why = weight_on_an_axis(ArmModel(std::move(source)), arm.safety.joints.tau_max);
+  if (!why.empty()) archive.at("model").refuse(why);
 }
 
 std::size_t joint_count_of(const std::optional<RobotDescription>& robot) {
@@ -358,6 +377,7 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
   }
   if (robot) {
     const JointLimits& own = robot->limits;
+    arm.unguarded = robot->unguarded_pairs;
     arm.safety.joints = {own.q_min,
                          own.q_max,
                          own.dq_max,
@@ -368,6 +388,7 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
   }
   archive.section(Key("safety", "Limits of the safety stage. Default: those of the model."), arm.safety, arm);
   if (robot && !archive.has("safety")) check_ranges(archive, arm.safety, arm);
+  if (robot) check_axes(archive, *robot, arm);
   archive.section(
       Key("fci",
           "Connection to a real arm; the address alone may be written. The option `--backend` of a "

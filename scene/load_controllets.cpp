@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "config_file/text.hpp"
+#include "core/controllets/prismatic_parameters.hpp"
 #include "core/features/friction_compensation.hpp"
 #include "scene/load_parts.hpp"
 #include "support/spelling.hpp"
@@ -65,6 +66,12 @@ void read_preset(const Node& node, const ControlletDescriptor& descriptor, const
       continue;
     const ParameterSpec& spec = *find_spec(descriptor, value.parameter);
     const std::size_t count = spec.size == ParameterSpec::kPerJoint ? reader.joint_count(config) : spec.size;
+    if (spec.size == ParameterSpec::kPerJoint && reader.robots[config.arms[0]].has_prismatic_joints()) {
+      node.refuse(
+          "the preset " + in_quotes(name) + " gives '" + value.parameter +
+          "' for revolute joints, found an arm with a prismatic one, whose unit is another; write the "
+          "preset's values as parameters, with those of the axis");
+    }
     std::vector<double> values = value.values;
     if (values.size() > 1 && values.size() < count) {
       node.refuse("the preset " + in_quotes(name) + " is made for " + std::to_string(values.size()) +
@@ -85,7 +92,8 @@ void read_feature_parameters(const FeatureType& feature, const Node& values, Sce
                        parameter_names(feature.descriptor));
     }
     config.parameters.push_back(
-        {feature.descriptor.type + "." + name, read_parameter(value, *spec, reader.joint_count(config))});
+        {feature.descriptor.type + "." + name,
+         read_parameter(value, spec_here(*spec, reader, config), reader.joint_count(config))});
   }
 }
 
@@ -110,7 +118,7 @@ void read_parameters(const Node& values, SceneReader& reader, InstanceConfig& co
       read_feature_parameters(*feature, value, reader, config);
       continue;
     }
-    const ParameterSpec& spec = find_parameter(reader, config, value, name);
+    const ParameterSpec spec = spec_here(find_parameter(reader, config, value, name), reader, config);
     config.parameters.push_back({name, read_parameter(value, spec, reader.joint_count(config))});
   }
   std::set<std::string> seen;
@@ -289,6 +297,10 @@ const ParameterSpec& find_parameter(const SceneReader& reader, const InstanceCon
     refuse_parameter(at, "feature '" + feature_name + "'", parameter, parameter_names(feature->descriptor));
   }
   return *spec;
+}
+
+ParameterSpec spec_here(const ParameterSpec& spec, const SceneReader& reader, const InstanceConfig& config) {
+  return reader.robots[config.arms[0]].has_prismatic_joints() ? with_prismatic_joints(spec) : spec;
 }
 
 std::vector<double> read_parameter(const Node& value, const ParameterSpec& spec, std::size_t joint_count) {

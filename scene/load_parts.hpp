@@ -69,6 +69,9 @@ void check_address(const Node& address, const FciConnection& fci, const SceneRea
 // unknown one.
 const ParameterSpec& find_parameter(const SceneReader& reader, const InstanceConfig& instance, const Node& at,
                                     const std::string& name);
+// The same for the controllet's arm: a prismatic joint has another bound. What each joint bears is checked
+// when the controllet is built.
+ParameterSpec spec_here(const ParameterSpec& spec, const SceneReader& reader, const InstanceConfig& instance);
 // A value of it: checked, one number per place.
 std::vector<double> read_parameter(const Node& value, const ParameterSpec& spec, std::size_t joint_count);
 // Refuses a feature that does not exist or needs data of the instance's arms that the scene lacks.

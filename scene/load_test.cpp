@@ -190,7 +190,7 @@ TEST(Load, ContactBoundsHoldForControlletsThatAreAddedLater) {
   scene.controllets.push_back({.name = "lower", .type = "solo", .arms = {0}});
   scene.controllets.back().contact.spring_force = 20;
   const CycleConfig config = build_cycle_config(scene);
-  ASSERT_EQ(config.controllets.size(), 2u);
+  ASSERT_EQ(config.controllets.size(), 2 + scene.arms.size());  // with the holds
   EXPECT_EQ(config.controllets[0].contact.hand_speed, 0.25);
   EXPECT_EQ(config.controllets[0].contact.spring_force, 90);
   EXPECT_EQ(config.controllets[0].contact.spring_moment, 15);

@@ -172,7 +172,7 @@ class TimelineReader {
         archive.open(Key("value", "As under `parameters`; approached within 0.2 s.").required());
     if (!archive.reading()) return {};
     const ParameterSpec& spec = find_parameter(reader_, *target, archive.at("name"), event.name);
-    event.values = read_parameter(*value, spec, reader_.joint_count(*target));
+    event.values = read_parameter(*value, spec_here(spec, reader_, *target), reader_.joint_count(*target));
     return {};
   }
 

@@ -102,8 +102,11 @@ struct SceneArm {
   std::optional<SetCollisionThresholds> collision;
   std::optional<JointVector> joint_stiffness;  // of the arm's internal joint controller [N m/rad] (n x 1)
   std::optional<Vector6> cartesian_stiffness;  // of its internal Cartesian controller, in K [N/m, N m/rad]
-  SafetyLimits safety;                         // complete: the model's limits, tightened by the scene
-  std::vector<std::string> loosened;           // limits looser than those of the model, as text; logged
+  // Pairs of its fitted collision shapes that nothing keeps apart, as text that is logged
+  // (RobotDescription::unguarded_pairs).
+  std::vector<std::string> unguarded;
+  SafetyLimits safety;                // complete: the model's limits, tightened by the scene
+  std::vector<std::string> loosened;  // limits looser than those of the model, as text; logged
   SourcePlace place;
 };
 

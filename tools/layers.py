@@ -233,7 +233,7 @@ LAYERS = [
     layer(
         "benchmarks",
         "the program behind `multipanda bench`",
-        "support core scene logs backends/mujoco runtime native ros/rcl benchmarks/bare",
+        "support core models scene logs backends/mujoco runtime native ros/rcl benchmarks/bare",
     ),
     layer("examples", "starting points for users, each built and run by the tests", "core fci/client ros/adapter"),
     layer("tests", "tests across folders"),

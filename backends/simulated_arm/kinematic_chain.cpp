@@ -7,12 +7,21 @@
 namespace multipanda {
 namespace {
 
-// Appends a rotation of q about z: only the first two columns change.
+// Appends a rotation of q about z, in which only the first two columns change.
 void turn_about_z(Matrix3& R, double q) {
   const double c = std::cos(q), s = std::sin(q);
   const Vector3 x = R.col(0), y = R.col(1);
   R.col(0) = c * x + s * y;
   R.col(1) = c * y - s * x;
+}
+
+// Appends the motion of a joint by q along or about z.
+void move(Pose& X, bool slides, double q) {
+  if (slides) {
+    X.position += q * X.rotation.col(2);
+  } else {
+    turn_about_z(X.rotation, q);
+  }
 }
 
 }  // namespace
@@ -27,7 +36,9 @@ KinematicChain::KinematicChain(const std::shared_ptr<const ArmModel>& model)
   Pose X_WP = model->X_WB();
   for (std::size_t i = 0; i < joint_count_; ++i) {
     const Pose X_WJ = terms.X_WJ(i);
-    const Vector3 axis_W = J.col(static_cast<Eigen::Index>(i)).tail<3>().normalized();
+    slides_[i] = model->is_prismatic(i);
+    const auto column = J.col(static_cast<Eigen::Index>(i));
+    const Vector3 axis_W = (slides_[i] ? column.head<3>() : column.tail<3>()).normalized();
     const Vector3 axis_J = X_WJ.rotation.transpose() * axis_W;
     const Pose X_JT{Quaternion::FromTwoVectors(Vector3::UnitZ(), axis_J).toRotationMatrix(), Vector3::Zero()};
     const Pose X_WT = X_WJ * X_JT;
@@ -42,7 +53,7 @@ Pose KinematicChain::X_BE(const JointVector& q) const {
   Pose X;
   for (std::size_t i = 0; i < joint_count_; ++i) {
     X = X * X_PT_[i];
-    turn_about_z(X.rotation, q[static_cast<Eigen::Index>(i)]);
+    move(X, slides_[i], q[static_cast<Eigen::Index>(i)]);
   }
   return X * X_TE_;
 }
@@ -54,7 +65,7 @@ Pose KinematicChain::X_BE(const JointVector& q, Jacobian& J_V_BE) const {
   for (std::size_t i = 0; i < joint_count_; ++i) {
     const auto column = static_cast<Eigen::Index>(i);
     X = X * X_PT_[i];
-    turn_about_z(X.rotation, q[column]);
+    move(X, slides_[i], q[column]);
     origin[i] = X.position;
     J_V_BE.col(column).tail<3>() = X.rotation.col(2);
   }
@@ -62,7 +73,11 @@ Pose KinematicChain::X_BE(const JointVector& q, Jacobian& J_V_BE) const {
   for (std::size_t i = 0; i < joint_count_; ++i) {
     const auto column = static_cast<Eigen::Index>(i);
     const Vector3 axis = J_V_BE.col(column).tail<3>();
-    J_V_BE.col(column).head<3>() = axis.cross(X.position - origin[i]);
+    if (slides_[i]) {
+      J_V_BE.col(column) << axis, Vector3::Zero();
+    } else {
+      J_V_BE.col(column).head<3>() = axis.cross(X.position - origin[i]);
+    }
   }
   return X;
 }

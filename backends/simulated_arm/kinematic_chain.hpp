@@ -11,7 +11,7 @@ namespace multipanda {
 
 class KinematicChain {
  public:
-  // Takes the joints' positions and axes from the model. Any number of revolute joints.
+  // Takes the joints' positions and axes from the model. Any number of revolute and prismatic joints.
   explicit KinematicChain(const std::shared_ptr<const ArmModel>& model);
 
   std::size_t joint_count() const { return joint_count_; }
@@ -24,8 +24,9 @@ class KinematicChain {
 
  private:
   std::size_t joint_count_;
-  // Frame of joint i, rotated so that z is the joint axis, in that of joint i - 1 (of B, for the first).
+  // Frame of joint i, rotated so that z is its axis, in that of joint i - 1 (of B, for the first).
   std::array<Pose, kMaxJoints> X_PT_;
+  std::array<bool, kMaxJoints> slides_{};
   Pose X_TF_, X_TE_;  // flange and end effector in the last of these frames
 };
 

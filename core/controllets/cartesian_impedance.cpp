@@ -1,5 +1,7 @@
 #include "core/controllets/cartesian_impedance.hpp"
 
+#include <algorithm>
+
 #include "core/controllets/cartesian_law.hpp"
 
 namespace multipanda {
@@ -39,7 +41,7 @@ class CartesianImpedance final : public Controllet {
   LawResult update(ControlContext& context) override {
     OwnedArm& arm = context.arms[0];
     const ParameterSet& parameters = *context.parameters;
-    const double reach = kPostureSpeed * context.dt;
+    const JointVector reach = posture_speed(arm.model(), context.contact) * context.dt;
     q_N_ += (posture(parameters, arm) - q_N_).cwiseMax(-reach).cwiseMin(reach);
 
     TaskForce force;
@@ -57,7 +59,17 @@ class CartesianImpedance final : public Controllet {
   enum Posture : std::size_t { kAtStart, kHome, kGiven };
 
   // The null-space posture follows its choice no faster than this, so that a new choice causes no step.
-  static constexpr double kPostureSpeed = 0.5;  // [rad/s]
+  static constexpr double kPostureSpeed = 0.5;  // [rad/s], [m/s]
+
+  // A carriage is no faster than a hand may be: it may meet a person while the hand rests.
+  static JointVector posture_speed(const ArmModel& model, const ContactBounds& contact) {
+    JointVector speed = joint_constant(model.joint_count(), kPostureSpeed);
+    for (std::size_t i = 0; i < model.joint_count(); ++i) {
+      if (model.is_prismatic(i))
+        speed[static_cast<Eigen::Index>(i)] = std::min(kPostureSpeed, contact.hand_speed);
+    }
+    return speed;
+  }
 
   JointVector posture(const ParameterSet& parameters, const OwnedArm& arm) const {
     switch (parameters.choice(kPosture)) {

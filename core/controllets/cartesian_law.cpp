@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/controllets/carriage.hpp"
+#include "core/model/prismatic_joints.hpp"
 #include "core/types/triangular.hpp"
 
 namespace multipanda {
@@ -77,12 +79,16 @@ TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& ta
 
 namespace {
 
-// Factor on a torque of the null space, with which the hand presses with a twentieth of the bounds at most.
-double share_within(const ContactBounds& contact, const TaskSpace& task, const JointVector& tau) {
+// Factor on a torque of the null space, with which the hand presses with a twentieth of the bounds at most,
+// and a carriage with all of them: it may stand in a person's way while the hand rests.
+double share_within(const ContactBounds& contact, const OwnedArm& arm, const TaskSpace& task,
+                    const JointVector& tau) {
   constexpr double kShare = 0.05;
   const Vector6 pressing = task.press() * Vector6(task.J_bar.transpose().lazyProduct(tau));
   const double force = pressing.head<3>().norm(), moment = pressing.tail<3>().norm();
-  return std::min({1.0, kShare * contact.spring_force / force, kShare * contact.spring_moment / moment});
+  const double carriage = carriage_share(contact, arm.model(), tau, JointVector::Zero(tau.size()), arm.dq());
+  return std::min({1.0, kShare * contact.spring_force / force, kShare * contact.spring_moment / moment,
+                   1 / std::max(1.0, carriage)});
 }
 
 JointMatrix given_null_space_damping(const NullSpaceGains& gains, OwnedArm& arm) {
@@ -113,9 +119,10 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
   if (gains.projector == Projector::dynamic) {
     const JointVector dq_null = gains.damping_of_joints ? arm.dq() : task.null_space_velocity(J, arm.dq());
     const JointVector damping = damped(dq_null);
-    if (!task.floored || !bounded) return task.null_space_torque(J, JointVector(spring - damping));
+    if (!bounded || !(task.floored || has_prismatic_joints(arm.model())))
+      return task.null_space_torque(J, JointVector(spring - damping));
     const JointVector drawn = task.null_space_torque(J, spring);
-    return share_within(gains.contact, task, drawn) * drawn - task.null_space_torque(J, damping);
+    return share_within(gains.contact, arm, task, drawn) * drawn - task.null_space_torque(J, damping);
   }
   // J^+ = J^T (J J^T + eps)^-1. Any eps > 0 keeps N within [0, I]; that of the paper is far below the
   // eigenvalues of a regular pose.
@@ -131,7 +138,7 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
   if (!bounded) return project(spring - damping);
   // Not consistent with the dynamics: in any pose, what the posture draws reaches the hand.
   const JointVector drawn = project(spring);
-  return share_within(gains.contact, task, drawn) * drawn - project(damping);
+  return share_within(gains.contact, arm, task, drawn) * drawn - project(damping);
 }
 
 LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGains& null_space,

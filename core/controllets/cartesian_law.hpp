@@ -86,7 +86,8 @@ TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& ta
 // joints. Bounded in singular poses: the eigenvalues of N
 // stay within [0, 1]. Near a singular pose, the dynamic projector leaves a part of the spring that presses
 // with the hand (TaskSpace::press); within bounds for contact, the spring is scaled down until that is a
-// twentieth of theirs. `spring_share` scales the spring only; D_N is designed for the full spring.
+// twentieth of theirs, and until it draws no prismatic joint with more than they allow a hand. `spring_share`
+// scales the spring only; D_N is designed for the full spring.
 JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N,
                               double spring_share = 1);
 

@@ -1,10 +1,28 @@
 #include "core/controllets/gravity_compensation.hpp"
 
+#include <algorithm>
+#include <vector>
+
+#include "core/controllets/bearable_damping.hpp"
+#include "core/model/prismatic_joints.hpp"
+
 namespace multipanda {
 namespace {
 
 class GravityCompensation final : public Controllet {
  public:
+  explicit GravityCompensation(ArmModels arms) {
+    const ArmModel& model = *arms[0];
+    if (!has_prismatic_joints(model)) return;
+    const JointVector most = bearable_damping(model);
+    for (std::size_t i = 0; i < model.joint_count(); ++i) {
+      if (!model.is_prismatic(i)) continue;
+      const auto k = static_cast<Eigen::Index>(i);
+      const double stops = std::min(kStops * model.least_inertia()[k], kEasilyLed);
+      carriages_.push_back({k, std::min(stops, most[k]), most[k]});
+    }
+  }
+
   static ControlletDescriptor descriptor() {
     return {.type = "gravity_compensation",
             .doc = "Hand guiding: compensates gravity, so that the arm can be moved by hand.",
@@ -13,19 +31,38 @@ class GravityCompensation final : public Controllet {
                  .unit = "N m s/rad",
                  .initial = {0.1},
                  .max = 0.25,
-                 .doc = "Joint damping D; bounded so that the lightest joint stays stable at 1 kHz."}))};
+                 .doc = "Joint damping D; bounded so that the lightest joint stays stable at 1 kHz. A "
+                        "prismatic joint has 100 times as many N s/m, as at a lever of 0.1 m, and at least 2 "
+                        "1/s times the least mass that it moves, up to 240 N s/m: its carriage does not "
+                        "coast on."}))};
   }
 
   LawResult start(ControlContext&) override { return LawResult::ok; }
 
   LawResult update(ControlContext& context) override {
     OwnedArm& arm = context.arms[0];
-    *arm.tau = arm.terms->c() - context.parameters->number(kDamping) * arm.dq();
+    const double D = context.parameters->number(kDamping);
+    *arm.tau = arm.terms->c() - D * arm.dq();
+    for (const Carriage& carriage : carriages_) {
+      const double own = std::clamp(kAtLever * D, carriage.least, carriage.most);
+      (*arm.tau)[carriage.joint] -= (own - D) * arm.dq()[carriage.joint];
+    }
     return LawResult::ok;
   }
 
  private:
   enum Parameter : std::size_t { kDamping, kParameterCount };
+  struct Carriage {
+    Eigen::Index joint;
+    double least, most;  // damping [N s/m]; the most is what it bears at 1 kHz
+  };
+  static constexpr double kAtLever = 100;  // N s/m for each N m s/rad, 1 / (0.1 m)^2
+  // A carriage that is let go at the speed v comes to rest within v / kStops.
+  static constexpr double kStops = 2;  // [1/s]
+  // Beyond, whoever leads it at the usual speed of hands would have to push with more than their usual force.
+  static constexpr double kEasilyLed = ContactBounds{}.spring_force / ContactBounds{}.hand_speed;  // [N s/m]
+
+  std::vector<Carriage> carriages_;
 };
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 
+#include "core/controllets/prismatic_parameters.hpp"
 #include "core/model/coupled_modes.hpp"
 #include "core/types/triangular.hpp"
 
@@ -11,6 +12,16 @@ namespace {
 
 class Hold final : public Controllet {
  public:
+  explicit Hold(ArmModels arms) : usual_(kUsualStiffness) {
+    for (std::size_t i = 0; i < arms[0]->joint_count(); ++i) {
+      largest_push_[i] = kUsualStiffness[i] / 30;
+      if (!arms[0]->is_prismatic(i)) continue;
+      slides_[i] = true;
+      usual_[i] = usual_prismatic_stiffness(*arms[0], i);
+      largest_push_[i] = std::min(usual_[i] / 30, ContactBounds{}.spring_force);
+    }
+  }
+
   static ControlletDescriptor descriptor() {
     return {.type = "hold",
             .doc = "Holds one arm where it is: a soft, damped joint spring. The safe default of every arm.",
@@ -44,16 +55,18 @@ class Hold final : public Controllet {
     if (context.stopped) {
       stay(arm.q(), !stopped_);
     } else {
-      lead_back(arm.q(), context.parameters->values(kStiffness), kReturnSpeed * context.dt);
+      lead_back(arm.q(), context.parameters->values(kStiffness), kReturnSpeed * context.dt,
+                context.contact.spring_force);
     }
     stopped_ = context.stopped;
     const auto K = context.parameters->values(kStiffness);
+    slip(arm, K, context.contact.spring_force);
     JointVector stiffness = arm.q();
     JointVector design = stiffness;
     for (Eigen::Index i = 0; i < stiffness.size(); ++i) {
       const auto k = static_cast<std::size_t>(i);
       stiffness[i] = K[k];
-      design[i] = std::max(K[k], kUsualStiffness[k]);
+      design[i] = std::max(K[k], usual_[k]);
     }
     *arm.tau = torque(arm, stiffness, design, context.parameters->number(kDampingRatio)) + arm.terms->c();
     return LawResult::ok;
@@ -90,20 +103,34 @@ class Hold final : public Controllet {
 
   // At which a joint beyond its limits is brought back to them: a stiffness times the whole distance would
   // throw it.
-  static constexpr double kReturnSpeed = 0.1;  // [rad/s]
+  static constexpr double kReturnSpeed = 0.1;  // [rad/s], [m/s]
   static constexpr std::array<double, kMaxJoints> kUsualStiffness = {300, 300, 300, 300, 120, 80, 40, 40,
                                                                      40,  40,  40,  40,  40,  40, 40, 40};
 
-  // [N m] with which a joint on its way back pushes what is in its way, a person perhaps: q_0 then waits.
-  // More than damping at kReturnSpeed and friction need.
-  static double largest_push(std::size_t joint) { return kUsualStiffness[joint] / 30; }
-
-  void lead_back(const JointVector& q, std::span<const double> K, double reach) {
+  // `force`: the bound for contact, of carriages.
+  void lead_back(const JointVector& q, std::span<const double> K, double reach, double force) {
     for (Eigen::Index i = 0; i < q.size(); ++i) {
       const double step = std::clamp(q_end_[i] - q_0_[i], -reach, reach), lead = q_0_[i] - q[i];
       const auto k = static_cast<std::size_t>(i);
-      if (step * lead > 0 && K[k] * std::abs(lead) > largest_push(k)) continue;
+      const double most = slides_[k] ? std::min(largest_push_[k], force) : largest_push_[k];
+      if (step * lead > 0 && K[k] * std::abs(lead) > most) continue;
       q_0_[i] += step;
+    }
+  }
+
+  // A carriage resists with no more than the bounds for contact, stopped or not, and stays where it was put:
+  // with K times the way, tens of kilograms would come back at whoever pushed them aside to get free. Its
+  // damping is whole. No carriage bears weight (weight_on_an_axis()), so none sinks.
+  void slip(const OwnedArm& arm, std::span<const double> K, double force) {
+    const auto& limits = arm.model().limits();
+    for (Eigen::Index i = 0; i < q_0_.size(); ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      if (!slides_[k]) continue;
+      const double lead = std::min(force, ContactBounds{}.spring_force) / K[k], q = arm.q()[i];
+      const double kept = std::clamp(q_0_[i], q - lead, q + lead);
+      if (kept == q_0_[i]) continue;
+      q_0_[i] = kept;
+      q_end_[i] = std::clamp(kept, limits.q_min[i], limits.q_max[i]);
     }
   }
 
@@ -124,6 +151,11 @@ class Hold final : public Controllet {
     entered_ = true;
   }
 
+  std::array<double, kMaxJoints> usual_;  // default stiffness [N m/rad], [N/m]
+  // With which a joint on its way back pushes what is in its way, a person perhaps: q_0 then waits. More than
+  // damping at kReturnSpeed and friction need, if it is a revolute one [N m], [N].
+  std::array<double, kMaxJoints> largest_push_{};
+  std::array<bool, kMaxJoints> slides_{};
   JointVector q_0_, q_end_;
   bool entered_ = false, stopped_ = false;
 };

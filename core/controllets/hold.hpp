@@ -12,7 +12,8 @@ namespace multipanda {
 // designed for K, but never for less than the default stiffness. Modes faster than 100 rad/s are softened to
 // that, so that the hold is stable behind motors of 50 Hz and a delay of 3 ms in every pose. Closed loop
 // (exact model): M ddq + D dq + K (q - q_0) = tau_ext. Soft enough to be pushed by hand; an undeclared load
-// of 1 kg sinks less than 3 cm.
+// of 1 kg sinks less than 3 cm. The q_0 of a prismatic joint follows a carriage that is pushed farther than
+// 60 N, or the scene's spring_force, over K: it stays there.
 ControlletType hold_controllet();
 
 }  // namespace multipanda

@@ -6,6 +6,7 @@
 
 #include "core/controllets/following.hpp"
 #include "core/controllets/joint_law.hpp"
+#include "core/types/carriage_speed.hpp"
 
 namespace multipanda {
 namespace {
@@ -13,7 +14,15 @@ namespace {
 class JointFollower final : public Controllet {
  public:
   explicit JointFollower(ArmModels arms) {
-    if (arms[0]->joint_count() == arms[1]->joint_count()) return;
+    if (arms[0]->joint_count() == arms[1]->joint_count()) {
+      for (std::size_t i = 0; i < arms[0]->joint_count(); ++i) {
+        if (arms[0]->is_prismatic(i) == arms[1]->is_prismatic(i)) continue;
+        throw std::invalid_argument("joint_follower: joint " + std::to_string(i + 1) + " of '" +
+                                    arms[0]->name() + "' and of its leader '" + arms[1]->name() +
+                                    "' are not of the same type, revolute or prismatic; use pose_follower");
+      }
+      return;
+    }
     throw std::invalid_argument("joint_follower: '" + arms[0]->name() + "' has " +
                                 std::to_string(arms[0]->joint_count()) + " joints, its leader '" +
                                 arms[1]->name() + "' " + std::to_string(arms[1]->joint_count()) +
@@ -122,9 +131,10 @@ class JointFollower final : public Controllet {
 
   bool left_behind(const ControlContext& context) const {
     const JointVector lag = q_goal_ - q_d_;
-    const Vector3 of_hand = context.arms[0].terms->J_V_WE().topRows<3>().lazyProduct(lag);
+    const Jacobian& J = context.arms[0].terms->J_V_WE();
+    const Vector3 of_hand = J.topRows<3>().lazyProduct(lag);
     return lag.lpNorm<Eigen::Infinity>() > kLargestLagOfAJoint ||
-           of_hand.norm() > largest_lag(context.contact);
+           std::max(of_hand.norm(), carriage_speed(J, lag)) > largest_lag(context.contact);
   }
 
   void follow(const JointVector& goal, const JointVector& dq_goal, const Elbow& elbow,
@@ -132,8 +142,9 @@ class JointFollower final : public Controllet {
     const FollowingLimits limits{
         .first = 0, .count = q_d_.size(), .speed = kSpeed, .acceleration = kAcceleration, .jerk = kJerk};
     JointVector v_w = motion_.desired(goal - q_d_, dq_goal, limits, resistance_, context.dt);
-    const Vector3 hand = context.arms[0].terms->J_V_WE().topRows<3>().lazyProduct(v_w);
-    const double fastest = std::max(hand.norm(), elbow.velocity(v_w).norm());
+    const Jacobian& J = context.arms[0].terms->J_V_WE();
+    const Vector3 hand = J.topRows<3>().lazyProduct(v_w);
+    const double fastest = std::max({hand.norm(), elbow.velocity(v_w).norm(), carriage_speed(J, v_w)});
     if (fastest > context.contact.hand_speed) v_w *= context.contact.hand_speed / fastest;
     motion_.advance(v_w, limits, context.dt);
     q_d_ += context.dt * motion_.velocity();

@@ -3,13 +3,16 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/controllets/carriage.hpp"
+
 namespace multipanda {
 namespace {
 
 // The pull of all joints acts at the hand like the wrench J_bar^T tau, J_bar = M^-1 J^T Lambda (Khatib
 // 1987), more near a singular pose (TaskSpace::press): the force that keeps the hand where it is. The whole
 // pull is scaled until that keeps to its bounds. A motion of the null space does not show at the hand, so the
-// force at the elbow may be bounded likewise.
+// force at the elbow may be bounded likewise. A carriage is bounded by its own joint's pull, which no other
+// joint has to press for.
 void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, const JointVector& spring,
            const JointVector& damping, JointVector& tau, JointPull& drawn) {
   const TaskSpace& task = arm.terms->task();
@@ -26,8 +29,11 @@ void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, cons
     const double share = bound_pull(contact, pushes, damps, elbow->velocity(arm.dq())).force_share;
     bounded.force_share = std::max(bounded.force_share, share);
     pushes.head<3>() = elbow->force(spring);
-    drawn.strain = std::max(strain_of(at_hand(spring), contact), strain_of(pushes, contact));
+    drawn.strain = std::max({strain_of(at_hand(spring), contact), strain_of(pushes, contact),
+                             carriage_strain(contact, arm.model(), spring)});
   }
+  const double carriage = carriage_share(contact, arm.model(), pull, damping, arm.dq());
+  bounded.force_share = std::max(bounded.force_share, carriage);
   drawn.torque = pull;
   drawn.share = std::max(bounded.force_share, bounded.moment_share);
   if (bounded.factor() < 1) tau -= (1 - bounded.factor()) * pull;

@@ -35,12 +35,12 @@ struct JointPull {
   JointVector torque;
   double share = 0;
   double strain =
-      0;  // of the springs K (q_d - q) at hand and elbow (strain_of()); only if gains.elbow is set
+      0;  // of the springs K (q_d - q) at hand, elbow and carriages (strain_of()); only if gains.elbow is set
 };
 
-// tau = K (q_d - q) + D (dq_d - dq) + C dq [+ M ddq_d], the pull within the bounds for contact; `dq` is what
-// D sees of the arm's velocity (n x 1). With DampingOf::velocity -D dq instead of D (dq_d - dq). The result
-// is in arm.tau; fault if it is not finite.
+// tau = K (q_d - q) + D (dq_d - dq) + C dq [+ M ddq_d], the pull within the bounds for contact, at the hand
+// and at every prismatic joint; `dq` is what D sees of the arm's velocity (n x 1). With DampingOf::velocity
+// -D dq instead of D (dq_d - dq). The result is in arm.tau; fault if it is not finite.
 LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target, const JointVector& dq,
                               const ContactBounds& contact, OwnedArm& arm, JointPull& pull);
 

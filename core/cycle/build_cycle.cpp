@@ -1,6 +1,7 @@
 #include <stdexcept>
 
 #include "core/cycle/control_cycle.hpp"
+#include "core/model/prismatic_joints.hpp"
 
 namespace multipanda {
 namespace {
@@ -44,6 +45,8 @@ ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, 
                                 std::to_string(config.arms.size()) + " are configured");
   }
   for (ArmIndex arm = 0; arm < config.arms.size(); ++arm) {
+    const std::string weight = weight_on_an_axis(*config.arms[arm].model, safety_.limits(arm).joints.tau_max);
+    if (!weight.empty()) throw std::invalid_argument(weight);
     observers_.emplace_back(config.arms[arm].model->joint_count());
     if (!backend.capabilities(arm).has_external_torque) observed_ |= ArmSet::of(arm);
   }

@@ -1,3 +1,4 @@
+#include <cmath>
 #include <map>
 #include <optional>
 #include <stdexcept>
@@ -69,6 +70,46 @@ TEST(BuildCycle, RefusesNumbersOfArmsThatDoNotMatch) {
   expect_refused(two.config(), one, "the backend has 1 arms, 2 are configured");
   expect_refused(one.config(), two, "the backend has 2 arms, 1 are configured");
   EXPECT_NO_THROW(ControlCycle(most.config(), Registry::with_builtins(), most));
+}
+
+// Nothing here closes a brake. What the commands are limited to counts, as a scene or a host gives it.
+TEST(BuildCycle, RefusesAnAxisThatBearsWeight) {
+  const auto slide = [](double tilt) {
+    ArmModelSource source;
+    source.name = "slide";
+    source.urdf =
+        "<robot name='slide'><link name='rail'/><link name='carriage'><inertial><mass value='40'/><inertia "
+        "ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial></link><joint name='axis' "
+        "type='prismatic'><parent link='rail'/><child link='carriage'/><axis xyz='0 1 0'/><limit lower='-1' "
+        "upper='1' velocity='1' effort='800'/></joint></robot>";
+    source.flange = "carriage";
+    source.X_WB = {rotation_from_rpy({tilt, 0.3, 0}), {0.1, 0.2, 0.3}};
+    source.largest_load = 0;
+    source.limits.ddq_max = joint_constant(1, 5);
+    source.limits.tau_rate_max = joint_constant(1, 8000);
+    return std::make_shared<const ArmModel>(source);
+  };
+  const auto refused = [&](double tilt, double force) -> std::string {
+    ToldBackend one(1);
+    CycleConfig config = one.config();
+    config.arms[0].model = slide(tilt);
+    config.arms[0].safety = SafetyLimits::of(*config.arms[0].model);
+    config.arms[0].safety.joints.tau_max[0] = force;
+    try {
+      const ControlCycle cycle(config, Registry::with_builtins(), one);
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return {};
+  };
+  EXPECT_EQ(refused(0, 800), "");
+  EXPECT_EQ(refused(M_PI, 800), "");
+  EXPECT_NE(refused(M_PI / 2, 800).find("prismatic joint1 of arm 'slide' would bear weight"),
+            std::string::npos);
+  EXPECT_NE(refused(0.1, 800).find("degrees"), std::string::npos);
+  // 40 kg and 0.04 cos(0.3) g press with 15.0 N.
+  EXPECT_EQ(refused(0.04, 61), "");
+  EXPECT_NE(refused(0.04, 59).find("of its 59 N"), std::string::npos);
 }
 
 TEST(BuildCycle, TakesLimitsOfEachArmFromItsBackend) {

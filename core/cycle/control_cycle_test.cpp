@@ -465,7 +465,9 @@ TEST(Record, LayoutNamesArmsAndInputsOfEveryInstanceAndReferencesTheirSize) {
   EXPECT_EQ(follow.inputs[0].quantity, "joints");
   EXPECT_EQ(follow.parameters,
             (std::vector<std::string>{"joint_limits.range_rad", "joint_limits.stiffness_nm_per_rad",
-                                      "joint_limits.damping_nms_per_rad", "push.torque_nm"}));
+                                      "joint_limits.damping_nms_per_rad", "joint_limits.range_m",
+                                      "joint_limits.stiffness_n_per_m", "joint_limits.damping_n_s_per_m",
+                                      "push.torque_nm"}));
   EXPECT_EQ(follow.features, (std::vector<std::string>{"joint_limits", "push"}));
   loop.step();
   const CycleRecord& record = *loop.cycle.record()->ring.front();

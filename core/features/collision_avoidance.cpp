@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
+#include <string>
+#include <vector>
 
 #include "core/features/collision_pairs.hpp"
 #include "core/types/triangular.hpp"
@@ -11,6 +14,9 @@ namespace multipanda {
 namespace {
 
 constexpr double kNothingNear = 10;  // [m]; output if no pair is nearer
+// A hull around a base is wider than the body. Nearer to one than this share of the range, where the force is
+// four times its slope times the range and more, an arm would be thrown out when the feature is switched on.
+constexpr double kClearShare = 0.2;
 
 // The damping of an approach is at most this, times the mass that it acts on. A damping D answers a velocity
 // some milliseconds late (sampling, delay and lag of the torque); on a mass m that stays without overshoot up
@@ -70,6 +76,7 @@ class CollisionAvoidance final : public Feature {
   explicit CollisionAvoidance(const FeatureContext& context) : pairs_(context) {
     slot_.fill(kNotOwn);
     for (std::size_t i = 0; i < context.own.size(); ++i) slot_[context.own[i]] = i;
+    name_conditions();
     if (pairs_.size() > 0) return;
     // Without a pair it would be on and do nothing.
     refusal_ =
@@ -79,7 +86,22 @@ class CollisionAvoidance final : public Feature {
   }
 
   std::string_view refusal() const override { return refusal_; }
-  LawResult start(ControlContext&) override { return refusal_.empty() ? LawResult::ok : LawResult::fault; }
+  std::string_view start_condition() const override {
+    if (conditions_.empty()) return {};
+    return conditions_[too_near_.load(std::memory_order_acquire)];
+  }
+  LawResult start(ControlContext& context) override {
+    if (!refusal_.empty()) return LawResult::fault;
+    pairs_.place(context.scene_arms);
+    const double clear = kClearShare * context.parameters->number(kRange);
+    for (std::size_t i = 0; i < pairs_.size(); ++i) {
+      if (!pairs_.has_base_hull(i) || !(pairs_.at_least(i) < clear)) continue;
+      if (!(pairs_.closest(i).distance < clear)) continue;
+      too_near_.store(condition_of_[i], std::memory_order_release);
+      return LawResult::fault;
+    }
+    return LawResult::ok;
+  }
 
   LawResult update(ControlContext& context) override {
     const auto& parameters = *context.parameters;
@@ -120,6 +142,24 @@ class CollisionAvoidance final : public Feature {
   enum Output : std::size_t { kSmallest, kActive, kPotential, kLargestForce, kOutputCount };
   static constexpr std::size_t kNotOwn = static_cast<std::size_t>(-1);
   using PointJacobian = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, kMaxJoints>;
+
+  void name_conditions() {
+    const std::string general =
+        "no arm may be nearer to a hull around a base than a fifth of range_m when it is switched on, since "
+        "hulls "
+        "are wider than the bodies and would throw it out; move it away first, lower range_m, or give its "
+        "model "
+        "'self_collision'";
+    condition_of_.assign(pairs_.size(), 0);
+    for (std::size_t i = 0; i < pairs_.size(); ++i) {
+      if (!pairs_.has_base_hull(i)) continue;
+      if (conditions_.empty()) conditions_.push_back(general);
+      condition_of_[i] = conditions_.size();
+      const auto [a, b] = pairs_.pair(i);
+      conditions_.push_back(pairs_.body(a).name + " and " + pairs_.body(b).name +
+                            " were too near: " + general);
+    }
+  }
 
   // J^T n (n x 1) of a point of a body: its velocity along n per joint velocity. Empty if the body is fixed.
   static JointVector along_normal(ControlContext& context, const CollisionPairs::Body& body,
@@ -191,6 +231,10 @@ class CollisionAvoidance final : public Feature {
   std::size_t nearest_ = 0;
   double active_ = 0, potential_ = 0, largest_force_ = 0;
   std::string refusal_;
+  // What a start asks for: in general, then for each pair with a hull around a base. Empty: no hulls.
+  std::vector<std::string> conditions_;
+  std::vector<std::size_t> condition_of_;  // of each pair
+  std::atomic<std::size_t> too_near_{0};   // the condition that the last refused start names
 };
 
 }  // namespace

@@ -329,6 +329,112 @@ TEST(CollisionPairs, AreThoseThatAnOwnArmCanMove) {
   }
 }
 
+// Each arm is kept from the base by its own model. The other arm's copy counts only where it is another body.
+TEST(CollisionPairs, ArmsOfOneRobotHaveOneBase) {
+  const std::vector<Vector3> corners{{0, 0, 0}, {0.2, 0, 0}, {0, 0.3, 0}, {0, 0, -0.4}};
+  const std::vector<ConvexShape> bases{ConvexShape::capsule({0, 0, -0.2}, {0, 0, 0.1}, 0.1),
+                                       ConvexShape::hull(corners)};
+  for (const ConvexShape& base : bases) {
+    for (const double apart : {0.0, 0.01}) {
+      Models models;
+      for (std::uint32_t k = 0; k < 2; ++k) {
+        const Pose X_WB{rotation_from_rpy({0.2, -0.4, 0.3}), {k * apart, 0, 0.1}};
+        auto source = TestArm::make(7, 1 + k).source(X_WB, "arm" + std::to_string(k));
+        source.collision_shapes = {{"link0", -1, base, {}, false},
+                                   {"link6", 5, ConvexShape::sphere({0, 0, 0.1 + k}, 0.05), {}}};
+        source.self_pairs = {{0, 1}};
+        models.push_back(std::make_shared<const ArmModel>(std::move(source)));
+      }
+      for (const std::vector<ArmIndex>& own : {std::vector<ArmIndex>{0, 1}, {0}}) {
+        const CollisionPairs pairs(
+            FeatureContext{.arms = models, .own = own, .obstacles = {}, .friction_compensated = {}});
+        // Each own arm with its base, and the arms with each other; a second base meets each arm once more.
+        EXPECT_EQ(pairs.size(), own.size() + 1 + (apart > 0 ? own.size() : 0));
+      }
+    }
+  }
+}
+
+// A hull around a base is wider than the body: an arm that reaches into it is not thrown out. Other shapes
+// push it out gently enough.
+TEST(CollisionAvoidance, IsNotSwitchedOnWithinAHullOfABase) {
+  const std::vector<Vector3> corners{
+      {-1.6, -1.6, -1}, {1.6, -1.6, -1}, {-1.6, 1.6, -1}, {1.6, 1.6, -1}, {0, 0, 1.3}};
+  for (const bool hull : {true, false}) {
+    for (const bool of_another : {false, true}) {
+      Models models;
+      for (std::uint32_t k = 0; k < 2; ++k) {
+        auto source =
+            TestArm::make(7, 1 + k).source({rotation_from_rpy({0.2, -0.4, 0.3}), {6.0 * k, 0, 0.1}});
+        source.collision_shapes = {{"link0.1",
+                                    -1,
+                                    hull ? ConvexShape::hull(corners) : ConvexShape::sphere({0, 0, 0}, 0.9),
+                                    {},
+                                    false},
+                                   {"link6", 5, ConvexShape::sphere({0, 0, 0}, 0.05), {}}};
+        if (k == 0) source.self_pairs = {{0, 1}};
+        models.push_back(std::make_shared<const ArmModel>(std::move(source)));
+      }
+      // An arm that reaches into its own base, or one that stands in that of another.
+      if (of_another) {
+        auto source = TestArm::make(7, 2).source(models[0]->X_WB());
+        source.collision_shapes = {{"link6", 5, ConvexShape::sphere({0, 0, 0}, 0.05), {}}};
+        models[1] = std::make_shared<const ArmModel>(std::move(source));
+      }
+      ControlletRig rig(collision_avoidance_feature(), models, {},
+                        of_another ? std::vector<ArmIndex>{1} : std::vector<ArmIndex>{0});
+      const std::size_t arm = of_another ? 1 : 0;
+      Draw draw(17);
+      int inside = 0;
+      for (int trial = 0; trial < 200; ++trial) {
+        for (std::size_t i = 0; i < 2; ++i) rig.place(i, draw.joints(7, 1.5), zero(7));
+        const Vector3 p = models[0]->X_WB().inverse() * rig.terms(arm).X_WJ(5).position;
+        // Planes of the pyramid: z = -1, and four through the tip, 2.3 high and 1.6 wide.
+        const double side = std::max(std::abs(p.x()), std::abs(p.y()));
+        const double distance =
+            std::max(-1 - p.z(), (2.3 * side - 1.6 * (1.3 - p.z())) / std::hypot(2.3, 1.6));
+        if (distance > -0.01 && distance < 0.06) continue;  // beside an edge it is farther than from a plane
+        const bool refused = hull && distance < 0;
+        inside += distance < 0;
+        EXPECT_EQ(rig.start(), refused ? LawResult::fault : LawResult::ok) << distance;
+      }
+      EXPECT_GT(inside, 5);
+      EXPECT_LT(inside, 195);
+    }
+  }
+}
+
+// Close to a hull the push would begin with four times k r and more. The refusal names the pair.
+TEST(CollisionAvoidance, IsNotSwitchedOnCloseToAHullOfABase) {
+  const Pose X_WB{rotation_from_rpy({0.2, -0.4, 0.3}), {0.3, 0.2, 0.1}};
+  ModelTerms terms(TestArm::make(7).model(X_WB));
+  terms.update(bent(7), zero(7));
+  const Vector3 p = X_WB.inverse() * terms.X_WJ(5).position;
+  for (const double range : {0.05, 0.1}) {
+    for (const double share : {0.19, 0.21}) {
+      const double radius = 0.05, gap = share * range;
+      std::vector<Vector3> corners;  // a box whose face is that far from the sphere
+      for (const double x : {p.x() + radius + gap, p.x() + 1}) {
+        for (const double y : {-0.5, 0.5}) {
+          for (const double z : {-0.5, 0.5}) corners.push_back({x, p.y() + y, p.z() + z});
+        }
+      }
+      auto source = TestArm::make(7).source(X_WB, "left");
+      source.collision_shapes = {{"link0.3", -1, ConvexShape::hull(corners), {}, false},
+                                 {"link6", 5, ConvexShape::sphere({0, 0, 0}, radius), {}}};
+      source.self_pairs = {{0, 1}};
+      ControlletRig rig(collision_avoidance_feature(), {std::make_shared<const ArmModel>(std::move(source))});
+      rig.set("range_m", {range});
+      rig.place(0, bent(7), zero(7));
+      EXPECT_EQ(rig.start_condition().find("link0.3"), std::string::npos);
+      EXPECT_EQ(rig.start(), share < 0.2 ? LawResult::fault : LawResult::ok);
+      const std::string pair = "link0.3 of arm 'left' and link6 of arm 'left' were too near";
+      EXPECT_EQ(rig.start_condition().starts_with(pair), share < 0.2) << rig.start_condition();
+      EXPECT_NE(rig.start_condition().find("a fifth of range_m"), std::string::npos);
+    }
+  }
+}
+
 TEST(CollisionAvoidance, DampsApproachOnly) {
   Draw draw(64);
   const Models models = made_up();

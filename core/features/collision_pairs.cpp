@@ -1,12 +1,37 @@
 #include "core/features/collision_pairs.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <stdexcept>
 
 namespace multipanda {
 
 using Kind = ConvexShape::Kind;
+
+namespace {
+
+// Two bodies of bases, both in the world.
+bool coincide(const CollisionPairs::Body& a, const CollisionPairs::Body& b) {
+  constexpr double kSame = 1e-6;  // [m]
+  const ConvexShape &one = a.shape, &other = b.shape;
+  if (one.kind != other.kind || std::abs(one.radius - other.radius) > kSame) return false;
+  if (a.is_segment) {
+    const auto far = [](const Vector3& p, const Vector3& q) { return (p - q).norm() > kSame; };
+    return !far(one.p0, other.p0) && (one.kind == Kind::sphere || !far(one.p1, other.p1));
+  }
+  if (one.kind == Kind::vertices) {
+    if (one.vertex_count != other.vertex_count) return false;
+    for (std::size_t i = 0; i < one.vertex_count; ++i) {
+      if ((a.X_JS * one.vertex[i] - b.X_JS * other.vertex[i]).norm() > kSame) return false;
+    }
+    return true;
+  }
+  return (one.half - other.half).norm() <= kSame && (a.X_JS.position - b.X_JS.position).norm() <= kSame &&
+         (a.X_JS.rotation - b.X_JS.rotation).norm() <= kSame;
+}
+
+}  // namespace
 
 CollisionPairs::CollisionPairs(const FeatureContext& context) : obstacles_(context.obstacles) {
   ArmSet own;
@@ -17,11 +42,13 @@ CollisionPairs::CollisionPairs(const FeatureContext& context) : obstacles_(conte
     const ArmModel& model = *context.arms[arm];
     for (const auto& part : model.collision_shapes()) {
       add(arm, part.joint, part.shape, part.joint < 0 ? model.X_WB() * part.X_JS : part.X_JS);
+      bodies_.back().name = part.name + " of arm '" + model.name() + "'";
     }
   }
   first.push_back(bodies_.size());
   for (const auto& obstacle : obstacles_) {
     add(kNoArm, -1, obstacle.shape, obstacle.X_WO);
+    bodies_.back().name = "'" + obstacle.name + "'";
     X_WO_.push_back(obstacle.X_WO);
   }
   if (bodies_.size() > std::numeric_limits<std::uint16_t>::max()) {
@@ -29,6 +56,15 @@ CollisionPairs::CollisionPairs(const FeatureContext& context) : obstacles_(conte
                                 std::to_string(bodies_.size()));
   }
 
+  // A shape of the base that another arm has at the same place is the same body: of two arms of one robot.
+  // Which links of that arm are checked against it, its own model says.
+  const auto is_base_of = [&](std::size_t body, ArmIndex other) {
+    if (bodies_[body].joint >= 0) return false;
+    for (std::size_t i = first[other]; i < first[other + 1]; ++i) {
+      if (bodies_[i].joint < 0 && coincide(bodies_[i], bodies_[body])) return true;
+    }
+    return false;
+  };
   std::vector<bool> used(bodies_.size(), false);
   const auto pair = [&](std::size_t a, std::size_t b) {
     pairs_.push_back({static_cast<std::uint16_t>(a), static_cast<std::uint16_t>(b)});
@@ -43,7 +79,7 @@ CollisionPairs::CollisionPairs(const FeatureContext& context) : obstacles_(conte
         for (std::size_t b = first[other]; b < first[other + 1]; ++b) {
           // The own arm cannot move this shape; the feature of the other arm handles the pair.
           const bool helps = bodies_[a].joint >= 0 || (own.contains(other) && bodies_[b].joint >= 0);
-          if (helps) pair(a, b);
+          if (helps && !is_base_of(a, other) && !is_base_of(b, arm)) pair(a, b);
         }
       }
     }

@@ -2,6 +2,7 @@
 
 #include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "core/controllets/controllet.hpp"
@@ -13,7 +14,8 @@ namespace multipanda {
 
 // The pairs of shapes that concern some arms of a scene (`own`), and their distances:
 //   - an own arm with itself: the pairs that its model names (ArmModel::self_pairs),
-//   - an own arm with any other arm, of any owner: all pairs in which either shape can move,
+//   - an own arm with any other arm, of any owner: all pairs in which either shape can move; but a base
+//     that both have, equal shapes at the same place, is to each of them only its own base,
 //   - an own arm's moving shapes with the obstacles.
 // Shapes are placed in the world once per cycle. Built before the loop; nothing allocates afterwards.
 class CollisionPairs {
@@ -30,6 +32,7 @@ class CollisionPairs {
     bool half_space = false;
     Pose X_WS;                                           // in this cycle
     Vector3 p0 = Vector3::Zero(), p1 = Vector3::Zero();  // in this cycle: a segment's ends in the world
+    std::string name;                                    // for messages: "link5 of arm 'left'"
   };
   struct Pair {
     std::uint16_t a = 0, b = 0;  // bodies
@@ -45,6 +48,8 @@ class CollisionPairs {
   // Updates the poses of all shapes and obstacles for this cycle. The shapes of an arm whose joint positions
   // are not finite stay where they were last; at_least() of those that never had a place is not a number.
   void place(std::span<OwnedArm> scene_arms);
+  // Whether one of them is a hull around the base of an arm.
+  bool has_base_hull(std::size_t i) const { return is_base_hull(pairs_[i].a) || is_base_hull(pairs_[i].b); }
   // A lower bound of the distance, from the bounding spheres.
   double at_least(std::size_t i) const {
     const Sphere &a = spheres_[pairs_[i].a], &b = spheres_[pairs_[i].b];
@@ -66,6 +71,10 @@ class CollisionPairs {
     double offset = 0;  // half space: normal . p for the points of its plane
   };
   void add(ArmIndex arm, int joint, const ConvexShape& shape, const Pose& X_JS);
+  bool is_base_hull(std::size_t i) const {
+    const Body& body = bodies_[i];
+    return body.joint < 0 && body.arm != kNoArm && body.shape.kind == ConvexShape::Kind::vertices;
+  }
   void fix(Body& body, const ConvexShape& shape, const Pose& X_JS);
   void place(std::size_t body, const Pose& X_WJ);
   void place_obstacles();

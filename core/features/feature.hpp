@@ -20,6 +20,8 @@ class Feature {
   // Human-readable reason why start() refuses in any state; empty if it does not. Fixed by the constructor;
   // any thread.
   virtual std::string_view refusal() const { return {}; }
+  // What start() asks of the measured state, as text; a refused start may name what it met. Any thread.
+  virtual std::string_view start_condition() const { return {}; }
   virtual LawResult start(ControlContext& context) = 0;   // in the cycle it is switched on
   virtual LawResult update(ControlContext& context) = 0;  // arms[i].tau += ...
   // Lowers upper bounds of parameters to what these arms bear. Before the loop, once.

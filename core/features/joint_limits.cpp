@@ -1,6 +1,7 @@
 #include "core/features/joint_limits.hpp"
 
 #include <algorithm>
+#include <limits>
 
 #include "core/controllets/bearable_damping.hpp"
 
@@ -34,29 +35,50 @@ class JointLimits final : public Feature {
                      .initial = {2.0},
                      .max = 20,
                      .doc = "Damping of outward motion at the limit; of a joint with little inertia, "
-                            "what it bears at 1 kHz."})),
-            .outputs = spec_table<kOutputCount>(
-                output_at<kLargest>("largest_torque_nm", "Largest repulsive torque of this cycle [N m]."))};
+                            "what it bears at 1 kHz."}),
+                parameter_at<kLinearRange>({.name = "range_m",
+                                            .unit = "m",
+                                            .initial = {0.05},
+                                            .min = 0.005,
+                                            .max = 0.3,
+                                            .doc = "The same distance of prismatic joints."}),
+                parameter_at<kLinearStiffness>({.name = "stiffness_n_per_m",
+                                                .unit = "N/m",
+                                                .initial = {1200.0},
+                                                .max = 20000,
+                                                .doc = "The same slope of prismatic joints; the repulsion "
+                                                       "keeps to the bounds for contact."}),
+                parameter_at<kLinearDamping>({.name = "damping_n_s_per_m",
+                                              .unit = "N s/m",
+                                              .initial = {200.0},
+                                              .max = 2000,
+                                              .doc = "The same damping of prismatic joints."})),
+            .outputs = spec_table<kOutputCount>(output_at<kLargest>(
+                "largest_torque_nm",
+                "Largest repulsive torque of this cycle [N m], force of prismatic joints [N]."))};
   }
 
   LawResult start(ControlContext&) override { return LawResult::ok; }
 
   LawResult update(ControlContext& context) override {
     const auto& parameters = *context.parameters;
-    const double r = parameters.number(kRange);
-    const double k = parameters.number(kStiffness);
-    const double damping = parameters.number(kDamping);
+    const Gains turning{parameters.number(kRange), parameters.number(kStiffness),
+                        parameters.number(kDamping)};
+    const Gains sliding{parameters.number(kLinearRange), parameters.number(kLinearStiffness),
+                        parameters.number(kLinearDamping), context.contact.spring_force};
     double largest = 0;
     for (std::size_t a = 0; a < context.arms.size(); ++a) {
       OwnedArm& arm = context.arms[a];
       const auto& limits = arm.model().limits();
       for (Eigen::Index i = 0; i < arm.q().size(); ++i) {
+        const auto& [r, k, damping, most] =
+            arm.model().is_prismatic(static_cast<std::size_t>(i)) ? sliding : turning;
         const double above = r - (arm.q()[i] - limits.q_min[i]);  // > 0: within the lower range
         const double below = r - (limits.q_max[i] - arm.q()[i]);
         const double D = std::min(damping, bearable_[a][i]);
         double tau = 0;
-        if (above > 0) tau += k * above - (arm.dq()[i] < 0 ? D * above / r * arm.dq()[i] : 0);
-        if (below > 0) tau -= k * below + (arm.dq()[i] > 0 ? D * below / r * arm.dq()[i] : 0);
+        if (above > 0) tau += std::min(k * above, most) - (arm.dq()[i] < 0 ? D * above / r * arm.dq()[i] : 0);
+        if (below > 0) tau -= std::min(k * below, most) + (arm.dq()[i] > 0 ? D * below / r * arm.dq()[i] : 0);
         (*arm.tau)[i] += tau;
         largest = std::max(largest, std::abs(tau));
       }
@@ -66,8 +88,21 @@ class JointLimits final : public Feature {
   }
 
  private:
-  enum Parameter : std::size_t { kRange, kStiffness, kDamping, kParameterCount };
+  enum Parameter : std::size_t {
+    kRange,
+    kStiffness,
+    kDamping,
+    kLinearRange,
+    kLinearStiffness,
+    kLinearDamping,
+    kParameterCount
+  };
   enum Output : std::size_t { kLargest, kOutputCount };
+
+  struct Gains {
+    double range, stiffness, damping;
+    double most = std::numeric_limits<double>::infinity();  // of the spring: of a carriage [N]
+  };
 
   std::vector<JointVector> bearable_;  // of each arm
 };

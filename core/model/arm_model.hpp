@@ -90,6 +90,7 @@ class ArmModel {
   // joints free (n x 1) [kg m^2]. Computed at the first call; any thread except the loop's.
   const JointVector& least_inertia() const;
   // The heaviest payload that may be declared to this arm [kg]; none: no bound is known.
+  const Load& tool() const { return source_.tool; }  // what the flange carries from the start
   const std::optional<double>& largest_load() const { return source_.largest_load; }
   // The friction that the scene declares to the controllers, if any.
   const std::optional<JointFrictionTable>& known_friction() const { return source_.known_friction; }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "core/controllets/prismatic_parameters.hpp"
 #include "core/types/time.hpp"
 
 namespace multipanda {
@@ -48,7 +49,8 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
       descriptor_(controllet_type(config, registry, blocks).descriptor),
       arm_list_(config.arms),
       observed_list_(config.observes),
-      parameters_(descriptor_.parameters, blocks.terms[config.arms[0]].joint_count()) {
+      parameters_(specs_for(descriptor_.parameters, blocks.terms[config.arms[0]].model()),
+                  blocks.terms[config.arms[0]].joint_count()) {
   std::vector<std::shared_ptr<const ArmModel>> models;
   for (const ArmIndex arm : arm_list_) {
     if (arms_.contains(arm)) refuse(name_, "the same arm is listed twice");
@@ -71,6 +73,7 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
   }
   const FeatureContext context{all_models, arm_list_, blocks.obstacles, blocks.friction_compensated};
   controllet_ = controllet_type(config, registry, blocks).create(models);
+  bound_revolute_joints(descriptor_.parameters, *models[0], parameters_);
   controllet_->bound_parameters(parameters_);
   X_FE_.resize(arm_list_.size());
   contact_ = config.contact;
@@ -225,9 +228,9 @@ ControlContext Instance::context(const Tick& tick) {
 }
 
 ControlContext Instance::feature_context(FeatureSlot& slot, const Tick& tick) {
-  return {dt_,        tick.t.seconds(), feature_arms_,
-          {},         &slot.parameters, std::span(outputs_).subspan(slot.output_offset, slot.output_count),
-          scene_arms_};
+  return {dt_,         tick.t.seconds(), feature_arms_,
+          {},          &slot.parameters, std::span(outputs_).subspan(slot.output_offset, slot.output_count),
+          scene_arms_, contact_};
 }
 
 LawResult Instance::start(const Tick& tick) try {

@@ -73,6 +73,9 @@ class Instance {
   const ControlletDescriptor& feature_descriptor(std::size_t i) const { return features_[i].descriptor; }
   std::size_t find_feature(std::string_view type) const;  // feature_count(): unknown
   std::string_view feature_refusal(std::size_t i) const { return features_[i].feature->refusal(); }
+  std::string_view start_condition(std::size_t feature) const {
+    return features_[feature].feature->start_condition();
+  }
   bool feature_on(std::size_t i) const {
     return (features_on_.load(std::memory_order_relaxed) >> i & 1u) != 0;
   }

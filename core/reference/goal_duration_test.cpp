@@ -139,6 +139,7 @@ TEST(GoalDuration, OfJointsKeepsTheHandWithinItsSpeed) {
     Reference reference({.name = "joints", .quantity = Quantity::joints}, 3);
     reference.start(joint_constant(3, 0));
     Jacobian J = Jacobian::Zero(6, 3);
+    J.row(5).setOnes();
     for (Eigen::Index i = 0; i < 3; ++i) J(i, i) = 0.2 + 0.3 * static_cast<double>(i);
     ASSERT_EQ(reference.post(values(3, 0.8, static_cast<std::size_t>(joint))), Verdict::accepted);
     const double t = arrival(reference, [&] {

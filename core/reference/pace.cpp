@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "core/reference/reference.hpp"
+#include "core/types/carriage_speed.hpp"
 #include "core/types/rotation_rate.hpp"
 
 // The pace at which a set-point moves along its path: slower where the hand would be too fast, and not at all
@@ -105,7 +106,8 @@ bool Reference::waits_for(const Target& target) {
   return true;
 }
 
-// Speed of the hand for a velocity in the coordinates of the segment; 0 if nothing bounds it here.
+// Speed of the hand, or of a carriage that is faster, for a velocity in the coordinates of the segment; 0 if
+// nothing bounds it here.
 double Reference::hand_speed(const QuinticSegment::Values& velocity) const {
   if (!std::isfinite(greatest_hand_speed_)) return 0;
   if (spec_.quantity == Quantity::pose) {
@@ -115,7 +117,7 @@ double Reference::hand_speed(const QuinticSegment::Values& velocity) const {
   Vector3 v = Vector3::Zero();
   for (std::size_t i = 0; i < size_; ++i)
     v += J_hand_.col(static_cast<Eigen::Index>(i)).head<3>() * velocity[i];
-  return v.norm();
+  return std::max(v.norm(), carriage_speed(J_hand_, std::span(velocity).first(size_)));
 }
 
 double Reference::pace_wanted() const {

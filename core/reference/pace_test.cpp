@@ -149,6 +149,7 @@ TEST(Pace, JointGoalsKeepTheHandWithinItsSpeed) {
     };
     const auto jacobian = [&](const JointVector& at) {
       Jacobian J = Jacobian::Zero(6, 2);
+      J.row(5).setOnes();
       const Vector3 p = place(at), elbow(kLink * std::cos(at[0]), kLink * std::sin(at[0]), 0);
       J.col(0).head<3>() = Vector3::UnitZ().cross(p);
       J.col(1).head<3>() = Vector3::UnitZ().cross(Vector3(p - elbow));
@@ -351,6 +352,7 @@ TEST(Pace, FollowsALeverThatGrows) {
     target.duration_s = 3;
     target.period_s = 4;
     Jacobian J = Jacobian::Zero(6, 1);
+    J(5, 0) = 1;
     J(0, 0) = 0.1;
     ASSERT_EQ(reference.post(target), Verdict::accepted);
     double t = 0, fastest = 0, late = 0;
@@ -369,6 +371,41 @@ TEST(Pace, FollowsALeverThatGrows) {
     EXPECT_LT(fastest, 1.03 * kGreatest);
     EXPECT_GT(late, 0.9 * kGreatest);
     EXPECT_NEAR(reference.joints()[0], delivery == Delivery::goal ? 1 : 0, 1e-9);
+  }
+}
+
+// Two axes on each other that move against each other: the hand rests, and what the first one moves keeps to
+// the speed of a hand. Neither joint alone shows how fast the second one of two parallel axes is.
+TEST(Pace, KeepsCarriagesWithinTheSpeedOfHands) {
+  constexpr double kGreatest = 0.2;
+  for (const double second : {-1.0, 1.0}) {
+    for (const Delivery delivery : {Delivery::goal, Delivery::stream}) {
+      Reference reference({.name = "joints", .quantity = Quantity::joints, .max_speed = 1}, 2);
+      reference.start(joint_constant(2, 0));
+      Jacobian J = Jacobian::Zero(6, 2);
+      J(0, 0) = 0.6;
+      J(1, 0) = 0.8;
+      J.col(1) = second * J.col(0);
+      J *= 1 + 1e-8;  // of a base that is not quite orthonormal
+      Target target;
+      target.size = 2;
+      target.values[0] = target.values[1] = 0.5;
+      target.delivery = delivery;
+      double t = 0, fastest = 0;
+      for (int k = 0; k < 10000; ++k) {
+        if (k == 0 || (delivery == Delivery::stream && k % 5 == 0)) {
+          ASSERT_EQ(reference.post(target), Verdict::accepted);
+        }
+        reference.bound_hand_speed(kGreatest, J);
+        reference.advance(kDt, t += kDt);
+        const JointVector& v = reference.joint_velocity();
+        fastest = std::max({fastest, std::abs(v[0]), std::abs(v[0] + second * v[1])});
+      }
+      EXPECT_LT(fastest, 1.05 * kGreatest);
+      EXPECT_GT(fastest, 0.5 * kGreatest);
+      EXPECT_NEAR(reference.joints()[0], 0.5, 1e-6);
+      EXPECT_NEAR(reference.joints()[1], 0.5, 1e-6);
+    }
   }
 }
 

@@ -42,10 +42,11 @@ struct InputSpec {
 // to rest and becomes stale. Samples of a chunk are taken one period early, so that the set-point is there in
 // time, without lag.
 //
-// A reference whose hand cannot follow waits: see resist(). A joint reference is slowed down where the hand
-// would be faster than its bound: see bound_hand_speed(). Both scale the time of the segment by a pace p from
-// 0 to 1, x_d(t) = x(s) with ds/dt = p, so that dx_d = p x', ddx_d = p^2 x'' + dp/dt x' (time scaling: Dahl
-// and Nielsen, "Torque-limited path following by online trajectory time scaling", 1990).
+// A reference whose hand cannot follow waits: see resist(). A joint reference is slowed down where the hand,
+// or what a prismatic joint moves, would be faster than its bound: see bound_hand_speed(). Both scale the
+// time of the segment by a pace p from 0 to 1, x_d(t) = x(s) with ds/dt = p, so that dx_d = p x', ddx_d = p^2
+// x'' + dp/dt x' (time scaling: Dahl and Nielsen, "Torque-limited path following by online trajectory time
+// scaling", 1990).
 //
 // Poses: the position is a quintic per axis; the rotation is R(t) = exp(r(t)) R_0 with a quintic r(t) from 0
 // to log(R_goal R_0^T), so it takes the shortest rotation and its velocity is continuous at the start.
@@ -84,8 +85,8 @@ class Reference {
   void limit_speed(double max_speed) { spec_.max_speed = max_speed; }
   // Takes newly arrived targets and advances by dt. `now_s` is the time of the loop.
   void advance(double dt, double now_s);
-  // Before advance(): the greatest speed of the hand, and the Jacobian of its position (3 x n, joints), where
-  // the arm is now.
+  // Before advance(): the greatest speed of the hand and of every carriage (carriage_speed()), and the hand's
+  // Jacobian (6 x n, joints) where the arm is now.
   void bound_hand_speed(double greatest, const Jacobian& J);
   // The same for a pose that carries hands `lever` away from it [m]: |v| + |omega| lever.
   void bound_hand_speed(double greatest, double lever);

@@ -121,6 +121,7 @@ TEST(StreamRamp, OfPosesAndJointsGoesOnWhereTwoSamplesAreLost) {
 TEST(StreamRamp, CloseToTheHandsSpeedIsFollowedOnePeriodLate) {
   const Line along{Quantity::joints, JointVector(Vector3(0.2, -0.4, 0.3))};
   Jacobian J = Jacobian::Zero(6, 3);
+  J.row(5).setOnes();
   J.topRows<3>() << 0.5, 0.2, 0, 0, -0.6, 0.3, 0.1, 0, 0.4;
   const double hand = Vector3(J.topRows<3>() * along.v).norm();
   for (const int period : {1, 2, 4, 10}) {
@@ -196,6 +197,7 @@ TEST(StreamRamp, ThatMovesTheHandTooFastIsFollowedAtTheHandsSpeed) {
   for (const int period : {1, 4, 10}) {
     Line joints{Quantity::joints, JointVector(Vector3(0.2, -0.4, 0.3))};
     Jacobian J = Jacobian::Zero(6, 3);
+    J.row(5).setOnes();
     J.topRows<3>() << 0.5, 0.2, 0, 0, -0.6, 0.3, 0.1, 0, 0.4;  // |J dq| = 0.35 m/s
     {
       Reference reference = started(joints, 10);

@@ -108,6 +108,7 @@ TEST(SymmetricReference, JointsAreAlike) {
   Reference theirs({.name = "joints", .quantity = Quantity::joints, .max_speed = 0.4}, n);
   JointVector start = course.draw.joints(n, 1);
   Jacobian J = Jacobian::Zero(6, n), J_reversed = Jacobian::Zero(6, n);
+  J.row(5).setOnes();
   for (Eigen::Index i = 0; i < n; ++i) J.col(i).head<3>() = course.draw.vector3(0.4);
   for (Eigen::Index i = 0; i < n; ++i) J_reversed.col(i) = J.col(n - 1 - i);
   ours.start(start);

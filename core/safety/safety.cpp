@@ -10,6 +10,7 @@ namespace {
 constexpr double kOutwardSpeed = 0.01;  // [rad/s], [m/s]
 // Nor may slower motion creep: this far beyond a limit, any motion but the way back is an intervention.
 constexpr double kJointMargin = 0.02;       // [rad]
+constexpr double kSlidingMargin = 0.005;    // of a prismatic joint [m]
 constexpr double kWorkspaceMargin = 0.005;  // [m]
 
 // Whether a value that is `beyond` its limit, moving away from it at `outwards`, has to stop. `known`: how
@@ -81,10 +82,12 @@ Finding SafetyStage::inspect(std::size_t arm, const ArmCondition& condition, con
     const double fastest = largest_speed(limits.joints, i, q, dq);
     if (std::abs(dq) > fastest) return at_joint(Intervention::joint_velocity_limit, i, dq, fastest);
     const double known = arms_[arm].joints_beyond[i];
-    if (leaves(q - limits.joints.q_max[i], dq, known, kJointMargin)) {
+    const double margin =
+        terms.model().is_prismatic(static_cast<std::size_t>(i)) ? kSlidingMargin : kJointMargin;
+    if (leaves(q - limits.joints.q_max[i], dq, known, margin)) {
       return at_joint(Intervention::joint_position_limit, i, q, limits.joints.q_max[i]);
     }
-    if (leaves(limits.joints.q_min[i] - q, -dq, known, kJointMargin)) {
+    if (leaves(limits.joints.q_min[i] - q, -dq, known, margin)) {
       return at_joint(Intervention::joint_position_limit, i, q, limits.joints.q_min[i]);
     }
   }

@@ -6,6 +6,8 @@
 
 #include <Eigen/Cholesky>
 
+#include "core/controllets/prismatic_parameters.hpp"
+
 namespace multipanda::test {
 
 ControlletRig::ControlletRig(const ControlletType& type, const Models& models) {
@@ -29,7 +31,9 @@ ControlletRig::ControlletRig(const FeatureType& type, const Models& models, std:
 
 void ControlletRig::build(const ControlletDescriptor& descriptor, const Models& models) {
   descriptor_ = descriptor;
-  parameters_ = std::make_unique<ParameterSet>(descriptor.parameters, models[0]->joint_count());
+  parameters_ =
+      std::make_unique<ParameterSet>(specs_for(descriptor.parameters, *models[0]), models[0]->joint_count());
+  bound_revolute_joints(descriptor.parameters, *models[0], *parameters_);
   for (const auto& input : descriptor.inputs) inputs_.emplace_back(input, models[input.arm]->joint_count());
   std::size_t outputs = 0;
   for (const auto& output : descriptor.outputs) outputs += output.size;

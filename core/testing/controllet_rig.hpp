@@ -30,6 +30,7 @@ class ControlletRig {
   void approach(std::string_view parameter, std::vector<double> values);
   void bound(const ContactBounds& contact);  // of the law, and of the speed of its pose inputs
   Reference& input(std::string_view name);
+  std::string_view start_condition() const { return feature_->start_condition(); }  // of a feature
   std::vector<double> output(std::string_view name) const;
   const std::vector<double>& outputs() const { return outputs_; }
   const ParameterSet& parameters() const { return *parameters_; }

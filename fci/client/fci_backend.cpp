@@ -7,6 +7,7 @@
 #include <poll.h>
 #include <stdexcept>
 
+#include "core/model/prismatic_joints.hpp"
 #include "device/arm_settings.hpp"
 #include "fci/client/arm_driver.hpp"
 #include "fci/client/first_states.hpp"
@@ -33,6 +34,9 @@ void check(const FciArmConfig& arm) {
     refuse("the control interface needs a model with seven joints, found " +
            std::to_string(arm.model->joint_count()));
   }
+  if (has_prismatic_joints(*arm.model))
+    refuse(
+        "the control interface needs revolute joints, found a prismatic one; such an arm can be simulated");
   if (arm.address.empty()) refuse("the address is missing");
   if (!(arm.low_pass_hz >= 0) || arm.low_pass_hz > 1000)
     refuse("the low-pass cutoff must be 0 (none) to 1000 Hz");

@@ -42,6 +42,11 @@ void put(const Vector3& v, double (&to)[3]) {
 }  // namespace
 
 ArmNumbers arm_numbers(const RobotDescription& robot) {
+  if (robot.has_prismatic_joints()) {
+    throw std::invalid_argument(
+        "robot '" + robot.name +
+        "' has a prismatic joint, the arm's control interface supports revolute ones only");
+  }
   if (robot.joint_count() != ArmNumbers::kJoints) {
     throw std::invalid_argument("robot '" + robot.name + "' has " + std::to_string(robot.joint_count()) +
                                 " joints, the arm's control interface supports only 7");

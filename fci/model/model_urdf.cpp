@@ -43,6 +43,11 @@ void write_limits(XmlText& xml, const RobotDescription& robot, Eigen::Index j) {
 }  // namespace
 
 std::string model_urdf(const RobotDescription& robot) {
+  if (robot.has_prismatic_joints()) {
+    throw std::invalid_argument(
+        "robot '" + robot.name +
+        "' has a prismatic joint, the arm's control interface supports revolute ones only");
+  }
   if (robot.joint_count() != 7) {
     throw std::invalid_argument("robot '" + robot.name + "' has " + std::to_string(robot.joint_count()) +
                                 " joints, the arm's control interface supports only 7");

@@ -3,6 +3,7 @@
 #include <sys/epoll.h>
 #include <sys/socket.h>
 
+#include "core/model/prismatic_joints.hpp"
 #include "core/types/time.hpp"
 #include "fci/server/arm_client.hpp"
 #include "fci/server/wire_requests.hpp"
@@ -45,6 +46,11 @@ ArmPort::ArmPort(ArmPortConfig config, SimulatedArm& arm)
   if (arm.joint_count() != kWireJoints) {
     throw std::invalid_argument("arm '" + config_.name + "' has " + std::to_string(arm.joint_count()) +
                                 " joints; the control interface supports " + std::to_string(kWireJoints));
+  }
+  if (has_prismatic_joints(arm.model())) {
+    throw std::invalid_argument(
+        "arm '" + config_.name +
+        "' has a prismatic joint; the control interface supports revolute joints only");
   }
   motions_ended_ = arm.motions_ended();
 }

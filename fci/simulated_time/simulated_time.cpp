@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "core/model/prismatic_joints.hpp"
 #include "fci/client/first_states.hpp"
 #include "fci/client/from_scene.hpp"
 #include "fci/server/from_scene.hpp"
@@ -66,6 +67,9 @@ SimulatedTime::Implementation::Implementation(const Scene& scene, SimulatedTimeO
     }
     if (plant.arm(i).joint_count() != kWireJoints) {
       throw std::invalid_argument("arm '" + arm.name + "': the control interface needs seven joints");
+    }
+    if (has_prismatic_joints(plant.arm(i).model())) {
+      throw std::invalid_argument("arm '" + arm.name + "': the control interface has no prismatic joints");
     }
     arm.side =
         std::make_unique<ArmSide>(plant.arm(i), fixed_config(of_scene), *dialect, arm.timing.first_number,

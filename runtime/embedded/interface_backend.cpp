@@ -74,11 +74,11 @@ void InterfaceBackend::PlainArm::watch_numbers(double dt) {
 
 // Whether numbers that stay the same cannot be those of an arm.
 bool InterfaceBackend::PlainArm::contradicts() const {
-  constexpr double kMoves = 0.05;        // [rad/s]: within 20 ms, any encoder sees it
-  constexpr double kTorqueShare = 0.05;  // of the limit: friction may carry less
+  constexpr double kMoves = 0.05, kSlides = 0.01;  // [rad/s], [m/s]: within 20 ms, any encoder sees it
+  constexpr double kTorqueShare = 0.05;            // of the limit: friction may carry less
   for (std::size_t i = 0; i < joints(); ++i) {
     const auto k = static_cast<Eigen::Index>(i);
-    if (std::abs(signals.velocity[i]) > kMoves) return true;
+    if (std::abs(signals.velocity[i]) > (arm.model->is_prismatic(i) ? kSlides : kMoves)) return true;
     if (std::abs(tau_cmd[k] - tau_then[k]) > kTorqueShare * arm.safety.joints.tau_max[k]) return true;
   }
   return false;
@@ -103,6 +103,20 @@ InterfaceBackend::InterfaceBackend(std::vector<Arm> arms, double period_s) : per
 
 InterfaceBackend::~InterfaceBackend() = default;
 
+// A force in place of a torque, or meters in place of radians. A hardware without a model of its own does not
+// say what its joints are.
+std::string InterfaceBackend::unlike_joints(const PlainArm& arm) {
+  if (arm.signals.shared->model == nullptr) return {};
+  const ArmModel &theirs = arm.signals.shared->model->model(), &ours = *arm.arm.model;
+  for (std::size_t i = 0; i < std::min(theirs.joint_count(), ours.joint_count()); ++i) {
+    if (theirs.is_prismatic(i) == ours.is_prismatic(i)) continue;
+    const auto kind = [i](const ArmModel& model) { return model.is_prismatic(i) ? "prismatic" : "revolute"; };
+    return "joint '" + joint_name(arm.arm, i) + "' is " + kind(theirs) + " in the hardware's arm and " +
+           kind(ours) + " in the model; give both the same model";
+  }
+  return {};
+}
+
 std::string InterfaceBackend::check() const {
   for (const auto& arm : arms_) {
     const std::string who = "arm '" + arm->arm.host.name + "': ";
@@ -111,9 +125,11 @@ std::string InterfaceBackend::check() const {
     }
     if (arm->signals.shared != nullptr) {
       const auto joints = static_cast<std::size_t>(arm->signals.shared->state.q.size());
-      if (joints == arm->joints()) continue;
-      return who + "the hardware's arm has " + std::to_string(joints) + " joints, the model has " +
-             std::to_string(arm->joints());
+      if (joints != arm->joints())
+        return who + "the hardware's arm has " + std::to_string(joints) + " joints, the model has " +
+               std::to_string(arm->joints());
+      if (std::string why = unlike_joints(*arm); !why.empty()) return who + why;
+      continue;
     }
     for (std::size_t i = 0; i < arm->joints(); ++i) {
       if (!std::isfinite(arm->signals.position[i]) || !std::isfinite(arm->signals.velocity[i])) {

@@ -123,6 +123,7 @@ class InterfaceBackend : public Backend {
   };
   void read_plain(PlainArm& arm, ArmState& state) const;
   static void send(PlainArm& arm, bool with_torque);
+  static std::string unlike_joints(const PlainArm& arm);  // empty: alike
   RequestAnswer configure(PlainArm& arm, const ArmRequest& request);
   // Returns nullptr if the arm's hardware has no backend.
   const SharedArmState* shared_backend(ArmIndex arm) const;

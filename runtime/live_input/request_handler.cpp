@@ -185,10 +185,11 @@ std::optional<json> RequestHandler::begin_reference(const JsonFields& fields, Pe
     const ArmModel& model = model_of(address.instance, input.spec());
     if (const auto joint = joint_beyond_limit(model, values)) {
       const auto k = static_cast<Eigen::Index>(*joint);
+      const std::string unit = model.is_prismatic(*joint) ? " m" : " rad";
       throw RequestRefused("out_of_bounds", "joint " + std::to_string(*joint + 1) + ": " +
-                                                json(values[*joint]).dump() + " rad is outside of " +
+                                                json(values[*joint]).dump() + unit + " is outside of " +
                                                 json(model.limits().q_min[k]).dump() + " to " +
-                                                json(model.limits().q_max[k]).dump() + " rad");
+                                                json(model.limits().q_max[k]).dump() + unit);
     }
   }
   if (address.X_WB) to_world(input.spec().quantity, *address.X_WB, values);

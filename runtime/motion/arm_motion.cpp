@@ -7,7 +7,9 @@
 #include <fmt/ranges.h>
 
 #include "core/model/model_terms.hpp"
+#include "core/model/prismatic_joints.hpp"
 #include "core/state/arm_mode_name.hpp"
+#include "core/types/carriage_speed.hpp"
 #include "runtime/request_text.hpp"
 #include "scene/build.hpp"
 
@@ -20,6 +22,9 @@ constexpr double kLatest = 0.05;         // largest delay of a record that is co
 // Between two looks at the hand's speed along a motion [s], and the most looks at a long one.
 constexpr double kHandSpeedStep = 0.005, kMostHandSpeeds = 5000;
 constexpr int kSlowerRounds = 8;
+// A carriage accelerates with this share of the force that the bounds for contact leave it: a heavy one could
+// not follow a faster set-point.
+constexpr double kCarriageShare = 0.5;
 constexpr double kAtGoal = 1e-3, kAtRest = 1e-3;
 // Look-ahead of a motion that takes over from another [s]: it must be planned by then, so longer ones are
 // tried if planning was too slow.
@@ -110,10 +115,19 @@ bool ArmMotion::ready(Quantity quantity, HostTime since) const {
 }
 
 JointMotionLimits ArmMotion::joint_limits(const Input& input) const {
-  const ArmLimits& arm = run_.models[arm_]->limits();
-  return {.velocity = arm.dq_max.cwiseMin(spec(input).max_speed),
-          .acceleration = arm.ddq_max.cwiseMin(kAcceleration),
-          .jerk = joint_constant(n_, kJerk)};
+  const ArmModel& model = *run_.models[arm_];
+  const ArmLimits& arm = model.limits();
+  JointMotionLimits limits{.velocity = arm.dq_max.cwiseMin(spec(input).max_speed),
+                           .acceleration = arm.ddq_max.cwiseMin(kAcceleration),
+                           .jerk = joint_constant(n_, kJerk)};
+  const double force = run_.modes->instance(input.instance).contact().spring_force;
+  for (std::size_t i = 0; i < n_; ++i) {
+    if (!model.is_prismatic(i)) continue;
+    const auto k = static_cast<Eigen::Index>(i);
+    limits.acceleration[k] =
+        std::min(limits.acceleration[k], kCarriageShare * force / model.least_inertia()[k]);
+  }
+  return limits;
 }
 
 PoseMotionLimits ArmMotion::pose_limits(const Input& input) const {
@@ -138,7 +152,8 @@ double ArmMotion::top_hand_speed(const JointMotion& motion) const {
   for (double t = 0; t < motion.duration(); t += step) {
     const JointSample sample = motion.sample(t);
     terms.update(sample.position, sample.velocity);
-    fastest = std::max(fastest, terms.V_WE().linear().norm());
+    const double carriage = carriage_speed(terms.J_V_WE(), sample.velocity);
+    fastest = std::max({fastest, terms.V_WE().linear().norm(), carriage});
   }
   return fastest;
 }
@@ -158,6 +173,10 @@ JointMotion ArmMotion::via_motion(const JointSample& start, std::span<const Join
   return motion;
 }
 
+const char* ArmMotion::unit_of(Eigen::Index joint) const {
+  return run_.models[arm_]->is_prismatic(static_cast<std::size_t>(joint)) ? "m" : "rad";
+}
+
 void ArmMotion::check_joints(const JointVector& q) const {
   if (static_cast<std::size_t>(q.size()) != n_)
     throw MotionRefused(fmt::format("'{}' has {} joints, the point has {} positions",
@@ -165,9 +184,9 @@ void ArmMotion::check_joints(const JointVector& q) const {
   const ArmLimits& limits = run_.models[arm_]->limits();
   for (Eigen::Index j = 0; j < q.size(); ++j) {
     if (q[j] >= limits.q_min[j] && q[j] <= limits.q_max[j]) continue;  // false for NaN
-    throw MotionRefused(fmt::format("{} cannot go to {:.4g} rad: expected {:.4g} to {:.4g}",
-                                    joint_text(run_.modes->arm_name(arm_), j), q[j], limits.q_min[j],
-                                    limits.q_max[j]));
+    throw MotionRefused(fmt::format("{} cannot go to {:.4g} {}: expected {:.4g} to {:.4g}",
+                                    joint_text(run_.modes->arm_name(arm_), j), q[j], unit_of(j),
+                                    limits.q_min[j], limits.q_max[j]));
   }
 }
 
@@ -233,11 +252,11 @@ void ArmMotion::follow(const TrajectoryGoal& goal, std::shared_ptr<MotionListene
           Eigen::Index worst = 0;
           const double off = (points.front().position - start.position).cwiseAbs().maxCoeff(&worst);
           if (off > kStartTolerance)
-            throw MotionRefused(
-                fmt::format("the trajectory starts at {:.4g} rad for {}, whose set-point is at {:.4g} rad; "
-                            "expected within {} rad",
-                            points.front().position[worst], joint_text(run_.modes->arm_name(arm_), worst),
-                            start.position[worst], kStartTolerance));
+            throw MotionRefused(fmt::format(
+                "the trajectory starts at {0:.4g} {1} for {2}, whose set-point is at {3:.4g} {1}; "
+                "expected within {4} {1}",
+                points.front().position[worst], unit_of(worst), joint_text(run_.modes->arm_name(arm_), worst),
+                start.position[worst], kStartTolerance));
           points.erase(points.begin());
           if (points.empty())
             throw MotionRefused(
@@ -254,35 +273,37 @@ void ArmMotion::follow(const TrajectoryGoal& goal, std::shared_ptr<MotionListene
 void ArmMotion::check_trajectory(const JointMotion& motion, const Input& input) const {
   const double allowed = allowed_hand_speed(input);
   if (const double fastest = std::isfinite(allowed) ? top_hand_speed(motion) : 0; fastest > 1.001 * allowed)
-    throw MotionRefused(
-        fmt::format("the trajectory moves the hand of '{}' at {:.3g} m/s, which may reach {:.3g} m/s beside "
-                    "people; give it {:.2g} times the time, or lift hand_speed_m_per_s in the scene's "
-                    "contact_bounds",
-                    run_.modes->arm_name(arm_), fastest, allowed, fastest / allowed));
+    throw MotionRefused(fmt::format(
+        "the trajectory moves the hand{} of '{}' at {:.3g} m/s, which may reach {:.3g} m/s beside "
+        "people; give it {:.2g} times the time, or lift hand_speed_m_per_s in the scene's "
+        "contact_bounds",
+        has_prismatic_joints(*run_.models[arm_]) ? " or a carriage" : "", run_.modes->arm_name(arm_), fastest,
+        allowed, fastest / allowed));
   const JointPeaks peaks = motion.peaks();
   const ArmLimits& limits = run_.models[arm_]->limits();
   const std::string& arm = run_.modes->arm_name(arm_);
   constexpr double kRounding = 1 + 1e-6;
   for (Eigen::Index j = 0; j < peaks.velocity.size(); ++j) {
     const std::string joint = joint_text(arm, j);
+    const char* const unit = unit_of(j);
     if (peaks.lowest[j] < limits.q_min[j] - 1e-6 || peaks.highest[j] > limits.q_max[j] + 1e-6)
       throw MotionRefused(
-          fmt::format("between its points the trajectory takes {} to {:.4g} rad: expected {:.4g} to {:.4g}",
-                      joint, peaks.lowest[j] < limits.q_min[j] ? peaks.lowest[j] : peaks.highest[j],
+          fmt::format("between its points the trajectory takes {} to {:.4g} {}: expected {:.4g} to {:.4g}",
+                      joint, peaks.lowest[j] < limits.q_min[j] ? peaks.lowest[j] : peaks.highest[j], unit,
                       limits.q_min[j], limits.q_max[j]));
     if (peaks.velocity[j] > kRounding * limits.dq_max[j])
-      throw MotionRefused(fmt::format("the trajectory moves {} at {:.4g} rad/s; the arm's limit is {:.4g}",
-                                      joint, peaks.velocity[j], limits.dq_max[j]));
+      throw MotionRefused(fmt::format("the trajectory moves {} at {:.4g} {}/s; the arm's limit is {:.4g}",
+                                      joint, peaks.velocity[j], unit, limits.dq_max[j]));
     if (peaks.velocity[j] > kRounding * spec(input).max_speed)
       throw MotionRefused(
-          fmt::format("the trajectory moves {} at {:.4g} rad/s; the limit of the input {}/{} is {:.4g} "
+          fmt::format("the trajectory moves {} at {:.4g} {}/s; the limit of the input {}/{} is {:.4g} "
                       "(max_speed_rad_per_s of the controllet's `inputs:` in the scene); give it more time",
-                      joint, peaks.velocity[j], run_.modes->instance(input.instance).name(), spec(input).name,
-                      spec(input).max_speed));
+                      joint, peaks.velocity[j], unit, run_.modes->instance(input.instance).name(),
+                      spec(input).name, spec(input).max_speed));
     if (peaks.acceleration[j] > kRounding * limits.ddq_max[j])
       throw MotionRefused(
-          fmt::format("the trajectory accelerates {} at {:.4g} rad/s^2; the arm's limit is {:.4g}", joint,
-                      peaks.acceleration[j], limits.ddq_max[j]));
+          fmt::format("the trajectory accelerates {} at {:.4g} {}/s^2; the arm's limit is {:.4g}", joint,
+                      peaks.acceleration[j], unit, limits.ddq_max[j]));
   }
 }
 
@@ -438,18 +459,19 @@ bool ArmMotion::watch_path(Run& run, const ArmSample& arm, double t) {
   const auto* joints = std::get_if<JointMotion>(&run.motion);
   if (joints == nullptr || run.braking) return true;
   const JointSample desired = joints->sample(t);
-  const auto leaves = [&](const JointVector& tolerance, const JointVector& error, const char* unit) {
+  const auto leaves = [&](const JointVector& tolerance, const JointVector& error, const char* rate) {
     for (Eigen::Index j = 0; j < tolerance.size(); ++j) {
       if (tolerance[j] <= 0 || std::abs(error[j]) <= tolerance[j]) continue;
       brake(run, MotionResult::path_tolerance,
-            fmt::format("{} is {:.4g} {} off its path; the tolerance is {:.4g}",
-                        joint_text(run_.modes->arm_name(arm_), j), std::abs(error[j]), unit, tolerance[j]));
+            fmt::format("{} is {:.4g} {}{} off its path; the tolerance is {:.4g}",
+                        joint_text(run_.modes->arm_name(arm_), j), std::abs(error[j]), unit_of(j), rate,
+                        tolerance[j]));
       return true;
     }
     return false;
   };
-  return !leaves(run.watch.path_position, desired.position - joints_of(arm.q, n_), "rad") &&
-         !leaves(run.watch.path_velocity, desired.velocity - joints_of(arm.dq, n_), "rad/s");
+  return !leaves(run.watch.path_position, desired.position - joints_of(arm.q, n_), "") &&
+         !leaves(run.watch.path_velocity, desired.velocity - joints_of(arm.dq, n_), "/s");
 }
 
 void ArmMotion::notify(Run& run, const ArmSample& arm, double t) {
@@ -489,10 +511,10 @@ void ArmMotion::settle(Run& run, const ArmSample& arm, double t) {
       if (since < std::max(run.watch.goal_time_s, kSettleTime)) return;
       const std::string joint = joint_text(run_.modes->arm_name(arm_), j);
       return end(MotionResult::goal_tolerance,
-                 far ? fmt::format("{} is {:.4g} rad off its goal; the tolerance is {:.4g}", joint,
-                                   std::abs(off[j]), position[j])
-                     : fmt::format("{} moves at {:.4g} rad/s at its goal; the tolerance is {:.4g}", joint,
-                                   speed, velocity[j]));
+                 far ? fmt::format("{} is {:.4g} {} off its goal; the tolerance is {:.4g}", joint,
+                                   std::abs(off[j]), unit_of(j), position[j])
+                     : fmt::format("{} moves at {:.4g} {}/s at its goal; the tolerance is {:.4g}", joint,
+                                   speed, unit_of(j), velocity[j]));
     }
   }
   end(MotionResult::reached, "");

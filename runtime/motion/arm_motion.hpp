@@ -126,12 +126,13 @@ class ArmMotion {
   const InputSpec& spec(const Input& input) const;
   JointMotionLimits joint_limits(const Input& input) const;
   PoseMotionLimits pose_limits(const Input& input) const;
-  // The highest speed of the hand in a joint motion, and what the scene's bounds for contact allow; the loop
-  // would slow down a set-point that is faster, so that it arrives late.
+  // The highest speed in a joint motion, of the hand or of what a prismatic joint moves, and what the scene's
+  // bounds for contact allow; the loop would slow down a faster set-point, so that it arrives late.
   double top_hand_speed(const JointMotion& motion) const;
   double allowed_hand_speed(const Input& input) const;
   JointMotion via_motion(const JointSample& start, std::span<const JointVector> via, const Input& input,
                          double scale) const;
+  const char* unit_of(Eigen::Index joint) const;  // of its position: rad, of a prismatic joint m
   void check_joints(const JointVector& q) const;
   void check_trajectory(const JointMotion& motion, const Input& input) const;
   void begin(Quantity quantity, const std::function<Motion(const Start&, const Input&)>& plan,

@@ -2,7 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <functional>
 #include <limits>
+#include <unistd.h>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -10,6 +14,8 @@
 #include "backends/mujoco/mujoco_backend.hpp"
 #include "core/cycle/control_cycle.hpp"
 #include "core/model/model_terms.hpp"
+#include "core/trajectory/quintic.hpp"
+#include "runtime/motion/joint_move.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 
@@ -58,7 +64,9 @@ class ArmMotionTest : public testing::Test {
         "test.yaml", registry);
   }
 
-  explicit ArmMotionTest(double hand_speed = 3) : scene_(make_scene(registry_, hand_speed)) {
+  explicit ArmMotionTest(double hand_speed = 3)
+      : ArmMotionTest([hand_speed](const Registry& registry) { return make_scene(registry, hand_speed); }) {}
+  explicit ArmMotionTest(const std::function<Scene(const Registry&)>& make) : scene_(make(registry_)) {
     run_.scene = &scene_;
     run_.modes = &cycle_.modes();
     run_.backend = &backend_;
@@ -484,6 +492,79 @@ TEST_F(BesidePeopleTest, TrajectoriesThatMoveTheHandTooFastAreRefusedWithTheKeyT
   EXPECT_THAT(refused(0.8), testing::AllOf(HasSubstr("moves the hand of 'left' at 0."),
                                            HasSubstr("contact_bounds"), HasSubstr("times the time")));
   EXPECT_EQ(refused(3), "it was accepted");
+}
+
+// Two slides on each other that point in opposite directions: the hand rests while both move alike.
+const char* const kSlides = R"(name: slides
+title: Slides
+joints:
+  joint1: {position_m: [0, 0, 0.3], type: prismatic}
+  joint2: {position_m: [0.2, 0, 0], rpy_rad: [pi, 0, 0], type: prismatic}
+flange: {position_m: [0.1, 0, 0]}
+inertials:
+  link0: {mass_kg: 9, com_m: [0, 0, 0], inertia_kg_m2: {xx: 0.1, yy: 0.1, zz: 0.1, xy: 0, xz: 0, yz: 0}}
+  link1: {mass_kg: 10, com_m: [0, 0, 0], inertia_kg_m2: {xx: 0.1, yy: 0.1, zz: 0.1, xy: 0, xz: 0, yz: 0}}
+  link2: {mass_kg: 2, com_m: [0, 0, 0], inertia_kg_m2: {xx: 0.1, yy: 0.1, zz: 0.1, xy: 0, xz: 0, yz: 0}}
+limits:
+  joint1: {lower_m: -1, upper_m: 1, velocity_m_per_s: 5, effort_n: 500}
+  joint2: {lower_m: -1, upper_m: 1, velocity_m_per_s: 5, effort_n: 500}
+interface_limits:
+  acceleration_rad_per_s2: [10, 10]
+  jerk_rad_per_s3: [1000, 1000]
+  torque_rate_nm_per_s: [9000, 9000]
+home_rad: [0, 0]
+self_collision: {capsules: {}, ignored_pairs: []}
+)";
+
+class CarriageTest : public ArmMotionTest {
+ protected:
+  static Scene make(const Registry& registry) {
+    const auto file =
+        std::filesystem::path(testing::TempDir()) / ("slides_" + std::to_string(::getpid()) + ".yaml");
+    std::ofstream(file) << kSlides;
+    const std::string model = ", hand: false, model: " + file.string();
+    return parse_scene("arms:\n  - {name: left" + model +
+                           ", base: {position_m: [0.1, 0.4, 2], rpy_rad: [pi/2, 0.3, 0]}}\n  - {name: right" +
+                           model + ", base: {position_m: [0, -3, 1], rpy_rad: [-pi/2, 0, 0]}}\n" +
+                           "controllets:\n  - {name: left_joints, type: joint_impedance, arms: left, inputs: "
+                           "{joints: {max_speed_rad_per_s: 2}}}\nactive: [left_joints]\n",
+                       "slides.yaml", registry);
+  }
+  CarriageTest() : ArmMotionTest(make) {}
+};
+
+TEST_F(CarriageTest, IsNoFasterThanAHandMayBe) {
+  constexpr double kAllowed = 0.25;
+  steps(10);
+  const JointVector far = JointVector::Constant(2, 0.4);
+  EXPECT_THAT(refusal([&] {
+                left_->follow({.points = {point(0.8, far)},
+                               .path_position = {},
+                               .path_velocity = {},
+                               .goal_position = {},
+                               .goal_velocity = {}},
+                              listener_);
+              }),
+              HasSubstr("a carriage of 'left'"));
+  EXPECT_THAT(refusal([&] { left_->through_joints(std::vector<JointVector>{3 * far}, 1, listener_); }),
+              HasSubstr("1.2 m: expected -1 to 1"));
+  left_->through_joints(std::vector<JointVector>{far}, 1, listener_);
+  double fastest = 0;
+  for (int k = 0; k < 6000 && !listener_->ended; ++k) {
+    steps(1);
+    fastest = std::max(fastest, std::abs(newest_.arms[0].dq[0]));
+  }
+  ASSERT_TRUE(listener_->ended);
+  EXPECT_EQ(*listener_->ended, MotionResult::reached) << listener_->reason;
+  EXPECT_LT(fastest, 1.02 * kAllowed);
+  EXPECT_GT(fastest, 0.8 * kAllowed);
+  EXPECT_EQ(interventions_, "");
+
+  // A move of `multipanda move`: minimum jerk, its peak is 1.875 times the mean.
+  JointMove move{.arm = 0, .from = {}, .goal = far, .slowest_joint = 5};
+  move.plan(-far, 0.2, scene_.arms[0], kAllowed);
+  EXPECT_NEAR(move.duration_s, 1.875 * 0.8 / kAllowed, 1e-6);
+  EXPECT_NEAR(move.hand_speed(), kAllowed, 1e-9);
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 
 #include "core/model/model_terms.hpp"
 #include "core/trajectory/quintic.hpp"
+#include "core/types/carriage_speed.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda {
@@ -19,7 +20,7 @@ double most_hand_way(const JointVector& from, const JointVector& goal, const Sce
   double most = 0;
   for (int k = 0; k <= kPieces; ++k) {
     terms.update(from + k * way / kPieces, way);
-    most = std::max(most, terms.V_WE().linear().norm());
+    most = std::max({most, terms.V_WE().linear().norm(), carriage_speed(terms.J_V_WE(), way)});
   }
   return most;
 }

@@ -16,20 +16,20 @@ namespace multipanda {
 // A straight minimum-jerk motion in joint space, driven by a joint_impedance of its own.
 struct JointMove {
   static constexpr double kLargestSpeed = 0.2;    // fraction of the joints' velocity limits
-  static constexpr double kTolerance_rad = 0.02;  // of every joint at the end
+  static constexpr double kTolerance_rad = 0.02;  // of every joint at the end; of a prismatic one 0.02 m
   static constexpr double kSettle_s = 1.0;        // after the motion, before the result is evaluated
 
   ArmIndex arm = 0;
   JointVector from, goal;    // [rad] (n x 1)
   double slowest_joint = 0;  // velocity limit of the slowest joint [rad/s]
   double duration_s = 0;
-  double hand_way = 0;  // the most that the hand moves per share of the path [m]
+  double hand_way = 0;  // the most that the hand, or a carriage, moves per share of the path [m]
 
-  // Every joint stays below `speed`, a fraction of the slowest joint's limit, and the hand below `hand_speed`
-  // [m/s]. Off the loop: it evaluates the arm's model along the path.
+  // Every joint stays below `speed`, a fraction of the slowest joint's limit, and the hand and what prismatic
+  // joints move below `hand_speed` [m/s]. Off the loop: it evaluates the arm's model along the path.
   void plan(const JointVector& start, double speed, const SceneArm& scene_arm, double hand_speed);
 
-  double largest_way() const { return (goal - from).cwiseAbs().maxCoeff(); }  // of a joint [rad]
+  double largest_way() const { return (goal - from).cwiseAbs().maxCoeff(); }  // of a joint [rad], [m]
   double joint_speed() const;                                                 // highest [rad/s]
   double hand_speed() const;                                                  // highest [m/s]
 };

@@ -1,5 +1,7 @@
 #include "sysid/excitation/dynamics_regressor.hpp"
 
+#include <stdexcept>
+
 namespace multipanda {
 namespace {
 
@@ -24,6 +26,10 @@ Eigen::Matrix<double, 3, 6> inertia_times(const Vector3& v) {
 
 DynamicsRegressor::DynamicsRegressor(const RobotDescription& robot)
     : p_(robot.joint_count()), z_(robot.joint_count()) {
+  if (robot.has_prismatic_joints()) {
+    throw std::invalid_argument("robot '" + robot.name +
+                                "' has a prismatic joint; expected revolute joints only for identification");
+  }
   for (const auto& joint : robot.joints) X_.push_back(joint.pose());
   const auto n = static_cast<Eigen::Index>(X_.size());
   Y_ = Eigen::MatrixXd::Zero(n, 10 * n);

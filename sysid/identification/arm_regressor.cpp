@@ -28,6 +28,10 @@ struct ArmRegressor::Engine {
 };
 
 ArmRegressor::ArmRegressor(const RobotDescription& robot) : engine_(std::make_unique<Engine>()) {
+  if (robot.has_prismatic_joints()) {
+    throw std::invalid_argument("robot '" + robot.name +
+                                "' has a prismatic joint; expected revolute joints only for identification");
+  }
   pinocchio::Model& model = engine_->model;
   pinocchio::JointIndex parent = 0;
   for (std::size_t i = 0; i < robot.joint_count(); ++i) {
