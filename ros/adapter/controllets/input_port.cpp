@@ -28,32 +28,43 @@ InputPort::InputPort(const AdapterContext& run, InstanceIndex instance, std::siz
               run.modes->instance(instance).arm_list()[reference_->spec().arm]),
       name_(run.modes->instance(instance).name() + "/" + reference_->spec().name) {}
 
-void InputPort::receive(const std::vector<double>& values, const std::string& frame, Delivery delivery,
+bool InputPort::receive(const std::vector<double>& values, const std::string& frame, Delivery delivery,
                         double waited_s, const void* from) {
   Target target;
   target.delivery = delivery;
-  conclude(reader_.read(values, frame, target), target, waited_s, from);
+  return conclude(reader_.read(values, frame, target), target, waited_s, from);
+}
+
+std::string InputPort::problem(const std::vector<double>& values, const std::string& frame) const {
+  Target target;
+  if (const auto refusal = reader_.read(values, frame, target)) return *refusal;
+  if (!run_.reach) return {};
+  return run_.reach->refusal(run_.modes->instance(instance_), reference_->spec(), target.values);
 }
 
 void InputPort::refuse(const std::string& why) { note(why, false); }
 
-void InputPort::conclude(InputReader::Refusal refusal, const Target& target, double waited_s,
+bool InputPort::conclude(InputReader::Refusal refusal, const Target& target, double waited_s,
                          const void* from) {
-  if (refusal) return note(std::move(*refusal), false);
+  const auto refused = [this](std::string why, bool not_active) {
+    note(std::move(why), not_active);
+    return false;
+  };
+  if (refusal) return refused(std::move(*refusal), false);
   const bool stream = target.delivery == Delivery::stream;
   if (stream && from != streams_ && host_now() < streams_until_)
-    return note("another topic of this input streams to it: stop that one first", false);
+    return refused("another topic of this input streams to it: stop that one first", false);
   // What an overloaded computer hands over this late was for an arm that was somewhere else.
   const double patience =
       target.delivery == Delivery::stream ? reference_->spec().timeout_s : MultimodeController::kPatience;
   if (waited_s > patience) {
-    return note(fmt::format("it waited for more than {:g} s in this computer, which is overloaded", patience),
-                false);
+    return refused(
+        fmt::format("it waited for more than {:g} s in this computer, which is overloaded", patience), false);
   }
   if (run_.reach) {
     const Instance& instance = run_.modes->instance(instance_);
     std::string why = run_.reach->refusal(instance, reference_->spec(), target.values);
-    if (!why.empty()) return note(std::move(why), false);
+    if (!why.empty()) return refused(std::move(why), false);
   }
   Request request{.kind = Request::Kind::set_target};
   request.instance = instance_;
@@ -69,7 +80,7 @@ void InputPort::conclude(InputReader::Refusal refusal, const Target& target, dou
     }
   }
   if (verdict != Verdict::accepted)
-    return note(reason(*run_.modes, request, verdict), verdict == Verdict::not_active);
+    return refused(reason(*run_.modes, request, verdict), verdict == Verdict::not_active);
   if (stream) {
     streams_ = from;
     streams_until_ = host_now() + std::chrono::nanoseconds(std::llround(1e9 * reference_->spec().timeout_s));
@@ -78,6 +89,7 @@ void InputPort::conclude(InputReader::Refusal refusal, const Target& target, dou
   const std::lock_guard lock(mutex_);
   ++counts_.received;
   counts_.last_accepted = true;
+  return true;
 }
 
 void InputPort::note(std::string why, bool not_active) {

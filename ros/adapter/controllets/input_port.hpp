@@ -25,15 +25,19 @@ class InputPort {
 
   // Runs in the executor's thread. `waited_s`: the message, before this thread took it. `from`: the topic.
   // While one topic streams, streams of another are refused: an operator who lets go must find the arm held.
+  // Returns whether the message was accepted.
   template <class M>
-  void receive(const M& message, Delivery delivery, double waited_s = 0, const void* from = nullptr) {
+  bool receive(const M& message, Delivery delivery, double waited_s = 0, const void* from = nullptr) {
     Target target;
     target.delivery = delivery;
     InputReader::Refusal refusal = reader_.read(message, target);
-    conclude(std::move(refusal), target, waited_s, from);
+    return conclude(std::move(refusal), target, waited_s, from);
   }
-  void receive(const std::vector<double>& values, const std::string& frame, Delivery delivery,
+  bool receive(const std::vector<double>& values, const std::string& frame, Delivery delivery,
                double waited_s = 0, const void* from = nullptr);
+  // Why values would be refused whichever controllet is active; empty: they would not. For messages with
+  // values for several inputs.
+  std::string problem(const std::vector<double>& values, const std::string& frame) const;
   void refuse(const std::string& why);  // for a message that cannot be read at all
 
   const std::string& name() const { return name_; }  // "pose0/pose"
@@ -43,7 +47,7 @@ class InputPort {
   Diagnostic diagnostic() const;
 
  private:
-  void conclude(InputReader::Refusal refusal, const Target& target, double waited_s, const void* from);
+  bool conclude(InputReader::Refusal refusal, const Target& target, double waited_s, const void* from);
   void note(std::string reason, bool not_active);
 
   const AdapterContext& run_;
