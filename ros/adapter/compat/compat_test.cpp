@@ -24,6 +24,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "ros/adapter/compat/packages.hpp"
+#include "ros/adapter/compat/state_fields.hpp"
+#include "ros/adapter/compat/untyped.hpp"
 #include "ros/adapter/ros_adapter.hpp"
 #include "runtime/session.hpp"
 #include "scene/load.hpp"
@@ -390,6 +393,71 @@ TEST(CompatWithoutMessages, IsRefusedAtTheStart) {
   } catch (const std::exception& error) {
     EXPECT_THAT(error.what(), HasSubstr("'msgs_that_nobody_has' was not found when multipanda was built"));
   }
+}
+
+// With the real packages, where this build has found them: clients use their types by introspection, too.
+TEST(CompatWithTheirMessages, DriveAnArm) {
+  const CompatPackages theirs;
+  std::optional<MessageType> state, goal;
+  try {
+    state = MessageType::find(theirs.arms, "FrankaState");
+    goal = MessageType::find(theirs.modes, "CartesianImpedanceGoal");
+  } catch (const std::invalid_argument& error) {
+    GTEST_SKIP() << error.what();
+  }
+  const Registry registry = Registry::with_builtins();
+  SessionOptions options;
+  options.duration_s = 0;
+  options.make_adapter = [](const RunContext& run) {
+    RosOptions ros;
+    static_cast<RosSection&>(ros) = run.scene->ros;
+    return std::make_unique<RosAdapter>(run, ros);
+  };
+  Session session(parse_scene("arms:\n  - {name: left, base: {rpy_rad: [0, 0, 1]}}\n"
+                              "controllets: [{name: hand, type: cartesian_impedance, arms: left}]\n"
+                              "active: [hand]\nros: {compat: multipanda_ros2}\n",
+                              "test.yaml", registry),
+                  registry, std::move(options));
+  session.start();
+  {
+    Context context;
+    Node node(context, "tester");
+    Executor executor;
+    std::mutex mutex;
+    std::vector<double> X_OE, values;
+    const Numbers o_t_ee(*state, {"o_t_ee"}, 16);
+    const UntypedSubscription states(executor, node, "/franka_robot_state_broadcaster/robot_state", *state,
+                                     Qos::reliable(), Doc{}, [&](const void* message, double) {
+                                       const std::lock_guard lock(mutex);
+                                       X_OE = o_t_ee.read(message);
+                                     });
+    executor.start();
+    const auto newest = [&] {
+      const std::lock_guard lock(mutex);
+      return X_OE;
+    };
+    UntypedPublisher goals(node, "/left/panda_cartesian_impedance_controller/desired_pose", *goal,
+                           Qos::reliable(1), Doc{});
+    ASSERT_TRUE(wait_for([&] { return !newest().empty() && goals.subscribers() > 0; }));
+    const Pose X = read_transform(newest(), "o_t_ee");
+    const Quaternion q = X.quaternion();
+    const auto message = goal->make();
+    Numbers(*goal,
+            {"pose.position.x", "pose.position.y", "pose.position.z", "pose.orientation.w",
+             "pose.orientation.x", "pose.orientation.y", "pose.orientation.z"},
+            7)
+        .write(message.get(),
+               std::array{X.position.x() - 0.02, X.position.y(), X.position.z(), q.w(), q.x(), q.y(), q.z()});
+    const double x = X.position.x();
+    EXPECT_TRUE(wait_for([&] {
+      goals.publish(message.get());
+      std::this_thread::sleep_for(1ms);
+      return newest()[12] < x - 0.015;
+    }));
+    executor.stop();
+  }
+  session.stop();
+  (void)session.finish();
 }
 
 }  // namespace

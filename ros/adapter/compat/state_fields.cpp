@@ -89,7 +89,7 @@ auto wrench(bool in_base) {
 
 void add_errors(StateRules& rules) {
   for (std::size_t i = 0; i < kArmErrorCount; ++i) {
-    const std::string name(to_string(static_cast<ArmError>(i)));
+    const std::string name = error_field(static_cast<ArmError>(i));
     rules.push_back({{"current_errors." + name}, 1, flags(&ArmSample::errors, static_cast<int>(i))});
     rules.push_back(
         {{"last_motion_errors." + name}, 1, flags(&ArmSample::last_motion_errors, static_cast<int>(i))});
@@ -118,6 +118,14 @@ std::vector<std::string> parts(const std::string& path, std::initializer_list<co
 }
 
 }  // namespace
+
+std::string error_field(ArmError error) {
+  // libfranka prints these two otherwise than it names them.
+  if (error == ArmError::cartesian_position_motion_generator_invalid_frame)
+    return "cartesian_position_motion_generator_invalid_frame";
+  if (error == ArmError::tau_j_range_violation) return "tau_j_range_violation";
+  return std::string(to_string(error));
+}
 
 void write_transform(const Pose& X, std::span<double> out) {
   Eigen::Map<Eigen::Matrix4d> M(out.data());

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "device/arm_error.hpp"
 #include "ros/adapter/compat/field_map.hpp"
 #include "ros/adapter/state/arm_models.hpp"
 
@@ -42,6 +43,9 @@ class StateWriter {
   std::vector<std::string> known_;
   FieldMap<ArmReport> map_;
 };
+
+// Name of the flag in their messages Errors.
+std::string error_field(ArmError error);
 
 // Column-major 4 x 4.
 void write_transform(const Pose& X, std::span<double> out);

@@ -7,6 +7,8 @@
 #include <compat_test_msgs/msg/franka_state.hpp>
 #include <compat_test_msgs/srv/set_load.hpp>
 #include <random>
+#include <set>
+#include <string>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -203,6 +205,20 @@ TEST(StateFields, FlagsConfigurationTimesAndNames) {
                                             "last_motion_errors.an_error_of_another_version"));
   EXPECT_THAT(both.unknown_2, Contains("ddq_d"));
   EXPECT_THAT(both.unknown_2, testing::Not(Contains("measured_joint_state.name")));
+}
+
+// Fields of messages are in lower case; all flags have one of their own.
+TEST(StateFields, ErrorsHaveTheNamesOfFields) {
+  std::set<std::string> names;
+  for (std::size_t i = 0; i < kArmErrorCount; ++i) {
+    const std::string name = error_field(static_cast<ArmError>(i));
+    EXPECT_EQ(name.find_first_not_of("abcdefghijklmnopqrstuvwxyz_2"), std::string::npos) << name;
+    names.insert(name);
+  }
+  EXPECT_EQ(names.size(), kArmErrorCount);
+  EXPECT_EQ(names.count("tau_j_range_violation"), 1u);
+  EXPECT_EQ(names.count("cartesian_position_motion_generator_invalid_frame"), 1u);
+  EXPECT_EQ(names.count("joint_p2p_insufficient_torque_for_planning"), 1u);
 }
 
 // Zeros would look like a joint at its middle and an end effector in the base.
