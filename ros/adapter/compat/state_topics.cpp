@@ -68,6 +68,8 @@ void CompatState::offer_states() {
         Doc{"", "States of these arms, at the next cycle."},
         [this, arms = arms](const void*, const UntypedService::Reply& reply) {
           const std::lock_guard lock(mutex_);
+          // A paused run keeps the newest ones, as many as the queue of a service does.
+          if (asked_.size() >= kServiceDepth) asked_.erase(asked_.begin());
           asked_.push_back({arms, reply});
         }));
   }
