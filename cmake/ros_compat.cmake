@@ -1,8 +1,13 @@
 # The message packages of multipanda_ros2 and franka_ros2 (docs/multipanda_compat.md) are used where this build finds
 # them (a sourced ROS 2 installation, or CMAKE_PREFIX_PATH); without them there is only a refusal of `ros: {compat: ...}`.
+# The program then needs their libraries whenever it is started with --ros.
+option(MULTIPANDA_COMPAT "Use the message packages of multipanda_ros2 and franka_ros2 where they are found" ON)
 set(MULTIPANDA_COMPAT_PACKAGES "")
 find_package(rosidl_typesupport_introspection_cpp REQUIRED)
 foreach(package franka_msgs multi_mode_control_msgs)
+  if(NOT MULTIPANDA_COMPAT)
+    break()
+  endif()
   find_package(${package} QUIET)
   if(TARGET ${package}::${package}__rosidl_typesupport_introspection_cpp)
     list(APPEND MULTIPANDA_COMPAT_PACKAGES ${package})

@@ -57,8 +57,8 @@ void ArmServices::offer(const std::string& name, const std::string& alias, const
   };
   const std::string full = run_.modes->arm_name(arm_) + "/" + name;
   services_.push_back(std::make_unique<Service<S>>(*run_.executor, *run_.node, full, Doc{"", doc}, callback));
-  // With `compat` the other system's own types have these names.
-  if (alias.empty() || run_.options->compat != RosSection::Compat::none) return;
+  // With `compat: multipanda_ros2` its own types have these names.
+  if (alias.empty() || run_.options->compat == RosSection::Compat::multipanda_ros2) return;
   services_.push_back(std::make_unique<Service<S>>(*run_.executor, *run_.node,
                                                    run_.modes->arm_name(arm_) + "_" + alias,
                                                    Doc{"", "As " + full + "."}, callback));

@@ -16,8 +16,9 @@ AdapterParts make_compat(const AdapterContext& run, const Inputs* inputs) {
   for (ArmIndex arm = 0; options.arms && arm < run.modes->arm_count(); ++arm)
     parts.push_back(std::make_unique<CompatArmServices>(run, packages, arm));
   if (options.compat == RosSection::Compat::multipanda_ros2 && inputs != nullptr) {
-    parts.push_back(std::make_unique<CompatModes>(run, packages));
-    parts.push_back(std::make_unique<CompatGoals>(run, packages, *inputs));
+    const auto names = std::make_shared<AskedNames>(*run.modes);
+    parts.push_back(std::make_unique<CompatModes>(run, packages, names));
+    parts.push_back(std::make_unique<CompatGoals>(run, packages, *inputs, names));
   }
   return parts;
 }

@@ -18,6 +18,7 @@
 #include <compat_test_msgs/srv/set_tcp_frame.hpp>
 #include <cstdlib>
 #include <mutex>
+#include <sensor_msgs/msg/joint_state.hpp>
 #include <thread>
 #include <unistd.h>
 
@@ -138,14 +139,32 @@ class Compat : public testing::Test {
     }
     return answer.get();
   }
-  void set(const std::vector<std::pair<std::string, std::string>>& controllers) {
+  // A refused request is not answered: that alone tells a client of theirs.
+  template <class S>
+  void refuse(const std::string& name, const typename S::Request& request) {
+    Client<S> service(client->executor, client->node, name);
+    ASSERT_TRUE(service.wait_until_ready(30)) << name;
+    const std::uint64_t were = adapter->run().counters->requests_refused.load();
+    auto answer = service.call(request);
+    EXPECT_TRUE(wait_for([&] { return adapter->run().counters->requests_refused.load() == were + 1; }))
+        << name;
+    EXPECT_EQ(answer.wait_for(1s), std::future_status::timeout) << name;
+  }
+  using Controllers = std::vector<std::pair<std::string, std::string>>;
+  static srv::SetControllers::Request switch_to(const Controllers& controllers) {
     srv::SetControllers::Request request;
     for (const auto& [name, resource] : controllers) {
       request.controllers.emplace_back();
       request.controllers.back().name = name;
       request.controllers.back().resources = {resource};
     }
-    (void)call<srv::SetControllers>("/mc/set_controllers", request);
+    return request;
+  }
+  void set(const Controllers& controllers) {
+    (void)call<srv::SetControllers>("/mc/set_controllers", switch_to(controllers));
+  }
+  void refuse_set(const Controllers& controllers) {
+    refuse<srv::SetControllers>("/mc/set_controllers", switch_to(controllers));
   }
   std::vector<std::string> active() {
     std::vector<std::string> names;
@@ -153,12 +172,13 @@ class Compat : public testing::Test {
     for (const auto& one : list.controllers) names.push_back(one.name + " on " + one.resources.at(0));
     return names;
   }
-  static std::string trouble(const std::string& name) {
-    for (const auto& line : adapter->diagnostics()) {
-      if (line.name == name) return line.message;
+  static Diagnostic line(const std::string& name) {
+    for (const auto& each : adapter->diagnostics()) {
+      if (each.name == name) return each;
     }
-    return "no line";
+    return {.name = name, .level = Diagnostic::Level::ok, .message = "no line", .values = {}};
   }
+  static std::string trouble(const std::string& name) { return line(name).message; }
   static std::uint64_t accepted() { return adapter->run().counters->samples_accepted.load(); }
   static std::uint64_t refused() { return adapter->run().counters->samples_refused.load(); }
   static std::vector<double> parameter(const std::string& instance, const std::string& name) {
@@ -183,6 +203,16 @@ class Compat : public testing::Test {
       publisher.publish(message);
       std::this_thread::sleep_for(1ms);
       return reached();
+    });
+  }
+  // A client that goes on streaming until the end of the returned thread, whatever happens.
+  template <class M>
+  static std::jthread keep_streaming(Publisher<M>& publisher, const M& message) {
+    return std::jthread([&publisher, message](const std::stop_token& stop) {
+      while (!stop.stop_requested()) {
+        publisher.publish(message);
+        std::this_thread::sleep_for(1ms);
+      }
     });
   }
   template <class M>
@@ -217,14 +247,119 @@ TEST_F(Compat, SwitchesByTheirNamesAndLogsRefusals) {
   EXPECT_THAT(active(), ElementsAre("dual_cartesian_impedance_controller on left&right"));
   EXPECT_EQ(trouble("compat ~/set_controllers"), "");
 
-  // Their answer has no field for a refusal: nothing changes, and diagnostics say why.
-  set({{"panda_joint_impedance_controller", "left"}, {"no_such_controller", "right"}});
+  // Their answer has no field for a refusal: there is none, nothing changes, and diagnostics say why.
+  const char* const kLine = "compat ~/set_controllers";
+  refuse_set({{"panda_joint_impedance_controller", "left"}, {"no_such_controller", "right"}});
   EXPECT_THAT(active(), ElementsAre("dual_cartesian_impedance_controller on left&right"));
-  EXPECT_THAT(trouble("compat ~/set_controllers"), HasSubstr("no controllet 'no_such_controller'"));
-  set({{"dual_cartesian_impedance_controller", "left&right"}, {"panda_joint_impedance_controller", "left"}});
-  EXPECT_THAT(trouble("compat ~/set_controllers"), HasSubstr("own arm 'left'"));
-  set({});
-  EXPECT_THAT(trouble("compat ~/set_controllers"), HasSubstr("names no controllet"));
+  EXPECT_THAT(trouble(kLine), HasSubstr("no controllet 'no_such_controller'"));
+  EXPECT_EQ(line(kLine).level, Diagnostic::Level::error);
+  refuse_set(
+      {{"dual_cartesian_impedance_controller", "left&right"}, {"panda_joint_impedance_controller", "left"}});
+  EXPECT_THAT(trouble(kLine), HasSubstr("own arm 'left'"));
+  refuse_set({{"panda_joint_impedance_controller", "left"}, {"panda_joint_velocity_controller", "left"}});
+  EXPECT_THAT(trouble(kLine), HasSubstr("are one controllet here, 'left_joint'"));
+  refuse_set({});
+  EXPECT_THAT(trouble(kLine), HasSubstr("names no controllet"));
+  // What two hands carry would fall.
+  refuse_set({{"panda_joint_impedance_controller", "left"}});
+  EXPECT_THAT(trouble(kLine), HasSubstr("'dual' also controls right"));
+  EXPECT_THAT(active(), ElementsAre("dual_cartesian_impedance_controller on left&right"));
+  set({{"panda_joint_impedance_controller", "left"}, {"right_hold", "right"}});
+  EXPECT_THAT(active(), ElementsAre("panda_joint_impedance_controller on left"));
+  EXPECT_EQ(owner(1), "right_hold");
+  EXPECT_EQ(line(kLine).level, Diagnostic::Level::ok);
+}
+
+// The operator who asks for a controllet, or for one without goals, finds the arm standing still, although
+// the client of another name goes on streaming to it. Both names are one controllet here.
+TEST_F(Compat, AnArmStandsStillWhenAnotherNameIsAskedFor) {
+  const auto velocities = sender<msg::VelocityGoal>("/right/panda_joint_velocity_controller/desired_pose");
+  const auto positions = sender<msg::JointGoal>("/right/panda_joint_impedance_controller/desired_pose");
+  msg::VelocityGoal turn;
+  turn.qd = {0, 0, 0, 0, 0, 0, 0.1};
+  for (const std::string asked :
+       {"panda_joint_impedance_controller", "comless_panda_joint_impedance_controller"}) {
+    set({{"panda_joint_impedance_controller", "left"}, {"panda_joint_velocity_controller", "right"}});
+    const double before = state(1).q[6];
+    ASSERT_TRUE(stream(*velocities, turn, "panda_joint_velocity_controller", "right", "right_joint",
+                       [&] { return std::abs(newest(1).q[6] - before) > 0.03; }));
+    const std::jthread goes_on = keep_streaming(*velocities, turn);
+    set({{asked, "right"}});
+    const double q = state(1).q[6];
+    EXPECT_EQ(owner(1), "right_joint");
+    EXPECT_THAT(active(), testing::Contains(asked + " on right"));
+    const std::uint64_t were = refused();
+    double most = 0;
+    EXPECT_TRUE(wait_for([&] {
+      most = std::max(most, std::abs(newest(1).q[6] - q));
+      return refused() >= were + 400;
+    }));
+    EXPECT_LT(most, 0.01) << "0.04 rad at the speed of the stream";
+    EXPECT_EQ(owner(1), "right_joint");
+    turn.qd[6] *= -1;
+  }
+  set({{"panda_joint_impedance_controller", "right"}});
+  const std::uint64_t taken = accepted();
+  msg::JointGoal here;
+  here.q = state(1).q;
+  EXPECT_TRUE(stream(*positions, here, "panda_joint_impedance_controller", "right", "right_joint",
+                     [&] { return accepted() > taken; }));
+}
+
+// As theirs, a controllet that is asked for again starts again, where the arm is.
+TEST_F(Compat, AskingAgainStartsAgain) {
+  set({{"panda_joint_impedance_controller", "left"}, {"panda_joint_impedance_controller", "right"}});
+  Publisher<sensor_msgs::msg::JointState> goals(client->node, "/mc/left_joint/joints/goal", Qos::reliable(1),
+                                                Doc{});
+  ASSERT_TRUE(wait_for([&] { return goals.subscribers() > 0; }));
+  const auto before = state(0).q;
+  sensor_msgs::msg::JointState far;
+  far.position.assign(before.begin(), before.end());
+  far.position[6] += before[6] > 0.5 ? -1.0 : 1.0;
+  goals.publish(far);
+  ASSERT_TRUE(wait_for([&] { return std::abs(newest(0).q[6] - before[6]) > 0.1; }));
+  set({{"panda_joint_impedance_controller", "left"}});
+  const double q = state(0).q[6];
+  ASSERT_GT(std::abs(q - far.position[6]), 0.2) << "the goal came too early to tell";
+  double most = 0;
+  for (int k = 0; k < 600; ++k) {
+    std::this_thread::sleep_for(1ms);
+    most = std::max(most, std::abs(newest(0).q[6] - q));
+  }
+  EXPECT_LT(most, 0.05) << "it would go on at up to 0.5 rad/s";
+  EXPECT_EQ(owner(0), "left_joint");
+}
+
+// Their guard against jumps, and against a stream that went on while its arm stood still.
+TEST_F(Compat, FarGoalsMoveNothing) {
+  const std::string name = "panda_cartesian_impedance_controller";
+  set({{name, "left"}, {name, "right"}});
+  const auto goals = sender<msg::CartesianImpedanceGoal>("/left/" + name + "/desired_pose");
+  ASSERT_TRUE(wait_for([&] {
+    const auto dq = state(0).dq;
+    return std::all_of(dq.begin(), dq.end(), [](double v) { return std::abs(v) < 5e-3; });
+  }));
+  const auto before = state(0).o_t_ee;
+  const auto moved = [&] {
+    const auto now = state(0).o_t_ee;
+    return std::hypot(now[12] - before[12], now[13] - before[13], now[14] - before[14]);
+  };
+  const auto far = [&](auto change) {
+    msg::CartesianImpedanceGoal goal;
+    goal.pose = pose_of(before);
+    change(goal);
+    return goal;
+  };
+  for (const auto& goal : {msg::CartesianImpedanceGoal(), far([](auto& g) { g.pose.position.z += 0.11; })}) {
+    const std::uint64_t were = refused();
+    const std::jthread goes_on = keep_streaming(*goals, goal);
+    set({{name, "left"}});
+    ASSERT_TRUE(wait_for([&] { return refused() >= were + 100; }));
+    set({{name, "left"}});
+    ASSERT_TRUE(wait_for([&] { return refused() >= were + 300; }));
+    EXPECT_LT(moved(), 1e-3);
+    EXPECT_EQ(owner(0), "left_hand");
+  }
 }
 
 TEST_F(Compat, AStreamedPoseIsFollowedInTheBaseAndHeldAfterwards) {
@@ -242,11 +377,9 @@ TEST_F(Compat, AStreamedPoseIsFollowedInTheBaseAndHeldAfterwards) {
   }));
   ASSERT_TRUE(wait_for([] { return owner(0) == "left_hold"; })) << "when it is silent";
   EXPECT_EQ(owner(1), "right_hand");
-  const std::uint64_t were = refused();
   goal.pose.orientation.w = 5;
-  goals->publish(goal);
-  ASSERT_TRUE(wait_for([&] { return refused() == were + 1; }));
-  EXPECT_THAT(trouble("left_hand/pose"), HasSubstr("unit quaternion"));
+  ASSERT_TRUE(stream(*goals, goal, "panda_cartesian_impedance_controller", "left", "left_hand",
+                     [] { return trouble("left_hand/pose").find("unit quaternion") != std::string::npos; }));
 }
 
 TEST_F(Compat, TwoPosesAreFollowedTogetherOrNotAtAll) {
@@ -276,10 +409,11 @@ TEST_F(Compat, JointsFollowPositionsAndVelocities) {
   const auto positions = sender<msg::JointGoal>("/left/panda_joint_impedance_controller/desired_pose");
   msg::JointGoal goal;
   goal.q = state(0).q;
-  goal.q[6] += 0.1;
+  goal.q[6] += 0.08;
   ASSERT_TRUE(stream(*positions, goal, "panda_joint_impedance_controller", "left", "left_joint",
                      [&] { return std::abs(newest(0).q[6] - goal.q[6]) < 0.01; }));
   const auto velocities = sender<msg::VelocityGoal>("/right/panda_joint_velocity_controller/desired_pose");
+  set({{"panda_joint_velocity_controller", "right"}});
   const double q7 = state(1).q[6];
   msg::VelocityGoal turn;
   turn.qd = {0, 0, 0, 0, 0, 0, -0.2};
@@ -288,9 +422,9 @@ TEST_F(Compat, JointsFollowPositionsAndVelocities) {
   ASSERT_TRUE(wait_for([] { return owner(1) == "right_hold"; })) << "when it is silent";
   EXPECT_GT(newest(1).q[6], q7 - 0.2) << "it does not run on";
   turn.qd[2] = 9;
-  velocities->publish(turn);
-  ASSERT_TRUE(
-      wait_for([&] { return trouble("right_joint/joints").find("joint 3: 9 rad/s") != std::string::npos; }));
+  ASSERT_TRUE(stream(*velocities, turn, "panda_joint_velocity_controller", "right", "right_joint", [] {
+    return trouble("right_joint/joints").find("joint 3: 9 rad/s") != std::string::npos;
+  }));
 }
 
 TEST_F(Compat, ParametersAreSetAllOrNone) {
@@ -304,16 +438,34 @@ TEST_F(Compat, ParametersAreSetAllOrNone) {
   EXPECT_THAT(parameter("left_hand", "rotational_stiffness_nm_per_rad"), ElementsAre(15, 15, 15));
   EXPECT_THAT(parameter("left_hand", "damping_ratio"), ElementsAre(0.7));
   EXPECT_THAT(parameter("left_hand", "nullspace_stiffness_nm_per_rad"), ElementsAre(12));
-  const std::string line = "compat left/panda_cartesian_impedance_controller/parameters";
-  EXPECT_EQ(trouble(line), "");
+  const std::string name = "compat left/panda_cartesian_impedance_controller/parameters";
+  EXPECT_EQ(line(name).level, Diagnostic::Level::ok);
   for (std::size_t i = 0; i < 3; ++i) request.stiffness[7 * i] = 200;
   request.nullspace_stiffness = 1e4;  // beyond our bound
-  (void)call<srv::SetCartesianImpedance>(service, request);
-  EXPECT_THAT(trouble(line), HasSubstr("nullspace_stiffness"));
+  refuse<srv::SetCartesianImpedance>(service, request);
+  EXPECT_THAT(trouble(name), HasSubstr("nullspace_stiffness"));
+  EXPECT_EQ(line(name).level, Diagnostic::Level::error);
   request.nullspace_stiffness = 12;
   request.damping_ratio[2] = 1;
-  (void)call<srv::SetCartesianImpedance>(service, request);
-  EXPECT_THAT(trouble(line), HasSubstr("six equal numbers"));
+  refuse<srv::SetCartesianImpedance>(service, request);
+  EXPECT_THAT(trouble(name), HasSubstr("six equal numbers"));
+  // Soft along one axis, for a hand, in a base that is turned: the arm stays stiff, so no client may take it
+  // for soft.
+  request.damping_ratio[2] = 0.7;
+  request.stiffness[0] = 50;
+  refuse<srv::SetCartesianImpedance>(service, request);
+  EXPECT_THAT(trouble(name), HasSubstr("diagonal in the axes of the world"));
+  request.stiffness[0] = 200;
+  Request design{
+      .kind = Request::Kind::set_parameter, .instance = session->modes().find("left_hand"), .size = 1};
+  design.index =
+      static_cast<std::uint16_t>(session->modes().instance(design.instance).find_parameter("damping_design"));
+  design.values[0] = 1;  // given, without a ratio
+  ASSERT_TRUE(session->modes().ask(design).accepted());
+  refuse<srv::SetCartesianImpedance>(service, request);
+  EXPECT_THAT(trouble(name), HasSubstr("damping_design of 'left_hand' is 'given': set it to 'coupled'"));
+  design.values[0] = 0;
+  ASSERT_TRUE(session->modes().ask(design).accepted());
   EXPECT_THAT(parameter("left_hand", "translational_stiffness_n_per_m"), ElementsAre(350, 350, 350));
 
   srv::SetJointImpedance::Request scale;
@@ -321,7 +473,7 @@ TEST_F(Compat, ParametersAreSetAllOrNone) {
   (void)call<srv::SetJointImpedance>("/right/panda_joint_impedance_controller/parameters", scale);
   EXPECT_THAT(parameter("right_joint", "stiffness_nm_per_rad"), ElementsAre(300, 300, 300, 300, 125, 75, 25));
   scale.stiffness_scale = -1;
-  (void)call<srv::SetJointImpedance>("/right/panda_joint_impedance_controller/parameters", scale);
+  refuse<srv::SetJointImpedance>("/right/panda_joint_impedance_controller/parameters", scale);
   EXPECT_THAT(parameter("right_joint", "stiffness_nm_per_rad"), ElementsAre(300, 300, 300, 300, 125, 75, 25));
 }
 

@@ -8,6 +8,7 @@
 #include <compat_test_msgs/srv/set_controllers.hpp>
 #include <numeric>
 #include <random>
+#include <rosidl_typesupport_introspection_cpp/field_types.hpp>
 #include <stdexcept>
 
 #include <gmock/gmock.h>
@@ -104,6 +105,31 @@ TEST(Numbers, RefusesWhatDoesNotFit) {
   EXPECT_THAT(refusal([&] { Text(variant, "history"); }),
               HasSubstr("found compat_test_msgs/msg/Errors[], expected a string"));
   EXPECT_THAT(refusal([&] { Parts(variant, "q"); }), HasSubstr("found float32[], expected a sequence of"));
+}
+
+// What is written later would not fit, and an answer would be missing in the run.
+TEST(MessageType, TextsAndPartsWithBoundsAreRefused) {
+  using namespace rosidl_typesupport_introspection_cpp;
+  MessageMember fields[4]{};
+  fields[0].name_ = "text", fields[0].string_upper_bound_ = 8;
+  fields[1].name_ = "texts", fields[1].is_array_ = true;
+  fields[1].array_size_ = 3, fields[1].is_upper_bound_ = true;
+  fields[2].name_ = "short_texts", fields[2].is_array_ = true, fields[2].string_upper_bound_ = 8;
+  fields[3].name_ = "free", fields[3].is_array_ = true;
+  for (auto& field : fields) field.type_id_ = ROS_TYPE_STRING;
+  MessageMembers members{};
+  members.member_count_ = 4;
+  members.members_ = fields;
+  const MessageType type("a/msg/B", &members);
+  EXPECT_THAT(refusal([&] { Text(type, "text"); }), HasSubstr("found string<=8, expected a string without"));
+  EXPECT_THAT(refusal([&] { Texts(type, "texts"); }), HasSubstr("found string[<=3], expected a sequence of"));
+  EXPECT_THAT(refusal([&] { Texts(type, "short_texts"); }), HasSubstr("found string<=8[]"));
+  EXPECT_EQ(refusal([&] { Texts(type, "free"); }), "");
+  const auto variant = MessageType::find(kPackage, "VariantState");
+  EXPECT_EQ(refusal([&] { Parts(variant, "history"); }), "");
+  fields[3] = *variant.place("history")->field;
+  fields[3].array_size_ = 3, fields[3].is_upper_bound_ = true;
+  EXPECT_THAT(refusal([&] { Parts(type, "history"); }), HasSubstr("Errors[<=3], expected a sequence of"));
 }
 
 TEST(MessageType, MissingPackagesAndTypesAreRefused) {

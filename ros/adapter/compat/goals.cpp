@@ -1,12 +1,16 @@
 #include "ros/adapter/compat/goals.hpp"
 
 #include <algorithm>
+#include <chrono>
+#include <cmath>
 #include <stdexcept>
 
 #include <fmt/format.h>
 
 #include "ros/adapter/compat/numbers.hpp"
+#include "ros/adapter/compat/velocity_goal.hpp"
 #include "ros/adapter/names.hpp"
+#include "runtime/request_text.hpp"
 #include "support/spelling.hpp"
 
 namespace multipanda::ros {
@@ -44,25 +48,9 @@ InputPort& port_of(const Inputs& inputs, const MultimodeController& modes, Insta
   throw std::invalid_argument("there is no input '" + name + "'");
 }
 
-// One pose of a message for one input, in the base of the input's arm.
-struct PoseGoal {
-  InputPort* port;
-  Numbers numbers;
-  std::string frame;
-};
-
-// All poses of a message or none.
-void receive(const std::vector<PoseGoal>& goals, const void* message, double waited_s) {
-  std::vector<std::vector<double>> values;
-  for (const auto& goal : goals) {
-    values.push_back(goal.numbers.read(message));
-    const std::string why = goal.port->problem(values.back(), goal.frame);
-    if (why.empty()) continue;
-    for (const auto& refused : goals) refused.port->refuse(goal.port->name() + ": " + why);
-    return;
-  }
-  for (std::size_t i = 0; i < goals.size(); ++i)
-    goals[i].port->receive(values[i], goals[i].frame, Delivery::stream, waited_s, &goals);
+Pose pose_of(const Target& target) {
+  const auto& v = target.values;
+  return Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]));
 }
 
 std::vector<double> as_list(const JointVector& v) { return {v.data(), v.data() + v.size()}; }
@@ -85,33 +73,9 @@ std::string not_followed(Goal goal) {
 
 }  // namespace
 
-JointVector VelocityGoal::next(const JointVector& dq, const JointVector& q, HostTime now) {
-  const bool again = started_ && seconds(now - last_) <= timeout_s_;
-  started_ = false;
-  if (!dq.allFinite()) throw std::invalid_argument("a number is not finite");
-  for (Eigen::Index i = 0; i < dq.size(); ++i) {
-    if (std::abs(dq[i]) > dq_max_[i]) {
-      throw std::invalid_argument(
-          fmt::format("joint {}: {:.4g} rad/s is above its limit, {:.4g} rad/s", i + 1, dq[i], dq_max_[i]));
-    }
-  }
-  const JointVector q_d =
-      again ? JointVector(q_d_ + seconds(now - last_) * dq) : JointVector(q + kFirst * dq);
-  Eigen::Index farthest = 0;
-  if (const double distance = (q_d - q).cwiseAbs().maxCoeff(&farthest); distance > kWindow) {
-    throw std::invalid_argument(fmt::format(
-        "joint {}: its set-point ran {:.4g} rad away from the arm, more than {:g}: it moves slower than "
-        "requested",
-        farthest + 1, distance, kWindow));
-  }
-  q_d_ = q_d;
-  last_ = now;
-  started_ = true;
-  return q_d_;
-}
-
-CompatGoals::CompatGoals(const AdapterContext& run, const CompatPackages& packages, const Inputs& inputs)
-    : run_(run), q_(run.modes->arm_count()) {
+CompatGoals::CompatGoals(const AdapterContext& run, const CompatPackages& packages, const Inputs& inputs,
+                         std::shared_ptr<AskedNames> names)
+    : run_(run), names_(std::move(names)), arms_(run) {
   const MultimodeController& modes = *run.modes;
   for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
     for (const auto& theirs : their_controllets()) {
@@ -122,17 +86,69 @@ CompatGoals::CompatGoals(const AdapterContext& run, const CompatPackages& packag
   }
 }
 
-void CompatGoals::take(const CycleRecord& record) {
-  const std::lock_guard lock(mutex_);
-  for (std::size_t a = 0; a < q_.size(); ++a) q_[a] = record.arms[a].q;
-  seen_ = true;
+CompatGoals::Receive CompatGoals::receive_joints(InputPort& to, const MessageType& type, ArmIndex arm) {
+  const Numbers q(type, {"q"}, run_.models[arm]->joint_count());
+  return [this, &to, q, arm, key = std::make_shared<char>()](const void* message, double waited_s) {
+    const auto goal = q.read(message);
+    const MeasuredArms::Joints at = arms_.joints(arm, host_now());
+    check_age(at.age_s);
+    if (const std::string why = too_far(goal, at.q); !why.empty()) throw std::invalid_argument(why);
+    to.receive(goal, "", Delivery::stream, waited_s, key.get());
+  };
 }
 
-JointVector CompatGoals::measured(ArmIndex arm) const {
-  const std::lock_guard lock(mutex_);
-  if (!seen_) throw std::invalid_argument("the run has not begun");
-  const auto n = static_cast<Eigen::Index>(run_.models[arm]->joint_count());
-  return Eigen::Map<const Eigen::VectorXd>(q_[arm].data(), n);
+CompatGoals::Receive CompatGoals::receive_velocities(InputPort& to, const MessageType& type, ArmIndex arm,
+                                                     InstanceIndex instance) {
+  const Numbers qd(type, {"qd"}, run_.models[arm]->joint_count());
+  struct Stream {
+    VelocityGoal goal;
+    std::uint64_t since = 0;
+  };
+  const VelocityGoal fresh(run_.models[arm]->limits().dq_max, to.spec().timeout_s);
+  return [this, &to, qd, arm, instance, fresh, stream = std::make_shared<Stream>(Stream{fresh})](
+             const void* message, double waited_s) {
+    if (const std::uint64_t since = names_->since(instance); since != stream->since) *stream = {fresh, since};
+    const HostTime now = host_now();
+    const MeasuredArms::Joints at = arms_.joints(arm, now);
+    const JointVector q_d = stream->goal.next(as_vector(qd.read(message)), at.q, at.age_s, now);
+    if (!to.receive(as_list(q_d), "", Delivery::stream, waited_s, stream.get())) stream->goal.restart();
+  };
+}
+
+CompatGoals::Receive CompatGoals::receive_poses(std::vector<PoseGoal> poses, const Instance& law) {
+  const std::size_t choice = law.find_parameter("goals");
+  return [this, goals = std::make_shared<std::vector<PoseGoal>>(std::move(poses)), choice, &law](
+             const void* message, double waited_s) {
+    // The law of two arms follows these inputs only with separate goals.
+    if (choice < law.parameter_count() && law.parameter(choice)[0] < 0.5)
+      throw std::invalid_argument("the parameter goals of '" + law.name() +
+                                  "' is 'common': set it to 'separate'");
+    take_poses(*goals, message, waited_s);
+  };
+}
+
+// All poses of a message or none: hands that followed two senders would crush or pull what they hold.
+void CompatGoals::take_poses(const std::vector<PoseGoal>& goals, const void* message, double waited_s) {
+  const HostTime now = host_now();
+  std::vector<Target> targets;
+  double timeout_s = 0;
+  for (const auto& goal : goals) {
+    auto found = goal.port->admits(goal.numbers.read(message), goal.frame, waited_s, &goals, now);
+    if (found.why.empty()) found.why = too_far(pose_of(found.target), arms_.end_effector(goal.arm, now));
+    if (!found.why.empty()) {
+      for (const auto& all : goals) all.port->refuse(goal.port->name() + ": " + found.why, found.not_active);
+      return;
+    }
+    targets.push_back(found.target);
+    timeout_s = std::max(timeout_s, goal.port->spec().timeout_s);
+  }
+  const HostTime until = now + std::chrono::nanoseconds(std::llround(1e9 * timeout_s));
+  for (std::size_t i = 0; i < goals.size(); ++i) goals[i].port->post(targets[i], &goals, until);
+}
+
+std::string CompatGoals::not_asked_for(InstanceIndex instance, const std::string& name) {
+  if ((run_.modes->active() & bit(instance)) != 0) return names_->refusal(instance, name);
+  return reason(*run_.modes, {.kind = Request::Kind::set_target, .instance = instance}, Verdict::not_active);
 }
 
 void CompatGoals::open(const TheirControllet& theirs, InstanceIndex instance, const CompatPackages& packages,
@@ -140,54 +156,41 @@ void CompatGoals::open(const TheirControllet& theirs, InstanceIndex instance, co
   const MultimodeController& modes = *run_.modes;
   const Instance& law = modes.instance(instance);
   const auto type = MessageType::find(packages.modes, message_of(theirs.goal));
-  const auto port = [&](const char* input) { return &port_of(inputs, modes, instance, input); };
-  const auto frame = [&](std::size_t i) { return base_frame(modes.arm_name(law.arm_list()[i])); };
-
-  UntypedSubscription::Callback callback;
   std::vector<InputPort*> ports;
+  const auto port = [&](const char* input) -> InputPort& {
+    ports.push_back(&port_of(inputs, modes, instance, input));
+    return *ports.back();
+  };
+  const auto pose = [&](const char* input, const char* path, std::size_t i) {
+    const ArmIndex arm = law.arm_list()[i];
+    return PoseGoal{&port(input), pose_numbers(type, path), base_frame(modes.arm_name(arm)), arm};
+  };
+
+  Receive receive;
   if (theirs.goal == Goal::joints) {
-    const Numbers q(type, {"q"}, run_.models[law.arm_list()[0]]->joint_count());
-    ports = {port("joints")};
-    callback = [to = ports[0], q, key = std::make_shared<char>()](const void* message, double waited_s) {
-      to->receive(q.read(message), "", Delivery::stream, waited_s, key.get());
-    };
+    receive = receive_joints(port("joints"), type, law.arm_list()[0]);
   } else if (theirs.goal == Goal::joint_velocity) {
-    const ArmIndex arm = law.arm_list()[0];
-    const Numbers qd(type, {"qd"}, run_.models[arm]->joint_count());
-    InputPort* to = port("joints");
-    ports = {to};
-    const auto velocity =
-        std::make_shared<VelocityGoal>(run_.models[arm]->limits().dq_max, to->spec().timeout_s);
-    callback = [this, to, qd, arm, velocity](const void* message, double waited_s) {
-      const JointVector q_d = velocity->next(as_vector(qd.read(message)), measured(arm), host_now());
-      if (!to->receive(as_list(q_d), "", Delivery::stream, waited_s, velocity.get())) velocity->restart();
-    };
+    receive = receive_velocities(port("joints"), type, law.arm_list()[0], instance);
+  } else if (theirs.goal == Goal::pose) {
+    receive = receive_poses({pose("pose", "pose", 0)}, law);
   } else {
-    std::vector<PoseGoal> goals;
-    if (theirs.goal == Goal::pose) {
-      goals.push_back({port("pose"), pose_numbers(type, "pose"), frame(0)});
-    } else {
-      const bool two = theirs.goal == Goal::two_poses;
-      goals.push_back({port("first_pose"), pose_numbers(type, two ? "l_pose" : "pose"), frame(0)});
-      goals.push_back({port("second_pose"), pose_numbers(type, two ? "r_pose" : "pose"), frame(1)});
-    }
-    for (const auto& goal : goals) ports.push_back(goal.port);
-    // The law follows these inputs only with separate goals.
-    const std::size_t choice = law.find_parameter("goals");
-    callback = [goals = std::make_shared<std::vector<PoseGoal>>(goals), choice, &law](const void* message,
-                                                                                      double waited_s) {
-      if (choice < law.parameter_count() && law.parameter(choice)[0] < 0.5)
-        throw std::invalid_argument("the parameter goals of '" + law.name() +
-                                    "' is 'common': set it to 'separate'");
-      receive(*goals, message, waited_s);
-    };
+    const bool two = theirs.goal == Goal::two_poses;
+    std::vector<PoseGoal> poses;
+    poses.push_back(pose("first_pose", two ? "l_pose" : "pose", 0));
+    poses.push_back(pose("second_pose", two ? "r_pose" : "pose", 1));
+    receive = receive_poses(std::move(poses), law);
   }
   // A refusal counts at the input's port, like any other.
-  const auto guarded = [ports, callback](const void* message, double waited_s) {
+  const auto guarded = [this, ports, receive, instance, name = std::string(theirs.name)](const void* message,
+                                                                                         double waited_s) {
+    const auto refuse = [&](const std::string& why, bool not_active) {
+      for (InputPort* to : ports) to->refuse(why, not_active);
+    };
+    if (const std::string why = not_asked_for(instance, name); !why.empty()) return refuse(why, true);
     try {
-      callback(message, waited_s);
+      receive(message, waited_s);
     } catch (const std::invalid_argument& error) {
-      for (InputPort* to : ports) to->refuse(error.what());
+      refuse(error.what(), false);
     }
   };
   const std::string topic =

@@ -1,6 +1,5 @@
 // What is computed for goals and parameters of multipanda_ros2, without ROS.
-#include "ros/adapter/compat/goals.hpp"
-
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <stdexcept>
@@ -9,7 +8,11 @@
 #include <gtest/gtest.h>
 
 #include "core/cycle/control_cycle.hpp"
+#include "ros/adapter/compat/controllet_names.hpp"
+#include "ros/adapter/compat/measured_arms.hpp"
 #include "ros/adapter/compat/mode_services.hpp"
+#include "ros/adapter/compat/packages.hpp"
+#include "ros/adapter/compat/velocity_goal.hpp"
 #include "ros/adapter/state/testing/state_fixture.hpp"
 
 namespace multipanda::ros::goals_test {
@@ -20,6 +23,9 @@ using testing::HasSubstr;
 HostTime at_ms(double ms) { return HostTime{1000000000 + std::llround(1e6 * ms)}; }
 
 JointVector joints(double value) { return JointVector::Constant(7, value); }
+
+constexpr double kFresh = 0.001;                                    // age of the arm's state [s]
+double first_step(double dq) { return VelocityGoal::kFirst * dq; }  // the first set-point, the arm being at 0
 
 template <class F>
 std::string refusal(F f) {
@@ -45,31 +51,84 @@ TEST(VelocityGoal, IsIntegratedOverTime) {
     const JointVector dq = joints(velocity(random));
     expected += 1e-3 * dt * dq;
     if ((expected - q).cwiseAbs().maxCoeff() > 0.09) break;
-    EXPECT_LT((goal.next(dq, q, at_ms(t)) - expected).norm(), 1e-8) << k;  // times in whole nanoseconds
+    EXPECT_LT((goal.next(dq, q, kFresh, at_ms(t)) - expected).norm(), 1e-8)
+        << k;  // times in whole nanoseconds
   }
   // At 1 kHz it is multipanda_ros2's own rule, 0.001 s per message.
   VelocityGoal fast(joints(2), 0.1);
   JointVector q_d;
-  for (int k = 0; k < 30; ++k) q_d = fast.next(joints(0.5), q, at_ms(k));
+  for (int k = 0; k < 30; ++k) q_d = fast.next(joints(0.5), q, kFresh, at_ms(k));
   EXPECT_LT((q_d - joints(0.4 + 30 * 0.001 * 0.5)).norm(), 1e-9);
 }
 
 TEST(VelocityGoal, StartsAgainWhereTheArmIsAfterAPauseOrARefusal) {
   VelocityGoal goal(joints(2), 0.1);
-  (void)goal.next(joints(1), joints(0), at_ms(0));
-  (void)goal.next(joints(1), joints(0.02), at_ms(50));
-  EXPECT_NEAR(goal.next(joints(1), joints(0.5), at_ms(151))[3], 0.501, 1e-9) << "silent for more than 0.1 s";
-  EXPECT_NEAR(goal.next(joints(1), joints(0.5), at_ms(161))[3], 0.511, 1e-9);
-  EXPECT_THAT(refusal([&] { (void)goal.next(joints(1), joints(0.3), at_ms(170)); }),
+  (void)goal.next(joints(1), joints(0), kFresh, at_ms(0));
+  (void)goal.next(joints(1), joints(0.02), kFresh, at_ms(50));
+  EXPECT_NEAR(goal.next(joints(1), joints(0.5), kFresh, at_ms(151))[3], 0.501, 1e-9)
+      << "silent for more than 0.1 s";
+  EXPECT_NEAR(goal.next(joints(1), joints(0.5), kFresh, at_ms(161))[3], 0.511, 1e-9);
+  EXPECT_THAT(refusal([&] { (void)goal.next(joints(1), joints(0.3), kFresh, at_ms(170)); }),
               HasSubstr("ran 0.22 rad away from the arm"));
-  EXPECT_NEAR(goal.next(joints(1), joints(0.3), at_ms(171))[3], 0.301, 1e-9);
+  EXPECT_NEAR(goal.next(joints(0), joints(0.3), kFresh, at_ms(171))[3], 0.3, 1e-9);
   JointVector fast = joints(0.1);
   fast[4] = -2.1;
-  EXPECT_THAT(refusal([&] { (void)goal.next(fast, joints(0.3), at_ms(172)); }),
+  EXPECT_THAT(refusal([&] { (void)goal.next(fast, joints(0.3), kFresh, at_ms(172)); }),
               HasSubstr("joint 5: -2.1 rad/s is above its limit, 2 rad/s"));
   fast[4] = NAN;
-  EXPECT_THAT(refusal([&] { (void)goal.next(fast, joints(0.3), at_ms(173)); }), HasSubstr("not finite"));
-  EXPECT_NEAR(goal.next(joints(1), joints(0.7), at_ms(174))[3], 0.701, 1e-9);
+  EXPECT_THAT(refusal([&] { (void)goal.next(fast, joints(0.3), kFresh, at_ms(173)); }),
+              HasSubstr("not finite"));
+  EXPECT_NEAR(goal.next(joints(1), joints(0.7), kFresh, at_ms(174))[3], 0.701, 1e-9);
+}
+
+// Against a person or an obstacle: one push of at most the window, not one after the other.
+TEST(VelocityGoal, ThatRanAwayIsRefusedUntilItStopsTurnsOrPauses) {
+  enum class End { zero, reversed, pause };
+  for (const End end : {End::zero, End::reversed, End::pause}) {
+    VelocityGoal goal(joints(2), 0.1);
+    JointVector q = joints(0), dq = joints(0);
+    dq[2] = -0.5;
+    std::size_t taken = 0, refused = 0;
+    double t = 0, most = 0;
+    for (; t < 2000; t += 10) {  // the arm does not move
+      if (refusal([&] { most = std::max(most, -goal.next(dq, q, kFresh, at_ms(t))[2]); }).empty()) {
+        ++taken;
+        EXPECT_EQ(refused, 0u) << "taken again after " << t << " ms";
+      } else {
+        ++refused;
+      }
+    }
+    EXPECT_LE(most, VelocityGoal::kWindow);
+    EXPECT_EQ(taken,
+              20u);  // 0.001 s and 19 times 0.01 s at 0.5 rad/s are 0.0955 rad; the next one is too far
+    dq[5] = 0.1;     // another joint does not free it
+    EXPECT_THAT(refusal([&] { (void)goal.next(dq, q, kFresh, at_ms(t)); }),
+                HasSubstr("joint 3 did not follow"));
+    if (end == End::pause) t += 101;
+    if (end == End::zero) dq[2] = 0;
+    if (end == End::reversed) dq[2] = 0.5;
+    EXPECT_NEAR(goal.next(dq, q, kFresh, at_ms(t + 10))[2], first_step(dq[2]), 1e-12);
+  }
+}
+
+TEST(VelocityGoal, ThatBecomesZeroStaysWhereTheArmIs) {
+  VelocityGoal goal(joints(2), 0.1);
+  JointVector dq = joints(0.4), q = joints(0.2);
+  for (int k = 0; k < 10; ++k) (void)goal.next(dq, q, kFresh, at_ms(10 * k));
+  dq[1] = 0;
+  q[1] = 0.21;
+  const JointVector first = goal.next(dq, q, kFresh, at_ms(100));
+  EXPECT_EQ(first[1], 0.21);
+  EXPECT_NEAR(first[0], 0.2 + 0.4 * 0.101, 1e-9);
+  q[1] = 0.205;  // sags: the set-point must not sink with it
+  EXPECT_EQ(goal.next(dq, q, kFresh, at_ms(110))[1], 0.21);
+}
+
+// An old position would be the start of the next motion, and the measure of its window.
+TEST(VelocityGoal, IsRefusedWhileTheStateIsOld) {
+  VelocityGoal goal(joints(2), 0.1);
+  EXPECT_THAT(refusal([&] { (void)goal.next(joints(0), joints(0), 0.2, at_ms(0)); }), HasSubstr("0.2 s old"));
+  EXPECT_EQ(refusal([&] { (void)goal.next(joints(0), joints(0), 0.9 * kOldestState, at_ms(1)); }), "");
 }
 
 // The energy of a displacement is the same in both frames.

@@ -16,10 +16,11 @@ namespace {
 using rosidl_typesupport_introspection_cpp::MessageMembers;
 using rosidl_typesupport_introspection_cpp::ServiceMembers;
 
-// A symbol of a package's library that the program loaded at its start; nothing is loaded here.
+// A symbol of a package's library that the program loaded at its start; nothing is loaded here. The library
+// stays: types point into it, and another part of the process may have loaded it only for itself.
 void* symbol(const std::string& package, const std::string& type_support, const std::string& name) {
   const std::string library = "lib" + package + "__rosidl_" + type_support + ".so";
-  void* handle = dlopen(library.c_str(), RTLD_NOW | RTLD_NOLOAD);
+  void* handle = dlopen(library.c_str(), RTLD_NOW | RTLD_NOLOAD | RTLD_NODELETE);
   if (handle == nullptr) {
     throw std::invalid_argument(
         fmt::format("the message package '{}' was not found when multipanda was built: build multipanda in a "
@@ -87,7 +88,7 @@ std::string type_name(const FieldOf& field) {
     case ROS_TYPE_INT64:
       return "int64";
     case ROS_TYPE_STRING:
-      return "string";
+      return field.string_upper_bound_ == 0 ? "string" : fmt::format("string<={}", field.string_upper_bound_);
     case ROS_TYPE_MESSAGE:
       return type_of_elements(field).name();
     default:

@@ -4,15 +4,39 @@
 #include <array>
 #include <cmath>
 #include <rcl_interfaces/msg/parameter_type.hpp>
+#include <rcutils/logging_macros.h>
 #include <stdexcept>
 
 #include <fmt/format.h>
 
+#include "core/modes/visit_bits.hpp"
 #include "ros/adapter/compat/numbers.hpp"
 #include "ros/adapter/controllets/loop_requests.hpp"
 #include "runtime/request_text.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda::ros {
+namespace {
+
+constexpr const char* kSet = "~/set_controllers";
+
+// The name of a choice's value; "" if the law has no such parameter.
+std::string chosen(const Instance& law, const char* parameter) {
+  const std::size_t i = law.find_parameter(parameter);
+  if (i == law.parameter_count()) return "";
+  const auto& choices = law.parameter_spec(i).choices;
+  const auto value = static_cast<std::size_t>(law.parameter(i)[0]);
+  return value < choices.size() ? choices[value] : "";
+}
+
+// Throws std::invalid_argument if the law would not use what it is set to.
+void must_not_be(const Instance& law, const char* parameter, const char* value, const char* set_to) {
+  if (chosen(law, parameter) != value) return;
+  throw std::invalid_argument(
+      fmt::format("the parameter {} of '{}' is '{}': set it to '{}'", parameter, law.name(), value, set_to));
+}
+
+}  // namespace
 
 Vector6 stiffness_in_world(std::span<const double> K_B, const Matrix3& R_WB) {
   using Matrix6 = Eigen::Matrix<double, 6, 6>;
@@ -31,8 +55,9 @@ Vector6 stiffness_in_world(std::span<const double> K_B, const Matrix3& R_WB) {
   return diagonal;
 }
 
-CompatModes::CompatModes(const AdapterContext& run, const CompatPackages& packages)
-    : run_(run), table_(*run.modes) {
+CompatModes::CompatModes(const AdapterContext& run, const CompatPackages& packages,
+                         std::shared_ptr<AskedNames> names)
+    : run_(run), table_(*run.modes), names_(std::move(names)) {
   offer_set(packages);
   offer_get(packages);
   const MultimodeController& modes = *run.modes;
@@ -51,11 +76,26 @@ void CompatModes::offer(const std::string& name, const ServiceType& type, const 
                                                        Doc{"on request", doc}, std::move(callback)));
 }
 
-void CompatModes::refuse(const std::string& service, const std::string& why) {
-  run_.warn("compat/" + service, service + ": refused: " + why);
-  run_.count_request(false);
+void CompatModes::accept(const std::string& service) {
+  run_.count_request(true);
   const std::lock_guard lock(mutex_);
-  refused_[service] = why;
+  refused_[service].why.clear();
+}
+
+void CompatModes::refuse(const std::string& service, const std::string& why) {
+  run_.count_request(false);
+  {
+    constexpr double kNotMoreOftenThan = 1;  // [s], for the same reason
+    const std::lock_guard lock(mutex_);
+    Refused& refused = refused_[service];
+    const HostTime now = host_now();
+    const bool known = refused.why == why && seconds(now - refused.logged) < kNotMoreOftenThan;
+    refused.why = why;
+    if (known) return;
+    refused.logged = now;
+  }
+  RCUTILS_LOG_ERROR_NAMED("multipanda", "%s: refused, and therefore not answered: %s", service.c_str(),
+                          why.c_str());
 }
 
 void CompatModes::offer_set(const CompatPackages& packages) {
@@ -63,9 +103,8 @@ void CompatModes::offer_set(const CompatPackages& packages) {
   const Parts controllers(type.request, "controllers");
   const Text name(controllers.type(), "name");
   const Texts resources(controllers.type(), "resources");
-  offer("~/set_controllers", type, "Activates controllets; those of other arms stay.",
+  offer(kSet, type, "Activates controllets, those that are active start again; those of other arms stay.",
         [this, controllers, name, resources](const void* message, const UntypedService::Reply& reply) {
-          Request request{.kind = Request::Kind::switch_controllets};
           std::map<InstanceIndex, std::string> asked;
           std::string refusal;
           for (std::size_t k = 0; k < controllers.size(message) && refusal.empty(); ++k) {
@@ -75,27 +114,62 @@ void CompatModes::offer_set(const CompatPackages& packages) {
             for (const auto& resource : arms) {
               const auto instance = instance_of(*run_.modes, name.read(one), resource, refusal);
               if (!instance) break;
-              request.activate |= bit(*instance);
-              asked[*instance] = name.read(one);
+              const auto [known, is_new] = asked.try_emplace(*instance, name.read(one));
+              if (is_new || known->second == name.read(one)) continue;
+              refusal = fmt::format("'{}' and '{}' are one controllet here, '{}': ask for one of them",
+                                    known->second, name.read(one), run_.modes->instance(*instance).name());
+              break;
             }
           }
-          if (refusal.empty() && request.activate == 0) refusal = "it names no controllet";
-          if (!refusal.empty()) {
-            refuse("~/set_controllers", refusal);
-            return reply();
-          }
-          request_loop(run_, {request}, [this, request, asked, reply](const LoopAnswer& result) {
-            if (result.answer.accepted()) {
-              for (const auto& [instance, by] : asked) asked_[instance] = by;
-              run_.count_request(true);
-              const std::lock_guard lock(mutex_);
-              refused_["~/set_controllers"].clear();
-            } else {
-              refuse("~/set_controllers", reason(*run_.modes, request, result.answer.verdict));
-            }
-            reply();
-          });
+          if (refusal.empty() && asked.empty()) refusal = "it names no controllet";
+          if (!refusal.empty()) return refuse(kSet, refusal);
+          switch_to(asked, reply);
         });
+}
+
+// Why active controllets of several arms forbid a switch; empty: they do not. What two hands carry falls if
+// one of them leaves.
+std::string CompatModes::torn_apart(InstanceSet activate) const {
+  const MultimodeController& modes = *run_.modes;
+  ArmSet named;
+  for_each(activate, [&](InstanceIndex i) { named |= modes.instance(i).arms(); });
+  std::string why;
+  for_each(InstanceSet{modes.active() & ~activate}, [&](InstanceIndex i) {
+    const ArmSet left = modes.instance(i).arms() - named;
+    if (left.empty() || !modes.instance(i).arms().overlaps(named)) return;
+    why = fmt::format("'{}' also controls {}: name a controllet for every arm of it, '{}_hold' to hold one",
+                      modes.instance(i).name(), joined(names_of(modes, left)), modes.arm_name(left.first()));
+  });
+  return why;
+}
+
+// As theirs, what is asked for starts again, where the arm is, even if it is active already: its end comes
+// first, in the same cycle.
+void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
+                            const UntypedService::Reply& reply) {
+  const MultimodeController& modes = *run_.modes;
+  Request request{.kind = Request::Kind::switch_controllets};
+  for (const auto& [instance, by] : asked) request.activate |= bit(instance);
+  if (const std::string why = torn_apart(request.activate); !why.empty()) return refuse(kSet, why);
+  const InstanceSet laws = request.activate & ~((InstanceSet{1} << modes.arm_count()) - 1);
+  std::vector<Request> requests{request};
+  const Request end{.kind = Request::Kind::switch_controllets, .deactivate = laws & modes.active()};
+  if (end.deactivate != 0) requests.insert(requests.begin(), end);
+  names_->ask(request.activate);
+  request_loop(run_, requests, [this, request, laws, asked, reply](const LoopAnswer& result) {
+    names_->answered(request.activate);
+    const std::size_t bad = result.first_refused();
+    if (bad < result.verdicts.size()) {
+      std::string why = reason(*run_.modes, request, result.verdicts[bad]);
+      if (bad > 0) why += "; what was active of it has ended, its arms are held";
+      return refuse(kSet, why);
+    }
+    if ((laws & ~result.answer.plan.start) != 0)
+      return refuse(kSet, "another request started the same controllet at the same time: ask again");
+    for (const auto& [instance, by] : asked) names_->accept(instance, by, result.answer.cycle);
+    accept(kSet);
+    reply();
+  });
 }
 
 void CompatModes::offer_get(const CompatPackages& packages) {
@@ -113,9 +187,8 @@ void CompatModes::offer_get(const CompatPackages& packages) {
           reply([&](void* response) {
             controllers.resize(response, active.size());
             for (std::size_t k = 0; k < active.size(); ++k) {
-              const auto asked = asked_.find(active[k]);
               void* one = controllers.at(response, k);
-              name.write(one, asked != asked_.end() ? asked->second : their_name(modes, active[k]));
+              name.write(one, names_->name(active[k]));
               resources.write(one, {resource_of(modes, active[k])});
             }
           });
@@ -135,7 +208,6 @@ void CompatModes::offer_parameters(const TheirControllet& theirs, InstanceIndex 
         read(message, reply);
       } catch (const std::invalid_argument& error) {
         refuse(service, error.what());
-        reply();
       }
     };
   };
@@ -156,10 +228,8 @@ void CompatModes::offer_parameters(const TheirControllet& theirs, InstanceIndex 
   const Numbers nullspace(type.request, {"nullspace_stiffness"}, 1);
   offer(service, type, "Stiffnesses (axes of the arms' bases), damping ratio, stiffness of the null space.",
         guarded([=, this, &law](const void* message, const UntypedService::Reply& reply) {
-          const std::size_t axes = law.find_parameter("stiffness_axes");
-          if (axes < law.parameter_count() && law.parameter(axes)[0] > 0.5)
-            throw std::invalid_argument("the parameter stiffness_axes of '" + law.name() +
-                                        "' is 'end_effector': set it to 'world'");
+          must_not_be(law, "stiffness_axes", "end_effector", "world");
+          must_not_be(law, "damping_design", "given", "coupled");  // which has no damping ratio
           const auto K = stiffness.read(message);
           std::optional<Vector6> K_W;
           for (const ArmIndex arm : law.arm_list()) {
@@ -200,13 +270,9 @@ void CompatModes::set(const std::string& service, InstanceIndex instance,
   }
   request_loop(run_, requests, [this, service, requests, reply](const LoopAnswer& result) {
     const std::size_t bad = result.first_refused();
-    if (bad == requests.size()) {
-      run_.count_request(true);
-      const std::lock_guard lock(mutex_);
-      refused_[service].clear();
-    } else {
-      refuse(service, reason(*run_.modes, requests[bad], result.verdicts[bad]));
-    }
+    if (bad < requests.size())
+      return refuse(service, reason(*run_.modes, requests[bad], result.verdicts[bad]));
+    accept(service);
     reply();
   });
 }
@@ -214,11 +280,11 @@ void CompatModes::set(const std::string& service, InstanceIndex instance,
 std::vector<Diagnostic> CompatModes::diagnostics() const {
   const std::lock_guard lock(mutex_);
   std::vector<Diagnostic> lines;
-  for (const auto& [service, why] : refused_) {
+  for (const auto& [service, refused] : refused_) {
     Diagnostic line{.name = "compat " + service};
-    if (!why.empty()) {
-      line.level = Diagnostic::Level::warn;
-      line.message = "the newest request was refused: " + why;
+    if (!refused.why.empty()) {
+      line.level = Diagnostic::Level::error;
+      line.message = "the newest request was refused: " + refused.why;
     }
     lines.push_back(std::move(line));
   }

@@ -69,9 +69,12 @@ bool is_fixed(const FieldOf& field) { return field.array_size_ != 0 && !field.is
 MessageType::Place sequence(const MessageType& type, const std::string& path, std::uint8_t of,
                             const char* what) {
   const MessageType::Place place = type.need(path);
-  if (place.field->type_id_ == of && place.field->is_array_ && !is_fixed(*place.field)) return place;
-  throw std::invalid_argument(fmt::format("{}.{}: found {}, expected a sequence of {}", type.name(), path,
-                                          text_of(*place.field), what));
+  const FieldOf& field = *place.field;
+  // Bounded ones cannot take every text: what is written later would not fit.
+  if (field.type_id_ == of && field.is_array_ && field.array_size_ == 0 && field.string_upper_bound_ == 0)
+    return place;
+  throw std::invalid_argument(fmt::format("{}.{}: found {}, expected a sequence of {} without bounds",
+                                          type.name(), path, text_of(field), what));
 }
 
 }  // namespace
@@ -151,9 +154,10 @@ std::vector<double> Numbers::read(const void* message) const {
 
 Text::Text(const MessageType& type, const std::string& path) {
   const MessageType::Place place = type.need(path);
-  if (place.field->type_id_ != ROS_TYPE_STRING || place.field->is_array_) {
-    throw std::invalid_argument(
-        fmt::format("{}.{}: found {}, expected a string", type.name(), path, text_of(*place.field)));
+  if (place.field->type_id_ != ROS_TYPE_STRING || place.field->is_array_ ||
+      place.field->string_upper_bound_ != 0) {
+    throw std::invalid_argument(fmt::format("{}.{}: found {}, expected a string without a bound", type.name(),
+                                            path, text_of(*place.field)));
   }
   offset_ = place.offset;
 }

@@ -35,10 +35,21 @@ class InputPort {
   }
   bool receive(const std::vector<double>& values, const std::string& frame, Delivery delivery,
                double waited_s = 0, const void* from = nullptr);
-  // Why values would be refused whichever controllet is active; empty: they would not. For messages with
-  // values for several inputs.
-  std::string problem(const std::vector<double>& values, const std::string& frame) const;
-  void refuse(const std::string& why);  // for a message that cannot be read at all
+  // What receive() finds of a stream's values before it posts them.
+  struct Admission {
+    Target target;
+    std::string why;          // it refuses them; empty: it does not
+    bool not_active = false;  // only because the controllet is not active
+  };
+  // All checks of receive() at a time, and nothing else: for messages with values for several inputs, which
+  // all of them take or none.
+  Admission admits(const std::vector<double>& values, const std::string& frame, double waited_s,
+                   const void* from, HostTime now) const;
+  // Posts what admits() let pass. Until `until`, streams of other topics are refused; inputs of one message
+  // have one `until`, so that no other topic gets one of them alone. Returns whether it was accepted.
+  bool post(const Target& sample, const void* from, HostTime until);
+  // For a message that cannot be read, or that is not for this controllet (`not_active`: warned of once).
+  void refuse(const std::string& why, bool not_active = false);
 
   const std::string& name() const { return name_; }  // "pose0/pose"
   const InputSpec& spec() const { return reference_->spec(); }
@@ -48,6 +59,11 @@ class InputPort {
 
  private:
   bool conclude(InputReader::Refusal refusal, const Target& target, double waited_s, const void* from);
+  // Why it cannot be posted; empty: it can. Adds to the readers' checks those of this moment.
+  std::string obstacle(const Target& target, double waited_s, const void* from, HostTime now,
+                       bool& not_active) const;
+  Request request_for(const Target& target) const;
+  bool settle(Verdict verdict, const Request& request);
   void note(std::string reason, bool not_active);
 
   const AdapterContext& run_;
