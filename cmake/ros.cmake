@@ -196,3 +196,5 @@ function(multipanda_ros_test name)
   multipanda_test(${name} SOURCES ${ARG_SOURCES} DEPS ${ARG_DEPS} LABELS ros ${ARG_LABELS})
   multipanda_ros_link(${name})
 endfunction()
+
+include(${CMAKE_CURRENT_LIST_DIR}/ros_compat.cmake)

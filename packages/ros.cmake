@@ -20,6 +20,13 @@ set_target_properties(${targets} PROPERTIES INSTALL_RPATH "$ORIGIN:$ORIGIN/..")
 set_target_properties(${extensions} PROPERTIES INSTALL_RPATH "$ORIGIN/../..")
 install(TARGETS ${targets} LIBRARY DESTINATION lib/ros COMPONENT package)
 
+# On a computer without them the module would not be loaded.
+if(MULTIPANDA_COMPAT_PACKAGES)
+  list(JOIN MULTIPANDA_COMPAT_PACKAGES ", " compat_packages)
+  set(compat_refusal "this build needs ${compat_packages}: make packages from one with -DMULTIPANDA_COMPAT=OFF")
+  install(CODE "message(FATAL_ERROR \"${compat_refusal}\")" COMPONENT package)
+endif()
+
 # A client to begin with, and what the middleware is told by default.
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/examples/ros DESTINATION share/multipanda/examples COMPONENT package)
 install(FILES ${CMAKE_SOURCE_DIR}/ros/rcl/fastdds_loopback.xml ${CMAKE_SOURCE_DIR}/ros/rcl/fastdds_profile.xml

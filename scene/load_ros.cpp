@@ -61,6 +61,12 @@ void visit(Archive& archive, RosSection& ros) {
           "of this computer. `automatic`: `simulation` if every arm is simulated, otherwise `system`.")
           .one_of({"automatic", "simulation", "system"}),
       ros.time);
+  archive(Key("compat",
+              "Names and message types of another system beside our own, for its clients "
+              "([multipanda_compat.md](multipanda_compat.md)). Needs its message packages when multipanda is "
+              "built.")
+              .one_of({"none", "multipanda_ros2", "franka_ros2"}),
+          ros.compat);
   archive.section(Key("rates_hz", "How often each group of topics is published."), ros.rates_hz);
   if (archive.reading() && !is_namespace(ros.name_space)) {
     archive.at("namespace")

@@ -38,21 +38,24 @@ TEST(Load, ReadsTheRosSection) {
   EXPECT_EQ(usual.node, "multipanda");
   EXPECT_EQ(usual.name_space, "/");
   EXPECT_EQ(usual.time, RosSection::Time::automatic);
+  EXPECT_EQ(usual.compat, RosSection::Compat::none);
   EXPECT_EQ(usual.rates_hz.joint_states, RosSection::Rates{}.joint_states);
   EXPECT_EQ(usual.rates_hz.diagnostics, RosSection::Rates{}.diagnostics);
 
   // Every rate has a different value, so that none can be mistaken for another.
-  const RosSection ros = parse(
-                             "arms:\n  - name: left\n"
-                             "ros:\n"
-                             "  node: cell\n  namespace: /hall_2/cell_1\n  time: system\n"
-                             "  rates_hz: {joint_states: 1000, robot_state: 1, model: 2, wrench: 3, tf: 4, "
-                             "references: 5, outputs: 6, gripper: 7, object_poses: 8, clock: 9, "
-                             "loop_statistics: 10, diagnostics: 0}\n")
-                             .ros;
+  const RosSection ros =
+      parse(
+          "arms:\n  - name: left\n"
+          "ros:\n"
+          "  node: cell\n  namespace: /hall_2/cell_1\n  time: system\n  compat: franka_ros2\n"
+          "  rates_hz: {joint_states: 1000, robot_state: 1, model: 2, wrench: 3, tf: 4, "
+          "references: 5, outputs: 6, gripper: 7, object_poses: 8, clock: 9, "
+          "loop_statistics: 10, diagnostics: 0}\n")
+          .ros;
   EXPECT_EQ(ros.node, "cell");
   EXPECT_EQ(ros.name_space, "/hall_2/cell_1");
   EXPECT_EQ(ros.time, RosSection::Time::system);
+  EXPECT_EQ(ros.compat, RosSection::Compat::franka_ros2);
   const RosSection::Rates& r = ros.rates_hz;
   EXPECT_THAT(
       (std::vector<double>{r.joint_states, r.robot_state, r.model, r.wrench, r.tf, r.references, r.outputs,

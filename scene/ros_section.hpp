@@ -7,6 +7,8 @@ namespace multipanda {
 // How a run appears in ROS 2 (`run --ros`); it has no effect on the arms.
 struct RosSection {
   enum class Time { automatic, simulation, system };
+  // Names and message types of another system, beside our own.
+  enum class Compat { none, multipanda_ros2, franka_ros2 };
 
   // How often each group of topics is published [Hz of the loop's time]; 0: never. A rate means every n-th
   // record, so that 1000 Hz is every one at a control period of 1 ms.
@@ -28,6 +30,7 @@ struct RosSection {
   std::string node = "multipanda";
   std::string name_space = "/";  // of the node; "/": none
   Time time = Time::automatic;   // of the stamps; automatic: simulated where all arms are
+  Compat compat = Compat::none;
   Rates rates_hz;
 };
 

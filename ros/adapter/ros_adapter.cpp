@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include "ros/adapter/arms/arms.hpp"
+#include "ros/adapter/compat/compat.hpp"
 #include "ros/adapter/controllets/controllets.hpp"
 #include "ros/adapter/record_relay.hpp"
 #include "ros/adapter/state/state.hpp"
@@ -92,9 +93,11 @@ void RosAdapter::make_parts() {
   const auto add = [this](AdapterParts parts) {
     std::move(parts.begin(), parts.end(), std::back_inserter(parts_));
   };
-  if (options_.controllets) add(make_controllets(*run_));
+  const Inputs* inputs = nullptr;
+  if (options_.controllets) add(make_controllets(*run_, inputs));
   if (options_.arms || options_.motions) add(make_arms(*run_));
   if (options_.state) add(make_state(*run_));
+  add(make_compat(*run_, inputs));
   for (const auto& part : parts_) {
     if (part->needs_loop()) in_loop_.push_back(part.get());
   }

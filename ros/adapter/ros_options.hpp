@@ -12,6 +12,8 @@ struct RosOptions : RosSection {
   std::vector<std::string> arguments;  // for rcl, as after --ros-args: "-r", "joint_states:=arms" ...
   // False on a node with parameter services of its own (ros2_control); then only ParameterTable is used.
   bool parameter_services = true;
+  // Packages of the messages that `compat` takes its types from.
+  std::string compat_arm_messages = "franka_msgs", compat_mode_messages = "multi_mode_control_msgs";
   // Which parts exist; a run that shares its node leaves some to others. `arms`: requests to the backend
   // (services, grippers). `motions`: actions that the arms' controllets carry out.
   bool controllets = true, arms = true, motions = true, state = true;

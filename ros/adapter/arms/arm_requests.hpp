@@ -162,4 +162,13 @@ inline void refuse_looser(const SetCollisionThresholds& asked, const SetCollisio
        "upper_torque_thresholds_acceleration", "upper_force_thresholds_acceleration");
 }
 
+// Thresholds that a service may set: ordered, and not above `most`.
+inline ArmRequest read_thresholds(const multipanda_msgs::srv::SetCollisionBehavior::Request& request,
+                                  std::size_t n, const SetCollisionThresholds& most) {
+  const ArmRequest read = read_request(request, n);
+  refuse_unordered(std::get<SetCollisionThresholds>(read));
+  refuse_looser(std::get<SetCollisionThresholds>(read), most);
+  return read;
+}
+
 }  // namespace multipanda::ros

@@ -26,16 +26,14 @@ void set_result(Response& response, const RequestAnswer& answer) {
   }
 }
 
-// Thresholds that a service may set: the scene's; without any, the careful ones on a real arm and the
-// greatest useful ones in simulation.
+}  // namespace
+
 SetCollisionThresholds most_thresholds(const AdapterContext& run, ArmIndex arm) {
   if (run.scene != nullptr && run.scene->arms.at(arm).collision) return *run.scene->arms[arm].collision;
   const ArmModel& model = *run.models[arm];
   return run.backend->capabilities(arm).simulated ? default_settings(model).thresholds
                                                   : careful_thresholds(model);
 }
-
-}  // namespace
 
 template <class S, class Request>
 void ArmServices::offer(const std::string& name, const std::string& alias, const std::string& doc,
@@ -59,7 +57,8 @@ void ArmServices::offer(const std::string& name, const std::string& alias, const
   };
   const std::string full = run_.modes->arm_name(arm_) + "/" + name;
   services_.push_back(std::make_unique<Service<S>>(*run_.executor, *run_.node, full, Doc{"", doc}, callback));
-  if (alias.empty()) return;
+  // With `compat: multipanda_ros2` its own types have these names.
+  if (alias.empty() || run_.options->compat == RosSection::Compat::multipanda_ros2) return;
   services_.push_back(std::make_unique<Service<S>>(*run_.executor, *run_.node,
                                                    run_.modes->arm_name(arm_) + "_" + alias,
                                                    Doc{"", "As " + full + "."}, callback));
@@ -84,10 +83,7 @@ ArmServices::ArmServices(const AdapterContext& run, ArmIndex arm) : run_(run), a
       "Thresholds of contact (lower) and of the arm's reflex (upper) [N m; N, N m]. Not above those of the "
       "scene.",
       [n, most = most_thresholds(run, arm)](const auto& request) {
-        const ArmRequest read = read_request(request, n);
-        refuse_unordered(std::get<SetCollisionThresholds>(read));
-        refuse_looser(std::get<SetCollisionThresholds>(read), most);
-        return read;
+        return read_thresholds(request, n, most);
       });
   offer<srv::SetJointStiffness>("set_joint_stiffness", "param_service_server/set_joint_stiffness",
                                 "Stiffness of the arm's own joint controller [N m/rad].", reads);

@@ -11,6 +11,10 @@
 
 namespace multipanda::ros {
 
+// Thresholds that a service may set: the scene's; without any, the careful ones on a real arm and the
+// greatest useful ones in simulation.
+SetCollisionThresholds most_thresholds(const AdapterContext& run, ArmIndex arm);
+
 // Services of one arm that its backend answers: recovery, loads, frames, stiffnesses, contact thresholds,
 // guiding, vacuum gripper.
 // Those that multipanda_ros2 has also have its names.

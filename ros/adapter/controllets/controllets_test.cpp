@@ -265,6 +265,56 @@ TEST(Inputs, AnotherTopicsStreamIsRefusedWhileOneStreams) {
   EXPECT_EQ(port.counts().refused, 1u);
 }
 
+// Asking first and then sending agree in every case, and asking changes nothing.
+TEST(Inputs, AdmitWhatTheyThenTake) {
+  Fixture fixture;
+  fixture.run.reach = std::make_shared<Reach>(fixture.run.models);
+  fixture.run.reach->set_end_effector(0, Pose{});
+  InputPort port(fixture.run, fixture.loop.find("pose0"), 0);
+  ASSERT_TRUE(fixture.loop.activate({"pose0"}).accepted());
+  const Pose X = fixture.loop.modes().instance(fixture.loop.find("pose0")).inputs()[0].pose();
+  const auto values = [](const Pose& pose) {
+    const Quaternion q = pose.quaternion();
+    const Vector3& p = pose.position;
+    return std::vector<double>{p.x(), p.y(), p.z(), q.w(), q.x(), q.y(), q.z()};
+  };
+  Pose far = X;
+  far.position.x() += 5;
+  std::vector<double> not_a_number = values(X), long_quaternion = values(X);
+  not_a_number[1] = kNan;
+  for (std::size_t i = 3; i < 7; ++i) long_quaternion[i] *= 2;
+  const int first = 0, second = 0;
+  struct Case {
+    std::vector<double> values;
+    std::string frame;
+    double waited_s;
+    const void* from;
+    std::string why;
+  };
+  const auto compare = [&](const Case& c) {
+    const auto before = port.counts();
+    const auto found = port.admits(c.values, c.frame, c.waited_s, c.from, host_now());
+    EXPECT_EQ(port.counts().received, before.received);
+    EXPECT_THAT(found.why, HasSubstr(c.why));
+    EXPECT_EQ(found.why.empty(), c.why.empty());
+    EXPECT_EQ(port.receive(c.values, c.frame, Delivery::stream, c.waited_s, c.from), found.why.empty());
+    EXPECT_EQ(port.counts().last_reason, c.why.empty() ? before.last_reason : found.why);
+    EXPECT_EQ(port.counts().last_not_active, found.not_active);
+  };
+  ASSERT_TRUE(port.post(port.admits(values(X), "", 0, &first, host_now()).target, &first,
+                        host_now() + std::chrono::hours(1)));
+  for (const Case& c :
+       {Case{values(X), "", 0, &second, "another topic"}, Case{values(far), "", 0, &first, "out of reach"},
+        Case{not_a_number, "", 0, &first, "not finite"},
+        Case{long_quaternion, "", 0, &first, "unit quaternion"},
+        Case{values(X), "nowhere", 0, &first, "no frame"}, Case{values(X), "", 0.11, &first, "waited"},
+        Case{{1, 2}, "", 0, &first, "2 values"}, Case{values(X), "", 0, &first, ""}}) {
+    compare(c);
+  }
+  ASSERT_TRUE(fixture.loop.activate({"arm0_hold"}).accepted());
+  compare({values(X), "", 0, &first, "not active"});
+}
+
 // Only accepted messages reach the loop. Refused ones are counted, with the newest reason, and reported.
 TEST(Inputs, PosesOutOfReachAreRefusedWithTheDistance) {
   Fixture fixture;

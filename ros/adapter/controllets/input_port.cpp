@@ -28,56 +28,92 @@ InputPort::InputPort(const AdapterContext& run, InstanceIndex instance, std::siz
               run.modes->instance(instance).arm_list()[reference_->spec().arm]),
       name_(run.modes->instance(instance).name() + "/" + reference_->spec().name) {}
 
-void InputPort::receive(const std::vector<double>& values, const std::string& frame, Delivery delivery,
+bool InputPort::receive(const std::vector<double>& values, const std::string& frame, Delivery delivery,
                         double waited_s, const void* from) {
   Target target;
   target.delivery = delivery;
-  conclude(reader_.read(values, frame, target), target, waited_s, from);
+  return conclude(reader_.read(values, frame, target), target, waited_s, from);
 }
 
-void InputPort::refuse(const std::string& why) { note(why, false); }
-
-void InputPort::conclude(InputReader::Refusal refusal, const Target& target, double waited_s,
-                         const void* from) {
-  if (refusal) return note(std::move(*refusal), false);
-  const bool stream = target.delivery == Delivery::stream;
-  if (stream && from != streams_ && host_now() < streams_until_)
-    return note("another topic of this input streams to it: stop that one first", false);
-  // What an overloaded computer hands over this late was for an arm that was somewhere else.
-  const double patience =
-      target.delivery == Delivery::stream ? reference_->spec().timeout_s : MultimodeController::kPatience;
-  if (waited_s > patience) {
-    return note(fmt::format("it waited for more than {:g} s in this computer, which is overloaded", patience),
-                false);
+InputPort::Admission InputPort::admits(const std::vector<double>& values, const std::string& frame,
+                                       double waited_s, const void* from, HostTime now) const {
+  Admission admission;
+  admission.target.delivery = Delivery::stream;
+  if (auto refusal = reader_.read(values, frame, admission.target)) {
+    admission.why = std::move(*refusal);
+  } else {
+    admission.why = obstacle(admission.target, waited_s, from, now, admission.not_active);
   }
+  return admission;
+}
+
+void InputPort::refuse(const std::string& why, bool not_active) { note(why, not_active); }
+
+std::string InputPort::obstacle(const Target& target, double waited_s, const void* from, HostTime now,
+                                bool& not_active) const {
+  const bool stream = target.delivery == Delivery::stream;
+  if (stream && from != streams_ && now < streams_until_)
+    return "another topic of this input streams to it: stop that one first";
+  // What an overloaded computer hands over this late was for an arm that was somewhere else.
+  const double patience = stream ? reference_->spec().timeout_s : MultimodeController::kPatience;
+  if (waited_s > patience)
+    return fmt::format("it waited for more than {:g} s in this computer, which is overloaded", patience);
   if (run_.reach) {
     const Instance& instance = run_.modes->instance(instance_);
     std::string why = run_.reach->refusal(instance, reference_->spec(), target.values);
-    if (!why.empty()) return note(std::move(why), false);
+    if (!why.empty()) return why;
   }
+  not_active = (run_.modes->active() & bit(instance_)) == 0;
+  if (not_active) return reason(*run_.modes, request_for(target), Verdict::not_active);
+  if (!stream) return {};  // the post of a request checks it
+  const Verdict verdict = reference_->check(target);
+  return verdict == Verdict::accepted ? "" : reason(*run_.modes, request_for(target), verdict);
+}
+
+Request InputPort::request_for(const Target& target) const {
   Request request{.kind = Request::Kind::set_target};
   request.instance = instance_;
   request.index = input_;
-  Verdict verdict = Verdict::not_active;
-  if ((run_.modes->active() & bit(instance_)) != 0) {
-    if (target.delivery == Delivery::stream) {  // straight to the input: the loop takes the newest
-      verdict = reference_->post(target);
-    } else {
-      request.target = target;
-      std::uint64_t ticket = 0;
-      verdict = run_.modes->post(std::span(&request, 1), ticket);
-    }
+  request.target = target;
+  return request;
+}
+
+bool InputPort::conclude(InputReader::Refusal refusal, const Target& target, double waited_s,
+                         const void* from) {
+  const HostTime now = host_now();
+  bool not_active = false;
+  std::string why = refusal ? std::move(*refusal) : obstacle(target, waited_s, from, now, not_active);
+  if (!why.empty()) {
+    note(std::move(why), not_active);
+    return false;
   }
-  if (verdict != Verdict::accepted)
-    return note(reason(*run_.modes, request, verdict), verdict == Verdict::not_active);
-  if (stream) {
-    streams_ = from;
-    streams_until_ = host_now() + std::chrono::nanoseconds(std::llround(1e9 * reference_->spec().timeout_s));
+  if (target.delivery == Delivery::stream) {
+    const double timeout_s = reference_->spec().timeout_s;
+    return post(target, from, now + std::chrono::nanoseconds(std::llround(1e9 * timeout_s)));
+  }
+  const Request request = request_for(target);
+  std::uint64_t ticket = 0;
+  return settle(run_.modes->post(std::span(&request, 1), ticket), request);
+}
+
+bool InputPort::post(const Target& sample, const void* from, HostTime until) {
+  // Straight to the input: the loop takes the newest.
+  if (!settle(reference_->post(sample), request_for(sample))) return false;
+  streams_ = from;
+  streams_until_ = until;
+  return true;
+}
+
+bool InputPort::settle(Verdict verdict, const Request& request) {
+  if (verdict != Verdict::accepted) {
+    note(reason(*run_.modes, request, verdict), verdict == Verdict::not_active);
+    return false;
   }
   run_.counters->samples_accepted.fetch_add(1, std::memory_order_relaxed);
   const std::lock_guard lock(mutex_);
   ++counts_.received;
   counts_.last_accepted = true;
+  return true;
 }
 
 void InputPort::note(std::string why, bool not_active) {

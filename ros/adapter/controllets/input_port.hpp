@@ -25,16 +25,31 @@ class InputPort {
 
   // Runs in the executor's thread. `waited_s`: the message, before this thread took it. `from`: the topic.
   // While one topic streams, streams of another are refused: an operator who lets go must find the arm held.
+  // Returns whether the message was accepted.
   template <class M>
-  void receive(const M& message, Delivery delivery, double waited_s = 0, const void* from = nullptr) {
+  bool receive(const M& message, Delivery delivery, double waited_s = 0, const void* from = nullptr) {
     Target target;
     target.delivery = delivery;
     InputReader::Refusal refusal = reader_.read(message, target);
-    conclude(std::move(refusal), target, waited_s, from);
+    return conclude(std::move(refusal), target, waited_s, from);
   }
-  void receive(const std::vector<double>& values, const std::string& frame, Delivery delivery,
+  bool receive(const std::vector<double>& values, const std::string& frame, Delivery delivery,
                double waited_s = 0, const void* from = nullptr);
-  void refuse(const std::string& why);  // for a message that cannot be read at all
+  // What receive() finds of a stream's values before it posts them.
+  struct Admission {
+    Target target;
+    std::string why;          // it refuses them; empty: it does not
+    bool not_active = false;  // only because the controllet is not active
+  };
+  // All checks of receive() at a time, and nothing else: for messages with values for several inputs, which
+  // all of them take or none.
+  Admission admits(const std::vector<double>& values, const std::string& frame, double waited_s,
+                   const void* from, HostTime now) const;
+  // Posts what admits() let pass. Until `until`, streams of other topics are refused; inputs of one message
+  // have one `until`, so that no other topic gets one of them alone. Returns whether it was accepted.
+  bool post(const Target& sample, const void* from, HostTime until);
+  // For a message that cannot be read, or that is not for this controllet (`not_active`: warned of once).
+  void refuse(const std::string& why, bool not_active = false);
 
   const std::string& name() const { return name_; }  // "pose0/pose"
   const InputSpec& spec() const { return reference_->spec(); }
@@ -43,7 +58,12 @@ class InputPort {
   Diagnostic diagnostic() const;
 
  private:
-  void conclude(InputReader::Refusal refusal, const Target& target, double waited_s, const void* from);
+  bool conclude(InputReader::Refusal refusal, const Target& target, double waited_s, const void* from);
+  // Why it cannot be posted; empty: it can. Adds to the readers' checks those of this moment.
+  std::string obstacle(const Target& target, double waited_s, const void* from, HostTime now,
+                       bool& not_active) const;
+  Request request_for(const Target& target) const;
+  bool settle(Verdict verdict, const Request& request);
   void note(std::string reason, bool not_active);
 
   const AdapterContext& run_;

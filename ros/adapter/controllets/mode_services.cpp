@@ -38,13 +38,18 @@ ModeServices::ModeServices(const AdapterContext& run, const std::vector<InputCod
       "switch_controllets",
       "Changes which controllets run, at a cycle boundary; the first torque comes in the same cycle.",
       [this](const Switch::Request& request, const auto& reply) { switch_controllets(request, reply); });
-  serve.template operator()<Switch>("set_controllers",
-                                    "As switch_controllets with `only: true`; the name in multipanda_ros2.",
-                                    [this](Switch::Request request, const auto& reply) {
-                                      request.only = true;
-                                      switch_controllets(std::move(request), reply);
-                                    });
+  // With `compat: multipanda_ros2` its own types have its names.
+  const bool its_names = run.options->compat != RosSection::Compat::multipanda_ros2;
+  if (its_names) {
+    serve.template operator()<Switch>("set_controllers",
+                                      "As switch_controllets with `only: true`; the name in multipanda_ros2.",
+                                      [this](Switch::Request request, const auto& reply) {
+                                        request.only = true;
+                                        switch_controllets(std::move(request), reply);
+                                      });
+  }
   for (const char* name : {"list_controllets", "get_controllers"}) {
+    if (std::string(name) == "get_controllers" && !its_names) continue;
     serve.template operator()<List>(name, "All controllet instances: arms, inputs, outputs, parameters.",
                                     at_once<List>([this](const auto&) { return list_controllets(); }));
   }

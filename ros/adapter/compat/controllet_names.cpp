@@ -1,0 +1,104 @@
+#include "ros/adapter/compat/controllet_names.hpp"
+
+#include <algorithm>
+#include <array>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include "ros/adapter/compat/packages.hpp"
+#include "runtime/request_text.hpp"
+#include "support/spelling.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+using Goal = TheirControllet::Goal;
+using Parameters = TheirControllet::Parameters;
+
+constexpr const char* kNoJointLawOfTwo =
+    "multipanda has no joint law of two arms: ask for panda_joint_impedance_controller on each arm";
+
+constexpr std::array<TheirControllet, 12> kControllets{{
+    {"panda_joint_impedance_controller", "joint_impedance", 1, Goal::joints, Parameters::joints},
+    {"comless_panda_joint_impedance_controller", "joint_impedance", 1, Goal::none, Parameters::joints},
+    {"panda_joint_velocity_controller", "joint_impedance", 1, Goal::joint_velocity, Parameters::joints},
+    {"panda_cartesian_impedance_controller", "cartesian_impedance", 1, Goal::pose, Parameters::cartesian},
+    {"comless_panda_cartesian_impedance_controller", "cartesian_impedance", 1, Goal::none,
+     Parameters::cartesian},
+    {"dual_cartesian_impedance_controller", "dual_cartesian_impedance", 2, Goal::two_poses,
+     Parameters::cartesian},
+    {"comless_dual_cartesian_impedance_controller", "dual_cartesian_impedance", 2, Goal::none,
+     Parameters::cartesian},
+    {"twin_cartesian_impedance_controller", "dual_cartesian_impedance", 2, Goal::common_pose,
+     Parameters::cartesian},
+    // Their goal is the pose of an object between bases of one place; ours is that of the shared frame.
+    {"des_coupled_dual_cartesian_impedance_controller", "coupled_dual_cartesian_impedance", 2},
+    {"comless_coupled_dual_cartesian_impedance_controller", "coupled_dual_cartesian_impedance", 2},
+    {"comless_dual_joint_impedance_controller", nullptr, 2, Goal::none, Parameters::none, kNoJointLawOfTwo},
+    {"twin_joint_impedance_controller", nullptr, 2, Goal::none, Parameters::none, kNoJointLawOfTwo},
+}};
+
+bool serves(const MultimodeController& modes, InstanceIndex i, const TheirControllet& theirs) {
+  const Instance& instance = modes.instance(i);
+  return theirs.type != nullptr && instance.descriptor().type == theirs.type &&
+         instance.arm_list().size() == theirs.arms;
+}
+
+}  // namespace
+
+std::span<const TheirControllet> their_controllets() { return kControllets; }
+
+std::string resource_of(const MultimodeController& modes, InstanceIndex instance) {
+  return resource_name(modes, modes.instance(instance).arm_list(), "&");
+}
+
+InstanceIndex first_instance(const MultimodeController& modes, const TheirControllet& theirs,
+                             const std::string& resource) {
+  for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
+    if (serves(modes, i, theirs) && resource_of(modes, i) == resource) return i;
+  }
+  return kNoInstance;
+}
+
+std::optional<InstanceIndex> instance_of(const MultimodeController& modes, const std::string& name,
+                                         const std::string& resource, std::string& refusal) {
+  if (const InstanceIndex own = modes.find(name); own != kNoInstance) {
+    if (resource_of(modes, own) == resource) return own;
+    refusal = fmt::format("'{}' controls '{}', not '{}'", name, resource_of(modes, own), resource);
+    return {};
+  }
+  const auto theirs = std::find_if(kControllets.begin(), kControllets.end(),
+                                   [&](const TheirControllet& each) { return each.name == name; });
+  if (theirs == kControllets.end()) {
+    std::vector<std::string> names = instance_names(modes);
+    for (const auto& each : kControllets) names.emplace_back(each.name);
+    refusal = fmt::format("there is no controllet '{}'{}", name.substr(0, 60), name_hint(name, names, ""));
+    return {};
+  }
+  if (theirs->type == nullptr) {
+    refusal = fmt::format("'{}': {}", name, theirs->instead);
+    return {};
+  }
+  if (const InstanceIndex i = first_instance(modes, *theirs, resource); i != kNoInstance) return i;
+  std::vector<std::string> others;
+  for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
+    if (serves(modes, i, *theirs)) others.push_back("'" + resource_of(modes, i) + "'");
+  }
+  refusal =
+      fmt::format("'{}' on '{}': the scene has no controllet of type '{}' for these arms, in this order; {}",
+                  name, resource.substr(0, 60), theirs->type,
+                  others.empty() ? "add one to its 'controllets'" : "it has one for " + joined(others));
+  return {};
+}
+
+std::string their_name(const MultimodeController& modes, InstanceIndex instance) {
+  for (const auto& theirs : kControllets) {  // those with a goal come first for each type
+    if (serves(modes, instance, theirs) &&
+        first_instance(modes, theirs, resource_of(modes, instance)) == instance)
+      return theirs.name;
+  }
+  return modes.instance(instance).name();
+}
+
+}  // namespace multipanda::ros

@@ -1,0 +1,206 @@
+#include "ros/adapter/compat/goals.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+#include "ros/adapter/compat/numbers.hpp"
+#include "ros/adapter/compat/velocity_goal.hpp"
+#include "ros/adapter/names.hpp"
+#include "runtime/request_text.hpp"
+#include "support/spelling.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+using Goal = TheirControllet::Goal;
+
+const char* message_of(Goal goal) {
+  switch (goal) {
+    case Goal::joints:
+      return "JointGoal";
+    case Goal::joint_velocity:
+      return "VelocityGoal";
+    case Goal::two_poses:
+      return "DualCartesianImpedanceGoal";
+    default:
+      return "CartesianImpedanceGoal";
+  }
+}
+
+Numbers pose_numbers(const MessageType& type, const std::string& path) {
+  std::vector<std::string> paths;
+  for (const char* part : {"position.x", "position.y", "position.z", "orientation.w", "orientation.x",
+                           "orientation.y", "orientation.z"})
+    paths.push_back(path + "." + part);
+  return {type, paths, 7};  // in the order of Target
+}
+
+InputPort& port_of(const Inputs& inputs, const MultimodeController& modes, InstanceIndex instance,
+                   const std::string& input) {
+  const std::string name = modes.instance(instance).name() + "/" + input;
+  for (const auto& port : inputs.ports()) {
+    if (port->name() == name) return *port;
+  }
+  throw std::invalid_argument("there is no input '" + name + "'");
+}
+
+Pose pose_of(const Target& target) {
+  const auto& v = target.values;
+  return Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]));
+}
+
+std::vector<double> as_list(const JointVector& v) { return {v.data(), v.data() + v.size()}; }
+
+JointVector as_vector(const std::vector<double>& v) {
+  return Eigen::Map<const Eigen::VectorXd>(v.data(), static_cast<Eigen::Index>(v.size()));
+}
+
+// Fields of the message that nothing here follows.
+std::string not_followed(Goal goal) {
+  switch (goal) {
+    case Goal::joints:
+      return "qd (velocities follow from the positions)";
+    case Goal::joint_velocity:
+      return "";
+    default:
+      return "postures of the null space (a parameter here)";
+  }
+}
+
+}  // namespace
+
+CompatGoals::CompatGoals(const AdapterContext& run, const CompatPackages& packages, const Inputs& inputs,
+                         std::shared_ptr<AskedNames> names)
+    : run_(run), names_(std::move(names)), arms_(run) {
+  const MultimodeController& modes = *run.modes;
+  for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
+    for (const auto& theirs : their_controllets()) {
+      if (theirs.goal != Goal::none && theirs.type != nullptr &&
+          first_instance(modes, theirs, resource_of(modes, i)) == i)
+        open(theirs, i, packages, inputs);
+    }
+  }
+}
+
+CompatGoals::Receive CompatGoals::receive_joints(InputPort& to, const MessageType& type, ArmIndex arm) {
+  const Numbers q(type, {"q"}, run_.models[arm]->joint_count());
+  return [this, &to, q, arm, key = std::make_shared<char>()](const void* message, double waited_s) {
+    const auto goal = q.read(message);
+    const MeasuredArms::Joints at = arms_.joints(arm, host_now());
+    check_age(at.age_s);
+    if (const std::string why = too_far(goal, at.q); !why.empty()) throw std::invalid_argument(why);
+    to.receive(goal, "", Delivery::stream, waited_s, key.get());
+  };
+}
+
+CompatGoals::Receive CompatGoals::receive_velocities(InputPort& to, const MessageType& type, ArmIndex arm,
+                                                     InstanceIndex instance) {
+  const Numbers qd(type, {"qd"}, run_.models[arm]->joint_count());
+  struct Stream {
+    VelocityGoal goal;
+    std::uint64_t since = 0;
+  };
+  const VelocityGoal fresh(run_.models[arm]->limits().dq_max, to.spec().timeout_s);
+  return [this, &to, qd, arm, instance, fresh, stream = std::make_shared<Stream>(Stream{fresh})](
+             const void* message, double waited_s) {
+    if (const std::uint64_t since = names_->since(instance); since != stream->since) *stream = {fresh, since};
+    const HostTime now = host_now();
+    const MeasuredArms::Joints at = arms_.joints(arm, now);
+    const JointVector q_d = stream->goal.next(as_vector(qd.read(message)), at.q, at.age_s, now);
+    if (!to.receive(as_list(q_d), "", Delivery::stream, waited_s, stream.get())) stream->goal.restart();
+  };
+}
+
+CompatGoals::Receive CompatGoals::receive_poses(std::vector<PoseGoal> poses, const Instance& law) {
+  const std::size_t choice = law.find_parameter("goals");
+  return [this, goals = std::make_shared<std::vector<PoseGoal>>(std::move(poses)), choice, &law](
+             const void* message, double waited_s) {
+    // The law of two arms follows these inputs only with separate goals.
+    if (choice < law.parameter_count() && law.parameter(choice)[0] < 0.5)
+      throw std::invalid_argument("the parameter goals of '" + law.name() +
+                                  "' is 'common': set it to 'separate'");
+    take_poses(*goals, message, waited_s);
+  };
+}
+
+// All poses of a message or none: hands that followed two senders would crush or pull what they hold.
+void CompatGoals::take_poses(const std::vector<PoseGoal>& goals, const void* message, double waited_s) {
+  const HostTime now = host_now();
+  std::vector<Target> targets;
+  double timeout_s = 0;
+  for (const auto& goal : goals) {
+    auto found = goal.port->admits(goal.numbers.read(message), goal.frame, waited_s, &goals, now);
+    if (found.why.empty()) found.why = too_far(pose_of(found.target), arms_.end_effector(goal.arm, now));
+    if (!found.why.empty()) {
+      for (const auto& all : goals) all.port->refuse(goal.port->name() + ": " + found.why, found.not_active);
+      return;
+    }
+    targets.push_back(found.target);
+    timeout_s = std::max(timeout_s, goal.port->spec().timeout_s);
+  }
+  const HostTime until = now + std::chrono::nanoseconds(std::llround(1e9 * timeout_s));
+  for (std::size_t i = 0; i < goals.size(); ++i) goals[i].port->post(targets[i], &goals, until);
+}
+
+std::string CompatGoals::not_asked_for(InstanceIndex instance, const std::string& name) {
+  if ((run_.modes->active() & bit(instance)) != 0) return names_->refusal(instance, name);
+  return reason(*run_.modes, {.kind = Request::Kind::set_target, .instance = instance}, Verdict::not_active);
+}
+
+void CompatGoals::open(const TheirControllet& theirs, InstanceIndex instance, const CompatPackages& packages,
+                       const Inputs& inputs) {
+  const MultimodeController& modes = *run_.modes;
+  const Instance& law = modes.instance(instance);
+  const auto type = MessageType::find(packages.modes, message_of(theirs.goal));
+  std::vector<InputPort*> ports;
+  const auto port = [&](const char* input) -> InputPort& {
+    ports.push_back(&port_of(inputs, modes, instance, input));
+    return *ports.back();
+  };
+  const auto pose = [&](const char* input, const char* path, std::size_t i) {
+    const ArmIndex arm = law.arm_list()[i];
+    return PoseGoal{&port(input), pose_numbers(type, path), base_frame(modes.arm_name(arm)), arm};
+  };
+
+  Receive receive;
+  if (theirs.goal == Goal::joints) {
+    receive = receive_joints(port("joints"), type, law.arm_list()[0]);
+  } else if (theirs.goal == Goal::joint_velocity) {
+    receive = receive_velocities(port("joints"), type, law.arm_list()[0], instance);
+  } else if (theirs.goal == Goal::pose) {
+    receive = receive_poses({pose("pose", "pose", 0)}, law);
+  } else {
+    const bool two = theirs.goal == Goal::two_poses;
+    std::vector<PoseGoal> poses;
+    poses.push_back(pose("first_pose", two ? "l_pose" : "pose", 0));
+    poses.push_back(pose("second_pose", two ? "r_pose" : "pose", 1));
+    receive = receive_poses(std::move(poses), law);
+  }
+  // A refusal counts at the input's port, like any other.
+  const auto guarded = [this, ports, receive, instance, name = std::string(theirs.name)](const void* message,
+                                                                                         double waited_s) {
+    const auto refuse = [&](const std::string& why, bool not_active) {
+      for (InputPort* to : ports) to->refuse(why, not_active);
+    };
+    if (const std::string why = not_asked_for(instance, name); !why.empty()) return refuse(why, true);
+    try {
+      receive(message, waited_s);
+    } catch (const std::invalid_argument& error) {
+      refuse(error.what(), false);
+    }
+  };
+  const std::string topic =
+      resource_name(modes, law.arm_list(), "_and_") + "/" + theirs.name + "/desired_pose";
+  std::string doc = "stream to `~/" + law.name() + "`, in the bases of the arms";
+  if (const std::string ignored = not_followed(theirs.goal); !ignored.empty())
+    doc += "; not followed: " + ignored;
+  subscriptions_.push_back(
+      std::make_unique<UntypedSubscription>(*run_.executor, *run_.node, topic, type, Qos::sensor(1),
+                                            Doc{"up to 1000 Hz; held when silent", doc + "."}, guarded));
+}
+
+}  // namespace multipanda::ros

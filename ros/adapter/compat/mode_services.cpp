@@ -1,0 +1,294 @@
+#include "ros/adapter/compat/mode_services.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <rcl_interfaces/msg/parameter_type.hpp>
+#include <rcutils/logging_macros.h>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+#include "core/modes/visit_bits.hpp"
+#include "ros/adapter/compat/numbers.hpp"
+#include "ros/adapter/controllets/loop_requests.hpp"
+#include "runtime/request_text.hpp"
+#include "support/spelling.hpp"
+
+namespace multipanda::ros {
+namespace {
+
+constexpr const char* kSet = "~/set_controllers";
+
+// The name of a choice's value; "" if the law has no such parameter.
+std::string chosen(const Instance& law, const char* parameter) {
+  const std::size_t i = law.find_parameter(parameter);
+  if (i == law.parameter_count()) return "";
+  const auto& choices = law.parameter_spec(i).choices;
+  const auto value = static_cast<std::size_t>(law.parameter(i)[0]);
+  return value < choices.size() ? choices[value] : "";
+}
+
+// Throws std::invalid_argument if the law would not use what it is set to.
+void must_not_be(const Instance& law, const char* parameter, const char* value, const char* set_to) {
+  if (chosen(law, parameter) != value) return;
+  throw std::invalid_argument(
+      fmt::format("the parameter {} of '{}' is '{}': set it to '{}'", parameter, law.name(), value, set_to));
+}
+
+}  // namespace
+
+Vector6 stiffness_in_world(std::span<const double> K_B, const Matrix3& R_WB) {
+  using Matrix6 = Eigen::Matrix<double, 6, 6>;
+  const Eigen::Map<const Matrix6> K(K_B.data());
+  if (!K.allFinite()) throw std::invalid_argument("stiffness: a number is not finite");
+  Matrix6 R = Matrix6::Zero();
+  R.topLeftCorner<3, 3>() = R.bottomRightCorner<3, 3>() = R_WB;
+  const Matrix6 K_W = R * K * R.transpose();
+  const Vector6 diagonal = K_W.diagonal();
+  const Matrix6 rest = K_W - Matrix6(diagonal.asDiagonal());
+  if (rest.cwiseAbs().maxCoeff() > 1e-6 * std::max(1.0, diagonal.cwiseAbs().maxCoeff())) {
+    throw std::invalid_argument(
+        "stiffness: expected a matrix that is diagonal in the axes of the world, which are those of the "
+        "stiffness here");
+  }
+  return diagonal;
+}
+
+CompatModes::CompatModes(const AdapterContext& run, const CompatPackages& packages,
+                         std::shared_ptr<AskedNames> names)
+    : run_(run), table_(*run.modes), names_(std::move(names)) {
+  offer_set(packages);
+  offer_get(packages);
+  const MultimodeController& modes = *run.modes;
+  for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
+    for (const auto& theirs : their_controllets()) {
+      if (theirs.type != nullptr && theirs.parameters != TheirControllet::Parameters::none &&
+          first_instance(modes, theirs, resource_of(modes, i)) == i)
+        offer_parameters(theirs, i, packages);
+    }
+  }
+}
+
+void CompatModes::offer(const std::string& name, const ServiceType& type, const std::string& doc,
+                        UntypedService::Callback callback) {
+  services_.push_back(std::make_unique<UntypedService>(*run_.executor, *run_.node, name, type,
+                                                       Doc{"on request", doc}, std::move(callback)));
+}
+
+void CompatModes::accept(const std::string& service) {
+  run_.count_request(true);
+  const std::lock_guard lock(mutex_);
+  refused_[service].why.clear();
+}
+
+void CompatModes::refuse(const std::string& service, const std::string& why) {
+  run_.count_request(false);
+  {
+    constexpr double kNotMoreOftenThan = 1;  // [s], for the same reason
+    const std::lock_guard lock(mutex_);
+    Refused& refused = refused_[service];
+    const HostTime now = host_now();
+    const bool known = refused.why == why && seconds(now - refused.logged) < kNotMoreOftenThan;
+    refused.why = why;
+    if (known) return;
+    refused.logged = now;
+  }
+  RCUTILS_LOG_ERROR_NAMED("multipanda", "%s: refused, and therefore not answered: %s", service.c_str(),
+                          why.c_str());
+}
+
+void CompatModes::offer_set(const CompatPackages& packages) {
+  const auto type = ServiceType::find(packages.modes, "SetControllers");
+  const Parts controllers(type.request, "controllers");
+  const Text name(controllers.type(), "name");
+  const Texts resources(controllers.type(), "resources");
+  offer(kSet, type, "Activates controllets, those that are active start again; those of other arms stay.",
+        [this, controllers, name, resources](const void* message, const UntypedService::Reply& reply) {
+          std::map<InstanceIndex, std::string> asked;
+          std::string refusal;
+          for (std::size_t k = 0; k < controllers.size(message) && refusal.empty(); ++k) {
+            const void* one = controllers.at(message, k);
+            const auto arms = resources.read(one);
+            if (arms.empty()) refusal = fmt::format("'{}' has no resources", name.read(one).substr(0, 60));
+            for (const auto& resource : arms) {
+              const auto instance = instance_of(*run_.modes, name.read(one), resource, refusal);
+              if (!instance) break;
+              const auto [known, is_new] = asked.try_emplace(*instance, name.read(one));
+              if (is_new || known->second == name.read(one)) continue;
+              refusal = fmt::format("'{}' and '{}' are one controllet here, '{}': ask for one of them",
+                                    known->second, name.read(one), run_.modes->instance(*instance).name());
+              break;
+            }
+          }
+          if (refusal.empty() && asked.empty()) refusal = "it names no controllet";
+          if (!refusal.empty()) return refuse(kSet, refusal);
+          switch_to(asked, reply);
+        });
+}
+
+// Why active controllets of several arms forbid a switch; empty: they do not. What two hands carry falls if
+// one of them leaves.
+std::string CompatModes::torn_apart(InstanceSet activate) const {
+  const MultimodeController& modes = *run_.modes;
+  ArmSet named;
+  for_each(activate, [&](InstanceIndex i) { named |= modes.instance(i).arms(); });
+  std::string why;
+  for_each(InstanceSet{modes.active() & ~activate}, [&](InstanceIndex i) {
+    const ArmSet left = modes.instance(i).arms() - named;
+    if (left.empty() || !modes.instance(i).arms().overlaps(named)) return;
+    why = fmt::format("'{}' also controls {}: name a controllet for every arm of it, '{}_hold' to hold one",
+                      modes.instance(i).name(), joined(names_of(modes, left)), modes.arm_name(left.first()));
+  });
+  return why;
+}
+
+// As theirs, what is asked for starts again, where the arm is, even if it is active already: its end comes
+// first, in the same cycle.
+void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
+                            const UntypedService::Reply& reply) {
+  const MultimodeController& modes = *run_.modes;
+  Request request{.kind = Request::Kind::switch_controllets};
+  for (const auto& [instance, by] : asked) request.activate |= bit(instance);
+  if (const std::string why = torn_apart(request.activate); !why.empty()) return refuse(kSet, why);
+  const InstanceSet laws = request.activate & ~((InstanceSet{1} << modes.arm_count()) - 1);
+  std::vector<Request> requests{request};
+  const Request end{.kind = Request::Kind::switch_controllets, .deactivate = laws & modes.active()};
+  if (end.deactivate != 0) requests.insert(requests.begin(), end);
+  names_->ask(request.activate);
+  request_loop(run_, requests, [this, request, laws, asked, reply](const LoopAnswer& result) {
+    names_->answered(request.activate);
+    const std::size_t bad = result.first_refused();
+    if (bad < result.verdicts.size()) {
+      std::string why = reason(*run_.modes, request, result.verdicts[bad]);
+      if (bad > 0) why += "; what was active of it has ended, its arms are held";
+      return refuse(kSet, why);
+    }
+    if ((laws & ~result.answer.plan.start) != 0)
+      return refuse(kSet, "another request started the same controllet at the same time: ask again");
+    for (const auto& [instance, by] : asked) names_->accept(instance, by, result.answer.cycle);
+    accept(kSet);
+    reply();
+  });
+}
+
+void CompatModes::offer_get(const CompatPackages& packages) {
+  const auto type = ServiceType::find(packages.modes, "GetControllers");
+  const Parts controllers(type.response, "controllers");
+  const Text name(controllers.type(), "name");
+  const Texts resources(controllers.type(), "resources");
+  offer("~/get_controllers", type, "Active controllets.",
+        [this, controllers, name, resources](const void*, const UntypedService::Reply& reply) {
+          const MultimodeController& modes = *run_.modes;
+          std::vector<InstanceIndex> active;
+          for (auto i = static_cast<InstanceIndex>(modes.arm_count()); i < modes.instance_count(); ++i) {
+            if ((modes.active() & bit(i)) != 0) active.push_back(i);
+          }
+          reply([&](void* response) {
+            controllers.resize(response, active.size());
+            for (std::size_t k = 0; k < active.size(); ++k) {
+              void* one = controllers.at(response, k);
+              name.write(one, names_->name(active[k]));
+              resources.write(one, {resource_of(modes, active[k])});
+            }
+          });
+          run_.count_request(true);
+        });
+}
+
+void CompatModes::offer_parameters(const TheirControllet& theirs, InstanceIndex instance,
+                                   const CompatPackages& packages) {
+  const MultimodeController& modes = *run_.modes;
+  const Instance& law = modes.instance(instance);
+  const std::string service =
+      resource_name(modes, law.arm_list(), "_and_") + "/" + theirs.name + "/parameters";
+  const auto guarded = [this, service](auto read) {
+    return [this, service, read](const void* message, const UntypedService::Reply& reply) {
+      try {
+        read(message, reply);
+      } catch (const std::invalid_argument& error) {
+        refuse(service, error.what());
+      }
+    };
+  };
+  if (theirs.parameters == TheirControllet::Parameters::joints) {
+    const auto type = ServiceType::find(packages.modes, "SetJointImpedance");
+    const Numbers scale(type.request, {"stiffness_scale"}, 1);
+    offer(service, type, "Stiffness of the joints, as a multiple of 600 (4), 250, 150, 50 N m/rad.",
+          guarded([this, service, instance, scale](const void* message, const UntypedService::Reply& reply) {
+            std::vector<double> stiffness{600, 600, 600, 600, 250, 150, 50};
+            for (double& value : stiffness) value *= scale.read(message)[0];
+            set(service, instance, {{"stiffness_nm_per_rad", stiffness}}, reply);
+          }));
+    return;
+  }
+  const auto type = ServiceType::find(packages.modes, "SetCartesianImpedance");
+  const Numbers stiffness(type.request, {"stiffness"}, 36);
+  const Numbers damping(type.request, {"damping_ratio"}, 6);
+  const Numbers nullspace(type.request, {"nullspace_stiffness"}, 1);
+  offer(service, type, "Stiffnesses (axes of the arms' bases), damping ratio, stiffness of the null space.",
+        guarded([=, this, &law](const void* message, const UntypedService::Reply& reply) {
+          must_not_be(law, "stiffness_axes", "end_effector", "world");
+          must_not_be(law, "damping_design", "given", "coupled");  // which has no damping ratio
+          const auto K = stiffness.read(message);
+          std::optional<Vector6> K_W;
+          for (const ArmIndex arm : law.arm_list()) {
+            const Vector6 own = stiffness_in_world(K, run_.models[arm]->X_WB().rotation);
+            if (K_W && !K_W->isApprox(own, 1e-6))
+              throw std::invalid_argument(
+                  "stiffness: the arms' bases stand differently, so that it is not the same for both in the "
+                  "world; both have one stiffness here");
+            K_W = own;
+          }
+          const auto ratios = damping.read(message);
+          if (std::any_of(ratios.begin(), ratios.end(), [&](double ratio) {
+                return !std::isfinite(ratio) || std::abs(ratio - ratios[0]) > 1e-6;
+              }))
+            throw std::invalid_argument("damping_ratio: expected six equal numbers: there is one here");
+          set(service, instance,
+              {{"translational_stiffness_n_per_m", {(*K_W)[0], (*K_W)[1], (*K_W)[2]}},
+               {"rotational_stiffness_nm_per_rad", {(*K_W)[3], (*K_W)[4], (*K_W)[5]}},
+               {"damping_ratio", {ratios[0]}},
+               {"nullspace_stiffness_nm_per_rad", nullspace.read(message)}},
+              reply);
+        }));
+}
+
+void CompatModes::set(const std::string& service, InstanceIndex instance,
+                      const std::vector<std::pair<std::string, std::vector<double>>>& values,
+                      const UntypedService::Reply& reply) {
+  std::vector<Request> requests;
+  for (const auto& [name, numbers] : values) {
+    rcl_interfaces::msg::Parameter parameter;
+    parameter.name = run_.modes->instance(instance).name() + "." + name;
+    parameter.value.type = rcl_interfaces::msg::ParameterType::PARAMETER_DOUBLE_ARRAY;
+    parameter.value.double_array_value = numbers;
+    std::string why;
+    const auto request = table_.request(parameter, why);
+    if (!request) throw std::invalid_argument(why);
+    requests.push_back(*request);
+  }
+  request_loop(run_, requests, [this, service, requests, reply](const LoopAnswer& result) {
+    const std::size_t bad = result.first_refused();
+    if (bad < requests.size())
+      return refuse(service, reason(*run_.modes, requests[bad], result.verdicts[bad]));
+    accept(service);
+    reply();
+  });
+}
+
+std::vector<Diagnostic> CompatModes::diagnostics() const {
+  const std::lock_guard lock(mutex_);
+  std::vector<Diagnostic> lines;
+  for (const auto& [service, refused] : refused_) {
+    Diagnostic line{.name = "compat " + service};
+    if (!refused.why.empty()) {
+      line.level = Diagnostic::Level::error;
+      line.message = "the newest request was refused: " + refused.why;
+    }
+    lines.push_back(std::move(line));
+  }
+  return lines;
+}
+
+}  // namespace multipanda::ros

@@ -1,0 +1,59 @@
+#pragma once
+
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "ros/adapter/compat/asked_names.hpp"
+#include "ros/adapter/compat/controllet_names.hpp"
+#include "ros/adapter/compat/packages.hpp"
+#include "ros/adapter/compat/untyped.hpp"
+#include "ros/adapter/controllets/parameter_table.hpp"
+
+namespace multipanda::ros {
+
+// ~/set_controllers, ~/get_controllers and <resources>/<controllet>/parameters of multipanda_ros2. Their
+// answers have no fields. A refused request is therefore not answered, so that nobody takes a stiff arm for a
+// soft one; the log and /diagnostics say why.
+class CompatModes : public AdapterPart {
+ public:
+  // Throws std::invalid_argument for missing types, and for types that do not fit.
+  CompatModes(const AdapterContext& run, const CompatPackages& packages, std::shared_ptr<AskedNames> names);
+  void take(const Event& event) override { names_->take(event); }
+  std::vector<Diagnostic> diagnostics() const override;
+
+ private:
+  void offer(const std::string& name, const ServiceType& type, const std::string& doc,
+             UntypedService::Callback callback);
+  void offer_set(const CompatPackages& packages);
+  std::string torn_apart(InstanceSet activate) const;
+  void switch_to(const std::map<InstanceIndex, std::string>& asked, const UntypedService::Reply& reply);
+  void offer_get(const CompatPackages& packages);
+  void offer_parameters(const TheirControllet& theirs, InstanceIndex instance,
+                        const CompatPackages& packages);
+  // Sets all or none of the parameters, in one cycle, and then replies.
+  void set(const std::string& service, InstanceIndex instance,
+           const std::vector<std::pair<std::string, std::vector<double>>>& values,
+           const UntypedService::Reply& reply);
+  void accept(const std::string& service);
+  void refuse(const std::string& service, const std::string& why);
+
+  const AdapterContext& run_;
+  ParameterTable table_;
+  std::shared_ptr<AskedNames> names_;
+  struct Refused {
+    std::string why;  // the newest request of a service was refused; empty: it was not
+    HostTime logged{};
+  };
+  mutable std::mutex mutex_;
+  std::map<std::string, Refused> refused_;
+  std::vector<std::unique_ptr<UntypedService>> services_;  // destroyed first
+};
+
+// Stiffnesses of our Cartesian laws, in world axes, for a 6 x 6 stiffness in the axes of an arm's base
+// (column by column). Throws std::invalid_argument if it is not diagonal in the world, where ours are.
+Vector6 stiffness_in_world(std::span<const double> K_B, const Matrix3& R_WB);
+
+}  // namespace multipanda::ros

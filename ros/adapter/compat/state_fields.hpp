@@ -1,0 +1,55 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "device/arm_error.hpp"
+#include "ros/adapter/compat/field_map.hpp"
+#include "ros/adapter/state/arm_models.hpp"
+
+namespace multipanda::ros {
+
+// What a message about the state of one arm is made from.
+struct ArmReport {
+  const ArmSample& sample;
+  const ArmModels::Arm& arm;
+  ModelTerms& terms;  // at this sample
+  const Pose& X_FN;   // nominal end effector: that of the scene at the start
+  std::int64_t stamp_ns;
+};
+
+using StateRules = std::vector<FieldRule<ArmReport>>;
+
+// franka_msgs/FrankaState of multipanda_ros2, and franka_msgs/FrankaRobotState of franka_ros2: the arm's
+// interface in its own names. Poses and wrenches are in the base, transforms column-major, signs as in
+// CONVENTIONS.md. What the arm does not report is NaN. `joint_count`: of the arm.
+StateRules franka_state_rules(std::size_t joint_count);
+StateRules franka_robot_state_rules(std::size_t joint_count);
+
+// Writes such messages. One thread at a time.
+class StateWriter {
+ public:
+  // Throws std::invalid_argument, as FieldMap does.
+  StateWriter(const MessageType& type, const ArmModels::Arm& arm, StateRules rules);
+  void prepare(void* message) const;  // names and frames, once per message
+  void fill(const ArmReport& report, void* message) { map_.fill(report, message); }
+  std::vector<std::string> unknown() const;
+
+ private:
+  std::vector<std::pair<Text, std::string>> texts_;
+  std::vector<std::pair<Texts, std::vector<std::string>>> lists_;
+  std::vector<std::string> known_;
+  FieldMap<ArmReport> map_;
+};
+
+// Name of the flag in their messages Errors.
+std::string error_field(ArmError error);
+
+// Column-major 4 x 4.
+void write_transform(const Pose& X, std::span<double> out);
+// The pose in a column-major 4 x 4 matrix. Throws std::invalid_argument if it is none; `what`: its name.
+Pose read_transform(std::span<const double> values, const std::string& what);
+
+}  // namespace multipanda::ros
