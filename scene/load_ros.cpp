@@ -38,6 +38,7 @@ void visit(Archive& archive, RosSection::Rates& rates) {
   rate("outputs", rates.outputs, "Outputs of controllets.");
   rate("gripper", rates.gripper, "`<arm>_gripper/joint_states`.");
   rate("object_poses", rates.object_poses, "`simulation/object_poses`.");
+  rate("markers", rates.markers, "`~/markers`, while a viewer such as rviz subscribes.");
   rate("clock", rates.clock, "`/clock`, if stamps are in simulated time.");
   rate("loop_statistics", rates.loop_statistics, "`~/loop_statistics`.");
   rate("diagnostics", rates.diagnostics, "`/diagnostics`.");

@@ -49,7 +49,7 @@ TEST(Load, ReadsTheRosSection) {
           "ros:\n"
           "  node: cell\n  namespace: /hall_2/cell_1\n  time: system\n  compat: franka_ros2\n"
           "  rates_hz: {joint_states: 1000, robot_state: 1, model: 2, wrench: 3, tf: 4, "
-          "references: 5, outputs: 6, gripper: 7, object_poses: 8, clock: 9, "
+          "references: 5, outputs: 6, gripper: 7, object_poses: 8, markers: 11, clock: 9, "
           "loop_statistics: 10, diagnostics: 0}\n")
           .ros;
   EXPECT_EQ(ros.node, "cell");
@@ -59,8 +59,8 @@ TEST(Load, ReadsTheRosSection) {
   const RosSection::Rates& r = ros.rates_hz;
   EXPECT_THAT(
       (std::vector<double>{r.joint_states, r.robot_state, r.model, r.wrench, r.tf, r.references, r.outputs,
-                           r.gripper, r.object_poses, r.clock, r.loop_statistics, r.diagnostics}),
-      testing::ElementsAre(1000, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 0));
+                           r.gripper, r.object_poses, r.markers, r.clock, r.loop_statistics, r.diagnostics}),
+      testing::ElementsAre(1000, 1, 2, 3, 4, 5, 6, 7, 8, 11, 9, 10, 0));
 }
 
 TEST(Load, ReadsTheSettingsOfTheArmItself) {

@@ -22,6 +22,7 @@ struct RosSection {
     double outputs = 100;     // of controllets
     double gripper = 30;      // <arm>_gripper/joint_states
     double object_poses = 30;
+    double markers = 10;  // ~/markers, for viewers
     double clock = 1000;
     double loop_statistics = 1;
     double diagnostics = 1;

@@ -48,7 +48,7 @@ std::vector<std::optional<Pose>> places_of_fixed(const std::vector<SceneObject>&
 Markers::Markers(const AdapterContext& run)
     : run_(run),
       models_(run),
-      turn_(kRate, run.backend->period()),
+      turn_(run.options->rates_hz.markers, run.backend->period()),
       publisher_(
           *run.node, "~/markers", Qos::reliable(),
           Doc{turn_.text(run.backend->period()),
@@ -81,7 +81,8 @@ std::size_t Markers::add(const std::string& ns, std::int32_t type, const Vector3
   set_vector(marker.scale, scale);
   marker.color = color(rgba);
   // What a run that has ended drew disappears.
-  marker.lifetime.sec = 2;
+  const double period = 1 / run_.options->rates_hz.markers;  // [s]
+  marker.lifetime.sec = std::max(2, static_cast<std::int32_t>(std::ceil(2 * period)));
   markers.push_back(std::move(marker));
   return markers.size() - 1;
 }

@@ -22,7 +22,6 @@ namespace multipanda::ros {
 // viewer that missed a message is therefore right again after the next one.
 class Markers : public AdapterPart {
  public:
-  static constexpr double kRate = 10;                // [Hz]
   static constexpr double kMetersPerNewton = 0.005;  // of arrows
   static constexpr double kLeastForce = 1;           // that is drawn [N]
   static constexpr double kTankHeight = 0.2;         // of the bar of a full tank [m]

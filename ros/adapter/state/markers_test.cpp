@@ -4,12 +4,14 @@
 #include <cmath>
 #include <map>
 #include <numbers>
+#include <numeric>
 #include <set>
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "ros/adapter/state/state.hpp"
 #include "ros/adapter/state/testing/state_fixture.hpp"
 
 namespace multipanda::ros::markers_test {
@@ -264,6 +266,35 @@ TEST_F(Shown, FixedObjectsAreWhereTheSceneHasThemWithoutAWorld) {
   expect_pose(find(last, "objects", 0), turned({2, 1, 0.5}, 0.3, -0.2, 0.9));
   EXPECT_TRUE(there(last, "objects", 1));
   EXPECT_FALSE(there(last, "objects", 4)) << "nobody knows where the ball is";
+}
+
+// Stamps are multiples of the period, and slow markers stay until the next but one.
+TEST(Markers, AreSentAtTheRateOfTheScene) {
+  for (const auto& [rate, period_ns, lifetime_s] :
+       {std::tuple{"40", 25'000'000, 2}, {"0.5", 2'000'000'000, 4}}) {
+    StateFixture fixture(scene_text() + "ros: {rates_hz: {markers: " + rate + "}}\n");
+    Node listener(fixture.context(), "listener");
+    test::Received<MarkerArray> received(fixture, listener, "/multipanda/markers");
+    AdapterParts parts;
+    parts.push_back(std::make_unique<Markers>(fixture.run_context()));
+    fixture.executor().start();
+    EXPECT_TRUE(test::wait_for([&] {
+      fixture.run(500, parts);
+      return received.count() >= 5;
+    }));
+    fixture.executor().stop();
+    received.messages.erase(received.messages.begin());  // the first one may be that of any cycle
+    std::vector<std::int64_t> stamps;
+    for (const auto& message : received.messages) {
+      stamps.push_back(ns(message.markers.at(0)));
+      EXPECT_EQ(stamps.back() % period_ns, 0) << rate;
+      EXPECT_EQ(message.markers[0].lifetime.sec, lifetime_s);
+    }
+    std::adjacent_difference(stamps.begin(), stamps.end(), stamps.begin());
+    EXPECT_EQ(*std::min_element(stamps.begin() + 1, stamps.end()), period_ns) << rate;
+  }
+  StateFixture off(scene_text() + "ros: {rates_hz: {markers: 0}}\n"), on(scene_text());
+  EXPECT_EQ(make_state(off.run_context()).size() + 1, make_state(on.run_context()).size());
 }
 
 // Without a viewer neither the loop nor the publisher's thread works for markers.

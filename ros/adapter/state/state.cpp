@@ -20,7 +20,7 @@ AdapterParts make_state(const AdapterContext& run) {
     parts.push_back(std::make_unique<SimulationServices>(run));
     break;
   }
-  parts.push_back(std::make_unique<Markers>(run));
+  if (run.options->rates_hz.markers > 0) parts.push_back(std::make_unique<Markers>(run));
   parts.push_back(std::make_unique<LoopTopics>(run));
   parts.push_back(std::make_unique<DiagnosticsTopic>(run));
   return parts;
