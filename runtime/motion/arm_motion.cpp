@@ -530,6 +530,19 @@ std::int64_t ArmMotion::behind(const CycleRecord& record) const {
   return to_ns(period * std::floor(age / period));
 }
 
+// A controllet that ends and starts again within one cycle drives the arm in every record, but stands still
+// where the arm is.
+void ArmMotion::take(const Event& event) {
+  const std::lock_guard lock(mutex_);
+  if (event.kind != EventKind::switched) return;
+  for (const Run& run : runs_) {
+    if ((event.stopped & bit(run.input.instance)) == 0) continue;
+    return end(MotionResult::lost,
+               fmt::format("'{}' no longer drives '{}' (switched, stopped, in error or started again)",
+                           run_.modes->instance(run.input.instance).name(), run_.modes->arm_name(arm_)));
+  }
+}
+
 void ArmMotion::take(const CycleRecord& record) {
   const std::lock_guard lock(mutex_);
   const std::int64_t before = t_;

@@ -86,6 +86,8 @@ class ArmMotionTest : public testing::Test {
         if (event->kind == EventKind::intervention) {
           interventions_ += std::string(to_string(event->intervention)) + "; ";
         }
+        left_->take(*event);
+        right_->take(*event);
       }
       for (; const CycleRecord* record = ring.ring.front(); ring.ring.pop()) {
         newest_ = *record;
@@ -292,6 +294,29 @@ TEST_F(ArmMotionTest, EndsWhenTheArmLeavesItsControllet) {
   EXPECT_THAT(refusal([&] { right_->through_joints(std::vector{q(1)}, 1, next); }),
               HasSubstr("add one of the type joint_impedance"));
   EXPECT_FALSE(next->ended);
+}
+
+// Who starts the controllet again, within one cycle, wants the arm to stand still.
+TEST_F(ArmMotionTest, EndsWhenItsControlletStartsAgain) {
+  steps(10);
+  const auto other = std::make_shared<Listener>();
+  left_->through_joints(std::vector{offset(q_d(), 0, 0.8)}, 1.0, listener_);
+  right_->through_poses(std::vector{ViaPose{Vector3(0.5, -0.3, 0.5), {}}}, 0.5, other);
+  steps(300);
+  ASSERT_GT(speed(0), 0.1);
+  const JointVector there = q(0);
+  const InstanceSet law = bit(cycle_.modes().find("left_joints"));
+  const std::array again{Request{.deactivate = law}, Request{.activate = law}};
+  std::uint64_t ticket = 0;
+  ASSERT_EQ(cycle_.modes().post(again, ticket), Verdict::accepted);
+  ASSERT_TRUE(run(*listener_, 0.01));
+  EXPECT_EQ(*listener_->ended, MotionResult::lost);
+  EXPECT_THAT(listener_->reason, HasSubstr("started again"));
+  EXPECT_FALSE(other->ended) << "the other arm's controllet has not started again";
+  for (int k = 0; k < 1000; ++k) {
+    steps(1);
+    ASSERT_LT((q(0) - there).lpNorm<Eigen::Infinity>(), 0.02);
+  }
 }
 
 TEST_F(ArmMotionTest, DetectsAnotherClientOnTheSameInput) {

@@ -23,6 +23,7 @@ class MotionActions : public AdapterPart {
  public:
   MotionActions(const AdapterContext& run, ArmIndex arm);
 
+  void take(const Event& event) override { motion_.take(event); }
   void take(const CycleRecord& record) override;
 
  private:

@@ -29,8 +29,10 @@ void AskedNames::answered(InstanceSet instances) {
   for_each(instances, [&](InstanceIndex i) { --asking_[i]; });
 }
 
-void AskedNames::accept(InstanceIndex instance, const std::string& name, std::uint64_t cycle) {
-  asked_[instance] = {name, cycle};
+void AskedNames::accept(InstanceIndex instance, const std::string& name, const Answer& answer) {
+  Asked& asked = asked_[instance];
+  if (answer.ticket < asked.ticket) return;  // answers are read in any order
+  asked = {name, answer.cycle, answer.ticket};
 }
 
 std::string AskedNames::name(InstanceIndex instance) {

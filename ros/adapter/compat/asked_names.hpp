@@ -22,9 +22,9 @@ class AskedNames {
   // From ask() to answered() the instances take no goals under any name: those were sent before the switch.
   void ask(InstanceSet instances);
   void answered(InstanceSet instances);
-  // The loop has started an instance in this cycle, because it was asked for by `name`. This holds until it
-  // starts or stops in a later one.
-  void accept(InstanceIndex instance, const std::string& name, std::uint64_t cycle);
+  // The loop has started an instance in the answer's cycle, because it was asked for by `name`. This holds
+  // until it starts or stops in a later one.
+  void accept(InstanceIndex instance, const std::string& name, const Answer& answer);
 
   // The name of the request that started it; otherwise their_name().
   std::string name(InstanceIndex instance);
@@ -36,7 +36,7 @@ class AskedNames {
  private:
   struct Asked {
     std::string name;
-    std::uint64_t cycle = 0;
+    std::uint64_t cycle = 0, ticket = 0;
   };
   std::uint64_t changed(InstanceIndex instance) const;
 

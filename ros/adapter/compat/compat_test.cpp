@@ -107,6 +107,59 @@ TEST_F(Compat, ParametersAreSetAllOrNone) {
   EXPECT_THAT(parameter("right_joint", "stiffness_nm_per_rad"), ElementsAre(300, 300, 300, 300, 125, 75, 25));
 }
 
+// Each of their controllets has parameters of its own: nobody makes an arm stiff that another one has
+// softened for a hand, and a switch gives each its own back.
+TEST_F(Compat, EachNameHasItsOwnParameters) {
+  const auto names = {"panda_joint_impedance_controller", "panda_joint_velocity_controller",
+                      "comless_panda_joint_impedance_controller"};
+  const auto service = [](const std::string& name) { return "/right/" + name + "/parameters"; };
+  const auto stiffness = [] { return parameter("right_joint", "stiffness_nm_per_rad")[0]; };
+  srv::SetJointImpedance::Request soft, stiff;
+  soft.stiffness_scale = 0.1;
+  stiff.stiffness_scale = 1;
+  set({{"panda_joint_impedance_controller", "right"}});
+  (void)call<srv::SetJointImpedance>(service("panda_joint_impedance_controller"), soft);
+  EXPECT_DOUBLE_EQ(stiffness(), 60);
+  for (const std::string name : names) {
+    if (name == "panda_joint_impedance_controller") continue;
+    refuse<srv::SetJointImpedance>(service(name), stiff);
+    EXPECT_THAT(trouble("compat right/" + name + "/parameters"), HasSubstr("'right_joint' is active as"));
+    EXPECT_DOUBLE_EQ(stiffness(), 60);
+  }
+  set({{"panda_joint_velocity_controller", "right"}});
+  EXPECT_DOUBLE_EQ(stiffness(), 60) << "it has none of its own";
+  (void)call<srv::SetJointImpedance>(service("panda_joint_velocity_controller"), stiff);
+  EXPECT_DOUBLE_EQ(stiffness(), 600);
+  set({{"panda_joint_impedance_controller", "right"}});
+  EXPECT_DOUBLE_EQ(stiffness(), 60);
+  set({{"panda_joint_velocity_controller", "right"}});
+  EXPECT_DOUBLE_EQ(stiffness(), 600);
+  // Set meanwhile by their own name, while another law has the arm, or by ours, which nothing undoes.
+  set({{"panda_cartesian_impedance_controller", "right"}});
+  (void)call<srv::SetJointImpedance>(service("panda_joint_impedance_controller"), soft);
+  EXPECT_DOUBLE_EQ(stiffness(), 60);
+  Request ours{
+      .kind = Request::Kind::set_parameter, .instance = session->modes().find("right_joint"), .size = 7};
+  ours.index = static_cast<std::uint16_t>(
+      session->modes().instance(ours.instance).find_parameter("stiffness_nm_per_rad"));
+  std::fill_n(ours.values.begin(), 7, 30);
+  ASSERT_TRUE(session->modes().ask(ours).accepted());
+  set({{"panda_joint_velocity_controller", "right"}});
+  EXPECT_DOUBLE_EQ(stiffness(), 30);
+}
+
+// What starts again has ended before: if it cannot start, its arms are held, and the refusal says so.
+TEST_F(Compat, WhatCannotStartAgainIsHeld) {
+  set({{"panda_joint_impedance_controller", "left"}, {"panda_joint_impedance_controller", "right"}});
+  session->modes().stop(ArmSet::of(1));
+  ASSERT_TRUE(wait_for([] { return owner(1) == "right_hold"; }));
+  refuse_set({{"panda_joint_impedance_controller", "left"}, {"panda_joint_impedance_controller", "right"}});
+  EXPECT_THAT(trouble("compat ~/set_controllers"), HasSubstr("stopped: right"));
+  EXPECT_EQ(owner(1), "right_hold");
+  EXPECT_EQ(owner(0), "left_hold");
+  ASSERT_TRUE(session->modes().ask({.kind = Request::Kind::resume, .arms = ArmSet::of(1)}).accepted());
+}
+
 TEST_F(Compat, ArmsTakeTheirRequestsWithOurRefusals) {
   srv::SetLoad::Request load;
   load.mass = 0.4;

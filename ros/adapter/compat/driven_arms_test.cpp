@@ -4,6 +4,7 @@
 #include <compat_test_msgs/msg/dual_cartesian_impedance_goal.hpp>
 #include <compat_test_msgs/msg/joint_goal.hpp>
 #include <compat_test_msgs/msg/velocity_goal.hpp>
+#include <multipanda_msgs/action/joint_via_motion.hpp>
 
 #include "ros/adapter/compat/testing/compat_fixture.hpp"
 
@@ -68,6 +69,39 @@ TEST_F(Compat, AskingAgainStartsAgain) {
   }
   EXPECT_LT(most, 0.05) << "it would go on at up to 0.5 rad/s";
   EXPECT_EQ(owner(0), "left_joint");
+}
+
+// A trajectory of MoveIt, or any other motion, is over where its controllet starts again.
+TEST_F(Compat, AMotionEndsWhenItsControlletStartsAgain) {
+  using Motion = multipanda_msgs::action::JointViaMotion;
+  ActionClient<Motion> action{client->executor, client->node, "/left/joint_via_motion"};
+  ASSERT_TRUE(action.wait_until_ready(30));
+  std::uint8_t number = 0;
+  for (const std::string asked :
+       {"comless_panda_joint_impedance_controller", "panda_joint_impedance_controller"}) {
+    set({{"panda_joint_impedance_controller", "left"}});
+    const double begin = state(0).q[6];
+    Motion::Goal goal;
+    goal.via_poses.emplace_back();
+    goal.via_poses[0].positions.assign(newest(0).q.begin(), newest(0).q.end());
+    goal.via_poses[0].positions[6] += begin > 0.7 ? -0.8 : 0.8;
+    goal.velocity_scale = 0.2;
+    const Uuid id{++number};
+    ASSERT_TRUE(action.send(id, goal).get().accepted);
+    ASSERT_TRUE(wait_for([&] { return std::abs(newest(0).q[6] - begin) > 0.05; }));
+    set({{asked, "left"}});
+    const double q = state(0).q[6];
+    auto result = action.result(id);
+    ASSERT_EQ(result.wait_for(30s), std::future_status::ready);
+    EXPECT_THAT(result.get().result.error, HasSubstr("started again"));
+    double most = 0;
+    for (int k = 0; k < 600; ++k) {
+      std::this_thread::sleep_for(1ms);
+      most = std::max(most, std::abs(newest(0).q[6] - q));
+    }
+    EXPECT_LT(most, 0.02);
+    EXPECT_EQ(owner(0), "left_joint");
+  }
 }
 
 // Their guard against jumps, and against a stream that went on while its arm stood still.

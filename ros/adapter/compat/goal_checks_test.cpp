@@ -212,11 +212,11 @@ TEST_F(Goals, FarFromTheArmAreRefused) {
 
 // A set-point from an old position would drive the arm back there, and no distance from it means anything.
 TEST_F(Goals, AreRefusedWhileTheArmsStateIsOld) {
-  names->accept(find("joint"), kVelocity, record.cycle);
+  names->accept(find("joint"), kVelocity, Answer{.cycle = record.cycle});
   at(0.2);
   EXPECT_THAT(velocity(0), HasSubstr("s old, more than 0.05"));
   EXPECT_THAT(hand(message_of(end_effector(1))), HasSubstr("s old, more than 0.05"));
-  names->accept(find("joint"), kJoint, record.cycle);
+  names->accept(find("joint"), kJoint, Answer{.cycle = record.cycle});
   EXPECT_THAT(joints(JointVector::Zero(7)), HasSubstr("s old"));
   EXPECT_EQ(fixture.run_context().counters->samples_accepted.load(), 0u);
   run(1);
@@ -291,11 +291,11 @@ TEST_F(Goals, AreTakenUnderTheNameThatWasAskedForOnly) {
   names->ask(bit(joint));
   EXPECT_THAT(joints(here), HasSubstr("about to start"));
   names->answered(bit(joint));
-  names->accept(joint, kVelocity, record.cycle);
+  names->accept(joint, kVelocity, Answer{.cycle = record.cycle});
   EXPECT_THAT(joints(here), HasSubstr("is active as '" + kVelocity));
   // The other topic has streamed until now, which keeps the input for 0.1 s.
   EXPECT_TRUE(test::wait_for([&] { return velocity(0).empty(); }));
-  names->accept(joint, "comless_" + kJoint, record.cycle);
+  names->accept(joint, "comless_" + kJoint, Answer{.cycle = record.cycle});
   EXPECT_THAT(joints(here), HasSubstr("is active as 'comless_"));
   EXPECT_THAT(velocity(0), HasSubstr("is active as 'comless_"));
   EXPECT_EQ(names->name(joint), "comless_" + kJoint);
@@ -307,9 +307,9 @@ TEST_F(Goals, AreTakenUnderTheNameThatWasAskedForOnly) {
   EXPECT_TRUE(test::wait_for([&] { return joints(here).empty(); }));
 
   activate({"both"});
-  names->accept(find("both"), kTwin, record.cycle);
+  names->accept(find("both"), kTwin, Answer{.cycle = record.cycle});
   EXPECT_THAT(pair(end_effector(0), end_effector(1)), HasSubstr("is active as '" + kTwin));
-  names->accept(find("both"), kDual, record.cycle);
+  names->accept(find("both"), kDual, Answer{.cycle = record.cycle});
   EXPECT_THAT(twin(), HasSubstr("is active as '" + kDual));
   EXPECT_EQ(pair(end_effector(0), end_effector(1)), "");
 }

@@ -147,6 +147,7 @@ void CompatGoals::take_poses(const std::vector<PoseGoal>& goals, const void* mes
 }
 
 std::string CompatGoals::not_asked_for(InstanceIndex instance, const std::string& name) {
+  (void)names_->name(instance);  // forgets it while the instance is inactive, whatever events are lost
   if ((run_.modes->active() & bit(instance)) != 0) return names_->refusal(instance, name);
   return reason(*run_.modes, {.kind = Request::Kind::set_target, .instance = instance}, Verdict::not_active);
 }

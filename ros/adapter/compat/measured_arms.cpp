@@ -59,12 +59,12 @@ void check_age(double age_s) {
 std::string too_far(const Pose& X_goal, const Pose& X_measured) {
   const Vector6 away = pose_error(X_goal, X_measured);
   const double position = away.head<3>().norm(), rotation = away.tail<3>().norm();
-  if (position > kFarthestPosition) {
+  if (!(position <= kFarthestPosition)) {
     return fmt::format(
         "the goal is {:.3g} m away from the end effector, more than {:g}: send goals from where the arm is",
         position, kFarthestPosition);
   }
-  if (rotation > kFarthestRotation) {
+  if (!(rotation <= kFarthestRotation)) {
     return fmt::format(
         "the goal is turned by {:.3g} rad from the end effector, more than {:g}: send goals from where the "
         "arm is",
@@ -76,7 +76,7 @@ std::string too_far(const Pose& X_goal, const Pose& X_measured) {
 std::string too_far(std::span<const double> q_goal, const JointVector& q_measured) {
   for (std::size_t i = 0; i < q_goal.size(); ++i) {
     const double away = std::abs(q_goal[i] - q_measured[static_cast<Eigen::Index>(i)]);
-    if (away > kFarthestJoint) {
+    if (!(away <= kFarthestJoint)) {
       return fmt::format(
           "joint {}: the goal is {:.3g} rad away from the arm, more than {:g}: send goals from where the arm "
           "is",

@@ -152,24 +152,48 @@ void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
   for (const auto& [instance, by] : asked) request.activate |= bit(instance);
   if (const std::string why = torn_apart(request.activate); !why.empty()) return refuse(kSet, why);
   const InstanceSet laws = request.activate & ~((InstanceSet{1} << modes.arm_count()) - 1);
-  std::vector<Request> requests{request};
+  std::vector<Request> requests;
   const Request end{.kind = Request::Kind::switch_controllets, .deactivate = laws & modes.active()};
-  if (end.deactivate != 0) requests.insert(requests.begin(), end);
+  if (end.deactivate != 0) requests.push_back(end);
+  for (const auto& [instance, by] : asked) {
+    for (const Request& parameter : given_back(instance, by)) requests.push_back(parameter);
+  }
+  requests.push_back(request);
   names_->ask(request.activate);
-  request_loop(run_, requests, [this, request, laws, asked, reply](const LoopAnswer& result) {
+  request_loop(run_, requests, [this, requests, laws, asked, reply](const LoopAnswer& result) {
+    const Request& request = requests.back();
     names_->answered(request.activate);
     const std::size_t bad = result.first_refused();
-    if (bad < result.verdicts.size()) {
-      std::string why = reason(*run_.modes, request, result.verdicts[bad]);
-      if (bad > 0) why += "; what was active of it has ended, its arms are held";
-      return refuse(kSet, why);
+    if (bad < requests.size()) {
+      const std::string why = reason(*run_.modes, requests[bad], result.verdicts[bad]);
+      return refuse(kSet, bad == 0 || requests.front().deactivate == 0
+                              ? why
+                              : "what was active of it has ended, its arms are held: " + why);
     }
-    if ((laws & ~result.answer.plan.start) != 0)
-      return refuse(kSet, "another request started the same controllet at the same time: ask again");
-    for (const auto& [instance, by] : asked) names_->accept(instance, by, result.answer.cycle);
+    const InstanceSet others = laws & ~result.answer.plan.start;  // started by somebody else in that cycle
+    for (const auto& [instance, by] : asked) {
+      if ((others & bit(instance)) != 0) continue;
+      names_->accept(instance, by, result.answer);
+      const auto set = set_parameters_.find(instance);
+      if (set != set_parameters_.end() && set->second.of.contains(by)) set->second.last = by;
+    }
+    if (others != 0)
+      return refuse(kSet, "another request started one of its controllets at the same time: ask again");
     accept(kSet);
     reply();
   });
+}
+
+std::vector<Request> CompatModes::given_back(InstanceIndex instance, const std::string& name) const {
+  const auto known = set_parameters_.find(instance);
+  if (known == set_parameters_.end() || known->second.last == name) return {};
+  const SetParameters& set = known->second;
+  const auto own = set.of.find(name);
+  const bool as_set = std::ranges::all_of(set.of.at(set.last), [&](const Request& request) {
+    return std::ranges::equal(run_.modes->instance(instance).parameter(request.index),
+                              std::span(request.values).first(request.size));
+  });
+  return own != set.of.end() && as_set ? own->second : std::vector<Request>();
 }
 
 void CompatModes::offer_get(const CompatPackages& packages) {
@@ -215,10 +239,11 @@ void CompatModes::offer_parameters(const TheirControllet& theirs, InstanceIndex 
     const auto type = ServiceType::find(packages.modes, "SetJointImpedance");
     const Numbers scale(type.request, {"stiffness_scale"}, 1);
     offer(service, type, "Stiffness of the joints, as a multiple of 600 (4), 250, 150, 50 N m/rad.",
-          guarded([this, service, instance, scale](const void* message, const UntypedService::Reply& reply) {
+          guarded([=, this, name = std::string(theirs.name)](const void* message,
+                                                             const UntypedService::Reply& reply) {
             std::vector<double> stiffness{600, 600, 600, 600, 250, 150, 50};
             for (double& value : stiffness) value *= scale.read(message)[0];
-            set(service, instance, {{"stiffness_nm_per_rad", stiffness}}, reply);
+            set(service, name, instance, {{"stiffness_nm_per_rad", stiffness}}, reply);
           }));
     return;
   }
@@ -227,7 +252,8 @@ void CompatModes::offer_parameters(const TheirControllet& theirs, InstanceIndex 
   const Numbers damping(type.request, {"damping_ratio"}, 6);
   const Numbers nullspace(type.request, {"nullspace_stiffness"}, 1);
   offer(service, type, "Stiffnesses (axes of the arms' bases), damping ratio, stiffness of the null space.",
-        guarded([=, this, &law](const void* message, const UntypedService::Reply& reply) {
+        guarded([=, this, &law, name = std::string(theirs.name)](const void* message,
+                                                                 const UntypedService::Reply& reply) {
           must_not_be(law, "stiffness_axes", "end_effector", "world");
           must_not_be(law, "damping_design", "given", "coupled");  // which has no damping ratio
           const auto K = stiffness.read(message);
@@ -245,7 +271,7 @@ void CompatModes::offer_parameters(const TheirControllet& theirs, InstanceIndex 
                 return !std::isfinite(ratio) || std::abs(ratio - ratios[0]) > 1e-6;
               }))
             throw std::invalid_argument("damping_ratio: expected six equal numbers: there is one here");
-          set(service, instance,
+          set(service, name, instance,
               {{"translational_stiffness_n_per_m", {(*K_W)[0], (*K_W)[1], (*K_W)[2]}},
                {"rotational_stiffness_nm_per_rad", {(*K_W)[3], (*K_W)[4], (*K_W)[5]}},
                {"damping_ratio", {ratios[0]}},
@@ -254,9 +280,13 @@ void CompatModes::offer_parameters(const TheirControllet& theirs, InstanceIndex 
         }));
 }
 
-void CompatModes::set(const std::string& service, InstanceIndex instance,
+void CompatModes::set(const std::string& service, const std::string& theirs, InstanceIndex instance,
                       const std::vector<std::pair<std::string, std::vector<double>>>& values,
                       const UntypedService::Reply& reply) {
+  // Another controllet of theirs, which has parameters of its own: the arm is not to be stiff all at once.
+  const bool active = (run_.modes->active() & bit(instance)) != 0;
+  if (const std::string why = active ? names_->refusal(instance, theirs) : ""; !why.empty())
+    throw std::invalid_argument(why);
   std::vector<Request> requests;
   for (const auto& [name, numbers] : values) {
     rcl_interfaces::msg::Parameter parameter;
@@ -268,10 +298,12 @@ void CompatModes::set(const std::string& service, InstanceIndex instance,
     if (!request) throw std::invalid_argument(why);
     requests.push_back(*request);
   }
-  request_loop(run_, requests, [this, service, requests, reply](const LoopAnswer& result) {
+  request_loop(run_, requests, [this, service, theirs, instance, requests, reply](const LoopAnswer& result) {
     const std::size_t bad = result.first_refused();
     if (bad < requests.size())
       return refuse(service, reason(*run_.modes, requests[bad], result.verdicts[bad]));
+    set_parameters_[instance].of[theirs] = requests;
+    set_parameters_[instance].last = theirs;
     accept(service);
     reply();
   });

@@ -33,16 +33,26 @@ class CompatModes : public AdapterPart {
   void offer_get(const CompatPackages& packages);
   void offer_parameters(const TheirControllet& theirs, InstanceIndex instance,
                         const CompatPackages& packages);
-  // Sets all or none of the parameters, in one cycle, and then replies.
-  void set(const std::string& service, InstanceIndex instance,
+  // Sets all or none of the parameters, in one cycle, and then replies. Throws std::invalid_argument if the
+  // instance is active under another name than `name`.
+  void set(const std::string& service, const std::string& name, InstanceIndex instance,
            const std::vector<std::pair<std::string, std::vector<double>>>& values,
            const UntypedService::Reply& reply);
+  // What set the parameters of an instance last, and what each name has set.
+  struct SetParameters {
+    std::string last;
+    std::map<std::string, std::vector<Request>> of;
+  };
+  // The requests that give an instance back what was set under this name, if another name has changed it,
+  // and nobody else since.
+  std::vector<Request> given_back(InstanceIndex instance, const std::string& name) const;
   void accept(const std::string& service);
   void refuse(const std::string& service, const std::string& why);
 
   const AdapterContext& run_;
   ParameterTable table_;
   std::shared_ptr<AskedNames> names_;
+  std::map<InstanceIndex, SetParameters> set_parameters_;  // executor's thread
   struct Refused {
     std::string why;  // the newest request of a service was refused; empty: it was not
     HostTime logged{};
