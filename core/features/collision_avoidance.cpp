@@ -92,6 +92,7 @@ class CollisionAvoidance final : public Feature {
   }
   LawResult start(ControlContext& context) override {
     if (!refusal_.empty()) return LawResult::fault;
+    if (!conditions_.empty()) too_near_.store(0, std::memory_order_release);
     pairs_.place(context.scene_arms);
     const double clear = kClearShare * context.parameters->number(kRange);
     for (std::size_t i = 0; i < pairs_.size(); ++i) {
@@ -146,9 +147,7 @@ class CollisionAvoidance final : public Feature {
   void name_conditions() {
     const std::string general =
         "no arm may be nearer to a hull around a base than a fifth of range_m when it is switched on, since "
-        "hulls "
-        "are wider than the bodies and would throw it out; move it away first, lower range_m, or give its "
-        "model "
+        "hulls are wider than the bodies and would throw it out; move it away first, or give its model "
         "'self_collision'";
     condition_of_.assign(pairs_.size(), 0);
     for (std::size_t i = 0; i < pairs_.size(); ++i) {

@@ -45,19 +45,19 @@ std::string weight_on_an_axis(const ArmModel& model, const JointVector& tau_max)
     const double mass = M(k, k) + model.largest_load().value_or(kMostPayload);
     const double weight = kGravity * mass * slopes[k],
                  force = std::min(tau_max[k], model.limits().tau_max[k]);
-    if (slopes[k] <= kLevel && weight <= kWeightShare * force) continue;
+    const double most = std::min(kWeightShare * force, kMostWeight);
+    if (slopes[k] <= kLevel && weight <= most) continue;
     constexpr double kDegrees = 180 / std::numbers::pi;
     std::array<char, 640> text;
     std::snprintf(
         text.data(), text.size(),
         "the prismatic joint%zu of arm '%s' would bear weight: its axis can be %.3g degrees from level, and "
-        "%.4g kg press along it with %.4g N of its %.4g N; expected at most %.2g degrees and %.0f %%. "
+        "%.4g kg press along it with %.4g N of its %.4g N; expected at most %.2g degrees and %.3g N. "
         "Without commands, or with a payload that is declared wrong, it would fall: mount the axis level, "
-        "let "
-        "the model hold this joint (held_joints of an arm from a URDF), or leave it to a controller of its "
-        "own and a brake that closes without commands",
+        "or let the model file hold this joint (held_joints) and move it, with a brake that closes without "
+        "commands, only while no controllet of this arm is active",
         static_cast<std::size_t>(k) + 1, model.name().c_str(), kDegrees * std::asin(slopes[k]), mass, weight,
-        force, kDegrees * std::asin(kLevel), 100 * kWeightShare);
+        force, kDegrees * std::asin(kLevel), most);
     return text.data();
   }
   return {};

@@ -255,6 +255,15 @@ LawResult Instance::start(const Tick& tick) try {
   return LawResult::fault;
 }
 
+std::string_view Instance::feature_refusal(std::size_t i) const {
+  const Feature& feature = *features_[i].feature;
+  const std::string_view why = feature.refusal();
+  if (!why.empty() || descriptor_.type != "hold" || feature.start_condition().empty()) return why;
+  return "a hold starts wherever the arm is, and this feature does not (near a hull around a base); remove "
+         "it "
+         "from the hold";
+}
+
 void Instance::switch_feature(std::size_t i, bool on) {
   const std::uint32_t bits = features_on_.load(std::memory_order_relaxed), mask = 1u << i;
   features_on_.store(on ? bits | mask : bits & ~mask, std::memory_order_relaxed);
@@ -262,6 +271,7 @@ void Instance::switch_feature(std::size_t i, bool on) {
 
 LawResult Instance::set_feature(std::size_t i, bool on, bool active, const Tick& tick) try {
   FeatureSlot& slot = features_[i];
+  if (on && !feature_refusal(i).empty()) return LawResult::fault;
   if (active && on && !feature_on(i)) {
     slot.parameters.finish();
     slot.fade = 0;

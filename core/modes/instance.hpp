@@ -72,7 +72,8 @@ class Instance {
   std::size_t feature_count() const { return features_.size(); }
   const ControlletDescriptor& feature_descriptor(std::size_t i) const { return features_[i].descriptor; }
   std::size_t find_feature(std::string_view type) const;  // feature_count(): unknown
-  std::string_view feature_refusal(std::size_t i) const { return features_[i].feature->refusal(); }
+  // Why the feature cannot be switched on here in any state; empty if it can.
+  std::string_view feature_refusal(std::size_t i) const;
   std::string_view start_condition(std::size_t feature) const {
     return features_[feature].feature->start_condition();
   }

@@ -249,6 +249,37 @@ TEST(InstanceConfig, AFeatureThatRefusesInARunIsAnswered) {
   EXPECT_EQ(loop.modes().owner(0), loop.find("law"));
 }
 
+// May refuse to start where the arm is.
+class Wary final : public Feature {
+ public:
+  std::string_view start_condition() const override { return "the arm is too near"; }
+  LawResult start(ControlContext&) override { return LawResult::ok; }
+  LawResult update(ControlContext&) override { return LawResult::ok; }
+};
+
+// A hold must start anywhere: after a stop, a fault, and instead of what was switched off.
+TEST(InstanceConfig, AHoldHasNoFeatureThatMayRefuseToStart) {
+  Registry registry = test::test_registry();
+  registry.add(feature_of<Wary>("wary"));
+  InstanceConfig hold{.name = "arm0_hold", .type = "hold", .arms = {0}, .features = {"wary"}};
+  EXPECT_THAT(refusal(hold, registry), testing::HasSubstr("a hold starts wherever the arm is"));
+  InstanceConfig law = spring();
+  law.features = {"wary"};
+  EXPECT_EQ(refusal(law, registry), "");
+
+  TestLoop loop(2, {spring()}, registry);
+  loop.step();
+  const Instance& of_arm = loop.modes().instance(loop.find("arm0_hold"));
+  Request on{.kind = Request::Kind::set_feature, .instance = loop.find("arm0_hold"), .on = true};
+  on.index = static_cast<std::uint16_t>(of_arm.find_feature("wary"));
+  EXPECT_EQ(loop.ask(on).verdict, Verdict::start_refused) << "it is active";
+  ASSERT_TRUE(loop.activate({"law"}).accepted());
+  EXPECT_EQ(loop.ask(on).verdict, Verdict::start_refused) << "it is not active";
+  EXPECT_FALSE(of_arm.feature_on(on.index));
+  on.instance = loop.find("law");
+  EXPECT_TRUE(loop.ask(on).accepted());
+}
+
 // Each tick of a law has the time since its last one; a start is a whole period after "the last one".
 class Timed final : public Controllet {
  public:

@@ -81,6 +81,15 @@ void leave_to_others(const FlatParameters& parameters, RosSection::Rates& rates)
   }
 }
 
+// Newton meters for one joint must not reach another one. Throws std::invalid_argument.
+void check_order(const std::vector<std::string>& given, const std::vector<std::string>& chain) {
+  if (given == chain || !std::ranges::is_permutation(given, chain)) return;
+  throw std::invalid_argument(
+      fmt::format("the arm's 'joints' are [{}]; expected the order of the robot description, [{}]: correct "
+                  "it, or remove 'joints'",
+                  fmt::join(given, ", "), fmt::join(chain, ", ")));
+}
+
 }  // namespace
 
 struct ControllerHost::Implementation {
@@ -91,8 +100,10 @@ struct ControllerHost::Implementation {
     registry = build_registry(given.plugins);
     const Scene scene = parse_scene(given.yaml, "parameters", registry);
     for (ArmIndex i = 0; i < given.arms.size(); ++i) {
-      if (!given.arms[i].joints.empty() || given.arms[i].base_link.empty()) continue;
-      given.arms[i].joints = robot_of(scene.arms[i]).joint_names;  // as the robot description names them
+      if (given.arms[i].base_link.empty()) continue;
+      std::vector<std::string> names = robot_of(scene.arms[i]).joint_names;  // as the description names them
+      check_order(given.arms[i].joints, names);
+      if (given.arms[i].joints.empty()) given.arms[i].joints = std::move(names);
     }
     arms = given.arms;
     HostedOptions hosted{.arms = std::move(given.arms), .period_s = options.period_s, .make_adapter = {}};

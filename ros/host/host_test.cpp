@@ -183,6 +183,19 @@ TEST(Hosts, ARobotDescriptionIsAModel) {
   EXPECT_EQ(ControllerHost(all, options).command_names().front(),
             "joint1/effort");                                    // as the description names it
   EXPECT_THROW(ControllerHost(all, {}), std::invalid_argument);  // there is none
+  // The interfaces may have other names, but not those of the description in another order.
+  std::vector<std::string> joints{"j1", "j2", "j3", "j4", "j5", "j6", "j7"};
+  all.emplace_back("arms.left.joints", joints);
+  EXPECT_EQ(ControllerHost(all, options).command_names().front(), "j1/effort");
+  for (std::size_t i = 0; i < 7; ++i) joints[i] = "joint" + std::to_string(7 - i);
+  all.back().second = joints;
+  try {
+    ControllerHost(all, options);
+    ADD_FAILURE() << "newton meters of joint 1 would reach joint 7";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_THAT(error.what(),
+                testing::HasSubstr("expected the order of the robot description, [joint1, joint2"));
+  }
 }
 
 TEST(Hosts, ControlletsOfAnotherLibraryRunInTheController) {
