@@ -358,6 +358,19 @@ TEST(OtherRobotsAvoid, NotFromWithinTheBodyThatCarriesThem) {
     EXPECT_EQ((session.modes().active() & bit(joint)) != 0, !inside);
     EXPECT_LT((end - start).lpNorm<Eigen::Infinity>(), 0.01);
   }
+  // A hold must start there, too, so it cannot have the feature.
+  try {
+    Session(
+        parse_scene("arms: [{name: left, model: " + model_file("baxter_left") +
+                        ", hand: false}]\ncontrollets: [{name: left_hold, type: hold, arms: left, features: "
+                        "[collision_avoidance]}]\n",
+                    "hold.yaml", registry),
+        registry, {});
+    ADD_FAILURE() << "was accepted";
+  } catch (const std::exception& error) {
+    EXPECT_NE(std::string(error.what()).find("a hold starts wherever the arm is"), std::string::npos)
+        << error.what();
+  }
 }
 
 // A carriage is sent 0.5 m in a second: it is no faster than a hand may be, and arrives later.

@@ -8,6 +8,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "core/controllets/contact_bounds.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/testing/test_arm.hpp"
 
@@ -48,6 +49,7 @@ std::shared_ptr<const ArmModel> slide_turn_slide(const Matrix3& R_WB, std::optio
 
 // An axis that can be steeper than 2.9 degrees bears weight, also one that a joint before it turns up.
 TEST(PrismaticJoints, BearNoWeight) {
+  static_assert(kMostWeight == ContactBounds{}.spring_force);
   const auto why = [](double tilt, double force = 600, std::optional<double> largest_load = 10) {
     const auto model = slide_turn_slide(rotation_from_rpy({tilt, 0, 0}), largest_load);
     return weight_on_an_axis(*model, JointVector::Constant(3, force));

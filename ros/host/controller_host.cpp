@@ -15,6 +15,7 @@
 #include "scene/build.hpp"
 #include "scene/from_parameters.hpp"
 #include "scene/load.hpp"
+#include "support/spelling.hpp"
 
 namespace multipanda::ros {
 
@@ -83,11 +84,14 @@ void leave_to_others(const FlatParameters& parameters, RosSection::Rates& rates)
 
 // Newton meters for one joint must not reach another one. Throws std::invalid_argument.
 void check_order(const std::vector<std::string>& given, const std::vector<std::string>& chain) {
-  if (given == chain || !std::ranges::is_permutation(given, chain)) return;
-  throw std::invalid_argument(
-      fmt::format("the arm's 'joints' are [{}]; expected the order of the robot description, [{}]: correct "
-                  "it, or remove 'joints'",
-                  fmt::join(given, ", "), fmt::join(chain, ", ")));
+  bool moved = false;
+  for (std::size_t i = 0; i < given.size() && i < chain.size(); ++i) {
+    moved = moved || (given[i] != chain[i] && std::ranges::find(chain, given[i]) != chain.end());
+  }
+  if (!moved) return;
+  throw std::invalid_argument("the arm's 'joints' are " + joined(given) +
+                              "; expected the order of the robot description, " + joined(chain) +
+                              ": correct it, or remove 'joints'");
 }
 
 }  // namespace

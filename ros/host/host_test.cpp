@@ -189,13 +189,18 @@ TEST(Hosts, ARobotDescriptionIsAModel) {
   EXPECT_EQ(ControllerHost(all, options).command_names().front(), "j1/effort");
   for (std::size_t i = 0; i < 7; ++i) joints[i] = "joint" + std::to_string(7 - i);
   all.back().second = joints;
-  try {
-    ControllerHost(all, options);
-    ADD_FAILURE() << "newton meters of joint 1 would reach joint 7";
-  } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(),
-                testing::HasSubstr("expected the order of the robot description, [joint1, joint2"));
-  }
+  const auto refusal = [&] {
+    try {
+      ControllerHost(all, options);
+    } catch (const std::invalid_argument& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  EXPECT_THAT(refusal(), testing::HasSubstr("expected the order of the robot description, joint1, joint2"));
+  all.back().second =
+      std::vector<std::string>{"joint2", "joint3", "joint4", "joint5", "joint6", "joint7", "last"};
+  EXPECT_THAT(refusal(), testing::HasSubstr("expected the order")) << "each one would reach its neighbor";
 }
 
 TEST(Hosts, ControlletsOfAnotherLibraryRunInTheController) {

@@ -45,7 +45,7 @@ std::string AskedNames::name(InstanceIndex instance) {
 }
 
 std::string AskedNames::refusal(InstanceIndex instance, const std::string& asking) {
-  if (asking_[instance] > 0) return "set_controllers is about to start the controllet again";
+  if (about_to_start(instance)) return "set_controllers is about to start the controllet again";
   const std::string active = name(instance);
   if (active == asking) return {};
   return fmt::format("'{}' is active as '{}': ask set_controllers for '{}' first",

@@ -22,6 +22,7 @@ class AskedNames {
   // From ask() to answered() the instances take no goals under any name: those were sent before the switch.
   void ask(InstanceSet instances);
   void answered(InstanceSet instances);
+  bool about_to_start(InstanceIndex instance) const { return asking_[instance] > 0; }
   // The loop has started an instance in the answer's cycle, because it was asked for by `name`. This holds
   // until it starts or stops in a later one.
   void accept(InstanceIndex instance, const std::string& name, const Answer& answer);

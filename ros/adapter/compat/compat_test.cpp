@@ -127,13 +127,23 @@ TEST_F(Compat, EachNameHasItsOwnParameters) {
     EXPECT_DOUBLE_EQ(stiffness(), 60);
   }
   set({{"panda_joint_velocity_controller", "right"}});
-  EXPECT_DOUBLE_EQ(stiffness(), 60) << "it has none of its own";
+  const Instance& law = session->modes().instance(session->modes().find("right_joint"));
+  const auto of_the_scene = law.parameter_spec(law.find_parameter("stiffness_nm_per_rad")).initial;
+  EXPECT_DOUBLE_EQ(stiffness(), of_the_scene[0]) << "it has none of its own";
   (void)call<srv::SetJointImpedance>(service("panda_joint_velocity_controller"), stiff);
   EXPECT_DOUBLE_EQ(stiffness(), 600);
   set({{"panda_joint_impedance_controller", "right"}});
   EXPECT_DOUBLE_EQ(stiffness(), 60);
   set({{"panda_joint_velocity_controller", "right"}});
   EXPECT_DOUBLE_EQ(stiffness(), 600);
+  // What was refused after its parameters were set leaves nothing of them behind.
+  set({{"panda_joint_impedance_controller", "right"}});
+  reluctant = true;
+  refuse_set({{"panda_joint_velocity_controller", "right"}});
+  EXPECT_EQ(owner(1), "right_hold");
+  reluctant = false;
+  set({{"panda_joint_impedance_controller", "right"}});
+  EXPECT_DOUBLE_EQ(stiffness(), 60);
   // Set meanwhile by their own name, while another law has the arm, or by ours, which nothing undoes.
   set({{"panda_cartesian_impedance_controller", "right"}});
   (void)call<srv::SetJointImpedance>(service("panda_joint_impedance_controller"), soft);
@@ -151,12 +161,21 @@ TEST_F(Compat, EachNameHasItsOwnParameters) {
 // What starts again has ended before: if it cannot start, its arms are held, and the refusal says so.
 TEST_F(Compat, WhatCannotStartAgainIsHeld) {
   set({{"panda_joint_impedance_controller", "left"}, {"panda_joint_impedance_controller", "right"}});
+  const Controllers both{{"panda_joint_impedance_controller", "left"},
+                         {"panda_joint_impedance_controller", "right"}};
+  reluctant = true;
+  refuse_set(both);
+  EXPECT_THAT(trouble("compat ~/set_controllers"), HasSubstr("what was active of it has ended"));
+  EXPECT_EQ(owner(0), "left_hold");
+  EXPECT_EQ(owner(1), "right_hold");
+  reluctant = false;
+  set(both);
+  // A stopped arm is known before anything ends.
   session->modes().stop(ArmSet::of(1));
   ASSERT_TRUE(wait_for([] { return owner(1) == "right_hold"; }));
-  refuse_set({{"panda_joint_impedance_controller", "left"}, {"panda_joint_impedance_controller", "right"}});
+  refuse_set(both);
   EXPECT_THAT(trouble("compat ~/set_controllers"), HasSubstr("stopped: right"));
-  EXPECT_EQ(owner(1), "right_hold");
-  EXPECT_EQ(owner(0), "left_hold");
+  EXPECT_EQ(owner(0), "left_joint");
   ASSERT_TRUE(session->modes().ask({.kind = Request::Kind::resume, .arms = ArmSet::of(1)}).accepted());
 }
 

@@ -100,7 +100,8 @@ TEST_F(Compat, AMotionEndsWhenItsControlletStartsAgain) {
       most = std::max(most, std::abs(newest(0).q[6] - q));
     }
     EXPECT_LT(most, 0.02);
-    EXPECT_EQ(owner(0), "left_joint");
+    // A sample that was posted just then is a stream that falls silent.
+    EXPECT_THAT(owner(0), testing::AnyOf("left_joint", "left_hold"));
   }
 }
 

@@ -151,6 +151,10 @@ void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
   Request request{.kind = Request::Kind::switch_controllets};
   for (const auto& [instance, by] : asked) request.activate |= bit(instance);
   if (const std::string why = torn_apart(request.activate); !why.empty()) return refuse(kSet, why);
+  for (const auto& [instance, by] : asked) {
+    if (set_parameters_[instance].under_way > 0)
+      return refuse(kSet, "parameters of '" + modes.instance(instance).name() + "' are being set: ask again");
+  }
   const InstanceSet laws = request.activate & ~((InstanceSet{1} << modes.arm_count()) - 1);
   std::vector<Request> requests;
   const Request end{.kind = Request::Kind::switch_controllets, .deactivate = laws & modes.active()};
@@ -164,18 +168,21 @@ void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
     const Request& request = requests.back();
     names_->answered(request.activate);
     const std::size_t bad = result.first_refused();
+    const bool unknown = bad < requests.size() && result.verdicts[bad] == Verdict::pending;
+    for (std::size_t k = 0; k < (unknown ? requests.size() : bad); ++k) {
+      if (requests[k].kind != Request::Kind::set_parameter) continue;
+      set_parameters_[requests[k].instance].last = asked.at(requests[k].instance);
+    }
     if (bad < requests.size()) {
-      const std::string why = reason(*run_.modes, requests[bad], result.verdicts[bad]);
-      return refuse(kSet, bad == 0 || requests.front().deactivate == 0
-                              ? why
-                              : "what was active of it has ended, its arms are held: " + why);
+      if (bad > 0 && requests.front().deactivate != 0)
+        return refuse(kSet, fmt::format("{}; what was active of it has ended, its arms are held",
+                                        to_string(result.verdicts[bad])));
+      return refuse(kSet, reason(*run_.modes, request, result.verdicts[bad]));
     }
     const InstanceSet others = laws & ~result.answer.plan.start;  // started by somebody else in that cycle
     for (const auto& [instance, by] : asked) {
       if ((others & bit(instance)) != 0) continue;
       names_->accept(instance, by, result.answer);
-      const auto set = set_parameters_.find(instance);
-      if (set != set_parameters_.end() && set->second.of.contains(by)) set->second.last = by;
     }
     if (others != 0)
       return refuse(kSet, "another request started one of its controllets at the same time: ask again");
@@ -186,14 +193,16 @@ void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
 
 std::vector<Request> CompatModes::given_back(InstanceIndex instance, const std::string& name) const {
   const auto known = set_parameters_.find(instance);
-  if (known == set_parameters_.end() || known->second.last == name) return {};
+  if (known == set_parameters_.end() || known->second.last.empty() || known->second.last == name) return {};
   const SetParameters& set = known->second;
-  const auto own = set.of.find(name);
-  const bool as_set = std::ranges::all_of(set.of.at(set.last), [&](const Request& request) {
-    return std::ranges::equal(run_.modes->instance(instance).parameter(request.index),
-                              std::span(request.values).first(request.size));
+  const Instance& law = run_.modes->instance(instance);
+  const bool as_set = std::ranges::all_of(set.values(set.last), [&](const Request& request) {
+    return std::ranges::equal(law.parameter(request.index), std::span(request.values).first(request.size));
   });
-  return own != set.of.end() && as_set ? own->second : std::vector<Request>();
+  // These mean something else then, or nothing.
+  const bool same =
+      chosen(law, "stiffness_axes") != "end_effector" && chosen(law, "damping_design") != "given";
+  return as_set && same ? set.values(name) : std::vector<Request>();
 }
 
 void CompatModes::offer_get(const CompatPackages& packages) {
@@ -285,8 +294,10 @@ void CompatModes::set(const std::string& service, const std::string& theirs, Ins
                       const UntypedService::Reply& reply) {
   // Another controllet of theirs, which has parameters of its own: the arm is not to be stiff all at once.
   const bool active = (run_.modes->active() & bit(instance)) != 0;
-  if (const std::string why = active ? names_->refusal(instance, theirs) : ""; !why.empty())
-    throw std::invalid_argument(why);
+  if (active || names_->about_to_start(instance)) {
+    if (const std::string why = names_->refusal(instance, theirs); !why.empty())
+      throw std::invalid_argument(why);
+  }
   std::vector<Request> requests;
   for (const auto& [name, numbers] : values) {
     rcl_interfaces::msg::Parameter parameter;
@@ -298,12 +309,21 @@ void CompatModes::set(const std::string& service, const std::string& theirs, Ins
     if (!request) throw std::invalid_argument(why);
     requests.push_back(*request);
   }
+  SetParameters& known = set_parameters_[instance];
+  if (known.last.empty() && known.under_way == 0) {
+    known.before = requests;
+    for (Request& request : known.before)
+      std::ranges::copy(run_.modes->instance(instance).parameter(request.index), request.values.begin());
+  }
+  ++known.under_way;
   request_loop(run_, requests, [this, service, theirs, instance, requests, reply](const LoopAnswer& result) {
+    SetParameters& set = set_parameters_[instance];
+    --set.under_way;
     const std::size_t bad = result.first_refused();
     if (bad < requests.size())
       return refuse(service, reason(*run_.modes, requests[bad], result.verdicts[bad]));
-    set_parameters_[instance].of[theirs] = requests;
-    set_parameters_[instance].last = theirs;
+    set.of[theirs] = requests;
+    set.last = theirs;
     accept(service);
     reply();
   });

@@ -38,10 +38,16 @@ class CompatModes : public AdapterPart {
   void set(const std::string& service, const std::string& name, InstanceIndex instance,
            const std::vector<std::pair<std::string, std::vector<double>>>& values,
            const UntypedService::Reply& reply);
-  // What set the parameters of an instance last, and what each name has set.
+  // The parameters of an instance under each of its names, as requests.
   struct SetParameters {
-    std::string last;
-    std::map<std::string, std::vector<Request>> of;
+    int under_way = 0;  // requests of clients
+    std::string last;   // the name whose values it has; empty: no name has set any
+    std::map<std::string, std::vector<Request>> of;  // what each name has set
+    std::vector<Request> before;                     // of the names that have set none
+    const std::vector<Request>& values(const std::string& name) const {
+      const auto own = of.find(name);
+      return own == of.end() ? before : own->second;
+    }
   };
   // The requests that give an instance back what was set under this name, if another name has changed it,
   // and nobody else since.

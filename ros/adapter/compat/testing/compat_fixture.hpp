@@ -1,6 +1,7 @@
 // A run with the names of multipanda_ros2 in messages of our own, and a client that knows only these.
 #pragma once
 
+#include <atomic>
 #include <compat_test_msgs/msg/franka_state.hpp>
 #include <compat_test_msgs/srv/get_controllers.hpp>
 #include <compat_test_msgs/srv/set_controllers.hpp>
@@ -12,6 +13,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "core/features/feature.hpp"
 #include "ros/adapter/ros_adapter.hpp"
 #include "runtime/session.hpp"
 #include "scene/load.hpp"
@@ -39,12 +41,21 @@ constexpr const char* kScene =
     "  - {name: right, base: {position_m: [0.1, -0.5, 0], rpy_rad: [0, 0, -1.2]}}\n"
     "controllets:\n"
     "  - {name: left_joint, type: joint_impedance, arms: left}\n"
-    "  - {name: right_joint, type: joint_impedance, arms: right}\n"
+    "  - {name: right_joint, type: joint_impedance, arms: right, features: [reluctant]}\n"
     "  - {name: left_hand, type: cartesian_impedance, arms: left}\n"
     "  - {name: right_hand, type: cartesian_impedance, arms: right}\n"
     "  - {name: dual, type: dual_cartesian_impedance, arms: [left, right], parameters: {goals: separate}}\n"
     "active: [left_hand, right_hand]\n"
     "ros: {node: mc, compat: multipanda_ros2}\n";
+
+// Keeps its controllet from starting, if a test wants that.
+inline std::atomic<bool> reluctant = false;
+class Reluctant final : public Feature {
+ public:
+  static ControlletDescriptor descriptor() { return {.type = "reluctant", .doc = ""}; }
+  LawResult start(ControlContext&) override { return reluctant ? LawResult::fault : LawResult::ok; }
+  LawResult update(ControlContext&) override { return LawResult::ok; }
+};
 
 class Compat : public testing::Test {
  protected:
@@ -53,6 +64,7 @@ class Compat : public testing::Test {
     setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM", 1);
     setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SYSTEM_DEFAULT", 1);
     registry = new Registry(Registry::with_builtins());
+    registry->add(feature_type<Reluctant>());
     SessionOptions options;
     options.duration_s = 0;
     options.make_adapter = [](const RunContext& run) {
