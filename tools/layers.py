@@ -220,7 +220,7 @@ LAYERS = [
     layer(
         "ros/host",
         "multipanda inside ros2_control ([ros2_control.md](docs/ros2_control.md))",
-        "device models scene runtime runtime/embedded ros/rcl ros/adapter",
+        "support device models scene runtime runtime/embedded ros/rcl ros/adapter",
     ),
     layer("ros", "ROS packages and their tests", "ros/host"),
     layer(

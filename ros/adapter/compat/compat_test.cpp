@@ -158,6 +158,35 @@ TEST_F(Compat, EachNameHasItsOwnParameters) {
   EXPECT_DOUBLE_EQ(stiffness(), 30);
 }
 
+// Two clients ask for one controllet at once: one is answered, and the arm is as stiff as that one's name
+// says.
+TEST_F(Compat, OneOfTwoRequestsAtOnceIsAnswered) {
+  const auto stiffness = [] { return parameter("right_joint", "stiffness_nm_per_rad")[0]; };
+  const std::map<std::string, double> scales = {{"panda_joint_impedance_controller", 0.1},
+                                                {"panda_joint_velocity_controller", 1}};
+  for (const auto& [name, scale] : scales) {
+    set({{name, "right"}});
+    srv::SetJointImpedance::Request request;
+    request.stiffness_scale = scale;
+    (void)call<srv::SetJointImpedance>("/right/" + name + "/parameters", request);
+  }
+  Client<srv::SetControllers> service(client->executor, client->node, "/mc/set_controllers");
+  ASSERT_TRUE(service.wait_until_ready(30));
+  for (int k = 0; k < 20; ++k) {
+    std::vector<std::future<srv::SetControllers::Response>> answers;
+    for (const auto& [name, scale] : scales) answers.push_back(service.call(switch_to({{name, "right"}})));
+    EXPECT_TRUE(wait_for([&] {
+      return std::ranges::any_of(
+          answers, [](auto& answer) { return answer.wait_for(0s) == std::future_status::ready; });
+    }));
+    const auto now = active();
+    for (const auto& [name, scale] : scales) {
+      if (std::ranges::find(now, name + " on right") != now.end())
+        EXPECT_DOUBLE_EQ(stiffness(), 600 * scale) << name;
+    }
+  }
+}
+
 // What starts again has ended before: if it cannot start, its arms are held, and the refusal says so.
 TEST_F(Compat, WhatCannotStartAgainIsHeld) {
   set({{"panda_joint_impedance_controller", "left"}, {"panda_joint_impedance_controller", "right"}});

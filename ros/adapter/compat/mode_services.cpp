@@ -151,11 +151,14 @@ void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
   Request request{.kind = Request::Kind::switch_controllets};
   for (const auto& [instance, by] : asked) request.activate |= bit(instance);
   if (const std::string why = torn_apart(request.activate); !why.empty()) return refuse(kSet, why);
-  for (const auto& [instance, by] : asked) {
-    if (set_parameters_[instance].under_way > 0)
-      return refuse(kSet, "parameters of '" + modes.instance(instance).name() + "' are being set: ask again");
-  }
   const InstanceSet laws = request.activate & ~((InstanceSet{1} << modes.arm_count()) - 1);
+  for (const auto& [instance, by] : asked) {
+    const bool starting = (laws & bit(instance)) != 0 && names_->about_to_start(instance);
+    if (starting || set_parameters_[instance].under_way > 0)
+      return refuse(kSet, fmt::format("another request {} '{}': ask again",
+                                      starting ? "is about to start" : "sets parameters of",
+                                      modes.instance(instance).name()));
+  }
   std::vector<Request> requests;
   const Request end{.kind = Request::Kind::switch_controllets, .deactivate = laws & modes.active()};
   if (end.deactivate != 0) requests.push_back(end);
@@ -174,10 +177,13 @@ void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
       set_parameters_[requests[k].instance].last = asked.at(requests[k].instance);
     }
     if (bad < requests.size()) {
-      if (bad > 0 && requests.front().deactivate != 0)
-        return refuse(kSet, fmt::format("{}; what was active of it has ended, its arms are held",
-                                        to_string(result.verdicts[bad])));
-      return refuse(kSet, reason(*run_.modes, request, result.verdicts[bad]));
+      if (bad == 0) return refuse(kSet, reason(*run_.modes, request, result.verdicts[0]));
+      return refuse(
+          kSet, fmt::format("{} ({}): {}; 'state' shows the modes of the arms, 'recover' clears an error",
+                            to_string(result.verdicts[bad]), joined(names_of(*run_.modes, request.activate)),
+                            requests.front().deactivate != 0
+                                ? "what was active of it has ended, and its arms are held"
+                                : "nothing has started, but the parameters of its names are set"));
     }
     const InstanceSet others = laws & ~result.answer.plan.start;  // started by somebody else in that cycle
     for (const auto& [instance, by] : asked) {
@@ -185,7 +191,9 @@ void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
       names_->accept(instance, by, result.answer);
     }
     if (others != 0)
-      return refuse(kSet, "another request started one of its controllets at the same time: ask again");
+      return refuse(kSet,
+                    "another request started one of its controllets at the same time, the others have "
+                    "started: ask again");
     accept(kSet);
     reply();
   });
