@@ -97,8 +97,7 @@ class ArmMotion {
   // Brakes to rest if this listener's motion is running; its over() follows when it is at rest.
   bool cancel(const MotionListener& listener);
 
-  // Publisher's thread. An event may come one record late: what is posted until then moves the arm by one
-  // sample.
+  // Publisher's thread. An event may come one record late: until then one more sample is posted.
   void take(const Event& event);
   void take(const CycleRecord& record);
 

@@ -296,7 +296,7 @@ TEST_F(ArmMotionTest, EndsWhenTheArmLeavesItsControllet) {
   EXPECT_FALSE(next->ended);
 }
 
-// Who starts the controllet again, within one cycle, wants the arm to stand still.
+// A controllet that is started again, within one cycle, stands still where the arm is.
 TEST_F(ArmMotionTest, EndsWhenItsControlletStartsAgain) {
   steps(10);
   const auto other = std::make_shared<Listener>();

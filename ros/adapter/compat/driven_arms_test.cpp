@@ -80,18 +80,20 @@ TEST_F(Compat, AMotionEndsWhenItsControlletStartsAgain) {
   for (const std::string asked :
        {"comless_panda_joint_impedance_controller", "panda_joint_impedance_controller"}) {
     set({{"panda_joint_impedance_controller", "left"}});
-    const double begin = state(0).q[6];
+    const auto before = state(0).q;
     Motion::Goal goal;
     goal.via_poses.emplace_back();
-    goal.via_poses[0].positions.assign(newest(0).q.begin(), newest(0).q.end());
-    goal.via_poses[0].positions[6] += begin > 0.7 ? -0.8 : 0.8;
+    goal.via_poses[0].positions.assign(before.begin(), before.end());
+    goal.via_poses[0].positions[6] += before[6] > 0.7 ? -0.8 : 0.8;
     goal.velocity_scale = 0.2;
     const Uuid id{++number};
     ASSERT_TRUE(action.send(id, goal).get().accepted);
-    ASSERT_TRUE(wait_for([&] { return std::abs(newest(0).q[6] - begin) > 0.05; }));
+    auto result = action.result(id);
+    const auto is_over = [&] { return result.wait_for(0s) == std::future_status::ready; };
+    ASSERT_TRUE(wait_for([&] { return is_over() || std::abs(newest(0).q[6] - before[6]) > 0.05; }));
+    ASSERT_FALSE(is_over()) << result.get().result.error;
     set({{asked, "left"}});
     const double q = state(0).q[6];
-    auto result = action.result(id);
     ASSERT_EQ(result.wait_for(30s), std::future_status::ready);
     EXPECT_THAT(result.get().result.error, HasSubstr("started again"));
     double most = 0;

@@ -168,8 +168,8 @@ void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
   requests.push_back(request);
   names_->ask(request.activate);
   request_loop(run_, requests, [this, requests, laws, asked, reply](const LoopAnswer& result) {
-    const Request& request = requests.back();
-    names_->answered(request.activate);
+    const Request& start = requests.back();
+    names_->answered(start.activate);
     const std::size_t bad = result.first_refused();
     const bool unknown = bad < requests.size() && result.verdicts[bad] == Verdict::pending;
     for (std::size_t k = 0; k < (unknown ? requests.size() : bad); ++k) {
@@ -177,10 +177,10 @@ void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
       set_parameters_[requests[k].instance].last = asked.at(requests[k].instance);
     }
     if (bad < requests.size()) {
-      if (bad == 0) return refuse(kSet, reason(*run_.modes, request, result.verdicts[0]));
+      if (bad == 0) return refuse(kSet, reason(*run_.modes, start, result.verdicts[0]));
       return refuse(
           kSet, fmt::format("{} ({}): {}; 'state' shows the modes of the arms, 'recover' clears an error",
-                            to_string(result.verdicts[bad]), joined(names_of(*run_.modes, request.activate)),
+                            to_string(result.verdicts[bad]), joined(names_of(*run_.modes, start.activate)),
                             requests.front().deactivate != 0
                                 ? "what was active of it has ended, and its arms are held"
                                 : "nothing has started, but the parameters of its names are set"));

@@ -48,7 +48,7 @@ constexpr const char* kScene =
     "active: [left_hand, right_hand]\n"
     "ros: {node: mc, compat: multipanda_ros2}\n";
 
-// Keeps its controllet from starting, if a test wants that.
+// Keeps its controllet from starting, if a test says so.
 inline std::atomic<bool> reluctant = false;
 class Reluctant final : public Feature {
  public:
