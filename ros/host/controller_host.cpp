@@ -95,7 +95,11 @@ struct ControllerHost::Implementation {
       given.arms[i].joints = robot_of(scene.arms[i]).joint_names;  // as the robot description names them
     }
     arms = given.arms;
-    HostedOptions hosted{.arms = std::move(given.arms), .period_s = options.period_s, .make_adapter = {}};
+    HostedOptions hosted{.arms = std::move(given.arms),
+                         .period_s = options.period_s,
+                         .make_adapter = {},
+                         .trace = hosted_trace_options(parameters),
+                         .report = options.report};
     if (options.node != nullptr) {
       hosted.make_adapter = [&](const RunContext& run) {
         RosOptions ros;
