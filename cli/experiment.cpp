@@ -166,6 +166,7 @@ std::string resume_command(const ExperimentArguments& options, const fs::path& d
   if (!options.only.empty()) text += fmt::format(" --only {}", fmt::join(options.only, ","));
   if (options.fast) text += " --fast";
   if (options.keep_data) text += " --keep-data";
+  for (const auto& beside : options.beside) text += " --beside '" + beside + "'";
   if (options.generator != "socket") text += " --generator " + options.generator;
   if (options.pace == "lockstep") text += " --pace lockstep";
   if (!options.answers.empty()) text += " --yes-to " + options.answers;
@@ -211,8 +212,7 @@ int run(const ExperimentArguments& options) {
     throw UsageError("experiment all: --backend fci runs one experiment at a time; name it");
   if (!options.resume.empty() && all)
     throw UsageError("experiment all: --resume goes on with one experiment; name it");
-  if (!options.beside.empty() && (all || experiments.front().kind != kTaskKind))
-    throw UsageError("experiment: --beside needs a single experiment that runs a scene");
+  if (!options.beside.empty() && all) throw UsageError("experiment all: --beside needs a single experiment");
   const std::unique_ptr<Person> person = person_for(options, experiments.front(), backend, console);
 
   if (person != nullptr) warn_of_first_run(experiments.front(), backend, console);
@@ -320,8 +320,9 @@ void add_experiment(Program& program) {
   command
       ->add_option("--beside", options->beside,
                    "Log of arms to be shown beside the simulated runs, with the paper's bounds; VARIANT=LOG "
-                   "if several "
-                   "variants run, or the folder of an experiment on arms; may be repeated")
+                   "if several variants run, or the folder of an experiment on arms; may be repeated. "
+                   "controller-performance: measurements inside a controller_manager, by file, folder or "
+                   "CONDITION=FILE")
       ->type_name("LOG")
       ->take_all();
   command

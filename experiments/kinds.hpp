@@ -24,7 +24,9 @@ struct ExperimentOptions {
   BackendOptions backend;              // `mujoco`, `virtual_arms`, or `fci`: arms that are not simulated here
   // Confirms every step of an experiment with `fci`; required there, unused otherwise.
   Person* person = nullptr;
-  std::vector<std::string> beside;  // logs of arms to be shown beside simulated runs (beside_log.hpp)
+  // Logs of arms to be shown beside simulated runs (beside_log.hpp); kind `performance`: measurements inside
+  // a controller_manager (beside_trace.hpp).
+  std::vector<std::string> beside;
   bool resume = false;  // `directory` has the finished runs of an interrupted experiment; only the rest runs
   SessionViewer* viewer = nullptr;  // sees one run at a time, except unpaced checks; none: nobody looks
   bool ros = false;                 // kind `performance`: set-points come by ROS topics instead of the socket

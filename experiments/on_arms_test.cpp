@@ -14,6 +14,7 @@
 
 #include "experiments/arm_steps.hpp"
 #include "experiments/beside_log.hpp"
+#include "experiments/beside_trace.hpp"
 #include "experiments/finished_runs.hpp"
 #include "experiments/motion_extent.hpp"
 #include "experiments/path_clearance.hpp"
@@ -490,6 +491,27 @@ TEST_F(Beside, LogsAreNamedByVariantOrByTheFolderOfAnExperiment) {
   EXPECT_THAT(refusal([&] { beside_logs({"k1=" + log, "k1=" + log}, both); }), HasSubstr("two logs"));
   EXPECT_THAT(refusal([&] { beside_logs({"k1=/none"}, both); }), HasSubstr("there is no log"));
   EXPECT_THAT(refusal([&] { beside_logs({folder.string()}, {&b}); }), HasSubstr("has no log of a variant"));
+}
+
+TEST_F(Beside, MeasurementsAreNamedByConditionOrByTheirFolder) {
+  const std::vector<std::string> both{"NF", "CA-MA"};
+  const std::string content = "PK about.npy stages_us.npy";  // as at the end of the archive
+  for (const char* name : {"NF_1", "NF_2", "CA-MA_12", "MA_1", "NF_x", "NF_"})
+    write(std::string(name) + ".npz", content);
+  const auto found = beside_traces({folder.string()}, both);
+  ASSERT_EQ(found.size(), 3u);
+  EXPECT_EQ(found[0].condition, "CA-MA");
+  EXPECT_EQ(found[2].file.filename(), "NF_2.npz");
+  const auto file = write("mine.npz", content).string();
+  EXPECT_EQ(beside_traces({"NF=" + file}, both).at(0).file, fs::absolute(file));
+  EXPECT_EQ(beside_traces({(folder / "CA-MA_12.npz").string()}, both).at(0).condition, "CA-MA");
+  EXPECT_TRUE(beside_traces({}, both).empty());
+  EXPECT_THAT(refusal([&] { beside_traces({file}, both); }), HasSubstr("--beside NF=" + file));
+  EXPECT_THAT(refusal([&] { beside_traces({"CA=" + file}, both); }), HasSubstr("no condition 'CA'"));
+  EXPECT_THAT(refusal([&] { beside_traces({"NF=/none.npz"}, both); }), HasSubstr("there is no file"));
+  EXPECT_THAT(refusal([&] { beside_traces({folder.string()}, {"C-MA"}); }), HasSubstr("such as C-MA_1.npz"));
+  const auto other = write("NF_3.npz", "PK stages_us.npy").string();
+  EXPECT_THAT(refusal([&] { beside_traces({other}, both); }), HasSubstr("is not a measurement"));
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "experiments/arm_steps.hpp"
+#include "experiments/beside_trace.hpp"
 #include "experiments/finished_runs.hpp"
 #include "experiments/on_arms.hpp"
 #include "experiments/performance_runs.hpp"
@@ -169,6 +170,9 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
   const auto conditions = chosen(experiment, settings, options.only);
   for (const auto& condition : settings.conditions)  // refuses an invalid scene before anything runs
     (void)changed_scene(experiment, settings.scene, settings.plant, condition.set);
+  std::vector<std::string> names;
+  for (const auto& condition : conditions) names.push_back(condition.name);
+  const auto beside = beside_traces(options.beside, names);
   const std::size_t repeats = options.repeats.value_or(experiment.repeats);
   const PerformanceRun run{.experiment = experiment,
                            .settings = settings,
@@ -198,6 +202,10 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
   plan["conditions"] = Json::array();
   for (const auto& condition : conditions)
     plan["conditions"].push_back({{"name", condition.name}, {"label", condition.label}});
+
+  plan["beside"] = Json::array();
+  for (const auto& trace : beside)
+    plan["beside"].push_back({{"condition", trace.condition}, {"npz", trace.file.string()}});
 
   OnArms arms(experiment, options, run);
   plan["arms"] = Json::array();

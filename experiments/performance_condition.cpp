@@ -10,11 +10,11 @@
 #include "core/types/time.hpp"
 #include "experiments/arm_steps.hpp"
 #include "experiments/bare_math.hpp"
-#include "experiments/command_trace.hpp"
 #include "experiments/generator_process.hpp"
 #include "experiments/performance_runs.hpp"
 #include "experiments/process_usage.hpp"
 #include "logs/npz.hpp"
+#include "runtime/command_trace.hpp"
 #include "runtime/live_input/socket_path.hpp"
 #include "runtime/ros_module.hpp"
 

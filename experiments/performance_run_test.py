@@ -16,6 +16,12 @@ import sys
 import tempfile
 import unittest
 
+import numpy as np
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
+
+from experiments.pages.performance_test import ABOUT, write_cycles  # noqa: E402
+
 PROGRAM = None
 PATIENCE = 560  # [s]
 FIGURES = {"median", "mean", "deviation", "p1", "p25", "p75", "p95", "p99", "p999", "worst", "least", "count"}
@@ -226,6 +232,22 @@ class Words(unittest.TestCase):
             self.assertEqual([c["cycles"] for c in results["conditions"].values()], [3000, 3000])
             again = experiment(*command[2:])
             self.assertIn("no interrupted experiment", again.stderr)
+
+    def test_a_measurement_inside_a_controller_manager_beside(self):
+        with tempfile.TemporaryDirectory() as name:
+            folder = pathlib.Path(name)
+            file = folder / "NF_1.npz"
+            write_cycles(file, 2000, 1, 2, 40.0)
+            with np.load(file) as archive:
+                np.savez(file, **{key: archive[key] for key in archive.files}, about=[json.dumps(ABOUT)])
+            words = ("controller-performance", "--fast", "--repeats", "1", "--only", "NF", "--json", "--out", folder)
+            done = experiment(*words, "--beside", folder)
+            results = json.loads(done.stdout)
+            self.assertAlmostEqual(results["manager"]["NF"]["control_us"]["median"], 40)
+            self.assertEqual(results["conditions"]["NF"]["cycles"], 3000)
+            page = pathlib.Path(results["report"]).read_text(encoding="utf-8")
+            self.assertIn("not measured inside a controller_manager", page)
+            self.assertIn("no condition 'CA' runs", experiment(*words, "--beside", f"CA={file}").stderr)
 
     def test_only_one_condition(self):
         with tempfile.TemporaryDirectory() as folder:

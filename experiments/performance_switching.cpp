@@ -8,8 +8,8 @@
 #include <fmt/ranges.h>
 
 #include "experiments/arm_steps.hpp"
-#include "experiments/command_trace.hpp"
 #include "experiments/performance_runs.hpp"
+#include "runtime/command_trace.hpp"
 
 namespace multipanda {
 namespace {

@@ -245,8 +245,8 @@ LIBRARIES = {
     "pinocchio": "core/model sysid/identification benchmarks/bare",
     "yaml-cpp": "config_file models scene runtime/embedded experiments study commission sysid/measured sysid/comparison"
     " sysid/refine",
-    "nlohmann": "config_file scene logs report soak runtime cockpit cockpit/server cockpit/view experiments"
-    " study native motion_generators doctor commission sysid/identification sysid/comparison"
+    "nlohmann": "config_file scene logs report soak runtime runtime/embedded cockpit cockpit/server cockpit/view"
+    " experiments study native motion_generators doctor commission sysid/identification sysid/comparison"
     " sysid/refine cli benchmarks",
     "CLI": "cli benchmarks",
     "fmt": "soak runtime runtime/motion cockpit/wire cockpit/server experiments study doctor commission"

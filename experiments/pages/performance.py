@@ -2,7 +2,7 @@
 
 import pathlib
 
-from experiments.pages import frame, performance_metrics, performance_plots, verdicts
+from experiments.pages import frame, in_manager, performance_metrics, performance_plots, verdicts
 from experiments.pages.performance_metrics import Trace
 from report import page, style
 
@@ -189,6 +189,8 @@ def make(plan, folder):
                 "interventions": entry["interventions"],
             }
         )
+    inside_traces = in_manager.load(plan, folder)
+    inside = {name: in_manager.figures(of_it) for name, of_it in inside_traces.items()}
     switching = performance_metrics.switching_figures(plan["switching"]) if plan.get("switching") else None
     if switching:
         runs.append(
@@ -228,6 +230,7 @@ def make(plan, folder):
         "limits": rows,
         "runs": runs,
         "conditions": conditions,
+        "manager": inside,
         "delay_checks": checks,
         "switching": switching,
         "added_us": _added(conditions),
@@ -236,7 +239,7 @@ def make(plan, folder):
         "machine": plan["machine"],
     }
     arms = plan["runs"][0]["arms"]
-    drawn = {}
+    figures = {}
     for name, function, arguments in (
         ("index", performance_plots.like_the_paper, (conditions, arms)),
         ("stages", performance_plots.stages, (conditions,)),
@@ -245,7 +248,11 @@ def make(plan, folder):
         ("delays", performance_plots.delay_checks, ([(c["configured_ms"], c["arms"]) for c in checks],)),
         ("switching", performance_plots.switching, (plan["switching"],) if switching else None),
     ):
-        figure = function(*arguments) if arguments is not None else None
+        figures[name] = function(*arguments) if arguments is not None else None
+    if inside:
+        figures |= in_manager.draw(conditions, by_condition, inside, inside_traces)
+    drawn = {}
+    for name, figure in figures.items():
         if figure is None:
             continue
         figure.savefig(folder / f"{name}.png", dpi=style.DPI)
@@ -372,6 +379,8 @@ def _sections(plan, results, variants, drawn):
                 ],
             )
         )
+    if results["manager"]:
+        sections.append(in_manager.section(plan, conditions, results["manager"], drawn))
     sections.append(
         (
             "how",

@@ -25,6 +25,22 @@ COLUMNS = [
     "load_1min",
 ]
 
+# What a measurement inside a controller_manager says about itself.
+ABOUT = {
+    "format": 1,
+    "condition": "NF",
+    "controllet": "dual",
+    "arms": ARMS,
+    "reports_command": ["left"],
+    "period_s": 0.001,
+    "wanted_samples": 2000,
+    "full": True,
+    "records_dropped": 0,
+    "scheduling": "SCHED_FIFO 50",
+    "machine": {"processor": "p", "cores": "2"},
+    "scene_text": "arms: {}",
+}
+
 
 def write_cycles(file, count, seed, periods, control_us, pairs=None, single=False):
     """`periods`: of delay; control_us: of the control function, ten times as long in each hundredth cycle;
@@ -176,7 +192,7 @@ def plan_in(folder, count=3000):
     return plan
 
 
-class Page(unittest.TestCase):
+class Made(unittest.TestCase):
     def made(self, change=lambda plan: None):
         with tempfile.TemporaryDirectory() as name:
             folder = pathlib.Path(name)
@@ -188,6 +204,8 @@ class Page(unittest.TestCase):
             self.pictures = sorted(p.name for p in folder.glob("*.png"))
             return results, (folder / "report.html").read_text()
 
+
+class Page(Made):
     def test_figures_are_those_of_the_cycles(self):
         results, html = self.made()
         self.assertTrue(results["passed"], results["problems"])
@@ -296,6 +314,67 @@ class Page(unittest.TestCase):
         self.assertIsNone(results["switching"])
         self.assertNotIn("Switching</h2>", html)
         self.assertEqual(self.pictures, ["index.png", "stages.png", "tails.png", "usage.png"])
+
+
+class Inside(Made):
+    """A measurement of the controller inside a controller_manager beside the conditions."""
+
+    def with_inside(self, *changes):
+        def change(plan):
+            plan["beside"] = []
+            for i, (about, leave_out) in enumerate(changes):
+                file = self.folder / f"NF_{i + 1}.npz"
+                write_cycles(file, 2000, 90 + i, 2, 40.0)
+                with np.load(file) as archive:
+                    arrays = {name: archive[name] for name in archive.files}
+                arrays = {
+                    name: values[np.arange(2000) % 100 != 99] if leave_out else values
+                    for name, values in arrays.items()
+                }
+                np.savez(file, **arrays, **({} if about is None else {"about": [json.dumps(ABOUT | about)]}))
+                plan["beside"].append({"condition": "NF", "npz": str(file)})
+
+        with tempfile.TemporaryDirectory() as name:
+            self.folder = pathlib.Path(name)
+            return self.made(change)
+
+    def test_figures_are_those_of_the_file(self):
+        results, html = self.with_inside(({}, False))
+        self.assertTrue(results["passed"], results["problems"])
+        self.assertEqual(list(results["manager"]), ["NF"])
+        inside, own = results["manager"]["NF"], results["conditions"]["NF"]
+        self.assertEqual((inside["cycles"], inside["cycles_missing"], inside["cycles_lost"]), (2000, 0, 2))
+        self.assertAlmostEqual(inside["control_us"]["median"], 40)
+        self.assertAlmostEqual(inside["control_us"]["worst"], 400)
+        self.assertAlmostEqual(inside["whole_us"]["median"], 42.5)
+        self.assertAlmostEqual(own["control_us"]["median"], 20)  # the condition itself is as without it
+        self.assertAlmostEqual(inside["delay"]["left"]["correlation_ms"]["median"], 2, delta=0.01)
+        self.assertEqual(inside["delay"]["left"]["sequence_ms"]["mean"], 2)
+        self.assertIsNone(inside["delay"]["right"])  # its hardware does not report the torque in use
+        self.assertIn("manager_stages.png", self.pictures)
+        self.assertIn("manager_tails.png", self.pictures)
+        for part in ("Inside a controller_manager", "SCHED_FIFO 50", "the memory for them was full"):
+            self.assertIn(part, html)
+        table = html[html.index("What else this page shows") :]
+        self.assertEqual(table.count("not measured inside a controller_manager"), 6)
+        self.assertNotIn("on another computer or system", html)
+
+    def test_repeats_are_pooled_and_what_is_missing_is_said(self):
+        results, html = self.with_inside(({}, False), ({"full": False, "machine": {"processor": "q"}}, True))
+        inside = results["manager"]["NF"]
+        self.assertEqual((inside["measurements"], inside["cycles"]), (2, 2000 + 1980))
+        self.assertEqual(inside["cycles_missing"], 19)  # the last one of 20 is not between two others
+        self.assertFalse(inside["full"])
+        self.assertIn("19 cycles between them were not recorded", html)
+
+    def test_another_computer_is_named(self):
+        _, html = self.with_inside(({"machine": {"processor": "q", "cores": "2"}}, False))
+        self.assertIn("processor q instead of p", html)
+
+    def test_other_files_are_refused(self):
+        for about, expected in ((None, "found no array 'about'"), ({"format": 2}, "expected format 1, found 2")):
+            with self.assertRaisesRegex(ValueError, expected):
+                self.with_inside((about, False))
 
 
 class Spread(unittest.TestCase):

@@ -110,7 +110,11 @@ struct ControllerHost::Implementation {
       if (given.arms[i].joints.empty()) given.arms[i].joints = std::move(names);
     }
     arms = given.arms;
-    HostedOptions hosted{.arms = std::move(given.arms), .period_s = options.period_s, .make_adapter = {}};
+    HostedOptions hosted{.arms = std::move(given.arms),
+                         .period_s = options.period_s,
+                         .make_adapter = {},
+                         .trace = hosted_trace_options(parameters),
+                         .report = options.report};
     if (options.node != nullptr) {
       hosted.make_adapter = [&](const RunContext& run) {
         RosOptions ros;

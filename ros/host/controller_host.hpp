@@ -20,6 +20,8 @@ struct ControllerHostOptions {
   // Node of the controller, on which the adapter makes its interfaces. It outlives the host. nullptr:
   // no interfaces.
   rcl_node_t* node = nullptr;
+  // Receives messages for the user about the performance trace, also from another thread. May be empty.
+  std::function<void(const std::string&)> report;
 };
 
 // The multimode controller for a ros2_control controller. The interface uses numbers and strings only, so

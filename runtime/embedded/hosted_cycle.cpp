@@ -35,6 +35,9 @@ HostedCycle::HostedCycle(Scene scene, const Registry& registry, HostedOptions op
                                       .layout = &cycle_->layout(),
                                       .models = models_});
   }
+  if (options_.trace)
+    trace_ = std::make_unique<HostedTrace>(*options_.trace, options_.arms, cycle_->layout(), scene_.text,
+                                           options_.period_s, options_.report);
   relay_ = std::thread([this] { run_relay(); });
 }
 
@@ -64,7 +67,9 @@ void HostedCycle::activate() noexcept {
 
 bool HostedCycle::step(double period_s) noexcept {
   cycle_->step(backend_->advance(period_s));
-  return watch_arms();
+  const bool any = watch_arms();
+  if (trace_) trace_->step_done(cycle_->data().tick);
+  return any;
 }
 
 // Returns, in `ready`, the arms that controllets of the start may use from the next step on. False: no arm
@@ -92,13 +97,16 @@ bool HostedCycle::watch_arms() {
 void HostedCycle::deactivate() noexcept {
   backend_->leave();
   modes().start_when_ready(0);
+  if (trace_ && is_active()) trace_->end(cycle_->data().tick.cycle);
   active_.store(false, std::memory_order_release);
 }
 
 void HostedCycle::run_relay() {
   while (true) {
     const bool last = ending_.load(std::memory_order_acquire);
+    const bool measured = trace_ && (last || trace_->over());  // before the last of its records is taken
     const bool busy = relay();
+    if (measured && !busy) trace_->write(records_dropped());
     if (last && !busy) return;
     if (busy) continue;
     if (!active_.load(std::memory_order_acquire)) {
@@ -128,6 +136,7 @@ bool HostedCycle::relay() {
     if (record == nullptr) break;
     busy = true;
     if (adapter_) adapter_->take(*record);
+    if (trace_) trace_->take(*record);
     last_record_ = record->start;
     ring.ring.pop();
   }

@@ -4,12 +4,14 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "core/cycle/control_cycle.hpp"
 #include "core/types/time.hpp"
+#include "runtime/embedded/hosted_trace.hpp"
 #include "runtime/embedded/interface_backend.hpp"
 #include "runtime/run_adapter.hpp"
 #include "scene/from_parameters.hpp"
@@ -17,17 +19,19 @@
 namespace multipanda {
 
 struct HostedOptions {
-  std::vector<HostedArm> arms;     // in the scene's order
-  double period_s = kArmPeriod;    // of the host's loop
-  MakeRunAdapter make_adapter;     // none: no adapter
-  std::size_t ring_cycles = 2048;  // capacity for records that wait for the relay
+  std::vector<HostedArm> arms;                   // in the scene's order
+  double period_s = kArmPeriod;                  // of the host's loop
+  MakeRunAdapter make_adapter;                   // none: no adapter
+  std::size_t ring_cycles = 2048;                // capacity for records that wait for the relay
+  std::optional<HostedTraceOptions> trace = {};  // measures the first activation
+  HostedTrace::Report report = {};               // gets the messages of the trace
 };
 
 // A control cycle in the loop of another program, such as the update() of a ros2_control controller. Arms,
 // controllets, switching, safety and records are as in a Session.
 //
 //   host's loop   activate(), step(), deactivate(): no allocation, no lock, no exception
-//   relay         takes the loop's records to the adapter
+//   relay         takes the loop's records to the adapter and to the trace, which it writes to its file
 //
 // The constructor builds everything; the cycle may be activated any number of times. In the very first
 // step, the scene's `active` controllets start from the measured state. At every later activation, and for
@@ -38,7 +42,7 @@ struct HostedOptions {
 class HostedCycle {
  public:
   // Throws std::invalid_argument if arms, models and controllets do not fit together, and the adapter's
-  // exceptions. `registry` must outlive the cycle.
+  // exceptions and the trace's. `registry` must outlive the cycle.
   HostedCycle(Scene scene, const Registry& registry, HostedOptions options);
   ~HostedCycle();
   HostedCycle(const HostedCycle&) = delete;
@@ -85,6 +89,7 @@ class HostedCycle {
   std::unique_ptr<InterfaceBackend> backend_;
   std::unique_ptr<ControlCycle> cycle_;
   std::unique_ptr<RunAdapter> adapter_;
+  std::unique_ptr<HostedTrace> trace_;  // nullptr: not asked for
 
   std::atomic<bool> active_{false};
   InstanceSet start_set_ = 0;

@@ -277,6 +277,28 @@ class Bringup(unittest.TestCase):
         owners = [arm for name in parameters["active"] for arm in parameters["controllets"][name]["arms"]]
         self.assertEqual(sorted(owners), sorted(parameters["arm_names"]))
 
+    def test_performance_is_measured_as_in_its_experiment(self):
+        """The laws, gains and objects of the experiment's scene; features are those of its first condition."""
+        data, started, loaded = controllers_of("performance.yaml", ["left", "right"])
+        self.assertEqual((started, loaded), (["joint_state_broadcaster", "multimode_controller"], []))
+        parameters = data["multimode_controller"]["ros__parameters"]
+        self.check_multimode(parameters, ["left", "right"])
+        scene = yaml.safe_load((ROOT / "experiments/scenes/performance.yaml").read_text())
+        for law in scene["controllets"]:
+            given = parameters["controllets"][law["name"]]
+            self.assertEqual(given, {key: law[key] for key in ("type", "arms", "parameters", "inputs")})
+        for arm in scene["arms"]:
+            self.assertEqual(parameters["arms"][arm["name"]]["base"]["position_m"], arm["base"]["position_m"])
+        shapes = {o["name"]: {k: v for k, v in o.items() if k not in ("name", "color_rgba")} for o in scene["objects"]}
+        self.assertEqual(parameters["objects"], shapes)
+        experiment = yaml.safe_load((ROOT / "experiments/controller-performance.yaml").read_text())
+        condition = experiment["settings"]["conditions"][0]
+        trace = parameters["performance_trace"]
+        self.assertEqual((trace["condition"], trace["controllet"]), (condition["name"], condition["controllet"]))
+        self.assertEqual(parameters["active"], condition["set"]["active"])
+        for key in ("duration_s", "lead_s"):
+            self.assertEqual(trace[key], experiment["settings"][key])
+
     def test_every_law_is_offered(self):
         """One word per law of one arm, one per law of two: all types of the reference but those that need partners."""
         reference = (

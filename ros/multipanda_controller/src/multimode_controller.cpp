@@ -68,6 +68,9 @@ CallbackReturn MultimodeController::on_configure(const rclcpp_lifecycle::State&)
       }
     }
     options.node = get_node()->get_node_base_interface()->get_rcl_node_handle();
+    options.report = [logger = get_node()->get_logger()](const std::string& text) {
+      RCLCPP_INFO(logger, "%s", text.c_str());
+    };
     host_ = std::make_unique<ControllerHost>(parameters, options);
     declare_parameters();
   } catch (const std::exception& error) {

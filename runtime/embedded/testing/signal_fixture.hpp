@@ -77,9 +77,12 @@ inline constexpr int kFirstStart = 2 + static_cast<int>(HostedCycle::kSettled);
 
 struct Fixture {
   explicit Fixture(const std::string& yaml = kJoints, bool effort = true,
-                   std::vector<Gravity> gravity = {Gravity::cycle, Gravity::robot})
+                   std::vector<Gravity> gravity = {Gravity::cycle, Gravity::robot},
+                   std::optional<HostedTraceOptions> trace = {}, HostedTrace::Report report = {})
       : scene(scene_of(yaml)) {
     HostedOptions options;
+    options.trace = std::move(trace);
+    options.report = std::move(report);
     for (ArmIndex i = 0; i < 2; ++i) {
       options.arms.push_back({.name = scene.arms[i].name, .joints = {}, .gravity = gravity[i]});
     }

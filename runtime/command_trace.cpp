@@ -1,4 +1,4 @@
-#include "experiments/command_trace.hpp"
+#include "runtime/command_trace.hpp"
 
 #include <algorithm>
 #include <unistd.h>
@@ -8,7 +8,7 @@
 namespace multipanda {
 namespace {
 
-constexpr std::size_t kAfterTheLast = 30000;  // cycles that may follow the last sample before the run ends
+constexpr std::size_t kMissing = 30000;  // cycles that may be missing among the samples
 
 double us(std::int64_t ns) { return static_cast<double>(ns) * 1e-3; }
 
@@ -21,7 +21,7 @@ CommandTrace::CommandTrace(const RecordLayout& layout, Options options)
       options_(options),
       samples_(options.samples),
       arms_(options.samples * layout.arms.size()),
-      whole_ns_(options.samples + kAfterTheLast) {
+      whole_ns_(options.samples + kMissing) {
   if (options.instance < layout_.instances.size()) {
     const auto& instance = layout_.instances[options.instance];
     for (const auto& output : instance.outputs) {
@@ -36,6 +36,7 @@ CommandTrace::CommandTrace(const RecordLayout& layout, Options options)
 }
 
 void CommandTrace::step_done(const Tick& tick) {
+  if (tick.cycle > last_cycle_.load(std::memory_order_relaxed)) return;  // nothing of a sample is overwritten
   if (loop_thread_.load(std::memory_order_relaxed) == 0)
     loop_thread_.store(gettid(), std::memory_order_release);
   whole_ns_[tick.cycle % whole_ns_.size()] = (host_now() - tick.start).count();
@@ -55,7 +56,11 @@ bool CommandTrace::begins(const CycleRecord& record) {
 
 void CommandTrace::take(const CycleRecord& record) {
   const std::size_t n = count();
-  if (n >= options_.samples || (n == 0 && !begins(record))) return;
+  if (full() || (n == 0 && !begins(record))) return;
+  if (n > 0 && record.cycle - samples_[0].cycle >= whole_ns_.size()) {
+    last_cycle_.store(samples_[n - 1].cycle, std::memory_order_release);
+    return;
+  }
   samples_[n] = {.cycle = record.cycle,
                  .overruns = record.overruns,
                  .t_ns = record.t.ns,
@@ -74,13 +79,14 @@ void CommandTrace::take(const CycleRecord& record) {
   for (std::size_t i = 0; i < columns_.size(); ++i)
     feature_values_[n * columns_.size() + i] = record.outputs[columns_[i].offset];
   count_.store(n + 1, std::memory_order_release);
+  if (n + 1 == options_.samples) last_cycle_.store(record.cycle, std::memory_order_release);
 }
 
 double CommandTrace::whole_us(const Sample& sample) const {
   return us(whole_ns_[sample.cycle % whole_ns_.size()]);
 }
 
-void CommandTrace::write(const std::filesystem::path& npz) const {
+void CommandTrace::write(const std::filesystem::path& npz, const std::string& about) const {
   using Kind = NpzWriter::Kind;
   const std::size_t n = count();
   std::vector<NpzWriter::Array> arrays{
@@ -98,7 +104,11 @@ void CommandTrace::write(const std::filesystem::path& npz) const {
   const std::size_t first_column = arrays.size();
   for (const auto& column : columns_) arrays.push_back({column.name, Kind::real, n, 1, false});
 
+  const std::size_t at_about = arrays.size();
+  if (!about.empty()) arrays.push_back({"about", Kind::text, 1, code_points(about).size(), false});
+
   NpzWriter writer(npz, std::move(arrays));
+  if (!about.empty()) writer.add(at_about, about);
   const auto add = [&](std::size_t index, std::int64_t value) { writer.add(index, std::vector{value}); };
   const auto add_all = [&](std::size_t index, const double* values, std::size_t size) {
     writer.add(index, std::vector<double>(values, values + size));

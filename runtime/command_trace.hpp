@@ -3,6 +3,7 @@
 #include <atomic>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <sys/types.h>
 #include <vector>
@@ -13,7 +14,8 @@
 namespace multipanda {
 
 // Records the cycles of a run for a performance measurement, in memory allocated before the run: the start of
-// each step, the duration of its stages, and the torque sent to and used by each arm.
+// each step, the duration of its stages, and the torque sent to and used by each arm. Cycles after the last
+// sample are not recorded, however long the run goes on.
 class CommandTrace {
  public:
   struct Options {
@@ -34,11 +36,13 @@ class CommandTrace {
   // Any thread.
   bool streaming() const { return streaming_.load(std::memory_order_acquire); }
   bool started() const { return count_.load(std::memory_order_acquire) > 0; }
-  bool full() const { return count_.load(std::memory_order_acquire) >= options_.samples; }
+  bool full() const { return last_cycle_.load(std::memory_order_acquire) != kNoCycle; }
   pid_t loop_thread() const { return loop_thread_.load(std::memory_order_acquire); }
 
-  // After the run: writes numpy arrays (docs/experiments.md, "controller-performance").
-  void write(const std::filesystem::path& npz) const;
+  // After the last step_done() and take(): writes numpy arrays (docs/experiments.md,
+  // "controller-performance") and, unless it is empty, the text `about`. Throws std::runtime_error if the
+  // file cannot be written.
+  void write(const std::filesystem::path& npz, const std::string& about = {}) const;
 
   struct Sample {
     std::uint64_t cycle = 0, overruns = 0;
@@ -61,6 +65,7 @@ class CommandTrace {
     std::string name;
     std::size_t offset = 0;  // in CycleRecord::outputs
   };
+  static constexpr std::uint64_t kNoCycle = std::numeric_limits<std::uint64_t>::max();
   bool begins(const CycleRecord& record);
   double whole_us(const Sample& sample) const;
 
@@ -73,6 +78,7 @@ class CommandTrace {
   std::vector<double> feature_values_;  // [sample][column]
   std::vector<std::int64_t> whole_ns_;  // ring by cycle number; read after the run
   std::atomic<std::size_t> count_{0};
+  std::atomic<std::uint64_t> last_cycle_{kNoCycle};  // of the last sample, once no further one is taken
   std::atomic<bool> streaming_{false};
   std::atomic<pid_t> loop_thread_{0};
 };

@@ -1,0 +1,233 @@
+"""The controller inside a controller_manager: its measurement beside that of the program's own process."""
+
+import json
+import pathlib
+
+import numpy as np
+
+from experiments.pages import performance_metrics, performance_plots
+from experiments.pages.performance_metrics import STAGES, Trace
+from report import page
+
+OWN, INSIDE = "own process", "manager"
+NOT_MEASURED = "not measured inside a controller_manager"
+FORMAT = 1
+
+
+class InsideTrace(Trace):
+    """The cycles that the multimode controller has recorded of itself, and `about` it."""
+
+    def __init__(self, entry, folder):
+        super().__init__(entry, folder)
+        file = pathlib.Path(folder) / entry["npz"]
+        if "about" not in self.arrays:
+            raise ValueError(f"{file}: expected a measurement by the multimode controller, found no array 'about'")
+        self.about = json.loads(str(self["about"][0]))
+        if self.about.get("format") != FORMAT:
+            raise ValueError(
+                f"{file}: expected format {FORMAT}, found {self.about.get('format')}; use the same version"
+            )
+        self.entry = {**entry, "arms": self.about["arms"], "period_s": self.about["period_s"]}
+
+    @property
+    def missing(self):
+        """Cycles between the first and the last one that are not in the file."""
+        return int(self["cycle"][-1] - self["cycle"][0]) + 1 - len(self["cycle"])
+
+
+def load(plan, folder):
+    """The measurements of the plan by condition, in the order of its conditions."""
+    traces = {}
+    for condition in plan["conditions"]:
+        of_it = [
+            InsideTrace(entry, folder) for entry in plan.get("beside") or [] if entry["condition"] == condition["name"]
+        ]
+        if of_it:
+            traces[condition["name"]] = of_it
+    return traces
+
+
+def _delays(traces):
+    """Per arm, repeats together; None: its hardware does not report the torque in use."""
+    out = {}
+    for arm in traces[0].arms:
+        out[arm] = None
+        if not all(arm in t.about["reports_command"] for t in traces):
+            continue
+        both = [t.delays(arm) for t in traces]
+        cycles = np.concatenate([cycles for _, cycles in both])
+        out[arm] = {
+            "correlation_ms": performance_metrics.spread(np.concatenate([w for w, _ in both]) * 1e3),
+            "sequence_ms": performance_metrics.spread(cycles * 1e3),
+            "unmatched": int(np.sum(~np.isfinite(cycles))),
+        }
+    return out
+
+
+def figures(traces):
+    """Figures of one condition over all its measurements, under the names of performance_metrics.condition_figures."""
+    stages = np.concatenate([t["stages_us"] for t in traces])
+    period = np.concatenate([t.period_us for t in traces])
+    return {
+        "measurements": len(traces),
+        "cycles": int(sum(len(t["cycle"]) for t in traces)),
+        "cycles_lost": sum(t.lost for t in traces),
+        "cycles_missing": sum(t.missing for t in traces),
+        "full": all(t.about["full"] for t in traces),
+        "control_us": performance_metrics.spread(np.concatenate([t.control_us for t in traces])),
+        "whole_us": performance_metrics.spread(np.concatenate([t.whole_us for t in traces])),
+        "stages_us": {name: performance_metrics.spread(stages[:, i]) for i, name in enumerate(STAGES)},
+        "period_us": performance_metrics.spread(period),
+        "jitter_us": performance_metrics.spread(np.abs(period - 1e6 * traces[0].entry["period_s"])),
+        "delay": _delays(traces),
+        "scheduling": [t.about["scheduling"] for t in traces],
+        "machine": traces[0].about["machine"],
+    }
+
+
+def draw(own, own_traces, inside, inside_traces):
+    """Pictures by name: the stages and tails of each measured condition, in the own process and inside."""
+    both, traces = {}, {}
+    for name in inside:
+        for place, f, t in ((OWN, own, own_traces), (INSIDE, inside, inside_traces)):
+            both[f"{name}, {place}"], traces[f"{name}, {place}"] = f[name], t[name]
+    return {
+        "manager_stages": performance_plots.stages(both),
+        "manager_tails": performance_plots.tails(traces),
+    }
+
+
+# Page ---------------------------------------------------------------------------------------------------------------
+
+
+def section(plan, own, inside, drawn):
+    """The section of the page; drawn: path of each picture by name. Nothing here is judged."""
+    return (
+        "manager",
+        "Inside a controller_manager",
+        [
+            page.paragraph(
+                "The same controller in another program's loop, measured by itself (parameter performance_trace): each "
+                "update() of the multimode controller. Control function and whole step are defined as above; copying "
+                "between the manager's interfaces and the controller is not in them. Start deviation: of the manager's "
+                "cycles. Nothing here is judged."
+            ),
+            page.box(_remarks(plan, inside)),
+            _cycle_table(own, inside),
+            page.image(drawn["manager_stages"], "Medians of the stages of a step."),
+            page.image(drawn["manager_tails"], "Fraction of the cycles above a value, down to the worst one."),
+            page.Raw("<h3>Command delay</h3>"),
+            page.paragraph(
+                "From the torque that the controller has left for its hardware to the state that reports it as in use; "
+                "the plant's own delay is in it and is not known to the controller. In lock-step with simulated arms "
+                "it is that of the plant alone. Hardware that does not report the torque in use: "
+                f"{NOT_MEASURED}."
+            ),
+            _delay_table(own, inside),
+            page.Raw("<h3>What else this page shows</h3>"),
+            _rest_table(),
+        ],
+    )
+
+
+def _remarks(plan, inside):
+    out = []
+    for name, f in inside.items():
+        scheduling = sorted({s or "not known: it had ended" for s in f["scheduling"]})
+        out.append(
+            f"{name}: {f['cycles']} cycles in {f['measurements']} "
+            f"{'measurement' if f['measurements'] == 1 else 'measurements'}"
+            + (", the memory for them was full" if f["full"] else ", ended before the memory for them was full")
+            + (f"; {f['cycles_missing']} cycles between them were not recorded" if f["cycles_missing"] else "")
+            + f". The loop's thread: {', '.join(scheduling)}."
+        )
+        here, there = plan["machine"], f["machine"]
+        unlike = [key for key in ("processor", "cores", "kernel") if here.get(key) != there.get(key)]
+        if unlike:
+            out.append(
+                f"{name} was measured on another computer or system than the rest of this page: "
+                + ", ".join(f"{key} {there.get(key)} instead of {here.get(key)}" for key in unlike)
+                + "."
+            )
+    return out
+
+
+def _cycle_table(own, inside):
+    rows = []
+    for name in inside:
+        for place, c in ((OWN, own[name]), (INSIDE, inside[name])):
+            for what, f in (
+                ("control function", c["control_us"]),
+                ("whole step", c["whole_us"]),
+                ("start deviation", c["jitter_us"]),
+            ):
+                first = what == "control function"
+                rows.append(
+                    [
+                        name if first and place == OWN else "",
+                        place if first else "",
+                        what,
+                        *(
+                            None if f is None else page.figures(f[key])
+                            for key in ("median", "mean", "p99", "p999", "worst")
+                        ),
+                        str(f["count"]) if f else None,
+                        str(c["cycles_lost"]) if what == "start deviation" else "",
+                    ]
+                )
+    return page.table(
+        ["condition", "in", "[µs]", "median", "mean", "99 %", "99.9 %", "worst", "cycles", "lost"],
+        rows,
+        range(3, 10),
+    )
+
+
+def _delay_table(own, inside):
+    rows = []
+    for name in inside:
+        for place, delays in ((OWN, own[name]["delay"]), (INSIDE, inside[name]["delay"])):
+            for i, (arm, d) in enumerate(delays.items()):
+                head = [name if i == 0 and place == OWN else "", place if i == 0 else "", arm]
+                if d is None:
+                    rows.append([*head, NOT_MEASURED, "", "", ""])
+                    continue
+                a, b = d["correlation_ms"], d["sequence_ms"]
+                rows.append(
+                    [
+                        *head,
+                        f"{a['median']:.4f}" if a else None,
+                        f"{b['mean']:.4f} ({b['least']:.4f} … {b['worst']:.4f})" if b else None,
+                        str(b["count"]) if b else "0",
+                        str(d["unmatched"]),
+                    ]
+                )
+    return page.table(
+        [
+            "condition",
+            "in",
+            "arm",
+            "correlation, median [ms]",
+            "sequence number, mean (range) [ms]",
+            "torques found",
+            "not found",
+        ],
+        rows,
+        range(3, 7),
+    )
+
+
+def _rest_table():
+    return page.table(
+        ["figure", INSIDE],
+        [
+            ["simulation", f"{NOT_MEASURED}: the hardware's read() advances it, outside of update()"],
+            [
+                "CPU and memory of the control process",
+                f"{NOT_MEASURED}: hardware and other controllers share the process",
+            ],
+            ["bare mathematics of the law, and the ratio to it", NOT_MEASURED],
+            ["plants with known delays", NOT_MEASURED],
+            ["switching of controllets and features", NOT_MEASURED],
+            ["motion generator", f"{NOT_MEASURED}; it prints its own report"],
+        ],
+    )
