@@ -27,6 +27,7 @@ class InsideTrace(Trace):
             raise ValueError(
                 f"{file}: expected format {FORMAT}, found {self.about.get('format')}; use the same version"
             )
+        self.file = file
         self.entry = {**entry, "arms": self.about["arms"], "period_s": self.about["period_s"]}
 
     @property
@@ -45,6 +46,35 @@ def load(plan, folder):
         if of_it:
             traces[condition["name"]] = of_it
     return traces
+
+
+def _running_features(trace):
+    """Names of the features whose outputs were not all zero; they are recorded of the controllet that was named."""
+    outputs = {name.partition("/")[2]: values for name, values in trace.arrays.items() if "." in name.partition("/")[2]}
+    return {name.partition(".")[0] for name, values in outputs.items() if np.any(np.nan_to_num(values))}
+
+
+def unlike(name, trace, own, machine):
+    """What a measurement, shown as the condition `name`, has not in common with that condition or its computer."""
+    about, out = trace.about, []
+    if about["condition"] != name:
+        out.append(f"it was measured as the condition {about['condition']}")
+    if trace.arms != own.arms:
+        out.append(f"its arms are {', '.join(trace.arms)} instead of {', '.join(own.arms)}")
+    if about["period_s"] != own.entry["period_s"]:
+        out.append(f"its period is {1e3 * about['period_s']:g} ms instead of {1e3 * own.entry['period_s']:g} ms")
+    if not about["controllet"]:
+        out.append("it names no controllet, so its features are not known")
+    elif _running_features(trace) != _running_features(own):
+        features = [", ".join(sorted(_running_features(t))) or "none" for t in (trace, own)]
+        out.append(f"its features are {features[0]} instead of {features[1]}")
+    there = about["machine"]
+    out += [
+        f"{key} {there.get(key)} instead of {machine.get(key)}"
+        for key in ("processor", "cores", "kernel", "multipanda")
+        if machine.get(key) != there.get(key)
+    ]
+    return out
 
 
 def _delays(traces):
@@ -73,15 +103,28 @@ def figures(traces):
         "cycles": int(sum(len(t["cycle"]) for t in traces)),
         "cycles_lost": sum(t.lost for t in traces),
         "cycles_missing": sum(t.missing for t in traces),
-        "full": all(t.about["full"] for t in traces),
+        "full": sum(bool(t.about["full"]) for t in traces),
         "control_us": performance_metrics.spread(np.concatenate([t.control_us for t in traces])),
         "whole_us": performance_metrics.spread(np.concatenate([t.whole_us for t in traces])),
         "stages_us": {name: performance_metrics.spread(stages[:, i]) for i, name in enumerate(STAGES)},
         "period_us": performance_metrics.spread(period),
-        "jitter_us": performance_metrics.spread(np.abs(period - 1e6 * traces[0].entry["period_s"])),
+        "jitter_us": performance_metrics.spread(
+            np.concatenate([np.abs(t.period_us - 1e6 * t.entry["period_s"]) for t in traces])
+        ),
         "delay": _delays(traces),
         "scheduling": [t.about["scheduling"] for t in traces],
-        "machine": traces[0].about["machine"],
+    }
+
+
+def remarks(traces, own, machine):
+    """By condition: what each of its measurements has not in common with it, as sentences."""
+    return {
+        name: [
+            f"{name}: {trace.file.name} is not of the same kind: {'; '.join(what)}."
+            for trace in of_it
+            if (what := unlike(name, trace, own[name][0], machine))
+        ]
+        for name, of_it in traces.items()
     }
 
 
@@ -100,8 +143,8 @@ def draw(own, own_traces, inside, inside_traces):
 # Page ---------------------------------------------------------------------------------------------------------------
 
 
-def section(plan, own, inside, drawn):
-    """The section of the page; drawn: path of each picture by name. Nothing here is judged."""
+def section(own, inside, remarks, drawn):
+    """The section of the page; remarks: of each condition; drawn: path of each picture by name. Nothing is judged."""
     return (
         "manager",
         "Inside a controller_manager",
@@ -109,10 +152,13 @@ def section(plan, own, inside, drawn):
             page.paragraph(
                 "The same controller in another program's loop, measured by itself (parameter performance_trace): each "
                 "update() of the multimode controller. Control function and whole step are defined as above; copying "
-                "between the manager's interfaces and the controller is not in them. Start deviation: of the manager's "
-                "cycles. Nothing here is judged."
+                "between the manager's interfaces and the controller is not in them, and with real arms neither is "
+                "sending the torques, which another thread does there. Start deviation and lost cycles are those of "
+                "update(): what the manager did before it in the cycle counts, simulation included, and a late cycle "
+                "counts as lost also if the manager catches up. The scene's bounds for contact hold there, so the "
+                "hands may move and press less than in the own process. Nothing here is judged."
             ),
-            page.box(_remarks(plan, inside)),
+            page.box([line for name, f in inside.items() for line in [_summary(name, f), *remarks[name]]]),
             _cycle_table(own, inside),
             page.image(drawn["manager_stages"], "Medians of the stages of a step."),
             page.image(drawn["manager_tails"], "Fraction of the cycles above a value, down to the worst one."),
@@ -130,26 +176,15 @@ def section(plan, own, inside, drawn):
     )
 
 
-def _remarks(plan, inside):
-    out = []
-    for name, f in inside.items():
-        scheduling = sorted({s or "not known: it had ended" for s in f["scheduling"]})
-        out.append(
-            f"{name}: {f['cycles']} cycles in {f['measurements']} "
-            f"{'measurement' if f['measurements'] == 1 else 'measurements'}"
-            + (", the memory for them was full" if f["full"] else ", ended before the memory for them was full")
-            + (f"; {f['cycles_missing']} cycles between them were not recorded" if f["cycles_missing"] else "")
-            + f". The loop's thread: {', '.join(scheduling)}."
-        )
-        here, there = plan["machine"], f["machine"]
-        unlike = [key for key in ("processor", "cores", "kernel") if here.get(key) != there.get(key)]
-        if unlike:
-            out.append(
-                f"{name} was measured on another computer or system than the rest of this page: "
-                + ", ".join(f"{key} {there.get(key)} instead of {here.get(key)}" for key in unlike)
-                + "."
-            )
-    return out
+def _summary(name, f):
+    scheduling = sorted({s or "not known: it had ended" for s in f["scheduling"]})
+    return (
+        f"{name}: {f['cycles']} cycles in {f['measurements']} "
+        f"{'measurement' if f['measurements'] == 1 else 'measurements'}, of which {f['full']} filled the memory for "
+        "them; the others ended before"
+        + (f"; {f['cycles_missing']} cycles between them were not recorded" if f["cycles_missing"] else "")
+        + f". The loop's thread: {', '.join(scheduling)}."
+    )
 
 
 def _cycle_table(own, inside):
@@ -220,7 +255,7 @@ def _rest_table():
     return page.table(
         ["figure", INSIDE],
         [
-            ["simulation", f"{NOT_MEASURED}: the hardware's read() advances it, outside of update()"],
+            ["simulation", f"{NOT_MEASURED}: the hardware's read() advances it, before update()"],
             [
                 "CPU and memory of the control process",
                 f"{NOT_MEASURED}: hardware and other controllers share the process",

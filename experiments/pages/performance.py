@@ -231,6 +231,7 @@ def make(plan, folder):
         "runs": runs,
         "conditions": conditions,
         "manager": inside,
+        "manager_remarks": in_manager.remarks(inside_traces, by_condition, plan["machine"]),
         "delay_checks": checks,
         "switching": switching,
         "added_us": _added(conditions),
@@ -380,7 +381,7 @@ def _sections(plan, results, variants, drawn):
             )
         )
     if results["manager"]:
-        sections.append(in_manager.section(plan, conditions, results["manager"], drawn))
+        sections.append(in_manager.section(conditions, results["manager"], results["manager_remarks"], drawn))
     sections.append(
         (
             "how",

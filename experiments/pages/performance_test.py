@@ -319,12 +319,12 @@ class Page(Made):
 class Inside(Made):
     """A measurement of the controller inside a controller_manager beside the conditions."""
 
-    def with_inside(self, *changes):
+    def with_inside(self, *changes, pairs=None):
         def change(plan):
             plan["beside"] = []
             for i, (about, leave_out) in enumerate(changes):
                 file = self.folder / f"NF_{i + 1}.npz"
-                write_cycles(file, 2000, 90 + i, 2, 40.0)
+                write_cycles(file, 2000, 90 + i, 2, 40.0, pairs=pairs)
                 with np.load(file) as archive:
                     arrays = {name: archive[name] for name in archive.files}
                 arrays = {
@@ -353,23 +353,37 @@ class Inside(Made):
         self.assertIsNone(inside["delay"]["right"])  # its hardware does not report the torque in use
         self.assertIn("manager_stages.png", self.pictures)
         self.assertIn("manager_tails.png", self.pictures)
-        for part in ("Inside a controller_manager", "SCHED_FIFO 50", "the memory for them was full"):
+        for part in ("Inside a controller_manager", "SCHED_FIFO 50", "of which 1 filled the memory"):
             self.assertIn(part, html)
         table = html[html.index("What else this page shows") :]
         self.assertEqual(table.count("not measured inside a controller_manager"), 6)
-        self.assertNotIn("on another computer or system", html)
+        self.assertNotIn("is not of the same kind", html)
 
     def test_repeats_are_pooled_and_what_is_missing_is_said(self):
         results, html = self.with_inside(({}, False), ({"full": False, "machine": {"processor": "q"}}, True))
         inside = results["manager"]["NF"]
         self.assertEqual((inside["measurements"], inside["cycles"]), (2, 2000 + 1980))
         self.assertEqual(inside["cycles_missing"], 19)  # the last one of 20 is not between two others
-        self.assertFalse(inside["full"])
+        self.assertEqual(inside["full"], 1)
+        self.assertIn("processor q instead of p", html)  # of the second file
         self.assertIn("19 cycles between them were not recorded", html)
 
     def test_another_computer_is_named(self):
         _, html = self.with_inside(({"machine": {"processor": "q", "cores": "2"}}, False))
         self.assertIn("processor q instead of p", html)
+
+    def test_a_measurement_of_something_else_is_named(self):
+        _, html = self.with_inside(({"condition": "CA-MA"}, False))
+        self.assertIn("it was measured as the condition CA-MA", html)
+        _, html = self.with_inside(({"arms": ["left"], "period_s": 0.002, "controllet": ""}, False))
+        for part in (
+            "its arms are left instead of left, right",
+            "its period is 2 ms instead of 1 ms",
+            "names no controllet",
+        ):
+            self.assertIn(part, html)
+        _, html = self.with_inside(({"controllet": "dual"}, False), pairs=1)
+        self.assertIn("its features are collision_avoidance instead of none", html)
 
     def test_other_files_are_refused(self):
         for about, expected in ((None, "found no array 'about'"), ({"format": 2}, "expected format 1, found 2")):

@@ -110,11 +110,11 @@ class Driven(unittest.TestCase):
             trace, _, _ = self.drive(
                 {**ARMS, **law, "controller.controllets.busy.parameters.busy_us": busy_us}, cycles=800, duration_s=0.5
             )
-            medians.append([np.median(trace["stages_us"][:, 1]), np.median(trace.whole_us)])
-            self.assertGreaterEqual(np.min(trace["stages_us"][:, 1]), busy_us)
-        controllets, whole = np.diff(medians, axis=0)[0]
-        self.assertGreater(controllets, 0.9 * busy)
-        self.assertGreater(whole, 0.9 * busy)
+            stage = trace["stages_us"][:, 1]
+            medians.append(np.median(stage))
+            self.assertGreaterEqual(np.min(stage), busy_us)
+            self.assertTrue(np.all(trace.control_us >= stage) and np.all(trace.whole_us >= trace.control_us))
+        self.assertLess(medians[0], busy / 2)
         self.assertEqual(performance_metrics.STAGES[1], "controllets")
 
     def test_without_the_arms_own_state_no_delay_is_claimed(self):

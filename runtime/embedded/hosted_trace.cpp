@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <sched.h>
 #include <stdexcept>
 #include <unistd.h>
@@ -138,6 +139,10 @@ HostedTrace::HostedTrace(HostedTraceOptions options, std::vector<HostedArm> arms
       " is written when the controller is deactivated");
 }
 
+HostedTrace::~HostedTrace() {
+  if (writer_.joinable()) writer_.join();
+}
+
 void HostedTrace::say(const std::string& text) const {
   if (report_) report_(kHead + ": " + text);
 }
@@ -174,6 +179,16 @@ void HostedTrace::write(std::uint64_t dropped) noexcept {
   if (written_) return;
   written_ = true;
   try {
+    writer_ = std::thread([this, dropped] { write_file(dropped); });
+  } catch (...) {  // no thread is to be had
+    write_file(dropped);
+  }
+}
+
+void HostedTrace::write_file(std::uint64_t dropped) noexcept {
+  fs::path part;
+  char why[200] = "unknown reason";
+  try {
     if (!trace_.started()) {
       say(options_.controllet.empty() || trace_.streaming()
               ? "nothing was measured: the activation ended within lead_s"
@@ -181,14 +196,24 @@ void HostedTrace::write(std::uint64_t dropped) noexcept {
       return;
     }
     const fs::path file = free_name();
-    const fs::path part = fs::path(file).concat(".part");
+    // Two controllers may have one folder and condition.
+    static std::atomic<int> files{0};
+    part = fs::path(file).concat(".part" + std::to_string(::getpid()) + "_" + std::to_string(++files));
     trace_.write(part, about(dropped));
     fs::rename(part, file);
     say(std::to_string(trace_.count()) + " cycles are in " + file.string() +
         (trace_.full() ? "; it was full, and later cycles are not in it" : "") +
         (dropped > 0 ? "; " + std::to_string(dropped) + " cycles were dropped" : ""));
+    return;
   } catch (const std::exception& error) {
-    say(std::string("the measurement is lost: ") + error.what());
+    std::snprintf(why, sizeof why, "%s", error.what());
+  } catch (...) {
+  }
+  try {
+    std::error_code ignored;
+    if (!part.empty()) fs::remove(part, ignored);  // a full disk is not to stay full
+    say(std::string("the measurement is lost: ") + why);
+  } catch (...) {  // nobody listens
   }
 }
 

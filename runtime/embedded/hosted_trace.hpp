@@ -7,6 +7,7 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "runtime/command_trace.hpp"
@@ -31,13 +32,14 @@ std::optional<HostedTraceOptions> hosted_trace_options(const FlatParameters& par
 // the constructor. They become a file when that activation, or the cycle, has ended; the loop does no I/O.
 class HostedTrace {
  public:
-  // Messages for the user, from the thread of the constructor and from the relay.
+  // Messages for the user, from the thread of the constructor, the relay and the one that writes.
   using Report = std::function<void(const std::string&)>;
 
   // Creates the folder. Throws std::invalid_argument (controllet unknown) or std::runtime_error (the folder
   // cannot be written to).
   HostedTrace(HostedTraceOptions options, std::vector<HostedArm> arms, const RecordLayout& layout,
               std::string scene_text, double period_s, Report report);
+  ~HostedTrace();  // waits until the file is written
   HostedTrace(const HostedTrace&) = delete;
 
   // Host's loop: a comparison; while the measurement lasts, also a reading of the clock and a store.
@@ -55,13 +57,15 @@ class HostedTrace {
     if (record.cycle <= last_cycle_.load(std::memory_order_relaxed)) trace_.take(record);
   }
   // Once the loop has ended the activation, or itself, and all records were taken. Only the first call does
-  // anything. `dropped`: records that the loop could not pass on.
+  // anything: it starts the thread that writes, so that the relay serves a next activation meanwhile.
+  // `dropped`: records that the loop could not pass on.
   void write(std::uint64_t dropped) noexcept;
 
  private:
   static constexpr std::uint64_t kNoCycle = std::numeric_limits<std::uint64_t>::max();
   std::filesystem::path free_name() const;
   std::string about(std::uint64_t dropped) const;
+  void write_file(std::uint64_t dropped) noexcept;
   void say(const std::string& text) const;
 
   const HostedTraceOptions options_;
@@ -72,6 +76,7 @@ class HostedTrace {
   CommandTrace trace_;
   bool written_ = false;
   std::atomic<std::uint64_t> last_cycle_{kNoCycle};
+  std::thread writer_;
 };
 
 }  // namespace multipanda
