@@ -48,10 +48,17 @@ def load(plan, folder):
     return traces
 
 
+def _outputs(trace):
+    """(controllet, feature, values) of each recorded output of a feature."""
+    for name, values in trace.arrays.items():
+        controllet, _, output = name.partition("/")
+        if "." in output:
+            yield controllet, output.partition(".")[0], values
+
+
 def _running_features(trace):
-    """Names of the features whose outputs were not all zero; they are recorded of the controllet that was named."""
-    outputs = {name.partition("/")[2]: values for name, values in trace.arrays.items() if "." in name.partition("/")[2]}
-    return {name.partition(".")[0] for name, values in outputs.items() if np.any(np.nan_to_num(values))}
+    """Names of the features whose outputs were not all zero."""
+    return {feature for _, feature, values in _outputs(trace) if np.any(np.nan_to_num(values))}
 
 
 def unlike(name, trace, own, machine):
@@ -65,7 +72,11 @@ def unlike(name, trace, own, machine):
         out.append(f"its period is {1e3 * about['period_s']:g} ms instead of {1e3 * own.entry['period_s']:g} ms")
     if not about["controllet"]:
         out.append("it names no controllet, so its features are not known")
-    elif _running_features(trace) != _running_features(own):
+    else:
+        expected = {controllet for controllet, _, _ in _outputs(own)}
+        if expected and about["controllet"] not in expected:
+            out.append(f"its controllet is {about['controllet']} instead of {', '.join(sorted(expected))}")
+    if about["controllet"] and _running_features(trace) != _running_features(own):
         features = [", ".join(sorted(_running_features(t))) or "none" for t in (trace, own)]
         out.append(f"its features are {features[0]} instead of {features[1]}")
     there = about["machine"]
@@ -156,7 +167,8 @@ def section(own, inside, remarks, drawn):
                 "sending the torques, which another thread does there. Start deviation and lost cycles are those of "
                 "update(): what the manager did before it in the cycle counts, simulation included, and a late cycle "
                 "counts as lost also if the manager catches up. The scene's bounds for contact hold there, so the "
-                "hands may move and press less than in the own process. Nothing here is judged."
+                "hands may move and press less than in the own process, and a feature may have more or less to "
+                "compute. Nothing here is judged."
             ),
             page.box([line for name, f in inside.items() for line in [_summary(name, f), *remarks[name]]]),
             _cycle_table(own, inside),
@@ -180,8 +192,8 @@ def _summary(name, f):
     scheduling = sorted({s or "not known: it had ended" for s in f["scheduling"]})
     return (
         f"{name}: {f['cycles']} cycles in {f['measurements']} "
-        f"{'measurement' if f['measurements'] == 1 else 'measurements'}, of which {f['full']} filled the memory for "
-        "them; the others ended before"
+        f"{'measurement' if f['measurements'] == 1 else 'measurements'}; {f['full']} of them filled the memory, which "
+        "ends a measurement"
         + (f"; {f['cycles_missing']} cycles between them were not recorded" if f["cycles_missing"] else "")
         + f". The loop's thread: {', '.join(scheduling)}."
     )

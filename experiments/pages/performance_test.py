@@ -11,7 +11,7 @@ import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
 
-from experiments.pages import main, performance_metrics  # noqa: E402
+from experiments.pages import in_manager, main, performance_metrics  # noqa: E402
 
 ARMS = ["left", "right"]
 COLUMNS = [
@@ -353,7 +353,7 @@ class Inside(Made):
         self.assertIsNone(inside["delay"]["right"])  # its hardware does not report the torque in use
         self.assertIn("manager_stages.png", self.pictures)
         self.assertIn("manager_tails.png", self.pictures)
-        for part in ("Inside a controller_manager", "SCHED_FIFO 50", "of which 1 filled the memory"):
+        for part in ("Inside a controller_manager", "SCHED_FIFO 50", "1 of them filled the memory"):
             self.assertIn(part, html)
         table = html[html.index("What else this page shows") :]
         self.assertEqual(table.count("not measured inside a controller_manager"), 6)
@@ -384,6 +384,15 @@ class Inside(Made):
             self.assertIn(part, html)
         _, html = self.with_inside(({"controllet": "dual"}, False), pairs=1)
         self.assertIn("its features are collision_avoidance instead of none", html)
+        own = performance_metrics.Trace.__new__(performance_metrics.Trace)
+        own.entry = {"arms": ARMS, "period_s": 0.001}
+        trace = performance_metrics.Trace.__new__(performance_metrics.Trace)
+        trace.entry, trace.about = own.entry, ABOUT | {"controllet": "coupled"}
+        # As recorded: every feature has outputs, zero while it is off.
+        own.arrays = {"dual/manipulability.measure": np.ones(5), "dual/collision_avoidance.active_pairs": np.zeros(5)}
+        trace.arrays = {"coupled/manipulability.measure": np.ones(5)}
+        expected = ["its controllet is coupled instead of dual"]
+        self.assertEqual(in_manager.unlike("NF", trace, own, ABOUT["machine"]), expected)
 
     def test_other_files_are_refused(self):
         for about, expected in ((None, "found no array 'about'"), ({"format": 2}, "expected format 1, found 2")):

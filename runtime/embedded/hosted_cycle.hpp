@@ -31,7 +31,7 @@ struct HostedOptions {
 // controllets, switching, safety and records are as in a Session.
 //
 //   host's loop   activate(), step(), deactivate(): no allocation, no lock, no exception
-//   relay         takes the loop's records to the adapter and to the trace, which it writes to its file
+//   relay         takes the loop's records to the adapter and to the trace, which becomes its file
 //
 // The constructor builds everything; the cycle may be activated any number of times. In the very first
 // step, the scene's `active` controllets start from the measured state. At every later activation, and for

@@ -195,11 +195,12 @@ void HostedTrace::write_file(std::uint64_t dropped) noexcept {
               : "nothing was measured: '" + options_.controllet + "' followed no stream of set-points");
       return;
     }
-    const fs::path file = free_name();
-    // Two controllers may have one folder and condition.
+    // Two controllers may have one folder and condition: each has a file of its own until it is complete.
     static std::atomic<int> files{0};
-    part = fs::path(file).concat(".part" + std::to_string(::getpid()) + "_" + std::to_string(++files));
+    part = options_.folder /
+           (options_.condition + ".part" + std::to_string(::getpid()) + "_" + std::to_string(++files));
     trace_.write(part, about(dropped));
+    const fs::path file = free_name();
     fs::rename(part, file);
     say(std::to_string(trace_.count()) + " cycles are in " + file.string() +
         (trace_.full() ? "; it was full, and later cycles are not in it" : "") +
