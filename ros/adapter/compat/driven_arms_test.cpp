@@ -5,6 +5,7 @@
 #include <compat_test_msgs/msg/joint_goal.hpp>
 #include <compat_test_msgs/msg/velocity_goal.hpp>
 #include <multipanda_msgs/action/joint_via_motion.hpp>
+#include <sensor_msgs/msg/joint_state.hpp>
 
 #include "ros/adapter/compat/testing/compat_fixture.hpp"
 
