@@ -7,6 +7,7 @@
 #include "ros/adapter/compat/asked_names.hpp"
 #include "ros/adapter/compat/controllet_names.hpp"
 #include "ros/adapter/compat/measured_arms.hpp"
+#include "ros/adapter/compat/numbers.hpp"
 #include "ros/adapter/compat/packages.hpp"
 #include "ros/adapter/compat/untyped.hpp"
 #include "ros/adapter/controllets/inputs.hpp"
