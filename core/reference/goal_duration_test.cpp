@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include "core/model/arm_model.hpp"
 #include "core/reference/reference.hpp"
 
 namespace multipanda::goal_duration_test {

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "core/model/arm_model.hpp"
 #include "core/reference/reference.hpp"
 
 // The pace of a set-point: it waits while the hand cannot follow, and keeps the hand
