@@ -17,7 +17,8 @@ void check_size(ArmState& state, std::size_t joint_count) {
 }  // namespace
 
 void ControlCycle::step(ArmSet due) noexcept {
-  StageClock clock(data_.stages);
+  data_.tick.start = host_now();
+  StageClock clock(data_.stages, data_.tick.start);
 
   read(due);                          // every arm's state; its model is computed on demand
   modes_->take_requests(data_.tick);  // switches, parameters, stops
@@ -43,7 +44,6 @@ void ControlCycle::step(ArmSet due) noexcept {
 void ControlCycle::read(ArmSet due) {
   Tick& tick = data_.tick;
   const LoopTime before = tick.t;
-  tick.start = host_now();
   tick.t = backend_.now();
   tick.dt = tick.cycle == 0 ? backend_.period() : seconds(tick.t - before);
   tick.period = backend_.period();

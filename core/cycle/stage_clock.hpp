@@ -6,10 +6,11 @@
 
 namespace multipanda {
 
-// Times the stages of one step.
+// Times the stages of one step that began at `start`: from the tick's own time, so that they add up to no more than
+// the step.
 class StageClock {
  public:
-  explicit StageClock(StageTimes& times) : times_(times), start_(host_now()), last_(start_) {}
+  StageClock(StageTimes& times, HostTime start) : times_(times), start_(start), last_(start) {}
   void lap(std::int32_t StageTimes::*stage) {
     const HostTime now = host_now();
     times_.*stage = static_cast<std::int32_t>((now - last_).count());
