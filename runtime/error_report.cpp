@@ -194,7 +194,8 @@ class Case {
   }
 
   ReflexDetail wrench_beyond(ArmError error) {
-    if (!last_.has_wrench_estimate) return {};
+    // Which axis of K a force in world axes is about depends on the base of the arm.
+    if (!last_.has_wrench_estimate || limits_.carried) return {};
     const Matrix3 R_KW = model().X_WK().rotation.transpose();
     Vector6 F_K_W;
     std::copy_n(last_.F_K_W_est.begin(), 6, F_K_W.data());

@@ -38,6 +38,7 @@ struct ArmErrorLimits {
   std::shared_ptr<const ArmModel> model;
   ArmFrames frames;
   Load tool, load;
+  bool carried = false;  // its base moves with another arm, whose records are not looked at
 };
 
 // Explains errors (bit i: ArmError i) from the arm's last cycles, oldest first. The last cycle is the one in

@@ -196,7 +196,8 @@ std::vector<ArmErrorLimits> error_limits(const Scene& scene,
                        .model = models[i],
                        .frames = config.frames,
                        .tool = config.tool,
-                       .load = config.load};
+                       .load = config.load,
+                       .carried = arm.mount.has_value()};
     if (simulated[i]) {
       if (!one.thresholds) one.thresholds = default_settings(*models[i]).thresholds;
       one.self_distance = SelfCollision::kMargin;

@@ -226,6 +226,39 @@ void add_tool_shapes(mjsBody* last_link, const mjsSite* flange, const WorldArm& 
   }
 }
 
+std::string link_name(const std::string& arm, std::size_t link) {
+  return arm + "/link" + std::to_string(link);
+}
+
+// The body on which the arm's base stands. The frame of a link's body is that of the joint before it
+// (to_mjcf).
+mjsBody* ground_of(mjSpec* spec, const WorldArm& arm) {
+  if (!arm.carrier) return mjs_findBody(spec, "world");
+  const std::string name = link_name(arm.carrier->name, arm.carrier->joint + 1);
+  mjsBody* ground = mjs_findBody(spec, name.c_str());
+  if (ground == nullptr)
+    refuse("arm '" + arm.name + "'", "it stands on '" + name + "', which no earlier arm of the world has");
+  return ground;
+}
+
+// What overlaps where an arm stands on another one: its base is mounted inside the shapes of the link below
+// and of that link's neighbors, and its first link turns in the former. MuJoCo ignores such pairs by itself,
+// as long as they count as parent and child; they are named all the same, as those of an arm are (to_mjcf): a
+// pair that always touches would push the two arms apart.
+void exclude_mount(mjSpec* spec, const WorldArm& arm) {
+  if (!arm.carrier) return;
+  const auto exclude = [&](std::size_t own, std::size_t below) {
+    const std::string mine = link_name(arm.name, own), other = link_name(arm.carrier->name, below);
+    if (mjs_findBody(spec, other.c_str()) == nullptr) return;  // behind the last link
+    mjsExclude* pair = mjs_addExclude(spec);
+    mjs_setString(pair->bodyname1, mine.c_str());
+    mjs_setString(pair->bodyname2, other.c_str());
+  };
+  const std::size_t ground = arm.carrier->joint + 1;
+  for (const std::size_t below : {ground - 1, ground, ground + 1}) exclude(0, below);
+  exclude(1, ground);
+}
+
 void add_arm(mjSpec* spec, const WorldArm& arm, const WorldPhysics& physics) {
   char error[1024] = "";
   const SpecPtr child(mj_parseXMLString(arm.mjcf.c_str(), nullptr, error, sizeof error));
@@ -244,13 +277,14 @@ void add_arm(mjSpec* spec, const WorldArm& arm, const WorldPhysics& physics) {
   add_load(last_link, flange, "payload", arm.payload, {0.85, 0.45, 0.1, 1});
   add_tool_shapes(last_link, flange, arm);
 
-  mjsFrame* frame = mjs_addFrame(mjs_findBody(spec, "world"), nullptr);
-  set_pose(arm.X_WB, frame->pos, frame->quat);
+  mjsFrame* frame = mjs_addFrame(ground_of(spec, arm), nullptr);
+  set_pose(arm.carrier ? arm.carrier->X_JB : arm.X_WB, frame->pos, frame->quat);
   // Attaches a copy; otherwise attaching would move the child.
   mjs_setDeepCopy(spec, 1);
   if (mjs_attach(frame->element, root->element, (arm.name + "/").c_str(), "") == nullptr) {
     refuse("arm '" + arm.name + "'", mjs_getError(spec));
   }
+  exclude_mount(spec, arm);
 }
 
 void add_object(mjSpec* spec, const SceneObject& object) {

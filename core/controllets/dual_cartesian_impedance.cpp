@@ -17,7 +17,8 @@ class DualCartesianImpedance final : public Controllet {
         .type = "dual_cartesian_impedance",
         .doc = "DC: two arms with independent Cartesian impedances, and one common set-point or one each.",
         .arms = 2,
-        .inputs = spec_table<kInputCount>(
+        .moving_base = true,
+            .inputs = spec_table<kInputCount>(
             input_at<kCommonPose>({.name = "common_pose",
                                    .quantity = Quantity::pose,
                                    .arm = 0,

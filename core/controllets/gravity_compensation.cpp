@@ -26,6 +26,7 @@ class GravityCompensation final : public Controllet {
   static ControlletDescriptor descriptor() {
     return {.type = "gravity_compensation",
             .doc = "Hand guiding: compensates gravity, so that the arm can be moved by hand.",
+            .moving_base = true,
             .parameters = spec_table<kParameterCount>(parameter_at<kDamping>(
                 {.name = "damping_nms_per_rad",
                  .unit = "N m s/rad",

@@ -58,12 +58,22 @@ void ControlCycle::read(ArmSet due) {
     ArmCondition& condition = data_.condition[arm];
     condition.update(state, tick.dt, safety_.limits(arm).longest_gap_s());
     state.age_s = condition.age_s;
-    if (!state.fresh) continue;
-    data_.terms[arm].update(state);
+    if (state.fresh) data_.terms[arm].update(state);
+  }
+  place_bases();
+  for (ArmIndex arm = 0; arm < data_.state.size(); ++arm) {
+    if (!data_.state[arm].fresh) continue;
     if (observed_.contains(arm)) estimate_force(arm);
     count_torque(arm);
   }
   read_obstacles();
+}
+
+// Arms that stand on another one are where it moved them.
+void ControlCycle::place_bases() {
+  for (ArmIndex arm = 0; arm < mounts_.size(); ++arm) {
+    if (mounts_[arm]) data_.terms[arm].stand_on(data_.terms[mounts_[arm]->carrier], *mounts_[arm]);
+  }
 }
 
 void ControlCycle::read_obstacles() {

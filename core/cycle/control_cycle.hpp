@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,7 @@ struct CycleConfig {
     std::string name;
     std::shared_ptr<const ArmModel> model;
     SafetyLimits safety;
+    std::optional<BaseMount> mount = {};  // of an arm that stands on another one
   };
   std::vector<Arm> arms;  // the arms of the backend, in its order
   std::vector<InstanceConfig> controllets;
@@ -56,6 +58,7 @@ class ControlCycle {
 
  private:
   void read(ArmSet due);
+  void place_bases();
   void read_obstacles();
   void count_torque(ArmIndex arm);
   void estimate_force(ArmIndex arm);
@@ -67,6 +70,7 @@ class ControlCycle {
   std::vector<ExternalForceObserver> observers_;  // one per arm
   ArmSet observed_;                               // arms whose backend does not deliver external torques
   ArmSet every_command_arrives_;                  // as their backend says
+  std::vector<std::optional<BaseMount>> mounts_;  // one per arm
   std::vector<std::size_t> placed_;               // obstacles that the backend's world may place elsewhere
   SafetyStage safety_;
   std::unique_ptr<MultimodeController> modes_;
