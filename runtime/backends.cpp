@@ -64,7 +64,9 @@ void check_carried_arms(const Scene& scene, const BackendOptions& options) {
     const std::string name = name_of(options.kind);
     refuse_carried_arms(scene, "the backend '" + (name.empty() ? options.type : name) + "'");
   }
-  if (!options.addresses.empty()) refuse_carried_arms(scene, "a run with real arms");
+  const auto is_real = [](const SceneArm& arm) { return arm.fci.has_value(); };
+  if (!options.addresses.empty() || std::ranges::any_of(scene.arms, is_real))
+    refuse_carried_arms(scene, "a run with a real arm");
 }
 
 std::string describe(const Scene& scene) {
@@ -228,6 +230,7 @@ Scene with_connections(Scene scene, const BackendOptions& given) {
 BackendSet make_backend(const Scene& scene, const Registry& registry, const BackendOptions& given,
                         const BackendPace& pace) {
   const BackendOptions options = chosen(scene, given);
+  check_carried_arms(scene, options);
   const Pace clock = pace.paced ? Pace::realtime : Pace::unpaced;
   switch (options.kind) {
     case BackendKind::virtual_arms:

@@ -259,7 +259,19 @@ void exclude_mount(mjSpec* spec, const WorldArm& arm) {
   exclude(1, ground);
 }
 
-void add_arm(mjSpec* spec, const WorldArm& arm, const WorldPhysics& physics) {
+// link0 and link1 do not touch what stands still, because they are mounted on it (kBaseBits). Those that a
+// carrier moves do.
+void let_touch(mjSpec* child, const char* link) {
+  mjsBody* body = mjs_findBody(child, link);
+  for (mjsElement* e = mjs_firstChild(body, mjOBJ_GEOM, 0); e != nullptr; e = mjs_nextChild(body, e, 0)) {
+    mjsGeom* geom = mjs_asGeom(e);
+    if (geom->contype != kBaseBits.type) continue;
+    geom->contype = kArmBits.type;
+    geom->conaffinity = kArmBits.affinity;
+  }
+}
+
+void add_arm(mjSpec* spec, const WorldArm& arm, bool carries, const WorldPhysics& physics) {
   char error[1024] = "";
   const SpecPtr child(mj_parseXMLString(arm.mjcf.c_str(), nullptr, error, sizeof error));
   if (!child) refuse("arm '" + arm.name + "'", std::string("MuJoCo cannot load its model:  ") + error);
@@ -272,6 +284,8 @@ void add_arm(mjSpec* spec, const WorldArm& arm, const WorldPhysics& physics) {
   if (last_link == nullptr || site == nullptr || root == nullptr) {
     refuse("arm '" + arm.name + "'", "its model lacks body 'link0', body '" + last + "' or site 'flange'");
   }
+  if (arm.carrier) let_touch(child.get(), "link0");
+  if (arm.carrier || carries) let_touch(child.get(), "link1");
   const mjsSite* flange = mjs_asSite(const_cast<mjsElement*>(site));
   add_load(last_link, flange, "tool", arm.tool, {0.35, 0.37, 0.4, 1});
   add_load(last_link, flange, "payload", arm.payload, {0.85, 0.45, 0.1, 1});
@@ -344,7 +358,12 @@ mjModel* compose(const std::vector<WorldArm>& arms, const std::vector<SceneObjec
   add_surroundings(spec.get(), arms, std::any_of(objects.begin(), objects.end(), [](const SceneObject& o) {
                      return o.shape == SceneObject::Shape::plane;
                    }));
-  for (const auto& arm : arms) add_arm(spec.get(), arm, physics);
+  for (const auto& arm : arms) {
+    const bool carries = std::any_of(arms.begin(), arms.end(), [&](const WorldArm& other) {
+      return other.carrier && other.carrier->name == arm.name;
+    });
+    add_arm(spec.get(), arm, carries, physics);
+  }
   for (const auto& object : objects) add_object(spec.get(), object);
   add_surface_pairs(spec.get(), arms, objects);
   add_finger_pairs(spec.get(), arms, objects);

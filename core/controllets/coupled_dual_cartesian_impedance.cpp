@@ -20,7 +20,8 @@ class CoupledDualCartesianImpedance final : public Controllet {
         .doc = "CDC: two hands move one shared frame and keep their pose relative to each other.",
         .arms = 2,
         .moving_base = true,
-            .inputs = spec_table<kInputCount>(input_at<kPose>(
+        .wrench_at_hand = true,
+        .inputs = spec_table<kInputCount>(input_at<kPose>(
             {.name = "pose",
              .quantity = Quantity::pose,
              .arm = 0,

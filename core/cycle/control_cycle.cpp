@@ -69,10 +69,24 @@ void ControlCycle::read(ArmSet due) {
   read_obstacles();
 }
 
-// Arms that stand on another one are where it moved them.
+// Arms that stand on another one are where it moved them. The observer of each counts the momentum of the
+// other, so what changes that without a force, a load that was declared or a state that was missing, begins
+// both anew.
 void ControlCycle::place_bases() {
   for (ArmIndex arm = 0; arm < mounts_.size(); ++arm) {
-    if (mounts_[arm]) data_.terms[arm].stand_on(data_.terms[mounts_[arm]->carrier], *mounts_[arm]);
+    if (!mounts_[arm]) continue;
+    const ArmIndex carrier = mounts_[arm]->carrier;
+    data_.terms[arm].stand_on(data_.terms[carrier], *mounts_[arm]);
+    bool begins = false;
+    for (const ArmIndex of : {arm, carrier}) {
+      const ArmState& state = data_.state[of];
+      begins = begins || state.config_version != seen_config_[of] || data_.condition[of].returned ||
+               !state.q.allFinite() || !state.dq.allFinite();
+      seen_config_[of] = state.config_version;
+    }
+    if (!begins) continue;
+    observers_[arm].reset();
+    observers_[carrier].reset();
   }
 }
 

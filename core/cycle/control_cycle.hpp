@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -71,6 +72,7 @@ class ControlCycle {
   ArmSet observed_;                               // arms whose backend does not deliver external torques
   ArmSet every_command_arrives_;                  // as their backend says
   std::vector<std::optional<BaseMount>> mounts_;  // one per arm
+  std::vector<std::uint32_t> seen_config_;        // configuration of each arm in the last cycle
   std::vector<std::size_t> placed_;               // obstacles that the backend's world may place elsewhere
   SafetyStage safety_;
   std::unique_ptr<MultimodeController> modes_;

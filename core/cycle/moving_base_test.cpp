@@ -7,7 +7,8 @@
 #include "core/testing/test_laws.hpp"
 #include "core/testing/test_world.hpp"
 
-// The loop with an arm that stands on another one: where it is, what happens when the carrier is lost, what is refused.
+// The loop with an arm that stands on another one: where it is, what happens when the carrier is lost, what
+// is refused.
 namespace multipanda::moving_base_test {
 namespace {
 
@@ -23,7 +24,8 @@ std::vector<std::shared_ptr<const ArmModel>> models() {
           TestArm::make(7, 3).model({Matrix3::Identity(), {3, 0, 0}}, "third")};
 }
 
-// The carrier of this world does not feel the arm that it carries: the parameters of "torso" use no mass matrix.
+// The carrier of this world does not feel the arm that it carries: the parameters of "torso" use no mass
+// matrix.
 ContactBounds only_speed() {
   ContactBounds bounds = ContactBounds::lifted();
   bounds.hand_speed = ContactBounds{}.hand_speed;
@@ -31,14 +33,21 @@ ContactBounds only_speed() {
 }
 
 std::vector<InstanceConfig> laws() {
-  return {{.name = "torso", .type = "joint_impedance", .arms = {kCarrier}, .parameters = {{"damping_design", {2}}, {"acceleration_feedforward", {0}}}, .contact = only_speed()},
+  return {{.name = "torso",
+           .type = "joint_impedance",
+           .arms = {kCarrier},
+           .parameters = {{"damping_design", {2}}, {"acceleration_feedforward", {0}}},
+           .contact = only_speed()},
           {.name = "hand", .type = "cartesian_impedance", .arms = {kCarried}},
-          {.name = "joints", .type = "joint_impedance", .arms = {kCarried}},
+          {.name = "joints", .type = "joint_impedance", .arms = {kCarried}, .contact = only_speed()},
           {.name = "both", .type = "dual_cartesian_impedance", .arms = {kCarrier, kCarried}},
+          {.name = "guided", .type = "gravity_compensation", .arms = {kCarrier}},
+          {.name = "across", .type = "dual_cartesian_impedance", .arms = {kCarried, 2}},
           {.name = "aside", .type = "cartesian_impedance", .arms = {2}}};
 }
 
-const BaseMount kMount{.carrier = kCarrier, .joint = 0, .X_JB = {rotation_from_rpy({0.4, 0.3, 0.2}), {0.1, 1.2, 0.5}}};
+const BaseMount kMount{
+    .carrier = kCarrier, .joint = 0, .X_JB = {rotation_from_rpy({0.4, 0.3, 0.2}), {0.1, 1.2, 0.5}}};
 
 CycleConfig config(std::vector<InstanceConfig> controllets = laws()) {
   CycleConfig config = test::test_config(models(), std::move(controllets));
@@ -95,7 +104,9 @@ TEST_F(MovingBaseLoop, KnowsWhereTheCarriedArmIsInEveryCycle) {
 
 // Also in cycles in which no packet of the carried arm arrives.
 TEST_F(MovingBaseLoop, PlacesTheBaseBetweenPacketsOfTheCarriedArm) {
-  world.due_in_step = [](std::uint64_t step) { return step % 2 == 0 ? ArmSet::all(3) : ArmSet::of(kCarrier); };
+  world.due_in_step = [](std::uint64_t step) {
+    return step % 2 == 0 ? ArmSet::all(3) : ArmSet::of(kCarrier);
+  };
   const Vector3 before = cycle.data().terms[kCarried].X_WB().position;
   for (int k = 0; k < 2; ++k) {
     world.set_position(kCarrier, JointVector::Constant(8, 0.5 + 0.1 * k));
@@ -126,6 +137,15 @@ TEST_F(MovingBaseLoop, HoldsTheCarriedArmWhenItsCarrierIsLost) {
   }
 }
 
+// A law of the carried arm and of one that stands elsewhere.
+TEST_F(MovingBaseLoop, HoldsTheOtherArmOfALawWhoseCarrierIsLost) {
+  ASSERT_TRUE(activate("across"));
+  lost = kCarrier;
+  steps(1);
+  EXPECT_FALSE(runs("across"));
+  EXPECT_TRUE(runs("right_hold") && runs("third_hold"));
+}
+
 TEST_F(MovingBaseLoop, StopsTheCarriedArmWithItsCarrier) {
   ASSERT_TRUE(activate("hand"));
   cycle.modes().stop(ArmSet::of(kCarrier));
@@ -141,15 +161,17 @@ TEST_F(MovingBaseLoop, KeepsFaultsOfOneArmOutOfTheTorquesOfTheOther) {
     ASSERT_TRUE(activate("torso"));
     ASSERT_TRUE(activate("joints"));
     world.set_velocity(kCarrier, JointVector::Constant(8, 0.1));
-    const std::array before{cycle.safety().counted(kCarrier + kCarried - arm, Intervention::torque_not_finite),
-                            cycle.safety().counted(kCarrier + kCarried - arm, Intervention::state_not_finite)};
+    const std::array before{
+        cycle.safety().counted(kCarrier + kCarried - arm, Intervention::torque_not_finite),
+        cycle.safety().counted(kCarrier + kCarried - arm, Intervention::state_not_finite)};
     broken = arm;
     for (int k = 0; k < 50; ++k) {
       steps(1);
       for (const ArmIndex each : {kCarrier, kCarried}) ASSERT_TRUE(world.torque(each).allFinite()) << k;
     }
     for (const auto code : {Intervention::torque_not_finite, Intervention::state_not_finite})
-      EXPECT_EQ(cycle.safety().counted(kCarrier + kCarried - arm, code), before[code == Intervention::state_not_finite]);
+      EXPECT_EQ(cycle.safety().counted(kCarrier + kCarried - arm, code),
+                before[code == Intervention::state_not_finite]);
     broken = 9;
     for (const ArmIndex each : {kCarrier, kCarried}) {
       world.set_velocity(each, JointVector::Zero(world.velocity(each).size()));
@@ -186,16 +208,120 @@ TEST_F(MovingBaseLoop, BoundsTheSpeedOfTheCarriedHand) {
   EXPECT_LT(own, fastest) << "the carried hand is the one that bounds";
 }
 
-TEST(MovingBaseCycle, RefusesMountsThatItCannotDrive) {
-  const auto refusal = [](const CycleConfig& config) -> std::string {
-    TestWorld world(models());
-    try {
-      const ControlCycle cycle(config, Registry::with_builtins(), world);
-    } catch (const std::invalid_argument& error) {
-      return error.what();
+// What sweeps the base takes its share of the bound from the joints of the carried arm.
+TEST_F(MovingBaseLoop, SharesTheBoundWithWhatSweepsTheBase) {
+  ASSERT_TRUE(activate("joints"));
+  const Instance& joints = cycle.modes().instance(cycle.modes().find("joints"));
+  JointVector q = cycle.data().state[kCarried].q;
+  Request request{.kind = Request::Kind::set_target, .instance = cycle.modes().find("joints")};
+  request.target.size = 7;
+  for (std::size_t i = 0; i < 7; ++i) request.target.values[i] = q[static_cast<Eigen::Index>(i)];
+  request.target.values[0] += 1.0;
+  request.target.duration_s = 1;
+  ASSERT_TRUE(ask(request).accepted());
+  steps(1500);
+  JointVector last = joints.inputs()[0].joints();
+  const auto set_point_speed = [&](std::size_t count) {
+    double fastest = 0;
+    for (std::size_t k = 0; k < count; ++k) {
+      steps(1);
+      const JointVector now = joints.inputs()[0].joints();
+      ModelTerms& terms = const_cast<ModelTerms&>(cycle.data().terms[kCarried]);
+      fastest = std::max(fastest, (terms.J_V_WE() * JointVector((now - last) / kArmPeriod)).head<3>().norm());
+      last = now;
     }
-    return "";
+    return fastest;
   };
+  const double alone = set_point_speed(20);
+  EXPECT_GT(alone, 0.2) << "near the bound of 0.25 m/s";
+  // The torso is turned by hand, faster than the whole bound.
+  world.tamper = [](ArmIndex arm, std::uint64_t, ArmState& state) {
+    if (arm == kCarrier) state.dq = JointVector::Unit(8, 0);
+  };
+  steps(1000);
+  last = joints.inputs()[0].joints();
+  EXPECT_LT(set_point_speed(100), 0.01);
+}
+
+// Two hands of one torso press against each other: the torso's joint gets what they leave of it, none if they are in
+// balance. The expected torque is that of the virtual work of both hands.
+TEST_F(MovingBaseLoop, TheCarrierBearsWhatTheCarriedHandPresses) {
+  Draw draw(9);
+  for (const bool one_law : {true, false}) {
+    world.set_position(kCarrier, models()[kCarrier]->q_home());
+    world.set_position(kCarried, models()[kCarried]->q_home());
+    for (const ArmIndex arm : {kCarrier, kCarried}) world.set_velocity(arm, 0 * world.velocity(arm));
+    steps(1);
+    if (one_law) {
+      ASSERT_TRUE(activate("both"));
+    } else {
+      ASSERT_TRUE(activate("guided"));
+      ASSERT_TRUE(activate("hand"));
+    }
+    // The carried hand is led away, so that its law pulls.
+    world.set_position(kCarried, models()[kCarried]->q_home() + draw.joints(7, 0.03));
+    for (const ArmIndex arm : {kCarrier, kCarried}) world.set_velocity(arm, 0 * world.velocity(arm));
+    steps(1);
+    const CycleData& data = cycle.data();
+    ModelTerms& carrier = const_cast<ModelTerms&>(data.terms[kCarrier]);
+    ModelTerms& carried = const_cast<ModelTerms&>(data.terms[kCarried]);
+    // F of the law at the carried hand; at rest its torque is J^T F and a posture without force there.
+    const Vector6 F = carried.task().J_bar.transpose() * data.tau_controllet[kCarried];
+    ASSERT_GT(F.norm(), 1);
+    const Vector3 p = carried.X_WE().position, o = carrier.X_WJ(0).position;
+    const double of_carried = (p - o).cross(Vector3(F.head<3>())).z() + F[5];  // about the vertical axis
+    const Vector6 F_own = carrier.task().J_bar.transpose() * data.tau_controllet[kCarrier];
+    JointVector rest = data.tau_controllet[kCarrier];
+    rest[0] -= of_carried;
+    if (one_law) {
+      // Without it the carrier's own law is left: its hand is where it is to be.
+      const Vector6 left = carrier.task().J_bar.transpose() * rest;
+      EXPECT_LT(left.norm(), 0.02 * F.norm()) << F_own.transpose();
+    } else {
+      EXPECT_LT(rest.cwiseAbs().maxCoeff(), 1e-9);
+    }
+    EXPECT_GT(std::abs(of_carried), 0.1);
+  }
+}
+
+std::string refused_by(const CycleConfig& config, Backend& world) {
+  try {
+    const ControlCycle cycle(config, Registry::with_builtins(), world);
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return "";
+}
+
+std::string refusal(const CycleConfig& config) {
+  TestWorld world(models());
+  return refused_by(config, world);
+}
+
+// One of its arms is real, or estimates its forces itself.
+class Other final : public Backend {
+ public:
+  explicit Other(const std::vector<std::shared_ptr<const ArmModel>>& models) : world_(models) {}
+  ArmIndex real = 9, estimating = 9;
+
+  std::size_t arm_count() const override { return world_.arm_count(); }
+  Capabilities capabilities(ArmIndex arm) const override {
+    return {.simulated = arm != real, .has_external_torque = arm == estimating};
+  }
+  ArmSet wait() override { return world_.wait(); }
+  LoopTime now() const override { return world_.now(); }
+  void read(ArmSet due, std::span<ArmState> states) override { world_.read(due, states); }
+  void write(ArmSet due, std::span<const ArmCommand> commands) override { world_.write(due, commands); }
+  using Backend::request;
+  std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request) override {
+    return world_.request(arm, std::move(request));
+  }
+
+ private:
+  TestWorld world_;
+};
+
+TEST(MovingBaseCycle, RefusesMountsThatItCannotDrive) {
   EXPECT_EQ(refusal(config()), "");
   CycleConfig bad = config();
   bad.arms[kCarried].mount->carrier = kCarried;
@@ -209,6 +335,14 @@ TEST(MovingBaseCycle, RefusesMountsThatItCannotDrive) {
   bad = config();
   bad.arms[2].mount = BaseMount{.carrier = kCarrier, .joint = 0, .X_JB = {}};
   EXPECT_NE(refusal(bad).find("expected one at most"), std::string::npos);
+  for (ArmIndex arm = 0; arm < 3; ++arm) {
+    Other world(models());
+    world.real = arm;
+    EXPECT_NE(refused_by(config(), world).find("expected simulated arms only"), std::string::npos) << arm;
+    world.real = 9;
+    world.estimating = arm;
+    EXPECT_EQ(refused_by(config(), world) != "", arm != 2) << arm;
+  }
   bad = config();
   bad.arms[kCarried].mount->joint = 8;
   EXPECT_NE(refusal(bad).find("behind joint 9"), std::string::npos);
@@ -218,18 +352,14 @@ TEST(MovingBaseCycle, RefusesMountsThatItCannotDrive) {
 }
 
 TEST(MovingBaseCycle, RefusesLawsAndFeaturesThatKnowNoMovingBase) {
-  const auto refusal = [](InstanceConfig of) -> std::string {
+  const auto refusal = [](InstanceConfig of) {
     TestWorld world(models());
-    try {
-      const ControlCycle cycle(config({std::move(of)}), Registry::with_builtins(), world);
-    } catch (const std::invalid_argument& error) {
-      return error.what();
-    }
-    return "";
+    return refused_by(config({std::move(of)}), world);
   };
   for (const std::string type : {"ufic", "force", "hybrid_force"}) {
     for (const ArmIndex arm : {kCarrier, kCarried}) {
-      EXPECT_NE(refusal({.name = "x", .type = type, .arms = {arm}}).find("stands on another one"), std::string::npos)
+      EXPECT_NE(refusal({.name = "x", .type = type, .arms = {arm}}).find("stands on another one"),
+                std::string::npos)
           << type;
     }
     EXPECT_EQ(refusal({.name = "x", .type = type, .arms = {2}}), "") << "an arm beside them";
@@ -240,11 +370,13 @@ TEST(MovingBaseCycle, RefusesLawsAndFeaturesThatKnowNoMovingBase) {
               std::string::npos);
   }
   for (ArmIndex arm = 0; arm < 3; ++arm) {
-    EXPECT_NE(refusal({.name = "x", .type = "joint_impedance", .arms = {arm}, .features = {"collision_avoidance"}})
-                  .find("knows no base that moves"),
-              std::string::npos);
-    EXPECT_EQ(refusal({.name = "x", .type = "cartesian_impedance", .arms = {arm}, .features = {"manipulability"}}),
-              "");
+    EXPECT_NE(
+        refusal({.name = "x", .type = "joint_impedance", .arms = {arm}, .features = {"collision_avoidance"}})
+            .find("knows no base that moves"),
+        std::string::npos);
+    EXPECT_EQ(
+        refusal({.name = "x", .type = "cartesian_impedance", .arms = {arm}, .features = {"manipulability"}}),
+        "");
   }
 }
 

@@ -13,7 +13,7 @@ class ManipulabilityFeature final : public Feature {
         .type = "manipulability",
         .doc = "Pushes arms softly away from singular poses, below a given manipulability.",
         .moving_base = true,
-            .parameters = spec_table<kParameterCount>(
+        .parameters = spec_table<kParameterCount>(
             parameter_at<kGain>({.name = "gain_nm",
                                  .unit = "N m",
                                  .initial = {10},

@@ -10,7 +10,8 @@
 
 namespace multipanda {
 
-// A revolute axis that leans by phi leads what is behind it around a cone, which changes its lean by at most 2 phi.
+// A revolute axis that leans by phi leads what is behind it around a cone, which changes its lean by at most
+// 2 phi.
 std::string turns_against_gravity(const ArmModel& carrier, std::size_t joint) {
   ModelTerms terms(std::shared_ptr<const ArmModel>(std::shared_ptr<void>(), &carrier));
   terms.update(carrier.q_home(), JointVector::Zero(carrier.q_home().size()));
@@ -25,12 +26,13 @@ std::string turns_against_gravity(const ArmModel& carrier, std::size_t joint) {
     if (most <= kUpright) continue;
     constexpr double kDegrees = 180 / std::numbers::pi;
     std::array<char, 400> text;
-    std::snprintf(text.data(), text.size(),
-                  "the axis of joint%zu of '%s' can be %.3g degrees from %s; expected at most %.2g, since neither arm "
-                  "compensates the weight that this joint would turn: mount it upright, or let the model hold this "
-                  "joint (held_joints)",
-                  i + 1, carrier.name().c_str(), kDegrees * std::asin(most), slides ? "level" : "vertical",
-                  kDegrees * std::asin(kUpright));
+    std::snprintf(
+        text.data(), text.size(),
+        "the axis of joint%zu of '%s' can be %.3g degrees from %s; expected at most %.2g, since neither arm "
+        "compensates the weight that this joint would turn: mount it upright, or let the model hold this "
+        "joint (held_joints)",
+        i + 1, carrier.name().c_str(), kDegrees * std::asin(most), slides ? "level" : "vertical",
+        kDegrees * std::asin(kUpright));
     return text.data();
   }
   return {};

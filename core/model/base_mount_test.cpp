@@ -1,3 +1,6 @@
+#include "core/model/base_mount.hpp"
+
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -10,12 +13,12 @@
 #include <pinocchio/algorithm/rnea.hpp>
 #include <pinocchio/parsers/urdf.hpp>
 
-#include "core/model/base_mount.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/model/pinocchio_model.hpp"
 #include "core/testing/test_arm.hpp"
 
-// An arm that stands on another one: both models against Pinocchio's algorithms on one tree with the joints of both.
+// An arm that stands on another one: both models against Pinocchio's algorithms on one tree with the joints
+// of both.
 namespace multipanda::base_mount_test {
 namespace {
 
@@ -31,10 +34,11 @@ std::string replaced(std::string text, const std::string& from, const std::strin
 
 // The base of a carried arm is a body of its carrier.
 std::string with_base_body(const std::string& urdf) {
-  return replaced(urdf, "<link name='base'/>",
-                  "<link name='base'><inertial><origin xyz='0.02 -0.01 0.06' rpy='0.3 0.2 -0.1'/><mass "
-                  "value='2.9'/><inertia ixx='0.02' ixy='0.001' ixz='-0.002' iyy='0.03' iyz='0.001' izz='0.025'/>"
-                  "</inertial></link>");
+  return replaced(
+      urdf, "<link name='base'/>",
+      "<link name='base'><inertial><origin xyz='0.02 -0.01 0.06' rpy='0.3 0.2 -0.1'/><mass "
+      "value='2.9'/><inertia ixx='0.02' ixy='0.001' ixz='-0.002' iyy='0.03' iyz='0.001' izz='0.025'/>"
+      "</inertial></link>");
 }
 
 // Both in one tree, with the names of the carried arm's parts after "z_".
@@ -127,7 +131,8 @@ TEST(MovingBase, TermsOfBothArmsAreThoseOfTheirCommonTree) {
       expect_close(X_WF.rotation, data.oMf[flange].rotation(), "rotation of " + where);
       expect_close(X_WF.position, data.oMf[flange].translation(), "position of " + where);
       // The velocity of E, which is fixed to the flange.
-      const auto at_flange = pinocchio::getFrameVelocity(pair.model, data, flange, pinocchio::LOCAL_WORLD_ALIGNED);
+      const auto at_flange =
+          pinocchio::getFrameVelocity(pair.model, data, flange, pinocchio::LOCAL_WORLD_ALIGNED);
       Vector6 V_WE;
       V_WE << at_flange.linear() +
                   Vector3(at_flange.angular()).cross(Vector3(pair.carried->X_WE().position - X_WF.position)),
@@ -153,8 +158,8 @@ TEST(MovingBase, TermsOfBothArmsAreThoseOfTheirCommonTree) {
   }
 }
 
-// The Jacobian's rate against a finite difference along a motion of both arms. The base moves along, so dJ/dt v is
-// compared with the motion of the columns.
+// The Jacobian's rate against a finite difference along a motion of both arms. The base moves along, so dJ/dt
+// v is compared with the motion of the columns.
 TEST(MovingBase, TurnsTheColumnsOfTheJacobian) {
   for (std::uint32_t seed = 31; seed <= 36; ++seed) {
     Pair pair(seed);
@@ -178,36 +183,72 @@ TEST(MovingBase, StaysWhereItWasWhileTheCarrierIsNotKnown) {
   Pair pair(7);
   pair.move();
   const Pose X = pair.carried->X_WB();
-  const JointMatrix M_carrier = pair.carrier->M();
-  const double nan = std::nan("");
   const JointVector q = pair.carrier->q(), dq = pair.carrier->dq();
+  ModelTerms at_rest(pair.carried->shared_model());
   for (const bool of_velocity : {false, true}) {
     JointVector bad_q = q, bad_dq = dq;
-    (of_velocity ? bad_dq : bad_q)[0] = nan;
+    (of_velocity ? bad_dq : bad_q)[0] = std::nan("");
     pair.carrier->update(bad_q, bad_dq);
+    pair.carried->update(pair.carried->q(), pair.carried->dq());
     pair.carried->stand_on(*pair.carrier, pair.mount);
     EXPECT_EQ(pair.carried->X_WB().position, X.position);
-    EXPECT_TRUE(pair.carried->M().allFinite() && pair.carried->V_WE().vector.allFinite());
+    EXPECT_TRUE(pair.carried->M().allFinite());
+    // As of a base at rest: the twist is that of its own joints, the momentum M dq.
+    expect_close(pair.carried->V_WE().vector, pair.carried->J_V_WE() * pair.carried->dq(), "twist");
+    expect_close(pair.carried->momentum(), pair.carried->M() * pair.carried->dq(), "momentum");
   }
-  // A carried arm whose state is not finite counts as the body that it was.
-  pair.carrier->update(q, dq);
-  pair.carried->update(JointVector::Constant(7, nan), JointVector::Zero(7));
-  pair.carried->stand_on(*pair.carrier, pair.mount);
-  expect_close(pair.carrier->M(), M_carrier, "mass matrix with the last body");
-  EXPECT_TRUE(pair.carrier->momentum().allFinite() && pair.carrier->momentum_drift().allFinite());
+}
+
+// The carrier with a body that is fixed to its link: as of a carried arm whose joints do not move.
+TEST(MovingBase, CountsAnUnknownCarriedArmAsTheBodyThatItWas) {
+  for (std::uint32_t seed = 41; seed <= 46; ++seed) {
+    Pair pair(seed);
+    pair.move();
+    const JointVector q1 = pair.carried->q();
+    (void)pair.carrier->M();  // the last body that is known
+    const JointVector q0 = pair.draw.joints(pair.carrier_joints, 2), dq0 = pair.draw.joints(pair.carrier_joints, 2);
+    const auto carrier_beside = [&](const JointVector& q_carried) {
+      pair.carrier->update(q0, dq0);
+      pair.carried->update(q_carried, JointVector::Zero(7));
+      pair.carried->stand_on(*pair.carrier, pair.mount);
+    };
+    carrier_beside(JointVector::Constant(7, std::nan("")));
+    const JointMatrix M = pair.carrier->M();
+    const JointVector g = pair.carrier->g(), p = pair.carrier->momentum(), drift = pair.carrier->momentum_drift();
+    carrier_beside(q1);
+    expect_close(M, pair.carrier->M(), "mass matrix");
+    expect_close(g, pair.carrier->g(), "gravity");
+    expect_close(p, pair.carrier->momentum(), "momentum");
+    expect_close(drift, pair.carrier->momentum_drift(), "momentum drift");
+  }
+}
+
+// Power: the torques of the joints before the base move the hand with their part of its twist.
+TEST(MovingBase, TorquesOfAWrenchAtTheHandHaveItsPower) {
+  for (std::uint32_t seed = 51; seed <= 56; ++seed) {
+    Pair pair(seed);
+    pair.move();
+    Vector6 F;
+    F << pair.draw.vector3(50), pair.draw.vector3(10);
+    const Vector6 swept = pair.carried->V_WE().vector - Vector6(pair.carried->J_V_WE() * pair.carried->dq());
+    const JointVector tau = pair.carrier->torque_of(pair.mount.joint, pair.carried->X_WE().position, F);
+    EXPECT_NEAR(tau.dot(pair.carrier->dq()), F.dot(swept), 1e-9 * std::max(1.0, std::abs(F.dot(swept))));
+  }
 }
 
 TEST(Upright, AsksForVerticalAndLevelAxesInEveryPose) {
   const TestArm arm = TestArm::make(8, 3);
   const auto lean = [&](double angle, double yaw) {
-    return arm.model({rotation_from_rpy({0, 0, yaw}) * rotation_from_rpy({angle, 0, 0}), {1, 2, 0.5}}, "torso");
+    return arm.model({rotation_from_rpy({0, 0, yaw}) * rotation_from_rpy({angle, 0, 0}), {1, 2, 0.5}},
+                     "torso");
   };
   EXPECT_EQ(turns_against_gravity(*lean(0, 1), 0), "");
   EXPECT_EQ(turns_against_gravity(*lean(0.019, 1), 0), "");
   EXPECT_NE(turns_against_gravity(*lean(0.021, 1), 0).find("joint1 of 'torso' can be 1.2 degrees"),
             std::string::npos)
       << turns_against_gravity(*lean(0.021, 1), 0);
-  EXPECT_NE(turns_against_gravity(*lean(0, 1), 1).find("joint2"), std::string::npos) << "nearly level, and turns";
+  EXPECT_NE(turns_against_gravity(*lean(0, 1), 1).find("joint2"), std::string::npos)
+      << "nearly level, and turns";
   EXPECT_EQ(turns_against_gravity(*lean(std::acos(-1.0), 1), 0), "") << "hanging";
 
   // An axis that slides is to be level.

@@ -19,13 +19,15 @@ struct ModelTerms::Scratch {
       : model(p.model), data(model), bare(p.model.inertias[p.last_joint]), q(model.nq), dq(model.nv) {}
   pinocchio::Model model;
   pinocchio::Data data;
-  pinocchio::Inertia bare;  // inertia of the last link without tool and load
+  pinocchio::Inertia bare;                           // inertia of the last link without tool and load
   pinocchio::SE3 X_B1 = pinocchio::SE3::Identity();  // first joint in the base
   pinocchio::Force links_momentum = pinocchio::Force::Zero();  // as the joints move them, base at rest
-  // Of the carried arm, about the world's origin: all its bodies as one, and their momentum.
-  pinocchio::Inertia carried = pinocchio::Inertia::Zero();
+  // Of the carried arm, about the world's origin: all its bodies as one, and their momentum. In the frame of
+  // the joint that carries it: the same bodies, when they were last known.
+  pinocchio::Inertia carried = pinocchio::Inertia::Zero(), carried_in_joint = carried;
+  bool carried_is_known = false;
   pinocchio::Force carried_momentum = pinocchio::Force::Zero();
-  Eigen::VectorXd q, dq;    // Pinocchio's own vector type, allocated once
+  Eigen::VectorXd q, dq;  // Pinocchio's own vector type, allocated once
 };
 
 ModelTerms::ModelTerms(std::shared_ptr<const ArmModel> model)
@@ -78,11 +80,12 @@ void ModelTerms::place_base(const Pose& X_WB) {
 void ModelTerms::stand_on(ModelTerms& carrier, const BaseMount& mount) {
   // What the carrier computed of the carried arm is of its last pose.
   carrier.done_ &= kKinematics | kJacobian | kTwist | kManipulability | kManipulabilityTerms;
+  V_WB_.vector.setZero();
+  done_ = 0;
   if (!carrier.q_.allFinite() || !carrier.dq_.allFinite()) return;
   base_moves_ = true;
   place_base(carrier.X_WJ(mount.joint) * mount.X_JB);
   const auto& J = carrier.scratch_->data.J;
-  V_WB_.vector.setZero();
   for (Eigen::Index i = 0; i <= static_cast<Eigen::Index>(mount.joint); ++i)
     V_WB_.vector += J.col(i) * carrier.dq_[i];
 }
@@ -152,6 +155,17 @@ void ModelTerms::point_jacobian(std::size_t joint, const Vector3& p_W,
   }
 }
 
+JointVector ModelTerms::torque_of(std::size_t joint, const Vector3& p_W, const Vector6& F) {
+  need_kinematics();
+  JointVector tau = JointVector::Zero(q_.size());
+  const Vector3 moment_O = F.tail<3>() + p_W.cross(F.head<3>());
+  for (Eigen::Index i = 0; i <= static_cast<Eigen::Index>(joint); ++i) {
+    const auto S = scratch_->data.J.col(i);
+    tau[i] = S.head<3>().dot(F.head<3>()) + S.tail<3>().dot(moment_O);
+  }
+  return tau;
+}
+
 Jacobian ModelTerms::J_V_WK() {
   Jacobian J_V_WK = J_V_WE();
   const Vector3 p_EK_W = X_WK_.position - X_WE_.position;
@@ -175,12 +189,19 @@ const Twist& ModelTerms::V_WE() {
 
 // The carried arm as one body about the world's origin, its base's link included, and its momentum.
 void ModelTerms::need_carried() {
-  if (carried_ == nullptr || !carried_->q_.allFinite() || !carried_->dq_.allFinite()) return;
+  if (carried_ == nullptr) return;
+  auto& s = *scratch_;
+  const pinocchio::SE3& X_WJ = s.data.oMi[carried_joint_ + 1];
+  s.carried_is_known = carried_->q_.allFinite() && carried_->dq_.allFinite();
+  if (!s.carried_is_known) {
+    s.carried = X_WJ.act(s.carried_in_joint);
+    return;
+  }
   carried_->need_motion();
   const auto& from = *carried_->scratch_;
-  scratch_->carried = from.data.oYcrb[1] + se3(carried_->X_WB_).act(from.model.inertias[0]);
-  scratch_->carried_momentum =
-      from.links_momentum + scratch_->carried * pinocchio::Motion(carried_->V_WB_.vector);
+  s.carried = from.data.oYcrb[1] + se3(carried_->X_WB_).act(from.model.inertias[0]);
+  s.carried_in_joint = X_WJ.actInv(s.carried);
+  s.carried_momentum = from.links_momentum + s.carried * pinocchio::Motion(carried_->V_WB_.vector);
 }
 
 // The inertia of each link, and of each link with all links behind it, in world axes.
@@ -232,9 +253,9 @@ const JointVector& ModelTerms::g() {
 // The last one: turning joint i moves the links behind it with S_i, which changes their kinetic energy by
 // d/dq_i sum 1/2 v_j . I_j v_j with dv_j/dq_i = S_i x (v_j - v_i) and dI_j/dq_i = S_i x* I_j - I_j S_i x; the
 // terms in v_j cancel and -(S_i x v_i) . H_i is left.
-// A base that moves with V_0 adds V_0 to every v_j of p and (C^T dq), which then are those of Newton's law whatever
-// moves the base: dH_i/dt is the wrench on link i and all links behind it, and S_i turns with v_i. A carried arm adds
-// its momentum beyond that of the rigid body that its carrier's inertias contain.
+// A base that moves with V_0 adds V_0 to every v_j of p and (C^T dq), which then are those of Newton's law
+// whatever moves the base: dH_i/dt is the wrench on link i and all links behind it, and S_i turns with v_i. A
+// carried arm adds its momentum beyond that of the rigid body that its carrier's inertias contain.
 void ModelTerms::need_motion() {
   if (!first(kMotion)) return;
   g();
@@ -258,7 +279,7 @@ void ModelTerms::need_motion() {
     c_[i] = S.dot(F);
     pinocchio::Motion whole_v = d.ov[k];
     pinocchio::Force whole_H = H;
-    if (carried_ != nullptr && k <= carried_joint_ + 1)
+    if (carried_ != nullptr && scratch_->carried_is_known && k <= carried_joint_ + 1)
       whole_H += scratch_->carried_momentum - scratch_->carried * d.ov[carried_joint_ + 1];
     if (base_moves_) {
       const pinocchio::Motion base(V_WB_.vector);

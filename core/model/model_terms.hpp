@@ -28,15 +28,19 @@ class ModelTerms {
   void update(const JointVector& q, const JointVector& dq);
   void set_config(const ArmFrames& frames, const Load& tool, const Load& load);
 
-  // Of an arm that stands on another one: takes pose and velocity of its base from the carrier, each cycle after
-  // update() of both. Momentum, its drift and V_WE then count the base's velocity; c() and task_coriolis() do not, and
-  // no term knows the base's acceleration. A carrier whose state is not finite leaves the base where it was.
+  // Of an arm that stands on another one: takes pose and velocity of its base from the carrier, each cycle
+  // after update() of both. Momentum, its drift, V_WE and dJ/dt then count the base's velocity; c() does not,
+  // and no term knows the base's acceleration. A carrier whose state is not finite leaves the base where it
+  // was, at rest.
   void stand_on(ModelTerms& carrier, const BaseMount& mount);
-  // Of the carrier, once before the loop: M, c and g include the carried arm as a rigid body of the link behind
-  // `joint`, as it is posed now; momentum counts its own motion, too. `carried` must outlive this object. While its
-  // state is not finite, the last body counts.
+  // Of the carrier, once before the loop: M, c and g include the carried arm as a rigid body of the link
+  // behind `joint`, as it is posed now; momentum counts its own motion, too. `carried` must outlive this
+  // object. While its state is not finite, it counts as the body that it was, fixed to that link.
   void carry(ModelTerms& carried, std::size_t joint);
   const Pose& X_WB() const { return X_WB_; }  // of the base now
+  // Torques of the joints up to `joint` that press with the wrench F at the point p_W of what stands behind
+  // it, J^T F (n x 1), zero for the other joints; world axes.
+  JointVector torque_of(std::size_t joint, const Vector3& p_W, const Vector6& F);
 
   const ArmModel& model() const { return *model_; }
   const std::shared_ptr<const ArmModel>& shared_model() const { return model_; }

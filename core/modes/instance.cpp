@@ -256,11 +256,10 @@ LawResult Instance::start(const Tick& tick) try {
   return LawResult::fault;
 }
 
-// Arms that stand on others, and those that carry them, are for laws that say so: what they store in coordinates of
-// the world must follow the base. A law whose carrier is lost does not know where its arm is: the carrier counts as
-// observed, except by a hold, which needs no more than its own joints.
+// Arms that stand on others, and those that carry them, are for laws that say so: what they store in
+// coordinates of the world must follow the base. A law whose carrier is lost does not know where its arm is:
+// the carrier counts as observed, except by a hold, which needs no more than its own joints.
 void Instance::see_bases(const ArmBlocks& blocks) {
-  carried_.resize(arm_list_.size());
   const ArmSet involved = arms_ | observed_;
   for (ArmIndex arm = 0; arm < blocks.mounts.size(); ++arm) {
     if (!blocks.mounts[arm]) continue;
@@ -272,8 +271,11 @@ void Instance::see_bases(const ArmBlocks& blocks) {
     }
     const bool needs_carrier = involved.contains(arm) && !arms_.contains(mount.carrier);
     if (needs_carrier && descriptor_.type != "hold") observed_ |= ArmSet::of(mount.carrier);
+    if (arms_.contains(arm)) mounted_ |= ArmSet::of(arm);
     for (std::size_t i = 0; i < arm_list_.size(); ++i) {
-      if (arm_list_[i] == mount.carrier) carried_[i] = {&blocks.terms[arm], mount.joint};
+      if (arm_list_[i] != mount.carrier) continue;
+      law_arms_[i].carried = &blocks.terms[arm];
+      law_arms_[i].carried_joint = mount.joint;
     }
   }
 }
@@ -331,14 +333,20 @@ void Instance::carry_set_points(const Tick& tick) {
   }
 }
 
-// Of the arm's own hand, and of the hand of an arm that stands on it.
+// Of the arm's own hand, which shares the bound with what sweeps its base, and of the hand of an arm that
+// stands on it.
 void Instance::bound_joint_speed(Reference& input) {
-  ModelTerms& terms = *law_arms_[input.spec().arm].terms;
-  input.bound_hand_speed(contact_.hand_speed, terms.J_V_WE());
-  const Carried& carried = carried_[input.spec().arm];
-  if (carried.terms == nullptr) return;
+  const OwnedArm& arm = law_arms_[input.spec().arm];
+  ModelTerms& terms = *arm.terms;
+  double greatest = contact_.hand_speed;
+  if (mounted_.contains(arm_list_[input.spec().arm])) {
+    const Vector6 swept = terms.V_WE().vector - Vector6(terms.J_V_WE().lazyProduct(terms.dq()));
+    greatest = std::max(0.0, greatest - swept.head<3>().norm());
+  }
+  input.bound_hand_speed(greatest, terms.J_V_WE());
+  if (arm.carried == nullptr) return;
   Jacobian J = Jacobian::Zero(6, terms.J_V_WE().cols());
-  terms.point_jacobian(carried.joint, carried.terms->X_WE().position, J.topRows<3>());
+  terms.point_jacobian(arm.carried_joint, arm.carried->X_WE().position, J.topRows<3>());
   input.bound_carried_speed(J);
 }
 

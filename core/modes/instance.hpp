@@ -58,7 +58,7 @@ class Instance {
   const std::vector<ArmIndex>& arm_list() const { return arm_list_; }
   // Arms that it reads and does not own, carriers of its arms included.
   ArmSet observed() const { return observed_; }
-  const std::vector<ArmIndex>& observed_list() const { return observed_list_; }
+  const std::vector<ArmIndex>& observed_list() const { return observed_list_; }  // without carriers
   const ContactBounds& contact() const { return contact_; }
 
   // Parameters of the controllet, then of its features, in one numbering; names as in InstanceConfig::Value.
@@ -142,12 +142,7 @@ class Instance {
   std::vector<double> outputs_;
   std::size_t law_output_count_ = 0;
   std::vector<OwnedArm> law_arms_, feature_arms_, scene_arms_, observed_arms_;
-  // Of each of its arms: the arm that stands on it.
-  struct Carried {
-    ModelTerms* terms = nullptr;  // null: none does
-    std::size_t joint = 0;        // of the carrier
-  };
-  std::vector<Carried> carried_;
+  ArmSet mounted_;           // its arms that stand on others
   bool bases_move_ = false;  // an arm of the scene stands on another one
   ContactBounds contact_;
   bool stopped_ = false;

@@ -377,6 +377,26 @@ void MultimodeController::run_controllets(const Tick& tick) {
       }
     }
   });
+  bear_carried_hands();
+}
+
+// A hand that presses on the world with F presses on its base with -F, which turns the joints of a carrier
+// until something else holds them, and then a law of both arms is not passive. Its carrier adds J_c^T F, with
+// J_c of the hand by the joints up to the base: what a law of the whole chain from the world to that hand
+// would command.
+void MultimodeController::bear_carried_hands() {
+  for (ArmIndex arm = 0; arm < blocks_.mounts.size(); ++arm) {
+    if (!blocks_.mounts[arm]) continue;
+    const auto [carrier, joint, X_JB] = *blocks_.mounts[arm];
+    const InstanceIndex owner = owners_[arm].load(std::memory_order_relaxed),
+                        other = owners_[carrier].load(std::memory_order_relaxed);
+    if ((ticking_ & bit(owner)) == 0 || (ticking_ & bit(other)) == 0) continue;
+    if (!instances_[owner]->descriptor().wrench_at_hand) continue;
+    ModelTerms& terms = blocks_.terms[arm];
+    const Vector6 F = terms.task().J_bar.transpose().lazyProduct(blocks_.tau_controllet[arm]);
+    const JointVector tau = blocks_.terms[carrier].torque_of(joint, terms.X_WE().position, F);
+    if (tau.allFinite()) blocks_.tau_controllet[carrier] += tau;
+  }
 }
 
 void MultimodeController::run_features(const Tick& tick) {

@@ -120,7 +120,8 @@ double Reference::hand_speed(const QuinticSegment::Values& velocity) const {
   if (spec_.quantity != Quantity::joints || J_hand_.cols() != static_cast<Eigen::Index>(size_)) return 0;
   const auto speed = [&](const Jacobian& J) {
     Vector3 v = Vector3::Zero();
-    for (Eigen::Index i = 0; i < J.cols(); ++i) v += J.col(i).head<3>() * velocity[static_cast<std::size_t>(i)];
+    for (Eigen::Index i = 0; i < J.cols(); ++i)
+      v += J.col(i).head<3>() * velocity[static_cast<std::size_t>(i)];
     return v.norm();
   };
   const double carried = J_carried_.cols() == J_hand_.cols() ? speed(J_carried_) : 0;

@@ -126,8 +126,10 @@ class Arm:
         self.client = client
         self.name: str = entry["name"]
         self.joints: int = entry["joints"]
-        self._base = Pose(np.array(entry["base_position_m"]), np.array(entry["base_quaternion_wxyz"]))
         self._carrier: str = entry.get("base_on", {}).get("arm", "")
+        self._base: Pose | None = None
+        if not self._carrier:
+            self._base = Pose(np.array(entry["base_position_m"]), np.array(entry["base_quaternion_wxyz"]))
         self.gripper = Gripper(self)
         self.vacuum = Vacuum(self)
 
@@ -139,12 +141,13 @@ class Arm:
         """Pose of its base in the world [m].
 
         Raises:
-            ValueError: It stands on another arm, which moves it.
+            Refused: It stands on another arm, which moves it.
         """
-        if self._carrier:
-            raise ValueError(
-                f"arm {self.name!r} stands on arm {self._carrier!r} and has no base that stands still; "
-                "give poses in the world"
+        if self._base is None:
+            raise Refused(
+                "out_of_bounds",
+                f"arm '{self.name}' stands on arm '{self._carrier}': its base does not stand still",
+                "give poses in the world",
             )
         return self._base
 

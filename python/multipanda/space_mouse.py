@@ -177,10 +177,9 @@ class SpaceMouse:
 
         Raises:
             Disconnected: The device was unplugged, or the run has ended. The arm is held.
-            Refused: The controllet has no such input.
+            Refused: The controllet has no such input, or `axes` is `base` and the arm's base moves.
             Timeout: The run does not answer. The arm is held.
-            ValueError: The controllet moves several arms, or an arm whose base moves, the input takes no poses, or an
-                argument is out of bounds.
+            ValueError: The controllet moves several arms, the input takes no poses, or an argument is out of bounds.
         """
         if axes not in ("base", "hand"):
             raise ValueError(f"axes: expected base or hand, found {axes!r}")
@@ -233,7 +232,7 @@ class _Jog:
             raise ValueError(f"{controllet.name} moves {', '.join(controllet.arms)}: the device leads one hand")
         self.law, self.name, self.axes, self.limits, self.say = controllet, name, axes, limits, say
         self.arm = controllet.client.arms[controllet.arms[0]]
-        self.base = self.arm.base  # refuses an arm whose base moves
+        self.base = self.arm.base if axes == "base" else Pose(np.zeros(3), np.array([1.0, 0, 0, 0]))
         self.stream: Stream | None = None
         self.target: Pose | None = None
         self.stepped_s = 0.0

@@ -94,9 +94,12 @@ json RequestHandler::list() const {
                     {"joints", model.joint_count()},
                     {"base_position_m", {p.x(), p.y(), p.z()}},
                     {"base_quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}}});
-    // The base above is then that of the start.
-    if (const auto& mount = run_.mounts[a])
+    // Not even under these names: a client that takes a base for fixed would send poses to the wrong place.
+    if (const auto& mount = run_.mounts[a]) {
       arms.back()["base_on"] = {{"arm", modes.arm_name(mount->carrier)}, {"joint", mount->joint + 1}};
+      arms.back().erase("base_position_m");
+      arms.back().erase("base_quaternion_wxyz");
+    }
   }
   for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
     const Instance& instance = modes.instance(i);

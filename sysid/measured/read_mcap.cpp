@@ -230,6 +230,7 @@ std::vector<MeasuredLog> read_mcap(const std::filesystem::path& path, const Meas
     if (!options.arm.empty() && name != options.arm) continue;
     MeasuredLog log = assemble(name, arm, all, path.string());
     if (log.samples() == 0) continue;
+    log.own_scene_refused = !scene;
     complete(log, arm, scene);
     logs.push_back(std::move(log));
   }
