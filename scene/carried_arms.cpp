@@ -15,10 +15,11 @@ void refuse_carried_arms(const Scene& scene, const std::string& what) {
   if (arm == nullptr) return;
   SourcePlace place = arm->mount_place;
   if (place.file.empty()) place.file = scene.path.empty() ? scene.name : scene.path;
-  throw ConfigError(place, "arm '" + arm->name + "' stands on arm '" +
-                               scene.arms.at(arm->mount->carrier).name + "': " + what +
-                               " cannot place a moving base; run it with `multipanda run` on the simulation "
-                               "(backend mujoco)");
+  throw CarriedArmRefused(
+      place, "arm '" + arm->name + "' stands on arm '" + scene.arms.at(arm->mount->carrier).name +
+                 "': " + what +
+                 " cannot place a moving base; run it with `multipanda run` on the simulation "
+                 "(backend mujoco)");
 }
 
 }  // namespace multipanda

@@ -178,6 +178,11 @@ INSTANTIATE_TEST_SUITE_P(
                 carrier() + carried("fci: 172.16.0.2, " + on_left()),
                 3,
                 {"arm 'right'", "the arm has the key 'fci'", "simulated"}},
+        Refusal{"a real arm beside them",
+                carrier() + carried(on_left()) +
+                    carried("base: {position_m: [3, 0, 0]}, fci: 172.16.0.2", "other"),
+                3,
+                {"arm 'right' stands on arm 'left'", "real arm", "backend mujoco"}},
         Refusal{"inside its carrier",
                 carrier() + carried(on_left("1", "position_m: [0, 0, -0.4]")),
                 3,

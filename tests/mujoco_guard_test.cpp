@@ -103,8 +103,7 @@ TEST_F(MujocoGuard, EveryControlletFeatureAndSwitch) {
 
 // An arm on a torso that another arm turns, under every pair of laws that may own them.
 TEST_F(MujocoGuard, ArmsOnATorso) {
-  const OpenedScene opened =
-      open_scene(std::string(MULTIPANDA_SOURCE_DIR) + "/examples/carried_arm/scene.yaml");
+  const OpenedScene opened = open_scene(MULTIPANDA_SOURCE_DIR "/examples/carried_arm/scene.yaml");
   Scene scene = opened.scene;
   scene.timeline.clear();
   scene.active.clear();
@@ -113,7 +112,8 @@ TEST_F(MujocoGuard, ArmsOnATorso) {
   for (const auto& type : opened.registry.controllets()) {
     if (!type.descriptor.moving_base) continue;
     for (ArmIndex arm = 0; arm + type.descriptor.arms <= 2; ++arm) {
-      InstanceConfig config{.name = type.descriptor.type + std::to_string(arm), .type = type.descriptor.type};
+      InstanceConfig config{.name = type.descriptor.type + (arm == 0 ? "_a" : "_b"),
+                            .type = type.descriptor.type};
       for (ArmIndex k = 0; k < type.descriptor.arms; ++k) config.arms.push_back(arm + k);
       names[arm].push_back(config.name);
       scene.controllets.push_back(std::move(config));
@@ -127,6 +127,8 @@ TEST_F(MujocoGuard, ArmsOnATorso) {
   for (int k = 0; k < 10; ++k) cycle.step(backend.wait());
   for (const auto& first : names[0]) {
     for (const auto& second : names[1]) {
+      // The carrier's hand would sweep an arm that no Cartesian law keeps in the world.
+      if (first.starts_with("cartesian") && !second.starts_with("cartesian")) continue;
       for (const auto& name : {second, first}) {
         const Request request{.activate = bit(modes.find(name))};
         std::uint64_t ticket = 0;

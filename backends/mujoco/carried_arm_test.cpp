@@ -1,5 +1,4 @@
-// An arm on another arm's torso in MuJoCo, against kinematics, weights and inertias from the models' own
-// figures.
+// An arm on another arm's torso in MuJoCo, against kinematics, weights and inertias that are computed here.
 #include <array>
 
 #include <gmock/gmock.h>
@@ -195,6 +194,30 @@ TEST(CarriedArmOnItsMount, CollidesWithItsCarrier) {
     EXPECT_THAT(error.what(), testing::HasSubstr("inside"));
     EXPECT_THAT(error.what(), testing::HasSubstr("right/"));
     EXPECT_THAT(error.what(), testing::HasSubstr("left/"));
+  }
+}
+
+// What moves with the torso touches what stands still, unlike the base of an arm that stands on it.
+TEST(CarriedArmOnItsMount, TouchesFixedObjects) {
+  const Scene free = torso_scene();
+  const MujocoPlant plant(free);
+  for (const std::string part : {"right/link0", "right/link1", "left/link1", "left/link0"}) {
+    Scene scene = free;
+    const int body = mj_name2id(plant.world().model(), mjOBJ_BODY, part.c_str());
+    SceneObject post{.name = "post", .shape = SceneObject::Shape::sphere, .size = Vector3::Constant(0.02)};
+    const mjModel* m = plant.world().model();
+    for (int geom = 0; geom < m->ngeom; ++geom) {
+      if (m->geom_bodyid[geom] == body && m->geom_contype[geom] != 0)
+        post.X_WO.position = vector_at(plant.world().data()->geom_xpos + 3 * geom);
+    }
+    scene.objects.push_back(post);
+    try {
+      const MujocoPlant inside(scene);
+      EXPECT_EQ(part, "left/link0");
+    } catch (const std::invalid_argument& error) {
+      EXPECT_NE(part, "left/link0") << error.what();
+      EXPECT_THAT(error.what(), testing::HasSubstr("post"));
+    }
   }
 }
 

@@ -230,8 +230,8 @@ std::string link_name(const std::string& arm, std::size_t link) {
   return arm + "/link" + std::to_string(link);
 }
 
-// The body on which the arm's base stands. The frame of a link's body is that of the joint before it
-// (to_mjcf).
+// The body on which the arm's base stands. In to_mjcf, the frame of a link's body is that of the joint before
+// it, and so X_JB holds here.
 mjsBody* ground_of(mjSpec* spec, const WorldArm& arm) {
   if (!arm.carrier) return mjs_findBody(spec, "world");
   const std::string name = link_name(arm.carrier->name, arm.carrier->joint + 1);

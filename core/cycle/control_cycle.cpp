@@ -70,8 +70,7 @@ void ControlCycle::read(ArmSet due) {
 }
 
 // Arms that stand on another one are where it moved them. The observer of each counts the momentum of the
-// other, so what changes that without a force, a load that was declared or a state that was missing, begins
-// both anew.
+// other. A load that was declared, or a state that was missing, changes it without a force: both start again.
 void ControlCycle::place_bases() {
   for (ArmIndex arm = 0; arm < mounts_.size(); ++arm) {
     if (!mounts_[arm]) continue;

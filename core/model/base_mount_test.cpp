@@ -206,7 +206,8 @@ TEST(MovingBase, CountsAnUnknownCarriedArmAsTheBodyThatItWas) {
     pair.move();
     const JointVector q1 = pair.carried->q();
     (void)pair.carrier->M();  // the last body that is known
-    const JointVector q0 = pair.draw.joints(pair.carrier_joints, 2), dq0 = pair.draw.joints(pair.carrier_joints, 2);
+    const JointVector q0 = pair.draw.joints(pair.carrier_joints, 2),
+                      dq0 = pair.draw.joints(pair.carrier_joints, 2);
     const auto carrier_beside = [&](const JointVector& q_carried) {
       pair.carrier->update(q0, dq0);
       pair.carried->update(q_carried, JointVector::Zero(7));
@@ -214,7 +215,8 @@ TEST(MovingBase, CountsAnUnknownCarriedArmAsTheBodyThatItWas) {
     };
     carrier_beside(JointVector::Constant(7, std::nan("")));
     const JointMatrix M = pair.carrier->M();
-    const JointVector g = pair.carrier->g(), p = pair.carrier->momentum(), drift = pair.carrier->momentum_drift();
+    const JointVector g = pair.carrier->g(), p = pair.carrier->momentum(),
+                      drift = pair.carrier->momentum_drift();
     carrier_beside(q1);
     expect_close(M, pair.carrier->M(), "mass matrix");
     expect_close(g, pair.carrier->g(), "gravity");

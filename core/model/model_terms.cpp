@@ -22,8 +22,8 @@ struct ModelTerms::Scratch {
   pinocchio::Inertia bare;                           // inertia of the last link without tool and load
   pinocchio::SE3 X_B1 = pinocchio::SE3::Identity();  // first joint in the base
   pinocchio::Force links_momentum = pinocchio::Force::Zero();  // as the joints move them, base at rest
-  // Of the carried arm, about the world's origin: all its bodies as one, and their momentum. In the frame of
-  // the joint that carries it: the same bodies, when they were last known.
+  // All bodies of the carried arm as one, about the world's origin, and their momentum; and as they were last
+  // known, in the frame of the joint that carries them.
   pinocchio::Inertia carried = pinocchio::Inertia::Zero(), carried_in_joint = carried;
   bool carried_is_known = false;
   pinocchio::Force carried_momentum = pinocchio::Force::Zero();

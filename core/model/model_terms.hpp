@@ -28,12 +28,12 @@ class ModelTerms {
   void update(const JointVector& q, const JointVector& dq);
   void set_config(const ArmFrames& frames, const Load& tool, const Load& load);
 
-  // Of an arm that stands on another one: takes pose and velocity of its base from the carrier, each cycle
+  // For an arm that stands on another one: takes pose and velocity of its base from the carrier, each cycle
   // after update() of both. Momentum, its drift, V_WE and dJ/dt then count the base's velocity; c() does not,
   // and no term knows the base's acceleration. A carrier whose state is not finite leaves the base where it
   // was, at rest.
   void stand_on(ModelTerms& carrier, const BaseMount& mount);
-  // Of the carrier, once before the loop: M, c and g include the carried arm as a rigid body of the link
+  // For the carrier, once before the loop: M, c and g include the carried arm as a rigid body of the link
   // behind `joint`, as it is posed now; momentum counts its own motion, too. `carried` must outlive this
   // object. While its state is not finite, it counts as the body that it was, fixed to that link.
   void carry(ModelTerms& carried, std::size_t joint);

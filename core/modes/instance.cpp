@@ -333,8 +333,8 @@ void Instance::carry_set_points(const Tick& tick) {
   }
 }
 
-// Of the arm's own hand, which shares the bound with what sweeps its base, and of the hand of an arm that
-// stands on it.
+// The arm's own hand shares the bound with what sweeps its base. The hand of an arm that stands on this one
+// has the same bound.
 void Instance::bound_joint_speed(Reference& input) {
   const OwnedArm& arm = law_arms_[input.spec().arm];
   ModelTerms& terms = *arm.terms;

@@ -88,7 +88,7 @@ class Reference {
   // Before advance(): the greatest speed of the hand and of every carriage (carriage_speed()), and the hand's
   // Jacobian (6 x n, joints) where the arm is now.
   void bound_hand_speed(double greatest, const Jacobian& J);
-  // Of a second hand that these joints move: one of an arm that stands on this one.
+  // Likewise for a second hand that these joints move: that of an arm which stands on this one.
   void bound_carried_speed(const Jacobian& J);
   // The same for a pose that carries hands `lever` away from it [m]: |v| + |omega| lever.
   void bound_hand_speed(double greatest, double lever);
