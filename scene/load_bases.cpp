@@ -63,8 +63,8 @@ void check_carrier(const Node& name, const SceneReader& reader, const BaseMount&
   }
 }
 
-// Where the carrier has the base at the start. Refuses a carrier whose joints would turn the base against its
-// weight.
+// Where the carrier has the base at the start. Refuses a carrier whose joints would turn the base against
+// gravity, as the loop would.
 Pose base_at_start(const Node& joint, const SceneReader& reader, const BaseMount& mount) {
   const SceneArm& carrier = reader.scene.arms[mount.carrier];
   ArmModelSource source = arm_model_source(reader.robots[mount.carrier], carrier.X_WB, carrier.hand);
