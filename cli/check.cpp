@@ -4,24 +4,41 @@
 #include <fmt/ranges.h>
 
 #include "cli/program.hpp"
+#include "models/looks.hpp"
 #include "runtime/session.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda::cli {
 namespace {
 
+// Where the base of an arm is; that of a carried arm moves, and is given at the start.
+std::string base_text(const Scene& scene, const SceneArm& arm) {
+  const auto point = [](const Vector3& p) {
+    return fmt::format("({:.4g}, {:.4g}, {:.4g}) m", p.x(), p.y(), p.z());
+  };
+  if (!arm.mount) {
+    const Vector3& p = arm.X_WB.position;
+    return fmt::format("base at ({:g}, {:g}, {:g}) m", p.x(), p.y(), p.z());
+  }
+  const Vector3 rpy = rpy_of(arm.mount->X_JB.rotation);
+  return fmt::format(
+      "stands on arm '{}', link behind joint {}, there at {} and turned by ({:.4g}, {:.4g}, {:.4g}) rad, at "
+      "the start at {} in the world",
+      scene.arms[arm.mount->carrier].name, arm.mount->joint + 1, point(arm.mount->X_JB.position), rpy.x(),
+      rpy.y(), rpy.z(), point(arm.X_WB.position));
+}
+
 int run(const std::string& name) {
   OpenedScene opened = open_scene(name);
   // Builds everything as for a run, so that everything that a run refuses is refused here.
-  Session session(std::move(opened.scene), opened.registry, {.paced = false});
+  Session session(std::move(opened.scene), opened.registry, {.paced = false, .moving_bases = true});
   const Scene& scene = session.scene();
   fmt::print("{}: {}{} ({} plant, {} physics step{} per cycle, {} objects)\n", scene.name, scene.description,
              scene.description.empty() ? scene.path : "", scene.plant.name, scene.substeps,
              scene.substeps == 1 ? "" : "s", scene.objects.size());
   for (const auto& arm : scene.arms) {
-    const Vector3& p = arm.X_WB.position;
-    fmt::print("  arm {}: {}{}, {} joints, base at ({:g}, {:g}, {:g}) m\n", arm.name, arm.model,
-               arm.hand ? " with hand" : "", arm.q_start.size(), p.x(), p.y(), p.z());
+    fmt::print("  arm {}: {}{}, {} joints, {}\n", arm.name, arm.model, arm.hand ? " with hand" : "",
+               arm.q_start.size(), base_text(scene, arm));
     for (const auto& text : arm.loosened) fmt::print("    looser than the manufacturer's limit: {}\n", text);
     if (!arm.unguarded.empty()) fmt::print("    not kept apart: {}\n", fmt::join(arm.unguarded, ", "));
   }

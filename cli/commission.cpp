@@ -14,6 +14,7 @@
 #include "report/page_script.hpp"
 #include "runtime/backends.hpp"
 #include "scene/build.hpp"
+#include "scene/carried_arms.hpp"
 #include "scene/load.hpp"
 #include "support/address.hpp"
 #include "support/signals.hpp"
@@ -94,6 +95,7 @@ int run(CommissionOptions options) {
   const SignalWatch signals([&](int) { stopped = true; });
 
   OpenedScene opened = open_scene(options.scene);
+  refuse_carried_arms(opened.scene, "multipanda commission");
   commission::TourSetup setup{.scene = with_connections(opened.scene, backend_of(options, opened.scene)),
                               .scene_name = options.scene,
                               .addresses = {},

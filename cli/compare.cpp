@@ -74,6 +74,7 @@ std::vector<std::string> common_arms(ByArm& real, ByArm& sim) {
 void complete(std::vector<MeasuredLog>& logs, const std::vector<MeasuredLog>& others) {
   for (MeasuredLog& log : logs) {
     if ((log.x_EE.rows() > 0 && log.gravity.rows() > 0) || others[0].scene_text.empty()) continue;
+    if (log.base_moves) continue;  // no scene with bases that stand still has its pose
     try {
       complete_from_scene(log, others[0].scene_text, others[0].scene_path, others[0].arm);
       log.warnings.emplace_back("x_EE and gravity are computed from its q and the scene of " +

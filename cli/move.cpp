@@ -12,6 +12,7 @@
 #include "cli/run_session.hpp"
 #include "runtime/motion/joint_move.hpp"
 #include "scene/build.hpp"
+#include "scene/carried_arms.hpp"
 #include "scene/load.hpp"
 #include "support/spelling.hpp"
 
@@ -106,6 +107,7 @@ int run(const MoveOptions& options) {
   SessionOptions session_options{
       .paced = !options.fast, .backend = backend_options(options.backend), .record = options.record};
   OpenedScene opened = open_scene(options.scene);
+  refuse_carried_arms(opened.scene, "multipanda move");
   Scene scene = with_connections(std::move(opened.scene), session_options.backend);
   std::vector<std::string> names;
   for (const auto& arm : scene.arms) names.push_back(arm.name);

@@ -12,6 +12,7 @@
 #include "report/page_script.hpp"
 #include "runtime/live_input/socket_path.hpp"
 #include "runtime/ros_module.hpp"
+#include "scene/carried_arms.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda::cli {
@@ -77,6 +78,8 @@ int run(const RunOptions& options) {
   const BackendOptions backend = backend_options(options.backend);
   OpenedScene opened = open_scene(options.scene, options.additions);
   opened.scene = with_connections(std::move(opened.scene), backend);  // refused before anything starts
+  if (options.ros) refuse_carried_arms(opened.scene, "ROS (--ros)");
+  if (options.cockpit.asked) refuse_carried_arms(opened.scene, "the page (--cockpit)");
   const ReducedRun reduced_run(opened.scene,
                                options.reduced      ? Reduction::asked
                                : options.full_speed ? Reduction::refused
@@ -92,6 +95,7 @@ int run(const RunOptions& options) {
   SessionOptions session_options{
       .paced = !options.fast, .backend = backend, .duration_s = options.seconds, .record = options.record};
   session_options.log_every = log_every;
+  session_options.moving_bases = true;
   session_options.observer = [&seen](const CycleRecord& record) { seen.take(record); };
   session_options.thread.cpu = options.cpu;
   set_socket(options, opened.scene.name, console, session_options);

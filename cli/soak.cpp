@@ -9,6 +9,7 @@
 #include "logs/recorder.hpp"
 #include "report/page_script.hpp"
 #include "runtime/session.hpp"
+#include "scene/carried_arms.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda::cli {
@@ -24,6 +25,7 @@ struct SoakArguments {
 
 int run(SoakArguments& arguments) {
   const OpenedScene opened = open_scene(arguments.scene);
+  refuse_carried_arms(opened.scene, "multipanda soak");
   SoakOptions& options = arguments.options;
   options.duration_s = 3600 * arguments.hours;
   options.folder = make_run_directory(arguments.out, "soak_" + opened.scene.name);

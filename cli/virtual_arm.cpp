@@ -15,6 +15,7 @@
 #include "cockpit/virtual/virtual_source.hpp"
 #include "fci/server/fault_commands.hpp"
 #include "fci/server/virtual_arms.hpp"
+#include "scene/carried_arms.hpp"
 #include "scene/hidden_plant.hpp"
 #include "scene/load.hpp"
 #include "support/signals.hpp"
@@ -195,6 +196,7 @@ void wait_for_end(fci::VirtualArms& arms, int end_file, const VirtualArmArgument
 int run(const VirtualArmArguments& arguments) {
   const Console console(arguments.json);
   OpenedScene opened = open_scene(arguments.scene);
+  refuse_carried_arms(opened.scene, "a virtual arm");
   PlantFidelity& fidelity = opened.scene.plant;
   for (SceneArm& arm : opened.scene.arms)
     arm.rotor_hidden = arguments.rotor_hidden.value_or(arm.rotor_hidden);

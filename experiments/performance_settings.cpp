@@ -6,6 +6,7 @@
 #include "config_file/text.hpp"
 #include "experiments/task_runs.hpp"
 #include "scene/build.hpp"
+#include "scene/carried_arms.hpp"
 #include "support/spelling.hpp"
 
 namespace multipanda {
@@ -153,6 +154,7 @@ OpenedScene changed_scene(const Experiment& experiment, const std::string& scene
   const std::string text = changed_scene_text(experiment, scene, plant, set);
   OpenedScene opened{.registry = build_registry(scene_plugins(text, scene)), .scene = {}};
   opened.scene = parse_scene(text, scene, opened.registry);
+  refuse_carried_arms(opened.scene, "an experiment");
   return opened;
 }
 

@@ -7,6 +7,7 @@
 #include "experiments/on_arms.hpp"
 #include "experiments/seeded_draw.hpp"
 #include "experiments/yaml_tree.hpp"
+#include "scene/carried_arms.hpp"
 #include "support/spelling.hpp"
 
 namespace multipanda {
@@ -81,6 +82,7 @@ Scene task_scene(const Experiment& experiment, const TaskRun& run, const Registr
   const std::string text = task_scene_text(experiment, run);
   try {
     Scene scene = parse_scene(text, experiment.scene, registry);
+    refuse_carried_arms(scene, "an experiment");
     if (!scene.timeline.empty() && scene.duration_s > 0 && scene.timeline.back().at_s >= scene.duration_s)
       throw ConfigError(scene.timeline.back().place,
                         "the scene ends before this event; "

@@ -104,6 +104,11 @@ Recorder::Sink::Sink(const std::filesystem::path& log, const RecordLayout& layou
     arm.state.arm = arm.command.arm = arm.model.arm = arm.wrench.arm = arm.name;
     arms_.push_back(std::move(arm));
   }
+  for (std::size_t i = 0; i < arms_.size(); ++i) {
+    if (!arms_[i].terms || !arms[i].mount || !arms_.at(arms[i].mount->carrier).terms) continue;
+    arms_[i].mount = arms[i].mount;
+    arms_[arms[i].mount->carrier].terms->carry(*arms_[i].terms, arms[i].mount->joint);
+  }
   for (const auto& instance : layout.instances) {
     auto& inputs = reference_channels_.emplace_back();
     for (const auto& input : instance.inputs) {
@@ -146,8 +151,11 @@ void Recorder::Sink::write_missing(const RecorderStatus& status) {
 
 void Recorder::Sink::write(const CycleRecord& record) {
   note_gap(record);
+  for (Arm& arm : arms_) {
+    if (cycles_ == 0 && !arm.configured) write_config(arm, record.t, record.cycle);
+  }
+  if (is_due(options_.every.model, record)) update_models(record);
   for (std::size_t i = 0; i < arms_.size(); ++i) {
-    if (cycles_ == 0 && !arms_[i].configured) write_config(arms_[i], record.t, record.cycle);
     write_arm(arms_[i], record.arms[i], record);
   }
   if (is_due(options_.every.references, record)) write_references(record);
@@ -185,7 +193,7 @@ void Recorder::Sink::write_arm(Arm& arm, const ArmSample& sample, const CycleRec
   if (is_due(options_.every.command, record)) write_command(arm, sample, record);
   const bool has_wrench = sample.has_wrench_estimate || sample.has_contact_truth;
   if (has_wrench && is_due(options_.every.wrench, record)) write_wrench(arm, sample, record);
-  if (arm.terms && is_due(options_.every.model, record)) write_model(arm, sample, record);
+  if (arm.terms && is_due(options_.every.model, record)) write_model(arm, record);
 }
 
 void Recorder::Sink::write_command(Arm& arm, const ArmSample& sample, const CycleRecord& record) {
@@ -213,11 +221,22 @@ void Recorder::Sink::write_wrench(Arm& arm, const ArmSample& sample, const Cycle
   writer_.write(arm.wrench_channel, log_time(record.t), wrench);
 }
 
-void Recorder::Sink::write_model(Arm& arm, const ArmSample& sample, const CycleRecord& record) {
+// All before the first is written: an arm and the one that stands on it need each other's.
+void Recorder::Sink::update_models(const CycleRecord& record) {
+  for (std::size_t i = 0; i < arms_.size(); ++i) {
+    if (!arms_[i].terms) continue;
+    const auto n = static_cast<Eigen::Index>(arms_[i].joint_count);
+    arms_[i].terms->update(JointVector(Eigen::Map<const Eigen::VectorXd>(record.arms[i].q.data(), n)),
+                           JointVector(Eigen::Map<const Eigen::VectorXd>(record.arms[i].dq.data(), n)));
+  }
+  for (Arm& arm : arms_) {
+    if (arm.mount) arm.terms->stand_on(*arms_[arm.mount->carrier].terms, *arm.mount);
+  }
+}
+
+void Recorder::Sink::write_model(Arm& arm, const CycleRecord& record) {
   const auto n = static_cast<Eigen::Index>(arm.joint_count);
   ModelTerms& terms = *arm.terms;
-  terms.update(JointVector(Eigen::Map<const Eigen::VectorXd>(sample.q.data(), n)),
-               JointVector(Eigen::Map<const Eigen::VectorXd>(sample.dq.data(), n)));
   msg::ModelSummary& model = arm.model;
   model.stamp = to_time(record.t.ns);
   model.cycle = record.cycle;

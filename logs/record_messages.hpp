@@ -37,6 +37,7 @@ class Recorder::Sink {
     std::string name;
     std::size_t joint_count = 0;
     std::optional<ModelTerms> terms;
+    std::optional<BaseMount> mount;  // none without terms of its carrier
     ArmFrames frames;
     Load tool, load;
     bool configured = false;  // an ArmConfig was written
@@ -53,7 +54,8 @@ class Recorder::Sink {
   void write_arm(Arm& arm, const ArmSample& sample, const CycleRecord& record);
   void write_command(Arm& arm, const ArmSample& sample, const CycleRecord& record);
   void write_wrench(Arm& arm, const ArmSample& sample, const CycleRecord& record);
-  void write_model(Arm& arm, const ArmSample& sample, const CycleRecord& record);
+  void update_models(const CycleRecord& record);
+  void write_model(Arm& arm, const CycleRecord& record);
   void write_references(const CycleRecord& record);
   void write_outputs(const CycleRecord& record);
   void write_timing(const CycleRecord& record);

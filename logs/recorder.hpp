@@ -7,11 +7,13 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "core/model/arm_model.hpp"
+#include "core/model/base_mount.hpp"
 #include "core/record/cycle_record.hpp"
 #include "core/state/arm_state.hpp"
 #include "logs/log_choice.hpp"
@@ -25,6 +27,7 @@ struct RecordedArm {
   std::shared_ptr<const ArmModel> model;  // none: no model summary for this arm
   ArmFrames frames;                       // at the start; changes come as events
   Load tool, load;
+  std::optional<BaseMount> mount = {};  // of an arm that stands on another one
 };
 
 struct RecorderOptions {

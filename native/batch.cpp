@@ -6,11 +6,14 @@
 #include <stdexcept>
 #include <thread>
 
+#include "scene/carried_arms.hpp"
+
 namespace multipanda {
 
 Batch::Batch(const std::string& scene, std::size_t count, std::size_t threads)
     : opened_(open_scene(scene)), layout_(std::make_unique<StateRow>(opened_.scene)), threads_(threads) {
   if (count == 0) throw std::invalid_argument("expected at least one world, found 0");
+  refuse_carried_arms(opened_.scene, "a world in this process");
   for (const auto& arm : opened_.scene.arms) {
     if (arm.fci)
       throw std::invalid_argument("arm '" + arm.name +

@@ -8,6 +8,7 @@
 
 #include "logs/export.hpp"
 #include "report/run_of_log.hpp"
+#include "scene/carried_arms.hpp"
 #include "support/child_process.hpp"
 #include "support/own_files.hpp"
 
@@ -58,6 +59,7 @@ Json about(const fs::path& log, const fs::path& npz) {
   if (out["arms"].empty()) throw std::runtime_error(log.string() + " names no arms: it is no log of a run");
   out["bases"] = Json::object();
   if (run.scene) {
+    refuse_carried_arms(*run.scene, "a data set with one base per arm");
     for (const SceneArm& arm : run.scene->arms) {
       const auto& p = arm.X_WB.position;
       const Quaternion q = arm.X_WB.quaternion();

@@ -12,6 +12,7 @@
 #include "runtime/mixed_backend.hpp"
 #include "runtime/virtual_backend.hpp"
 #include "scene/build.hpp"
+#include "scene/carried_arms.hpp"
 #include "support/address.hpp"
 #include "support/spelling.hpp"
 
@@ -54,6 +55,18 @@ BackendOptions chosen(const Scene& scene, BackendOptions options) {
   options.kind = named.kind;
   options.type = std::move(named.type);
   return options;
+}
+
+// Only the simulation in this process moves the base of a carried arm with its carrier.
+void check_carried_arms(const Scene& scene, const BackendOptions& options) {
+  const bool mujoco = options.kind == BackendKind::mujoco || options.kind == BackendKind::as_scene;
+  if (!mujoco) {
+    const std::string name = name_of(options.kind);
+    refuse_carried_arms(scene, "the backend '" + (name.empty() ? options.type : name) + "'");
+  }
+  const auto is_real = [](const SceneArm& arm) { return arm.fci.has_value(); };
+  if (!options.addresses.empty() || std::ranges::any_of(scene.arms, is_real))
+    refuse_carried_arms(scene, "a run with a real arm");
 }
 
 std::string describe(const Scene& scene) {
@@ -188,6 +201,7 @@ bool is_simulated(const Scene& scene, const BackendOptions& options) {
 Scene with_connections(Scene scene, const BackendOptions& given) {
   const BackendOptions options = chosen(scene, given);
   check_addresses(scene, options);
+  check_carried_arms(scene, options);
   for (ArmIndex i = 0; i < scene.arms.size(); ++i) {
     SceneArm& arm = scene.arms[i];
     if (options.kind != BackendKind::as_scene && options.kind != BackendKind::fci) arm.fci.reset();
@@ -216,6 +230,7 @@ Scene with_connections(Scene scene, const BackendOptions& given) {
 BackendSet make_backend(const Scene& scene, const Registry& registry, const BackendOptions& given,
                         const BackendPace& pace) {
   const BackendOptions options = chosen(scene, given);
+  check_carried_arms(scene, options);
   const Pace clock = pace.paced ? Pace::realtime : Pace::unpaced;
   switch (options.kind) {
     case BackendKind::virtual_arms:

@@ -52,7 +52,8 @@ bool is_simulated(const Scene& scene, const BackendOptions& options);
 
 // The scene with SceneArm::fci set for exactly the arms that are real. With `fci`, an arm without an address
 // gets a loopback address: 127.0.0.1 the first of the scene, 127.0.0.2 the second, ... Throws
-// std::invalid_argument: addresses of arms that are simulated or do not exist, or one address for two arms.
+// std::invalid_argument: addresses of arms that are simulated or do not exist, or one address for two arms;
+// ConfigError (an invalid_argument): a carried arm with another backend than `mujoco`.
 Scene with_connections(Scene scene, const BackendOptions& options);
 
 struct BackendSet {

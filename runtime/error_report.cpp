@@ -182,7 +182,7 @@ class Case {
   }
 
   ReflexDetail torque_beyond(ArmError error) const {
-    if (!last_.has_tau_ext) return {};
+    if (!last_.has_tau_ext || limits_.beside_moving_base) return {};
     Worst worst;
     for (std::size_t i = 0; i < n_; ++i) {
       const auto k = static_cast<Eigen::Index>(i);
@@ -194,7 +194,7 @@ class Case {
   }
 
   ReflexDetail wrench_beyond(ArmError error) {
-    if (!last_.has_wrench_estimate) return {};
+    if (!last_.has_wrench_estimate || limits_.beside_moving_base) return {};
     const Matrix3 R_KW = model().X_WK().rotation.transpose();
     Vector6 F_K_W;
     std::copy_n(last_.F_K_W_est.begin(), 6, F_K_W.data());

@@ -38,6 +38,9 @@ struct ArmErrorLimits {
   std::shared_ptr<const ArmModel> model;
   ArmFrames frames;
   Load tool, load;
+  // Its base moves with another arm, or it carries one, whose records are not looked at: what it estimated
+  // itself is not what the loop did.
+  bool beside_moving_base = false;
 };
 
 // Explains errors (bit i: ArmError i) from the arm's last cycles, oldest first. The last cycle is the one in

@@ -180,6 +180,15 @@ std::string to_csv(const std::vector<ArmCycle>& cycles, std::size_t joint_count)
   return text;
 }
 
+namespace {
+
+bool carries(const Scene& scene, std::size_t arm) {
+  return std::any_of(scene.arms.begin(), scene.arms.end(),
+                     [&](const SceneArm& other) { return other.mount && other.mount->carrier == arm; });
+}
+
+}  // namespace
+
 std::vector<ArmErrorLimits> error_limits(const Scene& scene,
                                          const std::vector<std::shared_ptr<const ArmModel>>& models,
                                          const std::vector<bool>& simulated) {
@@ -196,7 +205,8 @@ std::vector<ArmErrorLimits> error_limits(const Scene& scene,
                        .model = models[i],
                        .frames = config.frames,
                        .tool = config.tool,
-                       .load = config.load};
+                       .load = config.load,
+                       .beside_moving_base = arm.mount.has_value() || carries(scene, i)};
     if (simulated[i]) {
       if (!one.thresholds) one.thresholds = default_settings(*models[i]).thresholds;
       one.self_distance = SelfCollision::kMargin;

@@ -9,6 +9,7 @@
 #include "backends/simulation_view.hpp"
 #include "runtime/reach.hpp"
 #include "scene/build.hpp"
+#include "scene/carried_arms.hpp"
 #include "scene/flange_load.hpp"
 #include "support/machine.hpp"
 
@@ -54,7 +55,10 @@ Session::Session(Scene scene, const Registry& registry, SessionOptions options)
       registry_(registry),
       options_(std::move(options)),
       latest_(scene_.arms.size()) {
+  if (!options_.moving_bases) refuse_carried_arms(scene_, "this program");
+  if (options_.make_adapter) refuse_carried_arms(scene_, "ROS (--ros)");
   duration_s_ = options_.duration_s.value_or(scene_.duration_s);
+  for (const auto& arm : scene_.arms) mounts_.push_back(arm.mount);
   build();
   if (!options_.record.empty()) open_log();
   if (!options_.socket.empty() || options_.share_records) open_live_input();
@@ -95,8 +99,9 @@ void Session::build() {
   cycle_ = std::make_unique<ControlCycle>(std::move(config), registry_, *backend_.backend);
   auto timeline = build_schedule(scene_, modes());
   Reach reach(models_);
-  for (ArmIndex i = 0; i < models_.size(); ++i)
-    reach.set_end_effector(i, arm_config(scene_.arms[i]).frames.X_FE);
+  for (ArmIndex i = 0; i < models_.size(); ++i) {
+    if (!mounts_[i]) reach.set_end_effector(i, arm_config(scene_.arms[i]).frames.X_FE);
+  }
   reach.check(timeline, modes());
   modes().schedule(std::move(timeline));
   modes().activate_at_start(start_set(scene_, modes()));
@@ -112,7 +117,7 @@ void Session::share_records() {
   std::vector<ArmFrames> frames;
   for (const auto& arm : scene_.arms) frames.push_back(arm_config(arm).frames);
   try {
-    shared_ = std::make_unique<SharedRecords>(scene_.name, cycle_->layout(), models_, frames);
+    shared_ = std::make_unique<SharedRecords>(scene_.name, cycle_->layout(), models_, frames, mounts_);
     events_.emplace(cycle_->layout());
   } catch (const std::runtime_error& error) {
     monitor_->add_news(std::string("no records are shared with other programs: ") + error.what());
@@ -126,6 +131,7 @@ void Session::open_live_input() {
                    .backend = backend_.backend.get(),
                    .latest = &latest_,
                    .models = models_,
+                   .mounts = mounts_,
                    .rotations = {},
                    .records = shared_.get(),
                    .mark = [this](const EpisodeMark& mark) {
@@ -166,8 +172,11 @@ void Session::start() {
     std::vector<RecordedArm> arms;
     for (std::size_t i = 0; i < models_.size(); ++i) {
       const ArmConfig config = arm_config(scene_.arms[i]);
-      arms.push_back(
-          {.model = models_[i], .frames = config.frames, .tool = config.tool, .load = config.load});
+      arms.push_back({.model = models_[i],
+                      .frames = config.frames,
+                      .tool = config.tool,
+                      .load = config.load,
+                      .mount = mounts_[i]});
     }
     RecorderOptions recorder_options;
     recorder_options.every = options_.log_every;

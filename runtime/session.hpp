@@ -45,6 +45,9 @@ struct SessionOptions {
   // neither block nor throw.
   std::function<void(const Tick&, const Backend&)> on_loop;
   LogEvery log_every;  // how often the log has what
+  // Whether scenes with carried arms are run (docs/carried_arms.md). Programs that take the base of an arm
+  // for fixed leave it false; such a scene is then refused.
+  bool moving_bases = false;
   // Replaces the backend. Its loop time must advance by its own period per step.
   std::function<std::unique_ptr<Backend>(const Scene&)> make_backend;
 };
@@ -115,6 +118,7 @@ class Session {
   BackendSet backend_;
   std::unique_ptr<ControlCycle> cycle_;
   std::vector<std::shared_ptr<const ArmModel>> models_;
+  std::vector<std::optional<BaseMount>> mounts_;  // per arm
   std::mutex early_news_mutex_;
   std::vector<std::string> early_news_;  // reported by the backend before the monitor existed
   std::unique_ptr<RunMonitor> monitor_;

@@ -127,11 +127,20 @@ Transmission transmission_of(const PlantFidelity& plant, std::size_t n) {
   return t;
 }
 
-Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant) {
-  if (plant.base_tilt.isZero(0)) return arm.X_WB;
-  Pose X_WB = arm.X_WB;
-  X_WB.rotation *= rotation_from_rpy({plant.base_tilt.x(), plant.base_tilt.y(), 0});
-  return X_WB;
+namespace {
+
+Pose tilted(Pose X, const RobotDescription& plant) {
+  if (!plant.base_tilt.isZero(0))
+    X.rotation *= rotation_from_rpy({plant.base_tilt.x(), plant.base_tilt.y(), 0});
+  return X;
+}
+
+}  // namespace
+
+Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant) { return tilted(arm.X_WB, plant); }
+
+Pose plant_mount_of(const BaseMount& mount, const RobotDescription& plant) {
+  return tilted(mount.X_JB, plant);
 }
 
 double fixed_load(const SceneArm& arm, const RobotDescription& robot) {
@@ -219,7 +228,7 @@ ArmConfig arm_config(const SceneArm& arm) {
 CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) {
   CycleConfig config;
   for (const auto& arm : scene.arms)
-    config.arms.push_back({arm.name, build_controller_model(arm), arm.safety});
+    config.arms.push_back({arm.name, build_controller_model(arm), arm.safety, arm.mount});
   config.controllets = scene.controllets;
   for (ArmIndex arm = 0; arm < scene.arms.size(); ++arm) {  // a hold that the scene does not change
     InstanceConfig hold{.name = scene.arms[arm].name + "_hold", .type = "hold", .arms = {arm}};

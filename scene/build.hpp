@@ -28,6 +28,8 @@ RobotDescription plant_robot_of(const SceneArm& arm);
 Transmission transmission_of(const PlantFidelity& plant, std::size_t n);
 // Pose of its base in the plant: X_WB, turned by the tilt of `plant`.
 Pose plant_base_of(const SceneArm& arm, const RobotDescription& plant);
+// The same of a carried arm, in the joint's frame of its carrier: X_JB, turned by the tilt.
+Pose plant_mount_of(const BaseMount& mount, const RobotDescription& plant);
 
 // Masses that count towards the largest load: of hand and tool, and what remains for a declared payload [kg].
 // Nothing remains if neither the scene nor the model says what the arm may carry.

@@ -7,6 +7,7 @@
 
 #include "config_file/text.hpp"
 #include "scene/build.hpp"
+#include "scene/carried_arms.hpp"
 #include "scene/load_parts.hpp"
 #include "support/own_files.hpp"
 #include "support/spelling.hpp"
@@ -155,6 +156,9 @@ void visit(Archive& archive, SceneReader& reader) {
     archive.at("arms").refuse("expected 1 to " + std::to_string(kMaxArms) + " arms, found " +
                               std::to_string(scene.arms.size()));
   }
+  const auto is_real = [](const SceneArm& arm) { return arm.fci.has_value(); };
+  if (std::any_of(scene.arms.begin(), scene.arms.end(), is_real))
+    refuse_carried_arms(scene, "a run with a real arm (key 'fci')");
   archive.list(Key("objects", "Surfaces and bodies.").each("object"), scene.objects, reader);
   archive.section(
       Key("contact_bounds",

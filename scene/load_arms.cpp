@@ -84,21 +84,6 @@ void check_start(const Archive& archive, const RobotDescription& robot, const Sc
   }
 }
 
-// Two arms of one robot may share their base (its torso), but not the place of their first joints.
-void check_distance(const Archive& archive, const RobotDescription& robot, const SceneReader& reader,
-                    const SceneArm& arm) {
-  constexpr double kNearest = 0.1;  // [m] between bases that do not collide
-  const auto near = [](const Vector3& a, const Vector3& b) { return (a - b).norm() < kNearest; };
-  for (std::size_t i = 0; i < reader.scene.arms.size(); ++i) {
-    const SceneArm& other = reader.scene.arms[i];
-    if (near(other.X_WB.position, arm.X_WB.position) &&
-        near(other.X_WB * reader.robots[i].joints[0].position, arm.X_WB * robot.joints[0].position)) {
-      archive.at("base").refuse("stands inside arm '" + other.name + "'; expected bases at least " +
-                                number_text(kNearest) + " m apart (base: {position_m: [x, y, z]})");
-    }
-  }
-}
-
 // One limit of the safety section. `sign` +1: the smaller is the tighter; -1: the larger is.
 void visit_limit(Archive& archive, Key key, double sign, JointVector& limit, bool loosen, SceneArm& arm) {
   key.joints(static_cast<std::size_t>(limit.size())).or_one();
@@ -314,8 +299,7 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
     if (archive.has("plant_model")) check_plant_model(archive, *robot, arm);
     arm.q_start = robot->q_home;
   }
-  archive.section(Key("base", "X_WB: base in the world."), arm.X_WB);
-  if (robot) check_distance(archive, *robot, reader, arm);
+  read_base(archive, arm, reader, robot ? &*robot : nullptr);
   archive(Key("start_rad",
               "Joint positions of the simulated arm at the start; `ready`: those of the model. Controllets "
               "always begin from the measured state.")
@@ -423,35 +407,6 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
   if (!archive.reading()) return;
   reader.holds.push_back({.name = arm.name + "_hold", .type = "hold", .arms = {reader.scene.arms.size()}});
   reader.robots.push_back(std::move(*robot));
-}
-
-void visit(Archive& archive, Pose& X) {
-  archive.about("Pose", "A frame in its parent. Missing keys are zero.");
-  visit_pose(archive, X, Key("position_m", "Origin of the frame."));
-}
-
-void visit_pose(Archive& archive, Pose& X, Key position) {
-  std::optional<Vector3> rpy;
-  std::optional<std::array<double, 4>> wxyz;
-  archive(position.within(-kFarthest, kFarthest), X.position);
-  archive(
-      Key("rpy_rad",
-          "Roll, pitch, yaw about the fixed axes x, y, z: R = Rz(yaw) Ry(pitch) Rx(roll). `pi`, `-pi/2` and "
-          "`3*pi/4` are valid numbers."),
-      rpy);
-  archive(Key("quaternion_wxyz", "Unit quaternion, w first, in place of `rpy_rad`.").within(-1.01, 1.01),
-          wxyz);
-  if (!archive.reading()) return;
-  if (rpy && wxyz) archive.at("quaternion_wxyz").refuse("expected rpy_rad or quaternion_wxyz, found both");
-  if (rpy) X.rotation = rotation_from_rpy(*rpy);
-  if (!wxyz) return;
-  const Quaternion q((*wxyz)[0], (*wxyz)[1], (*wxyz)[2], (*wxyz)[3]);
-  constexpr double kFarFromUnit = 1e-2;
-  if (std::abs(q.norm() - 1) > kFarFromUnit) {
-    archive.at("quaternion_wxyz")
-        .refuse("expected a unit quaternion [w, x, y, z], found length " + number_text(q.norm()));
-  }
-  X.rotation = q.normalized().toRotationMatrix();
 }
 
 ArmIndex SceneReader::arm(const Node& name) const {

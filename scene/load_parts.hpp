@@ -53,10 +53,13 @@ void visit(Archive& archive, OtherInput& input);
 void visit(Archive& archive, RosSection& ros);
 void visit(Archive& archive, RosSection::Rates& rates);
 void visit(Archive& archive, Pose& X);  // a section of its own
+void visit(Archive& archive, BaseMount& mount, SceneReader& reader, SceneArm& arm);
 void note_near_leaders(Scene& scene);
 void read_active(Archive& archive, SceneReader& reader);
 void read_timeline(Archive& archive, SceneReader& reader);  // after read_active
 
+// Keys `base` and `base_on` of an arm, after `model` and `hand`; `robot` is null while describing.
+void read_base(Archive& archive, SceneArm& arm, SceneReader& reader, const RobotDescription* robot);
 // Keys of a pose inside another section: position_m, rpy_rad, quaternion_wxyz.
 void visit_pose(Archive& archive, Pose& X, Key position);
 // Keys of a shape and its size: `shapes` are those allowed here, no longer than `longest` [m].

@@ -8,6 +8,7 @@
 
 #include "config_file/config_error.hpp"
 #include "core/cycle/backend.hpp"
+#include "core/model/base_mount.hpp"
 #include "core/modes/instance.hpp"
 #include "core/safety/safety.hpp"
 #include "core/state/arm_state.hpp"
@@ -81,8 +82,11 @@ struct SceneArm {
   std::optional<bool> movable_fingers;
   bool vacuum =
       false;  // a vacuum gripper replaces the hand; suction acts at the end effector, along its z axis
-  Pose X_WB;  // base in the world
-  JointVector q_start;  // joint positions of the simulated arm at the start [rad]
+  Pose X_WB;  // base in the world; of a carried arm where it is at the start
+  // On a link of an arm earlier in `arms`, which moves the base; none: the base stands still.
+  std::optional<BaseMount> mount;
+  SourcePlace mount_place;  // of the key `base_on`
+  JointVector q_start;      // joint positions of the simulated arm at the start [rad]
   std::optional<Pose>
       X_FE;            // end effector in the flange; none: the hand's tool center point, otherwise the flange
   Pose X_EK;           // stiffness frame in the end effector

@@ -11,6 +11,7 @@
 #include "models/robot_description.hpp"
 #include "runtime/session.hpp"
 #include "scene/build.hpp"
+#include "scene/carried_arms.hpp"
 #include "scene/hidden_plant.hpp"
 #include "study/run_figures.hpp"
 
@@ -41,6 +42,7 @@ Scene scene_of(const SceneRun& run, const Registry*& registry) {
   const std::string text = scene_text(run);
   registry = &registry_of(text, run.scene);
   Scene scene = parse_scene(text, run.scene, *registry);
+  refuse_carried_arms(scene, "a study");
   for (const auto& arm : scene.arms) {
     if (arm.fci)
       throw std::invalid_argument(run.scene + ": arm '" + arm.name +

@@ -101,6 +101,51 @@ TEST_F(MujocoGuard, EveryControlletFeatureAndSwitch) {
   backend.finish();
 }
 
+// An arm on a torso that another arm turns, under every pair of laws that may own them.
+TEST_F(MujocoGuard, ArmsOnATorso) {
+  const OpenedScene opened = open_scene(MULTIPANDA_SOURCE_DIR "/examples/carried_arm/scene.yaml");
+  Scene scene = opened.scene;
+  scene.timeline.clear();
+  scene.active.clear();
+  scene.controllets.clear();
+  std::vector<std::string> names[2];
+  for (const auto& type : opened.registry.controllets()) {
+    if (!type.descriptor.moving_base) continue;
+    for (ArmIndex arm = 0; arm + type.descriptor.arms <= 2; ++arm) {
+      InstanceConfig config{.name = type.descriptor.type + (arm == 0 ? "_a" : "_b"),
+                            .type = type.descriptor.type};
+      for (ArmIndex k = 0; k < type.descriptor.arms; ++k) config.arms.push_back(arm + k);
+      names[arm].push_back(config.name);
+      scene.controllets.push_back(std::move(config));
+    }
+  }
+  ASSERT_GE(scene.controllets.size(), 8u);
+  MujocoBackend backend(scene, {.pace = Pace::unpaced});
+  ControlCycle cycle(build_cycle_config(scene, 20000), opened.registry, backend);
+  MultimodeController& modes = cycle.modes();
+  backend.start();
+  for (int k = 0; k < 10; ++k) cycle.step(backend.wait());
+  for (const auto& first : names[0]) {
+    for (const auto& second : names[1]) {
+      // The carrier's hand would sweep an arm that no Cartesian law keeps in the world.
+      if (first.starts_with("cartesian") && !second.starts_with("cartesian")) continue;
+      for (const auto& name : {second, first}) {
+        const Request request{.activate = bit(modes.find(name))};
+        std::uint64_t ticket = 0;
+        ASSERT_EQ(modes.post(std::span(&request, 1), ticket), Verdict::accepted);
+        LoopGuard::arm();
+        for (int k = 0; k < 50; ++k) cycle.step(backend.wait());
+        const LoopGuardCounts counts = LoopGuard::disarm();
+        EXPECT_EQ(counts.heap_calls + counts.lock_calls, 0u) << first << ", " << second;
+        Answer answer;
+        ASSERT_TRUE(modes.poll(ticket, answer));
+        EXPECT_EQ(answer.verdict, Verdict::accepted) << name;
+      }
+    }
+  }
+  backend.finish();
+}
+
 // Fingers and a suction cup grasp and release.
 TEST_F(MujocoGuard, Grippers) {
   const Registry registry = Registry::with_builtins();

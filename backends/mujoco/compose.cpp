@@ -226,7 +226,52 @@ void add_tool_shapes(mjsBody* last_link, const mjsSite* flange, const WorldArm& 
   }
 }
 
-void add_arm(mjSpec* spec, const WorldArm& arm, const WorldPhysics& physics) {
+std::string link_name(const std::string& arm, std::size_t link) {
+  return arm + "/link" + std::to_string(link);
+}
+
+// The body on which the arm's base stands. In to_mjcf, the frame of a link's body is that of the joint before
+// it, and so X_JB holds here.
+mjsBody* ground_of(mjSpec* spec, const WorldArm& arm) {
+  if (!arm.carrier) return mjs_findBody(spec, "world");
+  const std::string name = link_name(arm.carrier->name, arm.carrier->joint + 1);
+  mjsBody* ground = mjs_findBody(spec, name.c_str());
+  if (ground == nullptr)
+    refuse("arm '" + arm.name + "'", "it stands on '" + name + "', which no earlier arm of the world has");
+  return ground;
+}
+
+// What overlaps where an arm stands on another one: its base is mounted inside the shapes of the link below
+// and of that link's neighbors, and its first link turns in the former. MuJoCo ignores such pairs by itself,
+// as long as they count as parent and child; they are named all the same, as those of an arm are (to_mjcf): a
+// pair that always touches would push the two arms apart.
+void exclude_mount(mjSpec* spec, const WorldArm& arm) {
+  if (!arm.carrier) return;
+  const auto exclude = [&](std::size_t own, std::size_t below) {
+    const std::string mine = link_name(arm.name, own), other = link_name(arm.carrier->name, below);
+    if (mjs_findBody(spec, other.c_str()) == nullptr) return;  // behind the last link
+    mjsExclude* pair = mjs_addExclude(spec);
+    mjs_setString(pair->bodyname1, mine.c_str());
+    mjs_setString(pair->bodyname2, other.c_str());
+  };
+  const std::size_t ground = arm.carrier->joint + 1;
+  for (const std::size_t below : {ground - 1, ground, ground + 1}) exclude(0, below);
+  exclude(1, ground);
+}
+
+// link0 and link1 do not touch what stands still, because they are mounted on it (kBaseBits). Those that a
+// carrier moves do.
+void let_touch(mjSpec* child, const char* link) {
+  mjsBody* body = mjs_findBody(child, link);
+  for (mjsElement* e = mjs_firstChild(body, mjOBJ_GEOM, 0); e != nullptr; e = mjs_nextChild(body, e, 0)) {
+    mjsGeom* geom = mjs_asGeom(e);
+    if (geom->contype != kBaseBits.type) continue;
+    geom->contype = kArmBits.type;
+    geom->conaffinity = kArmBits.affinity;
+  }
+}
+
+void add_arm(mjSpec* spec, const WorldArm& arm, bool carries, const WorldPhysics& physics) {
   char error[1024] = "";
   const SpecPtr child(mj_parseXMLString(arm.mjcf.c_str(), nullptr, error, sizeof error));
   if (!child) refuse("arm '" + arm.name + "'", std::string("MuJoCo cannot load its model:  ") + error);
@@ -239,18 +284,21 @@ void add_arm(mjSpec* spec, const WorldArm& arm, const WorldPhysics& physics) {
   if (last_link == nullptr || site == nullptr || root == nullptr) {
     refuse("arm '" + arm.name + "'", "its model lacks body 'link0', body '" + last + "' or site 'flange'");
   }
+  if (arm.carrier) let_touch(child.get(), "link0");
+  if (arm.carrier || carries) let_touch(child.get(), "link1");
   const mjsSite* flange = mjs_asSite(const_cast<mjsElement*>(site));
   add_load(last_link, flange, "tool", arm.tool, {0.35, 0.37, 0.4, 1});
   add_load(last_link, flange, "payload", arm.payload, {0.85, 0.45, 0.1, 1});
   add_tool_shapes(last_link, flange, arm);
 
-  mjsFrame* frame = mjs_addFrame(mjs_findBody(spec, "world"), nullptr);
-  set_pose(arm.X_WB, frame->pos, frame->quat);
+  mjsFrame* frame = mjs_addFrame(ground_of(spec, arm), nullptr);
+  set_pose(arm.carrier ? arm.carrier->X_JB : arm.X_WB, frame->pos, frame->quat);
   // Attaches a copy; otherwise attaching would move the child.
   mjs_setDeepCopy(spec, 1);
   if (mjs_attach(frame->element, root->element, (arm.name + "/").c_str(), "") == nullptr) {
     refuse("arm '" + arm.name + "'", mjs_getError(spec));
   }
+  exclude_mount(spec, arm);
 }
 
 void add_object(mjSpec* spec, const SceneObject& object) {
@@ -310,7 +358,12 @@ mjModel* compose(const std::vector<WorldArm>& arms, const std::vector<SceneObjec
   add_surroundings(spec.get(), arms, std::any_of(objects.begin(), objects.end(), [](const SceneObject& o) {
                      return o.shape == SceneObject::Shape::plane;
                    }));
-  for (const auto& arm : arms) add_arm(spec.get(), arm, physics);
+  for (const auto& arm : arms) {
+    const bool carries = std::any_of(arms.begin(), arms.end(), [&](const WorldArm& other) {
+      return other.carrier && other.carrier->name == arm.name;
+    });
+    add_arm(spec.get(), arm, carries, physics);
+  }
   for (const auto& object : objects) add_object(spec.get(), object);
   add_surface_pairs(spec.get(), arms, objects);
   add_finger_pairs(spec.get(), arms, objects);

@@ -17,6 +17,14 @@ namespace {
 
 bool has_fingers(const SceneArm& arm) { return arm.hand && arm.movable_fingers.value_or(false); }
 
+std::optional<WorldArm::Carrier> carrier_of(const Scene& scene, const SceneArm& arm,
+                                            const RobotDescription& plant) {
+  if (!arm.mount) return std::nullopt;
+  return WorldArm::Carrier{.name = scene.arms.at(arm.mount->carrier).name,
+                           .joint = arm.mount->joint,
+                           .X_JB = plant_mount_of(*arm.mount, plant)};
+}
+
 std::vector<WorldArm> world_arms(const Scene& scene, const PlantOptions& options) {
   std::vector<WorldArm> arms;
   for (const auto& arm : scene.arms) {
@@ -28,6 +36,7 @@ std::vector<WorldArm> world_arms(const Scene& scene, const PlantOptions& options
              robot, {.hand = arm.hand, .fingers = fingers, .finger_servo = false, .meshes = options.meshes}),
          .joint_count = robot.joint_count(),
          .X_WB = plant_base_of(arm, robot),
+         .carrier = carrier_of(scene, arm, robot),
          .q_start = arm.q_start,
          .tool = arm.tool,
          .payload = arm.load_present,

@@ -59,6 +59,7 @@ void World::find_places(const std::vector<WorldArm>& arms, const std::vector<Sce
   const auto bodies = static_cast<std::size_t>(m->nbody);
   arm_of_body_.assign(bodies, -1);
   tip_.assign(bodies, 0);
+  std::vector<int> roots;
   for (const auto& arm : arms) {
     ArmPlaces places;
     for (std::size_t j = 1; j <= arm.joint_count; ++j) {
@@ -68,16 +69,22 @@ void World::find_places(const std::vector<WorldArm>& arms, const std::vector<Sce
     }
     places.flange_site = find(m, mjOBJ_SITE, arm.name + "/flange");
     places.last_link = find(m, mjOBJ_BODY, arm.name + "/link" + std::to_string(arm.joint_count));
-    const int root = find(m, mjOBJ_BODY, arm.name + "/link0");
-    // A parent comes before its children.
-    for (std::size_t b = 1; b < bodies; ++b) {
-      const auto parent = static_cast<std::size_t>(m->body_parentid[b]);
-      const int self = static_cast<int>(arms_.size()), body = static_cast<int>(b);
-      if (body == root || arm_of_body_[parent] == self) arm_of_body_[b] = self;
-      if (body == places.last_link || tip_[parent] != 0) tip_[b] = 1;
-    }
+    roots.push_back(find(m, mjOBJ_BODY, arm.name + "/link0"));
     find_grippers(arm, objects, places);
     arms_.push_back(std::move(places));
+  }
+  // A parent comes before its children. The bodies of a carried arm are below those of its carrier.
+  for (std::size_t b = 1; b < bodies; ++b) {
+    const auto parent = static_cast<std::size_t>(m->body_parentid[b]);
+    arm_of_body_[b] = arm_of_body_[parent];
+    tip_[b] = tip_[parent];
+    for (std::size_t a = 0; a < arms_.size(); ++a) {
+      if (static_cast<int>(b) == roots[a]) {
+        arm_of_body_[b] = static_cast<int>(a);
+        tip_[b] = 0;
+      }
+      if (static_cast<int>(b) == arms_[a].last_link) tip_[b] = 1;
+    }
   }
   for (const auto& object : objects) {
     ObjectPlaces places{

@@ -18,10 +18,17 @@ namespace multipanda {
 
 // One arm of the world.
 struct WorldArm {
+  // The arm that carries this one on the link behind its joint number `joint`, from 0.
+  struct Carrier {
+    std::string name;  // of an earlier arm
+    std::size_t joint = 0;
+    Pose X_JB;  // base in the joint's frame
+  };
   std::string name;
   std::string mjcf;  // of models/to_mjcf.hpp: body link0, joints joint1..N, site flange
   std::size_t joint_count = 0;
-  Pose X_WB;
+  Pose X_WB;  // of a carried arm at the start
+  std::optional<Carrier> carrier;
   JointVector q_start;
   Load tool, payload;  // the actual loads on the flange, without the hand; mass 0: none
   std::vector<ToolShape> tool_shapes;
@@ -68,7 +75,7 @@ class World {
   const ArmPlaces& arm(std::size_t i) const { return arms_[i]; }
   const std::vector<ObjectPlaces>& objects() const { return objects_; }
   std::optional<std::size_t> find_object(std::string_view name) const;
-  // Arm that a body belongs to (links, hand, tool, payload), or -1.
+  // Arm that a body belongs to (links, hand, tool, payload), or -1; not the arm that carries it.
   int arm_of_body(int body) const { return arm_of_body_[static_cast<std::size_t>(body)]; }
   // Whether a body is behind the last joint: last link, hand, fingers, tool and its shapes, payload.
   bool is_tip(int body) const { return tip_[static_cast<std::size_t>(body)] != 0; }

@@ -13,6 +13,7 @@
 #include "runtime/faulty.hpp"
 #include "runtime/shared_records/record_fields.hpp"
 #include "scene/build.hpp"
+#include "scene/carried_arms.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda::cockpit {
@@ -86,6 +87,7 @@ void LogTable::begin(const McapReader& reader) {
   Registry registry = build_registry(scene_plugins(text, path));
   registry.add(faulty_controllet());  // of the demo's scene
   scene_ = parse_scene(text, path, registry);
+  refuse_carried_arms(scene_, "the page");
   for (const SceneArm& arm : scene_.arms) {
     models_.push_back(build_controller_model(arm));
     Arm& entry = arms_[arm.name];

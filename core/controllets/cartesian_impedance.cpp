@@ -14,6 +14,8 @@ class CartesianImpedance final : public Controllet {
             .doc =
                 "Cartesian impedance: the end effector is a spring and damper about its set-point, with a "
                 "soft posture in the null space.",
+            .moving_base = true,
+            .wrench_at_hand = true,
             .inputs = spec_table<kInputCount>(input_at<kPose>(
                 {.name = "pose", .quantity = Quantity::pose, .doc = "Set-point X_WE, in the world frame."})),
             .parameters = spec_table<kParameterCount>(

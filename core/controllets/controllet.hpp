@@ -18,6 +18,9 @@ struct OwnedArm {
   const ArmState* state = nullptr;  // this cycle's measurement
   ModelTerms* terms = nullptr;      // this cycle's model, computed on demand
   JointVector* tau = nullptr;  // output: torque without gravity and friction [N m] (n x 1), zero at entry
+  // The arm that stands on this one, on the link behind carried_joint (0 to n-1); nullptr: none.
+  ModelTerms* carried = nullptr;
+  std::size_t carried_joint = 0;
 
   const ArmModel& model() const { return terms->model(); }
   const JointVector& q() const { return state->q; }

@@ -19,6 +19,8 @@ class CoupledDualCartesianImpedance final : public Controllet {
         .type = "coupled_dual_cartesian_impedance",
         .doc = "CDC: two hands move one shared frame and keep their pose relative to each other.",
         .arms = 2,
+        .moving_base = true,
+        .wrench_at_hand = true,
         .inputs = spec_table<kInputCount>(input_at<kPose>(
             {.name = "pose",
              .quantity = Quantity::pose,

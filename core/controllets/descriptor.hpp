@@ -36,6 +36,12 @@ struct ControlletDescriptor {
   // Number of arms that it reads and does not own: the leader of a follower. If one of them is lost, the
   // controllet is deactivated and its arms are held.
   std::size_t observes = 0;
+  // Whether it may own or observe an arm that stands on another one, or that carries one: it keeps no pose in
+  // coordinates of a base, and bears that the base moves.
+  bool moving_base = false;
+  // Whether its torques act as a wrench of each hand on the world, J^T F beside the self-motion. A carrier
+  // then bears that wrench for the arm that stands on it.
+  bool wrench_at_hand = false;
   std::vector<InputSpec> inputs;
   std::vector<ParameterSpec> parameters;
   std::vector<OutputSpec> outputs;

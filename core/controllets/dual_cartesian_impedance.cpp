@@ -17,6 +17,8 @@ class DualCartesianImpedance final : public Controllet {
         .type = "dual_cartesian_impedance",
         .doc = "DC: two arms with independent Cartesian impedances, and one common set-point or one each.",
         .arms = 2,
+        .moving_base = true,
+        .wrench_at_hand = true,
         .inputs = spec_table<kInputCount>(
             input_at<kCommonPose>({.name = "common_pose",
                                    .quantity = Quantity::pose,

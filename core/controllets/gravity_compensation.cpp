@@ -26,6 +26,7 @@ class GravityCompensation final : public Controllet {
   static ControlletDescriptor descriptor() {
     return {.type = "gravity_compensation",
             .doc = "Hand guiding: compensates gravity, so that the arm can be moved by hand.",
+            .moving_base = true,
             .parameters = spec_table<kParameterCount>(parameter_at<kDamping>(
                 {.name = "damping_nms_per_rad",
                  .unit = "N m s/rad",
@@ -47,11 +48,19 @@ class GravityCompensation final : public Controllet {
       const double own = std::clamp(kAtLever * D, carriage.least, carriage.most);
       (*arm.tau)[carriage.joint] -= (own - D) * arm.dq()[carriage.joint];
     }
+    if (arm.carried != nullptr) brake_torso(arm);
     return LawResult::ok;
   }
 
  private:
   enum Parameter : std::size_t { kDamping, kParameterCount };
+  // Joints that move another arm, too, do not coast on: it would sweep that arm along.
+  static void brake_torso(OwnedArm& arm) {
+    for (std::size_t joint = 0; joint <= arm.carried_joint; ++joint) {
+      const auto i = static_cast<Eigen::Index>(joint);
+      if (!arm.model().is_prismatic(joint)) (*arm.tau)[i] -= kStops * arm.terms->M()(i, i) * arm.dq()[i];
+    }
+  }
   struct Carriage {
     Eigen::Index joint;
     double least, most;  // damping [N s/m]; the most is what it bears at 1 kHz

@@ -25,6 +25,7 @@ class Hold final : public Controllet {
   static ControlletDescriptor descriptor() {
     return {.type = "hold",
             .doc = "Holds one arm where it is: a soft, damped joint spring. The safe default of every arm.",
+            .moving_base = true,
             .parameters = spec_table<kParameterCount>(
                 parameter_at<kStiffness>({.name = "stiffness_nm_per_rad",
                                           .unit = "N m/rad",

@@ -14,6 +14,7 @@ class JointImpedance final : public Controllet {
     return {
         .type = "joint_impedance",
         .doc = "Joint impedance: each joint is a spring and damper about its set-point.",
+        .moving_base = true,
         .inputs = spec_table<kInputCount>(
             input_at<kJoints>({.name = "joints", .quantity = Quantity::joints, .doc = "q_d [rad]."})),
         .parameters = spec_table<kParameterCount>(

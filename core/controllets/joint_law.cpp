@@ -11,8 +11,9 @@ namespace {
 // The pull of all joints acts at the hand like the wrench J_bar^T tau, J_bar = M^-1 J^T Lambda (Khatib
 // 1987), more near a singular pose (TaskSpace::press): the force that keeps the hand where it is. The whole
 // pull is scaled until that keeps to its bounds. A motion of the null space does not show at the hand, so the
-// force at the elbow may be bounded likewise. A carriage is bounded by its own joint's pull, which no other
-// joint has to press for.
+// force at the elbow may be bounded likewise. So is that at the hand of an arm that stands on this one, as if
+// its joints were locked: in a hold they nearly are. A carriage is bounded by its own joint's pull, which no
+// other joint has to press for.
 void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, const JointVector& spring,
            const JointVector& damping, JointVector& tau, JointPull& drawn) {
   const TaskSpace& task = arm.terms->task();
@@ -22,12 +23,17 @@ void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, cons
   };
   const JointVector pull = tau - arm.terms->c() + damping;
   BoundedPull bounded = bound_pull(contact, at_hand(pull), at_hand(damping), arm.terms->V_WE().linear());
-  if (elbow != nullptr) {
+  const auto bound_at = [&](const Elbow& point) {
     Vector6 pushes = Vector6::Zero(), damps = Vector6::Zero();
-    pushes.head<3>() = elbow->force(pull);
-    damps.head<3>() = elbow->force(damping);
-    const double share = bound_pull(contact, pushes, damps, elbow->velocity(arm.dq())).force_share;
+    pushes.head<3>() = point.force(pull);
+    damps.head<3>() = point.force(damping);
+    const double share = bound_pull(contact, pushes, damps, point.velocity(arm.dq())).force_share;
     bounded.force_share = std::max(bounded.force_share, share);
+  };
+  if (arm.carried != nullptr) bound_at(Elbow(*arm.terms, arm.carried_joint, arm.carried->X_WE().position));
+  if (elbow != nullptr) {
+    bound_at(*elbow);
+    Vector6 pushes = Vector6::Zero();
     pushes.head<3>() = elbow->force(spring);
     drawn.strain = std::max({strain_of(at_hand(spring), contact), strain_of(pushes, contact),
                              carriage_strain(contact, arm.model(), spring)});

@@ -26,6 +26,52 @@ std::vector<SafetyLimits> limits_of(const CycleConfig& config, const Backend& ba
   return limits;
 }
 
+std::vector<std::optional<BaseMount>> mounts_of(const CycleConfig& config) {
+  std::vector<std::optional<BaseMount>> mounts;
+  for (const auto& arm : config.arms) mounts.push_back(arm.mount);
+  return mounts;
+}
+
+// The carrier of an arm stands in the world, carries one arm, and the joints that move that arm do not turn
+// it against gravity: an arm compensates gravity for the direction in which it was mounted.
+void check_mount(const CycleConfig& config, const Backend& backend, ArmIndex arm) {
+  if (!config.arms[arm].mount) return;
+  const BaseMount& mount = *config.arms[arm].mount;
+  const std::string who = "arm '" + config.arms[arm].name + "' ";
+  if (mount.carrier >= config.arms.size() || mount.carrier == arm)
+    throw std::invalid_argument(who + "stands on arm number " + std::to_string(mount.carrier) +
+                                "; expected another arm of this loop");
+  const auto& carrier = config.arms[mount.carrier];
+  if (carrier.mount)
+    throw std::invalid_argument(who + "stands on arm '" + carrier.name +
+                                "', which stands on an arm itself; expected one that stands in the world");
+  for (ArmIndex other = 0; other < arm; ++other) {
+    if (config.arms[other].mount && config.arms[other].mount->carrier == mount.carrier)
+      throw std::invalid_argument(who + "and arm '" + config.arms[other].name + "' stand on arm '" +
+                                  carrier.name + "'; expected one at most");
+  }
+  if (mount.joint >= carrier.model->joint_count())
+    throw std::invalid_argument(who + "stands behind joint " + std::to_string(mount.joint + 1) + " of arm '" +
+                                carrier.name + "', which has " +
+                                std::to_string(carrier.model->joint_count()));
+  // A real arm beside them may be led by a law of both, and the forces that an arm estimates itself are those
+  // of a base that stands still.
+  for (ArmIndex other = 0; other < config.arms.size(); ++other) {
+    if (!backend.capabilities(other).simulated)
+      throw std::invalid_argument(who + "stands on arm '" + carrier.name + "', and arm '" +
+                                  config.arms[other].name +
+                                  "' is not simulated; expected simulated arms only");
+  }
+  for (const ArmIndex of_two : {arm, mount.carrier}) {
+    if (backend.capabilities(of_two).has_external_torque)
+      throw std::invalid_argument(who + "stands on arm '" + carrier.name + "', and arm '" +
+                                  config.arms[of_two].name +
+                                  "' estimates its external torques itself, for a base that stands still");
+  }
+  if (const std::string why = turns_against_gravity(*carrier.model, mount.joint); !why.empty())
+    throw std::invalid_argument(who + "stands on arm '" + carrier.name + "': " + why);
+}
+
 std::vector<std::string> names_of(const CycleConfig& config) {
   std::vector<std::string> names;
   for (const auto& arm : config.arms) names.push_back(arm.name);
@@ -35,7 +81,10 @@ std::vector<std::string> names_of(const CycleConfig& config) {
 }  // namespace
 
 ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, Backend& backend)
-    : backend_(backend), data_(models_of(config), config.obstacles), safety_(limits_of(config, backend)) {
+    : backend_(backend),
+      data_(models_of(config), config.obstacles),
+      mounts_(mounts_of(config)),
+      safety_(limits_of(config, backend)) {
   if (config.arms.empty() || config.arms.size() > kMaxArms) {
     throw std::invalid_argument("1 to " + std::to_string(kMaxArms) + " arms are supported, not " +
                                 std::to_string(config.arms.size()));
@@ -47,9 +96,15 @@ ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, 
   for (ArmIndex arm = 0; arm < config.arms.size(); ++arm) {
     const std::string weight = weight_on_an_axis(*config.arms[arm].model, safety_.limits(arm).joints.tau_max);
     if (!weight.empty()) throw std::invalid_argument(weight);
+    check_mount(config, backend, arm);
     observers_.emplace_back(config.arms[arm].model->joint_count());
     if (!backend.capabilities(arm).has_external_torque) observed_ |= ArmSet::of(arm);
   }
+  for (ArmIndex arm = 0; arm < mounts_.size(); ++arm) {
+    if (mounts_[arm]) data_.terms[mounts_[arm]->carrier].carry(data_.terms[arm], mounts_[arm]->joint);
+  }
+  seen_config_.resize(config.arms.size());
+  place_bases();
   // Only a world that is simulated for all arms: what it takes away still stands before a real arm.
   const bool all_simulated = [&] {
     for (ArmIndex arm = 0; arm < config.arms.size(); ++arm) {
@@ -65,7 +120,7 @@ ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, 
     if (backend.capabilities(arm).compensates_friction) friction_compensated |= ArmSet::of(arm);
   }
   const ArmBlocks blocks{data_.state,     data_.terms,          data_.tau_controllet, data_.tau_feature,
-                         data_.obstacles, friction_compensated, data_.condition};
+                         data_.obstacles, friction_compensated, data_.condition,      mounts_};
   modes_ =
       std::make_unique<MultimodeController>(names_of(config), config.controllets, registry, blocks, safety_);
   layout_ = modes_->layout();

@@ -58,12 +58,35 @@ void ControlCycle::read(ArmSet due) {
     ArmCondition& condition = data_.condition[arm];
     condition.update(state, tick.dt, safety_.limits(arm).longest_gap_s());
     state.age_s = condition.age_s;
-    if (!state.fresh) continue;
-    data_.terms[arm].update(state);
+    if (state.fresh) data_.terms[arm].update(state);
+  }
+  place_bases();
+  for (ArmIndex arm = 0; arm < data_.state.size(); ++arm) {
+    if (!data_.state[arm].fresh) continue;
     if (observed_.contains(arm)) estimate_force(arm);
     count_torque(arm);
   }
   read_obstacles();
+}
+
+// Arms that stand on another one are where it moved them. The observer of each counts the momentum of the
+// other. A load that was declared, or a state that was missing, changes it without a force: both start again.
+void ControlCycle::place_bases() {
+  for (ArmIndex arm = 0; arm < mounts_.size(); ++arm) {
+    if (!mounts_[arm]) continue;
+    const ArmIndex carrier = mounts_[arm]->carrier;
+    data_.terms[arm].stand_on(data_.terms[carrier], *mounts_[arm]);
+    bool begins = false;
+    for (const ArmIndex of : {arm, carrier}) {
+      const ArmState& state = data_.state[of];
+      begins = begins || state.config_version != seen_config_[of] || data_.condition[of].returned ||
+               !state.q.allFinite() || !state.dq.allFinite();
+      seen_config_[of] = state.config_version;
+    }
+    if (!begins) continue;
+    observers_[arm].reset();
+    observers_[carrier].reset();
+  }
 }
 
 void ControlCycle::read_obstacles() {

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,6 +21,7 @@ struct CycleConfig {
     std::string name;
     std::shared_ptr<const ArmModel> model;
     SafetyLimits safety;
+    std::optional<BaseMount> mount = {};  // of an arm that stands on another one
   };
   std::vector<Arm> arms;  // the arms of the backend, in its order
   std::vector<InstanceConfig> controllets;
@@ -56,6 +59,7 @@ class ControlCycle {
 
  private:
   void read(ArmSet due);
+  void place_bases();
   void read_obstacles();
   void count_torque(ArmIndex arm);
   void estimate_force(ArmIndex arm);
@@ -67,6 +71,8 @@ class ControlCycle {
   std::vector<ExternalForceObserver> observers_;  // one per arm
   ArmSet observed_;                               // arms whose backend does not deliver external torques
   ArmSet every_command_arrives_;                  // as their backend says
+  std::vector<std::optional<BaseMount>> mounts_;  // one per arm
+  std::vector<std::uint32_t> seen_config_;        // configuration of each arm in the last cycle
   std::vector<std::size_t> placed_;               // obstacles that the backend's world may place elsewhere
   SafetyStage safety_;
   std::unique_ptr<MultimodeController> modes_;

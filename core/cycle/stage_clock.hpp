@@ -6,8 +6,8 @@
 
 namespace multipanda {
 
-// Times the stages of one step that began at `start`: from the tick's own time, so that they add up to no more than
-// the step.
+// Times the stages of one step that began at `start`: from the tick's own time, so that they add up to no
+// more than the step.
 class StageClock {
  public:
   StageClock(StageTimes& times, HostTime start) : times_(times), start_(start), last_(start) {}

@@ -12,6 +12,7 @@ class FrictionCompensation final : public Feature {
   static ControlletDescriptor descriptor() {
     return {.type = "friction_compensation",
             .doc = "Compensates the known joint friction of each arm, in the direction of motion.",
+            .moving_base = true,
             .parameters = spec_table<kParameterCount>(
                 parameter_at<kGain>({.name = "gain",
                                      .initial = {0.8},

@@ -17,6 +17,7 @@ class JointLimits final : public Feature {
   static ControlletDescriptor descriptor() {
     return {.type = "joint_limits",
             .doc = "Pushes every joint softly back from its position limits, within a given range of them.",
+            .moving_base = true,
             .parameters = spec_table<kParameterCount>(
                 parameter_at<kRange>({.name = "range_rad",
                                       .unit = "rad",

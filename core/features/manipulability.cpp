@@ -12,6 +12,7 @@ class ManipulabilityFeature final : public Feature {
     return {
         .type = "manipulability",
         .doc = "Pushes arms softly away from singular poses, below a given manipulability.",
+        .moving_base = true,
         .parameters = spec_table<kParameterCount>(
             parameter_at<kGain>({.name = "gain_nm",
                                  .unit = "N m",

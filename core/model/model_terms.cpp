@@ -7,14 +7,27 @@
 
 namespace multipanda {
 
-// Each instance has its own copy of Pinocchio's model, since tool and load change the last inertia.
+namespace {
+
+pinocchio::SE3 se3(const Pose& X) { return {X.rotation, X.position}; }
+
+}  // namespace
+
+// Each instance has its own copy of Pinocchio's model, since tool, load and a moving base change it.
 struct ModelTerms::Scratch {
   explicit Scratch(const ArmModel::Pinocchio& p)
       : model(p.model), data(model), bare(p.model.inertias[p.last_joint]), q(model.nq), dq(model.nv) {}
   pinocchio::Model model;
   pinocchio::Data data;
-  pinocchio::Inertia bare;  // inertia of the last link without tool and load
-  Eigen::VectorXd q, dq;    // Pinocchio's own vector type, allocated once
+  pinocchio::Inertia bare;                           // inertia of the last link without tool and load
+  pinocchio::SE3 X_B1 = pinocchio::SE3::Identity();  // first joint in the base
+  pinocchio::Force links_momentum = pinocchio::Force::Zero();  // as the joints move them, base at rest
+  // All bodies of the carried arm as one, about the world's origin, and their momentum; and as they were last
+  // known, in the frame of the joint that carries them.
+  pinocchio::Inertia carried = pinocchio::Inertia::Zero(), carried_in_joint = carried;
+  bool carried_is_known = false;
+  pinocchio::Force carried_momentum = pinocchio::Force::Zero();
+  Eigen::VectorXd q, dq;  // Pinocchio's own vector type, allocated once
 };
 
 ModelTerms::ModelTerms(std::shared_ptr<const ArmModel> model)
@@ -23,6 +36,9 @@ ModelTerms::ModelTerms(std::shared_ptr<const ArmModel> model)
   q_ = dq_ = c_ = g_ = momentum_ = momentum_drift_ = joint_constant(n, 0);
   J_V_WE_.setZero(6, q_.size());
   M_.setZero(q_.size(), q_.size());
+  X_WB_ = model_->X_WB();
+  scratch_->X_B1 = se3(X_WB_).actInv(scratch_->model.jointPlacements[1]);
+  V_WB_.vector.setZero();
   update(model_->q_home(), dq_);
 }
 ModelTerms::~ModelTerms() = default;
@@ -52,6 +68,31 @@ void ModelTerms::set_config(const ArmFrames& frames, const Load& tool, const Loa
   // Adding a massless body to a massless link would divide by zero.
   if (tool.mass > 0) last += inertia_in_joint(p.X_JF, tool);
   if (load.mass > 0) last += inertia_in_joint(p.X_JF, load);
+  done_ = 0;
+}
+
+void ModelTerms::place_base(const Pose& X_WB) {
+  X_WB_ = X_WB;
+  scratch_->model.jointPlacements[1] = se3(X_WB) * scratch_->X_B1;
+  done_ = 0;
+}
+
+void ModelTerms::stand_on(ModelTerms& carrier, const BaseMount& mount) {
+  // What the carrier computed of the carried arm is of its last pose.
+  carrier.done_ &= kKinematics | kJacobian | kTwist | kManipulability | kManipulabilityTerms;
+  V_WB_.vector.setZero();
+  done_ = 0;
+  if (!carrier.q_.allFinite() || !carrier.dq_.allFinite()) return;
+  base_moves_ = true;
+  place_base(carrier.X_WJ(mount.joint) * mount.X_JB);
+  const auto& J = carrier.scratch_->data.J;
+  for (Eigen::Index i = 0; i <= static_cast<Eigen::Index>(mount.joint); ++i)
+    V_WB_.vector += J.col(i) * carrier.dq_[i];
+}
+
+void ModelTerms::carry(ModelTerms& carried, std::size_t joint) {
+  carried_ = &carried;
+  carried_joint_ = joint;
   done_ = 0;
 }
 
@@ -114,6 +155,17 @@ void ModelTerms::point_jacobian(std::size_t joint, const Vector3& p_W,
   }
 }
 
+JointVector ModelTerms::torque_of(std::size_t joint, const Vector3& p_W, const Vector6& F) {
+  need_kinematics();
+  JointVector tau = JointVector::Zero(q_.size());
+  const Vector3 moment_O = F.tail<3>() + p_W.cross(F.head<3>());
+  for (Eigen::Index i = 0; i <= static_cast<Eigen::Index>(joint); ++i) {
+    const auto S = scratch_->data.J.col(i);
+    tau[i] = S.head<3>().dot(F.head<3>()) + S.tail<3>().dot(moment_O);
+  }
+  return tau;
+}
+
 Jacobian ModelTerms::J_V_WK() {
   Jacobian J_V_WK = J_V_WE();
   const Vector3 p_EK_W = X_WK_.position - X_WE_.position;
@@ -125,17 +177,43 @@ Jacobian ModelTerms::J_V_WK() {
 }
 
 const Twist& ModelTerms::V_WE() {
-  if (first(kTwist)) V_WE_.vector = J_V_WE().lazyProduct(dq_);
+  if (!first(kTwist)) return V_WE_;
+  V_WE_.vector = J_V_WE().lazyProduct(dq_);
+  if (base_moves_) {
+    const Vector3 omega = V_WB_.angular();
+    V_WE_.vector.head<3>() += V_WB_.linear() + omega.cross(X_WE_.position);
+    V_WE_.vector.tail<3>() += omega;
+  }
   return V_WE_;
+}
+
+// The carried arm as one body about the world's origin, its base's link included, and its momentum.
+void ModelTerms::need_carried() {
+  if (carried_ == nullptr) return;
+  auto& s = *scratch_;
+  const pinocchio::SE3& X_WJ = s.data.oMi[carried_joint_ + 1];
+  s.carried_is_known = carried_->q_.allFinite() && carried_->dq_.allFinite();
+  if (!s.carried_is_known) {
+    s.carried = X_WJ.act(s.carried_in_joint);
+    return;
+  }
+  carried_->need_motion();
+  const auto& from = *carried_->scratch_;
+  s.carried = from.data.oYcrb[1] + se3(carried_->X_WB_).act(from.model.inertias[0]);
+  s.carried_in_joint = X_WJ.actInv(s.carried);
+  s.carried_momentum = from.links_momentum + s.carried * pinocchio::Motion(carried_->V_WB_.vector);
 }
 
 // The inertia of each link, and of each link with all links behind it, in world axes.
 void ModelTerms::need_inertias() {
   if (!first(kInertias)) return;
   need_kinematics();
+  need_carried();
   auto& d = scratch_->data;
   for (std::size_t i = joint_count(); i > 0; --i) {
-    d.oinertias[i] = d.oYcrb[i] = d.oMi[i].act(scratch_->model.inertias[i]);
+    d.oinertias[i] = d.oMi[i].act(scratch_->model.inertias[i]);
+    if (carried_ != nullptr && i == carried_joint_ + 1) d.oinertias[i] += scratch_->carried;
+    d.oYcrb[i] = d.oinertias[i];
     if (i < joint_count()) d.oYcrb[i] += d.oYcrb[i + 1];
   }
 }
@@ -175,6 +253,9 @@ const JointVector& ModelTerms::g() {
 // The last one: turning joint i moves the links behind it with S_i, which changes their kinetic energy by
 // d/dq_i sum 1/2 v_j . I_j v_j with dv_j/dq_i = S_i x (v_j - v_i) and dI_j/dq_i = S_i x* I_j - I_j S_i x; the
 // terms in v_j cancel and -(S_i x v_i) . H_i is left.
+// A base that moves with V_0 adds V_0 to every v_j of p and (C^T dq), which then are those of Newton's law
+// whatever moves the base: dH_i/dt is the wrench on link i and all links behind it, and S_i turns with v_i. A
+// carried arm adds its momentum beyond that of the rigid body that its carrier's inertias contain.
 void ModelTerms::need_motion() {
   if (!first(kMotion)) return;
   g();
@@ -196,9 +277,19 @@ void ModelTerms::need_motion() {
     H += d.oh[k];
     F += d.of[k];
     c_[i] = S.dot(F);
-    momentum_[i] = S.dot(H);
-    momentum_drift_[i] = d.ov[k].cross(S).dot(H) - g_[i];
+    pinocchio::Motion whole_v = d.ov[k];
+    pinocchio::Force whole_H = H;
+    if (carried_ != nullptr && scratch_->carried_is_known && k <= carried_joint_ + 1)
+      whole_H += scratch_->carried_momentum - scratch_->carried * d.ov[carried_joint_ + 1];
+    if (base_moves_) {
+      const pinocchio::Motion base(V_WB_.vector);
+      whole_v += base;
+      whole_H += d.oYcrb[k] * base;
+    }
+    momentum_[i] = S.dot(whole_H);
+    momentum_drift_[i] = whole_v.cross(S).dot(whole_H) - g_[i];
   }
+  scratch_->links_momentum = H;
 }
 
 const JointVector& ModelTerms::c() {

@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "core/model/arm_model.hpp"
+#include "core/model/base_mount.hpp"
 #include "core/model/manipulability.hpp"
 #include "core/model/task_space.hpp"
 #include "core/state/arm_state.hpp"
@@ -26,6 +27,20 @@ class ModelTerms {
   // The same from vectors. Frames and loads stay as they are.
   void update(const JointVector& q, const JointVector& dq);
   void set_config(const ArmFrames& frames, const Load& tool, const Load& load);
+
+  // For an arm that stands on another one: takes pose and velocity of its base from the carrier, each cycle
+  // after update() of both. Momentum, its drift, V_WE and dJ/dt then count the base's velocity; c() does not,
+  // and no term knows the base's acceleration. A carrier whose state is not finite leaves the base where it
+  // was, at rest.
+  void stand_on(ModelTerms& carrier, const BaseMount& mount);
+  // For the carrier, once before the loop: M, c and g include the carried arm as a rigid body of the link
+  // behind `joint`, as it is posed now; momentum counts its own motion, too. `carried` must outlive this
+  // object. While its state is not finite, it counts as the body that it was, fixed to that link.
+  void carry(ModelTerms& carried, std::size_t joint);
+  const Pose& X_WB() const { return X_WB_; }  // of the base now
+  // Torques of the joints up to `joint` that press with the wrench F at the point p_W of what stands behind
+  // it, J^T F (n x 1), zero for the other joints; world axes.
+  JointVector torque_of(std::size_t joint, const Vector3& p_W, const Vector6& F);
 
   const ArmModel& model() const { return *model_; }
   const std::shared_ptr<const ArmModel>& shared_model() const { return model_; }
@@ -86,6 +101,8 @@ class ModelTerms {
     done_ |= term;
     return true;
   }
+  void place_base(const Pose& X_WB);
+  void need_carried();
   void need_kinematics();
   void need_inertias();
   void need_motion();
@@ -93,6 +110,11 @@ class ModelTerms {
   std::shared_ptr<const ArmModel> model_;
   struct Scratch;
   std::unique_ptr<Scratch> scratch_;
+  ModelTerms* carried_ = nullptr;
+  std::size_t carried_joint_ = 0;
+  bool base_moves_ = false;
+  Pose X_WB_;
+  Twist V_WB_;  // of the base, at the world's origin
   std::uint32_t done_ = 0;
   std::uint32_t config_version_ = 0xFFFFFFFF;  // the first state always sets frames and loads
   ArmFrames frames_;

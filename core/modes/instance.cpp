@@ -66,6 +66,7 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
     models.push_back(blocks.terms[arm].shared_model());
     observed_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], nullptr});
   }
+  see_bases(blocks);
   std::vector<std::shared_ptr<const ArmModel>> all_models;
   for (ArmIndex arm = 0; arm < blocks.states.size(); ++arm) {
     all_models.push_back(blocks.terms[arm].shared_model());
@@ -255,7 +256,33 @@ LawResult Instance::start(const Tick& tick) try {
   return LawResult::fault;
 }
 
+// Arms that stand on others, and those that carry them, are for laws that say so: what they store in
+// coordinates of the world must follow the base. A law whose carrier is lost does not know where its arm is:
+// the carrier counts as observed, except by a hold, which needs no more than its own joints.
+void Instance::see_bases(const ArmBlocks& blocks) {
+  const ArmSet involved = arms_ | observed_;
+  for (ArmIndex arm = 0; arm < blocks.mounts.size(); ++arm) {
+    if (!blocks.mounts[arm]) continue;
+    bases_move_ = true;
+    const BaseMount& mount = *blocks.mounts[arm];
+    if (!descriptor_.moving_base && (involved.contains(arm) || involved.contains(mount.carrier))) {
+      refuse(name_, "'" + descriptor_.type + "' is not for an arm that stands on another one, nor for one " +
+                        "that carries an arm; see docs/carried_arms.md for the types that are");
+    }
+    const bool needs_carrier = involved.contains(arm) && !arms_.contains(mount.carrier);
+    if (needs_carrier && descriptor_.type != "hold") observed_ |= ArmSet::of(mount.carrier);
+    if (arms_.contains(arm)) mounted_ |= ArmSet::of(arm);
+    for (std::size_t i = 0; i < arm_list_.size(); ++i) {
+      if (arm_list_[i] != mount.carrier) continue;
+      law_arms_[i].carried = &blocks.terms[arm];
+      law_arms_[i].carried_joint = mount.joint;
+    }
+  }
+}
+
 std::string_view Instance::feature_refusal(std::size_t i) const {
+  if (bases_move_ && !features_[i].descriptor.moving_base)
+    return "an arm of this scene stands on another one; this feature knows no base that moves";
   const Feature& feature = *features_[i].feature;
   const std::string_view why = feature.refusal();
   if (!why.empty() || descriptor_.type != "hold" || feature.start_condition().empty()) return why;
@@ -306,6 +333,23 @@ void Instance::carry_set_points(const Tick& tick) {
   }
 }
 
+// The arm's own hand shares the bound with what sweeps its base. The hand of an arm that stands on this one
+// has the same bound.
+void Instance::bound_joint_speed(Reference& input) {
+  const OwnedArm& arm = law_arms_[input.spec().arm];
+  ModelTerms& terms = *arm.terms;
+  double greatest = contact_.hand_speed;
+  if (mounted_.contains(arm_list_[input.spec().arm])) {
+    const Vector6 swept = terms.V_WE().vector - Vector6(terms.J_V_WE().lazyProduct(terms.dq()));
+    greatest = std::max(0.0, greatest - swept.head<3>().norm());
+  }
+  input.bound_hand_speed(greatest, terms.J_V_WE());
+  if (arm.carried == nullptr) return;
+  Jacobian J = Jacobian::Zero(6, terms.J_V_WE().cols());
+  terms.point_jacobian(arm.carried_joint, arm.carried->X_WE().position, J.topRows<3>());
+  input.bound_carried_speed(J);
+}
+
 Intervention Instance::update(const Tick& tick) try {
   // After missed cycles the references go on from where they were, rather than catch up in one step.
   constexpr double kLongestTick = 5;  // periods
@@ -314,9 +358,8 @@ Intervention Instance::update(const Tick& tick) try {
   parameters_.advance(dt_);
   carry_set_points(tick);
   for (auto& input : inputs_) {
-    if (input.spec().quantity == Quantity::joints && std::isfinite(contact_.hand_speed)) {
-      input.bound_hand_speed(contact_.hand_speed, law_arms_[input.spec().arm].terms->J_V_WE());
-    }
+    if (input.spec().quantity == Quantity::joints && std::isfinite(contact_.hand_speed))
+      bound_joint_speed(input);
     input.advance(dt_, tick.t.seconds());
     if (input.stale()) return Intervention::reference_stale;
   }

@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -41,6 +42,7 @@ struct ArmBlocks {
   std::span<const Obstacle> obstacles = {};
   ArmSet friction_compensated = {};
   std::span<const ArmCondition> conditions = {};  // for the multimode controller; instances do not need it
+  std::span<const std::optional<BaseMount>> mounts = {};  // of arms that stand on others; empty: none does
 };
 
 // One controllet with its parameters, references and features, bound to its arms. Built before the loop.
@@ -54,8 +56,9 @@ class Instance {
   const ControlletDescriptor& descriptor() const { return descriptor_; }
   ArmSet arms() const { return arms_; }
   const std::vector<ArmIndex>& arm_list() const { return arm_list_; }
-  ArmSet observed() const { return observed_; }  // arms that it reads and does not own
-  const std::vector<ArmIndex>& observed_list() const { return observed_list_; }
+  // Arms that it reads and does not own, carriers of its arms included.
+  ArmSet observed() const { return observed_; }
+  const std::vector<ArmIndex>& observed_list() const { return observed_list_; }  // without carriers
   const ContactBounds& contact() const { return contact_; }
 
   // Parameters of the controllet, then of its features, in one numbering; names as in InstanceConfig::Value.
@@ -118,6 +121,8 @@ class Instance {
   };
   LawResult update_faded(FeatureSlot& slot, ControlContext& context);
   void switch_feature(std::size_t i, bool on);
+  void see_bases(const ArmBlocks& blocks);
+  void bound_joint_speed(Reference& input);
   void carry_set_points(const Tick& tick);
   ControlContext context(const Tick& tick);
   ControlContext feature_context(FeatureSlot& slot, const Tick& tick);
@@ -137,6 +142,8 @@ class Instance {
   std::vector<double> outputs_;
   std::size_t law_output_count_ = 0;
   std::vector<OwnedArm> law_arms_, feature_arms_, scene_arms_, observed_arms_;
+  ArmSet mounted_;           // its arms that stand on others
+  bool bases_move_ = false;  // an arm of the scene stands on another one
   ContactBounds contact_;
   bool stopped_ = false;
   std::vector<Pose> X_FE_;  // end effectors for which the set-points are

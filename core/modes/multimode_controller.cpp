@@ -115,7 +115,9 @@ SwitchPlan MultimodeController::plan(InstanceSet active, const Request& request)
 bool MultimodeController::observes_itself(InstanceSet instances) const {
   std::array<ArmSet, kMaxArms> sees{};
   for_each(instances, [&](InstanceIndex i) {
-    for_each(instances_[i]->arms(), [&](ArmIndex arm) { sees[arm] = instances_[i]->observed(); });
+    for_each(instances_[i]->arms(), [&](ArmIndex arm) {
+      for (const ArmIndex leader : instances_[i]->observed_list()) sees[arm] |= ArmSet::of(leader);
+    });
   });
   for (std::size_t round = 0; round < arm_count(); ++round) {  // the longest way has an arm per round
     for (ArmIndex arm = 0; arm < arm_count(); ++arm) {

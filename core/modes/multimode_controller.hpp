@@ -107,6 +107,9 @@ class MultimodeController {
   SwitchPlan plan(InstanceSet active, const Request& request) const;
   bool observes_itself(InstanceSet instances) const;
 
+  void bear_carried_hands(const Tick& tick);
+  bool sweeps_carried_arm(InstanceIndex instance, InstanceSet active) const;
+
   void take_mail(const Tick& tick);
   // Executes a request, unless `verdict` refuses it already.
   void apply(const Request& request, std::uint64_t ticket, HostTime received, const Tick& tick,

@@ -217,6 +217,10 @@ Verdict MultimodeController::apply_switch(const Request& request, Answer& answer
   for_each(answer.plan.start, [&](InstanceIndex i) { ready = ready && sees_observed(i); });
   if (!ready) return Verdict::arm_not_ready;
   bool started = true;
+  for_each(answer.plan.start, [&](InstanceIndex i) {
+    started = started && !sweeps_carried_arm(i, (active_ & ~answer.plan.stop) | answer.plan.start);
+  });
+  if (!started) return Verdict::start_refused;
   for_each(answer.plan.start,
            [&](InstanceIndex i) { started = started && instances_[i]->start(tick) == LawResult::ok; });
   if (!started) return Verdict::start_refused;
@@ -334,6 +338,8 @@ void MultimodeController::inspect_observed(const Tick& tick) {
       if (const Finding finding = inspect_observed(arm))
         evict(i, instances_[i]->arms().first(), finding, tick, false);
     });
+    if (sweeps_carried_arm(i, active_))
+      evict(i, instances_[i]->arms().first(), {Intervention::observed_arm_lost}, tick, false);
   });
 }
 
@@ -398,6 +404,7 @@ void MultimodeController::run_features(const Tick& tick) {
       evict(i, arm, finding, tick, true);
     }
   });
+  bear_carried_hands(tick);
 }
 
 void MultimodeController::limit(const Tick& tick, std::span<JointVector> tau_cmd) {

@@ -94,8 +94,8 @@ inline constexpr std::uint64_t kPluginLayout = [] {
             sizeof(Registry), sizeof(ParameterSet), sizeof(Reference), alignof(Reference)});
   {
     using T = ControlletDescriptor;
-    hash = fold({hash, sizeof(T), AT(type), AT(doc), AT(arms), AT(observes), AT(inputs), AT(parameters),
-                 AT(outputs)});
+    hash = fold({hash, sizeof(T), AT(type), AT(doc), AT(arms), AT(observes), AT(moving_base),
+                 AT(wrench_at_hand), AT(inputs), AT(parameters), AT(outputs)});
   }
   {
     using T = ParameterSpec;

@@ -30,6 +30,10 @@ void Reference::bound_hand_speed(double greatest, const Jacobian& J) {
   if (J.allFinite()) J_hand_ = J;
 }
 
+void Reference::bound_carried_speed(const Jacobian& J) {
+  if (J.allFinite()) J_carried_ = J;
+}
+
 void Reference::bound_hand_speed(double greatest, double lever) {
   greatest_hand_speed_ = greatest;
   if (std::isfinite(lever)) lever_ = lever;
@@ -114,10 +118,14 @@ double Reference::hand_speed(const QuinticSegment::Values& velocity) const {
     return Vector3(velocity[0], velocity[1], velocity[2]).norm() + lever_ * rotation_of(velocity).norm();
   }
   if (spec_.quantity != Quantity::joints || J_hand_.cols() != static_cast<Eigen::Index>(size_)) return 0;
-  Vector3 v = Vector3::Zero();
-  for (std::size_t i = 0; i < size_; ++i)
-    v += J_hand_.col(static_cast<Eigen::Index>(i)).head<3>() * velocity[i];
-  return std::max(v.norm(), carriage_speed(J_hand_, std::span(velocity).first(size_)));
+  const auto speed = [&](const Jacobian& J) {
+    Vector3 v = Vector3::Zero();
+    for (Eigen::Index i = 0; i < J.cols(); ++i)
+      v += J.col(i).head<3>() * velocity[static_cast<std::size_t>(i)];
+    return v.norm();
+  };
+  const double carried = J_carried_.cols() == J_hand_.cols() ? speed(J_carried_) : 0;
+  return std::max({speed(J_hand_), carried, carriage_speed(J_hand_, std::span(velocity).first(size_))});
 }
 
 double Reference::pace_wanted() const {

@@ -88,6 +88,8 @@ class Reference {
   // Before advance(): the greatest speed of the hand and of every carriage (carriage_speed()), and the hand's
   // Jacobian (6 x n, joints) where the arm is now.
   void bound_hand_speed(double greatest, const Jacobian& J);
+  // Likewise for a second hand that these joints move: that of an arm which stands on this one.
+  void bound_carried_speed(const Jacobian& J);
   // The same for a pose that carries hands `lever` away from it [m]: |v| + |omega| lever.
   void bound_hand_speed(double greatest, double lever);
   // After advance(), once per hand: what pulls it to this set-point (a wrench in world axes, or torques of
@@ -215,6 +217,7 @@ class Reference {
   QuinticSegment::Values path_velocity_{};  // x'
   double greatest_hand_speed_ = std::numeric_limits<double>::infinity();
   Jacobian J_hand_;                        // joints only
+  Jacobian J_carried_;                     // joints that move a second hand
   double lever_ = 0;                       // poses only [m]
   std::array<Resistance, 2> resisting_{};  // hands, since the last advance(); a third replaces the weaker
   std::size_t resisting_count_ = 0;

@@ -117,7 +117,6 @@ class Arm:
     Attributes:
         name: Its name in the scene.
         joints: Number of joints.
-        base: Pose of its base in the world [m].
         gripper: Its hand.
         vacuum: Its vacuum gripper.
         client: The run.
@@ -127,12 +126,30 @@ class Arm:
         self.client = client
         self.name: str = entry["name"]
         self.joints: int = entry["joints"]
-        self.base = Pose(np.array(entry["base_position_m"]), np.array(entry["base_quaternion_wxyz"]))
+        self._carrier: str = entry.get("base_on", {}).get("arm", "")
+        self._base: Pose | None = None
+        if not self._carrier:
+            self._base = Pose(np.array(entry["base_position_m"]), np.array(entry["base_quaternion_wxyz"]))
         self.gripper = Gripper(self)
         self.vacuum = Vacuum(self)
 
     def __repr__(self) -> str:
         return f"<arm {self.name}: {self.joints} joints>"
+
+    @property
+    def base(self) -> Pose:
+        """Pose of its base in the world [m].
+
+        Raises:
+            Refused: It stands on another arm, which moves it.
+        """
+        if self._base is None:
+            raise Refused(
+                "out_of_bounds",
+                f"arm '{self.name}' stands on arm '{self._carrier}': its base does not stand still",
+                "give poses in the world",
+            )
+        return self._base
 
     def _ask(self, request: str, **values: Any) -> None:
         given = {key: value for key, value in values.items() if value is not None}

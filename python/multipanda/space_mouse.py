@@ -177,7 +177,7 @@ class SpaceMouse:
 
         Raises:
             Disconnected: The device was unplugged, or the run has ended. The arm is held.
-            Refused: The controllet has no such input.
+            Refused: The controllet has no such input, or `axes` is `base` and the arm's base moves.
             Timeout: The run does not answer. The arm is held.
             ValueError: The controllet moves several arms, the input takes no poses, or an argument is out of bounds.
         """
@@ -232,6 +232,7 @@ class _Jog:
             raise ValueError(f"{controllet.name} moves {', '.join(controllet.arms)}: the device leads one hand")
         self.law, self.name, self.axes, self.limits, self.say = controllet, name, axes, limits, say
         self.arm = controllet.client.arms[controllet.arms[0]]
+        self.base = self.arm.base if axes == "base" else Pose(np.zeros(3), np.array([1.0, 0, 0, 0]))
         self.stream: Stream | None = None
         self.target: Pose | None = None
         self.stepped_s = 0.0
@@ -284,7 +285,7 @@ class _Jog:
                 )
                 raise Refused("not_active", f"{self.arm.name} is owned by {state.controllet}: {cause}")
             assert self.stream is not None and self.target is not None
-            rotation = axes_rotation(self.axes, self.arm.base, state.pose)
+            rotation = axes_rotation(self.axes, self.base, state.pose)
             deflection = shaped(mouse.deflection)
             twist = np.concatenate([rotation @ deflection[:3], rotation @ deflection[3:]])
             force = np.zeros(3) if state.wrench_n_nm is None else state.wrench_n_nm[:3]

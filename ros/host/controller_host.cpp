@@ -13,6 +13,7 @@
 #include "runtime/embedded/hosted_cycle.hpp"
 #include "runtime/request_text.hpp"
 #include "scene/build.hpp"
+#include "scene/carried_arms.hpp"
 #include "scene/from_parameters.hpp"
 #include "scene/load.hpp"
 #include "support/spelling.hpp"
@@ -103,6 +104,7 @@ struct ControllerHost::Implementation {
         scene_from_parameters(parameters, [this](const HostedArm& arm) { return description.model_of(arm); });
     registry = build_registry(given.plugins);
     const Scene scene = parse_scene(given.yaml, "parameters", registry);
+    refuse_carried_arms(scene, "a controller of ros2_control");
     for (ArmIndex i = 0; i < given.arms.size(); ++i) {
       if (given.arms[i].base_link.empty()) continue;
       std::vector<std::string> names = robot_of(scene.arms[i]).joint_names;  // as the description names them

@@ -5,6 +5,7 @@
 
 #include <yaml-cpp/yaml.h>
 
+#include "scene/carried_arms.hpp"
 #include "scene/load.hpp"
 #include "support/spelling.hpp"
 
@@ -126,6 +127,7 @@ Scene hardware_scene(const std::map<std::string, std::string>& parameters, bool 
     const Registry registry = Registry::with_builtins();
     scene = parse_scene(scene_from_parameters(flat).yaml, "hardware parameters", registry);
   }
+  refuse_carried_arms(scene, "hardware of ros2_control");
   scene.controllets.clear();
   scene.active.clear();
   std::erase_if(scene.timeline, [](const auto& e) { return e.what != TimelineEvent::What::place; });

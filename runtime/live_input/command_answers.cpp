@@ -94,6 +94,12 @@ json RequestHandler::list() const {
                     {"joints", model.joint_count()},
                     {"base_position_m", {p.x(), p.y(), p.z()}},
                     {"base_quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}}});
+    // Not even under these names: a client that takes a base for fixed would send poses to the wrong place.
+    if (const auto& mount = run_.mounts[a]) {
+      arms.back()["base_on"] = {{"arm", modes.arm_name(mount->carrier)}, {"joint", mount->joint + 1}};
+      arms.back().erase("base_position_m");
+      arms.back().erase("base_quaternion_wxyz");
+    }
   }
   for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
     const Instance& instance = modes.instance(i);
@@ -151,12 +157,16 @@ json RequestHandler::state() {
   json arms = json::array();
   const ArmSet stopped = modes.stopped();
   for (ArmIndex a = 0; a < modes.arm_count() && snapshot_.cycle != 0; ++a) {
+    const ArmSample& sample = snapshot_.arms[a].sample;
+    const auto n = static_cast<Eigen::Index>(run_.models[a]->joint_count());
+    terms_[a].set_config(snapshot_.arms[a].frames, {}, {});
+    const Eigen::Map<const Eigen::VectorXd> q(sample.q.data(), n), dq(sample.dq.data(), n);
+    terms_[a].update(q, dq);
+  }
+  for (ArmIndex a = 0; a < modes.arm_count() && snapshot_.cycle != 0; ++a) {
     const auto& [sample, frames, last_intervention, stop_reason, success] = snapshot_.arms[a];
     const std::size_t n = run_.models[a]->joint_count();
-    terms_[a].set_config(frames, {}, {});
-    const Eigen::Map<const Eigen::VectorXd> q(sample.q.data(), static_cast<Eigen::Index>(n));
-    const Eigen::Map<const Eigen::VectorXd> dq(sample.dq.data(), static_cast<Eigen::Index>(n));
-    terms_[a].update(q, dq);
+    if (const auto& mount = run_.mounts[a]) terms_[a].stand_on(terms_[mount->carrier], *mount);
     const Pose& X_WE = terms_[a].X_WE();
     const Quaternion r = X_WE.quaternion();
     json arm = {

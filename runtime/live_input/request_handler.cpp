@@ -45,6 +45,7 @@ std::vector<std::string> all_requests() {
 
 RequestHandler::RequestHandler(LiveInputContext run) : run_(std::move(run)), reach_(run_.models) {
   for (const auto& model : run_.models) terms_.emplace_back(model);
+  run_.mounts.resize(run_.models.size());
 }
 
 std::optional<json> RequestHandler::begin(const json& request, Pending& pending) {
@@ -165,8 +166,15 @@ RequestHandler::Address RequestHandler::address_in(const JsonFields& fields) con
   if (frame == spec.frame) return address;
   std::vector<std::string> valid{spec.frame};
   for (ArmIndex a = 0; spec.frame == "world" && a < run_.modes->arm_count(); ++a) {
-    valid.push_back(run_.modes->arm_name(a) + "_base");
-    if (frame == valid.back()) address.X_WB = run_.models[a]->X_WB();
+    const std::string base = run_.modes->arm_name(a) + "_base";
+    if (run_.mounts[a]) {
+      if (frame == base)
+        fields.refuse("'" + frame + "' moves with arm '" + run_.modes->arm_name(run_.mounts[a]->carrier) +
+                      "', on which its arm stands; give the values in the world");
+      continue;
+    }
+    valid.push_back(base);
+    if (frame == base) address.X_WB = run_.models[a]->X_WB();
   }
   if (!address.X_WB)
     fields.refuse("there is no frame '" + frame + "'" + name_hint(frame, valid, "there is none"));
@@ -412,8 +420,9 @@ std::string RequestHandler::beyond_reach(const Instance& instance, const InputSp
   run_.latest->copy(snapshot_);
   if (snapshot_.cycle == 0) return {};
   reach_known_ = true;
-  for (ArmIndex arm = 0; arm < snapshot_.arms.size(); ++arm)
-    reach_.set_end_effector(arm, snapshot_.arms[arm].frames.X_FE);
+  for (ArmIndex arm = 0; arm < snapshot_.arms.size(); ++arm) {
+    if (!run_.mounts[arm]) reach_.set_end_effector(arm, snapshot_.arms[arm].frames.X_FE);
+  }
   return reach_.refusal(instance, input, values);
 }
 

@@ -37,6 +37,7 @@ struct LiveInputContext {
   Backend* backend = nullptr;
   const LatestState* latest = nullptr;
   std::vector<std::shared_ptr<const ArmModel>> models;  // per arm
+  std::vector<std::optional<BaseMount>> mounts = {};    // per arm: carried by another one; empty: none
   std::map<std::string, Matrix3> rotations;             // of the scene's objects: default of placements
   std::vector<FlangeLoad> flanges;                      // per arm: what it may carry; empty: not known
   const SharedRecords* records = nullptr;               // none: not on this computer

@@ -67,7 +67,10 @@ std::size_t whole_pages(std::size_t bytes) { return (bytes + 4095) / 4096 * 4096
 
 SharedRecords::SharedRecords(const std::string& scene, const RecordLayout& layout,
                              const std::vector<std::shared_ptr<const ArmModel>>& models,
-                             const std::vector<ArmFrames>& frames) {
+                             const std::vector<ArmFrames>& frames,
+                             const std::vector<std::optional<BaseMount>>& mounts)
+    : mounts_(mounts) {
+  mounts_.resize(models.size());
   for (std::size_t i = 0; i < models.size(); ++i) {
     arms_.push_back({.joints = layout.arms.at(i).joint_count, .terms = ModelTerms(models[i]), .more = {}});
     arms_[i].terms.set_config(frames.at(i), {}, {});
@@ -168,6 +171,10 @@ void SharedRecords::take(const CycleRecord& record, ArmSet stopped) {
     const auto n = static_cast<Eigen::Index>(arm.joints);
     arm.terms.update(JointVector(Eigen::Map<const Eigen::VectorXd>(record.arms[i].q.data(), n)),
                      JointVector(Eigen::Map<const Eigen::VectorXd>(record.arms[i].dq.data(), n)));
+  }
+  for (std::size_t i = 0; i < arms_.size(); ++i) {
+    Arm& arm = arms_[i];
+    if (mounts_[i]) arm.terms.stand_on(arms_[mounts_[i]->carrier].terms, *mounts_[i]);
     arm.more.X_WE = arm.terms.X_WE();
     arm.more.stopped = stopped.contains(i);
   }

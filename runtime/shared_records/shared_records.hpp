@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -25,10 +26,12 @@ class SharedRecords {
   static constexpr std::size_t kEvents = 2048;
   static constexpr std::size_t kEventBytes = 1024;
 
-  // `frames`: of each arm at the start; changes come as events. Throws std::runtime_error without memory.
+  // `frames`: of each arm at the start; changes come as events. `mounts`: per arm, of those that another one
+  // carries; empty: none. Throws std::runtime_error without memory.
   SharedRecords(const std::string& scene, const RecordLayout& layout,
                 const std::vector<std::shared_ptr<const ArmModel>>& models,
-                const std::vector<ArmFrames>& frames);
+                const std::vector<ArmFrames>& frames,
+                const std::vector<std::optional<BaseMount>>& mounts = {});
 
   // --- the writing thread ---
   // Before the record of its cycle.
@@ -70,6 +73,7 @@ class SharedRecords {
   std::size_t record_bytes_ = 0, outputs_at_ = 0, output_count_ = 0, first_record_ = 0, first_event_ = 0;
   std::vector<std::vector<Reference>> references_;  // by instance and input
   std::vector<Arm> arms_;
+  std::vector<std::optional<BaseMount>> mounts_;  // per arm
   std::string table_, hash_;
   std::unique_ptr<SealedMemory> memory_;
   std::uint64_t records_ = 0, events_ = 0;  // written

@@ -30,6 +30,7 @@ struct MeasuredLog {
   // Gravity in the arm's base [m/s^2], which says how it is mounted; none: the log does not say.
   std::optional<Eigen::Vector3d> gravity_B;
   std::string scene_text;             // scene of the run; empty: unknown
+  bool base_moves = false;            // an arm of the scene stands on another one: no pose, no gravity
   std::string scene_path;             // path of the scene; relative paths in the scene start at its folder
   std::vector<std::size_t> lines;     // of a CSV file: the line of each sample; otherwise empty
   std::vector<std::string> warnings;  // what is unusual but does not prevent use, with numbers

@@ -9,6 +9,7 @@
 #include "logs/mcap_reader.hpp"
 #include "logs/messages.hpp"
 #include "scene/build.hpp"
+#include "scene/carried_arms.hpp"
 #include "sysid/measured/scene_model.hpp"
 
 namespace multipanda {
@@ -218,8 +219,12 @@ std::vector<MeasuredLog> read_mcap(const std::filesystem::path& path, const Meas
     throw LogRefused(text.find(path.string()) == text.npos ? path.string() + ": " + text : text);
   }
   std::optional<Scene> scene;
+  bool base_moves = false;
   try {
     scene = rebuild_scene(all.scene_text, all.scene_path);
+  } catch (const CarriedArmRefused& error) {
+    base_moves = true;
+    all.notes.push_back(std::string("no x_EE, no gravity: ") + error.what());
   } catch (const std::exception& error) {
     all.notes.push_back(std::string("no x_EE, no gravity: the scene cannot be rebuilt: ") + error.what());
   }
@@ -230,6 +235,7 @@ std::vector<MeasuredLog> read_mcap(const std::filesystem::path& path, const Meas
     if (!options.arm.empty() && name != options.arm) continue;
     MeasuredLog log = assemble(name, arm, all, path.string());
     if (log.samples() == 0) continue;
+    log.base_moves = base_moves;
     complete(log, arm, scene);
     logs.push_back(std::move(log));
   }

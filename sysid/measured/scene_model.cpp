@@ -4,6 +4,7 @@
 
 #include "core/model/model_terms.hpp"
 #include "scene/build.hpp"
+#include "scene/carried_arms.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda {
@@ -12,7 +13,9 @@ Scene rebuild_scene(const std::string& text, const std::string& path) {
   if (text.empty()) throw std::runtime_error("the scene file is not in the log");
   const std::string name = path.empty() ? "scene.yaml" : path;
   const Registry registry = build_registry(scene_plugins(text, name));
-  return parse_scene(text, name, registry);
+  Scene scene = parse_scene(text, name, registry);
+  refuse_carried_arms(scene, "the analysis of a log");
+  return scene;
 }
 
 void complete_from_model(MeasuredLog& log, std::shared_ptr<const ArmModel> model,

@@ -13,6 +13,7 @@
 #include "experiments/yaml_tree.hpp"
 #include "models/write_robot.hpp"
 #include "scene/build.hpp"
+#include "scene/carried_arms.hpp"
 #include "sysid/refine/arm_model.hpp"
 #include "sysid/refine/excitation_run.hpp"
 #include "sysid/refine/refine_page.hpp"
@@ -56,6 +57,7 @@ class Refinery {
         variant_(chosen_variant(experiment, options.variant)),
         registry_(build_registry(scene_plugins(task_text(1), experiment.scene))),
         scene_(parse_scene(task_text(1), experiment.scene, registry_)) {
+    refuse_carried_arms(scene_, "multipanda refine");
     settings_ = {.target = options.target,
                  .scene_path = experiment.scene,
                  .program = options.program.empty() ? own_program() : options.program,

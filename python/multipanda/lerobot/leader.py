@@ -247,6 +247,7 @@ class SpaceMouseLeader:
                 for arm in s.arms:
                     if arm not in client.arms:
                         raise Refused("unknown_arm", f"{client.scene} has no arm '{arm}'")
+                    _ = client.arms[arm].base  # refuses an arm whose base moves
                 with_grippers(client, s.grippers)
             except BaseException:
                 client.close()

@@ -1,0 +1,430 @@
+#include <array>
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "core/controllets/controllet.hpp"
+#include "core/testing/test_laws.hpp"
+#include "core/testing/test_world.hpp"
+
+// The loop with an arm that stands on another one: where it is, what happens when the carrier is lost, what
+// is refused.
+namespace multipanda::moving_base_test {
+namespace {
+
+using test::Draw;
+using test::TestArm;
+using test::TestWorld;
+
+constexpr ArmIndex kCarrier = 0, kCarried = 1;
+
+std::vector<std::shared_ptr<const ArmModel>> models() {
+  const Pose upright{rotation_from_rpy({0, 0, 0.7}), {0.3, -0.2, 0.4}};
+  return {TestArm::make(8, 1).model(upright, "left"), TestArm::make(7, 2).model({}, "right"),
+          TestArm::make(7, 3).model({Matrix3::Identity(), {3, 0, 0}}, "third")};
+}
+
+// The carrier of this world does not feel the arm that it carries. The parameters of "torso" therefore use no
+// mass matrix.
+ContactBounds only_speed() {
+  ContactBounds bounds = ContactBounds::lifted();
+  bounds.hand_speed = ContactBounds{}.hand_speed;
+  return bounds;
+}
+
+std::vector<InstanceConfig> laws() {
+  return {{.name = "torso",
+           .type = "joint_impedance",
+           .arms = {kCarrier},
+           .parameters = {{"damping_design", {2}}, {"acceleration_feedforward", {0}}},
+           .contact = only_speed()},
+          {.name = "hand", .type = "cartesian_impedance", .arms = {kCarried}},
+          {.name = "joints", .type = "joint_impedance", .arms = {kCarried}, .contact = only_speed()},
+          {.name = "both", .type = "dual_cartesian_impedance", .arms = {kCarrier, kCarried}},
+          {.name = "own", .type = "cartesian_impedance", .arms = {kCarrier}},
+          {.name = "guided", .type = "gravity_compensation", .arms = {kCarrier}},
+          {.name = "across", .type = "dual_cartesian_impedance", .arms = {kCarried, 2}},
+          {.name = "aside", .type = "cartesian_impedance", .arms = {2}}};
+}
+
+const BaseMount kMount{
+    .carrier = kCarrier, .joint = 0, .X_JB = {rotation_from_rpy({0.4, 0.3, 0.2}), {0.1, 1.2, 0.5}}};
+
+CycleConfig config(std::vector<InstanceConfig> controllets = laws()) {
+  CycleConfig config = test::test_config(models(), std::move(controllets));
+  config.arms[kCarried].mount = kMount;
+  return config;
+}
+
+struct MovingBaseLoop : testing::Test {
+  MovingBaseLoop() : world(models()), cycle(config(), Registry::with_builtins(), world) {
+    world.tamper = [this](ArmIndex arm, std::uint64_t, ArmState& state) {
+      if (arm == lost) state.mode = mode;
+      if (arm == broken) state.q[0] = std::nan("");
+    };
+    steps(2);
+  }
+  void steps(std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) cycle.step(world.wait());
+  }
+  InstanceSet set(std::string_view name) { return bit(cycle.modes().find(name)); }
+  Answer ask(const Request& request) {
+    Answer answer;
+    std::uint64_t ticket = 0;
+    answer.verdict = cycle.modes().post(std::span(&request, 1), ticket);
+    steps(1);
+    if (answer.accepted() && !cycle.modes().poll(ticket, answer)) answer.verdict = Verdict::timeout;
+    return answer;
+  }
+  bool activate(std::string_view name) { return ask({.activate = set(name)}).accepted(); }
+  bool runs(std::string_view name) { return (cycle.modes().active() & set(name)) != 0; }
+
+  ArmIndex lost = 9, broken = 9;
+  ArmMode mode = ArmMode::reflex;
+  TestWorld world;
+  ControlCycle cycle;
+};
+
+TEST_F(MovingBaseLoop, KnowsWhereTheCarriedArmIsInEveryCycle) {
+  Draw draw(5);
+  ModelTerms carrier(models()[kCarrier]), carried(models()[kCarried]);
+  for (int k = 0; k < 5; ++k) {
+    const JointVector q = draw.joints(8, 1.5);
+    world.set_position(kCarrier, q);
+    world.set_velocity(kCarrier, draw.joints(8, 0.5));
+    steps(1);
+    carrier.update(cycle.data().state[kCarrier].q, cycle.data().state[kCarrier].dq);
+    carried.update(cycle.data().state[kCarried]);
+    // The arm's own chain from its base, placed where the carrier's link is.
+    const Pose X = carrier.X_WJ(0) * kMount.X_JB * carried.X_WE();  // its model's base is the world's origin
+    ModelTerms& terms = const_cast<ModelTerms&>(cycle.data().terms[kCarried]);
+    EXPECT_LT((terms.X_WE().position - X.position).norm(), 1e-12);
+    EXPECT_LT((terms.X_WE().rotation - X.rotation).norm(), 1e-12);
+  }
+}
+
+// Also in cycles in which no packet of the carried arm arrives.
+TEST_F(MovingBaseLoop, PlacesTheBaseBetweenPacketsOfTheCarriedArm) {
+  world.due_in_step = [](std::uint64_t step) {
+    return step % 2 == 0 ? ArmSet::all(3) : ArmSet::of(kCarrier);
+  };
+  const Vector3 before = cycle.data().terms[kCarried].X_WB().position;
+  for (int k = 0; k < 2; ++k) {
+    world.set_position(kCarrier, JointVector::Constant(8, 0.5 + 0.1 * k));
+    steps(1);
+    ModelTerms carrier(models()[kCarrier]);
+    carrier.update(cycle.data().state[kCarrier].q, cycle.data().state[kCarrier].dq);
+    const Pose X = carrier.X_WJ(0) * kMount.X_JB;
+    EXPECT_LT((cycle.data().terms[kCarried].X_WB().position - X.position).norm(), 1e-12);
+    EXPECT_GT((cycle.data().terms[kCarried].X_WB().position - before).norm(), 1e-3);
+  }
+}
+
+TEST_F(MovingBaseLoop, HoldsTheCarriedArmWhenItsCarrierIsLost) {
+  for (const ArmMode how : {ArmMode::reflex, ArmMode::user_stopped, ArmMode::disconnected}) {
+    lost = 9;
+    mode = how;
+    steps(5);
+    ASSERT_TRUE(activate("torso"));
+    ASSERT_TRUE(activate("hand"));
+    ASSERT_TRUE(activate("aside"));
+    const auto counted = cycle.safety().counted(kCarried, Intervention::observed_arm_lost);
+    lost = kCarrier;
+    steps(1);
+    EXPECT_FALSE(runs("hand"));
+    EXPECT_TRUE(runs("right_hold") && runs("aside"));
+    EXPECT_EQ(cycle.safety().counted(kCarried, Intervention::observed_arm_lost), counted + 1);
+    EXPECT_FALSE(activate("hand")) << "while its base is not known";
+  }
+}
+
+TEST_F(MovingBaseLoop, RunsACartesianCarrierOnlyBesideACartesianCarriedArm) {
+  for (const char* other : {"right_hold", "joints"}) {
+    ASSERT_TRUE(activate(other));
+    EXPECT_EQ(ask({.activate = set("own")}).verdict, Verdict::start_refused) << other;
+    EXPECT_TRUE(runs(other));
+    ASSERT_TRUE(activate("torso")) << "a joint law bounds the carried hand";
+  }
+  EXPECT_TRUE(ask({.activate = set("own") | set("hand")}).accepted());
+  steps(5);
+  EXPECT_TRUE(runs("own") && runs("hand"));
+  ASSERT_TRUE(ask({.deactivate = set("hand")}).accepted());
+  EXPECT_TRUE(runs("left_hold") && runs("right_hold"));
+  ASSERT_TRUE(activate("hand"));
+  ASSERT_TRUE(activate("own"));
+  ASSERT_TRUE(activate("joints")) << "of the carried arm alone";
+  EXPECT_TRUE(runs("left_hold") && runs("joints"));
+  EXPECT_TRUE(activate("both"));
+}
+
+// A torso that is guided by hand comes to rest: by half within 0.35 s, at 2 1/s.
+TEST_F(MovingBaseLoop, BrakesATorsoThatIsGuided) {
+  ASSERT_TRUE(activate("guided"));
+  world.set_velocity(kCarrier, JointVector::Unit(8, 0) * 0.3);
+  steps(1);
+  ModelTerms& terms = const_cast<ModelTerms&>(cycle.data().terms[kCarrier]);
+  const double brake = cycle.data().tau_controllet[kCarrier][0] - terms.c()[0];
+  EXPECT_NEAR(brake, -(2.0 * terms.M()(0, 0) + 0.1) * cycle.data().state[kCarrier].dq[0], 1e-9);
+}
+
+// Torques are computed for the arms that are due: the carrier bears a hand that presses on, packet or not.
+TEST_F(MovingBaseLoop, TheCarrierBearsBetweenPacketsOfTheCarriedArm) {
+  ASSERT_TRUE(activate("guided"));
+  ASSERT_TRUE(activate("hand"));
+  world.set_position(kCarried, world.position(kCarried) + JointVector::Constant(7, 0.02));
+  steps(1);
+  world.set_velocity(kCarrier, JointVector::Zero(8));
+  world.set_velocity(kCarried, JointVector::Zero(7));
+  steps(1);
+  const double bears = cycle.data().tau_controllet[kCarrier][0];
+  ASSERT_GT(std::abs(bears), 0.1);
+  world.due_in_step = [](std::uint64_t) { return ArmSet::of(kCarrier); };
+  steps(1);
+  EXPECT_NEAR(cycle.data().tau_controllet[kCarrier][0], bears, 0.2 * std::abs(bears));
+}
+
+// A law of the carried arm and of one that stands elsewhere.
+TEST_F(MovingBaseLoop, HoldsTheOtherArmOfALawWhoseCarrierIsLost) {
+  ASSERT_TRUE(activate("across"));
+  lost = kCarrier;
+  steps(1);
+  EXPECT_FALSE(runs("across"));
+  EXPECT_TRUE(runs("right_hold") && runs("third_hold"));
+}
+
+TEST_F(MovingBaseLoop, StopsTheCarriedArmWithItsCarrier) {
+  ASSERT_TRUE(activate("hand"));
+  cycle.modes().stop(ArmSet::of(kCarrier));
+  steps(1);
+  EXPECT_FALSE(runs("hand"));
+}
+
+// A state that is not finite reaches no torque of the other arm.
+TEST_F(MovingBaseLoop, KeepsFaultsOfOneArmOutOfTheTorquesOfTheOther) {
+  for (const ArmIndex arm : {kCarrier, kCarried}) {
+    broken = 9;
+    steps(20);
+    ASSERT_TRUE(activate("torso"));
+    ASSERT_TRUE(activate("joints"));
+    world.set_velocity(kCarrier, JointVector::Constant(8, 0.1));
+    const std::array before{
+        cycle.safety().counted(kCarrier + kCarried - arm, Intervention::torque_not_finite),
+        cycle.safety().counted(kCarrier + kCarried - arm, Intervention::state_not_finite)};
+    broken = arm;
+    for (int k = 0; k < 50; ++k) {
+      steps(1);
+      for (const ArmIndex each : {kCarrier, kCarried}) ASSERT_TRUE(world.torque(each).allFinite()) << k;
+    }
+    for (const auto code : {Intervention::torque_not_finite, Intervention::state_not_finite})
+      EXPECT_EQ(cycle.safety().counted(kCarrier + kCarried - arm, code),
+                before[code == Intervention::state_not_finite]);
+    broken = 9;
+    for (const ArmIndex each : {kCarrier, kCarried}) {
+      world.set_velocity(each, JointVector::Zero(world.velocity(each).size()));
+    }
+  }
+}
+
+// The joints of the carrier move the carried hand, too: it is the faster one here.
+TEST_F(MovingBaseLoop, BoundsTheSpeedOfTheCarriedHand) {
+  ASSERT_TRUE(activate("torso"));
+  const JointVector q = cycle.data().state[kCarrier].q;
+  Request request{.kind = Request::Kind::set_target, .instance = cycle.modes().find("torso")};
+  request.target.size = 8;
+  for (std::size_t i = 0; i < 8; ++i) request.target.values[i] = q[static_cast<Eigen::Index>(i)];
+  request.target.values[0] += 1.5;
+  request.target.duration_s = 2;
+  ASSERT_TRUE(ask(request).accepted());
+  double fastest = 0, own = 0;
+  Instance& torso = const_cast<Instance&>(cycle.modes().instance(cycle.modes().find("torso")));
+  JointVector last = torso.inputs()[0].joints();
+  for (int k = 0; k < 14'000; ++k) {
+    steps(1);
+    const JointVector now = torso.inputs()[0].joints(), rate = (now - last) / kArmPeriod;
+    last = now;
+    ModelTerms& carrier = const_cast<ModelTerms&>(cycle.data().terms[kCarrier]);
+    ModelTerms& carried = const_cast<ModelTerms&>(cycle.data().terms[kCarried]);
+    // About the vertical axis of the torso.
+    const Vector3 lever = carried.X_WE().position - carrier.X_WJ(0).position;
+    fastest = std::max(fastest, std::abs(rate[0]) * lever.head<2>().norm());
+    own = std::max(own, (carrier.J_V_WE() * rate).head<3>().norm());
+  }
+  EXPECT_LT(fastest, 1.02 * ContactBounds{}.hand_speed);
+  EXPECT_GT(fastest, 0.9 * ContactBounds{}.hand_speed) << "else the test shows nothing; own hand " << own;
+  EXPECT_LT(own, fastest) << "the carried hand is the one that bounds";
+}
+
+// What sweeps the base takes its share of the bound from the joints of the carried arm.
+TEST_F(MovingBaseLoop, SharesTheBoundWithWhatSweepsTheBase) {
+  ASSERT_TRUE(activate("joints"));
+  const Instance& joints = cycle.modes().instance(cycle.modes().find("joints"));
+  JointVector q = cycle.data().state[kCarried].q;
+  Request request{.kind = Request::Kind::set_target, .instance = cycle.modes().find("joints")};
+  request.target.size = 7;
+  for (std::size_t i = 0; i < 7; ++i) request.target.values[i] = q[static_cast<Eigen::Index>(i)];
+  request.target.values[0] += 1.0;
+  request.target.duration_s = 1;
+  ASSERT_TRUE(ask(request).accepted());
+  steps(1500);
+  JointVector last = joints.inputs()[0].joints();
+  const auto set_point_speed = [&](std::size_t count) {
+    double fastest = 0;
+    for (std::size_t k = 0; k < count; ++k) {
+      steps(1);
+      const JointVector now = joints.inputs()[0].joints();
+      ModelTerms& terms = const_cast<ModelTerms&>(cycle.data().terms[kCarried]);
+      fastest = std::max(fastest, (terms.J_V_WE() * JointVector((now - last) / kArmPeriod)).head<3>().norm());
+      last = now;
+    }
+    return fastest;
+  };
+  const double alone = set_point_speed(20);
+  EXPECT_GT(alone, 0.1);
+  // The torso is turned by hand, faster than the whole bound.
+  world.tamper = [](ArmIndex arm, std::uint64_t, ArmState& state) {
+    if (arm == kCarrier) state.dq = JointVector::Unit(8, 0);
+  };
+  steps(1000);
+  last = joints.inputs()[0].joints();
+  EXPECT_LT(set_point_speed(100), 0.01);
+}
+
+// Two hands of one torso press against each other: the torso's joint gets what they leave of it, none if they
+// are in balance. The expected torque is that of the virtual work of both hands.
+TEST_F(MovingBaseLoop, TheCarrierBearsWhatTheCarriedHandPresses) {
+  Draw draw(9);
+  for (const bool one_law : {true, false}) {
+    world.set_position(kCarrier, models()[kCarrier]->q_home());
+    world.set_position(kCarried, models()[kCarried]->q_home());
+    for (const ArmIndex arm : {kCarrier, kCarried}) world.set_velocity(arm, 0 * world.velocity(arm));
+    steps(1);
+    if (one_law) {
+      ASSERT_TRUE(activate("both"));
+    } else {
+      ASSERT_TRUE(activate("guided"));
+      ASSERT_TRUE(activate("hand"));
+    }
+    // The carried hand is led away, so that its law pulls.
+    world.set_position(kCarried, models()[kCarried]->q_home() + draw.joints(7, 0.03));
+    for (const ArmIndex arm : {kCarrier, kCarried}) world.set_velocity(arm, 0 * world.velocity(arm));
+    steps(1);
+    const CycleData& data = cycle.data();
+    ModelTerms& carrier = const_cast<ModelTerms&>(data.terms[kCarrier]);
+    ModelTerms& carried = const_cast<ModelTerms&>(data.terms[kCarried]);
+    // F of the law at the carried hand; at rest its torque is J^T F and a posture without force there.
+    const Vector6 F = carried.task().J_bar.transpose() * data.tau_controllet[kCarried];
+    ASSERT_GT(F.norm(), 1);
+    const Vector3 p = carried.X_WE().position, o = carrier.X_WJ(0).position;
+    const double of_carried = (p - o).cross(Vector3(F.head<3>())).z() + F[5];  // about the vertical axis
+    const Vector6 F_own = carrier.task().J_bar.transpose() * data.tau_controllet[kCarrier];
+    JointVector rest = data.tau_controllet[kCarrier];
+    rest[0] -= of_carried;
+    if (one_law) {
+      // Without it the carrier's own law is left: its hand is where it is to be.
+      const Vector6 left = carrier.task().J_bar.transpose() * rest;
+      EXPECT_LT(left.norm(), 0.02 * F.norm()) << F_own.transpose();
+    } else {
+      EXPECT_LT(rest.cwiseAbs().maxCoeff(), 1e-9);
+    }
+    EXPECT_GT(std::abs(of_carried), 0.1);
+  }
+}
+
+std::string refused_by(const CycleConfig& config, Backend& world) {
+  try {
+    const ControlCycle cycle(config, Registry::with_builtins(), world);
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return "";
+}
+
+std::string refusal(const CycleConfig& config) {
+  TestWorld world(models());
+  return refused_by(config, world);
+}
+
+// One of its arms is real, or estimates its forces itself.
+class Other final : public Backend {
+ public:
+  explicit Other(const std::vector<std::shared_ptr<const ArmModel>>& models) : world_(models) {}
+  ArmIndex real = 9, estimating = 9;
+
+  std::size_t arm_count() const override { return world_.arm_count(); }
+  Capabilities capabilities(ArmIndex arm) const override {
+    return {.simulated = arm != real, .has_external_torque = arm == estimating};
+  }
+  ArmSet wait() override { return world_.wait(); }
+  LoopTime now() const override { return world_.now(); }
+  void read(ArmSet due, std::span<ArmState> states) override { world_.read(due, states); }
+  void write(ArmSet due, std::span<const ArmCommand> commands) override { world_.write(due, commands); }
+  using Backend::request;
+  std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request) override {
+    return world_.request(arm, std::move(request));
+  }
+
+ private:
+  TestWorld world_;
+};
+
+TEST(MovingBaseCycle, RefusesMountsThatItCannotDrive) {
+  EXPECT_EQ(refusal(config()), "");
+  CycleConfig bad = config();
+  bad.arms[kCarried].mount->carrier = kCarried;
+  EXPECT_NE(refusal(bad).find("expected another arm of this loop"), std::string::npos);
+  bad = config();
+  bad.arms[kCarried].mount->carrier = 3;
+  EXPECT_NE(refusal(bad).find("arm number 3"), std::string::npos);
+  bad = config();
+  bad.arms[2].mount = BaseMount{.carrier = kCarried, .joint = 0, .X_JB = {}};
+  EXPECT_NE(refusal(bad).find("stands on an arm itself"), std::string::npos);
+  bad = config();
+  bad.arms[2].mount = BaseMount{.carrier = kCarrier, .joint = 0, .X_JB = {}};
+  EXPECT_NE(refusal(bad).find("expected one at most"), std::string::npos);
+  for (ArmIndex arm = 0; arm < 3; ++arm) {
+    Other world(models());
+    world.real = arm;
+    EXPECT_NE(refused_by(config(), world).find("expected simulated arms only"), std::string::npos) << arm;
+    world.real = 9;
+    world.estimating = arm;
+    EXPECT_EQ(refused_by(config(), world) != "", arm != 2) << arm;
+  }
+  bad = config();
+  bad.arms[kCarried].mount->joint = 8;
+  EXPECT_NE(refusal(bad).find("behind joint 9"), std::string::npos);
+  bad = config();
+  bad.arms[kCarried].mount->joint = 1;
+  EXPECT_NE(refusal(bad).find("degrees from vertical"), std::string::npos) << refusal(bad);
+}
+
+TEST(MovingBaseCycle, RefusesLawsAndFeaturesThatKnowNoMovingBase) {
+  const auto refusal = [](InstanceConfig of) {
+    TestWorld world(models());
+    return refused_by(config({std::move(of)}), world);
+  };
+  for (const std::string type : {"ufic", "force", "hybrid_force"}) {
+    for (const ArmIndex arm : {kCarrier, kCarried}) {
+      EXPECT_NE(refusal({.name = "x", .type = type, .arms = {arm}}).find("stands on another one"),
+                std::string::npos)
+          << type;
+    }
+    EXPECT_EQ(refusal({.name = "x", .type = type, .arms = {2}}), "") << "an arm beside them";
+  }
+  for (const ArmIndex leader : {kCarrier, kCarried}) {
+    EXPECT_NE(refusal({.name = "x", .type = "pose_follower", .arms = {2}, .observes = {leader}})
+                  .find("stands on another one"),
+              std::string::npos);
+  }
+  for (ArmIndex arm = 0; arm < 3; ++arm) {
+    EXPECT_NE(
+        refusal({.name = "x", .type = "joint_impedance", .arms = {arm}, .features = {"collision_avoidance"}})
+            .find("knows no base that moves"),
+        std::string::npos);
+    EXPECT_EQ(
+        refusal({.name = "x", .type = "cartesian_impedance", .arms = {arm}, .features = {"manipulability"}}),
+        "");
+  }
+}
+
+}  // namespace
+}  // namespace multipanda::moving_base_test

@@ -1,0 +1,48 @@
+#include "core/modes/multimode_controller.hpp"
+#include "core/modes/visit_bits.hpp"
+
+// Arms that stand on others: what their laws ask of the arm that carries them, and forbid it.
+namespace multipanda {
+
+// A Cartesian law bounds speed and force of its own hand only. What stands on its arm is not swept by it,
+// unless that arm has such a law, too, which keeps its hand in the world.
+bool MultimodeController::sweeps_carried_arm(InstanceIndex instance, InstanceSet active) const {
+  bool sweeps = false;
+  if (!instances_[instance]->descriptor().wrench_at_hand) return sweeps;
+  for (ArmIndex arm = 0; arm < blocks_.mounts.size(); ++arm) {
+    if (!blocks_.mounts[arm] || !instances_[instance]->arms().contains(blocks_.mounts[arm]->carrier))
+      continue;
+    for_each(active, [&](InstanceIndex i) {
+      sweeps = sweeps || (instances_[i]->arms().contains(arm) && !instances_[i]->descriptor().wrench_at_hand);
+    });
+  }
+  return sweeps;
+}
+
+// A hand that presses on the world with F presses on its base with -F, which turns the joints of a carrier
+// until something else holds them, and then a law of both arms is not passive. Its carrier adds J_c^T F, with
+// J_c of the hand by the joints up to the base: what a law of the whole chain from the world to that hand
+// would command. F is that of the torques that the motors can give, features included.
+void MultimodeController::bear_carried_hands(const Tick& tick) {
+  for (ArmIndex arm = 0; arm < blocks_.mounts.size(); ++arm) {
+    if (!blocks_.mounts[arm]) continue;
+    const auto& [carrier, joint, X_JB] = *blocks_.mounts[arm];
+    const InstanceIndex owner = owners_[arm].load(std::memory_order_relaxed);
+    if ((ticking_ & bit(owners_[carrier].load(std::memory_order_relaxed))) == 0) continue;
+    if (!instances_[owner]->descriptor().wrench_at_hand) continue;
+    ModelTerms& terms = blocks_.terms[arm];
+    const JointVector& most = safety_.limits(arm).joints.tau_max;
+    const JointVector pressing =
+        (blocks_.tau_controllet[arm] + blocks_.tau_feature[arm]).cwiseMax(-most).cwiseMin(most);
+    const Vector6 F = terms.task().J_bar.transpose().lazyProduct(pressing);
+    const JointVector whole =
+        blocks_.tau_controllet[carrier] + blocks_.terms[carrier].torque_of(joint, terms.X_WE().position, F);
+    if (const Finding finding = safety_.judge(carrier, whole, blocks_.tau_feature[carrier])) {
+      evict(owner, arm, finding, tick, true);
+    } else {
+      blocks_.tau_controllet[carrier] = whole;
+    }
+  }
+}
+
+}  // namespace multipanda
