@@ -272,6 +272,14 @@ void SimulatedArm::take_command(const InterfaceCommand& command) {
   if (generates) follow(&command);
 }
 
+void SimulatedArm::count_replaced(const InterfaceCommand& command) {
+  const JointVector& tau = command.tau_J_d;
+  const bool torque = mode() == ArmMode::move && motion_.generator == MotionGenerator::none &&
+                      motion_.controller == ArmController::external && !command.torque_finished;
+  if (!torque || tau.size() != last_command_.size() || !tau.allFinite()) return;
+  if (!torque_rate_.check(tau)) torque_rate_.accept(tau);
+}
+
 void SimulatedArm::miss_command() {
   if (mode() != ArmMode::move || !commanded_) return;
   count_command(motion_.asynchronous);
