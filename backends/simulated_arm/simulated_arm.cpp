@@ -274,10 +274,11 @@ void SimulatedArm::take_command(const InterfaceCommand& command) {
 
 void SimulatedArm::count_replaced(const InterfaceCommand& command) {
   const JointVector& tau = command.tau_J_d;
-  const bool torque = mode() == ArmMode::move && motion_.generator == MotionGenerator::none &&
-                      motion_.controller == ArmController::external && !command.torque_finished;
-  if (!torque || tau.size() != last_command_.size() || !tau.allFinite()) return;
-  if (!torque_rate_.check(tau)) torque_rate_.accept(tau);
+  const bool generates = motion_.generator != MotionGenerator::none;
+  const bool finishes = generates ? command.motion_finished : command.torque_finished;
+  if (mode() != ArmMode::move || motion_.controller != ArmController::external || finishes) return;
+  if (tau.size() != last_command_.size() || !tau.allFinite()) return;
+  if (!torque_rate_.check(tau)) torque_rate_.replace(tau);
 }
 
 void SimulatedArm::miss_command() {
