@@ -17,15 +17,17 @@ class TorqueRateCheck {
   // rate_max (n x 1) [N m/s].
   TorqueRateCheck(const JointVector& rate_max, double period_s);
 
-  void begin() { last_.setZero(); }
-  void begin(const JointVector& tau) { last_ = tau; }
+  void begin() { begin(JointVector::Zero(last_.size())); }
+  void begin(const JointVector& tau) { last_ = replaced_ = tau; }
   // The joint that violates the limit by most, with its rate [N m/s]; or nothing.
   ReflexDetail check(const JointVector& tau) const;
-  void accept(const JointVector& tau) { last_ = tau; }
+  void accept(const JointVector& tau) { last_ = replaced_ = tau; }
+  // Until accept(): a torque that passed the check and is replaced by the one of the same period.
+  void replace(const JointVector& tau) { replaced_ = tau; }
   void publish(const JointVector& tau_J_d) { published_ = tau_J_d.cast<float>().cast<double>(); }
 
  private:
-  JointVector rate_max_, last_, published_;
+  JointVector rate_max_, last_, replaced_, published_;
   double period_;
 };
 

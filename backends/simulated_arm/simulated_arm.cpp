@@ -272,6 +272,15 @@ void SimulatedArm::take_command(const InterfaceCommand& command) {
   if (generates) follow(&command);
 }
 
+void SimulatedArm::count_replaced(const InterfaceCommand& command) {
+  const JointVector& tau = command.tau_J_d;
+  const bool generates = motion_.generator != MotionGenerator::none;
+  const bool finishes = generates ? command.motion_finished : command.torque_finished;
+  if (mode() != ArmMode::move || motion_.controller != ArmController::external || finishes) return;
+  if (tau.size() != last_command_.size() || !tau.allFinite()) return;
+  if (!torque_rate_.check(tau)) torque_rate_.replace(tau);
+}
+
 void SimulatedArm::miss_command() {
   if (mode() != ArmMode::move || !commanded_) return;
   count_command(motion_.asynchronous);

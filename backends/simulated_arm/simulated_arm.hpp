@@ -108,6 +108,9 @@ class SimulatedArm {
   void take_command(const InterfaceCommand& command);
   // The same for torques only [N m] (n x 1): an idle arm begins {external, none} by itself.
   void take_command(const JointVector& tau_cmd);
+  // Before take_command: a torque that a newer command replaced in the same period. The newer one may differ
+  // from it, and it from the one before, as if each had its period.
+  void count_replaced(const InterfaceCommand& command);
   // No command came: torque is held, desired motion extrapolated with constant acceleration; after
   // kLostCommands in a row an error. Not in asynchronous motion, which needs none.
   void miss_command();

@@ -176,6 +176,11 @@ void ArmPort::take_datagram(std::span<const std::byte> datagram, std::chrono::na
   // Accept a program that keeps lagging: waiting for the newer answer would only slow it down.
   answered_ = !stale || lagging_;
   motion_.commanded = true;
+  // A program whose answer crossed with a state, and is replaced by its next one, changed its torque twice.
+  if (has_pending_ && config_.lockstep) {
+    fill(command_, pending_);
+    arm_.count_replaced(command_);
+  }
   pending_ = received_;
   has_pending_ = true;
   if (is_finish(pending_)) answered_at_ = host_now();
