@@ -20,7 +20,7 @@ std::string base_text(const Scene& scene, const SceneArm& arm) {
     const Vector3& p = arm.X_WB.position;
     return fmt::format("base at ({:g}, {:g}, {:g}) m", p.x(), p.y(), p.z());
   }
-  const Vector3 rpy = rpy_of(arm.mount->X_JB.rotation);
+  const Vector3 rpy = rpy_of(arm.mount->X_JB.rotation) + Vector3::Zero();  // no "-0"
   return fmt::format(
       "stands on arm '{}', link behind joint {}, there at {} and turned by ({:.4g}, {:.4g}, {:.4g}) rad, at "
       "the start at {} in the world",
