@@ -4,6 +4,7 @@
 #include <chrono>
 #include <map>
 
+#include "config_file/node.hpp"
 #include "config_file/text.hpp"
 #include "core/model/model_terms.hpp"
 #include "experiments/seeded_draw.hpp"
