@@ -51,9 +51,9 @@ void check_mount(const CycleConfig& config, const Backend& backend, ArmIndex arm
                                   carrier.name + "'; expected one at most");
   }
   if (mount.joint >= carrier.model->joint_count())
-    throw std::invalid_argument(who + "stands behind joint " + std::to_string(mount.joint + 1) + " of arm '" +
-                                carrier.name + "', which has " +
-                                std::to_string(carrier.model->joint_count()));
+    throw std::invalid_argument(
+        who + "stands behind joint " + std::to_string(mount.joint + 1) + " of arm '" + carrier.name +
+        "', which has " + std::to_string(carrier.model->joint_count()) + "; expected one of its joints");
   // A real arm beside them may be led by a law of both, and the forces that an arm estimates itself are those
   // of a base that stands still.
   for (ArmIndex other = 0; other < config.arms.size(); ++other) {
@@ -64,9 +64,10 @@ void check_mount(const CycleConfig& config, const Backend& backend, ArmIndex arm
   }
   for (const ArmIndex of_two : {arm, mount.carrier}) {
     if (backend.capabilities(of_two).has_external_torque)
-      throw std::invalid_argument(who + "stands on arm '" + carrier.name + "', and arm '" +
-                                  config.arms[of_two].name +
-                                  "' estimates its external torques itself, for a base that stands still");
+      throw std::invalid_argument(
+          who + "stands on arm '" + carrier.name + "', and arm '" + config.arms[of_two].name +
+          "' estimates its external torques itself, for a base that stands still; use the "
+          "backend mujoco, which leaves that to the loop");
   }
   if (const std::string why = turns_against_gravity(*carrier.model, mount.joint); !why.empty())
     throw std::invalid_argument(who + "stands on arm '" + carrier.name + "': " + why);

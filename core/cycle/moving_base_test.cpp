@@ -1,6 +1,8 @@
+#include <algorithm>
 #include <array>
 #include <cmath>
 
+#include <Eigen/LU>
 #include <gtest/gtest.h>
 
 #include "core/controllets/controllet.hpp"
@@ -38,6 +40,7 @@ std::vector<InstanceConfig> laws() {
            .arms = {kCarrier},
            .parameters = {{"damping_design", {2}}, {"acceleration_feedforward", {0}}},
            .contact = only_speed()},
+          {.name = "pressing", .type = "joint_impedance", .arms = {kCarrier}, .contact = {}},
           {.name = "hand", .type = "cartesian_impedance", .arms = {kCarried}},
           {.name = "joints", .type = "joint_impedance", .arms = {kCarried}, .contact = only_speed()},
           {.name = "both", .type = "dual_cartesian_impedance", .arms = {kCarrier, kCarried}},
@@ -77,6 +80,16 @@ struct MovingBaseLoop : testing::Test {
     return answer;
   }
   bool activate(std::string_view name) { return ask({.activate = set(name)}).accepted(); }
+  // Leads the first joint of a joint law by `angle`.
+  void lead(std::string_view name, ArmIndex arm, double angle, double duration_s) {
+    const JointVector& q = cycle.data().state[arm].q;
+    Request request{.kind = Request::Kind::set_target, .instance = cycle.modes().find(name)};
+    request.target.size = static_cast<std::uint8_t>(q.size());
+    std::copy(q.begin(), q.end(), request.target.values.begin());
+    request.target.values[0] += angle;
+    request.target.duration_s = duration_s;
+    ASSERT_TRUE(ask(request).accepted());
+  }
   bool runs(std::string_view name) { return (cycle.modes().active() & set(name)) != 0; }
 
   ArmIndex lost = 9, broken = 9;
@@ -228,13 +241,7 @@ TEST_F(MovingBaseLoop, KeepsFaultsOfOneArmOutOfTheTorquesOfTheOther) {
 // The joints of the carrier move the carried hand, too: it is the faster one here.
 TEST_F(MovingBaseLoop, BoundsTheSpeedOfTheCarriedHand) {
   ASSERT_TRUE(activate("torso"));
-  const JointVector q = cycle.data().state[kCarrier].q;
-  Request request{.kind = Request::Kind::set_target, .instance = cycle.modes().find("torso")};
-  request.target.size = 8;
-  for (std::size_t i = 0; i < 8; ++i) request.target.values[i] = q[static_cast<Eigen::Index>(i)];
-  request.target.values[0] += 1.5;
-  request.target.duration_s = 2;
-  ASSERT_TRUE(ask(request).accepted());
+  lead("torso", kCarrier, 1.5, 2);
   double fastest = 0, own = 0;
   Instance& torso = const_cast<Instance&>(cycle.modes().instance(cycle.modes().find("torso")));
   JointVector last = torso.inputs()[0].joints();
@@ -254,17 +261,40 @@ TEST_F(MovingBaseLoop, BoundsTheSpeedOfTheCarriedHand) {
   EXPECT_LT(own, fastest) << "the carried hand is the one that bounds";
 }
 
+// A torso that is kept from its set-point presses with no more than the bound at the hand of an arm that is
+// held. The force of the whole torque there, the carrier's other joints free, is that of the torso's axis
+// alone: F = (M^-1 tau)_1 / (r (M^-1)_11), r the distance of the hand from the axis.
+TEST_F(MovingBaseLoop, BoundsTheForceOfTheTorsoAtTheCarriedHand) {
+  for (const char* law : {"pressing", "torso"}) {
+    world.set_position(kCarrier, models()[kCarrier]->q_home());
+    world.set_velocity(kCarrier, JointVector::Zero(8));
+    steps(1);
+    ASSERT_TRUE(activate(law));
+    JointVector away = world.position(kCarrier);
+    away[0] -= 0.5;
+    world.set_position(kCarrier, away);
+    world.set_velocity(kCarrier, JointVector::Zero(8));
+    steps(1);
+    ModelTerms& carrier = const_cast<ModelTerms&>(cycle.data().terms[kCarrier]);
+    ModelTerms& carried = const_cast<ModelTerms&>(cycle.data().terms[kCarried]);
+    const Eigen::MatrixXd M_inverse = Eigen::MatrixXd(carrier.M()).inverse();
+    const Eigen::VectorXd pull = cycle.data().tau_controllet[kCarrier] - carrier.c();
+    const double r = (carried.X_WE().position - carrier.X_WJ(0).position).head<2>().norm();
+    const double force = M_inverse.row(0).dot(pull) / (r * M_inverse(0, 0));
+    if (law == std::string_view("torso")) {
+      EXPECT_GT(force, 2 * ContactBounds{}.spring_force) << "lifted: the bound is what holds it back";
+    } else {
+      EXPECT_LT(force, 1.1 * ContactBounds{}.spring_force);
+      EXPECT_GT(force, 0.8 * ContactBounds{}.spring_force);
+    }
+  }
+}
+
 // What sweeps the base takes its share of the bound from the joints of the carried arm.
 TEST_F(MovingBaseLoop, SharesTheBoundWithWhatSweepsTheBase) {
   ASSERT_TRUE(activate("joints"));
   const Instance& joints = cycle.modes().instance(cycle.modes().find("joints"));
-  JointVector q = cycle.data().state[kCarried].q;
-  Request request{.kind = Request::Kind::set_target, .instance = cycle.modes().find("joints")};
-  request.target.size = 7;
-  for (std::size_t i = 0; i < 7; ++i) request.target.values[i] = q[static_cast<Eigen::Index>(i)];
-  request.target.values[0] += 1.0;
-  request.target.duration_s = 1;
-  ASSERT_TRUE(ask(request).accepted());
+  lead("joints", kCarried, 1.0, 1);
   steps(1500);
   JointVector last = joints.inputs()[0].joints();
   const auto set_point_speed = [&](std::size_t count) {
@@ -289,8 +319,8 @@ TEST_F(MovingBaseLoop, SharesTheBoundWithWhatSweepsTheBase) {
   EXPECT_LT(set_point_speed(100), 0.01);
 }
 
-// Two hands of one torso press against each other: the torso's joint gets what they leave of it, none if they
-// are in balance. The expected torque is that of the virtual work of both hands.
+// The torso's joint gets the moment of the carried hand's wrench about its axis, in a law of both arms and
+// beside hand guiding: what the wrench does for a turn of the torso.
 TEST_F(MovingBaseLoop, TheCarrierBearsWhatTheCarriedHandPresses) {
   Draw draw(9);
   for (const bool one_law : {true, false}) {

@@ -1,5 +1,6 @@
 #include "core/model/base_mount.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>

@@ -256,9 +256,9 @@ LawResult Instance::start(const Tick& tick) try {
   return LawResult::fault;
 }
 
-// Arms that stand on others, and those that carry them, are for laws that say so: what they store in
-// coordinates of the world must follow the base. A law whose carrier is lost does not know where its arm is:
-// the carrier counts as observed, except by a hold, which needs no more than its own joints.
+// Arms that stand on others, and those that carry them, are for laws that say so: a pose
+// that a law keeps in coordinates of a base would be wrong. A law whose carrier is lost does not know where
+// its arm is: the carrier counts as observed, except by a hold, which needs no more than its own joints.
 void Instance::see_bases(const ArmBlocks& blocks) {
   const ArmSet involved = arms_ | observed_;
   for (ArmIndex arm = 0; arm < blocks.mounts.size(); ++arm) {
@@ -282,7 +282,8 @@ void Instance::see_bases(const ArmBlocks& blocks) {
 
 std::string_view Instance::feature_refusal(std::size_t i) const {
   if (bases_move_ && !features_[i].descriptor.moving_base)
-    return "an arm of this scene stands on another one; this feature knows no base that moves";
+    return "an arm of this scene stands on another one; this feature knows no base that moves; "
+           "remove it";
   const Feature& feature = *features_[i].feature;
   const std::string_view why = feature.refusal();
   if (!why.empty() || descriptor_.type != "hold" || feature.start_condition().empty()) return why;

@@ -133,7 +133,7 @@ inline constexpr std::uint64_t kPluginLayout = [] {
   }
   {
     using T = OwnedArm;
-    hash = fold({hash, sizeof(T), AT(state), AT(terms), AT(tau)});
+    hash = fold({hash, sizeof(T), AT(state), AT(terms), AT(tau), AT(carried), AT(carried_joint)});
   }
   {
     using T = ControlContext;
